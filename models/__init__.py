@@ -1,0 +1,38 @@
+"""Symbolic rotor and fluid models. They know nothing of data, estimators or plots."""
+
+if __name__ != "rotorfit.models":  # a second copy under another name would have classes of its own
+    raise ImportError(f"import this package as rotorfit.models, not as {__name__}")
+
+from rotorfit.models.anisotropic import Anisotropic
+from rotorfit.models.fluid import FluidForce, fluid_force
+from rotorfit.models.model import Coordinate, RotorModel
+from rotorfit.models.one_mode import OneMode
+from rotorfit.models.overhung import Overhung
+from rotorfit.models.parameters import Parameter
+from rotorfit.models.stability import Threshold, eigenvalues, threshold_speed
+from rotorfit.models.structure import BLOCKS
+from rotorfit.models.two_disk import TwoDisk
+from rotorfit.models.whirl_whip import WhirlWhip
+
+MODELS: dict[str, type[RotorModel]] = {
+    model.name: model for model in (OneMode, WhirlWhip, Anisotropic, TwoDisk, Overhung)
+}
+"""Models by the name the command line uses."""
+
+__all__ = [
+    "BLOCKS",
+    "MODELS",
+    "Anisotropic",
+    "Coordinate",
+    "FluidForce",
+    "OneMode",
+    "Overhung",
+    "Parameter",
+    "RotorModel",
+    "Threshold",
+    "TwoDisk",
+    "WhirlWhip",
+    "eigenvalues",
+    "fluid_force",
+    "threshold_speed",
+]

@@ -1,0 +1,109 @@
+"""Turn a CasADi expression graph into one Python function of NumPy arrays.
+
+The CasADi virtual machine evaluates one point a call. Fits and samplers want thousands of parameter vectors at once, so
+the same graph is written out as a sequence of array operations: every input may be an array, all broadcast together.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+_BINARY = {
+    ca.OP_ADD: "{} + {}",
+    ca.OP_SUB: "{} - {}",
+    ca.OP_MUL: "{} * {}",
+    ca.OP_DIV: "{} / {}",
+    ca.OP_POW: "{} ** {}",
+    ca.OP_CONSTPOW: "{} ** {}",
+    ca.OP_ATAN2: "np.arctan2({}, {})",
+    ca.OP_FMIN: "np.minimum({}, {})",
+    ca.OP_FMAX: "np.maximum({}, {})",
+    ca.OP_LT: "1.0 * ({} < {})",
+    ca.OP_LE: "1.0 * ({} <= {})",
+    ca.OP_EQ: "1.0 * ({} == {})",
+    ca.OP_NE: "1.0 * ({} != {})",
+    ca.OP_AND: "1.0 * (({} != 0) & ({} != 0))",
+    ca.OP_OR: "1.0 * (({} != 0) | ({} != 0))",
+    # CasADi's if_else: the second operand where the first holds, else exactly zero (never nan * 0).
+    ca.OP_IF_ELSE_ZERO: "np.where({0} != 0, {1}, 0.0)",
+}
+_UNARY = {
+    ca.OP_ASSIGN: "{}",
+    ca.OP_NEG: "-{}",
+    ca.OP_NOT: "1.0 * ({} == 0)",
+    ca.OP_SQ: "{0} * {0}",
+    ca.OP_TWICE: "2.0 * {}",
+    ca.OP_INV: "1.0 / {}",
+    ca.OP_SQRT: "np.sqrt({})",
+    ca.OP_EXP: "np.exp({})",
+    ca.OP_LOG: "np.log({})",
+    ca.OP_LOG1P: "np.log1p({})",
+    ca.OP_EXPM1: "np.expm1({})",
+    ca.OP_SIN: "np.sin({})",
+    ca.OP_COS: "np.cos({})",
+    ca.OP_TAN: "np.tan({})",
+    ca.OP_ASIN: "np.arcsin({})",
+    ca.OP_ACOS: "np.arccos({})",
+    ca.OP_ATAN: "np.arctan({})",
+    ca.OP_SINH: "np.sinh({})",
+    ca.OP_COSH: "np.cosh({})",
+    ca.OP_TANH: "np.tanh({})",
+    ca.OP_FABS: "np.abs({})",
+    ca.OP_SIGN: "np.sign({})",
+}
+
+
+def python_source(function: ca.Function, name: str = "kernel") -> str:
+    """Write the scalar instructions of a CasADi SX function as Python source.
+
+    The source defines ``name(v0, v1, ..., out)``: one argument for each scalar input (the nonzeros of all inputs in
+    order) and ``out``, indexed by the running number of the output nonzero. It holds arithmetic and NumPy ufuncs only,
+    so that it runs on arrays and compiles under numba on scalars alike.
+
+    Raises:
+        NotImplementedError: an operation without a translation, named.
+    """
+    offsets_in = np.cumsum([0] + [function.nnz_in(i) for i in range(function.n_in())])
+    offsets_out = np.cumsum([0] + [function.nnz_out(i) for i in range(function.n_out())])
+    lines = []
+    for k in range(function.n_instructions()):
+        op = function.instruction_id(k)
+        source, target = function.instruction_input(k), function.instruction_output(k)
+        if op == ca.OP_INPUT:
+            lines.append(f"w{target[0]} = v{offsets_in[source[0]] + source[1]}")
+        elif op == ca.OP_OUTPUT:
+            lines.append(f"out[{offsets_out[target[0]] + target[1]}] = w{source[0]}")
+        elif op == ca.OP_CONST:
+            lines.append(f"w{target[0]} = {function.instruction_constant(k)!r}")
+        elif op in _BINARY:
+            lines.append(f"w{target[0]} = " + _BINARY[op].format(f"w{source[0]}", f"w{source[1]}"))
+        elif op in _UNARY:
+            lines.append(f"w{target[0]} = " + _UNARY[op].format(f"w{source[0]}"))
+        else:
+            raise NotImplementedError(f"CasADi operation {op} in {function.name()} has no array translation")
+    arguments = ", ".join([f"v{i}" for i in range(offsets_in[-1])] + ["out"])
+    return f"def {name}({arguments}):\n    " + "\n    ".join(lines or ["pass"]) + "\n"
+
+
+def array_function(function: ca.Function) -> Callable[[Sequence[NDArray[np.float64]]], NDArray[np.float64]]:
+    """Compile a CasADi SX function to work on arrays.
+
+    Returns:
+        a function of a sequence of scalars or arrays, one for each input nonzero, that broadcast to a common shape
+        ``S``; it returns the output nonzeros as an array of shape ``(n_outputs, *S)``.
+    """
+    namespace: dict[str, object] = {"np": np}
+    exec(compile(python_source(function), f"<casadi {function.name()}>", "exec"), namespace)  # noqa: S102
+    kernel = namespace["kernel"]
+    size = sum(function.nnz_out(i) for i in range(function.n_out()))
+
+    def evaluate(inputs: Sequence[NDArray[np.float64]]) -> NDArray[np.float64]:
+        out = np.empty((size, *np.broadcast_shapes(*[np.shape(value) for value in inputs])))
+        kernel(*inputs, out)  # type: ignore[operator]
+        return out
+
+    return evaluate

@@ -1,0 +1,106 @@
+"""Complex scalars and matrices for CasADi, which knows only real ones.
+
+Nothing outside :mod:`rotorfit.models` sees this type: compiled model functions hand out plain complex NumPy arrays.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TypeAlias, Union
+
+import casadi as ca
+
+Real: TypeAlias = Union[float, int, "ca.SX"]
+Number: TypeAlias = Union[Real, complex, "Complex"]
+
+
+class Complex:
+    """A complex scalar or matrix held as two CasADi ``SX`` of equal shape."""
+
+    __slots__ = ("im", "re")
+
+    def __init__(self, re: Real, im: Real = 0.0) -> None:
+        self.re = ca.SX(re)
+        self.im = ca.SX(im) if ca.SX(im).shape == self.re.shape else ca.SX(im) * ca.SX.ones(self.re.shape)
+
+    @staticmethod
+    def of(value: Number) -> Complex:
+        """Lift a float, Python complex, ``SX`` or :class:`Complex` to :class:`Complex`."""
+        if isinstance(value, Complex):
+            return value
+        if isinstance(value, complex):
+            return Complex(value.real, value.imag)
+        return Complex(value)
+
+    @staticmethod
+    def matrix(rows: Sequence[Sequence[Number]]) -> Complex:
+        """Build a matrix from nested sequences of scalars, row by row."""
+        entries = [[Complex.of(entry) for entry in row] for row in rows]
+        re = ca.vertcat(*[ca.horzcat(*[entry.re for entry in row]) for row in entries])
+        im = ca.vertcat(*[ca.horzcat(*[entry.im for entry in row]) for row in entries])
+        return Complex(re, im)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns."""
+        rows, columns = self.re.shape
+        return int(rows), int(columns)
+
+    def __add__(self, other: Number) -> Complex:
+        other = Complex.of(other)
+        return Complex(self.re + other.re, self.im + other.im)
+
+    __radd__ = __add__
+
+    def __neg__(self) -> Complex:
+        return Complex(-self.re, -self.im)
+
+    def __sub__(self, other: Number) -> Complex:
+        return self + (-Complex.of(other))
+
+    def __rsub__(self, other: Number) -> Complex:
+        return Complex.of(other) + (-self)
+
+    def __mul__(self, other: Number) -> Complex:
+        """Elementwise product, a scalar spreads over a matrix."""
+        other = Complex.of(other)
+        return Complex(self.re * other.re - self.im * other.im, self.re * other.im + self.im * other.re)
+
+    __rmul__ = __mul__
+
+    def __truediv__(self, other: Number) -> Complex:
+        other = Complex.of(other)
+        size = other.re**2 + other.im**2
+        return self * Complex(other.re / size, -other.im / size)
+
+    def __rtruediv__(self, other: Number) -> Complex:
+        return Complex.of(other) / self
+
+    def __matmul__(self, other: Complex) -> Complex:
+        """Matrix product."""
+        return Complex(self.re @ other.re - self.im @ other.im, self.re @ other.im + self.im @ other.re)
+
+    def __getitem__(self, index: object) -> Complex:
+        return Complex(self.re[index], self.im[index])
+
+    @property
+    def T(self) -> Complex:  # noqa: N802 - the name every array library uses
+        """Transpose, without conjugation."""
+        return Complex(self.re.T, self.im.T)
+
+    def conj(self) -> Complex:
+        """Complex conjugate."""
+        return Complex(self.re, -self.im)
+
+    def abs2(self) -> ca.SX:
+        """Squared modulus, elementwise."""
+        return self.re**2 + self.im**2
+
+
+def cis(angle: Real) -> Complex:
+    """Return ``exp(j angle)``, the angle in rad."""
+    return Complex(ca.cos(angle), ca.sin(angle))
+
+
+J = Complex(0.0, 1.0)
+"""The imaginary unit."""

@@ -1,0 +1,53 @@
+"""The fluid force of lightly loaded bearings and seals (eqs 11 to 13)."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+from rotorfit.models.complexes import J, Complex
+from rotorfit.models.parameters import Parameter
+
+
+class FluidForce(NamedTuple):
+    """Stiffness, damping and mass by which the fluid adds to a journal's dynamic stiffness, complex symbols."""
+
+    K: Complex
+    C: Complex
+    M: Complex
+
+
+def fluid_force(K0: Any, D: Any, Mf: Any, lam_D: Any, lam_M: Any, speed: Any) -> FluidForce:
+    """Fluid force of eq. (13), turning with the circumferential average velocity ratio.
+
+    ``kappa_fluid = K0 + D (s - j lam_D Om) + Mf (s - j lam_M Om)^2`` with ``s = j w``, sorted by powers of s. Damping and
+    inertia may turn at different ratios, as measured seals do; eq. (13) has ``lam_D = lam_M = lam``.
+    """
+    whirl_D, whirl_M = J * (lam_D * speed), J * (lam_M * speed)
+    return FluidForce(K=K0 - D * whirl_D + Mf * whirl_M * whirl_M, C=D - 2.0 * (Mf * whirl_M), M=Complex.of(Mf))
+
+
+def fluid_parameters(two_lam: bool) -> tuple[Parameter, ...]:
+    """Parameters K0, D, lam (or lam_D and lam_M) and Mf.
+
+    K0 has no lower limit: machines near stall show negative radial stiffness.
+    """
+    ratio = "circumferential average velocity ratio"
+    lams = (
+        (
+            Parameter("lam_D", "1", f"{ratio} of the damping force", scale=0.5, lower=-2.0, upper=2.0),
+            Parameter("lam_M", "1", f"{ratio} of the inertia force", scale=0.5, lower=-2.0, upper=2.0),
+        )
+        if two_lam
+        else (Parameter("lam", "1", f"fluid {ratio}", scale=0.5, lower=-2.0, upper=2.0),)
+    )
+    return (
+        Parameter("K0", "N/m", "fluid radial stiffness", scale=1e4),
+        Parameter("D", "N s/m", "fluid radial damping", scale=500.0),
+        *lams,
+        Parameter("Mf", "kg", "fluid inertia", scale=0.3),
+    )
+
+
+def velocity_ratios(p: Any, two_lam: bool) -> tuple[Any, Any]:
+    """The pair (lam_D, lam_M) of a parameter namespace."""
+    return (p.lam_D, p.lam_M) if two_lam else (p.lam, p.lam)

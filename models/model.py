@@ -1,0 +1,322 @@
+"""The base class of all rotor models: one symbolic equation of motion, everything else derived from it."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from types import SimpleNamespace
+from typing import Any, ClassVar, Literal
+
+import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rotorfit.models.compiled import array_function
+from rotorfit.models.complexes import Complex, Number
+from rotorfit.models.parameters import Parameter, unknown_name
+
+Float = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+Matrix = Complex | Sequence[Sequence[Number]]
+
+
+@dataclass(frozen=True)
+class Coordinate:
+    """One generalised coordinate: what is measured (or left unmeasured) at a plane.
+
+    ``axis`` is ``z`` for the complex displacement x + j y, ``r`` for the complex slope dx/ds + j dy/ds, and ``x`` or
+    ``y`` in models that keep the two lateral directions apart.
+    """
+
+    plane: str
+    axis: Literal["z", "r", "x", "y"]
+
+    def __str__(self) -> str:
+        return f"{self.plane}.{self.axis}"
+
+
+@dataclass(frozen=True)
+class CoefficientJacobian:
+    """Structurally nonzero derivatives of the coefficients, entry e being d C[power, row, column] / d input.
+
+    ``values`` has shape ``(..., E)``; ``inputs`` counts the parameters first, then speed, then eccentricity.
+    """
+
+    inputs: NDArray[np.intp]
+    powers: NDArray[np.intp]
+    rows: NDArray[np.intp]
+    columns: NDArray[np.intp]
+    values: ComplexArray
+
+
+class RotorModel(ABC):
+    """A rotor as polynomial dynamic stiffness, ``kappa(s) = sum_k C_k s^k`` with ``s = j w``.
+
+    A model of your own needs ``name``, ``planes``, ``parameters`` and :meth:`equation`. In models with complex
+    coordinates (``frame = "z"``) the frequency w is signed and C_k complex; with ``frame = "xy"`` the coordinates are
+    all x, then all y, the coefficients real and phasors refer to ``exp(+j |w| t)``.
+    """
+
+    name: ClassVar[str]
+    frame: ClassVar[Literal["z", "xy"]] = "z"
+    planes: tuple[str, ...]
+    parameters: tuple[Parameter, ...]
+    clearance: float | None = None
+
+    @abstractmethod
+    def equation(self, p: Any, speed: Any, eccentricity: Any) -> Sequence[Matrix]:
+        """Return the coefficient matrices of s^0, s^1, s^2, ... (stiffness, damping, mass).
+
+        Args:
+            p: the parameters by name, symbolic (``p.K0``).
+            speed: rotative speed Omega, rad/s, symbolic.
+            eccentricity: orbit radius over clearance at the fluid, symbolic.
+        """
+
+    def probe_factors(self, p: Any) -> Sequence[Number]:  # noqa: ARG002
+        """Factor by which each coordinate's reading is multiplied (the paper's beta); one unless overridden."""
+        return [1.0] * len(self.coordinates)
+
+    @property
+    def coordinates(self) -> tuple[Coordinate, ...]:
+        """Generalised coordinates, in the order of the matrix rows."""
+        axes: tuple[Literal["x", "y", "z"], ...] = ("z",) if self.frame == "z" else ("x", "y")
+        return tuple(Coordinate(plane, axis) for axis in axes for plane in self.planes)
+
+    @property
+    def parameter_names(self) -> tuple[str, ...]:
+        """Names of the parameters, in the order of every parameter vector."""
+        return tuple(parameter.name for parameter in self.parameters)
+
+    def parameter(self, name: str) -> Parameter:
+        """Look a parameter up by name.
+
+        Raises:
+            KeyError: no such parameter; the message names the nearest.
+        """
+        for parameter in self.parameters:
+            if parameter.name == name:
+                return parameter
+        raise KeyError(unknown_name(f"parameter of {self.name}", name, self.parameter_names))
+
+    def vector(self, values: Mapping[str, float]) -> Float:
+        """Arrange named values as a parameter vector; parameters with a default may be left out.
+
+        Raises:
+            KeyError: unknown or missing names.
+        """
+        for name in values:
+            self.parameter(name)
+        missing = [q.name for q in self.parameters if q.name not in values and q.default is None]
+        if missing:
+            raise KeyError(f"{self.name} needs a value for {', '.join(missing)}")
+        return np.array([values.get(q.name, q.default) for q in self.parameters], dtype=float)
+
+    # ---- the equation of motion as compiled functions -------------------------------------------------------------
+
+    @cached_property
+    def symbolic(self) -> tuple[ca.SX, ca.SX, ca.SX, list[Complex], list[Complex]]:
+        """The symbols (parameters, speed, eccentricity), the coefficient matrices and the probe factors."""
+        theta = ca.SX.sym("theta", len(self.parameters))
+        speed, eccentricity = ca.SX.sym("speed"), ca.SX.sym("eccentricity")
+        p = SimpleNamespace(**{name: theta[i] for i, name in enumerate(self.parameter_names)})
+        matrices = [
+            m if isinstance(m, Complex) else Complex.matrix(m) for m in self.equation(p, speed, eccentricity)
+        ]
+        size = len(self.coordinates)
+        for power, matrix in enumerate(matrices):
+            if matrix.shape != (size, size):
+                raise ValueError(
+                    f"{self.name}: coefficient of s^{power} has shape {matrix.shape}, "
+                    f"but {size} coordinates need ({size}, {size})"
+                )
+        return theta, speed, eccentricity, matrices, [Complex.of(f) for f in self.probe_factors(p)]
+
+    @property
+    def order(self) -> int:
+        """Highest power of s in the equation of motion."""
+        return len(self.symbolic[3]) - 1
+
+    @cached_property
+    def speed_dependent(self) -> bool:
+        """Whether the coefficients depend on the rotative speed."""
+        _, speed, _, matrices, _ = self.symbolic
+        flat = ca.vertcat(*[ca.vec(part) for m in matrices for part in (m.re, m.im)])
+        return bool(ca.depends_on(flat, speed))
+
+    @cached_property
+    def eccentricity_dependent(self) -> bool:
+        """Whether the coefficients depend on the orbit's eccentricity (a nonlinear model)."""
+        _, _, eccentricity, matrices, _ = self.symbolic
+        flat = ca.vertcat(*[ca.vec(part) for m in matrices for part in (m.re, m.im)])
+        return bool(ca.depends_on(flat, eccentricity))
+
+    @cached_property
+    def functions(self) -> CompiledModel:
+        """The compiled coefficient functions."""
+        return CompiledModel(self)
+
+    def coefficients(self, theta: ArrayLike, speed: ArrayLike, eccentricity: ArrayLike = 0.0) -> ComplexArray:
+        """Coefficient matrices of the equation of motion.
+
+        Args:
+            theta: parameter vectors, shape ``(..., P)``, SI units.
+            speed: rotative speed, rad/s, shape broadcasting with ``theta[..., 0]``.
+            eccentricity: orbit radius over clearance, likewise.
+
+        Returns:
+            shape ``(..., order + 1, n, n)``.
+        """
+        return self.functions.values(theta, speed, eccentricity)
+
+    def dynamic_stiffness(
+        self, theta: ArrayLike, frequency: ArrayLike, speed: ArrayLike, eccentricity: ArrayLike = 0.0
+    ) -> ComplexArray:
+        """Complex dynamic stiffness matrix kappa (eqs 4, 10 to 13, 18, 22).
+
+        Args:
+            theta: parameter vector, shape ``(P,)`` or ``(..., P)``, SI units.
+            frequency: perturbation frequency w, rad/s, signed (``frame = "xy"``: its magnitude counts).
+            speed: rotative speed, rad/s.
+            eccentricity: orbit radius over clearance.
+
+        Returns:
+            shape ``(..., n, n)``, N/m for displacement coordinates.
+        """
+        w = np.asarray(frequency, dtype=float)
+        s = 1j * (w if self.frame == "z" else np.abs(w))
+        coefficients = self.coefficients(theta, speed, eccentricity)
+        kappa = np.zeros(1, dtype=complex)
+        for power in range(self.order, -1, -1):
+            kappa = kappa * s[..., None, None] + coefficients[..., power, :, :]
+        return kappa
+
+    def receptance(
+        self, theta: ArrayLike, frequency: ArrayLike, speed: ArrayLike, eccentricity: ArrayLike = 0.0
+    ) -> ComplexArray:
+        """Matrix of responses to unit forces, ``inv(kappa)``, m/N, arguments as for :meth:`dynamic_stiffness`."""
+        return np.linalg.inv(self.dynamic_stiffness(theta, frequency, speed, eccentricity))
+
+    def force_vector(self, plane: str, frequency: ArrayLike, force: ArrayLike) -> ComplexArray:
+        """Generalised force of a circular force (eq. 2) at a plane.
+
+        Args:
+            plane: name of the force plane.
+            frequency: signed frequency, shape ``(L,)``; its sign is the sense of the force.
+            force: phasor ``F exp(j delta)`` of eq. (2), N, shape ``(L,)``.
+
+        Returns:
+            shape ``(L, n)``.
+
+        Raises:
+            KeyError: unknown plane.
+        """
+        w, phasor = np.broadcast_arrays(np.asarray(frequency, dtype=float), np.asarray(force, dtype=complex))
+        vector = np.zeros((*w.shape, len(self.coordinates)), dtype=complex)
+        if self.frame == "z":
+            vector[..., self.coordinate(plane, "z")] = np.where(w < 0, phasor.conj(), phasor)
+        else:
+            vector[..., self.coordinate(plane, "x")] = phasor
+            vector[..., self.coordinate(plane, "y")] = np.where(w < 0, 1j, -1j) * phasor
+        return vector
+
+    def coordinate(self, plane: str, axis: str) -> int:
+        """Index of a coordinate.
+
+        Raises:
+            KeyError: the model has no such plane or axis; both lists are shown.
+        """
+        for index, coordinate in enumerate(self.coordinates):
+            if (coordinate.plane, coordinate.axis) == (plane, axis):
+                return index
+        raise KeyError(
+            f"{self.name} has no coordinate {plane}.{axis}; it has {', '.join(map(str, self.coordinates))}. "
+            f"Map other plane names with {type(self).__name__}(planes=(...))"
+        )
+
+    def __iter__(self) -> Iterator[Parameter]:
+        return iter(self.parameters)
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}(planes={self.planes}, parameters={list(self.parameter_names)})"
+
+    def describe(self) -> str:
+        """Table of the parameters: name, unit, meaning, limits."""
+        rows = [f"{self.name}: planes {', '.join(self.planes)}"]
+        for q in self.parameters:
+            limits = "" if np.isinf([q.lower, q.upper]).all() else f"  [{q.lower:g}, {q.upper:g}]"
+            default = "" if q.default is None else f"  known = {q.default:g} unless freed"
+            rows.append(f"  {q.name:<8} {q.unit:<8} {q.meaning}{limits}{default}")
+        return "\n".join(rows)
+
+
+class CompiledModel:
+    """Vectorised coefficient functions of a model, made once from its CasADi graph."""
+
+    def __init__(self, model: RotorModel) -> None:
+        theta, speed, eccentricity, matrices, factors = model.symbolic
+        size = len(model.coordinates)
+        self._shape = (len(matrices), size, size)
+        self.n_parameters = len(model.parameters)
+        inputs = ca.vertcat(theta, speed, eccentricity)
+        # Row-major order, as NumPy reshapes.
+        flat = [part for m in matrices for part in (ca.vec(m.re.T), ca.vec(m.im.T))]
+        parts = ca.densify(ca.vertcat(*flat))
+        self.graph = ca.Function("coefficients", [inputs], [parts])
+        self._values = array_function(self.graph)
+        jacobian = ca.jacobian(parts, inputs)
+        self._jacobian_pattern(jacobian.sparsity(), size)
+        self.jacobian_graph = ca.Function("coefficient_jacobian", [inputs], [jacobian])
+        self._jacobian = array_function(self.jacobian_graph)
+        readout = ca.densify(ca.vertcat(*[part for f in factors for part in (f.re, f.im)]))
+        self._factors = array_function(ca.Function("factors", [inputs], [readout]))
+        factor_jacobian = ca.densify(ca.jacobian(readout, theta))
+        self._factor_jacobian = array_function(ca.Function("factor_jacobian", [inputs], [factor_jacobian]))
+        self.has_probe_factors = bool(ca.depends_on(readout, theta))
+
+    def _jacobian_pattern(self, sparsity: ca.Sparsity, size: int) -> None:
+        """Merge the real and imaginary nonzeros of the Jacobian into complex entries (power, row, column, input)."""
+        row, column = (np.asarray(index, dtype=np.intp) for index in sparsity.get_triplet())
+        power, rest = np.divmod(row, 2 * size * size)
+        imaginary, place = np.divmod(rest, size * size)
+        key = (column * self._shape[0] + power) * size * size + place
+        entries, self._entry = np.unique(key, return_inverse=True)
+        self._unit = np.where(imaginary == 1, 1j, 1.0)
+        self.inputs, rest = np.divmod(entries, self._shape[0] * size * size)
+        self.powers, place = np.divmod(rest, size * size)
+        self.rows, self.columns = np.divmod(place, size)
+
+    def _arguments(self, theta: ArrayLike, speed: ArrayLike, eccentricity: ArrayLike) -> list[Float]:
+        theta = np.asarray(theta, dtype=float)
+        if theta.shape[-1] != self.n_parameters:
+            raise ValueError(f"parameter vector has {theta.shape[-1]} entries, the model {self.n_parameters}")
+        extra = [np.asarray(speed, dtype=float), np.asarray(eccentricity, dtype=float)]
+        return [theta[..., i] for i in range(self.n_parameters)] + extra
+
+    def values(self, theta: ArrayLike, speed: ArrayLike, eccentricity: ArrayLike) -> ComplexArray:
+        """Coefficient matrices, shape ``(..., order + 1, n, n)``."""
+        flat = np.moveaxis(self._values(self._arguments(theta, speed, eccentricity)), 0, -1)
+        powers, size, _ = self._shape
+        parts = flat.reshape(*flat.shape[:-1], powers, 2, size, size)
+        return np.asarray(parts[..., 0, :, :] + 1j * parts[..., 1, :, :])
+
+    def jacobian(self, theta: ArrayLike, speed: ArrayLike, eccentricity: ArrayLike = 0.0) -> CoefficientJacobian:
+        """Derivatives of the coefficients with respect to parameters, speed and eccentricity."""
+        flat = np.moveaxis(self._jacobian(self._arguments(theta, speed, eccentricity)), 0, -1)
+        values = np.zeros((*flat.shape[:-1], self.inputs.size), dtype=complex)
+        np.add.at(values, (..., self._entry), flat * self._unit)
+        return CoefficientJacobian(self.inputs, self.powers, self.rows, self.columns, values)
+
+    def factors(self, theta: ArrayLike) -> ComplexArray:
+        """Probe factors, shape ``(..., n)``."""
+        flat = np.moveaxis(self._factors(self._arguments(theta, 0.0, 0.0)), 0, -1)
+        return np.asarray(flat[..., 0::2] + 1j * flat[..., 1::2])
+
+    def factor_jacobian(self, theta: ArrayLike) -> ComplexArray:
+        """Derivatives of the probe factors, shape ``(..., n, P)``."""
+        flat = np.moveaxis(self._factor_jacobian(self._arguments(theta, 0.0, 0.0)), 0, -1)
+        size = self._shape[1]
+        parts = np.swapaxes(flat.reshape(*flat.shape[:-1], self.n_parameters, 2 * size), -1, -2)
+        return np.asarray(parts[..., 0::2, :] + 1j * parts[..., 1::2, :])

@@ -1,0 +1,50 @@
+"""One complex mode in a fluid: the rigid light rotor of eqs (10) to (13)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, ClassVar
+
+from rotorfit.models.fluid import fluid_force, fluid_parameters, velocity_ratios
+from rotorfit.models.model import Matrix, RotorModel
+from rotorfit.models.parameters import Parameter
+
+
+class OneMode(RotorModel):
+    """Rotor mass, external damping and stiffness with the fluid force at one plane (eqs 10 to 13).
+
+    ``kappa = K + K0 - M w^2 - Mf (w - lam Om)^2 + j Ds w + j D (w - lam Om)``.
+
+    Args:
+        planes: name of the measured plane.
+        two_lam: let damping and inertia turn at ratios of their own, lam_D and lam_M.
+    """
+
+    name: ClassVar[str] = "one-mode"
+
+    def __init__(self, planes: Sequence[str] = ("journal",), *, two_lam: bool = False) -> None:
+        self.planes = one_per_coordinate(planes, 1, self.name)
+        self.two_lam = two_lam
+        self.parameters = (
+            Parameter("M", "kg", "rotor modal mass", scale=1.0, lower=0.0),
+            Parameter("K", "N/m", "rotor modal stiffness", scale=1e4),
+            Parameter("Ds", "N s/m", "rotor external damping", scale=10.0),
+            *fluid_parameters(two_lam),
+        )
+
+    def equation(self, p: Any, speed: Any, eccentricity: Any) -> Sequence[Matrix]:  # noqa: ARG002
+        """See :meth:`RotorModel.equation`."""
+        fluid = fluid_force(p.K0, p.D, p.Mf, *velocity_ratios(p, self.two_lam), speed)
+        return [[p.K + fluid.K]], [[p.Ds + fluid.C]], [[p.M + fluid.M]]
+
+
+def one_per_coordinate(planes: Sequence[str], count: int, model: str) -> tuple[str, ...]:
+    """Check the plane names of a model.
+
+    Raises:
+        ValueError: wrong number of names, or one twice.
+    """
+    names = (planes,) if isinstance(planes, str) else tuple(planes)
+    if len(names) != count or len(set(names)) != count:
+        raise ValueError(f"{model} has {count} plane{'s' * (count > 1)}, each with a name of its own; got {names}")
+    return names

@@ -1,0 +1,48 @@
+"""What a model says about one of its parameters."""
+
+from __future__ import annotations
+
+import difflib
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One physical parameter of a model.
+
+    Attributes:
+        name: symbol of the paper, for instance ``K0`` or ``lam``.
+        unit: SI unit, ``"1"`` for a ratio.
+        meaning: a few words for tables and reports.
+        scale: typical size in ``unit``, used where data give none.
+        lower, upper: physical limits, infinite where physics sets none.
+        default: value used when the parameter is neither known nor asked to be fitted, ``None`` to fit it.
+        tied: name of the parameter it equals unless it is fitted or known itself.
+    """
+
+    name: str
+    unit: str
+    meaning: str
+    scale: float = 1.0
+    lower: float = -math.inf
+    upper: float = math.inf
+    default: float | None = None
+    tied: str | None = None
+
+    def __post_init__(self) -> None:
+        if not self.scale > 0:
+            raise ValueError(f"parameter {self.name}: scale must be positive, got {self.scale}")
+        if not self.lower < self.upper:
+            raise ValueError(f"parameter {self.name}: lower limit {self.lower} is not below upper {self.upper}")
+
+
+def unknown_name(kind: str, name: str, allowed: Iterable[str]) -> str:
+    """Sentence for an error: the unknown name, the nearest known one, and all that is allowed."""
+    allowed = list(allowed)
+    near = difflib.get_close_matches(name, allowed, n=1, cutoff=0.5)
+    if not near:
+        near = [other for other in allowed if other.lower() == name.lower()]
+    hint = f", did you mean {near[0]!r}?" if near else "."
+    return f"unknown {kind} {name!r}{hint} Allowed: {', '.join(allowed)}"

@@ -1,0 +1,152 @@
+"""Free vibration of a model: eigenvalues, threshold speed of instability, and their sensitivities."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rotorfit.models.model import RotorModel
+
+Float = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+
+
+@dataclass(frozen=True)
+class Threshold:
+    """Onset of instability.
+
+    Attributes:
+        speed: threshold speed Omega_ST, rad/s.
+        whirl_frequency: frequency of the self-excited vibration at onset, rad/s, signed.
+        gradient: derivative of the threshold speed with respect to the parameter vector, shape ``(P,)``.
+    """
+
+    speed: float
+    whirl_frequency: float
+    gradient: Float
+
+    @property
+    def whirl_ratio(self) -> float:
+        """Onset whirl frequency over threshold speed."""
+        return self.whirl_frequency / self.speed
+
+
+def companion(coefficients: ComplexArray) -> tuple[ComplexArray, float]:
+    """Companion matrix of the reversed polynomial in a scaled variable.
+
+    Eigenvalues mu of the result give ``s = scale / mu``. Reversing puts the static stiffness, not the mass matrix, in
+    the place that is inverted: masses may be zero, a rotor without stiffness is no rotor.
+
+    Args:
+        coefficients: shape ``(..., order + 1, n, n)``.
+    """
+    order, n = coefficients.shape[-3] - 1, coefficients.shape[-1]
+    size = np.abs(coefficients).max(axis=(-1, -2)).reshape(-1, order + 1).max(axis=0)
+    ratios = [(size[0] / size[k]) ** (1.0 / k) for k in range(1, order + 1) if size[k] > 0]
+    scale = float(min(ratios)) if ratios else 1.0
+    powers = scale ** np.arange(order + 1)
+    scaled = coefficients * powers[:, None, None]
+    top = -np.linalg.solve(
+        scaled[..., 0, :, :], np.concatenate([scaled[..., k, :, :] for k in range(1, order + 1)], axis=-1)
+    )
+    matrix = np.zeros((*coefficients.shape[:-3], order * n, order * n), dtype=complex)
+    matrix[..., :n, :] = top
+    for k in range(order - 1):
+        matrix[..., (k + 1) * n : (k + 2) * n, k * n : (k + 1) * n] = np.eye(n)
+    return matrix, scale
+
+
+def eigenvalues(model: RotorModel, theta: ArrayLike, speed: ArrayLike) -> ComplexArray:
+    """Eigenvalues s of the equation of motion, sorted by imaginary part.
+
+    In complex coordinates a positive imaginary part is forward whirl.
+
+    Args:
+        model: the rotor.
+        theta: parameter vectors, shape ``(..., P)``.
+        speed: rotative speed, rad/s, broadcasting with ``theta[..., 0]``.
+
+    Returns:
+        shape ``(..., order n)``, rad/s; infinite ones (massless coordinates) are NaN and stand last.
+    """
+    matrix, scale = companion(model.coefficients(theta, speed))
+    mu = np.linalg.eigvals(matrix)
+    finite = np.abs(mu) > 1e-9 * np.abs(mu).max(axis=-1, keepdims=True)
+    s = np.where(finite, scale / np.where(finite, mu, 1.0), complex(np.nan, np.nan))
+    return np.asarray(np.take_along_axis(s, np.argsort(s.imag, axis=-1), axis=-1))
+
+
+def growth_rate(model: RotorModel, theta: ArrayLike, speed: ArrayLike, band: float = math.inf) -> Float:
+    """Largest real part of the eigenvalues with ``|Im s| <= band``, 1/s; positive means unstable."""
+    s = eigenvalues(model, theta, speed)
+    counted = np.isfinite(s) & (np.abs(s.imag) <= band)
+    return np.asarray(np.where(counted, s.real, -np.inf).max(axis=-1))
+
+
+def eigenvalue_gradient(model: RotorModel, theta: ArrayLike, speed: float, s: complex) -> tuple[complex, ComplexArray]:
+    """Derivatives of a simple eigenvalue.
+
+    Returns:
+        derivative with respect to the speed, and with respect to the parameters, shape ``(P,)``.
+    """
+    coefficients = model.coefficients(theta, speed)
+    powers = s ** np.arange(model.order + 1)
+    kappa = np.einsum("k,kij->ij", powers, coefficients)
+    left, _, right = np.linalg.svd(kappa)
+    u, v = left[:, -1].conj(), right[-1].conj()
+    slope = np.einsum("k,kij->ij", np.arange(1, model.order + 1) * powers[:-1], coefficients[1:])
+    jacobian = model.functions.jacobian(theta, speed)
+    entries = powers[jacobian.powers] * u[jacobian.rows] * v[jacobian.columns] * jacobian.values
+    total = np.zeros(len(model.parameters) + 2, dtype=complex)
+    np.add.at(total, jacobian.inputs, entries)
+    total /= -(u @ slope @ v)
+    return complex(total[-2]), total[:-2]
+
+
+def threshold_speed(
+    model: RotorModel, theta: ArrayLike, *, band: float = math.inf, max_speed: float | None = None
+) -> Threshold | None:
+    """Lowest rotative speed at which the rotor loses stability (section "Stability"; eq. 18 in general).
+
+    Args:
+        model: the rotor.
+        theta: parameter vector, shape ``(P,)``.
+        band: count only eigenvalues with ``|Im s|`` up to this, rad/s. Needed with the ``out_of_band`` block, whose
+            polynomial has spurious roots beyond the tested band.
+        max_speed: highest speed searched, rad/s; by default 30 times the highest finite natural frequency in band.
+
+    Returns:
+        the threshold, or ``None`` if the rotor is stable up to ``max_speed``.
+    """
+    from scipy.optimize import brentq
+
+    theta = np.asarray(theta, dtype=float)
+    if not model.speed_dependent:
+        return None
+    rest = np.abs(eigenvalues(model, theta, 0.0))
+    rest = rest[np.isfinite(rest) & (rest <= band) & (rest > 0)]
+    if max_speed is None:
+        max_speed = 30.0 * float(rest.max()) if rest.size else 1e4
+    speeds = np.geomspace(max_speed * 1e-4, max_speed, 600)
+    rates = growth_rate(model, theta, speeds, band)
+    unstable = np.flatnonzero(rates > 0)
+    if unstable.size == 0:
+        return None
+    first = int(unstable[0])
+    low = 0.0 if first == 0 else float(speeds[first - 1])
+
+    def rate(speed: float) -> float:
+        return float(growth_rate(model, theta, speed, band))
+
+    if rate(low) >= 0:
+        onset = low
+    else:
+        onset = float(brentq(rate, low, float(speeds[first]), xtol=1e-12 * speeds[first], rtol=1e-13))
+    s = eigenvalues(model, theta, onset)
+    s = s[np.isfinite(s) & (np.abs(s.imag) <= band)]
+    critical = complex(s[np.argmax(s.real)])
+    by_speed, by_theta = eigenvalue_gradient(model, theta, onset, critical) if onset > 0 else (1.0, theta * np.nan)
+    return Threshold(onset, critical.imag, np.asarray(-by_theta.real / complex(by_speed).real))

@@ -1,0 +1,50 @@
+"""Two complex modes, whirl and whip: flexible rotor with a disk, journal in a fluid bearing (eq. 18)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, ClassVar
+
+from rotorfit.models.fluid import fluid_force, fluid_parameters, velocity_ratios
+from rotorfit.models.model import Matrix, RotorModel
+from rotorfit.models.one_mode import one_per_coordinate
+from rotorfit.models.parameters import Parameter
+from rotorfit.models.structure import add_blocks, block_parameters, check_blocks
+
+
+class WhirlWhip(RotorModel):
+    """Disk and journal of eq. (18), the journal in a fluid.
+
+    Args:
+        planes: names of the disk plane and the journal plane.
+        blocks: structural blocks to allow for (``coupling_mass``, ``gyroscopic``, ``out_of_band``).
+        two_lam: let damping and inertia turn at ratios of their own, lam_D and lam_M.
+    """
+
+    name: ClassVar[str] = "whirl-whip"
+
+    def __init__(
+        self, planes: Sequence[str] = ("disk", "journal"), *, blocks: Sequence[str] = (), two_lam: bool = False
+    ) -> None:
+        self.planes = one_per_coordinate(planes, 2, self.name)
+        self.blocks = check_blocks(blocks)
+        self.two_lam = two_lam
+        self.parameters = (
+            Parameter("Md", "kg", "disk modal mass", scale=1.0, lower=0.0),
+            Parameter("Ds", "N s/m", "external damping at the disk", scale=5.0),
+            Parameter("K1", "N/m", "shaft stiffness, disk to fixed bearing", scale=2e4),
+            Parameter("K2", "N/m", "shaft stiffness, disk to journal", scale=2e4),
+            Parameter("sigma", "1", "modal correction factor of the disk-journal coupling", scale=1.0),
+            Parameter("Mb", "kg", "journal modal mass", scale=0.3),
+            Parameter("K3", "N/m", "external supporting spring at the journal", scale=5e3),
+            *fluid_parameters(two_lam),
+            *block_parameters(self.blocks, 2),
+        )
+
+    def equation(self, p: Any, speed: Any, eccentricity: Any) -> Sequence[Matrix]:  # noqa: ARG002
+        """See :meth:`RotorModel.equation`."""
+        fluid = fluid_force(p.K0, p.D, p.Mf, *velocity_ratios(p, self.two_lam), speed)
+        stiffness = [[p.K1 + p.K2, -p.K2 * p.sigma], [-p.K2, fluid.K + p.K3 + p.K2 * p.sigma]]
+        damping = [[p.Ds, 0.0], [0.0, fluid.C]]
+        mass = [[p.Md, 0.0], [0.0, p.Mb + fluid.M]]
+        return add_blocks([stiffness, damping, mass], self.blocks, p, speed)

@@ -1,0 +1,204 @@
+"""Experiments as plain arrays in SI units. Readers make them, estimators see only what is derived from them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+Float = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+Text = NDArray[np.str_]
+
+DIRECTIONS = ("x", "y", "z", "rx", "ry", "rz")
+"""x, y: one probe, phasor relative to exp(+j|w|t); z: complex amplitude relative to exp(jwt) with w signed.
+rx, ry, rz: the same for the slopes dx/ds, dy/ds of the shaft."""
+
+SYNCHRONOUS_TOLERANCE = 1e-4
+"""A reading is 1x when its frequency equals its speed to this fraction of the speed."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Rows:
+    """Arrays of one length, one row a reading."""
+
+    source: str = ""
+    attributes: Mapping[str, NDArray[Any]] = field(default_factory=dict)
+
+    def _columns(self) -> list[str]:
+        return [f.name for f in fields(self) if f.name not in ("source", "attributes")]
+
+    def _check_lengths(self) -> None:
+        lengths = {name: len(getattr(self, name)) for name in self._columns()}
+        lengths |= {name: len(values) for name, values in self.attributes.items()}
+        if len(set(lengths.values())) != 1:
+            raise ValueError(f"{type(self).__name__}: columns of unequal length: {lengths}")
+
+    def __len__(self) -> int:
+        return len(getattr(self, self._columns()[0]))
+
+    def select(self, rows: NDArray[Any]) -> Self:
+        """The experiment restricted to rows, given as a boolean mask or as indices."""
+        chosen: dict[str, Any] = {name: getattr(self, name)[rows] for name in self._columns()}
+        attributes = {name: values[rows] for name, values in self.attributes.items()}
+        return replace(self, attributes=attributes, **chosen)
+
+    def attribute(self, name: str) -> NDArray[Any]:
+        """Values of a test attribute for each row; ``speed_rpm`` and ``run`` count as attributes too.
+
+        Raises:
+            KeyError: no such attribute; the message lists those there are.
+        """
+        if name == "speed_rpm" and hasattr(self, "speed"):
+            return np.asarray(np.round(self.speed * 30 / np.pi, 6))
+        if name == "run":
+            return np.asarray(self.run)  # type: ignore[attr-defined]
+        if name not in self.attributes:
+            raise KeyError(
+                f"{self.source or 'the experiment'} has no attribute {name!r}; it has "
+                f"{', '.join(['run', 'speed_rpm', *self.attributes])}"
+            )
+        return self.attributes[name]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class PerturbationTest(_Rows):
+    """Responses to a rotating force: one row is one probe reading in one run at one frequency.
+
+    Attributes:
+        run: name of the run, shape ``(R,)`` like all that follow.
+        speed: rotative speed Omega, rad/s.
+        frequency: perturbation frequency w, rad/s; negative is backward whirl.
+        force_plane: plane of the force.
+        force: ``F exp(j delta)`` of eq. (2), N.
+        plane: plane of the probe.
+        direction: one of :data:`DIRECTIONS`.
+        response: phasor, m (rad for slopes), 0-peak, phase lead.
+        sigma: standard deviation of the real part and of the imaginary part of the reading's noise, NaN if unknown.
+        attributes: further columns by name.
+        source: where the data came from, for messages.
+    """
+
+    run: Text
+    speed: Float
+    frequency: Float
+    force_plane: Text
+    force: ComplexArray
+    plane: Text
+    direction: Text
+    response: ComplexArray
+    sigma: Float
+
+    def __post_init__(self) -> None:
+        self._check_lengths()
+        unknown = sorted(set(self.direction.tolist()) - set(DIRECTIONS))
+        if unknown:
+            raise ValueError(f"{self.source}: direction {unknown} unknown; allowed: {', '.join(DIRECTIONS)}")
+
+    @property
+    def planes(self) -> tuple[str, ...]:
+        """Measured planes in order of appearance."""
+        return tuple(dict.fromkeys(self.plane.tolist()))
+
+    @property
+    def force_planes(self) -> tuple[str, ...]:
+        """Planes of the force in order of appearance."""
+        return tuple(dict.fromkeys(self.force_plane.tolist()))
+
+    @property
+    def runs(self) -> tuple[str, ...]:
+        """Names of the runs in order of appearance."""
+        return tuple(dict.fromkeys(self.run.tolist()))
+
+    @property
+    def synchronous(self) -> bool:
+        """Whether every reading is at once-per-turn frequency."""
+        return bool(
+            len(self) and np.all(np.abs(self.frequency - self.speed) <= SYNCHRONOUS_TOLERANCE * np.abs(self.speed))
+        )
+
+    def subtract_slow_roll(self, slow_roll: Mapping[tuple[str, str], complex]) -> PerturbationTest:
+        """Subtract a slow-roll (run-out) vector for each (plane, direction), m, from all 1x readings."""
+        vector = np.array(
+            [slow_roll.get((p, d), 0.0) for p, d in zip(self.plane.tolist(), self.direction.tolist(), strict=True)]
+        )
+        at_1x = np.abs(self.frequency - self.speed) <= SYNCHRONOUS_TOLERANCE * np.abs(self.speed)
+        return replace(self, response=self.response - np.where(at_1x, vector, 0.0))
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class DisplacementTest(_Rows):
+    """Forces measured while a circular orbit is imposed (eqs 14 to 17), one row a frequency.
+
+    Attributes:
+        run: name of the run, shape ``(R,)`` like all that follow.
+        speed: rotative speed, rad/s.
+        frequency: frequency of the imposed orbit, rad/s, signed.
+        plane: plane of the imposed orbit and of the measured force.
+        displacement: imposed circular orbit as in eq. (2), ``A exp(j delta)``, m.
+        force_x, force_y: measured force phasors relative to exp(+j|w|t), N.
+        sigma: standard deviation of real and imaginary part of each force reading, N, NaN if unknown.
+    """
+
+    run: Text
+    speed: Float
+    frequency: Float
+    plane: Text
+    displacement: ComplexArray
+    force_x: ComplexArray
+    force_y: ComplexArray
+    sigma: Float
+
+    def __post_init__(self) -> None:
+        self._check_lengths()
+
+    @property
+    def planes(self) -> tuple[str, ...]:
+        """Planes in order of appearance."""
+        return tuple(dict.fromkeys(self.plane.tolist()))
+
+    @property
+    def runs(self) -> tuple[str, ...]:
+        """Names of the runs in order of appearance."""
+        return tuple(dict.fromkeys(self.run.tolist()))
+
+
+Experiment = PerturbationTest | DisplacementTest
+
+
+def perturbation_test(
+    *,
+    run: Sequence[str] | Text,
+    speed: Any,
+    frequency: Any,
+    force_plane: Sequence[str] | Text,
+    force: Any,
+    plane: Sequence[str] | Text,
+    direction: Sequence[str] | Text,
+    response: Any,
+    sigma: Any = np.nan,
+    attributes: Mapping[str, Any] | None = None,
+    source: str = "",
+) -> PerturbationTest:
+    """Build a :class:`PerturbationTest` from arrays or scalars in SI units, scalars spread over all rows."""
+    columns = {
+        "run": np.asarray(run, dtype=str),
+        "speed": np.asarray(speed, dtype=float),
+        "frequency": np.asarray(frequency, dtype=float),
+        "force_plane": np.asarray(force_plane, dtype=str),
+        "force": np.asarray(force, dtype=complex),
+        "plane": np.asarray(plane, dtype=str),
+        "direction": np.asarray(direction, dtype=str),
+        "response": np.asarray(response, dtype=complex),
+        "sigma": np.asarray(sigma, dtype=float),
+    }
+    shape = np.broadcast_shapes((1,), *[column.shape for column in columns.values()])
+    spread: dict[str, Any] = {name: np.broadcast_to(column, shape).copy() for name, column in columns.items()}
+    return PerturbationTest(
+        **spread,
+        attributes={name: np.broadcast_to(np.asarray(v), shape).copy() for name, v in (attributes or {}).items()},
+        source=source,
+    )
