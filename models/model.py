@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from types import SimpleNamespace
-from typing import Any, ClassVar, Literal
+from typing import Any, ClassVar, Literal, Self
 
 import casadi as ca
 import numpy as np
@@ -64,6 +64,7 @@ class RotorModel(ABC):
     planes: tuple[str, ...]
     parameters: tuple[Parameter, ...]
     clearance: float | None = None
+    caveats: tuple[str, ...] = ()  # sentences that belong beside the numbers of this model
 
     @abstractmethod
     def equation(self, p: Any, speed: Any, eccentricity: Any) -> Sequence[Matrix]:
@@ -236,6 +237,21 @@ class RotorModel(ABC):
             f"Map other plane names with {type(self).__name__}(planes=(...))"
         )
 
+    def options(self) -> dict[str, Any]:
+        """Arguments that make this model again, by name; models with more than ``planes`` add theirs."""
+        return {"planes": self.planes}
+
+    def variant(self, **changes: Any) -> Self:
+        """The same model with other options, for instance ``blocks`` or ``two_lam``.
+
+        Raises:
+            ValueError: the model has no such option.
+        """
+        unknown = set(changes) - set(self.options())
+        if unknown:
+            raise ValueError(f"{self.name} has no option {', '.join(unknown)}; it has {', '.join(self.options())}")
+        return type(self)(**{**self.options(), **changes})
+
     def __iter__(self) -> Iterator[Parameter]:
         return iter(self.parameters)
 
@@ -271,7 +287,8 @@ class CompiledModel:
         self.jacobian_graph = ca.Function("coefficient_jacobian", [inputs], [jacobian])
         self._jacobian = array_function(self.jacobian_graph)
         readout = ca.densify(ca.vertcat(*[part for f in factors for part in (f.re, f.im)]))
-        self._factors = array_function(ca.Function("factors", [inputs], [readout]))
+        self.factor_graph = ca.Function("factors", [inputs], [readout])
+        self._factors = array_function(self.factor_graph)
         factor_jacobian = ca.densify(ca.jacobian(readout, theta))
         self._factor_jacobian = array_function(ca.Function("factor_jacobian", [inputs], [factor_jacobian]))
         self.has_probe_factors = bool(ca.depends_on(readout, theta))

@@ -32,6 +32,10 @@ class OneMode(RotorModel):
             *fluid_parameters(two_lam),
         )
 
+    def options(self) -> dict[str, Any]:
+        """See :meth:`RotorModel.options`."""
+        return {"planes": self.planes, "two_lam": self.two_lam}
+
     def equation(self, p: Any, speed: Any, eccentricity: Any) -> Sequence[Matrix]:  # noqa: ARG002
         """See :meth:`RotorModel.equation`."""
         fluid = fluid_force(p.K0, p.D, p.Mf, *velocity_ratios(p, self.two_lam), speed)

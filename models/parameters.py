@@ -19,7 +19,7 @@ class Parameter:
         scale: typical size in ``unit``, used where data give none.
         lower, upper: physical limits, infinite where physics sets none.
         default: value used when the parameter is neither known nor asked to be fitted, ``None`` to fit it.
-        tied: name of the parameter it equals unless it is fitted or known itself.
+        nominal: value that convention gives it where data cannot (sigma = 1), offered in advice.
     """
 
     name: str
@@ -29,7 +29,7 @@ class Parameter:
     lower: float = -math.inf
     upper: float = math.inf
     default: float | None = None
-    tied: str | None = None
+    nominal: float | None = None
 
     def __post_init__(self) -> None:
         if not self.scale > 0:

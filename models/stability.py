@@ -80,9 +80,9 @@ def eigenvalues(model: RotorModel, theta: ArrayLike, speed: ArrayLike) -> Comple
 
 
 def growth_rate(model: RotorModel, theta: ArrayLike, speed: ArrayLike, band: float = math.inf) -> Float:
-    """Largest real part of the eigenvalues with ``|Im s| <= band``, 1/s; positive means unstable."""
+    """Largest real part of the eigenvalues with ``|s| <= band``, 1/s; positive means unstable."""
     s = eigenvalues(model, theta, speed)
-    counted = np.isfinite(s) & (np.abs(s.imag) <= band)
+    counted = np.isfinite(s) & (np.abs(s) <= band)
     return np.asarray(np.where(counted, s.real, -np.inf).max(axis=-1))
 
 
@@ -114,7 +114,7 @@ def threshold_speed(
     Args:
         model: the rotor.
         theta: parameter vector, shape ``(P,)``.
-        band: count only eigenvalues with ``|Im s|`` up to this, rad/s. Needed with the ``out_of_band`` block, whose
+        band: count only eigenvalues with ``|s|`` up to this, rad/s. Needed with the ``out_of_band`` block, whose
             polynomial has spurious roots beyond the tested band.
         max_speed: highest speed searched, rad/s; by default 30 times the highest finite natural frequency in band.
 
@@ -146,7 +146,7 @@ def threshold_speed(
     else:
         onset = float(brentq(rate, low, float(speeds[first]), xtol=1e-12 * speeds[first], rtol=1e-13))
     s = eigenvalues(model, theta, onset)
-    s = s[np.isfinite(s) & (np.abs(s.imag) <= band)]
+    s = s[np.isfinite(s) & (np.abs(s) <= band)]
     critical = complex(s[np.argmax(s.real)])
     by_speed, by_theta = eigenvalue_gradient(model, theta, onset, critical) if onset > 0 else (1.0, theta * np.nan)
     return Threshold(onset, critical.imag, np.asarray(-by_theta.real / complex(by_speed).real))

@@ -37,10 +37,14 @@ class TwoDisk(RotorModel):
             Parameter("D12", "N s/m", "damping coupling, first row", scale=10.0),
             Parameter("D21", "N s/m", "damping coupling, second row", scale=10.0),
             Parameter("D22", "N s/m", "damping of the second disk", scale=10.0),
-            Parameter("beta1", "1", "modal correction factor of the first probe", lower=0.0, default=1.0),
-            Parameter("beta2", "1", "modal correction factor of the second probe", lower=0.0, default=1.0),
+            Parameter("beta1", "1", "modal correction factor of the first probe", lower=0.0, default=1.0, nominal=1.0),
+            Parameter("beta2", "1", "modal correction factor of the second probe", lower=0.0, default=1.0, nominal=1.0),
             *block_parameters(self.blocks, 2),
         )
+
+    def options(self) -> dict[str, Any]:
+        """See :meth:`RotorModel.options`."""
+        return {"planes": self.planes, "blocks": self.blocks}
 
     def equation(self, p: Any, speed: Any, eccentricity: Any) -> Sequence[Matrix]:  # noqa: ARG002
         """See :meth:`RotorModel.equation`."""

@@ -22,6 +22,10 @@ class WhirlWhip(RotorModel):
     """
 
     name: ClassVar[str] = "whirl-whip"
+    caveats = (
+        "K0, K1 and K2 are those of a lumped chain, which shares stiffness out between them: K0 is not the fluid's own "
+        "radial stiffness unless the shaft's matrices are known",
+    )
 
     def __init__(
         self, planes: Sequence[str] = ("disk", "journal"), *, blocks: Sequence[str] = (), two_lam: bool = False
@@ -34,12 +38,16 @@ class WhirlWhip(RotorModel):
             Parameter("Ds", "N s/m", "external damping at the disk", scale=5.0),
             Parameter("K1", "N/m", "shaft stiffness, disk to fixed bearing", scale=2e4),
             Parameter("K2", "N/m", "shaft stiffness, disk to journal", scale=2e4),
-            Parameter("sigma", "1", "modal correction factor of the disk-journal coupling", scale=1.0),
+            Parameter("sigma", "1", "modal correction factor of the disk-journal coupling", nominal=1.0),
             Parameter("Mb", "kg", "journal modal mass", scale=0.3),
             Parameter("K3", "N/m", "external supporting spring at the journal", scale=5e3),
             *fluid_parameters(two_lam),
             *block_parameters(self.blocks, 2),
         )
+
+    def options(self) -> dict[str, Any]:
+        """See :meth:`RotorModel.options`."""
+        return {"planes": self.planes, "blocks": self.blocks, "two_lam": self.two_lam}
 
     def equation(self, p: Any, speed: Any, eccentricity: Any) -> Sequence[Matrix]:  # noqa: ARG002
         """See :meth:`RotorModel.equation`."""

@@ -1,0 +1,244 @@
+"""Which parameters the data determine, and which only in combination, from the Jacobian of the whitened residuals."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotorfit.models import RotorModel
+
+Float = NDArray[np.float64]
+
+UNRESOLVED = 1.0
+"""A direction is unresolved when its standard error exceeds this multiple of the parameters' own size."""
+_NULL = 1e-11  # singular values below this fraction of the largest are round-off
+_SHARE = 0.1  # entries of an unresolved direction below this are not named
+
+
+@dataclass(frozen=True)
+class Combination:
+    """One direction in parameter space that the data leave open.
+
+    Attributes:
+        names: the parameters that move together.
+        direction: change of each, as a fraction of its size.
+        stderr: standard error along the direction in the same measure, infinite if the data say nothing.
+        message: what that means and what to do.
+    """
+
+    names: tuple[str, ...]
+    direction: tuple[float, ...]
+    stderr: float
+    message: str
+
+
+@dataclass(frozen=True, eq=False)
+class Identifiability:
+    """Verdict on a fit.
+
+    Attributes:
+        rank: number of parameter combinations that the data determine.
+        size: number of fitted parameters.
+        condition: condition number of the scaled Jacobian.
+        combinations: the unresolved ones.
+        unresolved: names of the parameters that have no value of their own.
+        null_space: unresolved directions in physical units, shape ``(p, size - rank)``.
+    """
+
+    rank: int
+    size: int
+    condition: float
+    combinations: tuple[Combination, ...]
+    unresolved: tuple[str, ...]
+    null_space: Float
+
+    def __str__(self) -> str:
+        head = f"{self.rank} of {self.size} parameter combinations determined, condition number {self.condition:.2g}"
+        return "\n".join([head, *("  " + c.message for c in self.combinations)])
+
+
+def natural_scales(
+    model: RotorModel, base: Sequence[str], values: Float, stiffness: float, frequency: float
+) -> Float:
+    """Size of each parameter against which an error is judged.
+
+    The parameter's own value, but not less than a tenth of what would matter in the test: dynamic stiffness level for
+    N/m, over the highest frequency for damping, over its square for masses.
+
+    Args:
+        model: the rotor.
+        base: model's name of each fitted entry.
+        values: estimates, shape ``(p,)``.
+        stiffness: typical force over response in the data, N/m.
+        frequency: highest tested frequency, rad/s.
+    """
+    by_unit = {
+        "N/m": stiffness,
+        "N s/m": stiffness / frequency,
+        "kg": stiffness / frequency**2,
+        "kg s^2": stiffness / frequency**4,
+        "1": 1.0,
+    }
+    natural = np.array([by_unit.get(model.parameter(name).unit, 0.0) for name in base])
+    scales = np.maximum(np.abs(values), 0.1 * natural)
+    typical = np.array([model.parameter(name).scale for name in base])
+    return np.where(scales > 0, scales, typical)
+
+
+def covariance(information: Float, scales: Float) -> tuple[Float, Float, Float, Float]:
+    """Covariance of the determined combinations.
+
+    Args:
+        information: Fisher matrix J^T J of the whitened residuals, shape ``(p, p)``.
+        scales: size of each parameter, shape ``(p,)``.
+
+    Returns:
+        covariance with unresolved directions left out, shape ``(p, p)``; standard error of each scaled direction,
+        ascending information, shape ``(p,)``; scaled directions as columns; their unresolved mask.
+    """
+    scaled = information * np.outer(scales, scales)
+    # Eigenvalues of J^T J are squares of singular values; equilibrating first keeps small ones accurate.
+    norm = np.sqrt(np.maximum(np.diag(scaled), 0.0))
+    safe = np.where(norm > 0, norm, 1.0)
+    power, basis = np.linalg.eigh(scaled / np.outer(safe, safe))
+    lost = (power <= _NULL * max(power.max(), 0.0)) | ~np.isfinite(power)
+    # Directions that the equilibrated matrix resolves, back in scaled parameters.
+    kept = basis[:, ~lost] / safe[:, None] / np.sqrt(power[~lost])
+    silent = norm == 0
+    kept[silent] = 0.0
+    null = _null_basis(basis[:, lost] / safe[:, None], silent)
+    covar = kept @ kept.T
+    if null.size:  # covariance seen across the null space: leave that space out
+        across = np.eye(scales.size) - null @ null.T
+        covar = across @ covar @ across
+    variance, directions = np.linalg.eigh(covar)
+    stderr = np.sqrt(np.maximum(variance[::-1], 0.0))
+    directions = directions[:, ::-1]
+    count = null.shape[1]
+    if count:
+        keep = stderr.size - count
+        directions = np.concatenate([null, directions[:, :keep]], axis=1)
+        stderr = np.concatenate([np.full(count, np.inf), stderr[:keep]])
+    open_ = stderr > UNRESOLVED
+    determined = directions[:, ~open_] * stderr[~open_]
+    resolved = determined @ determined.T * np.outer(scales, scales)
+    return resolved, stderr, directions, open_
+
+
+def _null_basis(directions: Float, silent: NDArray[np.bool_]) -> Float:
+    """Orthonormal basis of null directions, parameters without any influence each on an axis of its own."""
+    axes = np.eye(silent.size)[:, silent]
+    others = directions.copy()
+    others[silent] = 0.0
+    norms = np.linalg.norm(others, axis=0)
+    others = others[:, norms > 1e-8 * max(norms.max(initial=0.0), 1e-300)]
+    if others.shape[1]:
+        u, s, _ = np.linalg.svd(others / np.linalg.norm(others, axis=0), full_matrices=False)
+        others = u[:, s > 1e-8]
+    return np.concatenate([axes, others], axis=1)
+
+
+def diagnose(
+    model: RotorModel,
+    names: Sequence[str],
+    base: Sequence[str],
+    values: Float,
+    information: Float,
+    scales: Float,
+) -> tuple[Float, Identifiability]:
+    """Covariance and identifiability verdict of a fit.
+
+    Returns:
+        covariance of the determined combinations, shape ``(p, p)``, and the verdict.
+    """
+    covar, stderr, directions, open_ = covariance(information, scales)
+    sparse = _sparse_basis(directions[:, open_])
+    unresolved = [
+        name
+        for i, name in enumerate(names)
+        if np.linalg.norm(directions[i, open_] * np.minimum(stderr[open_], 1e6)) > 0.5 * UNRESOLVED
+        and np.linalg.norm(directions[i, open_]) > 0.02
+    ]
+    combinations = []
+    for k in range(sparse.shape[1]):
+        vector = sparse[:, k]
+        chosen = [i for i in np.argsort(-np.abs(vector)) if abs(vector[i]) > _SHARE * np.abs(vector).max()]
+        chosen.sort()
+        along = directions[:, open_].T @ vector
+        error = float(np.linalg.norm(along * np.minimum(stderr[open_], 1e300)))
+        combinations.append(
+            Combination(
+                tuple(names[i] for i in chosen),
+                tuple(float(vector[i]) for i in chosen),
+                error if error < 1e290 else float("inf"),
+                _message(model, names, base, values, scales, vector, chosen, error),
+            )
+        )
+    finite = stderr[~open_]
+    condition = float(stderr.max() / stderr.min()) if np.isfinite(stderr).all() and stderr.min() > 0 else float("inf")
+    return covar, Identifiability(
+        int(finite.size), len(names), condition, tuple(combinations), tuple(unresolved),
+        directions[:, open_] * scales[:, None],
+    )
+
+
+def _sparse_basis(vectors: Float) -> Float:
+    """Basis of the same space with as few parameters in each vector as pivoting gives, columns of unit length."""
+    basis = vectors.T.copy()
+    used: list[int] = []
+    for row in range(basis.shape[0]):
+        remaining = np.abs(basis[row:]).copy()
+        remaining[:, used] = 0.0
+        pivot_row, pivot = np.unravel_index(int(np.argmax(remaining)), remaining.shape)
+        basis[[row, row + pivot_row]] = basis[[row + pivot_row, row]]
+        basis[row] /= basis[row, pivot]
+        used.append(int(pivot))
+        for other in range(basis.shape[0]):
+            if other != row:
+                basis[other] -= basis[other, pivot] * basis[row]
+    norms = np.linalg.norm(basis, axis=1, keepdims=True)
+    return np.asarray((basis / np.where(norms > 0, norms, 1.0)).T)
+
+
+def _message(
+    model: RotorModel,
+    names: Sequence[str],
+    base: Sequence[str],
+    values: Float,
+    scales: Float,
+    vector: Float,
+    chosen: Sequence[int],
+    error: float,
+) -> str:
+    if len(chosen) == 1:
+        name = names[chosen[0]]
+        if np.isinf(error) or error > 1e6:
+            return f"{name} is not observable: it has no influence on these data. Fix it or give a prior."
+        return f"{name} is not determined by these data (error of {100 * error:.0f} % of its size). Fix it or give a prior."
+    listed = ", ".join(names[i] for i in chosen)
+    moves = vector * scales
+    if len(chosen) == 2:
+        a, b = chosen
+        pair = f"{names[a]} {{}} {names[b]}"
+        same_unit = model.parameter(base[a]).unit == model.parameter(base[b]).unit
+        tolerance = 1e-3
+        if same_unit and abs(moves[a] + moves[b]) < tolerance * abs(moves[a]):
+            return f"{pair.format('+')} only as a sum: fix one or give a prior."
+        if same_unit and abs(moves[a] - moves[b]) < tolerance * abs(moves[a]):
+            return f"{pair.format('-')} only as a difference: fix one or give a prior."
+        if values[a] and values[b]:
+            relative = moves[a] / values[a], moves[b] / values[b]
+            if abs(relative[0] + relative[1]) < tolerance * abs(relative[0]):
+                return f"{pair.format('*')} only as a product: fix one or give a prior."
+            if abs(relative[0] - relative[1]) < tolerance * abs(relative[0]):
+                return f"{pair.format('/')} only as a ratio: fix one or give a prior."
+    conventional = [names[i] for i in chosen if model.parameter(base[i]).nominal is not None]
+    if conventional:
+        nominal = model.parameter(conventional[0].partition("[")[0]).nominal
+        way_out = f"fix {conventional[0]} (for instance at {nominal:g}) or another of them, or give a prior"
+    else:
+        way_out = "fix one of them or give a prior"
+    return f"{listed} only in combination, along one direction: {way_out}."

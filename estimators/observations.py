@@ -1,0 +1,114 @@
+"""Measured responses in a model's coordinates: the plain data that estimators work on."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotorfit.estimators.response import displacement_to_force, respond
+from rotorfit.models import RotorModel
+
+Float = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+Index = NDArray[np.intp]
+
+
+class Block(Protocol):
+    """Complex observations whose predictions depend on the parameter vectors of some groups.
+
+    A group is a set of readings that share one parameter vector; ``theta`` below has shape ``(G, P)``.
+
+    Attributes:
+        measured: complex observations, shape ``(R,)``.
+        sigma: standard deviation of their real and of their imaginary part, shape ``(R,)``.
+        label: running number of the response (run and channel) each belongs to, shape ``(R,)``.
+        labels: names of the responses.
+        run: name of the run of each observation, shape ``(R,)``.
+    """
+
+    measured: ComplexArray
+    sigma: Float
+    label: Index
+    labels: tuple[str, ...]
+    run: NDArray[np.str_]
+
+    @property
+    def reading_group(self) -> Index:
+        """Group of each observation, shape ``(R,)``."""
+        ...
+
+    def predict(self, theta: Float) -> ComplexArray:
+        """Predictions, shape ``(R,)``."""
+        ...
+
+    def predict_jacobian(self, theta: Float) -> tuple[ComplexArray, ComplexArray]:
+        """Predictions and their derivatives by the group's own parameters, shapes ``(R,)`` and ``(R, P)``."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class Responses:
+    """Responses to circular forces, or forces under imposed orbits, one line a run at one frequency.
+
+    Attributes:
+        model: the rotor whose coordinates these are.
+        speed, frequency: rad/s, shape ``(L,)``.
+        force: generalised force, shape ``(L, n)``; with ``imposed``, the imposed displacement instead.
+        group: parameter group of each line, shape ``(L,)``.
+        line, coordinate: line and coordinate of each reading, shape ``(R,)``, lines ascending.
+        measured, sigma, label, run: see :class:`Block`, shape ``(R,)``.
+        labels: names of the responses.
+        imposed: the displacement is imposed and ``measured`` is the force.
+    """
+
+    model: RotorModel
+    speed: Float
+    frequency: Float
+    force: ComplexArray
+    group: Index
+    line: Index
+    coordinate: Index
+    measured: ComplexArray
+    sigma: Float
+    label: Index
+    labels: tuple[str, ...]
+    run: NDArray[np.str_]
+    imposed: bool = False
+
+    @property
+    def reading_group(self) -> Index:
+        """Group of each reading."""
+        return self.group[self.line]
+
+    @cached_property
+    def condition(self) -> tuple[Index, Index, Float]:
+        """Distinct (group, speed) pairs: the pair of each line, then group and speed of each pair."""
+        speed = self.speed if self.model.speed_dependent else np.zeros_like(self.speed)
+        pairs, index = np.unique(np.column_stack([self.group, speed]), axis=0, return_inverse=True)
+        return index.reshape(-1), pairs[:, 0].astype(np.intp), pairs[:, 1]
+
+    @cached_property
+    def s(self) -> ComplexArray:
+        """The variable j w of each line, |w| in models with x and y apart."""
+        return np.asarray(1j * (self.frequency if self.model.frame == "z" else np.abs(self.frequency)))
+
+    def predict(self, theta: Float) -> ComplexArray:
+        """See :meth:`Block.predict`."""
+        return respond(self, theta)[0] if not self.imposed else displacement_to_force(self, theta)[0]
+
+    def predict_jacobian(self, theta: Float) -> tuple[ComplexArray, ComplexArray]:
+        """See :meth:`Block.predict_jacobian`."""
+        predicted, jacobian = (displacement_to_force if self.imposed else respond)(self, theta, True)
+        return predicted, np.asarray(jacobian)
+
+    def amplitudes(self) -> tuple[ComplexArray, Float]:
+        """Measured amplitude and sigma of every coordinate in every line, shape ``(L, n)``, NaN where there is none."""
+        shape = (self.speed.size, len(self.model.coordinates))
+        amplitude, sigma = np.full(shape, np.nan, dtype=complex), np.full(shape, np.nan)
+        amplitude[self.line, self.coordinate] = self.measured
+        sigma[self.line, self.coordinate] = self.sigma
+        return amplitude, sigma

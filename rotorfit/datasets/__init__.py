@@ -1,0 +1,48 @@
+"""Data sets that come with rotorfit: simulated rigs with their truth, and published numbers."""
+
+from __future__ import annotations
+
+import json
+from importlib.resources import as_file, files
+from pathlib import Path
+from typing import Any
+
+from rotorfit.experiments import Experiment
+from rotorfit.models.parameters import unknown_name
+
+
+def names() -> tuple[str, ...]:
+    """Names of the data files."""
+    return tuple(sorted(p.name for p in files(__name__).iterdir() if p.name.endswith((".csv", ".json"))))
+
+
+def path(name: str) -> Path:
+    """Path of a data file.
+
+    Raises:
+        FileNotFoundError: no such file; the message lists those there are.
+    """
+    if name not in names():
+        raise FileNotFoundError(unknown_name("data set", name, names()))
+    with as_file(files(__name__) / name) as found:
+        return found
+
+
+def truth(name: str) -> dict[str, Any]:
+    """What a simulated rig was made with, for instance ``truth("rig_open")``."""
+    loaded: dict[str, Any] = json.loads(path(f"{name}.truth.json").read_text())
+    return loaded
+
+
+def rig_open() -> Experiment:
+    """Disk/journal rig in a fluid-lubricated bearing, 56-degree-of-freedom finite-element rotor, 1 % noise."""
+    from rotorfit.readers import read
+
+    return read(path("rig_open.csv"))
+
+
+def two_disk() -> Experiment:
+    """Two-disk rotor, synchronous start-ups with a calibration weight at 0 and 180 degrees in each plane."""
+    from rotorfit.readers import read
+
+    return read(path("two_disk.csv"))

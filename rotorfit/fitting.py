@@ -1,0 +1,396 @@
+"""Fit a model to experiments: closed form, weighted nonlinear least squares, and the verdict on both."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from functools import cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotorfit.estimators.closed_form import ClosedForm, ClosedFormError
+from rotorfit.estimators.closed_form import closed_form as solve_closed_form
+from rotorfit.estimators.identifiability import diagnose, natural_scales
+from rotorfit.estimators.least_squares import Options, Solution, minimise
+from rotorfit.estimators.observations import Block, Responses
+from rotorfit.estimators.problem import (
+    LOSSES, Loss, ParameterSpace, Prior, Problem, parameter_space, robust_weights,
+)
+from rotorfit.experiments import Experiment
+from rotorfit.models import RotorModel
+from rotorfit.models.parameters import unknown_name
+from rotorfit.models.stability import growth_rate
+from rotorfit.observe import group_rows, observe
+from rotorfit.results import FitResult, FitSettings, FittedParameter, ResponseQuality
+
+Float = NDArray[np.float64]
+
+MODEL_LIMITED = 2.0
+"""redchi above which a result says that the model, not the noise, limits the fit."""
+_MULTISTARTS = 24
+
+
+def fit(
+    model: RotorModel,
+    experiments: Experiment | Sequence[Experiment],
+    *,
+    known: Mapping[str, float | None] | None = None,
+    bounds: Mapping[str, tuple[float, float]] | None = None,
+    priors: Mapping[str, Any] | None = None,
+    per: Mapping[str, str] | None = None,
+    loss: Loss = "linear",
+    start: Mapping[str, float] | None = None,
+    phase_offsets: bool = False,
+    max_iterations: int = 200,
+) -> FitResult:
+    """Fit a model by weighted nonlinear least squares on the complex responses (Ipopt, started from the closed form).
+
+    Args:
+        model: the rotor, for instance ``rf.models.WhirlWhip()``.
+        experiments: one experiment or a list that informs one parameter vector.
+        known: values that are not fitted, SI units; ``None`` frees a parameter that the model fixes by default.
+        bounds: lower and upper bounds by parameter name.
+        priors: frozen ``scipy.stats`` distributions by parameter name.
+        per: parameters that take one value for each value of a test attribute, ``{"D": "speed_rpm"}``.
+        loss: "linear", or "soft_l1", "huber", "cauchy" against outliers.
+        start: start values that replace those of the closed form.
+        phase_offsets: fit an offset of the phase reference for every run but the first.
+        max_iterations: limit on the iterations of Ipopt.
+
+    Returns:
+        the result; a fit that did not converge has ``success`` false and the best estimate found.
+
+    Raises:
+        KeyError: unknown parameter names; the message names the nearest.
+        ValueError: data that do not fit the model, contradictory bounds, more unknowns than data.
+    """
+    settings = FitSettings(known or {}, bounds or {}, priors or {}, per or {}, loss, phase_offsets)
+    problem = build_problem(model, experiments, settings)
+    begin, notes = _start(problem, start)
+    solution = _solve(problem, begin, Options(max_iterations=max_iterations))
+    return _result(problem, as_tuple(experiments), settings, solution.x, begin, "least squares", solution, notes)
+
+
+def closed_form(
+    model: RotorModel,
+    experiments: Experiment | Sequence[Experiment],
+    *,
+    known: Mapping[str, float | None] | None = None,
+    per: Mapping[str, str] | None = None,
+    weighted: bool = True,
+) -> FitResult:
+    """Identify without iteration (eqs 5 to 9 and straight-line fits); the result has the shape of :func:`fit`'s.
+
+    Args:
+        model, experiments, known, per: as for :func:`fit`.
+        weighted: weigh by the propagated noise, or, as the paper did, not at all.
+
+    Raises:
+        ClosedFormError: the data do not allow a closed form.
+    """
+    settings = FitSettings(known=known or {}, per=per or {})
+    problem = build_problem(model, experiments, settings)
+    estimate = solve_closed_form(problem.space, problem.blocks, weighted=weighted)
+    return _result(
+        problem, as_tuple(experiments), settings, estimate.x, estimate.x, "closed form", None, estimate.notes, estimate
+    )
+
+
+def as_tuple(experiments: Experiment | Sequence[Experiment]) -> tuple[Experiment, ...]:
+    """One experiment or several, as a tuple.
+
+    Raises:
+        ValueError: none at all.
+    """
+    several = tuple(experiments) if isinstance(experiments, Sequence) else (experiments,)
+    if not several or not all(len(e) for e in several):
+        raise ValueError("nothing to fit: give at least one experiment with at least one reading")
+    return several
+
+
+def build_problem(
+    model: RotorModel, experiments: Experiment | Sequence[Experiment], settings: FitSettings
+) -> Problem:
+    """Lay a fit out as an optimisation problem; arguments and errors as for :func:`fit`."""
+    several = as_tuple(experiments)
+    if settings.loss not in LOSSES:
+        raise ValueError(unknown_name("loss", settings.loss, LOSSES))
+    for name in settings.per:
+        model.parameter(name)
+    grouping = group_rows(several, settings.per)
+    blocks: tuple[Block, ...] = tuple(
+        observe(model, experiment, rows) for experiment, rows in zip(several, grouping.rows, strict=True)
+    )
+    runs = list(dict.fromkeys(run for block in blocks for run in block.run.tolist()))
+    nuisance = tuple(f"phase[{run}]" for run in runs[1:]) if settings.phase_offsets else ()
+    space = parameter_space(
+        model, known=settings.known, bounds=settings.bounds, groups=grouping.suffixes, nuisance=nuisance
+    )
+    factors = tuple(
+        1j * (block.run[:, None] == np.array(runs[1:])[None, :]) if nuisance else None for block in blocks
+    )
+    problem = Problem(space, blocks, settings.loss, _priors(space, settings.priors), factors)
+    if space.size > problem.n_data:
+        raise ValueError(f"{space.size} unknowns but only {problem.n_data} real data: fix parameters or add readings")
+    return problem
+
+
+def _priors(space: ParameterSpace, priors: Mapping[str, Any]) -> tuple[Prior, ...]:
+    result = []
+    for name, distribution in priors.items():
+        if not (hasattr(distribution, "logpdf") and hasattr(distribution, "dist")):
+            raise ValueError(f"prior of {name} must be a frozen scipy.stats distribution, got {distribution!r}")
+        entries = [i for i, (n, b) in enumerate(zip(space.names, space.base, strict=True)) if name in (n, b)]
+        if not entries:
+            raise KeyError(unknown_name("fitted parameter", name, space.names))
+        result += [Prior(i, distribution) for i in entries]
+    return tuple(result)
+
+
+# ---- start ------------------------------------------------------------------------------------------------------------
+
+
+def _start(problem: Problem, start: Mapping[str, float] | None) -> tuple[Float, tuple[str, ...]]:
+    space = problem.space
+    given = dict(start or {})
+    for name in given:
+        if name not in space.names and name not in space.base:
+            raise KeyError(unknown_name("fitted parameter", name, space.names))
+    values = np.array(
+        [given.get(n, given.get(b, np.nan)) for n, b in zip(space.names, space.base, strict=True)], dtype=float
+    )
+    notes: tuple[str, ...] = ()
+    if np.isnan(values).any():
+        guess, notes = _guess(problem)
+        values = np.where(np.isnan(values), guess, values)
+    inside = _inside(values, space)
+    return np.concatenate([inside, np.zeros(len(space.nuisance))]), notes
+
+
+def _guess(problem: Problem) -> tuple[Float, tuple[str, ...]]:
+    try:
+        estimate = solve_closed_form(problem.space, problem.blocks)
+    except ClosedFormError as reason:
+        return _multistart(problem), (f"no closed form ({reason}); the best of {_MULTISTARTS} random starts was taken",)
+    return estimate.x, estimate.notes
+
+
+def _inside(values: Float, space: ParameterSpace) -> Float:
+    """Start values moved off the bounds, where Ipopt's barrier wants them."""
+    lower, upper = space.lower[: values.size], space.upper[: values.size]
+    margin = 1e-3 * np.where(np.isfinite(upper - lower), upper - lower, np.maximum(np.abs(values), 1e-3))
+    scale = np.array([space.model.parameter(name).scale for name in space.base])
+    margin = np.minimum(margin, 1e-3 * scale)
+    return np.asarray(np.clip(values, lower + margin, upper - margin))
+
+
+def _multistart(problem: Problem) -> Float:
+    """Best short fit of several starts spread over a decade around typical values, where there is no closed form."""
+    space = problem.space
+    rng = np.random.default_rng(0)
+    scale = np.array([space.model.parameter(name).scale for name in space.base])
+    best: Solution | None = None
+    for _ in range(_MULTISTARTS):
+        x = _inside(scale * np.exp(rng.normal(0.0, 0.8, scale.size)), space)
+        full = np.concatenate([x, np.zeros(len(space.nuisance))])
+        found = minimise(
+            problem, full, lower=space.lower, upper=space.upper, scale=np.abs(full) + (full == 0),
+            options=Options(max_iterations=40),
+        )
+        if best is None or found.cost < best.cost:
+            best = found
+    return np.asarray(best.x[: len(space.names)]) if best is not None else scale
+
+
+def _solve(problem: Problem, start: Float, options: Options) -> Solution:
+    space = problem.space
+    if problem.loss not in ("linear", "soft_l1"):
+        # A redescending loss has local minima; the convex one leads into the right basin.
+        gentle = Problem(space, problem.blocks, "soft_l1", problem.priors, problem.factors)
+        start = _solve(gentle, start, options).x
+    typical = np.array([space.model.parameter(name).scale for name in space.base] + [0.1] * len(space.nuisance))
+    scale = np.where(np.abs(start) > 1e-6 * typical, np.abs(start), typical)
+    return minimise(problem, start, lower=space.lower, upper=space.upper, scale=scale, options=options)
+
+
+# ---- verdict -----------------------------------------------------------------------------------------------------------
+
+
+def _result(
+    problem: Problem,
+    experiments: tuple[Experiment, ...],
+    settings: FitSettings,
+    x: Float,
+    begin: Float,
+    method: str,
+    solution: Solution | None,
+    notes: tuple[str, ...],
+    estimate: ClosedForm | None = None,
+) -> FitResult:
+    space = problem.space
+    x = np.concatenate([x, np.zeros(space.size - x.size)])
+    residuals, jacobian = problem.jacobian(x)
+    chisqr, nfree = float(np.sum(np.abs(residuals) ** 2)), problem.n_data - space.size
+    redchi = _reduced(problem, residuals, nfree)
+    information, sandwich = _information(problem, x, residuals, jacobian)
+    scales = _scales(problem, x)
+    names = (*space.names, *space.nuisance)
+    base = (*space.base, *space.nuisance)
+    noise, verdict = diagnose(space.model, names, base, x, information, scales)
+    if sandwich is not None:
+        noise = noise @ sandwich @ noise
+    if estimate is not None:
+        noise = np.where(np.isfinite(estimate.covar), estimate.covar, np.nan)
+    widening = max(1.0, redchi) if problem.loss == "linear" else 1.0
+    deviance = float(robust_weights(problem.loss, np.abs(residuals) ** 2)[0].sum())
+    params = _parameters(problem, x, begin, noise, widening, verdict.unresolved)
+    warnings = [*notes, *_warnings(problem, x, redchi, params)]
+    if solution is not None and not solution.success:
+        warnings.insert(0, f"the optimisation did not converge: {solution.message}")
+    return FitResult(
+        model=space.model, experiments=experiments, settings=settings, method=method, problem=problem, x=x, params=params,
+        covar=noise * widening, chisqr=chisqr, redchi=redchi, ndata=problem.n_data, nvarys=space.size, nfree=nfree,
+        aic=deviance + 2 * space.size, bic=deviance + space.size * float(np.log(problem.n_data)),
+        success=solution.success if solution is not None else True,
+        message=solution.message if solution is not None else "closed form, no iteration",
+        nfev=solution.n_evaluations if solution is not None else 0,
+        responses=_qualities(problem, x), identifiability=verdict, warnings=tuple(warnings),
+    )
+
+
+@cache
+def _expected_loss(loss: Loss) -> float:
+    """Mean robust cost of one complex reading under pure noise, |r|^2 being chi-squared with two degrees of freedom."""
+    q = (np.arange(20000) + 0.5) / 20000
+    return float(np.mean(robust_weights(loss, -2 * np.log1p(-q))[0]))
+
+
+def _reduced(problem: Problem, residuals: NDArray[np.complex128], nfree: int) -> float:
+    if nfree <= 0:
+        return float("nan")
+    cost = float(robust_weights(problem.loss, np.abs(residuals) ** 2)[0].sum())
+    return cost / _expected_loss(problem.loss) * 2 / nfree
+
+
+def _information(
+    problem: Problem, x: Float, r: NDArray[np.complex128], J: NDArray[np.complex128]
+) -> tuple[Float, Float | None]:
+    """Expected curvature of the cost, and for a robust loss the scatter of its gradient (Huber's sandwich)."""
+    size2 = np.abs(r) ** 2
+    _, weight = robust_weights(problem.loss, size2)
+    if problem.loss == "linear":
+        curvature = weight
+    else:
+        step = 1e-4 * (1 + size2)
+        slope = (robust_weights(problem.loss, size2 + step)[1] - weight) / step
+        # A modulus loss bends by w + 2 |r|^2 w' along r and by w across it; residual phases are uniform.
+        curvature = np.full(r.size, float(np.mean(weight + size2 * slope)))
+    stacked = np.concatenate([J.real, J.imag])
+    information = stacked.T @ (np.concatenate([curvature, curvature])[:, None] * stacked)
+    for prior in problem.priors:
+        information[prior.entry, prior.entry] += prior.terms(float(x[prior.entry]))[2]
+    if problem.loss == "linear":
+        return information, None
+    scores = weight[:, None] * (r.conj()[:, None] * J).real
+    return information, scores.T @ scores
+
+
+def _scales(problem: Problem, x: Float) -> Float:
+    space = problem.space
+    responses = [b for b in problem.blocks if isinstance(b, Responses)]
+    if not responses:
+        typical = np.array([space.model.parameter(name).scale for name in space.base] + [1.0] * len(space.nuisance))
+        return np.maximum(np.abs(x), 0.1 * typical)
+    levels, top = [], 0.0
+    for block in responses:
+        drive = np.linalg.norm(block.force, axis=1)[block.line]
+        ratio = np.abs(block.measured) / drive if block.imposed else drive / np.abs(block.measured)
+        levels.append(ratio[np.isfinite(ratio) & (ratio > 0)])
+        top = max(top, float(np.abs(block.frequency).max()))
+    stiffness = float(np.median(np.concatenate(levels)))
+    own = natural_scales(space.model, space.base, x[: len(space.names)], stiffness, max(top, 1e-12))
+    return np.concatenate([own, np.ones(len(space.nuisance))])
+
+
+def _parameters(
+    problem: Problem, x: Float, begin: Float, noise: Float, widening: float, unresolved: Sequence[str]
+) -> dict[str, FittedParameter]:
+    space = problem.space
+    begin = np.concatenate([begin, np.zeros(space.size - begin.size)])
+    # With priors or tight noise a variance may come out as -0.
+    error = np.sqrt(np.maximum(np.diag(noise), 0.0))
+    entries: dict[str, FittedParameter] = {}
+    for i, name in enumerate((*space.names, *space.nuisance)):
+        known_to_model = i < len(space.names)
+        meta = space.model.parameter(space.base[i]) if known_to_model else None
+        resolved = name not in unresolved
+        span = max(abs(float(x[i])), 1e-12)
+        at_bound = bool(min(x[i] - space.lower[i], space.upper[i] - x[i]) <= 1e-7 * span)
+        entries[name] = FittedParameter(
+            name, float(x[i]), float(error[i] * np.sqrt(widening)) if resolved else float("inf"),
+            float(error[i]) if resolved else float("inf"), float(begin[i]),
+            meta.unit if meta else "rad", meta.meaning if meta else "offset of the phase reference",
+            float(space.lower[i]), float(space.upper[i]), True, resolved, at_bound,
+        )
+    theta = space.theta(x)
+    for place, meta in enumerate(space.model.parameters):
+        if (space.index[:, place] < 0).all():
+            value = float(theta[0, place])
+            entries[meta.name] = FittedParameter(
+                meta.name, value, 0.0, 0.0, value, meta.unit, meta.meaning, meta.lower, meta.upper, False
+            )
+    order = {name: i for i, name in enumerate(space.model.parameter_names)}
+    last = len(order)
+    return dict(sorted(entries.items(), key=lambda item: order.get(item[0].partition("[")[0], last)))
+
+
+def _warnings(
+    problem: Problem, x: Float, redchi: float, params: Mapping[str, FittedParameter]
+) -> list[str]:
+    found = []
+    if redchi > MODEL_LIMITED and problem.loss == "linear":
+        found.append(
+            f"redchi is {redchi:.3g}: the model, not the noise, limits this fit. Standard errors are widened by "
+            f"{np.sqrt(redchi):.2g}, but parameters may be biased beyond them; try rf.refine(fit) (--refine)"
+        )
+    found += [f"{p.name} rests on its bound at {p.value:.6g} {p.unit}" for p in params.values() if p.at_bound]
+    return found + _instability(problem, x)
+
+
+def _instability(problem: Problem, x: Float) -> list[str]:
+    theta = problem.space.theta(x)
+    model = problem.space.model
+    found = []
+    for block in problem.blocks:
+        if not isinstance(block, Responses) or block.imposed:
+            continue
+        _, group, speed = block.condition
+        band = float(np.abs(block.frequency).max()) if model.order > 2 else np.inf
+        rates = growth_rate(model, theta[group], speed, band)
+        for g, v, rate in zip(group, speed, rates, strict=True):
+            size = np.abs(theta[g]).max()
+            if rate > 1e-9 * size and len(found) < 3:
+                found.append(
+                    f"the fitted rotor is unstable at the tested speed of {v * 30 / np.pi:.0f} rpm (growth rate "
+                    f"{rate:.3g} 1/s): a rig could not have been measured there. Check signs, directions and the model"
+                )
+    return found
+
+
+def _qualities(problem: Problem, x: Float) -> tuple[ResponseQuality, ...]:
+    result = []
+    for block, predicted in zip(problem.blocks, problem.predict(x), strict=True):
+        for number, name in enumerate(block.labels):
+            rows = block.label == number
+            measured, model, sigma = block.measured[rows], predicted[rows], block.sigma[rows]
+            miss = np.abs(model - measured) ** 2
+            power = float(np.sum(np.abs(measured) ** 2)) * float(np.sum(np.abs(model) ** 2))
+            result.append(ResponseQuality(
+                name,
+                float(np.sqrt(miss.sum() / max(np.sum(np.abs(measured) ** 2), 1e-300))),
+                float(np.abs(np.vdot(model, measured)) ** 2 / power) if power > 0 else 0.0,
+                float(np.mean(miss / sigma**2) / 2),
+                int(rows.sum()),
+            ))
+    return tuple(result)

@@ -1,0 +1,297 @@
+"""What a fit gives back: parameters with their errors, goodness of fit, identifiability, derived quantities."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotorfit.estimators.identifiability import Identifiability
+from rotorfit.estimators.problem import Loss, Problem
+from rotorfit.experiments import Experiment
+from rotorfit.models import RotorModel, eigenvalues, threshold_speed
+from rotorfit.models.stability import eigenvalue_gradient
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Float = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+
+
+@dataclass(frozen=True)
+class FittedParameter:
+    """One parameter of a result.
+
+    Attributes:
+        name: name, with the group in brackets where it was fitted per attribute.
+        value: estimate or known value, SI.
+        stderr: standard error, widened by sqrt(redchi) where the model, not the noise, limits the fit; zero for known
+            parameters, infinite where the data do not determine the parameter.
+        stderr_noise: standard error from the noise alone.
+        init_value: start of the optimisation.
+        unit: SI unit.
+        meaning: a few words.
+        min, max: bounds.
+        vary: whether it was fitted.
+        resolved: whether the data determine it.
+        at_bound: the estimate rests on a bound, so its error bar is not symmetric.
+    """
+
+    name: str
+    value: float
+    stderr: float
+    stderr_noise: float
+    init_value: float
+    unit: str
+    meaning: str
+    min: float
+    max: float
+    vary: bool
+    resolved: bool = True
+    at_bound: bool = False
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A derived quantity and its standard error (infinite where the data do not determine it)."""
+
+    value: float
+    stderr: float
+    unit: str
+
+    def __str__(self) -> str:
+        if not math.isfinite(self.stderr):
+            return "not determined by these data"
+        return f"{self.value:.6g} +- {self.stderr:.2g} {self.unit}"
+
+
+@dataclass(frozen=True)
+class ResponseQuality:
+    """Agreement of one measured response with the fit.
+
+    Attributes:
+        name: run and channel.
+        nrmse: rms residual over rms response.
+        frac: frequency response assurance criterion, 1 for responses of equal shape.
+        redchi: mean squared whitened residual, 1 for noise alone.
+        count: number of readings.
+    """
+
+    name: str
+    nrmse: float
+    frac: float
+    redchi: float
+    count: int
+
+
+@dataclass(frozen=True)
+class FitSettings:
+    """What the user asked for; see :func:`rotorfit.fit`."""
+
+    known: Mapping[str, float | None] = field(default_factory=dict)
+    bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    priors: Mapping[str, Any] = field(default_factory=dict)
+    per: Mapping[str, str] = field(default_factory=dict)
+    loss: Loss = "linear"
+    phase_offsets: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class FitResult:
+    """Result of :func:`rotorfit.fit` or :func:`rotorfit.closed_form`. Frozen; a failed fit is a result that says so.
+
+    Attributes:
+        model: the rotor.
+        experiments: the data.
+        settings: what was asked for.
+        method: "least squares" or "closed form".
+        problem: the optimisation problem, for re-evaluation.
+        x: fitted vector (free parameters, then nuisance parameters).
+        params: parameters by name, fitted and known.
+        covar: covariance of the fitted vector, widened like ``stderr``, unresolved directions left out.
+        chisqr, redchi: sum of squared whitened residuals, and that over the degrees of freedom.
+        ndata, nvarys, nfree: real data, fitted values, degrees of freedom.
+        aic, bic: with the noise as estimated from the data.
+        success, message, nfev: how the optimisation ended.
+        responses: agreement response by response.
+        identifiability: what the data determine.
+        warnings: sentences worth reading.
+    """
+
+    model: RotorModel
+    experiments: tuple[Experiment, ...]
+    settings: FitSettings
+    method: str
+    problem: Problem
+    x: Float
+    params: Mapping[str, FittedParameter]
+    covar: Float
+    chisqr: float
+    redchi: float
+    ndata: int
+    nvarys: int
+    nfree: int
+    aic: float
+    bic: float
+    success: bool
+    message: str
+    nfev: int
+    responses: tuple[ResponseQuality, ...]
+    identifiability: Identifiability
+    warnings: tuple[str, ...]
+
+    # ---- derived quantities ------------------------------------------------------------------------------------
+
+    @property
+    def var_names(self) -> tuple[str, ...]:
+        """Names of the fitted vector's entries, the order of ``covar``."""
+        return (*self.problem.space.names, *self.problem.space.nuisance)
+
+    @property
+    def band(self) -> float:
+        """Highest tested frequency, rad/s."""
+        return max(
+            (float(np.abs(b.frequency).max()) for b in self.problem.blocks if hasattr(b, "frequency")), default=math.inf
+        )
+
+    @property
+    def stability_band(self) -> float:
+        """Frequencies that count for stability: all, but only the tested band with corrections above s^2."""
+        return self.band if self.model.order > 2 else math.inf
+
+    @property
+    def speeds(self) -> Float:
+        """Tested rotative speeds, rad/s; empty for synchronous tests."""
+        speeds = [np.unique(b.speed) for b in self.problem.blocks if hasattr(b, "speed")]
+        distinct = np.unique(np.concatenate(speeds)) if speeds else np.zeros(0)
+        return distinct if distinct.size <= 50 else np.zeros(0)
+
+    def group(self, at: Mapping[str, Any] | None = None) -> int:
+        """Number of the parameter group with given attribute values, ``{"speed_rpm": 1000}``.
+
+        Raises:
+            ValueError: parameters were fitted per attribute and ``at`` does not name one group.
+        """
+        index = self.problem.space.index
+        if index.shape[0] == 1:
+            return 0
+        suffixes = [self._suffixes(g) for g in range(index.shape[0])]
+        wanted = {f"{name}={value:.10g}" if isinstance(value, (int, float)) else f"{name}={value}"
+                  for name, value in (at or {}).items()}
+        matches = [g for g, suffix in enumerate(suffixes) if wanted and wanted <= suffix]
+        if len(matches) != 1:
+            raise ValueError(
+                "parameters differ between tests: say which with at={attribute: value}; there are "
+                + "; ".join(", ".join(sorted(s)) for s in suffixes)
+            )
+        return matches[0]
+
+    def _suffixes(self, group: int) -> set[str]:
+        names = (self.problem.space.names[i] for i in self.problem.space.index[group] if i >= 0)
+        return {name.partition("[")[2][:-1] for name in names if "[" in name}
+
+    def theta(self, at: Mapping[str, Any] | None = None) -> Float:
+        """Model parameter vector, shape ``(P,)``, of the group named by ``at``."""
+        return np.asarray(self.problem.space.theta(self.x)[self.group(at)])
+
+    def propagate(self, value: float, gradient: Float, unit: str, at: Mapping[str, Any] | None = None) -> Quantity:
+        """Standard error of a derived quantity by the delta method.
+
+        Args:
+            value: the quantity.
+            gradient: its derivative by the model parameters, shape ``(P,)``.
+            unit: its unit.
+            at: group of parameters it belongs to.
+        """
+        index = self.problem.space.index[self.group(at)]
+        slope = np.zeros(self.x.size)
+        np.add.at(slope, index[index >= 0], np.asarray(gradient)[index >= 0])
+        null = self.identifiability.null_space
+        leak = float(np.abs(slope[: null.shape[0]] @ null).max(initial=0.0)) if null.size else 0.0
+        if leak > 1e-2 * abs(value):
+            return Quantity(value, math.inf, unit)
+        return Quantity(value, float(np.sqrt(max(slope @ self.covar @ slope, 0.0))), unit)
+
+    def threshold_speed(self, at: Mapping[str, Any] | None = None) -> Quantity:
+        """Rotative speed at which the rotor becomes unstable, rad/s, with its standard error.
+
+        The value is NaN where the fitted rotor is stable at every speed searched.
+        """
+        onset = threshold_speed(self.model, self.theta(at), band=self.stability_band)
+        if onset is None:
+            return Quantity(math.nan, math.nan, "rad/s")
+        return self.propagate(onset.speed, onset.gradient, "rad/s", at)
+
+    def whirl_ratio(self, at: Mapping[str, Any] | None = None) -> float:
+        """Frequency of the self-excited whirl at onset over the threshold speed, NaN without a threshold."""
+        onset = threshold_speed(self.model, self.theta(at), band=self.stability_band)
+        return math.nan if onset is None else onset.whirl_ratio
+
+    def natural_frequencies(
+        self, speed: float, at: Mapping[str, Any] | None = None
+    ) -> list[tuple[Quantity, Quantity]]:
+        """Damped natural frequency (rad/s, signed) and damping ratio of each mode at a rotative speed (rad/s)."""
+        theta = self.theta(at)
+        modes = []
+        for s in eigenvalues(self.model, theta, speed):
+            if not np.isfinite(s) or abs(s) > self.stability_band:
+                continue
+            _, by_theta = eigenvalue_gradient(self.model, theta, speed, complex(s))
+            size = abs(s)
+            # zeta = -Re s / |s|
+            slope = -by_theta.real / size + s.real * (s.real * by_theta.real + s.imag * by_theta.imag) / size**3
+            modes.append((
+                self.propagate(float(s.imag), by_theta.imag, "rad/s", at),
+                self.propagate(float(-s.real / size), slope, "1", at),
+            ))
+        return modes
+
+    # ---- presentation, imported when asked for ----------------------------------------------------------------------
+
+    def summary(self) -> str:
+        """Table of the result for a terminal."""
+        from rotorfit.tables import fit_summary
+
+        return fit_summary(self)
+
+    def __str__(self) -> str:
+        return self.summary()
+
+    def plot_dynamic_stiffness(self) -> Figure:
+        """Direct and quadrature dynamic stiffness against signed frequency, data with error bars and fit."""
+        from rotorfit.plots import plot_dynamic_stiffness
+
+        return plot_dynamic_stiffness(self)
+
+    def plot_bode(self) -> Figure:
+        """Amplitude and phase of every response against frequency."""
+        from rotorfit.plots import plot_bode
+
+        return plot_bode(self)
+
+    def plot_polar(self) -> Figure:
+        """Responses in the complex plane."""
+        from rotorfit.plots import plot_polar
+
+        return plot_polar(self)
+
+    def plot_residuals(self) -> Figure:
+        """Whitened residuals against frequency."""
+        from rotorfit.plots import plot_residuals
+
+        return plot_residuals(self)
+
+    def plot_stability(self) -> Figure:
+        """Eigenvalues against rotative speed with the threshold and its interval."""
+        from rotorfit.plots import plot_stability
+
+        return plot_stability(self)
+
+    def with_warnings(self, *messages: str) -> FitResult:
+        """The same result with further warnings."""
+        return replace(self, warnings=(*self.warnings, *messages))
