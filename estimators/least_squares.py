@@ -12,8 +12,9 @@ Three choices matter for anyone reading the code:
 * Convergence is judged by the relative offset of Bates and Watts: the length, measured in residual space, of
   the step that remains to the minimum of the local quadratic model inside the bounds, divided by the length
   of the residual vector.  It does not depend on the units of the data or of the parameters.
-* Close to the minimum cost differences drown in round-off, and no line search can rank two points.  The last
-  digits therefore come from undamped Newton steps that are accepted only while the offset keeps shrinking.
+* Close to the minimum cost differences drown in round-off, and no line search can rank two points.  Ipopt is
+  therefore stopped once the cost is within a millionth of its minimum; the last digits come from undamped
+  Newton steps, accepted only while the offset keeps shrinking.
 """
 
 from __future__ import annotations
@@ -36,8 +37,9 @@ Vector: TypeAlias = NDArray[np.float64]
 Matrix: TypeAlias = NDArray[np.float64]
 HessianKind: TypeAlias = Literal["gauss-newton", "exact"]
 
-_HANDOVER = 1e-4  # relative offset below which refinement takes over from Ipopt
+_HANDOVER = 1e-3  # relative offset, its square the relative excess cost, at which refinement takes over
 _REFINEMENTS = 8
+_SINGULAR = 1e-13  # eigenvalue of the Gauss-Newton matrix, unit diagonal, that counts as zero
 _WINDOW = 6  # iterations over which progress is judged
 _COST_FLOOR = 1e-40  # of the starting cost: keeps the logarithm finite on zero-residual problems
 _ROUND_OFF = 1e-13  # relative cost change that is indistinguishable from none
@@ -68,6 +70,7 @@ class Status(Enum):
 
     CONVERGED = "converged: the remaining step is negligible against the misfit"
     ITERATION_LIMIT = "stopped at the iteration limit: the estimate is the best point seen, not a minimum"
+    SINGULAR = "not unique: the cost is minimal, but some change of the parameters leaves it unchanged"
     STALLED = "stalled: no further decrease was possible, yet the best point seen is not a minimum"
     INFEASIBLE_START = "not started: the cost or its derivatives are not finite at the starting point"
 
@@ -119,7 +122,7 @@ class Solution:
         status: how the run ended.
         n_iterations: Ipopt iterations plus refinement steps.
         n_evaluations: evaluations of the objective, with or without derivatives.
-        hessian: the Hessian used last.
+        hessian: the Hessian Ipopt used last.
         offset: relative offset at ``x``, the length of the step that remains over the residual length.
     """
 
@@ -220,32 +223,33 @@ class _Point:
 
 
 def _box_step(gradient: Vector, matrix: Matrix, low: Vector, high: Vector) -> Vector:
-    """Minimiser of gᵀd + dᵀHd/2 for low <= d <= high, by fixing in turn whatever leaves the box."""
+    """Minimiser of gᵀd + dᵀHd/2 for low <= d <= high, by correcting a guess of the bounds it rests on."""
     n = gradient.size
-    step = np.zeros(n)
-    fixed = ((low >= 0) & (gradient > 0)) | ((high <= 0) & (gradient < 0))
-    for _ in range(n):
-        if fixed.any():
-            free = np.flatnonzero(~fixed)
-            if free.size == 0:
-                break
-            held = np.flatnonzero(fixed)
-            right = -gradient[free] - matrix[np.ix_(free, held)] @ step[held]
+    step = _solve(matrix, -gradient)
+    if not ((step < low) | (step > high)).any():
+        return step
+    # An interior-point iterate is near its bounds, not on them: those near and pressed on start the guess.
+    near = 1e-3 * np.abs(step)
+    at_low, at_high = (low >= -near) & (gradient > 0), (high <= near) & (gradient < 0)
+    for _ in range(2 * n):
+        free = np.flatnonzero(~(at_low | at_high))
+        step = np.where(at_low, low, np.where(at_high, high, 0.0))
+        if free.size:
+            right = -gradient[free] - matrix[free] @ step
             step[free] = _solve(matrix[np.ix_(free, free)], right)
-        else:
-            step = _solve(matrix, -gradient)
-        outside = ((step < low) | (step > high)) & ~fixed
-        if not outside.any():
+        slope = gradient + matrix @ step
+        low_next = (at_low & (slope > 0)) | (step < low)
+        high_next = (at_high & (slope < 0)) | (step > high)
+        if (low_next == at_low).all() and (high_next == at_high).all():
             break
-        step = np.clip(step, low, high)
-        fixed |= outside
-    return step
+        at_low, at_high = low_next, high_next
+    return np.clip(step, low, high)
 
 
 def _solve(matrix: Matrix, right: Vector) -> Vector:
     """Solution of a symmetric system; of smallest norm when the matrix is not positive definite."""
     _, solution, info = dposv(matrix, right)
-    if info == 0 and math.isfinite(float(np.sum(solution))):
+    if info == 0 and math.isfinite(float(solution.sum())):
         return np.asarray(solution)
     # Unit diagonal first, so that what counts as singular does not depend on the units.
     scale = 1 / np.sqrt(np.where(np.diag(matrix) > 0, np.diag(matrix), 1.0))
@@ -254,6 +258,15 @@ def _solve(matrix: Matrix, right: Vector) -> Vector:
     weights = np.zeros_like(values)
     weights[keep] = 1 / values[keep]
     return np.asarray(scale * (vectors @ (weights * (vectors.T @ (scale * right)))))
+
+
+@dataclass(frozen=True)
+class _Candidate:
+    """A point, the Gauss-Newton step that remains from it and the relative size of that step."""
+
+    point: _Point
+    step: Vector
+    offset: float
 
 
 class _Run:
@@ -276,22 +289,27 @@ class _Run:
         self.error: BaseException | None = None
         self.n_iterations = 0
         self.n_evaluations = 0
-        self.reference = 1.0
+        self.reference = 0.0  # cost at the start
         self.point: _Point | None = None  # last evaluation with derivatives
-        self.best: _Point | None = None
-        self.best_offset = math.inf
         self.history: list[tuple[float, float]] = []  # (cost, offset) of the iterates of this descent
         self._key = b""
         self._trial_key = b""
         self._trial_cost = math.nan
         self._trials = 0
         self.start = start / scale
+        self.best = _Candidate(
+            _Point(self.start, math.inf, self.start, np.eye(start.size)), self.start, math.inf
+        )
 
     # -- evaluation ---------------------------------------------------------------------------------------
 
     def unscaled(self, u: Vector) -> Vector:
         """The caller's variables; clipped because Ipopt may leave a bound by a rounding error."""
         return np.clip(u * self.scale, self.lower, self.upper)
+
+    def unit(self, cost: float) -> float:
+        """What derivatives are divided by: the cost, kept from zero."""
+        return max(cost, _COST_FLOOR * self.reference) or 1.0
 
     def evaluate(self, u: Vector) -> _Point | None:
         """The objective with derivatives at ``u``, from memory if asked twice; None where undefined."""
@@ -302,11 +320,11 @@ class _Run:
         self.n_evaluations += 1
         cost, gradient, matrix = self.objective.gauss_newton(self.unscaled(u))
         cost = float(cost)
-        if not math.isfinite(cost + float(np.sum(gradient)) + float(np.sum(matrix))):
+        if not math.isfinite(cost + float(gradient.sum()) + float(matrix.sum())):
             return None
         if cost < 0:
             raise ValueError(f"the objective returned the cost {cost}; a cost must not be negative")
-        unit = max(cost, _COST_FLOOR * self.reference)
+        unit = self.unit(cost)
         scale = self.scale
         self.point = _Point(
             u.copy(), cost, gradient * (scale / unit), matrix * (scale[:, None] * (scale / unit))
@@ -342,48 +360,48 @@ class _Run:
         point = self.evaluate(u)
         if point is None:
             return None
-        if self.kind == "gauss-newton":
-            return point.matrix
-        unit = max(point.cost, _COST_FLOOR * self.reference)
-        return np.asarray(self.objective.hessian(self.unscaled(u))) * (
+        return point.matrix if self.kind == "gauss-newton" else self.exact_hessian(point)
+
+    def exact_hessian(self, point: _Point) -> Matrix:
+        unit = self.unit(point.cost)
+        return np.asarray(self.objective.hessian(self.unscaled(point.u))) * (
             self.scale[:, None] * (self.scale / unit)
         )
 
-    # -- convergence --------------------------------------------------------------------------------------
+    # -- convergence ---------------------------------------------------------------------------------------
 
     def newton_step(self, point: _Point, matrix: Matrix) -> Vector:
+        """Step to the minimum of the local quadratic model inside the bounds."""
         return _box_step(point.gradient, matrix, self.low - point.u, self.high - point.u)
 
-    def remaining(self, point: _Point, step: Vector) -> float:
-        """Remaining step: relative to the misfit or to the parameters, whichever is smaller."""
+    def assess(self, point: _Point) -> _Candidate:
+        """The step that remains, relative to the misfit or to the parameters, whichever is smaller."""
+        step = self.newton_step(point, point.matrix)
         offset = math.sqrt(max(float(step @ point.matrix @ step), 0.0) / 2)
-        change = float(np.max(np.abs(step) / np.maximum(np.abs(point.u), 1e-3)))
-        return min(offset, change)
+        change = float((np.abs(step) / np.maximum(np.abs(point.u), 1e-3)).max())
+        return _Candidate(point, step, min(offset, change))
 
-    def keep(self, point: _Point, offset: float) -> None:
+    def keep(self, candidate: _Candidate) -> None:
         """Remember the better of two points: smaller cost, or the smaller offset at equal cost."""
         best = self.best
-        slack = 0.0 if best is None else _ROUND_OFF * best.cost
-        if (
-            best is None
-            or point.cost < best.cost - slack
-            or (point.cost <= best.cost + slack and offset < self.best_offset)
-        ):
-            self.best, self.best_offset = point, offset
+        slack = _ROUND_OFF * best.point.cost
+        gain = best.point.cost - candidate.point.cost
+        if gain > slack or (gain >= -slack and candidate.offset < best.offset):
+            self.best = candidate
 
     def monitor(self) -> bool:
         """Called once per Ipopt iteration; True ends the descent."""
-        if self.error is not None:
-            return True
-        point = self.point
-        if point is None:
+        if self.point is None:
             return False
-        offset = self.remaining(point, self.newton_step(point, point.matrix))
-        self.keep(point, offset)
-        self.history.append((point.cost, offset))
+        candidate = self.assess(self.point)
+        self.keep(candidate)
+        self.history.append((candidate.point.cost, candidate.offset))
         self.n_iterations += len(self.history) > 1
-        done = offset <= (_HANDOVER if self.kind == "gauss-newton" else self.options.acceptable)
-        return done or self.n_iterations >= self.options.max_iterations or self.stuck()
+        enough = _HANDOVER if self.kind == "gauss-newton" else self.options.acceptable
+        return candidate.offset <= enough or self.exhausted() or self.stuck()
+
+    def exhausted(self) -> bool:
+        return self.n_iterations >= self.options.max_iterations
 
     def stuck(self) -> bool:
         """Whether the last iterations brought nothing, or little enough to try the exact Hessian."""
@@ -396,29 +414,46 @@ class _Run:
         return slow and self.kind == "gauss-newton" and self.options.hessian == "auto"
 
     def refine(self) -> None:
-        """Undamped Newton steps from the best point, as long as each halves the offset."""
+        """Undamped Newton steps from the best point while each pays; exact Hessian once the first is slow."""
+        exact = self.kind == "exact"
         for _ in range(_REFINEMENTS):
-            point = self.best
-            if point is None or self.best_offset <= self.options.tolerance or self.best_offset > _HANDOVER:
+            before = self.best
+            if not self.options.tolerance < before.offset <= _HANDOVER or self.exhausted():
                 return
-            matrix = self.hessian(point.u)
-            if matrix is None:
-                return
-            step = self.newton_step(point, matrix)
-            trial = self.evaluate(np.clip(point.u + step, self.low, self.high))
+            step = self.newton_step(before.point, self.exact_hessian(before.point)) if exact else before.step
+            point = self.evaluate(np.clip(before.point.u + step, self.low, self.high))
             self.n_iterations += 1
-            if (
-                trial is None
-                or trial.cost > point.cost * (1 + 10 * _ROUND_OFF) + _COST_FLOOR * self.reference
-            ):
+            allowed = before.point.cost * (1 + 10 * _ROUND_OFF) + _COST_FLOOR * self.reference
+            if point is not None and point.cost <= allowed:
+                candidate = self.assess(point)
+                if candidate.offset < before.offset:
+                    self.best = candidate
+            ratio = self.best.offset / before.offset
+            if exact and ratio > 0.5:
                 return
-            before = self.best_offset
-            offset = self.remaining(trial, self.newton_step(trial, trial.matrix))
-            if offset >= before:
-                return
-            self.best, self.best_offset = trial, offset
-            if offset > before / 2:
-                return
+            exact = exact or (ratio > 0.2 and self.options.hessian == "auto")
+
+    def converged(self) -> bool:
+        best = self.best
+        return best.offset <= self.options.acceptable or best.point.cost <= _COST_FLOOR * self.reference
+
+    def singular(self) -> bool:
+        """Whether some change of the parameters, away from the bounds, leaves all residuals unchanged."""
+        point = self.best.point
+        free = (point.u > self.low) & (point.u < self.high)
+        matrix = point.matrix[np.ix_(free, free)]
+        if matrix.size == 0:
+            return False
+        diagonal = matrix.diagonal()
+        if not (diagonal > 0).all():
+            return True
+        size = np.sqrt(diagonal)
+        return float(np.linalg.eigvalsh(matrix / np.outer(size, size))[0]) < _SINGULAR
+
+    def status(self) -> Status:
+        if self.converged():
+            return Status.SINGULAR if self.singular() else Status.CONVERGED
+        return Status.ITERATION_LIMIT if self.exhausted() else Status.STALLED
 
 
 class _Callback(ca.Callback):
@@ -461,6 +496,14 @@ class _Callback(ca.Callback):
         return 0
 
 
+def _share(function: Any, arguments: dict[str, Vector]) -> tuple[Any, Callable[[], None]]:
+    """A CasADi function reading the given arrays in place: the buffer, to be kept alive, and the call."""
+    buffer, call = function.buffer()
+    for name, array in arguments.items():
+        buffer.set_arg(function.index_in(name), array.data)
+    return buffer, call
+
+
 class _Engine:
     """One Ipopt instance for n variables, serving one :class:`_Run` at a time.
 
@@ -490,14 +533,20 @@ class _Engine:
             ),
         }
         settings = {k: v for k, v in self._callbacks.items() if k != "nlp"} | _ipopt_settings(options)
-        self.solver = ca.nlpsol("least_squares", "ipopt", self._callbacks["nlp"], settings)
+        self._solver = ca.nlpsol("least_squares", "ipopt", self._callbacks["nlp"], settings)
+        # Start and bounds go through memory shared with CasADi, results come back through the callbacks.
+        self._start, self._low, self._high = np.zeros(n), np.zeros(n), np.zeros(n)
+        shared = {"x0": self._start, "lbx": self._low, "ubx": self._high}
+        self._buffer, self._solve = _share(self._solver, shared)
 
     def descend(self, run: _Run, start: Vector) -> None:
         """Let Ipopt descend from ``start`` (scaled); the outcome is in ``run``."""
         self.run = run
         run.history.clear()
+        run.error = None
         try:
-            self.solver(x0=start, lbx=run.low, ubx=run.high)
+            self._start[:], self._low[:], self._high[:] = start, run.low, run.high
+            self._solve()
         finally:
             self.run = None
         if run.error is not None:
@@ -564,6 +613,8 @@ def _ipopt_settings(options: Options) -> dict[str, Any]:
         "ipopt.max_iter": options.max_iterations,
         "ipopt.fast_step_computation": "yes",  # without equality constraints refinement gains nothing
         "ipopt.max_soc": 0,
+        # A full step must earn a tenth of its promise: Gauss-Newton likes to leap to where the model is flat.
+        "ipopt.eta_phi": 0.1,
         "ipopt.bound_relax_factor": 0.0,
         "ipopt.honor_original_bounds": "yes",
         "ipopt.bound_push": 1e-8,
@@ -629,15 +680,20 @@ def minimise(
         scales = _default_scale(objective, x)
     # Powers of two, so that scaling is exact and commutes with the bounds.
     run = _Run(objective, x, bounds, np.exp2(np.round(np.log2(scales))), options)
-    first = run.evaluate(run.start)
-    if first is None:
-        return Solution(x, math.nan, Status.INFEASIBLE_START, 0, run.n_evaluations, run.kind, math.inf)
-    run.reference = first.cost
-    if first.cost == 0.0:
-        return Solution(x, 0.0, Status.CONVERGED, 0, run.n_evaluations, run.kind, 0.0)
-    run.keep(first, run.remaining(first, run.newton_step(first, first.matrix)))
-    _descend(run)
-    return _solution(run, x)
+    with np.errstate(over="ignore", divide="ignore", invalid="ignore"):  # a trial point may well be absurd
+        status = _descend(run)
+    best = run.best
+    if status is Status.INFEASIBLE_START:
+        return Solution(x, math.nan, status, 0, run.n_evaluations, run.kind, math.inf)
+    return Solution(
+        run.unscaled(best.point.u),
+        best.point.cost,
+        status,
+        run.n_iterations,
+        run.n_evaluations,
+        run.kind,
+        best.offset,
+    )
 
 
 def _bound(name: str, value: ArrayLike | None, absent: float, n: int) -> Vector:
@@ -668,35 +724,36 @@ def _default_scale(objective: Objective, x: Vector) -> Vector:
     return scale
 
 
-def _descend(run: _Run) -> None:
-    """Gauss-Newton first; from the best point the exact Hessian if that did not suffice."""
-    options = run.options
-    key = (run.scale.size, options)
+def _descend(run: _Run) -> Status:
+    """Gauss-Newton, then the exact Hessian from the best point, last the exact Hessian from the start.
+
+    The last attempt is for a Gauss-Newton step that leapt to where the residuals no longer respond.
+    """
+    first = run.evaluate(run.start)
+    if first is None:
+        return Status.INFEASIBLE_START
+    run.reference = first.cost
+    run.best = run.assess(first)
+    if run.converged():  # a restart at a solution
+        run.refine()
+        return run.status()
+    key = (run.start.size, run.options)
     engine = _borrow(*key)
     try:
-        while run.best is not None:
-            engine.descend(run, run.best.u)
-            run.refine()
-            if run.best_offset <= options.acceptable or run.n_iterations >= options.max_iterations:
-                break
-            if run.kind == "exact" or options.hessian != "auto":
-                break
+        engine.descend(run, run.start)
+        run.refine()
+        if run.options.hessian != "auto":
+            return run.status()
+        if not run.converged() and not run.exhausted():
             run.kind = "exact"
+            engine.descend(run, run.best.point.u)
+            run.refine()
+        status = run.status()
+        if status in (Status.SINGULAR, Status.STALLED):
+            run.kind = "exact"
+            engine.descend(run, run.start)
+            run.refine()
+            status = run.status()
+        return status
     finally:
-        pool = _pool.setdefault(key, [])
-        pool.append(engine)
-
-
-def _solution(run: _Run, start: Vector) -> Solution:
-    best, offset = run.best, run.best_offset
-    if best is None:
-        return Solution(start, math.nan, Status.INFEASIBLE_START, 0, run.n_evaluations, run.kind, math.inf)
-    if offset <= run.options.acceptable or best.cost <= _COST_FLOOR * run.reference:
-        status = Status.CONVERGED
-    elif run.n_iterations >= run.options.max_iterations:
-        status = Status.ITERATION_LIMIT
-    else:
-        status = Status.STALLED
-    return Solution(
-        run.unscaled(best.u), best.cost, status, run.n_iterations, run.n_evaluations, run.kind, offset
-    )
+        _pool.setdefault(key, []).append(engine)
