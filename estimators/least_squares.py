@@ -38,10 +38,14 @@ Matrix: TypeAlias = NDArray[np.float64]
 HessianKind: TypeAlias = Literal["gauss-newton", "exact"]
 
 _HANDOVER = 1e-3  # relative offset, its square the relative excess cost, at which refinement takes over
+_CHANGE_WEIGHT = 100.0  # a relative change of the parameters must be this much smaller than an offset
 _REFINEMENTS = 8
 _SINGULAR = 1e-13  # eigenvalue of the Gauss-Newton matrix, unit diagonal, that counts as zero
 _WINDOW = 6  # iterations over which progress is judged
 _COST_FLOOR = 1e-40  # of the starting cost: keeps the logarithm finite on zero-residual problems
+_COST_NOISE = (
+    1e-9  # relative rise of the cost that refinement tolerates: residuals far below the data are noisy
+)
 _ROUND_OFF = 1e-13  # relative cost change that is indistinguishable from none
 
 
@@ -81,8 +85,8 @@ class Options:
 
     Attributes:
         max_iterations: Ipopt iterations allowed in total, both Hessians together; at least 1.
-        tolerance: relative offset (remaining step over residual length), or remaining relative change of the
-            parameters, at which refinement stops.
+        tolerance: relative offset (remaining step over residual length), or a hundred times the remaining
+            relative change of the parameters, at which refinement stops.
         acceptable: relative offset that still counts as converged when round-off prevents ``tolerance``; for
             m residuals 1e-6 is a step of about 1e-6 √m standard errors.
         hessian: "auto" starts with Gauss-Newton and falls back to the exact Hessian when that stalls; the
@@ -123,7 +127,9 @@ class Solution:
         n_iterations: Ipopt iterations plus refinement steps.
         n_evaluations: evaluations of the objective, with or without derivatives.
         hessian: the Hessian Ipopt used last.
-        offset: relative offset at ``x``, the length of the step that remains over the residual length.
+        offset: what the tolerances are compared with: the length of the step that remains over the residual
+            length, or a hundred times the relative change of the parameters in that step if that is smaller
+            (which matters for residuals near round-off only).
     """
 
     x: Vector
@@ -379,7 +385,7 @@ class _Run:
         step = self.newton_step(point, point.matrix)
         offset = math.sqrt(max(float(step @ point.matrix @ step), 0.0) / 2)
         change = float((np.abs(step) / np.maximum(np.abs(point.u), 1e-3)).max())
-        return _Candidate(point, step, min(offset, change))
+        return _Candidate(point, step, min(offset, _CHANGE_WEIGHT * change))
 
     def keep(self, candidate: _Candidate) -> None:
         """Remember the better of two points: smaller cost, or the smaller offset at equal cost."""
@@ -423,7 +429,7 @@ class _Run:
             step = self.newton_step(before.point, self.exact_hessian(before.point)) if exact else before.step
             point = self.evaluate(np.clip(before.point.u + step, self.low, self.high))
             self.n_iterations += 1
-            allowed = before.point.cost * (1 + 10 * _ROUND_OFF) + _COST_FLOOR * self.reference
+            allowed = before.point.cost * (1 + _COST_NOISE) + _COST_FLOOR * self.reference
             if point is not None and point.cost <= allowed:
                 candidate = self.assess(point)
                 if candidate.offset < before.offset:
@@ -431,7 +437,7 @@ class _Run:
             ratio = self.best.offset / before.offset
             if exact and ratio > 0.5:
                 return
-            exact = exact or (ratio > 0.2 and self.options.hessian == "auto")
+            exact = exact or (ratio > 0.1 and self.options.hessian == "auto")
 
     def converged(self) -> bool:
         best = self.best
