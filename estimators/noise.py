@@ -52,45 +52,55 @@ def _level(noise: ComplexArray) -> float:
     return float(np.sqrt(median if mean > _OUTLIERS * median and power.size >= 30 else mean))
 
 
-def noise_from_smoothness(frequency: Float, response: ComplexArray, half_width: int = 4, order: int = 3) -> Float:
-    """Noise level of a channel from its departure from local polynomials in frequency.
+def noise_from_smoothness(frequency: Float, response: ComplexArray) -> Float:
+    """Noise level of a channel from its departure from local rational functions of frequency.
 
-    A polynomial is fitted through the neighbours of each point, the point itself left out; the prediction error is
-    divided by its own leverage. The median over the sweep resists resonances, where a polynomial falls short.
+    In a window that slides along the sweep, ``y (1 + a1 d + a2 d^2) = b0 + b1 d + b2 d^2`` is fitted by linear least
+    squares, d the distance from the middle: a rational function follows a resonance that a polynomial of the same width
+    cannot. The median over the windows of the residual variance is the estimate. Short sweeps drop a2, then a1.
 
     Args:
-        frequency: rad/s, shape ``(L,)``.
+        frequency: rad/s, shape ``(L,)``, all of one sign.
         response: readings, shape ``(L,)``.
-        half_width: neighbours on either side.
-        order: order of the polynomial.
 
     Returns:
         standard deviation of the real part and of the imaginary part, shape ``(L,)``.
 
     Raises:
-        ValueError: fewer points than the polynomial needs.
+        ValueError: fewer points than a local fit needs.
     """
     count = frequency.size
-    need = order + 3
-    if count < need:
+    if count < 6:
         raise ValueError(
-            f"{count} points on a sweep are too few to estimate its noise (at least {need}): give a sigma_um column"
+            f"{count} points on a sweep are too few to estimate its noise (at least 6): give a sigma_um column"
         )
+    width, poles = (13, 2) if count >= 13 else (count, min(2, max(0, count - 7)))
     rank = np.argsort(frequency)
-    w, values = frequency[rank], response[rank]
-    errors = np.empty(count)
-    for i in range(count):
-        low = min(max(0, i - half_width), max(0, count - 2 * half_width - 1))
-        window = np.arange(low, min(count, low + 2 * half_width + 1))
-        window = window[window != i]
-        span = max(abs(w[window] - w[i]).max(), np.finfo(float).tiny)
-        basis = np.vander((w[window] - w[i]) / span, order + 1, increasing=True)
-        weights = np.linalg.pinv(basis)[0]
-        errors[i] = abs(values[i] - weights @ values[window]) ** 2 / (1 + weights @ weights)
-    # |error|^2 of a complex Gaussian is exponential with mean 2 sigma^2 and median 2 sigma^2 ln 2.
-    sigma = float(np.sqrt(np.median(errors) / (2 * np.log(2))))
+    windows = np.lib.stride_tricks.sliding_window_view
+    variances = _local_variances(windows(frequency[rank], width), windows(response[rank], width), poles)
+    freedom = 2 * (width - 3 - poles)
+    # Median of chi-squared over its mean (Wilson and Hilferty).
+    median = (1 - 2 / (9 * freedom)) ** 3
+    sigma = float(np.sqrt(np.median(variances) / median))
     floor = FLOOR * float(np.sqrt(np.mean(np.abs(response) ** 2)))
     return np.full(count, max(sigma, floor))
+
+
+def _local_variances(w: Float, y: ComplexArray, poles: int) -> Float:
+    """Residual variance of real and imaginary part around a local rational function in each window, shape ``(N, m)``."""
+    d = w - w.mean(axis=1, keepdims=True)
+    d = d / np.maximum(np.abs(d).max(axis=1, keepdims=True), np.finfo(float).tiny)
+    basis = np.stack([d**k for k in range(3)] + [-y * d**k for k in range(1, poles + 1)], axis=-1)
+    denominator = np.ones_like(y)
+    for _ in range(3):  # the equation error is the response error times the denominator: divide by the last one
+        scaled, target = basis / denominator[..., None], y / denominator
+        coefficients = np.einsum("npm,nm->np", np.linalg.pinv(scaled, rcond=1e-13), target)
+        miss = target - np.einsum("nmp,np->nm", scaled, coefficients)
+        powers = np.stack([d**k for k in range(poles + 1)], axis=-1)
+        leading = np.concatenate([np.ones((len(y), 1)), coefficients[:, 3:]], axis=1)
+        denominator = np.einsum("nmp,np->nm", powers, leading)
+        denominator = np.where(denominator == 0, 1.0, denominator)
+    return np.asarray(np.sum(np.abs(miss) ** 2, axis=1) / (2 * (w.shape[1] - basis.shape[2])))
 
 
 def noise_from_repeats(sweeps: ComplexArray) -> float:
