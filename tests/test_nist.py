@@ -19,8 +19,8 @@ PROBLEMS: dict[str, dict[str, Any]] = json.loads(
 )
 Model = Callable[[Any, Any], Any]
 
-# From these starts the outcome depends on the last bit of the linear algebra: MGH10 meets the iteration limit 200
-# times above the minimum; MGH17 mostly converges, but may end where its two exponentials merge.
+# From these starts the outcome depends on the last bit of the linear algebra: MGH10 meets the iteration limit
+# 200 times above the minimum; MGH17 mostly converges, but may end where its two exponentials merge.
 HARD = {("MGH10", "start1"), ("MGH17", "start1")}
 # NIST certifies 10 or 11 digits.  Standard errors of Lanczos1 belong to residuals that are round-off.
 DIGITS = 9.0
