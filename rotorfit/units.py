@@ -1,0 +1,62 @@
+"""Units at the edges: how a column name such as ``amplitude_mil_pp`` turns into a factor to SI.
+
+Everything inside rotorfit is SI with 0-peak amplitudes; only readers, writers and plots multiply by these factors.
+"""
+
+from __future__ import annotations
+
+import math
+
+from rotorfit.models.parameters import unknown_name
+
+_LENGTH = {"m": 1.0, "mm": 1e-3, "um": 1e-6, "nm": 1e-9, "in": 0.0254, "mil": 25.4e-6}
+_ANGLE = {"rad": 1.0, "mrad": 1e-3, "urad": 1e-6, "deg": math.pi / 180}
+_PEAK = {"": 1.0, "_pk": 1.0, "_0p": 1.0, "_pp": 0.5, "_rms": math.sqrt(2.0)}
+"""Suffix that tells how an amplitude was taken, and its factor to 0-peak; no suffix means 0-peak."""
+
+
+def _amplitudes(units: dict[str, float]) -> dict[str, float]:
+    return {unit + peak: factor * share for unit, factor in units.items() for peak, share in _PEAK.items()}
+
+
+UNITS: dict[str, dict[str, float]] = {
+    "frequency": {"rad_s": 1.0, "hz": 2 * math.pi, "rpm": math.pi / 30, "cpm": math.pi / 30},
+    "length": _LENGTH,
+    "displacement": _amplitudes(_LENGTH),
+    "tilt": _amplitudes(_ANGLE),
+    "force": {"n": 1.0, "mn": 1e-3, "kn": 1e3, "lbf": 4.4482216152605, "kgf": 9.80665},
+    "unbalance": {
+        "kg_m": 1.0,
+        "kg_mm": 1e-3,
+        "g_m": 1e-3,
+        "g_cm": 1e-5,
+        "g_mm": 1e-6,
+        "g_in": 0.0254e-3,
+        "oz_in": 0.028349523125 * 0.0254,
+    },
+    "phase": {"deg": math.pi / 180, "rad": 1.0, "lag_deg": -math.pi / 180, "lag_rad": -1.0},
+}
+"""Factor to SI (rad/s, m, rad, N, kg m; amplitudes 0-peak, phases lead) by quantity and unit, units in lower case."""
+
+
+def si_factor(quantity: str, unit: str) -> float:
+    """Factor that takes a value in ``unit`` to SI, 0-peak, phase lead.
+
+    Args:
+        quantity: a key of :data:`UNITS`.
+        unit: as in column names: ``rpm``, ``um_pp``, ``g_mm``, ``lag_deg``; upper and lower case are the same.
+
+    Raises:
+        ValueError: unknown quantity or unit; the message lists those there are.
+    """
+    if quantity not in UNITS:
+        raise ValueError(unknown_name("quantity", quantity, UNITS))
+    units = UNITS[quantity]
+    if unit.lower() not in units:
+        raise ValueError(unknown_name(f"unit of {quantity}", unit, units))
+    return units[unit.lower()]
+
+
+def units_of(*quantities: str) -> dict[str, float]:
+    """Units of several quantities in one table, for columns that may hold either (displacement or tilt)."""
+    return {unit: factor for quantity in quantities for unit, factor in UNITS[quantity].items()}
