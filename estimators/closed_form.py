@@ -22,6 +22,7 @@ ComplexArray = NDArray[np.complex128]
 Index = NDArray[np.intp]
 
 _DEPENDENT = 1e-9  # relative size below which one coefficient adds nothing to the others
+_SETTLED = 1e-6  # relative change of the lumped coefficients after which further passes bring nothing
 _SPEED_TERMS = 5  # powers of the speed looked for in a coefficient
 
 
@@ -60,14 +61,20 @@ class _Terms:
     speed: Float  # speed to which a term is restricted, NaN for all
 
 
-def closed_form(space: ParameterSpace, blocks: tuple[Block, ...], *, weighted: bool = True) -> ClosedForm:
+def closed_form(space: ParameterSpace, blocks: tuple[Block, ...], *, weighted: bool = True, passes: int = 2) -> ClosedForm:
     """Identify without iteration.
+
+    Weighted, three linear solves: the bare force balance; the same weighed with the noise that its result propagates;
+    once more with the responses of that result as instruments, because the noise of the measured responses, which stand
+    among the regressors, would otherwise pull the stiffness towards zero.
 
     Args:
         space: what is free and what is known.
         blocks: observations; those that are not responses or forces of circular tests are passed over.
         weighted: weigh each reading with its propagated noise; otherwise, as the paper did, fit the inverted dynamic
             stiffness (or the force balance where planes are missing) with equal weights.
+
+        passes: weighted solves; more than the two of the closed form proper only improve starts from hard data.
 
     Raises:
         ClosedFormError: no line has readings at all coordinates.
@@ -82,7 +89,7 @@ def closed_form(space: ParameterSpace, blocks: tuple[Block, ...], *, weighted: b
     terms = _lumped_terms(space, chosen)
     basis, spread, offset = _independent(terms, space)
     if not _determined(space, terms, chosen, spread):
-        return _with_convention(space, blocks, weighted)
+        return _with_convention(space, blocks, weighted, passes)
     design, target = _force_balance(terms, chosen, spread, offset, None)
     if not weighted:
         design, target = _stiffness_balance(terms, chosen, spread, offset)
@@ -90,8 +97,17 @@ def closed_form(space: ParameterSpace, blocks: tuple[Block, ...], *, weighted: b
         x, notes = _parameters(space, terms, offset + spread @ lumped, spread, None)
         return ClosedForm(x, np.full((x.size, x.size), np.nan), notes)
     lumped, _ = _solve(design, target)
-    design, target = _force_balance(terms, chosen, spread, offset, offset + spread @ lumped)
-    lumped, information = _solve(design, target)
+    for number in range(passes):
+        values = offset + spread @ lumped
+        design, target = _force_balance(terms, chosen, spread, offset, values)
+        if number == 0:
+            lumped, information = _solve(design, target)
+            continue
+        instruments, _ = _force_balance(terms, chosen, spread, offset, values, predicted=True)
+        before = lumped
+        lumped, information = _solve(design, target, instruments)
+        if np.all(np.abs(lumped - before) <= _SETTLED * np.abs(lumped)):
+            break
     x, notes = _parameters(space, terms, offset + spread @ lumped, spread, information)
     jacobian = np.asarray(ca.Function("g", [terms.x], [ca.jacobian(terms.expressions[basis.tolist()], terms.x)])(x))
     covar = np.linalg.pinv(jacobian.T @ information @ jacobian, rcond=1e-15, hermitian=True)
@@ -122,7 +138,7 @@ def _determined(space: ParameterSpace, terms: _Terms, blocks: list[Responses], s
     return bool(power[-1] > 1e-9 * power[0])
 
 
-def _with_convention(space: ParameterSpace, blocks: tuple[Block, ...], weighted: bool) -> ClosedForm:
+def _with_convention(space: ParameterSpace, blocks: tuple[Block, ...], weighted: bool, passes: int) -> ClosedForm:
     """Closed form with one more parameter at its conventional value, where the data leave a combination open."""
     for entry, base in enumerate(space.base):
         nominal = space.model.parameter(base).nominal
@@ -139,7 +155,7 @@ def _with_convention(space: ParameterSpace, blocks: tuple[Block, ...], weighted:
             lower=space.lower[keep],
             upper=space.upper[keep],
         )
-        found = closed_form(reduced, blocks, weighted=weighted)
+        found = closed_form(reduced, blocks, weighted=weighted, passes=passes)
         covar = np.insert(np.insert(found.covar, entry, 0.0, axis=0), entry, 0.0, axis=1)
         note = f"{space.names[entry]} taken as {nominal:g}: these data leave it open"
         return ClosedForm(np.insert(found.x, entry, nominal), covar, (note, *found.notes))
@@ -286,16 +302,25 @@ def _kappa(terms: _Terms, number: int, block: Responses, values: Float) -> Compl
 
 
 def _force_balance(
-    terms: _Terms, blocks: list[Responses], spread: Float, offset: Float, values: Float | None
+    terms: _Terms,
+    blocks: list[Responses],
+    spread: Float,
+    offset: Float,
+    values: Float | None,
+    *,
+    predicted: bool = False,
 ) -> tuple[Float, Float]:
     """Rows of ``kappa A = F``, linear in the independent lumped coefficients.
 
     With a first estimate ``values`` of the coefficients each row is multiplied by ``inv(kappa)`` over sigma, which turns the
-    force error into the response error, whose noise is known and independent from reading to reading.
+    force error into the response error, whose noise is known and independent from reading to reading. ``predicted`` puts
+    the responses of that estimate in the place of the measured ones.
     """
     designs, targets = [], []
     for number, block in enumerate(blocks):
         amplitude, force, sigma = _amplitudes(block)
+        if predicted and values is not None and not block.imposed:
+            amplitude = np.einsum("lij,lj->li", inverse(_kappa(terms, number, block, values)), block.force)
         phi = _regressors(terms, number, block, amplitude)
         if values is None:
             weight = np.eye(force.shape[1]) / np.abs(force).max(axis=1)[:, None, None]
@@ -343,8 +368,13 @@ def _stiffness_balance(
     return np.concatenate(designs), np.concatenate(targets)
 
 
-def _solve(design: Float, target: Float) -> tuple[Float, Float]:
-    """Least squares with equilibrated columns; returns the solution and the information matrix."""
+def _solve(design: Float, target: Float, instruments: Float | None = None) -> tuple[Float, Float]:
+    """Least squares with equilibrated columns, or with instruments; returns the solution and the information matrix."""
+    if instruments is not None:
+        norm = np.linalg.norm(instruments, axis=0)
+        norm = np.where(norm > 0, norm, 1.0)
+        cross = (instruments / norm).T @ (design / norm)
+        return np.linalg.solve(cross, (instruments / norm).T @ target) / norm, instruments.T @ instruments
     norm = np.linalg.norm(design, axis=0)
     norm = np.where(norm > 0, norm, 1.0)
     scaled = design / norm

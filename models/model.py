@@ -187,7 +187,7 @@ class RotorModel(ABC):
             shape ``(..., n, n)``, N/m for displacement coordinates.
         """
         w = np.asarray(frequency, dtype=float)
-        s = 1j * (w if self.frame == "z" else np.abs(w))
+        s = np.asarray(1j * (w if self.frame == "z" else np.abs(w)))
         coefficients = self.coefficients(theta, speed, eccentricity)
         kappa = np.zeros(1, dtype=complex)
         for power in range(self.order, -1, -1):
