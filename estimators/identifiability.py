@@ -15,7 +15,7 @@ Float = NDArray[np.float64]
 UNRESOLVED = 1.0
 """A direction is unresolved when its standard error exceeds this multiple of the parameters' own size."""
 _NULL = 1e-11  # singular values below this fraction of the largest are round-off
-_SHARE = 0.1  # entries of an unresolved direction below this are not named
+_SHARE = 0.02  # entries of an unresolved direction below this fraction of the largest are not named
 
 
 @dataclass(frozen=True)
@@ -160,7 +160,7 @@ def diagnose(
         name
         for i, name in enumerate(names)
         if np.linalg.norm(directions[i, open_] * np.minimum(stderr[open_], 1e6)) > 0.5 * UNRESOLVED
-        and np.linalg.norm(directions[i, open_]) > 0.02
+        and np.linalg.norm(directions[i, open_]) > _SHARE
     ]
     combinations = []
     for k in range(sparse.shape[1]):
@@ -168,12 +168,13 @@ def diagnose(
         chosen = [i for i in np.argsort(-np.abs(vector)) if abs(vector[i]) > _SHARE * np.abs(vector).max()]
         chosen.sort()
         along = directions[:, open_].T @ vector
-        error = float(np.linalg.norm(along * np.minimum(stderr[open_], 1e300)))
+        silent = np.isinf(stderr[open_]) & (np.abs(along) > 1e-9)
+        error = float("inf") if silent.any() else float(np.linalg.norm(along * np.minimum(stderr[open_], 1e100)))
         combinations.append(
             Combination(
                 tuple(names[i] for i in chosen),
                 tuple(float(vector[i]) for i in chosen),
-                error if error < 1e290 else float("inf"),
+                error,
                 _message(model, names, base, values, scales, vector, chosen, error),
             )
         )

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from rotorfit.estimators.closed_form import ClosedForm, ClosedFormError
 from rotorfit.estimators.closed_form import closed_form as solve_closed_form
 from rotorfit.estimators.identifiability import diagnose, natural_scales
-from rotorfit.estimators.least_squares import Options, Solution, minimise
+from rotorfit.estimators.least_squares import Options, Solution, Status, minimise
 from rotorfit.estimators.observations import Block, Responses
 from rotorfit.estimators.problem import (
     LOSSES, Loss, ParameterSpace, Prior, Problem, parameter_space, robust_weights,
@@ -258,13 +258,15 @@ def _result(
     deviance = float(robust_weights(problem.loss, np.abs(residuals) ** 2)[0].sum())
     params = _parameters(problem, x, begin, noise, widening, verdict.unresolved)
     warnings = [*notes, *_warnings(problem, x, redchi, params)]
-    if solution is not None and not solution.success:
+    # A minimum along a whole line is one: the identifiability verdict names the line.
+    success = solution is None or solution.success or solution.status is Status.SINGULAR
+    if solution is not None and not success:
         warnings.insert(0, f"the optimisation did not converge: {solution.message}")
     return FitResult(
         model=space.model, experiments=experiments, settings=settings, method=method, problem=problem, x=x, params=params,
         covar=noise * widening, chisqr=chisqr, redchi=redchi, ndata=problem.n_data, nvarys=space.size, nfree=nfree,
         aic=deviance + 2 * space.size, bic=deviance + space.size * float(np.log(problem.n_data)),
-        success=solution.success if solution is not None else True,
+        success=success,
         message=solution.message if solution is not None else "closed form, no iteration",
         nfev=solution.n_evaluations if solution is not None else 0,
         responses=_qualities(problem, x), identifiability=verdict, warnings=tuple(warnings),

@@ -223,22 +223,35 @@ def _assemble(
 
 
 def _estimate_noise(block: Responses, wrong: ComplexArray, synchronous: bool) -> Float:
-    """Noise of every reading, channel by channel: repeats, else the wrong direction, else smoothness."""
+    """Noise of every reading: from repeated sweeps, else from the wrong direction, else from smoothness.
+
+    The forward and the backward sweep of one test share a noise level: probes and cables do not know which way the force
+    turns, and twice the samples halve the variance of the estimate.
+    """
     w = block.frequency[block.line]
     speed = np.zeros_like(w) if synchronous else np.round(block.speed[block.line], 6)
     force_plane = np.argmax(np.abs(block.force[block.line]), axis=1)
-    channel = _unique_rows(np.column_stack([block.label, speed, w < 0, force_plane]))[1]
+    sweep = _unique_rows(np.column_stack([block.label, speed, w < 0, force_plane]))[1]
+    sweeps = [np.flatnonzero(sweep == k) for k in range(sweep.max() + 1)]
+    sweeps = [rows[np.argsort(w[rows])] for rows in sweeps]
     sigma = np.full(w.size, np.nan)
-    repeats = _repeated(block, w, speed, force_plane)
-    for c in np.unique(channel):
-        rows = np.flatnonzero(channel == c)
-        rows = rows[np.argsort(w[rows])]
-        if int(rows[0]) in repeats:
-            sigma[rows] = repeats[int(rows[0])]
-        elif np.isfinite(wrong[rows]).all() and not _is_smooth(wrong[rows]):
+    for row, level in _repeated(block, w, speed, force_plane).items():
+        sigma[row] = level
+    both: dict[tuple[Any, ...], list[Index]] = {}
+    for rows in sweeps:
+        if not np.isnan(sigma[rows]).any():
+            continue
+        drive = np.abs(block.force[block.line[rows], force_plane[rows]])
+        extent = (np.abs(w[rows]).min(), np.abs(w[rows]).max(), drive.sum())
+        test = (block.coordinate[rows[0]], force_plane[rows[0]], speed[rows[0]], rows.size, *(f"{v:.6g}" for v in extent))
+        both.setdefault(test, []).append(rows)
+    for parts in both.values():
+        rows = np.concatenate(parts)
+        if np.isfinite(wrong[rows]).all() and not any(_is_smooth(wrong[part]) for part in parts):
             sigma[rows] = noise_from_samples(wrong[rows], block.measured[rows])
         else:
-            sigma[rows] = noise_from_smoothness(w[rows], block.measured[rows])
+            levels = [noise_from_smoothness(w[part], block.measured[part])[0] for part in parts]
+            sigma[rows] = np.sqrt(np.mean(np.square(levels)))
     return sigma
 
 
@@ -267,7 +280,7 @@ def _repeated(block: Responses, w: Float, speed: Float, force_plane: Index) -> d
             sigma = noise_from_repeats(np.array([block.measured[rows] for rows in repeated]))
             floor = 1e-9 * float(np.abs(block.measured[repeated[0]]).max())
             for rows in repeated:
-                result |= {int(row): max(sigma, floor) for row in rows}
+                result |= {int(row): max(sigma, floor) for row in rows.tolist()}
     return result
 
 

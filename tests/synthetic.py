@@ -62,7 +62,9 @@ def covering_frequencies(
 ) -> NDArray[np.float64]:
     """Signed frequencies, half of the lines on either side, over all modes of the rig."""
     s = np.concatenate([eigenvalues(model, theta, speed) for speed in speeds])
-    top = 1.5 * float(np.abs(s[np.isfinite(s)].imag).max())
+    s = s[np.isfinite(s)]
+    oscillating = np.abs(s.imag) > 1e-6 * np.abs(s)
+    top = 1.5 * float(np.abs(s[oscillating].imag if oscillating.any() else s).max())
     half = np.linspace(top / (lines // 2), top, lines // 2)
     return np.concatenate([-half[::-1], half])
 
