@@ -132,7 +132,7 @@ def bound_applies(nonlinearity: float, draws: int) -> bool:
 
 
 def misses(rows: Iterable[Row], within: float | None) -> list[Row]:
-    """Rows whose optimised estimate misses the bound where it applies (``within``: anywhere, by that much)."""
+    """Optimised rows that miss the bound where it applies (``within``: anywhere, by that much)."""
     found = []
     for row in rows:
         if row.estimator == "optimised" and (within is not None or row.bound_applies):
@@ -209,8 +209,8 @@ def _parameters(rows: Sequence[Row]) -> list[str]:
     """Every parameter at the noise level nearest to 1 %."""
     noise = min({row.noise_percent for row in rows}, key=lambda value: abs(np.log(value)))
     text = [
-        f"Every parameter at {noise:g} % noise: bias and RMSE over the bound; beside the bias of the optimised "
-        "estimate the one expected from the second order (Box 1971).",
+        f"Every parameter at {noise:g} % noise: bias and RMSE over the bound, and the bias that the "
+        "second order of the optimised estimate predicts (Box 1971).",
         "",
         "| model | parameter | bound, % | "
         + " | ".join(f"{e}: bias, RMSE" for e in ESTIMATORS)

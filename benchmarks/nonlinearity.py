@@ -30,8 +30,8 @@ class SecondOrder:
 def second_order(problem: Problem, x: Float) -> SecondOrder:
     """Expand the least-squares estimate in powers of the noise about the truth.
 
-    Be f the whitened predictions, J their Jacobian, ``C = inv(J^T J)`` and e the whitened noise. The error of
-    the estimate is d1 + d2 + ... with ``d1 = C J^T e`` and ``d2 = C (-J^T f''[d1, d1] / 2 + f''[d1]^T e_perp)``,
+    Be f the whitened predictions, J their Jacobian, ``C = inv(J^T J)`` and e the whitened noise. The error
+    is d1 + d2 + ... with ``d1 = C J^T e`` and ``d2 = C (-J^T f''[d1, d1] / 2 + f''[d1]^T e_perp)``,
     where ``e_perp``, the noise that no parameter explains, is independent of d1. The first part of d2 is a
     quadratic form in the Gaussian d1, with mean ``tr(A C)`` and variance ``2 tr(A C A C)``; the second has
     mean zero.
