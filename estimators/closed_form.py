@@ -8,6 +8,7 @@ equation in which it is the only unknown. Both steps are read off the model's ow
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -111,7 +112,7 @@ def closed_form(space: ParameterSpace, blocks: tuple[Block, ...], *, weighted: b
     x, notes = _parameters(space, terms, offset + spread @ lumped, spread, information)
     jacobian = np.asarray(ca.Function("g", [terms.x], [ca.jacobian(terms.expressions[basis.tolist()], terms.x)])(x))
     covar = np.linalg.pinv(jacobian.T @ information @ jacobian, rcond=1e-15, hermitian=True)
-    return ClosedForm(x, covar, notes)
+    return ClosedForm(x, np.asarray(covar), notes)
 
 
 def _determined(space: ParameterSpace, terms: _Terms, blocks: list[Responses], spread: Float) -> bool:
@@ -173,10 +174,10 @@ def complete_lines(block: Responses) -> Responses:
     return replace(block, **_line_subset(block, count == needed))
 
 
-def _line_subset(block: Responses, keep: NDArray[np.bool_]) -> dict[str, object]:
+def _line_subset(block: Responses, keep: NDArray[np.bool_]) -> dict[str, Any]:
     readings = keep[block.line]
     number = np.cumsum(keep) - 1
-    parts: dict[str, object] = {name: getattr(block, name)[keep] for name in ("speed", "frequency", "force", "group")}
+    parts: dict[str, Any] = {name: getattr(block, name)[keep] for name in ("speed", "frequency", "force", "group")}
     parts |= {n: getattr(block, n)[readings] for n in ("coordinate", "measured", "sigma", "label", "run")}
     return parts | {"line": number[block.line[readings]]}
 
@@ -451,7 +452,7 @@ def _remaining(
 
     missing = np.flatnonzero(np.isnan(x))
     names = [space.names[i] for i in missing]
-    typical = np.array([_typical(space, i) for i in missing])
+    typical = np.array([_typical(space, int(i)) for i in missing])
     start = x.copy()
     start[missing] = typical
     f = ca.Function("f", [terms.x], [terms.expressions])

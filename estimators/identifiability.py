@@ -60,9 +60,7 @@ class Identifiability:
         return "\n".join([head, *("  " + c.message for c in self.combinations)])
 
 
-def natural_scales(
-    model: RotorModel, base: Sequence[str], values: Float, stiffness: float, frequency: float
-) -> Float:
+def natural_scales(model: RotorModel, base: Sequence[str], values: Float, stiffness: float, frequency: float) -> Float:
     """Size of each parameter against which an error is judged.
 
     The parameter's own value, but not less than a tenth of what would matter in the test: dynamic stiffness level for
@@ -88,7 +86,7 @@ def natural_scales(
     return np.where(scales > 0, scales, typical)
 
 
-def covariance(information: Float, scales: Float) -> tuple[Float, Float, Float, Float]:
+def covariance(information: Float, scales: Float) -> tuple[Float, Float, Float, NDArray[np.bool_]]:
     """Covariance of the determined combinations.
 
     Args:
@@ -165,8 +163,7 @@ def diagnose(
     combinations = []
     for k in range(sparse.shape[1]):
         vector = sparse[:, k]
-        chosen = [i for i in np.argsort(-np.abs(vector)) if abs(vector[i]) > _SHARE * np.abs(vector).max()]
-        chosen.sort()
+        chosen = np.flatnonzero(np.abs(vector) > _SHARE * np.abs(vector).max()).tolist()
         along = directions[:, open_].T @ vector
         silent = np.isinf(stderr[open_]) & (np.abs(along) > 1e-9)
         error = float("inf") if silent.any() else float(np.linalg.norm(along * np.minimum(stderr[open_], 1e100)))
@@ -179,9 +176,14 @@ def diagnose(
             )
         )
     finite = stderr[~open_]
-    condition = float(stderr.max() / stderr.min()) if np.isfinite(stderr).all() and stderr.min() > 0 else float("inf")
+    determined = bool(np.isfinite(stderr).all()) and stderr.min() > 0
+    condition = float(stderr.max() / stderr.min()) if determined else float("inf")
     return covar, Identifiability(
-        int(finite.size), len(names), condition, tuple(combinations), tuple(unresolved),
+        int(finite.size),
+        len(names),
+        condition,
+        tuple(combinations),
+        tuple(unresolved),
         directions[:, open_] * scales[:, None],
     )
 
@@ -193,10 +195,10 @@ def _sparse_basis(vectors: Float) -> Float:
     for row in range(basis.shape[0]):
         remaining = np.abs(basis[row:]).copy()
         remaining[:, used] = 0.0
-        pivot_row, pivot = np.unravel_index(int(np.argmax(remaining)), remaining.shape)
+        pivot_row, pivot = divmod(int(np.argmax(remaining)), remaining.shape[1])
         basis[[row, row + pivot_row]] = basis[[row + pivot_row, row]]
         basis[row] /= basis[row, pivot]
-        used.append(int(pivot))
+        used.append(pivot)
         for other in range(basis.shape[0]):
             if other != row:
                 basis[other] -= basis[other, pivot] * basis[row]
@@ -214,32 +216,38 @@ def _message(
     chosen: Sequence[int],
     error: float,
 ) -> str:
+    """Say in words what an unresolved direction means and how to get out of it."""
     if len(chosen) == 1:
         name = names[chosen[0]]
-        if np.isinf(error) or error > 1e6:
+        if error > 1e6:
             return f"{name} is not observable: it has no influence on these data. Fix it or give a prior."
-        return f"{name} is not determined by these data (error of {100 * error:.0f} % of its size). Fix it or give a prior."
-    listed = ", ".join(names[i] for i in chosen)
-    moves = vector * scales
-    if len(chosen) == 2:
-        a, b = chosen
-        pair = f"{names[a]} {{}} {names[b]}"
-        same_unit = model.parameter(base[a]).unit == model.parameter(base[b]).unit
-        tolerance = 1e-3
-        if same_unit and abs(moves[a] + moves[b]) < tolerance * abs(moves[a]):
-            return f"{pair.format('+')} only as a sum: fix one or give a prior."
-        if same_unit and abs(moves[a] - moves[b]) < tolerance * abs(moves[a]):
-            return f"{pair.format('-')} only as a difference: fix one or give a prior."
-        if values[a] and values[b]:
-            relative = moves[a] / values[a], moves[b] / values[b]
-            if abs(relative[0] + relative[1]) < tolerance * abs(relative[0]):
-                return f"{pair.format('*')} only as a product: fix one or give a prior."
-            if abs(relative[0] - relative[1]) < tolerance * abs(relative[0]):
-                return f"{pair.format('/')} only as a ratio: fix one or give a prior."
-    conventional = [names[i] for i in chosen if model.parameter(base[i]).nominal is not None]
-    if conventional:
-        nominal = model.parameter(conventional[0].partition("[")[0]).nominal
-        way_out = f"fix {conventional[0]} (for instance at {nominal:g}) or another of them, or give a prior"
-    else:
-        way_out = "fix one of them or give a prior"
-    return f"{listed} only in combination, along one direction: {way_out}."
+        percent = f"{100 * error:.0f} %"
+        return f"{name} is not determined by these data (error of {percent} of its size). Fix it or give a prior."
+    pair = _pair(model, base, values, vector * scales, chosen) if len(chosen) == 2 else None
+    if pair is not None:
+        sign, kind = pair
+        return f"{names[chosen[0]]} {sign} {names[chosen[1]]} only as a {kind}: fix one or give a prior."
+    conventional = [(names[i], model.parameter(base[i]).nominal) for i in chosen]
+    offered = [f"fix {name} (for instance at {value:g}) or another of them" for name, value in conventional if value]
+    way_out = f"{offered[0]}, or give a prior" if offered else "fix one of them or give a prior"
+    return f"{', '.join(names[i] for i in chosen)} only in combination, along one direction: {way_out}."
+
+
+def _pair(
+    model: RotorModel, base: Sequence[str], values: Float, moves: Float, chosen: Sequence[int]
+) -> tuple[str, str] | None:
+    """Whether two parameters are open only as their sum, difference, product or ratio."""
+    a, b = chosen
+    tolerance = 1e-3
+    if model.parameter(base[a]).unit == model.parameter(base[b]).unit:
+        if abs(moves[a] + moves[b]) < tolerance * abs(moves[a]):
+            return "+", "sum"
+        if abs(moves[a] - moves[b]) < tolerance * abs(moves[a]):
+            return "-", "difference"
+    if values[a] and values[b]:
+        first, second = moves[a] / values[a], moves[b] / values[b]
+        if abs(first + second) < tolerance * abs(first):
+            return "*", "product"
+        if abs(first - second) < tolerance * abs(first):
+            return "/", "ratio"
+    return None

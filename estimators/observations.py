@@ -30,11 +30,30 @@ class Block(Protocol):
         run: name of the run of each observation, shape ``(R,)``.
     """
 
-    measured: ComplexArray
-    sigma: Float
-    label: Index
-    labels: tuple[str, ...]
-    run: NDArray[np.str_]
+    @property
+    def measured(self) -> ComplexArray:
+        """Complex observations."""
+        ...
+
+    @property
+    def sigma(self) -> Float:
+        """Their noise."""
+        ...
+
+    @property
+    def label(self) -> Index:
+        """Response of each."""
+        ...
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """Names of the responses."""
+        ...
+
+    @property
+    def run(self) -> NDArray[np.str_]:
+        """Run of each."""
+        ...
 
     @property
     def reading_group(self) -> Index:
@@ -95,6 +114,18 @@ class Responses:
     def s(self) -> ComplexArray:
         """The variable j w of each line, |w| in models with x and y apart."""
         return np.asarray(1j * (self.frequency if self.model.frame == "z" else np.abs(self.frequency)))
+
+    @cached_property
+    def s_powers(self) -> ComplexArray:
+        """Powers of s from zero to the model's order at each reading, shape ``(order + 1, R)``."""
+        return np.asarray(self.s[self.line] ** np.arange(self.model.order + 1)[:, None])
+
+    @cached_property
+    def condition_readings(self) -> list[Index]:
+        """Readings of each distinct (group, speed) pair."""
+        number = self.condition[0][self.line]
+        order = np.argsort(number, kind="stable")
+        return np.split(order, np.cumsum(np.bincount(number, minlength=self.condition[1].size))[:-1])
 
     def predict(self, theta: Float) -> ComplexArray:
         """See :meth:`Block.predict`."""

@@ -43,9 +43,7 @@ class Anisotropic(RotorModel):
         index = "" if count == 1 else f"_{r + 1}{separator}{s + 1}"
         return f"{kind}{'xy'[q]}{'xy'[p]}{index}"
 
-    def equation(self, p: Any, speed: Any, eccentricity: Any) -> Sequence[Matrix]:  # noqa: ARG002
+    def equation(self, p: Any, speed: Any, eccentricity: Any) -> Sequence[Matrix]:
         """See :meth:`RotorModel.equation`."""
         size = range(2 * len(self.planes))
-        return [
-            [[getattr(p, self._entry(kind, row, column)) for column in size] for row in size] for kind in "KDM"
-        ]
+        return [[[getattr(p, self._entry(kind, row, column)) for column in size] for row in size] for kind in "KDM"]

@@ -97,7 +97,7 @@ def array_function(function: ca.Function) -> Callable[[Sequence[NDArray[np.float
         ``S``; it returns the output nonzeros as an array of shape ``(n_outputs, *S)``.
     """
     namespace: dict[str, object] = {"np": np}
-    exec(compile(python_source(function), f"<casadi {function.name()}>", "exec"), namespace)  # noqa: S102
+    exec(compile(python_source(function), f"<casadi {function.name()}>", "exec"), namespace)
     kernel = namespace["kernel"]
     size = sum(function.nnz_out(i) for i in range(function.n_out()))
 

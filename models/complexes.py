@@ -80,9 +80,6 @@ class Complex:
         """Matrix product."""
         return Complex(self.re @ other.re - self.im @ other.im, self.re @ other.im + self.im @ other.re)
 
-    def __getitem__(self, index: object) -> Complex:
-        return Complex(self.re[index], self.im[index])
-
     @property
     def T(self) -> Complex:  # noqa: N802 - the name every array library uses
         """Transpose, without conjugation."""

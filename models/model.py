@@ -76,7 +76,7 @@ class RotorModel(ABC):
             eccentricity: orbit radius over clearance at the fluid, symbolic.
         """
 
-    def probe_factors(self, p: Any) -> Sequence[Number]:  # noqa: ARG002
+    def probe_factors(self, p: Any) -> Sequence[Number]:
         """Factor by which each coordinate's reading is multiplied (the paper's beta); one unless overridden."""
         return [1.0] * len(self.coordinates)
 
@@ -123,9 +123,7 @@ class RotorModel(ABC):
         theta = ca.SX.sym("theta", len(self.parameters))
         speed, eccentricity = ca.SX.sym("speed"), ca.SX.sym("eccentricity")
         p = SimpleNamespace(**{name: theta[i] for i, name in enumerate(self.parameter_names)})
-        matrices = [
-            m if isinstance(m, Complex) else Complex.matrix(m) for m in self.equation(p, speed, eccentricity)
-        ]
+        matrices = [m if isinstance(m, Complex) else Complex.matrix(m) for m in self.equation(p, speed, eccentricity)]
         size = len(self.coordinates)
         for power, matrix in enumerate(matrices):
             if matrix.shape != (size, size):
@@ -192,7 +190,8 @@ class RotorModel(ABC):
         kappa = np.zeros(1, dtype=complex)
         for power in range(self.order, -1, -1):
             kappa = kappa * s[..., None, None] + coefficients[..., power, :, :]
-        return kappa
+        stiffness: ComplexArray = np.asarray(kappa, dtype=complex)
+        return stiffness
 
     def receptance(
         self, theta: ArrayLike, frequency: ArrayLike, speed: ArrayLike, eccentricity: ArrayLike = 0.0
@@ -323,7 +322,8 @@ class CompiledModel:
         """Derivatives of the coefficients with respect to parameters, speed and eccentricity."""
         flat = np.moveaxis(self._jacobian(self._arguments(theta, speed, eccentricity)), 0, -1)
         values = np.zeros((*flat.shape[:-1], self.inputs.size), dtype=complex)
-        np.add.at(values, (..., self._entry), flat * self._unit)
+        for entry, unit, part in zip(self._entry.tolist(), self._unit, np.moveaxis(flat, -1, 0), strict=True):
+            values[..., entry] += unit * part
         return CoefficientJacobian(self.inputs, self.powers, self.rows, self.columns, values)
 
     def factors(self, theta: ArrayLike) -> ComplexArray:

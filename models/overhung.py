@@ -15,11 +15,16 @@ class Overhung(RotorModel):
     """Disk displacement z and tilt phi = dx/ds + j dy/ds of an overhung disk.
 
     ``kappa = [[k11 + j w d1 - M w^2, k12], [k12, k22 + j w d2 + Om w Ip - It w^2]]``. At zero speed Ip is not observable.
+
+    Args:
+        planes: name of the disk plane.
+        coupling_mass: allow for ``-w^2 m12`` beside k12, which a shaft with mass leaves when condensed to the disk.
     """
 
     name: ClassVar[str] = "overhung"
 
-    def __init__(self, planes: Sequence[str] = ("disk",)) -> None:
+    def __init__(self, planes: Sequence[str] = ("disk",), *, coupling_mass: bool = False) -> None:
+        self.coupling_mass = coupling_mass
         self.planes = one_per_coordinate(planes, 1, self.name)
         self.parameters = (
             Parameter("M", "kg", "disk mass", scale=5.0, lower=0.0),
@@ -30,16 +35,26 @@ class Overhung(RotorModel):
             Parameter("k22", "N m", "stiffness, moment for tilt", scale=1e4),
             Parameter("d1", "N s/m", "damping of the displacement", scale=10.0),
             Parameter("d2", "N m s", "damping of the tilt", scale=1.0),
+            *(
+                (Parameter("m12", "kg m", "coupling mass of displacement and tilt", scale=0.1),)
+                if coupling_mass
+                else ()
+            ),
         )
+
+    def options(self) -> dict[str, Any]:
+        """See :meth:`RotorModel.options`."""
+        return {"planes": self.planes, "coupling_mass": self.coupling_mass}
 
     @property
     def coordinates(self) -> tuple[Coordinate, ...]:
         """Displacement and tilt of the disk."""
         return Coordinate(self.planes[0], "z"), Coordinate(self.planes[0], "r")
 
-    def equation(self, p: Any, speed: Any, eccentricity: Any) -> Sequence[Matrix]:  # noqa: ARG002
+    def equation(self, p: Any, speed: Any, eccentricity: Any) -> Sequence[Matrix]:
         """See :meth:`RotorModel.equation`."""
         stiffness = [[p.k11, p.k12], [p.k12, p.k22]]
         damping = [[p.d1, 0.0], [0.0, p.d2 - J * (p.Ip * speed)]]
-        mass = [[p.M, 0.0], [0.0, p.It]]
+        m12 = p.m12 if self.coupling_mass else 0.0
+        mass = [[p.M, m12], [m12, p.It]]
         return stiffness, damping, mass

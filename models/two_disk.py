@@ -46,7 +46,7 @@ class TwoDisk(RotorModel):
         """See :meth:`RotorModel.options`."""
         return {"planes": self.planes, "blocks": self.blocks}
 
-    def equation(self, p: Any, speed: Any, eccentricity: Any) -> Sequence[Matrix]:  # noqa: ARG002
+    def equation(self, p: Any, speed: Any, eccentricity: Any) -> Sequence[Matrix]:
         """See :meth:`RotorModel.equation`."""
         stiffness = [[p.K1 + p.K2, -p.K2], [-p.K2, p.K2 + p.K3]]
         damping = [[p.D11, -p.D12], [-p.D21, p.D22]]

@@ -375,7 +375,7 @@ def _warnings(
 def _instability(problem: Problem, x: Float) -> list[str]:
     theta = problem.space.theta(x)
     model = problem.space.model
-    found = []
+    found: list[str] = []
     for block in problem.blocks:
         if not isinstance(block, Responses) or block.imposed:
             continue

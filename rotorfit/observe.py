@@ -57,7 +57,8 @@ def _label(attribute: str, value: Any) -> str:
 def observe(model: RotorModel, experiment: Experiment, group: Index) -> Responses:
     """Observations of an experiment in the model's coordinates, with their noise.
 
-    Isotropic models see the component of each x/y pair in the direction of the force, a single probe as a circular orbit.
+    Isotropic models see the component of each x/y pair in the direction of the force, and take a single probe's reading
+    for that of a circular orbit.
 
     Args:
         model: the rotor.
@@ -103,8 +104,12 @@ def _runs_of(key: NDArray[Any]) -> tuple[Index, Index]:
 def _lines(experiment: PerturbationTest, coordinate: Index, slot: Index) -> tuple[Index, Index]:
     """Line of each row, and first row of each line; repeats of a reading within a run go to lines of their own."""
     columns = (
-        experiment.run, experiment.speed, experiment.frequency, experiment.force_plane,
-        experiment.force.real, experiment.force.imag,
+        experiment.run,
+        experiment.speed,
+        experiment.frequency,
+        experiment.force_plane,
+        experiment.force.real,
+        experiment.force.imag,
     )
     codes = np.column_stack([_runs_of(column)[1] for column in columns])
     first, line = _unique_rows(codes)
@@ -139,8 +144,16 @@ def _observe_isotropic(model: RotorModel, test: PerturbationTest, group: Index) 
     readings = np.argwhere(np.isfinite(right))
     speed, frequency = test.speed[first], test.frequency[first]
     return _assemble(
-        model, test, group[first], first, speed, frequency, readings,
-        right[tuple(readings.T)], sigma[tuple(readings.T)], wrong[tuple(readings.T)],
+        model,
+        test,
+        group[first],
+        first,
+        speed,
+        frequency,
+        readings,
+        right[tuple(readings.T)],
+        sigma[tuple(readings.T)],
+        wrong[tuple(readings.T)],
         [str(c) if c.axis != "z" else c.plane for c in model.coordinates],
     )
 
@@ -184,8 +197,17 @@ def _observe_xy(model: RotorModel, test: PerturbationTest, group: Index) -> Resp
     readings = np.column_stack([line, coordinate])[order]
     nothing = np.full(order.size, np.nan, dtype=complex)
     return _assemble(
-        model, test, group[first], first, test.speed[first], test.frequency[first], readings,
-        test.response[order], test.sigma[order], nothing, [str(c) for c in model.coordinates],
+        model,
+        test,
+        group[first],
+        first,
+        test.speed[first],
+        test.frequency[first],
+        readings,
+        test.response[order],
+        test.sigma[order],
+        nothing,
+        [str(c) for c in model.coordinates],
     )
 
 
@@ -213,9 +235,7 @@ def _assemble(
     labels = tuple(dict.fromkeys(names))
     number = {name: i for i, name in enumerate(labels)}
     label = np.array([number[name] for name in names], dtype=np.intp)
-    block = Responses(
-        model, speed, frequency, force, group, line, coordinate, measured, sigma, label, labels, run
-    )
+    block = Responses(model, speed, frequency, force, group, line, coordinate, measured, sigma, label, labels, run)
     gaps = np.isnan(sigma)
     if gaps.any():
         sigma[gaps] = _estimate_noise(block, wrong, test.synchronous)[gaps]
@@ -243,7 +263,13 @@ def _estimate_noise(block: Responses, wrong: ComplexArray, synchronous: bool) ->
             continue
         drive = np.abs(block.force[block.line[rows], force_plane[rows]])
         extent = (np.abs(w[rows]).min(), np.abs(w[rows]).max(), drive.sum())
-        test = (block.coordinate[rows[0]], force_plane[rows[0]], speed[rows[0]], rows.size, *(f"{v:.6g}" for v in extent))
+        test = (
+            block.coordinate[rows[0]],
+            force_plane[rows[0]],
+            speed[rows[0]],
+            rows.size,
+            *(f"{v:.6g}" for v in extent),
+        )
         both.setdefault(test, []).append(rows)
     for parts in both.values():
         rows = np.concatenate(parts)
@@ -259,22 +285,22 @@ def _is_smooth(samples: ComplexArray) -> bool:
     if samples.size < 8:
         return False
     power = float(np.sum(np.abs(samples) ** 2))
-    return power > 0 and abs(np.sum(samples[1:] * samples[:-1].conj())) > _SMOOTH * power
+    return bool(power > 0 and abs(np.sum(samples[1:] * samples[:-1].conj())) > _SMOOTH * power)
 
 
 def _repeated(block: Responses, w: Float, speed: Float, force_plane: Index) -> dict[int, float]:
     """Noise of sweeps that were run again at the same force: first row of each channel to its sigma."""
     force = block.force[block.line, force_plane]
-    codes = np.column_stack([
-        block.coordinate, speed, np.round(w, 9), force_plane, np.round(force.real, 12), np.round(force.imag, 12)
-    ])
+    codes = np.column_stack(
+        [block.coordinate, speed, np.round(w, 9), force_plane, np.round(force.real, 12), np.round(force.imag, 12)]
+    )
     _, condition = _unique_rows(codes)
     sweeps: dict[tuple[int, ...], list[Index]] = {}
     for label in np.unique(block.label):
         rows = np.flatnonzero(block.label == label)
         rows = rows[np.argsort(condition[rows], kind="stable")]
         sweeps.setdefault(tuple(condition[rows].tolist()), []).append(rows)
-    result = {}
+    result: dict[int, float] = {}
     for repeated in sweeps.values():
         if len(repeated) > 1:
             sigma = noise_from_repeats(np.array([block.measured[rows] for rows in repeated]))
@@ -307,8 +333,19 @@ def _observe_displacement(model: RotorModel, test: DisplacementTest, group: Inde
     labels = tuple(dict.fromkeys(names))
     label = np.array([labels.index(name) for name in names], dtype=np.intp)
     block = Responses(
-        model, test.speed, test.frequency, imposed, group, np.arange(count), coordinate, right, sigma, label,
-        labels, test.run, imposed=True,
+        model,
+        test.speed,
+        test.frequency,
+        imposed,
+        group,
+        np.arange(count),
+        coordinate,
+        right,
+        sigma,
+        label,
+        labels,
+        test.run,
+        imposed=True,
     )
     gaps = np.isnan(sigma)
     if gaps.any():

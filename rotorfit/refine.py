@@ -75,8 +75,15 @@ def refit(fit: FitResult, model: RotorModel, extra_known: Mapping[str, float] | 
     block_start = {q.name: 0.0 for q in model.parameters if q.name not in {b.partition("[")[0] for b in fit.params}}
     known = {k: v for k, v in {**settings.known, **(extra_known or {})}.items() if k in model.parameter_names}
     return fit_model(
-        model, fit.experiments, known=known, bounds=settings.bounds, priors=settings.priors, per=settings.per,
-        loss=settings.loss, phase_offsets=settings.phase_offsets, start={**start, **block_start},
+        model,
+        fit.experiments,
+        known=known,
+        bounds=settings.bounds,
+        priors=settings.priors,
+        per=settings.per,
+        loss=settings.loss,
+        phase_offsets=settings.phase_offsets,
+        start={**start, **block_start},
     )
 
 
@@ -127,10 +134,14 @@ def one_lam_test(fit: FitResult, *, level: float = 0.01) -> OneLamTest:
     start = {name: p.value for name, p in fit.params.items() if p.vary and name != "lam"}
     settings = fit.settings
     wide = fit_model(
-        model, fit.experiments, known={k: v for k, v in settings.known.items() if k != "lam"},
+        model,
+        fit.experiments,
+        known={k: v for k, v in settings.known.items() if k != "lam"},
         bounds={k: v for k, v in settings.bounds.items() if k != "lam"},
         priors={k: v for k, v in settings.priors.items() if k != "lam"},
-        per=settings.per, loss=settings.loss, phase_offsets=settings.phase_offsets,
+        per=settings.per,
+        loss=settings.loss,
+        phase_offsets=settings.phase_offsets,
         start={**start, "lam_D": lam, "lam_M": lam},
     )
     d, m = wide.params["lam_D"], wide.params["lam_M"]
@@ -148,7 +159,12 @@ def one_lam_test(fit: FitResult, *, level: float = 0.01) -> OneLamTest:
         else f"one lam agrees with the data (p = {p:.2g})"
     )
     return OneLamTest(
-        (d.value, d.stderr), (m.value, m.stderr), (d.value - m.value, float(np.sqrt(variance))), statistic, p,
-        rejected, verdict, wide,
+        (d.value, d.stderr),
+        (m.value, m.stderr),
+        (d.value - m.value, float(np.sqrt(variance))),
+        statistic,
+        p,
+        rejected,
+        verdict,
+        wide,
     )
-

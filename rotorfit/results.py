@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotorfit.estimators.identifiability import Identifiability
+from rotorfit.estimators.observations import Responses
 from rotorfit.estimators.problem import Loss, Problem
 from rotorfit.experiments import Experiment
 from rotorfit.models import RotorModel, eigenvalues, threshold_speed
@@ -155,9 +156,8 @@ class FitResult:
     @property
     def band(self) -> float:
         """Highest tested frequency, rad/s."""
-        return max(
-            (float(np.abs(b.frequency).max()) for b in self.problem.blocks if hasattr(b, "frequency")), default=math.inf
-        )
+        tested = [float(np.abs(b.frequency).max()) for b in self.problem.blocks if isinstance(b, Responses)]
+        return max(tested, default=math.inf)
 
     @property
     def stability_band(self) -> float:
@@ -167,8 +167,8 @@ class FitResult:
     @property
     def speeds(self) -> Float:
         """Tested rotative speeds, rad/s; empty for synchronous tests."""
-        speeds = [np.unique(b.speed) for b in self.problem.blocks if hasattr(b, "speed")]
-        distinct = np.unique(np.concatenate(speeds)) if speeds else np.zeros(0)
+        speeds = [np.unique(b.speed) for b in self.problem.blocks if isinstance(b, Responses)]
+        distinct: Float = np.unique(np.concatenate(speeds)) if speeds else np.zeros(0)
         return distinct if distinct.size <= 50 else np.zeros(0)
 
     def group(self, at: Mapping[str, Any] | None = None) -> int:
@@ -215,7 +215,7 @@ class FitResult:
         leak = float(np.abs(slope[: null.shape[0]] @ null).max(initial=0.0)) if null.size else 0.0
         if leak > 1e-2 * abs(value):
             return Quantity(value, math.inf, unit)
-        return Quantity(value, float(np.sqrt(max(slope @ self.covar @ slope, 0.0))), unit)
+        return Quantity(value, math.sqrt(max(float(slope @ self.covar @ slope), 0.0)), unit)
 
     def threshold_speed(self, at: Mapping[str, Any] | None = None) -> Quantity:
         """Rotative speed at which the rotor becomes unstable, rad/s, with its standard error.

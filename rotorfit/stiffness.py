@@ -22,7 +22,7 @@ class _Planes(RotorModel):
     def __init__(self, planes: Sequence[str]) -> None:
         self.planes = tuple(planes)
 
-    def equation(self, p: Any, speed: Any, eccentricity: Any) -> list[list[list[float]]]:  # noqa: ARG002
+    def equation(self, p: Any, speed: Any, eccentricity: Any) -> list[list[list[float]]]:
         """Unit stiffness; only the coordinates are used."""
         return [np.eye(len(self.planes)).tolist()]
 
@@ -53,9 +53,14 @@ def dynamic_stiffness(
     result = stiffness_matrices(observe(model, chosen, np.zeros(len(chosen), dtype=np.intp)))
     if not result.frequency.size:
         unforced = sorted(set(names) - set(chosen.force_planes))
-        missing = f"no force at {', '.join(unforced)}" if unforced else (
-            "the runs have no frequency in common, forward and backward both needed" if not isotropic
-            else "the runs have no frequency in common"
+        missing = (
+            f"no force at {', '.join(unforced)}"
+            if unforced
+            else (
+                "the runs have no frequency in common, forward and backward both needed"
+                if not isotropic
+                else "the runs have no frequency in common"
+            )
         )
         raise ValueError(f"eq. (7) needs a force at each of the planes {', '.join(names)} in turn: {missing}")
     order = np.lexsort([result.frequency, result.speed])

@@ -118,8 +118,12 @@ def two_disk_derived(p):
     stiffnesses = np.diag(shapes.T @ K @ shapes)
     dampings = np.diag(shapes.T @ D @ shapes)
     return {
-        "phi": shapes[1], "M": masses, "K": stiffnesses, "D": dampings,
-        "zeta": dampings / (2 * np.sqrt(masses * stiffnesses)), "matrix": D,
+        "phi": shapes[1],
+        "M": masses,
+        "K": stiffnesses,
+        "D": dampings,
+        "zeta": dampings / (2 * np.sqrt(masses * stiffnesses)),
+        "matrix": D,
     }
 
 
@@ -136,7 +140,8 @@ def test_two_disk_campaign(method):
     # The published numbers are rounded (phi 0.99 for an exact 0.984, zeta to two digits): compare with what the published
     # K and M imply, and with the published values to their last digit.
     exact = two_disk_derived(
-        published | {"D11": truth["D"][0][0], "D12": -truth["D"][0][1], "D21": -truth["D"][1][0], "D22": truth["D"][1][1]}
+        published
+        | {"D11": truth["D"][0][0], "D12": -truth["D"][0][1], "D21": -truth["D"][1][0], "D22": truth["D"][1][1]}
     )
     for key in ("phi", "M", "K", "D", "zeta"):
         np.testing.assert_allclose(derived[key], exact[key], rtol=0.01)
@@ -209,8 +214,15 @@ def kanki_test(noise=0.02, seed=6):
     spread = noise * np.sqrt(np.mean(np.abs(amplitude) ** 2)) / np.sqrt(2)
     noisy = amplitude + spread * (rng.normal(size=w.size) + 1j * rng.normal(size=w.size))
     return perturbation_test(
-        run=np.where(w > 0, "forward", "backward"), speed=speed, frequency=w, force_plane="journal", force=100.0,
-        plane="journal", direction="z", response=noisy, sigma=spread,
+        run=np.where(w > 0, "forward", "backward"),
+        speed=speed,
+        frequency=w,
+        force_plane="journal",
+        force=100.0,
+        plane="journal",
+        direction="z",
+        response=noisy,
+        sigma=spread,
     )
 
 
