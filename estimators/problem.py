@@ -156,13 +156,17 @@ class Problem:
         return np.concatenate(residuals), np.concatenate(rows)
 
     def _scatter(self, block: Block, by_theta: ComplexArray) -> ComplexArray:
-        full = np.zeros((by_theta.shape[0], self.space.size), dtype=complex)
+        """Derivatives by the groups' parameters as derivatives by the fitted vector, stored parameter by parameter."""
+        full = np.zeros((self.space.size, by_theta.shape[0]), dtype=complex)
         group = block.reading_group
-        for g in np.unique(group):
-            rows = np.flatnonzero(group == g)
-            places = np.flatnonzero(self.space.index[g] >= 0)
-            np.add.at(full, (rows[:, None], self.space.index[g, places][None, :]), by_theta[np.ix_(rows, places)])
-        return full
+        for g, index in enumerate(self.space.index):
+            places = np.flatnonzero(index >= 0)
+            if len(self.space.index) == 1:
+                full[index[places]] = by_theta.T[places]
+            else:
+                rows = np.flatnonzero(group == g)
+                full[np.ix_(index[places], rows)] = by_theta.T[np.ix_(places, rows)]
+        return full.T
 
     # ---- the optimiser's view -------------------------------------------------------------------------------------
 

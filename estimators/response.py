@@ -18,8 +18,6 @@ if TYPE_CHECKING:
 Float = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 
-_CHUNK = 200_000  # entries of the sensitivity product held at once, 16 bytes each
-
 
 def inverse(kappa: ComplexArray) -> ComplexArray:
     """Inverse of many small matrices, shape ``(L, n, n)``; one and two rows in closed form."""
@@ -39,43 +37,49 @@ def dynamic_stiffness(block: Responses, theta: Float) -> ComplexArray:
     """Dynamic stiffness of every line, shape ``(L, n, n)``."""
     index, group, speed = block.condition
     coefficients = block.model.coefficients(theta[group], speed)
+    if speed.size > 1:
+        coefficients = coefficients[index]
     s = block.s[:, None, None]
-    kappa = coefficients[index, -1]
-    for power in range(coefficients.shape[1] - 2, -1, -1):
-        kappa = kappa * s + coefficients[index, power]
-    return kappa
+    kappa = coefficients[:, -1] * s
+    for power in range(coefficients.shape[1] - 2, 0, -1):
+        kappa += coefficients[:, power]
+        kappa *= s
+    kappa += coefficients[:, 0]
+    return np.asarray(kappa)
 
 
-def _sensitivities(
-    block: Responses, theta: Float, left: ComplexArray, right: ComplexArray, lines: NDArray[np.intp]
-) -> ComplexArray:
+def _sensitivities(block: Responses, theta: Float, left: ComplexArray, right: ComplexArray) -> ComplexArray:
     """``-left dkappa right`` for each reading and parameter, shape ``(R, P)``.
+
+    Few products ``left_row s^power right_column`` are shared by all parameters, so that the work along the lines is to
+    make those and to multiply them by a small matrix.
 
     Args:
         left: row vector of each reading, shape ``(R, n)``.
         right: column vector of each reading, shape ``(R, n)``.
-        lines: line of each reading, shape ``(R,)``.
     """
-    index, group, speed = block.condition
+    _, group, speed = block.condition
     jacobian = block.model.functions.jacobian(theta[group], speed)
     n_parameters = theta.shape[1]
     used = np.flatnonzero(jacobian.inputs < n_parameters)
-    inputs, powers = jacobian.inputs[used], jacobian.powers[used]
-    scatter = np.zeros((used.size, n_parameters))
-    scatter[np.arange(used.size), inputs] = -1.0
-    result = np.empty((lines.size, n_parameters), dtype=complex)
-    step = max(1, _CHUNK // max(used.size, 1))
-    for start in range(0, lines.size, step):
-        part = slice(start, start + step)
-        line = lines[part]
-        s_powers = block.s[line, None] ** np.arange(block.model.order + 1)
-        entries = s_powers[:, powers] * jacobian.values[index[line]][:, used]
-        entries *= left[part][:, jacobian.rows[used]]
-        entries *= right[part][:, jacobian.columns[used]]
-        # Real times real: BLAS has no product of complex with real.
-        result[part].real = entries.real @ scatter
-        result[part].imag = entries.imag @ scatter
-    return result
+    size, powers = block.model.order + 1, jacobian.powers[used]
+    key = (jacobian.rows[used] * left.shape[1] + jacobian.columns[used]) * size + powers
+    products, place = np.unique(key, return_inverse=True)
+    weight = np.zeros((speed.size, products.size, n_parameters), dtype=complex)
+    weight[:, place, jacobian.inputs[used]] = -jacobian.values[:, used]
+    s_powers = block.s_powers
+    basis = np.empty((products.size, left.shape[0]), dtype=complex)
+    for number, (pair, power) in enumerate(zip(*(part.tolist() for part in np.divmod(products, size)), strict=True)):
+        row, column = divmod(pair, left.shape[1])
+        np.multiply(left[:, row], right[:, column], out=basis[number])
+        if power:
+            basis[number] *= s_powers[power]
+    if speed.size == 1:
+        return np.asarray((weight[0].T @ basis).T)
+    result = np.empty((n_parameters, left.shape[0]), dtype=complex)
+    for number, readings in enumerate(block.condition_readings):
+        result[:, readings] = weight[number].T @ basis[:, readings]
+    return result.T
 
 
 def respond(block: Responses, theta: Float, jacobian: bool = False) -> tuple[ComplexArray, ComplexArray | None]:
@@ -94,7 +98,7 @@ def respond(block: Responses, theta: Float, jacobian: bool = False) -> tuple[Com
     H = inverse(dynamic_stiffness(block, theta))
     amplitude = np.einsum("lij,lj->li", H, block.force)
     predicted = amplitude[line, coordinate]
-    derivative = _sensitivities(block, theta, H[line, coordinate], amplitude[line], line) if jacobian else None
+    derivative = _sensitivities(block, theta, H[line, coordinate], amplitude[line]) if jacobian else None
     if functions.has_probe_factors:
         group = block.reading_group
         factor = functions.factors(theta)[group, coordinate]
@@ -119,5 +123,5 @@ def displacement_to_force(
     predicted = block.force[line, coordinate] / drive
     if not jacobian:
         return predicted, None
-    by_drive = _sensitivities(block, theta, H[line, coordinate], H[line, :, coordinate], line)
+    by_drive = _sensitivities(block, theta, H[line, coordinate], H[line, :, coordinate])
     return predicted, by_drive * (-predicted / drive)[:, None]
