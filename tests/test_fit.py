@@ -1,0 +1,369 @@
+"""What a fit promises beyond its numbers: joint data, groups, priors, bounds, errors bars that cover, honest failures."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy import stats
+from synthetic import MODELS, SPEEDS, TYPICAL, circular_test, covering_frequencies, known_of
+
+import rotorfit as rf
+from rotorfit.estimators.closed_form import ClosedFormError
+from rotorfit.estimators.problem import LOSSES, robust_weights
+from rotorfit.experiments import DisplacementTest, perturbation_test
+from rotorfit.models import Anisotropic, OneMode, TwoDisk, WhirlWhip
+
+FLUID = {name: TYPICAL["one-mode"][name] for name in ("K", "Ds")}
+
+
+def one_mode_test(noise=0.01, seed=0, speeds=(100.0, 180.0), lines=80, truth=TYPICAL["one-mode"], **options):
+    model = OneMode()
+    theta = model.vector(truth)
+    frequency = covering_frequencies(model, theta, speeds, lines)
+    return circular_test(model, theta, speeds=speeds, frequency=frequency, noise=noise, seed=seed, **options)
+
+
+# ---- sensitivities ------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", MODELS)
+@pytest.mark.parametrize("loss", LOSSES)
+def test_gradient_and_hessian_against_differences(name, loss):
+    model, truth = MODELS[name](), TYPICAL[name]
+    theta = model.vector(truth)
+    test = circular_test(
+        model, theta, speeds=SPEEDS[name], frequency=covering_frequencies(model, theta, SPEEDS[name], 20), noise=0.05
+    )
+    test = replace(test, sigma=np.full(len(test), 0.02 * float(np.abs(test.response).max())))
+    fit = rf.fit(model, test, known=known_of(name, truth), loss=loss, phase_offsets=True)
+    x = fit.x * 1.01 + np.where(fit.x == 0, 0.01, 0)
+    cost, gradient, gauss_newton = fit.problem.gauss_newton(x)
+    assert cost == pytest.approx(fit.problem.cost(x))
+    h = 1e-6 * np.abs(x)
+    for i in range(x.size):
+        d = np.zeros(x.size)
+        d[i] = h[i]
+        slope = (fit.problem.cost(x + d) - fit.problem.cost(x - d)) / (2 * h[i])
+        # Truncation h^2 relative, round-off eps cost / h.
+        noise = 1e-14 * cost / h[i] + 1e-9 * abs(gradient * x).max() / abs(x[i])
+        assert slope == pytest.approx(gradient[i], rel=1e-5, abs=noise)
+    if loss == "linear":
+        # On exact data the Gauss-Newton matrix is the Hessian.
+        w = covering_frequencies(model, theta, SPEEDS[name], 20)
+        exact = circular_test(model, theta, speeds=SPEEDS[name], frequency=w)
+        exact = replace(exact, sigma=np.full(len(exact), 0.01 * float(np.abs(exact.response).max())))
+        fit = rf.fit(model, exact, known=known_of(name, truth))
+        gauss_newton = fit.problem.gauss_newton(fit.x)[2]
+        scale = np.sqrt(np.diag(gauss_newton))
+        hessian = fit.problem.hessian(fit.x)
+        np.testing.assert_allclose(hessian / np.outer(scale, scale), gauss_newton / np.outer(scale, scale), atol=1e-6)
+
+
+@pytest.mark.parametrize("loss", LOSSES)
+def test_robust_losses_against_their_definition(loss):
+    from scipy.optimize import least_squares
+
+    r = np.array([0.01, 0.5, 2.0, 9.0, 120.0])
+    rho, weight = robust_weights(loss, r**2)
+    reference = least_squares(lambda x: r * x[0], [1.0], loss=loss, f_scale=2.0, max_nfev=1).cost
+    assert rho.sum() / 2 == pytest.approx(reference)
+    h = 1e-6 * r**2
+    np.testing.assert_allclose(weight, (robust_weights(loss, r**2 + h)[0] - rho) / h, rtol=1e-4)
+
+
+# ---- error bars that cover ------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_standard_errors_cover(name):
+    """Normalised errors over 150 noise draws: chi-squared consistent, 95 % intervals within binomial error."""
+    model, truth = MODELS[name](), TYPICAL[name]
+    theta = model.vector(truth)
+    frequency = covering_frequencies(model, theta, SPEEDS[name], 60)
+    known = known_of(name, truth)
+    draws = 150
+    pulls = []
+    for seed in range(draws):
+        test = circular_test(
+            model, theta, speeds=SPEEDS[name], frequency=frequency, noise=0.01, seed=seed, sigma_known=True
+        )
+        fit = rf.fit(model, test, known=known)
+        pulls.append([(p.value - truth[n]) / p.stderr_noise for n, p in fit.params.items() if p.vary])
+    pulls = np.array(pulls)
+    # Bonferroni over the parameters at 1 %.
+    level = 0.01 / pulls.shape[1] / 2
+    low, high = stats.chi2.ppf([level, 1 - level], draws)
+    assert np.all((np.sum(pulls**2, axis=0) > low) & (np.sum(pulls**2, axis=0) < high))
+    inside = np.sum(np.abs(pulls) < 1.96, axis=0)
+    assert np.all(inside >= stats.binom.ppf(level, draws, 0.95))
+    assert np.all(inside <= stats.binom.ppf(1 - level, draws, 0.95))
+
+
+def test_threshold_error_covers():
+    truth = TYPICAL["one-mode"]
+    exact = rf.models.threshold_speed(OneMode(), OneMode().vector(truth)).speed
+    pulls = []
+    for seed in range(100):
+        fit = rf.fit(OneMode(), one_mode_test(seed=seed, sigma_known=True), known=FLUID)
+        onset = fit.threshold_speed()
+        pulls.append((onset.value - exact) / onset.stderr)
+    low, high = stats.chi2.ppf([0.005, 0.995], len(pulls))
+    assert low < np.sum(np.square(pulls)) < high
+
+
+def test_robust_errors_cover_with_outliers():
+    truth = TYPICAL["one-mode"]
+    pulls = []
+    for seed in range(100):
+        test = one_mode_test(seed=seed, sigma_known=True)
+        rng = np.random.default_rng(1000 + seed)
+        hit = rng.random(len(test)) < 0.03
+        gross = 1 + 4 * np.exp(2j * np.pi * rng.random(len(test)))  # of no preferred sense: no bias, much scatter
+        test = replace(test, response=np.where(hit, test.response * gross, test.response))
+        fit = rf.fit(OneMode(), test, known=FLUID, loss="huber")
+        pulls.append([(fit.params[n].value - truth[n]) / fit.params[n].stderr for n in ("D", "lam", "Mf")])
+    low, high = stats.chi2.ppf([0.01 / 6, 1 - 0.01 / 6], len(pulls))
+    total = np.sum(np.square(pulls), axis=0)
+    assert np.all((low < total) & (total < high))
+
+
+def test_noise_is_found_and_redchi_means_something():
+    redchi = [rf.fit(OneMode(), one_mode_test(seed=seed), known=FLUID).redchi for seed in range(20)]
+    # sigma^2 of each of four sweeps from 40 to 80 samples: relative error of redchi near 0.1; mean of 20.
+    assert np.mean(redchi) == pytest.approx(1.0, abs=0.1)
+
+
+# ---- several tests in one fit ------------------------------------------------------------------------------------------------
+
+
+def test_joint_fit_of_squeeze_film_and_spinning_tests_is_sharper():
+    truth = TYPICAL["one-mode"]
+    spinning = one_mode_test(seed=1, sigma_known=True)
+    squeeze = one_mode_test(seed=2, speeds=(0.0,), sigma_known=True)
+    alone = rf.fit(OneMode(), spinning, known=FLUID)
+    joint = rf.fit(OneMode(), [spinning, squeeze], known=FLUID)
+    for name in ("K0", "D", "M", "Mf", "lam"):
+        assert joint.params[name].stderr_noise < alone.params[name].stderr_noise
+        assert abs(joint.params[name].value - truth[name]) < 4 * joint.params[name].stderr
+
+
+def test_one_value_for_each_speed():
+    cold, warm = TYPICAL["one-mode"], TYPICAL["one-mode"] | {"D": 380.0}
+    tests = [one_mode_test(seed=3, speeds=(100.0,), truth=cold), one_mode_test(seed=4, speeds=(180.0,), truth=warm)]
+    fit = rf.fit(OneMode(), tests, known=FLUID, per={"D": "speed_rpm"})
+    names = [name for name in fit.params if name.startswith("D[")]
+    assert names == ["D[speed_rpm=954.929659]", "D[speed_rpm=1718.873385]"]
+    for name, value in zip(names, (450.0, 380.0), strict=True):
+        assert abs(fit.params[name].value - value) < 4 * fit.params[name].stderr
+    shared = rf.fit(OneMode(), tests, known=FLUID)
+    assert shared.bic > fit.bic
+    with pytest.raises(ValueError, match="say which with at="):
+        fit.threshold_speed()
+    slow = fit.threshold_speed(at={"speed_rpm": 954.929659})
+    assert np.isfinite(slow.stderr)
+    with pytest.raises(KeyError, match="it has run, speed_rpm"):
+        rf.fit(OneMode(), tests, known=FLUID, per={"D": "temperature"})
+
+
+def test_imposed_orbit_gives_the_same_fluid():
+    """Displacement in, force out (eqs 14 to 17): the dynamic stiffness itself, the same parameters."""
+    truth, model = TYPICAL["one-mode"], OneMode()
+    theta, rng = model.vector(truth), np.random.default_rng(5)
+    w = np.concatenate([-np.linspace(5, 250, 60)[::-1], np.linspace(5, 250, 60)])
+    orbit = 20e-6 * np.exp(0.3j)
+    z = np.where(w < 0, np.conj(orbit), orbit)
+    force = model.dynamic_stiffness(theta, w, 120.0)[:, 0, 0] * z
+    x = np.where(w < 0, force.conj(), force)
+    y = np.where(w < 0, 1j, -1j) * x
+    sigma = 0.005 * float(np.sqrt(np.mean(np.abs(force) ** 2)))
+
+    def noisy(values):
+        return values + sigma * (rng.normal(size=w.size) + 1j * rng.normal(size=w.size))
+
+    test = DisplacementTest(
+        run=np.where(w < 0, "backward", "forward"), speed=np.full(w.size, 120.0), frequency=w,
+        plane=np.full(w.size, "journal"), displacement=np.full(w.size, orbit), force_x=noisy(x), force_y=noisy(y),
+        sigma=np.full(w.size, np.nan),
+    )  # fmt: skip
+    for result in (rf.fit(model, test, known=FLUID), rf.closed_form(model, test, known=FLUID)):
+        for name in ("K0", "D", "lam", "M", "Mf"):
+            assert abs(result.params[name].value - truth[name]) < 4 * result.params[name].stderr
+        assert result.redchi == pytest.approx(1, abs=0.4)
+
+
+def test_phase_reference_offsets_are_found():
+    test = one_mode_test(noise=0.003)
+    run = test.runs[2]
+    sense = np.where(test.frequency > 0, 1, 1)
+    shifted = replace(test, response=test.response * np.where(test.run == run, np.exp(0.08j * sense), 1.0))
+    plain = rf.fit(OneMode(), shifted, known=FLUID)
+    fit = rf.fit(OneMode(), shifted, known=FLUID, phase_offsets=True)
+    offset = fit.params[f"phase[{run}]"]
+    # A backward run's complex amplitude is the conjugate of its phasors.
+    expected = 0.08 if test.frequency[test.run == run][0] > 0 else -0.08
+    assert abs(offset.value - expected) < 4 * offset.stderr
+    assert fit.redchi < 0.5 * plain.redchi
+
+
+def test_priors_resolve_what_data_leave_open():
+    fit = rf.fit(OneMode(), one_mode_test(), known={"Ds": 8.0}, priors={"K": stats.norm(8000.0, 50.0)})
+    assert not fit.identifiability.unresolved
+    assert fit.params["K"].stderr_noise == pytest.approx(50.0, rel=0.01)
+    assert fit.params["K"].value == pytest.approx(8000.0, abs=5.0)
+    # A gamma prior of the same mean and spread says nearly the same; a bound by a uniform prior holds.
+    gamma = rf.fit(OneMode(), one_mode_test(), known={"Ds": 8.0}, priors={"K": stats.gamma(25600, scale=0.3125)})
+    assert gamma.params["K"].value == pytest.approx(fit.params["K"].value, abs=5.0)
+
+
+def test_bounds_hold_and_are_reported():
+    fit = rf.fit(OneMode(), one_mode_test(), known=FLUID, bounds={"lam": (0.3, 0.44)})
+    assert fit.params["lam"].at_bound
+    assert fit.params["lam"].value == pytest.approx(0.44, abs=1e-6)
+    assert any("rests on its bound" in warning for warning in fit.warnings)
+
+
+# ---- missing probes and planes -------------------------------------------------------------------------------------------------
+
+
+def test_a_single_probe_is_taken_as_a_circular_orbit():
+    test = one_mode_test(noise=1e-6)
+    for direction in "xy":
+        fit = rf.fit(OneMode(), test.select(test.direction == direction), known=FLUID)
+        assert fit.params["lam"].value == pytest.approx(0.46, rel=1e-4)
+
+
+def test_without_a_closed_form_several_starts_are_taken():
+    model, truth = WhirlWhip(), TYPICAL["whirl-whip"]
+    theta = model.vector(truth)
+    test = circular_test(
+        model,
+        theta,
+        speeds=(100.0, 200.0),
+        frequency=covering_frequencies(model, theta, (100.0, 200.0), 100),
+        noise=0.01,
+    )
+    disk = test.select(test.plane == "disk")
+    with pytest.raises(ClosedFormError, match="readings at every plane"):
+        rf.closed_form(model, disk, known={"K3": 6000.0})
+    fit = rf.fit(model, disk, known={"K3": 6000.0, "sigma": truth["sigma"]})
+    assert fit.redchi < 1.3
+    assert any("random starts" in warning for warning in fit.warnings)
+    for name in ("D", "lam", "Md"):
+        assert abs(fit.params[name].value - truth[name]) < 4 * fit.params[name].stderr
+
+
+def test_force_at_one_plane_of_two_disks():
+    """Force balance in place of the inverse: one force plane is enough when both probes are there."""
+    model, truth = TwoDisk(), TYPICAL["two-disk"]
+    theta = model.vector(truth)
+    w = covering_frequencies(model, theta, (0.0,), 200)
+    test = circular_test(model, theta, speeds=(0.0,), frequency=w, noise=0.002, force_planes=("inboard",))
+    for result in (rf.closed_form(model, test), rf.fit(model, test)):
+        for name in ("M1", "M2", "K2"):
+            assert abs(result.params[name].value - truth[name]) < 4 * result.params[name].stderr
+
+
+def test_anisotropic_rig_needs_an_anisotropic_model():
+    model, truth = Anisotropic(), TYPICAL["anisotropic"]
+    theta = model.vector(truth)
+    w = covering_frequencies(model, theta, (0.0,), 120)
+    test = circular_test(model, theta, speeds=(0.0,), frequency=w, noise=0.003)
+    fit = rf.fit(model, test)
+    for name in ("Kxx", "Kxy", "Kyx", "Kyy", "Dxx", "Mxy"):
+        assert abs(fit.params[name].value - truth[name]) < 4 * fit.params[name].stderr
+
+
+# ---- honest failures -----------------------------------------------------------------------------------------------------------
+
+
+def test_an_unstable_fit_says_that_no_rig_was_measured_there():
+    model, truth = OneMode(), TYPICAL["one-mode"]
+    theta = model.vector(truth)
+    speed = 1.3 * rf.models.threshold_speed(model, theta).speed
+    w = np.concatenate([-np.linspace(5, 400, 60)[::-1], np.linspace(5, 400, 60)])
+    fit = rf.fit(model, circular_test(model, theta, speeds=(speed,), frequency=w, noise=0.01), known=FLUID)
+    assert any("could not have been measured there" in warning for warning in fit.warnings)
+
+
+def test_a_fit_cut_short_is_a_result_that_says_so():
+    test = one_mode_test()
+    fit = rf.fit(
+        OneMode(), test, known=FLUID, start={"M": 30.0, "K0": 1e6, "D": 5.0, "lam": 0.1, "Mf": 5.0}, max_iterations=1
+    )
+    assert not fit.success
+    assert "did not converge" in fit.warnings[0]
+    assert np.isfinite(fit.x).all()
+
+
+@pytest.mark.parametrize(
+    ("options", "error", "message"),
+    [
+        ({"known": {"lambda": 0.4}}, KeyError, "did you mean 'lam'"),
+        ({"known": {"K": np.nan}}, ValueError, "not a finite number"),
+        ({"known": {"M": -1.0}}, ValueError, "outside the physical limits"),
+        ({"bounds": {"D": (500.0, 100.0)}}, ValueError, "bounds of D are contradictory"),
+        ({"loss": "hubr"}, ValueError, "did you mean 'huber'"),
+        ({"per": {"DD": "speed_rpm"}}, KeyError, "unknown parameter"),
+        ({"start": {"Q": 1.0}}, KeyError, "unknown fitted parameter"),
+        ({"priors": {"D": 450.0}}, ValueError, "frozen scipy.stats distribution"),
+        ({"known": {"D": 1.0}, "per": {"D": "speed_rpm"}}, ValueError, "both known and fitted per attribute"),
+    ],
+)  # fmt: skip
+def test_bad_settings(options, error, message):
+    with pytest.raises(error, match=message):
+        rf.fit(OneMode(), one_mode_test(lines=20), **options)
+
+
+def test_bad_data():
+    test = one_mode_test(lines=20)
+    with pytest.raises(ValueError, match=r"planes journal .* has seal.*planes=\(\.\.\.\)"):
+        rf.fit(OneMode(planes=("seal",)), test)
+    broken = replace(test, response=np.where(np.arange(len(test)) == 3, np.nan, test.response))
+    with pytest.raises(ValueError, match=r"1 readings are not finite \(rows 4\)"):
+        rf.fit(OneMode(), broken)
+    with pytest.raises(ValueError, match="nothing to fit"):
+        rf.fit(OneMode(), [])
+    few = perturbation_test(
+        run="a", speed=100.0, frequency=[10.0, 20.0], force_plane="journal", force=1.0, plane="journal", direction="z",
+        response=[1e-5, 1e-5], sigma=1e-7,
+    )  # fmt: skip
+    with pytest.raises(ValueError, match="7 unknowns but only 4 real data"):
+        rf.fit(OneMode(), few)
+    with pytest.raises(ValueError, match="too few to estimate its noise"):
+        rf.fit(OneMode(), replace(few, sigma=np.full(2, np.nan)))
+    with pytest.raises(ValueError, match="no structural blocks"):
+        rf.refine(rf.fit(OneMode(), test, known=FLUID))
+    with pytest.raises(ValueError, match="no force at disk"):
+        rig = rf.datasets.rig_open()
+        rf.dynamic_stiffness(rig.select(rig.force_plane == "journal"))
+
+
+# ---- reading a result ------------------------------------------------------------------------------------------------------------
+
+
+def test_measured_dynamic_stiffness_lies_on_the_model():
+    model, truth = WhirlWhip(), TYPICAL["whirl-whip"]
+    theta = model.vector(truth)
+    test = circular_test(
+        model, theta, speeds=(100.0,), frequency=covering_frequencies(model, theta, (100.0,), 100), noise=0.01
+    )
+    measured = rf.dynamic_stiffness(test)
+    miss = (measured.kappa - model.dynamic_stiffness(theta, measured.frequency, 100.0)) / measured.sigma
+    # First-order propagation of 1 % noise; kappa at high frequency is nearly linear in it.
+    assert np.median(np.abs(miss) ** 2) / (2 * np.log(2)) == pytest.approx(1.0, rel=0.25)
+
+
+def test_summary_shows_what_a_reader_needs():
+    fit = rf.fit(OneMode(), one_mode_test(), known=FLUID)
+    text = fit.summary()
+    for word in ("lam", "stderr", "known", "redchi", "identifiability", "threshold speed", "rpm", "whirl ratio"):
+        assert word in text
+    assert str(fit) == text
+    modes = fit.natural_frequencies(100.0)
+    assert len(modes) == 2
+    assert all(np.isfinite(frequency.stderr) and np.isfinite(damping.stderr) for frequency, damping in modes)
+    quality = fit.responses[0]
+    assert 0 < quality.nrmse < 0.05
+    assert quality.frac > 0.99
