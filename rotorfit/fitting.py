@@ -9,14 +9,21 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rotorfit.estimators.closed_form import ClosedForm, ClosedFormError
+from rotorfit.estimators.closed_form import ClosedForm
 from rotorfit.estimators.closed_form import closed_form as solve_closed_form
 from rotorfit.estimators.identifiability import diagnose, natural_scales
 from rotorfit.estimators.least_squares import Options, Solution, Status, minimise
 from rotorfit.estimators.observations import Block, Responses
 from rotorfit.estimators.problem import (
-    LOSSES, Loss, ParameterSpace, Prior, Problem, parameter_space, robust_weights,
+    LOSSES,
+    Loss,
+    ParameterSpace,
+    Prior,
+    Problem,
+    parameter_space,
+    robust_weights,
 )
+from rotorfit.estimators.starts import start_vector
 from rotorfit.experiments import Experiment
 from rotorfit.models import RotorModel
 from rotorfit.models.parameters import unknown_name
@@ -28,8 +35,6 @@ Float = NDArray[np.float64]
 
 MODEL_LIMITED = 2.0
 """redchi above which a result says that the model, not the noise, limits the fit."""
-_MULTISTARTS = 24
-_PASSES = 64  # most passes of a polished start; good data settle in four
 
 
 def fit(
@@ -68,7 +73,7 @@ def fit(
     """
     settings = FitSettings(known or {}, bounds or {}, priors or {}, per or {}, loss, phase_offsets)
     problem = build_problem(model, experiments, settings)
-    begin, notes = _start(problem, start)
+    begin, notes = start_vector(problem, start or {})
     solution = _solve(problem, begin, Options(max_iterations=max_iterations))
     return _result(problem, as_tuple(experiments), settings, solution.x, begin, "least squares", solution, notes)
 
@@ -110,9 +115,7 @@ def as_tuple(experiments: Experiment | Sequence[Experiment]) -> tuple[Experiment
     return several
 
 
-def build_problem(
-    model: RotorModel, experiments: Experiment | Sequence[Experiment], settings: FitSettings
-) -> Problem:
+def build_problem(model: RotorModel, experiments: Experiment | Sequence[Experiment], settings: FitSettings) -> Problem:
     """Lay a fit out as an optimisation problem; arguments and errors as for :func:`fit`."""
     several = as_tuple(experiments)
     if settings.loss not in LOSSES:
@@ -128,9 +131,7 @@ def build_problem(
     space = parameter_space(
         model, known=settings.known, bounds=settings.bounds, groups=grouping.suffixes, nuisance=nuisance
     )
-    factors = tuple(
-        1j * (block.run[:, None] == np.array(runs[1:])[None, :]) if nuisance else None for block in blocks
-    )
+    factors = tuple(1j * (block.run[:, None] == np.array(runs[1:])[None, :]) if nuisance else None for block in blocks)
     problem = Problem(space, blocks, settings.loss, _priors(space, settings.priors), factors)
     if space.size > problem.n_data:
         raise ValueError(f"{space.size} unknowns but only {problem.n_data} real data: fix parameters or add readings")
@@ -149,70 +150,7 @@ def _priors(space: ParameterSpace, priors: Mapping[str, Any]) -> tuple[Prior, ..
     return tuple(result)
 
 
-# ---- start ------------------------------------------------------------------------------------------------------------
-
-
-def _start(problem: Problem, start: Mapping[str, float] | None) -> tuple[Float, tuple[str, ...]]:
-    space = problem.space
-    given = dict(start or {})
-    for name in given:
-        if name not in space.names and name not in space.base:
-            raise KeyError(unknown_name("fitted parameter", name, space.names))
-    values = np.array(
-        [given.get(n, given.get(b, np.nan)) for n, b in zip(space.names, space.base, strict=True)], dtype=float
-    )
-    notes: tuple[str, ...] = ()
-    if np.isnan(values).any():
-        guess, notes = _guess(problem)
-        values = np.where(np.isnan(values), guess, values)
-    inside = _inside(values, space)
-    return np.concatenate([inside, np.zeros(len(space.nuisance))]), notes
-
-
-def _guess(problem: Problem) -> tuple[Float, tuple[str, ...]]:
-    """The better of the closed form and the closed form polished by further linear passes until it settles.
-
-    Sharp resonances between coarse lines leave local minima right beside the global one: a start has to be near.
-    """
-    try:
-        candidates = [solve_closed_form(problem.space, problem.blocks, passes=passes) for passes in (_PASSES, 2)]
-    except ClosedFormError as reason:
-        return _multistart(problem), (f"no closed form ({reason}); the best of {_MULTISTARTS} random starts was taken",)
-    best = min(candidates, key=lambda estimate: _start_cost(problem, estimate.x))
-    return best.x, best.notes
-
-
-def _start_cost(problem: Problem, values: Float) -> float:
-    full = np.concatenate([_inside(values, problem.space), np.zeros(len(problem.space.nuisance))])
-    cost = problem.cost(full)
-    return cost if np.isfinite(cost) else np.inf
-
-
-def _inside(values: Float, space: ParameterSpace) -> Float:
-    """Start values moved off the bounds, where Ipopt's barrier wants them."""
-    lower, upper = space.lower[: values.size], space.upper[: values.size]
-    margin = 1e-3 * np.where(np.isfinite(upper - lower), upper - lower, np.maximum(np.abs(values), 1e-3))
-    scale = np.array([space.model.parameter(name).scale for name in space.base])
-    margin = np.minimum(margin, 1e-3 * scale)
-    return np.asarray(np.clip(values, lower + margin, upper - margin))
-
-
-def _multistart(problem: Problem) -> Float:
-    """Best short fit of several starts spread over a decade around typical values, where there is no closed form."""
-    space = problem.space
-    rng = np.random.default_rng(0)
-    scale = np.array([space.model.parameter(name).scale for name in space.base])
-    best: Solution | None = None
-    for _ in range(_MULTISTARTS):
-        x = _inside(scale * np.exp(rng.normal(0.0, 0.8, scale.size)), space)
-        full = np.concatenate([x, np.zeros(len(space.nuisance))])
-        found = minimise(
-            problem, full, lower=space.lower, upper=space.upper, scale=np.abs(full) + (full == 0),
-            options=Options(max_iterations=40),
-        )
-        if best is None or found.cost < best.cost:
-            best = found
-    return np.asarray(best.x[: len(space.names)]) if best is not None else scale
+# ---- solution ----------------------------------------------------------------------------
 
 
 def _solve(problem: Problem, start: Float, options: Options) -> Solution:
@@ -226,7 +164,7 @@ def _solve(problem: Problem, start: Float, options: Options) -> Solution:
     return minimise(problem, start, lower=space.lower, upper=space.upper, scale=scale, options=options)
 
 
-# ---- verdict -----------------------------------------------------------------------------------------------------------
+# ---- verdict ----------------------------------------------------------------------------
 
 
 def _result(
@@ -263,13 +201,27 @@ def _result(
     if solution is not None and not success:
         warnings.insert(0, f"the optimisation did not converge: {solution.message}")
     return FitResult(
-        model=space.model, experiments=experiments, settings=settings, method=method, problem=problem, x=x, params=params,
-        covar=noise * widening, chisqr=chisqr, redchi=redchi, ndata=problem.n_data, nvarys=space.size, nfree=nfree,
-        aic=deviance + 2 * space.size, bic=deviance + space.size * float(np.log(problem.n_data)),
+        model=space.model,
+        experiments=experiments,
+        settings=settings,
+        method=method,
+        problem=problem,
+        x=x,
+        params=params,
+        covar=noise * widening,
+        chisqr=chisqr,
+        redchi=redchi,
+        ndata=problem.n_data,
+        nvarys=space.size,
+        nfree=nfree,
+        aic=deviance + 2 * space.size,
+        bic=deviance + space.size * float(np.log(problem.n_data)),
         success=success,
         message=solution.message if solution is not None else "closed form, no iteration",
         nfev=solution.n_evaluations if solution is not None else 0,
-        responses=_qualities(problem, x), identifiability=verdict, warnings=tuple(warnings),
+        responses=_qualities(problem, x),
+        identifiability=verdict,
+        warnings=tuple(warnings),
     )
 
 
@@ -342,10 +294,18 @@ def _parameters(
         span = max(abs(float(x[i])), 1e-12)
         at_bound = bool(min(x[i] - space.lower[i], space.upper[i] - x[i]) <= 1e-7 * span)
         entries[name] = FittedParameter(
-            name, float(x[i]), float(error[i] * np.sqrt(widening)) if resolved else float("inf"),
-            float(error[i]) if resolved else float("inf"), float(begin[i]),
-            meta.unit if meta else "rad", meta.meaning if meta else "offset of the phase reference",
-            float(space.lower[i]), float(space.upper[i]), True, resolved, at_bound,
+            name,
+            float(x[i]),
+            float(error[i] * np.sqrt(widening)) if resolved else float("inf"),
+            float(error[i]) if resolved else float("inf"),
+            float(begin[i]),
+            meta.unit if meta else "rad",
+            meta.meaning if meta else "offset of the phase reference",
+            float(space.lower[i]),
+            float(space.upper[i]),
+            True,
+            resolved,
+            at_bound,
         )
     theta = space.theta(x)
     for place, meta in enumerate(space.model.parameters):
@@ -359,9 +319,7 @@ def _parameters(
     return dict(sorted(entries.items(), key=lambda item: order.get(item[0].partition("[")[0], last)))
 
 
-def _warnings(
-    problem: Problem, x: Float, redchi: float, params: Mapping[str, FittedParameter]
-) -> list[str]:
+def _warnings(problem: Problem, x: Float, redchi: float, params: Mapping[str, FittedParameter]) -> list[str]:
     found = []
     if redchi > MODEL_LIMITED and problem.loss == "linear":
         found.append(
@@ -400,11 +358,13 @@ def _qualities(problem: Problem, x: Float) -> tuple[ResponseQuality, ...]:
             measured, model, sigma = block.measured[rows], predicted[rows], block.sigma[rows]
             miss = np.abs(model - measured) ** 2
             power = float(np.sum(np.abs(measured) ** 2)) * float(np.sum(np.abs(model) ** 2))
-            result.append(ResponseQuality(
-                name,
-                float(np.sqrt(miss.sum() / max(np.sum(np.abs(measured) ** 2), 1e-300))),
-                float(np.abs(np.vdot(model, measured)) ** 2 / power) if power > 0 else 0.0,
-                float(np.mean(miss / sigma**2) / 2),
-                int(rows.sum()),
-            ))
+            result.append(
+                ResponseQuality(
+                    name,
+                    float(np.sqrt(miss.sum() / max(np.sum(np.abs(measured) ** 2), 1e-300))),
+                    float(np.abs(np.vdot(model, measured)) ** 2 / power) if power > 0 else 0.0,
+                    float(np.mean(miss / sigma**2) / 2),
+                    int(rows.sum()),
+                )
+            )
     return tuple(result)

@@ -1,4 +1,4 @@
-"""What a fit promises beyond its numbers: joint data, groups, priors, bounds, errors bars that cover, honest failures."""
+"""What a fit promises beyond its numbers: joint data, groups, priors, bounds, error bars, honest failures."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def one_mode_test(noise=0.01, seed=0, speeds=(100.0, 180.0), lines=80, truth=TYP
     return circular_test(model, theta, speeds=speeds, frequency=frequency, noise=noise, seed=seed, **options)
 
 
-# ---- sensitivities ------------------------------------------------------------------------------------------------------
+# ---- sensitivities --------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("name", MODELS)
@@ -73,7 +73,7 @@ def test_robust_losses_against_their_definition(loss):
     np.testing.assert_allclose(weight, (robust_weights(loss, r**2 + h)[0] - rho) / h, rtol=1e-4)
 
 
-# ---- error bars that cover ------------------------------------------------------------------------------------------------
+# ---- error bars that cover ------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("name", MODELS)
@@ -135,7 +135,7 @@ def test_noise_is_found_and_redchi_means_something():
     assert np.mean(redchi) == pytest.approx(1.0, abs=0.1)
 
 
-# ---- several tests in one fit ------------------------------------------------------------------------------------------------
+# ---- several tests in one fit ---------------------------------------------------------------------------------------
 
 
 def test_joint_fit_of_squeeze_film_and_spinning_tests_is_sharper():
@@ -224,7 +224,7 @@ def test_bounds_hold_and_are_reported():
     assert any("rests on its bound" in warning for warning in fit.warnings)
 
 
-# ---- missing probes and planes -------------------------------------------------------------------------------------------------
+# ---- missing probes and planes --------------------------------------------------------------------------------------
 
 
 def test_a_single_probe_is_taken_as_a_circular_orbit():
@@ -275,7 +275,7 @@ def test_anisotropic_rig_needs_an_anisotropic_model():
         assert abs(fit.params[name].value - truth[name]) < 4 * fit.params[name].stderr
 
 
-# ---- honest failures -----------------------------------------------------------------------------------------------------------
+# ---- honest failures ------------------------------------------------------------------------------------------------
 
 
 def test_an_unstable_fit_says_that_no_rig_was_measured_there():
@@ -335,12 +335,12 @@ def test_bad_data():
         rf.fit(OneMode(), replace(few, sigma=np.full(2, np.nan)))
     with pytest.raises(ValueError, match="no structural blocks"):
         rf.refine(rf.fit(OneMode(), test, known=FLUID))
+    rig = rf.datasets.rig_open()
     with pytest.raises(ValueError, match="no force at disk"):
-        rig = rf.datasets.rig_open()
         rf.dynamic_stiffness(rig.select(rig.force_plane == "journal"))
 
 
-# ---- reading a result ------------------------------------------------------------------------------------------------------------
+# ---- reading a result -----------------------------------------------------------------------------------------------
 
 
 def test_measured_dynamic_stiffness_lies_on_the_model():

@@ -38,7 +38,7 @@ def one_mode(**changes):
     return model, model.vector(TYPICAL["one-mode"] | changes), TYPICAL["one-mode"] | changes
 
 
-# ---- fluid force ------------------------------------------------------------------------------------------------------
+# ---- fluid force ----------------------------------------------------------------------------
 
 
 def test_fluid_force_is_a_spring_damper_mass_in_turning_coordinates():
@@ -104,7 +104,7 @@ def test_response_against_time_integration(w):
     assert amplitude == pytest.approx(predicted, rel=1e-8)
 
 
-# ---- stability --------------------------------------------------------------------------------------------------------
+# ---- stability ----------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("Ds", [0.0, 8.0, 150.0])
@@ -169,7 +169,7 @@ def test_gradients_of_threshold_and_eigenvalue_against_differences():
     assert step == pytest.approx(by_speed, rel=1e-6)
 
 
-# ---- anisotropic rotor and the printed equations ------------------------------------------------------------------------
+# ---- anisotropic rotor and the printed equations ----------------------------------------------------------------------------
 
 
 def test_equations_8_and_corrected_9():
@@ -220,7 +220,7 @@ def test_measured_dynamic_stiffness_of_an_anisotropic_rig():
     np.testing.assert_allclose(measured.kappa, exact, rtol=1e-8, atol=1e-8 * np.abs(exact).max())
 
 
-# ---- gyroscopic rotor ---------------------------------------------------------------------------------------------------
+# ---- gyroscopic rotor ----------------------------------------------------------------------------
 
 
 def test_overhung_rotor_against_the_textbook():
@@ -274,7 +274,7 @@ def test_gyroscopic_frequencies_split_with_speed():
     assert np.all(np.diff(np.abs(w[:, 0])) < 0)  # highest backward frequency falls
 
 
-# ---- two disks ----------------------------------------------------------------------------------------------------------
+# ---- two disks ----------------------------------------------------------------------------
 
 
 def test_two_disk_published_modes():
@@ -284,7 +284,7 @@ def test_two_disk_published_modes():
     np.testing.assert_allclose(w[w > 0], [165.2, 441.7], atol=0.05)
 
 
-# ---- machinery ------------------------------------------------------------------------------------------------------------
+# ---- machinery ----------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("name", MODELS)

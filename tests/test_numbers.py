@@ -103,7 +103,7 @@ def test_gross_outliers(rig, loss):
     assert fit.params["lam"].value == pytest.approx(TRUTH["lam"], rel=0.015)
 
 
-# ---- two disks, synchronous -------------------------------------------------------------------------------------------
+# ---- two disks, synchronous ----------------------------------------------------------------------------
 
 
 def two_disk_derived(p):
@@ -166,7 +166,7 @@ def test_probe_factor_follows_from_reciprocity():
     within_own_errors(fit, {"beta2": 0.93, "K2": truth["K2"], "M2": truth["M2"]})
 
 
-# ---- squeeze film, two velocity ratios --------------------------------------------------------------------------------
+# ---- squeeze film, two velocity ratios ----------------------------------------------------------------------------
 
 
 def squeeze_film(noise=0.005):

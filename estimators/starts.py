@@ -1,0 +1,114 @@
+"""Where an optimisation begins: the closed form, polished; several random starts where there is none."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotorfit.estimators.closed_form import ClosedFormError, closed_form
+from rotorfit.estimators.least_squares import Options, Solution, minimise
+from rotorfit.estimators.observations import Block, Responses
+from rotorfit.estimators.problem import LOSS_SCALE, ParameterSpace, Problem
+from rotorfit.models.parameters import unknown_name
+
+Float = NDArray[np.float64]
+
+_PASSES = 64  # most passes of a polished start; good data settle in four
+_ROBUST_ROUNDS = 8
+_MULTISTARTS = 24
+
+
+def start_vector(problem: Problem, given: Mapping[str, float]) -> tuple[Float, tuple[str, ...]]:
+    """Start of the optimisation, shape ``(p,)``, and notes on how it was found.
+
+    Args:
+        problem: what is to be fitted.
+        given: values by parameter name that replace those of the closed form.
+
+    Raises:
+        KeyError: a name that is not fitted.
+    """
+    space = problem.space
+    for name in given:
+        if name not in space.names and name not in space.base:
+            raise KeyError(unknown_name("fitted parameter", name, space.names))
+    values = np.array(
+        [given.get(n, given.get(b, np.nan)) for n, b in zip(space.names, space.base, strict=True)], dtype=float
+    )
+    notes: tuple[str, ...] = ()
+    if np.isnan(values).any():
+        guess, notes = _guess(problem)
+        values = np.where(np.isnan(values), guess, values)
+    return _full(problem, values), notes
+
+
+def _guess(problem: Problem) -> tuple[Float, tuple[str, ...]]:
+    """The better of the closed form and the closed form polished by further linear passes until it settles.
+
+    Sharp resonances between coarse lines leave local minima right beside the global one: a start has to be near.
+    """
+    try:
+        blocks = problem.blocks if problem.loss == "linear" else _discount_outliers(problem)
+        candidates = [closed_form(problem.space, blocks, passes=passes) for passes in (_PASSES, 2)]
+    except ClosedFormError as reason:
+        return _multistart(problem), (f"no closed form ({reason}); the best of {_MULTISTARTS} random starts was taken",)
+    best = min(candidates, key=lambda estimate: _cost(problem, estimate.x))
+    return best.x, best.notes
+
+
+def _discount_outliers(problem: Problem) -> tuple[Block, ...]:
+    """Blocks whose gross outliers carry a larger sigma, found by closed forms that discount what the last one missed.
+
+    The scale of the residuals is their own median, so that a start that is far off does not take all for outliers.
+    """
+    blocks = problem.blocks
+    for _ in range(_ROBUST_ROUNDS):
+        x = _full(problem, closed_form(problem.space, blocks, passes=_PASSES).x)
+        size = np.abs(problem.residuals(x))
+        # The median modulus of pure noise is sqrt(2 ln 2) sigma.
+        scale = max(1.0, float(np.median(size)) / np.sqrt(2 * np.log(2)))
+        widening = np.maximum(1.0, size / (LOSS_SCALE * scale)) ** 2
+        parts = np.split(widening, np.cumsum([block.measured.size for block in problem.blocks])[:-1])
+        blocks = tuple(
+            replace(block, sigma=block.sigma * part) if isinstance(block, Responses) else block
+            for block, part in zip(problem.blocks, parts, strict=True)
+        )
+    return blocks
+
+
+def _cost(problem: Problem, values: Float) -> float:
+    cost = problem.cost(_full(problem, values))
+    return cost if np.isfinite(cost) else np.inf
+
+
+def _full(problem: Problem, values: Float) -> Float:
+    """Start values inside the bounds, nuisance parameters at zero behind them."""
+    return np.concatenate([_inside(values, problem.space), np.zeros(len(problem.space.nuisance))])
+
+
+def _inside(values: Float, space: ParameterSpace) -> Float:
+    """Values moved off the bounds, where Ipopt's barrier wants them."""
+    lower, upper = space.lower[: values.size], space.upper[: values.size]
+    margin = 1e-3 * np.where(np.isfinite(upper - lower), upper - lower, np.maximum(np.abs(values), 1e-3))
+    scale = np.array([space.model.parameter(name).scale for name in space.base])
+    margin = np.minimum(margin, 1e-3 * scale)
+    return np.asarray(np.clip(values, lower + margin, upper - margin))
+
+
+def _multistart(problem: Problem) -> Float:
+    """Best short fit of several starts spread over a decade around typical values, where there is no closed form."""
+    space = problem.space
+    rng = np.random.default_rng(0)
+    scale = np.array([space.model.parameter(name).scale for name in space.base])
+    best: Solution | None = None
+    for _ in range(_MULTISTARTS):
+        start = _full(problem, scale * np.exp(rng.normal(0.0, 0.8, scale.size)))
+        size = np.abs(start) + (start == 0)
+        options = Options(max_iterations=40)
+        found = minimise(problem, start, lower=space.lower, upper=space.upper, scale=size, options=options)
+        if best is None or found.cost < best.cost:
+            best = found
+    return np.asarray(best.x[: len(space.names)]) if best is not None else scale
