@@ -8,12 +8,13 @@ equation in which it is the only unknown. Both steps are read off the model's ow
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from hashlib import blake2b
 from typing import Any
 
-import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from rotorfit.estimators.lumped import Layout, Lumped, lumped_coefficients
 from rotorfit.estimators.observations import Block, Responses
 from rotorfit.estimators.problem import ParameterSpace
 from rotorfit.estimators.response import dynamic_stiffness, inverse
@@ -22,9 +23,7 @@ Float = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 Index = NDArray[np.intp]
 
-_DEPENDENT = 1e-9  # relative size below which one coefficient adds nothing to the others
 _SETTLED = 1e-6  # relative change of the lumped coefficients after which further passes bring nothing
-_SPEED_TERMS = 5  # powers of the speed looked for in a coefficient
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,23 +45,9 @@ class ClosedFormError(ValueError):
     """The data do not allow a closed form; the message says what is missing."""
 
 
-@dataclass(frozen=True, eq=False)
-class _Terms:
-    """Lumped coefficients as expressions of the fitted vector, and where each one enters kappa."""
-
-    x: ca.SX
-    expressions: ca.SX
-    block: Index
-    group: Index
-    row: Index
-    column: Index
-    power: Index
-    unit: ComplexArray
-    speed_power: Index
-    speed: Float  # speed to which a term is restricted, NaN for all
-
-
-def closed_form(space: ParameterSpace, blocks: tuple[Block, ...], *, weighted: bool = True, passes: int = 2) -> ClosedForm:
+def closed_form(
+    space: ParameterSpace, blocks: tuple[Block, ...], *, weighted: bool = True, passes: int = 2
+) -> ClosedForm:
     """Identify without iteration.
 
     Weighted, three linear solves: the bare force balance; the same weighed with the noise that its result propagates;
@@ -87,50 +72,67 @@ def closed_form(space: ParameterSpace, blocks: tuple[Block, ...], *, weighted: b
             "the closed form needs responses to a circular force with readings at every plane of the model; "
             "give start values instead"
         )
-    terms = _lumped_terms(space, chosen)
-    basis, spread, offset = _independent(terms, space)
-    if not _determined(space, terms, chosen, spread):
+    lumped = lumped_coefficients(Layout.of(space, chosen))
+    if not _determined(space, lumped, chosen):
         return _with_convention(space, blocks, weighted, passes)
-    design, target = _force_balance(terms, chosen, spread, offset, None)
+    equations = [_Equations(lumped, number, block) for number, block in enumerate(chosen)]
     if not weighted:
-        design, target = _stiffness_balance(terms, chosen, spread, offset)
-        lumped, information = _solve(design, target)
-        x, notes = _parameters(space, terms, offset + spread @ lumped, spread, None)
+        solution = _solve(np.concatenate([e.stiffness_balance() for e in equations]))
+        x, notes = _parameters(space, lumped, lumped.offset + lumped.spread @ solution, None)
         return ClosedForm(x, np.full((x.size, x.size), np.nan), notes)
-    lumped, _ = _solve(design, target)
+    solution = _solve(np.concatenate([e.force_balance(e.amplitude, e.force_weight()) for e in equations]))
     for number in range(passes):
-        values = offset + spread @ lumped
-        design, target = _force_balance(terms, chosen, spread, offset, values)
+        values = lumped.offset + lumped.spread @ solution
+        inverses = [e.inverse(values) for e in equations]
+        pairs = list(zip(equations, inverses, strict=True))
+        design = np.concatenate([e.force_balance(e.amplitude, e.response_weight(H)) for e, H in pairs])
         if number == 0:
-            lumped, information = _solve(design, target)
+            solution = _solve(design)
+            information = design[:, :-1].T @ design[:, :-1]
             continue
-        instruments, _ = _force_balance(terms, chosen, spread, offset, values, predicted=True)
-        before = lumped
-        lumped, information = _solve(design, target, instruments)
-        if np.all(np.abs(lumped - before) <= _SETTLED * np.abs(lumped)):
+        instruments = np.concatenate([e.force_balance(e.predicted(H), e.response_weight(H)) for e, H in pairs])[:, :-1]
+        before, solution = solution, _solve_with(instruments, design)
+        information = instruments.T @ instruments
+        if np.all(np.abs(solution - before) <= _SETTLED * np.abs(solution)):
             break
-    x, notes = _parameters(space, terms, offset + spread @ lumped, spread, information)
-    jacobian = np.asarray(ca.Function("g", [terms.x], [ca.jacobian(terms.expressions[basis.tolist()], terms.x)])(x))
-    covar = np.linalg.pinv(jacobian.T @ information @ jacobian, rcond=1e-15, hermitian=True)
-    return ClosedForm(x, np.asarray(covar), notes)
+    x, notes = _parameters(space, lumped, lumped.offset + lumped.spread @ solution, information)
+    return ClosedForm(x, _covariance(lumped.linearise(x)[1][lumped.basis], information), notes)
 
 
-def _determined(space: ParameterSpace, terms: _Terms, blocks: list[Responses], spread: Float) -> bool:
+def _covariance(jacobian: Float, information: Float) -> Float:
+    """Covariance of the parameters from the information on the lumped coefficients."""
+    of_parameters = jacobian.T @ information @ jacobian
+    # Unit diagonal first: masses and stiffnesses are many decades apart.
+    size = np.sqrt(np.maximum(np.diag(of_parameters), 0.0))
+    scale = 1 / np.where(size > 0, size, 1.0)
+    scaled = of_parameters * np.outer(scale, scale)
+    return np.asarray(np.linalg.pinv(scaled, rcond=1e-15, hermitian=True) * np.outer(scale, scale))
+
+
+def _determined(space: ParameterSpace, lumped: Lumped, blocks: list[Responses]) -> bool:
     """Whether such a test can give all independent lumped coefficients, judged on exact responses of a typical rotor.
 
     Noise hides the defect: the force balance of a plane that is never forced is homogeneous, and noisy data "solve" it
     with zeros.
     """
+    conditions = [part for b in blocks for part in (b.speed, b.frequency, b.force if not b.imposed else b.coordinate)]
+    key = blake2b(b"".join(np.ascontiguousarray(part).tobytes() for part in conditions)).digest()
+    if key not in lumped.determined:
+        lumped.determined[key] = _is_determined(space, lumped, blocks)
+    return lumped.determined[key]
+
+
+def _is_determined(space: ParameterSpace, lumped: Lumped, blocks: list[Responses]) -> bool:
     rng = np.random.default_rng(1)
     x = np.array([_typical(space, i) for i in range(len(space.names))]) * rng.uniform(0.8, 1.25, len(space.names))
     theta = space.theta(np.concatenate([x, np.zeros(len(space.nuisance))]))
     designs = []
     for number, block in enumerate(blocks):
+        equations = _Equations(lumped, number, block)
         H = inverse(dynamic_stiffness(block, theta))
-        amplitude = block.force if block.imposed else np.einsum("lij,lj->li", H, block.force)
+        amplitude = equations.predicted(H)
         weight = H / np.abs(amplitude).max(axis=1)[:, None, None]
-        phi = _regressors(terms, number, block, amplitude)
-        designs.append(_flat(weight @ phi @ spread[terms.block == number]))
+        designs.append(equations.force_balance(amplitude, weight)[:, :-1])
     design = np.concatenate(designs)
     norm = np.linalg.norm(design, axis=0)
     if not norm.all():
@@ -182,271 +184,135 @@ def _line_subset(block: Responses, keep: NDArray[np.bool_]) -> dict[str, Any]:
     return parts | {"line": number[block.line[readings]]}
 
 
-# ---- the model's lumped coefficients ----------------------------------------------------------------------------
+# ---- linear least squares ----------------------------------------------------------------------------
 
 
-def _lumped_terms(space: ParameterSpace, blocks: list[Responses]) -> _Terms:
-    model = space.model
-    n = len(model.coordinates)
-    x = ca.SX.sym("x", len(space.names))
-    speed = ca.SX.sym("speed")
-    rows: list[tuple[int, int, int, int, int, complex, int, float]] = []
-    expressions: list[ca.SX] = []
-    for number, block in enumerate(blocks):
-        for group in np.unique(block.group):
-            theta = [
-                x[int(k)] if k >= 0 else space.template[group, i] for i, k in enumerate(space.index[group].tolist())
-            ]
-            inputs = ca.vertcat(*theta, speed, 0.0)
-            flat = model.functions.graph(inputs)
-            factors = model.functions.factor_graph(inputs)
-            speeds = np.unique(block.speed[block.group == group])
-            for entry in range(flat.numel()):
-                power, rest = divmod(entry, 2 * n * n)
-                imaginary, place = divmod(rest, n * n)
-                row, column = divmod(place, n)
-                unit = 1j if imaginary else 1.0
-                expression = ca.simplify(flat[entry] / factors[2 * column])
-                for degree, at, part in _speed_parts(expression, speed, speeds):
-                    expressions.append(part)
-                    rows.append((number, int(group), row, column, power, unit, degree, at))
-    columns = list(zip(*rows, strict=True))
-    block_, group_, row_, column_, power_, _, degree_, _ = (np.array(c) for c in columns)
-    return _Terms(
-        x, ca.vertcat(*expressions), block_, group_, row_, column_, power_,
-        np.array(columns[5], dtype=complex), degree_, np.array(columns[7], dtype=float),
-    )
+class _Equations:
+    """Equations of motion ``kappa A = F`` of one block, linear in the independent lumped coefficients.
 
-
-def _speed_parts(expression: ca.SX, speed: ca.SX, speeds: Float) -> list[tuple[int, float, ca.SX]]:
-    """Split a coefficient by powers of the speed, or by speed where too few speeds were tested for that."""
-    if not ca.depends_on(expression, speed):
-        return [] if expression.is_zero() else [(0, np.nan, expression)]
-    parts, derivative, factorial = [], expression, 1.0
-    for degree in range(_SPEED_TERMS):
-        part = ca.simplify(ca.substitute(derivative, speed, ca.SX(0.0)) / factorial)
-        if not part.is_zero():
-            parts.append((degree, np.nan, part))
-        derivative = ca.simplify(ca.jacobian(derivative, speed))
-        factorial *= degree + 1
-        if derivative.is_zero() or not derivative.nnz():
-            if len(parts) <= speeds.size:
-                return parts
-            break
-    return [(0, float(v), ca.substitute(expression, speed, ca.SX(float(v)))) for v in speeds]
-
-
-def _independent(terms: _Terms, space: ParameterSpace) -> tuple[Index, Float, Float]:
-    """Write every lumped coefficient as an affine function of independent ones.
-
-    Relations such as kappa_12 = -K2 = kappa_21 are found by evaluating the expressions at random parameters.
-
-    Returns:
-        rows of independent expressions ``b``; matrix ``S`` and offset ``o`` with ``all = S b + o``.
+    Attributes:
+        amplitude, force, sigma: readings, forces and noise at every coordinate of every line, shape ``(L, n)``.
     """
-    from scipy.linalg import qr
 
-    count, size = terms.expressions.numel(), len(space.names)
-    evaluate = ca.Function("lumped", [terms.x], [terms.expressions])
-    scale = np.array([space.model.parameter(name).scale for name in space.base])
-    samples = scale * np.exp(np.random.default_rng(0).uniform(-1, 1, (2 * min(count, 4 * size) + 4 * size + 8, size)))
-    values = np.array([np.asarray(evaluate(sample)).ravel() for sample in samples])
-    centre = values.mean(axis=0)
-    spread = values - centre
-    norm = np.linalg.norm(spread, axis=0)
-    moving = norm > 1e-12 * np.linalg.norm(values, axis=0)
-    scaled = np.where(moving, spread / np.where(moving, norm, 1.0), 0.0)
-    _, r, pivots = qr(scaled, mode="economic", pivoting=True)
-    diagonal = np.abs(np.diag(r))
-    rank = int(np.sum(diagonal > _DEPENDENT * diagonal[0])) if diagonal.size else 0
-    basis = np.sort(pivots[:rank])
-    S = np.linalg.lstsq(spread[:, basis], spread, rcond=None)[0].T
-    S[np.abs(S) < 1e-11 * np.abs(S).max(axis=1, keepdims=True, initial=1e-300)] = 0.0
-    return basis, S, centre - S @ centre[basis]
-
-
-# ---- linear least squares ------------------------------------------------------------------------------------------
-
-
-def _amplitudes(block: Responses) -> tuple[ComplexArray, ComplexArray, Float]:
-    """Amplitude, force and noise at every coordinate of every line, each of shape ``(L, n)``."""
-    if not block.imposed:
-        amplitude, sigma = block.amplitudes()
-        return amplitude, block.force, sigma
-    return block.force, block.measured[:, None], block.sigma[:, None]
-
-
-def _regressors(terms: _Terms, number: int, block: Responses, amplitude: ComplexArray) -> ComplexArray:
-    """Contribution of each lumped coefficient to ``kappa A``, shape ``(L, n, E)``, E the terms of this block."""
-    mine = np.flatnonzero(terms.block == number)
-    result = np.zeros((*amplitude.shape, mine.size), dtype=complex)
-    for place, e in enumerate(mine):
-        lines = block.group == terms.group[e]
-        if not np.isnan(terms.speed[e]):
-            lines &= block.speed == terms.speed[e]
-        s, Om = block.s[lines], block.speed[lines]
-        product = terms.unit[e] * s ** terms.power[e] * Om ** terms.speed_power[e]
-        result[lines, terms.row[e], place] = product * amplitude[lines, terms.column[e]]
-    return result
-
-
-def _kappa(terms: _Terms, number: int, block: Responses, values: Float) -> ComplexArray:
-    """Dynamic stiffness of each line from lumped coefficients, shape ``(L, n, n)``."""
-    n = len(block.model.coordinates)
-    mine = terms.block == number
-    columns = []
-    for column in range(n):
-        unit = np.zeros((block.speed.size, n), dtype=complex)
-        unit[:, column] = 1.0
-        columns.append(_regressors(terms, number, block, unit) @ values[mine])
-    return np.stack(columns, axis=-1)
-
-
-def _force_balance(
-    terms: _Terms,
-    blocks: list[Responses],
-    spread: Float,
-    offset: Float,
-    values: Float | None,
-    *,
-    predicted: bool = False,
-) -> tuple[Float, Float]:
-    """Rows of ``kappa A = F``, linear in the independent lumped coefficients.
-
-    With a first estimate ``values`` of the coefficients each row is multiplied by ``inv(kappa)`` over sigma, which turns the
-    force error into the response error, whose noise is known and independent from reading to reading. ``predicted`` puts
-    the responses of that estimate in the place of the measured ones.
-    """
-    designs, targets = [], []
-    for number, block in enumerate(blocks):
-        amplitude, force, sigma = _amplitudes(block)
-        if predicted and values is not None and not block.imposed:
-            amplitude = np.einsum("lij,lj->li", inverse(_kappa(terms, number, block, values)), block.force)
-        phi = _regressors(terms, number, block, amplitude)
-        if values is None:
-            weight = np.eye(force.shape[1]) / np.abs(force).max(axis=1)[:, None, None]
-        elif block.imposed:
-            weight = np.eye(1) / sigma[:, :, None]
+    def __init__(self, lumped: Lumped, number: int, block: Responses) -> None:
+        self.block = block
+        if block.imposed:
+            self.amplitude, self.force, self.sigma = block.force, block.measured[:, None], block.sigma[:, None]
         else:
-            weight = inverse(_kappa(terms, number, block, values)) / sigma[:, :, None]
-        mine = terms.block == number
-        designs.append(_flat(weight @ phi @ spread[mine]))
-        targets.append(_flat((weight @ (force - phi @ offset[mine])[:, :, None])))
-    return np.concatenate(designs), np.concatenate(targets)[:, 0]
+            self.amplitude, self.sigma = block.amplitudes()
+            self.force = block.force
+        place = lumped.place
+        self._mine = mine = np.flatnonzero(place.block == number)
+        self._row, self._column = place.row[mine], place.column[mine]
+        self._combine = np.column_stack([lumped.spread[mine], lumped.offset[mine]])
+        s_powers = block.s ** np.arange(place.power.max() + 1)[:, None]
+        speed_powers = block.speed ** np.arange(place.speed_power.max() + 1)[:, None]
+        self._factor = place.unit[mine, None] * s_powers[place.power[mine]] * speed_powers[place.speed_power[mine]]
+        here = place.group[mine, None] == block.group
+        here &= np.isnan(place.speed[mine, None]) | (place.speed[mine, None] == block.speed)
+        self._factor *= here
+
+    def kappa(self, values: Float) -> ComplexArray:
+        """Dynamic stiffness of each line from lumped coefficients, shape ``(L, n, n)``."""
+        n = self.amplitude.shape[1]
+        result = np.zeros((n, n, self.amplitude.shape[0]), dtype=complex)
+        for row, column, factor, value in zip(
+            self._row.tolist(), self._column.tolist(), self._factor, values[self._mine].tolist(), strict=True
+        ):
+            result[row, column] += value * factor
+        return np.moveaxis(result, -1, 0)
+
+    def inverse(self, values: Float) -> ComplexArray:
+        """Receptance of each line from lumped coefficients, shape ``(L, n, n)``."""
+        return inverse(self.kappa(values))
+
+    def predicted(self, H: ComplexArray) -> ComplexArray:
+        """Amplitudes with a receptance, shape ``(L, n)``; imposed ones are what they are."""
+        return self.block.force if self.block.imposed else np.asarray(np.einsum("lij,lj->li", H, self.block.force))
+
+    def force_weight(self) -> ComplexArray:
+        """Weights that bring all lines to a force of one."""
+        return np.asarray(np.eye(self.force.shape[1]) / np.abs(self.force).max(axis=1)[:, None, None] + 0j)
+
+    def response_weight(self, H: ComplexArray) -> ComplexArray:
+        """Weights that turn the force error into the response error over its noise, independent between readings."""
+        return np.asarray((np.eye(1) + 0j if self.block.imposed else H) / self.sigma[:, :, None])
+
+    def force_balance(self, amplitude: ComplexArray, weight: ComplexArray) -> Float:
+        """Rows of ``weight kappa A = weight F``, shape ``(2 L n, B + 1)``; the last column is the right-hand side."""
+        return _real_rows(weight @ self._sides(amplitude, self.force))
+
+    def _sides(self, amplitude: ComplexArray, force: ComplexArray) -> ComplexArray:
+        """Both sides of kappa A = F, shape ``(L, n, B + 1)``."""
+        count, n = amplitude.shape
+        result = np.zeros((count, n, self._combine.shape[1]), dtype=complex)
+        columns = np.ascontiguousarray(amplitude.T)
+        for row in range(n):
+            mine = np.flatnonzero(self._row == row)
+            products = (self._factor[mine] * columns[self._column[mine]]).T
+            result[:, row].real = products.real @ self._combine[mine]
+            result[:, row].imag = products.imag @ self._combine[mine]
+        result[:, :, -1] = force - result[:, :, -1]
+        return result
+
+    def stiffness_balance(self) -> Float:
+        """Entries of the inverted dynamic stiffness (eq. 7), equally weighted; force balance where there are none."""
+        if self.block.imposed:
+            return self.force_balance(self.amplitude, self.force_weight())
+        stiffness = stiffness_matrices(self.block)
+        if stiffness.kappa.size == 0:
+            return self.force_balance(self.amplitude, np.eye(self.force.shape[1], dtype=complex))
+        rows = []
+        for column in range(stiffness.kappa.shape[-1]):
+            unit = np.zeros_like(self.amplitude)
+            unit[:, column] = 1.0
+            sides = self._sides(unit, np.zeros_like(unit))[stiffness.first_line]
+            sides[:, :, -1] += stiffness.kappa[:, :, column]
+            rows.append(_real_rows(sides))
+        return np.concatenate(rows)
 
 
-def _flat(values: ComplexArray) -> Float:
+def _real_rows(values: ComplexArray) -> Float:
     rows = values.reshape(-1, values.shape[-1])
     return np.concatenate([rows.real, rows.imag])
 
 
-def _stiffness_balance(
-    terms: _Terms, blocks: list[Responses], spread: Float, offset: Float
-) -> tuple[Float, Float]:
-    """Entries of the inverted dynamic stiffness (eq. 7), all of equal weight; force balance where it has no inverse."""
-    designs, targets = [], []
-    for number, block in enumerate(blocks):
-        mine = terms.block == number
-        if block.imposed:
-            design, target = _force_balance(terms, [block], spread, offset, None)
-            designs.append(design)
-            targets.append(target)
-            continue
-        stiffness = stiffness_matrices(block)
-        if stiffness.kappa.size == 0:
-            amplitude, force, _ = _amplitudes(block)
-            phi = _regressors(terms, number, block, amplitude)
-            designs.append(_flat(phi @ spread[mine]))
-            targets.append(_flat((force - phi @ offset[mine])[:, :, None])[:, 0])
-            continue
-        lines = replace(block, **_line_subset(block, np.isin(np.arange(block.speed.size), stiffness.first_line)))
-        for column in range(stiffness.kappa.shape[-1]):
-            unit = np.zeros(stiffness.kappa.shape[:2], dtype=complex)
-            unit[:, column] = 1.0
-            phi = _regressors(terms, number, lines, unit)
-            designs.append(_flat(phi @ spread[mine]))
-            targets.append(_flat((stiffness.kappa[:, :, column] - phi @ offset[mine])[:, :, None])[:, 0])
-    return np.concatenate(designs), np.concatenate(targets)
-
-
-def _solve(design: Float, target: Float, instruments: Float | None = None) -> tuple[Float, Float]:
-    """Least squares with equilibrated columns, or with instruments; returns the solution and the information matrix."""
-    if instruments is not None:
-        norm = np.linalg.norm(instruments, axis=0)
-        norm = np.where(norm > 0, norm, 1.0)
-        cross = (instruments / norm).T @ (design / norm)
-        return np.linalg.solve(cross, (instruments / norm).T @ target) / norm, instruments.T @ instruments
-    norm = np.linalg.norm(design, axis=0)
+def _solve(system: Float) -> Float:
+    """Least squares with equilibrated columns; the last column is the right-hand side."""
+    norm = np.linalg.norm(system, axis=0)
     norm = np.where(norm > 0, norm, 1.0)
-    scaled = design / norm
-    solution = np.linalg.lstsq(scaled, target, rcond=1e-13)[0]
-    return solution / norm, design.T @ design
+    triangle = np.asarray(np.linalg.qr(system / norm, mode="r"))
+    solution = np.linalg.lstsq(triangle[:, :-1], triangle[:, -1], rcond=1e-13)[0]
+    return np.asarray(solution * norm[-1] / norm[:-1])
 
 
-# ---- from lumped coefficients to parameters --------------------------------------------------------------------------
+def _solve_with(instruments: Float, system: Float) -> Float:
+    """The same equations, projected on instruments."""
+    norm = np.linalg.norm(instruments, axis=0)
+    norm = np.where(norm > 0, norm, 1.0)
+    projected = (instruments / norm).T @ system
+    return np.linalg.solve(projected[:, :-1] / norm, projected[:, -1]) / norm
+
+
+# ---- from lumped coefficients to parameters ------------------------------------------------------------------------
 
 
 def _parameters(
-    space: ParameterSpace, terms: _Terms, values: Float, spread: Float, information: Float | None
+    space: ParameterSpace, lumped: Lumped, values: Float, information: Float | None
 ) -> tuple[Float, tuple[str, ...]]:
     """Solve the lumped expressions for the parameters, one unknown at a time, then take one weighted step on all."""
     size = len(space.names)
-    x = np.full(size, np.nan)
-    waiting = [(k, terms.expressions[k], float(values[k])) for k in range(values.size)]
-    while np.isnan(x).any():
-        found = _next_parameter(terms.x, x, waiting)
-        if found is None:
-            break
-        x[found[0]] = found[1]
+    x = lumped.parameters(values, np.array([_typical(space, i) for i in range(size)]))
     notes: tuple[str, ...] = ()
-    missing = np.isnan(x)
-    if missing.any():
-        x, notes = _remaining(space, terms, values, x)
+    if np.isnan(x).any():
+        x, notes = _remaining(space, lumped, values, x)
     if information is not None:
-        x = _one_step(terms, values, spread, information, x)
+        x = _one_step(lumped, values, information, x)
     inside = np.clip(x, space.lower[:size], space.upper[:size])
     return np.where(np.isfinite(inside), inside, np.nan), notes
 
 
-def _next_parameter(
-    symbols: ca.SX, x: Float, waiting: list[tuple[int, ca.SX, float]]
-) -> tuple[int, float] | None:
-    """The next parameter that some expression gives directly: alone in it, and linear or as a reciprocal."""
-    known = np.flatnonzero(~np.isnan(x))
-    best: tuple[float, int, float] | None = None
-    for _, expression, value in waiting:
-        unknown = [i for i in range(x.size) if np.isnan(x[i]) and ca.depends_on(expression, symbols[i])]
-        if len(unknown) != 1:
-            continue
-        symbol = symbols[unknown[0]]
-        here = expression
-        if known.size:
-            here = ca.substitute(expression, symbols[known.tolist()], ca.DM(x[known]))
-        solved = _solve_for(ca.simplify(here), symbol, value)
-        if solved is not None and (best is None or solved[1] > best[0]):
-            best = (solved[1], unknown[0], solved[0])
-    return None if best is None else (best[1], best[2])
-
-
-def _solve_for(expression: ca.SX, symbol: ca.SX, value: float) -> tuple[float, float] | None:
-    """Solve ``expression = value`` for its only symbol; also the share of the value that depends on the symbol."""
-    for reciprocal in (False, True):
-        t = ca.SX.sym("t")
-        e = ca.simplify(ca.substitute(expression, symbol, 1 / t if reciprocal else t))
-        slope = ca.simplify(ca.jacobian(e, t))
-        samples = np.array([float(ca.Function("s", [t], [slope])(v)) for v in (0.7, 1.9, 31.0)])
-        if not np.allclose(samples, samples[0], rtol=1e-9, atol=0) or samples[0] == 0:
-            continue
-        constant = float(ca.Function("c", [t], [e])(1.0)) - samples[0]
-        root = (value - constant) / samples[0]
-        share = abs(samples[0] * root) / (abs(constant) + abs(samples[0] * root) + 1e-300)
-        return (1 / root if reciprocal else root), share
-    return None
-
-
-def _remaining(
-    space: ParameterSpace, terms: _Terms, values: Float, x: Float
-) -> tuple[Float, tuple[str, ...]]:
+def _remaining(space: ParameterSpace, lumped: Lumped, values: Float, x: Float) -> tuple[Float, tuple[str, ...]]:
     """Parameters that no single expression gives: solve the coupled lumped equations, or take a typical value."""
     from scipy.optimize import least_squares
 
@@ -455,17 +321,16 @@ def _remaining(
     typical = np.array([_typical(space, int(i)) for i in missing])
     start = x.copy()
     start[missing] = typical
-    f = ca.Function("f", [terms.x], [terms.expressions])
-    df = ca.Function("df", [terms.x], [ca.jacobian(terms.expressions, terms.x)])
-    level = np.maximum(np.abs(values), np.abs(np.asarray(f(start)).ravel()))
+    now, slopes = lumped.linearise(start)
+    level = np.maximum(np.abs(values), np.abs(now))
     weight = 1.0 / np.where(level > 0, level, 1.0)
-    influence = np.asarray(df(start))[:, missing] * weight[:, None] * typical
+    influence = slopes[:, missing] * weight[:, None] * typical
     silent = np.linalg.norm(influence, axis=0) == 0
 
     def residual(u: Float) -> Float:
         y = start.copy()
         y[missing] = u * typical
-        return np.asarray((np.asarray(f(y)).ravel() - values) * weight)
+        return np.asarray((lumped.values(y) - values) * weight)
 
     solved = least_squares(residual, np.ones(missing.size), x_scale="jac", max_nfev=50)
     start[missing] = np.where(silent, 1.0, solved.x) * typical
@@ -478,14 +343,12 @@ def _typical(space: ParameterSpace, entry: int) -> float:
     return float(np.clip(guess, space.lower[entry], space.upper[entry])) or 1e-3
 
 
-def _one_step(terms: _Terms, values: Float, spread: Float, information: Float, x: Float) -> Float:
+def _one_step(lumped: Lumped, values: Float, information: Float, x: Float) -> Float:
     """One linearised weighted step on all lumped coefficients at once: it uses the redundant ones as well."""
-    f = ca.Function("f", [terms.x], [terms.expressions, ca.jacobian(terms.expressions, terms.x)])
-    now, jacobian = (np.asarray(part) for part in f(x))
+    now, jacobian = lumped.linearise(x)
     # information is that of the independent coefficients b, all = S b + o: least squares on S(b_model - b) = 0
-    pick = np.linalg.pinv(spread)
-    J = pick @ jacobian
-    miss = pick @ (values - now.ravel())
+    J = lumped.solve_spread(jacobian)
+    miss = lumped.solve_spread(values - now)
     scale = np.maximum(np.abs(x), 1e-12)
     normal = J.T @ information @ J * np.outer(scale, scale)
     root = np.sqrt(np.maximum(np.diag(normal), 1e-300))
@@ -495,7 +358,7 @@ def _one_step(terms: _Terms, values: Float, spread: Float, information: Float, x
     return moved if np.all(np.abs(moved - x) <= 0.5 * np.abs(x) + 1e-300) else x
 
 
-# ---- eq. 7, frequency by frequency ---------------------------------------------------------------------------------
+# ---- eq. 7, frequency by frequency ----------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, eq=False)
@@ -529,27 +392,27 @@ def stiffness_matrices(block: Responses) -> StiffnessMatrices:
     keys = np.column_stack([block.group, _rounded(block.speed), _rounded(w)])
     _, index = np.unique(keys, axis=0, return_inverse=True)
     order = np.argsort(index.reshape(-1), kind="stable")
-    frequency, speed, kappa, error, first = [], [], [], [], []
-    for lines in np.split(order, np.flatnonzero(np.diff(index.reshape(-1)[order])) + 1):
-        if lines.size < n:
-            continue
-        A, F = amplitude[lines].T, block.force[lines].T
-        if np.linalg.matrix_rank(F) < n or np.linalg.matrix_rank(A) < n:
-            continue
+    size = np.bincount(index.reshape(-1))
+    begin = np.cumsum(size) - size
+    parts = []
+    for count in np.unique(size[size >= n]).tolist():
+        lines = order[begin[size == count][:, None] + np.arange(count)]
+        A, F = np.swapaxes(amplitude[lines], 1, 2), np.swapaxes(block.force[lines], 1, 2)
+        good = (np.linalg.matrix_rank(F) == n) & (np.linalg.matrix_rank(A) == n)
+        lines, A, F = lines[good], A[good], F[good]
         # More runs than coordinates (repeats): least squares, kappa A = F.
         back = np.linalg.pinv(A)
         k = F @ back
         # d kappa = -kappa dA A^+, readings independent.
-        variance = np.abs(k) ** 2 @ (sigma[lines].T ** 2) @ np.abs(back) ** 2
-        frequency.append(w[lines[0]])
-        speed.append(block.speed[lines[0]])
-        kappa.append(k)
-        error.append(np.sqrt(variance))
-        first.append(lines[0])
-    return StiffnessMatrices(
-        np.array(frequency), np.array(speed), np.array(kappa).reshape(-1, n, n), np.array(error).reshape(-1, n, n),
-        np.array(first, dtype=np.intp),
-    )
+        variance = np.abs(k) ** 2 @ np.swapaxes(sigma[lines] ** 2, 1, 2) @ np.abs(back) ** 2
+        parts.append((lines[:, 0], k, np.sqrt(variance)))
+    if not parts:
+        kappa, error = np.empty((0, n, n), dtype=complex), np.empty((0, n, n))
+        return StiffnessMatrices(np.empty(0), np.empty(0), kappa, error, np.empty(0, dtype=np.intp))
+    first, kappa, error = (np.concatenate(column) for column in zip(*parts, strict=True))
+    sort = np.lexsort([w[first], block.speed[first], block.group[first]])
+    first = first[sort]
+    return StiffnessMatrices(w[first], block.speed[first], kappa[sort], error[sort], first)
 
 
 def _rounded(values: Float) -> Float:

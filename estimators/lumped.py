@@ -1,0 +1,267 @@
+"""Lumped coefficients of a model's dynamic stiffness: what a linear fit gives, and the parameters that follow.
+
+The dynamic stiffness is linear in sums and products of parameters such as K1 + K2 or D lam. They are read off the
+model's graph once for each model and kind of test, and kept: identifying again with other data costs no symbolic work.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from rotorfit.estimators.observations import Responses
+from rotorfit.estimators.problem import ParameterSpace
+from rotorfit.models import RotorModel
+
+Float = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+Index = NDArray[np.intp]
+
+_DEPENDENT = 1e-9  # relative size below which one coefficient adds nothing to the others
+_SPEED_TERMS = 5  # powers of the speed looked for in a coefficient
+_NEITHER, _LINEAR, _RECIPROCAL = 0, 1, 2
+
+
+@dataclass(frozen=True)
+class Layout:
+    """What the lumped coefficients depend on: equal layouts have the same ones.
+
+    Attributes:
+        model: the rotor.
+        names, base: fitted parameters as in :class:`ParameterSpace`.
+        template, index: rows of the :class:`ParameterSpace` arrays of these names.
+        speeds: for each block, the parameter groups in it and the distinct speeds of each.
+    """
+
+    model: RotorModel
+    names: tuple[str, ...]
+    base: tuple[str, ...]
+    template: tuple[tuple[float, ...], ...]
+    index: tuple[tuple[int, ...], ...]
+    speeds: tuple[tuple[tuple[int, tuple[float, ...]], ...], ...]
+
+    @classmethod
+    def of(cls, space: ParameterSpace, blocks: Sequence[Responses]) -> Layout:
+        """Layout of a fit to these blocks."""
+        speeds = tuple(
+            tuple(
+                (int(group), tuple(np.unique(block.speed[block.group == group]).tolist()))
+                for group in np.unique(block.group)
+            )
+            for block in blocks
+        )
+        return cls(
+            space.model, space.names, space.base, tuple(map(tuple, space.template.tolist())),
+            tuple(map(tuple, space.index.tolist())), speeds,
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Place:
+    """Where lumped coefficients enter the dynamic stiffness, one entry a coefficient, shape ``(E,)``.
+
+    Attributes:
+        block, group: observations that see it.
+        row, column, power: entry of kappa and power of s.
+        unit: 1 or j.
+        speed_power: power of the rotative speed.
+        speed: speed to which it is restricted, NaN for all.
+    """
+
+    block: Index
+    group: Index
+    row: Index
+    column: Index
+    power: Index
+    unit: ComplexArray
+    speed_power: Index
+    speed: Float
+
+
+class Lumped:
+    """Lumped coefficients as functions of the fitted vector.
+
+    Attributes:
+        place: where each enters kappa.
+        basis: rows of independent coefficients b, shape ``(B,)``.
+        spread, offset: matrix and vector with ``all = spread b + offset``, shapes ``(E, B)`` and ``(E,)``.
+        determined: verdicts on tests of this layout that were judged before, by a digest of their conditions.
+    """
+
+    def __init__(self, x: ca.SX, expressions: ca.SX, place: Place, scale: Float) -> None:
+        self.place = place
+        self.size = scale.size
+        jacobian = ca.jacobian(expressions, x)
+        self._rows, self._columns = (np.asarray(part, dtype=np.intp) for part in jacobian.sparsity().get_triplet())
+        self._function = ca.Function("lumped", [x], [expressions, jacobian])
+        self._kind = self._dependence(scale)
+        self.basis, self.spread, self.offset = _independent(self, scale)
+        self._back = np.linalg.pinv(self.spread)
+        self.determined: dict[bytes, bool] = {}
+
+    def _evaluate(self, x: Float) -> tuple[Float, Float]:
+        values, slopes = self._function(x)
+        return np.array(ca.densify(values).nonzeros()), np.array(slopes.nonzeros())
+
+    def values(self, x: Float) -> Float:
+        """Coefficients, shape ``(E,)``."""
+        return self._evaluate(x)[0]
+
+    def linearise(self, x: Float) -> tuple[Float, Float]:
+        """Coefficients and their derivatives, shapes ``(E,)`` and ``(E, p)``."""
+        values, slopes = self._evaluate(x)
+        jacobian = np.zeros((values.size, self.size))
+        jacobian[self._rows, self._columns] = slopes
+        return values, jacobian
+
+    def solve_spread(self, values: Float) -> Float:
+        """Independent coefficients whose spread comes nearest to ``values``."""
+        return np.asarray(self._back @ values)
+
+    def _dependence(self, scale: Float) -> Index:
+        """How each coefficient depends on each parameter in it: linear, linear in its reciprocal, or neither."""
+        rng = np.random.default_rng(2)
+        here, there = (scale * np.exp(rng.uniform(-1, 1, scale.size)) for _ in range(2))
+        slopes, others = self._evaluate(here)[1], self._evaluate(there)[1]
+        kind = np.where(np.isclose(slopes, others, rtol=1e-9, atol=0), _LINEAR, _NEITHER)
+        for i in np.unique(self._columns[kind == _NEITHER]):
+            mine = np.flatnonzero(self._columns == i)
+            linear = reciprocal = np.ones(mine.size, dtype=bool)
+            for factor in (0.7, 1.9, 31.0):
+                moved = here.copy()
+                moved[i] *= factor
+                slope = self._evaluate(moved)[1][mine]
+                linear = linear & np.isclose(slope, slopes[mine], rtol=1e-9, atol=0)
+                reciprocal = reciprocal & np.isclose(slope * factor**2, slopes[mine], rtol=1e-9, atol=0)
+            kind[mine] = np.where(linear, _LINEAR, np.where(reciprocal, _RECIPROCAL, _NEITHER))
+        return np.asarray(kind, dtype=np.intp)
+
+    def parameters(self, values: Float, typical: Float) -> Float:
+        """Solve the coefficients for the parameters one after the other.
+
+        Each comes from a coefficient in which it is the only unknown, first those that depend on it most.
+
+        Args:
+            values: coefficients, shape ``(E,)``.
+            typical: nonzero sizes of the parameters, shape ``(p,)``.
+
+        Returns:
+            parameters, NaN where no coefficient gives one singly, shape ``(p,)``.
+        """
+        x = np.full(self.size, np.nan)
+        while np.isnan(x).any():
+            unknown = np.isnan(x)
+            point = np.where(unknown, typical, x)
+            if not np.isfinite(point).all():
+                break
+            now, slopes = self._evaluate(point)
+            count = np.bincount(self._rows[unknown[self._columns]], minlength=values.size)
+            alone = unknown[self._columns] & (count[self._rows] == 1) & (self._kind != _NEITHER) & (slopes != 0)
+            pairs = np.flatnonzero(alone)
+            if not pairs.size:
+                break
+            row, column = self._rows[pairs], self._columns[pairs]
+            reciprocal = self._kind[pairs] == _RECIPROCAL
+            t = np.where(reciprocal, 1 / point[column], point[column])
+            slope = np.where(reciprocal, -slopes[pairs] * point[column] ** 2, slopes[pairs])
+            rest = now[row] - slope * t
+            rest[np.abs(rest) < 1e-13 * np.abs(now[row])] = 0.0
+            root = (values[row] - rest) / slope
+            share = np.abs(slope * root) / (np.abs(rest) + np.abs(slope * root) + 1e-300)
+            with np.errstate(divide="ignore"):
+                solved = np.where(reciprocal, 1 / root, root)
+            # Backwards, so that of several equally good coefficients the first one counts.
+            best = np.flatnonzero(share >= (1 - 1e-12) * share.max())[::-1]
+            x[column[best]] = solved[best]
+        return x
+
+
+@lru_cache(maxsize=32)
+def lumped_coefficients(layout: Layout) -> Lumped:
+    """Lumped coefficients of a model in some blocks of observations."""
+    model = layout.model
+    n = len(model.coordinates)
+    x = ca.SX.sym("x", len(layout.names))
+    speed = ca.SX.sym("speed")
+    rows: list[tuple[int, int, int, int, int, complex, int, float]] = []
+    expressions: list[ca.SX] = []
+    for number, groups in enumerate(layout.speeds):
+        for group, speeds in groups:
+            theta = [
+                x[k] if k >= 0 else value for k, value in zip(layout.index[group], layout.template[group], strict=True)
+            ]
+            inputs = ca.vertcat(*theta, speed, 0.0)
+            flat = model.functions.graph(inputs)
+            factors = model.functions.factor_graph(inputs)
+            for entry in range(flat.numel()):
+                power, rest = divmod(entry, 2 * n * n)
+                imaginary, place = divmod(rest, n * n)
+                row, column = divmod(place, n)
+                unit = 1j if imaginary else 1.0
+                if flat[entry].is_zero():
+                    continue
+                expression = ca.simplify(flat[entry] / factors[2 * column])
+                for degree, at, part in _speed_parts(expression, speed, speeds):
+                    expressions.append(part)
+                    rows.append((number, group, row, column, power, unit, degree, at))
+    block_, group_, row_, column_, power_, unit_, degree_, speed_ = (np.array(c) for c in zip(*rows, strict=True))
+    where = Place(block_, group_, row_, column_, power_, unit_.astype(complex), degree_, speed_.astype(float))
+    scale = np.array([model.parameter(name).scale for name in layout.base])
+    return Lumped(x, ca.vertcat(*expressions), where, scale)
+
+
+def _speed_parts(expression: ca.SX, speed: ca.SX, speeds: tuple[float, ...]) -> list[tuple[int, float, ca.SX]]:
+    """Split a coefficient by powers of the speed, or by speed where too few speeds were tested for that."""
+    if not ca.depends_on(expression, speed):
+        return [] if expression.is_zero() else [(0, np.nan, expression)]
+    parts, derivative, factorial = [], expression, 1.0
+    for degree in range(_SPEED_TERMS):
+        part = ca.simplify(ca.substitute(derivative, speed, ca.SX(0.0)) / factorial)
+        if not part.is_zero():
+            parts.append((degree, np.nan, part))
+        derivative = ca.simplify(ca.jacobian(derivative, speed))
+        factorial *= degree + 1
+        if derivative.is_zero() or not derivative.nnz():
+            if len(parts) <= len(speeds):
+                return parts
+            break
+    return [(0, v, ca.substitute(expression, speed, ca.SX(v))) for v in speeds]
+
+
+def _independent(lumped: Lumped, scale: Float) -> tuple[Index, Float, Float]:
+    """Write every lumped coefficient as an affine function of independent ones.
+
+    Relations such as kappa_12 = -K2 = kappa_21 are found by evaluating the coefficients at random parameters.
+
+    Returns:
+        rows of independent coefficients ``b``; matrix ``S`` and offset ``o`` with ``all = S b + o``.
+    """
+    from scipy.linalg import qr
+
+    count, size = lumped.place.row.size, scale.size
+    rng = np.random.default_rng(0)
+    samples = scale * np.exp(rng.uniform(-1, 1, (2 * min(count, 4 * size) + 4 * size + 8, size)))
+    if count <= size:
+        # Affine relations are relations between gradients: with independent gradients there are none.
+        slopes = lumped.linearise(samples[0])[1] * samples[0]
+        norm = np.linalg.norm(slopes, axis=1)
+        if norm.all() and np.linalg.svd(slopes / norm[:, None], compute_uv=False)[-1] > _DEPENDENT:
+            return np.arange(count), np.eye(count), np.zeros(count)
+    values = np.array([lumped.values(sample) for sample in samples])
+    centre = values.mean(axis=0)
+    spread = values - centre
+    norm = np.linalg.norm(spread, axis=0)
+    moving = norm > 1e-12 * np.linalg.norm(values, axis=0)
+    scaled = np.where(moving, spread / np.where(moving, norm, 1.0), 0.0)
+    _, r, pivots = qr(scaled, mode="economic", pivoting=True)
+    diagonal = np.abs(np.diag(r))
+    rank = int(np.sum(diagonal > _DEPENDENT * diagonal[0])) if diagonal.size else 0
+    basis = np.sort(pivots[:rank])
+    S = np.linalg.lstsq(spread[:, basis], spread, rcond=None)[0].T
+    S[np.abs(S) < 1e-11 * np.abs(S).max(axis=1, keepdims=True, initial=1e-300)] = 0.0
+    return basis, S, centre - S @ centre[basis]
