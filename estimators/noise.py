@@ -15,10 +15,11 @@ FLOOR = 1e-9
 """Smallest noise, as a fraction of a channel's rms amplitude: exact data would otherwise weigh infinitely."""
 
 
+_CLEARLY = 0.8  # how much tighter proportional noise must fit to be preferred; else the amplitude hardly varies
 _OUTLIERS = 2.0  # mean over median-based power; noise alone exceeds this in 30 samples about once in 10^3
 
 
-def noise_from_samples(noise: ComplexArray, amplitude: ComplexArray) -> Float:
+def noise_from_samples(noise: ComplexArray, amplitude: ComplexArray, sweep: NDArray[np.intp] | None = None) -> Float:
     """Noise level of a channel from pure-noise samples that have the same distribution as its noise.
 
     Two shapes of noise compete: constant over the sweep (probe and cable), and proportional to the
@@ -27,6 +28,7 @@ def noise_from_samples(noise: ComplexArray, amplitude: ComplexArray) -> Float:
     Args:
         noise: complex samples, shape ``(L,)``, for instance the component opposite to the force.
         amplitude: the channel's readings, shape ``(L,)``.
+        sweep: number of the sweep of each, where several share a level; the shape of the noise is judged within sweeps.
 
     Returns:
         standard deviation of the real part and of the imaginary part, shape ``(L,)``.
@@ -39,9 +41,15 @@ def noise_from_samples(noise: ComplexArray, amplitude: ComplexArray) -> Float:
     # The right shape makes |noise| / shape identically distributed, the wrong one spreads its logarithm; few outliers
     # weigh the same in both.
     safe = np.maximum(np.abs(noise), floor)
-    if np.var(np.log(safe / size)) < np.var(np.log(safe)):
+    number = np.zeros(noise.size, dtype=np.intp) if sweep is None else sweep
+    if _spread_within(np.log(safe / size), number) < _CLEARLY * _spread_within(np.log(safe), number):
         return np.maximum(_level(noise / size) * size, floor)
     return np.full(size.shape, constant)
+
+
+def _spread_within(values: Float, sweep: NDArray[np.intp]) -> float:
+    """Sum of squared deviations from the means of the sweeps."""
+    return sum(float(np.var(values[sweep == k])) * int(np.sum(sweep == k)) for k in np.unique(sweep))
 
 
 def _level(noise: ComplexArray) -> float:

@@ -274,7 +274,8 @@ def _estimate_noise(block: Responses, wrong: ComplexArray, synchronous: bool) ->
     for parts in both.values():
         rows = np.concatenate(parts)
         if np.isfinite(wrong[rows]).all() and not any(_is_smooth(wrong[part]) for part in parts):
-            sigma[rows] = noise_from_samples(wrong[rows], block.measured[rows])
+            number = np.repeat(np.arange(len(parts)), [part.size for part in parts])
+            sigma[rows] = noise_from_samples(wrong[rows], block.measured[rows], number)
         else:
             levels = [noise_from_smoothness(w[part], block.measured[part])[0] for part in parts]
             sigma[rows] = np.sqrt(np.mean(np.square(levels)))

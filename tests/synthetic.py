@@ -120,20 +120,22 @@ def circular_test(
 
     Args:
         noise: standard deviation of the real and of the imaginary part of each directional response, as a fraction of
-            the rms response of its sweep.
+            the rms response of its forward and backward sweep.
         sigma_known: whether the noise level is told to the reader of the data.
     """
     rng = np.random.default_rng(seed)
     columns: dict[str, list[NDArray[np.generic]]] = {}
     for plane in force_planes or model.planes:
         for speed in speeds:
+            vector = model.force_vector(plane, frequency, np.full(frequency.size, force))
+            exact = np.einsum("lij,lj->li", model.receptance(theta, frequency, np.full(frequency.size, speed)), vector)
+            exact = exact * model.functions.factors(theta)
+            levels = noise * np.sqrt(np.mean(np.abs(exact) ** 2, axis=0))
             for sign in (-1, 1):
-                w = frequency[np.sign(frequency) == sign]
-                vector = model.force_vector(plane, w, np.full(w.size, force))
-                response = np.einsum("lij,lj->li", model.receptance(theta, w, np.full(w.size, speed)), vector)
-                response = response * model.functions.factors(theta)
+                side = np.sign(frequency) == sign
+                w, response = frequency[side], exact[side]
                 for number, coordinate in enumerate(model.coordinates):
-                    level = noise * float(np.sqrt(np.mean(np.abs(response[:, number]) ** 2)))
+                    level = float(levels[number])
                     for direction, value, spread in _probes(coordinate.axis, response[:, number], sign, level):
                         error = rng.normal(size=w.size) + 1j * rng.normal(size=w.size)
                         row = {

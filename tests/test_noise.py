@@ -1,0 +1,93 @@
+"""Noise estimates from data alone: unbiased within their own scatter, and blind to what is not noise."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from synthetic import TYPICAL, circular_test, covering_frequencies
+
+from rotorfit.estimators.noise import FLOOR, noise_from_repeats, noise_from_samples, noise_from_smoothness
+from rotorfit.models import OneMode
+from rotorfit.observe import group_rows, observe
+
+
+def complex_normal(rng, *shape):
+    return rng.normal(size=shape) + 1j * rng.normal(size=shape)
+
+
+def resonance(count):
+    w = np.linspace(1, 100, count)
+    return w, 2500 / (50**2 - w**2 + 2j * 0.05 * 50 * w)
+
+
+@pytest.mark.parametrize("count", [40, 100, 200])
+@pytest.mark.parametrize("level", [1e-3, 1e-2, 1e-1])
+def test_smoothness_finds_the_noise_under_a_resonance(count, level):
+    rng = np.random.default_rng(0)
+    w, y = resonance(count)
+    ratio = [noise_from_smoothness(w, y + level * complex_normal(rng, count))[0] / level for _ in range(60)]
+    # Mean of 60 estimates; the local fits take up a few per cent of the noise.
+    assert np.mean(ratio) == pytest.approx(1.0, abs=0.06)
+
+
+def test_exact_data_get_the_floor():
+    _, y = resonance(60)
+    rms = np.sqrt(np.mean(np.abs(y) ** 2))
+    np.testing.assert_allclose(noise_from_samples(np.zeros(60, complex), y), FLOOR * rms)
+
+
+def test_shape_of_the_noise_is_recognised():
+    rng = np.random.default_rng(1)
+    _, y = resonance(200)
+    constant = noise_from_samples(0.01 * complex_normal(rng, 200), y)
+    assert np.ptp(constant) == 0
+    assert constant[0] == pytest.approx(0.01, rel=0.2)  # 400 degrees of freedom: 3.5 % each sd
+    proportional = noise_from_samples(0.01 * np.abs(y) * complex_normal(rng, 200), y)
+    np.testing.assert_allclose(proportional, 0.01 * np.abs(y), rtol=0.2)
+
+
+def test_outliers_do_not_inflate_the_noise():
+    rng = np.random.default_rng(2)
+    _, y = resonance(200)
+    noise = 0.01 * complex_normal(rng, 200)
+    noise[::40] *= 100
+    assert noise_from_samples(noise, y)[0] == pytest.approx(0.01, rel=0.25)
+
+
+def test_repeats_are_unbiased():
+    rng = np.random.default_rng(3)
+    estimates = [noise_from_repeats(5 + 0.2 * complex_normal(rng, 3, 50)) for _ in range(50)]
+    # 200 degrees of freedom each: mean of 50 has a relative sd of 0.7 %.
+    assert np.mean(estimates) == pytest.approx(0.2, rel=0.03)
+
+
+def observed(test, model):
+    return observe(model, test, group_rows([test], {}).rows[0])
+
+
+def test_source_of_the_noise():
+    """Repeated sweeps come before the wrong direction; given sigma before all; anisotropy is not taken for noise."""
+    model = OneMode()
+    theta = model.vector(TYPICAL["one-mode"])
+    w = covering_frequencies(model, theta, (100.0,), 100)
+    first = circular_test(model, theta, speeds=(100.0,), frequency=w, noise=0.01, seed=1)
+    told = circular_test(model, theta, speeds=(100.0,), frequency=w, noise=0.01, seed=1, sigma_known=True)
+    level = observed(told, model).sigma[0]
+    found = observed(first, model).sigma
+    assert found[0] == pytest.approx(level, rel=0.25)
+    # A smooth component in the wrong direction is the rig's anisotropy: ten times the noise here.
+    from dataclasses import replace
+
+    leak = np.where(first.direction == "x", 1.2, 0.8)
+    skewed = observed(replace(first, response=first.response * leak), model).sigma
+    assert skewed[0] == pytest.approx(level, rel=0.4)
+
+
+def test_repeated_readings_of_one_run_stand_on_lines_of_their_own():
+    model = OneMode()
+    theta = model.vector(TYPICAL["one-mode"])
+    w = covering_frequencies(model, theta, (100.0,), 40)
+    test = circular_test(model, theta, speeds=(100.0,), frequency=w, noise=0.01, sigma_known=True)
+    twice = test.select(np.r_[np.arange(len(test)), np.arange(len(test))])
+    block = observed(twice, model)
+    assert block.speed.size == 2 * observed(test, model).speed.size
