@@ -4,7 +4,10 @@ if __name__ != "rotorfit.models":  # a second copy under another name would have
     raise ImportError(f"import this package as rotorfit.models, not as {__name__}")
 
 from rotorfit.models.anisotropic import Anisotropic
+from rotorfit.models.chain import Chain
+from rotorfit.models.chain_match import ChainFromModes, chain_from_modes
 from rotorfit.models.fluid import FluidForce, fluid_force
+from rotorfit.models.lanczos import chain_modes
 from rotorfit.models.model import Coordinate, RotorModel
 from rotorfit.models.one_mode import OneMode
 from rotorfit.models.overhung import Overhung
@@ -15,7 +18,7 @@ from rotorfit.models.two_disk import TwoDisk
 from rotorfit.models.whirl_whip import WhirlWhip
 
 MODELS: dict[str, type[RotorModel]] = {
-    model.name: model for model in (OneMode, WhirlWhip, Anisotropic, TwoDisk, Overhung)
+    model.name: model for model in (OneMode, WhirlWhip, Anisotropic, TwoDisk, Overhung, Chain)
 }
 """Models by the name the command line uses."""
 
@@ -23,6 +26,8 @@ __all__ = [
     "BLOCKS",
     "MODELS",
     "Anisotropic",
+    "Chain",
+    "ChainFromModes",
     "Coordinate",
     "FluidForce",
     "OneMode",
@@ -32,6 +37,8 @@ __all__ = [
     "Threshold",
     "TwoDisk",
     "WhirlWhip",
+    "chain_from_modes",
+    "chain_modes",
     "eigenvalues",
     "fluid_force",
     "threshold_speed",

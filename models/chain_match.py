@@ -1,0 +1,288 @@
+"""The chain of masses and springs whose deflection lines come closest to given mode shapes (eqs 24 to 26)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple, TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rotorfit.models.chain import MOST_MASSES, Chain
+from rotorfit.models.lanczos import bidiagonal, chain_modes, chain_of
+
+Float = NDArray[np.float64]
+_Masses: TypeAlias = tuple[Float, Float, Float]  # masses, springs, psi
+
+_ENDS: tuple[float, ...] = (
+    0.02,
+    0.1,
+    0.3,
+    0.5,
+    0.7,
+    0.9,
+    0.98,
+)  # shares of the ground stiffness at the last mass to start from
+_NO_SPRING = 1e-2  # share of the ground stiffness below which an end is tried without a spring
+_SMALLEST = 1e-30  # deflection taken in place of zero at the first mass, where no mode of a chain vanishes
+_RANGE = 300.0  # largest ratio of squared deflections at the first mass, as a logarithm
+_NEWTON = 50  # steps allowed towards the frequencies
+_MATCHED = 1e-20  # half the sum of squared misses of lines of unit length that leaves nothing to search for
+_EXACT: dict[str, Any] = {
+    "xtol": 1e-15,
+    "ftol": 1e-15,
+    "gtol": 1e-15,
+    "x_scale": "jac",
+    "max_nfev": 60,
+}  # exact shapes are to give back their chain to round-off
+
+
+@dataclass(frozen=True, eq=False)
+class ChainFromModes:
+    """A chain that has given natural frequencies, and how well its deflection lines match the given ones.
+
+    Attributes:
+        M: masses, kg, shape ``(n,)``.
+        K: springs, N/m, shape ``(n + 1,)``.
+        psi: orthogonal matrix of eq. (25), row v the mode v in mass-scaled coordinates, shape ``(n, n)``.
+        frequencies: natural frequencies of the chain, rad/s, shape ``(n,)``.
+        shapes: deflection lines of the chain, columns scaled to the given ones, shape ``(n, n)``.
+        match: modal assurance criterion of each deflection line with the given one, 1 for equal shapes, shape ``(n,)``.
+        deviation: length of the difference of the two lines over that of the given one, shape ``(n,)``.
+        modal_mass: modal mass of each mode in the scaling of the given shapes, kg, shape ``(n,)``.
+    """
+
+    M: Float
+    K: Float
+    psi: Float
+    frequencies: Float
+    shapes: Float
+    match: Float
+    deviation: Float
+    modal_mass: Float
+
+    def values(self) -> dict[str, float]:
+        """Masses and springs by the parameter names of :class:`Chain`."""
+        masses = {f"M{i + 1}": float(m) for i, m in enumerate(self.M)}
+        return masses | {f"K{i + 1}": float(k) for i, k in enumerate(self.K)}
+
+    def model(self, planes: Sequence[str] | None = None, *, fluid: str | None = None) -> Chain:
+        """The chain as a model, for instance to be fitted with ``known=chain.values()``."""
+        return Chain(self.M.size, planes, fluid=fluid)
+
+    def __str__(self) -> str:
+        head = f"{'mode':>5}{'w rad/s':>12}{'modal kg':>12}{'match':>11}{'deviation':>11}"
+        rows = zip(self.frequencies, self.modal_mass, self.match, self.deviation, strict=True)
+        return "\n".join(
+            [
+                "M " + ", ".join(f"{m:.6g}" for m in self.M) + " kg",
+                "K " + ", ".join(f"{k:.6g}" for k in self.K) + " N/m",
+                head,
+                *(
+                    f"{v + 1:>5}{w:>12.6g}{m:>12.5g}{c:>11.6f}{e:>11.2g}"
+                    for v, (w, m, c, e) in enumerate(rows)
+                ),
+            ]
+        )
+
+
+def chain_from_modes(
+    frequencies: ArrayLike,
+    shapes: ArrayLike,
+    *,
+    modal_masses: ArrayLike | None = None,
+    total_mass: float | None = None,
+) -> ChainFromModes:
+    """Chain of n masses and n + 1 springs with n given natural frequencies (eqs 24 to 26).
+
+    The frequencies are met exactly. What is free, the direction of psi's first column and the share of the two end
+    springs, is chosen so that the deflection lines match the given shapes in the least-squares sense, whatever their
+    scaling. How well they do is in ``match``: a few lumps follow the low modes of a shaft with disks, not those of a
+    bare beam, whose frequencies grow faster than any chain's.
+
+    Args:
+        frequencies: natural frequencies, rad/s, positive and distinct, shape ``(n,)``, n up to 20.
+        shapes: deflection at n stations (rows, in their order along the shaft) in each mode (columns), from finite
+            elements or measured, any scale and sign, shape ``(n, n)``.
+        modal_masses: modal mass of each mode in the scaling of ``shapes``, kg, shape ``(n,)`` or one for all (1 for
+            mass-normalised shapes). They set the size of the masses only.
+        total_mass: sum of the masses, kg, where the modal masses are not known.
+
+    Raises:
+        ValueError: wrong shapes, frequencies that are not positive and distinct, neither or both of ``modal_masses``
+            and ``total_mass``.
+    """
+    w, lines = np.asarray(frequencies, dtype=float), np.asarray(shapes, dtype=float)
+    _check(w, lines, modal_masses, total_mass)
+    order = np.argsort(w)
+    w, lines = w[order], lines[:, order]
+    given = (
+        None
+        if modal_masses is None
+        else np.broadcast_to(np.asarray(modal_masses, dtype=float), w.shape)[order]
+    )
+    unit = lines / np.linalg.norm(lines, axis=0)
+    inverse_mass = None if given is None else np.sum(lines**2, axis=0) / given
+    M, K, psi = _Search(w, unit).best(inverse_mass)
+    own = psi.T / np.sqrt(M)[:, None]
+    size = np.sum(own * lines, axis=0) / np.sum(own**2, axis=0)
+    # own has unit modal mass; scaled to the given shapes, and by the factor on M, it has size^2 * factor.
+    factor = (
+        float(np.exp(np.mean(np.log(given / size**2))))
+        if given is not None
+        else float(total_mass or 1) / M.sum()
+    )
+    scaled = own * size
+    deviation = np.linalg.norm(scaled - lines, axis=0) / np.linalg.norm(lines, axis=0)
+    return ChainFromModes(
+        M * factor,
+        K * factor,
+        psi * np.where(size < 0, -1.0, 1.0)[:, None],
+        chain_modes(M, K)[0],
+        scaled,
+        np.sum(scaled**2, axis=0) / np.sum(lines**2, axis=0),
+        deviation,
+        size**2 * factor,
+    )
+
+
+def _check(w: Float, shapes: Float, modal_masses: ArrayLike | None, total_mass: float | None) -> None:
+    n = w.size
+    if w.ndim != 1 or not 1 <= n <= MOST_MASSES or shapes.shape != (n, n):
+        raise ValueError(
+            f"n frequencies (1 to {MOST_MASSES}) need shapes at n stations, rows, in n modes, columns; got frequencies "
+            f"of shape {w.shape} and shapes of shape {shapes.shape}. Choose as many stations as modes"
+        )
+    ordered = np.sort(w)
+    if not (np.isfinite(w).all() and ordered[0] > 0 and (np.diff(ordered) > 1e-9 * ordered[-1]).all()):
+        raise ValueError(f"frequencies of a supported chain are positive and distinct; got {w}")
+    if not np.isfinite(shapes).all() or not np.linalg.norm(shapes, axis=0).all():
+        raise ValueError("shapes must be finite and no mode may be zero at every station")
+    if (modal_masses is None) == (total_mass is None):
+        raise ValueError("shapes leave the size of the masses open: give either modal_masses or total_mass")
+    if modal_masses is not None and not (np.asarray(modal_masses, dtype=float) > 0).all():
+        raise ValueError(f"modal masses must be positive, got {modal_masses}")
+    if total_mass is not None and not total_mass > 0:
+        raise ValueError(f"total_mass must be positive, got {total_mass}")
+
+
+def _orthogonalised(lines: Float, inverse_mass: Float | None) -> tuple[Float, Float]:
+    """Square roots of the masses and the given shapes in mass-scaled coordinates, stations by modes, made orthogonal.
+
+    ``sum_v g_v phi_iv phi_jv`` over the modes, g the inverse modal masses, vanishes off the diagonal and is 1/M_i on
+    it.
+    """
+    n = lines.shape[0]
+    if inverse_mass is None:
+        rows, columns = np.triu_indices(n, 1)
+        inverse_mass = np.abs(np.linalg.svd(np.vstack([lines[rows] * lines[columns], np.zeros(n)]))[2][-1])
+    scaled = lines * np.sqrt(inverse_mass)
+    inverse_root = np.linalg.norm(scaled, axis=1)
+    left, _, right = np.linalg.svd(scaled / inverse_root[:, None])
+    return 1 / inverse_root, np.asarray(left @ right)
+
+
+def _near_chain(w: Float, d: Float, modes: Float) -> tuple[Float, Float] | None:
+    """Masses and springs read off the given shapes, then moved as little as gives them the frequencies.
+
+    Newton's method on the logarithms: a frequency grows with each spring's share of the mode's potential energy and
+    falls with each mass's share of its kinetic energy. None where it does not settle.
+    """
+    T = (modes * w**2) @ modes.T
+    ground = np.maximum((T @ d)[[0, -1]] * d[[0, -1]], 0.0)
+    M, K = d**2, np.concatenate([ground[:1], np.abs(np.diag(T, 1)) * d[:-1] * d[1:], ground[1:]])
+    round_off = max(1e-13, 1e-15 * float(w[-1] / w[0]))
+    for _ in range(_NEWTON):
+        own, shapes = chain_modes(M, K)
+        if not own.all():
+            return None
+        miss = 2 * np.log(w / own)
+        if np.abs(miss).max() < round_off:
+            return M, K
+        potential = K[:, None] * np.diff(shapes, axis=0, prepend=0.0, append=0.0) ** 2 / own**2
+        kinetic = M[:, None] * shapes**2
+        step = np.linalg.pinv(np.concatenate([-kinetic, potential]).T) @ miss
+        step *= min(1.0, 1.0 / np.abs(step).max())
+        M, K = M * np.exp(step[: w.size]), K * np.exp(step[w.size :])
+    return None
+
+
+@dataclass(frozen=True, eq=False)
+class _Search:
+    """Search over the logarithms of psi's squared first column and the share ``end`` of the last spring.
+
+    Attributes:
+        w: frequencies, ascending, shape ``(n,)``.
+        lines: deflection lines of unit length, stations by modes, shape ``(n, n)``.
+    """
+
+    w: Float
+    lines: Float
+
+    def miss(self, M: Float, psi: Float) -> Float:
+        """What the chain's lines, scaled to match, leave of the given ones."""
+        if not M.all():  # beyond what numbers hold: as bad as a line at right angles
+            return self.lines.ravel()
+        own = psi.T / np.sqrt(M)[:, None]
+        own /= np.linalg.norm(own, axis=0)
+        return np.asarray((self.lines - own * np.sum(own * self.lines, axis=0)).ravel())
+
+    def chain(self, logs: Float, end: float) -> _Masses:
+        return chain_of(bidiagonal(self.w, np.exp(logs - logs.max())), end)
+
+    def residual(self, u: Float, end: float | None = None) -> Float:
+        M, _, psi = self.chain(u[: self.w.size], float(u[-1]) if end is None else end)
+        return self.miss(M, psi)
+
+    def improve(self, logs: Float, end: float, free: bool) -> _Found:
+        """Least squares from a start, ``end`` free or held."""
+        from scipy.optimize import least_squares
+
+        box = np.full((2, self.w.size + free), [[-_RANGE], [_RANGE]])
+        if free:
+            box[:, -1] = 0.0, 1.0
+        start = np.append(np.clip(logs, -0.9 * _RANGE, 0.0), [end] * free)
+        found = least_squares(self.residual, start, bounds=tuple(box), args=() if free else (end,), **_EXACT)
+        return _Found(float(found.cost), found.x[: self.w.size], float(found.x[-1]) if free else end)
+
+    def descend(self, logs: Float, ends: Sequence[float]) -> _Found:
+        """Least squares from the best of several shares of the last spring."""
+        costs = [float(np.sum(self.residual(logs, share) ** 2)) for share in ends]
+        found = self.improve(logs, ends[int(np.argmin(costs))], True)
+        for bound in (0.0, 1.0):
+            if abs(found.end - bound) < _NO_SPRING:  # an interior method never quite reaches a missing spring
+                found = min(found, self.improve(found.logs, bound, False), key=lambda one: one.cost)
+        return found
+
+    def best(self, inverse_mass: Float | None) -> _Masses:
+        """Masses (up to a factor), springs and psi of the best match.
+
+        Three starts: a chain read off the shapes, their first row, and the chain that is its own mirror image, whose
+        first column is known in closed form.
+        """
+        d, modes = _orthogonalised(self.lines, inverse_mass)
+        gaps = np.abs(self.w[:, None] - self.w) * (self.w[:, None] + self.w) + np.eye(self.w.size)
+        columns = [2 * np.log(np.maximum(np.abs(modes[0]), _SMALLEST)), -np.log(gaps).sum(axis=0)]
+        best, chosen, ends = np.inf, (d, d, modes), _ENDS
+        near = _near_chain(self.w, d, modes)
+        if near is not None:
+            M, K = near
+            psi = (chain_modes(M, K)[1] * np.sqrt(M)[:, None]).T
+            best, chosen = float(np.sum(self.miss(M, psi) ** 2)) / 2, (M, K, psi)
+            columns.insert(0, 2 * np.log(np.maximum(psi[:, 0], _SMALLEST)))
+            force = K[[0, -1]] / np.sqrt(M[[0, -1]])
+            ends = (*_ENDS, float(np.clip(force[1] / force.sum(), 1e-6, 1 - 1e-6)))
+        for column in columns:
+            if best <= _MATCHED:
+                break
+            found = self.descend(column - column.max(), ends)
+            if found.cost < best:
+                best, chosen = found.cost, self.chain(found.logs, found.end)
+        return chosen
+
+
+class _Found(NamedTuple):
+    cost: float
+    logs: Float
+    end: float
