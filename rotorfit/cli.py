@@ -1,0 +1,176 @@
+"""The command line: ``rotorfit demo``, ``fit``, ``run``, ``models`` and ``info``.
+
+Exit codes: 0 done, 1 the fit did not converge, 2 bad input (one sentence on stderr), 130 interrupted.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from collections.abc import Callable, Sequence
+from contextlib import nullcontext
+from dataclasses import replace
+from time import monotonic
+from typing import TYPE_CHECKING, TypeVar
+
+from rotorfit.cli_options import data_files, fit_study, parser
+
+if TYPE_CHECKING:
+    from rotorfit.study import Outcome, Study
+
+DONE, NOT_CONVERGED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
+
+T = TypeVar("T")
+
+
+class BadInputError(Exception):
+    """Something in the user's hands is wrong; the message says what, where and what to do."""
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line.
+
+    Args:
+        arguments: words after the program's name, by default those it was started with.
+
+    Returns:
+        the exit code.
+    """
+    options = parser(COMMANDS).parse_args(arguments)
+    try:
+        code = int(options.command(options))
+        sys.stdout.flush()
+        return code
+    except BrokenPipeError:  # whoever reads the output, `head` for instance, has seen enough
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # nor may the last flush complain
+        return DONE
+    except BadInputError as problem:
+        print(f"rotorfit: {problem}", file=sys.stderr)
+        return BAD_INPUT
+    except KeyboardInterrupt:
+        print("rotorfit: interrupted, nothing was written", file=sys.stderr)
+        return INTERRUPTED
+
+
+def sentence(problem: BaseException) -> str:
+    """Message of an exception as a person would write it."""
+    if isinstance(problem, KeyError) and problem.args:
+        return str(problem.args[0])  # str() of a KeyError puts quotes around the sentence
+    if isinstance(problem, OSError) and problem.strerror:
+        return f"{problem.filename}: {problem.strerror}" if problem.filename else problem.strerror
+    return str(problem)
+
+
+def _checked(work: Callable[[], T]) -> T:
+    """Do work that depends on the user's files and settings; what they get wrong becomes a :class:`BadInputError`."""
+    try:
+        return work()
+    except (ValueError, KeyError, OSError) as problem:
+        raise BadInputError(sentence(problem)) from problem
+
+
+# ---- commands ---------------------------------------------------------------------------------
+
+
+def _fit(options: argparse.Namespace) -> int:
+    return _identify(_checked(lambda: fit_study(options)), options)
+
+
+def _run(options: argparse.Namespace) -> int:
+    from rotorfit.study_toml import read_study
+
+    study = _checked(lambda: read_study(options.study))
+    return _identify(study if options.out is None else replace(study, out=options.out), options)
+
+
+def _demo(options: argparse.Namespace) -> int:
+    from rotorfit import datasets
+    from rotorfit.study import DataFile, Study
+
+    rig = DataFile(datasets.path("rig_open.csv"))
+    study = Study(files=(rig,), model="whirl-whip", known={"K3": 6000.0}, refine=True, out=options.out)
+    return _identify(study, options, rig="rig_open")
+
+
+def _identify(study: Study, options: argparse.Namespace, rig: str = "") -> int:
+    """Run a study, write its folder, print its summary, say how it went."""
+    from rotorfit.cli_output import outcome_json, summary
+
+    progress = Progress(enabled=not options.quiet and sys.stderr.isatty())
+    try:
+        outcome = _work(study, progress, rig)
+    except OSError as problem:  # the folder for the results
+        raise BadInputError(sentence(problem)) from problem
+    finally:
+        progress.close()
+    if options.json:
+        print(outcome_json(outcome))
+    elif not options.quiet:
+        print(summary(outcome, rig))
+        if study.out:
+            print(f"\nwritten to {study.out}")
+    for finding in (finding for found in outcome.findings for finding in found):
+        if finding.severity == "error":
+            print(f"rotorfit: {finding.message}", file=sys.stderr)
+    if not outcome.best.success:
+        print(f"rotorfit: the fit did not converge: {outcome.best.message}", file=sys.stderr)
+        return NOT_CONVERGED
+    return DONE
+
+
+def _work(study: Study, progress: Progress, rig: str) -> Outcome:
+    from rotorfit.cli_output import complete_folder, write_outcome
+    from rotorfit.study import run_study
+
+    with complete_folder(study.out) if study.out else nullcontext() as folder:
+        outcome = _checked(lambda: run_study(study, progress))
+        if folder is not None:
+            write_outcome(outcome, folder, progress, rig)
+    return outcome
+
+
+def _models(options: argparse.Namespace) -> int:
+    from rotorfit.models import MODELS
+    from rotorfit.study import check_model_name
+
+    if options.name is not None:
+        _checked(lambda: check_model_name(options.name))
+    tables = []
+    for model in MODELS.values() if options.name is None else (MODELS[options.name],):
+        head, _, rows = model().describe().partition("\n")
+        first = (model.__doc__ or "").partition("\n")[0]
+        tables.append(f"{head}\n  {first}\n{rows}")
+    print("\n\n".join(tables))
+    return DONE
+
+
+def _info(options: argparse.Namespace) -> int:
+    from rotorfit.check import check
+    from rotorfit.cli_output import describe_test
+
+    tests = _checked(lambda: [file.read() for file in data_files(options)])
+    print("\n\n".join(describe_test(test, check(test)) for test in tests))
+    return DONE
+
+
+COMMANDS = {"demo": _demo, "fit": _fit, "run": _run, "models": _models, "info": _info}
+"""What each word does."""
+
+
+class Progress:
+    """One line on stderr that names the stage at work and the seconds since the start."""
+
+    def __init__(self, *, enabled: bool) -> None:
+        self._begin, self._enabled = monotonic(), enabled
+
+    def __call__(self, stage: str) -> None:
+        """Show a stage."""
+        if self._enabled:
+            seconds = monotonic() - self._begin
+            print(f"\r\033[K{seconds:5.1f} s  {stage} ...", end="", file=sys.stderr, flush=True)
+
+    def close(self) -> None:
+        """Clear the line."""
+        if self._enabled:
+            print("\r\033[K", end="", file=sys.stderr, flush=True)

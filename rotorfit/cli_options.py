@@ -1,0 +1,209 @@
+"""The words that the command line understands, and how they turn into settings."""
+
+from __future__ import annotations
+
+import argparse
+import math
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from rotorfit.study import DataFile, Study
+
+Command = Callable[[argparse.Namespace], int]
+
+
+def parser(commands: Mapping[str, Command]) -> argparse.ArgumentParser:
+    """The parser; ``commands`` are what ``demo``, ``fit``, ``run``, ``models`` and ``info`` do."""
+    from rotorfit import __version__
+
+    whole = argparse.ArgumentParser(
+        prog="rotorfit",
+        allow_abbrev=False,
+        description="Identify rotor and fluid-force parameters from rotating-force perturbation tests.",
+        epilog="Exit codes: 0 done, 1 the fit did not converge, 2 bad input.",
+    )
+    whole.add_argument("--version", action="version", version=f"rotorfit {__version__}")
+    group = whole.add_subparsers(required=True, metavar="COMMAND")
+
+    def command(name: str, help: str) -> argparse.ArgumentParser:
+        added = group.add_parser(name, help=help, description=help, allow_abbrev=False)
+        added.set_defaults(command=commands[name])
+        return added
+
+    demo = command("demo", "identify the bundled rig and compare with its truth")
+    demo.add_argument(
+        "--out", type=Path, default=Path("rotorfit-demo"), help="folder for the results [%(default)s]"
+    )
+    _add_output(demo)
+    fit = command("fit", "fit a model to test files")
+    _add_fit(fit)
+    _add_output(fit)
+    run = command("run", "fit as a TOML file says")
+    run.add_argument("study", type=Path, metavar="STUDY.toml", help="settings of a fit as TOML keys")
+    run.add_argument("--out", type=Path, help="folder for the results, in place of the file's")
+    _add_output(run)
+    models = command("models", "list the models and their parameters")
+    models.add_argument("name", nargs="?", help="only this one")
+    _add_files(command("info", "say what a test file holds and what is odd about it"))
+    return whole
+
+
+def _add_output(to: argparse.ArgumentParser) -> None:
+    to.add_argument("--json", action="store_true", help="print the result as JSON instead of tables")
+    to.add_argument("--quiet", action="store_true", help="print neither progress nor tables")
+
+
+def _add_files(to: argparse.ArgumentParser) -> None:
+    to.add_argument("files", nargs="+", type=Path, metavar="FILE", help="test files (.csv .uff .nc .mat)")
+    to.add_argument(
+        "--probe-angles",
+        action="append",
+        default=[],
+        metavar="PLANE=X:Y",
+        help="where the probes named x and y sit, degrees from X towards Y",
+    )
+    to.add_argument(
+        "--slow-roll-below",
+        type=float,
+        metavar="RPM",
+        help="subtract each channel's mean reading below this speed (synchronous tests)",
+    )
+    to.add_argument(
+        "--speed", type=float, metavar="RPM", help="rotative speed, for universal files without it"
+    )
+
+
+_FIT_LISTS = {
+    "--known": ("NAME=VALUE", "not fitted, SI units; NAME=free fits what the model fixes by default"),
+    "--bounds": ("NAME=LO:HI", "limits of a parameter, either may be left out"),
+    "--prior": ("NAME=MEAN:SD", "Gaussian prior of a parameter (other distributions: `rotorfit run`)"),
+    "--start": ("NAME=VALUE", "start value in place of the closed form's"),
+    "--per": ("NAME=ATTRIBUTE", "one value for each value of a test attribute: D=speed_rpm"),
+}
+_FIT_FLAGS = {
+    "--two-lam": "lam_D and lam_M of their own in place of one lam",
+    "--phase-offsets": "fit a phase reference offset for every run but the first",
+    "--refine": "add structural blocks while the data ask for them (BIC)",
+}
+
+
+def _add_fit(fit: argparse.ArgumentParser) -> None:
+    _add_files(fit)
+    fit.add_argument("--model", required=True, help="see `rotorfit models`")
+    fit.add_argument("--out", type=Path, help="folder for tables and figures")
+    for name, (metavar, help_text) in _FIT_LISTS.items():
+        fit.add_argument(name, action="append", default=[], metavar=metavar, help=help_text)
+    fit.add_argument("--loss", default="linear", help="linear, or soft_l1, huber, cauchy against outliers")
+    fit.add_argument(
+        "--planes",
+        type=_words,
+        default=(),
+        metavar="A,B",
+        help="the data's plane names, in the model's order",
+    )
+    fit.add_argument("--blocks", type=_words, default=(), metavar="A,B", help="structural blocks to include")
+    for name, help_text in _FIT_FLAGS.items():
+        fit.add_argument(name, action="store_true", help=help_text)
+
+
+# ---- from words to settings -------------------------------------------------------------------
+
+
+def data_files(options: argparse.Namespace) -> tuple[DataFile, ...]:
+    """The files of the command line with their read options.
+
+    Raises:
+        ValueError: options that cannot be understood.
+    """
+    from rotorfit.study import DataFile
+
+    read: dict[str, Any] = {}
+    if options.probe_angles:
+        read["probe_angles"] = _pairs("--probe-angles", options.probe_angles, _two_numbers)
+    if options.slow_roll_below is not None:
+        read["slow_roll_below_rpm"] = options.slow_roll_below
+    if options.speed is not None:
+        read["speed"] = options.speed * math.pi / 30
+    return tuple(DataFile(file, read) for file in options.files)
+
+
+def fit_study(options: argparse.Namespace) -> Study:
+    """The study that the options of ``rotorfit fit`` describe.
+
+    Raises:
+        ValueError: options that cannot be understood.
+    """
+    from rotorfit.study import Study
+
+    return Study(
+        files=data_files(options),
+        model=options.model,
+        out=options.out,
+        planes=options.planes,
+        blocks=options.blocks,
+        two_lam=options.two_lam,
+        known=_pairs("--known", options.known, _number_or_free),
+        bounds=_pairs("--bounds", options.bounds, _range),
+        priors=_pairs("--prior", options.prior, _gaussian),
+        start=_pairs("--start", options.start, _number),
+        per=_pairs("--per", options.per, str),
+        loss=options.loss,
+        phase_offsets=options.phase_offsets,
+        refine=options.refine,
+    )
+
+
+def _words(text: str) -> tuple[str, ...]:
+    return tuple(word.strip() for word in text.split(","))
+
+
+def _pairs(option: str, given: Sequence[str], parse: Callable[[str], Any]) -> dict[str, Any]:
+    """``NAME=VALUE`` words, several of them also in one word with commas between."""
+    values: dict[str, Any] = {}
+    for item in (part for word in given for part in word.split(",")):
+        name, _, text = (part.strip() for part in item.partition("="))
+        if not (name and text):
+            raise ValueError(f"{option} takes NAME=VALUE, got {item!r}")
+        if name in values:
+            raise ValueError(f"{option} names {name} twice")
+        try:
+            values[name] = parse(text)
+        except ValueError as problem:
+            raise ValueError(f"{option} {item}: {problem}") from problem
+    return values
+
+
+def _number(text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        raise ValueError(f"{text!r} is not a number") from None
+
+
+def _number_or_free(text: str) -> float | None:
+    return None if text.lower() in ("free", "none") else _number(text)
+
+
+def _two(text: str) -> tuple[str, str]:
+    first, colon, second = text.partition(":")
+    if not colon:
+        raise ValueError("give two numbers with a colon between")
+    return first, second
+
+
+def _two_numbers(text: str) -> tuple[float, float]:
+    first, second = _two(text)
+    return _number(first), _number(second)
+
+
+def _range(text: str) -> tuple[float, float]:
+    low, high = _two(text)
+    return _number(low or "-inf"), _number(high or "inf")
+
+
+def _gaussian(text: str) -> Any:
+    from rotorfit.study import frozen_prior
+
+    return frozen_prior("prior", "norm", _two_numbers(text))
