@@ -1,0 +1,272 @@
+"""Time of one fit beside lmfit with a hand-vectorised NumPy residual, on the same data and to the same optimum.
+
+Eq. (18) with ten free parameters, four responses of 400 lines, 1 % noise. Warm times are medians over rounds in which all
+contenders take turns, everything imported and used before. Cold times are whole fresh processes: interpreter, imports,
+data from a file, one fit. Accuracy stands beside time: the distance from the exact optimum in standard errors.
+
+    python benchmarks/fit_speed.py
+"""
+
+from __future__ import annotations
+
+import argparse
+import shlex
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+sys.path.insert(0, str(Path(__file__).parent))
+import lmfit_rival
+from reporting import RESULTS, environment, table, write_csv
+from rigs import FORCE, RIGS
+
+import rotorfit as rf
+from rotorfit.estimators.least_squares import minimise
+from rotorfit.estimators.problem import Problem
+from rotorfit.estimators.starts import start_vector
+from rotorfit.fitting import build_problem
+from rotorfit.results import FitSettings
+
+Float = NDArray[np.float64]
+
+LINES = 400
+SPEED = 150.0
+NOISE = 0.01
+TIGHT = {"ftol": 1e-15, "xtol": 1e-15, "gtol": 1e-15}
+
+COLD = """
+import sys
+import numpy as np
+import rotorfit as rf
+columns = dict(np.load(sys.argv[1]))
+known = {"K3": float(columns.pop("K3"))}
+fit = rf.fit(rf.models.WhirlWhip(), rf.perturbation_test(**columns), known=known)
+print(*[p.value for p in fit.params.values() if p.vary])
+"""
+
+
+@dataclass(frozen=True)
+class Timing:
+    """One contender.
+
+    Attributes:
+        ms: median time of a fit.
+        fastest_ms: best time of a fit.
+        evaluations: of the residual, or of the objective with its derivatives.
+        distance: largest distance of a parameter from the exact optimum, standard errors.
+    """
+
+    contender: str
+    start: str
+    ms: float
+    fastest_ms: float
+    evaluations: int | None
+    distance: float
+
+
+@dataclass(frozen=True, eq=False)
+class Case:
+    """One data set as an experiment, as a prepared problem and as bare arrays, and its exact optimum.
+
+    Attributes:
+        typical: values of the parameters in the model's table, what one types where there is no closed form.
+    """
+
+    test: rf.PerturbationTest
+    problem: Problem
+    arrays: dict[str, Any]
+    known: dict[str, float]
+    typical: Float
+    optimum: Float
+    stderr: Float
+
+    def named(self, x: Float) -> dict[str, float]:
+        return dict(zip(self.problem.space.names, x.tolist(), strict=True))
+
+    def distance(self, x: Float) -> float:
+        return float(np.max(np.abs((x - self.optimum) / self.stderr)))
+
+
+def make_case(lines: int = LINES) -> Case:
+    rig = replace(RIGS["whirl-whip"], speeds=(SPEED,))
+    test = rig.test(lines, NOISE, np.random.default_rng(1))
+    known = {name: rig.truth[name] for name in rig.known}
+    problem = build_problem(rig.model, test, FitSettings(known=known))
+    measured, weight = np.empty((2, 2, lines), dtype=complex), np.empty((2, 2, lines))
+    for row, plane in enumerate(rig.model.planes):
+        for column, force_plane in enumerate(rig.model.planes):
+            mine = (test.plane == plane) & (test.force_plane == force_plane)
+            order = np.argsort(test.frequency[mine])
+            measured[row, column] = test.response[mine][order] / FORCE
+            weight[row, column] = FORCE / test.sigma[mine][order]
+    arrays = {"w": rig.sweep(lines), "measured": measured, "weight": weight, "speed": SPEED, "K3": known["K3"]}
+    typical = np.array([rig.model.parameter(name).scale for name in problem.space.names])
+    optimum, stderr = exact_optimum(problem)
+    return Case(test, problem, arrays, known, typical, optimum, stderr)
+
+
+def exact_optimum(problem: Problem) -> tuple[Float, Float]:
+    """Optimum to round-off, by Newton's method with the exact Hessian, and standard errors."""
+    x = minimise(problem, start_vector(problem, {})[0]).x
+    size = np.abs(x)
+    for _ in range(4):
+        hessian = problem.hessian(x) * np.outer(size, size)
+        x = x - size * np.linalg.solve(hessian, size * problem.gauss_newton(x)[1])
+    information = problem.gauss_newton(x)[2] * np.outer(size, size)
+    return x, size * np.sqrt(np.diag(np.linalg.inv(information)))
+
+
+# ---- contenders ---------------------------------------------------------------------------------------------
+
+Contender = Callable[[], tuple[Float, int | None]]
+
+
+def contenders(case: Case) -> dict[tuple[str, str], Contender]:
+    """Fits by (what is timed, where it starts): each returns the estimate and the evaluations."""
+    space = case.problem.space
+    closed, _ = start_vector(case.problem, {})
+
+    def lmfit(start: Float, **settings: float) -> tuple[Float, int | None]:
+        result = lmfit_rival.fit(case.arrays, case.named(start), **settings)
+        return np.array([parameter.value for parameter in result.params.values()]), result.nfev
+
+    def engine(start: Float) -> tuple[Float, int | None]:
+        found = minimise(case.problem, start, lower=space.lower, upper=space.upper)
+        return found.x, found.n_evaluations
+
+    def prepared() -> tuple[Float, int | None]:
+        return engine(start_vector(case.problem, {})[0])
+
+    def whole() -> tuple[Float, int | None]:
+        fit = rf.fit(space.model, case.test, known=case.known)
+        return fit.x, fit.nfev
+
+    return {
+        ("lmfit", "typical values"): lambda: lmfit(case.typical),
+        ("lmfit, tight tolerances", "typical values"): lambda: lmfit(case.typical, **TIGHT),
+        ("rotorfit engine", "typical values"): lambda: engine(case.typical),
+        ("lmfit", "closed form, given"): lambda: lmfit(closed),
+        ("rotorfit engine", "closed form, given"): lambda: engine(closed),
+        ("rotorfit engine", "closed form, included"): prepared,
+        ("rf.fit, from the experiment to the result", "closed form, included"): whole,
+    }
+
+
+def warm(case: Case, rounds: int) -> list[Timing]:
+    entries = contenders(case)
+    results = {key: run() for key, run in entries.items()}
+    seconds: dict[tuple[str, str], list[float]] = {key: [] for key in entries}
+    for _ in range(rounds):
+        for key, run in entries.items():
+            begin = time.perf_counter()
+            run()
+            seconds[key].append(time.perf_counter() - begin)
+    return [
+        Timing(*key, 1e3 * float(np.median(seconds[key])), 1e3 * min(seconds[key]), count, case.distance(x))
+        for key, (x, count) in results.items()
+    ]
+
+
+def cold(case: Case, rounds: int) -> list[Timing]:
+    """Fresh processes, in turns; the bare interpreter with NumPy stands beside them."""
+    test = case.test
+    columns = {
+        name: getattr(test, name)
+        for name in ("run", "speed", "frequency", "force_plane", "force", "plane", "direction", "response", "sigma")
+    }
+    with tempfile.TemporaryDirectory() as folder:
+        ours, theirs = Path(folder) / "test.npz", Path(folder) / "arrays.npz"
+        np.savez(ours, **columns, **case.known)
+        np.savez(theirs, **case.arrays, names=np.array(case.problem.space.names), start=case.typical)
+        rival = str(Path(lmfit_rival.__file__))
+        commands = {
+            ("lmfit, fresh process", "typical values"): [sys.executable, rival, str(theirs)],
+            ("rf.fit, fresh process", "closed form, included"): [sys.executable, "-c", COLD, str(ours)],
+            ("interpreter and NumPy alone", "-"): [sys.executable, "-c", "import numpy"],
+        }
+        seconds: dict[tuple[str, str], list[float]] = {key: [] for key in commands}
+        answers: dict[tuple[str, str], str] = {}
+        for _ in range(rounds):
+            for key, command in commands.items():
+                begin = time.perf_counter()
+                answers[key] = subprocess.run(command, check=True, capture_output=True, text=True).stdout
+                seconds[key].append(time.perf_counter() - begin)
+    timings = []
+    for key, answer in answers.items():
+        x = np.array(answer.split(), dtype=float)
+        distance = case.distance(x) if x.size else float("nan")
+        timings.append(Timing(*key, 1e3 * float(np.median(seconds[key])), 1e3 * min(seconds[key]), None, distance))
+    return timings
+
+
+# ---- output -------------------------------------------------------------------------------------------------
+
+
+def report(timings: Sequence[Timing], command: str) -> str:
+    def cells(timing: Timing) -> list[str]:
+        count = "-" if timing.evaluations is None else str(timing.evaluations)
+        distance = "-" if np.isnan(timing.distance) else f"{timing.distance:.1e}"
+        return [timing.contender, timing.start, f"{timing.ms:.3g}", f"{timing.fastest_ms:.3g}", count, distance]
+
+    times = {(timing.contender, timing.start): timing.ms for timing in timings}
+    guess, included = "typical values", "closed form, included"
+    ratios = {
+        "engine over lmfit, both from typical values": ("rotorfit engine", guess, "lmfit", guess),
+        "engine over lmfit, both from the closed form": (
+            "rotorfit engine", "closed form, given", "lmfit", "closed form, given",
+        ),
+        "engine with its closed form over lmfit from typical values": ("rotorfit engine", included, "lmfit", guess),
+        "the whole of rf.fit over lmfit from typical values": (
+            "rf.fit, from the experiment to the result", included, "lmfit", guess,
+        ),
+        "fresh processes": ("rf.fit, fresh process", included, "lmfit, fresh process", guess),
+    }  # fmt: skip
+    lines = [
+        "# Time of one fit",
+        "",
+        f"Made by `{command}` on {environment('numpy', 'scipy', 'casadi', 'lmfit')}.",
+        "",
+        *(__doc__ or "").splitlines()[2:5],
+        "",
+        *table(
+            ["what is timed", "start", "ms, median", "ms, fastest", "evaluations", "distance / standard errors"],
+            [cells(timing) for timing in timings],
+        ),
+        "",
+        *table(
+            ["speed ratio (above 1: rotorfit is faster)", "times"],
+            [[what, f"{times[c, d] / times[a, b]:.2g}"] for what, (a, b, c, d) in ratios.items()],
+        ),
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    words = list(sys.argv[1:] if arguments is None else arguments)
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--lines", type=int, default=LINES)
+    parser.add_argument("--rounds", type=int, default=100)
+    parser.add_argument("--cold-rounds", type=int, default=7)
+    parser.add_argument("--out", type=Path, default=RESULTS)
+    options = parser.parse_args(words)
+    command = shlex.join(["python", "benchmarks/fit_speed.py", *words])
+    case = make_case(options.lines)
+    timings = warm(case, options.rounds) + cold(case, options.cold_rounds)
+    text = report(timings, command)
+    options.out.mkdir(parents=True, exist_ok=True)
+    (options.out / "fit_speed.md").write_text(text, encoding="utf-8")
+    write_csv(timings, options.out / "fit_speed.csv", command, environment("numpy", "scipy", "casadi", "lmfit"))
+    print(text, end="")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
