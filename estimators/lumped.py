@@ -217,6 +217,8 @@ def lumped_coefficients(layout: Layout) -> Lumped:
 
 def _speed_parts(expression: ca.SX, speed: ca.SX, speeds: tuple[float, ...]) -> list[tuple[int, float, ca.SX]]:
     """Split a coefficient by powers of the speed, or by speed where too few speeds were tested for that."""
+    if not any(speeds):  # a rotor at rest: terms with the speed say nothing
+        expression = ca.simplify(ca.substitute(expression, speed, ca.SX(0.0)))
     if not ca.depends_on(expression, speed):
         return [] if expression.is_zero() else [(0, np.nan, expression)]
     parts, derivative, factorial = [], expression, 1.0
