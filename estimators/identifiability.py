@@ -86,25 +86,31 @@ def natural_scales(model: RotorModel, base: Sequence[str], values: Float, stiffn
     return np.where(scales > 0, scales, typical)
 
 
-def covariance(information: Float, scales: Float) -> tuple[Float, Float, Float, NDArray[np.bool_]]:
+def covariance(root: Float, scales: Float) -> tuple[Float, Float, Float, NDArray[np.bool_]]:
     """Covariance of the determined combinations.
 
     Args:
-        information: Fisher matrix J^T J of the whitened residuals, shape ``(p, p)``.
+        root: whitened Jacobian, or any matrix R with the same ``R^T R``, shape ``(m, p)``. The product itself would
+            square the condition number and hide weak directions in round-off.
         scales: size of each parameter, shape ``(p,)``.
 
     Returns:
         covariance with unresolved directions left out, shape ``(p, p)``; standard error of each scaled direction,
         ascending information, shape ``(p,)``; scaled directions as columns; their unresolved mask.
     """
-    scaled = information * np.outer(scales, scales)
-    # Eigenvalues of J^T J are squares of singular values; equilibrating first keeps small ones accurate.
-    norm = np.sqrt(np.maximum(np.diag(scaled), 0.0))
+    scaled = root * scales
+    norm = np.linalg.norm(scaled, axis=0)
     safe = np.where(norm > 0, norm, 1.0)
-    power, basis = np.linalg.eigh(scaled / np.outer(safe, safe))
-    lost = (power <= _NULL * max(power.max(), 0.0)) | ~np.isfinite(power)
+    # Columns of equal length: a singular value then tells dependence, not the units.
+    _, singular, rows = np.linalg.svd(scaled / safe, full_matrices=False)
+    if singular.size < scales.size:  # fewer data than parameters
+        rows = np.linalg.svd(scaled / safe, full_matrices=True)[2]
+        singular = np.concatenate([singular, np.zeros(scales.size - singular.size)])
+    order = np.argsort(singular)
+    power, basis = singular[order], rows.T[:, order]
+    lost = power <= _NULL * power.max(initial=0.0)
     # Directions that the equilibrated matrix resolves, back in scaled parameters.
-    kept = basis[:, ~lost] / safe[:, None] / np.sqrt(power[~lost])
+    kept = basis[:, ~lost] / safe[:, None] / power[~lost]
     silent = norm == 0
     kept[silent] = 0.0
     null = _null_basis(basis[:, lost] / safe[:, None], silent)
@@ -131,8 +137,8 @@ def _null_basis(directions: Float, silent: NDArray[np.bool_]) -> Float:
     axes = np.eye(silent.size)[:, silent]
     others = directions.copy()
     others[silent] = 0.0
-    norms = np.linalg.norm(others, axis=0)
-    others = others[:, norms > 1e-8 * max(norms.max(initial=0.0), 1e-300)]
+    rest = np.linalg.norm(others, axis=0) > 1e-8 * np.linalg.norm(directions, axis=0)
+    others = others[:, rest]
     if others.shape[1]:
         u, s, _ = np.linalg.svd(others / np.linalg.norm(others, axis=0), full_matrices=False)
         others = u[:, s > 1e-8]
@@ -144,15 +150,22 @@ def diagnose(
     names: Sequence[str],
     base: Sequence[str],
     values: Float,
-    information: Float,
+    root: Float,
     scales: Float,
 ) -> tuple[Float, Identifiability]:
     """Covariance and identifiability verdict of a fit.
 
+    Args:
+        model: the rotor.
+        names: names of the fitted entries.
+        base: the model's own name of each.
+        values: estimates, shape ``(p,)``.
+        root, scales: see :func:`covariance`.
+
     Returns:
         covariance of the determined combinations, shape ``(p, p)``, and the verdict.
     """
-    covar, stderr, directions, open_ = covariance(information, scales)
+    covar, stderr, directions, open_ = covariance(root, scales)
     sparse = _sparse_basis(directions[:, open_])
     unresolved = [
         name

@@ -183,11 +183,11 @@ def _result(
     residuals, jacobian = problem.jacobian(x)
     chisqr, nfree = float(np.sum(np.abs(residuals) ** 2)), problem.n_data - space.size
     redchi = _reduced(problem, residuals, nfree)
-    information, sandwich = _information(problem, x, residuals, jacobian)
+    root, sandwich = _information(problem, x, residuals, jacobian)
     scales = _scales(problem, x)
     names = (*space.names, *space.nuisance)
     base = (*space.base, *space.nuisance)
-    noise, verdict = diagnose(space.model, names, base, x, information, scales)
+    noise, verdict = diagnose(space.model, names, base, x, root, scales)
     if sandwich is not None:
         noise = noise @ sandwich @ noise
     if estimate is not None:
@@ -242,7 +242,7 @@ def _reduced(problem: Problem, residuals: NDArray[np.complex128], nfree: int) ->
 def _information(
     problem: Problem, x: Float, r: NDArray[np.complex128], J: NDArray[np.complex128]
 ) -> tuple[Float, Float | None]:
-    """Expected curvature of the cost, and for a robust loss the scatter of its gradient (Huber's sandwich)."""
+    """Square root of the cost's expected curvature, and for a robust loss its gradient's scatter (the sandwich)."""
     size2 = np.abs(r) ** 2
     _, weight = robust_weights(problem.loss, size2)
     if problem.loss == "linear":
@@ -253,13 +253,16 @@ def _information(
         # A modulus loss bends by w + 2 |r|^2 w' along r and by w across it; residual phases are uniform.
         curvature = np.full(r.size, float(np.mean(weight + size2 * slope)))
     stacked = np.concatenate([J.real, J.imag])
-    information = stacked.T @ (np.concatenate([curvature, curvature])[:, None] * stacked)
+    rows = [np.sqrt(np.concatenate([curvature, curvature]))[:, None] * stacked]
     for prior in problem.priors:
-        information[prior.entry, prior.entry] += prior.terms(float(x[prior.entry]))[2]
+        row = np.zeros((1, x.size))
+        row[0, prior.entry] = np.sqrt(prior.terms(float(x[prior.entry]))[2])
+        rows.append(row)
+    root = np.asarray(np.linalg.qr(np.concatenate(rows), mode="r"))
     if problem.loss == "linear":
-        return information, None
+        return root, None
     scores = weight[:, None] * (r.conj()[:, None] * J).real
-    return information, scores.T @ scores
+    return root, scores.T @ scores
 
 
 def _scales(problem: Problem, x: Float) -> Float:
