@@ -80,9 +80,7 @@ class Table:
 
     def find(self, prefix: str, units: Mapping[str, float], wanted: str = "") -> dict[str, float]:
         """Columns ``prefix_unit`` with their factors to SI; without any, ``wanted`` goes on the list of the missing."""
-        found = {
-            name: units[name[len(prefix) + 1 :]] for name in self.cells if _is_quantity(name, prefix, units)
-        }
+        found = {name: units[name[len(prefix) + 1 :]] for name in self.cells if _is_quantity(name, prefix, units)}
         self.used |= set(found)
         if not found and wanted:
             self.missing.append(wanted)
@@ -96,9 +94,7 @@ class Table:
         """
         found = self.find(prefix, units, wanted)
         if len(found) > 1:
-            raise ValueError(
-                f"{self.source}: {prefix} is given twice, as {' and '.join(found)}; keep one of them"
-            )
+            raise ValueError(f"{self.source}: {prefix} is given twice, as {' and '.join(found)}; keep one of them")
         return next(iter(found.items()), None)
 
     def text(self, name: str) -> str:
@@ -186,9 +182,7 @@ def _floats(cells: Sequence[str]) -> Float | None:
 
 def _suggest(name: str) -> str:
     columns = [f"{prefix}_{unit}" for prefix, units in _PREFIXES.items() for unit in units]
-    near = difflib.get_close_matches(
-        name.lower(), ["run", "force_plane", "plane", "direction", *columns], n=1
-    )
+    near = difflib.get_close_matches(name.lower(), ["run", "force_plane", "plane", "direction", *columns], n=1)
     return f"{name!r} (did you mean {near[0]!r}?)" if near else repr(name)
 
 
@@ -206,13 +200,9 @@ def read_table(path: str | Path) -> Table:
         raise ValueError(
             f"{source} is not UTF-8 text ({error.reason} at byte {error.start}); save it as CSV UTF-8"
         ) from error
-    numbered = [
-        (i, line) for i, line in enumerate(lines, 1) if line.strip() and not line.lstrip().startswith("#")
-    ]
+    numbered = [(i, line) for i, line in enumerate(lines, 1) if line.strip() and not line.lstrip().startswith("#")]
     if not numbered:
-        raise ValueError(
-            f"{source} is empty; a tidy CSV has a header and rows. Known columns: {PERTURBATION_COLUMNS}"
-        )
+        raise ValueError(f"{source} is empty; a tidy CSV has a header and rows. Known columns: {PERTURBATION_COLUMNS}")
     delimiter = max(",;\t", key=numbered[0][1].count)
     try:
         header, *rows = csv.reader((line for _, line in numbered), delimiter=delimiter, strict=True)
@@ -220,14 +210,10 @@ def read_table(path: str | Path) -> Table:
         raise ValueError(f"{source} is not a readable CSV: {error}") from error
     where = [i for i, _ in numbered[1:]]
     if not rows:
-        raise ValueError(
-            f"{source} has one line, {numbered[0][1][:80]!r}, and no rows below it; nothing to read"
-        )
+        raise ValueError(f"{source} has one line, {numbered[0][1][:80]!r}, and no rows below it; nothing to read")
     for number, row in zip(where, rows, strict=False):
         if len(row) != len(header):
-            raise ValueError(
-                f"{source}: line {number} has {len(row)} cells, the header has {len(header)} columns"
-            )
+            raise ValueError(f"{source}: line {number} has {len(row)} cells, the header has {len(header)} columns")
     names = {name.strip().replace("µ", "u").replace("μ", "u").lower(): name.strip() for name in header}
     if len(names) < len(header) or "" in names:
         raise ValueError(f"{source}: every column needs a name of its own, the header is {', '.join(header)}")
@@ -247,9 +233,7 @@ def read_csv(path: str | Path, *, speed_tolerance: float = SPEED_TOLERANCE) -> E
         FileNotFoundError: no such file.
     """
     table = read_table(path)
-    build = next(
-        (b for mark, b in _KINDS if any(name.startswith(mark) for name in table.cells)), _perturbation
-    )
+    build = next((b for mark, b in _KINDS if any(name.startswith(mark) for name in table.cells)), _perturbation)
     with np.errstate(over="ignore", invalid="ignore"):  # what overflows is refused below, by name
         return build(table, speed_tolerance)
 
@@ -275,13 +259,9 @@ def _perturbation(table: Table, speed_tolerance: float) -> PerturbationTest:
     w = table.number(_there(frequency))
     size = table.number(_there(unbalance)) * w**2 if unbalance else table.number(_there(force))
     parts = [_motion(table, columns, direction, radius) for columns in motion]
-    response = (
-        _polar(table, motion[0], parts[0], table.number(_there(phase))) if polar else parts[0] + 1j * parts[1]
-    )
+    response = _polar(table, motion[0], parts[0], table.number(_there(phase))) if polar else parts[0] + 1j * parts[1]
     noise = _motion(table, sigma, direction, radius, blank=True) if sigma else np.full(run.shape, np.nan)
-    _refuse(
-        table, noise <= 0, next(iter(sigma), ""), "must be positive, or blank where the noise is not known"
-    )
+    _refuse(table, noise <= 0, next(iter(sigma), ""), "must be positive, or blank where the noise is not known")
     angle = table.number(_there(force_phase))
     omega = group_speeds(table.number(_there(speed)), w, run, speed_tolerance)
     columns = {"force": size * np.exp(1j * angle), "response": response, "frequency": w, "speed": omega}
@@ -357,9 +337,7 @@ def _directions(table: Table, cells: Text) -> Text:
     unknown = ~np.isin(direction, DIRECTIONS)
     if unknown.any():
         row = int(np.flatnonzero(unknown)[0])
-        raise ValueError(
-            f"{table.where(row, 'direction')}: {unknown_name('direction', str(cells[row]), DIRECTIONS)}"
-        )
+        raise ValueError(f"{table.where(row, 'direction')}: {unknown_name('direction', str(cells[row]), DIRECTIONS)}")
     return direction
 
 
@@ -385,7 +363,7 @@ def _motion(
     *,
     blank: bool = False,
 ) -> Float:
-    """Each row's value from the column of its kind: lengths for x, y, z; angles, or lengths over the radius, for tilt."""
+    """Each row's value from the column of its kind; a slope is an angle, or a length over the probe's radius."""
     tilt = np.char.startswith(direction, "r")
     angles = units_of("tilt")
     by_kind: dict[bool, list[str]] = {
@@ -400,9 +378,7 @@ def _motion(
         value = np.where(tilt, np.nan, length)
         if radius:
             r = table.number(radius, blank=True)
-            value = np.where(
-                tilt, np.divide(length, r, out=np.full_like(length, np.nan), where=r != 0), length
-            )
+            value = np.where(tilt, np.divide(length, r, out=np.full_like(length, np.nan), where=r != 0), length)
             if name.startswith("sigma"):
                 value = np.abs(value)
     for name in by_kind[True]:
@@ -412,9 +388,7 @@ def _motion(
     if lacking.any():
         row = int(np.flatnonzero(lacking)[0])
         what = (
-            f"{next(iter(columns)).split('_')[0]}_urad, or a length with probe_radius_mm,"
-            if tilt[row]
-            else "a length"
+            f"{next(iter(columns)).split('_')[0]}_urad, or a length with probe_radius_mm," if tilt[row] else "a length"
         )
         raise ValueError(
             f"{table.source}: line {table.lines[row]}, direction {direction[row]}: {what} is needed, "
@@ -436,9 +410,7 @@ def _cell(value: Any) -> str:
     if not isinstance(value, str):
         return "" if value != value else f"{value:.15g}"  # noqa: PLR0124 - NaN
     if any(c in value for c in "\r\n") or value != value.strip():
-        raise ValueError(
-            f"cannot write the name {value!r} to a CSV: no line breaks and no blanks at its ends"
-        )
+        raise ValueError(f"cannot write the name {value!r} to a CSV: no line breaks and no blanks at its ends")
     return '"' + value.replace('"', '""') + '"' if any(c in value for c in ',;"#\t') else value
 
 

@@ -59,9 +59,10 @@ def difference_synchronous(test: PerturbationTest) -> PerturbationTest:
 
     Two runs with the force at the same plane and at opposite phase are subtracted reading by reading, responses and
     forces alike: ``r1 - r2 = H (F1 - F2)``, with ``F1 - F2 = 2 F1`` for equal weights. Whatever does not change between
-    the runs drops out: residual unbalance, bow, run-out. Where the second run was not sampled at the speeds of the first
-    one its response divided by its force is interpolated there by a cubic spline, never beyond its range and not across
-    gaps. The noise of the difference is ``sqrt(sigma1^2 + sigma2^2)``. Numeric attributes are averaged over the pair.
+    the runs drops out: residual unbalance, bow, run-out. Where the second run was not sampled at the speeds of the
+    first one its response divided by its force is interpolated there by a cubic spline, never beyond its range and
+    not across gaps. The noise of the difference is ``sqrt(sigma1^2 + sigma2^2)``. Numeric attributes are averaged
+    over the pair.
 
     Runs without a partner, and readings that only one run of a pair has, stay as they are; the attribute
     :data:`DIFFERENCED` tells them apart. Rows differenced before are left alone, so doing it twice changes nothing.
@@ -77,7 +78,7 @@ def difference_synchronous(test: PerturbationTest) -> PerturbationTest:
     """
     if not test.synchronous:
         raise ValueError(
-            f"{test.source or 'the test'} is not synchronous: difference_synchronous needs frequency = speed on all rows"
+            f"{test.source or 'the test'} is not synchronous: only runs with frequency = speed on all rows are differenced"
         )
     done = np.asarray(test.attributes.get(DIFFERENCED, np.zeros(len(test))) == 1)
     left = np.ones(len(test), dtype=bool)
@@ -97,9 +98,7 @@ def difference_synchronous(test: PerturbationTest) -> PerturbationTest:
 
 def _pairs(test: PerturbationTest, rows: NDArray[np.bool_]) -> Iterator[tuple[NDArray[Any], NDArray[Any]]]:
     """Rows of each two runs with the force at one plane in opposite directions, in order of appearance."""
-    sectors = np.round(
-        np.degrees(np.angle(test.force)), 1
-    ).tolist()  # a run whose weight was moved is two runs
+    sectors = np.round(np.degrees(np.angle(test.force)), 1).tolist()  # a run whose weight was moved is two runs
     keys = list(zip(test.run.tolist(), test.force_plane.tolist(), _merge(sectors), strict=True))
     runs: dict[Any, list[int]] = {}
     for row, key in enumerate(keys):
@@ -118,12 +117,11 @@ def _pairs(test: PerturbationTest, rows: NDArray[np.bool_]) -> Iterator[tuple[ND
 
 
 def _merge(degrees: list[float]) -> list[float]:
-    """Replace each angle by the first one seen within the tolerance of it, so that a force phase that jitters is one."""
+    """Replace each angle by the first one seen within the tolerance of it, so that a force phase that jitters is
+    one."""
     seen: dict[float, float] = {}
     for angle in dict.fromkeys(degrees):
-        near = [
-            s for s in seen.values() if abs((angle - s + 180) % 360 - 180) <= np.degrees(OPPOSITE_TOLERANCE)
-        ]
+        near = [s for s in seen.values() if abs((angle - s + 180) % 360 - 180) <= np.degrees(OPPOSITE_TOLERANCE)]
         seen[angle] = near[0] if near else angle
     return [seen[angle] for angle in degrees]
 
@@ -131,9 +129,7 @@ def _merge(degrees: list[float]) -> list[float]:
 def _channels(
     test: PerturbationTest, first: NDArray[Any], second: NDArray[Any]
 ) -> Iterator[tuple[NDArray[Any], NDArray[Any]]]:
-    for plane, direction in dict.fromkeys(
-        zip(test.plane[first].tolist(), test.direction[first].tolist(), strict=True)
-    ):
+    for plane, direction in dict.fromkeys(zip(test.plane[first].tolist(), test.direction[first].tolist(), strict=True)):
         of_channel = (test.plane == plane) & (test.direction == direction)
         a, b = first[of_channel[first]], second[of_channel[second]]
         if b.size:
@@ -166,19 +162,18 @@ def _difference(a: PerturbationTest, b: PerturbationTest) -> PerturbationTest:
 def _covered(speed: Float, sampled: Float) -> NDArray[np.bool_]:
     """Whether each speed lies between two samples that are not too far apart, or on one."""
     samples = np.unique(sampled)
-    on_sample = np.abs(
-        speed - samples[np.abs(speed[:, None] - samples).argmin(axis=1)]
-    ) <= SAME_SPEED * np.abs(speed)
+    on_sample = np.abs(speed - samples[np.abs(speed[:, None] - samples).argmin(axis=1)]) <= SAME_SPEED * np.abs(speed)
     if samples.size < 2:
-        return on_sample
+        return np.asarray(on_sample)
     steps = np.diff(samples)
     right = np.clip(np.searchsorted(samples, speed), 1, samples.size - 1)
     inside = (speed >= samples[0]) & (speed <= samples[-1])
-    return on_sample | (inside & (steps[right - 1] <= LARGEST_GAP * np.median(steps)))
+    return np.asarray(on_sample | (inside & (steps[right - 1] <= LARGEST_GAP * np.median(steps))))
 
 
 def _at(position: Float, x: Float, y: NDArray[Any], *, smooth: bool = False) -> ComplexArray:
-    """Values at other positions; samples much closer than the usual step are averaged, or the spline amplifies noise."""
+    """Values at other positions; samples much closer than the usual step are averaged, or the spline amplifies
+    noise."""
     from scipy.interpolate import CubicSpline
 
     order = np.argsort(x, kind="stable")
@@ -201,21 +196,15 @@ def _shared(values: NDArray[Any], b: PerturbationTest, name: str, position: Floa
     other = b.attributes[name]
     if values.dtype.kind in "fiu":
         numbers = other.astype(float)
-        return (values + (numbers if position is None else _at(position, b.speed, numbers).real)) / 2
+        return np.asarray((values + (numbers if position is None else _at(position, b.speed, numbers).real)) / 2)
     if position is not None:
         other = np.full(values.shape, other[0])
-    return np.array(
-        [x if x == y else f"{x} | {y}" for x, y in zip(values.tolist(), other.tolist(), strict=True)]
-    )
+    return np.array([x if x == y else f"{x} | {y}" for x, y in zip(values.tolist(), other.tolist(), strict=True)])
 
 
 def _join(parts: list[PerturbationTest]) -> PerturbationTest:
     first = parts[0]
     names = first._columns()
-    columns: dict[str, Any] = {
-        name: np.concatenate([getattr(part, name) for part in parts]) for name in names
-    }
-    attributes = {
-        name: np.concatenate([part.attributes[name] for part in parts]) for name in first.attributes
-    }
+    columns: dict[str, Any] = {name: np.concatenate([getattr(part, name) for part in parts]) for name in names}
+    attributes = {name: np.concatenate([part.attributes[name] for part in parts]) for name in first.attributes}
     return replace(first, attributes=attributes, **columns)
