@@ -1,0 +1,162 @@
+"""Which part may know which, what importing costs, and documentation that agrees with the signatures."""
+
+from __future__ import annotations
+
+import ast
+import importlib
+import inspect
+import pkgutil
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import rotorfit
+
+PACKAGE = Path(rotorfit.__file__).parent
+HEAVY = ("matplotlib", "emcee", "xarray", "arviz", "numba", "scipy.stats", "h5py", "pyuff")
+
+
+def modules(*packages: str) -> list[str]:
+    names = list(packages)
+    for package in packages:
+        path = importlib.import_module(package).__path__
+        names += [info.name for info in pkgutil.iter_modules(path, f"{package}.") if not info.name.endswith("__main__")]
+    return names
+
+
+MODULES = modules("rotorfit", "rotorfit.models", "rotorfit.estimators", "rotorfit.datasets")
+
+
+def source_of(name: str) -> Path:
+    return Path(str(importlib.import_module(name).__file__))
+
+
+def imported(name: str) -> set[str]:
+    """Full names of all that a module imports, wherever in it, type checking included."""
+    found: set[str] = set()
+    for node in ast.walk(ast.parse(source_of(name).read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{name} imports relatively; sub-packages live outside the tree of rotorfit"
+            found |= {f"{node.module}.{alias.name}" for alias in node.names}
+    return found
+
+
+def begins(name: str, packages: tuple[str, ...]) -> bool:
+    return any(name == package or name.startswith(package + ".") for package in packages)
+
+
+@pytest.mark.parametrize(
+    ("package", "allowed"),
+    [
+        ("rotorfit.models", ("rotorfit.models",)),
+        ("rotorfit.estimators", ("rotorfit.models", "rotorfit.estimators")),
+    ],
+)
+def test_dependencies_point_one_way(package: str, allowed: tuple[str, ...]) -> None:
+    for name in modules(package):
+        own = {other for other in imported(name) if begins(other, ("rotorfit",))}
+        assert {other for other in own if not begins(other, allowed)} == set(), name
+        assert {other for other in imported(name) if begins(other, ("matplotlib",))} == set(), name
+
+
+def test_every_module_imports_without_a_front_part() -> None:
+    """Each of the lower packages can be used alone: importing it does not load the front."""
+    code = (
+        "import sys, rotorfit.estimators.least_squares, rotorfit.estimators.closed_form\n"
+        "front = [m for m in sys.modules if m.startswith('rotorfit.')"
+        " and not m.startswith(('rotorfit.models', 'rotorfit.estimators'))]\n"
+        "sys.exit(' '.join(front) or 0)"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True)
+
+
+def test_import_is_light_and_quick() -> None:
+    code = (
+        "import time\nbegin = time.perf_counter()\nimport rotorfit\nprint(time.perf_counter() - begin)\n"
+        "rotorfit.models; rotorfit.fit\nimport sys\n"
+        f"print(*[m for m in {HEAVY!r} if m in sys.modules])"
+    )
+    runs = [subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True) for _ in range(5)]
+    assert [run.stdout.splitlines()[1] for run in runs] == [""] * 5
+    assert min(float(run.stdout.splitlines()[0]) for run in runs) < 0.4
+
+
+def test_first_fit_needs_no_heavy_package() -> None:
+    """Plots, samplers and compilers are loaded when they are asked for."""
+    code = (
+        "import rotorfit as rf, sys\n"
+        "rf.fit(rf.models.WhirlWhip(), rf.datasets.rig_open(), known={'K3': 6000.0}).summary()\n"
+        f"sys.exit(' '.join(m for m in {HEAVY!r} if m in sys.modules) or 0)"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True)
+
+
+@pytest.mark.parametrize("package", ["models", "estimators"])
+def test_sub_packages_refuse_another_name(package: str) -> None:
+    """A second copy of a class under another name would fail every isinstance test."""
+    done = subprocess.run(
+        [sys.executable, "-c", f"import {package}"], cwd=PACKAGE, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 1
+    assert f"import this package as rotorfit.{package}" in done.stderr
+
+
+def test_all_public_names_resolve() -> None:
+    for name in rotorfit.__all__:
+        assert getattr(rotorfit, name) is not None
+    assert set(rotorfit.__all__) <= set(dir(rotorfit))
+    with pytest.raises(AttributeError, match="no attribute 'fitt'"):
+        getattr(rotorfit, "fitt")  # noqa: B009
+
+
+# ---- documentation ----------------------------------------------------------------------------
+
+
+def public_callables() -> dict[str, object]:
+    found: dict[str, object] = {}
+    for module in MODULES:
+        for name, thing in vars(importlib.import_module(module)).items():
+            if name.startswith("_") or getattr(thing, "__module__", None) != module:
+                continue
+            if inspect.isfunction(thing):
+                found[f"{module}.{name}"] = thing
+            elif inspect.isclass(thing):
+                found[f"{module}.{name}"] = thing
+                for method, function in vars(thing).items():
+                    if not method.startswith("_") and inspect.isfunction(function):
+                        found[f"{module}.{name}.{method}"] = function
+    return found
+
+
+CALLABLES = public_callables()
+
+
+def documented(docstring: str) -> list[str] | None:
+    """Names in the Args section, None without one."""
+    section = re.search(r"^Args:\n((?:    .*\n|\n)+)", inspect.cleandoc(docstring) + "\n", re.MULTILINE)
+    if section is None:
+        return None
+    entries = re.findall(r"^    ((?:\*{0,2}\w+)(?:, \*{0,2}\w+)*):(?:\s|$)", section[1], re.MULTILINE)
+    return [name.lstrip("*") for entry in entries for name in entry.split(", ")]
+
+
+def arguments(thing: object) -> list[str]:
+    function = thing.__init__ if inspect.isclass(thing) else thing  # type: ignore[misc]
+    return [name for name in inspect.signature(function).parameters if name not in ("self", "cls")]  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("name", sorted(n for n, f in CALLABLES.items() if documented(inspect.getdoc(f) or "")))
+def test_documented_arguments_are_those_of_the_signature(name: str) -> None:
+    thing = CALLABLES[name]
+    assert documented(inspect.getdoc(thing) or "") == arguments(thing)
+
+
+@pytest.mark.parametrize("name", sorted(n for n in rotorfit.__all__ if inspect.isfunction(getattr(rotorfit, n))))
+def test_functions_of_the_front_document_their_arguments(name: str) -> None:
+    function = getattr(rotorfit, name)
+    assert documented(inspect.getdoc(function) or "") == arguments(function)
