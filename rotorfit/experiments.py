@@ -185,7 +185,17 @@ def perturbation_test(
     attributes: Mapping[str, Any] | None = None,
     source: str = "",
 ) -> PerturbationTest:
-    """Build a :class:`PerturbationTest` from arrays or scalars in SI units, scalars spread over all rows."""
+    """Build a :class:`PerturbationTest` from arrays or scalars, scalars spread over all rows.
+
+    Args:
+        run, speed, frequency, force_plane, force, plane, direction, response, sigma: SI units, shape ``(R,)`` or scalar,
+            see :class:`PerturbationTest`.
+        attributes: further columns by name.
+        source: where the data came from, for messages.
+
+    Raises:
+        ValueError: columns of unequal length, or an unknown direction.
+    """
     columns = {
         "run": np.asarray(run, dtype=str),
         "speed": np.asarray(speed, dtype=float),

@@ -107,6 +107,10 @@ def _read_raw(path: str | Path, speed: float | None, speed_tolerance: float) -> 
 def write(experiment: Experiment, path: str | Path) -> None:
     """Write an experiment; the suffix tells the format as in :func:`read`. A failure leaves an existing file as it was.
 
+    Args:
+        experiment: what to write.
+        path: the file, replaced if it exists.
+
     Raises:
         ValueError: unknown suffix, or something that the format cannot hold.
     """
