@@ -131,11 +131,22 @@ def build_problem(model: RotorModel, experiments: Experiment | Sequence[Experime
     space = parameter_space(
         model, known=settings.known, bounds=settings.bounds, groups=grouping.suffixes, nuisance=nuisance
     )
-    factors = tuple(1j * (block.run[:, None] == np.array(runs[1:])[None, :]) if nuisance else None for block in blocks)
+    factors = tuple(_phase_factors(block, runs[1:]) if nuisance else None for block in blocks)
     problem = Problem(space, blocks, settings.loss, _priors(space, settings.priors), factors)
     if space.size > problem.n_data:
         raise ValueError(f"{space.size} unknowns but only {problem.n_data} real data: fix parameters or add readings")
     return problem
+
+
+def _phase_factors(block: Block, runs: Sequence[str]) -> NDArray[np.complex128]:
+    """Sensitivity of the logarithm of each prediction to the phase reference of each run, shape ``(R, n_runs)``.
+
+    In complex coordinates a backward run's amplitude is the conjugate of its phasors, and so is the effect of an offset.
+    """
+    sense = np.ones(block.measured.size)
+    if isinstance(block, Responses) and block.model.frame == "z":
+        sense = np.where(block.frequency[block.line] < 0, -1.0, 1.0)
+    return np.asarray(1j * sense[:, None] * (block.run[:, None] == np.array(runs)[None, :]))
 
 
 def _priors(space: ParameterSpace, priors: Mapping[str, Any]) -> tuple[Prior, ...]:
