@@ -740,9 +740,10 @@ def _descend(run: _Run) -> Status:
         return Status.INFEASIBLE_START
     run.reference = first.cost
     run.best = run.assess(first)
-    if run.converged():  # a restart at a solution
+    if run.best.offset <= _HANDOVER:  # a start as good as the point where Ipopt would hand over
         run.refine()
-        return run.status()
+        if run.status() is Status.CONVERGED:
+            return Status.CONVERGED
     key = (run.start.size, run.options)
     engine = _borrow(*key)
     try:
