@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from rotorfit.experiments import DisplacementTest, PerturbationTest, perturbation_test
     from rotorfit.fitting import closed_form, fit
     from rotorfit.readers import read, write
-    from rotorfit.refine import Refinement, one_lam_test, refine
+    from rotorfit.refinement import Refinement, one_lam_test, refine
     from rotorfit.results import FitResult, FittedParameter, Quantity
     from rotorfit.stiffness import dynamic_stiffness
     from rotorfit.synchronous import difference_synchronous
@@ -28,9 +28,9 @@ _HOME = {
     "fit": "rotorfit.fitting",
     "read": "rotorfit.readers",
     "write": "rotorfit.readers",
-    "Refinement": "rotorfit.refine",
-    "one_lam_test": "rotorfit.refine",
-    "refine": "rotorfit.refine",
+    "Refinement": "rotorfit.refinement",
+    "one_lam_test": "rotorfit.refinement",
+    "refine": "rotorfit.refinement",
     "FitResult": "rotorfit.results",
     "FittedParameter": "rotorfit.results",
     "Quantity": "rotorfit.results",

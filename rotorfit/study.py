@@ -13,7 +13,7 @@ from rotorfit.fitting import closed_form, fit
 from rotorfit.models import MODELS, RotorModel
 from rotorfit.models.parameters import unknown_name
 from rotorfit.readers import read
-from rotorfit.refine import Refinement, refine
+from rotorfit.refinement import Refinement, refine
 from rotorfit.results import FitResult
 
 if TYPE_CHECKING:
