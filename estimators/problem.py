@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
@@ -110,8 +111,8 @@ class Problem:
         blocks: the observations.
         loss: "linear" or a robust one, applied to the modulus of each whitened complex residual.
         priors: priors on entries of the fitted vector.
-        factors: for each block, sensitivities of the logarithm of its predictions to the nuisance entries (j for a phase,
-            1 for a gain), shape ``(R, n_nuisance)``, or ``None``.
+        factors: for each block, sensitivities of the logarithm of its predictions to the nuisance entries (j for a
+            phase, 1 for a gain), shape ``(R, n_nuisance)``, or ``None``.
     """
 
     space: ParameterSpace
@@ -143,30 +144,39 @@ class Problem:
     def jacobian(self, x: Float) -> tuple[ComplexArray, ComplexArray]:
         """Whitened residuals and their derivatives, shapes ``(R,)`` and ``(R, p)``."""
         theta = self.space.theta(x)
-        residuals, rows = [], []
+        count = self.n_data // 2
+        residuals = np.empty(count, dtype=complex)
+        rows = np.zeros((self.space.size, count), dtype=complex)  # parameter by parameter: contiguous along the lines
+        stop = 0
         for number, block in enumerate(self.blocks):
+            start, stop = stop, stop + block.measured.size
             predicted, by_theta = block.predict_jacobian(theta)
-            factor = self._nuisance_factor(number, x)
-            predicted = predicted * factor
-            full = self._scatter(block, by_theta * (factor if np.ndim(factor) == 0 else np.asarray(factor)[:, None]))
+            part = rows[:, start:stop]
+            self._scatter(block, by_theta.T, part)
             if self.factors and self.factors[number] is not None:
-                full[:, len(self.space.names) :] = np.asarray(self.factors[number]) * predicted[:, None]
-            residuals.append((predicted - block.measured) / block.sigma)
-            rows.append(full / block.sigma[:, None])
-        return np.concatenate(residuals), np.concatenate(rows)
+                factor = np.asarray(self._nuisance_factor(number, x))
+                predicted = predicted * factor
+                part *= factor
+                part[len(self.space.names) :] = np.asarray(self.factors[number]).T * predicted
+            residuals[start:stop] = (predicted - block.measured) / block.sigma
+        rows.view(float)[:] *= self._weight
+        return residuals, rows.T
 
-    def _scatter(self, block: Block, by_theta: ComplexArray) -> ComplexArray:
-        """Derivatives by the groups' parameters as derivatives by the fitted vector, stored parameter by parameter."""
-        full = np.zeros((self.space.size, by_theta.shape[0]), dtype=complex)
+    @cached_property
+    def _weight(self) -> Float:
+        """One over sigma, twice in a row for the real and the imaginary part of each reading."""
+        return np.repeat(np.concatenate([1 / block.sigma for block in self.blocks]), 2)
+
+    def _scatter(self, block: Block, by_theta: ComplexArray, out: ComplexArray) -> None:
+        """Write derivatives by the groups' parameters as derivatives by the fitted vector, readings along the rows."""
         group = block.reading_group
         for g, index in enumerate(self.space.index):
             places = np.flatnonzero(index >= 0)
             if len(self.space.index) == 1:
-                full[index[places]] = by_theta.T[places]
+                out[index[places]] = by_theta[places]
             else:
                 rows = np.flatnonzero(group == g)
-                full[np.ix_(index[places], rows)] = by_theta.T[np.ix_(places, rows)]
-        return full.T
+                out[np.ix_(index[places], rows)] = by_theta[np.ix_(places, rows)]
 
     # ---- the optimiser's view -------------------------------------------------------------------------------------
 
@@ -178,14 +188,17 @@ class Problem:
     def gauss_newton(self, x: Float) -> tuple[float, Float, Float]:
         """Cost, gradient and Gauss-Newton matrix."""
         r, J = self.jacobian(x)
-        rho, weight = robust_weights(self.loss, np.abs(r) ** 2)
-        root = np.sqrt(weight)[:, None]
-        Jw = np.ascontiguousarray(J * root).view(float).reshape(r.size, -1, 2)
-        rw = (r * root[:, 0]).view(float).reshape(r.size, 2)
-        stacked = np.concatenate([Jw[:, :, 0], Jw[:, :, 1]])
-        gradient = stacked.T @ np.concatenate([rw[:, 0], rw[:, 1]])
-        matrix = stacked.T @ stacked
-        cost = 0.5 * float(rho.sum())
+        rows = J.T
+        if self.loss == "linear":
+            cost = 0.5 * float(np.vdot(r, r).real)
+        else:
+            rho, weight = robust_weights(self.loss, np.abs(r) ** 2)
+            cost = 0.5 * float(rho.sum())
+            root = np.sqrt(weight)
+            r, rows = r * root, rows * root
+        stacked = rows.view(float)
+        gradient = stacked @ r.view(float)
+        matrix = stacked @ stacked.T
         for prior in self.priors:
             value, slope, curvature = prior.terms(float(x[prior.entry]))
             cost += value

@@ -1,85 +1,125 @@
 """Vectorised responses and exact sensitivities of a model along many lines.
 
-With ``kappa A = F`` and ``H = inv(kappa)``, ``dA = -H dkappa A``. CasADi gives kappa's coefficients and their derivatives
-once for each (parameter group, speed); all that depends on the frequency is array arithmetic here, so that the cost
-grows with the lines and not with the size of a symbolic inverse.
+With ``kappa A = F`` and ``H = inv(kappa)``, ``dA = -H dkappa A``. CasADi gives kappa's coefficients and their
+derivatives once for each (parameter group, speed); all that depends on the frequency is array arithmetic here, so that
+the cost grows with the lines and not with the size of a symbolic inverse.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
+
+from rotorfit.models.model import CompiledModel
 
 if TYPE_CHECKING:
     from rotorfit.estimators.observations import Responses
 
 Float = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
+Index = NDArray[np.intp]
 
 
 def inverse(kappa: ComplexArray) -> ComplexArray:
-    """Inverse of many small matrices, shape ``(L, n, n)``; one and two rows in closed form."""
-    if kappa.shape[-1] == 1:
-        return np.asarray(1.0 / kappa)
-    if kappa.shape[-1] > 2:
-        return np.asarray(np.linalg.inv(kappa))
-    a, b, c, d = kappa[:, 0, 0], kappa[:, 0, 1], kappa[:, 1, 0], kappa[:, 1, 1]
-    determinant = a * d - b * c
-    result = np.empty_like(kappa)
-    result[:, 0, 0], result[:, 0, 1], result[:, 1, 0], result[:, 1, 1] = d, -b, -c, a
-    result /= determinant[:, None, None]
-    return result
+    """Inverse of many small matrices, shape ``(L, n, n)``; one and two rows in closed form.
+
+    The result is stored as ``[column, row, line]``: what runs along the lines is contiguous.
+    """
+    n = kappa.shape[-1]
+    result = np.empty((n, n, kappa.shape[0]), dtype=complex)
+    if n == 1:
+        np.divide(1.0, kappa[:, 0, 0], out=result[0, 0])
+    elif n == 2:
+        a, b, c, d = kappa[:, 0, 0], kappa[:, 0, 1], kappa[:, 1, 0], kappa[:, 1, 1]
+        over = 1.0 / (a * d - b * c)
+        np.multiply(d, over, out=result[0, 0])
+        np.multiply(a, over, out=result[1, 1])
+        np.negative(over, out=over)
+        np.multiply(c, over, out=result[0, 1])
+        np.multiply(b, over, out=result[1, 0])
+    else:
+        result[:] = np.linalg.inv(kappa).transpose(2, 1, 0)
+    return result.transpose(2, 1, 0)
 
 
 def dynamic_stiffness(block: Responses, theta: Float) -> ComplexArray:
-    """Dynamic stiffness of every line, shape ``(L, n, n)``."""
+    """Dynamic stiffness of every line, shape ``(L, n, n)``, stored as ``[row, column, line]``."""
     index, group, speed = block.condition
-    coefficients = block.model.coefficients(theta[group], speed)
-    if speed.size > 1:
-        coefficients = coefficients[index]
-    s = block.s[:, None, None]
-    kappa = coefficients[:, -1] * s
-    for power in range(coefficients.shape[1] - 2, 0, -1):
-        kappa += coefficients[:, power]
-        kappa *= s
-    kappa += coefficients[:, 0]
-    return np.asarray(kappa)
+    if speed.size == 1:
+        coefficients = block.model.coefficients(theta[group[0]], speed[0])[..., None]
+    else:
+        coefficients = np.moveaxis(block.model.coefficients(theta[group], speed), 0, -1)[..., index]
+    kappa = np.zeros((*coefficients.shape[1:3], block.s.size), dtype=complex)
+    kappa += coefficients[-1]
+    for power in range(coefficients.shape[0] - 2, -1, -1):
+        kappa *= block.s
+        kappa += coefficients[power]
+    known = block.known_stiffness(theta)
+    if known is not None:
+        kappa += np.moveaxis(known.values, 0, -1)
+    return np.moveaxis(kappa, -1, 0)
+
+
+@dataclass(frozen=True, eq=False)
+class _Products:
+    """Distinct products ``left_row s^power right_column`` that the sensitivities of a model consist of.
+
+    Attributes:
+        used: entries of the coefficients' Jacobian by parameters.
+        place: product of each of these entries.
+        factors: row, column and power of each product.
+    """
+
+    used: Index
+    place: Index
+    factors: tuple[tuple[int, int, int], ...]
+
+
+@lru_cache(maxsize=32)
+def _products(functions: CompiledModel) -> _Products:
+    used = np.flatnonzero(functions.inputs < functions.n_parameters)
+    triples = np.column_stack([functions.rows[used], functions.columns[used], functions.powers[used]])
+    distinct, place = np.unique(triples, axis=0, return_inverse=True)
+    return _Products(used, place.reshape(-1), tuple((row, column, power) for row, column, power in distinct.tolist()))
 
 
 def _sensitivities(block: Responses, theta: Float, left: ComplexArray, right: ComplexArray) -> ComplexArray:
-    """``-left dkappa right`` for each reading and parameter, shape ``(R, P)``.
+    """``-left dkappa right`` for each parameter and reading, shape ``(P, R)``.
 
     Few products ``left_row s^power right_column`` are shared by all parameters, so that the work along the lines is to
     make those and to multiply them by a small matrix.
 
     Args:
-        left: row vector of each reading, shape ``(R, n)``.
-        right: column vector of each reading, shape ``(R, n)``.
+        left: row vector of each reading, shape ``(n, R)``.
+        right: column vector of each reading, shape ``(n, R)``.
     """
     _, group, speed = block.condition
-    jacobian = block.model.functions.jacobian(theta[group], speed)
-    n_parameters = theta.shape[1]
-    used = np.flatnonzero(jacobian.inputs < n_parameters)
-    size, powers = block.model.order + 1, jacobian.powers[used]
-    key = (jacobian.rows[used] * left.shape[1] + jacobian.columns[used]) * size + powers
-    products, place = np.unique(key, return_inverse=True)
-    weight = np.zeros((speed.size, products.size, n_parameters), dtype=complex)
-    weight[:, place, jacobian.inputs[used]] = -jacobian.values[:, used]
+    products = _products(block.model.functions)
+    alone = speed.size == 1
+    jacobian = block.model.functions.jacobian(theta[group[0]] if alone else theta[group], speed[0] if alone else speed)
+    weight = np.zeros((speed.size, theta.shape[1], len(products.factors)), dtype=complex)
+    weight[:, jacobian.inputs[products.used], products.place] = -jacobian.values[..., products.used]
+    basis = np.empty((len(products.factors), left.shape[1]), dtype=complex)
     s_powers = block.s_powers
-    basis = np.empty((products.size, left.shape[0]), dtype=complex)
-    for number, (pair, power) in enumerate(zip(*(part.tolist() for part in np.divmod(products, size)), strict=True)):
-        row, column = divmod(pair, left.shape[1])
-        np.multiply(left[:, row], right[:, column], out=basis[number])
+    for number, (row, column, power) in enumerate(products.factors):
+        np.multiply(left[row], right[column], out=basis[number])
         if power:
             basis[number] *= s_powers[power]
-    if speed.size == 1:
-        return np.asarray((weight[0].T @ basis).T)
-    result = np.empty((n_parameters, left.shape[0]), dtype=complex)
-    for number, readings in enumerate(block.condition_readings):
-        result[:, readings] = weight[number].T @ basis[:, readings]
-    return result.T
+    if alone:
+        result = np.asarray(weight[0] @ basis)
+    else:
+        result = np.empty((theta.shape[1], left.shape[1]), dtype=complex)
+        for number, readings in enumerate(block.condition_readings):
+            result[:, readings] = weight[number] @ basis[:, readings]
+    known = block.known_stiffness(theta)
+    if known is not None:
+        for place, slope in zip(known.inputs.tolist(), known.slopes, strict=True):
+            result[place] -= np.einsum("ir,rij,jr->r", left, slope[block.line], right)
+    return result
 
 
 def respond(block: Responses, theta: Float, jacobian: bool = False) -> tuple[ComplexArray, ComplexArray | None]:
@@ -96,9 +136,14 @@ def respond(block: Responses, theta: Float, jacobian: bool = False) -> tuple[Com
     line, coordinate = block.line, block.coordinate
     functions = block.model.functions
     H = inverse(dynamic_stiffness(block, theta))
-    amplitude = np.einsum("lij,lj->li", H, block.force)
-    predicted = amplitude[line, coordinate]
-    derivative = _sensitivities(block, theta, H[line, coordinate], amplitude[line]) if jacobian else None
+    count, n = block.force.shape
+    amplitude = np.einsum("jil,lj->il", H.T, block.force)
+    place = coordinate * count + line
+    predicted = amplitude.reshape(-1).take(place)
+    derivative = None
+    if jacobian:
+        left = H.T.reshape(n, -1).take(place, axis=1)
+        derivative = _sensitivities(block, theta, left, amplitude.take(line, axis=1)).T
     if functions.has_probe_factors:
         group = block.reading_group
         factor = functions.factors(theta)[group, coordinate]
@@ -123,5 +168,5 @@ def displacement_to_force(
     predicted = block.force[line, coordinate] / drive
     if not jacobian:
         return predicted, None
-    by_drive = _sensitivities(block, theta, H[line, coordinate], H[line, :, coordinate])
+    by_drive = _sensitivities(block, theta, H[line, coordinate].T, H[line, :, coordinate].T).T
     return predicted, by_drive * (-predicted / drive)[:, None]
