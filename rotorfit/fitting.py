@@ -156,6 +156,8 @@ def _priors(space: ParameterSpace, priors: Mapping[str, Any]) -> tuple[Prior, ..
             raise ValueError(f"prior of {name} must be a frozen scipy.stats distribution, got {distribution!r}")
         entries = [i for i, (n, b) in enumerate(zip(space.names, space.base, strict=True)) if name in (n, b)]
         if not entries:
+            if name in space.model.parameter_names:
+                raise ValueError(f"prior of {name}: it is known here, so nothing is fitted; keep one of the two")
             raise KeyError(unknown_name("fitted parameter", name, space.names))
         result += [Prior(i, distribution) for i in entries]
     return tuple(result)

@@ -277,7 +277,10 @@ def _estimate_noise(block: Responses, wrong: ComplexArray, synchronous: bool) ->
             number = np.repeat(np.arange(len(parts)), [part.size for part in parts])
             sigma[rows] = noise_from_samples(wrong[rows], block.measured[rows], number)
         else:
-            levels = [noise_from_smoothness(w[part], block.measured[part])[0] for part in parts]
+            try:
+                levels = [noise_from_smoothness(w[part], block.measured[part])[0] for part in parts]
+            except ValueError as reason:
+                raise ValueError(f"{block.labels[block.label[rows[0]]]}: {reason}") from reason
             sigma[rows] = np.sqrt(np.mean(np.square(levels)))
     return sigma
 
