@@ -80,7 +80,7 @@ def noise_from_smoothness(frequency: Float, response: ComplexArray) -> Float:
     count = frequency.size
     if count < 6:
         raise ValueError(
-            f"a sweep of {count} is too short to estimate its noise from (at least 6 points): give a sigma_um column"
+            f"a sweep with {count} of the 6 points needed has too few to estimate its noise: give a sigma_um column"
         )
     width, poles = (13, 2) if count >= 13 else (count, min(2, max(0, count - 7)))
     rank = np.argsort(frequency)
