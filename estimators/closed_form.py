@@ -75,7 +75,8 @@ def closed_form(
     lumped = lumped_coefficients(Layout.of(space, chosen))
     if not _determined(space, lumped, chosen):
         return _with_convention(space, blocks, weighted, passes)
-    equations = [_Equations(lumped, number, block) for number, block in enumerate(chosen)]
+    typical = _typical_theta(space)
+    equations = [_Equations(lumped, number, block, typical) for number, block in enumerate(chosen)]
     if not weighted:
         solution = _solve(np.concatenate([e.stiffness_balance() for e in equations]))
         x, notes = _parameters(space, lumped, lumped.offset + lumped.spread @ solution, None)
@@ -128,7 +129,7 @@ def _is_determined(space: ParameterSpace, lumped: Lumped, blocks: list[Responses
     theta = space.theta(np.concatenate([x, np.zeros(len(space.nuisance))]))
     designs = []
     for number, block in enumerate(blocks):
-        equations = _Equations(lumped, number, block)
+        equations = _Equations(lumped, number, block, theta)
         H = inverse(dynamic_stiffness(block, theta))
         amplitude = equations.predicted(H)
         weight = H / np.abs(amplitude).max(axis=1)[:, None, None]
@@ -194,8 +195,11 @@ class _Equations:
         amplitude, force, sigma: readings, forces and noise at every coordinate of every line, shape ``(L, n)``.
     """
 
-    def __init__(self, lumped: Lumped, number: int, block: Responses) -> None:
+    def __init__(self, lumped: Lumped, number: int, block: Responses, typical: Float) -> None:
         self.block = block
+        # A known structure goes to the side of the forces; its scale factors, not linear here, stay typical.
+        known = block.known_stiffness(typical)
+        self._known = None if known is None else known.values
         if block.imposed:
             self.amplitude, self.force, self.sigma = block.force, block.measured[:, None], block.sigma[:, None]
         else:
@@ -220,7 +224,8 @@ class _Equations:
             self._row.tolist(), self._column.tolist(), self._factor, values[self._mine].tolist(), strict=True
         ):
             result[row, column] += value * factor
-        return np.moveaxis(result, -1, 0)
+        kappa = np.moveaxis(result, -1, 0)
+        return kappa if self._known is None else kappa + self._known
 
     def inverse(self, values: Float) -> ComplexArray:
         """Receptance of each line from lumped coefficients, shape ``(L, n, n)``."""
@@ -253,6 +258,8 @@ class _Equations:
             result[:, row].real = products.real @ self._combine[mine]
             result[:, row].imag = products.imag @ self._combine[mine]
         result[:, :, -1] = force - result[:, :, -1]
+        if self._known is not None:
+            result[:, :, -1] -= np.einsum("lij,lj->li", self._known, amplitude)
         return result
 
     def stiffness_balance(self) -> Float:
@@ -341,6 +348,11 @@ def _typical(space: ParameterSpace, entry: int) -> float:
     parameter = space.model.parameter(space.base[entry])
     guess = parameter.scale if parameter.nominal is None else parameter.nominal
     return float(np.clip(guess, space.lower[entry], space.upper[entry])) or 1e-3
+
+
+def _typical_theta(space: ParameterSpace) -> Float:
+    typical = [_typical(space, i) for i in range(len(space.names))]
+    return space.theta(np.concatenate([typical, np.zeros(len(space.nuisance))]))
 
 
 def _one_step(lumped: Lumped, values: Float, information: Float, x: Float) -> Float:

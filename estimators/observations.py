@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Protocol
 
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from rotorfit.estimators.response import displacement_to_force, respond
 from rotorfit.models import RotorModel
+from rotorfit.models.shaft import KnownStiffness
 
 Float = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
@@ -126,6 +127,25 @@ class Responses:
         number = self.condition[0][self.line]
         order = np.argsort(number, kind="stable")
         return np.split(order, np.cumsum(np.bincount(number, minlength=self.condition[1].size))[:-1])
+
+    def known_stiffness(self, theta: Float) -> KnownStiffness | None:
+        """Dynamic stiffness of the model's known structure at each line, if it has one; theta of shape ``(G, P)``."""
+        return None if self.model.shaft is None else self.model.known_stiffness(theta[self.group], self.s, self.speed)
+
+    def split(self, readings: int) -> list[Responses]:
+        """The same observations in pieces of whole lines, of at most so many readings where lines are no longer."""
+        first = np.searchsorted(self.line, np.arange(self.speed.size + 1))
+        pieces, begin = [], 0
+        while begin < self.speed.size:
+            fitting = int(np.searchsorted(first, first[begin] + readings, side="right")) - 1
+            end = min(max(fitting, begin + 1), self.speed.size)
+            lines, part = slice(begin, end), slice(first[begin], first[end])
+            by_line = {name: getattr(self, name)[lines] for name in ("speed", "frequency", "force", "group")}
+            names = ("coordinate", "measured", "sigma", "label", "run")
+            by_reading = {name: getattr(self, name)[part] for name in names}
+            pieces.append(replace(self, **by_line, **by_reading, line=self.line[part] - begin))
+            begin = end
+        return pieces
 
     def predict(self, theta: Float) -> ComplexArray:
         """See :meth:`Block.predict`."""

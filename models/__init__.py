@@ -7,11 +7,13 @@ from rotorfit.models.anisotropic import Anisotropic
 from rotorfit.models.chain import Chain
 from rotorfit.models.chain_match import ChainFromModes, chain_from_modes
 from rotorfit.models.fluid import FluidForce, fluid_force
+from rotorfit.models.known_structure import KnownStructure
 from rotorfit.models.lanczos import chain_modes
 from rotorfit.models.model import Coordinate, RotorModel
 from rotorfit.models.one_mode import OneMode
 from rotorfit.models.overhung import Overhung
 from rotorfit.models.parameters import Parameter
+from rotorfit.models.shaft import ROSS_4, ROSS_6
 from rotorfit.models.stability import Threshold, eigenvalues, threshold_speed
 from rotorfit.models.structure import BLOCKS
 from rotorfit.models.two_disk import TwoDisk
@@ -25,11 +27,14 @@ MODELS: dict[str, type[RotorModel]] = {
 __all__ = [
     "BLOCKS",
     "MODELS",
+    "ROSS_4",
+    "ROSS_6",
     "Anisotropic",
     "Chain",
     "ChainFromModes",
     "Coordinate",
     "FluidForce",
+    "KnownStructure",
     "OneMode",
     "Overhung",
     "Parameter",

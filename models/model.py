@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from types import SimpleNamespace
-from typing import Any, ClassVar, Literal, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
 
 import casadi as ca
 import numpy as np
@@ -16,6 +16,9 @@ from numpy.typing import ArrayLike, NDArray
 from rotorfit.models.compiled import array_function
 from rotorfit.models.complexes import Complex, Number
 from rotorfit.models.parameters import Parameter, unknown_name
+
+if TYPE_CHECKING:
+    from rotorfit.models.shaft import KnownStiffness, Shaft
 
 Float = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
@@ -65,6 +68,7 @@ class RotorModel(ABC):
     parameters: tuple[Parameter, ...]
     clearance: float | None = None
     caveats: tuple[str, ...] = ()  # sentences that belong beside the numbers of this model
+    shaft: Shaft | None = None  # a structure whose matrices are known
 
     @abstractmethod
     def equation(self, p: Any, speed: Any, eccentricity: Any) -> Sequence[Matrix]:
@@ -191,7 +195,34 @@ class RotorModel(ABC):
         for power in range(self.order, -1, -1):
             kappa = kappa * s[..., None, None] + coefficients[..., power, :, :]
         stiffness: ComplexArray = np.asarray(kappa, dtype=complex)
-        return stiffness
+        if self.shaft is None:
+            return stiffness
+        lines = np.broadcast_shapes(stiffness.shape[:-2], s.shape, np.shape(speed))
+        vectors = np.broadcast_to(theta, (*lines, len(self.parameters))).reshape(-1, len(self.parameters))
+        speeds = np.broadcast_to(np.asarray(speed, dtype=float), lines).ravel()
+        known = self.known_stiffness(vectors, np.broadcast_to(s, lines).ravel(), speeds)
+        return stiffness + known.values.reshape(*lines, *known.values.shape[1:])
+
+    def known_stiffness(self, theta: Float, s: ComplexArray, speed: Float) -> KnownStiffness:
+        """Dynamic stiffness of the known structure, condensed to the coordinates; it adds to the polynomial's.
+
+        Args:
+            theta: parameter vectors, shape ``(P,)`` or ``(L, P)``.
+            s: j w of each line, shape ``(L,)``.
+            speed: rotative speed, rad/s, shape ``(L,)``.
+
+        Raises:
+            TypeError: the model has no known structure.
+        """
+        raise TypeError(f"{self.name} has no known structure")
+
+    def motion(self, theta: ArrayLike, speed: ArrayLike) -> ComplexArray:
+        """Coefficient matrices of free motion, those of :meth:`coefficients` unless coordinates were condensed away."""
+        return self.coefficients(theta, speed)
+
+    def motion_jacobian(self, theta: ArrayLike, speed: float) -> CoefficientJacobian:
+        """Derivatives of :meth:`motion` by parameters and speed."""
+        return self.functions.jacobian(theta, speed)
 
     def receptance(
         self, theta: ArrayLike, frequency: ArrayLike, speed: ArrayLike, eccentricity: ArrayLike = 0.0
@@ -251,6 +282,11 @@ class RotorModel(ABC):
             raise ValueError(f"{self.name} has no option {', '.join(unknown)}; it has {', '.join(self.options())}")
         return type(self)(**{**self.options(), **changes})
 
+    def __getstate__(self) -> dict[str, Any]:
+        """What a copy in another process needs: compiled functions are made anew there."""
+        cached = [n for kind in type(self).__mro__ for n, v in vars(kind).items() if isinstance(v, cached_property)]
+        return {name: value for name, value in self.__dict__.items() if name not in cached}
+
     def __iter__(self) -> Iterator[Parameter]:
         return iter(self.parameters)
 
@@ -298,8 +334,9 @@ class CompiledModel:
         power, rest = np.divmod(row, 2 * size * size)
         imaginary, place = np.divmod(rest, size * size)
         key = (column * self._shape[0] + power) * size * size + place
-        entries, self._entry = np.unique(key, return_inverse=True)
-        self._unit = np.where(imaginary == 1, 1j, 1.0)
+        entries, entry = np.unique(key, return_inverse=True)
+        self._real, self._imag = np.flatnonzero(imaginary == 0), np.flatnonzero(imaginary == 1)
+        self._real_entry, self._imag_entry = entry[self._real], entry[self._imag]
         self.inputs, rest = np.divmod(entries, self._shape[0] * size * size)
         self.powers, place = np.divmod(rest, size * size)
         self.rows, self.columns = np.divmod(place, size)
@@ -308,8 +345,9 @@ class CompiledModel:
         theta = np.asarray(theta, dtype=float)
         if theta.shape[-1] != self.n_parameters:
             raise ValueError(f"parameter vector has {theta.shape[-1]} entries, the model {self.n_parameters}")
-        extra = [np.asarray(speed, dtype=float), np.asarray(eccentricity, dtype=float)]
-        return [theta[..., i] for i in range(self.n_parameters)] + extra
+        # Scalars stay scalars: a single evaluation costs a fraction of one with arrays of one element.
+        parameters = list(theta) if theta.ndim == 1 else [theta[..., i] for i in range(self.n_parameters)]
+        return [*parameters, np.asarray(speed, dtype=float)[()], np.asarray(eccentricity, dtype=float)[()]]
 
     def values(self, theta: ArrayLike, speed: ArrayLike, eccentricity: ArrayLike) -> ComplexArray:
         """Coefficient matrices, shape ``(..., order + 1, n, n)``."""
@@ -322,8 +360,8 @@ class CompiledModel:
         """Derivatives of the coefficients with respect to parameters, speed and eccentricity."""
         flat = np.moveaxis(self._jacobian(self._arguments(theta, speed, eccentricity)), 0, -1)
         values = np.zeros((*flat.shape[:-1], self.inputs.size), dtype=complex)
-        for entry, unit, part in zip(self._entry.tolist(), self._unit, np.moveaxis(flat, -1, 0), strict=True):
-            values[..., entry] += unit * part
+        values.real[..., self._real_entry] = flat[..., self._real]
+        values.imag[..., self._imag_entry] = flat[..., self._imag]
         return CoefficientJacobian(self.inputs, self.powers, self.rows, self.columns, values)
 
     def factors(self, theta: ArrayLike) -> ComplexArray:

@@ -14,6 +14,10 @@ Float = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 
 
+_SCAN, _SCAN_STEP = 600, 60  # speeds searched for an onset, and how many at once
+_ROUND_OFF = 1e-13  # real part that an undamped eigenvalue may show, as a fraction of the largest eigenvalue
+
+
 @dataclass(frozen=True)
 class Threshold:
     """Onset of instability.
@@ -72,7 +76,7 @@ def eigenvalues(model: RotorModel, theta: ArrayLike, speed: ArrayLike) -> Comple
     Returns:
         shape ``(..., order n)``, rad/s; infinite ones (massless coordinates) are NaN and stand last.
     """
-    matrix, scale = companion(model.coefficients(theta, speed))
+    matrix, scale = companion(model.motion(theta, speed))
     mu = np.linalg.eigvals(matrix)
     finite = np.abs(mu) > 1e-9 * np.abs(mu).max(axis=-1, keepdims=True)
     s = np.where(finite, scale / np.where(finite, mu, 1.0), complex(np.nan, np.nan))
@@ -92,13 +96,13 @@ def eigenvalue_gradient(model: RotorModel, theta: ArrayLike, speed: float, s: co
     Returns:
         derivative with respect to the speed, and with respect to the parameters, shape ``(P,)``.
     """
-    coefficients = model.coefficients(theta, speed)
+    coefficients = model.motion(theta, speed)
     powers = s ** np.arange(model.order + 1)
     kappa = np.einsum("k,kij->ij", powers, coefficients)
     left, _, right = np.linalg.svd(kappa)
     u, v = left[:, -1].conj(), right[-1].conj()
     slope = np.einsum("k,kij->ij", np.arange(1, model.order + 1) * powers[:-1], coefficients[1:])
-    jacobian = model.functions.jacobian(theta, speed)
+    jacobian = model.motion_jacobian(theta, speed)
     entries = powers[jacobian.powers] * u[jacobian.rows] * v[jacobian.columns] * jacobian.values
     total = np.zeros(len(model.parameters) + 2, dtype=complex)
     np.add.at(total, jacobian.inputs, entries)
@@ -127,19 +131,26 @@ def threshold_speed(
     if not model.speed_dependent:
         return None
     rest = np.abs(eigenvalues(model, theta, 0.0))
-    rest = rest[np.isfinite(rest) & (rest <= band) & (rest > 0)]
+    rest = np.sort(rest[np.isfinite(rest) & (rest <= band) & (rest > 0)])
+    # The many modes of a known structure above those that the coordinates can follow only add round-off.
+    round_off = _ROUND_OFF * float(rest[-1]) if rest.size and model.shaft is not None else 0.0
+    rest = rest[: model.order * len(model.coordinates)]
     if max_speed is None:
-        max_speed = 30.0 * float(rest.max()) if rest.size else 1e4
-    speeds = np.geomspace(max_speed * 1e-4, max_speed, 600)
-    rates = growth_rate(model, theta, speeds, band)
-    unstable = np.flatnonzero(rates > 0)
-    if unstable.size == 0:
-        return None
-    first = int(unstable[0])
-    low = 0.0 if first == 0 else float(speeds[first - 1])
+        max_speed = 30.0 * float(rest[-1]) if rest.size else 1e4
+    speeds = np.geomspace(max_speed * 1e-4, max_speed, _SCAN)
 
     def rate(speed: float) -> float:
-        return float(growth_rate(model, theta, speed, band))
+        return float(growth_rate(model, theta, speed, band)) - round_off
+
+    first = -1
+    for start in range(0, _SCAN, _SCAN_STEP):
+        rates = growth_rate(model, theta, speeds[start : start + _SCAN_STEP], band) - round_off
+        if (rates > 0).any():
+            first = start + int(np.argmax(rates > 0))
+            break
+    if first < 0:
+        return None
+    low = 0.0 if first == 0 else float(speeds[first - 1])
 
     if rate(low) >= 0:
         onset = low

@@ -1,0 +1,212 @@
+"""Identification with a known structure: the shaft's matrices are given, what surrounds it is fitted."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rotorfit.models.complexes import Complex
+from rotorfit.models.fluid import fluid_force, fluid_parameters
+from rotorfit.models.model import CoefficientJacobian, Coordinate, Matrix, RotorModel
+from rotorfit.models.parameters import Parameter
+from rotorfit.models.shaft import KnownStiffness, Shaft, StructureMatrices, complex_matrices
+
+Float = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+
+
+class KnownStructure(RotorModel):
+    """A shaft with given matrices in a fluid: fitted are the fluid, external dampers and factors of the structure.
+
+    The lumped models share the stiffness out between K0 and the shaft and have a few modes only; with the shaft's own
+    matrices, from finite elements, both errors are gone. The matrices are condensed exactly to the planes, so that a
+    fit costs no more than that of a lumped model, unless a scale factor is fitted. The stability is that of the whole
+    shaft.
+
+    ``KnownStructure(rotor.M(), rotor.C(0), rotor.G(), rotor.K(0), planes={"disk": 7, "journal": 14}, fluid="journal",
+    dofs=rf.models.ROSS_6)`` takes a rotor of the ROSS package, its fluid bearing left out.
+
+    Args:
+        M, C, G, K: mass, damping, gyroscopic and stiffness matrices, SI units, of all that is known, supports and disks
+            included; C or G may be ``None``. With real coordinates (x, y) they belong to
+            ``M q'' + (C + Om G) q' + K q = F``, with complex ones (z) to ``M q'' + (C - j Om G) q' + K q = F``.
+        planes: node (counted from zero) of each plane that is forced, measured, damped or in the fluid.
+        fluid: plane or planes at which the fluid force of eq. (13) acts. Its parameters are K0, D, lam, Mf; with
+            several fluids ``K0_seal`` and so on, by plane.
+        damping: planes with an external damper to be fitted: Ds, or ``Ds_disk`` and so on with several.
+        scales: parts of the structure multiplied by a factor that can be fitted, for instance
+            ``{"E_scale": {"K": shaft_stiffness}}``; the factor is known = 1 unless freed with
+            ``known={"E_scale": None}``. The part is contained in the matrices above.
+        tilts: planes at which the slope dx/ds + j dy/ds is measured too.
+        dofs: coordinates of each node in their order: ``("z", "r")``, ``("z",)``, or real ones such as
+            :data:`~rotorfit.models.ROSS_4`.
+        two_lam: let damping and inertia of the fluid turn at ratios of their own, lam_D and lam_M.
+
+    Raises:
+        ValueError: matrices that are not isotropic or of unequal size, nodes that do not exist, unknown planes.
+    """
+
+    name: ClassVar[str] = "known-structure"
+
+    def __init__(
+        self,
+        M: ArrayLike,
+        C: ArrayLike | None,
+        G: ArrayLike | None,
+        K: ArrayLike,
+        *,
+        planes: Mapping[str, int],
+        fluid: str | Sequence[str] = (),
+        damping: str | Sequence[str] = (),
+        scales: Mapping[str, Mapping[str, ArrayLike]] | None = None,
+        tilts: Sequence[str] = (),
+        dofs: Sequence[str] = ("z", "r"),
+        two_lam: bool = False,
+    ) -> None:
+        given = {kind: matrix for kind, matrix in zip("MCGK", (M, C, G, K), strict=True) if matrix is not None}
+        matrices, place = complex_matrices(given, dofs)
+        parts = [_part(name, part, matrices, dofs) for name, part in (scales or {}).items()]
+        self.planes = tuple(planes)
+        self.tilts = _some(tilts, self.planes, "tilts")
+        self.fluid = _some(fluid, self.planes, "fluid")
+        self.damping = _some(damping, self.planes, "damping")
+        self.two_lam = two_lam
+        self._given = {
+            "M": M, "C": C, "G": G, "K": K, "planes": dict(planes), "fluid": self.fluid, "damping": self.damping,
+            "scales": scales, "tilts": self.tilts, "dofs": tuple(dofs), "two_lam": two_lam,
+        }  # fmt: skip
+        self.shaft: Shaft = Shaft(matrices, parts, _places(planes, self.tilts, place))
+        self.parameters = (
+            *(
+                Parameter(_named("Ds", plane, self.damping), "N s/m", f"external damping at the {plane}", scale=5.0)
+                for plane in self.damping
+            ),
+            *(
+                Parameter(
+                    _named(q.name, plane, self.fluid),
+                    q.unit,
+                    q.meaning,
+                    q.scale,
+                    q.lower,
+                    q.upper,
+                    q.default,
+                    q.nominal,
+                )
+                for plane in self.fluid
+                for q in fluid_parameters(two_lam)
+            ),
+            *(
+                Parameter(name, "1", "scale factor of the known structure", lower=0.0, default=1.0, nominal=1.0)
+                for name in scales or {}
+            ),
+        )
+        if len({q.name for q in self.parameters}) != len(self.parameters):
+            raise ValueError(f"parameters need different names, got {', '.join(q.name for q in self.parameters)}")
+        self._scale_places = np.arange(len(self.parameters) - len(parts), len(self.parameters), dtype=np.intp)
+
+    @property
+    def coordinates(self) -> tuple[Coordinate, ...]:
+        """Displacement of every plane, then the slopes asked for."""
+        return (*(Coordinate(plane, "z") for plane in self.planes), *(Coordinate(plane, "r") for plane in self.tilts))
+
+    def options(self) -> dict[str, Any]:
+        """See :meth:`RotorModel.options`."""
+        return dict(self._given)
+
+    def equation(self, p: Any, speed: Any, eccentricity: Any) -> Sequence[Matrix]:
+        """What acts on the shaft at its planes: fluid and external dampers."""
+        size = len(self.coordinates)
+        stiffness, damping, mass = ([[Complex(0.0)] * size for _ in range(size)] for _ in range(3))
+        for plane in self.damping:
+            at = self.planes.index(plane)
+            damping[at][at] = damping[at][at] + getattr(p, _named("Ds", plane, self.damping))
+        for plane in self.fluid:
+            at = self.planes.index(plane)
+            K0, D, Mf = (getattr(p, _named(name, plane, self.fluid)) for name in ("K0", "D", "Mf"))
+            ratios = ("lam_D", "lam_M") if self.two_lam else ("lam", "lam")
+            lam_D, lam_M = (getattr(p, _named(name, plane, self.fluid)) for name in ratios)
+            force = fluid_force(K0, D, Mf, lam_D, lam_M, speed)
+            stiffness[at][at] = stiffness[at][at] + force.K
+            damping[at][at] = damping[at][at] + force.C
+            mass[at][at] = mass[at][at] + force.M
+        return stiffness, damping, mass
+
+    # ---- the structure ---------------------------------------------------------------------------------------------
+
+    def known_stiffness(self, theta: Float, s: ComplexArray, speed: Float) -> KnownStiffness:
+        """See :meth:`RotorModel.known_stiffness`."""
+        vectors = np.broadcast_to(theta, (s.size, len(self.parameters)))
+        values, slopes = self.shaft.condensed(s, np.broadcast_to(speed, s.shape), vectors[:, self._scale_places])
+        return KnownStiffness(values, self._scale_places, slopes)
+
+    def motion(self, theta: ArrayLike, speed: ArrayLike) -> ComplexArray:
+        """See :meth:`RotorModel.motion`: all coordinates of the shaft."""
+        vector = np.asarray(theta, dtype=float)
+        added = self.coefficients(vector, speed)
+        shape = added.shape[:-3]
+        scales = np.broadcast_to(vector[..., self._scale_places], (*shape, self._scale_places.size))
+        total = np.array(
+            np.broadcast_to(self.shaft.coefficients(scales, speed), (*shape, 3, *self.shaft.matrices.K.shape))
+        )
+        at = self.shaft.at
+        total[..., at[:, None], at] += added
+        return total
+
+    def motion_jacobian(self, theta: ArrayLike, speed: float) -> CoefficientJacobian:
+        """See :meth:`RotorModel.motion_jacobian`."""
+        added = self.functions.jacobian(theta, speed)
+        scales = np.asarray(theta, dtype=float)[self._scale_places]
+        by_speed = self.shaft.coefficients(scales, 1.0) - self.shaft.coefficients(scales, 0.0)
+        changes = [(len(self.parameters), by_speed)]
+        changes += [
+            (int(place), part.coefficients(speed))
+            for place, part in zip(self._scale_places, self.shaft.parts, strict=True)
+        ]
+        entries = [(place, change, np.nonzero(change)) for place, change in changes]
+        return CoefficientJacobian(
+            np.concatenate([added.inputs, *(np.full(where[0].size, place) for place, _, where in entries)]),
+            np.concatenate([added.powers, *(where[0] for _, _, where in entries)]),
+            np.concatenate([self.shaft.at[added.rows], *(where[1] for _, _, where in entries)]),
+            np.concatenate([self.shaft.at[added.columns], *(where[2] for _, _, where in entries)]),
+            np.concatenate([added.values, *(change[where] for _, change, where in entries)]),
+        )
+
+
+def _named(symbol: str, plane: str, all_planes: Sequence[str]) -> str:
+    return symbol if len(all_planes) == 1 else f"{symbol}_{plane}"
+
+
+def _some(chosen: str | Sequence[str], planes: Sequence[str], what: str) -> tuple[str, ...]:
+    names = (chosen,) if isinstance(chosen, str) else tuple(chosen)
+    unknown = [name for name in names if name not in planes]
+    if unknown or len(set(names)) != len(names):
+        raise ValueError(f"{what} names {', '.join(names)}; each must be one of the planes {', '.join(planes)}, once")
+    return names
+
+
+def _part(name: str, part: Mapping[str, ArrayLike], whole: StructureMatrices, dofs: Sequence[str]) -> StructureMatrices:
+    matrices, _ = complex_matrices(part, dofs) if part else (None, None)
+    if matrices is None or matrices.K.shape != whole.K.shape:
+        raise ValueError(
+            f"scales: {name} needs at least one of M, C, G, K, of the size of the structure's own matrices"
+        )
+    return matrices
+
+
+def _places(planes: Mapping[str, int], tilts: Sequence[str], place: NDArray[np.intp]) -> NDArray[np.intp]:
+    """Coordinates of the shaft that the model sees."""
+    if not planes:
+        raise ValueError("planes must name at least one node, for instance planes={'journal': 14}")
+    for plane, node in planes.items():
+        if not 0 <= node < len(place):
+            raise ValueError(f"plane {plane} is at node {node}, but the structure has nodes 0 to {len(place) - 1}")
+    if len(set(planes.values())) != len(planes):
+        raise ValueError(f"planes must be at different nodes, got {dict(planes)}")
+    if tilts and (place[:, 1] < 0).any():
+        raise ValueError("tilts need slopes among the dofs of a node: r, or alpha and beta")
+    return np.array(
+        [*(place[node, 0] for node in planes.values()), *(place[planes[t], 1] for t in tilts)], dtype=np.intp
+    )

@@ -1,0 +1,242 @@
+"""A known structure: matrices of a shaft, in complex coordinates, and what it is worth at a few of its coordinates."""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from hashlib import blake2b
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rotorfit.models.parameters import unknown_name
+
+Float = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+Index = NDArray[np.intp]
+
+KINDS = ("M", "C", "G", "K")
+DOFS = ("z", "r", "x", "y", "alpha", "beta", "axial", "torsion")
+ROSS_4 = ("x", "y", "alpha", "beta")
+"""Degrees of freedom of a node in ROSS up to version 1: displacements, then rotations about x and about y."""
+ROSS_6 = ("x", "y", "axial", "alpha", "beta", "torsion")
+"""The same from version 2 on."""
+
+_ISOTROPIC = 1e-8  # of the largest entry of its kind: round-off of an assembly
+_LINES = 256  # lines condensed at once
+_KEPT = 24  # condensed structures kept
+
+
+@dataclass(frozen=True, eq=False)
+class StructureMatrices:
+    """Matrices in complex coordinates of ``M q'' + (C + Om G) q' + K q = F``, shape ``(N, N)`` each."""
+
+    M: ComplexArray
+    C: ComplexArray
+    G: ComplexArray
+    K: ComplexArray
+
+    def coefficients(self, speed: ArrayLike) -> ComplexArray:
+        """Coefficients of s^0, s^1, s^2 at rotative speeds, rad/s; shape ``(..., 3, N, N)``."""
+        Om = np.asarray(speed, dtype=float)[..., None, None]
+        damping = self.C + Om * self.G
+        return np.stack(np.broadcast_arrays(self.K, damping, self.M), axis=-3)
+
+
+def complex_matrices(matrices: Mapping[str, ArrayLike], dofs: Sequence[str]) -> tuple[StructureMatrices, Index]:
+    """Matrices in complex coordinates, and the place of each node's z and r in them.
+
+    Real matrices with x and y apart become complex ones of half the size, z = x + j y and the slope
+    r = dx/ds + j dy/ds = beta - j alpha, if the structure is isotropic. Axial and torsional coordinates are left out.
+
+    Args:
+        matrices: any of M, C, G, K; real ones in ``M q'' + (C + Om G) q' + K q = F``, complex ones in
+            ``M q'' + (C - j Om G) q' + K q = F``, so that G holds polar moments of inertia there.
+        dofs: coordinates of every node in their order, of :data:`DOFS`.
+
+    Returns:
+        matrices, and the index of z and of r (-1 where there is none) for each node, shape ``(nodes, 2)``.
+
+    Raises:
+        ValueError: sizes that do not go with ``dofs``, matrices that are not isotropic, or lateral motion that is
+            coupled to the coordinates left out.
+    """
+    names = tuple(dofs)
+    for name in names:
+        if name not in DOFS:
+            raise ValueError(unknown_name("degree of freedom", name, DOFS))
+    real = {"x", "y"} <= set(names)
+    if len(set(names)) != len(names) or real == ("z" in names) or ("alpha" in names) != ("beta" in names):
+        raise ValueError(
+            f"dofs must hold z, with or without r, or x and y, with or without alpha and beta; got {names}"
+        )
+    given = {kind: _square(kind, value) for kind, value in matrices.items()}
+    size = len(next(iter(given.values())))
+    if size % len(names) or any(len(matrix) != size for matrix in given.values()):
+        sizes = ", ".join(f"{kind} {len(matrix)}" for kind, matrix in given.items())
+        raise ValueError(f"matrices must be of one size, a multiple of the {len(names)} dofs of a node; got {sizes}")
+    nodes = size // len(names)
+    convert = _from_real if real else _from_complex
+    zero = np.zeros((size, size))
+    parts = {kind: convert(kind, given.get(kind, zero), names, nodes) for kind in KINDS}
+    slopes = "r" in names or "beta" in names
+    place = np.full((nodes, 2), -1, dtype=np.intp)
+    place[:, : 1 + slopes] = np.arange(nodes * (1 + slopes)).reshape(nodes, -1)
+    return StructureMatrices(**parts), place
+
+
+def _square(kind: str, value: ArrayLike) -> NDArray[Any]:
+    if kind not in KINDS:
+        raise ValueError(unknown_name("matrix", kind, KINDS))
+    matrix = np.asarray(value)
+    if matrix.ndim != 2 or matrix.shape[0] != matrix.shape[1] or not np.isfinite(matrix).all():
+        raise ValueError(f"{kind} must be a square matrix of finite numbers, got shape {matrix.shape}")
+    return matrix
+
+
+def _from_complex(kind: str, matrix: NDArray[Any], names: tuple[str, ...], nodes: int) -> ComplexArray:
+    order = [names.index(name) for name in ("z", "r") if name in names]
+    keep = (np.arange(nodes)[:, None] * len(names) + order).ravel()
+    chosen: ComplexArray = matrix[np.ix_(keep, keep)].astype(complex)
+    return chosen * np.complex128(-1j) if kind == "G" else chosen
+
+
+def _from_real(kind: str, matrix: NDArray[Any], names: tuple[str, ...], nodes: int) -> ComplexArray:
+    if np.iscomplexobj(matrix):
+        raise ValueError(f"{kind} is complex, but dofs {names} have x and y apart: then matrices are real")
+    first = ["x", *(["beta"] if "beta" in names else [])]  # dx/ds = beta
+    second = ["y", *(["alpha"] if "alpha" in names else [])]  # dy/ds = -alpha
+    base = np.arange(nodes)[:, None] * len(names)
+    u, v = ((base + [names.index(name) for name in group]).ravel() for group in (first, second))
+    sign = np.tile([1.0, -1.0][: len(second)], nodes)
+    others = np.setdiff1d(np.arange(len(matrix)), np.concatenate([u, v]))
+    lateral = np.concatenate([u, v])
+    across = np.abs(matrix[np.ix_(lateral, others)]).max(initial=0) + np.abs(matrix[np.ix_(others, lateral)]).max(
+        initial=0
+    )
+    if across > _ISOTROPIC * np.abs(matrix).max(initial=0):
+        raise ValueError(f"{kind} couples lateral motion with axial or torsional motion, which this model leaves out")
+    uu, uv = matrix[np.ix_(u, u)], matrix[np.ix_(u, v)] * sign
+    vu, vv = sign[:, None] * matrix[np.ix_(v, u)], sign[:, None] * matrix[np.ix_(v, v)] * sign
+    _check_isotropic(kind, uu - vv, np.maximum(np.abs(uu), np.abs(vv)), len(first), "xx and yy")
+    _check_isotropic(kind, uv + vu, np.maximum(np.abs(uv), np.abs(vu)), len(first), "xy and -yx")
+    return np.asarray((uu + vv + 1j * (vu - uv)) / 2)
+
+
+def _check_isotropic(kind: str, difference: Float, level: Float, per_node: int, what: str) -> None:
+    """Compare entries with the largest of their kind: forces and moments have sizes of their own."""
+    for row in range(per_node):
+        for column in range(per_node):
+            gap = np.abs(difference[row::per_node, column::per_node])
+            size = level[row::per_node, column::per_node].max()
+            if gap.max() > _ISOTROPIC * size:
+                node, other = np.unravel_index(int(np.argmax(gap)), gap.shape)
+                raise ValueError(
+                    f"{kind} is not isotropic: its {what} entries between nodes {node} and {other} differ by "
+                    f"{gap.max():.3g}, the largest being {size:.3g}. A known structure must be the same in x and in y"
+                )
+
+
+@dataclass(frozen=True, eq=False)
+class KnownStiffness:
+    """Dynamic stiffness of a known structure at a model's coordinates.
+
+    Attributes:
+        values: shape ``(L, n, n)``, N/m.
+        inputs: places of the structure's scale factors in the model's parameter vector, shape ``(S,)``.
+        slopes: derivatives by these, shape ``(S, L, n, n)``.
+    """
+
+    values: ComplexArray
+    inputs: Index
+    slopes: ComplexArray
+
+
+class Shaft:
+    """Known structure seen at a few of its coordinates.
+
+    Args:
+        matrices: all of it, with scale factors of one.
+        parts: the parts that scale factors multiply.
+        at: coordinates seen, shape ``(n,)``.
+    """
+
+    def __init__(self, matrices: StructureMatrices, parts: Sequence[StructureMatrices], at: Index) -> None:
+        self.matrices = matrices
+        self.parts = tuple(parts)
+        self.at = at
+        self._inner = np.setdiff1d(np.arange(len(matrices.K)), at)
+        self._kept: OrderedDict[bytes, tuple[ComplexArray, ComplexArray]] = OrderedDict()
+
+    def coefficients(self, scales: Float, speed: ArrayLike) -> ComplexArray:
+        """Coefficients of s^0, s^1, s^2 of all coordinates.
+
+        Args:
+            scales: scale factors, shape ``(..., S)``.
+            speed: rotative speed, rad/s, shape ``(...)``.
+
+        Returns:
+            shape ``(..., 3, N, N)``.
+        """
+        total = self.matrices.coefficients(speed)
+        for number, part in enumerate(self.parts):
+            total = total + (scales[..., number] - 1.0)[..., None, None, None] * part.coefficients(speed)
+        return total
+
+    def condensed(self, s: ComplexArray, speed: Float, scales: Float) -> tuple[ComplexArray, ComplexArray]:
+        """Exact dynamic stiffness between the coordinates seen, the others being free of force.
+
+        ``kappa_pp - kappa_pi inv(kappa_ii) kappa_ip``, p the coordinates seen, i the others. It is kept, because it
+        does not change in a fit as long as the scale factors do not.
+
+        Args:
+            s: j w of each line, shape ``(L,)``.
+            speed: rotative speed, rad/s, shape ``(L,)``.
+            scales: scale factors, shape ``(L, S)``.
+
+        Returns:
+            dynamic stiffness, shape ``(L, n, n)``, and its derivatives by the scale factors, shape ``(S, L, n, n)``.
+
+        Raises:
+            numpy.linalg.LinAlgError: the other coordinates resonate undamped at one of the frequencies.
+        """
+        key = blake2b(b"".join(np.ascontiguousarray(part).tobytes() for part in (s, speed, scales))).digest()
+        if key in self._kept:
+            self._kept.move_to_end(key)
+            return self._kept[key]
+        chunks = [slice(i, i + _LINES) for i in range(0, s.size, _LINES)]
+        pieces = [self._condense(s[chunk], speed[chunk], scales[chunk]) for chunk in chunks]
+        n = self.at.size
+        values = np.concatenate([np.empty((0, n, n), dtype=complex), *(piece[0] for piece in pieces)])
+        slopes = np.concatenate(
+            [np.empty((len(self.parts), 0, n, n), dtype=complex), *(piece[1] for piece in pieces)], axis=1
+        )
+        self._kept[key] = values, slopes
+        if len(self._kept) > _KEPT:
+            self._kept.popitem(last=False)
+        return values, slopes
+
+    def _condense(self, s: ComplexArray, speed: Float, scales: Float) -> tuple[ComplexArray, ComplexArray]:
+        powers = s[:, None, None, None] ** np.arange(3)[:, None, None]
+        kappa = np.sum(powers * self.coefficients(scales, speed), axis=1)
+        p, i = self.at, self._inner
+        inner, side, foot = kappa[:, i[:, None], i], kappa[:, i[:, None], p], kappa[:, p[:, None], i]
+        n = p.size
+        right = np.zeros((s.size, len(kappa[0]), n), dtype=complex)
+        right[:, p] = np.eye(n)
+        right[:, i] = -np.linalg.solve(inner, side)
+        values = kappa[:, p[:, None], p] + foot @ right[:, i]
+        slopes = np.empty((len(self.parts), s.size, n, n), dtype=complex)
+        if self.parts:
+            left = np.zeros_like(right)
+            left[:, p] = np.eye(n)
+            left[:, i] = -np.linalg.solve(np.swapaxes(inner, 1, 2), np.swapaxes(foot, 1, 2))
+            for number, part in enumerate(self.parts):
+                change = np.sum(powers * part.coefficients(speed), axis=1)
+                slopes[number] = np.swapaxes(left, 1, 2) @ change @ right
+        return values, slopes
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**self.__dict__, "_kept": OrderedDict()}
