@@ -2,7 +2,7 @@
 
 ::
 
-    files = ["rig.csv", {path = "coast.csv", slow_roll_below_rpm = 300}]
+    files = ["rig.csv", {path = "other.csv", probe_angles_deg = {journal = [45, 135]}}]
     model = "whirl-whip"
     out = "results"
     refine = true

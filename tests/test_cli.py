@@ -1,0 +1,499 @@
+"""The command line as a user meets it: results, figures, exit codes, sentences in place of tracebacks."""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+import re
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import rotorfit as rf
+from rotorfit import cli, cli_output
+from rotorfit.study import DataFile, Study
+from rotorfit.study_toml import read_study
+
+ROOT = Path(__file__).parent.parent
+RIG = str(rf.datasets.path("rig_open.csv"))
+TRUTH = rf.datasets.truth("rig_open")
+FIT = ["fit", RIG, "--model", "whirl-whip", "--known", "K3=6000"]
+FIGURES = {f"{name}.png" for name in cli_output.FIGURES}
+TABLES = {"summary.txt", "parameters.csv", "covariance.csv", "responses.csv"}
+
+Run = Callable[..., tuple[int, str, str]]
+
+
+@pytest.fixture
+def run(capsys: pytest.CaptureFixture[str]) -> Run:
+    """Run the command line in this process: exit code, standard output, standard error."""
+
+    def call(*words: str | Path) -> tuple[int, str, str]:
+        try:
+            code = cli.main([str(word) for word in words])
+        except SystemExit as stop:  # argparse's own refusals
+            code = int(stop.code or 0)
+        return code, *capsys.readouterr()
+
+    return call
+
+
+def refused(result: tuple[int, str, str]) -> str:
+    """The one sentence of a refusal."""
+    code, out, err = result
+    assert (code, out) == (cli.BAD_INPUT, "")
+    assert err.startswith("rotorfit: ")
+    assert len(err.splitlines()) == 1, err
+    return err.removeprefix("rotorfit: ").rstrip("\n")
+
+
+def table(path: Path) -> dict[str, dict[str, str]]:
+    with path.open(encoding="utf-8", newline="") as stream:
+        return {row["parameter"]: row for row in csv.DictReader(stream)}
+
+
+# ---- what works -------------------------------------------------------------------------------
+
+
+def test_demo_writes_everything_and_meets_the_truth(run: Run, tmp_path: Path) -> None:
+    code, out, err = run("demo", "--out", tmp_path / "results")
+    assert (code, err) == (0, "")
+    assert {p.name for p in (tmp_path / "results").iterdir()} == TABLES | FIGURES
+    assert [p.name for p in tmp_path.iterdir()] == ["results"]
+    rows = table(tmp_path / "results" / "parameters.csv")
+    for name, tolerance in (("D", 0.002), ("lam", 0.002), ("Mf", 0.025)):
+        assert float(rows[name]["value"]) == pytest.approx(TRUTH["params"][name], rel=tolerance)
+    assert rows["K3"]["status"] == "known"
+    for words in ("closed form", "structural refinement", "<- chosen", "threshold speed", "against the rig's truth"):
+        assert words in out
+    assert (tmp_path / "results" / "summary.txt").read_text(encoding="utf-8").strip() in out
+
+
+def test_figures_are_pictures_of_some_size(run: Run, tmp_path: Path) -> None:
+    import matplotlib.image
+
+    assert run(*FIT, "--out", tmp_path, "--quiet") == (0, "", "")
+    for name in FIGURES:
+        pixels = matplotlib.image.imread(tmp_path / name)
+        assert min(pixels.shape[:2]) > 400
+        assert len(np.unique(pixels.reshape(-1, pixels.shape[-1]), axis=0)) > 10
+
+
+def test_json_is_the_python_result(run: Run) -> None:
+    code, out, _ = run(*FIT, "--json")
+    answer = json.loads(out)
+    fit = rf.fit(rf.models.WhirlWhip(), rf.datasets.rig_open(), known={"K3": 6000.0})
+    assert code == 0
+    assert set(answer["parameters"]) == set(fit.params)
+    for name, p in fit.params.items():
+        assert answer["parameters"][name]["value"] == p.value
+        assert answer["parameters"][name]["stderr"] == p.stderr
+    assert answer["threshold_rpm"]["value"] == pytest.approx(fit.threshold_speed().value * 30 / np.pi, rel=1e-12)
+    assert answer["redchi"] == fit.redchi
+
+
+def test_high_redchi_suggests_refining(run: Run) -> None:
+    assert "--refine" in run(*FIT)[1]
+
+
+def test_options_reach_the_fit(run: Run) -> None:
+    """Each option changes what the library is asked for, compared number by number with the same call in Python."""
+    words = (
+        "--per D=speed_rpm --bounds lam=0.2:0.6,Mf=:1 --loss huber --start D=400 --phase-offsets --two-lam "
+        "--prior sigma=1:0.05 --blocks coupling_mass --known K3=6000,Md=0.9 --bounds lam_D=0:1"
+    ).replace("lam=0.2:0.6,", "")
+    code, out, _ = run("fit", RIG, "--model", "whirl-whip", *words.split(), "--json")
+    from scipy.stats import norm
+
+    fit = rf.fit(
+        rf.models.WhirlWhip(blocks=("coupling_mass",), two_lam=True), rf.datasets.rig_open(),
+        known={"K3": 6000.0, "Md": 0.9}, per={"D": "speed_rpm"}, loss="huber", start={"D": 400.0}, phase_offsets=True,
+        bounds={"Mf": (-np.inf, 1.0), "lam_D": (0.0, 1.0)}, priors={"sigma": norm(1.0, 0.05)},
+    )  # fmt: skip
+    assert code == 0
+    values = {name: p["value"] for name, p in json.loads(out)["parameters"].items()}
+    assert values == {name: p.value for name, p in fit.params.items()}
+    assert {"D[speed_rpm=1000]", "D[speed_rpm=2000]", "lam_D", "m12"} <= set(values)
+
+
+def test_undetermined_parameters_carry_no_number(run: Run, tmp_path: Path) -> None:
+    """Journal force alone leaves Md, Ds, K1, sigma and K0 along one null direction."""
+    rig = rf.datasets.rig_open()
+    rf.write(rig.select(rig.force_plane == "journal"), tmp_path / "journal.csv")
+    words = ["fit", tmp_path / "journal.csv", "--model", "whirl-whip", "--known", "K3=6000"]
+    code, out, _ = run(*words, "--out", tmp_path / "out", "--json")
+    answer = json.loads(out)
+    assert code == 0
+    for name in ("Md", "Ds", "K1", "sigma", "K0"):
+        assert answer["parameters"][name]["value"] is None
+        assert name in answer["unresolved"]
+        assert table(tmp_path / "out" / "parameters.csv")[name]["value"] == ""
+        assert table(tmp_path / "out" / "parameters.csv")[name]["status"] == "not determined"
+    with (tmp_path / "out" / "covariance.csv").open(encoding="utf-8") as stream:
+        assert "K1" not in stream.readline().strip().split(",")
+
+
+def test_covariance_agrees_with_the_standard_errors(run: Run, tmp_path: Path) -> None:
+    run(*FIT, "--out", tmp_path, "--quiet")
+    rows = table(tmp_path / "parameters.csv")
+    with (tmp_path / "covariance.csv").open(encoding="utf-8", newline="") as stream:
+        head, *lines = list(csv.reader(stream))
+    for i, (name, *values) in enumerate(lines):
+        assert name == head[i + 1]
+        assert float(values[i]) ** 0.5 == pytest.approx(float(rows[name]["stderr"]), rel=1e-9)
+
+
+def test_two_files_are_fitted_together(run: Run, tmp_path: Path) -> None:
+    rig = rf.datasets.rig_open()
+    files = []
+    for rpm in (1000, 2000):
+        files.append(tmp_path / f"{rpm}.csv")
+        rf.write(rig.select(np.isclose(rig.speed * 30 / np.pi, rpm)), files[-1])
+    code, out, _ = run("fit", *files, "--model", "whirl-whip", "--known", "K3=6000", "--json")
+    whole = json.loads(run(*FIT, "--json")[1])
+    assert code == 0
+    for name, p in json.loads(out)["parameters"].items():
+        # the noise of each file is estimated on its own, so the weights differ a little
+        assert p["value"] == pytest.approx(whole["parameters"][name]["value"], abs=0.5 * p["stderr"] + 1e-9)
+
+
+def test_info_tells_of_a_conjugated_response(run: Run, tmp_path: Path) -> None:
+    from dataclasses import replace
+
+    rig = rf.datasets.rig_open()
+    rf.write(replace(rig, response=rig.response.conj(), force=rig.force.conj()), tmp_path / "conjugated.csv")
+    code, out, _ = run("info", tmp_path / "conjugated.csv", RIG)
+    assert code == 0
+    bad, good = out.split("\n\n")
+    assert "4032 readings in 8 runs" in good
+    assert "check: nothing found" in good
+    assert "check: error" in bad
+    assert "conjugate" in bad
+
+
+def test_models_lists_every_parameter(run: Run) -> None:
+    code, out, _ = run("models")
+    assert code == 0
+    for name, model in rf.models.MODELS.items():
+        assert name in out
+        for parameter in model():
+            words = " +".join(re.escape(word) for word in (parameter.name, parameter.unit, parameter.meaning))
+            assert re.search(f"^  {words}", out, re.MULTILINE)
+    assert run("models", "whirl-whip")[1].count("planes") == 1
+
+
+def test_anisotropic_takes_the_planes_of_the_data(run: Run) -> None:
+    code, out, _ = run("fit", RIG, "--model", "anisotropic", "--json")
+    assert code == 0
+    assert len(json.loads(out)["parameters"]) == 3 * 16
+
+
+def test_module_and_version() -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", "rotorfit", "--version"], capture_output=True, text=True, check=True
+    )
+    assert done.stdout == f"rotorfit {rf.__version__}\n"
+
+
+def test_output_cut_short_is_no_error() -> None:
+    script = f"{sys.executable} -m rotorfit models | head -n 1; exit ${{PIPESTATUS[0]}}"
+    done = subprocess.run(["bash", "-c", script], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+# ---- exit codes -------------------------------------------------------------------------------
+
+
+def test_a_fit_that_does_not_converge_says_so(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from functools import partial
+
+    import rotorfit.study
+
+    monkeypatch.setattr(rotorfit.study, "fit", partial(rf.fit, max_iterations=1))
+    code, out, err = run(*FIT, "--start", "K1=100,K2=100,Md=0.1,Mb=5,D=1", "--out", tmp_path)
+    assert code == cli.NOT_CONVERGED
+    assert "did not converge" in err
+    assert "did not converge" in out
+    assert "did not converge" in (tmp_path / "summary.txt").read_text(encoding="utf-8")
+
+
+def test_interruption_leaves_nothing(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupted(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(cli_output, "write_outcome", interrupted)
+    code, _, err = run(*FIT, "--out", tmp_path / "out")
+    assert (code, err) == (cli.INTERRUPTED, "rotorfit: interrupted, nothing was written\n")
+    assert list(tmp_path.iterdir()) == []
+
+
+# ---- bad input --------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        ("--known k3=6000", "did you mean 'K3'"),
+        ("--known K3", "--known takes NAME=VALUE, got 'K3'"),
+        ("--known K3=stiff", "'stiff' is not a number"),
+        ("--known K3=1 --known K3=2", "names K3 twice"),
+        ("--bounds lam=0.6:0.2", "bounds of lam are contradictory"),
+        ("--bounds lam=0.6", "two numbers with a colon"),
+        ("--bounds Lam=0:1", "did you mean 'lam'"),
+        ("--start lamda=0.4", "did you mean 'lam'"),
+        ("--prior sigma=1:-0.1", "no positive spread"),
+        ("--known K3=6000 --prior K3=1:0.1", "prior of K3: it is known here"),
+        ("--per D=temperature", "has no attribute 'temperature'"),
+        ("--loss hubber", "did you mean 'huber'"),
+        ("--planes disk", "has 2 planes"),
+        ("--planes disk,seal", "has planes disk, journal"),
+        ("--blocks gyro", "did you mean 'gyroscopic'"),
+        ("--probe-angles jurnal=45:135", "did you mean 'journal'"),
+        ("--model whirl-wip", "did you mean 'whirl-whip'"),
+        ("--model one-mode", "the model one-mode has journal"),
+        ("--model overhung --two-lam", "has no option two_lam"),
+    ],
+)
+def test_bad_settings_are_one_sentence(run: Run, tmp_path: Path, words: str, expected: str) -> None:
+    given = ["fit", RIG, "--model", "whirl-whip", *words.split(), "--out", str(tmp_path / "out")]
+    assert expected in refused(run(*given))
+    assert list(tmp_path.iterdir()) == []
+
+
+HEAD = "run,speed_rpm,frequency_rpm,force_plane,force_N,force_phase_deg,plane,direction,amplitude_um,phase_deg\n"
+ROW = "a,1000,{},journal,0.1,0,journal,z,12.5,-30\n"
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "expected"),
+    [
+        ("empty.csv", "", "empty"),
+        ("head.csv", HEAD, "no"),
+        ("one.csv", HEAD + ROW.format(500), "too few to estimate its noise"),
+        ("missing.csv", HEAD.replace(",phase_deg\n", "\n") + "a,1000,500,journal,0.1,0,journal,z,12.5\n", "phase_deg"),
+        ("unit.csv", HEAD.replace("amplitude_um", "amplitude_inches") + ROW.format(500), "amplitude_inches"),
+        ("nan.csv", HEAD + ROW.format("nan"), "finite"),
+        ("words.csv", HEAD + ROW.format("fast"), "'fast' is not a number"),
+        ("binary.csv", "\x00\x01\x02", "binary.csv"),
+        ("rig.xlsx", "PK", "unknown suffix '.xlsx'"),
+    ],
+)
+def test_bad_files_are_one_sentence(run: Run, tmp_path: Path, name: str, text: str, expected: str) -> None:
+    (tmp_path / name).write_text(text, encoding="utf-8")
+    for words in (["fit", tmp_path / name, "--model", "one-mode", "--known", "K=0,Ds=0", "--out", tmp_path / "out"],
+                  ["info", tmp_path / name]):  # fmt: skip
+        if words[0] == "info" and name == "one.csv":
+            continue  # a file of one line can be described, only not fitted
+        message = refused(run(*words))
+        assert expected in message
+        assert name in message or name == "one.csv"  # that one is told by run and channel
+    assert [p.name for p in tmp_path.iterdir()] == [name]
+
+
+def test_missing_file_and_bad_folder(run: Run, tmp_path: Path) -> None:
+    assert "absent.csv" in refused(run("info", tmp_path / "absent.csv"))
+    (tmp_path / "file").write_text("kept", encoding="utf-8")
+    message = refused(run(*FIT, "--out", tmp_path / "file"))
+    assert "is a file; give a folder" in message
+    assert (tmp_path / "file").read_text(encoding="utf-8") == "kept"
+
+
+def test_an_earlier_run_is_replaced_file_by_file(run: Run, tmp_path: Path) -> None:
+    (tmp_path / "summary.txt").write_text("old", encoding="utf-8")
+    (tmp_path / "notes.md").write_text("mine", encoding="utf-8")
+    refused(run(*FIT, "--known", "sigmma=1", "--out", tmp_path))
+    assert (tmp_path / "summary.txt").read_text(encoding="utf-8") == "old"
+    run(*FIT, "--out", tmp_path, "--quiet")
+    assert (tmp_path / "summary.txt").read_text(encoding="utf-8") != "old"
+    assert (tmp_path / "notes.md").read_text(encoding="utf-8") == "mine"
+
+
+def test_a_bug_is_not_hidden_as_bad_input(run: Run, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    def broken(*_: object) -> None:
+        raise KeyError("bug")
+
+    monkeypatch.setattr(cli_output, "_parameter_rows", broken)
+    with pytest.raises(KeyError, match="bug"):
+        run(*FIT, "--out", tmp_path / "out")
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may write everywhere")
+def test_folder_without_permission(run: Run, tmp_path: Path) -> None:
+    (tmp_path / "locked").mkdir(mode=0o500)
+    assert "cannot write to" in refused(run(*FIT, "--out", tmp_path / "locked" / "out"))
+
+
+# ---- TOML studies -----------------------------------------------------------------------------
+
+STUDY = """
+files = ["rig.csv"]
+model = "whirl-whip"
+out = "results"
+refine = true
+known = {K3 = 6000.0}
+bounds = {lam = [0.0, 0.6]}
+"""
+
+
+def test_run_is_fit_from_a_file(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    folder = tmp_path / "study"
+    folder.mkdir()
+    (folder / "rig.csv").write_bytes(Path(RIG).read_bytes())
+    (folder / "study.toml").write_text(STUDY, encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    code, out, _ = run("run", "study/study.toml", "--json")
+    assert code == 0
+    assert {p.name for p in (folder / "results").iterdir()} == TABLES | FIGURES
+    same = run(*FIT, "--bounds", "lam=0:0.6", "--refine", "--json")[1]
+    assert json.loads(out)["parameters"] == json.loads(same)["parameters"]
+
+
+def test_every_key_of_a_study(tmp_path: Path) -> None:
+    (tmp_path / "all.toml").write_text(
+        """
+        model = "whirl-whip"
+        out = "results"
+        planes = ["rotor", "seal"]
+        blocks = ["coupling_mass"]
+        two_lam = true
+        known = {K3 = 6000, sigma = "free"}
+        bounds = {lam_D = [-inf, 0.6]}
+        priors = {sigma = {norm = [1.0, 0.01]}}
+        per = {D = "speed_rpm"}
+        start = {D = 400}
+        loss = "cauchy"
+        phase_offsets = true
+        refine = true
+        [[files]]
+        path = "a.csv"
+        [[files]]
+        path = "b.csv"
+        slow_roll_below_rpm = 300
+        probe_angles_deg = {journal = [45, 135]}
+        gains = {"upper journal x" = [1.02, 90.0]}
+        delays_s = {"journal y" = 1e-5}
+        slow_roll_um_deg = {"journal x" = [2.0, 180.0]}
+        speed_rpm = 600
+        difference = false
+        speed_tolerance = 0.01
+        """,
+        encoding="utf-8",
+    )
+    study = read_study(tmp_path / "all.toml")
+    assert study.files[0] == DataFile(tmp_path / "a.csv")
+    options = dict(study.files[1].options)
+    assert options["gains"]["upper journal", "x"] == pytest.approx(1.02j)
+    assert options["slow_roll"]["journal", "x"] == pytest.approx(-2e-6)
+    assert options["speed"] == pytest.approx(20 * np.pi)
+    assert options["delays"] == {("journal", "y"): 1e-5}
+    assert options["probe_angles"] == {"journal": (45.0, 135.0)}
+    assert (options["slow_roll_below_rpm"], options["difference"], options["speed_tolerance"]) == (300.0, False, 0.01)
+    prior = study.priors["sigma"]
+    assert (prior.mean(), prior.std()) == pytest.approx((1.0, 0.01))
+    expected = Study(
+        files=study.files, model="whirl-whip", out=tmp_path / "results", planes=("rotor", "seal"),
+        blocks=("coupling_mass",), two_lam=True, known={"K3": 6000.0, "sigma": None}, bounds={"lam_D": (-np.inf, 0.6)},
+        priors={"sigma": prior}, per={"D": "speed_rpm"}, start={"D": 400.0}, loss="cauchy", phase_offsets=True,
+        refine=True,
+    )  # fmt: skip
+    assert study == expected
+
+
+@pytest.mark.parametrize(
+    ("change", "expected"),
+    [
+        ('knwon = {K3 = 1}', "unknown key 'knwon', did you mean 'known'"),
+        ('planes = "disk"', "planes must be a list of texts"),
+        ('loss = 3', "loss must be a text"),
+        ('two_lam = "yes"', "two_lam must be true or false"),
+        ('start = {D = true}', "start.D must be a number"),
+        ('start = 3', "start must be a table"),
+        ('priors = {D = {nrm = [1, 2]}}', "did you mean 'norm'"),
+        ('priors = {D = {norm = [1, 2, 3]}}', "does not take the numbers"),
+        ('priors = {D = 3}', "must be one distribution"),
+        ('known = {K3 = "fixed"}', '"free" to fit it'),
+        ('per = {D = 3}', "per.D must be a text"),
+        ('= 3', "not a TOML file"),
+    ],
+)
+def test_bad_studies_are_one_sentence(run: Run, tmp_path: Path, change: str, expected: str) -> None:
+    key = change.partition(" ")[0]
+    lines = [line for line in STUDY.splitlines() if not line.startswith(f"{key} ")]
+    (tmp_path / "study.toml").write_text("\n".join([*lines, change]), encoding="utf-8")
+    message = refused(run("run", tmp_path / "study.toml"))
+    assert expected in message
+    assert "study.toml" in message
+    assert [p.name for p in tmp_path.iterdir()] == ["study.toml"]
+
+
+@pytest.mark.parametrize(
+    ("files", "expected"),
+    [
+        ("[]", "at least one file"),
+        ('[{paht = "rig.csv"}]', "tables with a path"),
+        ('[{path = "rig.csv", slow_roll_below = 3}]', "did you mean 'slow_roll_below_rpm'"),
+        ('[{path = "rig.csv", gains = {journal = [1, 0]}}]', "a channel is a plane and a direction"),
+        ('["absent.csv"]', "absent.csv"),
+    ],
+)
+def test_bad_file_entries_are_one_sentence(run: Run, tmp_path: Path, files: str, expected: str) -> None:
+    text = STUDY.replace('["rig.csv"]', files)
+    (tmp_path / "study.toml").write_text(text, encoding="utf-8")
+    assert expected in refused(run("run", tmp_path / "study.toml"))
+
+
+def test_study_without_files(run: Run, tmp_path: Path) -> None:
+    (tmp_path / "study.toml").write_text('model = "whirl-whip"', encoding="utf-8")
+    assert "the key 'files' is missing" in refused(run("run", tmp_path / "study.toml"))
+    assert "absent.toml" in refused(run("run", tmp_path / "absent.toml"))
+
+
+# ---- README -----------------------------------------------------------------------------------
+
+
+def readme_blocks(language: str) -> list[str]:
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    return re.findall(rf"^```{language}\n(.*?)^```", text, re.MULTILINE | re.DOTALL)
+
+
+@pytest.mark.parametrize("number", range(len(readme_blocks("python"))))
+def test_python_of_the_readme_runs(number: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The blocks read top to bottom, so each runs after those before it."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "rig.csv").write_bytes(Path(RIG).read_bytes())
+    names: dict[str, object] = {"__name__": "readme"}
+    for block in readme_blocks("python")[: number + 1]:
+        exec(compile(block, "README.md", "exec"), names)
+
+
+def test_accuracy_in_the_readme_is_what_the_demo_prints(run: Run, tmp_path: Path) -> None:
+    (shown,) = [block for block in readme_blocks("text") if "against the rig's truth" in block]
+    printed = run("demo", "--out", tmp_path)[1]
+    printed = printed[printed.index("against the rig's truth") :].partition("\n\n")[0]
+    assert len(shown.split()) == len(printed.split())
+    for old, new in zip(shown.split(), printed.split(), strict=True):
+        if re.fullmatch(r"[0-9.]+", old):
+            last_digit = 10.0 ** -len(old.partition(".")[2])
+            assert float(new) == pytest.approx(float(old), abs=1.01 * last_digit)  # another machine may round over
+        else:
+            assert new == old
+
+
+def test_commands_of_the_readme_run(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "rig.csv").write_bytes(Path(RIG).read_bytes())
+    for block in readme_blocks("toml"):
+        (tmp_path / "study.toml").write_text(block, encoding="utf-8")
+    commands = [
+        line.split()[1:] for block in readme_blocks("sh") for line in block.splitlines() if line.startswith("rotorfit ")
+    ]
+    assert {words[0] for words in commands} >= {"info", "models", "fit", "run"}
+    for words in commands:
+        code, _, err = run(*words)
+        assert (code, err) == (0, ""), words
