@@ -14,12 +14,11 @@ enough for it to apply.
 from __future__ import annotations
 
 import argparse
-import csv
 import math
 import shlex
 import sys
 from collections.abc import Iterable, Sequence
-from dataclasses import asdict, dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -27,16 +26,19 @@ from numpy.typing import NDArray
 
 sys.path.insert(0, str(Path(__file__).parent))
 from nonlinearity import second_order
+from reporting import RESULTS, environment, table, write_csv
 from rigs import RIGS, Rig, true_vector, with_noise
 
 from rotorfit.estimators.closed_form import closed_form
 from rotorfit.estimators.least_squares import minimise
 from rotorfit.estimators.problem import Problem
+from rotorfit.estimators.starts import start_vector
 
 Float = NDArray[np.float64]
 
-RESULTS = Path(__file__).parent / "results"
-ESTIMATORS = ("closed form, unweighted", "closed form, weighted", "optimised")
+OPTIMISED = "optimised"
+ESTIMATORS = ("closed form, unweighted", "closed form, weighted", OPTIMISED)
+PACKAGES = ("numpy", "scipy", "casadi")
 LEVELS = (0.001, 0.003, 0.01, 0.03, 0.1)
 SIGMAS = 3.5
 """Sampling errors by which a variance may differ from the bound."""
@@ -81,7 +83,7 @@ def estimates(problem: Problem, draws: int, seed: int) -> tuple[Float, NDArray[n
         noisy = with_noise(problem, rng)
         for number, weighted in enumerate((False, True)):
             result[number, draw] = closed_form(space, noisy.blocks, weighted=weighted).x
-        start = np.clip(result[1, draw], space.lower, space.upper)
+        start, _ = start_vector(noisy, {})
         found = minimise(noisy, start, lower=space.lower, upper=space.upper)
         result[2, draw] = found.x
         failures += [*np.isnan(result[:2, draw]).any(axis=1), not found.success]
@@ -135,7 +137,7 @@ def misses(rows: Iterable[Row], within: float | None) -> list[Row]:
     """Optimised rows that miss the bound where it applies (``within``: anywhere, by that much)."""
     found = []
     for row in rows:
-        if row.estimator == "optimised" and (within is not None or row.bound_applies):
+        if row.estimator == OPTIMISED and (within is not None or row.bound_applies):
             allowed = SIGMAS * float(np.sqrt(2 / row.draws)) if within is None else within
             if not abs(row.variance - 1) <= allowed:
                 found.append(row)
@@ -145,28 +147,24 @@ def misses(rows: Iterable[Row], within: float | None) -> list[Row]:
 # ---- output ------------------------------------------------------------------------------------------------
 
 
-def write_csv(rows: Sequence[Row], path: Path, command: str) -> None:
-    with path.open("w", newline="", encoding="utf-8") as stream:
-        stream.write(f"# {command}\n# bias, rmse: over the Cramer-Rao bound; variance: over its square\n")
-        writer = csv.writer(stream, lineterminator="\n")
-        writer.writerow([field.name for field in fields(Row)])
-        for row in rows:
-            writer.writerow([f"{v:.5g}" if isinstance(v, float) else v for v in asdict(row).values()])
-
-
 def write_markdown(rows: Sequence[Row], path: Path, command: str) -> None:
-    draws = rows[0].draws
+    cases = list(dict.fromkeys((row.model, row.noise_percent) for row in rows))
     text = [
         "# Closed form against optimised",
         "",
-        f"Made by `{command}`: {draws} draws of the noise for each model and level.",
+        f"Made by `{command}`: {rows[0].draws} draws of the noise for each model and level ({environment(*PACKAGES)}).",
         "",
-        "RMSE over the Cramer-Rao bound, median over the parameters and, in brackets, the worst parameter.",
+        *_overview(rows, cases),
         "",
-        "| model | noise | " + " | ".join(ESTIMATORS) + " | not converged |",
-        "|---|---|---|---|---|---|",
+        *_where_the_bound_applies(rows, cases),
+        "",
+        *_parameters(rows),
     ]
-    cases = list(dict.fromkeys((row.model, row.noise_percent) for row in rows))
+    path.write_text("\n".join(text) + "\n", encoding="utf-8")
+
+
+def _overview(rows: Sequence[Row], cases: Sequence[tuple[str, float]]) -> list[str]:
+    lines = []
     for model, noise in cases:
         case = [row for row in rows if (row.model, row.noise_percent) == (model, noise)]
         cells = []
@@ -174,60 +172,50 @@ def write_markdown(rows: Sequence[Row], path: Path, command: str) -> None:
             rmse = {row.parameter: row.rmse for row in case if row.estimator == estimator}
             worst = max(rmse, key=lambda name: rmse[name])
             cells.append(f"{np.median(list(rmse.values())):.3g} ({worst} {rmse[worst]:.3g})")
-        text.append(f"| {model} | {noise:g} % | " + " | ".join(cells) + f" | {case[-1].failures} |")
-    text += ["", *_where_the_bound_applies(rows, cases), "", *_parameters(rows)]
-    path.write_text("\n".join(text) + "\n", encoding="utf-8")
+        lines.append([model, f"{noise:g} %", *cells, str(case[-1].failures)])
+    return [
+        "RMSE over the Cramer-Rao bound, median over the parameters and, in brackets, the worst parameter.",
+        "",
+        *table(["model", "noise", *ESTIMATORS, "not converged"], lines),
+    ]
 
 
 def _where_the_bound_applies(rows: Sequence[Row], cases: Sequence[tuple[str, float]]) -> list[str]:
+    lines = []
+    for model, noise in cases:
+        case = [row for row in rows if (row.model, row.noise_percent, row.estimator) == (model, noise, OPTIMISED)]
+        inside = [row.variance for row in case if row.bound_applies]
+        span = f"{min(inside):.3f} to {max(inside):.3f} ({len(inside)} of {len(case)})" if inside else "nowhere"
+        outside = [f"{r.parameter} ({r.nonlinearity:.2g}: {r.variance:.3g})" for r in case if not r.bound_applies]
+        lines.append([model, f"{noise:g} %", span, ", ".join(outside) or "-"])
     draws = rows[0].draws
-    text = [
+    return [
         f"Variance of the optimised estimates over the bound's square. {draws} draws give it to within "
         f"{np.sqrt(2 / draws):.3f} (one standard error). The bound applies where four times the squared "
         "nonlinearity of a parameter (standard deviation of its estimate's second-order term over the bound) "
         "is below that.",
         "",
-        "| model | noise | where the bound applies | where it does not (nonlinearity: variance) |",
-        "|---|---|---|---|",
+        *table(["model", "noise", "where the bound applies", "where it does not (nonlinearity: variance)"], lines),
     ]
-    for model, noise in cases:
-        case = [r for r in rows if (r.model, r.noise_percent, r.estimator) == (model, noise, "optimised")]
-        inside = [row.variance for row in case if row.bound_applies]
-        span = (
-            f"{min(inside):.3f} to {max(inside):.3f} ({len(inside)} of {len(case)})" if inside else "nowhere"
-        )
-        outside = [
-            f"{row.parameter} ({row.nonlinearity:.2g}: {row.variance:.3g})"
-            for row in case
-            if not row.bound_applies
-        ]
-        text.append(f"| {model} | {noise:g} % | {span} | {', '.join(outside) or '-'} |")
-    return text
 
 
 def _parameters(rows: Sequence[Row]) -> list[str]:
     """Every parameter at the noise level nearest to 1 %."""
     noise = min({row.noise_percent for row in rows}, key=lambda value: abs(np.log(value)))
-    text = [
-        f"Every parameter at {noise:g} % noise: bias and RMSE over the bound, and the bias that the "
-        "second order of the optimised estimate predicts (Box 1971).",
-        "",
-        "| model | parameter | bound, % | "
-        + " | ".join(f"{e}: bias, RMSE" for e in ESTIMATORS)
-        + " | expected bias |",
-        "|---|---|---|---|---|---|---|",
-    ]
     chosen = [row for row in rows if row.noise_percent == noise]
+    lines = []
     for start in range(0, len(chosen), len(ESTIMATORS)):
         group = chosen[start : start + len(ESTIMATORS)]
         first = group[0]
         cells = [f"{row.bias:+.3f}, {row.rmse:.3f}" for row in group]
-        text.append(
-            f"| {first.model} | {first.parameter} | {100 * first.bound / abs(first.truth):.2g} | "
-            + " | ".join(cells)
-            + f" | {first.expected_bias:+.3f} |"
-        )
-    return text
+        bound = f"{100 * first.bound / abs(first.truth):.2g}"
+        lines.append([first.model, first.parameter, bound, *cells, f"{first.expected_bias:+.3f}"])
+    return [
+        f"Every parameter at {noise:g} % noise: bias and RMSE over the bound, and the bias that the second order "
+        "of the optimised estimate predicts (Box 1971).",
+        "",
+        *table(["model", "parameter", "bound, %", *(f"{e}: bias, RMSE" for e in ESTIMATORS), "predicted bias"], lines),
+    ]
 
 
 def draw_figure(rows: Sequence[Row], path: Path) -> None:
@@ -250,12 +238,8 @@ def draw_figure(rows: Sequence[Row], path: Path) -> None:
             chosen = [row for row in rows if (row.model, row.estimator) == (model, estimator)]
             noise = sorted({row.noise_percent for row in chosen})
             values = [[row.rmse for row in chosen if row.noise_percent == n] for n in noise]
-            axis.plot(
-                noise, [np.median(v) for v in values], "o-", color=colour, ms=3, lw=1.5, label=estimator
-            )
-            axis.fill_between(
-                noise, [min(v) for v in values], [max(v) for v in values], color=colour, alpha=0.15, lw=0
-            )
+            axis.plot(noise, [np.median(v) for v in values], "o-", color=colour, ms=3, lw=1.5, label=estimator)
+            axis.fill_between(noise, [min(v) for v in values], [max(v) for v in values], color=colour, alpha=0.15, lw=0)
         axis.set(xscale="log", yscale="log", title=model, xlabel="noise / % of rms response")
         axis.axhline(1.0, color="grey", lw=0.8, ls="--", zorder=0)
     axes[0, 0].set_ylabel("RMS error / Cramér-Rao bound")
@@ -268,15 +252,11 @@ def draw_figure(rows: Sequence[Row], path: Path) -> None:
 def parse(arguments: Sequence[str]) -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--models", nargs="+", choices=list(RIGS), default=list(RIGS))
-    parser.add_argument(
-        "--levels", nargs="+", type=float, default=list(LEVELS), help="noise over rms response"
-    )
+    parser.add_argument("--levels", nargs="+", type=float, default=list(LEVELS), help="noise over rms response")
     parser.add_argument("--draws", type=int, default=1000)
     parser.add_argument("--lines", type=int, default=200, help="signed frequencies in each sweep")
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument(
-        "--within", type=float, help="variance over bound allowed to differ from 1 by this, everywhere"
-    )
+    parser.add_argument("--within", type=float, help="variance over bound allowed to differ from 1 by this, everywhere")
     parser.add_argument("--name", default="closed_form_vs_optimised", help="name of the result files")
     parser.add_argument("--out", type=Path, default=RESULTS)
     return parser.parse_args(arguments)
@@ -291,23 +271,20 @@ def main(arguments: Sequence[str] | None = None) -> int:
         for number, level in enumerate(options.levels):
             seed = options.seed * 10_000 + place * 100 + number
             rows += study(RIGS[name], level, options.draws, options.lines, seed)
-            last = [
-                row.variance for row in rows[2::3] if (row.model, row.noise_percent) == (name, 100 * level)
-            ]
+            last = [row.variance for row in rows[2::3] if (row.model, row.noise_percent) == (name, 100 * level)]
             print(
                 f"{name:<12} {100 * level:5.2g} %: variance over bound {min(last):.3f} to {max(last):.3f}",
                 flush=True,
             )
     options.out.mkdir(parents=True, exist_ok=True)
-    write_csv(rows, options.out / f"{options.name}.csv", command)
+    note = "bias, rmse: over the Cramer-Rao bound; variance: over its square"
+    write_csv(rows, options.out / f"{options.name}.csv", command, environment(*PACKAGES), note)
     write_markdown(rows, options.out / f"{options.name}.md", command)
     if len(options.levels) > 1:
         draw_figure(rows, options.out / f"{options.name}.png")
     missed = misses(rows, options.within)
     for row in missed:
-        print(
-            f"{row.model} {row.parameter} at {row.noise_percent:g} %: variance over bound {row.variance:.3f}"
-        )
+        print(f"{row.model} {row.parameter} at {row.noise_percent:g} %: variance over bound {row.variance:.3f}")
     return 1 if missed else 0
 
 

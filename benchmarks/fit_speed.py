@@ -1,8 +1,8 @@
 """Time of one fit beside lmfit with a hand-vectorised NumPy residual, on the same data and to the same optimum.
 
-Eq. (18) with ten free parameters, four responses of 400 lines, 1 % noise. Warm times are medians over rounds in which all
-contenders take turns, everything imported and used before. Cold times are whole fresh processes: interpreter, imports,
-data from a file, one fit. Accuracy stands beside time: the distance from the exact optimum in standard errors.
+Eq. (18) with ten free parameters, four responses of 400 lines, 1 % noise. Warm times are medians over rounds in which
+all contenders take turns, everything imported and used before. Cold times are whole fresh processes: interpreter,
+imports, data from a file, one fit. Accuracy stands beside time: distance from the exact optimum in standard errors.
 
     python benchmarks/fit_speed.py
 """
@@ -28,11 +28,12 @@ import lmfit_rival
 from reporting import RESULTS, environment, table, write_csv
 from rigs import FORCE, RIGS
 
-import rotorfit as rf
 from rotorfit.estimators.least_squares import minimise
 from rotorfit.estimators.problem import Problem
 from rotorfit.estimators.starts import start_vector
+from rotorfit.experiments import PerturbationTest
 from rotorfit.fitting import build_problem
+from rotorfit.fitting import fit as rf_fit
 from rotorfit.results import FitSettings
 
 Float = NDArray[np.float64]
@@ -80,7 +81,7 @@ class Case:
         typical: values of the parameters in the model's table, what one types where there is no closed form.
     """
 
-    test: rf.PerturbationTest
+    test: PerturbationTest
     problem: Problem
     arrays: dict[str, Any]
     known: dict[str, float]
@@ -146,8 +147,8 @@ def contenders(case: Case) -> dict[tuple[str, str], Contender]:
         return engine(start_vector(case.problem, {})[0])
 
     def whole() -> tuple[Float, int | None]:
-        fit = rf.fit(space.model, case.test, known=case.known)
-        return fit.x, fit.nfev
+        result = rf_fit(space.model, case.test, known=case.known)
+        return result.x, result.nfev
 
     return {
         ("lmfit", "typical values"): lambda: lmfit(case.typical),
@@ -178,13 +179,13 @@ def warm(case: Case, rounds: int) -> list[Timing]:
 def cold(case: Case, rounds: int) -> list[Timing]:
     """Fresh processes, in turns; the bare interpreter with NumPy stands beside them."""
     test = case.test
-    columns = {
+    columns: dict[str, Any] = {
         name: getattr(test, name)
         for name in ("run", "speed", "frequency", "force_plane", "force", "plane", "direction", "response", "sigma")
     }
     with tempfile.TemporaryDirectory() as folder:
         ours, theirs = Path(folder) / "test.npz", Path(folder) / "arrays.npz"
-        np.savez(ours, **columns, **case.known)
+        np.savez(ours, **columns | case.known)
         np.savez(theirs, **case.arrays, names=np.array(case.problem.space.names), start=case.typical)
         rival = str(Path(lmfit_rival.__file__))
         commands = {

@@ -1,6 +1,6 @@
 """The rival: eq. (18) fitted by lmfit with a residual vectorised by hand. Run as a script, one fit in a fresh process.
 
-    python benchmarks/lmfit_rival.py DATA.npz
+python benchmarks/lmfit_rival.py DATA.npz
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ import sys
 from collections.abc import Mapping
 from typing import Any
 
-import lmfit
+import lmfit  # type: ignore[import-untyped]
 import numpy as np
 from numpy.typing import NDArray
 
@@ -31,7 +31,7 @@ def residual(parameters: lmfit.Parameters, data: Mapping[str, Any]) -> Float:
     response /= disk * journal - p["K2"] ** 2 * p["sigma"]
     response -= data["measured"]
     response *= data["weight"]
-    return response.ravel().view(float)
+    return np.asarray(response.ravel().view(float))
 
 
 def fit(data: Mapping[str, Any], start: Mapping[str, float], **settings: float) -> lmfit.minimizer.MinimizerResult:

@@ -78,9 +78,7 @@ class Rig:
                         "response": response + noise,
                         "sigma": sigma,
                     }
-                    parts.append(
-                        {key: np.broadcast_to(np.asarray(cell), w.shape) for key, cell in row.items()}
-                    )
+                    parts.append({key: np.broadcast_to(np.asarray(cell), w.shape) for key, cell in row.items()})
         columns: dict[str, Any] = {key: np.concatenate([part[key] for part in parts]) for key in parts[0]}
         return perturbation_test(**columns, source=f"benchmark rig {self.model.name}")
 

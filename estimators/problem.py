@@ -10,7 +10,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from rotorfit.estimators.observations import Block
+from rotorfit.estimators.observations import Block, Responses
 from rotorfit.models import RotorModel
 
 Float = NDArray[np.float64]
@@ -19,6 +19,7 @@ Index = NDArray[np.intp]
 Loss = Literal["linear", "soft_l1", "huber", "cauchy"]
 
 LOSSES: tuple[Loss, ...] = ("linear", "soft_l1", "huber", "cauchy")
+_PIECE = 8192  # readings whose derivatives are held at once
 LOSS_SCALE = 2.0
 """Whitened residual modulus beyond which a robust loss discounts; the noise's own rms modulus is sqrt(2)."""
 
@@ -182,28 +183,56 @@ class Problem:
 
     def cost(self, x: Float) -> float:
         """Half the (robust) sum of squares plus minus the log prior."""
-        rho, _ = robust_weights(self.loss, np.abs(self.residuals(x)) ** 2)
-        return 0.5 * float(rho.sum()) + sum(prior.terms(float(x[prior.entry]))[0] for prior in self.priors)
+        misfit = sum(piece._misfit(x) for piece in self._pieces)
+        return misfit + sum(prior.terms(float(x[prior.entry]))[0] for prior in self.priors)
 
-    def gauss_newton(self, x: Float) -> tuple[float, Float, Float]:
-        """Cost, gradient and Gauss-Newton matrix."""
+    @cached_property
+    def _pieces(self) -> tuple[Problem, ...]:
+        """The problem in pieces that fit the processor's cache; derivatives of millions of readings fit no memory."""
+        pieces: list[Problem] = []
+        for number, block in enumerate(self.blocks):
+            parts = block.split(_PIECE) if isinstance(block, Responses) else [block]
+            factors = self.factors[number] if self.factors else None
+            stops = np.cumsum([part.measured.size for part in parts])
+            rows = [None] * len(parts) if factors is None else np.split(factors, stops[:-1])
+            pieces += [
+                Problem(self.space, (part,), self.loss, (), () if row is None else (row,))
+                for part, row in zip(parts, rows, strict=True)
+            ]
+        return tuple(pieces)
+
+    def _misfit(self, x: Float) -> float:
+        r = self.residuals(x)
+        if self.loss == "linear":
+            return 0.5 * float(np.vdot(r, r).real)
+        return 0.5 * float(robust_weights(self.loss, np.abs(r) ** 2)[0].sum())
+
+    def _misfit_derivatives(self, x: Float) -> tuple[float, Float, Float]:
         r, J = self.jacobian(x)
         rows = J.T
         if self.loss == "linear":
-            cost = 0.5 * float(np.vdot(r, r).real)
+            misfit = 0.5 * float(np.vdot(r, r).real)
         else:
             rho, weight = robust_weights(self.loss, np.abs(r) ** 2)
-            cost = 0.5 * float(rho.sum())
+            misfit = 0.5 * float(rho.sum())
             root = np.sqrt(weight)
             r, rows = r * root, rows * root
         stacked = rows.view(float)
-        gradient = stacked @ r.view(float)
-        matrix = stacked @ stacked.T
+        return misfit, stacked @ r.view(float), stacked @ stacked.T
+
+    def gauss_newton(self, x: Float) -> tuple[float, Float, Float]:
+        """Cost, gradient and Gauss-Newton matrix."""
+        cost, gradient, matrix = self._pieces[0]._misfit_derivatives(x)
+        for piece in self._pieces[1:]:
+            more, slope, curvature = piece._misfit_derivatives(x)
+            cost += more
+            gradient += slope
+            matrix += curvature
         for prior in self.priors:
-            value, slope, curvature = prior.terms(float(x[prior.entry]))
+            value, first, second = prior.terms(float(x[prior.entry]))
             cost += value
-            gradient[prior.entry] += slope
-            matrix[prior.entry, prior.entry] += curvature
+            gradient[prior.entry] += first
+            matrix[prior.entry, prior.entry] += second
         return cost, gradient, matrix
 
     def hessian(self, x: Float) -> Float:
