@@ -25,6 +25,7 @@ ROSS_6 = ("x", "y", "axial", "alpha", "beta", "torsion")
 """The same from version 2 on."""
 
 _ISOTROPIC = 1e-8  # of the largest entry of its kind: round-off of an assembly
+_MASSLESS = 1e12  # condition of the mass matrix, unit diagonal, beyond which some motion has no inertia
 _LINES = 256  # lines condensed at once
 _KEPT = 24  # condensed structures kept
 
@@ -67,11 +68,10 @@ def complex_matrices(matrices: Mapping[str, ArrayLike], dofs: Sequence[str]) -> 
     for name in names:
         if name not in DOFS:
             raise ValueError(unknown_name("degree of freedom", name, DOFS))
-    real = {"x", "y"} <= set(names)
-    if len(set(names)) != len(names) or real == ("z" in names) or ("alpha" in names) != ("beta" in names):
-        raise ValueError(
-            f"dofs must hold z, with or without r, or x and y, with or without alpha and beta; got {names}"
-        )
+    lateral = set(names) - {"axial", "torsion"}
+    if len(set(names)) != len(names) or lateral not in ({"z"}, {"z", "r"}, {"x", "y"}, set(ROSS_4)):
+        raise ValueError(f"dofs must hold z, perhaps with r, or x and y, perhaps with alpha and beta; got {names}")
+    real = "x" in names
     given = {kind: _square(kind, value) for kind, value in matrices.items()}
     size = len(next(iter(given.values())))
     if size % len(names) or any(len(matrix) != size for matrix in given.values()):
@@ -161,6 +161,9 @@ class Shaft:
         matrices: all of it, with scale factors of one.
         parts: the parts that scale factors multiply.
         at: coordinates seen, shape ``(n,)``.
+
+    Attributes:
+        has_mass: whether every coordinate has inertia of its own.
     """
 
     def __init__(self, matrices: StructureMatrices, parts: Sequence[StructureMatrices], at: Index) -> None:
@@ -168,6 +171,11 @@ class Shaft:
         self.parts = tuple(parts)
         self.at = at
         self._inner = np.setdiff1d(np.arange(len(matrices.K)), at)
+        inertia = np.abs(np.diag(matrices.M))
+        self.has_mass = bool(inertia.all())
+        if self.has_mass:
+            unit = 1 / np.sqrt(inertia)
+            self.has_mass = bool(np.linalg.cond(unit[:, None] * matrices.M * unit) < _MASSLESS)
         self._kept: OrderedDict[bytes, tuple[ComplexArray, ComplexArray]] = OrderedDict()
 
     def coefficients(self, scales: Float, speed: ArrayLike) -> ComplexArray:

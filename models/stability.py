@@ -76,7 +76,13 @@ def eigenvalues(model: RotorModel, theta: ArrayLike, speed: ArrayLike) -> Comple
     Returns:
         shape ``(..., order n)``, rad/s; infinite ones (massless coordinates) are NaN and stand last.
     """
-    matrix, scale = companion(model.motion(theta, speed))
+    coefficients = model.motion(theta, speed)
+    if model.shaft is not None and model.shaft.has_mass:
+        # Its many high modes would carry the round-off of s^2 over the lowest one.
+        matrix, scale = companion(coefficients[..., ::-1, :, :])
+        s = np.linalg.eigvals(matrix) / scale
+        return np.asarray(np.take_along_axis(s, np.argsort(s.imag, axis=-1), axis=-1))
+    matrix, scale = companion(coefficients)
     mu = np.linalg.eigvals(matrix)
     finite = np.abs(mu) > 1e-9 * np.abs(mu).max(axis=-1, keepdims=True)
     s = np.where(finite, scale / np.where(finite, mu, 1.0), complex(np.nan, np.nan))
