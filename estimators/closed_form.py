@@ -65,6 +65,13 @@ def closed_form(
     Raises:
         ClosedFormError: no line has readings at all coordinates.
     """
+    return closed_forms(space, blocks, weighted=weighted, passes=(passes,))[0]
+
+
+def closed_forms(
+    space: ParameterSpace, blocks: tuple[Block, ...], *, weighted: bool = True, passes: tuple[int, ...]
+) -> list[ClosedForm]:
+    """Closed forms after several numbers of passes, at the cost of the last; see :func:`closed_form`."""
     chosen = [complete_lines(block) for block in blocks if isinstance(block, Responses)]
     chosen = [block for block in chosen if block.speed.size]
     if not chosen:
@@ -77,27 +84,41 @@ def closed_form(
         return _with_convention(space, blocks, weighted, passes)
     typical = _typical_theta(space)
     equations = [_Equations(lumped, number, block, typical) for number, block in enumerate(chosen)]
-    if not weighted:
-        solution = _solve(np.concatenate([e.stiffness_balance() for e in equations]))
-        x, notes = _parameters(space, lumped, lumped.offset + lumped.spread @ solution, None)
-        return ClosedForm(x, np.full((x.size, x.size), np.nan), notes)
-    solution = _solve(np.concatenate([e.force_balance(e.amplitude, e.force_weight()) for e in equations]))
-    for number in range(passes):
+    if weighted:
+        return _weighted(space, lumped, equations, passes)
+    solution = _solve(np.concatenate([e.stiffness_balance() for e in equations], axis=1))
+    x, notes = _parameters(space, lumped, lumped.offset + lumped.spread @ solution, None)
+    return [ClosedForm(x, np.full((x.size, x.size), np.nan), notes)] * len(passes)
+
+
+def _weighted(
+    space: ParameterSpace, lumped: Lumped, equations: list[_Equations], passes: tuple[int, ...]
+) -> list[ClosedForm]:
+    found: dict[int, ClosedForm] = {}
+    solution = _solve(np.concatenate([e.force_balance(e.amplitude, e.force_weight()) for e in equations], axis=1))
+    for number in range(1, max(passes) + 1):
         values = lumped.offset + lumped.spread @ solution
         inverses = [e.inverse(values) for e in equations]
-        pairs = list(zip(equations, inverses, strict=True))
-        design = np.concatenate([e.force_balance(e.amplitude, e.response_weight(H)) for e, H in pairs])
-        if number == 0:
-            solution = _solve(design)
-            information = design[:, :-1].T @ design[:, :-1]
-            continue
-        instruments = np.concatenate([e.force_balance(e.predicted(H), e.response_weight(H)) for e, H in pairs])[:, :-1]
-        before, solution = solution, _solve_with(instruments, design)
-        information = instruments.T @ instruments
-        if np.all(np.abs(solution - before) <= _SETTLED * np.abs(solution)):
+        weights = [e.response_weight(H) for e, H in zip(equations, inverses, strict=True)]
+        system = np.concatenate(
+            [e.force_balance(e.amplitude, weight) for e, weight in zip(equations, weights, strict=True)], axis=1
+        )
+        before = solution
+        if number == 1:
+            solution, instruments = _solve(system), system[:-1]
+        else:
+            parts = zip(equations, inverses, weights, strict=True)
+            instruments = np.concatenate([e.sensitivities(e.predicted(H), weight) for e, H, weight in parts], axis=1)
+            solution = _solve_with(instruments, system)
+        settled = number > 1 and bool(np.all(np.abs(solution - before) <= _SETTLED * np.abs(solution)))
+        if settled or number in passes:
+            information = instruments @ instruments.T
+            x, notes = _parameters(space, lumped, lumped.offset + lumped.spread @ solution, information)
+            covar = _covariance(lumped.linearise(x)[1][lumped.basis], information)
+            found[number] = ClosedForm(x, covar, notes)
+        if settled:
             break
-    x, notes = _parameters(space, lumped, lumped.offset + lumped.spread @ solution, information)
-    return ClosedForm(x, _covariance(lumped.linearise(x)[1][lumped.basis], information), notes)
+    return [found.get(number, found[max(found)]) for number in passes]
 
 
 def _covariance(jacobian: Float, information: Float) -> Float:
@@ -133,16 +154,18 @@ def _is_determined(space: ParameterSpace, lumped: Lumped, blocks: list[Responses
         H = inverse(dynamic_stiffness(block, theta))
         amplitude = equations.predicted(H)
         weight = H / np.abs(amplitude).max(axis=1)[:, None, None]
-        designs.append(equations.force_balance(amplitude, weight)[:, :-1])
-    design = np.concatenate(designs)
-    norm = np.linalg.norm(design, axis=0)
+        designs.append(equations.sensitivities(amplitude, weight))
+    design = np.concatenate(designs, axis=1)
+    norm = np.linalg.norm(design, axis=1, keepdims=True)
     if not norm.all():
         return False
     power = np.linalg.svd(design / norm, compute_uv=False)
     return bool(power[-1] > 1e-9 * power[0])
 
 
-def _with_convention(space: ParameterSpace, blocks: tuple[Block, ...], weighted: bool, passes: int) -> ClosedForm:
+def _with_convention(
+    space: ParameterSpace, blocks: tuple[Block, ...], weighted: bool, passes: tuple[int, ...]
+) -> list[ClosedForm]:
     """Closed form with one more parameter at its conventional value, where the data leave a combination open."""
     for entry, base in enumerate(space.base):
         nominal = space.model.parameter(base).nominal
@@ -159,10 +182,15 @@ def _with_convention(space: ParameterSpace, blocks: tuple[Block, ...], weighted:
             lower=space.lower[keep],
             upper=space.upper[keep],
         )
-        found = closed_form(reduced, blocks, weighted=weighted, passes=passes)
-        covar = np.insert(np.insert(found.covar, entry, 0.0, axis=0), entry, 0.0, axis=1)
         note = f"{space.names[entry]} taken as {nominal:g}: these data leave it open"
-        return ClosedForm(np.insert(found.x, entry, nominal), covar, (note, *found.notes))
+        return [
+            ClosedForm(
+                np.insert(found.x, entry, nominal),
+                np.insert(np.insert(found.covar, entry, 0.0, axis=0), entry, 0.0, axis=1),
+                (note, *found.notes),
+            )
+            for found in closed_forms(reduced, blocks, weighted=weighted, passes=passes)
+        ]
     raise ClosedFormError(
         "these data do not determine the lumped coefficients of the model: fix parameters or give start values"
     )
@@ -244,22 +272,26 @@ class _Equations:
         return np.asarray((np.eye(1) + 0j if self.block.imposed else H) / self.sigma[:, :, None])
 
     def force_balance(self, amplitude: ComplexArray, weight: ComplexArray) -> Float:
-        """Rows of ``weight kappa A = weight F``, shape ``(2 L n, B + 1)``; the last column is the right-hand side."""
-        return _real_rows(weight @ self._sides(amplitude, self.force))
+        """Columns ``weight kappa A`` over ``weight F``, one an equation, shape ``(B + 1, 2 L n)``."""
+        return _weigh(self._sides(amplitude, self.force), weight)
+
+    def sensitivities(self, amplitude: ComplexArray, weight: ComplexArray) -> Float:
+        """The left side of :meth:`force_balance` alone, shape ``(B, 2 L n)``."""
+        return _weigh(self._sides(amplitude, self.force)[:, :-1], weight)
 
     def _sides(self, amplitude: ComplexArray, force: ComplexArray) -> ComplexArray:
-        """Both sides of kappa A = F, shape ``(L, n, B + 1)``."""
+        """Both sides of kappa A = F, shape ``(n, B + 1, L)``."""
         count, n = amplitude.shape
-        result = np.zeros((count, n, self._combine.shape[1]), dtype=complex)
+        result = np.zeros((n, self._combine.shape[1], count), dtype=complex)
         columns = np.ascontiguousarray(amplitude.T)
         for row in range(n):
             mine = np.flatnonzero(self._row == row)
-            products = (self._factor[mine] * columns[self._column[mine]]).T
-            result[:, row].real = products.real @ self._combine[mine]
-            result[:, row].imag = products.imag @ self._combine[mine]
-        result[:, :, -1] = force - result[:, :, -1]
+            products = self._factor[mine] * columns[self._column[mine]]
+            # Real times complex along the lines: BLAS has that for real numbers only.
+            np.matmul(self._combine[mine].T, products.view(float), out=result[row].view(float))
+        result[:, -1] = force.T - result[:, -1]
         if self._known is not None:
-            result[:, :, -1] -= np.einsum("lij,lj->li", self._known, amplitude)
+            result[:, -1] -= np.einsum("lij,lj->il", self._known, amplitude)
         return result
 
     def stiffness_balance(self) -> Float:
@@ -268,36 +300,48 @@ class _Equations:
             return self.force_balance(self.amplitude, self.force_weight())
         stiffness = stiffness_matrices(self.block)
         if stiffness.kappa.size == 0:
-            return self.force_balance(self.amplitude, np.eye(self.force.shape[1], dtype=complex))
-        rows = []
+            equal = np.broadcast_to(
+                np.eye(self.force.shape[1], dtype=complex), (*self.force.shape, self.force.shape[1])
+            )
+            return self.force_balance(self.amplitude, equal)
+        systems = []
         for column in range(stiffness.kappa.shape[-1]):
             unit = np.zeros_like(self.amplitude)
             unit[:, column] = 1.0
-            sides = self._sides(unit, np.zeros_like(unit))[stiffness.first_line]
-            sides[:, :, -1] += stiffness.kappa[:, :, column]
-            rows.append(_real_rows(sides))
-        return np.concatenate(rows)
+            sides = self._sides(unit, np.zeros_like(unit))[:, :, stiffness.first_line]
+            sides[:, -1] += stiffness.kappa[:, :, column].T
+            systems.append(_one_a_column(np.swapaxes(sides, 0, 1)))
+        return np.concatenate(systems, axis=1)
 
 
-def _real_rows(values: ComplexArray) -> Float:
-    rows = values.reshape(-1, values.shape[-1])
-    return np.concatenate([rows.real, rows.imag])
+def _weigh(sides: ComplexArray, weight: ComplexArray) -> Float:
+    """Sides of equations, shape ``(n, C, L)``, mixed by weights of shape ``(L, n, n)``: real, shape ``(C, 2 L n)``."""
+    n, rows, count = sides.shape
+    mixed = np.zeros((rows, n, count), dtype=complex)
+    for i in range(n):
+        for j in range(n):
+            mixed[:, i] += sides[j] * weight[:, i, j]
+    return _one_a_column(mixed)
+
+
+def _one_a_column(values: ComplexArray) -> Float:
+    return np.ascontiguousarray(values).reshape(values.shape[0], -1).view(float)
 
 
 def _solve(system: Float) -> Float:
-    """Least squares with equilibrated columns; the last column is the right-hand side."""
-    norm = np.linalg.norm(system, axis=0)
+    """Least squares with equilibrated unknowns; the last row is the right side."""
+    norm = np.linalg.norm(system, axis=1)
     norm = np.where(norm > 0, norm, 1.0)
-    triangle = np.asarray(np.linalg.qr(system / norm, mode="r"))
+    triangle = np.asarray(np.linalg.qr((system / norm[:, None]).T, mode="r"))
     solution = np.linalg.lstsq(triangle[:, :-1], triangle[:, -1], rcond=1e-13)[0]
     return np.asarray(solution * norm[-1] / norm[:-1])
 
 
 def _solve_with(instruments: Float, system: Float) -> Float:
     """The same equations, projected on instruments."""
-    norm = np.linalg.norm(instruments, axis=0)
+    norm = np.linalg.norm(instruments, axis=1)
     norm = np.where(norm > 0, norm, 1.0)
-    projected = (instruments / norm).T @ system
+    projected = (instruments @ system.T) / norm[:, None]
     return np.linalg.solve(projected[:, :-1] / norm, projected[:, -1]) / norm
 
 
@@ -431,4 +475,3 @@ def _rounded(values: Float) -> Float:
     """Values rounded to nine digits, so that equal conditions compare equal after unit conversion."""
     size = np.abs(values).max(initial=0.0)
     return np.round(values / size, 9) if size else values
-

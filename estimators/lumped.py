@@ -56,8 +56,12 @@ class Layout:
             for block in blocks
         )
         return cls(
-            space.model, space.names, space.base, tuple(map(tuple, space.template.tolist())),
-            tuple(map(tuple, space.index.tolist())), speeds,
+            space.model,
+            space.names,
+            space.base,
+            tuple(map(tuple, space.template.tolist())),
+            tuple(map(tuple, space.index.tolist())),
+            speeds,
         )
 
 

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from rotorfit.estimators.closed_form import ClosedFormError, closed_form
+from rotorfit.estimators.closed_form import ClosedFormError, closed_form, closed_forms
 from rotorfit.estimators.least_squares import Options, Solution, minimise
 from rotorfit.estimators.observations import Block, Responses
 from rotorfit.estimators.problem import LOSS_SCALE, ParameterSpace, Problem
@@ -52,7 +52,7 @@ def _guess(problem: Problem) -> tuple[Float, tuple[str, ...]]:
     """
     try:
         blocks = problem.blocks if problem.loss == "linear" else _discount_outliers(problem)
-        candidates = [closed_form(problem.space, blocks, passes=passes) for passes in (_PASSES, 2)]
+        candidates = closed_forms(problem.space, blocks, passes=(_PASSES, 2))
     except ClosedFormError as reason:
         return _multistart(problem), (f"no closed form ({reason}); the best of {_MULTISTARTS} random starts was taken",)
     best = min(candidates, key=lambda estimate: _cost(problem, estimate.x))
