@@ -208,7 +208,10 @@ class FitResult:
             unit: its unit.
             at: group of parameters it belongs to.
         """
-        index = self.problem.space.index[self.group(at)]
+        return self._propagate(value, gradient, unit, self.group(at))
+
+    def _propagate(self, value: float, gradient: Float, unit: str, group: int) -> Quantity:
+        index = self.problem.space.index[group]
         slope = np.zeros(self.x.size)
         np.add.at(slope, index[index >= 0], np.asarray(gradient)[index >= 0])
         null = self.identifiability.null_space
@@ -222,10 +225,15 @@ class FitResult:
 
         The value is NaN where the fitted rotor is stable at every speed searched.
         """
-        onset = threshold_speed(self.model, self.theta(at), band=self.stability_band)
+        return self.threshold_of(self.group(at))
+
+    def threshold_of(self, group: int) -> Quantity:
+        """Threshold speed of the parameter group with a given number; see :meth:`threshold_speed`."""
+        theta = self.problem.space.theta(self.x)[group]
+        onset = threshold_speed(self.model, theta, band=self.stability_band)
         if onset is None:
             return Quantity(math.nan, math.nan, "rad/s")
-        return self.propagate(onset.speed, onset.gradient, "rad/s", at)
+        return self._propagate(onset.speed, onset.gradient, "rad/s", group)
 
     def whirl_ratio(self, at: Mapping[str, Any] | None = None) -> float:
         """Frequency of the self-excited whirl at onset over the threshold speed, NaN without a threshold."""
