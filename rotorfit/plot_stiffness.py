@@ -267,7 +267,7 @@ def _legend(figure: Figure, conditions: Sequence[_Condition], together: bool) ->
     extra = (
         [("o", "", GREY, "direct, measured"), ("o", "", "none", "quadrature, measured")]
         if together
-        else [("o", "", GREY, "measured (eq. 7) ± 1 sd")]
+        else [("o", "", GREY, "measured ± 1 sd")]
     )
     handles += [Line2D([], [], color=GREY, marker=m, ls=ls, mfc=face, ms=4) for m, ls, face, _ in extra]
     labels += [label for *_, label in extra]

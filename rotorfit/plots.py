@@ -80,7 +80,8 @@ def _curves(fit: FitResult) -> Iterator[_Curve]:
                     miss = (predicted[rows] - block.measured[rows]) / block.sigma[rows]
                     fine, fitted = _fitted_line(fit, block, rows, predicted[rows] / drive[rows])
                     yield _Curve(
-                        int(key[0]), int(key[1]), str(name), w[rows], block.measured[rows] / drive[rows], miss, fine, fitted,
+                        int(key[0]), int(key[1]), str(name), w[rows], block.measured[rows] / drive[rows],
+                        miss, fine, fitted,
                     )  # fmt: skip
 
 
@@ -202,7 +203,8 @@ def plot_polar(fit: FitResult) -> Figure:
     for row, coordinate in enumerate(coordinates):
         for column, force in enumerate(forces):
             shown = [c.fitted for c in curves if (c.coordinate, c.force_plane) == (coordinate, force)]
-            _square(axes[row, column], _response_unit(fit, coordinate)[0] * np.concatenate([*shown, [0.0]]))
+            factor, _ = _response_unit(fit, coordinate)
+            _square(axes[row, column], np.asarray(factor * np.concatenate([*shown, np.zeros(1)]), dtype=complex))
     _condition_legend(figure, conditions)
     return figure
 
