@@ -13,7 +13,7 @@ from rotorfit.estimators.observations import Responses
 from rotorfit.estimators.problem import Problem
 from rotorfit.experiments import PerturbationTest, perturbation_test
 from rotorfit.fitting import build_problem
-from rotorfit.models import Anisotropic, OneMode, Overhung, RotorModel, TwoDisk, WhirlWhip
+from rotorfit.models import Anisotropic, Chain, OneMode, Overhung, RotorModel, TwoDisk, WhirlWhip
 from rotorfit.models.stability import eigenvalues
 from rotorfit.results import FitSettings
 
@@ -86,6 +86,14 @@ class Rig:
         """The fit of such a test, with exact readings."""
         settings = FitSettings(known={name: self.truth[name] for name in self.known})
         return build_problem(self.model, self.test(lines, level), settings)
+
+
+def chain_rig(planes: int) -> Rig:
+    """A uniform shaft as a chain of masses, on springs at both ends and lightly damped."""
+    truth = {f"M{i + 1}": 1.0 + 0.02 * i for i in range(planes)}
+    truth |= {f"K{i + 1}": 6.0e4 + 500.0 * i for i in range(planes + 1)}
+    truth |= {f"Ds{i + 1}": 20.0 + 0.5 * i for i in range(planes)}
+    return Rig(Chain(planes), truth, (0.0,))
 
 
 def with_noise(problem: Problem, rng: np.random.Generator) -> Problem:
