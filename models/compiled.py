@@ -67,6 +67,23 @@ def python_source(function: ca.Function, name: str = "kernel") -> str:
     Raises:
         NotImplementedError: an operation without a translation, named.
     """
+    n_inputs = sum(function.nnz_in(i) for i in range(function.n_in()))
+    lines = statements(function, "v{}".format, "out[{}] = {}".format)
+    arguments = ", ".join([f"v{i}" for i in range(n_inputs)] + ["out"])
+    return f"def {name}({arguments}):\n    " + "\n    ".join(lines or ["pass"]) + "\n"
+
+
+def statements(function: ca.Function, read: Callable[[int], str], write: Callable[[int, str], str]) -> list[str]:
+    """Statements of :func:`python_source`, with inputs and outputs spelled by the caller.
+
+    Args:
+        function: SX function.
+        read: expression for the running number of an input nonzero.
+        write: statement that disposes of an output nonzero, from its running number and its value.
+
+    Raises:
+        NotImplementedError: an operation without a translation, named.
+    """
     offsets_in = np.cumsum([0] + [function.nnz_in(i) for i in range(function.n_in())])
     offsets_out = np.cumsum([0] + [function.nnz_out(i) for i in range(function.n_out())])
     lines = []
@@ -74,9 +91,9 @@ def python_source(function: ca.Function, name: str = "kernel") -> str:
         op = function.instruction_id(k)
         source, target = function.instruction_input(k), function.instruction_output(k)
         if op == ca.OP_INPUT:
-            lines.append(f"w{target[0]} = v{offsets_in[source[0]] + source[1]}")
+            lines.append(f"w{target[0]} = {read(int(offsets_in[source[0]]) + source[1])}")
         elif op == ca.OP_OUTPUT:
-            lines.append(f"out[{offsets_out[target[0]] + target[1]}] = w{source[0]}")
+            lines.append(write(int(offsets_out[target[0]]) + target[1], f"w{source[0]}"))
         elif op == ca.OP_CONST:
             lines.append(f"w{target[0]} = {function.instruction_constant(k)!r}")
         elif op in _BINARY:
@@ -85,8 +102,7 @@ def python_source(function: ca.Function, name: str = "kernel") -> str:
             lines.append(f"w{target[0]} = " + _UNARY[op].format(f"w{source[0]}"))
         else:
             raise NotImplementedError(f"CasADi operation {op} in {function.name()} has no array translation")
-    arguments = ", ".join([f"v{i}" for i in range(offsets_in[-1])] + ["out"])
-    return f"def {name}({arguments}):\n    " + "\n    ".join(lines or ["pass"]) + "\n"
+    return lines
 
 
 def array_function(function: ca.Function) -> Callable[[Sequence[NDArray[np.float64]]], NDArray[np.float64]]:

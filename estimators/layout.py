@@ -1,0 +1,245 @@
+"""Readings of a problem sorted so that one inverse of the dynamic stiffness serves all that share its condition and line."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotorfit.estimators.observations import Block, Responses
+from rotorfit.estimators.problem import Problem
+
+Float = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+Index = NDArray[np.intp]
+
+MOST_ENTRIES = 8
+"""Readings evaluated together at a node; more are split, so that generated code stays short."""
+
+
+@dataclass(frozen=True, eq=False)
+class Layout:
+    """Plain arrays of all responses of a problem.
+
+    A *node* is one dynamic stiffness matrix: a condition (parameter group and rotative speed) at one frequency. Nodes that
+    were read in the same way form a *segment*; the readings of a segment form *entries*, each with one datum a node.
+
+    Attributes:
+        group, speed: of each condition, shape ``(C,)``.
+        frequency: variable w of ``s = j w`` at each node, shape ``(N,)``.
+        segments: rows of first node, past the last node, condition, first entry, past the last entry, shape ``(S, 5)``.
+        coordinate, direction, gain, channel, datum: of each entry: row read, number of the force direction, of the gain
+            and of the noise channel, first datum; shape ``(E,)``.
+        directions: force directions, largest component one, shape ``(U, n)``.
+        reading: reading (in the order of the blocks) behind each datum, shape ``(Q,)``.
+        drive: force component that the direction is normalised by, one where there is no force, shape ``(Q,)``.
+        nuisance, gain_group, gain_coordinate: of each distinct gain: sensitivities of its logarithm to the nuisance
+            entries, and whose probe factor it holds.
+        sigma: standard deviation of each reading, shape ``(Q,)``.
+        measured: complex readings, shape ``(Q,)``.
+    """
+
+    group: Index
+    speed: Float
+    frequency: Float
+    segments: Index
+    coordinate: Index
+    direction: Index
+    gain: Index
+    channel: Index
+    datum: Index
+    directions: ComplexArray
+    nuisance: ComplexArray
+    gain_group: Index
+    gain_coordinate: Index
+    reading: Index
+    drive: ComplexArray
+    sigma: Float
+    measured: ComplexArray
+
+    @cached_property
+    def weight(self) -> Float:
+        """Square of force over sigma at each datum, shape ``(Q,)``."""
+        return np.asarray(np.abs(self.drive) ** 2 / self.sigma**2)
+
+    @cached_property
+    def target(self) -> ComplexArray:
+        """Measured response to a unit force at each datum, shape ``(Q,)``."""
+        return self.measured / self.drive
+
+    @cached_property
+    def node(self) -> Index:
+        """Node of each datum, shape ``(Q,)``."""
+        spans = [np.arange(first, last) for first, last, _, e0, e1 in self.segments for _ in range(e1 - e0)]
+        return np.concatenate(spans).astype(np.intp)
+
+    @cached_property
+    def entry(self) -> Index:
+        """Entry of each datum, shape ``(Q,)``."""
+        return np.repeat(np.arange(self.datum.size), np.diff(np.append(self.datum, self.reading.size)))
+
+    @cached_property
+    def node_condition(self) -> Index:
+        """Condition of each node, shape ``(N,)``."""
+        return np.repeat(self.segments[:, 2], self.segments[:, 1] - self.segments[:, 0])
+
+
+def is_plain(block: Block) -> bool:
+    """Whether a block holds responses of a model given by coefficients alone to forces, which this layout covers."""
+    return isinstance(block, Responses) and not block.imposed and block.model.shaft is None
+
+
+def channels(problem: Problem) -> tuple[tuple[str, ...], Index, list[Index]]:
+    """Noise channels of a problem: one for each response of each block.
+
+    Returns:
+        names, number of real data in each, and the channel of each reading, block by block.
+    """
+    names: list[str] = []
+    numbers: list[Index] = []
+    for block in problem.blocks:
+        numbers.append(block.label + len(names))
+        names += block.labels
+    counts = np.bincount(np.concatenate(numbers), minlength=len(names)) * 2
+    return tuple(names), counts.astype(np.intp), numbers
+
+
+def _codes(columns: NDArray[np.float64] | Index) -> Index:
+    """Number rows by equality."""
+    return np.unique(columns, axis=0, return_inverse=True)[1].reshape(-1).astype(np.intp)
+
+
+def _occurrence(codes: Index) -> Index:
+    """How many equal codes stand before each one."""
+    order = np.argsort(codes, kind="stable")
+    starts = np.flatnonzero(np.diff(np.append(-1, codes[order])))
+    result = np.empty(codes.size, dtype=np.intp)
+    result[order] = np.arange(codes.size) - np.repeat(starts, np.diff(np.append(starts, codes.size)))
+    return result
+
+
+def layout(problem: Problem) -> Layout | None:
+    """Sort the responses of a problem; ``None`` if it has none."""
+    chosen = [i for i, block in enumerate(problem.blocks) if is_plain(block)]
+    if not chosen:
+        return None
+    size = len(problem.space.model.coordinates)
+    n_nuisance = len(problem.space.nuisance)
+    offsets = np.cumsum([0] + [block.measured.size for block in problem.blocks])
+    _, _, numbers = channels(problem)
+    parts: dict[str, list[NDArray[np.generic]]] = {}
+    for i in chosen:
+        block = problem.blocks[i]
+        if not isinstance(block, Responses):  # pragma: no cover - is_plain has checked
+            continue
+        line = block.line
+        speed = block.speed if block.model.speed_dependent else np.zeros_like(block.speed)
+        factors = problem.factors[i] if problem.factors else None
+        force = block.force[line]
+        row = {
+            "group": block.group[line],
+            "speed": speed[line],
+            "w": block.s[line].imag,
+            "coordinate": block.coordinate,
+            "force": force,
+            "channel": numbers[i],
+            "nuisance": np.zeros((line.size, n_nuisance), dtype=complex) if factors is None else factors,
+            "reading": offsets[i] + np.arange(line.size),
+            "sigma": block.sigma,
+            "measured": block.measured,
+        }
+        for name, value in row.items():
+            parts.setdefault(name, []).append(np.asarray(value))
+    return _sorted({name: np.concatenate(values) for name, values in parts.items()}, problem, size)
+
+
+def _sorted(rows: dict[str, NDArray[np.generic]], problem: Problem, size: int) -> Layout:
+    force, reading = rows["force"].astype(complex), np.asarray(rows["reading"], dtype=np.intp)
+    drive = force[np.arange(reading.size), np.argmax(np.abs(force), axis=1)]
+    safe = np.where(drive == 0, 1.0, drive)
+    unit = np.round((force / safe[:, None]).view(float).reshape(reading.size, 2 * size), 12) + 0.0
+    directions, direction = np.unique(unit, axis=0, return_inverse=True)
+    coordinate = np.asarray(rows["coordinate"], dtype=np.intp)
+    group = np.asarray(rows["group"], dtype=np.intp)
+    factored = problem.space.model.functions.has_probe_factors
+    nuisance = np.ascontiguousarray(rows["nuisance"].astype(complex)).view(float).reshape(reading.size, -1)
+    gain_rows = np.column_stack(
+        [nuisance, group if factored else 0 * group, coordinate if factored else 0 * coordinate]
+    )
+    gains, gain = np.unique(gain_rows, axis=0, return_inverse=True)
+    conditions, condition = np.unique(np.column_stack([group, rows["speed"]]), axis=0, return_inverse=True)
+    condition, direction, gain = (a.reshape(-1).astype(np.intp) for a in (condition, direction, gain))
+    w = np.asarray(rows["w"], dtype=float)
+    node = _codes(np.column_stack([condition, w]))
+    key = _codes(np.column_stack([coordinate, direction, gain, rows["channel"]]).astype(np.intp))
+    key = _codes(np.column_stack([_occurrence(_codes(np.column_stack([node, key]))), key]))
+    # A node with very many readings counts as several.
+    rank = np.empty(reading.size, dtype=np.intp)
+    order = np.lexsort([key, node])
+    rank[order] = _occurrence(node[order])
+    node = _codes(np.column_stack([rank // MOST_ENTRIES, node]))
+    order = np.lexsort([key, node])
+    starts = np.flatnonzero(np.diff(np.append(-1, node[order])))
+    patterns: dict[tuple[int, ...], int] = {}
+    of_node = np.array(
+        [
+            patterns.setdefault((int(condition[order[a]]), *key[order[a:b]].tolist()), len(patterns))
+            for a, b in zip(starts, np.append(starts[1:], reading.size), strict=True)
+        ]
+    )
+    segment = of_node[node]
+    order = np.lexsort([node, key, segment])
+    return Layout(
+        **_segments(segment[order], key[order], node[order], condition[order]),
+        group=conditions[:, 0].astype(np.intp),
+        speed=conditions[:, 1].astype(float),
+        frequency=_node_values(segment[order], node[order], w[order]),
+        **_entries(
+            segment[order],
+            key[order],
+            [
+                coordinate[order],
+                direction[order],
+                gain[order],
+                np.asarray(rows["channel"], dtype=np.intp)[order],
+            ],
+        ),
+        directions=np.ascontiguousarray(directions).view(complex).reshape(-1, size),
+        nuisance=np.ascontiguousarray(gains[:, :-2]).view(complex).reshape(gains.shape[0], -1),
+        gain_group=gains[:, -2].astype(np.intp),
+        gain_coordinate=gains[:, -1].astype(np.intp),
+        reading=reading[order],
+        drive=safe[order],
+        sigma=np.asarray(rows["sigma"], dtype=float)[order],
+        measured=rows["measured"].astype(complex)[order],
+    )
+
+
+def _entry_starts(segment: Index, key: Index) -> Index:
+    change = (np.diff(segment, prepend=-1) != 0) | (np.diff(key, prepend=-1) != 0)
+    return np.flatnonzero(change)
+
+
+def _segments(segment: Index, key: Index, node: Index, condition: Index) -> dict[str, Index]:
+    entry = _entry_starts(segment, key)
+    starts = np.flatnonzero(np.diff(segment, prepend=-1))
+    stops = np.append(starts[1:], segment.size)
+    table, nodes = [], 0
+    for a, b in zip(starts, stops, strict=True):
+        count = np.unique(node[a:b]).size
+        e0, e1 = np.searchsorted(entry, [a, b])
+        table.append((nodes, nodes + count, condition[a], e0, e1))
+        nodes += count
+    return {"segments": np.array(table, dtype=np.intp), "datum": entry.astype(np.intp)}
+
+
+def _node_values(segment: Index, node: Index, w: Float) -> Float:
+    _, first = np.unique(np.column_stack([segment, node]), axis=0, return_index=True)
+    return np.asarray(w[first])
+
+
+def _entries(segment: Index, key: Index, columns: list[Index]) -> dict[str, Index]:
+    first = _entry_starts(segment, key)
+    return dict(zip(("coordinate", "direction", "gain", "channel"), [c[first] for c in columns], strict=True))
