@@ -9,6 +9,7 @@ __version__ = "0.1.0"
 
 if TYPE_CHECKING:
     from rotorfit import datasets, models
+    from rotorfit.campaigns import Campaign, campaign
     from rotorfit.check import Finding, check
     from rotorfit.experiments import DisplacementTest, PerturbationTest, perturbation_test
     from rotorfit.fitting import closed_form, fit
@@ -21,6 +22,8 @@ if TYPE_CHECKING:
 _HOME = {
     "Finding": "rotorfit.check",
     "check": "rotorfit.check",
+    "Campaign": "rotorfit.campaigns",
+    "campaign": "rotorfit.campaigns",
     "DisplacementTest": "rotorfit.experiments",
     "PerturbationTest": "rotorfit.experiments",
     "perturbation_test": "rotorfit.experiments",
