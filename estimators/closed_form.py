@@ -23,6 +23,7 @@ Float = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 Index = NDArray[np.intp]
 
+_PIECE = 8192  # readings whose equations are held at once
 _SETTLED = 1e-6  # relative change of the lumped coefficients after which further passes bring nothing
 
 
@@ -83,10 +84,11 @@ def closed_forms(
     if not _determined(space, lumped, chosen):
         return _with_convention(space, blocks, weighted, passes)
     typical = _typical_theta(space)
-    equations = [_Equations(lumped, number, block, typical) for number, block in enumerate(chosen)]
     if weighted:
-        return _weighted(space, lumped, equations, passes)
-    solution = _solve(np.concatenate([e.stiffness_balance() for e in equations], axis=1))
+        pieces = [(number, piece) for number, block in enumerate(chosen) for piece in block.split(_PIECE)]
+        return _weighted(space, lumped, [_Equations(lumped, *piece, typical) for piece in pieces], passes)
+    equations = [_Equations(lumped, number, block, typical) for number, block in enumerate(chosen)]
+    solution = _solve([e.stiffness_balance() for e in equations])
     x, notes = _parameters(space, lumped, lumped.offset + lumped.spread @ solution, None)
     return [ClosedForm(x, np.full((x.size, x.size), np.nan), notes)] * len(passes)
 
@@ -95,24 +97,25 @@ def _weighted(
     space: ParameterSpace, lumped: Lumped, equations: list[_Equations], passes: tuple[int, ...]
 ) -> list[ClosedForm]:
     found: dict[int, ClosedForm] = {}
-    solution = _solve(np.concatenate([e.force_balance(e.amplitude, e.force_weight()) for e in equations], axis=1))
+    solution = _solve([_triangle(e.force_balance(e.amplitude, e.force_weight())) for e in equations])
     for number in range(1, max(passes) + 1):
         values = lumped.offset + lumped.spread @ solution
-        inverses = [e.inverse(values) for e in equations]
-        weights = [e.response_weight(H) for e, H in zip(equations, inverses, strict=True)]
-        system = np.concatenate(
-            [e.force_balance(e.amplitude, weight) for e, weight in zip(equations, weights, strict=True)], axis=1
-        )
-        before = solution
-        if number == 1:
-            solution, instruments = _solve(system), system[:-1]
-        else:
-            parts = zip(equations, inverses, weights, strict=True)
-            instruments = np.concatenate([e.sensitivities(e.predicted(H), weight) for e, H, weight in parts], axis=1)
-            solution = _solve_with(instruments, system)
+        before, size = solution, solution.size
+        triangles, projected, information = [], np.zeros((size, size + 1)), np.zeros((size, size))
+        for e in equations:
+            H = e.inverse(values)
+            weight = e.response_weight(H)
+            system = e.force_balance(e.amplitude, weight)
+            if number == 1:
+                triangles.append(_triangle(system))
+                instruments = system[:-1]
+            else:
+                instruments = e.sensitivities(e.predicted(H), weight)
+                projected += instruments @ system.T
+            information += instruments @ instruments.T
+        solution = _solve(triangles) if number == 1 else _solve_projected(projected, information)
         settled = number > 1 and bool(np.all(np.abs(solution - before) <= _SETTLED * np.abs(solution)))
         if settled or number in passes:
-            information = instruments @ instruments.T
             x, notes = _parameters(space, lumped, lumped.offset + lumped.spread @ solution, information)
             covar = _covariance(lumped.linearise(x)[1][lumped.basis], information)
             found[number] = ClosedForm(x, covar, notes)
@@ -328,21 +331,27 @@ def _one_a_column(values: ComplexArray) -> Float:
     return np.ascontiguousarray(values).reshape(values.shape[0], -1).view(float)
 
 
-def _solve(system: Float) -> Float:
-    """Least squares with equilibrated unknowns; the last row is the right side."""
+def _triangle(system: Float) -> Float:
+    """As few equations as unknowns with the same least-squares solution."""
+    return np.asarray(np.linalg.qr(system.T, mode="r")).T
+
+
+def _solve(systems: list[Float]) -> Float:
+    """Least squares with equilibrated unknowns; the last row of each system is the right side."""
+    system = np.concatenate(systems, axis=1)
     norm = np.linalg.norm(system, axis=1)
     norm = np.where(norm > 0, norm, 1.0)
-    triangle = np.asarray(np.linalg.qr((system / norm[:, None]).T, mode="r"))
+    triangle = _triangle(system / norm[:, None]).T
     solution = np.linalg.lstsq(triangle[:, :-1], triangle[:, -1], rcond=1e-13)[0]
     return np.asarray(solution * norm[-1] / norm[:-1])
 
 
-def _solve_with(instruments: Float, system: Float) -> Float:
-    """The same equations, projected on instruments."""
-    norm = np.linalg.norm(instruments, axis=1)
+def _solve_projected(projected: Float, information: Float) -> Float:
+    """Solve equations projected on instruments, whose own products are the information."""
+    norm = np.sqrt(np.diag(information))
     norm = np.where(norm > 0, norm, 1.0)
-    projected = (instruments @ system.T) / norm[:, None]
-    return np.linalg.solve(projected[:, :-1] / norm, projected[:, -1]) / norm
+    scaled = projected / norm[:, None]
+    return np.asarray(np.linalg.solve(scaled[:, :-1] / norm, scaled[:, -1]) / norm)
 
 
 # ---- from lumped coefficients to parameters ------------------------------------------------------------------------
