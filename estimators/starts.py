@@ -16,7 +16,7 @@ from rotorfit.models.parameters import unknown_name
 
 Float = NDArray[np.float64]
 
-_PASSES = 64  # most passes of a polished start; good data settle in four
+_PASSES = (2, 4, 6, 8, 12, 16, 24, 32, 64)  # passes after which closed forms are looked at; good data settle in four
 _ROBUST_ROUNDS = 8
 _MULTISTARTS = 24
 
@@ -46,17 +46,25 @@ def start_vector(problem: Problem, given: Mapping[str, float]) -> tuple[Float, t
 
 
 def _guess(problem: Problem) -> tuple[Float, tuple[str, ...]]:
-    """The better of the closed form and the closed form polished by further linear passes until it settles.
+    """The best of the closed forms that further linear passes lead to, from the closed form proper until they settle.
 
-    Sharp resonances between coarse lines leave local minima right beside the global one: a start has to be near.
+    Sharp resonances between coarse lines leave local minima right beside the global one: a start has to be near. Where
+    none of the closed forms explains the data, the one from which a short optimisation gets furthest is taken.
     """
     try:
         blocks = problem.blocks if problem.loss == "linear" else _discount_outliers(problem)
-        candidates = closed_forms(problem.space, blocks, passes=(_PASSES, 2))
+        candidates = list(dict.fromkeys(closed_forms(problem.space, blocks, passes=_PASSES)))
     except ClosedFormError as reason:
         return _multistart(problem), (f"no closed form ({reason}); the best of {_MULTISTARTS} random starts was taken",)
     best = min(candidates, key=lambda estimate: _cost(problem, estimate.x))
+    if not _explains(problem, best.x):
+        best = min(candidates, key=lambda estimate: _short_fit(problem, _full(problem, estimate.x)).cost)
     return best.x, best.notes
+
+
+def _explains(problem: Problem, values: Float) -> bool:
+    """Whether the misfit is what the noise makes it, to six standard deviations of chi-squared."""
+    return bool(2 * _cost(problem, values) < problem.n_data + 6 * np.sqrt(2 * problem.n_data))
 
 
 def _discount_outliers(problem: Problem) -> tuple[Block, ...]:
@@ -66,7 +74,7 @@ def _discount_outliers(problem: Problem) -> tuple[Block, ...]:
     """
     blocks = problem.blocks
     for _ in range(_ROBUST_ROUNDS):
-        x = _full(problem, closed_form(problem.space, blocks, passes=_PASSES).x)
+        x = _full(problem, closed_form(problem.space, blocks, passes=_PASSES[-1]).x)
         size = np.abs(problem.residuals(x))
         # The median modulus of pure noise is sqrt(2 ln 2) sigma.
         scale = max(1.0, float(np.median(size)) / np.sqrt(2 * np.log(2)))
@@ -105,10 +113,14 @@ def _multistart(problem: Problem) -> Float:
     scale = np.array([space.model.parameter(name).scale for name in space.base])
     best: Solution | None = None
     for _ in range(_MULTISTARTS):
-        start = _full(problem, scale * np.exp(rng.normal(0.0, 0.8, scale.size)))
-        size = np.abs(start) + (start == 0)
-        options = Options(max_iterations=40)
-        found = minimise(problem, start, lower=space.lower, upper=space.upper, scale=size, options=options)
+        found = _short_fit(problem, _full(problem, scale * np.exp(rng.normal(0.0, 0.8, scale.size))))
         if best is None or found.cost < best.cost:
             best = found
     return np.asarray(best.x[: len(space.names)]) if best is not None else scale
+
+
+def _short_fit(problem: Problem, start: Float) -> Solution:
+    space = problem.space
+    size = np.abs(start) + (start == 0)
+    options = Options(max_iterations=40)
+    return minimise(problem, start, lower=space.lower, upper=space.upper, scale=size, options=options)
