@@ -1,8 +1,8 @@
 """Parameters that all runs of a campaign share, found without ever setting up one large problem.
 
 For given shared parameters phi the runs are independent fits; the sum of their costs is a function of phi alone, whose
-slope and curvature follow from each run's own (the Schur complement of its Gauss-Newton matrix). So the cost stays linear
-in the number of runs, and the result is that of one joint fit, its covariance included.
+slope and curvature follow from each run's own (the Schur complement of its Gauss-Newton matrix). The work is linear in
+the number of runs, and the result is that of one joint fit, its covariance included.
 """
 
 from __future__ import annotations
@@ -48,6 +48,7 @@ class _Profile:
     cost: float
     gradient: Float
     information: Float
+    size: Float  # information that each would have, were all others known: what counts as none is judged against it
     pictures: list[Curvature | str]
     fits: list[RunFit]
 
@@ -76,7 +77,7 @@ def fit_shared(
     here = _profile(workers, runs, names, settings, phi, [start] * len(runs))
     settled = False
     for _ in range(_ROUNDS):
-        covar = _inverse(here.information, names)
+        covar = _inverse(here.information, here.size, names)
         step = np.clip(phi - covar @ here.gradient, lower, upper) - phi
         if np.sqrt(step @ here.information @ step) < _SETTLED:
             settled = True
@@ -92,7 +93,7 @@ def fit_shared(
             break
         phi, here = phi + factor * step, there
     return _finish(
-        workers.model, names, phi, here, _inverse(here.information, names), settled, (lower, upper)
+        workers.model, names, phi, here, _inverse(here.information, here.size, names), settled, (lower, upper)
     )
 
 
@@ -125,14 +126,15 @@ def _first(
         {"settings": settings, "at": {n: fit.params[n].value for n in fit.var_names}} for _, fit in usable
     ]
     pictures = workers(curvature, [run for run, _ in usable], options)
-    information, pull = np.zeros((len(names), len(names))), np.zeros(len(names))
+    information, size, pull = np.zeros((len(names), len(names))), np.zeros(len(names)), np.zeros(len(names))
     for picture in pictures:
         if isinstance(picture, Curvature):
             parts = _Parts.of(picture, names)
             information += parts.schur
+            size += parts.size
             # The minimum of the picture lies a Newton step from where it was taken.
             pull += parts.schur @ picture.x[parts.shared] - parts.gradient
-    return _inverse(information, names) @ pull
+    return _inverse(information, size, names) @ pull
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,6 +144,7 @@ class _Parts:
     shared: NDArray[np.intp]
     own: NDArray[np.intp]
     schur: Float  # information on the shared ones, the own ones free
+    size: Float  # information on each of them, all others known
     gradient: Float  # slope by the shared ones, the own ones following
     follow: Float  # change of the own ones for a change of the shared ones
     own_covar: Float
@@ -160,7 +163,13 @@ class _Parts:
         follow = -inner @ A[np.ix_(own, shared)]
         schur = A[np.ix_(shared, shared)] + A[np.ix_(shared, own)] @ follow
         return cls(
-            shared, own, schur, picture.gradient[shared] + follow.T @ picture.gradient[own], follow, inner
+            shared,
+            own,
+            schur,
+            np.diag(A)[shared],
+            picture.gradient[shared] + follow.T @ picture.gradient[own],
+            follow,
+            inner,
         )
 
 
@@ -190,22 +199,27 @@ def _profile(
     ]
     found = dict(zip(usable, workers(curvature, [runs[number] for number in usable], options), strict=True))
     pictures = [found.get(number, "not fitted") for number in range(len(runs))]
-    cost, gradient, information = 0.0, np.zeros(phi.size), np.zeros((phi.size, phi.size))
+    cost, gradient, information, size = (
+        0.0,
+        np.zeros(phi.size),
+        np.zeros((phi.size, phi.size)),
+        np.zeros(phi.size),
+    )
     for picture in pictures:
         if isinstance(picture, Curvature):
             parts = _Parts.of(picture, names)
             cost += picture.cost
             gradient += parts.gradient
             information += parts.schur
-    return _Profile(cost, gradient, information, pictures, fits)
+            size += parts.size
+    return _Profile(cost, gradient, information, size, pictures, fits)
 
 
-def _inverse(information: Float, names: Sequence[str]) -> Float:
-    size = np.sqrt(np.maximum(np.diag(information), 0.0))
-    scale = 1 / np.where(size > 0, size, 1.0)
+def _inverse(information: Float, size: Float, names: Sequence[str]) -> Float:
+    scale = 1 / np.sqrt(np.where(size > 0, size, 1.0))
     power, directions = np.linalg.eigh(information * np.outer(scale, scale))
-    open_ = power <= _SINGULAR * max(float(power[-1]), 0.0)
-    if open_.any() or not (size > 0).all():
+    open_ = power <= _SINGULAR
+    if open_.any():
         named = [name for i, name in enumerate(names) if np.abs(directions[i, open_]).max(initial=0.0) > 0.1]
         raise ValueError(
             f"the runs do not determine the shared {', '.join(named or names)}: take them for known, or share less"

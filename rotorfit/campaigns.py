@@ -166,8 +166,10 @@ class Campaign:
             lines.append(f"{row}{run.redchi:>9.3g}" + ("" if run.success else f"  {run.message}"))
         return "\n".join(lines)
 
-    def summary(self, *, against: str | None = None, by: str | None = None) -> str:
-        """The shared parameters, how the runs went, and the trends against an attribute."""
+    def summary(
+        self, parameters: str | Sequence[str] | None = None, *, against: str | None = None, by: str | None = None
+    ) -> str:
+        """The shared parameters, how the runs went, and with ``against`` the trends as for :meth:`trends`."""
         done = [run for run in self.runs if run.params]
         redchi = [run.redchi for run in done]
         lines = [
@@ -181,14 +183,14 @@ class Campaign:
         lines += [f"shared {p.name} = {p.value:.6g} +- {p.stderr:.2g} {p.unit}" for p in self.shared.values()]
         lines += [f"{run.name}: {run.message}" for run in self.runs if not run.success]
         if against is not None:
-            lines += ["", trend_table(self.trends(against=against, by=by))]
+            lines += ["", trend_table(self.trends(parameters, against=against, by=by))]
         return "\n".join(lines)
 
     def __str__(self) -> str:
         return self.summary()
 
     def to_csv(self, path: str | Path | None = None) -> str:
-        """All runs as CSV: conditions, values, standard errors (``K0_stderr``), quality; written to ``path`` if given."""
+        """All runs as CSV: conditions, values, standard errors (``K0_stderr``), quality; also written to ``path``."""
         text = io.StringIO()
         names = (*self.shared, *self.fitted)
         writer = csv.writer(text, lineterminator="\n")

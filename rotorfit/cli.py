@@ -1,4 +1,4 @@
-"""The command line: ``rotorfit demo``, ``fit``, ``run``, ``models`` and ``info``.
+"""The command line: ``rotorfit demo``, ``fit``, ``run``, ``campaign``, ``models`` and ``info``.
 
 Exit codes: 0 done, 1 the fit did not converge, 2 bad input (one sentence on stderr), 130 interrupted.
 """
@@ -62,7 +62,7 @@ def sentence(problem: BaseException) -> str:
     return str(problem)
 
 
-def _checked(work: Callable[[], T]) -> T:
+def checked(work: Callable[[], T]) -> T:
     """Do work that depends on the user's files and settings; what they get wrong becomes a :class:`BadInputError`."""
     try:
         return work()
@@ -74,13 +74,13 @@ def _checked(work: Callable[[], T]) -> T:
 
 
 def _fit(options: argparse.Namespace) -> int:
-    return _identify(_checked(lambda: fit_study(options)), options)
+    return _identify(checked(lambda: fit_study(options)), options)
 
 
 def _run(options: argparse.Namespace) -> int:
     from rotorfit.study_toml import read_study
 
-    study = _checked(lambda: read_study(options.study))
+    study = checked(lambda: read_study(options.study))
     return _identify(study if options.out is None else replace(study, out=options.out), options)
 
 
@@ -124,7 +124,7 @@ def _work(study: Study, progress: Progress, rig: str) -> Outcome:
     from rotorfit.study import run_study
 
     with complete_folder(study.out) if study.out else nullcontext() as folder:
-        outcome = _checked(lambda: run_study(study, progress))
+        outcome = checked(lambda: run_study(study, progress))
         if folder is not None:
             write_outcome(outcome, folder, progress, rig)
     return outcome
@@ -135,7 +135,7 @@ def _models(options: argparse.Namespace) -> int:
     from rotorfit.study import check_model_name
 
     if options.name is not None:
-        _checked(lambda: check_model_name(options.name))
+        checked(lambda: check_model_name(options.name))
     tables = []
     for model in MODELS.values() if options.name is None else (MODELS[options.name],):
         head, _, rows = model().describe().partition("\n")
@@ -149,12 +149,18 @@ def _info(options: argparse.Namespace) -> int:
     from rotorfit.check import check
     from rotorfit.cli_output import describe_test
 
-    tests = _checked(lambda: [file.read() for file in data_files(options)])
+    tests = checked(lambda: [file.read() for file in data_files(options)])
     print("\n\n".join(describe_test(test, check(test)) for test in tests))
     return DONE
 
 
-COMMANDS = {"demo": _demo, "fit": _fit, "run": _run, "models": _models, "info": _info}
+def _campaign(options: argparse.Namespace) -> int:
+    from rotorfit.cli_campaign import run
+
+    return run(options)
+
+
+COMMANDS = {"demo": _demo, "fit": _fit, "run": _run, "campaign": _campaign, "models": _models, "info": _info}
 """What each word does."""
 
 

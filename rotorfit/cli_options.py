@@ -15,8 +15,9 @@ Command = Callable[[argparse.Namespace], int]
 
 
 def parser(commands: Mapping[str, Command]) -> argparse.ArgumentParser:
-    """The parser; ``commands`` are what ``demo``, ``fit``, ``run``, ``models`` and ``info`` do."""
+    """The parser; ``commands`` are what ``demo``, ``fit``, ``run``, ``campaign``, ``models`` and ``info`` do."""
     from rotorfit import __version__
+    from rotorfit.cli_campaign import DESCRIPTION, add_options
 
     whole = argparse.ArgumentParser(
         prog="rotorfit",
@@ -44,6 +45,7 @@ def parser(commands: Mapping[str, Command]) -> argparse.ArgumentParser:
     run.add_argument("study", type=Path, metavar="STUDY.toml", help="settings of a fit as TOML keys")
     run.add_argument("--out", type=Path, help="folder for the results, in place of the file's")
     _add_output(run)
+    add_options(command("campaign", DESCRIPTION))
     models = command("models", "list the models and their parameters")
     models.add_argument("name", nargs="?", help="only this one")
     _add_files(command("info", "say what a test file holds and what is odd about it"))
