@@ -15,6 +15,7 @@ Float = NDArray[np.float64]
 UNRESOLVED = 1.0
 """A direction is unresolved when its standard error exceeds this multiple of the parameters' own size."""
 _NULL = 1e-11  # singular values below this fraction of the largest are round-off
+_TRACE = 1e-6  # share in an unseen direction that is more than round-off
 _SHARE = 0.02  # entries of an unresolved direction below this fraction of the largest are not named
 
 
@@ -45,7 +46,7 @@ class Identifiability:
         condition: condition number of the scaled Jacobian.
         combinations: the unresolved ones.
         unresolved: names of the parameters that have no value of their own.
-        null_space: unresolved directions in physical units, shape ``(p, size - rank)``.
+        null_space: directions that the data do not see at all, in physical units, shape ``(p, n_null)``.
     """
 
     rank: int
@@ -95,8 +96,8 @@ def covariance(root: Float, scales: Float) -> tuple[Float, Float, Float, NDArray
         scales: size of each parameter, shape ``(p,)``.
 
     Returns:
-        covariance with unresolved directions left out, shape ``(p, p)``; standard error of each scaled direction,
-        ascending information, shape ``(p,)``; scaled directions as columns; their unresolved mask.
+        covariance with directions that the data do not see at all left out, shape ``(p, p)``; standard error of each
+        scaled direction, ascending information, shape ``(p,)``; scaled directions as columns; their unresolved mask.
     """
     scaled = root * scales
     norm = np.linalg.norm(scaled, axis=0)
@@ -126,10 +127,7 @@ def covariance(root: Float, scales: Float) -> tuple[Float, Float, Float, NDArray
         keep = stderr.size - count
         directions = np.concatenate([null, directions[:, :keep]], axis=1)
         stderr = np.concatenate([np.full(count, np.inf), stderr[:keep]])
-    open_ = stderr > UNRESOLVED
-    determined = directions[:, ~open_] * stderr[~open_]
-    resolved = determined @ determined.T * np.outer(scales, scales)
-    return resolved, stderr, directions, open_
+    return covar * np.outer(scales, scales), stderr, directions, stderr > UNRESOLVED
 
 
 def _null_basis(directions: Float, silent: NDArray[np.bool_]) -> Float:
@@ -167,11 +165,12 @@ def diagnose(
     """
     covar, stderr, directions, open_ = covariance(root, scales)
     sparse = _sparse_basis(directions[:, open_])
+    weak = open_ & np.isfinite(stderr)
     unresolved = [
         name
         for i, name in enumerate(names)
-        if np.linalg.norm(directions[i, open_] * np.minimum(stderr[open_], 1e6)) > 0.5 * UNRESOLVED
-        and np.linalg.norm(directions[i, open_]) > _SHARE
+        if np.abs(directions[i, np.isinf(stderr)]).max(initial=0.0) > _TRACE
+        or np.linalg.norm(directions[i, weak] * stderr[weak]) > 0.5 * UNRESOLVED
     ]
     combinations = []
     for k in range(sparse.shape[1]):
@@ -197,7 +196,7 @@ def diagnose(
         condition,
         tuple(combinations),
         tuple(unresolved),
-        directions[:, open_] * scales[:, None],
+        directions[:, np.isinf(stderr)] * scales[:, None],
     )
 
 

@@ -20,6 +20,8 @@ from rotorfit.models.stability import eigenvalue_gradient
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from rotorfit.posterior import Posterior
+
 Float = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 
@@ -177,23 +179,7 @@ class FitResult:
         Raises:
             ValueError: parameters were fitted per attribute and ``at`` does not name one group.
         """
-        index = self.problem.space.index
-        if index.shape[0] == 1:
-            return 0
-        suffixes = [self._suffixes(g) for g in range(index.shape[0])]
-        wanted = {f"{name}={value:.10g}" if isinstance(value, (int, float)) else f"{name}={value}"
-                  for name, value in (at or {}).items()}
-        matches = [g for g, suffix in enumerate(suffixes) if wanted and wanted <= suffix]
-        if len(matches) != 1:
-            raise ValueError(
-                "parameters differ between tests: say which with at={attribute: value}; there are "
-                + "; ".join(", ".join(sorted(s)) for s in suffixes)
-            )
-        return matches[0]
-
-    def _suffixes(self, group: int) -> set[str]:
-        names = (self.problem.space.names[i] for i in self.problem.space.index[group] if i >= 0)
-        return {name.partition("[")[2][:-1] for name in names if "[" in name}
+        return self.problem.space.group(at)
 
     def theta(self, at: Mapping[str, Any] | None = None) -> Float:
         """Model parameter vector, shape ``(P,)``, of the group named by ``at``."""
@@ -216,7 +202,7 @@ class FitResult:
         np.add.at(slope, index[index >= 0], np.asarray(gradient)[index >= 0])
         null = self.identifiability.null_space
         leak = float(np.abs(slope[: null.shape[0]] @ null).max(initial=0.0)) if null.size else 0.0
-        if leak > 1e-2 * abs(value):
+        if leak > 1e-4 * abs(value):  # a change by the parameters' own size that no datum notices
             return Quantity(value, math.inf, unit)
         return Quantity(value, math.sqrt(max(float(slope @ self.covar @ slope), 0.0)), unit)
 
@@ -258,6 +244,14 @@ class FitResult:
                 self.propagate(float(-s.real / size), slope, "1", at),
             ))
         return modes
+
+    # ---- uncertainty beyond the standard errors ---------------------------------------------------------------------
+
+    def sample(self, **options: Any) -> Posterior:
+        """Sample the posterior with emcee; options as for :func:`rotorfit.sample`."""
+        from rotorfit.posterior import sample
+
+        return sample(self, **options)
 
     # ---- presentation, imported when asked for ----------------------------------------------------------------------
 
