@@ -28,16 +28,14 @@ def available() -> bool:
 def cache_directory() -> Path | None:
     """Directory for compiled kernels that only this user can write, ``None`` if there is no such place.
 
-    ``ROTORFIT_CACHE_DIR`` chooses it, else the platform's cache directory of the user. Machine code is loaded from it, so a
-    directory that others own or may write is refused.
+    ``ROTORFIT_CACHE_DIR`` chooses it, else the platform's cache directory of the user. Machine code is loaded from
+    it, so a directory that others own or may write is refused.
     """
     chosen = os.environ.get("ROTORFIT_CACHE_DIR")
     if chosen:
         path = Path(chosen)
     elif sys.platform == "win32":
-        path = (
-            Path(os.environ.get("LOCALAPPDATA", Path.home() / "AppData" / "Local")) / "rotorfit" / "kernels"
-        )
+        path = Path(os.environ.get("LOCALAPPDATA", Path.home() / "AppData" / "Local")) / "rotorfit" / "kernels"
     elif sys.platform == "darwin":
         path = Path.home() / "Library" / "Caches" / "rotorfit" / "kernels"
     else:
@@ -69,7 +67,8 @@ def _write_once(path: Path, text: str) -> bool:
 def compile_kernels(source: str) -> dict[str, Kernel]:
     """Compile the functions that a generated module decorates as ``outer``.
 
-    The text compiled is the argument, never what lies on disk; the file gives numba's own cache a name and a time stamp.
+    The text compiled is the argument, never what lies on disk; the file gives numba's own cache a name and a time
+    stamp.
 
     Raises:
         ImportError: numba is not installed.
@@ -92,5 +91,5 @@ def compile_kernels(source: str) -> dict[str, Kernel]:
     module = sys.modules[name] = ModuleType(name)
     inner = numba.njit(fastmath=_FAST, error_model="numpy", nogil=True)
     vars(module).update(np=np, inner=inner, outer=outer, __file__=str(path))
-    exec(compile(source, str(path), "exec"), vars(module))  # noqa: S102 - our own text, written from CasADi graphs
+    exec(compile(source, str(path), "exec"), vars(module))
     return kernels

@@ -1,7 +1,8 @@
 """Many fits at once: the same model and lines, another set of readings for each (bootstrap, campaigns, simulations).
 
-Readings that differ by noise alone leave the Gauss-Newton matrix almost unchanged. One factorisation therefore serves all
-members, and each iteration costs one exact gradient, which the adjoint of the response gives for about two evaluations of
+Readings that differ by noise alone leave the Gauss-Newton matrix almost unchanged. One factorisation therefore
+serves all members, and each iteration costs one exact gradient, which the adjoint of the response gives for about two
+evaluations of
 the misfit. Convergence is linear with a small factor; members that converge slowly get a matrix of their own.
 """
 
@@ -117,9 +118,7 @@ def batch_fit(
     measured = np.asarray(measured, dtype=complex)
     p, readings = problem.space.size, problem.n_data // 2
     if measured.ndim != 2 or measured.shape[1] != readings:
-        raise ValueError(
-            f"measured has shape {measured.shape}; the problem has {readings} readings: (B, {readings})"
-        )
+        raise ValueError(f"measured has shape {measured.shape}; the problem has {readings} readings: (B, {readings})")
     x = np.asarray(start, dtype=float)
     if x.shape not in ((p,), (measured.shape[0], p)):
         raise ValueError(f"start has shape {x.shape}; ({p},) or ({measured.shape[0]}, {p}) is needed")
@@ -202,9 +201,7 @@ def _advance(
     state.x[taken], state.cost[taken], state.gradient[taken] = trial[good], cost[good], gradient[good]
     state.remaining[taken] = remaining[good]
     damping = state.damping[active]
-    state.damping[active] = np.where(
-        good, np.where(damping < 1e-4, 0.0, damping / 10), np.maximum(10 * damping, 1e-3)
-    )
+    state.damping[active] = np.where(good, np.where(damping < 1e-4, 0.0, damping / 10), np.maximum(10 * damping, 1e-3))
     done = np.where(good, remaining < TOLERANCE, settled)
     slow = ~done & (~good | (remaining > _SLOW * before)) & (state.damping[active] < 1e6)
     for b in active[slow]:
@@ -212,7 +209,5 @@ def _advance(
         matrix = linear.gauss_newton(state.x[b])[2]
         if np.isfinite(matrix).all():
             metric.own(int(b), matrix)
-    state.step[active], state.remaining[active] = metric.step(
-        active, state.gradient[active], state.damping[active]
-    )
+    state.step[active], state.remaining[active] = metric.step(active, state.gradient[active], state.damping[active])
     return np.asarray(done)

@@ -1,9 +1,9 @@
 """Source of compiled kernels: the likelihood of many parameter vectors and its gradient, written from CasADi graphs.
 
-For each way of reading a node (a *pattern*: which rows under which force directions) a small CasADi graph holds the squared
-whitened residuals as functions of the coefficients of the equation of motion, ``|g adj(kappa) u - m det(kappa)|^2 /
-|det(kappa)|^2``. Its instructions become the body of a loop over nodes that only sums, which compilers turn into vector
-instructions. Structural zeros of a model vanish, derivatives come from CasADi.
+For each way of reading a node (a *pattern*: which rows under which force directions) a small CasADi graph holds the
+squared whitened residuals as functions of the coefficients of the equation of motion, ``|g adj(kappa) u - m
+det(kappa)|^2 / |det(kappa)|^2``. Its instructions become the body of a loop over nodes that only sums, which
+compilers turn into vector instructions. Structural zeros of a model vanish, derivatives come from CasADi.
 """
 
 from __future__ import annotations
@@ -217,8 +217,8 @@ def _model_source(model: RotorModel) -> str:
 
 
 _SHARED = (
-    "x, template, index, group, speed, frequency, segments, pattern, datum, gain, direction, direction_re, direction_im, "
-    "target_re, target_im, weight, gain_re, gain_im"
+    "x, template, index, group, speed, frequency, segments, pattern, datum, gain, direction, "
+    "direction_re, direction_im, target_re, target_im, weight, gain_re, gain_im"
 )
 
 _DRIVER = """
@@ -243,8 +243,8 @@ def {name}({shared}, {results}):
 """
 
 _CALL = (
-    "{test} pattern[s] == {i}:\n                {kind}_{i}(c[k], frequency, first, last, entry, datum, gain, direction, "
-    "direction_re, direction_im, target_re[t], target_im[t], weight, gain_re[g], gain_im[g], {results})"
+    "{test} pattern[s] == {i}:\n                {kind}_{i}(c[k], frequency, first, last, entry, datum, gain, "
+    "direction, direction_re, direction_im, target_re[t], target_im[t], weight, gain_re[g], gain_im[g], {results})"
 )
 
 
@@ -264,9 +264,7 @@ def source(model: RotorModel, patterns: Sequence[Pattern]) -> str:
         patterns: how nodes are read.
     """
     if len(model.coordinates) > LARGEST:
-        raise ValueError(
-            f"{model.name} has {len(model.coordinates)} coordinates; up to {LARGEST} are unrolled"
-        )
+        raise ValueError(f"{model.name} has {len(model.coordinates)} coordinates; up to {LARGEST} are unrolled")
     n = _coefficient_graph(model)[2].numel()
     parts = [_model_source(model), *(_pattern_source(model, p, i) for i, p in enumerate(patterns))]
     parts.append(
@@ -287,9 +285,7 @@ def source(model: RotorModel, patterns: Sequence[Pattern]) -> str:
             shared=_SHARED,
             results="cost, by_x, seed_re, seed_im",
             n=n,
-            prepare="seed = np.empty((group.size, "
-            + str(n)
-            + "))\n    by_theta = np.empty(template.shape[1])",
+            prepare="seed = np.empty((group.size, " + str(n) + "))\n    by_theta = np.empty(template.shape[1])",
             begin="seed[:] = 0.0",
             calls=_calls(len(patterns), "slopes", "cost[m:m + 1], seed[k], seed_re[g], seed_im[g]"),
             end="""for k in range(group.size):

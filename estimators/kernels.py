@@ -84,7 +84,7 @@ class Batch:
             pull = ((slope.conj() * gain / factor)[:, :, None] * by_theta).real
             for g, row in enumerate(plan.gain_group):
                 free = np.flatnonzero(space.index[row] >= 0)
-                np.add.at(result, (slice(None), space.index[row, free]), pull[:, g, free])
+                np.add.at(result.T, space.index[row, free], pull[:, g, free].T)
         return result
 
     # ---- misfit ------------------------------------------------------------------------------------------------------
@@ -193,9 +193,7 @@ class Batch:
 
     def _array_slopes(self, x: Float, target: ComplexArray, cost: Float, gradient: Float) -> None:
         for part in self._parts(x):
-            self._array_slopes_of(
-                x[part], target if target.shape[0] == 1 else target[part], cost[part], gradient[part]
-            )
+            self._array_slopes_of(x[part], target if target.shape[0] == 1 else target[part], cost[part], gradient[part])
 
     def _array_slopes_of(self, x: Float, target: ComplexArray, cost: Float, gradient: Float) -> None:
         """Adjoint of the prediction: ``d cost = Re sum Y dA`` and ``dA = -H dkappa H u`` give the slope by kappa."""
@@ -209,9 +207,7 @@ class Batch:
         Y = np.zeros((*H.shape[:-1], plan.directions.shape[0]), dtype=complex)
         # One entry at a time: no node occurs twice in it.
         by_gain = np.zeros((x.shape[0], plan.gain_group.size), dtype=complex)
-        for e, (a, b) in enumerate(
-            zip(plan.datum, np.append(plan.datum[1:], plan.reading.size), strict=True)
-        ):
+        for e, (a, b) in enumerate(zip(plan.datum, np.append(plan.datum[1:], plan.reading.size), strict=True)):
             Y[:, plan.node[a:b], plan.coordinate[e], plan.direction[e]] += pull[:, a:b] * gain[:, a:b]
             by_gain[:, plan.gain[e]] += (pull[:, a:b] * value[:, a:b]).sum(axis=1).conj()
         turned = np.swapaxes(H, -1, -2)
@@ -233,7 +229,7 @@ class Batch:
             used = used[space.index[g, jacobian.inputs[used]] >= 0]
             slope = by_c[:, jacobian.powers[used], jacobian.rows[used], jacobian.columns[used]]
             values = (slope * jacobian.values[:, k, used]).real
-            np.add.at(result, (slice(None), space.index[g, jacobian.inputs[used]]), values)
+            np.add.at(result.T, space.index[g, jacobian.inputs[used]], values.T)
         return result
 
     # ---- numba -------------------------------------------------------------------------------------------------------
@@ -242,10 +238,7 @@ class Batch:
     def _patterns(self) -> tuple[tuple[codegen.Pattern, ...], Index]:
         """Distinct ways of reading a node, and the one of each segment."""
         plan = self._plan
-        axis = [
-            int(np.argmax(u)) if np.count_nonzero(u) == 1 and u.max() == 1 else -1
-            for u in plan.directions.real
-        ]
+        axis = [int(np.argmax(u)) if np.count_nonzero(u) == 1 and u.max() == 1 else -1 for u in plan.directions.real]
         axis = [a if not plan.directions[i].imag.any() else -1 for i, a in enumerate(axis)]
         seen: dict[codegen.Pattern, int] = {}
         numbers = [

@@ -1,4 +1,4 @@
-"""Readings of a problem sorted so that one inverse of the dynamic stiffness serves all that share its condition and line."""
+"""Readings of a problem sorted so that one inverse of the dynamic stiffness serves all of a condition and line."""
 
 from __future__ import annotations
 
@@ -23,7 +23,8 @@ MOST_ENTRIES = 8
 class Layout:
     """Plain arrays of all responses of a problem.
 
-    A *node* is one dynamic stiffness matrix: a condition (parameter group and rotative speed) at one frequency. Nodes that
+    A *node* is one dynamic stiffness matrix: a condition (parameter group and rotative speed) at one frequency.
+    Nodes that
     were read in the same way form a *segment*; the readings of a segment form *entries*, each with one datum a node.
 
     Attributes:
@@ -87,8 +88,10 @@ class Layout:
 
 
 def is_plain(block: Block) -> bool:
-    """Whether a block holds responses of a model given by coefficients alone to forces, which this layout covers."""
-    return isinstance(block, Responses) and not block.imposed and block.model.shaft is None
+    """Whether a block holds responses to forces of a linear model given by its coefficients, as this layout asks."""
+    if not isinstance(block, Responses) or block.imposed:
+        return False
+    return block.model.shaft is None and not block.model.eccentricity_dependent
 
 
 def channels(problem: Problem) -> tuple[tuple[str, ...], Index, list[Index]]:

@@ -95,7 +95,7 @@ def noise_from_smoothness(frequency: Float, response: ComplexArray) -> Float:
 
 
 def _local_variances(w: Float, y: ComplexArray, poles: int) -> Float:
-    """Residual variance of real and imaginary part around a local rational function in each window, shape ``(N, m)``."""
+    """Residual variance of real and imaginary part about a local rational function in each window, ``(N, m)``."""
     d = w - w.mean(axis=1, keepdims=True)
     d = d / np.maximum(np.abs(d).max(axis=1, keepdims=True), np.finfo(float).tiny)
     basis = np.stack([d**k for k in range(3)] + [-y * d**k for k in range(1, poles + 1)], axis=-1)

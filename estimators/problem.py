@@ -59,6 +59,30 @@ class ParameterSpace:
         theta[free] = x[self.index[free]]
         return theta
 
+    def group(self, at: Mapping[str, Any] | None = None) -> int:
+        """Number of the parameter group with given attribute values, ``{"speed_rpm": 1000}``.
+
+        Raises:
+            ValueError: parameters were fitted per attribute and ``at`` does not name one group.
+        """
+        if self.index.shape[0] == 1:
+            return 0
+        suffixes = [
+            {name.partition("[")[2][:-1] for name in (self.names[i] for i in row if i >= 0) if "[" in name}
+            for row in self.index
+        ]
+        wanted = {
+            f"{name}={value:.10g}" if isinstance(value, (int, float)) else f"{name}={value}"
+            for name, value in (at or {}).items()
+        }
+        matches = [g for g, suffix in enumerate(suffixes) if wanted and wanted <= suffix]
+        if len(matches) != 1:
+            raise ValueError(
+                "parameters differ between tests: say which with at={attribute: value}; there are "
+                + "; ".join(", ".join(sorted(s)) for s in suffixes)
+            )
+        return matches[0]
+
 
 @dataclass(frozen=True, eq=False)
 class Prior:

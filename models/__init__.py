@@ -9,6 +9,7 @@ from rotorfit.models.chain_match import ChainFromModes, chain_from_modes
 from rotorfit.models.fluid import FluidForce, fluid_force
 from rotorfit.models.known_structure import KnownStructure
 from rotorfit.models.lanczos import chain_modes
+from rotorfit.models.laws import LAWS, Constant, EvenPolynomial, Law, MonotoneSpline, Muszynska
 from rotorfit.models.model import Coordinate, RotorModel
 from rotorfit.models.one_mode import OneMode
 from rotorfit.models.overhung import Overhung
@@ -26,15 +27,21 @@ MODELS: dict[str, type[RotorModel]] = {
 
 __all__ = [
     "BLOCKS",
+    "LAWS",
     "MODELS",
     "ROSS_4",
     "ROSS_6",
     "Anisotropic",
     "Chain",
     "ChainFromModes",
+    "Constant",
     "Coordinate",
+    "EvenPolynomial",
     "FluidForce",
     "KnownStructure",
+    "Law",
+    "MonotoneSpline",
+    "Muszynska",
     "OneMode",
     "Overhung",
     "Parameter",

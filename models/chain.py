@@ -59,9 +59,7 @@ class Chain(RotorModel):
         self.parameters = (
             *(Parameter(f"M{i}", "kg", f"modal mass {i}", scale=1.0, lower=0.0) for i in places),
             *(
-                Parameter(
-                    f"K{i}", "N/m", f"stiffness, {_station(i - 1, count)} to {_station(i, count)}", scale=2e4
-                )
+                Parameter(f"K{i}", "N/m", f"stiffness, {_station(i - 1, count)} to {_station(i, count)}", scale=2e4)
                 for i in range(1, count + 2)
             ),
             *(Parameter(f"Ds{i}", "N s/m", f"external damping at mass {i}", scale=10.0) for i in places),
@@ -96,7 +94,4 @@ def _station(i: int, n: int) -> str:
 
 
 def _diagonal(entries: Sequence[Any]) -> list[list[Any]]:
-    return [
-        [entry if row == column else 0.0 for column in range(len(entries))]
-        for row, entry in enumerate(entries)
-    ]
+    return [[entry if row == column else 0.0 for column in range(len(entries))] for row, entry in enumerate(entries)]

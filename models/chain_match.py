@@ -79,10 +79,7 @@ class ChainFromModes:
                 "M " + ", ".join(f"{m:.6g}" for m in self.M) + " kg",
                 "K " + ", ".join(f"{k:.6g}" for k in self.K) + " N/m",
                 head,
-                *(
-                    f"{v + 1:>5}{w:>12.6g}{m:>12.5g}{c:>11.6f}{e:>11.2g}"
-                    for v, (w, m, c, e) in enumerate(rows)
-                ),
+                *(f"{v + 1:>5}{w:>12.6g}{m:>12.5g}{c:>11.6f}{e:>11.2g}" for v, (w, m, c, e) in enumerate(rows)),
             ]
         )
 
@@ -117,22 +114,14 @@ def chain_from_modes(
     _check(w, lines, modal_masses, total_mass)
     order = np.argsort(w)
     w, lines = w[order], lines[:, order]
-    given = (
-        None
-        if modal_masses is None
-        else np.broadcast_to(np.asarray(modal_masses, dtype=float), w.shape)[order]
-    )
+    given = None if modal_masses is None else np.broadcast_to(np.asarray(modal_masses, dtype=float), w.shape)[order]
     unit = lines / np.linalg.norm(lines, axis=0)
     inverse_mass = None if given is None else np.sum(lines**2, axis=0) / given
     M, K, psi = _Search(w, unit).best(inverse_mass)
     own = psi.T / np.sqrt(M)[:, None]
     size = np.sum(own * lines, axis=0) / np.sum(own**2, axis=0)
     # own has unit modal mass; scaled to the given shapes, and by the factor on M, it has size^2 * factor.
-    factor = (
-        float(np.exp(np.mean(np.log(given / size**2))))
-        if given is not None
-        else float(total_mass or 1) / M.sum()
-    )
+    factor = float(np.exp(np.mean(np.log(given / size**2)))) if given is not None else float(total_mass or 1) / M.sum()
     scaled = own * size
     deviation = np.linalg.norm(scaled - lines, axis=0) / np.linalg.norm(lines, axis=0)
     return ChainFromModes(

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from rotorfit.models.complexes import J, Complex
+from rotorfit.models.complexes import Complex, J
+from rotorfit.models.laws import Law
 from rotorfit.models.parameters import Parameter
 
 
@@ -19,8 +20,8 @@ class FluidForce(NamedTuple):
 def fluid_force(K0: Any, D: Any, Mf: Any, lam_D: Any, lam_M: Any, speed: Any) -> FluidForce:
     """Fluid force of eq. (13), turning with the circumferential average velocity ratio.
 
-    ``kappa_fluid = K0 + D (s - j lam_D Om) + Mf (s - j lam_M Om)^2`` with ``s = j w``, sorted by powers of s. Damping and
-    inertia may turn at different ratios, as measured seals do; eq. (13) has ``lam_D = lam_M = lam``.
+    ``kappa_fluid = K0 + D (s - j lam_D Om) + Mf (s - j lam_M Om)^2`` with ``s = j w``, sorted by powers of s.
+    Damping and inertia may turn at different ratios, as measured seals do; eq. (13) has ``lam_D = lam_M = lam``.
     """
     whirl_D, whirl_M = J * (lam_D * speed), J * (lam_M * speed)
     return FluidForce(K=K0 - D * whirl_D + Mf * whirl_M * whirl_M, C=D - 2.0 * (Mf * whirl_M), M=Complex.of(Mf))
@@ -51,3 +52,10 @@ def fluid_parameters(two_lam: bool) -> tuple[Parameter, ...]:
 def velocity_ratios(p: Any, two_lam: bool) -> tuple[Any, Any]:
     """The pair (lam_D, lam_M) of a parameter namespace."""
     return (p.lam_D, p.lam_M) if two_lam else (p.lam, p.lam)
+
+
+def fluid_at(law: Law, p: Any, two_lam: bool, speed: Any, eccentricity: Any) -> FluidForce:
+    """Fluid force of eq. (13) with the coefficients that a law gives at an eccentricity; one factor for both ratios."""
+    fluid = law.at(p, eccentricity)
+    lam_D, lam_M = velocity_ratios(p, two_lam)
+    return fluid_force(fluid.K0, fluid.D, p.Mf, lam_D * fluid.ratio, lam_M * fluid.ratio, speed)

@@ -228,7 +228,7 @@ class RotorModel(ABC):
         self, theta: ArrayLike, frequency: ArrayLike, speed: ArrayLike, eccentricity: ArrayLike = 0.0
     ) -> ComplexArray:
         """Matrix of responses to unit forces, ``inv(kappa)``, m/N, arguments as for :meth:`dynamic_stiffness`."""
-        return np.linalg.inv(self.dynamic_stiffness(theta, frequency, speed, eccentricity))
+        return np.asarray(np.linalg.inv(self.dynamic_stiffness(theta, frequency, speed, eccentricity)), dtype=complex)
 
     def force_vector(self, plane: str, frequency: ArrayLike, force: ArrayLike) -> ComplexArray:
         """Generalised force of a circular force (eq. 2) at a plane.

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any, ClassVar
 
-from rotorfit.models.fluid import fluid_force, fluid_parameters, velocity_ratios
+from rotorfit.models.fluid import fluid_at, fluid_parameters
+from rotorfit.models.laws import Constant, Law, clearance_of
 from rotorfit.models.model import Matrix, RotorModel
 from rotorfit.models.parameters import Parameter
 
@@ -18,27 +19,45 @@ class OneMode(RotorModel):
     Args:
         planes: name of the measured plane.
         two_lam: let damping and inertia turn at ratios of their own, lam_D and lam_M.
+        law: how the fluid changes with eccentricity, for instance ``rf.models.Muszynska()``.
+        clearance_um: radial clearance at the fluid, micrometres; needed by a law.
     """
 
     name: ClassVar[str] = "one-mode"
 
-    def __init__(self, planes: Sequence[str] = ("journal",), *, two_lam: bool = False) -> None:
+    def __init__(
+        self,
+        planes: Sequence[str] = ("journal",),
+        *,
+        two_lam: bool = False,
+        law: Law | None = None,
+        clearance_um: float | None = None,
+    ) -> None:
         self.planes = one_per_coordinate(planes, 1, self.name)
         self.two_lam = two_lam
+        self.law = law or Constant()
+        self.clearance_um = clearance_um
+        self.clearance = clearance_of(self.law, clearance_um, self.name)
         self.parameters = (
             Parameter("M", "kg", "rotor modal mass", scale=1.0, lower=0.0),
             Parameter("K", "N/m", "rotor modal stiffness", scale=1e4),
             Parameter("Ds", "N s/m", "rotor external damping", scale=10.0),
             *fluid_parameters(two_lam),
+            *self.law.parameters,
         )
 
     def options(self) -> dict[str, Any]:
         """See :meth:`RotorModel.options`."""
-        return {"planes": self.planes, "two_lam": self.two_lam}
+        return {
+            "planes": self.planes,
+            "two_lam": self.two_lam,
+            "law": self.law,
+            "clearance_um": self.clearance_um,
+        }
 
-    def equation(self, p: Any, speed: Any, eccentricity: Any) -> Sequence[Matrix]:  # noqa: ARG002
+    def equation(self, p: Any, speed: Any, eccentricity: Any) -> Sequence[Matrix]:
         """See :meth:`RotorModel.equation`."""
-        fluid = fluid_force(p.K0, p.D, p.Mf, *velocity_ratios(p, self.two_lam), speed)
+        fluid = fluid_at(self.law, p, self.two_lam, speed, eccentricity)
         return [[p.K + fluid.K]], [[p.Ds + fluid.C]], [[p.M + fluid.M]]
 
 

@@ -14,7 +14,8 @@ from rotorfit.models.parameters import Parameter
 class Overhung(RotorModel):
     """Disk displacement z and tilt phi = dx/ds + j dy/ds of an overhung disk.
 
-    ``kappa = [[k11 + j w d1 - M w^2, k12], [k12, k22 + j w d2 + Om w Ip - It w^2]]``. At zero speed Ip is not observable.
+    ``kappa = [[k11 + j w d1 - M w^2, k12], [k12, k22 + j w d2 + Om w Ip - It w^2]]``. At zero speed Ip is not
+    observable.
 
     Args:
         planes: name of the disk plane.

@@ -1,6 +1,7 @@
 """Structural blocks that a lumped chain of masses and springs leaves out.
 
-Condensing a shaft to a few planes leaves coupling between them that is symmetric when the shaft is passive and isotropic:
+Condensing a shaft to a few planes leaves coupling between them that is symmetric when the shaft is passive and
+isotropic:
 a coupling mass, a gyroscopic matrix, and above all modes in band a term in w^4. Whole blocks go in or stay out.
 """
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any, ClassVar
 
-from rotorfit.models.fluid import fluid_force, fluid_parameters, velocity_ratios
+from rotorfit.models.fluid import fluid_at, fluid_parameters
+from rotorfit.models.laws import Constant, Law, clearance_of
 from rotorfit.models.model import Matrix, RotorModel
 from rotorfit.models.one_mode import one_per_coordinate
 from rotorfit.models.parameters import Parameter
@@ -19,6 +20,8 @@ class WhirlWhip(RotorModel):
         planes: names of the disk plane and the journal plane.
         blocks: structural blocks to allow for (``coupling_mass``, ``gyroscopic``, ``out_of_band``).
         two_lam: let damping and inertia turn at ratios of their own, lam_D and lam_M.
+        law: how the fluid changes with the journal's eccentricity, for instance ``rf.models.Muszynska()``.
+        clearance_um: radial clearance of the bearing, micrometres; needed by a law.
     """
 
     name: ClassVar[str] = "whirl-whip"
@@ -28,11 +31,20 @@ class WhirlWhip(RotorModel):
     )
 
     def __init__(
-        self, planes: Sequence[str] = ("disk", "journal"), *, blocks: Sequence[str] = (), two_lam: bool = False
+        self,
+        planes: Sequence[str] = ("disk", "journal"),
+        *,
+        blocks: Sequence[str] = (),
+        two_lam: bool = False,
+        law: Law | None = None,
+        clearance_um: float | None = None,
     ) -> None:
         self.planes = one_per_coordinate(planes, 2, self.name)
         self.blocks = check_blocks(blocks)
         self.two_lam = two_lam
+        self.law = law or Constant()
+        self.clearance_um = clearance_um
+        self.clearance = clearance_of(self.law, clearance_um, self.name)
         self.parameters = (
             Parameter("Md", "kg", "disk modal mass", scale=1.0, lower=0.0),
             Parameter("Ds", "N s/m", "external damping at the disk", scale=5.0),
@@ -42,16 +54,23 @@ class WhirlWhip(RotorModel):
             Parameter("Mb", "kg", "journal modal mass", scale=0.3),
             Parameter("K3", "N/m", "external supporting spring at the journal", scale=5e3),
             *fluid_parameters(two_lam),
+            *self.law.parameters,
             *block_parameters(self.blocks, 2),
         )
 
     def options(self) -> dict[str, Any]:
         """See :meth:`RotorModel.options`."""
-        return {"planes": self.planes, "blocks": self.blocks, "two_lam": self.two_lam}
+        return {
+            "planes": self.planes,
+            "blocks": self.blocks,
+            "two_lam": self.two_lam,
+            "law": self.law,
+            "clearance_um": self.clearance_um,
+        }
 
-    def equation(self, p: Any, speed: Any, eccentricity: Any) -> Sequence[Matrix]:  # noqa: ARG002
+    def equation(self, p: Any, speed: Any, eccentricity: Any) -> Sequence[Matrix]:
         """See :meth:`RotorModel.equation`."""
-        fluid = fluid_force(p.K0, p.D, p.Mf, *velocity_ratios(p, self.two_lam), speed)
+        fluid = fluid_at(self.law, p, self.two_lam, speed, eccentricity)
         stiffness = [[p.K1 + p.K2, -p.K2 * p.sigma], [-p.K2, fluid.K + p.K3 + p.K2 * p.sigma]]
         damping = [[p.Ds, 0.0], [0.0, fluid.C]]
         mass = [[p.Md, 0.0], [0.0, p.Mb + fluid.M]]

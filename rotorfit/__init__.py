@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from rotorfit.fitting import closed_form, fit
     from rotorfit.readers import read, write
     from rotorfit.refinement import Refinement, one_lam_test, refine
+    from rotorfit.report import write_report
     from rotorfit.results import FitResult, FittedParameter, Quantity
     from rotorfit.stiffness import dynamic_stiffness
     from rotorfit.synchronous import difference_synchronous
@@ -34,6 +35,7 @@ _HOME = {
     "Refinement": "rotorfit.refinement",
     "one_lam_test": "rotorfit.refinement",
     "refine": "rotorfit.refinement",
+    "write_report": "rotorfit.report",
     "FitResult": "rotorfit.results",
     "FittedParameter": "rotorfit.results",
     "Quantity": "rotorfit.results",

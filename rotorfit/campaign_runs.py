@@ -125,9 +125,7 @@ def _distinct(runs: Sequence[Run]) -> Iterator[Run]:
         if names.count(run.name) > 1:
             before = names[:number].count(run.name)
             source = str(run.experiment.source)
-            same = [
-                other for other in runs if other.name == run.name and str(other.experiment.source) == source
-            ]
+            same = [other for other in runs if other.name == run.name and str(other.experiment.source) == source]
             yield replace(
                 run,
                 name=f"{run.name} ({source})" if source and len(same) == 1 else f"{run.name} #{before + 1}",
@@ -155,9 +153,7 @@ def fit_run(model: RotorModel, run: Run, *, settings: FitSettings, start: Mappin
     )  # fmt: skip
 
 
-def curvature(
-    model: RotorModel, run: Run, *, settings: FitSettings, at: Mapping[str, float]
-) -> Curvature | str:
+def curvature(model: RotorModel, run: Run, *, settings: FitSettings, at: Mapping[str, float]) -> Curvature | str:
     """Cost of one run and its derivatives at given parameters; the reason in words where there is none."""
     try:
         problem = build_problem(model, run.experiment, settings)
@@ -185,9 +181,7 @@ class Workers:
     executor: Executor | None = None
     progress: Callable[[int, int], None] | None = None
 
-    def __call__(
-        self, work: Callable[..., T], runs: Sequence[Run], options: Sequence[Mapping[str, Any]]
-    ) -> list[T]:
+    def __call__(self, work: Callable[..., T], runs: Sequence[Run], options: Sequence[Mapping[str, Any]]) -> list[T]:
         """``work(model, run, **options)`` for every run, in their order.
 
         A batch whose worker was lost is sent again, and fitted here in the end: no run is lost.

@@ -122,9 +122,7 @@ def _first(
     usable = [(run, fit) for run, fit in zip(runs, fits, strict=True) if fit.params]
     if not usable:
         raise ValueError(f"no run of the campaign can be fitted; the first one: {fits[0].message}")
-    options = [
-        {"settings": settings, "at": {n: fit.params[n].value for n in fit.var_names}} for _, fit in usable
-    ]
+    options = [{"settings": settings, "at": {n: fit.params[n].value for n in fit.var_names}} for _, fit in usable]
     pictures = workers(curvature, [run for run, _ in usable], options)
     information, size, pull = np.zeros((len(names), len(names))), np.zeros(len(names)), np.zeros(len(names))
     for picture in pictures:

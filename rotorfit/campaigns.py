@@ -99,9 +99,7 @@ class Campaign:
                 raise KeyError(unknown_name("attribute of the runs", attribute, self.attributes))
         texts = [run.attributes[against] for run in self.runs if isinstance(run.attributes.get(against), str)]
         if texts:
-            raise ValueError(
-                f"{against} holds text ({texts[0]!r}): trends need numbers; use by={against!r} for groups"
-            )
+            raise ValueError(f"{against} holds text ({texts[0]!r}): trends need numbers; use by={against!r} for groups")
         found = []
         for name in names:
             groups: dict[str, list[RunFit]] = {}
@@ -154,9 +152,7 @@ class Campaign:
         head = f"{'run':<{width}}" + "".join(f"{name:>14}" for name in shown)
         lines = [head + "".join(f"{name:>12}{'+-':>10}" for name in self.fitted) + f"{'redchi':>9}"]
         for run in self.runs:
-            row = f"{run.name:<{width}}" + "".join(
-                f"{_short(run.attributes.get(name, '')):>14}" for name in shown
-            )
+            row = f"{run.name:<{width}}" + "".join(f"{_short(run.attributes.get(name, '')):>14}" for name in shown)
             if not run.params:
                 lines.append(f"{row}  {run.message}")
                 continue
@@ -174,11 +170,7 @@ class Campaign:
         redchi = [run.redchi for run in done]
         lines = [
             f"{self.model.name}: {len(done)} of {len(self.runs)} runs fitted"
-            + (
-                f", redchi {min(redchi):.3g} to {max(redchi):.3g}, median {np.median(redchi):.3g}"
-                if redchi
-                else ""
-            )
+            + (f", redchi {min(redchi):.3g} to {max(redchi):.3g}, median {np.median(redchi):.3g}" if redchi else "")
         ]
         lines += [f"shared {p.name} = {p.value:.6g} +- {p.stderr:.2g} {p.unit}" for p in self.shared.values()]
         lines += [f"{run.name}: {run.message}" for run in self.runs if not run.success]
@@ -270,9 +262,7 @@ def campaign(
     return Campaign(model, fits, {}, np.empty((0, 0)), settings, all(run.success for run in fits), runs)
 
 
-def _check(
-    model: RotorModel, settings: FitSettings, shared: Sequence[str], start: Mapping[str, float]
-) -> None:
+def _check(model: RotorModel, settings: FitSettings, shared: Sequence[str], start: Mapping[str, float]) -> None:
     """What is wrong with the settings is wrong with every run: say it once, before the first one."""
     if settings.loss not in LOSSES:
         raise ValueError(unknown_name("loss", settings.loss, LOSSES))
@@ -281,17 +271,11 @@ def _check(
         model.parameter(name)
     fixed = [name for name in shared if name not in space.names]
     if fixed:
-        raise ValueError(
-            f"{', '.join(fixed)} cannot be known and shared: free a default with known={{name: None}}"
-        )
+        raise ValueError(f"{', '.join(fixed)} cannot be known and shared: free a default with known={{name: None}}")
     if len(shared) >= len(space.names):
-        raise ValueError(
-            "every fitted parameter is shared: that is a joint fit, use rf.fit(model, experiments)"
-        )
+        raise ValueError("every fitted parameter is shared: that is a joint fit, use rf.fit(model, experiments)")
     if any(name in settings.priors for name in shared):
-        raise ValueError(
-            "a prior of a shared parameter would count once for every run; bound it, or take it for known"
-        )
+        raise ValueError("a prior of a shared parameter would count once for every run; bound it, or take it for known")
 
 
 def _label(value: float | str) -> str:

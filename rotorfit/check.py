@@ -179,8 +179,8 @@ def _planes(test: PerturbationTest) -> Iterator[Finding]:
     unforced = [plane for plane in test.planes if plane not in test.force_planes]
     if unforced:
         text = (
-            f"No force was applied at {_list(unforced)}: eq. (7) needs a force at each measured plane in turn. A fit of "
-            "a model still works, with parameters that may not be identifiable."
+            f"No force was applied at {_list(unforced)}: eq. (7) needs a force at each measured plane in turn. A fit "
+            "of a model still works, with parameters that may not be identifiable."
         )
         yield Finding("note", "force-planes", text)
     blind = [plane for plane in test.force_planes if plane not in test.planes]

@@ -34,9 +34,7 @@ def parser(commands: Mapping[str, Command]) -> argparse.ArgumentParser:
         return added
 
     demo = command("demo", "identify the bundled rig and compare with its truth")
-    demo.add_argument(
-        "--out", type=Path, default=Path("rotorfit-demo"), help="folder for the results [%(default)s]"
-    )
+    demo.add_argument("--out", type=Path, default=Path("rotorfit-demo"), help="folder for the results [%(default)s]")
     _add_output(demo)
     fit = command("fit", "fit a model to test files")
     _add_fit(fit)
@@ -72,9 +70,7 @@ def _add_files(to: argparse.ArgumentParser) -> None:
         metavar="RPM",
         help="subtract each channel's mean reading below this speed (synchronous tests)",
     )
-    to.add_argument(
-        "--speed", type=float, metavar="RPM", help="rotative speed, for universal files without it"
-    )
+    to.add_argument("--speed", type=float, metavar="RPM", help="rotative speed, for universal files without it")
 
 
 _FIT_LISTS = {

@@ -145,11 +145,7 @@ def summary(outcome: Outcome, rig: str = "") -> str:
 def describe_test(test: Experiment, findings: Sequence[Finding]) -> str:
     """What a file holds, in a few lines, and what the data check found."""
     speeds = np.unique(np.round(test.speed * _RPM, 3))
-    span = (
-        f"{speeds[0]:g} to {speeds[-1]:g} rpm"
-        if speeds.size > 4
-        else ", ".join(f"{s:g}" for s in speeds) + " rpm"
-    )
+    span = f"{speeds[0]:g} to {speeds[-1]:g} rpm" if speeds.size > 4 else ", ".join(f"{s:g}" for s in speeds) + " rpm"
     w = test.frequency * _RPM
     kind = "displacement-in test"
     lines = []
@@ -197,15 +193,11 @@ def truth_table(outcome: Outcome, rig: str) -> str:
     for name in ("D", "lam", "Mf"):
         cells = [_plus_minus(fit.params[name].value, fit.params[name].stderr) for fit in fits.values()]
         unit = outcome.fit.params[name].unit
-        lines.append(
-            f"{name:<17}{truth['params'][name]:>10g}" + "".join(f"{cell:>21}" for cell in cells) + f"  {unit}"
-        )
+        lines.append(f"{name:<17}{truth['params'][name]:>10g}" + "".join(f"{cell:>21}" for cell in cells) + f"  {unit}")
     onsets = [fit.threshold_speed() for fit in fits.values()]
     cells = [_plus_minus(onset.value * _RPM, onset.stderr * _RPM) for onset in onsets]
     lines.append(
-        f"{'threshold speed':<17}{truth['threshold_rpm']:>10.1f}"
-        + "".join(f"{c:>21}" for c in cells)
-        + "  rpm"
+        f"{'threshold speed':<17}{truth['threshold_rpm']:>10.1f}" + "".join(f"{c:>21}" for c in cells) + "  rpm"
     )
     return "\n".join(lines)
 

@@ -252,7 +252,8 @@ def _perturbation(table: Table, speed_tolerance: float) -> PerturbationTest:
     radius = table.one("probe_radius", UNITS["length"])
     table.check_columns(PERTURBATION_COLUMNS)
     if unbalance and force:
-        raise ValueError(f"{table.source}: both {force[0]} and {unbalance[0]} are given; keep one of them")
+        given = f"{table.names[force[0]]} and {table.names[unbalance[0]]}"
+        raise ValueError(f"{table.source}: both {given} are given; keep one of them")
 
     run, force_plane, plane, direction = (table.words(name) for name in text)
     direction = _directions(table, direction)

@@ -188,7 +188,8 @@ def perturbation_test(
     """Build a :class:`PerturbationTest` from arrays or scalars, scalars spread over all rows.
 
     Args:
-        run, speed, frequency, force_plane, force, plane, direction, response, sigma: SI units, shape ``(R,)`` or scalar,
+        run, speed, frequency, force_plane, force, plane, direction, response, sigma: SI units, shape ``(R,)`` or
+        scalar,
             see :class:`PerturbationTest`.
         attributes: further columns by name.
         source: where the data came from, for messages.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from functools import cache
 from typing import Any
 
@@ -138,10 +139,32 @@ def build_problem(model: RotorModel, experiments: Experiment | Sequence[Experime
     return problem
 
 
+def solve_again(fit: FitResult, problem: Problem, priors: Mapping[str, Any] | None = None) -> FitResult:
+    """The result of a fit with its problem changed: more priors, nuisance entries or other readings.
+
+    Args:
+        fit: the result to start from.
+        problem: the changed problem, with the same parameters; nuisance entries that are new start at zero.
+        priors: priors by parameter name that replace or join those of the problem.
+    """
+    settings = fit.settings
+    if priors:
+        settings = replace(settings, priors={**settings.priors, **priors})
+        new = _priors(problem.space, priors)
+        entries = {prior.entry for prior in new}
+        kept = tuple(prior for prior in problem.priors if prior.entry not in entries)
+        problem = replace(problem, priors=(*kept, *new))
+    begin = np.zeros(problem.space.size)
+    begin[: min(fit.x.size, begin.size)] = fit.x[: begin.size]
+    solution = _solve(problem, np.clip(begin, problem.space.lower, problem.space.upper), Options())
+    return _result(problem, fit.experiments, settings, solution.x, begin, "least squares", solution, ())
+
+
 def _phase_factors(block: Block, runs: Sequence[str]) -> NDArray[np.complex128]:
     """Sensitivity of the logarithm of each prediction to the phase reference of each run, shape ``(R, n_runs)``.
 
-    In complex coordinates a backward run's amplitude is the conjugate of its phasors, and so is the effect of an offset.
+    In complex coordinates a backward run's amplitude is the conjugate of its phasors, and so is the effect of an
+    offset.
     """
     sense = np.ones(block.measured.size)
     if isinstance(block, Responses) and block.model.frame == "z":

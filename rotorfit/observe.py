@@ -245,8 +245,8 @@ def _assemble(
 def _estimate_noise(block: Responses, wrong: ComplexArray, synchronous: bool) -> Float:
     """Noise of every reading: from repeated sweeps, else from the wrong direction, else from smoothness.
 
-    The forward and the backward sweep of one test share a noise level: probes and cables do not know which way the force
-    turns, and twice the samples halve the variance of the estimate.
+    The forward and the backward sweep of one test share a noise level: probes and cables do not know which way the
+    force turns, and twice the samples halve the variance of the estimate.
     """
     w = block.frequency[block.line]
     speed = np.zeros_like(w) if synchronous else np.round(block.speed[block.line], 6)

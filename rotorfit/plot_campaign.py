@@ -33,9 +33,7 @@ def plot_trends(trends: Sequence[Trend], by: str | None = None) -> Figure:
     for axis, parameter in zip(axes[:, 0], parameters, strict=True):
         mine = [trend for trend in trends if trend.parameter == parameter]
         factor, unit = (
-            (1.0, "1")
-            if mine[0].unit == "1"
-            else prefix(np.concatenate([t.value for t in mine]), mine[0].unit)
+            (1.0, "1") if mine[0].unit == "1" else prefix(np.concatenate([t.value for t in mine]), mine[0].unit)
         )
         for trend in mine:
             number = groups.index(trend.group)

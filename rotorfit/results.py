@@ -20,7 +20,6 @@ from rotorfit.models.stability import eigenvalue_gradient
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from rotorfit.posterior import Posterior
 
 Float = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
@@ -226,9 +225,7 @@ class FitResult:
         onset = threshold_speed(self.model, self.theta(at), band=self.stability_band)
         return math.nan if onset is None else onset.whirl_ratio
 
-    def natural_frequencies(
-        self, speed: float, at: Mapping[str, Any] | None = None
-    ) -> list[tuple[Quantity, Quantity]]:
+    def natural_frequencies(self, speed: float, at: Mapping[str, Any] | None = None) -> list[tuple[Quantity, Quantity]]:
         """Damped natural frequency (rad/s, signed) and damping ratio of each mode at a rotative speed (rad/s)."""
         theta = self.theta(at)
         modes = []
@@ -239,19 +236,13 @@ class FitResult:
             size = abs(s)
             # zeta = -Re s / |s|
             slope = -by_theta.real / size + s.real * (s.real * by_theta.real + s.imag * by_theta.imag) / size**3
-            modes.append((
-                self.propagate(float(s.imag), by_theta.imag, "rad/s", at),
-                self.propagate(float(-s.real / size), slope, "1", at),
-            ))
+            modes.append(
+                (
+                    self.propagate(float(s.imag), by_theta.imag, "rad/s", at),
+                    self.propagate(float(-s.real / size), slope, "1", at),
+                )
+            )
         return modes
-
-    # ---- uncertainty beyond the standard errors ---------------------------------------------------------------------
-
-    def sample(self, **options: Any) -> Posterior:
-        """Sample the posterior with emcee; options as for :func:`rotorfit.sample`."""
-        from rotorfit.posterior import sample
-
-        return sample(self, **options)
 
     # ---- presentation, imported when asked for ----------------------------------------------------------------------
 

@@ -158,9 +158,7 @@ def build_model(study: Study, experiments: Sequence[Experiment]) -> RotorModel:
     if study.planes:
         options["planes"] = study.planes
     elif study.model == "anisotropic":  # has as many planes as the data, whatever they are called
-        options["planes"] = tuple(
-            dict.fromkeys(plane for experiment in experiments for plane in experiment.planes)
-        )
+        options["planes"] = tuple(dict.fromkeys(plane for experiment in experiments for plane in experiment.planes))
     if study.blocks:
         options["blocks"] = study.blocks
     if study.two_lam:

@@ -112,9 +112,7 @@ def _table(of: Parser) -> Parser:
 
 def _prior(key: str, value: Any) -> Any:
     if not isinstance(value, dict) or len(value) != 1:
-        raise ValueError(
-            f"{key} must be one distribution with its numbers, {{norm = [1.0, 0.01]}}; got {value!r}"
-        )
+        raise ValueError(f"{key} must be one distribution with its numbers, {{norm = [1.0, 0.01]}}; got {value!r}")
     name, numbers = next(iter(value.items()))
     if not isinstance(numbers, list):
         raise ValueError(f"{key}: {name} needs a list of numbers, got {numbers!r}")

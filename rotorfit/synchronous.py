@@ -78,7 +78,7 @@ def difference_synchronous(test: PerturbationTest) -> PerturbationTest:
     """
     if not test.synchronous:
         raise ValueError(
-            f"{test.source or 'the test'} is not synchronous: only runs with frequency = speed on all rows are differenced"
+            f"{test.source or 'the test'} is not synchronous: differenced are runs with frequency = speed on all rows"
         )
     done = np.asarray(test.attributes.get(DIFFERENCED, np.zeros(len(test))) == 1)
     left = np.ones(len(test), dtype=bool)

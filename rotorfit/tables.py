@@ -16,7 +16,8 @@ def fit_summary(fit: FitResult) -> str:
     """Parameters, goodness of fit, identifiability, correlations worth knowing, stability and warnings."""
     lines = [
         f"{fit.model.name}, {fit.method}: {fit.message}",
-        f"{fit.ndata} real data, {fit.nvarys} fitted values, redchi {fit.redchi:.4g}, AIC {fit.aic:.6g}, BIC {fit.bic:.6g}",
+        f"{fit.ndata} real data, {fit.nvarys} fitted values, redchi {fit.redchi:.4g}, "
+        f"AIC {fit.aic:.6g}, BIC {fit.bic:.6g}",
         "",
         *parameter_table(fit),
         "",

@@ -75,9 +75,7 @@ def trend_of(runs: Sequence[RunFit], parameter: str, unit: str, against: str, gr
     coefficients, *_ = np.linalg.lstsq(design, value / stderr, rcond=None)
     covar = np.linalg.inv(design.T @ design)
     free = x.size - columns
-    scatter = (
-        float(np.sum((value / stderr - design @ coefficients) ** 2) / free) if free > 0 else float("nan")
-    )
+    scatter = float(np.sum((value / stderr - design @ coefficients) ** 2) / free) if free > 0 else float("nan")
     covar = covar * max(1.0, scatter if free > 0 else 1.0)
     slope = Quantity(float("nan"), float("nan"), f"{unit} per {against}")
     if columns == 2:
@@ -93,9 +91,7 @@ def trend_table(trends: Sequence[Trend]) -> str:
     if not trends:
         return "no run has a resolved value"
     width = max(len(t.group) for t in trends) + 2
-    lines = [
-        f"{'parameter':<12}{'group':<{width}}{'runs':>5}{'slope':>26}{'scatter':>9}{'at the middle':>26}"
-    ]
+    lines = [f"{'parameter':<12}{'group':<{width}}{'runs':>5}{'slope':>26}{'scatter':>9}{'at the middle':>26}"]
     for parameter in dict.fromkeys(t.parameter for t in trends):
         mine = [t for t in trends if t.parameter == parameter]
         middle = _middle(mine)

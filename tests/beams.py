@@ -1,4 +1,4 @@
-"""Finite-element shafts for tests: Timoshenko beams in complex coordinates (z, dz/ds), written from the textbook theory.
+"""Finite-element shafts for tests: Timoshenko beams in complex coordinates (z, dz/ds), from the textbook theory.
 
 An isotropic shaft needs one complex pair of coordinates a node, z = x + j y and its slope; the real stiffness and mass
 matrices of plane bending apply to them, and the gyroscopic matrix enters the dynamic stiffness as ``+ w Om G``.

@@ -89,7 +89,8 @@ def random_rig(rng):
         p = {
             "diameter": 0.010 * rng.uniform(0.9, 1.3), "K0": 1e4 * rng.uniform(0.3, 2.0),
             "D": 450.0 * rng.uniform(0.5, 2.0), "lam": rng.uniform(0.38, 0.49), "Mf": 0.35 * rng.uniform(0.5, 1.5),
-            "m_disk": 0.8 * rng.uniform(0.7, 1.4), "Ds": 3.0 * rng.uniform(0.5, 2.0), "noise": float(rng.choice([0.005, 0.01, 0.02])),
+            "m_disk": 0.8 * rng.uniform(0.7, 1.4), "Ds": 3.0 * rng.uniform(0.5, 2.0), "noise":
+            float(rng.choice([0.005, 0.01, 0.02])),
         }  # fmt: skip
         rig = Rig(**p)
         speeds = RPM * np.sort(rng.choice([600, 900, 1200, 1500, 1800, 2200], 2, replace=False))

@@ -157,7 +157,7 @@ def circular_test(
 def _probes(
     axis: str, amplitude: NDArray[np.complex128], sign: int, level: float
 ) -> list[tuple[str, NDArray[np.complex128], float]]:
-    """Readings of the x and the y probe of a circular orbit, and the noise of each that leaves ``level`` on the orbit."""
+    """Readings of the x and y probes of a circular orbit, and the noise of each that leaves ``level`` on the orbit."""
     if axis in "xy":
         return [(axis, amplitude, level)]
     prefix = "r" if axis == "r" else ""

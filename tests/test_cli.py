@@ -194,9 +194,7 @@ def test_anisotropic_takes_the_planes_of_the_data(run: Run) -> None:
 
 
 def test_module_and_version() -> None:
-    done = subprocess.run(
-        [sys.executable, "-m", "rotorfit", "--version"], capture_output=True, text=True, check=True
-    )
+    done = subprocess.run([sys.executable, "-m", "rotorfit", "--version"], capture_output=True, text=True, check=True)
     assert done.stdout == f"rotorfit {rf.__version__}\n"
 
 
@@ -408,18 +406,18 @@ def test_every_key_of_a_study(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("change", "expected"),
     [
-        ('knwon = {K3 = 1}', "unknown key 'knwon', did you mean 'known'"),
+        ("knwon = {K3 = 1}", "unknown key 'knwon', did you mean 'known'"),
         ('planes = "disk"', "planes must be a list of texts"),
-        ('loss = 3', "loss must be a text"),
+        ("loss = 3", "loss must be a text"),
         ('two_lam = "yes"', "two_lam must be true or false"),
-        ('start = {D = true}', "start.D must be a number"),
-        ('start = 3', "start must be a table"),
-        ('priors = {D = {nrm = [1, 2]}}', "did you mean 'norm'"),
-        ('priors = {D = {norm = [1, 2, 3]}}', "does not take the numbers"),
-        ('priors = {D = 3}', "must be one distribution"),
+        ("start = {D = true}", "start.D must be a number"),
+        ("start = 3", "start must be a table"),
+        ("priors = {D = {nrm = [1, 2]}}", "did you mean 'norm'"),
+        ("priors = {D = {norm = [1, 2, 3]}}", "does not take the numbers"),
+        ("priors = {D = 3}", "must be one distribution"),
         ('known = {K3 = "fixed"}', '"free" to fit it'),
-        ('per = {D = 3}', "per.D must be a text"),
-        ('= 3', "not a TOML file"),
+        ("per = {D = 3}", "per.D must be a text"),
+        ("= 3", "not a TOML file"),
     ],
 )
 def test_bad_studies_are_one_sentence(run: Run, tmp_path: Path, change: str, expected: str) -> None:

@@ -53,9 +53,7 @@ class Wrapped:
         return self.inner.hessian(x)
 
 
-def recorder(
-    seen: list[Array], undefined: Callable[[Array], bool] = lambda x: False
-) -> Callable[[Array], bool]:
+def recorder(seen: list[Array], undefined: Callable[[Array], bool] = lambda x: False) -> Callable[[Array], bool]:
     """A hook that notes every point."""
 
     def hook(x: Array) -> bool:
@@ -209,9 +207,7 @@ def test_units_of_the_parameters_do_not_matter(size: float, rate: float) -> None
 @pytest.mark.parametrize("factor", [1e-9, 1e9])
 def test_units_of_the_data_do_not_matter(factor: float) -> None:
     def scaled(k: float) -> Solution:
-        return minimise(
-            symbolic(2, lambda x: [k * 10 * (x[1] - x[0] ** 2), k * (2 - x[0]), k * x[0]]), [-1.2, 1.0]
-        )
+        return minimise(symbolic(2, lambda x: [k * 10 * (x[1] - x[0] ** 2), k * (2 - x[0]), k * x[0]]), [-1.2, 1.0])
 
     np.testing.assert_allclose(scaled(factor).x, scaled(1.0).x, rtol=1e-9)
     assert scaled(factor).success

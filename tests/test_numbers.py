@@ -137,8 +137,8 @@ def test_two_disk_campaign(method):
         assert result.params[name].value == pytest.approx(value, rel=0.01)
     within_own_errors(result, published)
     derived = two_disk_derived({name: p.value for name, p in result.params.items()})
-    # The published numbers are rounded (phi 0.99 for an exact 0.984, zeta to two digits): compare with what the published
-    # K and M imply, and with the published values to their last digit.
+    # The published numbers are rounded (phi 0.99 for an exact 0.984, zeta to two digits): compare with what the
+    # published K and M imply, and with the published values to their last digit.
     exact = two_disk_derived(
         published
         | {"D11": truth["D"][0][0], "D12": -truth["D"][0][1], "D21": -truth["D"][1][0], "D22": truth["D"][1][1]}

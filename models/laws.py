@@ -1,0 +1,260 @@
+"""Laws of eccentricity: how the fluid's stiffness, damping and velocity ratio change with the size of the orbit.
+
+The eccentricity is ``eps = |z_b| / clearance``, z_b being the journal's displacement from the centre of the bearing
+or seal. K0, D and lam keep their names and are the values at ``eps = 0``.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any, ClassVar, NamedTuple
+
+import casadi as ca
+
+from rotorfit.models.parameters import Parameter
+
+
+class Fluid(NamedTuple):
+    """Radial stiffness and damping at an eccentricity, and the factor on the velocity ratio; symbolic."""
+
+    K0: Any
+    D: Any
+    ratio: Any
+
+
+class Law(ABC):
+    """A law K0(eps), D(eps), lam(eps).
+
+    Attributes:
+        name: name for tables and files.
+        parameters: what the law adds to a model's parameters.
+    """
+
+    name: ClassVar[str]
+
+    @property
+    @abstractmethod
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Parameters of the law itself."""
+
+    @abstractmethod
+    def at(self, p: Any, eccentricity: Any) -> Fluid:
+        """Fluid at an eccentricity.
+
+        Args:
+            p: all parameters by name, symbolic, K0 and D among them.
+            eccentricity: eps, symbolic, 0 <= eps < 1.
+        """
+
+    @abstractmethod
+    def start(self, K0: float, D: float) -> dict[str, float]:
+        """Values from which a fit may begin, near no change with eccentricity, for given values at eps = 0."""
+
+
+@dataclass(frozen=True)
+class Constant(Law):
+    """Linear fluid: nothing changes with eccentricity."""
+
+    name: ClassVar[str] = "constant"
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """See :attr:`Law.parameters`."""
+        return ()
+
+    def at(self, p: Any, eccentricity: Any) -> Fluid:
+        """See :meth:`Law.at`."""
+        return Fluid(p.K0, p.D, 1.0)
+
+    def start(self, K0: float, D: float) -> dict[str, float]:
+        """See :meth:`Law.start`."""
+        return {}
+
+
+@dataclass(frozen=True)
+class Muszynska(Law):
+    """``K0 (1 - eps^2)^-n_K``, ``D (1 - eps^2)^-n_D``, ``lam (1 - eps)^b`` (Muszynska 1988; Hua 2005).
+
+    Published ranges are 0.5 < n < 3 and 0 < b < 1. The limits here are wider, so that zero, no change with
+    eccentricity, is an ordinary value. The exponent n_K is what tells K0 from stiffness that does not change with
+    eccentricity: a one-mode rotor's K and K0, of which a linear test sees the sum only, are separated by this law,
+    and no better than the law holds.
+    """
+
+    name: ClassVar[str] = "muszynska"
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """See :attr:`Law.parameters`."""
+        return (
+            Parameter("n_K", "1", "exponent of the fluid radial stiffness in eccentricity", lower=-2.0, upper=10.0),
+            Parameter("n_D", "1", "exponent of the fluid radial damping in eccentricity", lower=-2.0, upper=10.0),
+            Parameter("b", "1", "exponent of the velocity ratio in eccentricity", scale=0.5, lower=-2.0, upper=5.0),
+        )
+
+    def at(self, p: Any, eccentricity: Any) -> Fluid:
+        """See :meth:`Law.at`."""
+        wide, gap = ca.log1p(-(eccentricity**2)), ca.log1p(-eccentricity)
+        return Fluid(p.K0 * ca.exp(-p.n_K * wide), p.D * ca.exp(-p.n_D * wide), ca.exp(p.b * gap))
+
+    def start(self, K0: float, D: float) -> dict[str, float]:
+        """See :meth:`Law.start`."""
+        return {"n_K": 1.0, "n_D": 1.0, "b": 0.5}
+
+
+@dataclass(frozen=True)
+class EvenPolynomial(Law):
+    """``K0 + K0_2 eps^2 + K0_4 eps^4 + ...``, D likewise, ``lam (1 + lam_2 eps^2 + ...)``.
+
+    Makes no assumption on the form, so that stiffness of the rotor itself in the journal's plane (K of one mode, K3
+    of whirl and whip) and K0 are known as their sum only.
+
+    Args:
+        terms: number of even powers above zero, 1 to 4.
+    """
+
+    name: ClassVar[str] = "even-polynomial"
+    terms: int = 2
+
+    def __post_init__(self) -> None:
+        if not 1 <= self.terms <= 4:
+            raise ValueError(f"an even polynomial has 1 to 4 terms above the constant, got {self.terms}")
+
+    @property
+    def _powers(self) -> range:
+        return range(2, 2 * self.terms + 1, 2)
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """See :attr:`Law.parameters`."""
+        return (
+            *(Parameter(f"K0_{k}", "N/m", f"fluid radial stiffness, factor of eps^{k}", 1e4) for k in self._powers),
+            *(Parameter(f"D_{k}", "N s/m", f"fluid radial damping, factor of eps^{k}", 500.0) for k in self._powers),
+            *(
+                Parameter(f"lam_{k}", "1", f"relative change of the velocity ratio, factor of eps^{k}")
+                for k in self._powers
+            ),
+        )
+
+    def at(self, p: Any, eccentricity: Any) -> Fluid:
+        """See :meth:`Law.at`."""
+        change = {
+            name: sum(getattr(p, f"{name}_{k}") * eccentricity**k for k in self._powers) for name in ("K0", "D", "lam")
+        }
+        return Fluid(p.K0 + change["K0"], p.D + change["D"], 1.0 + change["lam"])
+
+    def start(self, K0: float, D: float) -> dict[str, float]:
+        """See :meth:`Law.start`."""
+        return {parameter.name: 0.0 for parameter in self.parameters}
+
+
+@dataclass(frozen=True)
+class MonotoneSpline(Law):
+    """Quadratic I-splines: K0 and D never fall with eccentricity, lam never rises.
+
+    ``K0 + sum_i K0_si I_i(eps)``, D likewise, ``lam (1 - sum_i lam_si I_i(eps))`` with all factors at least zero.
+    Each I_i rises smoothly from 0 to 1 around a knot (Ramsay 1988), so that a factor is a rise. K0 and D begin with
+    slope zero, as even functions do. What is said on K and K0 under :class:`EvenPolynomial` holds here too.
+
+    Args:
+        knots: inner knots, ascending between 0 and ``reach``.
+        reach: eccentricity beyond which nothing changes; choose that of the data.
+    """
+
+    name: ClassVar[str] = "monotone-spline"
+    knots: tuple[float, ...] = (0.35, 0.65)
+    reach: float = 1.0
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "knots", tuple(float(k) for k in self.knots))
+        nodes = self._nodes
+        if not 0 < self.reach <= 1 or any(a >= b for a, b in pairwise(nodes)):
+            raise ValueError(
+                f"knots must ascend between 0 and reach, and reach lie in (0, 1]; got knots {self.knots} and reach "
+                f"{self.reach}"
+            )
+
+    @property
+    def _nodes(self) -> tuple[float, ...]:
+        return (0.0, *self.knots, self.reach)
+
+    @property
+    def _spline(self) -> range:
+        """Numbers of the splines with slope zero at the centre; number 0 rises from the centre on."""
+        return range(1, len(self._nodes))
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """See :attr:`Law.parameters`."""
+        at = [f"{node:.3g}" for node in self._nodes]
+        return (
+            *(
+                Parameter(f"K0_s{i}", "N/m", f"rise of the fluid radial stiffness around eps = {at[i]}", 1e4, 0.0)
+                for i in self._spline
+            ),
+            *(
+                Parameter(f"D_s{i}", "N s/m", f"rise of the fluid radial damping around eps = {at[i]}", 500.0, 0.0)
+                for i in self._spline
+            ),
+            *(
+                Parameter(f"lam_s{i}", "1", f"relative fall of the velocity ratio around eps = {at[i]}", 0.2, 0.0)
+                for i in (0, *self._spline)
+            ),
+        )
+
+    def at(self, p: Any, eccentricity: Any) -> Fluid:
+        """See :meth:`Law.at`."""
+        basis = [i_spline(self._nodes, i, eccentricity) for i in range(len(self._nodes))]
+        K0 = p.K0 + sum(getattr(p, f"K0_s{i}") * basis[i] for i in self._spline)
+        D = p.D + sum(getattr(p, f"D_s{i}") * basis[i] for i in self._spline)
+        return Fluid(K0, D, 1.0 - sum(getattr(p, f"lam_s{i}") * basis[i] for i in (0, *self._spline)))
+
+    def start(self, K0: float, D: float) -> dict[str, float]:
+        """See :meth:`Law.start`."""
+        share = {"K0": 0.2 * abs(K0), "D": 0.2 * abs(D), "lam": 0.05}
+        return {q.name: share[q.name.rpartition("_")[0]] for q in self.parameters}
+
+
+def i_spline(nodes: Sequence[float], number: int, x: Any) -> Any:
+    """Integral, from the first node, of the hat function on ``nodes[number]``, scaled to rise from 0 to 1.
+
+    Args:
+        nodes: ascending nodes; the first and the last hat are half hats.
+        number: node on which the hat stands.
+        x: symbolic or number, not below the first node.
+    """
+    left, centre, right = nodes[max(number - 1, 0)], nodes[number], nodes[min(number + 1, len(nodes) - 1)]
+    height = 2.0 / (right - left)
+    total: Any = 0.0
+    if centre > left:
+        way = ca.fmin(ca.fmax(x - left, 0.0), centre - left)
+        total = total + height * way**2 / (2 * (centre - left))
+    if right > centre:
+        way = ca.fmin(ca.fmax(x - centre, 0.0), right - centre)
+        total = total + height * (way - way**2 / (2 * (right - centre)))
+    return total
+
+
+LAWS: dict[str, type[Law]] = {law.name: law for law in (Constant, Muszynska, EvenPolynomial, MonotoneSpline)}
+"""Laws by name."""
+
+
+def clearance_of(law: Law, clearance_um: float | None, model: str) -> float | None:
+    """Clearance in m, checked against the law.
+
+    Raises:
+        ValueError: a law that changes with eccentricity without a clearance, or one that is not positive.
+    """
+    if clearance_um is None:
+        if law.parameters:
+            raise ValueError(
+                f"{model}: law {law.name} depends on eccentricity = |journal displacement| / clearance; give "
+                f"clearance_um, the radial clearance in micrometres"
+            )
+        return None
+    if not 0 < clearance_um < float("inf"):
+        raise ValueError(f"{model}: clearance_um must be positive, got {clearance_um}")
+    return clearance_um * 1e-6

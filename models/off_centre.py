@@ -1,0 +1,197 @@
+"""Small motion of a nonlinear rotor about an off-centre equilibrium, and the equilibria themselves.
+
+A static load moves the journal to z_s. The force ``F = sum_k C_k(|z_b| / clearance) d^k z / dt^k`` has there the
+derivative ``dF = sum_k C_k d^k dz/dt^k + N (dz_b + exp(2 j phi) conj(dz_b))``, phi being the direction of z_s and N
+half the eccentricity times the slope of the static stiffness. The conjugate couples forward and backward motion:
+``dz = A exp(jwt) + B exp(-jwt)`` obeys one matrix equation for A and conj(B), of twice the size.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rotorfit.models.journal import journal
+from rotorfit.models.model import RotorModel
+from rotorfit.models.orbits import OrbitEquation, all_roots
+from rotorfit.models.stability import companion
+
+Float = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+Index = NDArray[np.intp]
+
+
+def static_equilibria(model: RotorModel, theta: ArrayLike, speed: float, load: ArrayLike) -> list[ComplexArray]:
+    """Displacements under a constant load, the equation of motion at w = 0.
+
+    Args:
+        model: the rotor.
+        theta: parameter vector, shape ``(P,)``.
+        speed: rotative speed, rad/s.
+        load: constant force Px + j Py at each coordinate, N, shape ``(n,)``.
+
+    Returns:
+        every equilibrium, shape ``(n,)`` each, m, the smallest eccentricity first; for a linear model the only one.
+    """
+    load = np.asarray(load, dtype=complex)
+    H = model.receptance(theta, 0.0, speed)
+    centred = H @ load
+    if not model.eccentricity_dependent:
+        return [centred]
+    seat = journal(model)
+    equation = OrbitEquation(
+        np.asarray(theta, dtype=float)[None],
+        np.zeros(1, dtype=complex),
+        np.array([speed], dtype=float),
+        centred[[seat.at]] / seat.clearance,
+        H[[seat.at], seat.at],
+    )
+    roots = all_roots(seat, equation)[0]
+    return [model.receptance(theta, 0.0, speed, eps) @ load for eps in roots.tolist()]
+
+
+def linearised(model: RotorModel, theta: ArrayLike, speed: float, eccentricity: float, attitude: float = 0.0) -> Float:
+    """Coefficient matrices of small motion in real coordinates, all x then all y.
+
+    For one mode the first is ``[[kxx, kxy], [kyx, kyy]]``, then damping and mass.
+
+    Args:
+        model: the rotor.
+        theta: parameter vector, shape ``(P,)``.
+        speed: rotative speed, rad/s.
+        eccentricity: static eccentricity of the journal.
+        attitude: direction of its displacement from x towards y, rad.
+
+    Returns:
+        shape ``(order + 1, 2n, 2n)``.
+    """
+    C = model.coefficients(theta, speed, eccentricity)
+    n = C.shape[-1]
+    real = np.zeros((C.shape[0], 2 * n, 2 * n))
+    real[:, :n, :n], real[:, n:, n:] = C.real, C.real
+    real[:, n:, :n], real[:, :n, n:] = C.imag, -C.imag
+    if model.eccentricity_dependent:
+        seat = journal(model)
+        N = complex(seat.coupling(theta, speed, eccentricity))
+        # N (dz + exp(2 j phi) conj(dz)) = 2 N exp(j phi) Re(exp(-j phi) dz)
+        column = 2 * N * np.exp(1j * attitude) * np.array([np.cos(attitude), np.sin(attitude)])
+        real[0, seat.at, [seat.at, n + seat.at]] += column.real
+        real[0, n + seat.at, [seat.at, n + seat.at]] += column.imag
+    return real
+
+
+def coupled_stiffness(
+    model: RotorModel, theta: ArrayLike, frequency: ArrayLike, speed: ArrayLike, eccentricity: ArrayLike,
+    attitude: ArrayLike = 0.0,
+) -> ComplexArray:  # fmt: skip
+    """Dynamic stiffness of small motion, which acts on the forward amplitudes A and on conj(B), B the backward ones.
+
+    Args:
+        model: the rotor.
+        theta: parameter vectors, shape ``(P,)`` or ``(L, P)``.
+        frequency: ``|w|``, rad/s, shape ``(L,)``; so the others, or scalars.
+        speed: rotative speed, rad/s.
+        eccentricity: static eccentricity of the journal.
+        attitude: direction of its displacement, rad.
+
+    Returns:
+        shape ``(L, 2n, 2n)``; a force ``F exp(jwt) + G exp(-jwt)`` stands as (F, conj(G)) on the other side.
+    """
+    w, speed, eps, phi = np.broadcast_arrays(*np.atleast_1d(np.abs(frequency), speed, eccentricity, attitude))
+    forward = model.dynamic_stiffness(theta, w, speed, eps)
+    backward = model.dynamic_stiffness(theta, -w, speed, eps).conj()
+    n = forward.shape[-1]
+    total = np.zeros((w.size, 2 * n, 2 * n), dtype=complex)
+    total[:, :n, :n], total[:, n:, n:] = forward, backward
+    if model.eccentricity_dependent:
+        seat = journal(model)
+        _couple(total, seat.coupling(theta, speed, eps), np.asarray(phi), seat.at)
+    return total
+
+
+def _couple(total: ComplexArray, N: ComplexArray, attitude: Float, at: int) -> None:
+    """Add the coupling of forward and backward motion at the journal to matrices of shape ``(L, 2n, 2n)``."""
+    other = at + total.shape[-1] // 2
+    turn = np.exp(2j * attitude)
+    total[:, at, at] += N
+    total[:, at, other] += N * turn
+    total[:, other, at] += (N * turn).conj()
+    total[:, other, other] += N.conj()
+
+
+def _seats(model: RotorModel) -> Index:
+    """Places of the model's coordinates among those of free motion."""
+    return np.arange(len(model.coordinates)) if model.shaft is None else model.shaft.at
+
+
+def free_motion(model: RotorModel, theta: ArrayLike, speed: float, eccentricity: float) -> ComplexArray:
+    """Coefficient matrices of small free motion, acting on (z, conj(z)), shape ``(order + 1, 2N, 2N)``.
+
+    N counts the coordinates of :meth:`RotorModel.motion`. The direction of the equilibrium does not matter here.
+    """
+    C = np.array(model.motion(theta, speed))
+    seats = _seats(model)
+    size = C.shape[-1]
+    if model.eccentricity_dependent:
+        C[:, seats[:, None], seats] += model.coefficients(theta, speed, eccentricity) - model.coefficients(theta, speed)
+    total = np.zeros((C.shape[0], 2 * size, 2 * size), dtype=complex)
+    total[:, :size, :size], total[:, size:, size:] = C, C.conj()
+    if model.eccentricity_dependent:
+        seat = journal(model)
+        N = seat.coupling(theta, speed, eccentricity)
+        _couple(total[:1], np.atleast_1d(N), np.zeros(1), int(seats[seat.at]))
+    return total
+
+
+def off_centre_eigenvalues(model: RotorModel, theta: ArrayLike, speed: float, eccentricity: float) -> ComplexArray:
+    """Eigenvalues s of small free motion about an equilibrium, conjugate pairs, sorted by imaginary part.
+
+    At the centre they are those of :func:`~rotorfit.models.eigenvalues` and their conjugates.
+
+    Args:
+        model: the rotor.
+        theta: parameter vector, shape ``(P,)``.
+        speed: rotative speed, rad/s.
+        eccentricity: static eccentricity of the journal.
+    """
+    C = free_motion(model, theta, speed, eccentricity)
+    if model.shaft is not None and model.shaft.has_mass:
+        matrix, scale = companion(C[::-1])
+        s = np.linalg.eigvals(matrix) / scale
+    else:
+        matrix, scale = companion(C)
+        mu = np.linalg.eigvals(matrix)
+        s = scale / mu[np.abs(mu) > 1e-9 * np.abs(mu).max()]
+    return np.asarray(s[np.argsort(s.imag)])
+
+
+def off_centre_gradient(
+    model: RotorModel, theta: ArrayLike, speed: float, eccentricity: float, s: complex
+) -> ComplexArray:
+    """Derivatives of a simple eigenvalue by the parameters, the eccentricity held, shape ``(P,)``."""
+    C = free_motion(model, theta, speed, eccentricity)
+    size = C.shape[-1] // 2
+    powers = s ** np.arange(C.shape[0])
+    left, _, right = np.linalg.svd(np.einsum("k,kij->ij", powers, C))
+    u, v = left[:, -1].conj(), right[-1].conj()
+    seats = _seats(model)
+    total = np.zeros(len(model.parameters) + 2, dtype=complex)
+    parts = [(model.motion_jacobian(theta, speed), np.arange(size), 1.0)]
+    if model.eccentricity_dependent:
+        parts += [
+            (model.functions.jacobian(theta, speed, eccentricity), seats, 1.0),
+            (model.functions.jacobian(theta, speed), seats, -1.0),
+        ]
+    for jacobian, place, sign in parts:
+        rows, columns = place[jacobian.rows], place[jacobian.columns]
+        entries = u[rows] * v[columns] * jacobian.values
+        entries = entries + u[size + rows] * v[size + columns] * jacobian.values.conj()
+        np.add.at(total, jacobian.inputs, sign * powers[jacobian.powers] * entries)
+    result = total[:-2]
+    if model.eccentricity_dependent:
+        seat = journal(model)
+        at, slope = int(seats[seat.at]), seat.coupling_jacobian(theta, speed, eccentricity)
+        moved = v[at] + v[size + at]
+        result = result + u[at] * moved * slope + u[size + at] * moved * slope.conj()
+    by_s = np.einsum("i,kij,j,k->", u, C[1:], v, np.arange(1, C.shape[0]) * powers[:-1])
+    return np.asarray(-result / by_s)

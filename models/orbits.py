@@ -1,0 +1,143 @@
+"""Centred orbits and static equilibria of a nonlinear rotor: roots of one scalar equation in the eccentricity.
+
+Under a circular force the journal of an isotropic rotor runs on a circle, its eccentricity is constant, and the
+one-phasor equation ``kappa(w, |A_b|) A = F`` is exact. A constant load is the case w = 0. Condensed to the journal,
+``|u / (1 + h Delta(eps))| = eps`` with u the journal's response (over clearance) and h the drive-point receptance of
+the centred rotor. There may be several roots; jumps are changes from one to another.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotorfit.models.journal import Journal
+
+Float = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+Index = NDArray[np.intp]
+
+LARGEST = 1.0 - 1e-9
+"""Largest eccentricity searched: at 1 the journal touches."""
+
+_NEWTON = 12  # Newton steps from a measured eccentricity; those that need more are searched for
+_CLOSE = 0.05  # a root this close to its target, with no sign change between, needs no search for others
+_GRID = 129  # eccentricities at which a search looks for sign changes
+_BISECTIONS = 52
+
+
+@dataclass(frozen=True, eq=False)
+class OrbitEquation:
+    """The scalar equation of many lines, all arrays of shape ``(L,)`` but theta, ``(L, P)``.
+
+    Attributes:
+        theta: parameter vectors.
+        s: j w, rad/s.
+        speed: rotative speed, rad/s.
+        drive: journal's response of the centred rotor over clearance, complex.
+        receptance: drive-point receptance of the centred rotor at the journal, m/N.
+    """
+
+    theta: Float
+    s: ComplexArray
+    speed: Float
+    drive: ComplexArray
+    receptance: ComplexArray
+
+    def select(self, lines: Index) -> Self:
+        """The equation of some lines."""
+        return type(self)(*[getattr(self, f.name)[lines] for f in fields(self)])
+
+    def excess(self, journal: Journal, eccentricity: Float) -> tuple[Float, Float]:
+        """Predicted minus assumed eccentricity, and its slope.
+
+        Args:
+            journal: the model's journal.
+            eccentricity: shape ``(L,)``, or ``(L, G)`` for several at each line.
+        """
+        extra = (slice(None),) + (None,) * (eccentricity.ndim - 1)
+        theta = self.theta[(*extra, slice(None))]
+        delta, slope = journal.change(theta, self.s[extra], self.speed[extra], eccentricity)
+        ratio = 1.0 + self.receptance[extra] * delta
+        size = np.abs(self.drive[extra] / ratio)
+        growth = -size * (self.receptance[extra] * slope / ratio).real
+        return size - eccentricity, growth - 1.0
+
+
+def nearest_roots(journal: Journal, equation: OrbitEquation, target: Float) -> Float:
+    """Root nearest to a target for each line, shape ``(L,)``.
+
+    Where the orbit would pass the clearance there is no root and the answer is :data:`LARGEST`.
+    """
+    found, settled = _newton(journal, equation, target)
+    close = settled & (np.abs(found - target) <= _CLOSE) & _only_root_near(journal, equation, target, found)
+    rest = np.flatnonzero(~close)
+    if rest.size:
+        for line, roots in zip(rest.tolist(), all_roots(journal, equation.select(rest)), strict=True):
+            found[line] = roots[np.argmin(np.abs(roots - target[line]))]
+    return found
+
+
+def _newton(journal: Journal, equation: OrbitEquation, start: Float) -> tuple[Float, NDArray[np.bool_]]:
+    eps = np.clip(start, 0.0, LARGEST)
+    step = np.full_like(eps, np.inf)
+    for _ in range(_NEWTON):
+        value, slope = equation.excess(journal, eps)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            moved = np.clip(eps - value / slope, 0.0, LARGEST)
+        moved = np.where(np.isfinite(moved), moved, eps)
+        step = np.abs(moved - eps)
+        eps = moved
+        if step.max(initial=0.0) < 1e-14:
+            break
+    # Quadratic convergence: a last step of 1e-9 leaves round-off.
+    return eps, (step < 1e-9) & (eps < LARGEST)
+
+
+def _only_root_near(journal: Journal, equation: OrbitEquation, target: Float, found: Float) -> NDArray[np.bool_]:
+    """Whether no other root is as near to the target: no sign change between it and the two points as far off."""
+    far = np.abs(found - target)
+    beyond = np.where(found >= target, target - far, target + far)
+    ends = np.clip(np.stack([target, beyond], axis=1), 0.0, LARGEST)
+    value, _ = equation.excess(journal, ends)
+    return np.asarray((far < 1e-12) | (value[:, 0] * value[:, 1] > 0))
+
+
+def all_roots(journal: Journal, equation: OrbitEquation) -> list[Float]:
+    """All eccentricities that solve each line's equation, ascending, to the resolution of a grid of 129 points."""
+    grid = np.linspace(0.0, LARGEST, _GRID)
+    value, _ = equation.excess(journal, np.broadcast_to(grid, (equation.speed.size, _GRID)))
+    line, cell = np.nonzero((value[:, :-1] >= 0) != (value[:, 1:] >= 0))
+    low, high = grid[cell], grid[cell + 1]
+    part = equation.select(line.astype(np.intp))
+    falling = value[line, cell] >= 0
+    for _ in range(_BISECTIONS):
+        middle = 0.5 * (low + high)
+        positive = part.excess(journal, middle)[0] >= 0
+        left = positive == falling
+        low, high = np.where(left, middle, low), np.where(left, high, middle)
+    roots = [0.5 * (low + high)[line == number] for number in range(equation.speed.size)]
+    return [found if found.size else np.array([LARGEST]) for found in roots]
+
+
+def followed_roots(journal: Journal, equation: OrbitEquation, sweep: Index) -> Float:
+    """Roots along sweeps, as a rig would run: from the lowest root, each line from that of the line before it.
+
+    A branch that ends is left for the nearest other one: the jump.
+
+    Args:
+        journal: the model's journal.
+        equation: its equation, lines in the order of the sweep.
+        sweep: number of the sweep of each line, shape ``(L,)``.
+    """
+    roots = all_roots(journal, equation)
+    eps = np.zeros(sweep.size)
+    last: dict[int, float] = {}
+    for line, number in enumerate(sweep.tolist()):
+        stable = roots[line][::2]  # excess falls through stable roots: the first, the third, ...
+        eps[line] = stable[np.argmin(np.abs(stable - last.get(number, 0.0)))]
+        last[number] = float(eps[line])
+    return eps

@@ -1,0 +1,71 @@
+"""HTML written so that text cannot become markup: every string is escaped unless it was made here."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Iterable, Sequence
+from html import escape
+from io import BytesIO
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+_VOID = ("img", "meta", "br")
+
+
+class Html(str):
+    """Finished markup. Plain strings are text and get escaped."""
+
+    __slots__ = ()
+
+
+def element(tag: str, /, *children: str, **attributes: str) -> Html:
+    """An element; a trailing underscore of an attribute's name is dropped (``class_``)."""
+    written = "".join(f' {key.rstrip("_").replace("_", "-")}="{escape(value)}"' for key, value in attributes.items())
+    if tag in _VOID:
+        return Html(f"<{tag}{written}>")
+    return Html(f"<{tag}{written}>{join(children)}</{tag}>")
+
+
+def join(children: Iterable[str], separator: str = "") -> Html:
+    """Text and markup in a row."""
+    return Html(separator.join(child if isinstance(child, Html) else escape(child) for child in children))
+
+
+def paragraph(*children: str) -> Html:
+    """A paragraph."""
+    return element("p", *children)
+
+
+def bullets(items: Iterable[str], **attributes: str) -> Html:
+    """An unordered list."""
+    return element("ul", *(element("li", item) for item in items), **attributes)
+
+
+def table(head: Sequence[str], rows: Iterable[Sequence[str]], numeric: Sequence[int] = ()) -> Html:
+    """A table whose columns ``numeric`` are aligned to the right; empty columns are left out."""
+    body = [list(row) for row in rows]
+    kept = [i for i in range(len(head)) if i == 0 or any(row[i] for row in body)]
+
+    def cell(kind: str, row: Sequence[str], i: int) -> Html:
+        return element(kind, row[i], class_="number") if i in numeric else element(kind, row[i])
+
+    return element(
+        "div",
+        element(
+            "table",
+            element("thead", element("tr", *(cell("th", head, i) for i in kept))),
+            element("tbody", *(element("tr", *(cell("td", row, i) for i in kept)) for row in body)),
+        ),
+        class_="table",
+    )
+
+
+def picture(figure: Figure, caption: str, *, dpi: int = 130) -> Html:
+    """A figure with its caption, embedded as PNG."""
+    stream = BytesIO()
+    figure.savefig(stream, format="png", dpi=dpi)
+    data = base64.b64encode(stream.getvalue()).decode("ascii")
+    image = element("img", src=f"data:image/png;base64,{data}", alt=caption)
+    return element("figure", image, element("figcaption", caption))

@@ -1,0 +1,183 @@
+"""The report of a fit: one HTML file that needs nothing else, to read on a screen, to print and to hand on."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from datetime import datetime
+from importlib.resources import files
+from pathlib import Path
+from typing import TYPE_CHECKING, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotorfit.markup import Html, element, join
+from rotorfit.refinement import Refinement
+from rotorfit.results import FitResult
+
+if TYPE_CHECKING:
+    from rotorfit.check import Finding
+
+
+class PosteriorLike(Protocol):
+    """What a report needs of posterior samples.
+
+    Used when there: ``chain``, shape ``(steps, walkers, p)``; ``summary()``, a table of the chains' health;
+    ``threshold_speed()`` with ``value`` and ``interval(0.95)``, rad/s.
+
+    Attributes:
+        samples: draws, shape ``(N, p)``, SI units.
+        names: of the columns.
+    """
+
+    @property
+    def samples(self) -> NDArray[np.float64]:
+        """Draws."""
+        ...
+
+    @property
+    def names(self) -> Sequence[str]:
+        """Parameters."""
+        ...
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReportInput:
+    """All that a report is written from; see :func:`write_report`."""
+
+    fit: FitResult
+    posterior: PosteriorLike | None = None
+    refinement: Refinement | None = None
+    findings: Sequence[Sequence[Finding]] = ()
+    profile: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    shares: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    operating_speed: float | None = None
+
+
+def write_report(
+    fit: FitResult,
+    path: str | os.PathLike[str],
+    *,
+    posterior: PosteriorLike | None = None,
+    refinement: Refinement | None = None,
+    findings: Sequence[Sequence[Finding]] | None = None,
+    profile: Mapping[str, tuple[float, float]] | None = None,
+    shares: Mapping[str, tuple[float, float]] | None = None,
+    operating_speed: float | None = None,
+    title: str | None = None,
+) -> Path:
+    """Write the report of a fit as one self-contained HTML file, whole or not at all.
+
+    Args:
+        fit: the result to report.
+        path: file to write; one that is there is replaced.
+        posterior: samples of :meth:`FitResult.sample` or anything like :class:`PosteriorLike`.
+        refinement: ladder of structural blocks, see :func:`rotorfit.refine`.
+        findings: what the data check found, one sequence for each experiment; by default the check is run.
+        profile: 95 % profile-likelihood intervals by parameter, SI units.
+        shares: random and systematic standard uncertainty by parameter, SI units.
+        operating_speed: speed, rad/s, to which the stability margin refers beside the tested speeds.
+        title: heading of the report.
+
+    Returns:
+        the path written.
+
+    Raises:
+        ValueError: names in ``profile`` or ``shares`` that the fit does not have, findings that do not go with the
+            experiments, a posterior of other parameters.
+        OSError: the file cannot be written.
+    """
+    if findings is None:
+        from rotorfit.check import check
+
+        findings = [check(experiment) for experiment in fit.experiments]
+    material = ReportInput(
+        fit=fit,
+        posterior=posterior,
+        refinement=refinement,
+        findings=findings,
+        profile=profile or {},
+        shares=shares or {},
+        operating_speed=operating_speed,
+    )
+    _check(material)
+    return _write(Path(path), document(material, title or f"Rotor identification: {fit.model.name}"))
+
+
+def _check(material: ReportInput) -> None:
+    fit = material.fit
+    if len(material.findings) != len(fit.experiments):
+        raise ValueError(f"findings of {len(material.findings)} experiments, but the fit has {len(fit.experiments)}")
+    given: dict[str, Sequence[str]] = {"profile": list(material.profile), "shares": list(material.shares)}
+    if material.posterior is not None:
+        given["posterior"] = list(material.posterior.names)
+        if np.ndim(material.posterior.samples) != 2 or material.posterior.samples.shape[1] != len(given["posterior"]):
+            raise ValueError(
+                f"posterior: samples of shape {np.shape(material.posterior.samples)} do not go with "
+                f"{len(given['posterior'])} names"
+            )
+    for where in ("profile", "shares"):
+        unknown = sorted(set(given[where]) - set(fit.params))
+        if unknown:
+            raise ValueError(f"{where}: the fit has no {', '.join(unknown)}; it has {', '.join(fit.params)}")
+    if "posterior" in given and not set(given["posterior"]) & set(fit.var_names):
+        raise ValueError(f"posterior of {', '.join(given['posterior'])}, but the fit is of {', '.join(fit.var_names)}")
+
+
+def document(material: ReportInput, title: str) -> Html:
+    """The whole page."""
+    from rotorfit import __version__
+    from rotorfit.report_figures import figure_sections
+    from rotorfit.report_sections import (
+        data_section,
+        identifiability_section,
+        model_section,
+        parameter_section,
+        refinement_section,
+        reproduce_section,
+        verdict_section,
+    )
+
+    sections = [
+        verdict_section(material),
+        parameter_section(material),
+        identifiability_section(material),
+        data_section(material),
+        model_section(material),
+        refinement_section(material),
+        *figure_sections(material),
+        reproduce_section(material),
+    ]
+    style = (files("rotorfit") / "report.css").read_text(encoding="utf-8")
+    # No script, no network: a reader need not trust the file, nor the names in the data.
+    policy = "default-src 'none'; img-src data:; style-src 'unsafe-inline'"
+    head = element(
+        "head",
+        element("meta", charset="utf-8"),
+        element("meta", http_equiv="Content-Security-Policy", content=policy),
+        element("meta", name="viewport", content="width=device-width, initial-scale=1"),
+        element("title", title),
+        Html(f"<style>{style}</style>"),
+    )
+    sources = ", ".join(dict.fromkeys(e.source or "data in memory" for e in material.fit.experiments))
+    when = datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %Z")
+    banner = element(
+        "header",
+        element("h1", title),
+        element("p", join([sources, f"rotorfit {__version__}", when], " · "), class_="byline"),
+    )
+    page = element("html", head, element("body", banner, element("main", *sections)), lang="en")
+    return Html("<!DOCTYPE html>\n" + page + "\n")
+
+
+def _write(path: Path, text: str) -> Path:
+    """Write beside the target, then rename, so that no reader ever sees half a file."""
+    part = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        part.write_text(text, encoding="utf-8")
+        os.replace(part, path)
+    finally:
+        part.unlink(missing_ok=True)
+    return path

@@ -1,0 +1,62 @@
+"""Numbers as a report prints them."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+RPM = 30 / math.pi
+NORMAL_95 = 1.959963984540054
+"""Half-width of a normal distribution's central 95 % interval in standard deviations."""
+
+
+def plain(value: float, digits: int = 5) -> str:
+    """A number with a few significant digits and a real minus sign; a dash where there is none."""
+    if not math.isfinite(value):
+        return "–"
+    if value and not 1e-4 <= abs(value) < 1e7:
+        mantissa, exponent = f"{value:.{digits - 1}e}".split("e")
+        return f"{mantissa}·10{_superscript(int(exponent))}".replace("-", "−")
+    shown = f"{value:#.{digits}g}" if abs(value) < 10 ** (digits - 1) else f"{value:.0f}"
+    return shown.rstrip(".").replace("-", "−")
+
+
+def with_error(value: float, error: float) -> tuple[str, str]:
+    """Value and error, both to the second significant digit of the error."""
+    if not (math.isfinite(value) and math.isfinite(error) and error > 0):
+        return plain(value), "–"
+    if abs(value) >= 1e7 or (0 < abs(value) < 1e-4):
+        exponent = math.floor(math.log10(abs(value)))
+        power = f"·10{_superscript(exponent)}"
+        a, b = with_error(value / 10**exponent, error / 10**exponent)
+        return a + power, b + power
+    decimals = 1 - math.floor(math.log10(error))
+    if decimals < 0:
+        value, error, decimals = round(value, decimals), round(error, decimals), 0
+    return f"{value:.{decimals}f}".replace("-", "−"), f"{error:.{decimals}f}"
+
+
+def interval(low: float, high: float) -> str:
+    """An interval, to the second digit of a quarter of its width, about the standard error."""
+    width = (high - low) / 4
+    if not (math.isfinite(low) and math.isfinite(high) and width > 0):
+        return "–"
+    size = max(abs(low), abs(high))
+    if size >= 1e7 or size < 1e-4:
+        exponent = math.floor(math.log10(size))
+        inner = interval(low / 10**exponent, high / 10**exponent)
+        return f"{inner}·10{_superscript(exponent)}"
+    return f"[{with_error(low, width)[0]}, {with_error(high, width)[0]}]"
+
+
+def _superscript(exponent: int) -> str:
+    return str(exponent).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
+
+
+def speeds_in_words(speeds: np.ndarray[tuple[int], np.dtype[np.float64]]) -> str:
+    """Speeds (rad/s) in rpm: all of them if they are few, else their range."""
+    rpm = np.unique(np.round(speeds * RPM, 1))
+    if rpm.size > 6:
+        return f"{rpm[0]:g} to {rpm[-1]:g} rpm"
+    return ", ".join(f"{value:g}" for value in rpm) + " rpm"

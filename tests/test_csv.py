@@ -1,0 +1,312 @@
+import time
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from rotorfit.csv_io import read_csv, write_csv
+from rotorfit.experiments import DisplacementTest, PerturbationTest, perturbation_test
+from rotorfit.readers import read
+
+HEADER = "run,speed_rpm,frequency_rpm,force_plane,force_N,force_phase_deg,plane,direction,amplitude_um,phase_deg"
+ROW = "a,1000,300,disk,2.5,30,disk,x,12,-40"
+DISPLACEMENT = (
+    "run,speed_rpm,frequency_rpm,plane,amplitude_um,phase_deg,force_x_N,force_x_phase_deg,force_y_N,force_y_phase_deg"
+)
+
+
+def table(tmp_path, *rows, header=HEADER, name="test.csv"):
+    path = tmp_path / name
+    path.write_text("\n".join([header, *rows, ""]), encoding="utf-8")
+    return path
+
+
+def test_reads_si_units_and_leading_phases(tmp_path):
+    test = read(table(tmp_path, ROW, "b,1000,-450,disk,1,0,journal,y,3,90"))
+    assert isinstance(test, PerturbationTest)
+    assert test.source == "test.csv"
+    np.testing.assert_allclose(test.speed, 1000 * np.pi / 30)
+    np.testing.assert_allclose(test.frequency, [10 * np.pi, -15 * np.pi])
+    np.testing.assert_allclose(test.force, [2.5 * np.exp(1j * np.pi / 6), 1.0])
+    np.testing.assert_allclose(test.response, [12e-6 * np.exp(-1j * np.radians(40)), 3e-6j], atol=1e-20)
+    assert test.planes == ("disk", "journal")
+    assert test.runs == ("a", "b")
+    assert np.isnan(test.sigma).all()
+
+
+@pytest.mark.parametrize(
+    ("column", "other", "cell"),
+    [
+        ("frequency_rpm", "frequency_hz", 5.0),
+        ("frequency_rpm", "frequency_rad_s", 10 * np.pi),
+        ("frequency_rpm", "frequency_cpm", 300.0),
+        ("speed_rpm", "speed_Hz", 1000 / 60),
+        ("amplitude_um", "amplitude_m", 12e-6),
+        ("amplitude_um", "amplitude_mm", 12e-3),
+        ("amplitude_um", "amplitude_um_pp", 24.0),
+        ("amplitude_um", "amplitude_mil_pp", 24 / 25.4),
+        ("amplitude_um", "amplitude_µm", 12.0),
+        ("force_N", "force_lbf", 2.5 / 4.4482216152605),
+        ("force_N", "mr_kg_m", 2.5 / (10 * np.pi) ** 2),
+        ("force_N", "mr_g_mm", 2.5e6 / (10 * np.pi) ** 2),
+        ("phase_deg", "phase_lag_deg", 40.0),
+        ("phase_deg", "phase_rad", -np.radians(40)),
+        ("force_phase_deg", "force_phase_lag_deg", -30.0),
+    ],
+)
+def test_other_units_by_suffix_give_the_same_test(tmp_path, column, other, cell):
+    names = HEADER.split(",")
+    at = names.index(column)
+    cells = ROW.split(",")
+    names[at], cells[at] = other, repr(float(cell))
+    plain = read(table(tmp_path, ROW))
+    test = read(table(tmp_path, ",".join(cells), header=",".join(names)))
+    for name in ("speed", "frequency", "force", "response"):
+        np.testing.assert_allclose(getattr(test, name), getattr(plain, name), rtol=1e-12)
+
+
+def test_real_and_imaginary_part_and_noise(tmp_path):
+    header = HEADER.replace("amplitude_um,phase_deg", "real_um,imag_um,sigma_um_pp")
+    test = read(
+        table(tmp_path, "a,1000,300,disk,1,0,disk,z,3,-4,0.5", "a,1000,310,disk,1,0,disk,z,-3,4,", header=header)
+    )
+    np.testing.assert_allclose(test.response, [3e-6 - 4e-6j, -3e-6 + 4e-6j])
+    np.testing.assert_allclose(test.sigma, [0.25e-6, np.nan])
+
+
+def test_comments_blank_lines_byte_order_mark_and_semicolons(tmp_path):
+    path = tmp_path / "excel.csv"
+    text = ['# a, comment with "quotes', HEADER.replace(",", ";"), "", "  # another", ROW.replace(",", ";"), ""]
+    path.write_text("\r\n".join(text), encoding="utf-8-sig")
+    assert len(read(path)) == 1
+
+
+def test_tilt_in_its_own_column_and_from_an_axial_probe(tmp_path):
+    header = HEADER.replace("amplitude_um", "amplitude_um,amplitude_urad,sigma_um,sigma_urad")
+    test = read(
+        table(tmp_path, "a,100,300,disk,1,0,disk,x,12,,1,,0", "a,100,300,disk,1,0,disk,rx,,70,,2,0", header=header)
+    )
+    np.testing.assert_allclose(test.response, [12e-6, 70e-6])
+    np.testing.assert_allclose(test.sigma, [1e-6, 2e-6])
+    header = HEADER + ",sigma_um,probe_radius_mm"
+    rows = ["a,100,300,disk,1,0,disk,x,12,0,1,", "a,100,300,disk,1,0,disk,ry,12,0,1,-50"]
+    test = read(table(tmp_path, *rows, header=header))
+    np.testing.assert_allclose(test.response, [12e-6, -12e-6 / 0.05])
+    np.testing.assert_allclose(test.sigma, [1e-6, 1e-6 / 0.05])
+    with pytest.raises(ValueError, match=r"line 2, direction rx: amplitude_urad, or a length with probe_radius_mm"):
+        read(table(tmp_path, ROW.replace(",x,", ",rx,")))
+
+
+def test_further_columns_are_attributes(tmp_path):
+    rows = [ROW + ",41.5,ISO VG 32,7", ROW.replace("300", "310") + ",,ISO VG 32,"]
+    test = read(table(tmp_path, *rows, header=HEADER + ",oil_temperature_C,Oil,blank_too"))
+    np.testing.assert_array_equal(test.attribute("oil_temperature_C"), [41.5, np.nan])
+    assert test.attribute("Oil").tolist() == ["ISO VG 32"] * 2
+    np.testing.assert_array_equal(test.attribute("blank_too"), [7, np.nan])
+
+
+def test_displacement_input_is_told_by_its_columns(tmp_path):
+    test = read(table(tmp_path, "a,1000,300,seal,50,30,4,90,4,0", header=DISPLACEMENT))
+    assert isinstance(test, DisplacementTest)
+    np.testing.assert_allclose(test.displacement, 50e-6 * np.exp(1j * np.pi / 6))
+    np.testing.assert_allclose(test.force_x, 4j, atol=1e-15)
+    np.testing.assert_allclose(test.force_y, 4)
+    write_csv(test, tmp_path / "again.csv")
+    again = read(tmp_path / "again.csv")
+    np.testing.assert_allclose(again.force_x, test.force_x, rtol=1e-14)
+    with pytest.raises(ValueError, match=r"missing columns: force_y_N\..*force_y_phase_deg"):
+        read(table(tmp_path, "a,1000,300,seal,50,30,4,90,0", header=DISPLACEMENT.replace("force_y_N,", "")))
+
+
+def test_speeds_that_jitter_are_one_speed_and_others_are_left_alone(tmp_path):
+    def row(run, speed, frequency):
+        return f"{run},{speed},{frequency},disk,1,0,disk,x,1,0"
+
+    rows = [row("a", 999, 100), row("a", 1001, 200), row("b", 1000, -100), row("b", 2000, -200)]
+    test = read(table(tmp_path, *rows))
+    np.testing.assert_allclose(test.speed * 30 / np.pi, [1000, 1000, 1000, 2000])
+    assert read(table(tmp_path, *rows), speed_tolerance=0.0005).attribute("speed_rpm").tolist() == [
+        999,
+        1001,
+        1000,
+        2000,
+    ]
+    sweep = read(table(tmp_path, *[row("a", 1000 + 3 * i, 500) for i in range(100)]))
+    np.testing.assert_allclose(sweep.attribute("speed_rpm"), 1000 + 3 * np.arange(100))
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", r"bad\.csv is empty.*speed_rpm"),
+        ("# only\n# comments\n", "is empty"),
+        (HEADER + "\n", "has one line.*no rows"),
+        (f"{HEADER}\n{ROW},7\n", "line 2 has 11 cells, the header has 10"),
+        (f"{HEADER},run\n{ROW},7\n", "every column needs a name of its own"),
+        (
+            f"{HEADER}\n{ROW}\n{ROW.replace('12', 'twelve')}\n",
+            r"line 3, column 'amplitude_um': 'twelve' is not a number",
+        ),
+        (f"{HEADER}\n" + ROW.replace("12", '"1,2"') + "\n", "'1,2' is not a number; write decimals with a point"),
+        (f"{HEADER}\n{ROW.replace('12', 'NaN')}\n", "line 2, column 'amplitude_um': NaN where a finite number"),
+        (f"{HEADER}\n{ROW.replace('300', 'inf')}\n", "line 2, column 'frequency_rpm': inf where a finite number"),
+        (f"{HEADER}\n{ROW.replace('300', '')}\n", "column 'frequency_rpm': a blank cell where a finite number"),
+        (f"{HEADER}\n{ROW.replace('12', '')}\n", "direction x: a length is needed"),
+        (f"{HEADER}\n{ROW.replace('12', '-12')}\n", "-12 is negative; amplitudes are not"),
+        (f"{HEADER}\n{ROW.replace(',x,', ',u,')}\n", "unknown direction 'u'.*x, y, z"),
+        (f"{HEADER}\n{ROW.replace('disk,x', ',x')}\n", "line 2, column 'plane' is blank"),
+        (f"{HEADER},sigma_um\n{ROW},0\n", "column 'sigma_um': 0 must be positive"),
+        (f"{HEADER},sigma_umm\n{ROW},1\n", r"unknown column 'sigma_umm'; unknown unit 'umm', did you mean 'um'\?"),
+        (f"{HEADER},sigm_um\n{ROW},1\n", r"unknown column 'sigm_um'; did you mean 'sigma_um'\?"),
+        (f"{HEADER},frequency_hz\n{ROW},1\n", "frequency is given twice, as frequency_rpm and frequency_hz"),
+        (f"{HEADER},mr_g_mm\n{ROW},1\n", "both force_N and mr_g_mm are given"),
+        (f"{HEADER},amplitude_mil\n{ROW},1\n", "given twice, as amplitude_um and amplitude_mil"),
+        (
+            f"{HEADER.replace('frequency_rpm', 'freqency_rpm')}\n{ROW}\n",
+            r"missing columns: frequency_rpm\. Columns not recognised: 'freqency_rpm' \(did you mean 'freq",
+        ),
+        (f"{HEADER}\n{ROW.replace('300', '1e300').replace(',12,', ',1e308,')}\n{ROW}", None),
+        (f"{HEADER.replace('force_N', 'mr_kg_m')}\n{ROW.replace('300', '1e300')}\n", "force overflows"),
+        (f"{HEADER}\n{ROW}\n{ROW.replace('disk', 'inboard').replace('inboard,x', 'outboard,x')}\n", "two rigs"),
+        (f'{HEADER}\n"{ROW}\n', "not a readable CSV"),
+    ],
+)
+def test_bad_input_is_refused_with_what_and_where(tmp_path, text, message):
+    path = tmp_path / "bad.csv"
+    path.write_text(text, encoding="utf-8")
+    if message is None:
+        assert np.isfinite(read(path).response).all()
+        return
+    with pytest.raises(ValueError, match=message):
+        read(path)
+
+
+def test_other_encodings_and_missing_files(tmp_path):
+    path = tmp_path / "latin.csv"
+    path.write_bytes(f"# Öl\n{HEADER}\n{ROW}\n".encode("latin-1"))
+    with pytest.raises(ValueError, match=r"latin\.csv is not UTF-8"):
+        read(path)
+    with pytest.raises(FileNotFoundError):
+        read(tmp_path / "none.csv")
+
+
+def test_a_hundred_thousand_rows_take_a_second_or_two(tmp_path):
+    n = 100_000
+    rows = [f"r{i // 1000},1000,{i % 1000 + 1.5},disk,2.5,30,disk,{'xy'[i % 2]},{i % 7}.25,-40,41.5" for i in range(n)]
+    path = table(tmp_path, *rows, header=HEADER + ",oil")
+    start = time.process_time()
+    assert len(read(path)) == n
+    assert time.process_time() - start < 6  # generous: the machine may be busy
+
+
+names = st.text(st.characters(codec="utf-8", exclude_categories=("C", "Z")), min_size=1, max_size=12)
+sizes = st.floats(1e-9, 1e9)
+phases = st.floats(-3.1, 3.1)
+
+
+@st.composite
+def rigs(draw):
+    n = draw(st.integers(1, 6))
+    planes = draw(st.lists(names, min_size=1, max_size=3, unique=True))
+
+    def column(elements):
+        return draw(st.lists(elements, min_size=n, max_size=n))
+
+    attributes = {
+        name: column(values)
+        for name, values in draw(
+            st.dictionaries(names, st.sampled_from([sizes, names.map(lambda name: "t" + name)]), max_size=2)
+        ).items()
+    }
+    known = draw(st.booleans())
+    return perturbation_test(
+        run=column(names),
+        speed=column(st.integers(1, 9).map(lambda i: 100.0 * i)),
+        frequency=column(st.one_of(sizes, sizes.map(lambda w: -w))),
+        force_plane=column(st.just(planes[0])),
+        force=np.array(column(sizes)) * np.exp(1j * np.array(column(phases))),
+        plane=column(st.sampled_from(planes)),
+        direction=column(st.sampled_from(["x", "y", "z", "rx", "ry", "rz"])),
+        response=np.array(column(sizes)) * np.exp(1j * np.array(column(phases))),
+        sigma=column(st.one_of(sizes, st.just(np.nan))) if known else np.nan,
+        attributes={f"-{name}": values for name, values in attributes.items()},
+    )
+
+
+def same(again, test, rtol):
+    for name in test._columns():
+        values = getattr(test, name)
+        if values.dtype.kind == "U":
+            assert getattr(again, name).tolist() == values.tolist()
+        else:
+            np.testing.assert_allclose(getattr(again, name), values, rtol=rtol, atol=0)
+    assert list(again.attributes) == list(test.attributes)
+    for name, values in test.attributes.items():
+        if values.dtype.kind == "U":
+            assert again.attributes[name].tolist() == values.tolist()
+        else:
+            np.testing.assert_allclose(again.attributes[name], values, rtol=rtol)
+
+
+@settings(max_examples=60, deadline=None)
+@given(test=rigs())
+def test_any_test_reads_back_to_fifteen_digits(tmp_path_factory, test):
+    path = tmp_path_factory.mktemp("csv") / "t.csv"
+    write_csv(test, path)
+    same(read_csv(path), test, rtol=1e-13)  # two conversions of units and 15 digits: a few 1e-15, phases of up to pi
+
+
+@settings(max_examples=150, deadline=None)
+@given(
+    header=st.lists(st.one_of(st.sampled_from([*HEADER.split(","), *DISPLACEMENT.split(",")]), st.text(max_size=8))),
+    rows=st.lists(st.lists(st.one_of(st.text(max_size=6), st.floats().map(str)), max_size=12), max_size=4),
+)
+def test_random_tables_are_read_or_refused_in_words(tmp_path_factory, header, rows):
+    path = tmp_path_factory.mktemp("csv") / "t.csv"
+    path.write_bytes("\n".join(",".join(row) for row in [header, *rows]).encode("utf-8", "surrogatepass"))
+    refused_in_words(path)
+
+
+@settings(max_examples=100, deadline=None)
+@given(cells=st.lists(st.one_of(st.text(max_size=4), st.floats().map(str)), min_size=10, max_size=10))
+def test_random_cells_are_read_or_refused_in_words(tmp_path_factory, cells):
+    path = tmp_path_factory.mktemp("csv") / "t.csv"
+    path.write_bytes("\n".join([HEADER, ROW, ",".join(cells)]).encode("utf-8", "surrogatepass"))
+    refused_in_words(path)
+
+
+@settings(max_examples=60, deadline=None)
+@given(content=st.binary(max_size=200))
+def test_random_bytes_are_refused_in_words(tmp_path_factory, content):
+    path = tmp_path_factory.mktemp("csv") / "t.csv"
+    path.write_bytes(content)
+    refused_in_words(path)
+
+
+def refused_in_words(path):
+    message = None
+    try:
+        read(path)
+    except ValueError as error:
+        message = str(error)
+    assert message is None or (message.startswith("t.csv") and len(message.split()) > 4)
+
+
+def test_names_that_no_cell_can_hold_are_refused(tmp_path):
+    test = read(table(tmp_path, ROW))
+    broken = perturbation_test(
+        run=["a\nb"],
+        speed=1.0,
+        frequency=2.0,
+        force_plane=["p"],
+        force=1.0,
+        plane=["p"],
+        direction=["x"],
+        response=1e-6,
+    )
+    with pytest.raises(ValueError, match="cannot write the name"):
+        write_csv(broken, tmp_path / "t.csv")
+    clash = type(test)(**{name: getattr(test, name) for name in test._columns()}, attributes={"plane": test.speed})
+    with pytest.raises(ValueError, match="attributes plane have the name of a column"):
+        write_csv(clash, tmp_path / "t.csv")

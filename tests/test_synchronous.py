@@ -1,0 +1,166 @@
+import itertools
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from rotorfit import datasets  # noqa: F401 - the package has to be importable
+from rotorfit.experiments import perturbation_test
+from rotorfit.models import TwoDisk
+from rotorfit.readers import read, write
+from rotorfit.synchronous import DIFFERENCED, difference_synchronous, group_speeds
+
+VALUES = {
+    "M1": 0.73, "M2": 0.79, "K1": 18900.0, "K2": 63700.0, "K3": 22600.0,
+    "D11": 14.2, "D12": 7.0, "D21": 7.0, "D22": 14.8, "beta1": 1.0, "beta2": 1.0,
+}  # fmt: skip
+MODEL = TwoDisk()
+THETA = MODEL.vector(VALUES)
+MR = 1.5e-5  # kg m
+
+
+def start_up(name, angle, speed, *, plane="inboard", mr=MR, residual=True, sigma=np.nan):
+    """Exact x readings of a start-up with a weight, residual unbalance, bow and run-out."""
+    force = mr * speed**2 * np.exp(1j * np.radians(angle))
+    vector = MODEL.force_vector(plane, speed, force)
+    if residual:
+        vector = vector + MODEL.force_vector("outboard", speed, 8e-6 * speed**2 * np.exp(0.7j))
+    response = np.einsum("lij,lj->li", MODEL.receptance(THETA, speed, speed), vector)
+    if residual:
+        response = response + 4e-6 * np.exp(2j)
+    return [
+        {
+            "run": name, "speed": speed, "frequency": speed, "force_plane": plane, "force": force, "plane": at,
+            "direction": "x", "response": response[:, i], "sigma": sigma, "attributes": {"oil": 40 + angle / 18},
+        }
+        for i, at in enumerate(MODEL.planes)
+    ]  # fmt: skip
+
+
+def join(*starts):
+    parts = [perturbation_test(**start) for start in itertools.chain.from_iterable(starts)]
+    columns = {name: np.concatenate([getattr(part, name) for part in parts]) for name in parts[0]._columns()}
+    attributes = {"oil": np.concatenate([part.attributes["oil"] for part in parts])}
+    return perturbation_test(**columns, attributes=attributes, source="start-ups")
+
+
+def exact(test):
+    """What the weights alone would give."""
+    h = MODEL.receptance(THETA, test.speed, test.speed)
+    row = [MODEL.planes.index(plane) for plane in test.plane]
+    column = [MODEL.planes.index(plane) for plane in test.force_plane]
+    return h[np.arange(len(test)), row, column] * test.force
+
+
+SPEED = np.linspace(30.0, 600.0, 241)
+
+
+def test_the_full_difference_belongs_to_twice_the_force():
+    test = difference_synchronous(join(start_up("a", 30, SPEED), start_up("b", 210, SPEED)))
+    assert test.runs == ("a minus b",)
+    np.testing.assert_allclose(test.force, 2 * MR * test.speed**2 * np.exp(1j * np.pi / 6), rtol=1e-12)
+    # what cancels is up to a hundred times what is left
+    np.testing.assert_allclose(test.response, exact(test), rtol=1e-11)
+    assert (test.attribute(DIFFERENCED) == 1).all()
+    np.testing.assert_allclose(test.attribute("oil"), 40 + (30 + 210) / 2 / 18)
+
+
+def test_unequal_weights_and_angles_are_differenced_exactly():
+    test = difference_synchronous(join(start_up("a", 30, SPEED), start_up("b", 212, SPEED, mr=0.7 * MR)))
+    np.testing.assert_allclose(test.response, exact(test), rtol=1e-11)
+
+
+def test_noise_adds_in_squares():
+    test = difference_synchronous(join(start_up("a", 0, SPEED, sigma=3e-7), start_up("b", 180, SPEED, sigma=4e-7)))
+    np.testing.assert_allclose(test.sigma, 5e-7)
+
+
+def interpolation_error(lines):
+    """Largest error of a difference of start-ups that are sampled at other speeds, over the largest response."""
+    rng = np.random.default_rng(3)
+    step = 570 / (lines - 1)
+    one, two = (30 + step * (np.arange(lines) + rng.uniform(-0.3, 0.3, lines)) for _ in range(2))
+    test = difference_synchronous(join(start_up("a", 0, one), start_up("b", 180, two)))
+    np.testing.assert_array_equal(np.unique(test.speed), one[(one >= two.min()) & (one <= two.max())])
+    return (np.abs(test.response - exact(test)) / np.abs(exact(test)).max()).max()
+
+
+def test_start_ups_sampled_at_other_speeds_are_interpolated():
+    # A cubic spline errs by 5/384 gap^4 |f|, and a resonance a / (a + j (w - w_n)) has |f| = 24 / a^4 at most.
+    half_width, gap = 0.03 * 165.2, 1.6 * 570 / 480
+    errors = [interpolation_error(lines) for lines in (481, 961, 1921)]
+    assert errors[0] < 5 / 384 * 24 * (gap / half_width) ** 4
+    # Fourth order: sixteenfold less for twice the lines, less chance of where the largest gaps fall.
+    assert errors[1] < errors[0] / 8
+    assert errors[2] < errors[1] / 8
+
+
+def test_equal_speeds_are_not_interpolated():
+    rng = np.random.default_rng(4)
+    raw = join(start_up("a", 0, SPEED), start_up("b", 180, SPEED))
+    noisy = replace(raw, response=raw.response + 1e-6 * rng.normal(size=len(raw)))
+    test = difference_synchronous(noisy)
+    n = len(SPEED)
+    np.testing.assert_array_equal(test.response[:n], noisy.response[:n] - noisy.response[2 * n : 3 * n])
+
+
+def test_no_extrapolation_and_nothing_across_a_gap():
+    covered = SPEED[(SPEED > 100) & ((SPEED < 200) | (SPEED > 300)) & (SPEED < 500)] + 0.7
+    test = difference_synchronous(join(start_up("a", 0, SPEED), start_up("b", 180, covered)))
+    done = test.select(test.attribute(DIFFERENCED) == 1)
+    assert done.speed.min() > 100
+    assert done.speed.max() < 501
+    assert not ((done.speed > 201) & (done.speed < 300)).any()
+
+
+def test_runs_without_partner_stay_as_they_are_and_twice_is_once(tmp_path):
+    raw = join(start_up("a", 0, SPEED), start_up("b", 180, SPEED), start_up("c", 180, SPEED), start_up("d", 90, SPEED))
+    test = difference_synchronous(raw)
+    assert test.runs == ("a minus b", "c", "d")
+    np.testing.assert_array_equal(test.response[test.run == "c"], raw.response[raw.run == "c"])
+    write(test, tmp_path / "t.csv")
+    again = read(tmp_path / "t.csv")
+    assert again.runs == test.runs
+    np.testing.assert_allclose(again.force, test.force, rtol=1e-13)
+
+
+def test_other_planes_are_no_partners():
+    raw = join(start_up("a", 0, SPEED), start_up("b", 180, SPEED, plane="outboard"))
+    assert difference_synchronous(raw) is raw
+
+
+def test_a_channel_of_one_run_only_is_kept_raw():
+    raw = join(start_up("a", 0, SPEED), start_up("b", 180, SPEED)[:1])
+    test = difference_synchronous(raw)
+    assert test.runs == ("a minus b", "a")
+    assert set(test.plane[test.run == "a"]) == {"outboard"}
+
+
+def test_attributes_of_text_are_joined():
+    raw = join(start_up("a", 0, SPEED), start_up("b", 180, SPEED + 0.1))
+    oil = np.where(raw.run == "a", "VG 32", "VG 46")
+    test = difference_synchronous(replace(raw, attributes={"oil": oil, "site": np.full(len(raw), "lab")}))
+    assert set(test.attribute("oil")) == {"VG 32 | VG 46"}
+    assert set(test.attribute("site")) == {"lab"}
+
+
+def test_a_test_at_constant_speed_is_refused():
+    raw = join(start_up("a", 0, SPEED))
+    with pytest.raises(ValueError, match="start-ups is not synchronous"):
+        difference_synchronous(replace(raw, frequency=raw.frequency * 1.1))
+
+
+def test_reading_differences_unless_told_otherwise(tmp_path):
+    path = tmp_path / "t.csv"
+    write(join(start_up("a", 0, SPEED), start_up("b", 180, SPEED)), path)
+    assert read(path).runs == ("a minus b",)
+    assert read(path, difference=False).runs == ("a", "b")
+
+
+def test_speed_groups_do_not_touch_synchronous_runs_and_settle_at_once():
+    speed = np.array([100.0, 100.2, 100.4, 100.0, 100.1, 300.0])
+    frequency = np.array([10.0, 20.0, 30.0, 100.0, 100.1, 30.0])
+    run = np.array(["a", "a", "a", "s", "s", "b"])
+    grouped = group_speeds(speed, frequency, run)
+    np.testing.assert_allclose(grouped, [100.2, 100.2, 100.2, 100.0, 100.1, 300.0])
+    np.testing.assert_array_equal(group_speeds(grouped, frequency, run), grouped)

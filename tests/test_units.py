@@ -1,0 +1,46 @@
+import math
+
+import pytest
+
+from rotorfit.units import UNITS, si_factor, units_of
+
+
+@pytest.mark.parametrize(
+    ("quantity", "unit", "factor"),
+    [
+        ("frequency", "rpm", 2 * math.pi / 60),
+        ("frequency", "cpm", 2 * math.pi / 60),
+        ("frequency", "Hz", 2 * math.pi),
+        ("frequency", "rad_s", 1.0),
+        ("displacement", "um", 1e-6),
+        ("displacement", "mil", 25.4e-6),
+        ("displacement", "mil_pp", 12.7e-6),
+        ("displacement", "um_rms", 1e-6 * math.sqrt(2)),
+        ("displacement", "mm_pk", 1e-3),
+        ("tilt", "urad", 1e-6),
+        ("tilt", "deg_pp", math.pi / 360),
+        ("force", "lbf", 0.45359237 * 9.80665),
+        ("force", "kN", 1e3),
+        ("unbalance", "g_mm", 1e-6),
+        ("unbalance", "oz_in", 0.45359237 / 16 * 0.0254),
+        ("phase", "deg", math.pi / 180),
+        ("phase", "lag_deg", -math.pi / 180),
+    ],
+)
+def test_factors_agree_with_the_definitions_of_the_units(quantity, unit, factor):
+    assert si_factor(quantity, unit) == pytest.approx(factor, rel=1e-14)
+
+
+def test_an_unknown_unit_names_the_nearest():
+    with pytest.raises(ValueError, match=r"unknown unit of frequency 'rpn', did you mean 'rpm'\?.*rad_s"):
+        si_factor("frequency", "rpn")
+
+
+def test_an_unknown_quantity_lists_those_there_are():
+    with pytest.raises(ValueError, match=r"unknown quantity 'colour'.*frequency"):
+        si_factor("colour", "um")
+
+
+def test_lengths_and_angles_can_be_told_apart_by_their_unit():
+    assert not set(UNITS["displacement"]) & set(UNITS["tilt"])
+    assert units_of("displacement", "tilt") == UNITS["displacement"] | UNITS["tilt"]
