@@ -41,7 +41,7 @@ def read_mat(path: str | Path) -> Experiment:
     """
     from scipy.io import loadmat
 
-    Path(path).stat()  # a missing file is reported by its own exception
+    Path(path).open("rb").close()  # a missing file or a folder is reported by its own exception
     source = Path(path).name
     try:
         content = loadmat(path, appendmat=False)
@@ -65,8 +65,10 @@ def _stored(values: NDArray[Any]) -> NDArray[Any]:
 
 
 def _column(values: Any) -> NDArray[Any]:
-    """A MATLAB row or column as a flat array; cells of text as text."""
+    """A MATLAB row or column as a flat array; cells of text, and rows of a character matrix, as text."""
     flat = np.atleast_1d(np.asarray(values)).reshape(-1)
     if flat.dtype.kind == "O":
         flat = np.array(["".join(np.asarray(cell).astype(str).reshape(-1)) for cell in flat.tolist()], dtype=str)
+    elif flat.dtype.kind == "U":
+        flat = np.char.rstrip(flat)  # rows of a character matrix are filled up with blanks
     return flat

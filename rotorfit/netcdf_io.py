@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from rotorfit.experiments import DisplacementTest, Experiment, PerturbationTest
 from rotorfit.models.parameters import unknown_name
+from rotorfit.units import units_of
 
 KINDS: dict[str, type[Any]] = {kind.__name__: kind for kind in (PerturbationTest, DisplacementTest)}
 """Experiments that can be stored column by column, by the name that goes into the file."""
@@ -25,6 +26,16 @@ _UNITS = {
     "response": "m or rad, 0-peak",
     "displacement": "m, 0-peak",
 }
+_QUANTITIES = {
+    "speed": ("frequency",),
+    "frequency": ("frequency",),
+    "force": ("force",),
+    "force_x": ("force",),
+    "force_y": ("force",),
+    "response": ("displacement", "tilt"),
+    "displacement": ("displacement",),
+    "sigma": ("displacement", "tilt", "force"),
+}
 _TYPES = {"Text": str, "Float": float, "ComplexArray": complex}
 
 
@@ -36,29 +47,47 @@ def column_types(kind: type[Any]) -> dict[str, type]:
 def build(kind: str, columns: Mapping[str, Any], attributes: Mapping[str, Any], source: str) -> Experiment:
     """Make an experiment of stored columns.
 
+    Single values stand for all rows. ``sigma`` may be missing, which is unknown noise. What is no column but a list of
+    the same length, or a single value, becomes an attribute; anything else is not of this experiment and left out.
+
     Raises:
         ValueError: unknown kind, missing columns, a column of the wrong type or length.
     """
     if kind not in KINDS:
         raise ValueError(f"{source}: {unknown_name('kind of experiment', kind, KINDS)}")
     types = column_types(KINDS[kind])
-    missing = [name for name in types if name not in columns]
+    missing = [name for name in types if name not in columns and name != "sigma"]
     if missing:
         raise ValueError(
             f"{source}: missing columns: {', '.join(missing)}. The file has: {', '.join(columns) or 'none'}"
         )
-    arrays = {name: _convert(source, name, columns[name], kind_of) for name, kind_of in types.items()}
-    experiment: Experiment = KINDS[kind](**arrays, attributes=dict(attributes), source=source)
+    given = {"sigma": np.array(np.nan), **columns}
+    arrays = {name: _convert(source, name, given[name], kind_of) for name, kind_of in types.items()}
+    size = max(array.size for array in arrays.values())
+    extra = {name: np.asarray(values) for name, values in columns.items() if name not in types}
+    extra = {name: values for name, values in extra.items() if values.shape in ((), (1,), (size,))}
+    try:
+        experiment: Experiment = KINDS[kind](
+            **{name: _spread(values, size) for name, values in arrays.items()},
+            attributes={name: _spread(values, size) for name, values in (extra | dict(attributes)).items()},
+            source=source,
+        )
+    except ValueError as error:
+        raise ValueError(str(error) if str(error).startswith(source) else f"{source}: {error}") from error
     return experiment
+
+
+def _spread(values: NDArray[Any], size: int) -> NDArray[Any]:
+    return np.broadcast_to(values, (size,)).copy() if values.size == 1 else values
 
 
 def _convert(source: str, name: str, values: Any, kind: type) -> NDArray[Any]:
     array = np.asarray(values)
     allowed = {str: "UO", float: "iuf", complex: "iufc"}[kind]
-    if array.dtype.kind not in allowed or array.ndim != 1:
+    if array.dtype.kind not in allowed or array.ndim > 1:
+        what = {str: "text", float: "numbers", complex: "complex numbers"}[kind]
         raise ValueError(
-            f"{source}: column {name!r} should be a list of {kind.__name__} values, it is {array.dtype} of shape "
-            f"{array.shape}"
+            f"{source}: column {name!r} should be a list of {what}, it is of type {array.dtype} and shape {array.shape}"
         )
     return array.astype(kind)
 
@@ -90,28 +119,48 @@ def write_netcdf(experiment: Experiment, path: str | Path) -> None:
 def read_netcdf(path: str | Path) -> Experiment:
     """Read an experiment written by :func:`write_netcdf`, or by others with the same variables.
 
+    A variable without the attribute ``units`` is SI; any unit of :data:`rotorfit.units.UNITS` is converted. The file
+    may be netCDF 4 (HDF5) or classic netCDF 3.
+
     Raises:
-        ValueError: not a netCDF file, or one without the variables of an experiment.
+        ValueError: not a netCDF file, one without the variables of an experiment, or an unknown unit.
         FileNotFoundError: no such file.
     """
     import xarray as xr
 
-    Path(path).stat()  # a missing file is reported by its own exception
     source = Path(path).name
+    with Path(path).open("rb") as stream:
+        classic = stream.read(3) == b"CDF"
     try:
-        with xr.open_dataset(path, engine="h5netcdf", decode_times=False) as dataset:
+        with xr.open_dataset(path, engine="scipy" if classic else "h5netcdf", decode_times=False) as dataset:
             data = dataset.load()
     except Exception as error:  # whatever the HDF5 stack raises on a damaged file
-        raise ValueError(f"{source} is not a readable netCDF file (HDF5): {error}") from error
+        raise ValueError(f"{source} is not a readable netCDF file: {error}") from error
     columns: dict[str, Any] = {}
     attributes: dict[str, Any] = {}
-    for name, variable in data.variables.items():
-        values = variable.values
-        if str(name).startswith("attribute_"):
-            label = str(variable.attrs.get("long_name", name))
-            attributes[label] = values.astype(str) if values.dtype.kind == "O" else values
-        elif str(name).endswith("_real") and f"{name[:-5]}_imag" in data:
-            columns[str(name)[:-5]] = values + 1j * data[f"{name[:-5]}_imag"].values
-        else:
-            columns[str(name)] = values
+    for key in data.variables:
+        name, variable, values = str(key), data[key], data[key].values
+        if values.dtype.kind in "OS":
+            values = values.astype(str)
+        if name.startswith("attribute_"):
+            attributes[str(variable.attrs.get("long_name", name))] = values
+        elif name.endswith("_real") and f"{name[:-5]}_imag" in data:
+            imaginary = data[f"{name[:-5]}_imag"]
+            parts = values * _factor(source, variable), imaginary.values * _factor(source, imaginary)
+            columns[name[:-5]] = parts[0] + 1j * parts[1]
+        elif not (name.endswith("_imag") and f"{name[:-5]}_real" in data):
+            columns[name] = values if values.dtype.kind == "U" else values * _factor(source, variable)
     return build(str(data.attrs.get("kind", "PerturbationTest")), columns, attributes, source)
+
+
+def _factor(source: str, variable: Any) -> float:
+    """Factor to SI of a variable, from its attribute ``units``; 1 for what is no column of an experiment."""
+    column = str(variable.name).removesuffix("_real").removesuffix("_imag")
+    label = str(variable.attrs.get("units", ""))
+    if column not in _QUANTITIES or label in ("", _UNITS.get(column)):
+        return 1.0
+    units = units_of(*_QUANTITIES[column])
+    unit = label.partition(",")[0].strip().lower().replace("/", "_").replace("\u00b5", "u").replace("\u03bc", "u")
+    if unit not in units:
+        raise ValueError(f"{source}: variable {str(variable.name)!r}: {unknown_name('unit', label, units)}")
+    return units[unit]

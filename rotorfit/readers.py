@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from rotorfit.experiments import Experiment, Float, PerturbationTest
+from rotorfit.experiments import DisplacementTest, Experiment, Float, PerturbationTest
 from rotorfit.models.parameters import unknown_name
 from rotorfit.synchronous import SPEED_TOLERANCE, difference_synchronous, group_speeds
 
@@ -86,6 +86,8 @@ def read(
 
 def _read_raw(path: str | Path, speed: float | None, speed_tolerance: float) -> Experiment:
     kind = _format(path)
+    if speed is not None and kind != "uff":
+        raise ValueError(f"speed is an option of universal files; {Path(path).name} holds the speed of every reading")
     if kind == "csv":
         from rotorfit.csv_io import read_csv
 
@@ -93,15 +95,18 @@ def _read_raw(path: str | Path, speed: float | None, speed_tolerance: float) -> 
     if kind == "uff":
         from rotorfit.uff_io import read_uff
 
-        test = read_uff(path, speed=speed)
-        return replace(test, speed=group_speeds(test.speed, test.frequency, test.run, speed_tolerance))
-    if kind == "netcdf":
+        test: Experiment = read_uff(path, speed=speed)
+    elif kind == "netcdf":
         from rotorfit.netcdf_io import read_netcdf
 
-        return read_netcdf(path)
-    from rotorfit.mat_io import read_mat
+        test = read_netcdf(path)
+    else:
+        from rotorfit.mat_io import read_mat
 
-    return read_mat(path)
+        test = read_mat(path)
+    if not isinstance(test, PerturbationTest | DisplacementTest):
+        return test
+    return replace(test, speed=group_speeds(test.speed, test.frequency, test.run, speed_tolerance))
 
 
 def write(experiment: Experiment, path: str | Path) -> None:

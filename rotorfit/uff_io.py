@@ -15,9 +15,10 @@ Read from others: FRFs of ordinary shaker or hammer tests. A circular force is t
 
 from __future__ import annotations
 
+import re
 import warnings
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -149,8 +150,10 @@ def read_uff(path: str | Path, *, speed: float | None = None) -> PerturbationTes
     """
     import pyuff
 
-    Path(path).stat()  # a missing file is reported by its own exception
     source = Path(path).name
+    marks = re.findall(rb"(?m)^    -1 *\r?$", Path(path).read_bytes())
+    if len(marks) % 2:
+        raise ValueError(f"{source} is not a whole universal file: its last data set has no end; copy it again")
     try:
         content = pyuff.UFF(str(path)).read_sets()
     except Exception as error:  # pyuff raises nothing more specific
@@ -240,20 +243,32 @@ def _read_foreign(
         kinds = sorted({record["func_type"] for record in functions})
         raise ValueError(f"{source} has functions of type {kinds} but no frequency response (type 4); nothing to read")
     names = _plane_names(frfs)
-    pairs: dict[tuple[Any, ...], dict[str, _Receptance]] = {}
-    for record in frfs:
-        frf = _receptance(record, names, scales, speed, source)
-        if frf is not None:
-            key = (frf.run, frf.speed, frf.force_plane, frf.plane, frf.direction)
-            pairs.setdefault(key, {})[frf.force_axis] = frf
-    lonely = {(key[2], axis) for key, pair in pairs.items() for axis in ("x", "y") if axis not in pair}
-    if lonely or not pairs:
+    receptances = [frf for frf in (_receptance(r, names, scales, speed, source) for r in frfs) if frf is not None]
+    by_run = _by_channel(receptances)
+    if _lonely(by_run):  # the second ID line may be a remark that differs between the two directions of force
+        by_run = _by_channel([replace(frf, run="") for frf in receptances])
+    lonely = _lonely(by_run)
+    if lonely or not by_run:
         missing = ", ".join(f"{axis} at {plane}" for plane, axis in sorted(lonely)) or "any along x or y"
         raise ValueError(
             f"{source}: a circular force needs the FRFs to a force along x and to one along y at the same node, for "
             f"every response; missing: force {missing}"
         )
-    return _circular([(pair["x"], pair["y"]) for pair in pairs.values()], source)
+    return _circular([pair for x, y in by_run.values() for pair in zip(x, y, strict=True)], source)
+
+
+def _by_channel(frfs: Sequence[_Receptance]) -> dict[tuple[Any, ...], tuple[list[_Receptance], list[_Receptance]]]:
+    """FRFs to forces along x and along y of each channel in each run; repeats in order of appearance."""
+    found: dict[tuple[Any, ...], tuple[list[_Receptance], list[_Receptance]]] = {}
+    for frf in frfs:
+        key = (frf.run, frf.speed, frf.force_plane, frf.plane, frf.direction)
+        found.setdefault(key, ([], []))["xy".index(frf.force_axis)].append(frf)
+    return found
+
+
+def _lonely(channels: dict[tuple[Any, ...], tuple[list[_Receptance], list[_Receptance]]]) -> set[tuple[str, str]]:
+    """Plane and axis of forces whose partner along the other axis is missing."""
+    return {(key[2], "x" if len(x) < len(y) else "y") for key, (x, y) in channels.items() if len(x) != len(y)}
 
 
 def _plane_names(records: Sequence[dict[str, Any]]) -> dict[int, str]:

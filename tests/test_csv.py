@@ -2,6 +2,7 @@ import time
 
 import numpy as np
 import pytest
+from any_test import rigs, same
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -198,55 +199,6 @@ def test_a_hundred_thousand_rows_take_a_second_or_two(tmp_path):
     start = time.process_time()
     assert len(read(path)) == n
     assert time.process_time() - start < 6  # generous: the machine may be busy
-
-
-names = st.text(st.characters(codec="utf-8", exclude_categories=("C", "Z")), min_size=1, max_size=12)
-sizes = st.floats(1e-9, 1e9)
-phases = st.floats(-3.1, 3.1)
-
-
-@st.composite
-def rigs(draw):
-    n = draw(st.integers(1, 6))
-    planes = draw(st.lists(names, min_size=1, max_size=3, unique=True))
-
-    def column(elements):
-        return draw(st.lists(elements, min_size=n, max_size=n))
-
-    attributes = {
-        name: column(values)
-        for name, values in draw(
-            st.dictionaries(names, st.sampled_from([sizes, names.map(lambda name: "t" + name)]), max_size=2)
-        ).items()
-    }
-    known = draw(st.booleans())
-    return perturbation_test(
-        run=column(names),
-        speed=column(st.integers(1, 9).map(lambda i: 100.0 * i)),
-        frequency=column(st.one_of(sizes, sizes.map(lambda w: -w))),
-        force_plane=column(st.just(planes[0])),
-        force=np.array(column(sizes)) * np.exp(1j * np.array(column(phases))),
-        plane=column(st.sampled_from(planes)),
-        direction=column(st.sampled_from(["x", "y", "z", "rx", "ry", "rz"])),
-        response=np.array(column(sizes)) * np.exp(1j * np.array(column(phases))),
-        sigma=column(st.one_of(sizes, st.just(np.nan))) if known else np.nan,
-        attributes={f"-{name}": values for name, values in attributes.items()},
-    )
-
-
-def same(again, test, rtol):
-    for name in test._columns():
-        values = getattr(test, name)
-        if values.dtype.kind == "U":
-            assert getattr(again, name).tolist() == values.tolist()
-        else:
-            np.testing.assert_allclose(getattr(again, name), values, rtol=rtol, atol=0)
-    assert list(again.attributes) == list(test.attributes)
-    for name, values in test.attributes.items():
-        if values.dtype.kind == "U":
-            assert again.attributes[name].tolist() == values.tolist()
-        else:
-            np.testing.assert_allclose(again.attributes[name], values, rtol=rtol)
 
 
 @settings(max_examples=60, deadline=None)
