@@ -7,18 +7,29 @@ from typing import TYPE_CHECKING, Any
 
 __version__ = "0.1.0"
 
-if TYPE_CHECKING:
-    from rotorfit import datasets, models
-    from rotorfit.campaigns import Campaign, campaign
-    from rotorfit.check import Finding, check
-    from rotorfit.experiments import DisplacementTest, PerturbationTest, perturbation_test
-    from rotorfit.fitting import closed_form, fit
-    from rotorfit.readers import read, write
-    from rotorfit.refinement import Refinement, one_lam_test, refine
-    from rotorfit.report import write_report
-    from rotorfit.results import FitResult, FittedParameter, Quantity
-    from rotorfit.stiffness import dynamic_stiffness
-    from rotorfit.synchronous import difference_synchronous
+if TYPE_CHECKING:  # `as` tells type checkers that these names are for users
+    from rotorfit import datasets as datasets
+    from rotorfit import models as models
+    from rotorfit.campaigns import Campaign as Campaign
+    from rotorfit.campaigns import campaign as campaign
+    from rotorfit.check import Finding as Finding
+    from rotorfit.check import check as check
+    from rotorfit.experiments import DisplacementTest as DisplacementTest
+    from rotorfit.experiments import PerturbationTest as PerturbationTest
+    from rotorfit.experiments import perturbation_test as perturbation_test
+    from rotorfit.fitting import closed_form as closed_form
+    from rotorfit.fitting import fit as fit
+    from rotorfit.readers import read as read
+    from rotorfit.readers import write as write
+    from rotorfit.refinement import Refinement as Refinement
+    from rotorfit.refinement import one_lam_test as one_lam_test
+    from rotorfit.refinement import refine as refine
+    from rotorfit.report import write_report as write_report
+    from rotorfit.results import FitResult as FitResult
+    from rotorfit.results import FittedParameter as FittedParameter
+    from rotorfit.results import Quantity as Quantity
+    from rotorfit.stiffness import dynamic_stiffness as dynamic_stiffness
+    from rotorfit.synchronous import difference_synchronous as difference_synchronous
 
 _HOME = {
     "Finding": "rotorfit.check",
