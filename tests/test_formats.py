@@ -21,7 +21,7 @@ UFF_RTOL = 1.1e-11
 """Twelve digits round to 5e-12 of a number; a response is FRF times force, so two such errors meet."""
 
 RPM = np.pi / 30
-Complex = NDArray[np.complex128]
+Complex = NDArray[np.complexfloating[Any, Any]]
 
 
 def round_trip(test: Experiment, path: Path) -> Experiment:
@@ -267,6 +267,7 @@ def test_several_speeds_nodes_and_names(tmp_path: Path) -> None:
         for record in shaker_test()
     ]
     test = rf.read(written(tmp_path / "t.uff", records))
+    assert isinstance(test, PerturbationTest)
     assert test.planes == ("journal", "disk")
     assert test.force_planes == ("journal",)
     np.testing.assert_allclose(np.unique(test.speed), np.array([1000.0, 2000.0]) * RPM, rtol=1e-12)
@@ -494,8 +495,8 @@ def test_a_failed_write_leaves_the_old_file(tmp_path: Path) -> None:
     path = tmp_path / "t.uff"
     rf.write(rf.datasets.two_disk(), path)
     before = path.read_bytes()
-    test = rf.datasets.two_disk()
-    broken = test.select(np.arange(4))
+    broken = rf.datasets.two_disk().select(np.arange(4))
+    assert isinstance(broken, PerturbationTest)
     broken.response[1] = np.nan
     with pytest.raises(ValueError, match="response is not finite everywhere"):
         rf.write(broken, path)
