@@ -28,6 +28,8 @@ if TYPE_CHECKING:  # `as` tells type checkers that these names are for users
     from rotorfit.results import FitResult as FitResult
     from rotorfit.results import FittedParameter as FittedParameter
     from rotorfit.results import Quantity as Quantity
+    from rotorfit.serialise import load_fit as load_fit
+    from rotorfit.serialise import save_fit as save_fit
     from rotorfit.stiffness import dynamic_stiffness as dynamic_stiffness
     from rotorfit.synchronous import difference_synchronous as difference_synchronous
 
@@ -50,6 +52,8 @@ _HOME = {
     "FitResult": "rotorfit.results",
     "FittedParameter": "rotorfit.results",
     "Quantity": "rotorfit.results",
+    "load_fit": "rotorfit.serialise",
+    "save_fit": "rotorfit.serialise",
     "dynamic_stiffness": "rotorfit.stiffness",
     "difference_synchronous": "rotorfit.synchronous",
     "datasets": "",

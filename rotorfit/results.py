@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
@@ -243,6 +244,14 @@ class FitResult:
                 )
             )
         return modes
+
+    # ---- files, imported when asked for ------------------------------------------------------------------------------
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write the result and its data to a JSON file; :func:`rotorfit.load_fit` reads it."""
+        from rotorfit.serialise import save_fit
+
+        save_fit(self, path)
 
     # ---- presentation, imported when asked for ----------------------------------------------------------------------
 
