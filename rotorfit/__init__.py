@@ -14,11 +14,18 @@ if TYPE_CHECKING:  # `as` tells type checkers that these names are for users
     from rotorfit.campaigns import campaign as campaign
     from rotorfit.check import Finding as Finding
     from rotorfit.check import check as check
+    from rotorfit.experiments import CoefficientTable as CoefficientTable
     from rotorfit.experiments import DisplacementTest as DisplacementTest
+    from rotorfit.experiments import ImpulseTest as ImpulseTest
     from rotorfit.experiments import PerturbationTest as PerturbationTest
+    from rotorfit.experiments import RingDownTest as RingDownTest
+    from rotorfit.experiments import StaticTest as StaticTest
     from rotorfit.experiments import perturbation_test as perturbation_test
     from rotorfit.fitting import closed_form as closed_form
     from rotorfit.fitting import fit as fit
+    from rotorfit.posterior import Posterior as Posterior
+    from rotorfit.posterior import sample as sample
+    from rotorfit.posterior_io import load_posterior as load_posterior
     from rotorfit.readers import read as read
     from rotorfit.readers import write as write
     from rotorfit.refinement import Refinement as Refinement
@@ -38,11 +45,18 @@ _HOME = {
     "check": "rotorfit.check",
     "Campaign": "rotorfit.campaigns",
     "campaign": "rotorfit.campaigns",
+    "CoefficientTable": "rotorfit.experiments",
+    "ImpulseTest": "rotorfit.experiments",
+    "RingDownTest": "rotorfit.experiments",
+    "StaticTest": "rotorfit.experiments",
     "DisplacementTest": "rotorfit.experiments",
     "PerturbationTest": "rotorfit.experiments",
     "perturbation_test": "rotorfit.experiments",
     "closed_form": "rotorfit.fitting",
     "fit": "rotorfit.fitting",
+    "Posterior": "rotorfit.posterior",
+    "sample": "rotorfit.posterior",
+    "load_posterior": "rotorfit.posterior_io",
     "read": "rotorfit.readers",
     "write": "rotorfit.readers",
     "Refinement": "rotorfit.refinement",

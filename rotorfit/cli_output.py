@@ -146,22 +146,23 @@ def describe_test(test: Experiment, findings: Sequence[Finding]) -> str:
     """What a file holds, in a few lines, and what the data check found."""
     speeds = np.unique(np.round(test.speed * _RPM, 3))
     span = f"{speeds[0]:g} to {speeds[-1]:g} rpm" if speeds.size > 4 else ", ".join(f"{s:g}" for s in speeds) + " rpm"
-    w = test.frequency * _RPM
-    kind = "displacement-in test"
+    w = test.frequencies * _RPM
+    kind = test.title
     lines = []
     if isinstance(test, PerturbationTest):
-        kind = "synchronous test" if test.synchronous else "perturbation test"
+        kind = "synchronous test" if test.synchronous else kind
         lines.append(f"  forced at    {', '.join(test.force_planes)}")
         lines.append(f"  measured at  {', '.join(_channels(test))}")
-    else:
+    elif test.planes:
         lines.append(f"  measured at  {', '.join(test.planes)}")
     lines = [
         f"{test.source or 'data'}: {kind}, {len(test)} readings in {len(test.runs)} runs",
         *lines,
         f"  speed        {span}",
-        f"  frequency    {w.min():.5g} to {w.max():.5g} rpm"
-        + ("" if (w > 0).all() or (w < 0).all() else " (negative: backward whirl)"),
     ]
+    if w.size:
+        turning = "" if (w > 0).all() or (w < 0).all() else " (negative: backward whirl)"
+        lines.append(f"  frequency    {w.min():.5g} to {w.max():.5g} rpm{turning}")
     if test.attributes:
         lines.append(f"  attributes   {', '.join(test.attributes)}")
     lines += [f"  check: {finding}" for finding in findings] or ["  check: nothing found"]

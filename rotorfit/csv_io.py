@@ -5,7 +5,8 @@ comment lines ``#`` anywhere; the end of a name is the unit (:data:`rotorfit.uni
 unbalance ``mr_g_mm`` (force m r w^2), in place of amplitude and phase ``real_um, imag_um``; ``sigma_um`` and
 ``probe_radius_mm`` are optional. Slopes (direction ``rx`` = dx/ds, ``ry`` = dy/ds) have columns of their own,
 ``amplitude_urad`` and so on, or are readings of an axial probe at ``probe_radius_mm``, positive when a positive slope
-gives a positive reading. Columns that are none of these become test attributes.
+gives a positive reading. Columns that are none of these become test attributes. Columns of the other experiments:
+:mod:`rotorfit.csv_kinds`.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rotorfit.csv_kinds import BUILDERS, columns_of
 from rotorfit.experiments import (
     DIRECTIONS,
     ComplexArray,
@@ -233,7 +235,9 @@ def read_csv(path: str | Path, *, speed_tolerance: float = SPEED_TOLERANCE) -> E
         FileNotFoundError: no such file.
     """
     table = read_table(path)
-    build = next((b for mark, b in _KINDS if any(name.startswith(mark) for name in table.cells)), _perturbation)
+    # A perturbation test may have attributes named like the marks of the others.
+    kinds = _KINDS if {"force_plane", "direction"} & set(table.cells) else (*_KINDS, *BUILDERS)
+    build = next((b for mark, b in kinds if any(name.startswith(mark) for name in table.cells)), _perturbation)
     with np.errstate(over="ignore", invalid="ignore"):  # what overflows is refused below, by name
         return build(table, speed_tolerance)
 
@@ -460,11 +464,12 @@ def write_csv(experiment: Experiment, path: str | Path) -> None:
     Raises:
         ValueError: a name that a CSV cell cannot hold, or an attribute named like a column.
     """
-    columns = (
-        _perturbation_columns(experiment)
-        if isinstance(experiment, PerturbationTest)
-        else _displacement_columns(experiment)
-    )
+    if isinstance(experiment, PerturbationTest):
+        columns = _perturbation_columns(experiment)
+    elif isinstance(experiment, DisplacementTest):
+        columns = _displacement_columns(experiment)
+    else:
+        columns = columns_of(experiment)
     taken = set(columns) & set(experiment.attributes)
     if taken:
         raise ValueError(f"attributes {', '.join(sorted(taken))} have the name of a column; rename them")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,8 +25,27 @@ SYNCHRONOUS_TOLERANCE = 1e-4
 class _Rows:
     """Arrays of one length, one row a reading."""
 
+    title: ClassVar[str]
+
     source: str = ""
     attributes: Mapping[str, NDArray[Any]] = field(default_factory=dict)
+    run: Text
+    speed: Float
+
+    @property
+    def runs(self) -> tuple[str, ...]:
+        """Names of the runs in order of appearance."""
+        return tuple(dict.fromkeys(self.run.tolist()))
+
+    @property
+    def planes(self) -> tuple[str, ...]:
+        """Measured planes in order of appearance, none for experiments that name no plane."""
+        return ()
+
+    @property
+    def frequencies(self) -> Float:
+        """Tested or measured frequencies, rad/s; none for constant loads and records."""
+        return np.asarray(getattr(self, "frequency", np.zeros(0)))
 
     def _columns(self) -> list[str]:
         return [f.name for f in fields(self) if f.name not in ("source", "attributes")]
@@ -38,7 +57,7 @@ class _Rows:
             raise ValueError(f"{type(self).__name__}: columns of unequal length: {lengths}")
 
     def __len__(self) -> int:
-        return len(getattr(self, self._columns()[0]))
+        return len(self.run)
 
     def select(self, rows: NDArray[Any]) -> Self:
         """The experiment restricted to rows, given as a boolean mask or as indices."""
@@ -52,10 +71,10 @@ class _Rows:
         Raises:
             KeyError: no such attribute; the message lists those there are.
         """
-        if name == "speed_rpm" and hasattr(self, "speed"):
+        if name == "speed_rpm":
             return np.asarray(np.round(self.speed * 30 / np.pi, 6))
         if name == "run":
-            return np.asarray(self.run)  # type: ignore[attr-defined]
+            return self.run
         if name not in self.attributes:
             raise KeyError(
                 f"{self.source or 'the experiment'} has no attribute {name!r}; it has "
@@ -81,6 +100,8 @@ class PerturbationTest(_Rows):
         attributes: further columns by name.
         source: where the data came from, for messages.
     """
+
+    title: ClassVar[str] = "perturbation test"
 
     run: Text
     speed: Float
@@ -109,16 +130,27 @@ class PerturbationTest(_Rows):
         return tuple(dict.fromkeys(self.force_plane.tolist()))
 
     @property
-    def runs(self) -> tuple[str, ...]:
-        """Names of the runs in order of appearance."""
-        return tuple(dict.fromkeys(self.run.tolist()))
-
-    @property
     def synchronous(self) -> bool:
         """Whether every reading is at once-per-turn frequency."""
         return bool(
             len(self) and np.all(np.abs(self.frequency - self.speed) <= SYNCHRONOUS_TOLERANCE * np.abs(self.speed))
         )
+
+    @property
+    def static_position(self) -> ComplexArray | None:
+        """Position about which the journal moves, ``x + j y``, m, from attributes ``static_x_um``, ``static_y_um``.
+
+        ``None`` without these attributes: the test is centred. Other units of length by suffix.
+        """
+        from rotorfit.units import UNITS
+
+        parts = []
+        for axis in ("static_x_", "static_y_"):
+            found = [name for name in self.attributes if name.startswith(axis) and name[9:] in UNITS["length"]]
+            parts += [self.attributes[name].astype(float) * UNITS["length"][name[9:]] for name in found[:1]]
+        if len(parts) == 1:
+            raise ValueError(f"{self.source}: a static position needs both static_x_um and static_y_um")
+        return np.asarray(parts[0] + 1j * parts[1]) if parts else None
 
     def subtract_slow_roll(self, slow_roll: Mapping[tuple[str, str], complex]) -> PerturbationTest:
         """Subtract a slow-roll (run-out) vector for each (plane, direction), m, from all 1x readings."""
@@ -145,6 +177,8 @@ class DisplacementTest(_Rows):
         sigma: standard deviation of real and imaginary part of each force reading, N, NaN if unknown.
     """
 
+    title: ClassVar[str] = "displacement-in test"
+
     run: Text
     speed: Float
     frequency: Float
@@ -162,13 +196,153 @@ class DisplacementTest(_Rows):
         """Planes in order of appearance."""
         return tuple(dict.fromkeys(self.plane.tolist()))
 
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class StaticTest(_Rows):
+    """Displacements of a turning rotor under constant loads, one row a load (Figs 26 to 28).
+
+    Attributes:
+        run: name of the run, shape ``(R,)`` like all that follow.
+        speed: rotative speed, rad/s.
+        load_plane: plane of the load.
+        load: ``Px + j Py = P exp(j g)``, N.
+        plane: plane of the probes.
+        displacement: displacement from the centre of the bearing or seal, ``x + j y``, m.
+        sigma: standard deviation of x and of y, m, NaN if unknown.
+    """
+
+    title: ClassVar[str] = "static-load test"
+
+    run: Text
+    speed: Float
+    load_plane: Text
+    load: ComplexArray
+    plane: Text
+    displacement: ComplexArray
+    sigma: Float
+
+    def __post_init__(self) -> None:
+        self._check_lengths()
+
     @property
-    def runs(self) -> tuple[str, ...]:
-        """Names of the runs in order of appearance."""
-        return tuple(dict.fromkeys(self.run.tolist()))
+    def planes(self) -> tuple[str, ...]:
+        """Measured planes in order of appearance."""
+        return tuple(dict.fromkeys(self.plane.tolist()))
+
+    @property
+    def force_planes(self) -> tuple[str, ...]:
+        """Planes of the load in order of appearance."""
+        return tuple(dict.fromkeys(self.load_plane.tolist()))
 
 
-Experiment = PerturbationTest | DisplacementTest
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ImpulseTest(_Rows):
+    """Free vibration after an impulse: frequency and damping of a mode, one row an impulse (Fig. 29).
+
+    The journal rests at ``eccentricity``, or, where that is NaN, at ``position``.
+
+    Attributes:
+        run: name of the run, shape ``(R,)`` like all that follow.
+        speed: rotative speed, rad/s.
+        frequency: damped natural frequency, rad/s; off-centre motion turns both ways, so its sign does not count.
+        damping_ratio: ``zeta = -Re s / |s|`` of the eigenvalue s; negative where the rotor is unstable.
+        eccentricity: static eccentricity of the journal, NaN where ``position`` is given.
+        position: static position of the journal, ``x + j y``, m, NaN where ``eccentricity`` is given.
+        sigma: standard deviation of the real and of the imaginary part of s, 1/s, NaN if unknown.
+    """
+
+    title: ClassVar[str] = "impulse test"
+
+    run: Text
+    speed: Float
+    frequency: Float
+    damping_ratio: Float
+    eccentricity: Float
+    position: ComplexArray
+    sigma: Float
+
+    def __post_init__(self) -> None:
+        self._check_lengths()
+        bad = np.abs(self.damping_ratio) >= 1
+        if bad.any():
+            raise ValueError(
+                f"{self.source or 'impulse test'}: damping_ratio {self.damping_ratio[bad][0]:g} in row "
+                f"{np.flatnonzero(bad)[0] + 1}; a mode that vibrates has one between -1 and 1"
+            )
+
+    @property
+    def eigenvalue(self) -> ComplexArray:
+        """Eigenvalues ``s = |w_d| (-zeta / sqrt(1 - zeta^2) + j)``, 1/s, shape ``(R,)``."""
+        w = np.abs(self.frequency)
+        return np.asarray(w * (1j - self.damping_ratio / np.sqrt(1 - self.damping_ratio**2)))
+
+    @property
+    def frequency_ratio(self) -> Float:
+        """Damped frequency over rotative speed, which the paper reports as lam(eps); good to the damping ratio."""
+        return np.abs(self.frequency) / np.abs(self.speed)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class RingDownTest(_Rows):
+    """Records of free vibration after impulses, one row a sample, one run a record.
+
+    :func:`rotorfit.ring_down_modes` reduces it to an :class:`ImpulseTest`; fits do so by themselves.
+
+    Attributes:
+        run: name of the record, shape ``(R,)`` like all that follow.
+        speed: rotative speed, rad/s, one value in each record.
+        time: s, equally spaced in each record.
+        x, y: displacements of the journal, m; they settle at its static position.
+        eccentricity: static eccentricity; NaN where it follows from where x and y settle.
+    """
+
+    title: ClassVar[str] = "ring-down records"
+
+    run: Text
+    speed: Float
+    time: Float
+    x: Float
+    y: Float
+    eccentricity: Float
+
+    def __post_init__(self) -> None:
+        self._check_lengths()
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class CoefficientTable(_Rows):
+    """Coefficients of an isotropic bearing or seal by speed and eccentricity, from a seal code or a test report.
+
+    ``kxx = kyy``, ``kxy = -kyx`` and so on, with the signs of the fluid force: positive kxy drives forward whirl.
+
+    Attributes:
+        run: name of the conditions, rows that differ in eccentricity alone having the same, shape ``(R,)`` like all
+            that follow.
+        speed: rotative speed, rad/s.
+        eccentricity: orbit radius over clearance.
+        kxx, kxy: N/m.
+        cxx, cxy: N s/m.
+        mxx: kg.
+        sigma: standard deviation of each coefficient as a fraction of it, for instance 3e-7 for a table of six digits.
+    """
+
+    title: ClassVar[str] = "table of coefficients"
+
+    run: Text
+    speed: Float
+    eccentricity: Float
+    kxx: Float
+    kxy: Float
+    cxx: Float
+    cxy: Float
+    mxx: Float
+    sigma: Float
+
+    def __post_init__(self) -> None:
+        self._check_lengths()
+
+
+Experiment = PerturbationTest | DisplacementTest | StaticTest | ImpulseTest | RingDownTest | CoefficientTable
 
 
 def perturbation_test(

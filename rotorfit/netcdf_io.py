@@ -5,16 +5,16 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import fields
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rotorfit.experiments import DisplacementTest, Experiment, PerturbationTest
+from rotorfit.experiments import Experiment
 from rotorfit.models.parameters import unknown_name
 from rotorfit.units import units_of
 
-KINDS: dict[str, type[Any]] = {kind.__name__: kind for kind in (PerturbationTest, DisplacementTest)}
+KINDS: dict[str, type[Any]] = {kind.__name__: kind for kind in get_args(Experiment)}
 """Experiments that can be stored column by column, by the name that goes into the file."""
 
 _UNITS = {
@@ -25,6 +25,7 @@ _UNITS = {
     "force_y": "N",
     "response": "m or rad, 0-peak",
     "displacement": "m, 0-peak",
+    "load": "N",
 }
 _QUANTITIES = {
     "speed": ("frequency",),

@@ -70,6 +70,8 @@ def observe(model: RotorModel, experiment: Experiment, group: Index) -> Response
     """
     if isinstance(experiment, DisplacementTest):
         return _observe_displacement(model, experiment, group)
+    if not isinstance(experiment, PerturbationTest):
+        raise TypeError(f"{type(experiment).__name__} has no responses")
     _check_finite(experiment)
     _check_planes(model, experiment)
     return _observe_isotropic(model, experiment, group) if model.frame == "z" else _observe_xy(model, experiment, group)

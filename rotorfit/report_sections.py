@@ -255,7 +255,7 @@ def data_section(material: ReportInput) -> Html:
 
 
 def _experiment_row(test: Experiment) -> list[str]:
-    kind, forced = "displacement-in", ""
+    kind, forced = test.title, ""
     if isinstance(test, PerturbationTest):
         kind = "synchronous" if test.synchronous else "nonsynchronous perturbation"
         forced = ", ".join(test.force_planes)
@@ -263,10 +263,11 @@ def _experiment_row(test: Experiment) -> list[str]:
         measured = ", ".join(f"{plane} {direction}" for plane, direction in pairs)
     else:
         measured = ", ".join(test.planes)
-    w = test.frequency * RPM
+    w = test.frequencies * RPM
+    band = f"{plain(float(w.min()), 5)} to {plain(float(w.max()), 5)} rpm" if w.size else "constant"
     return [
         test.source or "data in memory", kind, str(len(test)), str(len(test.runs)), speeds_in_words(test.speed),
-        f"{plain(float(w.min()), 5)} to {plain(float(w.max()), 5)} rpm", forced, measured,
+        band, forced, measured,
     ]  # fmt: skip
 
 
