@@ -21,10 +21,12 @@ Float = NDArray[np.float64]
 
 CHUNK = 100
 """Steps between looks at the chain (and checkpoints) at first; later a fifth of the chain's length."""
-RESOLVED = 50.0
-"""Length of a chain, in autocorrelation times, from which that time is trusted (emcee's rule)."""
+RESOLVED = 100.0
+"""Length of a chain, in autocorrelation times, from which that time is trusted: twice emcee's rule, so that split
+R-hat, which exceeds one by the autocorrelation time over the length, comes down to 1.01."""
 
 _LISTENED = 32  # walkers enough to estimate the autocorrelation time from
+_DISAGREE = 4.0  # spread of 32 means over its expectation, beyond all chance (chi-squared over 31: p < 1e-12)
 
 
 @dataclass(frozen=True)
@@ -50,6 +52,7 @@ class Chain:
         ess: effective samples, ``walkers * kept steps / max(tau)``.
         converged: whether the autocorrelation time is resolved and the effective samples asked for are there.
         message: what that means, in words.
+        seed: of the random numbers.
     """
 
     draws: Float
@@ -61,6 +64,7 @@ class Chain:
     ess: float
     converged: bool
     message: str
+    seed: int
 
 
 def sample(
@@ -73,7 +77,6 @@ def sample(
     max_steps: int,
     seed: int | None = None,
     checkpoint: Path | None = None,
-    fingerprint: str = "",
     report: Callable[[Progress], None] | None = None,
     moves: list[tuple[Any, float]] | None = None,
 ) -> Chain:
@@ -86,13 +89,12 @@ def sample(
         ess: effective samples asked for.
         max_steps: steps after which to stop in any case.
         seed: of the random numbers; ``None`` takes one from the system.
-        checkpoint: HDF5 file (emcee's backend) that a later run with the same fingerprint continues.
-        fingerprint: names problem and settings; a file with another one is refused.
+        checkpoint: HDF5 file (emcee's backend), written at every look at the chain; a later run continues it.
         report: called at every look at the chain.
         moves: emcee moves with weights, by default :func:`~rotorfit.estimators.moves.mixture`.
 
     Raises:
-        ValueError: too few walkers, or a checkpoint of something else.
+        ValueError: too few walkers, or a checkpoint of another posterior, of other walkers or of another seed.
     """
     if walkers < 2 * target.size or walkers % 2:
         raise ValueError(
@@ -102,11 +104,13 @@ def sample(
     sampler = emcee.EnsembleSampler(
         walkers, target.size, target, moves=moves or mixture(centre, covariance), backend=memory, vectorize=True
     )
-    state = _resume(memory, checkpoint, fingerprint, (walkers, target.size)) if checkpoint else None
-    if state is None:
-        random = np.random.RandomState(seed)
+    if checkpoint and checkpoint.exists():
+        state, first_seed = _resume(memory, checkpoint, target, walkers, seed)
+    else:
+        first_seed = int(np.random.SeedSequence().generate_state(1)[0]) if seed is None else seed
+        random = np.random.RandomState(first_seed)
         state = emcee.State(_start(target, centre, covariance, walkers, random), random_state=random.get_state())
-    verdict = _assess(memory, ess) if memory.iteration else None
+    verdict = _assess(memory, ess, first_seed) if memory.iteration else None
     while memory.iteration < max_steps and not (verdict and verdict.converged):
         count = min(max(CHUNK, memory.iteration // 5), max_steps - memory.iteration)
         pending = []
@@ -115,8 +119,8 @@ def sample(
             if checkpoint:
                 pending.append(emcee.State(current, copy=True))
         if checkpoint:
-            _write(checkpoint, fingerprint, memory, pending)
-        verdict = _assess(memory, ess)
+            _write(checkpoint, first_seed, memory, pending)
+        verdict = _assess(memory, ess, first_seed)
         if report:
             report(Progress(memory.iteration, verdict.ess, float(verdict.tau.max())))
     if verdict is None:
@@ -141,7 +145,7 @@ def _start(target: Target, centre: Float, covariance: Float, walkers: int, rando
     )
 
 
-def _assess(memory: Any, ess: float) -> Chain:
+def _assess(memory: Any, ess: float, seed: int) -> Chain:
     """Autocorrelation time after burn-in, and what follows from it."""
     chain = memory.get_chain()
     steps, walkers, _ = chain.shape
@@ -170,25 +174,32 @@ def _assess(memory: Any, ess: float) -> Chain:
         float(effective),
         bool(resolved and effective >= ess),
         message,
+        seed,
     )
 
 
 def _tau(chain: Float) -> Float:
-    """Integrated autocorrelation time of each entry, infinite where nothing moves."""
+    """Integrated autocorrelation time of each entry, infinite where nothing moves.
+
+    emcee measures each walker from its own mean, so walkers that are stuck in places of their own look well mixed:
+    where their means differ by much more than that time allows, the time that explains the difference takes its place.
+    """
     still = np.ptp(chain, axis=0).max(axis=0) == 0
     tau = np.full(chain.shape[2], np.inf)
     if (~still).any():
         # Centred and scaled, so that products keep their digits.
         moving = chain[:, :, ~still]
         moving = (moving - moving.mean(axis=(0, 1))) / moving.std(axis=(0, 1))
-        tau[~still] = emcee.autocorr.integrated_time(moving, tol=0, has_walkers=True)
+        inner = emcee.autocorr.integrated_time(moving, tol=0, has_walkers=True)
+        between = chain.shape[0] * moving.mean(axis=0).var(axis=0, ddof=1)
+        tau[~still] = np.where(between > _DISAGREE * np.maximum(inner, 1.0), between, inner)
     return np.where(np.isfinite(tau), np.maximum(tau, 1.0), np.inf)
 
 
 # ---- checkpoints -----------------------------------------------------------------------------------------------------
 
 
-def _write(path: Path, fingerprint: str, memory: Any, pending: list[Any]) -> None:
+def _write(path: Path, seed: int, memory: Any, pending: list[Any]) -> None:
     """Append steps to a copy of the checkpoint and put it in place in one go: a kill leaves the old one whole."""
     temporary = path.with_name(path.name + ".part")
     if path.exists():
@@ -205,31 +216,40 @@ def _write(path: Path, fingerprint: str, memory: Any, pending: list[Any]) -> Non
     with h5py.File(temporary, "a") as file:
         group = file[backend.name]
         group["accepted"][:] = memory.accepted
-        group.attrs["fingerprint"] = fingerprint
+        group.attrs["seed"] = seed
         file.flush()
     with temporary.open("rb+") as raw:
         os.fsync(raw.fileno())
     os.replace(temporary, path)
 
 
-def _resume(memory: Any, path: Path, fingerprint: str, shape: tuple[int, int]) -> Any | None:
-    """Load a checkpoint into memory; ``None`` if there is none yet."""
-    if not path.exists():
-        return None
-    stored = emcee.backends.HDFBackend(str(path), read_only=True)
-    with h5py.File(path, "r") as file:
-        known = file[stored.name].attrs.get("fingerprint", "") if stored.name in file else ""
-    if known != fingerprint or stored.shape != shape:
+def _resume(memory: Any, path: Path, target: Target, walkers: int, seed: int | None) -> tuple[Any, int]:
+    """Load a checkpoint into memory: the walkers' last state, with that of the random numbers, and the seed."""
+    try:
+        stored = emcee.backends.HDFBackend(str(path), read_only=True)
+        shape, state = stored.shape, stored.get_last_sample()
+        chain, density, accepted = stored.get_chain(), stored.get_log_prob(), stored.accepted
+        with h5py.File(path, "r") as file:
+            first_seed = int(file[stored.name].attrs["seed"])
+    except (OSError, KeyError, AttributeError) as error:
+        raise ValueError(f"{path} is no checkpoint of a sampler: {error}") from error
+    if shape != (walkers, target.size):
         raise ValueError(
-            f"checkpoint {path} belongs to another posterior (other data, model, priors, noise treatment or number of "
-            "walkers): name another file, or remove it"
+            f"checkpoint {path} holds {shape[0]} walkers of {shape[1]} entries, here are {walkers} of {target.size}: "
+            "name another file, or remove it"
         )
-    state = stored.get_last_sample()
-    chain, density = stored.get_chain(), stored.get_log_prob()
-    nothing = np.zeros(shape[0], dtype=bool)
+    # The density itself tells whether data, model, priors and noise treatment are the same.
+    if not np.allclose(target(state.coords), state.log_prob, rtol=1e-8, atol=1e-6):
+        raise ValueError(
+            f"checkpoint {path} belongs to another posterior (other data, model, priors or noise treatment): name "
+            "another file, or remove it"
+        )
+    if seed is not None and seed != first_seed:
+        raise ValueError(f"checkpoint {path} was begun with seed {first_seed}, not {seed}: name another file")
+    nothing = np.zeros(walkers, dtype=bool)
     memory.reset(*shape)
     memory.grow(chain.shape[0], None)
     for coords, log_prob in zip(chain, density, strict=True):
         memory.save_step(emcee.State(coords, log_prob=log_prob, random_state=state.random_state), nothing)
-    memory.accepted = stored.accepted
-    return state
+    memory.accepted = accepted
+    return state, first_seed

@@ -53,10 +53,10 @@ class ParameterSpace:
         return len(self.names) + len(self.nuisance)
 
     def theta(self, x: Float) -> Float:
-        """Parameter vectors of the groups, shape ``(G, P)``."""
+        """Parameter vectors of the groups, shape ``(..., G, P)``, of fitted vectors of shape ``(..., p)``."""
         free = self.index >= 0
-        theta = self.template.copy()
-        theta[free] = x[self.index[free]]
+        theta = np.broadcast_to(self.template, (*x.shape[:-1], *self.template.shape)).copy()
+        theta[..., free] = x[..., self.index[free]]
         return theta
 
     def group(self, at: Mapping[str, Any] | None = None) -> int:

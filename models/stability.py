@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -136,13 +137,8 @@ def threshold_speed(
     theta = np.asarray(theta, dtype=float)
     if not model.speed_dependent:
         return None
-    rest = np.abs(eigenvalues(model, theta, 0.0))
-    rest = np.sort(rest[np.isfinite(rest) & (rest <= band) & (rest > 0)])
-    # The many modes of a known structure above those that the coordinates can follow only add round-off.
-    round_off = _ROUND_OFF * float(rest[-1]) if rest.size and model.shaft is not None else 0.0
-    rest = rest[: model.order * len(model.coordinates)]
-    if max_speed is None:
-        max_speed = 30.0 * float(rest[-1]) if rest.size else 1e4
+    highest, round_off = _limits(model, theta, band)
+    max_speed = highest if max_speed is None else max_speed
     speeds = np.geomspace(max_speed * 1e-4, max_speed, _SCAN)
 
     def rate(speed: float) -> float:
@@ -167,3 +163,72 @@ def threshold_speed(
     critical = complex(s[np.argmax(s.real)])
     by_speed, by_theta = eigenvalue_gradient(model, theta, onset, critical) if onset > 0 else (1.0, theta * np.nan)
     return Threshold(onset, critical.imag, np.asarray(-by_theta.real / complex(by_speed).real))
+
+
+def _limits(model: RotorModel, theta: Float, band: float) -> tuple[float, float]:
+    """Highest speed worth a search, and the real part up to which an eigenvalue counts as undamped."""
+    rest = np.abs(eigenvalues(model, theta, 0.0))
+    rest = np.sort(rest[np.isfinite(rest) & (rest <= band) & (rest > 0)])
+    # The many modes of a known structure above those that the coordinates can follow only add round-off.
+    round_off = _ROUND_OFF * float(rest[-1]) if rest.size and model.shaft is not None else 0.0
+    rest = rest[: model.order * len(model.coordinates)]
+    return 30.0 * float(rest[-1]) if rest.size else 1e4, round_off
+
+
+def threshold_speeds(model: RotorModel, theta: ArrayLike, *, band: float = math.inf) -> tuple[Float, Float]:
+    """Threshold speeds of many rotors alike, such as draws of a posterior.
+
+    Speeds are searched on a grid around the threshold of the median rotor, so an instability that closes again within
+    a few per cent of speed may be passed over; :func:`threshold_speed` searches finer.
+
+    Args:
+        model: the rotor.
+        theta: parameter vectors, shape ``(N, P)``.
+        band: as for :func:`threshold_speed`.
+
+    Returns:
+        threshold speeds and whirl frequencies at onset, rad/s, shapes ``(N,)``: infinite and NaN for rotors that are
+        stable at every speed searched.
+    """
+    from scipy.optimize.elementwise import find_root
+
+    theta = np.asarray(theta, dtype=float)
+    onset, whirl = np.full(theta.shape[0], np.inf), np.full(theta.shape[0], np.nan)
+    if not model.speed_dependent:
+        return onset, whirl
+    middle = np.median(theta, axis=0)
+    top, round_off = _limits(model, middle, band)
+
+    def rate(speed: Float, number: Any) -> Float:
+        return growth_rate(model, theta[number.astype(np.intp)], speed, band) - round_off
+
+    low, high = np.zeros_like(onset), np.full_like(onset, np.nan)
+    searching = np.arange(onset.size)
+    for speed in _search_speeds(threshold_speed(model, middle, band=band), top):
+        unstable = rate(np.full(searching.size, speed), searching) > 0
+        high[searching[unstable]] = speed
+        searching = searching[~unstable]
+        low[searching] = speed
+        if not searching.size:
+            break
+    found = np.flatnonzero(np.isfinite(high))
+    if not found.size:
+        return onset, whirl
+    at_rest = rate(low[found], found) >= 0  # unstable at the lowest speed already
+    onset[found[at_rest]] = low[found[at_rest]]
+    bracketed = found[~at_rest]
+    if bracketed.size:
+        bracket = (low[bracketed], high[bracketed])
+        onset[bracketed] = find_root(rate, bracket, args=(bracketed.astype(float),)).x
+    s = eigenvalues(model, theta[found], onset[found])
+    growth = np.where(np.isfinite(s) & (np.abs(s) <= band), s.real, -np.inf)
+    whirl[found] = np.take_along_axis(s.imag, growth.argmax(axis=-1)[:, None], axis=-1)[:, 0]
+    return onset, whirl
+
+
+def _search_speeds(reference: Threshold | None, top: float) -> Float:
+    """Ascending speeds, dense around the threshold of one rotor."""
+    if reference is None or reference.speed <= 0:
+        return np.geomspace(top * 1e-4, top, 60)
+    near = reference.speed * np.concatenate([np.geomspace(0.02, 0.7, 8), np.geomspace(0.75, 1.4, 14)])
+    return np.concatenate([near, np.geomspace(1.5 * reference.speed, max(top, 2 * reference.speed), 10)])

@@ -21,6 +21,7 @@ from rotorfit.models.stability import eigenvalue_gradient
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from rotorfit.posterior import Posterior
 
 Float = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
@@ -252,6 +253,14 @@ class FitResult:
         from rotorfit.serialise import save_fit
 
         save_fit(self, path)
+
+    # ---- posterior, imported when asked for --------------------------------------------------------------------------
+
+    def sample(self, **options: Any) -> Posterior:
+        """Sample the posterior with emcee; options as for :func:`rotorfit.sample`, for instance ``seed=1``."""
+        from rotorfit.posterior import sample
+
+        return sample(self, **options)
 
     # ---- presentation, imported when asked for ----------------------------------------------------------------------
 

@@ -1,0 +1,163 @@
+"""Quantities that follow from the parameters, with the spread that a posterior leaves them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotorfit.models import RotorModel, eigenvalues
+
+Float = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+
+
+@dataclass(frozen=True, eq=False)
+class Derived:
+    """A quantity of the rotor, one value (or array of values) for each draw of a posterior.
+
+    Attributes:
+        name: what it is.
+        unit: SI unit.
+        samples: shape ``(N, ...)``; infinite or NaN for draws that have no such value.
+    """
+
+    name: str
+    unit: str
+    samples: Float
+
+    @property
+    def value(self) -> Any:
+        """Median, a number or an array."""
+        return self._quantiles([0.5])[0]
+
+    @property
+    def stderr(self) -> Any:
+        """Standard deviation of the draws that have a value."""
+        samples = np.where(np.isfinite(self.samples), self.samples, np.nan)
+        if not np.isfinite(samples).all():
+            samples = samples[np.isfinite(samples)] if samples.ndim == 1 else samples
+        return np.std(samples, axis=0, ddof=1)[()] if len(samples) > 1 else np.nan
+
+    @property
+    def missing(self) -> float:
+        """Share of the draws without a value, for instance of rotors without a threshold speed."""
+        return float(1 - np.isfinite(self.samples).mean())
+
+    def interval(self, probability: float = 0.95) -> tuple[Any, Any]:
+        """Bounds between which the value lies with a probability, equal shares of the rest on both sides.
+
+        Raises:
+            ValueError: a probability outside 0 to 1.
+        """
+        if not 0 < probability < 1:
+            raise ValueError(f"probability is {probability}; it lies between 0 and 1")
+        low, high = self._quantiles([(1 - probability) / 2, (1 + probability) / 2])
+        return low, high
+
+    def _quantiles(self, at: list[float]) -> Any:
+        samples = self.samples
+        if samples.ndim == 1:
+            samples = samples[~np.isnan(samples)]
+            if not samples.size:
+                return np.full(len(at), np.nan)
+        # Between two infinities there is nothing to interpolate.
+        method: Any = "linear" if np.isfinite(samples).all() else "inverted_cdf"
+        return np.quantile(samples, at, axis=0, method=method)
+
+    def __str__(self) -> str:
+        if np.ndim(self.samples) > 1:
+            return f"{self.name}: {self.samples.shape[0]} draws of shape {self.samples.shape[1:]} {self.unit}"
+        low, high = self.interval()
+        return f"{self.name}: {self.value:.6g} [{low:.6g}, {high:.6g}] {self.unit}"
+
+
+@dataclass(frozen=True, eq=False)
+class Mode:
+    """One mode of free vibration at one rotative speed.
+
+    Attributes:
+        frequency: damped natural frequency, rad/s, signed: negative is backward whirl.
+        damping_ratio: share of critical damping; negative is unstable.
+        decay_rate: ``-Re s``, 1/s.
+        amplitude, phase: of the mode shape at each coordinate relative to the one that moves most at the median,
+            samples of shape ``(N, n)``, phase in rad.
+    """
+
+    frequency: Derived
+    damping_ratio: Derived
+    decay_rate: Derived
+    amplitude: Derived
+    phase: Derived
+
+
+@dataclass(frozen=True, eq=False)
+class StiffnessBand:
+    """Dynamic stiffness at some frequencies.
+
+    Attributes:
+        frequency: rad/s, shape ``(F,)``.
+        direct, quadrature: real and imaginary part, N/m, samples of shape ``(N, F, n, n)``.
+    """
+
+    frequency: Float
+    direct: Derived
+    quadrature: Derived
+
+
+def modes(model: RotorModel, theta: Float, speed: float, band: float) -> list[Mode]:
+    """Modes of many rotors alike at one speed, each draw's matched with those of the median rotor.
+
+    Args:
+        model: the rotor.
+        theta: parameter vectors, shape ``(N, P)``.
+        speed: rotative speed, rad/s.
+        band: highest ``|s|`` of a mode that counts, rad/s.
+    """
+    middle = np.median(theta, axis=0)
+    reference = eigenvalues(model, middle, speed)
+    reference = reference[np.isfinite(reference) & (np.abs(reference) <= band)]
+    at: Any = slice(None)
+    if model.shaft is not None:  # as many of the shaft's many modes as the coordinates can follow
+        lowest = np.argsort(np.abs(reference))[: model.order * len(model.coordinates)]
+        reference, at = reference[np.sort(lowest)], model.shaft.at
+    s = _matched(eigenvalues(model, theta, speed), reference)
+    coefficients = model.motion(theta, speed)
+    result = []
+    for k in range(reference.size):
+        leading = int(np.argmax(np.abs(_null_vector(model.motion(middle, speed), reference[k])[at])))
+        vectors = _null_vector(coefficients, s[:, k])[:, at]
+        vectors = vectors / vectors[:, leading : leading + 1]
+        rate = np.abs(s[:, k])
+        result.append(
+            Mode(
+                Derived(f"natural frequency {k + 1}", "rad/s", s[:, k].imag),
+                Derived(f"damping ratio {k + 1}", "1", -s[:, k].real / np.where(rate > 0, rate, np.nan)),
+                Derived(f"decay rate {k + 1}", "1/s", -s[:, k].real),
+                Derived(f"mode shape {k + 1}, amplitude", "1", np.abs(vectors)),
+                Derived(f"mode shape {k + 1}, phase", "rad", np.angle(vectors)),
+            )
+        )
+    return result
+
+
+def _null_vector(coefficients: ComplexArray, s: Any) -> ComplexArray:
+    """Mode shape of each eigenvalue: what the dynamic stiffness there sends to zero, shape ``(..., n)``."""
+    powers = np.asarray(s)[..., None] ** np.arange(coefficients.shape[-3])
+    kappa = np.einsum("...k,...kij->...ij", powers, coefficients)
+    return np.asarray(np.linalg.svd(kappa)[2][..., -1, :].conj())
+
+
+def _matched(s: ComplexArray, reference: ComplexArray) -> ComplexArray:
+    """Eigenvalues of each draw in the order of the reference, each used once, shape ``(N, modes)``."""
+    from scipy.optimize import linear_sum_assignment
+
+    distance = np.abs(s[:, :, None] - reference)
+    distance = np.where(np.isfinite(distance), distance, 1e300)
+    order = np.empty((s.shape[0], reference.size), dtype=np.intp)
+    for number, cost in enumerate(distance):
+        rows, columns = linear_sum_assignment(cost)
+        order[number, columns] = rows
+    return np.asarray(np.take_along_axis(s, order, axis=1))
