@@ -22,6 +22,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from rotorfit.posterior import Posterior
+    from rotorfit.profiles import Profile
+
 
 Float = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
@@ -157,6 +159,11 @@ class FitResult:
         return (*self.problem.space.names, *self.problem.space.nuisance)
 
     @property
+    def widening(self) -> float:
+        """Factor on the variances of the noise: redchi where the model, not the noise, limits the fit, else one."""
+        return max(1.0, self.redchi) if self.problem.loss == "linear" else 1.0
+
+    @property
     def band(self) -> float:
         """Highest tested frequency, rad/s."""
         tested = [float(np.abs(b.frequency).max()) for b in self.problem.blocks if isinstance(b, Responses)]
@@ -245,6 +252,16 @@ class FitResult:
                 )
             )
         return modes
+
+    # ---- other measures of uncertainty, imported when asked for ------------------------------------------------------
+
+    def profile(
+        self, name: str, *, level: float = 0.95, points: int = 21, at: Mapping[str, Any] | None = None
+    ) -> Profile:
+        """Profile-likelihood interval and curve of a parameter or "threshold_speed"; see rotorfit.profiles.profile."""
+        from rotorfit.profiles import profile
+
+        return profile(self, name, level=level, points=points, at=at)
 
     # ---- files, imported when asked for ------------------------------------------------------------------------------
 

@@ -1,0 +1,188 @@
+"""Profile likelihood: against Laplace where that is exact, a dense grid, other parametrisations, and by coverage."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy import stats
+from synthetic import TYPICAL, circular_test
+
+import rotorfit as rf
+from rotorfit.estimators.batch import with_measured
+from rotorfit.fitting import solve_again
+from rotorfit.models import OneMode, WhirlWhip
+
+Q95 = stats.chi2.ppf(0.95, 1)
+RIG = TYPICAL["one-mode"]
+W = np.r_[-np.linspace(20, 250, 12)[::-1], np.linspace(20, 250, 12)]
+
+
+def one_mode_test(noise=0.01, seed=0, w=W, speeds=(100.0,), rig=RIG):
+    model = OneMode()
+    return circular_test(model, model.vector(rig), speeds=speeds, frequency=w, noise=noise, seed=seed, sigma_known=True)
+
+
+def test_a_linear_problem_has_laplace_intervals():
+    """Forces under an imposed orbit are linear in K0, D and Mf when lam is known."""
+    model = OneMode()
+    w = np.linspace(-300, 300, 40)
+    kappa = model.dynamic_stiffness(model.vector(RIG), w, np.full(w.size, 150.0))[:, 0, 0]
+    rng = np.random.default_rng(3)
+    force = 1e-5 * np.where(w < 0, kappa.conj(), kappa)
+    noise = [2e-3 * (rng.normal(size=w.size) + 1j * rng.normal(size=w.size)) for _ in "xy"]
+    test = rf.DisplacementTest(
+        run=np.full(w.size, "sweep"),
+        speed=np.full(w.size, 150.0),
+        frequency=w,
+        plane=np.full(w.size, "journal"),
+        displacement=np.full(w.size, 1e-5 + 0j),
+        force_x=force + noise[0],
+        force_y=-1j * np.sign(w) * force + noise[1],
+        sigma=np.full(w.size, 1e-3),  # half the true noise: redchi is near 4 and widens both intervals alike
+        attributes={},
+    )
+    fit = rf.fit(model, test, known={"M": 1.2, "K": 8000.0, "Ds": 8.0, "lam": 0.46})
+    assert fit.redchi > 3
+    for name in ("K0", "D", "Mf"):
+        p, half = fit.params[name], np.sqrt(Q95) * fit.params[name].stderr
+        found = fit.profile(name)
+        np.testing.assert_allclose(found.interval, (p.value - half, p.value + half), rtol=0, atol=1e-6 * half)
+        # and the curve is the parabola
+        np.testing.assert_allclose(found.rise, ((found.values - p.value) / p.stderr) ** 2, rtol=1e-6, atol=1e-6)
+        assert found.message == ""
+        narrow = fit.profile(name, level=0.6827)
+        np.testing.assert_allclose(narrow.upper - p.value, stats.norm.ppf(0.84135) * p.stderr, rtol=1e-6)
+
+
+def test_a_curved_problem_agrees_with_a_dense_grid():
+    known = {name: RIG[name] for name in ("M", "K", "Ds", "K0", "Mf")}
+    fit = rf.fit(OneMode(), one_mode_test(noise=1.0, seed=2), known=known)
+    block = fit.problem.blocks[0]
+    w, F = block.frequency[block.line], block.force[block.line, 0]
+    lam = np.linspace(-0.2, 1.2, 1401)
+    D = np.linspace(100.0, 1300.0, 1201)
+    # eq. (13) written out
+    K, M, Mf, Ds = RIG["K"] + RIG["K0"], RIG["M"], RIG["Mf"], RIG["Ds"]
+    chisqr = np.zeros((lam.size, D.size))
+    for k in range(w.size):
+        v = w[k] - lam[:, None] * 100.0
+        A = F[k] / (K - M * w[k] ** 2 - Mf * v**2 + 1j * (Ds * w[k] + D[None, :] * v))
+        chisqr += np.abs((A - block.measured[k]) / block.sigma[k]) ** 2
+    goal = Q95 * fit.widening
+    for name, values, table in (("lam", lam, chisqr), ("D", D, chisqr.T)):
+        best = table.min(axis=1)
+        inside = values[best - fit.chisqr <= goal]
+        found, step = fit.profile(name), values[1] - values[0]
+        np.testing.assert_allclose(found.interval, (inside[0], inside[-1]), rtol=0, atol=1.5 * step)
+        p = fit.params[name]
+        laplace = p.value + np.array([-1, 1]) * np.sqrt(Q95) * p.stderr
+        assert np.abs(found.interval - laplace).max() > 10 * step  # the case is curved enough to tell
+        on_grid = np.interp(found.values, values, best - fit.chisqr) / fit.widening
+        np.testing.assert_allclose(found.rise, on_grid, rtol=0.01, atol=0.01)
+
+
+def test_the_threshold_speed_has_the_interval_of_the_parameter_it_is_a_function_of():
+    """Without external damping the threshold is sqrt((K + K0)/M)/lam: with these known, one to one with lam."""
+    rig = {**RIG, "Ds": 0.0}
+    known = {name: rig[name] for name in ("M", "K", "Ds", "K0")}
+    fit = rf.fit(OneMode(), one_mode_test(noise=0.2, seed=4, rig=rig), known=known)
+    lam, speed = fit.profile("lam"), fit.profile("threshold_speed")
+    w = np.sqrt((rig["K"] + rig["K0"]) / rig["M"])
+    np.testing.assert_allclose(speed.interval, (w / lam.upper, w / lam.lower), rtol=1e-6)
+    assert speed.unit == "rad/s"
+    p = fit.params["lam"]
+    assert abs(lam.upper - p.value - np.sqrt(Q95) * p.stderr) > 1e-3 * p.stderr
+
+
+def test_coverage():
+    """Of 200 draws, noise a third of the responses, 95 % intervals cover as often, within binomial error."""
+    known = {name: RIG[name] for name in ("K", "Ds", "M", "Mf")}
+    base = rf.fit(OneMode(), one_mode_test(noise=0.3), known=known)
+    truth = np.array([RIG[name] for name in base.var_names])
+    block = base.problem.blocks[0]
+    exact = base.problem.predict(truth)[0]
+    rng = np.random.default_rng(11)
+    hits, draws = {"D": 0}, 200
+    for _ in range(draws):
+        error = rng.normal(size=exact.size) + 1j * rng.normal(size=exact.size)
+        fit = solve_again(base, with_measured(base.problem, exact + block.sigma * error))
+        for name in hits:
+            low, high = fit.profile(name, points=3).interval
+            hits[name] += low <= RIG[name] <= high
+    for count in hits.values():
+        assert stats.binomtest(count, draws, 0.95).pvalue > 0.01
+
+
+def test_open_ends_are_said_plainly():
+    model = WhirlWhip()
+    test = circular_test(
+        model,
+        model.vector(TYPICAL["whirl-whip"]),
+        speeds=(100.0, 200.0),
+        frequency=np.r_[-np.linspace(20, 400, 30)[::-1], np.linspace(20, 400, 30)],
+        noise=0.01,
+        seed=2,
+        force_planes=("journal",),
+        sigma_known=True,
+    )
+    fit = rf.fit(model, test, known={"K3": 6000.0})
+    assert "sigma" in fit.identifiability.unresolved
+    found = fit.profile("sigma")
+    assert found.upper == np.inf
+    assert "open above" in found.message
+    assert "open above" in str(found)
+    determined = fit.profile("D")
+    assert np.isfinite(determined.interval).all()
+    assert determined.message == ""
+
+
+def test_a_bound_that_ends_the_curve_is_named():
+    known = {name: RIG[name] for name in ("K", "Ds")}
+    fit = rf.fit(OneMode(), one_mode_test(noise=0.5, seed=3), known=known, bounds={"Mf": (0.2, 0.6)})
+    found = fit.profile("Mf")
+    assert found.interval == (-np.inf, np.inf)
+    assert "up to its bound 0.2 kg" in found.message
+    assert "up to its bound 0.6 kg" in found.message
+    assert found.values.min() >= 0.2
+    prior = rf.fit(OneMode(), one_mode_test(noise=0.5, seed=3), known=known, priors={"Mf": stats.uniform(0.2, 0.4)})
+    assert prior.profile("Mf").interval == (-np.inf, np.inf)
+
+
+def test_a_normal_prior_counts_in_full_when_the_noise_is_widened():
+    """With a prior far tighter than the data the interval is the prior's, whatever redchi is."""
+    test = one_mode_test(noise=0.05, seed=6)
+    doubtful = test.select(np.arange(len(test)) >= 0)
+    doubtful.sigma[:] /= 4
+    fit = rf.fit(OneMode(), doubtful, known={"K": 8000.0, "Ds": 8.0}, priors={"Mf": stats.norm(0.4, 1e-4)})
+    assert fit.redchi > 8
+    np.testing.assert_allclose(fit.profile("Mf").interval, 0.4 + 1.96e-4 * np.array([-1, 1]), rtol=0, atol=3e-6)
+
+
+def test_a_robust_loss_agrees_with_its_standard_error():
+    test = one_mode_test(noise=0.003, seed=7, w=np.r_[-np.linspace(20, 250, 80), np.linspace(20, 250, 80)])
+    fit = rf.fit(OneMode(), test, known={"K": 8000.0, "Ds": 8.0}, loss="soft_l1")
+    for name in fit.var_names:
+        p, found = fit.params[name], fit.profile(name)
+        np.testing.assert_allclose(found.upper - found.lower, 2 * np.sqrt(Q95) * p.stderr, rtol=5e-3)
+
+
+def test_the_curve_holds_the_others_at_their_best():
+    fit = rf.fit(WhirlWhip(), rf.datasets.rig_open(), known={"K3": 6000.0})
+    found = fit.profile("lam", points=5)
+    assert found.rise.min() == 0
+    for value, rise in zip(found.values, found.rise, strict=True):
+        refit = rf.fit(fit.model, fit.experiments, known={"K3": 6000.0, "lam": float(value)})
+        np.testing.assert_allclose((refit.chisqr - fit.chisqr) / fit.redchi, rise, rtol=1e-6, atol=1e-6)
+
+
+def test_what_cannot_be_profiled_is_refused():
+    test = one_mode_test()
+    fit = rf.fit(OneMode(), test, known={"K": 8000.0, "Ds": 8.0})
+    with pytest.raises(KeyError, match="lamda"):
+        fit.profile("lamda")
+    with pytest.raises(ValueError, match="K is known here"):
+        fit.profile("K")
+    with pytest.raises(ValueError, match="level is 95"):
+        fit.profile("lam", level=95)
+    with pytest.raises(ValueError, match="closed form is not a minimum"):
+        rf.closed_form(OneMode(), test, known={"K": 8000.0, "Ds": 8.0}).profile("lam")
