@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from rotorfit.estimators.kernels import Batch
 from rotorfit.estimators.least_squares import minimise
+from rotorfit.estimators.priors import LogPriors
 from rotorfit.estimators.problem import Problem
 
 Float = NDArray[np.float64]
@@ -65,6 +66,7 @@ class Target:
         self.counts = self.batch.channel_counts + belief
         self.size = problem.space.size + (self.counts.size if noise == "sampled" else 0)
         self.lower, self.upper = box(problem)
+        self._log_priors = LogPriors(problem.priors)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -82,9 +84,7 @@ class Target:
             return result
         x = vectors[inside, :p]
         with np.errstate(all="ignore"):  # a proposal may well be absurd; what is not finite is refused below
-            value = self._misfit(self.batch.sums(x), vectors[inside, p:])
-            for prior in self.problem.priors:
-                value = value + prior.distribution.logpdf(x[:, prior.entry])
+            value = self._misfit(self.batch.sums(x), vectors[inside, p:]) + self._log_priors(x)
         result[inside] = np.where(np.isfinite(value), value, -np.inf)
         return result
 
