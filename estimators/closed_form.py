@@ -149,7 +149,7 @@ def _determined(space: ParameterSpace, lumped: Lumped, blocks: list[Responses]) 
 
 def _is_determined(space: ParameterSpace, lumped: Lumped, blocks: list[Responses]) -> bool:
     rng = np.random.default_rng(1)
-    x = np.array([_typical(space, i) for i in range(len(space.names))]) * rng.uniform(0.8, 1.25, len(space.names))
+    x = _typical(space) * rng.uniform(0.8, 1.25, len(space.names))
     theta = space.theta(np.concatenate([x, np.zeros(len(space.nuisance))]))
     designs = []
     for number, block in enumerate(blocks):
@@ -362,7 +362,7 @@ def _parameters(
 ) -> tuple[Float, tuple[str, ...]]:
     """Solve the lumped expressions for the parameters, one unknown at a time, then take one weighted step on all."""
     size = len(space.names)
-    x = lumped.parameters(values, np.array([_typical(space, i) for i in range(size)]))
+    x = lumped.parameters(values, _typical(space))
     notes: tuple[str, ...] = ()
     if np.isnan(x).any():
         x, notes = _remaining(space, lumped, values, x)
@@ -378,7 +378,7 @@ def _remaining(space: ParameterSpace, lumped: Lumped, values: Float, x: Float) -
 
     missing = np.flatnonzero(np.isnan(x))
     names = [space.names[i] for i in missing]
-    typical = np.array([_typical(space, int(i)) for i in missing])
+    typical = _typical(space)[missing]
     start = x.copy()
     start[missing] = typical
     now, slopes = lumped.linearise(start)
@@ -397,15 +397,17 @@ def _remaining(space: ParameterSpace, lumped: Lumped, values: Float, x: Float) -
     return start, (f"{', '.join(names)}: no coefficient gives them singly; solved jointly from typical values",)
 
 
-def _typical(space: ParameterSpace, entry: int) -> float:
-    parameter = space.model.parameter(space.base[entry])
-    guess = parameter.scale if parameter.nominal is None else parameter.nominal
-    return float(np.clip(guess, space.lower[entry], space.upper[entry])) or 1e-3
+def _typical(space: ParameterSpace) -> Float:
+    """Nonzero sizes of the free parameters, shape ``(p,)``."""
+    parameters = [space.model.parameter(name) for name in space.base]
+    size = len(parameters)
+    guess = np.array([p.scale if p.nominal is None else p.nominal for p in parameters])
+    inside = np.clip(guess, space.lower[:size], space.upper[:size])
+    return np.where(inside == 0, 1e-3, inside)
 
 
 def _typical_theta(space: ParameterSpace) -> Float:
-    typical = [_typical(space, i) for i in range(len(space.names))]
-    return space.theta(np.concatenate([typical, np.zeros(len(space.nuisance))]))
+    return space.theta(np.concatenate([_typical(space), np.zeros(len(space.nuisance))]))
 
 
 def _one_step(lumped: Lumped, values: Float, information: Float, x: Float) -> Float:

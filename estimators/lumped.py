@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from rotorfit.estimators.observations import Responses
 from rotorfit.estimators.problem import ParameterSpace
 from rotorfit.models import RotorModel
+from rotorfit.models.compiled import array_function
 
 Float = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
@@ -102,15 +103,16 @@ class Lumped:
         self.size = scale.size
         jacobian = ca.jacobian(expressions, x)
         self._rows, self._columns = (np.asarray(part, dtype=np.intp) for part in jacobian.sparsity().get_triplet())
-        self._function = ca.Function("lumped", [x], [expressions, jacobian])
+        # As an array function: calls of CasADi's own spend most of their time on converting matrices.
+        self._function = array_function(ca.Function("lumped", [x], [ca.densify(expressions), jacobian]))
         self._kind = self._dependence(scale)
         self.basis, self.spread, self.offset = _independent(self, scale)
         self._back = np.linalg.pinv(self.spread)
         self.determined: dict[bytes, bool] = {}
 
     def _evaluate(self, x: Float) -> tuple[Float, Float]:
-        values, slopes = self._function(x)
-        return np.array(ca.densify(values).nonzeros()), np.array(slopes.nonzeros())
+        found = self._function(x.tolist())
+        return found[: self.place.row.size], found[self.place.row.size :]
 
     def values(self, x: Float) -> Float:
         """Coefficients, shape ``(E,)``."""

@@ -118,7 +118,10 @@ def array_function(function: ca.Function) -> Callable[[Sequence[NDArray[np.float
     size = sum(function.nnz_out(i) for i in range(function.n_out()))
 
     def evaluate(inputs: Sequence[NDArray[np.float64]]) -> NDArray[np.float64]:
-        out = np.empty((size, *np.broadcast_shapes(*[np.shape(value) for value in inputs])))
+        shapes = {getattr(value, "shape", ()) for value in inputs}
+        # Working out a common shape takes longer than evaluating scalars.
+        shape = shapes.pop() if len(shapes) == 1 else np.broadcast_shapes(*shapes)
+        out = np.empty((size, *shape))
         kernel(*inputs, out)  # type: ignore[operator]
         return out
 
