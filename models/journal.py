@@ -65,6 +65,15 @@ class Journal:
         values = flat[:half:2] + 1j * flat[1:half:2], flat[half::2] + 1j * flat[half + 1 :: 2]
         return _polynomial(values[0], s), _polynomial(values[1], s)
 
+    def coefficient_change(self, theta: ArrayLike, speed: ArrayLike, eccentricity: ArrayLike) -> ComplexArray:
+        """Change of the journal's coefficients by powers of s against the centred journal, shape ``(order + 1, ...)``.
+
+        Arguments as for :meth:`change`.
+        """
+        flat = self._change(_arguments(theta, speed, eccentricity))
+        half = flat.shape[0] // 2
+        return np.asarray(flat[:half:2] + 1j * flat[1:half:2])
+
     def coupling(self, theta: ArrayLike, speed: ArrayLike, eccentricity: ArrayLike) -> ComplexArray:
         """Half the eccentricity times the slope of the static stiffness, N/m.
 

@@ -1,0 +1,187 @@
+"""Integration of the nonlinear equation of motion in time, many rotors or many forces at once.
+
+``C0(eps) z + C1(eps) z' + C2(eps) z'' = F(t)`` with ``eps = |z_b(t)| / clearance`` at every instant. Nothing here
+assumes circular or small motion: what the phasor equations say of these is checked against it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rotorfit.models import RotorModel
+from rotorfit.models.journal import Journal, journal
+
+Float = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+Force = Callable[[float], ComplexArray]
+
+TOLERANCE = 1e-9
+"""Error allowed in one step of the integration, as a fraction of the motion."""
+
+
+class IntegrationError(RuntimeError):
+    """The motion could not be followed, or has no steady state to settle in."""
+
+
+class Path(NamedTuple):
+    """Motion in time: instants ``(T,)``, displacements and velocities ``(T, L, n)``."""
+
+    time: Float
+    z: ComplexArray
+    v: ComplexArray
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """The equation of motion of L rotors, each in n coordinates.
+
+    Attributes:
+        model: the rotor.
+        theta: parameter vectors, shape ``(L, P)``.
+        speed: rotative speed, rad/s, shape ``(L,)``.
+        imposed: coordinate whose displacement is given, so that its force is what is asked for.
+
+    Raises:
+        ValueError: a model whose highest derivatives do not determine its motion, or a known structure.
+    """
+
+    model: RotorModel
+    theta: Float
+    speed: Float
+    imposed: int | None = None
+
+    def __post_init__(self) -> None:
+        if self.model.order != 2:
+            raise ValueError(
+                f"{self.model.name} has an equation of motion of order {self.model.order}; one of order 2 can be "
+                f"integrated in time. Leave the out_of_band block out"
+            )
+        if self.model.shaft is not None:
+            raise ValueError(
+                f"{self.model.name} is known at its planes as condensed from many fast modes, which is no equation "
+                f"of motion in time; integrate a lumped model, such as WhirlWhip"
+            )
+        mass = self.centred[:, 2][:, self._free[:, None], self._free]
+        if mass.size and not (np.linalg.cond(mass) < 1e12).all():
+            raise ValueError(f"{self.model.name}: a coordinate has no mass, so that its motion is undetermined in time")
+
+    @cached_property
+    def centred(self) -> ComplexArray:
+        """Coefficient matrices of the centred rotor, shape ``(L, 3, n, n)``."""
+        return self.model.coefficients(self.theta, self.speed)
+
+    @cached_property
+    def _passive(self) -> ComplexArray:
+        """Stiffness and damping of the centred rotor side by side, shape ``(L, n, 2n)``."""
+        return np.concatenate([self.centred[:, 0], self.centred[:, 1]], axis=2)
+
+    @cached_property
+    def _free(self) -> NDArray[np.intp]:
+        """Coordinates that are not imposed."""
+        return np.array([i for i in range(len(self.model.coordinates)) if i != self.imposed], dtype=np.intp)
+
+    @cached_property
+    def _inverse_mass(self) -> ComplexArray:
+        mass = self.centred[:, 2][:, self._free[:, None], self._free]
+        return np.asarray(np.linalg.inv(mass), dtype=complex)
+
+    @cached_property
+    def _journal(self) -> Journal | None:
+        return journal(self.model) if self.model.eccentricity_dependent else None
+
+    def eccentricity(self, z: ComplexArray) -> Float:
+        """Eccentricity of the journal, shape ``(..., L)``, zero in a linear model."""
+        if self._journal is None:
+            return np.zeros(z.shape[:-1])
+        return np.asarray(np.abs(z[..., self._journal.at]) / self._journal.clearance)
+
+    def internal(self, z: ComplexArray, v: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
+        """Forces of stiffness and damping, and the change of the journal's inertia, shapes ``(L, n)`` and ``(L,)``."""
+        force = (self._passive @ np.concatenate([z, v], axis=1)[:, :, None])[:, :, 0]
+        if self._journal is None:
+            return force, np.zeros(z.shape[0], dtype=complex)
+        at = self._journal.at
+        change = self._journal.coefficient_change(self.theta, self.speed, self.eccentricity(z))
+        force[:, at] += change[0] * z[:, at] + change[1] * v[:, at]
+        return force, change[2]
+
+    def acceleration(self, z: ComplexArray, v: ComplexArray, force: ComplexArray) -> ComplexArray:
+        """Acceleration of all coordinates, zero of an imposed one, shape ``(L, n)``."""
+        internal, inertia = self.internal(z, v)
+        free = self._free
+        a = np.zeros_like(z)
+        a[:, free] = (self._inverse_mass @ (force - internal)[:, free, None])[:, :, 0]
+        if self._journal is not None and self._journal.at in free and inertia.any():
+            # Only the entry (b, b) of the mass matrix changes: a rank-one change of its inverse.
+            at, place = self._journal.at, int(np.flatnonzero(free == self._journal.at)[0])
+            gain = inertia * a[:, at] / (1.0 + inertia * self._inverse_mass[:, place, place])
+            a[:, free] -= self._inverse_mass[:, :, place] * gain[:, None]
+        return a
+
+    def select(self, lines: NDArray[np.intp]) -> Motion:
+        """Some of the rotors."""
+        return Motion(self.model, self.theta[lines], self.speed[lines], self.imposed)
+
+
+def integrate(
+    motion: Motion,
+    force: Force,
+    z: ComplexArray,
+    v: ComplexArray,
+    span: tuple[float, float],
+    *,
+    size: ArrayLike,
+    rate: ArrayLike,
+    times: Float | None = None,
+    tolerance: float = TOLERANCE,
+) -> Path:
+    """Integrate by the explicit method DOP853 with error control.
+
+    Args:
+        motion: the equations.
+        force: generalised force at an instant, shape ``(L, n)``.
+        z, v: displacements and velocities at the beginning, shape ``(L, n)``.
+        span: first and last instant, s.
+        size: typical displacement, m, shape ``(L,)`` or scalar: below ``tolerance * size`` nothing matters.
+        rate: typical frequency, rad/s, likewise.
+        times: instants of the result; by default the integrator's own, free of interpolation.
+        tolerance: local error over size.
+
+    Raises:
+        IntegrationError: the journal runs into the wall, or the motion grows without limit.
+    """
+    from scipy.integrate import solve_ivp
+
+    count, n = z.shape
+
+    def slope(time: float, state: ComplexArray) -> ComplexArray:
+        position, velocity = state.reshape(2, count, n)
+        a = motion.acceleration(position, velocity, force(time))
+        return np.concatenate([velocity.ravel(), a.ravel()])
+
+    # The error norm is a mean over all states: one line of many must not hide behind the others.
+    strict = tolerance / np.sqrt(2 * count * n)
+    small = np.broadcast_to(np.asarray(size, dtype=float) * strict, (count,))
+    fast = np.broadcast_to(np.asarray(rate, dtype=float), (count,))
+    atol = np.concatenate([np.repeat(small, n), np.repeat(small * fast, n)])
+    begin = np.concatenate([z.ravel(), v.ravel()]).astype(complex)
+    with np.errstate(all="ignore"):  # a trial step beyond the clearance gives NaN and is cut
+        result = solve_ivp(slope, span, begin, method="DOP853", t_eval=times, rtol=max(strict, 1e-13), atol=atol)
+    states = result.y.T.reshape(-1, 2, count, n)
+    path = Path(result.t, states[:, 0], states[:, 1])
+    if not result.success or not np.isfinite(states).all():
+        raise IntegrationError(f"{motion.model.name}: the motion cannot be followed past {result.t[-1]:.4g} s: the "
+                               f"journal touches the wall or the motion grows without limit")  # fmt: skip
+    eccentricity = motion.eccentricity(path.z)
+    if eccentricity.max(initial=0.0) >= 1.0:
+        worst = int(np.argmax(eccentricity.max(axis=0)))
+        raise IntegrationError(
+            f"{motion.model.name}: the journal touches the wall in case {worst + 1} of {count}; reduce the force"
+        )
+    return path
