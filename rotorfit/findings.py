@@ -1,0 +1,45 @@
+"""What the data check reports."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing that :func:`check` noticed.
+
+    Attributes:
+        severity: ``error`` spoils every fit, ``warning`` spoils some or is likely a slip, ``note`` is good to know.
+        code: short name of the kind of finding, for programs.
+        message: what, where and what to do.
+        rows: rows of the experiment concerned, for ``select``; empty if it is about the test as a whole.
+    """
+
+    severity: Literal["error", "warning", "note"]
+    code: str
+    message: str
+    rows: tuple[int, ...] = ()
+
+    def __str__(self) -> str:
+        return f"{self.severity} [{self.code}] {self.message}{_places(self.rows)}"
+
+
+def _places(rows: Sequence[int]) -> str:
+    """Rows in a few words, counted from 1 as people count the rows of a table."""
+    if not rows:
+        return ""
+    numbers = np.array(rows) + 1
+    ranges = np.split(numbers, np.flatnonzero(np.diff(numbers) != 1) + 1)
+    words = [f"{part[0]}" if part.size == 1 else f"{part[0]}-{part[-1]}" for part in ranges[:6]]
+    more = f", ... ({numbers.size} in all)" if len(ranges) > 6 else ""
+    return f" Rows {', '.join(words)}{more}."
+
+
+def listed(names: Sequence[str]) -> str:
+    """Names with commas between, the first six of them."""
+    return ", ".join(names[:6]) + (f" and {len(names) - 6} more" if len(names) > 6 else "")
