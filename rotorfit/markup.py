@@ -11,7 +11,11 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+_SHORT = 8
+"""Rows of a table that is not broken between pages."""
 _VOID = ("img", "meta", "br")
+_DPI, _PIXELS = 150.0, 1600.0
+"""Resolution of a picture, and its largest width: 220 dots per inch over a page's 185 mm."""
 
 
 class Html(str):
@@ -43,13 +47,23 @@ def bullets(items: Iterable[str], **attributes: str) -> Html:
     return element("ul", *(element("li", item) for item in items), **attributes)
 
 
-def table(head: Sequence[str], rows: Iterable[Sequence[str]], numeric: Sequence[int] = ()) -> Html:
-    """A table whose columns ``numeric`` are aligned to the right; empty columns are left out."""
+def table(
+    head: Sequence[str], rows: Iterable[Sequence[str]], numeric: Sequence[int] = (), whole: Sequence[int] = ()
+) -> Html:
+    """A table; empty columns are left out.
+
+    Args:
+        head: headings.
+        rows: cells, text or markup.
+        numeric: columns aligned to the right.
+        whole: columns whose cells are not broken into lines.
+    """
     body = [list(row) for row in rows]
     kept = [i for i in range(len(head)) if i == 0 or any(row[i] for row in body)]
 
     def cell(kind: str, row: Sequence[str], i: int) -> Html:
-        return element(kind, row[i], class_="number") if i in numeric else element(kind, row[i])
+        style = "number" if i in numeric else "whole" if i in whole else ""
+        return element(kind, row[i], class_=style) if style else element(kind, row[i])
 
     return element(
         "div",
@@ -58,14 +72,19 @@ def table(head: Sequence[str], rows: Iterable[Sequence[str]], numeric: Sequence[
             element("thead", element("tr", *(cell("th", head, i) for i in kept))),
             element("tbody", *(element("tr", *(cell("td", row, i) for i in kept)) for row in body)),
         ),
-        class_="table",
+        class_="table short" if len(body) <= _SHORT else "table",
     )
 
 
-def picture(figure: Figure, caption: str, *, dpi: int = 130) -> Html:
-    """A figure with its caption, embedded as PNG."""
+def drawn(figure: Figure) -> bytes:
+    """A figure as a PNG file, fine enough for the width of a page."""
     stream = BytesIO()
-    figure.savefig(stream, format="png", dpi=dpi)
-    data = base64.b64encode(stream.getvalue()).decode("ascii")
+    figure.savefig(stream, format="png", dpi=min(_DPI, _PIXELS / figure.get_figwidth()))
+    return stream.getvalue()
+
+
+def picture(png: bytes, caption: str) -> Html:
+    """A PNG file with its caption, embedded."""
+    data = base64.b64encode(png).decode("ascii")
     image = element("img", src=f"data:image/png;base64,{data}", alt=caption)
     return element("figure", image, element("figcaption", caption))

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rotorfit.plot_style import COLOURS, grid
+from rotorfit.plot_style import COLOURS, grid, literal
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -27,7 +27,7 @@ def plot_corner(samples: Float, names: Sequence[str], truths: Mapping[str, float
         truths: values to mark, by name.
     """
     count = len(names)
-    figure, axes = grid(count, count, "", size=(1.55, 1.45))
+    figure, axes = grid(count, count, "", size=(1.25, 1.2))
     marks = truths or {}
     for i in range(count):
         for j in range(count):
@@ -44,12 +44,12 @@ def plot_corner(samples: Float, names: Sequence[str], truths: Mapping[str, float
                 axis.axvline(marks[names[j]], color=COLOURS[1], lw=0.9)
             if i != j and names[i] in marks:
                 axis.axhline(marks[names[i]], color=COLOURS[1], lw=0.9)
-            axis.tick_params(labelsize=6, labelleft=j == 0 and i > 0, labelbottom=i == count - 1, rotation=30)
+            axis.tick_params(labelsize=7, labelleft=j == 0 and i > 0, labelbottom=i == count - 1, rotation=30)
             axis.locator_params(nbins=3)
             if j == 0 and i > 0:
-                axis.set_ylabel(names[i], fontsize=7)
+                axis.set_ylabel(literal(names[i]), fontsize=9)
             if i == count - 1:
-                axis.set_xlabel(names[j], fontsize=7)
+                axis.set_xlabel(literal(names[j]), fontsize=9)
     return figure
 
 
@@ -82,7 +82,7 @@ def plot_traces(chain: Float, names: Sequence[str]) -> Figure:
     shown = chain[:, :: max(1, chain.shape[1] // 24)]
     for i, name in enumerate(names):
         axes[i, 0].plot(shown[:, :, i], lw=0.3, color=COLOURS[0], alpha=0.5)
-        axes[i, 0].set_ylabel(name, fontsize=7, rotation=0, ha="right", va="center")
+        axes[i, 0].set_ylabel(literal(name), fontsize=7, rotation=0, ha="right", va="center")
         axes[i, 0].tick_params(labelsize=6, labelbottom=i == len(names) - 1)
     axes[-1, 0].set_xlabel("step", fontsize=8)
     return figure

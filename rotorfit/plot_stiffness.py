@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from rotorfit.estimators.closed_form import StiffnessMatrices, stiffness_matrices
 from rotorfit.estimators.observations import Responses
-from rotorfit.plot_style import GREY, RPM, colour_of, grid, legend_below, prefix
+from rotorfit.plot_style import GREY, RPM, colour_of, grid, legend_below, literal, prefix
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -256,7 +256,7 @@ def _name(fit: FitResult, row: int, column: int) -> str:
         return "κ"
     first, second = fit.model.coordinates[row], fit.model.coordinates[column]
     short = [c.plane if c.axis == "z" else f"{c.plane}.{c.axis}" for c in (first, second)]
-    return f"κ {short[0]}–{short[1]}"
+    return literal(f"κ {short[0]}–{short[1]}")
 
 
 def _legend(figure: Figure, conditions: Sequence[_Condition], together: bool) -> None:

@@ -34,6 +34,11 @@ def colour_of(number: int) -> str:
     return COLOURS[number % len(COLOURS)]
 
 
+def literal(text: str) -> str:
+    """Text from data files as it is: a dollar sign would make matplotlib read it as a formula."""
+    return text.replace("$", r"\$")
+
+
 def prefix(values: NDArray[np.float64], unit: str) -> tuple[float, str]:
     """Factor and unit with an SI prefix that brings typical values between 1 and 1000."""
     finite = np.abs(values[np.isfinite(values)])

@@ -13,7 +13,7 @@ from rotorfit.estimators.observations import Responses
 from rotorfit.plot_posterior import plot_corner, plot_traces
 from rotorfit.plot_stability import plot_stability
 from rotorfit.plot_stiffness import draw_dynamic_stiffness
-from rotorfit.plot_style import GREY, RPM, colour_of, grid, legend_below
+from rotorfit.plot_style import GREY, RPM, colour_of, grid, legend_below, literal
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -120,7 +120,7 @@ def _response_unit(fit: FitResult, coordinate: int) -> tuple[float, str]:
 def _cell_title(fit: FitResult, coordinate: int, force_plane: int) -> str:
     probe, force = fit.model.coordinates[coordinate], fit.model.coordinates[force_plane]
     reading = {"r": "tilt at ", "x": "x at ", "y": "y at "}.get(probe.axis, "")
-    return f"{reading}{probe.plane}, force at {force.plane}"
+    return literal(f"{reading}{probe.plane}, force at {force.plane}")
 
 
 def plot_bode(fit: FitResult) -> Figure:

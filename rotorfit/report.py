@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from datetime import datetime
 from importlib.resources import files
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,14 +22,13 @@ if TYPE_CHECKING:
 
 
 class PosteriorLike(Protocol):
-    """What a report needs of posterior samples.
-
-    Used when there: ``chain``, shape ``(steps, walkers, p)``; ``summary()``, a table of the chains' health;
-    ``threshold_speed()`` with ``value`` and ``interval(0.95)``, rad/s.
+    """What a report needs of posterior samples; ``chain`` and ``summary()`` are shown where there are any.
 
     Attributes:
         samples: draws, shape ``(N, p)``, SI units.
         names: of the columns.
+        converged: whether the chains are long enough for the effective samples asked for.
+        message: what that means, in words.
     """
 
     @property
@@ -40,6 +39,28 @@ class PosteriorLike(Protocol):
     @property
     def names(self) -> Sequence[str]:
         """Parameters."""
+        ...
+
+    @property
+    def converged(self) -> bool:
+        """Long enough."""
+        ...
+
+    @property
+    def message(self) -> str:
+        """In words."""
+        ...
+
+    def threshold_speed(self, at: Mapping[str, Any] | None = None) -> Draws:
+        """Threshold speed of the draws, rad/s."""
+        ...
+
+
+class Draws(Protocol):
+    """A derived quantity's draws."""
+
+    def interval(self, level: float) -> tuple[float, float]:
+        """Central interval."""
         ...
 
 
@@ -54,6 +75,8 @@ class ReportInput:
     profile: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     shares: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     operating_speed: float | None = None
+    pictures: dict[str, bytes] = field(default_factory=dict)
+    """PNG files by name, filled in as figures are drawn."""
 
 
 def write_report(
@@ -67,6 +90,7 @@ def write_report(
     shares: Mapping[str, tuple[float, float]] | None = None,
     operating_speed: float | None = None,
     title: str | None = None,
+    figures: str | os.PathLike[str] | None = None,
 ) -> Path:
     """Write the report of a fit as one self-contained HTML file, whole or not at all.
 
@@ -80,6 +104,7 @@ def write_report(
         shares: random and systematic standard uncertainty by parameter, SI units.
         operating_speed: speed, rad/s, to which the stability margin refers beside the tested speeds.
         title: heading of the report.
+        figures: folder that is there, to which the figures are also written, each as a PNG file.
 
     Returns:
         the path written.
@@ -103,7 +128,11 @@ def write_report(
         operating_speed=operating_speed,
     )
     _check(material)
-    return _write(Path(path), document(material, title or f"Rotor identification: {fit.model.name}"))
+    text = document(material, title or f"Rotor identification: {fit.model.name}")
+    if figures is not None:
+        for name, png in material.pictures.items():
+            _write(Path(figures) / f"{name}.png", png)
+    return _write(Path(path), text.encode())
 
 
 def _check(material: ReportInput) -> None:
@@ -130,19 +159,15 @@ def document(material: ReportInput, title: str) -> Html:
     """The whole page."""
     from rotorfit import __version__
     from rotorfit.report_figures import figure_sections
-    from rotorfit.report_sections import (
-        data_section,
-        identifiability_section,
-        model_section,
-        parameter_section,
-        refinement_section,
-        reproduce_section,
-        verdict_section,
-    )
+    from rotorfit.report_parameters import identifiability_section, interval_section, parameter_section
+    from rotorfit.report_reproduce import reproduce_section
+    from rotorfit.report_sections import data_section, model_section, refinement_section
+    from rotorfit.report_verdict import verdict_section
 
     sections = [
         verdict_section(material),
         parameter_section(material),
+        interval_section(material),
         identifiability_section(material),
         data_section(material),
         model_section(material),
@@ -172,11 +197,11 @@ def document(material: ReportInput, title: str) -> Html:
     return Html("<!DOCTYPE html>\n" + page + "\n")
 
 
-def _write(path: Path, text: str) -> Path:
+def _write(path: Path, content: bytes) -> Path:
     """Write beside the target, then rename, so that no reader ever sees half a file."""
     part = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
-        part.write_text(text, encoding="utf-8")
+        part.write_bytes(content)
         os.replace(part, path)
     finally:
         part.unlink(missing_ok=True)

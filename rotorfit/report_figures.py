@@ -2,56 +2,86 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rotorfit import plots
 from rotorfit.estimators.observations import Responses
-from rotorfit.markup import Html, element, paragraph, picture, table
+from rotorfit.markup import Html, drawn, element, paragraph, picture, table
 from rotorfit.report_numbers import RPM, with_error
-from rotorfit.report_sections import groups_of, section
+from rotorfit.report_parts import at_of, groups_of, note, section, sentence
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from rotorfit.report import PosteriorLike, ReportInput
     from rotorfit.results import FitResult
 
-_CORNER = 12
+Float = NDArray[np.float64]
+
+_CORNER = 8
 """Parameters a corner plot can show on a page."""
+
+_FIRST = ("D", "lam", "lam_D", "lam_M", "Mf", "K0")
+"""Parameters that a corner plot shows before others."""
 
 
 def figure_sections(material: ReportInput) -> Iterator[Html]:
-    """Dynamic stiffness, responses, residuals, stability, posterior."""
+    """Figures of each kind of data, stability, posterior."""
     fit = material.fit
-    if any(isinstance(block, Responses) for block in fit.problem.blocks):
-        caption = "Points: measured, with one standard deviation. Lines: fit, with its 95 % band."
-        yield section("Dynamic stiffness", picture(plots.plot_dynamic_stiffness(fit), caption), figure=True)
-        caption = "Responses to a unit force. Points: measured. Lines: fit."
-        yield section("Bode plots", picture(plots.plot_bode(fit), caption), figure=True)
-        yield section("Polar plots", picture(plots.plot_polar(fit), caption), figure=True)
-        yield section("Residuals and quality of fit", *_residuals(fit))
-    yield section("Stability", *_stability(fit))
+    for kind in dict.fromkeys(type(block) for block in fit.problem.blocks):
+        if kind in _KINDS:
+            yield from _KINDS[kind](material)
+    if fit.responses:
+        yield section("Quality of fit", *_quality(fit))
+    yield section("Stability", *_stability(material))
     if material.posterior is not None:
-        yield section("Posterior", *_posterior(material.posterior, fit))
+        yield section("Posterior", *_posterior(material, material.posterior))
 
 
-def _residuals(fit: FitResult) -> Iterator[Html]:
-    caption = "Residuals over their noise; noise alone would leave 95 % of them in the grey band."
-    yield picture(plots.plot_residuals(fit), caption)
+def _picture(material: ReportInput, name: str, figure: Figure, caption: str) -> Html:
+    """Draw a figure, keep the file, embed it."""
+    material.pictures[name] = drawn(figure)
+    return picture(material.pictures[name], caption)
+
+
+def _response_figures(material: ReportInput) -> Iterator[Html]:
+    """Responses to circular forces, or forces under imposed orbits."""
+    responses = "Responses to a unit force. Points: measured. Lines: fit."
+    band = "Residuals over their noise; noise alone would leave 95 % of them in the grey band."
+    for title, draw, caption in (
+        ("Dynamic stiffness", plots.plot_dynamic_stiffness, "Points: measured ± σ. Lines: fit, with its 95 % band."),
+        ("Bode plots", plots.plot_bode, responses),
+        ("Polar plots", plots.plot_polar, responses),
+        ("Residuals", plots.plot_residuals, band),
+    ):
+        name = draw.__name__.removeprefix("plot_")
+        yield section(title, _picture(material, name, draw(material.fit), caption), figure=True)
+
+
+_KINDS: dict[type, Callable[[ReportInput], Iterator[Html]]] = {Responses: _response_figures}
+"""Figures that belong to a kind of observations: sections made from the fit."""
+
+
+def _quality(fit: FitResult) -> Iterator[Html]:
     rows = [[r.name, str(r.count), f"{100 * r.nrmse:.3g} %", f"{r.frac:.6f}", f"{r.redchi:.3g}"] for r in fit.responses]
     yield table(["response", "readings", "NRMSE", "FRAC", "redchi"], rows, numeric=(1, 2, 3, 4))
-    note = (
+    words = (
         "NRMSE: rms residual over rms response. FRAC: frequency response assurance criterion, 1 for equal shape. "
         "redchi: mean squared residual over the noise's variance, 1 for noise alone."
     )
-    yield element("p", note, class_="note")
+    yield note(words)
 
 
-def _stability(fit: FitResult) -> Iterator[Html]:
+def _stability(material: ReportInput) -> Iterator[Html]:
+    fit = material.fit
     for label, group in groups_of(fit):
         caption = "Eigenvalues of the fitted rotor against its speed" + (f", {label}." if label else ".")
-        yield picture(plots.plot_stability(fit, group=group), caption)
+        name = "stability" if group == 0 else f"stability_{group + 1}"
+        yield _picture(material, name, plots.plot_stability(fit, group=group), caption)
     rows = [row for label, group in groups_of(fit) for row in _mode_rows(fit, label, group)]
     head = ["group", "rotative speed, rpm", "damped frequency, rpm", "±", "damping ratio", "±"]
     if rows and not rows[0][0]:
@@ -60,7 +90,7 @@ def _stability(fit: FitResult) -> Iterator[Html]:
 
 
 def _mode_rows(fit: FitResult, label: str, group: int) -> Iterator[list[str]]:
-    at = dict(part.split("=", 1) for part in label.split(", ")) if label else None
+    at = at_of(label)
     speeds = fit.speeds if fit.model.speed_dependent else np.zeros(1)
     for speed in speeds.tolist():
         for frequency, damping in fit.natural_frequencies(speed, at):
@@ -71,16 +101,22 @@ def _mode_rows(fit: FitResult, label: str, group: int) -> Iterator[list[str]]:
             ]  # fmt: skip
 
 
-def _posterior(posterior: PosteriorLike, fit: FitResult) -> Iterator[Html]:
-    names = list(posterior.names)
+def _posterior(material: ReportInput, posterior: PosteriorLike) -> Iterator[Html]:
+    fit = material.fit
+    names, samples = list(posterior.names), np.asarray(posterior.samples)
+    shown = _corner_columns(names, samples)
     units = {name: p.unit for name, p in fit.params.items() if p.unit != "1"}
-    labels = [f"{name}, {units[name]}" if name in units else name for name in names]
-    shown = labels[:_CORNER]
-    marks = {label: fit.params[name].value for label, name in zip(labels, names, strict=True) if name in fit.params}
-    caption = "Posterior: margins and pairs, contours of 68 and 95 %; lines: the optimum." + (
-        f" The first {_CORNER} of {len(names)} parameters." if len(names) > _CORNER else ""
-    )
-    yield picture(plots.plot_corner(np.asarray(posterior.samples)[:, : len(shown)], shown, marks), caption)
+    labels = [f"{names[i]}, {units[names[i]]}" if names[i] in units else names[i] for i in shown]
+    marks = {
+        label: fit.params[names[i]].value for i, label in zip(shown, labels, strict=True) if names[i] in fit.params
+    }
+    caption = "Posterior: margins with their 95 % interval, and pairs with contours of 68 and 95 %; lines: the optimum."
+    if len(shown) < len(names):
+        caption += f" {len(shown)} of {len(names)} parameters: the fluid's, and those most correlated with others."
+    yield _picture(material, "corner", plots.plot_corner(samples[:, shown], labels, marks), caption)
+    treatment = getattr(posterior, "treatment", "")
+    if treatment:
+        yield paragraph(sentence(str(treatment)))
     summary = getattr(posterior, "summary", None)
     if callable(summary):
         yield element("h3", "Health of the chains")
@@ -89,4 +125,14 @@ def _posterior(posterior: PosteriorLike, fit: FitResult) -> Iterator[Html]:
     if chain is None:
         yield paragraph("These samples come without their chains, so mixing cannot be shown.")
     else:
-        yield picture(plots.plot_traces(np.asarray(chain), names), "Walkers against the step.")
+        figure = plots.plot_traces(np.asarray(chain)[..., shown], [names[i] for i in shown])
+        yield _picture(material, "chains", figure, "Walkers' paths after burn-in.")
+
+
+def _corner_columns(names: list[str], samples: Float) -> list[int]:
+    """Columns that a corner plot shows, in order: the fluid's, then those most correlated with any other."""
+    if len(names) <= _CORNER:
+        return list(range(len(names)))
+    together = np.abs(np.corrcoef(samples, rowvar=False)) - np.eye(len(names))
+    rank = [(name.partition("[")[0] not in _FIRST, -together[i].max()) for i, name in enumerate(names)]
+    return sorted(sorted(range(len(names)), key=lambda i: rank[i])[:_CORNER])

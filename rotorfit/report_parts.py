@@ -1,0 +1,44 @@
+"""Pieces that several sections of the report share."""
+
+from __future__ import annotations
+
+from rotorfit.equation import symbol_mathml
+from rotorfit.markup import Html, element, join
+from rotorfit.results import FitResult
+
+
+def section(title: str, *content: str, figure: bool = False) -> Html:
+    """A section with its heading."""
+    attributes = {"class_": "figure"} if figure else {}
+    return element("section", element("h2", title), *content, **attributes)
+
+
+def sentence(text: str) -> str:
+    """Text with a capital at its beginning and a full stop at its end."""
+    return text[:1].upper() + text[1:] + ("" if text.endswith((".", "?", "!")) else ".")
+
+
+def note(*words: str) -> Html:
+    """A remark in small type."""
+    return element("p", " ".join(words), class_="note")
+
+
+def symbol(name: str) -> Html:
+    """A parameter as a formula writes it, then as code does."""
+    letters = element("math", Html(symbol_mathml(name.partition("[")[0])))
+    return join([letters, element("code", name)], " ")
+
+
+def groups_of(fit: FitResult) -> list[tuple[str, int]]:
+    """Parameter groups: what tells each apart, empty for a single one, and its number."""
+    space = fit.problem.space
+    result = []
+    for group, index in enumerate(space.index):
+        names = (space.names[i].partition("[")[2][:-1] for i in index if i >= 0 and "[" in space.names[i])
+        result.append((", ".join(dict.fromkeys(names)), group))
+    return result
+
+
+def at_of(label: str) -> dict[str, str] | None:
+    """What :meth:`FitResult.group` takes for a group's label."""
+    return dict(part.split("=", 1) for part in label.split(", ")) if label else None

@@ -1,0 +1,144 @@
+"""Last section of the report: the calls and versions that give the same numbers again."""
+
+from __future__ import annotations
+
+import platform
+import shlex
+from collections.abc import Iterator, Mapping
+from importlib.metadata import version
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from rotorfit.markup import Html, element, paragraph
+from rotorfit.models import MODELS, Law
+from rotorfit.report_parts import section, sentence
+from rotorfit.results import FitResult
+
+if TYPE_CHECKING:
+    from rotorfit.report import ReportInput
+
+
+def reproduce_section(material: ReportInput) -> Html:
+    """Versions and settings."""
+    from rotorfit import __version__
+
+    fit = material.fit
+    packages = ["casadi", "numpy", "scipy", "matplotlib", *(["emcee"] if material.posterior is not None else [])]
+    versions = [f"rotorfit {__version__}", f"Python {platform.python_version()}"]
+    versions += [f"{name} {version(name)}" for name in packages]
+    command = _command(material)
+    shell = [paragraph("On the command line:"), element("pre", command)] if command else []
+    return section(
+        "To reproduce",
+        paragraph("In Python:"),
+        element("pre", "\n".join(_calls(material))),
+        *shell,
+        paragraph(sentence(f"{fit.method}: {fit.message}; {fit.nfev} evaluations of the model")),
+        paragraph(", ".join(versions), "."),
+    )
+
+
+# ---- Python ----------------------------------------------------------------------------------
+
+
+def _calls(material: ReportInput) -> Iterator[str]:
+    fit, settings = material.fit, material.fit.settings
+    yield "import rotorfit as rf"
+    sources = [f"rf.read({e.source!r})" if e.source else "data_in_memory" for e in fit.experiments]
+    options = ", ".join(f"{name}={_shown(value)}" for name, value in _own_options(fit).items())
+    home = "rf.models." if MODELS.get(fit.model.name) is type(fit.model) else ""
+    yield f"model = {home}{type(fit.model).__name__}({options})"
+    yield f"experiments = [{', '.join(sources)}]"
+    parts = []
+    for name in ("known", "bounds", "per"):
+        given = getattr(settings, name)
+        parts += [f"{name}={_shown(dict(given))}"] if given else []
+    if settings.priors:
+        shown = ", ".join(f"{name!r}: {_distribution(prior)}" for name, prior in settings.priors.items())
+        parts.append(f"priors={{{shown}}}")
+    if fit.method == "least squares":
+        parts += [f"loss={settings.loss!r}"] if settings.loss != "linear" else []
+        parts += ["phase_offsets=True"] if settings.phase_offsets else []
+    call = "rf.closed_form" if fit.method == "closed form" else "rf.fit"
+    yield f"fit = {call}({', '.join(['model, experiments', *parts])})"
+    seed, asked = _sampled(material)
+    if seed is not None:
+        yield f"posterior = fit.sample({', '.join([f'seed={seed}', *(f'{k}={v!r}' for k, v in asked.items())])})"
+
+
+def _own_options(fit: FitResult) -> dict[str, Any]:
+    """Options of the model that are not those it has by default."""
+    try:
+        usual = type(fit.model)().options()
+    except TypeError:  # a model that cannot be made without arguments
+        usual = {}
+    given = fit.model.options()
+    return {name: value for name, value in given.items() if name not in usual or _shown(value) != _shown(usual[name])}
+
+
+def _sampled(material: ReportInput) -> tuple[int | None, dict[str, Any]]:
+    """Seed and settings of the sampler, where the posterior tells them."""
+    posterior = material.posterior
+    settings = getattr(posterior, "settings", None)
+    names = ("ess", "walkers", "max_steps", "noise")
+    return getattr(posterior, "seed", None), {n: getattr(settings, n) for n in names if hasattr(settings, n)}
+
+
+def _shown(value: Any) -> str:
+    """A setting as Python would write it; large arrays by their shape."""
+    if isinstance(value, Mapping):
+        return "{" + ", ".join(f"{k!r}: {_shown(v)}" for k, v in value.items()) + "}"
+    if isinstance(value, np.ndarray):
+        return f"<array {' × '.join(map(str, value.shape))}>"
+    if isinstance(value, Law):
+        return f"rf.models.{value!r}"
+    return repr(tuple(value) if isinstance(value, list) else value)
+
+
+def _distribution(prior: Any) -> str:
+    words = [f"{v:g}" for v in prior.args] + [f"{k}={v:g}" for k, v in prior.kwds.items()]
+    return f"scipy.stats.{prior.dist.name}({', '.join(words)})"
+
+
+# ---- command line ------------------------------------------------------------------------------
+
+
+def _command(material: ReportInput) -> str:
+    """The call of the command line, empty where it cannot say what was asked for."""
+    fit, settings, options = material.fit, material.fit.settings, _own_options(material.fit)
+    priors = {name: _gaussian(prior) for name, prior in settings.priors.items()}
+    expressible = (
+        fit.method == "least squares"
+        and fit.model.name in MODELS
+        and all(e.source for e in fit.experiments)
+        and set(options) <= {"planes", "blocks", "two_lam"}
+        and all(priors.values())
+    )
+    if not expressible:
+        return ""
+    words = ["rotorfit", "fit", *(e.source for e in fit.experiments), "--model", fit.model.name]
+    for name in ("planes", "blocks"):
+        words += [f"--{name}", ",".join(options[name])] if options.get(name) else []
+    words += ["--two-lam"] if options.get("two_lam") else []
+    pairs = {
+        "known": {name: "free" if value is None else f"{value:.10g}" for name, value in settings.known.items()},
+        "bounds": {name: f"{low:.10g}:{high:.10g}" for name, (low, high) in settings.bounds.items()},
+        "prior": priors,
+        "per": settings.per,
+    }
+    for option, values in pairs.items():
+        for name, value in values.items():
+            words += [f"--{option}", f"{name}={value}"]
+    words += ["--loss", settings.loss] if settings.loss != "linear" else []
+    words += ["--phase-offsets"] if settings.phase_offsets else []
+    seed, asked = _sampled(material)
+    words += (
+        ["--sample", "--seed", str(seed), "--ess", f"{asked['ess']:g}"] if seed is not None and "ess" in asked else []
+    )
+    return shlex.join([*words, "--out", "results/"])
+
+
+def _gaussian(prior: Any) -> str:
+    """Mean and standard deviation of a normal prior, empty for others."""
+    return f"{prior.mean():.10g}:{prior.std():.10g}" if prior.dist.name == "norm" else ""

@@ -1,0 +1,466 @@
+"""The report: complete, self-contained, safe against names in the data, whole or absent, and good in a browser."""
+
+from __future__ import annotations
+
+import base64
+import io
+import re
+import shutil
+import subprocess
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from synthetic import KNOWN, MODELS, SPEEDS, TYPICAL, circular_test, covering_frequencies, known_of
+
+import rotorfit as rf
+from rotorfit.check import Finding
+from rotorfit.report import document
+from rotorfit.results import FitResult
+
+RPM = 30 / np.pi
+HOSTILE = '<script>alert(1)</script>&"$x_{'
+CHROMIUM = shutil.which("chromium")
+
+
+# ---- reading a report ---------------------------------------------------------------------------
+
+
+@dataclass
+class Page(HTMLParser):
+    """A report taken apart by the standard library's parser."""
+
+    text: str
+    tags: list[str] = field(default_factory=list)
+    attributes: list[tuple[str, str, str]] = field(default_factory=list)
+    words: list[str] = field(default_factory=list)
+    open: list[str] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        super().__init__(convert_charrefs=True)
+        self.feed(self.text)
+        self.close()
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append(tag)
+        self.attributes += [(tag, key, value or "") for key, value in attrs]
+        if tag not in ("meta", "img", "mspace"):
+            self.open.append(tag)
+
+    def handle_endtag(self, tag: str) -> None:
+        if tag != "mspace":
+            assert self.open.pop() == tag, f"</{tag}> closes something else"
+
+    def handle_data(self, data: str) -> None:
+        if "style" not in self.open:
+            self.words.append(data)
+
+    @property
+    def shown(self) -> str:
+        return re.sub(r"\s+", " ", " ".join(self.words))
+
+
+def report_of(fit: FitResult, path: Path, **options: Any) -> Page:
+    """Write a report and hold what must hold for every one of them."""
+    assert rf.write_report(fit, path, **options) == path
+    assert [p.name for p in path.parent.iterdir()] == [path.name]
+    page = Page(path.read_text(encoding="utf-8"))
+    assert page.open == []
+    assert not {"script", "link", "iframe", "object", "embed", "form", "base"} & set(page.tags)
+    for tag, key, value in page.attributes:
+        assert not key.startswith("on"), (tag, key)
+        if key in ("src", "href"):
+            assert (tag, key) == ("img", "src")
+            kind, _, data = value.partition(",")
+            assert kind == "data:image/png;base64"
+            assert base64.b64decode(data, validate=True).startswith(b"\x89PNG")
+    assert not re.search(r"https?:|//|url\(|@import", re.sub(r"base64,[A-Za-z0-9+/=]+", "", page.text))
+    assert not re.search(r"\bnan\b|\binf\b|None|<array", page.shown), re.findall(
+        r".{30}(?:nan|inf|None).{30}", page.shown
+    )
+    return page
+
+
+def perturbed() -> rf.PerturbationTest:
+    rig = rf.datasets.rig_open()
+    assert isinstance(rig, rf.PerturbationTest)
+    return rig
+
+
+@pytest.fixture(scope="module")
+def plain() -> FitResult:
+    return rf.fit(rf.models.WhirlWhip(), rf.datasets.rig_open(), known={"K3": 6000.0})
+
+
+@pytest.fixture(scope="module")
+def ladder(plain: FitResult) -> rf.Refinement:
+    return rf.refine(plain)
+
+
+@pytest.fixture
+def sketched(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Leave the figures' pixels out, which take most of the time, where a test is about words."""
+    import rotorfit.report_figures
+
+    dot = base64.b64decode(
+        "iVBORw0KGgoAAAANSUhEUgAAAAEAAAABCAYAAAAfFcSJAAAADUlEQVR42mNkYPhfDwAChwGA60e6kgAAAABJRU5ErkJggg=="
+    )
+    monkeypatch.setattr(rotorfit.report_figures, "drawn", lambda figure: dot)
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """Draws with an interval, as a posterior gives for a derived quantity."""
+
+    draws: np.ndarray[Any, np.dtype[np.float64]]
+
+    def interval(self, level: float) -> tuple[float, float]:
+        low, high = np.quantile(self.draws, [(1 - level) / 2, (1 + level) / 2])
+        return float(low), float(high)
+
+
+@dataclass(frozen=True)
+class NormalDraws:
+    """A posterior made by hand: draws from the normal approximation of a fit."""
+
+    fit: FitResult
+    converged: bool = True
+    message: str = "made for a test"
+    names: tuple[str, ...] = field(init=False)
+    samples: np.ndarray[Any, np.dtype[np.float64]] = field(init=False)
+
+    def __post_init__(self) -> None:
+        rng = np.random.default_rng(5)
+        size = np.sqrt(np.diag(self.fit.covar))
+        correlation = self.fit.covar / np.outer(size, size)
+        draws = self.fit.x + size * rng.multivariate_normal(np.zeros(size.size), correlation, 4000)
+        object.__setattr__(self, "names", self.fit.var_names)
+        object.__setattr__(self, "samples", draws)
+
+    def threshold_speed(self, at: object = None) -> Drawn:
+        onset = self.fit.threshold_speed()
+        return Drawn(np.random.default_rng(6).normal(onset.value, onset.stderr, 4000))
+
+
+# ---- content ------------------------------------------------------------------------------------
+
+
+def test_report_of_the_rig_says_what_the_fit_says(plain: FitResult, tmp_path: Path) -> None:
+    page = report_of(plain, tmp_path / "report.html")
+    onset = plain.threshold_speed()
+    assert f"{onset.value * RPM:.1f} ± {onset.stderr * RPM:.1f} rpm" in page.shown
+    assert (
+        f"{100 * (onset.value / plain.speeds.max() - 1):.1f} % above the highest tested speed (2000 rpm)" in page.shown
+    )
+    assert "only roughly (redchi 10.2)" in page.shown
+    assert "try rf.refine(fit)" in page.shown
+    for title in (
+        "Verdict", "Parameters", "95 % intervals", "Identifiability", "Test and data", "Model", "Dynamic stiffness",
+        "Bode plots", "Polar plots", "Residuals", "Quality of fit", "Stability", "To reproduce",
+    ):  # fmt: skip
+        assert f"<h2>{title}</h2>" in page.text
+    assert page.tags.count("img") == 5
+    for p in plain.params.values():
+        assert p.meaning in page.shown
+        if p.vary:
+            digits = 1 - int(np.floor(np.log10(p.stderr)))
+            assert f"{p.value:.{max(digits, 0)}f}"[:5] in page.shown
+    for r in plain.responses:
+        assert r.name in page.shown
+    assert "rotorfit fit rig_open.csv --model whirl-whip --known K3=6000 --out results/" in page.shown
+    for package in ("casadi", "numpy", "scipy", "matplotlib"):
+        assert re.search(rf"\b{package} \d", page.shown)
+
+
+@pytest.mark.usefixtures("sketched")
+def test_the_python_call_gives_the_same_numbers(
+    ladder: rf.Refinement, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(rf.datasets.path("rig_open.csv").parent)
+    page = report_of(ladder.best, tmp_path / "report.html")
+    (call,) = re.findall(r"import rotorfit as rf\n.*?(?=</pre>)", page.text, re.DOTALL)
+    names: dict[str, Any] = {}
+    exec(Page(call).words[0], names)
+    # Two descents to one optimum, each to a small fraction of the standard errors.
+    assert (np.abs(names["fit"].x - ladder.best.x) < 1e-2 * np.sqrt(np.diag(ladder.best.covar))).all()
+    assert names["fit"].var_names == ladder.best.var_names
+
+
+def test_refined_report_with_all_extras(ladder: rf.Refinement, tmp_path: Path) -> None:
+    best = ladder.best
+    posterior = NormalDraws(best)
+    page = report_of(
+        best,
+        tmp_path / "report.html",
+        refinement=ladder,
+        posterior=posterior,
+        profile={"lam": (0.4749, 0.4752)},
+        shares={"D": (0.1, 4.5)},
+        operating_speed=2800 / RPM,
+        title="Seal rig, run 7",
+    )
+    assert page.text.count("Seal rig, run 7") == 2  # title and heading
+    assert "below the operating speed (2800 rpm)" in page.shown
+    assert "within their noise" in page.shown
+    assert page.shown.count("chosen") >= 1
+    assert "[0.474900, 0.475200]" in page.shown
+    low, high = np.quantile(posterior.samples[:, best.var_names.index("D")], [0.025, 0.975])
+    assert f"[{low:.2f}, {high:.2f}]" in page.shown
+    assert "systematic share" in page.shown
+    assert "without their chains" in page.shown
+    assert page.tags.count("img") == 6
+
+
+@pytest.mark.usefixtures("sketched")
+def test_a_posterior_that_did_not_converge_is_said_at_the_top(plain: FitResult, tmp_path: Path) -> None:
+    page = report_of(plain, tmp_path / "r.html", posterior=NormalDraws(plain, converged=False, message="too short"))
+    assert "too short" in page.shown.partition("Parameters")[0]
+
+
+@pytest.mark.usefixtures("sketched")
+def test_what_the_data_leave_open_has_no_number(tmp_path: Path) -> None:
+    rig = perturbed()
+    fit = rf.fit(rf.models.WhirlWhip(), rig.select(rig.force_plane == "journal"), known={"K3": 6000.0})
+    page = report_of(fit, tmp_path / "report.html")
+    assert {"Md", "Ds", "K1", "sigma", "K0"} == set(fit.identifiability.unresolved)
+    for name in fit.identifiability.unresolved:
+        (row,) = [r for r in page.text.split("<tr>") if f"<code>{name}</code>" in r and fit.params[name].meaning in r]
+        assert "not determined" in row
+    assert "undetermined; they are named below" in page.shown
+    assert "fix sigma" in page.shown
+
+
+@pytest.mark.usefixtures("sketched")
+def test_a_failed_fit_says_so_first(tmp_path: Path) -> None:
+    start = {"K1": 100.0, "K2": 100.0, "Md": 0.1, "Mb": 5.0, "D": 1.0}
+    fit = rf.fit(rf.models.WhirlWhip(), rf.datasets.rig_open(), known={"K3": 6000.0}, start=start, max_iterations=1)
+    assert not fit.success
+    page = report_of(fit, tmp_path / "report.html")
+    assert "did not converge: no number in this report should be relied on" in page.shown
+
+
+@pytest.mark.parametrize("name", sorted(MODELS))
+@pytest.mark.usefixtures("sketched")
+def test_every_model_has_a_report(name: str, tmp_path: Path) -> None:
+    model = MODELS[name]()
+    theta = model.vector(TYPICAL[name])
+    w = covering_frequencies(model, theta, SPEEDS[name], 60)
+    test = circular_test(model, theta, speeds=SPEEDS[name], frequency=w, noise=0.01, seed=2)
+    fit = rf.fit(model, test, known=known_of(name, TYPICAL[name]))
+    assert fit.success
+    page = report_of(fit, tmp_path / "report.html")
+    assert name in page.shown
+    for known in KNOWN[name]:
+        assert f"{known}=" in page.shown
+    assert "κ" in page.shown
+
+
+@pytest.mark.usefixtures("sketched")
+def test_groups_outliers_priors_and_closed_form(tmp_path: Path) -> None:
+    from scipy import stats
+
+    rig = rf.datasets.rig_open()
+    fit = rf.fit(
+        rf.models.WhirlWhip(), rig, known={"K3": 6000.0}, per={"D": "speed_rpm"}, loss="huber",
+        priors={"sigma": stats.norm(1.0, 0.01)}, bounds={"lam": (0.0, 0.6)}, phase_offsets=True,
+    )  # fmt: skip
+    page = report_of(fit, tmp_path / "report.html")
+    assert "Threshold of instability, speed_rpm=1000" in page.shown
+    assert "D[speed_rpm=2000]" in page.shown
+    assert "Outliers were given less weight (huber loss)" in page.shown
+    command = "--known K3=6000 --bounds lam=0:0.6 --prior sigma=1:0.01 --per D=speed_rpm --loss huber --phase-offsets"
+    assert command in page.shown
+    closed = rf.closed_form(rf.models.WhirlWhip(), rig, known={"K3": 6000.0})
+    page = report_of(closed, tmp_path / "report.html")
+    assert "fit = rf.closed_form(model, experiments, known={'K3': 6000.0})" in page.shown
+    assert "rotorfit fit" not in page.shown
+
+
+@pytest.mark.usefixtures("sketched")
+def test_two_disk_report_knows_no_speed(tmp_path: Path) -> None:
+    test = rf.read(rf.datasets.path("two_disk.csv"))
+    fit = rf.fit(rf.models.TwoDisk(), test)
+    page = report_of(fit, tmp_path / "report.html")
+    assert "does not depend on the rotative speed" in page.shown
+
+
+# ---- text from data files -------------------------------------------------------------------------
+
+
+def test_names_from_files_stay_text(tmp_path: Path) -> None:
+    rig = perturbed()
+    renamed = replace(
+        rig,
+        source=HOSTILE,
+        run=np.char.add(rig.run, HOSTILE),
+        plane=np.where(rig.plane == "disk", HOSTILE, "journal"),
+        force_plane=np.where(rig.force_plane == "disk", HOSTILE, "journal"),
+    )
+    fit = rf.fit(rf.models.WhirlWhip(planes=(HOSTILE, "journal")), renamed, known={"K3": 6000.0})
+    finding = Finding("error", "made-up", f"row of {HOSTILE}")
+    page = report_of(fit, tmp_path / "report.html", findings=[[finding]], title=HOSTILE)
+    assert "<script" not in page.text
+    assert page.shown.count(HOSTILE) > 20
+    assert "<title>&lt;script&gt;alert(1)&lt;/script&gt;&amp;&quot;$x_{</title>" in page.text
+
+
+# ---- whole or not at all ------------------------------------------------------------------------
+
+
+@pytest.mark.usefixtures("sketched")
+def test_an_old_report_survives_a_failure(plain: FitResult, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "report.html"
+    path.write_text("old", encoding="utf-8")
+
+    def full(self: Path, content: bytes) -> int:
+        with self.open("wb") as stream:
+            stream.write(content[:100])
+        raise OSError(28, "No space left on device", str(self))
+
+    monkeypatch.setattr(Path, "write_bytes", full)
+    with pytest.raises(OSError, match="No space left"):
+        rf.write_report(plain, path)
+    monkeypatch.undo()
+    assert path.read_text(encoding="utf-8") == "old"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+@pytest.mark.usefixtures("sketched")
+def test_a_path_that_cannot_be_written(plain: FitResult, tmp_path: Path) -> None:
+    with pytest.raises(FileNotFoundError):
+        rf.write_report(plain, tmp_path / "absent" / "report.html")
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"profile": {"lamda": (0, 1)}}, "profile: the fit has no lamda; it has Md, "),
+        ({"shares": {"lamda": (0, 1)}}, "shares: the fit has no lamda"),
+        ({"findings": [[], []]}, "findings of 2 experiments, but the fit has 1"),
+    ],
+)
+def test_material_that_does_not_go_together(
+    plain: FitResult, tmp_path: Path, options: dict[str, Any], message: str
+) -> None:
+    with pytest.raises(ValueError, match=re.escape(message)):
+        rf.write_report(plain, tmp_path / "report.html", **options)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_posterior_of_something_else(plain: FitResult, tmp_path: Path) -> None:
+    other = NormalDraws(plain)
+    object.__setattr__(other, "names", tuple(f"other{i}" for i in range(len(other.names))))
+    with pytest.raises(ValueError, match=r"posterior of other0, .* but the fit is of Md"):
+        rf.write_report(plain, tmp_path / "report.html", posterior=other)
+    object.__setattr__(other, "names", plain.var_names[:3])
+    with pytest.raises(ValueError, match="do not go with 3 names"):
+        rf.write_report(plain, tmp_path / "report.html", posterior=other)
+
+
+# ---- in a browser ---------------------------------------------------------------------------------
+
+MEASURE = """<script>
+window.onload = () => {
+  const wide = [...document.querySelectorAll('.table, .equation, pre, .card, figure')]
+    .filter(e => e.scrollWidth > e.clientWidth + 1).map(e => e.className + ': ' + e.textContent.slice(0, 60));
+  const images = [...document.images].filter(i => i.complete && i.naturalWidth > 300).length;
+  const out = document.createElement('output');
+  out.textContent = JSON.stringify({wide, images, page: document.documentElement.scrollWidth, window: innerWidth});
+  document.body.append(out);
+};
+</script>"""
+
+
+@pytest.fixture(scope="module")
+def browsed(ladder: rf.Refinement, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("browser")
+    return rf.write_report(ladder.best, folder / "report.html", refinement=ladder, posterior=NormalDraws(ladder.best))
+
+
+@pytest.fixture
+def chromium(tmp_path: Path) -> Callable[..., tuple[str, list[str]]]:
+    """Run a headless browser: what it printed, and the lines of its console."""
+    if CHROMIUM is None:
+        pytest.fail("these tests drive the browser chromium: install it (Debian package chromium)")
+
+    def call(page: Path, *options: str) -> tuple[str, list[str]]:
+        options = (
+            "--headless", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage", "--hide-scrollbars",
+            "--enable-logging=stderr", "--v=0", f"--user-data-dir={tmp_path / 'profile'}", *options, page.as_uri(),
+        )  # fmt: skip
+        done = subprocess.run([str(CHROMIUM), *options], capture_output=True, text=True, timeout=120, check=True)
+        return done.stdout, [line for line in done.stderr.splitlines() if "CONSOLE" in line]
+
+    return call
+
+
+def test_renders_without_a_word_on_the_console(
+    chromium: Callable[..., tuple[str, list[str]]], browsed: Path, tmp_path: Path
+) -> None:
+    picture = tmp_path / "report.png"
+    dom, console = chromium(browsed, "--window-size=1200,2000", f"--screenshot={picture}", "--dump-dom")
+    assert console == []
+    import matplotlib.image
+
+    pixels = matplotlib.image.imread(picture)[..., :3]
+    assert pixels.shape[:2] == (2000, 1200)
+    inked = (pixels < 0.9).any(axis=(1, 2)).reshape(20, 100)
+    assert inked.mean(axis=1).min() > 0.1  # text all the way down
+    assert len(np.unique((pixels * 255).astype(np.uint8).reshape(-1, 3), axis=0)) > 50
+    assert dom == "" or "<h2>Verdict</h2>" in dom
+    # the check is able to fail: anything the page would load or run shows on the console
+    spoilt = tmp_path / "spoilt.html"
+    spoilt.write_text(
+        browsed.read_text(encoding="utf-8").replace("</body>", "<script>1</script></body>"), encoding="utf-8"
+    )
+    assert len(chromium(spoilt, "--dump-dom")[1]) == 1
+
+
+@pytest.mark.parametrize("width", [1200, 600])
+def test_nothing_is_cut(
+    chromium: Callable[..., tuple[str, list[str]]], browsed: Path, tmp_path: Path, width: int
+) -> None:
+    import json
+
+    text = browsed.read_text(encoding="utf-8")
+    measured = tmp_path / "measured.html"
+    assert "default-src 'none'" in text or "default-src &#x27;none&#x27;" in text
+    text = re.sub(r"<meta http-equiv[^>]*>", "", text).replace("</body>", MEASURE + "</body>")
+    measured.write_text(text, encoding="utf-8")
+    dom, console = chromium(measured, f"--window-size={width},900", "--dump-dom")
+    assert console == []
+    found = json.loads(re.findall(r"<output>(.*?)</output>", dom, re.DOTALL)[0])
+    assert found["images"] == 6
+    assert found["page"] <= found["window"]
+    if width >= 1000:  # on a narrow screen wide tables scroll in their own box
+        assert found["wide"] == []
+
+
+def test_prints_to_a_pdf_of_a_few_pages(
+    chromium: Callable[..., tuple[str, list[str]]], browsed: Path, tmp_path: Path
+) -> None:
+    _, console = chromium(browsed, "--no-pdf-header-footer", f"--print-to-pdf={tmp_path / 'report.pdf'}")
+    assert console == []
+    content = (tmp_path / "report.pdf").read_bytes()
+    assert content.startswith(b"%PDF")
+    pages = len(re.findall(rb"/Type\s*/Page\b", content))
+    assert 5 <= pages <= 14
+    sizes = {tuple(map(float, m.split())) for m in re.findall(rb"/MediaBox\s*\[([^\]]*)\]", content)}
+    assert len(sizes) == 1
+    *_, wide, high = sizes.pop()
+    assert (wide, high) == pytest.approx((595.3, 841.9), abs=1)  # A4 in points
+
+
+@pytest.mark.usefixtures("sketched")
+def test_document_is_deterministic_but_for_its_date(plain: FitResult) -> None:
+    from rotorfit.report import ReportInput
+
+    material = ReportInput(fit=plain, findings=[[]])
+    first, second = (re.sub(r"\d{4}-\d\d-\d\d \d\d:\d\d", "", document(material, "title")) for _ in range(2))
+    assert first == second
+    assert io.StringIO(first).readline().strip() == "<!DOCTYPE html>"
