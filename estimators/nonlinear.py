@@ -115,8 +115,11 @@ class OrbitResponses:
         return journal(self.model)
 
     def frozen(self) -> OrbitResponses:
-        """The same with the measured eccentricities taken as given: explicit, a good place to start a fit from."""
-        return replace(self, mode="given")
+        """The same with the measured eccentricities taken as given: explicit, a good place to start a fit from.
+
+        Where it was not measured the journal is taken as centred.
+        """
+        return replace(self, mode="given", eccentricity=np.nan_to_num(self.eccentricity))
 
     def lines(self, keep: NDArray[np.bool_]) -> OrbitResponses:
         """The observations of some lines."""

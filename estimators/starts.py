@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from rotorfit.estimators.closed_form import ClosedFormError, closed_form, closed_forms
 from rotorfit.estimators.least_squares import Options, Solution, minimise
+from rotorfit.estimators.nonlinear_starts import best_start, frozen, is_plain_linear, linear_starts
 from rotorfit.estimators.observations import Block, Responses
 from rotorfit.estimators.problem import LOSS_SCALE, ParameterSpace, Problem
 from rotorfit.models.parameters import unknown_name
@@ -19,6 +20,7 @@ Float = NDArray[np.float64]
 _PASSES = (2, 4, 6, 8, 12, 16, 24, 32, 64)  # passes after which closed forms are looked at; good data settle in four
 _ROBUST_ROUNDS = 8
 _MULTISTARTS = 24
+_SHORT = Options(max_iterations=40)
 
 
 def start_vector(problem: Problem, given: Mapping[str, float]) -> tuple[Float, tuple[str, ...]]:
@@ -51,6 +53,8 @@ def _guess(problem: Problem) -> tuple[Float, tuple[str, ...]]:
     Sharp resonances between coarse lines leave local minima right beside the global one: a start has to be near. Where
     none of the closed forms explains the data, the one from which a short optimisation gets furthest is taken.
     """
+    if not is_plain_linear(problem):
+        return _nonlinear_guess(problem)
     try:
         blocks = problem.blocks if problem.loss == "linear" else _discount_outliers(problem)
         candidates = list(dict.fromkeys(closed_forms(problem.space, blocks, passes=_PASSES)))
@@ -60,6 +64,30 @@ def _guess(problem: Problem) -> tuple[Float, tuple[str, ...]]:
     if not _explains(problem, best.x):
         best = min(candidates, key=lambda estimate: _short_fit(problem, _full(problem, estimate.x)).cost)
     return best.x, best.notes
+
+
+def _nonlinear_guess(problem: Problem) -> tuple[Float, tuple[str, ...]]:
+    """Closed form at small eccentricity, then a fit with the measured eccentricities taken as given.
+
+    Measured eccentricities carry noise, so that what they give is checked, and improved, against the orbits that the
+    rotor itself would run on.
+    """
+    explicit = frozen(problem)
+    size = len(problem.space.names)
+    starts = [_full(problem, x) for x in linear_starts(problem, _PASSES)]
+    found: Solution | None = None
+    if starts:
+        found = _short_fit(problem, _inside_full(problem, best_start(explicit, starts, _quick_fit)))
+        if _explains(problem, found.x[:size]):
+            return found.x[:size], ("started from the closed form at small eccentricity",)
+    random = _multistart(explicit)
+    if found is not None and found.cost <= _cost(problem, random):
+        return found.x[:size], ("started from the closed form at small eccentricity",)
+    return random, (f"no closed form explains these data; the best of {_MULTISTARTS} random starts was taken",)
+
+
+def _inside_full(problem: Problem, x: Float) -> Float:
+    return _full(problem, x[: len(problem.space.names)])
 
 
 def _explains(problem: Problem, values: Float) -> bool:
@@ -119,8 +147,11 @@ def _multistart(problem: Problem) -> Float:
     return np.asarray(best.x[: len(space.names)]) if best is not None else scale
 
 
-def _short_fit(problem: Problem, start: Float) -> Solution:
+def _quick_fit(problem: Problem, start: Float) -> Solution:
+    return _short_fit(problem, start, Options(max_iterations=25, hessian="gauss-newton"))
+
+
+def _short_fit(problem: Problem, start: Float, options: Options = _SHORT) -> Solution:
     space = problem.space
     size = np.abs(start) + (start == 0)
-    options = Options(max_iterations=40)
     return minimise(problem, start, lower=space.lower, upper=space.upper, scale=size, options=options)

@@ -14,7 +14,8 @@ from rotorfit.estimators.closed_form import ClosedForm
 from rotorfit.estimators.closed_form import closed_form as solve_closed_form
 from rotorfit.estimators.identifiability import diagnose, natural_scales
 from rotorfit.estimators.least_squares import Options, Solution, Status, minimise
-from rotorfit.estimators.observations import Block, Responses
+from rotorfit.estimators.nonlinear import responses_of
+from rotorfit.estimators.observations import Block
 from rotorfit.estimators.problem import (
     LOSSES,
     Loss,
@@ -24,12 +25,14 @@ from rotorfit.estimators.problem import (
     parameter_space,
     robust_weights,
 )
+from rotorfit.estimators.small_motion import OffCentreResponses
 from rotorfit.estimators.starts import start_vector
 from rotorfit.experiments import Experiment
 from rotorfit.models import RotorModel
 from rotorfit.models.parameters import unknown_name
 from rotorfit.models.stability import growth_rate
-from rotorfit.observe import group_rows, observe
+from rotorfit.observe import group_rows
+from rotorfit.observe_all import observe_any
 from rotorfit.results import FitResult, FitSettings, FittedParameter, ResponseQuality
 
 Float = NDArray[np.float64]
@@ -125,10 +128,12 @@ def build_problem(model: RotorModel, experiments: Experiment | Sequence[Experime
         model.parameter(name)
     grouping = group_rows(several, settings.per)
     blocks: tuple[Block, ...] = tuple(
-        observe(model, experiment, rows) for experiment, rows in zip(several, grouping.rows, strict=True)
+        observe_any(model, experiment, rows) for experiment, rows in zip(several, grouping.rows, strict=True)
     )
-    runs = list(dict.fromkeys(run for block in blocks for run in block.run.tolist()))
-    nuisance = tuple(f"phase[{run}]" for run in runs[1:]) if settings.phase_offsets else ()
+    turning = [block for block in blocks if _has_phase(block)]
+    several_runs = [run for block in turning for run in block.run.tolist()] if settings.phase_offsets else []
+    runs = list(dict.fromkeys(several_runs))
+    nuisance = tuple(f"phase[{run}]" for run in runs[1:])
     space = parameter_space(
         model, known=settings.known, bounds=settings.bounds, groups=grouping.suffixes, nuisance=nuisance
     )
@@ -160,15 +165,22 @@ def solve_again(fit: FitResult, problem: Problem, priors: Mapping[str, Any] | No
     return _result(problem, fit.experiments, settings, solution.x, begin, "least squares", solution, ())
 
 
+def _has_phase(block: Block) -> bool:
+    """Whether the observations are phasors relative to a turning reference."""
+    circular = responses_of(block)
+    return isinstance(block, OffCentreResponses) or (circular is not None and bool(circular.frequency.any()))
+
+
 def _phase_factors(block: Block, runs: Sequence[str]) -> NDArray[np.complex128]:
     """Sensitivity of the logarithm of each prediction to the phase reference of each run, shape ``(R, n_runs)``.
 
     In complex coordinates a backward run's amplitude is the conjugate of its phasors, and so is the effect of an
     offset.
     """
-    sense = np.ones(block.measured.size)
-    if isinstance(block, Responses) and block.model.frame == "z":
-        sense = np.where(block.frequency[block.line] < 0, -1.0, 1.0)
+    sense = np.full(block.measured.size, float(_has_phase(block)))
+    circular = responses_of(block)
+    if circular is not None and circular.model.frame == "z":
+        sense = np.where(circular.frequency[circular.line] < 0, -sense, sense)
     return np.asarray(1j * sense[:, None] * (block.run[:, None] == np.array(runs)[None, :]))
 
 
@@ -303,7 +315,7 @@ def _information(
 
 def _scales(problem: Problem, x: Float) -> Float:
     space = problem.space
-    responses = [b for b in problem.blocks if isinstance(b, Responses)]
+    responses = [b for b in map(responses_of, problem.blocks) if b is not None]
     if not responses:
         typical = np.array([space.model.parameter(name).scale for name in space.base] + [1.0] * len(space.nuisance))
         return np.maximum(np.abs(x), 0.1 * typical)
@@ -373,8 +385,8 @@ def _instability(problem: Problem, x: Float) -> list[str]:
     theta = problem.space.theta(x)
     model = problem.space.model
     found: list[str] = []
-    for block in problem.blocks:
-        if not isinstance(block, Responses) or block.imposed:
+    for block in map(responses_of, problem.blocks):
+        if block is None or block.imposed:
             continue
         _, group, speed = block.condition
         band = float(np.abs(block.frequency).max()) if model.order > 2 else np.inf

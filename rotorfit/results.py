@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotorfit.estimators.identifiability import Identifiability
-from rotorfit.estimators.observations import Responses
+from rotorfit.estimators.nonlinear import responses_of
 from rotorfit.estimators.problem import Loss, Problem
 from rotorfit.experiments import Experiment
 from rotorfit.models import RotorModel, eigenvalues, threshold_speed
@@ -166,7 +166,7 @@ class FitResult:
     @property
     def band(self) -> float:
         """Highest tested frequency, rad/s."""
-        tested = [float(np.abs(b.frequency).max()) for b in self.problem.blocks if isinstance(b, Responses)]
+        tested = [float(np.abs(b.frequency).max()) for b in map(responses_of, self.problem.blocks) if b is not None]
         return max(tested, default=math.inf)
 
     @property
@@ -177,7 +177,7 @@ class FitResult:
     @property
     def speeds(self) -> Float:
         """Tested rotative speeds, rad/s; empty for synchronous tests."""
-        speeds = [np.unique(b.speed) for b in self.problem.blocks if isinstance(b, Responses)]
+        speeds = [np.unique(b.speed) for b in map(responses_of, self.problem.blocks) if b is not None]
         distinct: Float = np.unique(np.concatenate(speeds)) if speeds else np.zeros(0)
         return distinct if distinct.size <= 50 else np.zeros(0)
 

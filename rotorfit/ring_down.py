@@ -1,0 +1,175 @@
+"""Frequency and damping of the modes in records of free vibration, with their errors.
+
+The matrix pencil (Hua & Sarkar 1990) gives the exponentials without iteration; least squares on the record, linear in
+the amplitudes, refines them. The number of exponentials is chosen by BIC.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotorfit.experiments import ImpulseTest, RingDownTest
+
+Float = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+
+_EXTRA = 2  # vibrating modes looked for beyond those asked for
+_PENCIL = 120  # longest window of the pencil: longer ones cost more and gain nothing
+_ROWS = 1500  # windows of the pencil
+
+
+@dataclass(frozen=True, eq=False)
+class _Decay:
+    """A sum of decaying vibrations about a constant.
+
+    Attributes:
+        s: eigenvalues with positive imaginary part, shape ``(m,)``, and real ones.
+        real: real eigenvalues.
+        centre: where x and y settle.
+        energy: share of each mode in the record.
+        sigma: standard deviation of each mode's eigenvalue.
+        bic: for the choice of the order.
+    """
+
+    s: ComplexArray
+    real: Float
+    centre: complex
+    energy: Float
+    sigma: Float
+    bic: float
+
+
+def ring_down_modes(test: RingDownTest, *, modes: int = 1) -> ImpulseTest:
+    """Reduce records of free vibration to eigenvalues, the strongest modes of each.
+
+    Records begin after the impulse has ended. Noise is taken as white; its level, and from it the standard deviation
+    of the eigenvalues, is what the sum of exponentials leaves of the record.
+
+    Args:
+        test: the records.
+        modes: modes wanted from each record, the strongest first.
+
+    Returns:
+        an impulse test, a row for each mode of each record.
+
+    Raises:
+        ValueError: unequal sampling, a record that is too short or has too few modes.
+    """
+    rows: list[tuple[int, _Decay, int]] = []
+    for run in test.runs:
+        here = np.flatnonzero(test.run == run)
+        found = _analyse(test, here, run, modes)
+        order = np.argsort(-found.energy)[:modes]
+        rows += [(int(here[0]), found, int(k)) for k in order]
+    first = np.array([row for row, _, _ in rows], dtype=np.intp)
+    s = np.array([found.s[k] for _, found, k in rows])
+    eps = test.eccentricity[first]
+    centre = np.array([found.centre for _, found, _ in rows])
+    return ImpulseTest(
+        run=test.run[first], speed=test.speed[first], frequency=s.imag, damping_ratio=-s.real / np.abs(s),
+        eccentricity=eps, position=np.where(np.isnan(eps), centre, complex(np.nan, np.nan)),
+        sigma=np.array([found.sigma[k] for _, found, k in rows]),
+        attributes={name: values[first] for name, values in test.attributes.items()}, source=test.source,
+    )  # fmt: skip
+
+
+def _analyse(test: RingDownTest, rows: NDArray[np.intp], run: str, modes: int) -> _Decay:
+    order = rows[np.argsort(test.time[rows], kind="stable")]
+    time, signals = test.time[order] - test.time[order[0]], np.stack([test.x[order], test.y[order]])
+    where = f"{test.source or 'ring-down records'}, run {run}"
+    if time.size < 8 * (modes + 1) or not (np.isfinite(signals).all() and np.isfinite(time).all()):
+        raise ValueError(f"{where}: {time.size} samples; at least {8 * (modes + 1)} finite ones are needed")
+    steps = np.diff(time)
+    if np.ptp(steps) > 1e-3 * steps.mean() or steps.mean() <= 0:
+        raise ValueError(f"{where}: samples are {steps.min():.4g} to {steps.max():.4g} s apart; equal steps are needed")
+    if np.ptp(test.speed[rows]) > 1e-3 * abs(float(test.speed[rows[0]])):
+        raise ValueError(f"{where}: the speed changes within the record")
+    candidates = [decay for decay in _decays(time, signals, modes) if decay.s.size >= modes]
+    if not candidates:
+        raise ValueError(f"{where}: fewer than {modes} vibrating mode(s) found; the record may hold noise only")
+    return min(candidates, key=lambda decay: decay.bic)
+
+
+def _decays(time: Float, signals: Float, modes: int) -> Iterator[_Decay]:
+    """Fits of several orders; poles of the pencil decide how many of them vibrate."""
+    step = float(time[-1] / (time.size - 1))
+    top = min(2 * (modes + _EXTRA) + 1, time.size // 4)
+    for count in range(2 * modes + 1, top + 1):
+        s = np.log(_pencil(signals, count)) / step
+        # One of the exponentials is the constant.
+        rest = np.delete(s, np.argmin(np.abs(s)))
+        vibrating = np.asarray(rest[rest.imag > 1e-9 / step], dtype=complex)
+        real = np.asarray(rest[np.abs(rest.imag) <= 1e-9 / step].real, dtype=float)
+        if vibrating.size >= modes and 2 * vibrating.size + real.size + 1 == count:
+            yield _refine(time, signals, vibrating, real)
+
+
+def _pencil(signals: Float, count: int) -> ComplexArray:
+    """Ratios of successive samples of the ``count`` strongest exponentials that x and y share."""
+    n = signals.shape[1]
+    width = min(n // 3, _PENCIL)
+    stride = max(1, (n - width) // _ROWS)
+    windows = np.lib.stride_tricks.sliding_window_view(signals, width + 1, axis=1)[:, ::stride].reshape(-1, width + 1)
+    _, _, right = np.linalg.svd(windows, full_matrices=False)
+    V = right[:count].T
+    return np.asarray(np.linalg.eigvals(np.linalg.lstsq(V[:-1], V[1:], rcond=None)[0]).astype(complex))
+
+
+def _basis(time: Float, s: ComplexArray, real: Float) -> Float:
+    """Columns of the sum: cosine and sine of each mode, the real decays, the constant."""
+    wave = np.exp(np.outer(time, s))
+    return np.column_stack([wave.real, wave.imag, np.exp(np.outer(time, real)), np.ones(time.size)])
+
+
+def _refine(time: Float, signals: Float, s: ComplexArray, real: Float) -> _Decay:
+    """Least squares in the eigenvalues, the amplitudes projected out (Kaufman 1975)."""
+    from scipy.optimize import least_squares
+
+    m, scale = s.size, float(np.abs(np.concatenate([s, real])).max())
+    level = float(np.sqrt(np.mean(signals**2)))
+
+    def parts(u: Float) -> tuple[ComplexArray, Float]:
+        s = np.asarray((u[:m] + 1j * u[m : 2 * m]) * scale, dtype=complex)
+        return s, np.asarray(u[2 * m :] * scale)
+
+    def project(u: Float) -> tuple[Float, Float, Float]:
+        basis = _basis(time, *parts(u))
+        q, r = np.linalg.qr(basis)
+        inner = q.T @ signals.T
+        amplitudes = np.linalg.lstsq(r, inner, rcond=None)[0]
+        return q, amplitudes, (signals.T - q @ inner) / level
+
+    def residual(u: Float) -> Float:
+        return np.asarray(project(u)[2].T.ravel())
+
+    def slopes(u: Float) -> Float:
+        q, amplitudes, _ = project(u)
+        basis = _basis(time, *parts(u))
+        cosine, sine, decay = basis[:, :m], basis[:, m : 2 * m], basis[:, 2 * m : -1]
+        columns = []
+        for axis in range(2):
+            a, b, d = amplitudes[:m, axis], amplitudes[m : 2 * m, axis], amplitudes[2 * m : -1, axis]
+            by = np.column_stack([a * cosine + b * sine, -a * sine + b * cosine, d * decay]) * time[:, None] * scale
+            columns.append(-(by - q @ (q.T @ by)) / level)
+        return np.concatenate(columns)
+
+    start = np.concatenate([s.real, s.imag, real]) / scale
+    found = least_squares(residual, start, jac=slopes, method="lm", xtol=1e-14, ftol=1e-14, gtol=1e-14)
+    s, real = parts(found.x)
+    _, amplitudes, rest = project(found.x)
+    count = found.x.size + amplitudes.size
+    variance = float(np.sum(rest**2)) / max(rest.size - count, 1)
+    spread = np.diag(np.linalg.pinv(found.jac.T @ found.jac)) * variance * scale**2
+    energy = np.sum((_basis(time, s, np.zeros(0))[:, : 2 * m] ** 2).mean(axis=0).reshape(2, m), axis=0)
+    energy = energy * np.sum(amplitudes[: 2 * m].reshape(2, m, 2) ** 2, axis=(0, 2))
+    good = (s.imag > 0) & np.isfinite(energy)
+    floor = 1e-12 * np.abs(s)  # a record without noise would weigh infinitely
+    sigma = np.maximum(np.sqrt((spread[:m] + spread[m : 2 * m]) / 2), floor)
+    return _Decay(
+        s[good], real, complex(*amplitudes[-1]), energy[good], sigma[good],
+        rest.size * float(np.log(max(variance, 1e-30))) + count * float(np.log(rest.size)),
+    )  # fmt: skip
