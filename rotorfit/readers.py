@@ -57,6 +57,10 @@ def read(
         ValueError: what in the file or in an option is wrong, where, and what is allowed.
         FileNotFoundError: no such file.
     """
+    if not 0 <= speed_tolerance < 1:
+        raise ValueError(f"speed_tolerance is a fraction of the speed, 0 to 1; got {speed_tolerance!r}")
+    if speed is not None and not np.isfinite(speed):
+        raise ValueError(f"speed must be a finite number, rad/s; got {speed!r}")
     test = _read_raw(path, speed, speed_tolerance)
     options = {
         "gains": gains,
@@ -76,6 +80,8 @@ def read(
         raise ValueError("slow_roll and slow_roll_below_rpm are both given; choose one")
     if slow_roll:
         _check_channels(test, slow_roll, "slow_roll")
+        if not all(np.isfinite(value) for value in slow_roll.values()):
+            raise ValueError("slow_roll: a run-out vector must be finite, m (rad for slopes), complex")
         test = test.subtract_slow_roll(slow_roll)
     if slow_roll_below_rpm is not None:
         test = subtract_measured_slow_roll(test, slow_roll_below_rpm * np.pi / 30)
@@ -172,6 +178,8 @@ def correct_channels(
     """
     _check_channels(test, gains, "gains")
     _check_channels(test, delays, "delays")
+    if not all(np.isfinite(value) for value in delays.values()):
+        raise ValueError("delays: a delay must be a finite number of seconds")
     if any(not (np.isfinite(value) and value != 0) for value in gains.values()):
         raise ValueError("gains: a gain must be finite and not zero")
     channels = list(zip(test.plane.tolist(), test.direction.tolist(), strict=True))
@@ -219,9 +227,12 @@ def resolve_probe_angles(test: PerturbationTest, angles: Mapping[str, tuple[floa
         ValueError: unknown plane, parallel probes, or a reading without its partner.
     """
     response, sigma = test.response.copy(), test.sigma.copy()
-    for plane, (first, second) in angles.items():
+    for plane, pair in angles.items():
         if plane not in test.planes:
             raise ValueError(f"probe_angles: {unknown_name('plane', plane, test.planes)}")
+        if np.shape(pair) != (2,) or not np.isfinite(pair).all():
+            raise ValueError(f"probe_angles: {plane} needs two angles in degrees, of its probes x and y; got {pair!r}")
+        first, second = pair
         a = np.radians([first, second])
         mixing = np.column_stack([np.cos(a), np.sin(a)])
         if abs(np.linalg.det(mixing)) < 1e-3:
