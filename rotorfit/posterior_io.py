@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,12 +18,39 @@ if TYPE_CHECKING:
 
 _KIND = "rotorfit posterior"
 _PERCENT = (2.5, 50.0, 97.5)
+_TAIL = (0.05, 0.95)  # quantiles whose effective sample size counts for the tails
+
+
+@dataclass(frozen=True)
+class Health:
+    """What the chains of one entry are worth.
+
+    Attributes:
+        name: of the entry.
+        rhat: split R-hat, 1 for chains that agree, to be doubted above 1.01.
+        bulk, tail: effective samples for the middle of the distribution and for its tails.
+    """
+
+    name: str
+    rhat: float
+    bulk: float
+    tail: float
+
+
+def health(posterior: Posterior) -> list[Health]:
+    """Split R-hat and effective samples of every entry, by ArviZ, walkers as chains."""
+    import arviz as az
+
+    found = []
+    for i, name in enumerate(posterior.names):
+        draws = posterior.chain[:, :, i].T
+        bulk, tail = az.ess(draws, method="bulk"), az.ess(draws, method="tail", prob=_TAIL)
+        found.append(Health(name, float(az.rhat(draws)), float(bulk), float(tail)))
+    return found
 
 
 def summary(posterior: Posterior) -> str:
     """Table of the draws and of the chains' health."""
-    import arviz as az
-
     state = posterior.settings
     lines = [
         posterior.message if posterior.converged else f"NOT CONVERGED: {posterior.message.partition(': ')[2]}",
@@ -34,13 +61,12 @@ def summary(posterior: Posterior) -> str:
         f"{'parameter':<22}{'mean':>13}{'sd':>10}{'2.5 %':>13}{'median':>13}{'97.5 %':>13}{'R-hat':>8}{'bulk ESS':>10}"
         f"{'tail ESS':>10}  unit",
     ]
-    for i, name in enumerate(posterior.names):
-        draws = posterior.chain[:, :, i].T
+    for i, chains in enumerate(health(posterior)):
+        draws = posterior.chain[:, :, i]
         low, middle, high = np.percentile(draws, _PERCENT)
-        rhat, bulk, tail = (float(az.rhat(draws)), *(float(az.ess(draws, method=m)) for m in ("bulk", "tail")))
         lines.append(
-            f"{name:<22}{draws.mean():>13.6g}{draws.std(ddof=1):>10.2g}{low:>13.6g}{middle:>13.6g}{high:>13.6g}"
-            f"{rhat:>8.3f}{bulk:>10.0f}{tail:>10.0f}  {posterior.unit(name)}"
+            f"{chains.name:<22}{draws.mean():>13.6g}{draws.std(ddof=1):>10.2g}{low:>13.6g}{middle:>13.6g}{high:>13.6g}"
+            f"{chains.rhat:>8.3f}{chains.bulk:>10.0f}{chains.tail:>10.0f}  {posterior.unit(chains.name)}"
         )
     return "\n".join(lines)
 
@@ -91,7 +117,7 @@ def to_arviz(posterior: Posterior) -> Any:
     import xarray as xr
 
     groups = datasets(posterior)
-    if hasattr(az, "InferenceData"):
+    if int(az.__version__.partition(".")[0]) < 1:
         return az.InferenceData(**groups)
     return xr.DataTree.from_dict(groups)
 

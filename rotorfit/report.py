@@ -8,10 +8,7 @@ from dataclasses import dataclass, field
 from datetime import datetime
 from importlib.resources import files
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import TYPE_CHECKING
 
 from rotorfit.markup import Html, element, join
 from rotorfit.refinement import Refinement
@@ -19,49 +16,11 @@ from rotorfit.results import FitResult
 
 if TYPE_CHECKING:
     from rotorfit.check import Finding
+    from rotorfit.posterior import Posterior
+    from rotorfit.profiles import Profile
 
-
-class PosteriorLike(Protocol):
-    """What a report needs of posterior samples; ``chain`` and ``summary()`` are shown where there are any.
-
-    Attributes:
-        samples: draws, shape ``(N, p)``, SI units.
-        names: of the columns.
-        converged: whether the chains are long enough for the effective samples asked for.
-        message: what that means, in words.
-    """
-
-    @property
-    def samples(self) -> NDArray[np.float64]:
-        """Draws."""
-        ...
-
-    @property
-    def names(self) -> Sequence[str]:
-        """Parameters."""
-        ...
-
-    @property
-    def converged(self) -> bool:
-        """Long enough."""
-        ...
-
-    @property
-    def message(self) -> str:
-        """In words."""
-        ...
-
-    def threshold_speed(self, at: Mapping[str, Any] | None = None) -> Draws:
-        """Threshold speed of the draws, rad/s."""
-        ...
-
-
-class Draws(Protocol):
-    """A derived quantity's draws."""
-
-    def interval(self, level: float) -> tuple[float, float]:
-        """Central interval."""
-        ...
+LEVEL = 0.95
+"""Probability of every interval in a report."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -69,10 +28,10 @@ class ReportInput:
     """All that a report is written from; see :func:`write_report`."""
 
     fit: FitResult
-    posterior: PosteriorLike | None = None
+    posterior: Posterior | None = None
     refinement: Refinement | None = None
     findings: Sequence[Sequence[Finding]] = ()
-    profile: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    profiles: Sequence[Profile] = ()
     shares: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     operating_speed: float | None = None
     pictures: dict[str, bytes] = field(default_factory=dict)
@@ -83,10 +42,10 @@ def write_report(
     fit: FitResult,
     path: str | os.PathLike[str],
     *,
-    posterior: PosteriorLike | None = None,
+    posterior: Posterior | None = None,
     refinement: Refinement | None = None,
     findings: Sequence[Sequence[Finding]] | None = None,
-    profile: Mapping[str, tuple[float, float]] | None = None,
+    profiles: Sequence[Profile] = (),
     shares: Mapping[str, tuple[float, float]] | None = None,
     operating_speed: float | None = None,
     title: str | None = None,
@@ -97,10 +56,10 @@ def write_report(
     Args:
         fit: the result to report.
         path: file to write; one that is there is replaced.
-        posterior: samples of :meth:`FitResult.sample` or anything like :class:`PosteriorLike`.
+        posterior: samples, :meth:`FitResult.sample`.
         refinement: ladder of structural blocks, see :func:`rotorfit.refine`.
         findings: what the data check found, one sequence for each experiment; by default the check is run.
-        profile: 95 % profile-likelihood intervals by parameter, SI units.
+        profiles: profile likelihoods of some parameters or of the threshold speed, :meth:`FitResult.profile`.
         shares: random and systematic standard uncertainty by parameter, SI units.
         operating_speed: speed, rad/s, to which the stability margin refers beside the tested speeds.
         title: heading of the report.
@@ -110,8 +69,8 @@ def write_report(
         the path written.
 
     Raises:
-        ValueError: names in ``profile`` or ``shares`` that the fit does not have, findings that do not go with the
-            experiments, a posterior of other parameters.
+        ValueError: names in ``profiles`` or ``shares`` that the fit does not have, findings that do not go with the
+            experiments, profiles at another level than 95 %, a posterior of other parameters.
         OSError: the file cannot be written.
     """
     if findings is None:
@@ -123,7 +82,7 @@ def write_report(
         posterior=posterior,
         refinement=refinement,
         findings=findings,
-        profile=profile or {},
+        profiles=profiles,
         shares=shares or {},
         operating_speed=operating_speed,
     )
@@ -139,20 +98,21 @@ def _check(material: ReportInput) -> None:
     fit = material.fit
     if len(material.findings) != len(fit.experiments):
         raise ValueError(f"findings of {len(material.findings)} experiments, but the fit has {len(fit.experiments)}")
-    given: dict[str, Sequence[str]] = {"profile": list(material.profile), "shares": list(material.shares)}
-    if material.posterior is not None:
-        given["posterior"] = list(material.posterior.names)
-        if np.ndim(material.posterior.samples) != 2 or material.posterior.samples.shape[1] != len(given["posterior"]):
-            raise ValueError(
-                f"posterior: samples of shape {np.shape(material.posterior.samples)} do not go with "
-                f"{len(given['posterior'])} names"
-            )
-    for where in ("profile", "shares"):
-        unknown = sorted(set(given[where]) - set(fit.params))
+    given = {
+        "profiles": [p.name for p in material.profiles if p.name not in ("threshold_speed", *fit.var_names)],
+        "shares": [name for name in material.shares if name not in fit.params],
+    }
+    for where, unknown in given.items():
         if unknown:
             raise ValueError(f"{where}: the fit has no {', '.join(unknown)}; it has {', '.join(fit.params)}")
-    if "posterior" in given and not set(given["posterior"]) & set(fit.var_names):
-        raise ValueError(f"posterior of {', '.join(given['posterior'])}, but the fit is of {', '.join(fit.var_names)}")
+    for p in material.profiles:
+        if p.level != LEVEL:
+            raise ValueError(f"profile of {p.name}: its level is {p.level:g}, the report's intervals are at {LEVEL:g}")
+    posterior = material.posterior
+    if posterior is not None and posterior.fit.var_names != fit.var_names:
+        raise ValueError(
+            f"posterior of {', '.join(posterior.fit.var_names)}, but the fit is of {', '.join(fit.var_names)}"
+        )
 
 
 def document(material: ReportInput, title: str) -> Html:

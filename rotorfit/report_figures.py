@@ -10,14 +10,15 @@ from numpy.typing import NDArray
 
 from rotorfit import plots
 from rotorfit.estimators.observations import Responses
-from rotorfit.markup import Html, drawn, element, paragraph, picture, table
+from rotorfit.markup import Html, drawn, element, join, paragraph, picture, table
 from rotorfit.report_numbers import RPM, with_error
-from rotorfit.report_parts import at_of, groups_of, note, section, sentence
+from rotorfit.report_parts import at_of, groups_of, note, section, sentence, symbol
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from rotorfit.report import PosteriorLike, ReportInput
+    from rotorfit.posterior import Posterior
+    from rotorfit.report import ReportInput
     from rotorfit.results import FitResult
 
 Float = NDArray[np.float64]
@@ -101,7 +102,7 @@ def _mode_rows(fit: FitResult, label: str, group: int) -> Iterator[list[str]]:
             ]  # fmt: skip
 
 
-def _posterior(material: ReportInput, posterior: PosteriorLike) -> Iterator[Html]:
+def _posterior(material: ReportInput, posterior: Posterior) -> Iterator[Html]:
     fit = material.fit
     names, samples = list(posterior.names), np.asarray(posterior.samples)
     shown = _corner_columns(names, samples)
@@ -114,19 +115,29 @@ def _posterior(material: ReportInput, posterior: PosteriorLike) -> Iterator[Html
     if len(shown) < len(names):
         caption += f" {len(shown)} of {len(names)} parameters: the fluid's, and those most correlated with others."
     yield _picture(material, "corner", plots.plot_corner(samples[:, shown], labels, marks), caption)
-    treatment = getattr(posterior, "treatment", "")
-    if treatment:
-        yield paragraph(sentence(str(treatment)))
-    summary = getattr(posterior, "summary", None)
-    if callable(summary):
-        yield element("h3", "Health of the chains")
-        yield element("pre", str(summary()))
-    chain = getattr(posterior, "chain", None)
-    if chain is None:
-        yield paragraph("These samples come without their chains, so mixing cannot be shown.")
-    else:
-        figure = plots.plot_traces(np.asarray(chain)[..., shown], [names[i] for i in shown])
-        yield _picture(material, "chains", figure, "Walkers' paths after burn-in.")
+    yield element("h3", "Health of the chains")
+    yield paragraph(sentence(posterior.message))
+    yield paragraph(sentence(posterior.treatment))
+    yield _health(posterior)
+    figure = plots.plot_traces(posterior.chain[..., shown], [names[i] for i in shown])
+    yield _picture(material, "chains", figure, "Walkers' paths after burn-in.")
+
+
+def _health(posterior: Posterior) -> Html:
+    from rotorfit.posterior_io import health
+
+    rows = [
+        [symbol(h.name), f"{h.rhat:.3f}", f"{h.bulk:.0f}", f"{h.tail:.0f}", f"{tau:.1f}"]
+        for h, tau in zip(health(posterior), posterior.tau.tolist(), strict=True)
+    ]
+    head = ["parameter", "split R-hat", "bulk ESS", "tail ESS", "autocorrelation time, steps"]
+    settings, accepted = posterior.settings, 100 * float(posterior.acceptance.mean())
+    words = (
+        f"emcee with {settings.walkers} walkers, {settings.steps} steps of which {posterior.burn_in} burn-in, "
+        f"{accepted:.0f} % of the proposals accepted, seed {posterior.seed}. R-hat is 1 for chains that agree; ESS: "
+        "effective samples for the middle and for the tails of the distribution."
+    )
+    return join([table(head, rows, numeric=range(1, 5)), note(words)])
 
 
 def _corner_columns(names: list[str], samples: Float) -> list[int]:

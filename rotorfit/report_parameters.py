@@ -6,15 +6,15 @@ import math
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from rotorfit.markup import Html, bullets, paragraph, table
+from rotorfit.profiles import THRESHOLD
 from rotorfit.report_numbers import NORMAL_95, RPM, interval, plain, with_error
-from rotorfit.report_parts import at_of, groups_of, note, section, sentence, symbol
+from rotorfit.report_parts import groups_of, note, posterior_threshold, section, sentence, symbol
 from rotorfit.results import FittedParameter
 from rotorfit.tables import notable_correlations
 
 if TYPE_CHECKING:
+    from rotorfit.profiles import Profile
     from rotorfit.report import ReportInput
 
 
@@ -54,13 +54,14 @@ def _unit(unit: str) -> str:
 
 def interval_section(material: ReportInput) -> Html:
     """Three kinds of 95 % interval side by side, and the shares of the uncertainty."""
-    rows = [_interval_row(material, p) for p in material.fit.params.values() if p.vary and p.resolved]
-    rows += _threshold_rows(material)
+    profiles = {p.name: p for p in material.profiles}
+    rows = [_interval_row(material, p, profiles.get(p.name)) for p in material.fit.params.values() if _shown(p)]
+    rows += _threshold_rows(material, profiles.get(THRESHOLD))
     if not rows:
         return Html("")
     head = ["", "Laplace", "profile likelihood", "posterior", "random share", "systematic share", "unit"]
     words = ["Laplace: estimate ± 1.96 standard errors, right where the errors are normal."]
-    if material.profile:
+    if material.profiles:
         words.append(
             "Profile likelihood: where the best misfit at a fixed value of the parameter has risen by the 95 % point "
             "of chi-squared; it follows a curved likelihood."
@@ -71,35 +72,31 @@ def interval_section(material: ReportInput) -> Html:
         words.append(
             "Random and systematic shares are standard uncertainties, GUM type A (noise) and type B (calibration)."
         )
-    missing = [
-        name for name, there in (("a posterior", material.posterior), ("profile likelihoods", material.profile))
-        if not there
-    ]  # fmt: skip
-    if len(missing) == 2:
+    if not material.profiles and material.posterior is None:
         words.append("A posterior or profile likelihoods would test that.")
+    words += [sentence(f"{p.name}: {p.message}") for p in material.profiles if p.message]
     return section("95 % intervals", table(head, rows, numeric=range(1, 6), whole=(6,)), note(*words))
 
 
-def _interval_row(material: ReportInput, p: FittedParameter) -> list[str]:
+def _shown(p: FittedParameter) -> bool:
+    return p.vary and p.resolved
+
+
+def _interval_row(material: ReportInput, p: FittedParameter, profile: Profile | None) -> list[str]:
     laplace = interval(p.value - NORMAL_95 * p.stderr, p.value + NORMAL_95 * p.stderr)
-    profile = interval(*material.profile[p.name]) if p.name in material.profile else ""
     shares = material.shares.get(p.name)
-    shown = ("", "") if shares is None else (plain(shares[0], 2), plain(shares[1], 2))
-    return [
-        symbol(p.name), "–" if p.at_bound else laplace, profile, _posterior_interval(material, p.name), *shown,
-        _unit(p.unit),
-    ]  # fmt: skip
-
-
-def _posterior_interval(material: ReportInput, name: str) -> str:
     posterior = material.posterior
-    if posterior is None or name not in posterior.names:
-        return ""
-    low, high = np.quantile(posterior.samples[:, list(posterior.names).index(name)], [0.025, 0.975])
-    return interval(float(low), float(high))
+    return [
+        symbol(p.name),
+        "–" if p.at_bound else laplace,
+        "" if profile is None else interval(*profile.interval),
+        "" if posterior is None else interval(*posterior.interval(p.name)),
+        *(("", "") if shares is None else (plain(shares[0], 2), plain(shares[1], 2))),
+        _unit(p.unit),
+    ]
 
 
-def _threshold_rows(material: ReportInput) -> Iterator[list[str]]:
+def _threshold_rows(material: ReportInput, profile: Profile | None) -> Iterator[list[str]]:
     fit = material.fit
     if not fit.model.speed_dependent:
         return
@@ -107,13 +104,16 @@ def _threshold_rows(material: ReportInput) -> Iterator[list[str]]:
         onset = fit.threshold_of(group)
         if math.isfinite(onset.value) and math.isfinite(onset.stderr):
             half = NORMAL_95 * onset.stderr
-            name = "threshold speed" + (f", {label}" if label else "")
-            posterior = ""
-            if material.posterior is not None:
-                low, high = material.posterior.threshold_speed(at_of(label)).interval(0.95)
-                posterior = interval(low * RPM, high * RPM)
-            laplace = interval((onset.value - half) * RPM, (onset.value + half) * RPM)
-            yield [name, laplace, "", posterior, "", "", "rpm"]
+            yield [
+                "threshold speed" + (f", {label}" if label else ""),
+                interval((onset.value - half) * RPM, (onset.value + half) * RPM),
+                # A profile does not say which group it belongs to.
+                interval(profile.lower * RPM, profile.upper * RPM) if profile is not None and not label else "",
+                posterior_threshold(material, label),
+                "",
+                "",
+                "rpm",
+            ]
 
 
 # ---- identifiability ---------------------------------------------------------------------------

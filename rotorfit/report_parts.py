@@ -2,9 +2,15 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from rotorfit.equation import symbol_mathml
 from rotorfit.markup import Html, element, join
+from rotorfit.report_numbers import RPM, interval
 from rotorfit.results import FitResult
+
+if TYPE_CHECKING:
+    from rotorfit.report import ReportInput
 
 
 def section(title: str, *content: str, figure: bool = False) -> Html:
@@ -42,3 +48,11 @@ def groups_of(fit: FitResult) -> list[tuple[str, int]]:
 def at_of(label: str) -> dict[str, str] | None:
     """What :meth:`FitResult.group` takes for a group's label."""
     return dict(part.split("=", 1) for part in label.split(", ")) if label else None
+
+
+def posterior_threshold(material: ReportInput, label: str) -> str:
+    """Central 95 % of the posterior's threshold speed, rpm, empty without a posterior."""
+    if material.posterior is None:
+        return ""
+    low, high = material.posterior.threshold_speed(at_of(label)).interval(0.95)
+    return interval(float(low) * RPM, float(high) * RPM)

@@ -18,6 +18,9 @@ from rotorfit.results import FitResult
 if TYPE_CHECKING:
     from rotorfit.report import ReportInput
 
+_ASKED = ("ess", "walkers", "max_steps", "noise")
+"""Settings of the sampler."""
+
 
 def reproduce_section(material: ReportInput) -> Html:
     """Versions and settings."""
@@ -62,9 +65,12 @@ def _calls(material: ReportInput) -> Iterator[str]:
         parts += ["phase_offsets=True"] if settings.phase_offsets else []
     call = "rf.closed_form" if fit.method == "closed form" else "rf.fit"
     yield f"fit = {call}({', '.join(['model, experiments', *parts])})"
-    seed, asked = _sampled(material)
-    if seed is not None:
-        yield f"posterior = fit.sample({', '.join([f'seed={seed}', *(f'{k}={v!r}' for k, v in asked.items())])})"
+    for p in material.profiles:
+        yield f"fit.profile({p.name!r})"
+    posterior = material.posterior
+    if posterior is not None:
+        asked = {"seed": posterior.seed, **{n: getattr(posterior.settings, n) for n in _ASKED}}
+        yield f"posterior = fit.sample({', '.join(f'{name}={value!r}' for name, value in asked.items())})"
 
 
 def _own_options(fit: FitResult) -> dict[str, Any]:
@@ -75,14 +81,6 @@ def _own_options(fit: FitResult) -> dict[str, Any]:
         usual = {}
     given = fit.model.options()
     return {name: value for name, value in given.items() if name not in usual or _shown(value) != _shown(usual[name])}
-
-
-def _sampled(material: ReportInput) -> tuple[int | None, dict[str, Any]]:
-    """Seed and settings of the sampler, where the posterior tells them."""
-    posterior = material.posterior
-    settings = getattr(posterior, "settings", None)
-    names = ("ess", "walkers", "max_steps", "noise")
-    return getattr(posterior, "seed", None), {n: getattr(settings, n) for n in names if hasattr(settings, n)}
 
 
 def _shown(value: Any) -> str:
@@ -132,10 +130,12 @@ def _command(material: ReportInput) -> str:
             words += [f"--{option}", f"{name}={value}"]
     words += ["--loss", settings.loss] if settings.loss != "linear" else []
     words += ["--phase-offsets"] if settings.phase_offsets else []
-    seed, asked = _sampled(material)
-    words += (
-        ["--sample", "--seed", str(seed), "--ess", f"{asked['ess']:g}"] if seed is not None and "ess" in asked else []
-    )
+    words += ["--profile", ",".join(p.name for p in material.profiles)] if material.profiles else []
+    posterior = material.posterior
+    if posterior is not None:
+        asked = posterior.settings
+        words += ["--sample", "--seed", str(posterior.seed), "--ess", f"{asked.ess:g}"]
+        words += ["--max-steps", str(asked.max_steps)]
     return shlex.join([*words, "--out", "results/"])
 
 

@@ -19,6 +19,8 @@ from synthetic import KNOWN, MODELS, SPEEDS, TYPICAL, circular_test, covering_fr
 
 import rotorfit as rf
 from rotorfit.check import Finding
+from rotorfit.posterior import SampleSettings
+from rotorfit.profiles import Profile
 from rotorfit.report import document
 from rotorfit.results import FitResult
 
@@ -62,6 +64,14 @@ class Page(HTMLParser):
     @property
     def shown(self) -> str:
         return re.sub(r"\s+", " ", " ".join(self.words))
+
+
+def made_profile(name: str, lower: float, upper: float, level: float = 0.95) -> Profile:
+    middle = (lower + upper) / 2
+    values = np.linspace(lower, upper, 5)
+    return Profile(
+        name, "1", middle, level, lower, upper, values, 3.84 * (2 * (values - middle) / (upper - lower)) ** 2, ""
+    )
 
 
 def report_of(fit: FitResult, path: Path, **options: Any) -> Page:
@@ -112,38 +122,27 @@ def sketched(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(rotorfit.report_figures, "drawn", lambda figure: dot)
 
 
-@dataclass(frozen=True)
-class Drawn:
-    """Draws with an interval, as a posterior gives for a derived quantity."""
-
-    draws: np.ndarray[Any, np.dtype[np.float64]]
-
-    def interval(self, level: float) -> tuple[float, float]:
-        low, high = np.quantile(self.draws, [(1 - level) / 2, (1 + level) / 2])
-        return float(low), float(high)
-
-
-@dataclass(frozen=True)
-class NormalDraws:
-    """A posterior made by hand: draws from the normal approximation of a fit."""
-
-    fit: FitResult
-    converged: bool = True
-    message: str = "made for a test"
-    names: tuple[str, ...] = field(init=False)
-    samples: np.ndarray[Any, np.dtype[np.float64]] = field(init=False)
-
-    def __post_init__(self) -> None:
-        rng = np.random.default_rng(5)
-        size = np.sqrt(np.diag(self.fit.covar))
-        correlation = self.fit.covar / np.outer(size, size)
-        draws = self.fit.x + size * rng.multivariate_normal(np.zeros(size.size), correlation, 4000)
-        object.__setattr__(self, "names", self.fit.var_names)
-        object.__setattr__(self, "samples", draws)
-
-    def threshold_speed(self, at: object = None) -> Drawn:
-        onset = self.fit.threshold_speed()
-        return Drawn(np.random.default_rng(6).normal(onset.value, onset.stderr, 4000))
+def normal_draws(fit: FitResult, **changes: Any) -> rf.Posterior:
+    """A posterior made by hand: independent draws from the normal approximation of a fit."""
+    rng = np.random.default_rng(5)
+    size = np.sqrt(np.diag(fit.covar))
+    steps, walkers = 100, 40
+    whitened = rng.multivariate_normal(np.zeros(size.size), fit.covar / np.outer(size, size), (steps, walkers))
+    made: dict[str, Any] = {
+        "fit": fit,
+        "names": fit.var_names,
+        "chain": fit.x + size * whitened,
+        "log_density": -0.5 * (whitened**2).sum(axis=2),
+        "acceptance": np.full(walkers, 0.5),
+        "tau": np.ones(size.size),
+        "burn_in": 0,
+        "converged": True,
+        "message": "converged: made for a test",
+        "treatment": "noise as given with the data",
+        "seed": 5,
+        "settings": SampleSettings("fixed", 1.0, walkers, 4000.0, 1000, steps),
+    }
+    return rf.Posterior(**{**made, **changes})
 
 
 # ---- content ------------------------------------------------------------------------------------
@@ -192,13 +191,13 @@ def test_the_python_call_gives_the_same_numbers(
 
 def test_refined_report_with_all_extras(ladder: rf.Refinement, tmp_path: Path) -> None:
     best = ladder.best
-    posterior = NormalDraws(best)
+    posterior = normal_draws(best)
     page = report_of(
         best,
         tmp_path / "report.html",
         refinement=ladder,
         posterior=posterior,
-        profile={"lam": (0.4749, 0.4752)},
+        profiles=[made_profile("lam", 0.4749, 0.4752), made_profile("threshold_speed", 277.0, 279.0)],
         shares={"D": (0.1, 4.5)},
         operating_speed=2800 / RPM,
         title="Seal rig, run 7",
@@ -211,13 +210,22 @@ def test_refined_report_with_all_extras(ladder: rf.Refinement, tmp_path: Path) -
     low, high = np.quantile(posterior.samples[:, best.var_names.index("D")], [0.025, 0.975])
     assert f"[{low:.2f}, {high:.2f}]" in page.shown
     assert "systematic share" in page.shown
-    assert "without their chains" in page.shown
-    assert page.tags.count("img") == 6
+    assert f"[{277 * RPM:.1f}, {279 * RPM:.1f}]" in page.shown
+    for words in (
+        "split R-hat",
+        "bulk ESS",
+        "tail ESS",
+        "50 % of the proposals accepted",
+        "converged: made for a test",
+    ):
+        assert words in page.shown.replace("Converged", "converged")
+    assert page.tags.count("img") == 7
+    assert "--profile lam,threshold_speed --sample --seed 5 --ess 4000 --max-steps 1000 --out" in page.shown
 
 
 @pytest.mark.usefixtures("sketched")
 def test_a_posterior_that_did_not_converge_is_said_at_the_top(plain: FitResult, tmp_path: Path) -> None:
-    page = report_of(plain, tmp_path / "r.html", posterior=NormalDraws(plain, converged=False, message="too short"))
+    page = report_of(plain, tmp_path / "r.html", posterior=normal_draws(plain, converged=False, message="too short"))
     assert "too short" in page.shown.partition("Parameters")[0]
 
 
@@ -339,7 +347,8 @@ def test_a_path_that_cannot_be_written(plain: FitResult, tmp_path: Path) -> None
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"profile": {"lamda": (0, 1)}}, "profile: the fit has no lamda; it has Md, "),
+        ({"profiles": [made_profile("lamda", 0, 1)]}, "profiles: the fit has no lamda; it has Md, "),
+        ({"profiles": [made_profile("lam", 0, 1, 0.9)]}, "its level is 0.9, the report's intervals are at 0.95"),
         ({"shares": {"lamda": (0, 1)}}, "shares: the fit has no lamda"),
         ({"findings": [[], []]}, "findings of 2 experiments, but the fit has 1"),
     ],
@@ -352,14 +361,9 @@ def test_material_that_does_not_go_together(
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_posterior_of_something_else(plain: FitResult, tmp_path: Path) -> None:
-    other = NormalDraws(plain)
-    object.__setattr__(other, "names", tuple(f"other{i}" for i in range(len(other.names))))
-    with pytest.raises(ValueError, match=r"posterior of other0, .* but the fit is of Md"):
-        rf.write_report(plain, tmp_path / "report.html", posterior=other)
-    object.__setattr__(other, "names", plain.var_names[:3])
-    with pytest.raises(ValueError, match="do not go with 3 names"):
-        rf.write_report(plain, tmp_path / "report.html", posterior=other)
+def test_a_posterior_of_something_else(plain: FitResult, ladder: rf.Refinement, tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match=r"posterior of Md, .*, q22, but the fit is of Md"):
+        rf.write_report(plain, tmp_path / "report.html", posterior=normal_draws(ladder.best))
 
 
 # ---- in a browser ---------------------------------------------------------------------------------
@@ -379,7 +383,7 @@ window.onload = () => {
 @pytest.fixture(scope="module")
 def browsed(ladder: rf.Refinement, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("browser")
-    return rf.write_report(ladder.best, folder / "report.html", refinement=ladder, posterior=NormalDraws(ladder.best))
+    return rf.write_report(ladder.best, folder / "report.html", refinement=ladder, posterior=normal_draws(ladder.best))
 
 
 @pytest.fixture
@@ -435,7 +439,7 @@ def test_nothing_is_cut(
     dom, console = chromium(measured, f"--window-size={width},900", "--dump-dom")
     assert console == []
     found = json.loads(re.findall(r"<output>(.*?)</output>", dom, re.DOTALL)[0])
-    assert found["images"] == 6
+    assert found["images"] == 7
     assert found["page"] <= found["window"]
     if width >= 1000:  # on a narrow screen wide tables scroll in their own box
         assert found["wide"] == []
