@@ -3,11 +3,12 @@
 Every run has 200 lines (x and y probe, 400 readings), a speed and a pressure of its own, 1 % noise of unknown level;
 K0, D, lam and Mf are fitted run by run. One process, processor time, the median of several campaigns after a first run
 that compiles the model. Accuracy stands beside time: mean square distance from the truth in standard errors, 1 if
-honest, with its own sampling error. With ``--shared`` the mass is fitted too, one value for all runs.
+honest, with its own sampling error; expect a few percent less, because errors are widened where redchi is above 1 by
+chance and not narrowed where it is below. With ``--shared`` the mass is fitted too, one value for all runs.
 
     python benchmarks/campaign_throughput.py
 
-The exit code is 1 below 50 fits a second for 70 runs, or where a mean square is off by more than 3.5 of its errors.
+The exit code is 1 below 50 fits a second for 70 runs, or where a mean square exceeds 1 by more than 3.5 of its errors.
 """
 
 from __future__ import annotations
@@ -31,7 +32,7 @@ LINES = 200
 NOISE = 0.01
 WANTED = 50.0
 SIGMAS = 3.5
-"""Sampling errors by which the mean square distance of a size of campaign may differ from 1."""
+"""Sampling errors by which the mean square distance may exceed 1."""
 KNOWN = {"M": 1.2, "K": 8000.0, "Ds": 8.0}
 FITTED = ("K0", "D", "lam", "Mf")
 
@@ -146,9 +147,9 @@ def main() -> int:
     print("\n".join(lines))
     reached = next(rate.fits_per_second for rate in rates if rate.runs == 70)
     print(f"\n{reached:.0f} fits a second for 70 runs; {WANTED:.0f} wanted")
-    dishonest = [rate.runs for rate in rates if abs(rate.pull - 1) > SIGMAS * rate.pull_error]
+    dishonest = [rate.runs for rate in rates if rate.pull - 1 > SIGMAS * rate.pull_error]
     if dishonest:
-        print(f"mean square pulls are not 1 for {', '.join(map(str, dishonest))} runs")
+        print(f"standard errors are too small for {', '.join(map(str, dishonest))} runs")
     return int(reached < WANTED or bool(dishonest))
 
 

@@ -460,16 +460,6 @@ def readme_blocks(language: str) -> list[str]:
     return re.findall(rf"^```{language}\n(.*?)^```", text, re.MULTILINE | re.DOTALL)
 
 
-@pytest.mark.parametrize("number", range(len(readme_blocks("python"))))
-def test_python_of_the_readme_runs(number: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The blocks read top to bottom, so each runs after those before it."""
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "rig.csv").write_bytes(Path(RIG).read_bytes())
-    names: dict[str, object] = {"__name__": "readme"}
-    for block in readme_blocks("python")[: number + 1]:
-        exec(compile(block, "README.md", "exec"), names)
-
-
 def test_accuracy_in_the_readme_is_what_the_demo_prints(run: Run, tmp_path: Path) -> None:
     (shown,) = [block for block in readme_blocks("text") if "against the rig's truth" in block]
     printed = run("demo", "--out", tmp_path)[1]
