@@ -45,7 +45,7 @@ class Motion:
         model: the rotor.
         theta: parameter vectors, shape ``(L, P)``.
         speed: rotative speed, rad/s, shape ``(L,)``.
-        imposed: coordinate whose displacement is given, so that its force is what is asked for.
+        imposed: coordinate whose acceleration is given, in the place of the force on it.
 
     Raises:
         ValueError: a model whose highest derivatives do not determine its motion, or a known structure.
@@ -67,7 +67,7 @@ class Motion:
                 f"{self.model.name} is known at its planes as condensed from many fast modes, which is no equation "
                 f"of motion in time; integrate a lumped model, such as WhirlWhip"
             )
-        mass = self.centred[:, 2][:, self._free[:, None], self._free]
+        mass = self.mass[:, self._free[:, None], self._free]
         if mass.size and not (np.linalg.cond(mass) < 1e12).all():
             raise ValueError(f"{self.model.name}: a coordinate has no mass, so that its motion is undetermined in time")
 
@@ -75,6 +75,11 @@ class Motion:
     def centred(self) -> ComplexArray:
         """Coefficient matrices of the centred rotor, shape ``(L, 3, n, n)``."""
         return self.model.coefficients(self.theta, self.speed)
+
+    @property
+    def mass(self) -> ComplexArray:
+        """Mass matrices of the centred rotor, shape ``(L, n, n)``."""
+        return self.centred[:, 2]
 
     @cached_property
     def _passive(self) -> ComplexArray:
@@ -88,7 +93,7 @@ class Motion:
 
     @cached_property
     def _inverse_mass(self) -> ComplexArray:
-        mass = self.centred[:, 2][:, self._free[:, None], self._free]
+        mass = self.mass[:, self._free[:, None], self._free]
         return np.asarray(np.linalg.inv(mass), dtype=complex)
 
     @cached_property
@@ -112,17 +117,29 @@ class Motion:
         return force, change[2]
 
     def acceleration(self, z: ComplexArray, v: ComplexArray, force: ComplexArray) -> ComplexArray:
-        """Acceleration of all coordinates, zero of an imposed one, shape ``(L, n)``."""
+        """Acceleration of all coordinates, that of an imposed one being its entry in ``force``, shape ``(L, n)``."""
         internal, inertia = self.internal(z, v)
-        free = self._free
+        free, given = self._free, self.imposed
+        drive = force - internal
         a = np.zeros_like(z)
-        a[:, free] = (self._inverse_mass @ (force - internal)[:, free, None])[:, :, 0]
+        if given is not None:
+            a[:, given] = force[:, given]
+            drive = drive - self.mass[:, :, given] * a[:, [given]]
+        a[:, free] = (self._inverse_mass @ drive[:, free, None])[:, :, 0]
         if self._journal is not None and self._journal.at in free and inertia.any():
             # Only the entry (b, b) of the mass matrix changes: a rank-one change of its inverse.
             at, place = self._journal.at, int(np.flatnonzero(free == self._journal.at)[0])
             gain = inertia * a[:, at] / (1.0 + inertia * self._inverse_mass[:, place, place])
             a[:, free] -= self._inverse_mass[:, :, place] * gain[:, None]
         return a
+
+    def force(self, z: ComplexArray, v: ComplexArray, a: ComplexArray) -> ComplexArray:
+        """Force that a motion needs at an instant, shape ``(L, n)``."""
+        internal, inertia = self.internal(z, v)
+        total = internal + (self.mass @ a[:, :, None])[:, :, 0]
+        if self._journal is not None:
+            total[:, self._journal.at] += inertia * a[:, self._journal.at]
+        return np.asarray(total)
 
     def select(self, lines: NDArray[np.intp]) -> Motion:
         """Some of the rotors."""
@@ -172,7 +189,10 @@ def integrate(
     atol = np.concatenate([np.repeat(small, n), np.repeat(small * fast, n)])
     begin = np.concatenate([z.ravel(), v.ravel()]).astype(complex)
     with np.errstate(all="ignore"):  # a trial step beyond the clearance gives NaN and is cut
-        result = solve_ivp(slope, span, begin, method="DOP853", t_eval=times, rtol=max(strict, 1e-13), atol=atol)
+        result = solve_ivp(
+            slope, span, begin, method="DOP853", t_eval=times, rtol=max(strict, 1e-13), atol=atol,
+            max_step=0.25 * np.pi / fast.max(),  # least squares need some instants in each period
+        )  # fmt: skip
     states = result.y.T.reshape(-1, 2, count, n)
     path = Path(result.t, states[:, 0], states[:, 1])
     if not result.success or not np.isfinite(states).all():

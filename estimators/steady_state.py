@@ -107,7 +107,8 @@ def _settle(
 ) -> Steady:  # fmt: skip
     result = {name: np.zeros_like(force) for name in Steady._fields}
     window = max(2 * np.pi / np.abs(w).min(), _DECAYS / decay.min())
-    size, rate = _typical(motion, w, force, load), np.abs(w) + decay
+    size = _typical(motion, w, force, load) if motion.imposed is None else np.abs(z).max(axis=1)
+    rate = np.abs(w) + decay
     left = np.arange(w.size)
     before = np.full(force.shape, np.inf, dtype=complex)
     time = 0.0

@@ -37,6 +37,7 @@ if TYPE_CHECKING:  # `as` tells type checkers that these names are for users
     from rotorfit.results import Quantity as Quantity
     from rotorfit.serialise import load_fit as load_fit
     from rotorfit.serialise import save_fit as save_fit
+    from rotorfit.simulation import simulate as simulate
     from rotorfit.stiffness import dynamic_stiffness as dynamic_stiffness
     from rotorfit.synchronous import difference_synchronous as difference_synchronous
 
@@ -70,6 +71,7 @@ _HOME = {
     "save_fit": "rotorfit.serialise",
     "dynamic_stiffness": "rotorfit.stiffness",
     "difference_synchronous": "rotorfit.synchronous",
+    "simulate": "rotorfit.simulation",
     "datasets": "",
     "models": "",
 }

@@ -1,0 +1,210 @@
+"""The virtual rig: what it measures against the phasor equations, and fits that give its parameters back."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from nonlinear_rigs import CLEARANCE_UM, JUMPING, ONE_MODE, POWER, WHIRL_WHIP
+from synthetic import TYPICAL
+
+import rotorfit as rf
+from rotorfit.estimators.integration import IntegrationError
+from rotorfit.models.off_centre import off_centre_eigenvalues, static_equilibria
+from rotorfit.observe_all import observe_any
+from rotorfit.ring_down import ring_down_modes
+from rotorfit.simulation import KINDS
+
+RPM = np.pi / 30
+VALUES = ONE_MODE | POWER
+FREQUENCY_RPM = np.concatenate([-np.linspace(300, 2500, 8), np.linspace(300, 2500, 8)])
+
+
+def one_mode() -> rf.models.OneMode:
+    return rf.models.OneMode(law=rf.models.Muszynska(), clearance_um=CLEARANCE_UM)
+
+
+def predicted(model: Any, values: dict[str, float], test: Any) -> tuple[np.ndarray, np.ndarray]:
+    """Readings and what the phasor equations make of the truth."""
+    block = observe_any(model, test, np.zeros(len(test), dtype=np.intp))
+    return block.measured, block.predict(model.vector(values)[None])
+
+
+@pytest.mark.parametrize(
+    ("kind", "options"),
+    [
+        ("perturbation", {"speed_rpm": [0.0, 1000.0], "frequency_rpm": FREQUENCY_RPM[6:10], "force": [1.0, 4.0j]}),
+        ("perturbation", {"speed_rpm": 1000.0, "frequency_rpm": FREQUENCY_RPM[4:12], "unbalance": 3e-4}),
+        ("squeeze-film", {"frequency_rpm": FREQUENCY_RPM[6:10], "force": 2.0}),
+        ("displacement", {"speed_rpm": 1000.0, "frequency_rpm": FREQUENCY_RPM[6:10], "amplitude_um": [50.0, 120.0]}),
+        ("static-load", {"speed_rpm": [500.0, 1000.0], "load": [1.0, 4.0, 8.0]}),
+    ],
+)
+@pytest.mark.parametrize("name", ["one mode", "whirl and whip"])
+def test_noiseless_simulations_are_what_the_phasor_equations_predict(
+    kind: str, options: dict[str, Any], name: str
+) -> None:
+    if name == "one mode":
+        model, values = one_mode(), VALUES
+    else:
+        model = rf.models.WhirlWhip(law=rf.models.Muszynska(), clearance_um=CLEARANCE_UM)
+        values = WHIRL_WHIP | POWER
+    tolerance = 1e-6 if name == "one mode" else 1e-5
+    test = rf.simulate(model, values, kind, noise=1e-12, tolerance=tolerance, **options)
+    measured, expected = predicted(model, values, test)
+    # ten tolerances count as settled; a force follows from displacements by kappa, whose terms cancel in part
+    reach = np.abs(expected).max()
+    assert np.abs(measured - expected).max() < (20 if kind == "displacement" else 10) * tolerance * reach
+
+
+def test_a_small_perturbation_about_a_loaded_position_obeys_the_linearised_equation() -> None:
+    model = one_mode()
+    test = rf.simulate(
+        model,
+        VALUES,
+        speed_rpm=1000.0,
+        frequency_rpm=[-800.0, 500.0],
+        force=0.02,
+        load=-3j,
+        noise=1e-12,
+        tolerance=1e-8,
+    )
+    assert isinstance(test, rf.PerturbationTest)
+    position = test.static_position
+    assert position is not None
+    rest = static_equilibria(model, model.vector(VALUES), 1000 * RPM, [-3j])[0][0]
+    # the orbit is about 1 um; its square over the clearance moves the mean
+    np.testing.assert_allclose(position, rest, atol=(1e-6) ** 2 / (CLEARANCE_UM * 1e-6))
+    measured, expected = predicted(model, VALUES, test)
+    np.testing.assert_allclose(measured, expected, atol=1e-4 * np.abs(expected).max())
+
+
+def test_the_same_data_by_integration_and_by_phasors_give_the_same_fit() -> None:
+    model = one_mode()
+    options: dict[str, Any] = {"speed_rpm": 1000.0, "frequency_rpm": FREQUENCY_RPM, "force": [0.5, 1.5, 3.0, 4.5]}
+    test = rf.simulate(model, VALUES, noise=0.01, seed=1, tolerance=1e-7, **options)
+    again = rf.simulate(model, VALUES, noise=0.01, seed=1, tolerance=1e-5, **options)
+    fits = [rf.fit(model, one, known={"Ds": VALUES["Ds"]}) for one in (test, again)]
+    for name, parameter in fits[0].params.items():
+        if parameter.vary:
+            assert abs(parameter.value - VALUES[name]) < 3.5 * parameter.stderr, name
+            # an error of 1e-4 in readings with 1e-2 of noise moves no estimate by more than 1e-2 of its error's size
+            assert abs(parameter.value - fits[1].params[name].value) < 0.02 * parameter.stderr, name
+    assert 0.7 < fits[0].redchi < 1.3
+
+
+def test_ring_down_records_show_the_eigenvalues_of_the_linearised_rotor() -> None:
+    values = JUMPING | POWER
+    model = one_mode()
+    test = rf.simulate(
+        model, values, "impulse", speed_rpm=600.0, load=[0.0, 1.0], impulse=2e-4, noise=1e-6, tolerance=1e-8
+    )
+    modes = ring_down_modes(test)
+    seat = model.vector(values)
+    for found, load in zip(modes.eigenvalue, (0.0, -1j), strict=True):
+        z = static_equilibria(model, seat, 600 * RPM, [load])[0]
+        exact = off_centre_eigenvalues(model, seat, 600 * RPM, float(abs(z[0])) / (CLEARANCE_UM * 1e-6))
+        # the vibration, 1e-4 m/s over 100 rad/s, is 1 % of the clearance: its square changes the frequency
+        assert np.abs(exact - found).min() < 1e-3 * abs(found)
+
+
+def test_slow_sweeps_up_and_down_jump_at_different_frequencies() -> None:
+    model, values = one_mode(), JUMPING | POWER | {"n_D": 0.5}
+    rpm = np.linspace(1170.0, 1370.0, 5)
+    sweeps = {
+        order: rf.simulate(
+            model, values, speed_rpm=480.0, frequency_rpm=rpm, force=1.0, order=order, noise=0.0, tolerance=1e-5
+        )
+        for order in ("up", "down")
+    }
+    size = {order: np.abs(test.response[test.direction == "x"]) for order, test in sweeps.items()}
+    np.testing.assert_allclose(size["up"][[0, -1]], size["down"][[0, -1]], rtol=1e-3)
+    assert (size["up"] / size["down"]).max() > 1.5
+
+
+def test_synchronous_start_ups_give_the_two_disk_rotor_back_whatever_its_residual_unbalance() -> None:
+    model, values = rf.models.TwoDisk(), TYPICAL["two-disk"]
+    test = rf.simulate(
+        model, values, "synchronous", speed_rpm=np.linspace(900, 5200, 18), unbalance=2e-4,
+        residual={"inboard": 1e-4j, "outboard": -2e-4}, seed=3, tolerance=1e-5,
+    )  # fmt: skip
+    fit = rf.fit(model, rf.difference_synchronous(test))
+    for name, parameter in fit.params.items():
+        if parameter.vary:
+            assert abs(parameter.value - values[name]) < 3.5 * parameter.stderr, name
+
+
+def test_models_with_x_and_y_apart_and_with_tilts_are_simulated_too() -> None:
+    for name, model in (("anisotropic", rf.models.Anisotropic()), ("overhung", rf.models.Overhung())):
+        rpm = np.array([-2500.0, -900.0, 1200.0, 3000.0])
+        test = rf.simulate(
+            model, TYPICAL[name], speed_rpm=1500.0, frequency_rpm=rpm, force=2.0, noise=1e-12, tolerance=1e-7
+        )
+        measured, expected = predicted(model, TYPICAL[name], test)
+        np.testing.assert_allclose(measured, expected, atol=1e-6 * np.abs(expected).max())
+
+
+def test_noise_has_the_size_asked_for_and_the_seed_decides_it() -> None:
+    model = rf.models.OneMode()
+    options: dict[str, Any] = {"speed_rpm": 1000.0, "frequency_rpm": np.linspace(50, 3000, 300), "force": 2.0}
+    exact, one, two, same = (
+        rf.simulate(model, ONE_MODE, noise=noise, seed=seed, tolerance=1e-4, **options)
+        for noise, seed in ((0.0, 0), (0.05, 1), (0.05, 2), (0.05, 1))
+    )
+    np.testing.assert_array_equal(one.response, same.response)
+    assert np.isnan(exact.sigma).all()
+    for noisy in (one, two):
+        error = (noisy.response - exact.response) / noisy.sigma
+        scatter = np.concatenate([error.real, error.imag])
+        # 1200 numbers: their variance is 1 within 4 standard deviations sqrt(2 / 1200)
+        assert abs(scatter.var() - 1) < 4 * np.sqrt(2 / scatter.size)
+        x = noisy.direction == "x"
+        rms = np.sqrt(np.mean(np.abs(exact.response[x]) ** 2))
+        np.testing.assert_allclose(noisy.sigma[x], 0.05 * rms, rtol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("change", "error", "says"),
+    [
+        ({"speed_rpm": 3000.0}, ValueError, r"unstable at 3000 rpm .* stable below 2[0-9]+ rpm"),
+        ({"kind": "perturbations"}, ValueError, "perturbation"),
+        ({"force": None}, ValueError, "either force, in N, or unbalance"),
+        ({"force": 0.0}, ValueError, "not zero"),
+        ({"frequency_rpm": [0.0]}, ValueError, "not zero"),
+        ({"frequncy_rpm": 3.0}, TypeError, "does not know frequncy_rpm; its options are speed_rpm, frequency_rpm"),
+        ({"planes": "disk"}, ValueError, "disk unknown; one-mode has journal"),
+        ({"order": "sideways"}, ValueError, "rest, up or down"),
+        ({"noise": -1.0}, ValueError, "noise must be zero or positive"),
+        ({"force": 200.0}, IntegrationError, "touches the wall"),
+        ({"load": -500j}, ValueError, "against the wall"),
+    ],
+)
+def test_what_cannot_be_simulated_is_refused_in_words(
+    change: dict[str, Any], error: type[Exception], says: str
+) -> None:
+    law = rf.models.EvenPolynomial(1)  # its wall does not stiffen, so that it can be touched
+    model = rf.models.OneMode(law=law, clearance_um=CLEARANCE_UM)
+    values = ONE_MODE | {"K0_2": 1e4, "D_2": 100.0, "lam_2": -0.3}
+    options: dict[str, Any] = {"speed_rpm": 1000.0, "frequency_rpm": [500.0], "force": 1.0} | change
+    with pytest.raises(error, match=says):
+        rf.simulate(model, values, **options)
+
+
+@pytest.mark.parametrize("kind", sorted(KINDS))
+def test_missing_options_are_named(kind: str) -> None:
+    with pytest.raises(TypeError, match=r"needs .*; its options are"):
+        rf.simulate(one_mode(), VALUES, kind)
+
+
+def test_equations_that_no_integrator_can_follow_are_refused() -> None:
+    options: dict[str, Any] = {"speed_rpm": 100.0, "frequency_rpm": [500.0], "force": 1.0}
+    with pytest.raises(ValueError, match="has no mass"):
+        rf.simulate(rf.models.OneMode(), ONE_MODE | {"M": 0.0, "Mf": 0.0}, **options)
+    shaft = rf.models.KnownStructure(
+        np.eye(2), None, None, np.eye(2) * 1e5, planes={"journal": 0}, fluid="journal", dofs=("z",)
+    )
+    with pytest.raises(ValueError, match="integrate a lumped model"):
+        rf.simulate(shaft, {"K0": 1e4, "D": 400.0, "lam": 0.4, "Mf": 0.1}, **options)
+    with pytest.raises(ValueError, match="keeps x and y apart"):
+        rf.simulate(rf.models.Anisotropic(), TYPICAL["anisotropic"], "static-load", speed_rpm=100.0, load=1.0)
