@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rotorfit.estimators.kernels import Batch
-from rotorfit.estimators.least_squares import minimise
+from rotorfit.estimators.least_squares import Options, minimise
 from rotorfit.estimators.problem import Prior, Problem
 
 Float = NDArray[np.float64]
@@ -29,6 +29,7 @@ TOLERANCE = 1e-8
 _ROUND_OFF = 1e-5  # remaining step at which failure to shrink further is round-off
 _SLOW = 0.3  # shrinkage of the remaining step above which a member gets a matrix of its own
 _ITERATIONS = 60
+_DEFAULTS = Options()
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,7 +103,12 @@ class _State:
 
 
 def batch_fit(
-    problem: Problem, measured: ComplexArray, start: ArrayLike, *, accelerate: bool | None = None
+    problem: Problem,
+    measured: ComplexArray,
+    start: ArrayLike,
+    *,
+    accelerate: bool | None = None,
+    options: Options = _DEFAULTS,
 ) -> BatchFit:
     """Fit many sets of readings of one problem.
 
@@ -111,6 +117,7 @@ def batch_fit(
         measured: complex readings, shape ``(B, R)``, in the order of the problem's blocks.
         start: start vectors, shape ``(p,)`` or ``(B, p)``.
         accelerate: as for :class:`~rotorfit.estimators.kernels.Batch`.
+        options: of Ipopt, for the members that are handed to it.
 
     Raises:
         ValueError: shapes that do not fit.
@@ -137,7 +144,7 @@ def batch_fit(
     for b in alone:
         own = with_measured(problem, measured[b])
         begin = state.x[b] if np.isfinite(state.cost[b]) else x[b]
-        found = minimise(own, begin, lower=problem.space.lower, upper=problem.space.upper)
+        found = minimise(own, begin, lower=problem.space.lower, upper=problem.space.upper, options=options)
         state.x[b], state.cost[b], converged[b] = found.x, found.cost, found.success
     return BatchFit(state.x, state.cost, converged, np.isin(np.arange(x.shape[0]), alone))
 

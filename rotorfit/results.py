@@ -21,6 +21,7 @@ from rotorfit.models.stability import eigenvalue_gradient
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from rotorfit.bootstrapping import Bootstrap
     from rotorfit.posterior import Posterior
     from rotorfit.profiles import Profile
 
@@ -97,7 +98,11 @@ class ResponseQuality:
 
 @dataclass(frozen=True)
 class FitSettings:
-    """What the user asked for; see :func:`rotorfit.fit`."""
+    """What the user asked for; see :func:`rotorfit.fit`.
+
+    ``levels`` are factors on the noise by response, which :func:`rotorfit.refine` reads off the residuals once the
+    structure explains the data.
+    """
 
     known: Mapping[str, float | None] = field(default_factory=dict)
     bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)
@@ -105,6 +110,7 @@ class FitSettings:
     per: Mapping[str, str] = field(default_factory=dict)
     loss: Loss = "linear"
     phase_offsets: bool = False
+    levels: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,7 +126,7 @@ class FitResult:
         x: fitted vector (free parameters, then nuisance parameters).
         params: parameters by name, fitted and known.
         covar: covariance of the fitted vector, widened like ``stderr``, unresolved directions left out.
-        chisqr, redchi: sum of squared whitened residuals, and that over the degrees of freedom.
+        chisqr, redchi: sum of squared residuals over the noise of the data, and that over the degrees of freedom.
         ndata, nvarys, nfree: real data, fitted values, degrees of freedom.
         aic, bic: with the noise as estimated from the data.
         success, message, nfev: how the optimisation ended.
@@ -160,8 +166,11 @@ class FitResult:
 
     @property
     def widening(self) -> float:
-        """Factor on the variances of the noise: redchi where the model, not the noise, limits the fit, else one."""
-        return max(1.0, self.redchi) if self.problem.loss == "linear" else 1.0
+        """Factor on the variances of the noise: redchi where the model, not the noise, limits the fit, else one.
+
+        One, too, where each response has the noise level of its residuals.
+        """
+        return max(1.0, self.redchi) if self.problem.loss == "linear" and not self.settings.levels else 1.0
 
     @property
     def band(self) -> float:
@@ -262,6 +271,12 @@ class FitResult:
         from rotorfit.profiles import profile
 
         return profile(self, name, level=level, points=points, at=at)
+
+    def bootstrap(self, *, n: int = 500, seed: int = 0, accelerate: bool | None = None) -> Bootstrap:
+        """Fits of data simulated from this one and their spread; see rotorfit.bootstrapping.bootstrap."""
+        from rotorfit.bootstrapping import bootstrap
+
+        return bootstrap(self, n=n, seed=seed, accelerate=accelerate)
 
     # ---- files, imported when asked for ------------------------------------------------------------------------------
 

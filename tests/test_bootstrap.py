@@ -1,0 +1,122 @@
+"""Parametric bootstrap: against Laplace where the noise is small, one by one fits, and by coverage."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy import stats
+from synthetic import TYPICAL, circular_test
+
+import rotorfit as rf
+from rotorfit.bootstrapping import _simulate
+from rotorfit.estimators.batch import with_measured
+from rotorfit.fitting import solve_again
+from rotorfit.models import OneMode, WhirlWhip
+
+RIG = TYPICAL["one-mode"]
+W = np.r_[-np.linspace(20, 250, 16)[::-1], np.linspace(20, 250, 16)]
+
+
+def one_mode_fit(noise, known, seed=0, **options):
+    model = OneMode()
+    test = circular_test(
+        model, model.vector(RIG), speeds=(100.0,), frequency=W, noise=noise, seed=seed, sigma_known=True
+    )
+    return rf.fit(model, test, known={name: RIG[name] for name in known}, **options)
+
+
+def assert_covariance_agrees(boot, covar, alpha=1e-3):
+    """Wishart: n times the sample variance over the variance is chi-squared, in every whitened direction."""
+    n = len(boot.samples) - 1
+    white = (boot.samples - boot.samples.mean(axis=0)) @ np.linalg.inv(np.linalg.cholesky(covar)).T
+    ratio = np.cov(white, rowvar=False)
+    p = len(covar)
+    low, high = stats.chi2.ppf([alpha / p / 2, 1 - alpha / p / 2], n) / n
+    assert (np.diag(ratio) > low).all()
+    assert (np.diag(ratio) < high).all()
+    off = np.abs(ratio[np.triu_indices(p, 1)])
+    assert off.max() < stats.norm.ppf(1 - alpha / off.size / 2) / np.sqrt(n)
+
+
+def test_small_noise_gives_the_laplace_covariance():
+    fit = rf.fit(WhirlWhip(), rf.datasets.rig_open(), known={"K3": 6000.0})
+    boot = fit.bootstrap(n=1000, seed=3)
+    assert boot.failures == 0
+    assert fit.widening > 9  # the model limits this fit: noise and covariance are widened alike
+    assert_covariance_agrees(boot, fit.covar)
+    onset, laplace = boot.threshold_speed(), fit.threshold_speed()
+    low, high = stats.chi2.ppf([5e-4, 1 - 5e-4], 999) / 999
+    assert low < (onset.stderr / laplace.stderr) ** 2 < high
+    assert boot.interval("lam")[0] < fit.params["lam"].value < boot.interval("lam")[1]
+    assert boot.stderr["lam"] == pytest.approx(boot.parameter("lam").stderr)
+    np.testing.assert_allclose(np.sqrt(np.diag(boot.covar)), list(boot.stderr.values()))
+    assert "lam" in boot.summary()
+    assert "0 fits failed" in str(boot)
+
+
+def test_every_sample_is_the_fit_of_its_data():
+    fit = one_mode_fit(0.1, ("K", "Ds"))
+    boot = fit.bootstrap(n=5, seed=9)
+    measured = _simulate(fit, np.tile(fit.x, (5, 1)), np.random.default_rng(9))
+    for data, x in zip(measured, boot.samples, strict=True):
+        alone = solve_again(fit, with_measured(fit.problem, data))
+        np.testing.assert_allclose(x, alone.x, rtol=1e-6)
+    np.testing.assert_array_equal(boot.samples, fit.bootstrap(n=5, seed=9).samples)
+
+
+def test_coverage():
+    """95 % intervals of 200 noisy data sets cover 95 %, within binomial error."""
+    base = one_mode_fit(0.1, ("K", "Ds", "M", "Mf"))
+    truth = np.array([RIG[name] for name in base.var_names])
+    block = base.problem.blocks[0]
+    exact = base.problem.predict(truth)[0]
+    rng = np.random.default_rng(5)
+    hits, draws = dict.fromkeys(("D", "lam", "K0"), 0), 200
+    for draw in range(draws):
+        error = rng.normal(size=exact.size) + 1j * rng.normal(size=exact.size)
+        fit = solve_again(base, with_measured(base.problem, exact + block.sigma * error))
+        boot = fit.bootstrap(n=200, seed=draw)
+        for name in hits:
+            low, high = boot.interval(name)
+            hits[name] += low <= RIG[name] <= high
+    for name, count in hits.items():
+        assert stats.binomtest(count, draws, 0.95).pvalue > 0.01 / 3, (name, count)
+
+
+def test_a_skewed_estimate_has_a_skewed_interval():
+    fit = one_mode_fit(0.3, ("K", "Ds", "M", "Mf", "K0"), seed=2)
+    boot = fit.bootstrap(n=1000)
+    low, high = boot.interval("D", 0.9)
+    assert (high - fit.params["D"].value) > 1.1 * (fit.params["D"].value - low)
+
+
+def test_what_the_data_do_not_determine_has_no_interval():
+    model = WhirlWhip()
+    test = circular_test(
+        model,
+        model.vector(TYPICAL["whirl-whip"]),
+        speeds=(100.0, 200.0),
+        frequency=np.r_[-np.linspace(20, 400, 30)[::-1], np.linspace(20, 400, 30)],
+        noise=0.01,
+        seed=2,
+        force_planes=("journal",),
+        sigma_known=True,
+    )
+    fit = rf.fit(model, test, known={"K3": 6000.0})
+    boot = fit.bootstrap(n=20)
+    assert boot.stderr["sigma"] == np.inf
+    assert boot.interval("sigma") == (-np.inf, np.inf)
+    with pytest.raises(ValueError, match="sigma is not determined"):
+        boot.parameter("sigma")
+    assert "not determined" in boot.summary()
+    assert boot.stderr["D"] == pytest.approx(fit.params["D"].stderr, rel=0.6)
+
+
+def test_what_cannot_be_bootstrapped_is_refused():
+    fit = one_mode_fit(0.01, ("K", "Ds"))
+    with pytest.raises(ValueError, match="n is 1"):
+        fit.bootstrap(n=1)
+    with pytest.raises(KeyError, match="lamda"):
+        fit.bootstrap(n=4).interval("lamda")
+    with pytest.raises(ValueError, match="closed form"):
+        rf.closed_form(fit.model, fit.experiments, known=fit.settings.known).bootstrap()
