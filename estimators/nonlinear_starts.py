@@ -13,6 +13,7 @@ from rotorfit.estimators.least_squares import Solution
 from rotorfit.estimators.nonlinear import OrbitResponses
 from rotorfit.estimators.observations import Block, Responses
 from rotorfit.estimators.problem import ParameterSpace, Problem
+from rotorfit.estimators.small_motion import FreeVibrations
 from rotorfit.models import Constant, Law
 
 Float = NDArray[np.float64]
@@ -31,6 +32,16 @@ def is_plain_linear(problem: Problem) -> bool:
 def frozen(problem: Problem) -> Problem:
     """The problem with the measured eccentricities taken as given: explicit, without branches and jumps."""
     return replace(problem, blocks=tuple(b.frozen() if isinstance(b, OrbitResponses) else b for b in problem.blocks))
+
+
+def explicit_with_sense(problem: Problem) -> Problem:
+    """The problem with velocity ratios kept positive where only free vibrations were seen: these tell no sense."""
+    if not all(isinstance(block, FreeVibrations) for block in problem.blocks):
+        return problem
+    space = problem.space
+    ratio = np.isin([*space.base, *space.nuisance], ("lam", "lam_D", "lam_M"))
+    forward = ratio & (space.upper > 0)
+    return replace(problem, space=replace(space, lower=np.where(forward, np.maximum(space.lower, 0.0), space.lower)))
 
 
 def linear_starts(problem: Problem, passes: tuple[int, ...]) -> list[Float]:

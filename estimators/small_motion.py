@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -72,6 +73,10 @@ class OffCentreResponses:
         vertical = self.vertical.reshape(-1, *[1] * (A.ndim - 1))
         return np.asarray(np.where(vertical, -1j * (A - B), A + B))
 
+    def with_noise(self, factor: Float) -> Self:
+        """See :meth:`~rotorfit.estimators.observations.Block.with_noise`."""
+        return replace(self, sigma=self.sigma * factor)
+
     def predict(self, theta: Float) -> ComplexArray:
         """See :meth:`~rotorfit.estimators.observations.Block.predict`."""
         return self._read(self._solve(theta)[1])
@@ -133,18 +138,26 @@ class FreeVibrations:
     labels: tuple[str, ...]
     run: NDArray[np.str_]
 
+    def with_noise(self, factor: Float) -> Self:
+        """See :meth:`~rotorfit.estimators.observations.Block.with_noise`."""
+        return replace(self, sigma=self.sigma * factor)
+
     def predict(self, theta: Float) -> ComplexArray:
         """See :meth:`~rotorfit.estimators.observations.Block.predict`."""
-        lines = zip(self.reading_group.tolist(), self.speed.tolist(), self.eccentricity.tolist(), strict=True)
-        found = [off_centre_eigenvalues(self.model, theta[g], speed, eps) for g, speed, eps in lines]
-        pairs = zip(found, self.measured.tolist(), strict=True)
-        return np.array([s[np.argmin(np.abs(s - wanted))] for s, wanted in pairs])
+        found = self._spectra(theta)
+        distance = np.abs(found - self.measured[:, None])
+        nearest = np.nanargmin(distance, axis=1)
+        return np.asarray(found[np.arange(nearest.size), nearest])
+
+    def _spectra(self, theta: Float) -> ComplexArray:
+        """Eigenvalues of every line along axis 1."""
+        vectors = theta[self.reading_group]
+        if self.model.shaft is None:
+            return off_centre_eigenvalues(self.model, vectors, self.speed, self.eccentricity)
+        lines = zip(vectors, self.speed.tolist(), self.eccentricity.tolist(), strict=True)
+        return np.array([off_centre_eigenvalues(self.model, *line) for line in lines])
 
     def predict_jacobian(self, theta: Float) -> tuple[ComplexArray, ComplexArray]:
         """See :meth:`~rotorfit.estimators.observations.Block.predict_jacobian`."""
         s = self.predict(theta)
-        lines = zip(
-            self.reading_group.tolist(), self.speed.tolist(), self.eccentricity.tolist(), s.tolist(), strict=True
-        )
-        slopes = [off_centre_gradient(self.model, theta[g], speed, eps, value) for g, speed, eps, value in lines]
-        return s, np.array(slopes)
+        return s, off_centre_gradient(self.model, theta[self.reading_group], self.speed, self.eccentricity, s)

@@ -3,15 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
+from numbers import Real
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rotorfit.estimators.closed_form import ClosedFormError, closed_form, closed_forms
 from rotorfit.estimators.least_squares import Options, Solution, minimise
-from rotorfit.estimators.nonlinear_starts import best_start, frozen, is_plain_linear, linear_starts
-from rotorfit.estimators.observations import Block, Responses
+from rotorfit.estimators.nonlinear_starts import (
+    ShortFit,
+    best_start,
+    explicit_with_sense,
+    frozen,
+    is_plain_linear,
+    linear_starts,
+)
+from rotorfit.estimators.observations import Block
 from rotorfit.estimators.problem import LOSS_SCALE, ParameterSpace, Problem
 from rotorfit.models.parameters import unknown_name
 
@@ -20,6 +27,7 @@ Float = NDArray[np.float64]
 _PASSES = (2, 4, 6, 8, 12, 16, 24, 32, 64)  # passes after which closed forms are looked at; good data settle in four
 _ROBUST_ROUNDS = 8
 _MULTISTARTS = 24
+_EXPLICIT_MISFIT = 4.0  # mean squared misfit that noise in measured eccentricities may leave
 _SHORT = Options(max_iterations=40)
 
 
@@ -32,11 +40,13 @@ def start_vector(problem: Problem, given: Mapping[str, float]) -> tuple[Float, t
 
     Raises:
         KeyError: a name that is not fitted.
+        ValueError: a value outside the bounds.
     """
     space = problem.space
     for name in given:
         if name not in space.names and name not in space.base:
             raise KeyError(unknown_name("fitted parameter", name, space.names))
+    _check_given(space, given)
     values = np.array(
         [given.get(n, given.get(b, np.nan)) for n, b in zip(space.names, space.base, strict=True)], dtype=float
     )
@@ -45,6 +55,14 @@ def start_vector(problem: Problem, given: Mapping[str, float]) -> tuple[Float, t
         guess, notes = _guess(problem)
         values = np.where(np.isnan(values), guess, values)
     return _full(problem, values), notes
+
+
+def _check_given(space: ParameterSpace, given: Mapping[str, float]) -> None:
+    limits = zip(space.lower.tolist(), space.upper.tolist(), strict=True)
+    for name, base, (low, high) in zip(space.names, space.base, limits, strict=False):  # nuisance entries follow
+        value = given.get(name, given.get(base))
+        if value is not None and not (isinstance(value, Real) and low <= float(value) <= high and np.isfinite(value)):
+            raise ValueError(f"start {name} = {value!r} is not a finite number within its bounds [{low:g}, {high:g}]")
 
 
 def _guess(problem: Problem) -> tuple[Float, tuple[str, ...]]:
@@ -80,10 +98,10 @@ def _nonlinear_guess(problem: Problem) -> tuple[Float, tuple[str, ...]]:
         found = _short_fit(problem, _inside_full(problem, best_start(explicit, starts, _quick_fit)))
         if _explains(problem, found.x[:size]):
             return found.x[:size], ("started from the closed form at small eccentricity",)
-    random = _multistart(explicit)
+    random = _full(problem, _multistart(explicit_with_sense(explicit), _quick_fit, _EXPLICIT_MISFIT))
     if found is not None and found.cost <= _cost(problem, random):
         return found.x[:size], ("started from the closed form at small eccentricity",)
-    return random, (f"no closed form explains these data; the best of {_MULTISTARTS} random starts was taken",)
+    return random[:size], (f"no closed form explains these data; the best of {_MULTISTARTS} random starts was taken",)
 
 
 def _inside_full(problem: Problem, x: Float) -> Float:
@@ -108,10 +126,7 @@ def _discount_outliers(problem: Problem) -> tuple[Block, ...]:
         scale = max(1.0, float(np.median(size)) / np.sqrt(2 * np.log(2)))
         widening = np.maximum(1.0, size / (LOSS_SCALE * scale)) ** 2
         parts = np.split(widening, np.cumsum([block.measured.size for block in problem.blocks])[:-1])
-        blocks = tuple(
-            replace(block, sigma=block.sigma * part) if isinstance(block, Responses) else block
-            for block, part in zip(problem.blocks, parts, strict=True)
-        )
+        blocks = tuple(block.with_noise(part) for block, part in zip(problem.blocks, parts, strict=True))
     return blocks
 
 
@@ -134,16 +149,22 @@ def _inside(values: Float, space: ParameterSpace) -> Float:
     return np.asarray(np.clip(values, lower + margin, upper - margin))
 
 
-def _multistart(problem: Problem) -> Float:
-    """Best short fit of several starts spread over a decade around typical values, where there is no closed form."""
+def _multistart(problem: Problem, attempt: ShortFit | None = None, enough: float = 0.0) -> Float:
+    """Best short fit of several starts spread over a decade around typical values, where there is no closed form.
+
+    The first with less than ``enough`` squared misfit for each datum will do.
+    """
+    attempt = attempt or _short_fit
     space = problem.space
     rng = np.random.default_rng(0)
     scale = np.array([space.model.parameter(name).scale for name in space.base])
     best: Solution | None = None
     for _ in range(_MULTISTARTS):
-        found = _short_fit(problem, _full(problem, scale * np.exp(rng.normal(0.0, 0.8, scale.size))))
+        found = attempt(problem, _full(problem, scale * np.exp(rng.normal(0.0, 0.8, scale.size))))
         if best is None or found.cost < best.cost:
             best = found
+        if 2 * best.cost < enough * problem.n_data:
+            break
     return np.asarray(best.x[: len(space.names)]) if best is not None else scale
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rotorfit.models.journal import journal
-from rotorfit.models.model import RotorModel
+from rotorfit.models.model import CoefficientJacobian, RotorModel
 from rotorfit.models.orbits import OrbitEquation, all_roots
 from rotorfit.models.stability import companion
 
@@ -124,74 +124,105 @@ def _seats(model: RotorModel) -> Index:
     return np.arange(len(model.coordinates)) if model.shaft is None else model.shaft.at
 
 
-def free_motion(model: RotorModel, theta: ArrayLike, speed: float, eccentricity: float) -> ComplexArray:
-    """Coefficient matrices of small free motion, acting on (z, conj(z)), shape ``(order + 1, 2N, 2N)``.
+def free_motion(model: RotorModel, theta: ArrayLike, speed: ArrayLike, eccentricity: ArrayLike) -> ComplexArray:
+    """Coefficient matrices of small free motion, acting on (z, conj(z)), shape ``(..., order + 1, 2N, 2N)``.
 
     N counts the coordinates of :meth:`RotorModel.motion`. The direction of the equilibrium does not matter here.
+
+    Args:
+        model: the rotor.
+        theta: parameter vectors, shape ``(..., P)``.
+        speed: rotative speed, rad/s, shape ``(...)``.
+        eccentricity: static eccentricity of the journal, shape ``(...)``.
     """
     C = np.array(model.motion(theta, speed))
     seats = _seats(model)
     size = C.shape[-1]
     if model.eccentricity_dependent:
-        C[:, seats[:, None], seats] += model.coefficients(theta, speed, eccentricity) - model.coefficients(theta, speed)
-    total = np.zeros((C.shape[0], 2 * size, 2 * size), dtype=complex)
-    total[:, :size, :size], total[:, size:, size:] = C, C.conj()
+        change = model.coefficients(theta, speed, eccentricity) - model.coefficients(theta, speed)
+        C[..., seats[:, None], seats] += change
+    total = np.zeros((*C.shape[:-2], 2 * size, 2 * size), dtype=complex)
+    total[..., :size, :size], total[..., size:, size:] = C, C.conj()
     if model.eccentricity_dependent:
         seat = journal(model)
+        at = int(seats[seat.at])
         N = seat.coupling(theta, speed, eccentricity)
-        _couple(total[:1], np.atleast_1d(N), np.zeros(1), int(seats[seat.at]))
+        for row, column, entry in ((0, 0, N), (0, size, N), (size, 0, N.conj()), (size, size, N.conj())):
+            total[..., 0, at + row, at + column] += entry
     return total
 
 
-def off_centre_eigenvalues(model: RotorModel, theta: ArrayLike, speed: float, eccentricity: float) -> ComplexArray:
-    """Eigenvalues s of small free motion about an equilibrium, conjugate pairs, sorted by imaginary part.
+def off_centre_eigenvalues(
+    model: RotorModel, theta: ArrayLike, speed: ArrayLike, eccentricity: ArrayLike
+) -> ComplexArray:
+    """Eigenvalues s of small free motion about equilibria, conjugate pairs, sorted by imaginary part.
 
     At the centre they are those of :func:`~rotorfit.models.eigenvalues` and their conjugates.
 
     Args:
         model: the rotor.
-        theta: parameter vector, shape ``(P,)``.
-        speed: rotative speed, rad/s.
-        eccentricity: static eccentricity of the journal.
+        theta: parameter vectors, shape ``(..., P)``.
+        speed: rotative speed, rad/s, shape ``(...)``.
+        eccentricity: static eccentricity of the journal, shape ``(...)``.
+
+    Returns:
+        shape ``(..., order 2N)``; infinite ones (massless coordinates) are left out for one rotor, NaN and last for
+        several.
     """
     C = free_motion(model, theta, speed, eccentricity)
     if model.shaft is not None and model.shaft.has_mass:
-        matrix, scale = companion(C[::-1])
+        matrix, scale = companion(C[..., ::-1, :, :])
         s = np.linalg.eigvals(matrix) / scale
     else:
         matrix, scale = companion(C)
         mu = np.linalg.eigvals(matrix)
-        s = scale / mu[np.abs(mu) > 1e-9 * np.abs(mu).max()]
-    return np.asarray(s[np.argsort(s.imag)])
+        finite = np.abs(mu) > 1e-9 * np.abs(mu).max(axis=-1, keepdims=True)
+        s = np.where(finite, scale / np.where(finite, mu, 1.0), complex(np.nan, np.nan))
+        s = s[np.isfinite(s)] if s.ndim == 1 else s
+    return np.asarray(np.take_along_axis(s, np.argsort(s.imag, axis=-1), axis=-1))
 
 
 def off_centre_gradient(
-    model: RotorModel, theta: ArrayLike, speed: float, eccentricity: float, s: complex
+    model: RotorModel, theta: ArrayLike, speed: ArrayLike, eccentricity: ArrayLike, s: ComplexArray | complex
 ) -> ComplexArray:
-    """Derivatives of a simple eigenvalue by the parameters, the eccentricity held, shape ``(P,)``."""
+    """Derivatives of simple eigenvalues by the parameters, the eccentricities held, shape ``(..., P)``.
+
+    Args:
+        model, theta, speed, eccentricity: as for :func:`off_centre_eigenvalues`.
+        s: eigenvalues, shape ``(...)``.
+    """
+    if model.shaft is not None and np.ndim(s):
+        lines = zip(np.asarray(theta), np.asarray(speed), np.asarray(eccentricity), np.asarray(s), strict=True)
+        return np.array([off_centre_gradient(model, *line) for line in lines])
+    s = np.asarray(s, dtype=complex)
     C = free_motion(model, theta, speed, eccentricity)
     size = C.shape[-1] // 2
-    powers = s ** np.arange(C.shape[0])
-    left, _, right = np.linalg.svd(np.einsum("k,kij->ij", powers, C))
-    u, v = left[:, -1].conj(), right[-1].conj()
+    powers = s[..., None] ** np.arange(C.shape[-3])
+    left, _, right = np.linalg.svd(np.einsum("...k,...kij->...ij", powers, C))
+    u, v = left[..., :, -1].conj(), right[..., -1, :].conj()
     seats = _seats(model)
-    total = np.zeros(len(model.parameters) + 2, dtype=complex)
-    parts = [(model.motion_jacobian(theta, speed), np.arange(size), 1.0)]
-    if model.eccentricity_dependent:
-        parts += [
-            (model.functions.jacobian(theta, speed, eccentricity), seats, 1.0),
-            (model.functions.jacobian(theta, speed), seats, -1.0),
-        ]
+    total = np.zeros((len(model.parameters) + 2, *s.shape), dtype=complex)
+    parts: list[tuple[CoefficientJacobian, Index, float]]
+    if model.shaft is None:
+        parts = [(model.functions.jacobian(theta, speed, eccentricity), seats, 1.0)]
+    else:
+        parts = [(model.motion_jacobian(theta, float(np.asarray(speed))), np.arange(size), 1.0)]
+        if model.eccentricity_dependent:
+            parts.append((model.functions.jacobian(theta, speed, eccentricity), seats, 1.0))
+            parts.append((model.functions.jacobian(theta, speed), seats, -1.0))
     for jacobian, place, sign in parts:
         rows, columns = place[jacobian.rows], place[jacobian.columns]
-        entries = u[rows] * v[columns] * jacobian.values
-        entries = entries + u[size + rows] * v[size + columns] * jacobian.values.conj()
-        np.add.at(total, jacobian.inputs, sign * powers[jacobian.powers] * entries)
-    result = total[:-2]
+        entries = u[..., rows] * v[..., columns] * jacobian.values
+        entries = entries + u[..., size + rows] * v[..., size + columns] * jacobian.values.conj()
+        np.add.at(total, jacobian.inputs, np.moveaxis(sign * powers[..., jacobian.powers] * entries, -1, 0))
+    result = np.moveaxis(total[:-2], 0, -1)
     if model.eccentricity_dependent:
         seat = journal(model)
-        at, slope = int(seats[seat.at]), seat.coupling_jacobian(theta, speed, eccentricity)
-        moved = v[at] + v[size + at]
-        result = result + u[at] * moved * slope + u[size + at] * moved * slope.conj()
-    by_s = np.einsum("i,kij,j,k->", u, C[1:], v, np.arange(1, C.shape[0]) * powers[:-1])
-    return np.asarray(-result / by_s)
+        at = int(seats[seat.at])
+        slope = np.moveaxis(seat.coupling_jacobian(theta, speed, eccentricity), 0, -1)
+        moved = v[..., at] + v[..., size + at]
+        result = result + (u[..., at] * moved)[..., None] * slope
+        result = result + (u[..., size + at] * moved)[..., None] * slope.conj()
+    rates = np.arange(1, C.shape[-3]) * powers[..., :-1]
+    by_s = np.einsum("...i,...kij,...j,...k->...", u, C[..., 1:, :, :], v, rates)
+    return np.asarray(-result / by_s[..., None])

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -112,8 +113,14 @@ def as_tuple(experiments: Experiment | Sequence[Experiment]) -> tuple[Experiment
 
     Raises:
         ValueError: none at all.
+        TypeError: something else.
     """
+    if isinstance(experiments, str | Path):
+        raise TypeError(f"a fit needs what rf.read returns, not the name of a file: rf.read({str(experiments)!r})")
     several = tuple(experiments) if isinstance(experiments, Sequence) else (experiments,)
+    for experiment in several:
+        if not isinstance(experiment, Experiment):
+            raise TypeError(f"a fit needs experiments such as rf.read returns, not {type(experiment).__name__}")
     if not several or not all(len(e) for e in several):
         raise ValueError("nothing to fit: give at least one experiment with at least one reading")
     return several
@@ -121,6 +128,8 @@ def as_tuple(experiments: Experiment | Sequence[Experiment]) -> tuple[Experiment
 
 def build_problem(model: RotorModel, experiments: Experiment | Sequence[Experiment], settings: FitSettings) -> Problem:
     """Lay a fit out as an optimisation problem; arguments and errors as for :func:`fit`."""
+    if not isinstance(model, RotorModel):
+        raise TypeError(f"the model must be an instance such as rf.models.WhirlWhip(), not {model!r}")
     several = as_tuple(experiments)
     if settings.loss not in LOSSES:
         raise ValueError(unknown_name("loss", settings.loss, LOSSES))
@@ -138,21 +147,40 @@ def build_problem(model: RotorModel, experiments: Experiment | Sequence[Experime
         model, known=settings.known, bounds=settings.bounds, groups=grouping.suffixes, nuisance=nuisance
     )
     factors = tuple(_phase_factors(block, runs[1:]) if nuisance else None for block in blocks)
-    problem = Problem(space, blocks, settings.loss, _priors(space, settings.priors), factors)
+    problem = with_levels(
+        Problem(space, blocks, settings.loss, _priors(space, settings.priors), factors), settings.levels
+    )
     if space.size > problem.n_data:
         raise ValueError(f"{space.size} unknowns but only {problem.n_data} real data: fix parameters or add readings")
     return problem
 
 
-def solve_again(fit: FitResult, problem: Problem, priors: Mapping[str, Any] | None = None) -> FitResult:
+def with_levels(problem: Problem, levels: Mapping[str, float], power: int = 1) -> Problem:
+    """The problem with the noise of responses multiplied by a power of their levels, those not named by one."""
+    if not levels:
+        return problem
+    blocks = []
+    for block in problem.blocks:
+        factors = np.array([levels.get(name, 1.0) for name in block.labels]) ** power
+        blocks.append(block.with_noise(factors[block.label]))
+    return replace(problem, blocks=tuple(blocks))
+
+
+def solve_again(
+    fit: FitResult,
+    problem: Problem,
+    priors: Mapping[str, Any] | None = None,
+    levels: Mapping[str, float] | None = None,
+) -> FitResult:
     """The result of a fit with its problem changed: more priors, nuisance entries or other readings.
 
     Args:
         fit: the result to start from.
         problem: the changed problem, with the same parameters; nuisance entries that are new start at zero.
         priors: priors by parameter name that replace or join those of the problem.
+        levels: noise levels by response that are in the problem, if others than those of the fit.
     """
-    settings = fit.settings
+    settings = fit.settings if levels is None else replace(fit.settings, levels=levels)
     if priors:
         settings = replace(settings, priors={**settings.priors, **priors})
         new = _priors(problem.space, priors)
@@ -188,12 +216,25 @@ def _priors(space: ParameterSpace, priors: Mapping[str, Any]) -> tuple[Prior, ..
     result = []
     for name, distribution in priors.items():
         if not (hasattr(distribution, "logpdf") and hasattr(distribution, "dist")):
-            raise ValueError(f"prior of {name} must be a frozen scipy.stats distribution, got {distribution!r}")
+            raise ValueError(
+                f"prior of {name} must be a frozen scipy.stats distribution, continuous as norm(1.0, 0.1) is, "
+                f"not {distribution!r}"
+            )
+        if not (np.isfinite(distribution.mean()) and 0 < distribution.std() < np.inf):
+            raise ValueError(f"prior of {name} needs a finite mean and a positive, finite standard deviation")
         entries = [i for i, (n, b) in enumerate(zip(space.names, space.base, strict=True)) if name in (n, b)]
         if not entries:
             if name in space.model.parameter_names:
                 raise ValueError(f"prior of {name}: it is known here, so nothing is fitted; keep one of the two")
             raise KeyError(unknown_name("fitted parameter", name, space.names))
+        support = distribution.support()
+        for i in entries:
+            low, high = float(space.lower[i]), float(space.upper[i])
+            if not max(low, support[0]) < min(high, support[1]):
+                raise ValueError(
+                    f"prior of {name} allows [{support[0]:g}, {support[1]:g}], its bounds [{low:g}, {high:g}]: nothing "
+                    "is left; change either"
+                )
         result += [Prior(i, distribution) for i in entries]
     return tuple(result)
 
@@ -229,8 +270,10 @@ def _result(
     space = problem.space
     x = np.concatenate([x, np.zeros(space.size - x.size)])
     residuals, jacobian = problem.jacobian(x)
-    chisqr, nfree = float(np.sum(np.abs(residuals) ** 2)), problem.n_data - space.size
-    redchi = _reduced(problem, residuals, nfree)
+    given = with_levels(problem, settings.levels, -1)  # goodness of fit refers to the noise of the data
+    whitened = given.residuals(x) if settings.levels else residuals
+    chisqr, nfree = float(np.sum(np.abs(whitened) ** 2)), problem.n_data - space.size
+    redchi = _reduced(problem, whitened, nfree)
     root, sandwich = _information(problem, x, residuals, jacobian)
     scales = _scales(problem, x)
     names = (*space.names, *space.nuisance)
@@ -240,10 +283,10 @@ def _result(
         noise = noise @ sandwich @ noise
     if estimate is not None:
         noise = np.where(np.isfinite(estimate.covar), estimate.covar, np.nan)
-    widening = max(1.0, redchi) if problem.loss == "linear" else 1.0
-    deviance = float(robust_weights(problem.loss, np.abs(residuals) ** 2)[0].sum())
+    widening = max(1.0, redchi) if problem.loss == "linear" and not settings.levels else 1.0
+    deviance = float(robust_weights(problem.loss, np.abs(whitened) ** 2)[0].sum())
     params = _parameters(problem, x, begin, noise, widening, verdict.unresolved)
-    warnings = [*notes, *_warnings(problem, x, redchi, params)]
+    warnings = [*notes, *_warnings(problem, x, redchi, params, bool(settings.levels))]
     # A minimum along a whole line is one: the identifiability verdict names the line.
     success = solution is None or solution.success or solution.status is Status.SINGULAR
     if solution is not None and not success:
@@ -267,7 +310,7 @@ def _result(
         success=success,
         message=solution.message if solution is not None else "closed form, no iteration",
         nfev=solution.n_evaluations if solution is not None else 0,
-        responses=_qualities(problem, x),
+        responses=_qualities(given, x),
         identifiability=verdict,
         warnings=tuple(warnings),
     )
@@ -324,7 +367,8 @@ def _scales(problem: Problem, x: Float) -> Float:
         drive = np.linalg.norm(block.force, axis=1)[block.line]
         ratio = np.abs(block.measured) / drive if block.imposed else drive / np.abs(block.measured)
         levels.append(ratio[np.isfinite(ratio) & (ratio > 0)])
-        top = max(top, float(np.abs(block.frequency).max()))
+        # Constant loads see damping and inertia by the fluid that turns with the shaft.
+        top = max(top, float(np.abs(block.frequency).max()) or float(np.abs(block.speed).max()))
     stiffness = float(np.median(np.concatenate(levels)))
     own = natural_scales(space.model, space.base, x[: len(space.names)], stiffness, max(top, 1e-12))
     return np.concatenate([own, np.ones(len(space.nuisance))])
@@ -370,12 +414,16 @@ def _parameters(
     return dict(sorted(entries.items(), key=lambda item: order.get(item[0].partition("[")[0], last)))
 
 
-def _warnings(problem: Problem, x: Float, redchi: float, params: Mapping[str, FittedParameter]) -> list[str]:
+def _warnings(
+    problem: Problem, x: Float, redchi: float, params: Mapping[str, FittedParameter], levelled: bool
+) -> list[str]:
     found = []
     if redchi > MODEL_LIMITED and problem.loss == "linear":
+        wider = "each response as its residuals ask" if levelled else f"{np.sqrt(redchi):.2g}"
+        advice = "bring the shaft's matrices (KnownStructure)" if levelled else "try rf.refine(fit) (--refine)"
         found.append(
             f"redchi is {redchi:.3g}: the model, not the noise, limits this fit. Standard errors are widened by "
-            f"{np.sqrt(redchi):.2g}, but parameters may be biased beyond them; try rf.refine(fit) (--refine)"
+            f"{wider}, but parameters may be biased beyond them; {advice}"
         )
     found += [f"{p.name} rests on its bound at {p.value:.6g} {p.unit}" for p in params.values() if p.at_bound]
     return found + _instability(problem, x)
@@ -386,8 +434,8 @@ def _instability(problem: Problem, x: Float) -> list[str]:
     model = problem.space.model
     found: list[str] = []
     for block in map(responses_of, problem.blocks):
-        if block is None or block.imposed:
-            continue
+        if block is None or block.imposed or not block.frequency.any():
+            continue  # under a static load the journal may run where centred it could not
         _, group, speed = block.condition
         band = float(np.abs(block.frequency).max()) if model.order > 2 else np.inf
         rates = growth_rate(model, theta[group], speed, band)
