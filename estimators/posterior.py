@@ -25,6 +25,11 @@ RESOLVED = 100.0
 """Length of a chain, in autocorrelation times, from which that time is trusted: twice emcee's rule, so that split
 R-hat, which exceeds one by the autocorrelation time over the length, comes down to 1.01."""
 
+LEARN = 500
+"""Steps after which the independence proposals of a slow chain take their picture from the draws so far, and again
+whenever the chain has doubled; what was drawn until then is burn-in, so that the proposals of the draws kept are
+fixed."""
+
 _LISTENED = 32  # walkers enough to estimate the autocorrelation time from
 _DISAGREE = 4.0  # spread of 32 means over its expectation, beyond all chance (chi-squared over 31: p < 1e-12)
 
@@ -101,31 +106,46 @@ def sample(
             f"walkers is {walkers}; {target.size} entries need an even number of at least {2 * target.size}"
         )
     memory = emcee.backends.Backend()
-    sampler = emcee.EnsembleSampler(
-        walkers, target.size, target, moves=moves or mixture(centre, covariance), backend=memory, vectorize=True
-    )
+    memory.reset(walkers, target.size)
+    learned, verdict = 0, None
     if checkpoint and checkpoint.exists():
-        state, first_seed = _resume(memory, checkpoint, target, walkers, seed)
+        state, first_seed, learned = _resume(memory, checkpoint, target, walkers, seed)
+        if memory.iteration > learned:
+            verdict = _assess(memory, ess, first_seed, learned)
     else:
         first_seed = int(np.random.SeedSequence().generate_state(1)[0]) if seed is None else seed
         random = np.random.RandomState(first_seed)
         state = emcee.State(_start(target, centre, covariance, walkers, random), random_state=random.get_state())
-    verdict = _assess(memory, ess, first_seed) if memory.iteration else None
     while memory.iteration < max_steps and not (verdict and verdict.converged):
         count = min(max(CHUNK, memory.iteration // 5), max_steps - memory.iteration)
-        pending = []
-        for current in sampler.sample(state, iterations=count, skip_initial_state_check=True):
-            state = current
-            if checkpoint:
-                pending.append(emcee.State(current, copy=True))
+        mixed = moves or mixture(*(_picture(memory, learned) if learned else (centre, covariance)))
+        sampler = emcee.EnsembleSampler(walkers, target.size, target, moves=mixed, backend=memory, vectorize=True)
+        state = sampler.run_mcmc(state, count, skip_initial_state_check=True)
+        verdict = _assess(memory, ess, first_seed, learned)
+        if not moves and _should_learn(memory, verdict, learned, max_steps):
+            learned = memory.iteration
         if checkpoint:
-            _write(checkpoint, first_seed, memory, pending)
-        verdict = _assess(memory, ess, first_seed)
+            _write(checkpoint, first_seed, learned, memory)
         if report:
             report(Progress(memory.iteration, verdict.ess, float(verdict.tau.max())))
     if verdict is None:
         raise ValueError(f"max_steps is {max_steps}; at least one step is needed")
     return verdict
+
+
+def _should_learn(memory: Any, verdict: Chain, learned: int, max_steps: int) -> bool:
+    """Whether the chain is slow and has doubled since the proposals were last learned, with as many steps to come."""
+    steps = memory.iteration
+    slow = not len(verdict.draws) >= 0.5 * RESOLVED * verdict.tau.max()
+    if not slow or not max(LEARN, 2 * learned) <= steps <= max_steps / 2:
+        return False
+    return bool((_picture(memory, steps)[1].diagonal() > 0).all())  # all entries have moved
+
+
+def _picture(memory: Any, learned: int) -> tuple[Float, Float]:
+    """Mean and covariance of the draws up to a step, its first half left out as burn-in."""
+    draws = memory.get_chain()[learned // 2 : learned].reshape(-1, memory.shape[1])
+    return draws.mean(axis=0), np.atleast_2d(np.cov(draws.T))
 
 
 def _start(target: Target, centre: Float, covariance: Float, walkers: int, random: np.random.RandomState) -> Float:
@@ -145,13 +165,14 @@ def _start(target: Target, centre: Float, covariance: Float, walkers: int, rando
     )
 
 
-def _assess(memory: Any, ess: float, seed: int) -> Chain:
+def _assess(memory: Any, ess: float, seed: int, learned: int) -> Chain:
     """Autocorrelation time after burn-in, and what follows from it."""
     chain = memory.get_chain()
     steps, walkers, _ = chain.shape
-    tau = _tau(chain[steps // 4 :, :: max(1, walkers // _LISTENED)])
+    tau = _tau(chain[max(steps // 4, learned) :, :: max(1, walkers // _LISTENED)])
     longest = float(tau.max())
     burn_in = int(min(max(10.0, 5 * longest), steps // 2)) if np.isfinite(longest) else steps // 2
+    burn_in = max(burn_in, learned)
     kept = steps - burn_in
     effective = walkers * kept / longest if np.isfinite(longest) else 0.0
     resolved = kept >= RESOLVED * longest
@@ -190,7 +211,8 @@ def _tau(chain: Float) -> Float:
         # Centred and scaled, so that products keep their digits.
         moving = chain[:, :, ~still]
         moving = (moving - moving.mean(axis=(0, 1))) / moving.std(axis=(0, 1))
-        inner = emcee.autocorr.integrated_time(moving, tol=0, has_walkers=True)
+        with np.errstate(invalid="ignore"):  # a walker that never moves: NaN here, infinite below
+            inner = emcee.autocorr.integrated_time(moving, tol=0, has_walkers=True)
         between = chain.shape[0] * moving.mean(axis=0).var(axis=0, ddof=1)
         tau[~still] = np.where(between > _DISAGREE * np.maximum(inner, 1.0), between, inner)
     return np.where(np.isfinite(tau), np.maximum(tau, 1.0), np.inf)
@@ -199,8 +221,8 @@ def _tau(chain: Float) -> Float:
 # ---- checkpoints -----------------------------------------------------------------------------------------------------
 
 
-def _write(path: Path, seed: int, memory: Any, pending: list[Any]) -> None:
-    """Append steps to a copy of the checkpoint and put it in place in one go: a kill leaves the old one whole."""
+def _write(path: Path, seed: int, learned: int, memory: Any) -> None:
+    """Append new steps to a copy of the checkpoint and put it in place in one go: a kill leaves the old one whole."""
     temporary = path.with_name(path.name + ".part")
     if path.exists():
         shutil.copyfile(path, temporary)
@@ -209,28 +231,30 @@ def _write(path: Path, seed: int, memory: Any, pending: list[Any]) -> None:
     backend = emcee.backends.HDFBackend(str(temporary))
     if not backend.initialized:
         backend.reset(*memory.shape)
-    backend.grow(len(pending), None)
-    nothing = np.zeros(memory.shape[0], dtype=bool)
-    for state in pending:
-        backend.save_step(state, nothing)
-    with h5py.File(temporary, "a") as file:
+    done = backend.iteration
+    backend.grow(memory.iteration - done, None)
+    with h5py.File(temporary, "a") as file:  # emcee would open it once a step
         group = file[backend.name]
+        group["chain"][done:] = memory.chain[done : memory.iteration]
+        group["log_prob"][done:] = memory.log_prob[done : memory.iteration]
         group["accepted"][:] = memory.accepted
-        group.attrs["seed"] = seed
-        file.flush()
+        group.attrs["iteration"] = memory.iteration
+        group.attrs["seed"], group.attrs["learned"] = seed, learned
+        for number, part in enumerate(memory.random_state):
+            group.attrs[f"random_state_{number}"] = part
     with temporary.open("rb+") as raw:
         os.fsync(raw.fileno())
     os.replace(temporary, path)
 
 
-def _resume(memory: Any, path: Path, target: Target, walkers: int, seed: int | None) -> tuple[Any, int]:
-    """Load a checkpoint into memory: the walkers' last state, with that of the random numbers, and the seed."""
+def _resume(memory: Any, path: Path, target: Target, walkers: int, seed: int | None) -> tuple[Any, int, int]:
+    """Load a checkpoint into memory: the walkers' last state, the seed, the step at which proposals were learned."""
     try:
         stored = emcee.backends.HDFBackend(str(path), read_only=True)
         shape, state = stored.shape, stored.get_last_sample()
         chain, density, accepted = stored.get_chain(), stored.get_log_prob(), stored.accepted
         with h5py.File(path, "r") as file:
-            first_seed = int(file[stored.name].attrs["seed"])
+            first_seed, learned = (int(file[stored.name].attrs[name]) for name in ("seed", "learned"))
     except (OSError, KeyError, AttributeError) as error:
         raise ValueError(f"{path} is no checkpoint of a sampler: {error}") from error
     if shape != (walkers, target.size):
@@ -252,4 +276,4 @@ def _resume(memory: Any, path: Path, target: Target, walkers: int, seed: int | N
     for coords, log_prob in zip(chain, density, strict=True):
         memory.save_step(emcee.State(coords, log_prob=log_prob, random_state=state.random_state), nothing)
     memory.accepted = accepted
-    return state, first_seed
+    return state, first_seed, learned
