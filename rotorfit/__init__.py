@@ -12,8 +12,8 @@ if TYPE_CHECKING:  # `as` tells type checkers that these names are for users
     from rotorfit import models as models
     from rotorfit.campaigns import Campaign as Campaign
     from rotorfit.campaigns import campaign as campaign
-    from rotorfit.check import Finding as Finding
-    from rotorfit.check import check as check
+    from rotorfit.data_check import Finding as Finding
+    from rotorfit.data_check import check as check
     from rotorfit.experiments import CoefficientTable as CoefficientTable
     from rotorfit.experiments import DisplacementTest as DisplacementTest
     from rotorfit.experiments import ImpulseTest as ImpulseTest
@@ -42,8 +42,8 @@ if TYPE_CHECKING:  # `as` tells type checkers that these names are for users
     from rotorfit.synchronous import difference_synchronous as difference_synchronous
 
 _HOME = {
-    "Finding": "rotorfit.check",
-    "check": "rotorfit.check",
+    "Finding": "rotorfit.data_check",
+    "check": "rotorfit.data_check",
     "Campaign": "rotorfit.campaigns",
     "campaign": "rotorfit.campaigns",
     "CoefficientTable": "rotorfit.experiments",

@@ -93,12 +93,14 @@ def _stiffness_matrices(orbits: Orbits, at: Index) -> tuple[Float, ComplexArray,
     wanted = [(plane, force_plane) for plane in planes for force_plane in planes]
     whole = {w: [found[pair] for pair in wanted] for w, found in lines.items() if set(wanted) <= set(found)}
     w = np.array(sorted(whole))
-    if min((w < 0).sum(), (w > 0).sum()) < ENOUGH:
+    if not w.size:
         return None
     indices = np.array([whole[line] for line in w.tolist()])
     n = len(planes)
     h = (orbits.right[indices] / orbits.force[indices]).reshape(-1, n, n)
     regular = np.linalg.cond(h) < 1 / np.sqrt(np.finfo(float).eps)
+    if min((w[regular] < 0).sum(), (w[regular] > 0).sum()) < ENOUGH:
+        return None
     kappa = np.linalg.inv(h[regular])
     force = np.abs(orbits.force[indices]).min(axis=1)[regular]
     return w[regular], kappa, force / np.linalg.norm(kappa, axis=(1, 2)) ** 2  # d kappa = -kappa dH kappa
@@ -115,8 +117,6 @@ def _larger_side(w: Float, kappa: ComplexArray, weight: Float) -> str:
         solution, *_ = np.linalg.lstsq(scaled.astype(complex), values, rcond=None)
         return float(np.linalg.norm(values - scaled @ solution))
 
-    if min((w < 0).sum(), (w > 0).sum()) < ENOUGH:
-        return ""
     other = {"forward": misfit(0.5, 1.0), "backward": misfit(1.0, 0.5)}
     best = min(other, key=lambda side: other[side])
     return best if other[best] < BETTER * misfit(1.0, 1.0) else ""

@@ -146,8 +146,8 @@ def _models(options: argparse.Namespace) -> int:
 
 
 def _info(options: argparse.Namespace) -> int:
-    from rotorfit.check import check
     from rotorfit.cli_output import describe_test
+    from rotorfit.data_check import check
 
     tests = checked(lambda: [file.read() for file in data_files(options)])
     print("\n\n".join(describe_test(test, check(test)) for test in tests))

@@ -20,7 +20,7 @@ from rotorfit.results import FitResult, FittedParameter
 from rotorfit.study import Outcome
 
 if TYPE_CHECKING:
-    from rotorfit.check import Finding
+    from rotorfit.data_check import Finding
 
 _RPM = 30 / math.pi
 _DPI = 150

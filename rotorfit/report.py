@@ -15,7 +15,7 @@ from rotorfit.refinement import Refinement
 from rotorfit.results import FitResult
 
 if TYPE_CHECKING:
-    from rotorfit.check import Finding
+    from rotorfit.data_check import Finding
     from rotorfit.posterior import Posterior
     from rotorfit.profiles import Profile
 
@@ -74,7 +74,7 @@ def write_report(
         OSError: the file cannot be written.
     """
     if findings is None:
-        from rotorfit.check import check
+        from rotorfit.data_check import check
 
         findings = [check(experiment) for experiment in fit.experiments]
     material = ReportInput(

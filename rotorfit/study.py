@@ -17,7 +17,7 @@ from rotorfit.refinement import Refinement, refine
 from rotorfit.results import FitResult
 
 if TYPE_CHECKING:
-    from rotorfit.check import Finding
+    from rotorfit.data_check import Finding
 
 Progress = Callable[[str], None]
 
@@ -102,7 +102,7 @@ def run_study(study: Study, progress: Progress) -> Outcome:
         KeyError: unknown parameter or plane names.
         ValueError: data or settings that make no sense; the message says which.
     """
-    from rotorfit.check import check
+    from rotorfit.data_check import check
 
     check_model_name(study.model)  # before files are read, which may take long
     experiments = []

@@ -13,7 +13,7 @@ from clean_rigs import clean_test
 
 import rotorfit as rf
 from rotorfit import cli
-from rotorfit.check import Finding, check
+from rotorfit.data_check import Finding, check
 from rotorfit.experiments import DisplacementTest, Experiment, PerturbationTest
 
 Change = Callable[[PerturbationTest], PerturbationTest]

@@ -114,6 +114,12 @@ def test_all_public_names_resolve() -> None:
         getattr(rotorfit, "fitt")  # noqa: B009
 
 
+def test_no_module_hides_a_public_name() -> None:
+    """Importing a module sets its name on the package: a function of the same name would be gone after that."""
+    public = {name for name in rotorfit.__all__ if not inspect.ismodule(getattr(rotorfit, name))}
+    assert not public & {name.rpartition(".")[2] for name in modules("rotorfit")}
+
+
 def test_type_checkers_see_every_public_name() -> None:
     """A name imported under its own name again is exported; any other import is private to a strict type checker."""
     tree = ast.parse((PACKAGE / "__init__.py").read_text(encoding="utf-8"))

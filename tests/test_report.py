@@ -18,7 +18,7 @@ import pytest
 from synthetic import KNOWN, MODELS, SPEEDS, TYPICAL, circular_test, covering_frequencies, known_of
 
 import rotorfit as rf
-from rotorfit.check import Finding
+from rotorfit.data_check import Finding
 from rotorfit.posterior import SampleSettings
 from rotorfit.profiles import Profile
 from rotorfit.report import document
