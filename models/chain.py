@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any, ClassVar
 
-from rotorfit.models.fluid import fluid_force, fluid_parameters, velocity_ratios
+from rotorfit.models.fluid import fluid_at, fluid_parameters
+from rotorfit.models.laws import Constant, Law, clearance_of
 from rotorfit.models.model import Matrix, RotorModel
 from rotorfit.models.one_mode import one_per_coordinate
 from rotorfit.models.parameters import Parameter
@@ -27,9 +28,12 @@ class Chain(RotorModel):
         fluid: plane at which the fluid force of eq. (13) acts, none by default.
         blocks: structural blocks to allow for (``coupling_mass``, ``gyroscopic``, ``out_of_band``).
         two_lam: let damping and inertia of the fluid turn at ratios of their own, lam_D and lam_M.
+        law: how the fluid changes with eccentricity, for instance ``rf.models.Muszynska()``.
+        clearance_um: radial clearance at the fluid, micrometres; needed by a law.
 
     Raises:
-        ValueError: n out of range or not that of the planes, or the fluid at a plane that the chain does not have.
+        ValueError: n out of range or not that of the planes, the fluid at a plane that the chain does not have, or a
+            law without fluid or clearance.
     """
 
     name: ClassVar[str] = "chain"
@@ -42,6 +46,8 @@ class Chain(RotorModel):
         fluid: str | None = None,
         blocks: Sequence[str] = (),
         two_lam: bool = False,
+        law: Law | None = None,
+        clearance_um: float | None = None,
     ) -> None:
         count = n if n is not None else 2 if planes is None else len(planes)
         if not 1 <= count <= MOST_MASSES:
@@ -52,7 +58,12 @@ class Chain(RotorModel):
             raise ValueError(f"the fluid acts at plane {fluid!r}, but the chain has {', '.join(self.planes)}")
         if two_lam and fluid is None:
             raise ValueError("two_lam needs a fluid: say at which plane it acts, fluid=...")
+        if law is not None and fluid is None:
+            raise ValueError("a law needs a fluid: say at which plane it acts, fluid=...")
         self.fluid = fluid
+        self.law = law or Constant()
+        self.clearance_um = clearance_um
+        self.clearance = clearance_of(self.law, clearance_um, self.name)
         self.blocks = check_blocks(blocks)
         self.two_lam = two_lam
         places = range(1, count + 1)
@@ -63,13 +74,16 @@ class Chain(RotorModel):
                 for i in range(1, count + 2)
             ),
             *(Parameter(f"Ds{i}", "N s/m", f"external damping at mass {i}", scale=10.0) for i in places),
-            *(() if fluid is None else fluid_parameters(two_lam)),
+            *(() if fluid is None else (*fluid_parameters(two_lam), *self.law.parameters)),
             *block_parameters(self.blocks, count),
         )
 
     def options(self) -> dict[str, Any]:
         """See :meth:`RotorModel.options`."""
-        return {"planes": self.planes, "fluid": self.fluid, "blocks": self.blocks, "two_lam": self.two_lam}
+        return {
+            "planes": self.planes, "fluid": self.fluid, "blocks": self.blocks, "two_lam": self.two_lam,
+            "law": self.law, "clearance_um": self.clearance_um,
+        }  # fmt: skip
 
     def equation(self, p: Any, speed: Any, eccentricity: Any) -> Sequence[Matrix]:
         """See :meth:`RotorModel.equation`."""
@@ -82,7 +96,7 @@ class Chain(RotorModel):
             stiffness[i][i + 1] = stiffness[i + 1][i] = -K[i + 1]
         if self.fluid is not None:
             at = self.planes.index(self.fluid)
-            force = fluid_force(p.K0, p.D, p.Mf, *velocity_ratios(p, self.two_lam), speed)
+            force = fluid_at(self.law, p, self.two_lam, speed, eccentricity)
             stiffness[at][at] = force.K + stiffness[at][at]
             damping[at][at] = force.C + damping[at][at]
             mass[at][at] = force.M + mass[at][at]

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from types import SimpleNamespace
 from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rotorfit.models.complexes import Complex
-from rotorfit.models.fluid import fluid_force, fluid_parameters
+from rotorfit.models.fluid import fluid_at, fluid_parameters
+from rotorfit.models.laws import Constant, Law, clearance_of
 from rotorfit.models.model import CoefficientJacobian, Coordinate, Matrix, RotorModel
 from rotorfit.models.parameters import Parameter
 from rotorfit.models.shaft import KnownStiffness, Shaft, StructureMatrices, complex_matrices
@@ -44,9 +46,12 @@ class KnownStructure(RotorModel):
         dofs: coordinates of each node in their order: ``("z", "r")``, ``("z",)``, or real ones such as
             :data:`~rotorfit.models.ROSS_4`.
         two_lam: let damping and inertia of the fluid turn at ratios of their own, lam_D and lam_M.
+        law: how the fluid changes with eccentricity, for instance ``rf.models.Muszynska()``; for one fluid only.
+        clearance_um: radial clearance at the fluid, micrometres; needed by a law.
 
     Raises:
-        ValueError: matrices that are not isotropic or of unequal size, nodes that do not exist, unknown planes.
+        ValueError: matrices that are not isotropic or of unequal size, nodes that do not exist, unknown planes, a law
+            without clearance or for other than one fluid.
     """
 
     name: ClassVar[str] = "known-structure"
@@ -65,6 +70,8 @@ class KnownStructure(RotorModel):
         tilts: Sequence[str] = (),
         dofs: Sequence[str] = ("z", "r"),
         two_lam: bool = False,
+        law: Law | None = None,
+        clearance_um: float | None = None,
     ) -> None:
         given = {kind: matrix for kind, matrix in zip("MCGK", (M, C, G, K), strict=True) if matrix is not None}
         matrices, place = complex_matrices(given, dofs)
@@ -74,9 +81,15 @@ class KnownStructure(RotorModel):
         self.fluid = _some(fluid, self.planes, "fluid")
         self.damping = _some(damping, self.planes, "damping")
         self.two_lam = two_lam
+        self.law = law or Constant()
+        self.clearance_um = clearance_um
+        self.clearance = clearance_of(self.law, clearance_um, self.name)
+        if self.law.parameters and len(self.fluid) != 1:
+            raise ValueError(f"a law of eccentricity needs exactly one fluid, got {len(self.fluid)}")
         self._given = {
             "M": M, "C": C, "G": G, "K": K, "planes": dict(planes), "fluid": self.fluid, "damping": self.damping,
             "scales": scales, "tilts": self.tilts, "dofs": tuple(dofs), "two_lam": two_lam,
+            "law": self.law, "clearance_um": clearance_um,
         }  # fmt: skip
         self.shaft: Shaft = Shaft(matrices, parts, _places(planes, self.tilts, place))
         self.parameters = (
@@ -98,6 +111,7 @@ class KnownStructure(RotorModel):
                 for plane in self.fluid
                 for q in fluid_parameters(two_lam)
             ),
+            *self.law.parameters,
             *(
                 Parameter(name, "1", "scale factor of the known structure", lower=0.0, default=1.0, nominal=1.0)
                 for name in scales or {}
@@ -125,10 +139,10 @@ class KnownStructure(RotorModel):
             damping[at][at] = damping[at][at] + getattr(p, _named("Ds", plane, self.damping))
         for plane in self.fluid:
             at = self.planes.index(plane)
-            K0, D, Mf = (getattr(p, _named(name, plane, self.fluid)) for name in ("K0", "D", "Mf"))
-            ratios = ("lam_D", "lam_M") if self.two_lam else ("lam", "lam")
-            lam_D, lam_M = (getattr(p, _named(name, plane, self.fluid)) for name in ratios)
-            force = fluid_force(K0, D, Mf, lam_D, lam_M, speed)
+            names = [q.name for q in fluid_parameters(self.two_lam)]
+            own = {name: getattr(p, _named(name, plane, self.fluid)) for name in names}
+            with_law = own | {q.name: getattr(p, q.name) for q in self.law.parameters}
+            force = fluid_at(self.law, SimpleNamespace(**with_law), self.two_lam, speed, eccentricity)
             stiffness[at][at] = stiffness[at][at] + force.K
             damping[at][at] = damping[at][at] + force.C
             mass[at][at] = mass[at][at] + force.M
