@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,6 +56,10 @@ class JournalCoefficients:
         real, imag = self.spread.T.reshape(2, -1, *[1] * (values.ndim - 1))
         # The complex stiffness is kxx - j kxy.
         return np.asarray(values.real / real - 1j * values.imag / imag)
+
+    def with_noise(self, factor: Float) -> Self:
+        """See :meth:`~rotorfit.estimators.observations.Block.with_noise`."""
+        return replace(self, spread=self.spread * factor[:, None], measured=self.measured / factor)
 
     def predict(self, theta: Float) -> ComplexArray:
         """See :meth:`~rotorfit.estimators.observations.Block.predict`."""

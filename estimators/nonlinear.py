@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -113,6 +113,10 @@ class OrbitResponses:
     def journal(self) -> Journal:
         """Where the eccentricity enters."""
         return journal(self.model)
+
+    def with_noise(self, factor: Float) -> Self:
+        """See :meth:`~rotorfit.estimators.observations.Block.with_noise`."""
+        return replace(self, base=self.base.with_noise(factor))
 
     def frozen(self) -> OrbitResponses:
         """The same with the measured eccentricities taken as given: explicit, a good place to start a fit from.

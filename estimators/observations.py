@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Protocol
+from typing import Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -67,6 +67,10 @@ class Block(Protocol):
 
     def predict_jacobian(self, theta: Float) -> tuple[ComplexArray, ComplexArray]:
         """Predictions and their derivatives by the group's own parameters, shapes ``(R,)`` and ``(R, P)``."""
+        ...
+
+    def with_noise(self, factor: Float) -> Self:
+        """The same observations with each sigma multiplied by a factor, shape ``(R,)``."""
         ...
 
 
@@ -155,6 +159,10 @@ class Responses:
         """See :meth:`Block.predict_jacobian`."""
         predicted, jacobian = (displacement_to_force if self.imposed else respond)(self, theta, True)
         return predicted, np.asarray(jacobian)
+
+    def with_noise(self, factor: Float) -> Self:
+        """See :meth:`Block.with_noise`."""
+        return replace(self, sigma=self.sigma * factor)
 
     def amplitudes(self) -> tuple[ComplexArray, Float]:
         """Measured amplitude and sigma of every coordinate in every line, shape ``(L, n)``, NaN where there is none."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -132,8 +132,7 @@ class Target:
         """The problem with the noise of each channel multiplied by exp(level)."""
         offset, blocks = 0, []
         for block in self.problem.blocks:
-            own: Any = block
-            blocks.append(replace(own, sigma=block.sigma * np.exp(levels[offset + block.label])))
+            blocks.append(block.with_noise(np.exp(levels[offset + block.label])))
             offset += len(block.labels)
         return replace(self.problem, blocks=tuple(blocks))
 

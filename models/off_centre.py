@@ -8,13 +8,15 @@ half the eccentricity times the slope of the static stiffness. The conjugate cou
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rotorfit.models.journal import journal
 from rotorfit.models.model import CoefficientJacobian, RotorModel
 from rotorfit.models.orbits import OrbitEquation, all_roots
-from rotorfit.models.stability import companion
+from rotorfit.models.stability import Threshold, companion
 
 Float = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
@@ -226,3 +228,55 @@ def off_centre_gradient(
     rates = np.arange(1, C.shape[-3]) * powers[..., :-1]
     by_s = np.einsum("...i,...kij,...j,...k->...", u, C[..., 1:, :, :], v, rates)
     return np.asarray(-result / by_s[..., None])
+
+
+_SCAN = 600  # speeds searched for an onset
+
+
+def off_centre_threshold(
+    model: RotorModel, theta: ArrayLike, eccentricity: float, *, band: float = math.inf
+) -> Threshold | None:
+    """Lowest rotative speed at which small motion about equilibria of one eccentricity becomes unstable.
+
+    The load that keeps the journal at this eccentricity changes with the speed. At ``eccentricity = 0`` this is
+    :func:`~rotorfit.models.threshold_speed`.
+
+    Args:
+        model: the rotor.
+        theta: parameter vector, shape ``(P,)``.
+        eccentricity: static eccentricity of the journal, held.
+        band: count only eigenvalues with ``|s|`` up to this, rad/s.
+
+    Returns:
+        the threshold, its gradient at held eccentricity, or ``None`` if there is none up to 30 times the highest
+        natural frequency.
+    """
+    from scipy.optimize import brentq
+
+    theta = np.asarray(theta, dtype=float)
+    if not model.speed_dependent:
+        return None
+
+    def critical(speed: float) -> complex:
+        s = off_centre_eigenvalues(model, theta, speed, eccentricity)
+        return complex(s[np.argmax(np.where(np.abs(s) <= band, s.real, -np.inf))])
+
+    still = np.abs(off_centre_eigenvalues(model, theta, 0.0, eccentricity))
+    counted = np.sort(still[(still <= band) & (still > 0)])[: 2 * model.order * len(model.coordinates)]
+    speeds = np.geomspace(3e-3, 30.0, _SCAN) * (float(counted[-1]) if counted.size else 300.0)
+    round_off = 1e-13 * float(still.max()) if model.shaft is not None else 0.0
+    low = 0.0
+    for high in speeds.tolist():
+        if critical(high).real > round_off:
+            break
+        low = high
+    else:
+        return None
+    if low == 0.0 and critical(0.0).real > round_off:
+        return Threshold(0.0, abs(critical(0.0).imag), theta * np.nan)
+    onset = float(brentq(lambda speed: critical(speed).real - round_off, low, high, xtol=1e-12 * high, rtol=1e-13))
+    s = critical(onset)
+    step = 1e-5 * onset
+    by_speed = (critical(onset + step).real - critical(onset - step).real) / (2 * step)
+    gradient = off_centre_gradient(model, theta, onset, eccentricity, s)
+    return Threshold(onset, abs(s.imag), np.asarray(-gradient.real / by_speed))

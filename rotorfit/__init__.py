@@ -21,6 +21,7 @@ if TYPE_CHECKING:  # `as` tells type checkers that these names are for users
     from rotorfit.experiments import RingDownTest as RingDownTest
     from rotorfit.experiments import StaticTest as StaticTest
     from rotorfit.experiments import perturbation_test as perturbation_test
+    from rotorfit.fit_law import fit_law as fit_law
     from rotorfit.fitting import closed_form as closed_form
     from rotorfit.fitting import fit as fit
     from rotorfit.posterior import Posterior as Posterior
@@ -35,6 +36,7 @@ if TYPE_CHECKING:  # `as` tells type checkers that these names are for users
     from rotorfit.results import FitResult as FitResult
     from rotorfit.results import FittedParameter as FittedParameter
     from rotorfit.results import Quantity as Quantity
+    from rotorfit.ring_down import ring_down_modes as ring_down_modes
     from rotorfit.serialise import load_fit as load_fit
     from rotorfit.serialise import save_fit as save_fit
     from rotorfit.simulation import simulate as simulate
@@ -53,6 +55,7 @@ _HOME = {
     "DisplacementTest": "rotorfit.experiments",
     "PerturbationTest": "rotorfit.experiments",
     "perturbation_test": "rotorfit.experiments",
+    "fit_law": "rotorfit.fit_law",
     "closed_form": "rotorfit.fitting",
     "fit": "rotorfit.fitting",
     "Posterior": "rotorfit.posterior",
@@ -67,6 +70,7 @@ _HOME = {
     "FitResult": "rotorfit.results",
     "FittedParameter": "rotorfit.results",
     "Quantity": "rotorfit.results",
+    "ring_down_modes": "rotorfit.ring_down",
     "load_fit": "rotorfit.serialise",
     "save_fit": "rotorfit.serialise",
     "dynamic_stiffness": "rotorfit.stiffness",

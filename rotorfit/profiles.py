@@ -112,7 +112,7 @@ def _settled(fit: FitResult, name: str) -> tuple[Problem, Float, float]:
     if not problem.priors:
         return problem, x, fit.widening
     root = math.sqrt(fit.widening)
-    blocks: list[Any] = [replace(block, sigma=block.sigma * root) for block in problem.blocks]  # type: ignore[type-var]
+    blocks = [block.with_noise(np.full(block.measured.size, root)) for block in problem.blocks]
     widened = replace(problem, blocks=tuple(blocks))
     lower, upper = box(problem)
     return widened, minimise(widened, np.clip(x, lower, upper), lower=lower, upper=upper).x, 1.0

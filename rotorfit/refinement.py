@@ -6,10 +6,15 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
+from rotorfit.estimators.problem import Problem
 from rotorfit.fitting import fit as fit_model
+from rotorfit.fitting import solve_again, with_levels
 from rotorfit.models import BLOCKS, RotorModel
 from rotorfit.results import FitResult
+
+Float = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -18,7 +23,7 @@ class Refinement:
 
     Attributes:
         steps: results from the plainest model to the richest tried.
-        best: the result with the lowest BIC.
+        best: the result with the lowest BIC, each response with the noise level of its residuals.
     """
 
     steps: tuple[FitResult, ...]
@@ -28,7 +33,7 @@ class Refinement:
         """The ladder as a table, the chosen model marked."""
         lines = [f"{'structure':<44}{'fitted':>7}{'redchi':>10}{'BIC':>12}"]
         for step in self.steps:
-            mark = "  <- chosen" if step is self.best else ""
+            mark = "  <- chosen" if step.model is self.best.model else ""
             lines.append(f"{structure_name(step.model):<44}{step.nvarys:>7}{step.redchi:>10.4g}{step.bic:>12.1f}{mark}")
         return "\n".join(lines)
 
@@ -45,14 +50,21 @@ def structure_name(model: RotorModel) -> str:
 def refine(fit: FitResult) -> Refinement:
     """Add the structural blocks whole and nested (coupling mass, gyroscopic, out-of-band) while BIC falls.
 
+    What misfit is left is noise: the chosen model is fitted once more with the noise level of each response as its
+    residuals have it, so that a response that the model misses, or whose noise was estimated too small, weighs less.
+    Goodness of fit (redchi, AIC, BIC) still refers to the noise estimated from the data.
+
     Args:
         fit: result of a fit with a model of several planes.
 
     Raises:
-        ValueError: the model has a single plane, so no structure between planes is missing.
+        ValueError: the model has a single plane, so no structure between planes is missing, or the data leave
+            parameters open, so that more of them would be open still.
     """
     if not hasattr(fit.model, "blocks"):
         raise ValueError(f"{fit.model.name} has no structural blocks to add: they couple two or more planes")
+    if fit.identifiability.unresolved:
+        raise ValueError(f"resolve the parameters of the plain model before adding to it. {fit.identifiability}")
     steps = [fit]
     best = fit
     while len(best.model.blocks) < len(BLOCKS):  # type: ignore[attr-defined]
@@ -62,7 +74,44 @@ def refine(fit: FitResult) -> Refinement:
         if not step.success or step.bic >= best.bic:
             break
         best = step
-    return Refinement(tuple(steps), best)
+    return Refinement(tuple(steps), level_noise(best))
+
+
+_FEWEST = 30  # readings of a response from which their scatter gives a level within 10 %
+
+_LOWEST = 1e-3  # level below which exact data, not noise, are in hand
+
+
+def level_noise(fit: FitResult) -> FitResult:
+    """The fit with the noise level of each response as its residuals have it; robust fits are left as they are.
+
+    Alternates between levels and fit, which climbs their joint likelihood. Responses of few readings keep their level.
+    """
+    if fit.settings.loss != "linear":
+        return fit
+    plain = with_levels(fit.problem, fit.settings.levels, -1)
+    for _ in range(5):
+        levels = _levels(plain, fit.x)
+        settled = all(abs(levels[name] / fit.settings.levels.get(name, 1.0) - 1) < 1e-3 for name in levels)
+        if settled:
+            break
+        fit = solve_again(fit, with_levels(plain, levels), levels=levels)
+    return fit
+
+
+def _levels(problem: Problem, x: Float) -> dict[str, float]:
+    """Root mean square of the whitened residuals of each response, over the share that the fitted values leave."""
+    sums: dict[str, float] = {}
+    counts: dict[str, int] = {}
+    residuals = np.split(problem.residuals(x), np.cumsum([b.measured.size for b in problem.blocks])[:-1])
+    for block, part in zip(problem.blocks, residuals, strict=True):
+        for number, name in enumerate(block.labels):
+            rows = block.label == number
+            sums[name] = sums.get(name, 0.0) + float(np.sum(np.abs(part[rows]) ** 2))
+            counts[name] = counts.get(name, 0) + 2 * int(rows.sum())
+    free = 1 - x.size / problem.n_data
+    enough = [name for name in sums if counts[name] >= 2 * _FEWEST]
+    return {name: max(float(np.sqrt(sums[name] / (counts[name] * free))), _LOWEST) for name in enough}
 
 
 def refit(fit: FitResult, model: RotorModel, extra_known: Mapping[str, float] | None = None) -> FitResult:

@@ -223,12 +223,25 @@ class FitResult:
             return Quantity(value, math.inf, unit)
         return Quantity(value, math.sqrt(max(float(slope @ self.covar @ slope), 0.0)), unit)
 
-    def threshold_speed(self, at: Mapping[str, Any] | None = None) -> Quantity:
+    def threshold_speed(self, at: Mapping[str, Any] | None = None, *, eccentricity: float | None = None) -> Quantity:
         """Rotative speed at which the rotor becomes unstable, rad/s, with its standard error.
 
         The value is NaN where the fitted rotor is stable at every speed searched.
+
+        Args:
+            at: group of parameters, where some were fitted per attribute.
+            eccentricity: static eccentricity at which a load keeps the journal; by default it is centred.
         """
-        return self.threshold_of(self.group(at))
+        if eccentricity is None:
+            return self.threshold_of(self.group(at))
+        from rotorfit.models.off_centre import off_centre_threshold
+
+        if not 0 <= eccentricity < 1:
+            raise ValueError(f"eccentricity {eccentricity} is |displacement| / clearance, from 0 to below 1")
+        onset = off_centre_threshold(self.model, self.theta(at), eccentricity, band=self.stability_band)
+        if onset is None:
+            return Quantity(math.nan, math.nan, "rad/s")
+        return self.propagate(onset.speed, onset.gradient, "rad/s", at)
 
     def threshold_of(self, group: int) -> Quantity:
         """Threshold speed of the parameter group with a given number; see :meth:`threshold_speed`."""

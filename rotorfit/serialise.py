@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from rotorfit.estimators.problem import Problem
-from rotorfit.fitting import build_problem
+from rotorfit.fitting import build_problem, with_levels
 from rotorfit.json_values import UserDefinedError, decode, encode
 from rotorfit.models import RotorModel
 from rotorfit.results import FitResult
@@ -141,7 +141,8 @@ def _check(fit: FitResult, problem: Problem, what: str) -> None:
     fitted = tuple(name for name, p in fit.params.items() if p.vary)
     if fit.x.shape != (len(names),) or set(fitted) != set(names):
         raise ValueError(f"{what} has fitted {', '.join(fitted)}, but its settings make {', '.join(names)}")
-    chisqr = float(np.sum(np.abs(problem.residuals(fit.x)) ** 2))
+    given = with_levels(problem, fit.settings.levels, -1)
+    chisqr = float(np.sum(np.abs(given.residuals(fit.x)) ** 2))
     if not np.isclose(chisqr, fit.chisqr, rtol=_AGREEMENT, atol=1e-12 * problem.n_data):
         raise ValueError(
             f"{what} has chi-squared {fit.chisqr:.9g}, but its model, data and settings give {chisqr:.9g}: the problem "

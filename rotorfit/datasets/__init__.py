@@ -7,7 +7,9 @@ from importlib.resources import as_file, files
 from pathlib import Path
 from typing import Any
 
-from rotorfit.experiments import Experiment
+import numpy as np
+
+from rotorfit.experiments import CoefficientTable, Experiment
 from rotorfit.models.parameters import unknown_name
 
 
@@ -46,3 +48,18 @@ def two_disk() -> Experiment:
     from rotorfit.readers import read
 
     return read(path("two_disk.csv"))
+
+
+def seal_muszynska_tum() -> CoefficientTable:
+    """Computed coefficients of two seals over speed and eccentricity, six digits, of Muszynska's form.
+
+    A run is one seal at one speed.
+    """
+    file = path("seal_muszynska_tum_computed.csv")
+    seal, eps, rpm, kxx, kxy, cxx, cxy, mxx = np.loadtxt(file, delimiter=",", skiprows=3).T
+    run = np.array([f"seal {s:g}, {n:g} rpm" for s, n in zip(seal.tolist(), rpm.tolist(), strict=True)])
+    half_digit = 0.5e-5 / np.sqrt(3)  # rounding to six digits: uniform, at most half of the last one
+    return CoefficientTable(
+        run=run, speed=rpm * np.pi / 30, eccentricity=eps, kxx=kxx, kxy=kxy, cxx=cxx, cxy=cxy, mxx=mxx,
+        sigma=np.full(eps.size, half_digit), attributes={"seal": seal}, source=file.name,
+    )  # fmt: skip
