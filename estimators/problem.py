@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from numbers import Real
 from typing import Any, Literal
 
 import numpy as np
@@ -304,7 +305,7 @@ def parameter_space(
         model.parameter(name.partition("[")[0])
     fixed = {q.name: q.default for q in model.parameters if q.default is not None} | dict(known)
     fixed = {name: value for name, value in fixed.items() if value is not None}
-    _check_known(model, fixed, groups[0])
+    _check_known(model, fixed, bounds, groups[0])
     names: list[str] = []
     base: list[str] = []
     template = np.zeros((len(groups), len(model.parameters)))
@@ -337,15 +338,25 @@ def parameter_space(
     )
 
 
-def _check_known(model: RotorModel, fixed: Mapping[str, Any], per: Mapping[str, str]) -> None:
-    for name, value in fixed.items():
+def _check_known(
+    model: RotorModel,
+    fixed: Mapping[str, Any],
+    bounds: Mapping[str, tuple[float, float]],
+    per: Mapping[str, str],
+) -> None:
+    for name, given in fixed.items():
         parameter = model.parameter(name.partition("[")[0])
-        if not np.isfinite(value):
-            raise ValueError(f"known {name} = {value} is not a finite number")
+        if not (isinstance(given, Real) and np.isfinite(value := float(given))):
+            raise ValueError(f"known {name} = {given!r} is not a finite number")
         if not parameter.lower <= value <= parameter.upper:
             raise ValueError(
                 f"known {name} = {value:g} {parameter.unit} is outside the physical limits "
                 f"[{parameter.lower:g}, {parameter.upper:g}]"
+            )
+        low, high = _limits(model, name, bounds)
+        if not low <= value <= high:
+            raise ValueError(
+                f"known {name} = {value:g} {parameter.unit} is outside its bounds [{low:g}, {high:g}]; change either"
             )
         if name in per:
             raise ValueError(f"{name} is both known and fitted per attribute: choose one")
@@ -353,7 +364,10 @@ def _check_known(model: RotorModel, fixed: Mapping[str, Any], per: Mapping[str, 
 
 def _limits(model: RotorModel, name: str, bounds: Mapping[str, tuple[float, float]]) -> tuple[float, float]:
     parameter = model.parameter(name.partition("[")[0])
-    low, high = bounds.get(name, bounds.get(parameter.name, (parameter.lower, parameter.upper)))
+    pair = bounds.get(name, bounds.get(parameter.name, (parameter.lower, parameter.upper)))
+    if np.shape(pair) != (2,) or not all(isinstance(value, Real) for value in pair):
+        raise ValueError(f"bounds of {name} must be two numbers, lower and upper (inf is one), got {pair!r}")
+    low, high = pair
     low, high = max(float(low), parameter.lower), min(float(high), parameter.upper)
     if not low < high:
         raise ValueError(

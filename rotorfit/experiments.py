@@ -117,7 +117,9 @@ class PerturbationTest(_Rows):
         self._check_lengths()
         unknown = sorted(set(self.direction.tolist()) - set(DIRECTIONS))
         if unknown:
-            raise ValueError(f"{self.source}: direction {unknown} unknown; allowed: {', '.join(DIRECTIONS)}")
+            raise ValueError(
+                f"{self.source or 'the test'}: direction {unknown} unknown; allowed: {', '.join(DIRECTIONS)}"
+            )
 
     @property
     def planes(self) -> tuple[str, ...]:
@@ -371,17 +373,22 @@ def perturbation_test(
     Raises:
         ValueError: columns of unequal length, or an unknown direction.
     """
-    columns = {
-        "run": np.asarray(run, dtype=str),
-        "speed": np.asarray(speed, dtype=float),
-        "frequency": np.asarray(frequency, dtype=float),
-        "force_plane": np.asarray(force_plane, dtype=str),
-        "force": np.asarray(force, dtype=complex),
-        "plane": np.asarray(plane, dtype=str),
-        "direction": np.asarray(direction, dtype=str),
-        "response": np.asarray(response, dtype=complex),
-        "sigma": np.asarray(sigma, dtype=float),
+    given = {
+        "run": (run, str),
+        "speed": (speed, float),
+        "frequency": (frequency, float),
+        "force_plane": (force_plane, str),
+        "force": (force, complex),
+        "plane": (plane, str),
+        "direction": (direction, str),
+        "response": (response, complex),
+        "sigma": (sigma, float),
     }
+    columns = {name: _column(name, values, kind) for name, (values, kind) in given.items()}
+    lengths = {name: column.shape for name, column in columns.items() if column.size != 1}
+    if len(set(lengths.values())) > 1 or any(len(shape) > 1 for shape in lengths.values()):
+        listed = ", ".join(f"{name} {' x '.join(map(str, shape))}" for name, shape in lengths.items())
+        raise ValueError(f"{source or 'the test'}: columns must be single values or lists of one length; got {listed}")
     shape = np.broadcast_shapes((1,), *[column.shape for column in columns.values()])
     spread: dict[str, Any] = {name: np.broadcast_to(column, shape).copy() for name, column in columns.items()}
     return PerturbationTest(
@@ -389,3 +396,10 @@ def perturbation_test(
         attributes={name: np.broadcast_to(np.asarray(v), shape).copy() for name, v in (attributes or {}).items()},
         source=source,
     )
+
+
+def _column(name: str, values: Any, kind: type) -> NDArray[Any]:
+    try:
+        return np.asarray(values, dtype=kind)
+    except (ValueError, TypeError) as error:
+        raise ValueError(f"{name} must be numbers in SI units, one for each reading: {error}") from error

@@ -80,13 +80,32 @@ def observe(model: RotorModel, experiment: Experiment, group: Index) -> Response
 
 
 def _check_finite(experiment: PerturbationTest) -> None:
-    bad = ~(np.isfinite(experiment.response) & np.isfinite(experiment.force) & np.isfinite(experiment.frequency))
+    name = experiment.source or "experiment"
+    columns = (experiment.response, experiment.force, experiment.frequency, experiment.speed)
+    bad = ~np.logical_and.reduce([np.isfinite(column) for column in columns])
     if bad.any():
-        rows = ", ".join(str(row + 1) for row in np.flatnonzero(bad)[:8])
         raise ValueError(
-            f"{experiment.source or 'experiment'}: {bad.sum()} readings are not finite (rows {rows}"
-            f"{', ...' if bad.sum() > 8 else ''}); remove them, for instance with test.select(...)"
+            f"{name}: {bad.sum()} readings are not finite ({_places(bad)}); remove them, for instance with "
+            "test.select(...)"
         )
+    bad = (experiment.sigma <= 0) | np.isinf(experiment.sigma)
+    if bad.any():
+        raise ValueError(f"{name}: the noise sigma must be positive and finite, or NaN if unknown ({_places(bad)})")
+    if not experiment.force.any():
+        raise ValueError(f"{name}: every force is zero, so the responses say nothing of the rotor; check its column")
+    for plane, direction in dict.fromkeys(zip(experiment.plane.tolist(), experiment.direction.tolist(), strict=True)):
+        channel = (experiment.plane == plane) & (experiment.direction == direction)
+        if not experiment.response[channel].any():
+            raise ValueError(
+                f"{name}: every reading of {plane} {direction} is zero: a probe that was not connected? Remove them, "
+                "for instance with test.select(...)"
+            )
+
+
+def _places(bad: NDArray[np.bool_]) -> str:
+    """The first rows concerned, counted from 1."""
+    rows = ", ".join(str(row + 1) for row in np.flatnonzero(bad)[:8])
+    return f"rows {rows}{', ...' if bad.sum() > 8 else ''}"
 
 
 def _check_planes(model: RotorModel, experiment: PerturbationTest) -> None:

@@ -127,6 +127,8 @@ def write(experiment: Experiment, path: str | Path) -> None:
     """
     target = Path(path)
     writer = _writer(_format(target))
+    if not target.parent.is_dir():
+        raise FileNotFoundError(f"cannot write {target}: there is no folder {target.parent}")
     # a directory beside the target: the same file system, so that the replacement is one step
     with tempfile.TemporaryDirectory(dir=target.parent, prefix=".rotorfit-") as folder:
         draft = Path(folder) / f"draft{target.suffix}"

@@ -53,18 +53,25 @@ def dynamic_stiffness(
         raise ValueError(f"no readings at planes {', '.join(names)} under a force there; the test has {test.planes}")
     result = stiffness_matrices(observe(model, chosen, np.zeros(len(chosen), dtype=np.intp)))
     if not result.frequency.size:
-        unforced = sorted(set(names) - set(chosen.force_planes))
-        missing = (
-            f"no force at {', '.join(unforced)}"
-            if unforced
-            else (
-                "the runs have no frequency in common, forward and backward both needed"
-                if not isotropic
-                else "the runs have no frequency in common"
-            )
-        )
-        raise ValueError(f"eq. (7) needs a force at each of the planes {', '.join(names)} in turn: {missing}")
+        reason = _why_none(chosen, names, isotropic=isotropic)
+        raise ValueError(f"eq. (7) needs a force at each of the planes {', '.join(names)} in turn: {reason}")
     order = np.lexsort([result.frequency, result.speed])
     return StiffnessMatrices(
         result.frequency[order], result.speed[order], result.kappa[order], result.sigma[order], result.first_line[order]
+    )
+
+
+def _why_none(test: PerturbationTest, planes: tuple[str, ...], *, isotropic: bool) -> str:
+    """What is missing, or wrong, where no frequency gives a matrix."""
+    unforced = sorted(set(planes) - set(test.force_planes))
+    if unforced:
+        return f"no force at {', '.join(unforced)}"
+    w = test.frequency if isotropic else np.abs(test.frequency)
+    lines = [set(np.round(w[test.force_plane == plane], 6).tolist()) for plane in planes]
+    if not set.intersection(*lines):
+        return "the runs have no frequency in common"
+    return (
+        "the responses at their common frequencies are singular or incomplete: the forces move the planes in proportion"
+        if isotropic
+        else "x and y have to be read under a forward and a backward force at one frequency"
     )
