@@ -24,6 +24,8 @@ if TYPE_CHECKING:  # `as` tells type checkers that these names are for users
     from rotorfit.fit_law import fit_law as fit_law
     from rotorfit.fitting import closed_form as closed_form
     from rotorfit.fitting import fit as fit
+    from rotorfit.law_comparison import LawComparison as LawComparison
+    from rotorfit.law_comparison import compare_laws as compare_laws
     from rotorfit.posterior import Posterior as Posterior
     from rotorfit.posterior import sample as sample
     from rotorfit.posterior_io import load_posterior as load_posterior
@@ -75,6 +77,8 @@ _HOME = {
     "save_fit": "rotorfit.serialise",
     "dynamic_stiffness": "rotorfit.stiffness",
     "difference_synchronous": "rotorfit.synchronous",
+    "LawComparison": "rotorfit.law_comparison",
+    "compare_laws": "rotorfit.law_comparison",
     "simulate": "rotorfit.simulation",
     "datasets": "",
     "models": "",
