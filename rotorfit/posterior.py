@@ -271,7 +271,7 @@ def sample(
         raise ValueError(f"this is {state}: walkers start from the optimum of rf.fit")
     level: Noise = noise or ("marginal" if fit.settings.loss == "linear" else "fixed")
     limited = fit.settings.loss == "linear" and fit.redchi > MODEL_LIMITED
-    inflation = fit.redchi if limited and level == "fixed" else 1.0
+    inflation = fit.widening if limited and level == "fixed" else 1.0
     size = fit.problem.space.size
     work = max(ess, (walkers or WALKERS) * _TYPICAL_STEPS)
     target = Target(fit.problem, level, inflation=inflation, accelerate=accelerate, work=work)
