@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import emcee
@@ -11,8 +12,12 @@ from scipy.stats import multivariate_t
 
 Float = NDArray[np.float64]
 
-DEGREES_OF_FREEDOM = 6.0
-"""Tails of the independence proposal: heavier than any posterior that comes from many readings."""
+DEGREES_OF_FREEDOM = 12.0
+"""Tails of the independence proposal: heavier than any posterior that comes from more than a dozen readings."""
+
+ALIKE = 0.2
+"""Efficiency of importance sampling from the proposal beyond which independent draws outrun any walk."""
+_LOOKS = 512  # draws that the efficiency is estimated from
 
 
 class IndependenceMove(emcee.moves.MHMove):  # type: ignore[misc]
@@ -40,11 +45,32 @@ class IndependenceMove(emcee.moves.MHMove):  # type: ignore[misc]
         density = self.proposal.logpdf(np.concatenate([(coords - self.centre) / self.size, whitened]))
         return self.centre + whitened * self.size, density[: coords.shape[0]] - density[coords.shape[0] :]
 
+    def efficiency(self, log_density: Callable[[Float], Float]) -> float:
+        """Effective share of draws from the proposal as importance samples, one where it is the posterior itself."""
+        random = np.random.RandomState(0)  # the same answer when a run is resumed
+        drawn, factor = self.draw(np.broadcast_to(self.centre, (_LOOKS, self.centre.size)), random)
+        log_weight = log_density(drawn) + factor
+        best = log_weight.max()
+        if not np.isfinite(best):
+            return 0.0
+        weight = np.exp(log_weight - best)
+        return float(weight.sum() ** 2 / (weight @ weight) / _LOOKS)
 
-def mixture(centre: Float, covariance: Float) -> list[tuple[Any, float]]:
-    """Half independence proposals, half moves that need no picture: differential evolution and stretch."""
+
+def mixture(log_density: Callable[[Float], Float], centre: Float, covariance: Float) -> list[tuple[Any, float]]:
+    """Independence proposals mixed with moves that need no picture: differential evolution and stretch.
+
+    Independence proposals get 80 % where they resemble the posterior, and half where they do not and walkers have to
+    be carried.
+
+    Args:
+        log_density: of vectors of shape ``(W, p)``.
+        centre, covariance: picture of the posterior.
+    """
+    independence = IndependenceMove(centre, covariance)
+    share = 0.8 if independence.efficiency(log_density) > ALIKE else 0.5
     return [
-        (IndependenceMove(centre, covariance), 0.5),
-        (emcee.moves.DEMove(), 0.4),
-        (emcee.moves.StretchMove(), 0.1),
+        (independence, share),
+        (emcee.moves.DEMove(), 0.8 * (1 - share)),
+        (emcee.moves.StretchMove(), 0.2 * (1 - share)),
     ]

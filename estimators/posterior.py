@@ -116,14 +116,15 @@ def sample(
         first_seed = int(np.random.SeedSequence().generate_state(1)[0]) if seed is None else seed
         random = np.random.RandomState(first_seed)
         state = emcee.State(_start(target, centre, covariance, walkers, random), random_state=random.get_state())
+    mixed = moves or mixture(target, *(_picture(memory, learned) if learned else (centre, covariance)))
     while memory.iteration < max_steps and not (verdict and verdict.converged):
         count = min(max(CHUNK, memory.iteration // 5), max_steps - memory.iteration)
-        mixed = moves or mixture(*(_picture(memory, learned) if learned else (centre, covariance)))
         sampler = emcee.EnsembleSampler(walkers, target.size, target, moves=mixed, backend=memory, vectorize=True)
         state = sampler.run_mcmc(state, count, skip_initial_state_check=True)
         verdict = _assess(memory, ess, first_seed, learned)
         if not moves and _should_learn(memory, verdict, learned, max_steps):
             learned = memory.iteration
+            mixed = mixture(target, *_picture(memory, learned))
         if checkpoint:
             _write(checkpoint, first_seed, learned, memory)
         if report:
