@@ -1,6 +1,6 @@
 """The command line: ``rotorfit demo``, ``fit``, ``run``, ``campaign``, ``models`` and ``info``.
 
-Exit codes: 0 done, 1 the fit did not converge, 2 bad input (one sentence on stderr), 130 interrupted.
+Exit codes: 0 done, 1 the fit or the sampling did not converge, 2 bad input (one sentence on stderr), 130 interrupted.
 """
 
 from __future__ import annotations
@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     from rotorfit.study import Outcome, Study
 
 DONE, NOT_CONVERGED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
+
+_BAR = 24  # characters of the bar of progress
 
 T = TypeVar("T")
 
@@ -48,8 +50,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except BadInputError as problem:
         print(f"rotorfit: {problem}", file=sys.stderr)
         return BAD_INPUT
-    except KeyboardInterrupt:
-        print("rotorfit: interrupted, nothing was written", file=sys.stderr)
+    except KeyboardInterrupt as stop:
+        print(f"rotorfit: interrupted, {stop.args[0] if stop.args else 'nothing was written'}", file=sys.stderr)
         return INTERRUPTED
 
 
@@ -113,18 +115,19 @@ def _identify(study: Study, options: argparse.Namespace, rig: str = "") -> int:
     for finding in (finding for found in outcome.findings for finding in found):
         if finding.severity == "error":
             print(f"rotorfit: {finding.message}", file=sys.stderr)
-    if not outcome.best.success:
-        print(f"rotorfit: the fit did not converge: {outcome.best.message}", file=sys.stderr)
+    if outcome.failure:
+        print(f"rotorfit: {outcome.failure}", file=sys.stderr)
         return NOT_CONVERGED
     return DONE
 
 
 def _work(study: Study, progress: Progress, rig: str) -> Outcome:
-    from rotorfit.cli_output import complete_folder, write_outcome
+    from rotorfit.cli_output import complete_folder, kept_checkpoint, write_outcome
     from rotorfit.study import run_study
 
-    with complete_folder(study.out) if study.out else nullcontext() as folder:
-        outcome = checked(lambda: run_study(study, progress))
+    keep = kept_checkpoint(study.out) if study.out and study.sample else nullcontext()
+    with complete_folder(study.out) if study.out else nullcontext() as folder, keep as checkpoint:
+        outcome = checked(lambda: run_study(study, progress, checkpoint))
         if folder is not None:
             write_outcome(outcome, folder, progress, rig)
     return outcome
@@ -165,16 +168,17 @@ COMMANDS = {"demo": _demo, "fit": _fit, "run": _run, "campaign": _campaign, "mod
 
 
 class Progress:
-    """One line on stderr that names the stage at work and the seconds since the start."""
+    """One line on stderr: the stage at work, a bar where it is known how far it is, the seconds since the start."""
 
     def __init__(self, *, enabled: bool) -> None:
         self._begin, self._enabled = monotonic(), enabled
 
-    def __call__(self, stage: str) -> None:
+    def __call__(self, stage: str, done: float | None = None) -> None:
         """Show a stage."""
         if self._enabled:
             seconds = monotonic() - self._begin
-            print(f"\r\033[K{seconds:5.1f} s  {stage} ...", end="", file=sys.stderr, flush=True)
+            bar = "" if done is None else f"[{'#' * round(_BAR * done):<{_BAR}}] {100 * done:3.0f} %  "
+            print(f"\r\033[K{seconds:5.1f} s  {bar}{stage} ...", end="", file=sys.stderr, flush=True)
 
     def close(self) -> None:
         """Clear the line."""

@@ -23,7 +23,7 @@ def parser(commands: Mapping[str, Command]) -> argparse.ArgumentParser:
         prog="rotorfit",
         allow_abbrev=False,
         description="Identify rotor and fluid-force parameters from rotating-force perturbation tests.",
-        epilog="Exit codes: 0 done, 1 the fit did not converge, 2 bad input.",
+        epilog="Exit codes: 0 done, 1 fit or sampling did not converge, 2 bad input.",
     )
     whole.add_argument("--version", action="version", version=f"rotorfit {__version__}")
     group = whole.add_subparsers(required=True, metavar="COMMAND")
@@ -104,6 +104,15 @@ def _add_fit(fit: argparse.ArgumentParser) -> None:
     fit.add_argument("--blocks", type=_words, default=(), metavar="A,B", help="structural blocks to include")
     for name, help_text in _FIT_FLAGS.items():
         fit.add_argument(name, action="store_true", help=help_text)
+    more = fit.add_argument_group("uncertainty beyond standard errors")
+    more.add_argument("--sample", action="store_true", help="draw from the posterior with emcee; needs some seconds")
+    more.add_argument("--ess", type=_positive, default=4000.0, help="effective samples to reach [%(default)g]")
+    more.add_argument("--max-steps", type=_count, default=20_000, help="steps to stop at in any case [%(default)s]")
+    more.add_argument("--seed", type=_whole, help="of random numbers, for the same draws again")
+    more.add_argument(
+        "--profile", type=_words, default=(), metavar="A,B", help="profile likelihoods: lam,D,threshold_speed"
+    )
+    more.add_argument("--bootstrap", type=_count, default=0, metavar="N", help="simulate and fit N tests")
 
 
 # ---- from words to settings -------------------------------------------------------------------
@@ -150,7 +159,33 @@ def fit_study(options: argparse.Namespace) -> Study:
         loss=options.loss,
         phase_offsets=options.phase_offsets,
         refine=options.refine,
+        sample=options.sample,
+        seed=options.seed,
+        ess=options.ess,
+        max_steps=options.max_steps,
+        profile=options.profile,
+        bootstrap=options.bootstrap,
     )
+
+
+def _positive(text: str) -> float:
+    value = float(text)
+    if not 0 < value < math.inf:
+        raise argparse.ArgumentTypeError(f"{text} is not above zero")
+    return value
+
+
+def _whole(text: str) -> int:
+    value = int(text)
+    if value < 0:
+        raise argparse.ArgumentTypeError(f"{text} is below zero")
+    return value
+
+
+def _count(text: str) -> int:
+    if _whole(text) == 0:
+        raise argparse.ArgumentTypeError("at least 1 is needed")
+    return int(text)
 
 
 def _words(text: str) -> tuple[str, ...]:

@@ -7,7 +7,7 @@ import json
 import math
 import os
 import tempfile
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -17,15 +17,17 @@ import numpy as np
 from rotorfit import datasets
 from rotorfit.experiments import Experiment, PerturbationTest
 from rotorfit.results import FitResult, FittedParameter
-from rotorfit.study import Outcome
+from rotorfit.study import Outcome, Progress
 
 if TYPE_CHECKING:
+    from rotorfit.bootstrapping import Bootstrap
     from rotorfit.data_check import Finding
+    from rotorfit.posterior import Posterior
+    from rotorfit.profiles import Profile
 
 _RPM = 30 / math.pi
-_DPI = 150
-FIGURES = ("dynamic_stiffness", "bode", "polar", "residuals", "stability")
-"""Figures of a result, each drawn by ``FitResult.plot_NAME`` and written as ``NAME.png``."""
+CHECKPOINT = "posterior.checkpoint.h5"
+"""File in the folder for the results from which a sampling that was stopped goes on."""
 
 
 @contextmanager
@@ -35,8 +37,9 @@ def complete_folder(out: Path) -> Iterator[Path]:
     Raises:
         OSError: ``out`` is a file, or its place cannot be written to.
     """
-    if out.exists() and not out.is_dir():
-        raise NotADirectoryError(f"{out} is a file; give a folder for the results")
+    for above in (out, *out.parents):
+        if above.exists() and not above.is_dir():
+            raise NotADirectoryError(f"{above} is a file; give a folder for the results")
     place = next(folder for folder in (out.absolute(), *out.absolute().parents) if folder.is_dir())
     try:  # on the file system of the folder itself, so that moving is renaming
         temporary = tempfile.TemporaryDirectory(prefix=".rotorfit-", dir=place)
@@ -49,8 +52,32 @@ def complete_folder(out: Path) -> Iterator[Path]:
             os.replace(file, out / file.name)
 
 
-def write_outcome(outcome: Outcome, folder: Path, progress: Callable[[str], None], rig: str = "") -> None:
-    """Write all tables and figures of a study into a folder.
+@contextmanager
+def kept_checkpoint(out: Path) -> Iterator[Path]:
+    """The sampler's checkpoint in ``out``: kept when the run is stopped, gone when it is complete.
+
+    Raises:
+        KeyboardInterrupt: as it came, with the words that tell how to go on.
+        OSError: ``out`` cannot be made.
+    """
+    made = [folder for folder in (out, *out.parents) if not folder.exists()]
+    out.mkdir(parents=True, exist_ok=True)
+    path = out / CHECKPOINT
+    try:
+        yield path
+        path.unlink(missing_ok=True)
+    except KeyboardInterrupt as stop:
+        if not path.exists():
+            raise
+        raise KeyboardInterrupt(f"the same command goes on from {path}") from stop
+    finally:
+        for folder in made:
+            if not any(folder.iterdir()):
+                folder.rmdir()
+
+
+def write_outcome(outcome: Outcome, folder: Path, progress: Progress, rig: str = "") -> None:
+    """Write report, tables, figures and files that read back, of a study, into a folder.
 
     Args:
         outcome: what the study gave.
@@ -58,10 +85,7 @@ def write_outcome(outcome: Outcome, folder: Path, progress: Callable[[str], None
         progress: called with a few words for every step.
         rig: name of the data set whose truth is compared with.
     """
-    import matplotlib
-
-    matplotlib.use("agg")
-    import matplotlib.pyplot as plt
+    from rotorfit.report import write_report
 
     best = outcome.best
     progress("writing tables")
@@ -69,11 +93,24 @@ def write_outcome(outcome: Outcome, folder: Path, progress: Callable[[str], None
     _write_csv(folder / "parameters.csv", _parameter_rows(outcome))
     _write_csv(folder / "covariance.csv", _covariance_rows(best))
     _write_csv(folder / "responses.csv", _response_rows(best))
-    for name in FIGURES:
-        progress(f"drawing {name.replace('_', ' ')}")
-        figure = getattr(best, f"plot_{name}")()
-        figure.savefig(folder / f"{name}.png", dpi=_DPI)
-        plt.close(figure)
+    if outcome.profiles:
+        _write_csv(folder / "profiles.csv", _profile_rows(outcome.profiles))
+    if outcome.bootstrap is not None:
+        _write_csv(folder / "bootstrap.csv", (outcome.bootstrap.names, *outcome.bootstrap.samples.tolist()))
+    best.save(folder / "fit.json")
+    if outcome.posterior is not None:
+        outcome.posterior.save(folder / "posterior.nc")
+    progress("drawing the report")
+    write_report(
+        best,
+        folder / "report.html",
+        refinement=outcome.ladder,
+        findings=outcome.findings,
+        posterior=outcome.posterior,
+        profiles=outcome.profiles,
+        bootstrap=outcome.bootstrap,
+        figures=folder,
+    )
 
 
 def _write_csv(path: Path, rows: Iterable[Sequence[Any]]) -> None:
@@ -117,11 +154,19 @@ def _response_rows(fit: FitResult) -> Iterator[Sequence[Any]]:
         yield r.name, r.count, r.nrmse, r.frac, r.redchi
 
 
+def _profile_rows(profiles: Sequence[Profile]) -> Iterator[Sequence[Any]]:
+    yield "parameter", "unit", "value", "rise_of_chi_squared"
+    for p in profiles:
+        for value, rise in zip(p.values.tolist(), p.rise.tolist(), strict=True):
+            yield p.name, p.unit, value, rise
+
+
 # ---- text -------------------------------------------------------------------------------------
 
 
 def summary(outcome: Outcome, rig: str = "") -> str:
     """Data, check, fit and refinement as text for a terminal, and the truth of a simulated rig if one is named."""
+    best = outcome.best
     parts = [
         "\n".join(
             describe_test(experiment, findings)
@@ -137,6 +182,12 @@ def summary(outcome: Outcome, rig: str = "") -> str:
         parts.append("structural refinement\n" + outcome.ladder.table())
         if outcome.ladder.best is not outcome.fit:
             parts.append(outcome.ladder.best.summary())
+    if outcome.profiles:
+        parts.append("profile likelihoods\n" + "\n".join(map(str, outcome.profiles)))
+    parts += [str(more) for more in (outcome.bootstrap, outcome.posterior) if more is not None]
+    if outcome.posterior is not None and best.model.speed_dependent and len(best.problem.space.index) == 1:
+        low, high = outcome.posterior.threshold_speed().interval(0.95)
+        parts.append(f"threshold speed, 95 % of the posterior: {low * _RPM:.1f} to {high * _RPM:.1f} rpm")
     if rig:
         parts.append(truth_table(outcome, rig))
     return "\n\n".join(parts)
@@ -241,6 +292,12 @@ def outcome_json(outcome: Outcome) -> str:
                 for p in best.params.values()
             },
             "threshold_rpm": onset,
+            "profiles": {
+                p.name: {"lower": _finite(p.lower), "upper": _finite(p.upper), "level": p.level, "message": p.message}
+                for p in outcome.profiles
+            },
+            "bootstrap": _bootstrap_json(outcome.bootstrap),
+            "posterior": _posterior_json(outcome.posterior),
             "unresolved": list(best.identifiability.unresolved),
             "findings": [[str(f) for f in found] for found in outcome.findings],
             "warnings": list(best.warnings),
@@ -248,6 +305,28 @@ def outcome_json(outcome: Outcome) -> str:
         indent=1,
         allow_nan=False,
     )
+
+
+def _bootstrap_json(bootstrap: Bootstrap | None) -> dict[str, Any] | None:
+    if bootstrap is None:
+        return None
+    return {
+        "seed": bootstrap.seed,
+        "failures": bootstrap.failures,
+        "stderr": {name: _finite(error) for name, error in bootstrap.stderr.items()},
+    }
+
+
+def _posterior_json(posterior: Posterior | None) -> dict[str, Any] | None:
+    if posterior is None:
+        return None
+    return {
+        "converged": posterior.converged,
+        "message": posterior.message,
+        "treatment": posterior.treatment,
+        "seed": posterior.seed,
+        "interval_95": {name: posterior.interval(name) for name in posterior.names},
+    }
 
 
 def _finite(value: float) -> float | None:

@@ -15,6 +15,7 @@ from rotorfit.refinement import Refinement
 from rotorfit.results import FitResult
 
 if TYPE_CHECKING:
+    from rotorfit.bootstrapping import Bootstrap
     from rotorfit.data_check import Finding
     from rotorfit.posterior import Posterior
     from rotorfit.profiles import Profile
@@ -32,6 +33,7 @@ class ReportInput:
     refinement: Refinement | None = None
     findings: Sequence[Sequence[Finding]] = ()
     profiles: Sequence[Profile] = ()
+    bootstrap: Bootstrap | None = None
     shares: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     operating_speed: float | None = None
     pictures: dict[str, bytes] = field(default_factory=dict)
@@ -46,6 +48,7 @@ def write_report(
     refinement: Refinement | None = None,
     findings: Sequence[Sequence[Finding]] | None = None,
     profiles: Sequence[Profile] = (),
+    bootstrap: Bootstrap | None = None,
     shares: Mapping[str, tuple[float, float]] | None = None,
     operating_speed: float | None = None,
     title: str | None = None,
@@ -60,6 +63,7 @@ def write_report(
         refinement: ladder of structural blocks, see :func:`rotorfit.refine`.
         findings: what the data check found, one sequence for each experiment; by default the check is run.
         profiles: profile likelihoods of some parameters or of the threshold speed, :meth:`FitResult.profile`.
+        bootstrap: fits of simulated data, :meth:`FitResult.bootstrap`.
         shares: random and systematic standard uncertainty by parameter, SI units.
         operating_speed: speed, rad/s, to which the stability margin refers beside the tested speeds.
         title: heading of the report.
@@ -83,6 +87,7 @@ def write_report(
         refinement=refinement,
         findings=findings,
         profiles=profiles,
+        bootstrap=bootstrap,
         shares=shares or {},
         operating_speed=operating_speed,
     )
@@ -108,11 +113,11 @@ def _check(material: ReportInput) -> None:
     for p in material.profiles:
         if p.level != LEVEL:
             raise ValueError(f"profile of {p.name}: its level is {p.level:g}, the report's intervals are at {LEVEL:g}")
-    posterior = material.posterior
-    if posterior is not None and posterior.fit.var_names != fit.var_names:
-        raise ValueError(
-            f"posterior of {', '.join(posterior.fit.var_names)}, but the fit is of {', '.join(fit.var_names)}"
-        )
+    for what, other in (("posterior", material.posterior), ("bootstrap", material.bootstrap)):
+        if other is not None and other.fit.var_names != fit.var_names:
+            raise ValueError(
+                f"{what} of {', '.join(other.fit.var_names)}, but the fit is of {', '.join(fit.var_names)}"
+            )
 
 
 def document(material: ReportInput, title: str) -> Html:

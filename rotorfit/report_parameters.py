@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from rotorfit.markup import Html, bullets, paragraph, table
 from rotorfit.profiles import THRESHOLD
 from rotorfit.report_numbers import NORMAL_95, RPM, interval, plain, with_error
-from rotorfit.report_parts import groups_of, note, posterior_threshold, section, sentence, symbol
+from rotorfit.report_parts import groups_of, note, section, sentence, symbol, threshold_interval
 from rotorfit.results import FittedParameter
 from rotorfit.tables import notable_correlations
 
@@ -59,7 +59,7 @@ def interval_section(material: ReportInput) -> Html:
     rows += _threshold_rows(material, profiles.get(THRESHOLD))
     if not rows:
         return Html("")
-    head = ["", "Laplace", "profile likelihood", "posterior", "random share", "systematic share", "unit"]
+    head = ["", "Laplace", "profile likelihood", "posterior", "bootstrap", "random share", "systematic share", "unit"]
     words = ["Laplace: estimate ± 1.96 standard errors, right where the errors are normal."]
     if material.profiles:
         words.append(
@@ -68,14 +68,18 @@ def interval_section(material: ReportInput) -> Html:
         )
     if material.posterior is not None:
         words.append("Posterior: central 95 % of the sampled draws.")
+    simulated = material.bootstrap
+    if simulated is not None:
+        failed = f", {simulated.failures} of whose fits failed" if simulated.failures else ""
+        words.append(f"Bootstrap: central 95 % of the estimates from {len(simulated.samples)} simulated tests{failed}.")
     if material.shares:
         words.append(
             "Random and systematic shares are standard uncertainties, GUM type A (noise) and type B (calibration)."
         )
-    if not material.profiles and material.posterior is None:
+    if not material.profiles and material.posterior is None and simulated is None:
         words.append("A posterior or profile likelihoods would test that.")
     words += [sentence(f"{p.name}: {p.message}") for p in material.profiles if p.message]
-    return section("95 % intervals", table(head, rows, numeric=range(1, 6), whole=(6,)), note(*words))
+    return section("95 % intervals", table(head, rows, numeric=range(1, 7), whole=(7,)), note(*words))
 
 
 def _shown(p: FittedParameter) -> bool:
@@ -85,12 +89,13 @@ def _shown(p: FittedParameter) -> bool:
 def _interval_row(material: ReportInput, p: FittedParameter, profile: Profile | None) -> list[str]:
     laplace = interval(p.value - NORMAL_95 * p.stderr, p.value + NORMAL_95 * p.stderr)
     shares = material.shares.get(p.name)
-    posterior = material.posterior
+    posterior, simulated = material.posterior, material.bootstrap
     return [
         symbol(p.name),
         "–" if p.at_bound else laplace,
         "" if profile is None else interval(*profile.interval),
         "" if posterior is None else interval(*posterior.interval(p.name)),
+        "" if simulated is None else interval(*simulated.interval(p.name)),
         *(("", "") if shares is None else (plain(shares[0], 2), plain(shares[1], 2))),
         _unit(p.unit),
     ]
@@ -109,7 +114,8 @@ def _threshold_rows(material: ReportInput, profile: Profile | None) -> Iterator[
                 interval((onset.value - half) * RPM, (onset.value + half) * RPM),
                 # A profile does not say which group it belongs to.
                 interval(profile.lower * RPM, profile.upper * RPM) if profile is not None and not label else "",
-                posterior_threshold(material, label),
+                threshold_interval(material.posterior, label),
+                threshold_interval(material.bootstrap, label),
                 "",
                 "",
                 "rpm",

@@ -10,7 +10,8 @@ from rotorfit.report_numbers import RPM, interval
 from rotorfit.results import FitResult
 
 if TYPE_CHECKING:
-    from rotorfit.report import ReportInput
+    from rotorfit.bootstrapping import Bootstrap
+    from rotorfit.posterior import Posterior
 
 
 def section(title: str, *content: str, figure: bool = False) -> Html:
@@ -50,9 +51,9 @@ def at_of(label: str) -> dict[str, str] | None:
     return dict(part.split("=", 1) for part in label.split(", ")) if label else None
 
 
-def posterior_threshold(material: ReportInput, label: str) -> str:
-    """Central 95 % of the posterior's threshold speed, rpm, empty without a posterior."""
-    if material.posterior is None:
+def threshold_interval(draws: Posterior | Bootstrap | None, label: str) -> str:
+    """Central 95 % of the threshold speed, rpm, empty without draws."""
+    if draws is None:
         return ""
-    low, high = material.posterior.threshold_speed(at_of(label)).interval(0.95)
+    low, high = draws.threshold_speed(at_of(label)).interval(0.95)
     return interval(float(low) * RPM, float(high) * RPM)

@@ -67,7 +67,9 @@ def _calls(material: ReportInput) -> Iterator[str]:
     yield f"fit = {call}({', '.join(['model, experiments', *parts])})"
     for p in material.profiles:
         yield f"fit.profile({p.name!r})"
-    posterior = material.posterior
+    simulated, posterior = material.bootstrap, material.posterior
+    if simulated is not None:
+        yield f"fit.bootstrap(n={len(simulated.samples) + simulated.failures}, seed={simulated.seed})"
     if posterior is not None:
         asked = {"seed": posterior.seed, **{n: getattr(posterior.settings, n) for n in _ASKED}}
         yield f"posterior = fit.sample({', '.join(f'{name}={value!r}' for name, value in asked.items())})"
@@ -131,7 +133,10 @@ def _command(material: ReportInput) -> str:
     words += ["--loss", settings.loss] if settings.loss != "linear" else []
     words += ["--phase-offsets"] if settings.phase_offsets else []
     words += ["--profile", ",".join(p.name for p in material.profiles)] if material.profiles else []
-    posterior = material.posterior
+    simulated, posterior = material.bootstrap, material.posterior
+    if simulated is not None:
+        words += ["--bootstrap", str(len(simulated.samples) + simulated.failures)]
+        words += ["--seed", str(simulated.seed)] if posterior is None else []
     if posterior is not None:
         asked = posterior.settings
         words += ["--sample", "--seed", str(posterior.seed), "--ess", f"{asked.ess:g}"]

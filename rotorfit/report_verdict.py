@@ -12,7 +12,7 @@ from rotorfit.fitting import MODEL_LIMITED
 from rotorfit.markup import Html, bullets, element, join
 from rotorfit.models.stability import growth_rate
 from rotorfit.report_numbers import NORMAL_95, RPM, interval, plain, with_error
-from rotorfit.report_parts import groups_of, posterior_threshold, section, sentence
+from rotorfit.report_parts import groups_of, section, sentence, threshold_interval
 from rotorfit.results import FitResult, Quantity
 
 if TYPE_CHECKING:
@@ -154,7 +154,7 @@ def _stability_cards(material: ReportInput) -> Iterator[Html]:
 def _threshold_intervals(material: ReportInput, onset: Quantity, label: str) -> Iterator[str]:
     low, high = (RPM * (onset.value + sign * NORMAL_95 * onset.stderr) for sign in (-1, 1))
     yield f"95 % Laplace {interval(low, high)} rpm"
-    posterior = posterior_threshold(material, label)
+    posterior = threshold_interval(material.posterior, label)
     if posterior:
         yield f"95 % posterior {posterior} rpm"
 

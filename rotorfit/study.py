@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 from rotorfit.estimators.closed_form import ClosedFormError
 from rotorfit.experiments import Experiment
@@ -17,9 +17,19 @@ from rotorfit.refinement import Refinement, refine
 from rotorfit.results import FitResult
 
 if TYPE_CHECKING:
+    from rotorfit.bootstrapping import Bootstrap
     from rotorfit.data_check import Finding
+    from rotorfit.estimators.posterior import Progress as Sampling
+    from rotorfit.posterior import Posterior
+    from rotorfit.profiles import Profile
 
-Progress = Callable[[str], None]
+
+class Progress(Protocol):
+    """Called when a stage begins, and while it goes on where it can say how far it is."""
+
+    def __call__(self, stage: str, done: float | None = None) -> None:
+        """Take notice of a stage in a few words and of the share of it that is done."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -46,6 +56,11 @@ class Study:
         blocks, two_lam: options of the model.
         known, bounds, priors, per, start, loss, phase_offsets: see :func:`rotorfit.fit`.
         refine: add structural blocks while the data ask for them.
+        sample: draw from the posterior.
+        seed: of random numbers; by default one is drawn, and told in the results.
+        ess, max_steps: effective samples to reach, and steps to stop at in any case; see :func:`rotorfit.sample`.
+        profile: parameters to profile, or "threshold_speed".
+        bootstrap: number of data sets to simulate and fit, none by default.
     """
 
     files: tuple[DataFile, ...]
@@ -62,6 +77,12 @@ class Study:
     loss: str = "linear"
     phase_offsets: bool = False
     refine: bool = False
+    sample: bool = False
+    seed: int | None = None
+    ess: float = 4000
+    max_steps: int = 20_000
+    profile: tuple[str, ...] = ()
+    bootstrap: int = 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,6 +96,7 @@ class Outcome:
         closed: the closed form, or the reason why there is none.
         fit: the fit of the model as asked for.
         ladder: the structural refinement, if asked for.
+        posterior, profiles, bootstrap: further measures of uncertainty of the result to act on, if asked for.
     """
 
     study: Study
@@ -83,19 +105,32 @@ class Outcome:
     closed: FitResult | str
     fit: FitResult
     ladder: Refinement | None = None
+    posterior: Posterior | None = None
+    profiles: tuple[Profile, ...] = ()
+    bootstrap: Bootstrap | None = None
 
     @property
     def best(self) -> FitResult:
         """The result to act on: the refined one where there is one."""
         return self.fit if self.ladder is None else self.ladder.best
 
+    @property
+    def failure(self) -> str:
+        """What did not converge, in words; empty where all is well."""
+        if not self.best.success:
+            return f"the fit did not converge: {self.best.message}"
+        if self.posterior is not None and not self.posterior.converged:
+            return f"the posterior's sampling has {self.posterior.message}"
+        return ""
 
-def run_study(study: Study, progress: Progress) -> Outcome:
-    """Read, check, solve in closed form, optimise and, if asked for, refine.
+
+def run_study(study: Study, progress: Progress, checkpoint: Path | None = None) -> Outcome:
+    """Read, check, solve in closed form, optimise and, if asked for, refine and sample.
 
     Args:
         study: the settings.
-        progress: called with a few words when a stage begins.
+        progress: called when a stage begins.
+        checkpoint: file of the sampler's, from which a run that was stopped goes on.
 
     Raises:
         OSError: a file that cannot be read.
@@ -134,7 +169,32 @@ def run_study(study: Study, progress: Progress) -> Outcome:
     if study.refine:
         progress("refining the structure")
         ladder = refine(result)
-    return Outcome(study, tuple(experiments), findings, closed, result, ladder)
+    outcome = Outcome(study, tuple(experiments), findings, closed, result, ladder)
+    return _with_uncertainty(outcome, progress, checkpoint) if outcome.best.success else outcome
+
+
+def _with_uncertainty(outcome: Outcome, progress: Progress, checkpoint: Path | None) -> Outcome:
+    """Profiles, simulated data and posterior, as far as the study asks for them."""
+    study, best = outcome.study, outcome.best
+    profiles = []
+    for i, name in enumerate(study.profile):
+        progress(f"profile likelihood of {name}", i / len(study.profile))
+        profiles.append(best.profile(name))
+    simulated = None
+    if study.bootstrap:
+        progress(f"fitting {study.bootstrap} simulated tests")
+        simulated = best.bootstrap(n=study.bootstrap, seed=study.seed or 0)
+    posterior = None
+    if study.sample:
+        progress("sampling the posterior", 0.0)
+
+        def report(state: Sampling) -> None:
+            progress(f"{state.ess:.0f} of {study.ess:.0f} effective samples", min(state.ess / study.ess, 1.0))
+
+        posterior = best.sample(
+            seed=study.seed, ess=study.ess, max_steps=study.max_steps, checkpoint=checkpoint, progress=report
+        )
+    return replace(outcome, posterior=posterior, profiles=tuple(profiles), bootstrap=simulated)
 
 
 def check_model_name(name: str) -> None:

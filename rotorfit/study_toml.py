@@ -10,6 +10,9 @@
     bounds = {lam = [0.0, 0.6]}
     priors = {sigma = {norm = [1.0, 0.01]}}
     per = {D = "speed_rpm"}
+    sample = true
+    seed = 1
+    profile = ["lam", "threshold_speed"]
 """
 
 from __future__ import annotations
@@ -79,6 +82,24 @@ def _number(key: str, value: Any) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise ValueError(f"{key} must be a number, got {value!r}")
     return float(value)
+
+
+def _positive(key: str, value: Any) -> float:
+    if not _number(key, value) > 0:
+        raise ValueError(f"{key} must be above zero, got {value!r}")
+    return float(value)
+
+
+def _whole(key: str, value: Any) -> int:
+    if isinstance(value, bool) or not isinstance(value, int) or value < 0:
+        raise ValueError(f"{key} must be a whole number, not below zero; got {value!r}")
+    return value
+
+
+def _count(key: str, value: Any) -> int:
+    if _whole(key, value) == 0:
+        raise ValueError(f"{key} must be at least 1, got {value!r}")
+    return int(value)
 
 
 def _number_or_free(key: str, value: Any) -> float | None:
@@ -194,5 +215,11 @@ _KEYS: dict[str, Parser] = {
     "loss": _text,
     "phase_offsets": _flag,
     "refine": _flag,
+    "sample": _flag,
+    "seed": _whole,
+    "ess": _positive,
+    "max_steps": _count,
+    "profile": _texts,
+    "bootstrap": _count,
 }
 """Keys of a study and what their values must be."""

@@ -4,18 +4,19 @@ from __future__ import annotations
 
 import csv
 import json
-import os
 import re
 import subprocess
 import sys
+import tempfile
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
+from synthetic import circular_test
 
 import rotorfit as rf
-from rotorfit import cli, cli_output
+from rotorfit import cli, cli_output, report_figures
 from rotorfit.study import DataFile, Study
 from rotorfit.study_toml import read_study
 
@@ -23,15 +24,29 @@ ROOT = Path(__file__).parent.parent
 RIG = str(rf.datasets.path("rig_open.csv"))
 TRUTH = rf.datasets.truth("rig_open")
 FIT = ["fit", RIG, "--model", "whirl-whip", "--known", "K3=6000"]
-FIGURES = {f"{name}.png" for name in cli_output.FIGURES}
+FIGURES = {"dynamic_stiffness.png", "bode.png", "polar.png", "residuals.png", "stability.png"}
 TABLES = {"summary.txt", "parameters.csv", "covariance.csv", "responses.csv"}
+WHOLE = {"report.html", "fit.json"}
+SAMPLED = {"posterior.nc", "corner.png", "chains.png"}
 
 Run = Callable[..., tuple[int, str, str]]
 
 
 @pytest.fixture
-def run(capsys: pytest.CaptureFixture[str]) -> Run:
-    """Run the command line in this process: exit code, standard output, standard error."""
+def sketched(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Leave the figures' pixels out, which take most of the time, where a test is about something else."""
+    monkeypatch.setattr(report_figures, "drawn", lambda figure: b"\x89PNG")
+
+
+@pytest.fixture
+def run(draw: Run, sketched: None) -> Run:
+    """Run the command line in this process, without drawing: exit code, standard output, standard error."""
+    return draw
+
+
+@pytest.fixture
+def draw(capsys: pytest.CaptureFixture[str]) -> Run:
+    """The same with figures."""
 
     def call(*words: str | Path) -> tuple[int, str, str]:
         try:
@@ -52,6 +67,12 @@ def refused(result: tuple[int, str, str]) -> str:
     return err.removeprefix("rotorfit: ").rstrip("\n")
 
 
+def perturbed() -> rf.PerturbationTest:
+    rig = rf.datasets.rig_open()
+    assert isinstance(rig, rf.PerturbationTest)
+    return rig
+
+
 def table(path: Path) -> dict[str, dict[str, str]]:
     with path.open(encoding="utf-8", newline="") as stream:
         return {row["parameter"]: row for row in csv.DictReader(stream)}
@@ -63,7 +84,7 @@ def table(path: Path) -> dict[str, dict[str, str]]:
 def test_demo_writes_everything_and_meets_the_truth(run: Run, tmp_path: Path) -> None:
     code, out, err = run("demo", "--out", tmp_path / "results")
     assert (code, err) == (0, "")
-    assert {p.name for p in (tmp_path / "results").iterdir()} == TABLES | FIGURES
+    assert {p.name for p in (tmp_path / "results").iterdir()} == TABLES | FIGURES | WHOLE
     assert [p.name for p in tmp_path.iterdir()] == ["results"]
     rows = table(tmp_path / "results" / "parameters.csv")
     for name, tolerance in (("D", 0.002), ("lam", 0.002), ("Mf", 0.025)):
@@ -74,10 +95,10 @@ def test_demo_writes_everything_and_meets_the_truth(run: Run, tmp_path: Path) ->
     assert (tmp_path / "results" / "summary.txt").read_text(encoding="utf-8").strip() in out
 
 
-def test_figures_are_pictures_of_some_size(run: Run, tmp_path: Path) -> None:
+def test_figures_are_pictures_of_some_size(draw: Run, tmp_path: Path) -> None:
     import matplotlib.image
 
-    assert run(*FIT, "--out", tmp_path, "--quiet") == (0, "", "")
+    assert draw(*FIT, "--out", tmp_path, "--quiet") == (0, "", "")
     for name in FIGURES:
         pixels = matplotlib.image.imread(tmp_path / name)
         assert min(pixels.shape[:2]) > 400
@@ -123,7 +144,7 @@ def test_options_reach_the_fit(run: Run) -> None:
 
 def test_undetermined_parameters_carry_no_number(run: Run, tmp_path: Path) -> None:
     """Journal force alone leaves Md, Ds, K1, sigma and K0 along one null direction."""
-    rig = rf.datasets.rig_open()
+    rig = perturbed()
     rf.write(rig.select(rig.force_plane == "journal"), tmp_path / "journal.csv")
     words = ["fit", tmp_path / "journal.csv", "--model", "whirl-whip", "--known", "K3=6000"]
     code, out, _ = run(*words, "--out", tmp_path / "out", "--json")
@@ -165,7 +186,7 @@ def test_two_files_are_fitted_together(run: Run, tmp_path: Path) -> None:
 def test_info_tells_of_a_conjugated_response(run: Run, tmp_path: Path) -> None:
     from dataclasses import replace
 
-    rig = rf.datasets.rig_open()
+    rig = perturbed()
     rf.write(replace(rig, response=rig.response.conj(), force=rig.force.conj()), tmp_path / "conjugated.csv")
     code, out, _ = run("info", tmp_path / "conjugated.csv", RIG)
     assert code == 0
@@ -321,10 +342,148 @@ def test_a_bug_is_not_hidden_as_bad_input(run: Run, monkeypatch: pytest.MonkeyPa
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.skipif(os.geteuid() == 0, reason="root may write everywhere")
-def test_folder_without_permission(run: Run, tmp_path: Path) -> None:
-    (tmp_path / "locked").mkdir(mode=0o500)
-    assert "cannot write to" in refused(run(*FIT, "--out", tmp_path / "locked" / "out"))
+def test_folder_below_a_file(run: Run, tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("kept", encoding="utf-8")
+    message = refused(run(*FIT, "--out", tmp_path / "file" / "results" / "today"))
+    assert message == f"{tmp_path / 'file'} is a file; give a folder for the results"
+    assert [p.name for p in tmp_path.iterdir()] == ["file"]
+
+
+def test_folder_without_permission(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def forbidden(*_: object, **place: object) -> None:
+        raise PermissionError(13, "Permission denied", str(place["dir"]))
+
+    monkeypatch.setattr(tempfile, "TemporaryDirectory", forbidden)  # root may write everywhere
+    assert refused(run(*FIT, "--out", tmp_path / "out")) == (
+        f"cannot write to {tmp_path}: Permission denied; give another folder"
+    )
+    assert list(tmp_path.iterdir()) == []
+
+
+# ---- uncertainty beyond standard errors -----------------------------------------------------------
+
+
+@pytest.fixture
+def small(tmp_path: Path) -> list[str]:
+    """Words that fit a small test of one mode, which samples in a moment."""
+    model = rf.models.OneMode()
+    values = {"M": 1.2, "K": 8000.0, "Ds": 8.0, "K0": 9000.0, "D": 450.0, "lam": 0.46, "Mf": 0.4}
+    w = np.r_[-300:-20:20.0, 20:300:20.0]
+    test = circular_test(
+        model, model.vector(values), speeds=(100.0, 180.0), frequency=w, noise=0.02, seed=3, sigma_known=True
+    )
+    (tmp_path / "data").mkdir()
+    rf.write(test, tmp_path / "data" / "small.csv")
+    return ["fit", str(tmp_path / "data" / "small.csv"), "--model", "one-mode", "--known", "K=8000,Ds=8"]
+
+
+MORE = ["--sample", "--seed", "4", "--ess", "800", "--profile", "lam,threshold_speed", "--bootstrap", "20"]
+
+
+def test_all_measures_of_uncertainty(run: Run, tmp_path: Path, small: list[str]) -> None:
+    out = tmp_path / "out"
+    code, text, err = run(*small, *MORE, "--out", out)
+    assert (code, err) == (0, "")
+    extras = SAMPLED | {"profiles.csv", "bootstrap.csv"}
+    assert {p.name for p in out.iterdir()} == TABLES | FIGURES | WHOLE | extras
+    fit = rf.load_fit(out / "fit.json")
+    posterior = rf.load_posterior(out / "posterior.nc", fit)
+    assert posterior.converged
+    assert posterior.seed == 4
+    for words in ("profile likelihoods", "parametric bootstrap: 20 simulated", "R-hat", "95 % of the posterior"):
+        assert words in text
+    page = (out / "report.html").read_text(encoding="utf-8")
+    for words in ("split R-hat", "profile likelihood", "central 95 % of the estimates from 20 simulated tests"):
+        assert words in page
+    call = "--profile lam,threshold_speed --bootstrap 20 --sample --seed 4 --ess 800 --max-steps 20000 --out results/"
+    assert call in page
+    with (out / "bootstrap.csv").open(encoding="utf-8", newline="") as stream:
+        head, *rows = list(csv.reader(stream))
+    assert tuple(head) == fit.var_names
+    assert len(rows) == 20
+
+
+def test_the_same_seed_gives_the_same_json(run: Run, small: list[str]) -> None:
+    code, first, err = run(*small, *MORE, "--json")
+    assert (code, err) == (0, "")
+    answer = json.loads(first)
+    assert answer == json.loads(run(*small, *MORE, "--json")[1])
+    low, high = answer["posterior"]["interval_95"]["lam"]
+    lam = answer["parameters"]["lam"]
+    assert low < lam["value"] < high
+    # a posterior that is nearly normal: within its own noise of a few percent of the standard error
+    assert high - low == pytest.approx(2 * 1.96 * lam["stderr_noise"], rel=0.2)
+    ends = answer["profiles"]["lam"]
+    assert ends["upper"] - ends["lower"] == pytest.approx(2 * 1.96 * lam["stderr"], rel=0.05)
+    assert answer["bootstrap"]["failures"] == 0
+    assert answer["bootstrap"]["stderr"]["lam"] == pytest.approx(lam["stderr_noise"], rel=0.6)  # of 20 draws
+
+
+def test_sampling_cut_short_is_no_success(run: Run, tmp_path: Path, small: list[str]) -> None:
+    code, out, err = run(*small, "--sample", "--ess", "1e6", "--max-steps", "60", "--out", tmp_path / "out")
+    assert code == cli.NOT_CONVERGED
+    assert err.startswith("rotorfit: the posterior's sampling has not converged")
+    assert "NOT CONVERGED" in out
+    assert "not converged" in (tmp_path / "out" / "report.html").read_text(encoding="utf-8").partition("Parameters")[0]
+
+
+def test_interrupted_sampling_goes_on(
+    run: Run, tmp_path: Path, small: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    out = tmp_path / "new" / "out"
+    words = [*small, "--sample", "--seed", "4", "--ess", "30000", "--out", str(out), "--quiet"]
+
+    def stop(self: cli.Progress, stage: str, done: float | None = None) -> None:
+        if "effective samples" in stage:
+            raise KeyboardInterrupt
+
+    with monkeypatch.context() as patched:
+        patched.setattr(cli.Progress, "__call__", stop)
+        code, _, err = run(*words)
+    checkpoint = out / cli_output.CHECKPOINT
+    assert (code, err) == (
+        cli.INTERRUPTED,
+        f"rotorfit: interrupted, the same command goes on from {checkpoint}\n",
+    )
+    assert list(out.iterdir()) == [checkpoint]
+    assert [p.name for p in out.parent.iterdir()] == ["out"]
+    assert "another" in refused(run(*words, "--start", "D=450", "--known", "Mf=0.41"))
+    assert list(out.iterdir()) == [checkpoint]
+    assert run(*words) == (0, "", "")
+    assert {p.name for p in out.iterdir()} == TABLES | FIGURES | WHOLE | SAMPLED
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        ("--profile lamda", "did you mean 'lam'"),
+        ("--profile K", "K is known here"),
+        ("--ess 0", "argument --ess: 0 is not above zero"),
+        ("--bootstrap many", "argument --bootstrap: invalid"),
+        ("--seed -1", "argument --seed: -1 is below zero"),
+        ("--max-steps 0", "argument --max-steps: at least 1"),
+    ],
+)
+def test_bad_uncertainty_settings(run: Run, tmp_path: Path, small: list[str], words: str, expected: str) -> None:
+    code, out, err = run(*small, *words.split(), "--sample", "--out", tmp_path / "out")
+    assert (code, out) == (cli.BAD_INPUT, "")
+    assert expected in err
+    assert [p.name for p in tmp_path.iterdir()] == ["data"]
+
+
+def test_progress_is_one_line_with_a_bar(capsys: pytest.CaptureFixture[str]) -> None:
+    shown = cli.Progress(enabled=True)
+    shown("reading")
+    shown("sampling", 0.5)
+    shown.close()
+    err = capsys.readouterr().err
+    assert "\n" not in err
+    _, reading, sampling, end = err.split("\r\033[K")
+    assert "#" not in reading
+    assert "[############            ]  50 %  sampling ..." in sampling
+    assert end == ""
+    cli.Progress(enabled=False)("nothing", 1.0)
+    assert capsys.readouterr().err == ""
 
 
 # ---- TOML studies -----------------------------------------------------------------------------
@@ -347,7 +506,7 @@ def test_run_is_fit_from_a_file(run: Run, tmp_path: Path, monkeypatch: pytest.Mo
     monkeypatch.chdir(tmp_path)
     code, out, _ = run("run", "study/study.toml", "--json")
     assert code == 0
-    assert {p.name for p in (folder / "results").iterdir()} == TABLES | FIGURES
+    assert {p.name for p in (folder / "results").iterdir()} == TABLES | FIGURES | WHOLE
     same = run(*FIT, "--bounds", "lam=0:0.6", "--refine", "--json")[1]
     assert json.loads(out)["parameters"] == json.loads(same)["parameters"]
 
@@ -368,6 +527,12 @@ def test_every_key_of_a_study(tmp_path: Path) -> None:
         loss = "cauchy"
         phase_offsets = true
         refine = true
+        sample = true
+        seed = 0
+        ess = 1000
+        max_steps = 500
+        profile = ["lam", "threshold_speed"]
+        bootstrap = 100
         [[files]]
         path = "a.csv"
         [[files]]
@@ -398,7 +563,7 @@ def test_every_key_of_a_study(tmp_path: Path) -> None:
         files=study.files, model="whirl-whip", out=tmp_path / "results", planes=("rotor", "seal"),
         blocks=("coupling_mass",), two_lam=True, known={"K3": 6000.0, "sigma": None}, bounds={"lam_D": (-np.inf, 0.6)},
         priors={"sigma": prior}, per={"D": "speed_rpm"}, start={"D": 400.0}, loss="cauchy", phase_offsets=True,
-        refine=True,
+        refine=True, sample=True, seed=0, ess=1000.0, max_steps=500, profile=("lam", "threshold_speed"), bootstrap=100,
     )  # fmt: skip
     assert study == expected
 
@@ -417,6 +582,11 @@ def test_every_key_of_a_study(tmp_path: Path) -> None:
         ("priors = {D = 3}", "must be one distribution"),
         ('known = {K3 = "fixed"}', '"free" to fit it'),
         ("per = {D = 3}", "per.D must be a text"),
+        ('sample = "yes"', "sample must be true or false"),
+        ("seed = 1.5", "seed must be a whole number"),
+        ("ess = 0", "ess must be above zero"),
+        ("bootstrap = 0", "bootstrap must be at least 1"),
+        ('profile = "lam"', "profile must be a list of texts"),
         ("= 3", "not a TOML file"),
     ],
 )
