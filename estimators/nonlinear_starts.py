@@ -13,7 +13,7 @@ from rotorfit.estimators.least_squares import Solution
 from rotorfit.estimators.nonlinear import OrbitResponses
 from rotorfit.estimators.observations import Block, Responses
 from rotorfit.estimators.problem import ParameterSpace, Problem
-from rotorfit.estimators.small_motion import FreeVibrations
+from rotorfit.estimators.small_motion import FreeVibrations, OffCentreResponses
 from rotorfit.models import Constant, Law
 
 Float = NDArray[np.float64]
@@ -84,7 +84,19 @@ def _small_orbits(blocks: tuple[Block, ...]) -> tuple[Block, ...]:
             eps = np.where(np.isfinite(block.eccentricity), block.eccentricity, 0.0)
             limit = max(_SMALL, float(np.median(eps)))
             chosen.append(block.lines(eps <= limit).base)
+        if isinstance(block, OffCentreResponses):
+            chosen.append(_as_circular(block))
     return tuple(chosen)
+
+
+def _as_circular(block: OffCentreResponses) -> Responses:
+    """Readings of each probe taken for those of circular orbits: what is anisotropic cancels between x and y."""
+    turned = np.where(block.vertical, 1j * block.measured, block.measured)
+    turned = np.where(block.frequency[block.line] < 0, np.where(block.vertical, -turned, turned).conj(), turned)
+    return Responses(
+        block.model, block.speed, block.frequency, block.force, block.group, block.line, block.coordinate, turned,
+        block.sigma, block.label, block.labels, block.run,
+    )  # fmt: skip
 
 
 def _with_law(space: ParameterSpace, reduced: ParameterSpace, x: Float, law: Law) -> Iterator[Float]:
