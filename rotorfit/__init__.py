@@ -10,6 +10,9 @@ __version__ = "0.1.0"
 if TYPE_CHECKING:  # `as` tells type checkers that these names are for users
     from rotorfit import datasets as datasets
     from rotorfit import models as models
+    from rotorfit.bootstrapping import Bootstrap as Bootstrap
+    from rotorfit.budget import Budget as Budget
+    from rotorfit.calibration import Calibration as Calibration
     from rotorfit.campaigns import Campaign as Campaign
     from rotorfit.campaigns import campaign as campaign
     from rotorfit.data_check import Finding as Finding
@@ -29,6 +32,7 @@ if TYPE_CHECKING:  # `as` tells type checkers that these names are for users
     from rotorfit.posterior import Posterior as Posterior
     from rotorfit.posterior import sample as sample
     from rotorfit.posterior_io import load_posterior as load_posterior
+    from rotorfit.profiles import Profile as Profile
     from rotorfit.readers import read as read
     from rotorfit.readers import write as write
     from rotorfit.refinement import Refinement as Refinement
@@ -73,6 +77,10 @@ _HOME = {
     "FittedParameter": "rotorfit.results",
     "Quantity": "rotorfit.results",
     "ring_down_modes": "rotorfit.ring_down",
+    "Bootstrap": "rotorfit.bootstrapping",
+    "Budget": "rotorfit.budget",
+    "Calibration": "rotorfit.calibration",
+    "Profile": "rotorfit.profiles",
     "load_fit": "rotorfit.serialise",
     "save_fit": "rotorfit.serialise",
     "dynamic_stiffness": "rotorfit.stiffness",

@@ -11,9 +11,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rotorfit.calibration import KINDS, Calibration, nuisance_entries
 from rotorfit.estimators.closed_form import ClosedForm
 from rotorfit.estimators.closed_form import closed_form as solve_closed_form
-from rotorfit.estimators.identifiability import diagnose, natural_scales
+from rotorfit.estimators.identifiability import covariance, diagnose, natural_scales
 from rotorfit.estimators.least_squares import Options, Solution, Status, minimise
 from rotorfit.estimators.nonlinear import responses_of
 from rotorfit.estimators.observations import Block
@@ -38,6 +39,8 @@ from rotorfit.results import FitResult, FitSettings, FittedParameter, ResponseQu
 
 Float = NDArray[np.float64]
 
+_MEANING = {"phase": ("rad", "offset of the phase reference"), **KINDS}
+
 MODEL_LIMITED = 2.0
 """redchi above which a result says that the model, not the noise, limits the fit."""
 
@@ -53,6 +56,7 @@ def fit(
     loss: Loss = "linear",
     start: Mapping[str, float] | None = None,
     phase_offsets: bool = False,
+    calibration: Calibration | None = None,
     max_iterations: int = 200,
 ) -> FitResult:
     """Fit a model by weighted nonlinear least squares on the complex responses (Ipopt, started from the closed form).
@@ -67,6 +71,7 @@ def fit(
         loss: "linear", or "soft_l1", "huber", "cauchy" against outliers.
         start: start values that replace those of the closed form.
         phase_offsets: fit an offset of the phase reference for every run but the first.
+        calibration: uncertainties of probes, force and phase reference, which then count in ``stderr``.
         max_iterations: limit on the iterations of Ipopt.
 
     Returns:
@@ -76,7 +81,9 @@ def fit(
         KeyError: unknown parameter names; the message names the nearest.
         ValueError: data that do not fit the model, contradictory bounds, more unknowns than data.
     """
-    settings = FitSettings(known or {}, bounds or {}, priors or {}, per or {}, loss, phase_offsets)
+    settings = FitSettings(
+        known or {}, bounds or {}, priors or {}, per or {}, loss, phase_offsets, calibration=calibration
+    )
     problem = build_problem(model, experiments, settings)
     begin, notes = start_vector(problem, start or {})
     solution = _solve(problem, begin, Options(max_iterations=max_iterations))
@@ -143,16 +150,29 @@ def build_problem(model: RotorModel, experiments: Experiment | Sequence[Experime
     several_runs = [run for block in turning for run in block.run.tolist()] if settings.phase_offsets else []
     runs = list(dict.fromkeys(several_runs))
     nuisance = tuple(f"phase[{run}]" for run in runs[1:])
+    parts = [tuple(_phase_factors(block, runs[1:]) for block in blocks)] if nuisance else []
+    errors = nuisance_entries(settings.calibration, several, blocks) if settings.calibration else None
+    if errors is not None:
+        nuisance = (*nuisance, *errors.names)
+        parts.append(errors.factors)
+    factors = tuple(np.hstack(own) for own in zip(*parts, strict=True)) if parts else (None,) * len(blocks)
     space = parameter_space(
         model, known=settings.known, bounds=settings.bounds, groups=grouping.suffixes, nuisance=nuisance
     )
-    factors = tuple(_phase_factors(block, runs[1:]) if nuisance else None for block in blocks)
-    problem = with_levels(
-        Problem(space, blocks, settings.loss, _priors(space, settings.priors), factors), settings.levels
-    )
+    priors = _priors(space, settings.priors)
+    if errors is not None:
+        first = space.size - errors.sd.size
+        priors += tuple(Prior(first + i, _normal(sd)) for i, sd in enumerate(errors.sd.tolist()))
+    problem = with_levels(Problem(space, blocks, settings.loss, priors, factors), settings.levels)
     if space.size > problem.n_data:
         raise ValueError(f"{space.size} unknowns but only {problem.n_data} real data: fix parameters or add readings")
     return problem
+
+
+def _normal(sd: float) -> Any:
+    from scipy.stats import norm
+
+    return norm(0.0, sd)
 
 
 def with_levels(problem: Problem, levels: Mapping[str, float], power: int = 1) -> Problem:
@@ -272,7 +292,9 @@ def _result(
     residuals, jacobian = problem.jacobian(x)
     given = with_levels(problem, settings.levels, -1)  # goodness of fit refers to the noise of the data
     whitened = given.residuals(x) if settings.levels else residuals
-    chisqr, nfree = float(np.sum(np.abs(whitened) ** 2)), problem.n_data - space.size
+    # A nuisance entry with a prior brings the datum that pays for it.
+    paid = sum(prior.entry >= len(space.names) for prior in problem.priors)
+    chisqr, nfree = float(np.sum(np.abs(whitened) ** 2)), problem.n_data - space.size + paid
     redchi = _reduced(problem, whitened, nfree)
     root, sandwich = _information(problem, x, residuals, jacobian)
     scales = _scales(problem, x)
@@ -284,8 +306,12 @@ def _result(
     if estimate is not None:
         noise = np.where(np.isfinite(estimate.covar), estimate.covar, np.nan)
     widening = max(1.0, redchi) if problem.loss == "linear" and not settings.levels else 1.0
+    covar = noise * widening
+    if problem.priors and widening > 1:  # what is known beforehand is no less certain for a model that does not fit
+        wide = _information(problem, x, residuals / np.sqrt(widening), jacobian / np.sqrt(widening))[0]
+        covar = diagnose(space.model, names, base, x, wide, scales)[0]
     deviance = float(robust_weights(problem.loss, np.abs(whitened) ** 2)[0].sum())
-    params = _parameters(problem, x, begin, noise, widening, verdict.unresolved)
+    params = _parameters(problem, x, begin, noise, covar, verdict.unresolved)
     warnings = [*notes, *_warnings(problem, x, redchi, params, bool(settings.levels))]
     # A minimum along a whole line is one: the identifiability verdict names the line.
     success = solution is None or solution.success or solution.status is Status.SINGULAR
@@ -299,7 +325,7 @@ def _result(
         problem=problem,
         x=x,
         params=params,
-        covar=noise * widening,
+        covar=covar,
         chisqr=chisqr,
         redchi=redchi,
         ndata=problem.n_data,
@@ -353,7 +379,18 @@ def _information(
     if problem.loss == "linear":
         return root, None
     scores = weight[:, None] * (r.conj()[:, None] * J).real
-    return root, scores.T @ scores
+    scatter = scores.T @ scores
+    for prior in problem.priors:  # a prior's centre is as uncertain as the prior is wide
+        scatter[prior.entry, prior.entry] += prior.terms(float(x[prior.entry]))[2]
+    return root, scatter
+
+
+def inverse_curvature(fit: FitResult) -> Float:
+    """Change of the estimate by the slope of the cost, shape ``(p, p)``: ``covar`` itself unless the loss is robust."""
+    if fit.problem.loss == "linear":
+        return fit.covar
+    root, _ = _information(fit.problem, fit.x, *fit.problem.jacobian(fit.x))
+    return covariance(root, _scales(fit.problem, fit.x))[0]
 
 
 def _scales(problem: Problem, x: Float) -> Float:
@@ -375,27 +412,28 @@ def _scales(problem: Problem, x: Float) -> Float:
 
 
 def _parameters(
-    problem: Problem, x: Float, begin: Float, noise: Float, widening: float, unresolved: Sequence[str]
+    problem: Problem, x: Float, begin: Float, noise: Float, covar: Float, unresolved: Sequence[str]
 ) -> dict[str, FittedParameter]:
     space = problem.space
     begin = np.concatenate([begin, np.zeros(space.size - begin.size)])
     # With priors or tight noise a variance may come out as -0.
-    error = np.sqrt(np.maximum(np.diag(noise), 0.0))
+    error, wide = (np.sqrt(np.maximum(np.diag(matrix), 0.0)) for matrix in (noise, covar))
     entries: dict[str, FittedParameter] = {}
     for i, name in enumerate((*space.names, *space.nuisance)):
         known_to_model = i < len(space.names)
         meta = space.model.parameter(space.base[i]) if known_to_model else None
+        unit, meaning = (meta.unit, meta.meaning) if meta else _MEANING[name.partition("[")[0]]
         resolved = name not in unresolved
         span = max(abs(float(x[i])), 1e-12)
         at_bound = bool(min(x[i] - space.lower[i], space.upper[i] - x[i]) <= 1e-7 * span)
         entries[name] = FittedParameter(
             name,
             float(x[i]),
-            float(error[i] * np.sqrt(widening)) if resolved else float("inf"),
+            float(wide[i]) if resolved else float("inf"),
             float(error[i]) if resolved else float("inf"),
             float(begin[i]),
-            meta.unit if meta else "rad",
-            meta.meaning if meta else "offset of the phase reference",
+            unit,
+            meaning,
             float(space.lower[i]),
             float(space.upper[i]),
             True,

@@ -21,6 +21,7 @@ _HOMES = (
     "rotorfit.experiments",
     "rotorfit.models",
     "rotorfit.results",
+    "rotorfit.calibration",
     "rotorfit.estimators.identifiability",
 )
 """Modules whose records a file may name; nothing else is ever imported or called for a file."""

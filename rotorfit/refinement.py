@@ -132,6 +132,7 @@ def refit(fit: FitResult, model: RotorModel, extra_known: Mapping[str, float] | 
         per=settings.per,
         loss=settings.loss,
         phase_offsets=settings.phase_offsets,
+        calibration=settings.calibration,
         start={**start, **block_start},
     )
 
@@ -191,6 +192,7 @@ def one_lam_test(fit: FitResult, *, level: float = 0.01) -> OneLamTest:
         per=settings.per,
         loss=settings.loss,
         phase_offsets=settings.phase_offsets,
+        calibration=settings.calibration,
         start={**start, "lam_D": lam, "lam_M": lam},
     )
     d, m = wide.params["lam_D"], wide.params["lam_M"]

@@ -22,6 +22,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from rotorfit.bootstrapping import Bootstrap
+    from rotorfit.budget import Budget
+    from rotorfit.calibration import Calibration, Uncertainty
     from rotorfit.posterior import Posterior
     from rotorfit.profiles import Profile
 
@@ -100,8 +102,8 @@ class ResponseQuality:
 class FitSettings:
     """What the user asked for; see :func:`rotorfit.fit`.
 
-    ``levels`` are factors on the noise by response, which :func:`rotorfit.refine` reads off the residuals once the
-    structure explains the data.
+    ``calibration`` holds the uncertainties that enter as nuisance entries. ``levels`` are factors on the noise by
+    response, which :func:`rotorfit.refine` reads off the residuals once the structure explains the data.
     """
 
     known: Mapping[str, float | None] = field(default_factory=dict)
@@ -111,6 +113,7 @@ class FitSettings:
     loss: Loss = "linear"
     phase_offsets: bool = False
     levels: Mapping[str, float] = field(default_factory=dict)
+    calibration: Calibration | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -290,6 +293,23 @@ class FitResult:
         from rotorfit.bootstrapping import bootstrap
 
         return bootstrap(self, n=n, seed=seed, accelerate=accelerate)
+
+    def calibration(
+        self,
+        *,
+        probe_gain: Uncertainty = 0.0,
+        probe_phase_deg: Uncertainty = 0.0,
+        mr: Uncertainty = 0.0,
+        keyphasor_deg: float = 0.0,
+    ) -> Budget:
+        """Random and systematic uncertainty apart (GUM type A and B); see :class:`rotorfit.Calibration`.
+
+        The fit is repeated with the errors of calibration as nuisance entries; it is the ``fit`` of the answer.
+        """
+        from rotorfit.budget import budget
+        from rotorfit.calibration import Calibration
+
+        return budget(self, Calibration(probe_gain, probe_phase_deg, mr, keyphasor_deg))
 
     # ---- files, imported when asked for ------------------------------------------------------------------------------
 
