@@ -17,6 +17,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from rotorfit.estimators.kernels import Batch
 from rotorfit.estimators.least_squares import Options, minimise
+from rotorfit.estimators.nonlinear import OrbitResponses
+from rotorfit.estimators.observations import Block
 from rotorfit.estimators.problem import Prior, Problem
 
 Float = NDArray[np.float64]
@@ -52,10 +54,18 @@ class BatchFit:
 def with_measured(problem: Problem, measured: ComplexArray) -> Problem:
     """The same problem with other readings, shape ``(R,)`` in the order of the blocks."""
     stops = np.cumsum([block.measured.size for block in problem.blocks])[:-1]
-    # Blocks are dataclasses; the protocol cannot say so.
-    blocks: list[Any] = list(problem.blocks)
     parts = np.split(measured, stops)
-    return replace(problem, blocks=tuple(replace(b, measured=m) for b, m in zip(blocks, parts, strict=True)))
+    return replace(problem, blocks=tuple(_read(block, m) for block, m in zip(problem.blocks, parts, strict=True)))
+
+
+def _read(block: Any, measured: ComplexArray) -> Block:
+    """A block with other readings; the orbit that a nonlinear rotor is taken to run on stays the same."""
+    changed: Block = (
+        replace(block, base=replace(block.base, measured=measured))
+        if isinstance(block, OrbitResponses)
+        else replace(block, measured=measured)
+    )
+    return changed
 
 
 class _Metric:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from law_data import CLEARANCE_UM, ONE_MODE, impulse, off_centre, squeeze, static, sweep
 from scipy import stats
 from synthetic import TYPICAL, circular_test
 
@@ -11,7 +12,7 @@ import rotorfit as rf
 from rotorfit.bootstrapping import _simulate
 from rotorfit.estimators.batch import with_measured
 from rotorfit.fitting import solve_again
-from rotorfit.models import OneMode, WhirlWhip
+from rotorfit.models import Muszynska, OneMode, WhirlWhip
 
 RIG = TYPICAL["one-mode"]
 W = np.r_[-np.linspace(20, 250, 16)[::-1], np.linspace(20, 250, 16)]
@@ -110,6 +111,19 @@ def test_what_the_data_do_not_determine_has_no_interval():
         boot.parameter("sigma")
     assert "not determined" in boot.summary()
     assert boot.stderr["D"] == pytest.approx(fit.params["D"].stderr, rel=0.6)
+
+
+def test_tests_of_every_kind_are_simulated_together():
+    """Amplitude sweeps, static loads, impulses, small off-centre motion and imposed orbits of a law of eccentricity."""
+    parts = [sweep(ONE_MODE, levels=(0.7, 4.0, 6.0), lines=20), *(f(ONE_MODE) for f in (static, impulse, off_centre))]
+    model = OneMode(law=Muszynska(), clearance_um=CLEARANCE_UM)
+    fit = rf.fit(model, [*parts, squeeze(ONE_MODE)], known={"Ds": 8.0})
+    n = 60
+    boot = fit.bootstrap(n=n, seed=1)
+    assert boot.failures == 0
+    low, high = stats.chi2.ppf([0.0005 / 9, 1 - 0.0005 / 9], n - 1) / (n - 1)
+    for name, spread in boot.stderr.items():
+        assert low < (spread / fit.params[name].stderr) ** 2 < high, name
 
 
 def test_what_cannot_be_bootstrapped_is_refused():

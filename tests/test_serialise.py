@@ -9,6 +9,7 @@ from dataclasses import fields, is_dataclass, replace
 import numpy as np
 import pytest
 from beams import shaft
+from law_data import CLEARANCE_UM, LIGHT, impulse, off_centre, ring_down, squeeze, static, sweep
 from scipy import stats
 from synthetic import TYPICAL, circular_test
 
@@ -136,6 +137,18 @@ def test_models_of_many_kinds_come_back_after_a_fit():
         loaded = fit_from_json(fit_to_json(fit))
         assert differences(fit, loaded) == []
         assert loaded.threshold_speed().stderr == fit.threshold_speed().stderr
+
+
+def test_experiments_of_every_kind_come_back():
+    kinds = [f(LIGHT) for f in (static, impulse, off_centre, squeeze, ring_down)]
+    fit = rf.fit(
+        OneMode(law=Muszynska(), clearance_um=CLEARANCE_UM),
+        [sweep(LIGHT, levels=(0.7, 4.0), lines=20), *kinds],
+        known={"Ds": 8.0},
+    )
+    loaded = fit_from_json(fit_to_json(fit))
+    assert differences(fit, loaded) == []
+    assert [type(e) for e in loaded.experiments] == [type(e) for e in fit.experiments]
 
 
 class Spring(RotorModel):
