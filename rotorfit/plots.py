@@ -1,4 +1,4 @@
-"""Figures of a fit: dynamic stiffness, Bode, polar, residuals."""
+"""Figures of a fit: dynamic stiffness, Bode, polar, residuals; those of nonlinear fluids have modules of their own."""
 
 from __future__ import annotations
 
@@ -9,9 +9,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rotorfit.estimators.nonlinear import responses_of
 from rotorfit.estimators.observations import Responses
+from rotorfit.plot_nonlinear import plot_law, plot_nonlinear_stiffness
 from rotorfit.plot_posterior import plot_corner, plot_traces
 from rotorfit.plot_stability import plot_stability
+from rotorfit.plot_static import plot_static_locus, plot_static_stiffness, plot_velocity_ratio
 from rotorfit.plot_stiffness import draw_dynamic_stiffness
 from rotorfit.plot_style import GREY, RPM, colour_of, grid, legend_below, literal
 
@@ -24,10 +27,15 @@ __all__ = [
     "plot_bode",
     "plot_corner",
     "plot_dynamic_stiffness",
+    "plot_law",
+    "plot_nonlinear_stiffness",
     "plot_polar",
     "plot_residuals",
     "plot_stability",
+    "plot_static_locus",
+    "plot_static_stiffness",
     "plot_traces",
+    "plot_velocity_ratio",
 ]
 
 _FINE = 1500  # points of a fitted line
@@ -52,7 +60,8 @@ class _Curve:
 
 def _circular_blocks(fit: FitResult) -> list[tuple[Responses, ComplexArray]]:
     predicted = fit.problem.predict(fit.x)
-    pairs = [(b, p) for b, p in zip(fit.problem.blocks, predicted, strict=True) if isinstance(b, Responses)]
+    bases = [responses_of(block) for block in fit.problem.blocks]
+    pairs = [(b, p) for b, p in zip(bases, predicted, strict=True) if b is not None and b.frequency.any()]
     if not pairs:
         raise ValueError("this fit has no responses to a circular force to plot")
     return pairs

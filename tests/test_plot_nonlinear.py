@@ -1,0 +1,202 @@
+"""Figures of nonlinear fluids: what is drawn is what was measured and what the law says, with the right bands."""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from nonlinear_rigs import CLEARANCE_UM, ONE_MODE, POWER, WHIRL_WHIP, rig
+
+import rotorfit as rf
+from rotorfit.journal_data import drive_stiffness, half_width
+from rotorfit.models.law_curves import law_curves
+from rotorfit.models.off_centre import off_centre_eigenvalues
+from rotorfit.plots import (
+    plot_law,
+    plot_nonlinear_stiffness,
+    plot_static_locus,
+    plot_static_stiffness,
+    plot_velocity_ratio,
+)
+
+RPM = np.pi / 30
+NONLINEAR = (plot_law, plot_nonlinear_stiffness, plot_static_locus, plot_static_stiffness, plot_velocity_ratio)
+FREQUENCY_RPM = np.concatenate([-np.linspace(400, 2000, 5), np.linspace(400, 2000, 6)])
+
+
+@cache
+def fitted(planes: int) -> rf.FitResult:
+    """Amplitude sweeps, static loads and impulses in one fit."""
+    if planes == 1:
+        model: Any = rf.models.OneMode(law=rf.models.Muszynska(), clearance_um=CLEARANCE_UM)
+        values, known = ONE_MODE | POWER | {"D": 150.0}, ("Ds",)
+    else:
+        model = rf.models.WhirlWhip(law=rf.models.Muszynska(), clearance_um=CLEARANCE_UM)
+        values, known = WHIRL_WHIP | POWER | {"D": 300.0}, ("sigma", "K3")
+    options: dict[str, Any] = {"tolerance": 1e-4, "noise": 0.02}
+    sweep = rf.simulate(
+        model, values, speed_rpm=1000.0, frequency_rpm=FREQUENCY_RPM, force=[1.0, 3.0], planes="journal", **options
+    )
+    static = rf.simulate(model, values, "static-load", speed_rpm=[500.0, 1000.0], load=[1.0, 3.0, 6.0], **options)
+    blows = rf.simulate(
+        model, values, "impulse", speed_rpm=[600.0, 1000.0], load=[0.5, 3.0], impulse=4e-4, tolerance=1e-5, noise=0.01
+    )
+    return rf.fit(model, [sweep, static, blows], known={name: values[name] for name in known}, start=values_of(values))
+
+
+def values_of(values: dict[str, float]) -> dict[str, float]:
+    return {name: value for name, value in values.items() if name not in ("Ds", "sigma", "K3")}
+
+
+@pytest.mark.parametrize("planes", [1, 2])
+@pytest.mark.parametrize("plot", NONLINEAR)
+def test_every_figure_of_one_and_two_planes(plot: Any, planes: int, tmp_path: Path) -> None:
+    figure = plot(fitted(planes))
+    figure.savefig(tmp_path / "figure.png", dpi=40)
+    assert (tmp_path / "figure.png").stat().st_size > 2000
+    assert any("eccentricity" in axis.get_xlabel() or "clearance" in axis.get_xlabel() for axis in figure.axes)
+
+
+@pytest.mark.parametrize("plot", ["bode", "polar", "residuals", "dynamic_stiffness", "stability"])
+def test_the_figures_of_linear_fits_draw_nonlinear_ones_too(plot: str, tmp_path: Path) -> None:
+    getattr(fitted(1), f"plot_{plot}")().savefig(tmp_path / "figure.png", dpi=40)
+
+
+def test_points_are_data_minus_the_linear_model_and_lines_the_law() -> None:
+    fit = fitted(1)
+    figure = plot_nonlinear_stiffness(fit)
+    test = fit.experiments[0]
+    assert isinstance(test, rf.PerturbationTest)
+    chosen = (test.direction == "x") & (np.abs(test.force) == 3.0)
+    w, x = test.frequency[chosen], test.response[chosen]
+    y = test.response[(test.direction == "y") & (np.abs(test.force) == 3.0)]
+    amplitude = np.where(w > 0, (x + 1j * y) / 2, (x - 1j * y).conj() / 2)
+    linear = fit.model.dynamic_stiffness(fit.theta(), w, 1000 * RPM)[:, 0, 0]
+    change = 3.0 / amplitude - linear
+    order = np.argsort(w)
+    for axis, part in zip(figure.axes[::2], (change.real, change.imag), strict=True):
+        drawn_x, drawn_y = axis.containers[1].lines[0].get_data()  # the second, larger level
+        np.testing.assert_allclose(drawn_x, w[order] / RPM)
+        np.testing.assert_allclose(drawn_y, part[order] * 1e-3, rtol=1e-9, atol=1e-9)
+        assert "kN/m" in axis.get_ylabel()
+    # the same against eccentricity
+    drawn_x, _ = figure.axes[1].containers[1].lines[0].get_data()
+    np.testing.assert_allclose(drawn_x, np.abs(amplitude[order]) / (CLEARANCE_UM * 1e-6))
+    # the line passes through the noisy points: misfits of some standard errors, not of the effect
+    line = [entry for entry in figure.axes[0].lines if len(entry.get_xdata()) == 6][-1]
+    drawn = line.get_ydata()
+    sigma = test.sigma[chosen][order][-6:] / np.sqrt(2) * 3.0 / np.abs(amplitude[order][-6:]) ** 2 * 1e-3
+    assert (np.abs(drawn - change.real[order][-6:] * 1e-3) < 5 * sigma).all()
+
+
+def test_static_stiffness_is_load_over_displacement() -> None:
+    fit = fitted(1)
+    figure = plot_static_stiffness(fit)
+    test = fit.experiments[1]
+    assert isinstance(test, rf.StaticTest)
+    chosen = np.isclose(test.speed, 500 * RPM)
+    ratio = test.load[chosen] / test.displacement[chosen]
+    across, along = (axis.containers[0].lines[0].get_data() for axis in figure.axes)
+    np.testing.assert_allclose(across[1], -ratio.imag / test.speed[chosen])
+    np.testing.assert_allclose(along[1], ratio.real * 1e-3)
+    p = {name: q.value for name, q in fit.params.items()}
+    for axis, expected in (
+        (figure.axes[0], lambda e: p["D"] * (1 - e**2) ** -p["n_D"] * p["lam"] * (1 - e) ** p["b"]),
+        (
+            figure.axes[1],
+            lambda e: (
+                1e-3
+                * (
+                    p["K"]
+                    + p["K0"] * (1 - e**2) ** -p["n_K"]
+                    - p["Mf"] * (p["lam"] * (1 - e) ** p["b"] * 500 * RPM) ** 2
+                )
+            ),
+        ),
+    ):
+        line = next(entry for entry in axis.lines if len(entry.get_xdata()) > 100)
+        np.testing.assert_allclose(line.get_ydata(), expected(line.get_xdata()), rtol=1e-9)
+
+
+def test_the_locus_turns_the_load_down_and_the_fit_follows_the_points() -> None:
+    fit = fitted(2)
+    axis = plot_static_locus(fit).axes[0]
+    test = fit.experiments[1]
+    assert isinstance(test, rf.StaticTest)
+    chosen = np.isclose(test.speed, 500 * RPM) & (test.plane == "journal")
+    z = test.displacement[chosen] / (CLEARANCE_UM * 1e-6)  # loads point down already
+    x, y = axis.containers[0].lines[0].get_data()
+    np.testing.assert_allclose(x + 1j * np.asarray(y), z, atol=1e-9)
+    curve = next(line for line in axis.lines if len(line.get_xdata()) == 120)
+    locus = curve.get_xdata() + 1j * curve.get_ydata()
+    sigma = test.sigma[chosen] / (CLEARANCE_UM * 1e-6)
+    for point, error in zip(z, sigma, strict=True):
+        assert np.abs(locus - point).min() < 5 * error + np.abs(np.diff(locus)).max()
+
+
+def test_velocity_ratios_are_eigenvalues_over_speed() -> None:
+    fit = fitted(1)
+    axis = plot_velocity_ratio(fit).axes[0]
+    line = next(entry for entry in axis.lines if len(entry.get_xdata()) == 120)
+    eps, ratio = line.get_xdata(), line.get_ydata()
+    for k in (0, 60, 119):
+        s = off_centre_eigenvalues(fit.model, fit.theta(), 600 * RPM, float(eps[k]))
+        assert np.abs(s.imag - ratio[k] * 600 * RPM).min() < 1e-9 * np.abs(s).max()
+    measured = axis.containers[0].lines[0].get_data()[1]
+    assert np.abs(np.subtract.outer(measured, ratio)).min(axis=1).max() < 0.1
+
+
+def test_bands_are_those_of_parameters_drawn_from_their_covariance() -> None:
+    fit = fitted(1)
+    eps = np.array([0.0, 0.3, 0.6])
+    rng = np.random.default_rng(0)
+    names = list(fit.var_names)
+    theta = np.tile(fit.theta(), (400, 1))
+    places = [fit.model.parameter_names.index(name) for name in names]
+    theta[:, places] = rng.multivariate_normal(fit.x, 1e-4 * fit.covar, size=400)  # small: the delta method is linear
+    for number, curve in enumerate(law_curves(fit.model, fit.theta(), eps)):
+        band = half_width(fit, 0, curve.slope)
+        drawn = np.array([law_curves(fit.model, vector, eps)[number].value for vector in theta])
+        scatter = 1.96 * drawn.std(axis=0) * 100
+        # standard deviation of 400 draws: 3.5 %; four of these
+        np.testing.assert_allclose(band, scatter, rtol=0.15)
+
+
+@pytest.mark.parametrize("name", ["muszynska", "even", "spline", "two planes", "two ratios"])
+def test_derivatives_of_curves_are_exact(name: str) -> None:
+    model, theta = rig(name)
+    eps = np.array([0.0, 0.3, 0.7])
+    curves, (stiffness, slope) = law_curves(model, theta, eps), drive_stiffness(model, theta, 70j, 100.0, eps)
+    assert [curve.name for curve in curves][:2] == ["K0", "D"]
+    for place, parameter in enumerate(model.parameters):
+        size = max(abs(theta[place]), 1e-3 * parameter.scale)
+        change = np.zeros_like(theta)
+        change[place] = 1e-5 * size
+        ends = [law_curves(model, theta + sign * change, eps) for sign in (1, -1)]
+        for number, curve in enumerate(curves):
+            numeric = (ends[0][number].value - ends[1][number].value) / 2e-5
+            # truncation 1e-10, round-off 1e-16 / 1e-5, of the curve's size
+            np.testing.assert_allclose(curve.slope[:, place] * size, numeric, atol=1e-8 * np.abs(curve.value).max())
+        ahead, behind = (drive_stiffness(model, theta + sign * change, 70j, 100.0, eps)[0] for sign in (1, -1))
+        np.testing.assert_allclose(slope[:, place] * size, (ahead - behind) / 2e-5, atol=1e-7 * np.abs(stiffness).max())
+
+
+def test_figures_without_their_data_say_what_is_missing() -> None:
+    full = fitted(1)
+    known = {name: full.params[name].value for name in ("Ds", "K", "M", "Mf")}
+    static = rf.fit(full.model, full.experiments[1], known=known, start={"D": 150.0})
+    with pytest.raises(ValueError, match="no circular orbits"):
+        plot_nonlinear_stiffness(static)
+    with pytest.raises(ValueError, match="no impulse tests"):
+        plot_velocity_ratio(static)
+    sweep = rf.fit(full.model, full.experiments[0], known={"Ds": ONE_MODE["Ds"]})
+    for plot in (plot_static_locus, plot_static_stiffness):
+        with pytest.raises(ValueError, match="no static loads"):
+            plot(sweep)
+    linear = rf.fit(rf.models.OneMode(), full.experiments[0], known={"Ds": ONE_MODE["Ds"], "K": ONE_MODE["K"]})
+    for plot in NONLINEAR:
+        with pytest.raises(ValueError, match="give it a law"):
+            plot(linear)
