@@ -21,7 +21,7 @@ SYNCHRONOUS_TOLERANCE = 1e-4
 """A reading is 1x when its frequency equals its speed to this fraction of the speed."""
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class _Rows:
     """Arrays of one length, one row a reading."""
 
@@ -46,6 +46,14 @@ class _Rows:
     def frequencies(self) -> Float:
         """Tested or measured frequencies, rad/s; none for constant loads and records."""
         return np.asarray(getattr(self, "frequency", np.zeros(0)))
+
+    def __repr__(self) -> str:
+        """What it is and how much, on one line; the arrays are its attributes."""
+        rpm = np.unique(np.round(self.speed * 30 / np.pi, 3))
+        speeds = ", ".join(f"{s:g}" for s in rpm) if rpm.size <= 4 else f"{rpm[0]:g} to {rpm[-1]:g}"
+        places = f", at {', '.join(self.planes)}" if self.planes else ""
+        size = f"{len(self)} readings in {len(self.runs)} runs"
+        return f"<{type(self).__name__} {self.source or 'from arrays'}: {size}{places}, {speeds or 'no'} rpm>"
 
     def _columns(self) -> list[str]:
         return [f.name for f in fields(self) if f.name not in ("source", "attributes")]
@@ -83,7 +91,7 @@ class _Rows:
         return self.attributes[name]
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class PerturbationTest(_Rows):
     """Responses to a rotating force: one row is one probe reading in one run at one frequency.
 
@@ -165,7 +173,7 @@ class PerturbationTest(_Rows):
         return replace(self, response=self.response - np.where(at_1x, vector, 0.0))
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class DisplacementTest(_Rows):
     """Forces measured while a circular orbit is imposed (eqs 14 to 17), one row a frequency.
 
@@ -199,7 +207,7 @@ class DisplacementTest(_Rows):
         return tuple(dict.fromkeys(self.plane.tolist()))
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class StaticTest(_Rows):
     """Displacements of a turning rotor under constant loads, one row a load (Figs 26 to 28).
 
@@ -237,7 +245,7 @@ class StaticTest(_Rows):
         return tuple(dict.fromkeys(self.load_plane.tolist()))
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class ImpulseTest(_Rows):
     """Free vibration after an impulse: frequency and damping of a mode, one row an impulse (Fig. 29).
 
@@ -284,7 +292,7 @@ class ImpulseTest(_Rows):
         return np.abs(self.frequency) / np.abs(self.speed)
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class RingDownTest(_Rows):
     """Records of free vibration after impulses, one row a sample, one run a record.
 
@@ -311,7 +319,7 @@ class RingDownTest(_Rows):
         self._check_lengths()
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class CoefficientTable(_Rows):
     """Coefficients of an isotropic bearing or seal by speed and eccentricity, from a seal code or a test report.
 

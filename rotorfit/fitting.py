@@ -463,6 +463,14 @@ def _warnings(
             f"redchi is {redchi:.3g}: the model, not the noise, limits this fit. Standard errors are widened by "
             f"{wider}, but parameters may be biased beyond them; {advice}"
         )
+    if problem.loss != "linear":
+        # the median of |r|^2 is 2 ln 2 for noise alone, and hardly moves for a few outliers
+        typical = float(np.median(np.abs(problem.residuals(x)) ** 2)) / (2 * np.log(2))
+        if typical > MODEL_LIMITED:
+            found.append(
+                f"the squared residuals of most readings are {typical:.2g} times those of the noise: not outliers but "
+                "the model limits this fit, and parameters may be biased; try rf.refine(fit) (--refine)"
+            )
     found += [f"{p.name} rests on its bound at {p.value:.6g} {p.unit}" for p in params.values() if p.at_bound]
     return found + _instability(problem, x)
 

@@ -354,7 +354,7 @@ def _observe_displacement(model: RotorModel, test: DisplacementTest, group: Inde
     if unknown:
         raise ValueError(
             f"{test.source or 'experiment'} has planes {', '.join(test.planes)}, the model {model.name} has "
-            f"{', '.join(model.planes)}"
+            f"{', '.join(model.planes)}. Map names with {type(model).__name__}(planes=(...)) or --planes"
         )
     count = len(test)
     axis = np.full(count, "z")

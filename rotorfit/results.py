@@ -116,7 +116,7 @@ class FitSettings:
     calibration: Calibration | None = None
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class FitResult:
     """Result of :func:`rotorfit.fit` or :func:`rotorfit.closed_form`. Frozen; a failed fit is a result that says so.
 
@@ -159,6 +159,11 @@ class FitResult:
     responses: tuple[ResponseQuality, ...]
     identifiability: Identifiability
     warnings: tuple[str, ...]
+
+    def __repr__(self) -> str:
+        """What was fitted and how well, on one line; ``print(fit)`` shows the table of :meth:`summary`."""
+        size = f"{self.nvarys} values from {self.ndata} data"
+        return f"<FitResult {self.model.name}, {self.method}: {size}, redchi {self.redchi:.4g}, {self.message}>"
 
     # ---- derived quantities ------------------------------------------------------------------------------------
 

@@ -364,3 +364,25 @@ def test_summary_shows_what_a_reader_needs():
     quality = fit.responses[0]
     assert 0 < quality.nrmse < 0.05
     assert quality.frac > 0.99
+
+
+def test_a_robust_fit_tells_a_wrong_model_from_outliers():
+    wrong_model = rf.fit(WhirlWhip(), rf.datasets.rig_open(), known={"K3": 6000.0}, loss="huber")
+    assert any("not outliers but the model limits this fit" in warning for warning in wrong_model.warnings)
+    model, values = WhirlWhip(), TYPICAL["whirl-whip"]
+    theta = model.vector(values)
+    w = covering_frequencies(model, theta, (100.0, 200.0), 100)
+    test = circular_test(model, theta, speeds=(100.0, 200.0), frequency=w, noise=0.01, seed=2)
+    outlier = np.random.default_rng(3).random(len(test)) < 0.05
+    test = replace(test, response=np.where(outlier, 20 * test.response, test.response))
+    for loss in ("soft_l1", "huber", "cauchy"):
+        fit = rf.fit(model, test, known={"K3": values["K3"]}, loss=loss)
+        assert fit.redchi > 2  # the outliers' own share
+        assert not any("limits this fit" in warning for warning in fit.warnings)
+
+
+def test_results_and_experiments_print_short():
+    rig = rf.datasets.rig_open()
+    assert repr(rig) == "<PerturbationTest rig_open.csv: 4032 readings in 8 runs, at disk, journal, 1000, 2000 rpm>"
+    fit = rf.fit(WhirlWhip(), rig, known={"K3": 6000.0})
+    assert repr(fit).startswith("<FitResult whirl-whip, least squares: 10 values from 4032 data, redchi 10.15, conv")
