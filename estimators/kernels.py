@@ -43,6 +43,11 @@ class Batch:
         wanted = pays if accelerate is None else accelerate
         self.compiled = bool(wanted and unrolled and self.layout is not None)
 
+    @property
+    def one_by_one(self) -> bool:
+        """Whether some observations are evaluated vector by vector, so that many vectors at once save nothing."""
+        return bool(self._others)
+
     # ---- gains: nuisance entries and probe factors -------------------------------------------------------------------
 
     @cached_property

@@ -178,8 +178,8 @@ def _limits(model: RotorModel, theta: Float, band: float) -> tuple[float, float]
 def threshold_speeds(model: RotorModel, theta: ArrayLike, *, band: float = math.inf) -> tuple[Float, Float]:
     """Threshold speeds of many rotors alike, such as draws of a posterior.
 
-    Speeds are searched on a grid around the threshold of the median rotor, so an instability that closes again within
-    a few per cent of speed may be passed over; :func:`threshold_speed` searches finer.
+    Speeds are searched on a grid around the threshold of the median rotor, so an instability that closes again between
+    two of its speeds may be passed over; :func:`threshold_speed` searches finer.
 
     Args:
         model: the rotor.
@@ -230,5 +230,5 @@ def _search_speeds(reference: Threshold | None, top: float) -> Float:
     """Ascending speeds, dense around the threshold of one rotor."""
     if reference is None or reference.speed <= 0:
         return np.geomspace(top * 1e-4, top, 60)
-    near = reference.speed * np.concatenate([np.geomspace(0.02, 0.7, 8), np.geomspace(0.75, 1.4, 14)])
+    near = reference.speed * np.array([0.05, 0.15, 0.4, 0.7, 0.9, 0.97, 1.03, 1.1, 1.25])
     return np.concatenate([near, np.geomspace(1.5 * reference.speed, max(top, 2 * reference.speed), 10)])

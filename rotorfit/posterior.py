@@ -28,6 +28,8 @@ Float = NDArray[np.float64]
 
 WALKERS = 128
 """Walkers by default, enough to keep vectorised likelihoods busy; more where there are many parameters."""
+FEW_WALKERS = 32
+"""The same where the likelihood is evaluated vector by vector, as with laws of eccentricity."""
 DERIVED_DRAWS = 2000
 """Draws from which derived quantities are computed, evenly spaced over the chain; a quantile of so many is within a
 twentieth of a standard deviation."""
@@ -239,7 +241,8 @@ def sample(
     Args:
         fit: result of :func:`rotorfit.fit`.
         seed: of the random numbers; by default one is drawn, and kept in the result.
-        walkers: even number of walkers, by default 128 or twice the number of entries.
+        walkers: even number of walkers, by default 128 (32 where the likelihood is evaluated vector by
+            vector) or twice the number of entries.
         ess: effective samples to reach.
         max_steps: steps after which to stop in any case; the result then says that it is not converged.
         noise: level of the noise in each channel: "marginal" (default: unknown and integrated out, so that a channel
@@ -275,7 +278,7 @@ def sample(
     size = fit.problem.space.size
     work = max(ess, (walkers or WALKERS) * _TYPICAL_STEPS)
     target = Target(fit.problem, level, inflation=inflation, accelerate=accelerate, work=work)
-    count = walkers or max(WALKERS, 2 * target.size)
+    count = walkers or max(FEW_WALKERS if target.batch.one_by_one else WALKERS, 2 * target.size)
     centre, covariance = target.laplace(fit.x)
     report = _printer(ess) if progress is True else progress or None
     try:
