@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from numbers import Real
 
 import numpy as np
@@ -19,7 +20,7 @@ from rotorfit.estimators.nonlinear_starts import (
     linear_starts,
 )
 from rotorfit.estimators.observations import Block
-from rotorfit.estimators.problem import LOSS_SCALE, ParameterSpace, Problem
+from rotorfit.estimators.problem import LOSS_SCALE, ParameterSpace, Prior, Problem
 from rotorfit.models.parameters import unknown_name
 
 Float = NDArray[np.float64]
@@ -28,6 +29,7 @@ _PASSES = (2, 4, 6, 8, 12, 16, 24, 32, 64)  # passes after which closed forms ar
 _ROBUST_ROUNDS = 8
 _MULTISTARTS = 24
 _EXPLICIT_MISFIT = 4.0  # mean squared misfit that noise in measured eccentricities may leave
+_LOOSE = 100.0  # multiples of a parameter's size by which a first fit may move it
 _SHORT = Options(max_iterations=40)
 
 
@@ -169,6 +171,13 @@ def _multistart(problem: Problem, attempt: ShortFit | None = None, enough: float
 
 
 def _quick_fit(problem: Problem, start: Float) -> Solution:
+    """A short fit held loosely at its start, so that what the data leave open does not drift to absurd sizes."""
+    from scipy.stats import norm
+
+    count = len(problem.space.names)
+    size = np.maximum(np.abs(start[:count]), [problem.space.model.parameter(n).scale for n in problem.space.base])
+    held = tuple(Prior(i, norm(value, _LOOSE * size[i])) for i, value in enumerate(start[:count].tolist()))
+    problem = replace(problem, priors=(*problem.priors, *held))
     return _short_fit(problem, start, Options(max_iterations=25, hessian="gauss-newton"))
 
 

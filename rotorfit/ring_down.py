@@ -19,6 +19,8 @@ ComplexArray = NDArray[np.complex128]
 
 _EXTRA = 2  # vibrating modes looked for beyond those asked for
 _PENCIL = 120  # longest window of the pencil: longer ones cost more and gain nothing
+_SHORTEST = 0.05  # ratio of successive samples of a decay that is seen at all
+_GROWTH = 1e6  # growth over the record beyond which an exponential is no motion of a rotor
 _ROWS = 1500  # windows of the pencil
 
 
@@ -86,6 +88,8 @@ def _analyse(test: RingDownTest, rows: NDArray[np.intp], run: str, modes: int) -
     steps = np.diff(time)
     if np.ptp(steps) > 1e-3 * steps.mean() or steps.mean() <= 0:
         raise ValueError(f"{where}: samples are {steps.min():.4g} to {steps.max():.4g} s apart; equal steps are needed")
+    if not np.ptp(signals, axis=1).any():
+        raise ValueError(f"{where}: x and y do not move")
     if np.ptp(test.speed[rows]) > 1e-3 * abs(float(test.speed[rows[0]])):
         raise ValueError(f"{where}: the speed changes within the record")
     candidates = [decay for decay in _decays(time, signals, modes) if decay.s.size >= modes]
@@ -99,7 +103,11 @@ def _decays(time: Float, signals: Float, modes: int) -> Iterator[_Decay]:
     step = float(time[-1] / (time.size - 1))
     top = min(2 * (modes + _EXTRA) + 1, time.size // 4)
     for count in range(2 * modes + 1, top + 1):
-        s = np.log(_pencil(signals, count)) / step
+        ratio = _pencil(signals, count)
+        size = np.abs(ratio) ** (time.size - 1)
+        if (np.abs(ratio) < _SHORTEST).any() or (size > _GROWTH).any():
+            continue  # more exponentials than the record holds: the rest of them are noise
+        s = np.log(ratio) / step
         # One of the exponentials is the constant.
         rest = np.delete(s, np.argmin(np.abs(s)))
         vibrating = np.asarray(rest[rest.imag > 1e-9 / step], dtype=complex)
@@ -121,8 +129,11 @@ def _pencil(signals: Float, count: int) -> ComplexArray:
 
 def _basis(time: Float, s: ComplexArray, real: Float) -> Float:
     """Columns of the sum: cosine and sine of each mode, the real decays, the constant."""
-    wave = np.exp(np.outer(time, s))
-    return np.column_stack([wave.real, wave.imag, np.exp(np.outer(time, real)), np.ones(time.size)])
+    largest = 2 * np.log(_GROWTH) / time[-1]  # keeps trial points of the search finite
+    wave = np.exp(np.outer(time, np.minimum(s.real, largest) + 1j * s.imag))
+    return np.column_stack(
+        [wave.real, wave.imag, np.exp(np.outer(time, np.minimum(real, largest))), np.ones(time.size)]
+    )
 
 
 def _refine(time: Float, signals: Float, s: ComplexArray, real: Float) -> _Decay:
@@ -166,7 +177,8 @@ def _refine(time: Float, signals: Float, s: ComplexArray, real: Float) -> _Decay
     spread = np.diag(np.linalg.pinv(found.jac.T @ found.jac)) * variance * scale**2
     energy = np.sum((_basis(time, s, np.zeros(0))[:, : 2 * m] ** 2).mean(axis=0).reshape(2, m), axis=0)
     energy = energy * np.sum(amplitudes[: 2 * m].reshape(2, m, 2) ** 2, axis=(0, 2))
-    good = (s.imag > 0) & np.isfinite(energy)
+    step = float(time[-1] / (time.size - 1))
+    good = (s.imag > 0) & (s.imag < np.pi / step) & np.isfinite(energy)
     floor = 1e-12 * np.abs(s)  # a record without noise would weigh infinitely
     sigma = np.maximum(np.sqrt((spread[:m] + spread[m : 2 * m]) / 2), floor)
     return _Decay(

@@ -1,0 +1,402 @@
+"""Static loads, impulses, ring-down records and imposed orbits: alone, together, and as files."""
+
+from __future__ import annotations
+
+from dataclasses import fields, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from law_data import (
+    CLEARANCE_UM,
+    LIGHT,
+    WHIRL_WHIP,
+    free_vibration,
+    impulse,
+    off_centre,
+    ring_down,
+    squeeze,
+    static,
+    sweep,
+    whirl,
+)
+from scipy.stats import chi2
+
+import rotorfit as rf
+from rotorfit.experiments import Experiment
+from rotorfit.fitting import build_problem
+from rotorfit.models import Muszynska, OneMode, WhirlWhip
+from rotorfit.results import FitResult, FitSettings
+
+KNOWN = {"Ds": 8.0}
+
+
+@pytest.fixture(scope="module")
+def model() -> OneMode:
+    return OneMode(law=Muszynska(), clearance_um=CLEARANCE_UM)
+
+
+@pytest.fixture(scope="module")
+def tests() -> dict[str, Experiment]:
+    return {
+        "static": static(LIGHT),
+        "impulse": impulse(LIGHT),
+        "sweep": sweep(LIGHT, levels=(0.5, 1.5, 3.0), lines=30, noise=0.03),
+        "squeeze": squeeze(LIGHT, noise=0.03),
+    }
+
+
+@pytest.fixture(scope="module")
+def joint(model: OneMode, tests: dict[str, Experiment]) -> FitResult:
+    return rf.fit(model, list(tests.values()), known=KNOWN)
+
+
+def pulls(fit: FitResult, truth: dict[str, float] = LIGHT) -> dict[str, float]:
+    return {n: (p.value - truth[n]) / p.stderr for n, p in fit.params.items() if p.vary}
+
+
+def worst(fit: FitResult, truth: dict[str, float] = LIGHT) -> float:
+    return max(map(abs, pulls(fit, truth).values()))
+
+
+# ---- each alone ---------------------------------------------------------------------------------------
+
+
+def test_static_loads_give_stiffness_and_the_law(model: OneMode, tests: dict[str, Experiment]) -> None:
+    fit = rf.fit(model, tests["static"], known=KNOWN | {"M": 1.2, "Mf": 0.4, "D": 150.0})
+    assert fit.success
+    assert worst(fit) < 3.5
+    assert fit.params["n_K"].stderr < 0.05
+    assert np.isinf(fit.band) or fit.band == 0
+
+
+def test_static_loads_say_what_they_do_not_see(model: OneMode, tests: dict[str, Experiment]) -> None:
+    fit = rf.fit(model, tests["static"], known=KNOWN)
+    assert {"M", "D", "lam", "Mf"} <= set(fit.identifiability.unresolved)
+    assert "M is not observable" in fit.summary()
+    assert {"K", "K0", "n_K"}.isdisjoint(fit.identifiability.unresolved)
+
+
+def test_impulses_alone(model: OneMode, tests: dict[str, Experiment]) -> None:
+    fit = rf.fit(model, tests["impulse"], known=KNOWN | {"M": 1.2, "Mf": 0.4})
+    assert fit.success
+    assert worst(fit) < 3.5
+    assert fit.params["lam"].value > 0
+
+
+def test_imposed_orbits_alone(model: OneMode) -> None:
+    fit = rf.fit(model, squeeze(LIGHT, speed=120.0, eccentricities=(0.1, 0.4, 0.7, 0.8)), known=KNOWN)
+    assert worst(fit) < 3.5
+    film = rf.fit(model, squeeze(LIGHT), known=KNOWN | {"lam": 0.46, "b": 0.5})
+    assert set(film.identifiability.unresolved) == {"M", "Mf"}
+    assert "M + Mf only as a sum" in film.summary()
+
+
+def test_imposed_orbit_has_to_be_at_the_journal() -> None:
+    test = replace(squeeze(LIGHT), plane=np.full(80, "disk"))
+    with pytest.raises(ValueError, match="changes with the eccentricity at journal"):
+        rf.fit(WhirlWhip(law=Muszynska(), clearance_um=CLEARANCE_UM), test)
+
+
+def test_two_planes_under_static_loads_and_forces() -> None:
+    model = WhirlWhip(law=Muszynska(), clearance_um=CLEARANCE_UM)
+    swept = sweep(WHIRL_WHIP, levels=(1.0, 6.0), lines=40)
+    fit = rf.fit(model, [swept, static(WHIRL_WHIP)], known={"K3": 6000.0, "sigma": 1.0})
+    assert fit.success
+    assert worst(fit, WHIRL_WHIP) < 3.5
+
+
+def test_linear_rotor_under_static_loads() -> None:
+    linear = LIGHT | {"n_K": 0.0, "n_D": 0.0, "b": 0.0}
+    test = static(linear, loads=(0.5, 1.0, 1.5, 2.0))
+    fit = rf.fit(OneMode(), test, known=KNOWN | {"M": 1.2, "K": 8000.0, "D": 150.0, "Mf": 0.4})
+    assert set(pulls(fit, linear)) == {"K0", "lam"}
+    assert worst(fit, linear) < 3.5
+
+
+# ---- all in one ---------------------------------------------------------------------------------------
+
+
+def test_joint_fit_is_sharper_than_any_alone_and_consistent(
+    model: OneMode, tests: dict[str, Experiment], joint: FitResult
+) -> None:
+    assert joint.success
+    assert worst(joint) < 3.5
+    assert joint.redchi == pytest.approx(1.0, abs=4 * np.sqrt(2 / joint.nfree))
+    assert not joint.identifiability.unresolved
+    for name, test in tests.items():
+        alone = rf.fit(model, test, known=KNOWN, start={n: LIGHT[n] for n in LIGHT if n != "Ds"})
+        for parameter, p in joint.params.items():
+            other = alone.params[parameter]
+            if not p.vary:
+                continue
+            assert p.stderr_noise < other.stderr_noise, (name, parameter)
+            if other.resolved and name != "impulse":
+                # Difference of an estimate and a more efficient one: Hausman's variance.
+                spread = np.sqrt(other.stderr**2 - p.stderr_noise**2)
+                assert abs(other.value - p.value) < 4 * spread, (name, parameter)
+
+
+def test_joint_information_is_the_sum(model: OneMode, tests: dict[str, Experiment], joint: FitResult) -> None:
+    """Covariance of the joint fit by hand, from the whitened sensitivities of each test."""
+    total = np.zeros((joint.x.size, joint.x.size))
+    for test in tests.values():
+        problem = build_problem(model, test, FitSettings(known=KNOWN))
+        _, J = problem.jacobian(joint.x)
+        total = total + (J.conj().T @ J).real
+    scale = np.abs(joint.x)
+    inverse = np.linalg.inv(total * np.outer(scale, scale)) * np.outer(scale, scale)
+    errors = [p.stderr_noise for p in joint.params.values() if p.vary]
+    np.testing.assert_allclose(errors, np.sqrt(np.diag(inverse)), rtol=1e-6)
+
+
+def test_quality_is_told_response_by_response(joint: FitResult) -> None:
+    names = [quality.name for quality in joint.responses]
+    assert "100 rad/s / journal static" in names
+    assert "100 rad/s / eigenvalue" in names
+    assert "imposed 0 / force at journal" in names
+    assert all(quality.nrmse < 0.1 for quality in joint.responses)
+    assert joint.speeds.tolist() == [0.0, 100.0, 180.0, 260.0]
+    assert joint.band == pytest.approx(410.0)
+    assert joint.threshold_speed().stderr < 5.0
+    assert "threshold speed" in joint.summary()
+
+
+def test_phase_offsets_are_those_of_turning_forces(model: OneMode, tests: dict[str, Experiment]) -> None:
+    problem = build_problem(model, list(tests.values()), FitSettings(known=KNOWN, phase_offsets=True))
+    named = [name for name in problem.space.nuisance if name.startswith("phase[")]
+    assert named == ["phase[100 rad/s 1.5 N]", "phase[100 rad/s 3 N]", "phase[imposed 0]"]
+
+
+def test_per_parameter_across_kinds(model: OneMode, tests: dict[str, Experiment]) -> None:
+    fit = rf.fit(
+        model, [tests["static"], tests["sweep"]], known=KNOWN | {"M": 1.2, "Mf": 0.4}, per={"lam": "speed_rpm"}
+    )
+    found = [p for n, p in fit.params.items() if n.startswith("lam[")]
+    assert len(found) == 3
+    assert all(abs(p.value - 0.46) < 3.5 * p.stderr for p in found)
+
+
+# ---- records of free vibration ----------------------------------------------------------------------------
+
+
+def test_ring_down_gives_the_eigenvalue() -> None:
+    test = rf.ring_down_modes(ring_down(LIGHT))
+    assert test.runs == ("eps 0", "eps 0.3", "eps 0.6")
+    for row, eps in enumerate((0.0, 0.3, 0.6)):
+        modes, _ = free_vibration(LIGHT, 180.0, eps)
+        # Off centre two modes vibrate; the stronger one is reported.
+        error = np.abs(modes - complex(test.eigenvalue[row])).min()
+        assert error < 4 * test.sigma[row]
+        assert test.sigma[row] < 0.06 * abs(test.eigenvalue[row])
+        assert abs(test.position[row]) == pytest.approx(eps * 200e-6, abs=0.2e-6)
+    # Fig. 29: damped frequency over speed falls short of lam by little.
+    assert test.frequency_ratio[0] == pytest.approx(0.46, rel=0.35)
+
+
+def test_ring_down_without_noise_is_exact() -> None:
+    test = rf.ring_down_modes(ring_down(LIGHT, noise=0.0, eccentricities=(0.3,)))
+    assert abs(complex(test.eigenvalue[0]) - whirl(LIGHT, 180.0, 0.3)) < 1e-6
+
+
+def test_ring_down_errors_cover() -> None:
+    exact = whirl(LIGHT, 180.0, 0.3)
+    squares = []
+    for seed in range(40):
+        test = rf.ring_down_modes(ring_down(LIGHT, eccentricities=(0.3,), samples=300, seed=seed))
+        squares.append(abs(complex(test.eigenvalue[0]) - exact) ** 2 / test.sigma[0] ** 2)
+    low, high = chi2.ppf([1e-4, 1 - 1e-4], 80)
+    assert low < sum(squares) < high
+
+
+def test_several_modes_of_a_record() -> None:
+    # Off centre both modes of the 2x2 system vibrate when damping is light.
+    light = LIGHT | {"D": 20.0}
+    s, _ = free_vibration(light, 180.0, 0.3)
+    exact = np.sort_complex(s[s.imag > 1])
+    test = rf.ring_down_modes(ring_down(light, eccentricities=(0.3,), noise=1e-9), modes=2)
+    assert len(test) == 2
+    np.testing.assert_allclose(np.sort_complex(test.eigenvalue), exact, rtol=1e-3)
+
+
+def test_records_are_fitted_as_they_are(model: OneMode) -> None:
+    records = ring_down(LIGHT, eccentricities=(0.0, 0.15, 0.3, 0.45, 0.6))
+    known = KNOWN | {"M": 1.2, "Mf": 0.4}
+    fit = rf.fit(model, records, known=known)
+    assert worst(fit) < 3.5
+    reduced = rf.fit(model, rf.ring_down_modes(records), known=known)
+    assert fit.params["lam"].value == pytest.approx(reduced.params["lam"].value, rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda t: t.select(np.arange(10)), "10 samples; at least 16"),
+        (lambda t: replace(t, time=t.time**1.1), "equal steps are needed"),
+        (lambda t: replace(t, speed=t.time * 10), "the speed changes within the record"),
+        (lambda t: replace(t, x=0.0 * t.x, y=0.0 * t.y), "x and y do not move"),
+        (lambda t: replace(t, x=t.time, y=np.exp(-9 * t.time)), r"fewer than 1 vibrating mode"),
+    ],
+)
+def test_records_that_cannot_be_analysed(change: Any, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        rf.ring_down_modes(change(ring_down(LIGHT, eccentricities=(0.3,))))
+
+
+# ---- noise ----------------------------------------------------------------------------
+
+
+def test_noise_of_static_loads_from_repeats_and_from_smoothness(model: OneMode) -> None:
+    known = KNOWN | {"M": 1.2, "Mf": 0.4, "D": 150.0}
+    loads = tuple(np.linspace(2, 45, 24))
+    once = static(LIGHT, speeds=(100.0,), loads=loads)
+    smooth = rf.fit(model, replace(once, sigma=np.full(24, np.nan)), known=known)
+    again = static(LIGHT, speeds=(100.0,), loads=tuple(np.repeat(loads, 3)))
+    repeated = rf.fit(model, replace(again, sigma=np.full(72, np.nan)), known=known)
+    for fit, error in ((smooth, 0.5), (repeated, 0.35)):
+        sigma = fit.problem.blocks[0].sigma
+        assert sigma[0] == pytest.approx(0.3e-6, rel=error)
+        assert worst(fit) < 3.5
+
+
+def test_unknown_noise_is_asked_for(model: OneMode) -> None:
+    few = replace(static(LIGHT, speeds=(100.0,), loads=(2.0, 9.0, 20.0)), sigma=np.full(3, np.nan))
+    with pytest.raises(ValueError, match="run 100 rad/s: a sweep with 3 of the 6 points"):
+        rf.fit(model, few)
+    hit = replace(impulse(LIGHT), sigma=np.full(10, np.nan))
+    with pytest.raises(ValueError, match="give a sigma_rpm column, or repeat impulses"):
+        rf.fit(model, hit)
+    twice = impulse(LIGHT, eccentricities=tuple(np.repeat((0.0, 0.3, 0.5), 4)))
+    fit = rf.fit(model, replace(twice, sigma=np.full(24, np.nan)), known=KNOWN | {"M": 1.2, "Mf": 0.4})
+    assert fit.problem.blocks[0].sigma[0] == pytest.approx(0.3, rel=0.5)
+    table = replace(rf.datasets.seal_muszynska_tum(), sigma=np.full(70, np.nan))
+    with pytest.raises(ValueError, match="give a sigma_ratio column"):
+        rf.fit_law(Muszynska(), table)
+
+
+def test_bad_readings_are_named(model: OneMode) -> None:
+    test = static(LIGHT)
+    load = test.load.copy()
+    load[3] = np.nan
+    with pytest.raises(ValueError, match=r"static: 1 rows are not finite \(4\)"):
+        rf.fit(model, replace(test, load=load))
+    with pytest.raises(ValueError, match=r"static positions reach .* the clearance is 100 um"):
+        rf.fit(OneMode(law=Muszynska(), clearance_um=100.0), test)
+    with pytest.raises(ValueError, match="load planes journal, the model one-mode has seal"):
+        rf.fit(OneMode(planes=("seal",), law=Muszynska(), clearance_um=200.0), test)
+    centred = replace(impulse(LIGHT), eccentricity=np.full(10, np.nan))
+    with pytest.raises(ValueError, match="row 1 tells neither eccentricity nor position"):
+        rf.fit(model, centred)
+    with pytest.raises(ValueError, match=r"damping_ratio 1\.2 in row 1"):
+        replace(impulse(LIGHT), damping_ratio=np.full(10, 1.2))
+    with pytest.raises(ValueError, match="needs both static_x_um and static_y_um"):
+        rf.fit(model, replace(off_centre(LIGHT), attributes={"static_x_um": np.full(96, 10.0)}))
+
+
+def test_position_is_as_good_as_eccentricity(model: OneMode) -> None:
+    test = impulse(LIGHT)
+    gap = np.full(10, np.nan)
+    position = np.array(test.eccentricity * 200e-6 * np.exp(2j), dtype=np.complex128)
+    placed = replace(test, eccentricity=gap, position=position)
+    settings = FitSettings(known=KNOWN)
+    x = np.array([LIGHT[n] for n in model.parameter_names if n != "Ds"])
+    a, b = (build_problem(model, t, settings).residuals(x) for t in (test, placed))
+    np.testing.assert_allclose(a, b, rtol=1e-9, atol=1e-9)
+
+
+# ---- files ---------------------------------------------------------------------------------
+
+
+def every_kind() -> list[Experiment]:
+    return [
+        static(WHIRL_WHIP),
+        impulse(LIGHT),
+        replace(impulse(LIGHT), eccentricity=np.full(10, np.nan), position=np.linspace(0, 1e-4 + 2e-4j, 10)),
+        ring_down(LIGHT, samples=40),
+        rf.datasets.seal_muszynska_tum(),
+        squeeze(LIGHT),
+        off_centre(LIGHT),
+    ]
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".nc", ".mat"])
+@pytest.mark.parametrize("number", range(7))
+def test_files_round_trip(tmp_path: Path, suffix: str, number: int) -> None:
+    test = every_kind()[number]
+    rf.write(test, tmp_path / f"test{suffix}")
+    back = rf.read(tmp_path / f"test{suffix}")
+    assert type(back) is type(test)
+    for column in fields(test):
+        if column.name in ("source", "attributes"):
+            continue
+        mine, theirs = getattr(test, column.name), getattr(back, column.name)
+        if mine.dtype.kind == "U":
+            assert mine.tolist() == theirs.tolist()
+        else:
+            scale = np.nanmax(np.abs(mine), initial=0.0)
+            np.testing.assert_allclose(theirs, mine, rtol=1e-12, atol=1e-13 * scale, err_msg=column.name)
+    assert back.attributes.keys() == test.attributes.keys()
+    for name, values in test.attributes.items():
+        np.testing.assert_allclose(back.attributes[name], values, rtol=1e-14)
+
+
+def test_static_position_of_a_perturbation_test_in_other_units() -> None:
+    test = off_centre(LIGHT)
+    x, y = test.attributes["static_x_um"], test.attributes["static_y_um"]
+    inches = replace(test, attributes={"static_x_mil": x / 25.4, "static_y_mil": y / 25.4})
+    assert test.static_position is not None
+    assert inches.static_position is not None
+    np.testing.assert_allclose(inches.static_position, test.static_position, rtol=1e-14)
+    assert replace(test, attributes={}).static_position is None
+
+
+def written(tmp_path: Path, text: str) -> Path:
+    path = tmp_path / "test.csv"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def test_minimal_files_and_units(tmp_path: Path) -> None:
+    loads = rf.read(written(tmp_path, "speed_rpm,load_lbf,load_deg,x_mil,y_mil\n1000,1,-90,0.1,-0.2\n"))
+    assert isinstance(loads, rf.StaticTest)
+    assert loads.load[0] == pytest.approx(-4.4482216152605j)
+    assert loads.displacement[0] == pytest.approx((0.1 - 0.2j) * 25.4e-6)
+    assert loads.planes == loads.force_planes == ("journal",)
+    hits = rf.read(written(tmp_path, "speed_rpm,frequency_hz,damping_ratio,x_um,y_um,oil_C\n1000,8,0.1,30,40,45\n"))
+    assert isinstance(hits, rf.ImpulseTest)
+    assert hits.position[0] == pytest.approx(30e-6 + 40e-6j)
+    assert hits.eigenvalue[0] == pytest.approx(16 * np.pi * (1j - 0.1 / np.sqrt(0.99)))
+    assert hits.attributes["oil_C"].tolist() == [45.0]
+    records = rf.read(written(tmp_path, "run,speed_rpm,time_ms,x_um,y_um\na,1000,0,1,2\na,1000,0.5,3,4\n"))
+    assert isinstance(records, rf.RingDownTest)
+    assert records.time.tolist() == [0.0, 0.0005]
+
+
+HEADER = "run,speed_rpm,frequency_rpm,force_plane,force_N,force_phase_deg,plane,direction,amplitude_um,phase_deg"
+
+
+def test_attributes_do_not_change_the_kind(tmp_path: Path) -> None:
+    text = f"{HEADER},load_kg,time_s,damping_ratio\n" + "a,1000,500,disk,1,0,disk,x,10,0,3,4,0.1\n"
+    test = rf.read(written(tmp_path, text))
+    assert isinstance(test, rf.PerturbationTest)
+    assert {"load_kg", "time_s", "damping_ratio"} <= set(test.attributes)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("speed_rpm,load_N,load_deg,x_um\n1000,1,0,2\n", "missing columns: y_um.*Known: speed_rpm, load_N"),
+        ("load_N,load_deg,x_um,y_um\n1,0,2,3\n", "missing columns: speed_rpm"),
+        ("speed_rpm,load_N,load_deg,x_um,y_um\n1000,1,zero,2,3\n", "column 'load_deg': 'zero' is not a number"),
+        ("speed_rpm,load_N,load_deg,x_um,y_um,sigma_um\n1000,1,0,2,3,-1\n", "line 2, column 'sigma_um': must be pos"),
+        ("speed_rpm,frequency_rpm,damping_ratio\n1000,400,0.1\n", "missing columns: x_um, y_um"),
+        ("speed_rpm,frequency_rpm,damping_ratio,eccentricity_ratio\n1000,400,1.5,0\n", "between -1 and 1"),
+        ("speed_rpm,frequency_rpm,damping_ratio,eccentricity_ratio\n1000,400,0.1,1.2\n", "from 0 to below 1"),
+        ("speed_rpm,time_s,x_um\n1000,0,1\n", "missing columns: y_um"),
+        ("speed_rpm,eccentricity_ratio,kxx_N_m\n1000,0,1\n", "missing columns: kxy_N_m, cxx_N_s_m"),
+    ],
+)
+def test_files_with_faults(tmp_path: Path, text: str, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        rf.read(written(tmp_path, text))
