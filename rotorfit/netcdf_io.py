@@ -18,25 +18,21 @@ KINDS: dict[str, type[Any]] = {kind.__name__: kind for kind in get_args(Experime
 """Experiments that can be stored column by column, by the name that goes into the file."""
 
 _UNITS = {
-    "speed": "rad/s",
-    "frequency": "rad/s",
-    "force": "N",
-    "force_x": "N",
-    "force_y": "N",
-    "response": "m or rad, 0-peak",
-    "displacement": "m, 0-peak",
-    "load": "N",
-}
+    "speed": "rad/s", "frequency": "rad/s", "force": "N", "force_x": "N", "force_y": "N", "load": "N",
+    "response": "m or rad, 0-peak", "displacement": "m, 0-peak", "position": "m", "x": "m", "y": "m", "time": "s",
+    "eccentricity": "1", "damping_ratio": "1",
+    "kxx": "N/m", "kxy": "N/m", "cxx": "N s/m", "cxy": "N s/m", "mxx": "kg",
+}  # fmt: skip
+"""Units that are written, by column."""
+
 _QUANTITIES = {
-    "speed": ("frequency",),
-    "frequency": ("frequency",),
-    "force": ("force",),
-    "force_x": ("force",),
-    "force_y": ("force",),
-    "response": ("displacement", "tilt"),
-    "displacement": ("displacement",),
-    "sigma": ("displacement", "tilt", "force"),
-}
+    "speed": ("frequency",), "frequency": ("frequency",),
+    "force": ("force",), "force_x": ("force",), "force_y": ("force",), "load": ("force",),
+    "response": ("displacement", "tilt"), "displacement": ("displacement",), "position": ("length",),
+    "x": ("length",), "y": ("length",), "sigma": ("displacement", "tilt", "force"),
+}  # fmt: skip
+"""Quantities that may be read in other units, by column."""
+
 _TYPES = {"Text": str, "Float": float, "ComplexArray": complex}
 
 
@@ -156,12 +152,15 @@ def read_netcdf(path: str | Path) -> Experiment:
 
 def _factor(source: str, variable: Any) -> float:
     """Factor to SI of a variable, from its attribute ``units``; 1 for what is no column of an experiment."""
-    column = str(variable.name).removesuffix("_real").removesuffix("_imag")
+    name = str(variable.name)
+    column = name.removesuffix("_real").removesuffix("_imag")
     label = str(variable.attrs.get("units", ""))
-    if column not in _QUANTITIES or label in ("", _UNITS.get(column)):
+    if label in ("", _UNITS.get(column)) or column not in _UNITS.keys() | _QUANTITIES.keys():
         return 1.0
+    if column not in _QUANTITIES:
+        raise ValueError(f"{source}: variable {name!r} is in {label!r}; needed is {_UNITS[column]!r}")
     units = units_of(*_QUANTITIES[column])
     unit = label.partition(",")[0].strip().lower().replace("/", "_").replace("\u00b5", "u").replace("\u03bc", "u")
     if unit not in units:
-        raise ValueError(f"{source}: variable {str(variable.name)!r}: {unknown_name('unit', label, units)}")
+        raise ValueError(f"{source}: variable {name!r}: {unknown_name('unit', label, units)}")
     return units[unit]

@@ -402,6 +402,32 @@ def test_netcdf_in_other_units(tmp_path: Path) -> None:
         rf.read(tmp_path / "t.nc")
 
 
+def test_static_loads_by_hand_in_other_units(tmp_path: Path) -> None:
+    import xarray as xr
+
+    def parts(name: str, values: Complex, unit: str) -> dict[str, Any]:
+        both = {f"{name}_real": values.real, f"{name}_imag": values.imag}
+        return {key: ("load", column, {"units": unit}) for key, column in both.items()}
+
+    load, moved = np.array([10.0 + 5j, 20.0 - 3j]), np.array([12.0 + 1j, 24.0 - 2j])
+    content = xr.Dataset(
+        {"run": "a", "speed": ((), 3000.0, {"units": "rpm"}), "load_plane": "seal", "plane": "seal"}
+        | parts("load", load, "lbf")
+        | parts("displacement", moved, "um"),
+        attrs={"kind": "StaticTest"},
+    )
+    content.to_netcdf(tmp_path / "t.nc", engine="h5netcdf")
+    test = rf.read(tmp_path / "t.nc")
+    assert type(test).__name__ == "StaticTest"
+    np.testing.assert_allclose(test.speed, 100 * np.pi)
+    np.testing.assert_allclose(getattr(test, "load"), load * 4.4482216152605)  # noqa: B009
+    np.testing.assert_allclose(getattr(test, "displacement"), moved * 1e-6)  # noqa: B009
+    table = xr.Dataset({"run": "a", "kxx": ("row", [1.0], {"units": "MN/m"})}, attrs={"kind": "CoefficientTable"})
+    table.to_netcdf(tmp_path / "t.nc", engine="h5netcdf")
+    with pytest.raises(ValueError, match=r"t\.nc: variable 'kxx' is in 'MN/m'; needed is 'N/m'"):
+        rf.read(tmp_path / "t.nc")
+
+
 def test_mat_by_hand(tmp_path: Path) -> None:
     from scipy.io import savemat
 
