@@ -10,6 +10,8 @@ __version__ = "0.1.0"
 if TYPE_CHECKING:  # `as` tells type checkers that these names are for users
     from rotorfit import datasets as datasets
     from rotorfit import models as models
+    from rotorfit.averaging import ModelAverage as ModelAverage
+    from rotorfit.averaging import sample_models as sample_models
     from rotorfit.bootstrapping import Bootstrap as Bootstrap
     from rotorfit.budget import Budget as Budget
     from rotorfit.calibration import Calibration as Calibration
@@ -64,6 +66,8 @@ _HOME = {
     "fit_law": "rotorfit.fit_law",
     "closed_form": "rotorfit.fitting",
     "fit": "rotorfit.fitting",
+    "ModelAverage": "rotorfit.averaging",
+    "sample_models": "rotorfit.averaging",
     "Posterior": "rotorfit.posterior",
     "sample": "rotorfit.posterior",
     "load_posterior": "rotorfit.posterior_io",

@@ -339,7 +339,8 @@ def _treatment(fit: FitResult, target: Target, centre: Float) -> str:
     if fit.redchi <= MODEL_LIMITED:
         return done
     advice = (
-        "sample a refined fit instead, rf.refine(fit).best.sample() or fit.sample(refine=True)"
+        "sample a refined fit instead, rf.refine(fit).best.sample() or fit.sample(refine=True), or "
+        "average over structures, rf.sample_models(rf.refine(fit).steps)"
         if hasattr(fit.model, "blocks")
         else "a richer model is needed"
     )

@@ -1,0 +1,101 @@
+"""Posteriors averaged over structures: weights, mixing, and truths that the single best model misses."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from fe_rigs import K3, random_rig
+from scipy import stats
+
+import rotorfit as rf
+from rotorfit.models import WhirlWhip
+
+OPTIONS = {"seed": 1, "walkers": 64, "ess": 2000}
+
+
+@pytest.fixture(scope="module")
+def close_call():
+    """A stiff, noisy rotor of the family whose gyroscopic block BIC just fails to ask for."""
+    rng = np.random.default_rng(11)
+    for _ in range(16):
+        truth, rig, speeds, threshold = random_rig(rng)
+    fit = rf.fit(WhirlWhip(), rig.campaign(speeds, 15), known={"K3": K3})
+    return truth, threshold, rf.refine(fit).steps
+
+
+@pytest.fixture(scope="module")
+def average(close_call):
+    return rf.sample_models(close_call[2], **OPTIONS)
+
+
+def test_averaging_admits_what_one_model_excludes(close_call, average):
+    truth, threshold, steps = close_call
+    assert 0 < steps[2].bic - steps[1].bic < 6  # a near tie
+    single = average.posteriors[0]
+    low, high = single.threshold_speed().interval(0.99)
+    assert not low < threshold < high
+    low, high = average.threshold_speed().interval(0.99)
+    assert low < threshold < high
+    low, high = average.interval("Mf", 0.99)
+    assert low < truth["Mf"] < high
+
+
+def test_weights_are_those_of_bic(close_call, average):
+    _, _, steps = close_call
+    bic = np.array([step.bic for step in steps[1:]])  # the printed model, thousands behind, does not count
+    expected = np.exp(-(bic - bic.min()) / 2)
+    np.testing.assert_allclose(average.weights, np.sort(expected / expected.sum())[::-1], rtol=1e-6)
+    assert [p.fit for p in average.posteriors] == sorted(steps[1:], key=lambda step: step.bic)
+
+
+def test_quantities_are_mixtures(average):
+    """Distribution function of a mixture: the weighted sum of the models' own."""
+    for quantity in (
+        lambda p: p.parameter("lam"),
+        lambda p: p.threshold_speed(),
+        lambda p: p.whirl_ratio(),
+        lambda p: p.lam_speed(100.0),
+    ):
+        mixed, parts = quantity(average), [quantity(p) for p in average.posteriors]
+        for at in mixed.interval(0.5):
+            share = sum(w * np.mean(d.samples <= at) for w, d in zip(average.weights, parts, strict=True))
+            assert np.mean(mixed.samples <= at) == pytest.approx(share, abs=0.02)
+    assert average.lam_speed(100.0).interval() == pytest.approx([100 * v for v in average.interval("lam")], rel=1e-3)
+    bands = average.dynamic_stiffness([50.0, 100.0], 100.0)
+    inner = [p.dynamic_stiffness([50.0, 100.0], 100.0).direct.value for p in average.posteriors]
+    assert (bands.direct.value >= np.minimum(*inner)).all()
+    assert (bands.direct.value <= np.maximum(*inner)).all()
+    assert "g11" not in average.names
+    with pytest.raises(KeyError, match="that all models share"):
+        average.parameter("g11")
+
+
+def test_equal_models_average_to_themselves(close_call):
+    step = replace(close_call[2][1], bic=100.0)
+    both = rf.sample_models([step, replace(step, bic=100.0)], **OPTIONS)
+    assert both.weights == pytest.approx((0.5, 0.5))
+    single = both.posteriors[0].parameter("D").samples
+    assert stats.ks_2samp(both.parameter("D").samples[::7], single[::7]).pvalue > 0.5
+
+
+def test_summary_names_models_and_their_health(close_call, average):
+    text = str(average)
+    assert average.converged
+    for word in ("+ coupling mass + gyroscopic", "weight", *average.names):
+        assert word in text
+    short = rf.sample_models([close_call[2][1]], seed=1, max_steps=40)
+    assert not short.converged
+    assert "NOT CONVERGED" in short.summary()
+
+
+def test_what_cannot_be_averaged_is_refused(close_call):
+    steps = close_call[2]
+    with pytest.raises(ValueError, match="no fits"):
+        rf.sample_models([])
+    with pytest.raises(ValueError, match="refine does not go with several models"):
+        rf.sample_models(steps, refine=True)
+    other = rf.fit(WhirlWhip(), rf.datasets.rig_open(), known={"K3": K3})
+    with pytest.raises(ValueError, match="different data"):
+        rf.sample_models([steps[0], other])
