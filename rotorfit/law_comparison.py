@@ -163,7 +163,7 @@ def compare_laws(
         KeyError: known parameters that no law has.
     """
     if "law" not in model.options():
-        raise ValueError(f"{model.name} takes no law of eccentricity; OneMode and WhirlWhip do")
+        raise ValueError(f"{model.name} takes no law of eccentricity; models with a fluid do")
     several = as_tuple(experiments)
     gap = clearance_um if clearance_um is not None else model.options()["clearance_um"]
     if gap is None:

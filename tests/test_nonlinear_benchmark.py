@@ -1,0 +1,24 @@
+"""A small version of the benchmark of amplitude sweeps: stated errors hold, and a linear fluid is rejected."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+
+def test_errors_of_nonlinear_fits_to_integrated_data_are_as_stated_and_linear_fits_are_rejected() -> None:
+    from nonlinear import SUM, TRUTH, exact_sweeps, honest, largest_orbit, study
+
+    exact = exact_sweeps(16, tolerance=1e-6)
+    assert largest_orbit(exact) == pytest.approx(0.68, abs=0.03)
+    draws = 40
+    rows, worse = study(exact, draws, seed=2)
+    power = [row for row in rows if row.fit == "power law, all levels"]
+    assert {row.parameter for row in power} == {*TRUTH, SUM} - {"Ds"}
+    for row in power:
+        # both within 3.5 sampling errors of so many draws
+        assert honest(row, draws), row
+    assert worse.min() > 1000.0
+    linear = next(row for row in rows if row.fit == "linear, all levels" and row.parameter == "lam")
+    assert linear.covered == 0.0
+    assert np.abs(linear.bias) > 100.0
