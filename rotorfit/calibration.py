@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from rotorfit.estimators.observations import Block, Responses
 from rotorfit.experiments import Experiment, PerturbationTest
+from rotorfit.models.parameters import unknown_name
 
 Float = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
@@ -58,6 +59,21 @@ class Calibration:
                     raise ValueError(f"{name}{place} is {value!r}; a standard uncertainty is zero or a positive number")
         if not any(np.any(list(v.values()) if isinstance(v, Mapping) else v) for v in vars(self).values()):
             raise ValueError("every uncertainty of the calibration is zero: give at least one")
+
+
+def calibration_of(values: Mapping[str, Any]) -> Calibration | None:
+    """A calibration from names and values, none from none.
+
+    Raises:
+        ValueError: a name that a calibration does not have, or a value that is no uncertainty.
+    """
+    if not values:
+        return None
+    names = [f.name for f in fields(Calibration)]
+    for name in values:
+        if name not in names:
+            raise ValueError(unknown_name("uncertainty of calibration", name, names))
+    return Calibration(**values)
 
 
 @dataclass(frozen=True, eq=False)

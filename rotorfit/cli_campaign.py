@@ -40,7 +40,9 @@ def add_options(to: argparse.ArgumentParser) -> None:
     to.add_argument("--follow", type=_words, metavar="A,B", help="parameters whose trends are shown [K0, lam, D]")
     to.add_argument("--jobs", type=int, default=1, metavar="N", help="processes to fit with [%(default)s]")
     _add_output(to)
-    to.set_defaults(per=[], phase_offsets=False, refine=False)
+    # What a single fit has and a campaign has not.
+    to.set_defaults(per=[], phase_offsets=False, refine=False, calibration=[], sample=False, seed=None)
+    to.set_defaults(ess=1.0, max_steps=1, profile=(), bootstrap=0)
 
 
 def run(options: argparse.Namespace) -> int:

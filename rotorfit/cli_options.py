@@ -105,6 +105,13 @@ def _add_fit(fit: argparse.ArgumentParser) -> None:
     for name, help_text in _FIT_FLAGS.items():
         fit.add_argument(name, action="store_true", help=help_text)
     more = fit.add_argument_group("uncertainty beyond standard errors")
+    more.add_argument(
+        "--calibration",
+        action="append",
+        default=[],
+        metavar="NAME=VALUE",
+        help="systematic uncertainty: probe_gain=0.01, probe_phase_deg=0.5, mr=0.005, keyphasor_deg=1",
+    )
     more.add_argument("--sample", action="store_true", help="draw from the posterior with emcee; needs some seconds")
     more.add_argument("--ess", type=_positive, default=4000.0, help="effective samples to reach [%(default)g]")
     more.add_argument("--max-steps", type=_count, default=20_000, help="steps to stop at in any case [%(default)s]")
@@ -158,6 +165,7 @@ def fit_study(options: argparse.Namespace) -> Study:
         per=_pairs("--per", options.per, str),
         loss=options.loss,
         phase_offsets=options.phase_offsets,
+        calibration=_pairs("--calibration", options.calibration, _number),
         refine=options.refine,
         sample=options.sample,
         seed=options.seed,

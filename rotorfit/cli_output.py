@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rotorfit import datasets
+from rotorfit.budget import Budget
 from rotorfit.experiments import Experiment, PerturbationTest
 from rotorfit.results import FitResult, FittedParameter
 from rotorfit.study import Outcome, Progress
@@ -182,6 +183,8 @@ def summary(outcome: Outcome, rig: str = "") -> str:
         parts.append("structural refinement\n" + outcome.ladder.table())
         if outcome.ladder.best is not outcome.fit:
             parts.append(outcome.ladder.best.summary())
+    if best.settings.calibration is not None:
+        parts.append(str(Budget(best, best.settings.calibration)))
     if outcome.profiles:
         parts.append("profile likelihoods\n" + "\n".join(map(str, outcome.profiles)))
     parts += [str(more) for more in (outcome.bootstrap, outcome.posterior) if more is not None]

@@ -64,7 +64,8 @@ def write_report(
         findings: what the data check found, one sequence for each experiment; by default the check is run.
         profiles: profile likelihoods of some parameters or of the threshold speed, :meth:`FitResult.profile`.
         bootstrap: fits of simulated data, :meth:`FitResult.bootstrap`.
-        shares: random and systematic standard uncertainty by parameter, SI units.
+        shares: random and systematic standard uncertainty by parameter, SI units; by default those of the fit's
+            calibration, if it has one.
         operating_speed: speed, rad/s, to which the stability margin refers beside the tested speeds.
         title: heading of the report.
         figures: folder that is there, to which the figures are also written, each as a PNG file.
@@ -88,7 +89,7 @@ def write_report(
         findings=findings,
         profiles=profiles,
         bootstrap=bootstrap,
-        shares=shares or {},
+        shares=_calibration_shares(fit) if shares is None else shares,
         operating_speed=operating_speed,
     )
     _check(material)
@@ -97,6 +98,15 @@ def write_report(
         for name, png in material.pictures.items():
             _write(Path(figures) / f"{name}.png", png)
     return _write(Path(path), text.encode())
+
+
+def _calibration_shares(fit: FitResult) -> Mapping[str, tuple[float, float]]:
+    """Shares of a fit that was told how well its probes are calibrated."""
+    if fit.settings.calibration is None:
+        return {}
+    from rotorfit.budget import Budget
+
+    return Budget(fit, fit.settings.calibration).shares
 
 
 def _check(material: ReportInput) -> None:

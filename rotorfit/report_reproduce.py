@@ -45,9 +45,20 @@ def reproduce_section(material: ReportInput) -> Html:
 # ---- Python ----------------------------------------------------------------------------------
 
 
+def _origin(material: ReportInput) -> tuple[FitResult, bool]:
+    """The fit that was asked for, and whether the one reported is its refinement."""
+    ladder = material.refinement
+    if ladder is None or material.fit is not ladder.best:
+        return material.fit, False
+    return ladder.steps[0], True
+
+
 def _calls(material: ReportInput) -> Iterator[str]:
-    fit, settings = material.fit, material.fit.settings
+    fit, refined = _origin(material)
+    settings = fit.settings
     yield "import rotorfit as rf"
+    if settings.priors:
+        yield "import scipy.stats"
     sources = [f"rf.read({e.source!r})" if e.source else "data_in_memory" for e in fit.experiments]
     options = ", ".join(f"{name}={_shown(value)}" for name, value in _own_options(fit).items())
     home = "rf.models." if MODELS.get(fit.model.name) is type(fit.model) else ""
@@ -63,8 +74,10 @@ def _calls(material: ReportInput) -> Iterator[str]:
     if fit.method == "least squares":
         parts += [f"loss={settings.loss!r}"] if settings.loss != "linear" else []
         parts += ["phase_offsets=True"] if settings.phase_offsets else []
+        parts += [f"calibration=rf.{settings.calibration!r}"] if settings.calibration else []
     call = "rf.closed_form" if fit.method == "closed form" else "rf.fit"
-    yield f"fit = {call}({', '.join(['model, experiments', *parts])})"
+    made = f"{call}({', '.join(['model, experiments', *parts])})"
+    yield f"fit = rf.refine({made}).best" if refined else f"fit = {made}"
     for p in material.profiles:
         yield f"fit.profile({p.name!r})"
     simulated, posterior = material.bootstrap, material.posterior
@@ -106,14 +119,17 @@ def _distribution(prior: Any) -> str:
 
 def _command(material: ReportInput) -> str:
     """The call of the command line, empty where it cannot say what was asked for."""
-    fit, settings, options = material.fit, material.fit.settings, _own_options(material.fit)
+    fit, refined = _origin(material)
+    settings, options = fit.settings, _own_options(fit)
     priors = {name: _gaussian(prior) for name, prior in settings.priors.items()}
+    calibrated = vars(settings.calibration) if settings.calibration else {}
     expressible = (
         fit.method == "least squares"
         and fit.model.name in MODELS
         and all(e.source for e in fit.experiments)
         and set(options) <= {"planes", "blocks", "two_lam"}
         and all(priors.values())
+        and all(isinstance(value, (int, float)) for value in calibrated.values())
     )
     if not expressible:
         return ""
@@ -132,6 +148,9 @@ def _command(material: ReportInput) -> str:
             words += [f"--{option}", f"{name}={value}"]
     words += ["--loss", settings.loss] if settings.loss != "linear" else []
     words += ["--phase-offsets"] if settings.phase_offsets else []
+    words += ["--refine"] if refined else []
+    for name, value in calibrated.items():
+        words += ["--calibration", f"{name}={value:.10g}"] if value else []
     words += ["--profile", ",".join(p.name for p in material.profiles)] if material.profiles else []
     simulated, posterior = material.bootstrap, material.posterior
     if simulated is not None:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
+from rotorfit.calibration import calibration_of
 from rotorfit.estimators.closed_form import ClosedFormError
 from rotorfit.experiments import Experiment
 from rotorfit.fitting import closed_form, fit
@@ -55,6 +56,7 @@ class Study:
         planes: plane names of the data in the model's order, by default the model's own.
         blocks, two_lam: options of the model.
         known, bounds, priors, per, start, loss, phase_offsets: see :func:`rotorfit.fit`.
+        calibration: uncertainties by name, see :class:`rotorfit.Calibration`.
         refine: add structural blocks while the data ask for them.
         sample: draw from the posterior.
         seed: of random numbers; by default one is drawn, and told in the results.
@@ -76,6 +78,7 @@ class Study:
     start: Mapping[str, float] = field(default_factory=dict)
     loss: str = "linear"
     phase_offsets: bool = False
+    calibration: Mapping[str, Any] = field(default_factory=dict)
     refine: bool = False
     sample: bool = False
     seed: int | None = None
@@ -164,6 +167,7 @@ def run_study(study: Study, progress: Progress, checkpoint: Path | None = None) 
         loss=study.loss,  # type: ignore[arg-type]
         start=study.start,
         phase_offsets=study.phase_offsets,
+        calibration=calibration_of(study.calibration),
     )
     ladder = None
     if study.refine:

@@ -131,6 +131,13 @@ def _table(of: Parser) -> Parser:
     return parse
 
 
+def _uncertainty(key: str, value: Any) -> Any:
+    """A number for all probes or planes, or one by plane."""
+    if isinstance(value, dict):
+        return {place: _number(f"{key}.{place}", number) for place, number in value.items()}
+    return _number(key, value)
+
+
 def _prior(key: str, value: Any) -> Any:
     if not isinstance(value, dict) or len(value) != 1:
         raise ValueError(f"{key} must be one distribution with its numbers, {{norm = [1.0, 0.01]}}; got {value!r}")
@@ -214,6 +221,7 @@ _KEYS: dict[str, Parser] = {
     "start": _table(_number),
     "loss": _text,
     "phase_offsets": _flag,
+    "calibration": _table(_uncertainty),
     "refine": _flag,
     "sample": _flag,
     "seed": _whole,

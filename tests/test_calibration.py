@@ -10,7 +10,7 @@ from scipy import stats
 from synthetic import TYPICAL, circular_test
 
 import rotorfit as rf
-from rotorfit.calibration import Calibration
+from rotorfit.calibration import Calibration, calibration_of
 from rotorfit.fitting import build_problem, solve_again
 from rotorfit.models import Anisotropic, Muszynska, OneMode, WhirlWhip
 from rotorfit.serialise import fit_from_json, fit_to_json
@@ -211,6 +211,29 @@ def test_robust_losses_and_priors_of_parameters_count_too():
         assert a.sources["priors"] > 0
         assert b.systematic == pytest.approx(a.systematic, rel=0.05)
         assert b.combined == pytest.approx(a.combined, rel=0.1)
+
+
+def test_studies_and_reports_carry_a_calibration(tmp_path, rig_fit):
+    from rotorfit.study import Study
+    from rotorfit.study_toml import read_study
+
+    file = tmp_path / "study.toml"
+    file.write_text(
+        'files = ["rig.csv"]\nmodel = "whirl-whip"\ncalibration = {probe_gain = {disk = 0.01}, mr = 0.005}\n',
+        encoding="utf-8",
+    )
+    study = read_study(file)
+    assert isinstance(study, Study)
+    assert calibration_of(study.calibration) == Calibration(probe_gain={"disk": 0.01}, mr=0.005)
+    assert calibration_of({}) is None
+    with pytest.raises(ValueError, match="did you mean 'probe_gain'"):
+        calibration_of({"probegain": 0.01})
+    fit = rig_fit.calibration(probe_gain=0.01).fit
+    rf.write_report(fit, tmp_path / "report.html")
+    text = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert "GUM type A" in text
+    assert "--calibration probe_gain=0.01" in text
+    assert "calibration=rf.Calibration(probe_gain=0.01" in text
 
 
 def test_what_makes_no_sense_is_refused(rig_fit):
