@@ -2,8 +2,8 @@
 
 Eq. (18) with ten free parameters, four responses of 400 lines, 1 % noise. Warm times are medians of processor time over
 rounds in which all contenders take turns, everything imported and used before; "one of 500" is the share of one fit in
-500 data sets that differ by their noise, fitted at once. Cold times are whole fresh processes by the clock, from the
-interpreter through imports and reading to one fit. Accuracy stands beside time: distance from the exact optimum.
+500 data sets that differ by their noise, fitted at once. Cold times are processor times of whole fresh processes, from
+the interpreter through imports and reading to one fit. Accuracy stands beside time: distance from the exact optimum.
 
     python benchmarks/fit_speed.py
 """
@@ -11,6 +11,7 @@ interpreter through imports and reading to one fit. Accuracy stands beside time:
 from __future__ import annotations
 
 import argparse
+import os
 import shlex
 import subprocess
 import sys
@@ -226,9 +227,12 @@ def cold(case: Case, rounds: int) -> list[Timing]:
         answers: dict[tuple[str, str], str] = {}
         for _ in range(rounds):
             for key, command in commands.items():
-                begin = time.perf_counter()
+                before = os.times()
                 answers[key] = subprocess.run(command, check=True, capture_output=True, text=True).stdout
-                seconds[key].append(time.perf_counter() - begin)
+                after = os.times()
+                seconds[key].append(
+                    after.children_user + after.children_system - before.children_user - before.children_system
+                )
     timings = []
     for key, answer in answers.items():
         x = np.array(answer.split(), dtype=float)
