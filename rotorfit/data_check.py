@@ -59,8 +59,12 @@ def _physics(test: PerturbationTest | DisplacementTest) -> Iterator[Finding]:
             yield from signs(orbits)
 
 
+_MAY_BE_NAN = ("sigma", "eccentricity", "position")
+"""Columns in which NaN stands for what was not measured, or was told in another column."""
+
+
 def _finite(test: Any) -> NDArray[np.bool_]:
-    numeric = [getattr(test, name) for name in test._columns() if name != "sigma"]
+    numeric = [getattr(test, name) for name in test._columns() if name not in _MAY_BE_NAN]
     columns = [np.isfinite(values) for values in numeric if values.dtype.kind in "fc"]
     return np.logical_and.reduce(columns) if columns else np.ones(len(test), dtype=bool)
 

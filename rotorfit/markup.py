@@ -83,8 +83,8 @@ def drawn(figure: Figure) -> bytes:
     return stream.getvalue()
 
 
-def picture(png: bytes, caption: str) -> Html:
-    """A PNG file with its caption, embedded."""
+def picture(png: bytes, caption: str, inches: float) -> Html:
+    """A PNG file with its caption, embedded, at its natural width where the page is wide enough."""
     data = base64.b64encode(png).decode("ascii")
-    image = element("img", src=f"data:image/png;base64,{data}", alt=caption)
+    image = element("img", src=f"data:image/png;base64,{data}", alt=caption, width=f"{96 * inches:.0f}")
     return element("figure", image, element("figcaption", caption))

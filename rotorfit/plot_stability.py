@@ -79,7 +79,7 @@ def plot_stability(fit: FitResult, *, group: int = 0) -> Figure:
 
 def _highest_speed(fit: FitResult, onset: float) -> float:
     """Speed axis that shows the threshold with some room, or the tested speeds where there is none."""
-    tested = float(fit.speeds.max(initial=0.0)) if fit.speeds.size else fit.band
+    tested = max(float(np.max(experiment.speed, initial=0.0)) for experiment in fit.experiments)
     return 1.25 * max(onset, tested) if np.isfinite(onset) else 1.5 * max(tested, 1.0)
 
 

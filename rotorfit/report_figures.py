@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rotorfit import plots
-from rotorfit.estimators.observations import Responses
+from rotorfit.estimators.nonlinear import OrbitResponses, responses_of
+from rotorfit.estimators.small_motion import FreeVibrations
 from rotorfit.markup import Html, drawn, element, join, paragraph, picture, table
 from rotorfit.report_numbers import RPM, with_error
 from rotorfit.report_parts import at_of, groups_of, note, section, sentence, symbol
@@ -30,12 +32,98 @@ _FIRST = ("D", "lam", "lam_D", "lam_M", "Mf", "K0")
 """Parameters that a corner plot shows before others."""
 
 
+@dataclass(frozen=True)
+class Kind:
+    """A figure of the report and the kind of data that it shows.
+
+    Attributes:
+        title: heading of its section.
+        draw: makes the figure of a fit; ``plot_NAME`` gives its file the name ``NAME.png``.
+        caption: words below it.
+        shows: whether a block of observations appears in it.
+    """
+
+    title: str
+    draw: Callable[[FitResult], Figure]
+    caption: str
+    shows: Callable[[object], bool]
+
+
+def _turning(block: object) -> bool:
+    """Responses to circular forces, or forces under imposed orbits."""
+    responses = responses_of(block)
+    return responses is not None and bool(responses.frequency.any())
+
+
+def _orbits(block: object) -> bool:
+    """Circular orbits of a model with a law of eccentricity, the journal's motion measured."""
+    return isinstance(block, OrbitResponses) and _turning(block) and bool(np.isfinite(block.eccentricity).any())
+
+
+def _loads(block: object) -> bool:
+    """Positions under constant loads of a model with a law of eccentricity, the journal's measured."""
+    return isinstance(block, OrbitResponses) and not _turning(block) and bool(np.isfinite(block.eccentricity).any())
+
+
+def _impulses(block: object) -> bool:
+    """Frequencies and damping of free vibration."""
+    return isinstance(block, FreeVibrations)
+
+
+_TO_FORCE = "Responses to a unit force. Points: measured. Lines: fit."
+_BAND = "Residuals over their noise; noise alone would leave 95 % of them in the grey band."
+
+FIGURES: tuple[Kind, ...] = (
+    Kind(
+        "Dynamic stiffness",
+        plots.plot_dynamic_stiffness,
+        "Points: measured ± σ. Lines: fit, with its 95 % band.",
+        _turning,
+    ),
+    Kind("Bode plots", plots.plot_bode, _TO_FORCE, _turning),
+    Kind("Polar plots", plots.plot_polar, _TO_FORCE, _turning),
+    Kind("Residuals", plots.plot_residuals, _BAND, _turning),
+    Kind(
+        "Fluid against eccentricity",
+        plots.plot_law,
+        "The law's K0, D and lam with their 95 % bands; ticks: eccentricities of the data, dotted: beyond them.",
+        lambda block: _orbits(block) or _loads(block) or _impulses(block),
+    ),
+    Kind(
+        "Nonlinear dynamic stiffness",
+        plots.plot_nonlinear_stiffness,
+        "Nonlinear minus linear dynamic stiffness at the journal. Points: measured. Lines: fit.",
+        _orbits,
+    ),
+    Kind(
+        "Static loads",
+        plots.plot_static_locus,
+        "Positions of the journal under constant loads over the clearance. Points: measured. Lines: fitted locus.",
+        _loads,
+    ),
+    Kind(
+        "Static stiffness",
+        plots.plot_static_stiffness,
+        "Static load over displacement. Points: measured. Lines: fit, with its 95 % band.",
+        _loads,
+    ),
+    Kind(
+        "Impulse tests",
+        plots.plot_velocity_ratio,
+        "Damped frequency over rotative speed. Points: measured. Solid lines: fitted eigenvalues; dashed: lam itself.",
+        _impulses,
+    ),
+)
+"""Figures in their order; further kinds of experiments add theirs here."""
+
+
 def figure_sections(material: ReportInput) -> Iterator[Html]:
     """Figures of each kind of data, stability, posterior."""
     fit = material.fit
-    for kind in dict.fromkeys(type(block) for block in fit.problem.blocks):
-        if kind in _KINDS:
-            yield from _KINDS[kind](material)
+    for kind in FIGURES:
+        if any(kind.shows(block) for block in fit.problem.blocks):
+            name = kind.draw.__name__.removeprefix("plot_")
+            yield section(kind.title, _picture(material, name, kind.draw(fit), kind.caption), figure=True)
     if fit.responses:
         yield section("Quality of fit", *_quality(fit))
     yield section("Stability", *_stability(material))
@@ -46,25 +134,7 @@ def figure_sections(material: ReportInput) -> Iterator[Html]:
 def _picture(material: ReportInput, name: str, figure: Figure, caption: str) -> Html:
     """Draw a figure, keep the file, embed it."""
     material.pictures[name] = drawn(figure)
-    return picture(material.pictures[name], caption)
-
-
-def _response_figures(material: ReportInput) -> Iterator[Html]:
-    """Responses to circular forces, or forces under imposed orbits."""
-    responses = "Responses to a unit force. Points: measured. Lines: fit."
-    band = "Residuals over their noise; noise alone would leave 95 % of them in the grey band."
-    for title, draw, caption in (
-        ("Dynamic stiffness", plots.plot_dynamic_stiffness, "Points: measured ± σ. Lines: fit, with its 95 % band."),
-        ("Bode plots", plots.plot_bode, responses),
-        ("Polar plots", plots.plot_polar, responses),
-        ("Residuals", plots.plot_residuals, band),
-    ):
-        name = draw.__name__.removeprefix("plot_")
-        yield section(title, _picture(material, name, draw(material.fit), caption), figure=True)
-
-
-_KINDS: dict[type, Callable[[ReportInput], Iterator[Html]]] = {Responses: _response_figures}
-"""Figures that belong to a kind of observations: sections made from the fit."""
+    return picture(material.pictures[name], caption, figure.get_figwidth())
 
 
 def _quality(fit: FitResult) -> Iterator[Html]:

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+import numpy as np
+from numpy.typing import NDArray
+
 from rotorfit.equation import symbol_mathml
 from rotorfit.markup import Html, element, join
 from rotorfit.report_numbers import RPM, interval
@@ -12,6 +15,9 @@ from rotorfit.results import FitResult
 if TYPE_CHECKING:
     from rotorfit.bootstrapping import Bootstrap
     from rotorfit.posterior import Posterior
+
+_MANY = 50
+"""Distinct speeds beyond which a test is a sweep of the speed."""
 
 
 def section(title: str, *content: str, figure: bool = False) -> Html:
@@ -44,6 +50,12 @@ def groups_of(fit: FitResult) -> list[tuple[str, int]]:
         names = (space.names[i].partition("[")[2][:-1] for i in index if i >= 0 and "[" in space.names[i])
         result.append((", ".join(dict.fromkeys(names)), group))
     return result
+
+
+def tested_speeds(fit: FitResult) -> NDArray[np.float64]:
+    """Rotative speeds of all tests, rad/s, empty for speeds that sweep."""
+    found = np.unique(np.concatenate([np.asarray(e.speed, dtype=float) for e in fit.experiments]))
+    return fit.speeds if found.size > _MANY else np.asarray(found)
 
 
 def at_of(label: str) -> dict[str, str] | None:

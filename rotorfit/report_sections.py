@@ -9,6 +9,7 @@ import numpy as np
 from rotorfit.equation import stiffness_entries, to_mathml
 from rotorfit.experiments import Experiment, PerturbationTest
 from rotorfit.markup import Html, element, paragraph, table
+from rotorfit.models import Constant, Law
 from rotorfit.refinement import structure_name
 from rotorfit.report_numbers import RPM, plain, speeds_in_words, with_error
 from rotorfit.report_parts import groups_of, section
@@ -48,13 +49,13 @@ def data_section(material: ReportInput) -> Html:
 
 
 def _experiment_row(test: Experiment) -> list[str]:
-    kind = getattr(test, "title", "displacement-in test")
+    kind = test.title
     measured = ", ".join(test.planes)
     if isinstance(test, PerturbationTest):
         kind = "synchronous test" if test.synchronous else "nonsynchronous perturbation test"
         pairs = dict.fromkeys(zip(test.plane.tolist(), test.direction.tolist(), strict=True))
         measured = ", ".join(f"{plane} {direction}" for plane, direction in pairs)
-    w = np.asarray(getattr(test, "frequency", ())) * RPM
+    w = test.frequencies * RPM
     span = f"{plain(float(w.min()), 5)} to {plain(float(w.max()), 5)} rpm" if w.size else ""
     forced = ", ".join(getattr(test, "force_planes", ()))
     return [
@@ -85,6 +86,16 @@ def model_section(material: ReportInput) -> Html:
     ]  # fmt: skip
     if model.shaft is not None:
         content.append(paragraph("To the entries below the condensed dynamic stiffness of the known shaft is added."))
+    law = model.options().get("law") if model.eccentricity_dependent else None
+    if isinstance(law, Law):
+        first = (type(law).__doc__ or "").partition("\n")[0].replace("``", "")
+        content.append(
+            paragraph(
+                f"K0, D and lam below stand for functions of the journal's eccentricity eps, its displacement over the "
+                f"clearance of {plain(1e6 * float(model.clearance or np.nan), 4)} µm. {law.name} law: {first}"
+            )
+        )
+        model = model.variant(law=Constant(), clearance_um=None)
     if len(model.coordinates) > _WRITTEN_OUT:
         content.append(paragraph("The matrix is too large to be written out here."))
     else:

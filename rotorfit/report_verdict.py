@@ -12,7 +12,7 @@ from rotorfit.fitting import MODEL_LIMITED
 from rotorfit.markup import Html, bullets, element, join
 from rotorfit.models.stability import growth_rate
 from rotorfit.report_numbers import NORMAL_95, RPM, interval, plain, with_error
-from rotorfit.report_parts import groups_of, section, sentence, threshold_interval
+from rotorfit.report_parts import groups_of, section, sentence, tested_speeds, threshold_interval
 from rotorfit.results import FitResult, Quantity
 
 if TYPE_CHECKING:
@@ -74,7 +74,7 @@ def _stability_words(material: ReportInput) -> Iterator[str]:
     found = [(onset, label) for onset, label, _ in onsets if not math.isnan(onset.value)]
     if any(_unstable(fit, group) for _, _, group in onsets):
         yield "The fitted rotor is unstable at a speed that was tested."
-    elif fit.speeds.size:
+    elif tested_speeds(fit).size:
         yield "The rotor is stable at every tested speed."
     if not found:
         yield "No threshold of instability was found at any speed searched."
@@ -94,18 +94,18 @@ def _stability_words(material: ReportInput) -> Iterator[str]:
 
 def _unstable(fit: FitResult, group: int) -> bool:
     """Whether the fitted rotor is unstable at a speed that was tested."""
-    theta = fit.problem.space.theta(fit.x)[group]
-    rates = growth_rate(
-        fit.model, np.broadcast_to(theta, (fit.speeds.size, theta.size)), fit.speeds, fit.stability_band
-    )
+    theta, speeds = fit.problem.space.theta(fit.x)[group], tested_speeds(fit)
+    if not speeds.size:
+        return False
+    rates = growth_rate(fit.model, np.broadcast_to(theta, (speeds.size, theta.size)), speeds, fit.stability_band)
     return bool((rates > 1e-9 * np.abs(theta).max()).any())
 
 
 def _reference_speeds(material: ReportInput) -> Iterator[tuple[str, float]]:
     """Speeds, rad/s, that a margin of stability refers to."""
-    fit = material.fit
-    if fit.speeds.size and fit.speeds.max() > 0:
-        yield f"highest tested speed ({fit.speeds.max() * RPM:.0f} rpm)", float(fit.speeds.max())
+    highest = float(tested_speeds(material.fit).max(initial=0.0))
+    if highest > 0:
+        yield f"highest tested speed ({highest * RPM:.0f} rpm)", highest
     if material.operating_speed is not None:
         yield f"operating speed ({material.operating_speed * RPM:.0f} rpm)", material.operating_speed
 

@@ -13,6 +13,7 @@ from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
 
+import law_data
 import numpy as np
 import pytest
 from synthetic import KNOWN, MODELS, SPEEDS, TYPICAL, circular_test, covering_frequencies, known_of
@@ -180,7 +181,7 @@ def test_the_python_call_gives_the_same_numbers(
     ladder: rf.Refinement, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(rf.datasets.path("rig_open.csv").parent)
-    page = report_of(ladder.best, tmp_path / "report.html")
+    page = report_of(ladder.best, tmp_path / "report.html", refinement=ladder)
     (call,) = re.findall(r"import rotorfit as rf\n.*?(?=</pre>)", page.text, re.DOTALL)
     names: dict[str, Any] = {}
     exec(Page(call).words[0], names)
@@ -208,7 +209,10 @@ def test_refined_report_with_all_extras(ladder: rf.Refinement, tmp_path: Path) -
     assert page.shown.count("chosen") >= 1
     assert "[0.474900, 0.475200]" in page.shown
     low, high = np.quantile(posterior.samples[:, best.var_names.index("D")], [0.025, 0.975])
-    assert f"[{low:.2f}, {high:.2f}]" in page.shown
+    intervals = page.text.partition("<h2>95 % intervals</h2>")[2]
+    (row,) = [row for row in intervals.split("</section>")[0].split("<tr>") if "<code>D</code>" in row]
+    _, *shown = re.findall(r"\[([0-9.]+), ([0-9.]+)\]", row)
+    assert [float(end) for end in shown[0]] == pytest.approx([low, high], abs=0.05 * (high - low))
     assert "systematic share" in page.shown
     assert f"[{277 * RPM:.1f}, {279 * RPM:.1f}]" in page.shown
     for words in (
@@ -220,7 +224,10 @@ def test_refined_report_with_all_extras(ladder: rf.Refinement, tmp_path: Path) -
     ):
         assert words in page.shown.replace("Converged", "converged")
     assert page.tags.count("img") == 7
-    assert "--profile lam,threshold_speed --sample --seed 5 --ess 4000 --max-steps 1000 --out" in page.shown
+    assert (
+        "--known K3=6000 --refine --profile lam,threshold_speed --sample --seed 5 --ess 4000 --max-steps 1000 --out"
+        in page.shown
+    )
 
 
 @pytest.mark.usefixtures("sketched")
@@ -294,6 +301,38 @@ def test_two_disk_report_knows_no_speed(tmp_path: Path) -> None:
     fit = rf.fit(rf.models.TwoDisk(), test)
     page = report_of(fit, tmp_path / "report.html")
     assert "does not depend on the rotative speed" in page.shown
+
+
+def law_model() -> rf.models.OneMode:
+    return rf.models.OneMode(law=rf.models.Muszynska(), clearance_um=law_data.CLEARANCE_UM)
+
+
+KNOWN_ONE_MODE = {"K": 8000.0, "Ds": 8.0}
+
+
+@pytest.mark.usefixtures("sketched")
+@pytest.mark.parametrize("kind", ["sweep", "static", "impulse", "linear static", "joint"])
+def test_every_kind_of_experiment_has_a_report(kind: str, tmp_path: Path) -> None:
+    values = law_data.ONE_MODE
+    sweep, static = law_data.sweep(values, levels=(2.0, 10.0, 20.0)), law_data.static(values)
+    impulse = law_data.impulse(law_data.LIGHT)
+    small = [law_data.sweep(values, levels=(0.2,)), law_data.static(values, loads=(0.2, 0.3, 0.4, 0.5))]
+    given: dict[str, Any] = {
+        "sweep": (law_model(), sweep, {}),
+        "static": (law_model(), static, {"M": 1.2, "Mf": 0.4}),
+        "impulse": (law_model(), impulse, {}),
+        "linear static": (rf.models.OneMode(), small, {}),
+        "joint": (law_model(), [sweep, static, law_data.impulse(values)], {}),
+    }
+    model, experiments, known = given[kind]
+    fit = rf.fit(model, experiments, known={**KNOWN_ONE_MODE, **known})
+    page = report_of(fit, tmp_path / "report.html")
+    for experiment in fit.experiments:
+        assert experiment.title in page.shown
+    assert "Not finite" not in page.shown
+    assert ("muszynska law: K0 (1 - eps^2)^-n_K" in page.shown) == model.eccentricity_dependent
+    assert "log1p" not in page.shown
+    assert f"highest tested speed ({max(e.speed.max() for e in fit.experiments) * RPM:.0f} rpm)" in page.shown
 
 
 # ---- text from data files -------------------------------------------------------------------------
