@@ -20,6 +20,7 @@ from law_data import (
     squeeze,
     sweep,
 )
+from scipy.stats import binom, chi2
 
 import rotorfit as rf
 from rotorfit.estimators.nonlinear import OrbitResponses
@@ -255,23 +256,25 @@ def test_threshold_refuses_what_is_no_eccentricity(fitted: FitResult) -> None:
 
 
 def test_coverage_of_sweeps(model: OneMode) -> None:
-    """Pulls of 40 draws: each parameter's mean square within chi-squared's 1e-4 tails."""
-    from scipy.stats import chi2
-
-    exact = sweep(ONE_MODE, levels=(1.0, 3.0, 6.0), lines=24, noise=0.0)
+    """Pulls of 200 draws: how many lie within 1.96 standard errors, and their mean square, within 1e-4 tails."""
+    exact = sweep(ONE_MODE, levels=(1.0, 2.0, 4.0, 6.0), lines=20, noise=0.0)
     size = np.abs(exact.response)
     level = 0.01 * np.array([np.sqrt(np.mean(size[exact.run == run] ** 2)) for run in exact.run.tolist()])
     rng = np.random.default_rng(7)
-    squares = []
-    for _ in range(40):
+    rows = []
+    for _ in range(200):
         error = level * (rng.normal(size=len(exact)) + 1j * rng.normal(size=len(exact)))
         test = replace(exact, response=exact.response + error, sigma=level)
         fit = rf.fit(model, test, known={"Ds": 8.0}, start=ONE_MODE_FREE)
-        squares.append([((p.value - ONE_MODE[n]) / p.stderr_noise) ** 2 for n, p in fit.params.items() if p.vary])
-    total = np.sum(squares, axis=0)
-    low, high = chi2.ppf([1e-4, 1 - 1e-4], 40)
-    assert (total > low).all()
-    assert (total < high).all()
+        rows.append([(p.value - ONE_MODE[n]) / p.stderr_noise for n, p in fit.params.items() if p.vary])
+    found = np.array(rows)
+    low, high = chi2.ppf([1e-4, 1 - 1e-4], 200)
+    assert (np.sum(found**2, axis=0) > low).all()
+    assert (np.sum(found**2, axis=0) < high).all()
+    few, many = binom.ppf([1e-4, 1 - 1e-4], 200, 0.95)
+    inside = np.sum(np.abs(found) < 1.96, axis=0)
+    assert (inside >= few).all()
+    assert (inside <= many).all()
 
 
 ONE_MODE_FREE = {name: value for name, value in ONE_MODE.items() if name != "Ds"}

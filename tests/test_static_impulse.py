@@ -312,7 +312,7 @@ def every_kind() -> list[Experiment]:
     return [
         static(WHIRL_WHIP),
         impulse(LIGHT),
-        replace(impulse(LIGHT), eccentricity=np.full(10, np.nan), position=np.linspace(0, 1e-4 + 2e-4j, 10)),
+        replace(impulse(LIGHT), eccentricity=np.full(10, np.nan), position=np.linspace(0, 1e-4, 10).astype(complex)),
         ring_down(LIGHT, samples=40),
         rf.datasets.seal_muszynska_tum(),
         squeeze(LIGHT),

@@ -57,7 +57,7 @@ def seal_muszynska_tum() -> CoefficientTable:
     """
     file = path("seal_muszynska_tum_computed.csv")
     seal, eps, rpm, kxx, kxy, cxx, cxy, mxx = np.loadtxt(file, delimiter=",", skiprows=3).T
-    run = np.array([f"seal {s:g}, {n:g} rpm" for s, n in zip(seal.tolist(), rpm.tolist(), strict=True)])
+    run = np.array([f"seal {s:g} at {n:g} rpm" for s, n in zip(seal.tolist(), rpm.tolist(), strict=True)])
     half_digit = 0.5e-5 / np.sqrt(3)  # rounding to six digits: uniform, at most half of the last one
     return CoefficientTable(
         run=run, speed=rpm * np.pi / 30, eccentricity=eps, kxx=kxx, kxy=kxy, cxx=cxx, cxy=cxy, mxx=mxx,
