@@ -218,19 +218,36 @@ def hold_quantity(problem: Problem, quantity: Quantity) -> Held:
             q, slope = quantity(x)
             if not (math.isfinite(cost) and math.isfinite(q)):
                 break
-            size = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
-            inverse = np.linalg.pinv(matrix / np.outer(size, size), rcond=1e-14, hermitian=True) / np.outer(size, size)
-            turned = inverse @ slope
-            down = -inverse @ gradient
-            step = down + turned * ((value - q - slope @ down) / (slope @ turned))
+            step = _held_step(gradient, matrix, slope, value - q, lower - x, upper - x)
             with np.errstate(divide="ignore", invalid="ignore"):
                 room = np.where(step > 0, (upper - x) / step, np.where(step < 0, (lower - x) / step, np.inf))
-            x = x + min(1.0, float(room.min())) * step
+            x = np.clip(x + min(1.0, float(room.min())) * step, lower, upper)
             if step @ matrix @ step <= 1e-18 * max(cost, 1.0):
                 return problem.cost(x), x, True
         return math.inf, x, False
 
     return held
+
+
+def _held_step(gradient: Float, matrix: Float, slope: Float, missing: float, low: Float, high: Float) -> Float:
+    """Step to the minimum of the quadratic model where the quantity changes by what is missing.
+
+    Entries that rest on a bound and would leave it stay where they are.
+    """
+    free = np.ones(gradient.size, dtype=bool)
+    step = np.zeros_like(gradient)
+    while free.any():
+        g, c, part = gradient[free], slope[free], matrix[np.ix_(free, free)]
+        size = np.sqrt(np.maximum(np.diag(part), 1e-300))
+        inverse = np.linalg.pinv(part / np.outer(size, size), rcond=1e-14, hermitian=True) / np.outer(size, size)
+        turned, down = inverse @ c, -inverse @ g
+        step[:] = 0.0
+        step[free] = down + turned * ((missing - c @ down) / (c @ turned))
+        leaving = ((step < 0) & (low >= 0)) | ((step > 0) & (high <= 0))
+        if not leaving.any():
+            break
+        free &= ~leaving
+    return step
 
 
 def limits(low: float, high: float, value: float, size: float, step: float) -> tuple[tuple[float, bool], ...]:

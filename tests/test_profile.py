@@ -94,6 +94,18 @@ def test_the_threshold_speed_has_the_interval_of_the_parameter_it_is_a_function_
     assert abs(lam.upper - p.value - np.sqrt(Q95) * p.stderr) > 1e-3 * p.stderr
 
 
+def test_the_threshold_speed_is_followed_along_a_bound():
+    """As above, Mf pressed against a bound all the way."""
+    rig = {**RIG, "Ds": 0.0}
+    known = {name: rig[name] for name in ("M", "K", "Ds", "K0")}
+    fit = rf.fit(OneMode(), one_mode_test(noise=0.2, seed=4, rig=rig), known=known, bounds={"Mf": (0.6, 2.0)})
+    assert fit.params["Mf"].at_bound
+    lam, speed = fit.profile("lam"), fit.profile("threshold_speed")
+    w = np.sqrt((rig["K"] + rig["K0"]) / rig["M"])
+    np.testing.assert_allclose(speed.interval, (w / lam.upper, w / lam.lower), rtol=1e-6)
+    assert speed.message == ""
+
+
 def test_coverage():
     """Of 200 draws, noise a third of the responses, 95 % intervals cover as often, within binomial error."""
     known = {name: RIG[name] for name in ("K", "Ds", "M", "Mf")}
