@@ -123,12 +123,16 @@ def read_netcdf(path: str | Path) -> Experiment:
         ValueError: not a netCDF file, one without the variables of an experiment, or an unknown unit.
         FileNotFoundError: no such file.
     """
+    import h5py
     import xarray as xr
 
     source = Path(path).name
     with Path(path).open("rb") as stream:
         classic = stream.read(3) == b"CDF"
     try:
+        if not classic:
+            with h5py.File(path):  # h5netcdf leaves noise on the terminal where this fails
+                pass
         with xr.open_dataset(path, engine="scipy" if classic else "h5netcdf", decode_times=False) as dataset:
             data = dataset.load()
     except Exception as error:  # whatever the HDF5 stack raises on a damaged file

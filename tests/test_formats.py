@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -36,7 +38,7 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return tmp_path_factory.mktemp("formats")
 
 
-few = settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+few = settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 
 
 # ---- round trips ------------------------------------------------------------------------------
@@ -506,6 +508,40 @@ def test_files_cut_short_are_refused(tmp_path: Path, suffix: str) -> None:
         path.write_bytes(whole[:size])
         with pytest.raises(ValueError, match=rf"^t\{suffix}[ :,].+"):
             rf.read(path)
+
+
+@pytest.mark.parametrize("own", [True, False])
+@pytest.mark.filterwarnings("ignore")  # unknown units and directions that the damage made
+def test_damaged_universal_files_are_read_or_refused_in_words(tmp_path: Path, own: bool) -> None:
+    path = tmp_path / "t.uff"
+    if own:
+        rf.write(rf.datasets.two_disk().select(np.arange(0, 960, 12)), path)
+    else:
+        written(path, shaker_test())
+    whole, rng = path.read_bytes(), np.random.default_rng(5)
+    for _ in range(80):
+        content = bytearray(whole)
+        for at in rng.integers(len(whole) - 50, size=rng.integers(1, 6)).tolist():
+            if rng.random() < 0.5:
+                content[at] = rng.integers(256)
+            else:
+                del content[at : at + int(rng.integers(1, 40))]
+        path.write_bytes(content)
+        try:
+            rf.check(rf.read(path))
+        except ValueError as error:
+            refusal = str(error)
+            assert refusal.startswith("t.uff"), refusal
+            assert len(refusal.split()) > 4
+
+
+def test_a_file_that_is_no_netcdf_says_so_and_nothing_else(tmp_path: Path) -> None:
+    (tmp_path / "t.nc").write_bytes(b"junk")
+    words = [sys.executable, "-m", "rotorfit", "info", str(tmp_path / "t.nc")]
+    done = subprocess.run(words, capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert done.stderr.startswith("rotorfit: t.nc is not a readable netCDF file")
+    assert len(done.stderr.splitlines()) == 1
 
 
 @pytest.mark.parametrize("suffix", [".csv", ".uff", ".nc", ".mat"])
