@@ -64,7 +64,7 @@ def test_blocks_run_and_print_what_is_shown(make: ModuleType, page: Path, tmp_pa
         assert (ROOT / "docs" / picture.name).is_file(), f"{picture.name}: python docs/make.py"
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+@pytest.mark.parametrize("page", [*PAGES, ROOT / "benchmarks" / "README.md"], ids=lambda p: f"{p.parent.name}-{p.name}")
 def test_links_lead_somewhere(page: Path) -> None:
     for target in re.findall(r"\]\(([^)#]+)[^)]*\)", page.read_text(encoding="utf-8")):
         if "://" not in target:
