@@ -102,6 +102,8 @@ def _add_fit(fit: argparse.ArgumentParser) -> None:
         help="the data's plane names, in the model's order",
     )
     fit.add_argument("--blocks", type=_words, default=(), metavar="A,B", help="structural blocks to include")
+    fit.add_argument("--law", default="", metavar="NAME", help="law of eccentricity: muszynska, even-polynomial, ...")
+    fit.add_argument("--clearance-um", type=_positive, metavar="UM", help="radial clearance at the fluid, for a law")
     for name, help_text in _FIT_FLAGS.items():
         fit.add_argument(name, action="store_true", help=help_text)
     more = fit.add_argument_group("uncertainty beyond standard errors")
@@ -158,6 +160,8 @@ def fit_study(options: argparse.Namespace) -> Study:
         planes=options.planes,
         blocks=options.blocks,
         two_lam=options.two_lam,
+        law=options.law,
+        clearance_um=options.clearance_um,
         known=_pairs("--known", options.known, _number_or_free),
         bounds=_pairs("--bounds", options.bounds, _range),
         priors=_pairs("--prior", options.prior, _gaussian),

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rotorfit.markup import Html, element, paragraph
-from rotorfit.models import MODELS, Law
+from rotorfit.models import LAWS, MODELS, Law
 from rotorfit.report_parts import section, sentence
 from rotorfit.results import FitResult
 
@@ -127,7 +127,8 @@ def _command(material: ReportInput) -> str:
         fit.method == "least squares"
         and fit.model.name in MODELS
         and all(e.source for e in fit.experiments)
-        and set(options) <= {"planes", "blocks", "two_lam"}
+        and set(options) <= {"planes", "blocks", "two_lam", "law", "clearance_um"}
+        and ("law" not in options or options["law"] in [law() for law in LAWS.values()])
         and all(priors.values())
         and all(isinstance(value, (int, float)) for value in calibrated.values())
     )
@@ -137,6 +138,8 @@ def _command(material: ReportInput) -> str:
     for name in ("planes", "blocks"):
         words += [f"--{name}", ",".join(options[name])] if options.get(name) else []
     words += ["--two-lam"] if options.get("two_lam") else []
+    words += ["--law", options["law"].name] if "law" in options else []
+    words += ["--clearance-um", f"{options['clearance_um']:.10g}"] if options.get("clearance_um") else []
     pairs = {
         "known": {name: "free" if value is None else f"{value:.10g}" for name, value in settings.known.items()},
         "bounds": {name: f"{low:.10g}:{high:.10g}" for name, (low, high) in settings.bounds.items()},

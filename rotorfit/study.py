@@ -11,7 +11,7 @@ from rotorfit.calibration import calibration_of
 from rotorfit.estimators.closed_form import ClosedFormError
 from rotorfit.experiments import Experiment
 from rotorfit.fitting import closed_form, fit
-from rotorfit.models import MODELS, RotorModel
+from rotorfit.models import LAWS, MODELS, RotorModel
 from rotorfit.models.parameters import unknown_name
 from rotorfit.readers import read
 from rotorfit.refinement import Refinement, refine
@@ -55,6 +55,8 @@ class Study:
         out: folder for the results, nothing is written without one.
         planes: plane names of the data in the model's order, by default the model's own.
         blocks, two_lam: options of the model.
+        law: name of a law of eccentricity, a key of :data:`rotorfit.models.LAWS`, for models that carry a fluid.
+        clearance_um: radial clearance at the fluid, micrometres; needed by a law.
         known, bounds, priors, per, start, loss, phase_offsets: see :func:`rotorfit.fit`.
         calibration: uncertainties by name, see :class:`rotorfit.Calibration`.
         refine: add structural blocks while the data ask for them.
@@ -71,6 +73,8 @@ class Study:
     planes: tuple[str, ...] = ()
     blocks: tuple[str, ...] = ()
     two_lam: bool = False
+    law: str = ""
+    clearance_um: float | None = None
     known: Mapping[str, float | None] = field(default_factory=dict)
     bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     priors: Mapping[str, Any] = field(default_factory=dict)
@@ -215,7 +219,7 @@ def build_model(study: Study, experiments: Sequence[Experiment]) -> RotorModel:
     """The model of a study.
 
     Raises:
-        ValueError: unknown model, or an option that it does not have.
+        ValueError: unknown model or law, or an option that the model does not have.
     """
     check_model_name(study.model)
     options: dict[str, Any] = {}
@@ -227,6 +231,12 @@ def build_model(study: Study, experiments: Sequence[Experiment]) -> RotorModel:
         options["blocks"] = study.blocks
     if study.two_lam:
         options["two_lam"] = True
+    if study.law:
+        if study.law not in LAWS:
+            raise ValueError(unknown_name("law", study.law, LAWS))
+        options["law"] = LAWS[study.law]()
+    if study.clearance_um is not None:
+        options["clearance_um"] = study.clearance_um
     return MODELS[study.model]().variant(**options)
 
 

@@ -214,6 +214,8 @@ _KEYS: dict[str, Parser] = {
     "planes": _texts,
     "blocks": _texts,
     "two_lam": _flag,
+    "law": _text,
+    "clearance_um": _positive,
     "known": _table(_number_or_free),
     "bounds": _table(_pair),
     "priors": _table(_prior),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
@@ -24,6 +25,7 @@ from law_data import (
 from scipy.stats import chi2
 
 import rotorfit as rf
+from rotorfit.cli import main
 from rotorfit.experiments import Experiment
 from rotorfit.fitting import build_problem
 from rotorfit.models import Muszynska, OneMode, WhirlWhip
@@ -349,6 +351,40 @@ def test_static_position_of_a_perturbation_test_in_other_units() -> None:
     assert inches.static_position is not None
     np.testing.assert_allclose(inches.static_position, test.static_position, rtol=1e-14)
     assert replace(test, attributes={}).static_position is None
+
+
+def test_joint_fit_from_the_command_line(
+    tmp_path: Path, tests: dict[str, Experiment], joint: FitResult, capsys: pytest.CaptureFixture[str]
+) -> None:
+    files = [tmp_path / f"{name}.csv" for name in tests]
+    for file, test in zip(files, tests.values(), strict=True):
+        rf.write(test, file)
+    words = ["--model", "one-mode", "--law", "muszynska", "--clearance-um", "200", "--known", "Ds=8", "--json"]
+    assert main(["fit", *map(str, files), *words]) == 0
+    found = json.loads(capsys.readouterr().out)["parameters"]
+    for name, parameter in joint.params.items():
+        assert found[name]["value"] == pytest.approx(parameter.value, rel=1e-6)
+    study = tmp_path / "study.toml"
+    listed = ", ".join(f'"{file.name}"' for file in files)
+    settings = 'model = "one-mode"\nlaw = "muszynska"\nclearance_um = 200\nknown = {Ds = 8}\n'
+    study.write_text(f"files = [{listed}]\n{settings}", encoding="utf-8")
+    assert main(["run", str(study), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["parameters"] == found
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        ("--law muszinska --clearance-um 200", "did you mean 'muszynska'"),
+        ("--law muszynska", "give clearance_um"),
+    ],
+)
+def test_laws_that_the_command_line_refuses(
+    tmp_path: Path, words: str, message: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    rf.write(static(LIGHT), tmp_path / "static.csv")
+    assert main(["fit", str(tmp_path / "static.csv"), "--model", "one-mode", *words.split()]) == 2
+    assert message in capsys.readouterr().err
 
 
 def written(tmp_path: Path, text: str) -> Path:
