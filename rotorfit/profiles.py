@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,9 @@ from rotorfit.estimators.target import box
 from rotorfit.models import threshold_speed
 from rotorfit.models.parameters import unknown_name
 from rotorfit.results import FitResult
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 Float = NDArray[np.float64]
 
@@ -37,6 +40,7 @@ class Profile:
         rise: rise of chi-squared there, everything else at its best, in units of the noise as widened for ``stderr``;
             its square root is linear for a linear model.
         message: what is to be known of the ends, empty if there is nothing.
+        stderr: its standard error, for comparison; infinite where the data do not determine it, NaN if not given.
     """
 
     name: str
@@ -48,11 +52,18 @@ class Profile:
     values: Float
     rise: Float
     message: str
+    stderr: float = math.nan
 
     @property
     def interval(self) -> tuple[float, float]:
         """Lower and upper end."""
         return self.lower, self.upper
+
+    def plot(self) -> Figure:
+        """The curve with the level and the ends, beside the parabola that the standard error stands for."""
+        from rotorfit.plot_profile import plot_profile
+
+        return plot_profile(self)
 
     def __str__(self) -> str:
         unit = "" if self.unit == "1" else f" {self.unit}"
@@ -97,6 +108,7 @@ def profile(
     return Profile(
         name, unit, value, level, ends[0].value, ends[1].value, values, rise / scale,
         _message(curve, ends, scale, unit, goal),
+        fit.threshold_speed(at).stderr if name == THRESHOLD else fit.params[name].stderr,
     )  # fmt: skip
 
 

@@ -187,6 +187,25 @@ def test_the_curve_holds_the_others_at_their_best():
         np.testing.assert_allclose((refit.chisqr - fit.chisqr) / fit.redchi, rise, rtol=1e-6, atol=1e-6)
 
 
+def test_the_figure_shows_curve_level_and_ends(tmp_path):
+    known = {name: RIG[name] for name in ("M", "K", "Ds", "K0", "Mf")}
+    fit = rf.fit(OneMode(), one_mode_test(noise=0.5, seed=2), known=known)
+    found = fit.profile("D")
+    figure = found.plot()
+    figure.savefig(tmp_path / "profile.png", dpi=50)
+    curve, parabola, level, low, high = figure.axes[0].lines
+    np.testing.assert_array_equal(curve.get_xdata(), found.values)
+    np.testing.assert_array_equal(curve.get_ydata(), found.rise)
+    x, y = (np.asarray(data) for data in (parabola.get_xdata(), parabola.get_ydata()))
+    np.testing.assert_allclose(np.sqrt(y), np.abs(x - found.value) / fit.params["D"].stderr)
+    assert level.get_ydata()[0] == pytest.approx(3.8415, abs=1e-4)
+    assert (low.get_xdata()[0], high.get_xdata()[0]) == found.interval
+    assert figure.axes[0].get_xlabel() == "D (N s/m)"
+    speed = fit.profile("threshold_speed", points=5).plot().axes[0]
+    assert speed.get_xlabel() == "threshold speed (rpm)"
+    assert speed.lines[0].get_xdata()[2] == pytest.approx(fit.threshold_speed().value * 30 / np.pi)
+
+
 def test_what_cannot_be_profiled_is_refused():
     test = one_mode_test()
     fit = rf.fit(OneMode(), test, known={"K": 8000.0, "Ds": 8.0})
