@@ -42,7 +42,7 @@ def add_options(to: argparse.ArgumentParser) -> None:
     _add_output(to)
     # What a single fit has and a campaign has not.
     to.set_defaults(per=[], phase_offsets=False, refine=False, calibration=[], sample=False, seed=None)
-    to.set_defaults(ess=1.0, max_steps=1, profile=(), bootstrap=0)
+    to.set_defaults(ess=1.0, max_steps=1, profile=(), bootstrap=0, law="", clearance_um=None)
 
 
 def run(options: argparse.Namespace) -> int:
