@@ -133,6 +133,7 @@ def _check(material: ReportInput) -> None:
 def document(material: ReportInput, title: str) -> Html:
     """The whole page."""
     from rotorfit import __version__
+    from rotorfit.report_budget import budget_section
     from rotorfit.report_figures import figure_sections
     from rotorfit.report_parameters import identifiability_section, interval_section, parameter_section
     from rotorfit.report_reproduce import reproduce_section
@@ -143,6 +144,7 @@ def document(material: ReportInput, title: str) -> Html:
         verdict_section(material),
         parameter_section(material),
         interval_section(material),
+        budget_section(material),
         identifiability_section(material),
         data_section(material),
         model_section(material),

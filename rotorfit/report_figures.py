@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -127,6 +128,8 @@ def figure_sections(material: ReportInput) -> Iterator[Html]:
     if fit.responses:
         yield section("Quality of fit", *_quality(fit))
     yield section("Stability", *_stability(material))
+    if material.profiles:
+        yield section("Profile likelihoods", element("div", *_profiles(material), class_="side"))
     if material.posterior is not None:
         yield section("Posterior", *_posterior(material, material.posterior))
 
@@ -170,6 +173,12 @@ def _mode_rows(fit: FitResult, label: str, group: int) -> Iterator[list[str]]:
                 label, shown, *with_error(frequency.value * RPM, frequency.stderr * RPM),
                 *with_error(damping.value, damping.stderr),
             ]  # fmt: skip
+
+
+def _profiles(material: ReportInput) -> Iterator[Html]:
+    for p in material.profiles:
+        name = re.sub(r"\W+", "_", f"profile_{p.name}").rstrip("_")
+        yield _picture(material, name, p.plot(), p.name.replace("_", " ") + (f". {p.message}" if p.message else ""))
 
 
 def _posterior(material: ReportInput, posterior: Posterior) -> Iterator[Html]:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from rotorfit.markup import Html, bullets, paragraph, table
 from rotorfit.profiles import THRESHOLD
 from rotorfit.report_numbers import NORMAL_95, RPM, interval, plain, with_error
-from rotorfit.report_parts import groups_of, note, section, sentence, symbol, threshold_interval
+from rotorfit.report_parts import groups_of, note, section, sentence, symbol, threshold_interval, unit_shown
 from rotorfit.results import FittedParameter
 from rotorfit.tables import notable_correlations
 
@@ -24,17 +24,21 @@ def parameter_section(material: ReportInput) -> Html:
     start = "closed-form start" if fit.method == "least squares" else "start"
     head = ["parameter", "value", "standard error", "from noise alone", "unit", start, "meaning", ""]
     notes = ["Errors are one standard deviation."]
-    if any(p.stderr > 1.01 * p.stderr_noise for p in fit.params.values() if p.vary and p.resolved):
+    if fit.widening > 1.01:
         notes.append(
             f"They are those from the noise times √redchi = {plain(math.sqrt(fit.redchi), 3)}, because the residuals "
             "exceed the noise."
         )
+    elif fit.settings.levels:
+        notes.append("They follow the residuals of each response, where these exceed the noise.")
+    if fit.settings.calibration is not None:
+        notes.append("They hold the uncertainty of the calibration too; see the budget.")
     rows = [_row(p) for p in fit.params.values()]
     return section("Parameters", table(head, rows, numeric=(1, 2, 3, 5), whole=(4,)), note(*notes))
 
 
 def _row(p: FittedParameter) -> list[str]:
-    name, unit = symbol(p.name), _unit(p.unit)
+    name, unit = symbol(p.name), unit_shown(p.unit)
     if not p.vary:
         return [name, plain(p.value), "known", "", unit, "", p.meaning, ""]
     if not p.resolved:
@@ -43,10 +47,6 @@ def _row(p: FittedParameter) -> list[str]:
     noise = with_error(p.value, p.stderr_noise)[1]
     bound = "at its bound: no symmetric interval" if p.at_bound else ""
     return [name, value, error, noise if noise != error else "", unit, plain(p.init_value, 6), p.meaning, bound]
-
-
-def _unit(unit: str) -> str:
-    return "" if unit == "1" else unit.replace("s^2", "s²")
 
 
 # ---- intervals -------------------------------------------------------------------------------
@@ -97,7 +97,7 @@ def _interval_row(material: ReportInput, p: FittedParameter, profile: Profile | 
         "" if posterior is None else interval(*posterior.interval(p.name)),
         "" if simulated is None else interval(*simulated.interval(p.name)),
         *(("", "") if shares is None else (plain(shares[0], 2), plain(shares[1], 2))),
-        _unit(p.unit),
+        unit_shown(p.unit),
     ]
 
 

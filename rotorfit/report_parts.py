@@ -42,6 +42,11 @@ def symbol(name: str) -> Html:
     return join([letters, element("code", name)], " ")
 
 
+def unit_shown(unit: str) -> str:
+    """A unit as people write it, nothing for pure numbers."""
+    return "" if unit == "1" else unit.replace("^2", "²")
+
+
 def groups_of(fit: FitResult) -> list[tuple[str, int]]:
     """Parameter groups: what tells each apart, empty for a single one, and its number."""
     space = fit.problem.space

@@ -384,7 +384,7 @@ def test_all_measures_of_uncertainty(run: Run, tmp_path: Path, small: list[str])
     out = tmp_path / "out"
     code, text, err = run(*small, *MORE, "--out", out)
     assert (code, err) == (0, "")
-    extras = SAMPLED | {"profiles.csv", "bootstrap.csv"}
+    extras = SAMPLED | {"profiles.csv", "profile_lam.png", "profile_threshold_speed.png", "bootstrap.csv"}
     assert {p.name for p in out.iterdir()} == TABLES | FIGURES | WHOLE | extras
     fit = rf.load_fit(out / "fit.json")
     posterior = rf.load_posterior(out / "posterior.nc", fit)
@@ -457,6 +457,8 @@ def test_interrupted_sampling_goes_on(
     ("words", "expected"),
     [
         ("--profile lamda", "did you mean 'lam'"),
+        ("--calibration probe_gian=0.01", "did you mean 'probe_gain'"),
+        ("--calibration mr=-0.01", "a standard uncertainty is zero or a positive number"),
         ("--profile K", "K is known here"),
         ("--ess 0", "argument --ess: 0 is not above zero"),
         ("--bootstrap many", "argument --bootstrap: invalid"),

@@ -223,7 +223,8 @@ def test_refined_report_with_all_extras(ladder: rf.Refinement, tmp_path: Path) -
         "converged: made for a test",
     ):
         assert words in page.shown.replace("Converged", "converged")
-    assert page.tags.count("img") == 7
+    assert "Profile likelihoods" in page.shown
+    assert page.tags.count("img") == 9
     assert (
         "--known K3=6000 --refine --profile lam,threshold_speed --sample --seed 5 --ess 4000 --max-steps 1000 --out"
         in page.shown
@@ -301,6 +302,26 @@ def test_two_disk_report_knows_no_speed(tmp_path: Path) -> None:
     fit = rf.fit(rf.models.TwoDisk(), test)
     page = report_of(fit, tmp_path / "report.html")
     assert "does not depend on the rotative speed" in page.shown
+
+
+@pytest.mark.usefixtures("sketched")
+def test_a_calibration_brings_its_budget(tmp_path: Path) -> None:
+    calibration = rf.Calibration(probe_gain=0.01, mr=0.005, keyphasor_deg=0.5)
+    fit = rf.fit(rf.models.WhirlWhip(), rf.datasets.rig_open(), known={"K3": 6000.0}, calibration=calibration)
+    page = report_of(fit, tmp_path / "report.html")
+    budget = page.text.partition("<h2>Uncertainty budget</h2>")[2].partition("</section>")[0]
+    (row,) = [row for row in budget.split("<tr>") if "<code>D</code>" in row]
+    combined, random, systematic, *sources = (float(cell) for cell in re.findall(r'number">([0-9.]+)<', row))
+    # each number has two digits
+    assert combined == pytest.approx(fit.params["D"].stderr, rel=0.05)
+    assert np.hypot(random, systematic) == pytest.approx(combined, rel=0.05)
+    assert np.linalg.norm(sources) == pytest.approx(systematic, rel=0.05)
+    # D is a force over the journal's motion: the mean of its two probes, 1 % each, and half a percent of the force
+    assert systematic == pytest.approx(np.hypot(0.01 / np.sqrt(2), 0.005) * fit.params["D"].value, rel=0.05)
+    for words in ("gain[disk]", "gain[journal]", "keyphasor", "type B", "0 ± 0.50"):
+        assert words in budget
+    call = "--calibration probe_gain=0.01 --calibration mr=0.005 --calibration keyphasor_deg=0.5"
+    assert call in page.shown
 
 
 def law_model() -> rf.models.OneMode:
