@@ -99,10 +99,10 @@ def _nonlinear_guess(problem: Problem) -> tuple[Float, tuple[str, ...]]:
     if starts:
         found = _short_fit(problem, _inside_full(problem, best_start(explicit, starts, _quick_fit)))
         if _explains(problem, found.x[:size]):
-            return found.x[:size], ("started from the closed form at small eccentricity",)
+            return found.x[:size], ()
     random = _full(problem, _multistart(explicit_with_sense(explicit), _quick_fit, _EXPLICIT_MISFIT))
     if found is not None and found.cost <= _cost(problem, random):
-        return found.x[:size], ("started from the closed form at small eccentricity",)
+        return found.x[:size], ()
     return random[:size], (f"no closed form explains these data; the best of {_MULTISTARTS} random starts was taken",)
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotorfit.calibration import KINDS, Calibration, nuisance_entries
-from rotorfit.estimators.closed_form import ClosedForm
+from rotorfit.estimators.closed_form import ClosedForm, ClosedFormError
 from rotorfit.estimators.closed_form import closed_form as solve_closed_form
 from rotorfit.estimators.identifiability import covariance, diagnose, natural_scales
 from rotorfit.estimators.least_squares import Options, Solution, Status, minimise
@@ -107,6 +107,10 @@ def closed_form(
     Raises:
         ClosedFormError: the data do not allow a closed form.
     """
+    if model.eccentricity_dependent:
+        raise ClosedFormError(
+            f"{model.name} changes with eccentricity, which has no closed form; fit starts from one at small eccentricity"
+        )
     settings = FitSettings(known=known or {}, per=per or {})
     problem = build_problem(model, experiments, settings)
     estimate = solve_closed_form(problem.space, problem.blocks, weighted=weighted)

@@ -180,6 +180,11 @@ def test_x_and_y_probes_and_several_levels_in_one_run(model: OneMode, swept: Exp
         assert parameter.value == pytest.approx(fitted.params[name].value, rel=1e-6)
 
 
+def test_closed_form_says_that_there_is_none(model: OneMode, swept: Experiment) -> None:
+    with pytest.raises(ValueError, match="changes with eccentricity, which has no closed form"):
+        rf.closed_form(model, swept)
+
+
 def test_orbits_beyond_the_clearance_are_refused(swept: Experiment) -> None:
     with pytest.raises(ValueError, match=r"orbits reach 1\d\d\.?\d* um, the clearance is 50 um"):
         rf.fit(OneMode(law=Muszynska(), clearance_um=50.0), swept)
