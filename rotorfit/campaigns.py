@@ -245,7 +245,8 @@ def campaign(
 
     Raises:
         KeyError: unknown parameters, or an experiment without the attribute of ``split``.
-        ValueError: nothing to fit, contradictory settings, or shared parameters that the runs do not determine.
+        ValueError: nothing to fit, no run that can be fitted, contradictory settings, or shared parameters that the
+            runs do not determine.
     """
     settings = FitSettings(known or {}, bounds or {}, priors or {}, {}, loss)
     start = dict(start or {})
@@ -259,6 +260,8 @@ def campaign(
         return Campaign(model, joint.runs, joint.params, joint.covar, settings, success, runs)
     option = {"settings": settings, "start": start}
     fits = tuple(workers(fit_run, runs, [option] * len(runs)))
+    if not any(run.params for run in fits):
+        raise ValueError(f"no run of the campaign can be fitted; the first one: {fits[0].message}")
     return Campaign(model, fits, {}, np.empty((0, 0)), settings, all(run.success for run in fits), runs)
 
 

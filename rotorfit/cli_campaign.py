@@ -114,7 +114,7 @@ def _progress(done: int, total: int) -> None:
 def _write(found: Campaign, text: str, folder: Path, options: argparse.Namespace) -> None:
     found.to_csv(folder / "runs.csv")
     (folder / "summary.txt").write_text(f"{found.table()}\n\n{text}\n", encoding="utf-8")
-    if options.against is not None:
+    if options.against is not None and found.trends(options.follow, against=options.against, by=options.by):
         figure = found.plot_trends(options.follow, against=options.against, by=options.by)
         figure.savefig(folder / "trends.png", dpi=150)
 

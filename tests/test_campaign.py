@@ -409,6 +409,26 @@ def test_command_line_mistakes(tmp_path, capsys, small, words, message):
     assert message in capsys.readouterr().err
 
 
+def test_no_run_that_can_be_fitted_is_bad_input(tmp_path, capsys, small):
+    """Planes of another name spoil every run alike: the reason is said, and nothing is written."""
+    file, out = tmp_path / "seal.csv", tmp_path / "results"
+    rf.write(small[0].select(np.isin(small[0].run, ["r00", "r01"])), file)
+    words = ["campaign", str(file), "--model", "one-mode", "--planes", "seal", "--against", "pressure_psi"]
+    assert main([*words, "--known", "M=1.2,K=8000,Ds=8", "--out", str(out)]) == 2
+    assert "no run of the campaign can be fitted" in capsys.readouterr().err
+    assert not out.exists()
+
+
+def test_trends_that_no_run_resolves_leave_no_picture(tmp_path, capsys, small):
+    """With K free only K + K0 is seen: K0 has no value in any run."""
+    file, out = tmp_path / "seal.csv", tmp_path / "results"
+    rf.write(small[0].select(np.isin(small[0].run, ["r00", "r01"])), file)
+    words = ["campaign", str(file), "--model", "one-mode", "--known", "M=1.2,Ds=8", "--against", "pressure_psi"]
+    assert main([*words, "--follow", "K0", "--out", str(out)]) == 0
+    assert "no run has a resolved value" in capsys.readouterr().out
+    assert {path.name for path in out.iterdir()} == {"runs.csv", "summary.txt"}
+
+
 def test_command_line_tells_of_failed_runs(tmp_path, capsys, small):
     table, _ = small
     keep = ~((table.run == "r01") & (np.arange(len(table)) > np.flatnonzero(table.run == "r01")[0]))
