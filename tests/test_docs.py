@@ -10,6 +10,8 @@ from types import ModuleType
 
 import pytest
 
+from rotorfit.cli import main
+
 ROOT = Path(__file__).parent.parent
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 
@@ -56,11 +58,19 @@ def test_comparison_of_printed_text() -> None:
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
-def test_blocks_run_and_print_what_is_shown(make: ModuleType, page: Path, tmp_path: Path) -> None:
+def test_blocks_run_and_print_what_is_shown(
+    make: ModuleType, page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     for outcome in make.run_page(page, tmp_path):
         if outcome.shown is not None:
             assert same(outcome.shown, outcome.printed), f"python docs/make.py\n{outcome.code}\n{outcome.printed}"
-    for picture in tmp_path.glob("*.png"):
+    pictures = list(tmp_path.glob("*.png"))
+    if page.parent == ROOT / "docs":  # those of the README are tested with the command line
+        monkeypatch.chdir(tmp_path)  # where the blocks have written the files that the commands read
+        shell = re.findall(r"^```sh\n(.*?)^```", page.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL)
+        for command in "".join(shell).splitlines():
+            assert main(command.split()[1:]) == 0, command
+    for picture in pictures:
         assert (ROOT / "docs" / picture.name).is_file(), f"{picture.name}: python docs/make.py"
 
 
