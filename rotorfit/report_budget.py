@@ -26,7 +26,8 @@ def budget_section(material: ReportInput) -> Html:
         return Html("")
     budget = Budget(fit, fit.settings.calibration)
     shares = [budget.share(name) for name in fit.problem.space.names]
-    rows = [_row(symbol(share.name), share, 1.0, share.unit) for share in shares if math.isfinite(share.combined)]
+    known = [share for share in shares if math.isfinite(share.combined)]
+    rows = [_row(symbol(share.name, fit.model), share, 1.0, share.unit) for share in known]
     if fit.model.speed_dependent and len(fit.problem.space.index) == 1:
         onset = budget.threshold_speed()
         rows += [_row("threshold speed", onset, RPM, "rpm")] if math.isfinite(onset.combined) else []

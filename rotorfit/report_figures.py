@@ -14,7 +14,7 @@ from rotorfit import plots
 from rotorfit.estimators.nonlinear import OrbitResponses, responses_of
 from rotorfit.estimators.small_motion import FreeVibrations
 from rotorfit.markup import Html, drawn, element, join, paragraph, picture, table
-from rotorfit.report_numbers import RPM, with_error
+from rotorfit.report_numbers import RPM, plain, with_error
 from rotorfit.report_parts import at_of, groups_of, note, section, sentence, symbol
 
 if TYPE_CHECKING:
@@ -141,7 +141,10 @@ def _picture(material: ReportInput, name: str, figure: Figure, caption: str) -> 
 
 
 def _quality(fit: FitResult) -> Iterator[Html]:
-    rows = [[r.name, str(r.count), f"{100 * r.nrmse:.3g} %", f"{r.frac:.6f}", f"{r.redchi:.3g}"] for r in fit.responses]
+    rows = [
+        [r.name, str(r.count), f"{plain(100 * r.nrmse, 3)} %", f"{r.frac:.6f}", plain(r.redchi, 3)]
+        for r in fit.responses
+    ]
     yield table(["response", "readings", "NRMSE", "FRAC", "redchi"], rows, numeric=(1, 2, 3, 4))
     words = (
         "NRMSE: rms residual over rms response. FRAC: frequency response assurance criterion, 1 for equal shape. "
@@ -206,7 +209,7 @@ def _health(posterior: Posterior) -> Html:
     from rotorfit.posterior_io import health
 
     rows = [
-        [symbol(h.name), f"{h.rhat:.3f}", f"{h.bulk:.0f}", f"{h.tail:.0f}", f"{tau:.1f}"]
+        [symbol(h.name, posterior.fit.model), f"{h.rhat:.3f}", f"{h.bulk:.0f}", f"{h.tail:.0f}", f"{tau:.1f}"]
         for h, tau in zip(health(posterior), posterior.tau.tolist(), strict=True)
     ]
     head = ["parameter", "split R-hat", "bulk ESS", "tail ESS", "autocorrelation time, steps"]

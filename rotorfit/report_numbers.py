@@ -26,14 +26,16 @@ def with_error(value: float, error: float) -> tuple[str, str]:
     """Value and error, both to the second significant digit of the error."""
     if not (math.isfinite(value) and math.isfinite(error) and error > 0):
         return plain(value), "–"
-    if abs(value) >= 1e7 or (0 < abs(value) < 1e-4):
-        exponent = math.floor(math.log10(abs(value)))
+    size = max(abs(value), error)
+    if not 1e-4 <= size < 1e7:
+        exponent = math.floor(math.log10(size))
         power = f"·10{_superscript(exponent)}"
         a, b = with_error(value / 10**exponent, error / 10**exponent)
         return a + power, b + power
     decimals = 1 - math.floor(math.log10(error))
     if decimals < 0:
         value, error, decimals = round(value, decimals), round(error, decimals), 0
+    value = round(value, decimals) + 0.0  # no minus sign before a zero
     return f"{value:.{decimals}f}".replace("-", "−"), f"{error:.{decimals}f}"
 
 

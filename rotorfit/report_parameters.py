@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from rotorfit.markup import Html, bullets, paragraph, table
+from rotorfit.models import RotorModel
 from rotorfit.profiles import THRESHOLD
 from rotorfit.report_numbers import NORMAL_95, RPM, interval, plain, with_error
 from rotorfit.report_parts import groups_of, note, section, sentence, symbol, threshold_interval, unit_shown
@@ -33,12 +34,12 @@ def parameter_section(material: ReportInput) -> Html:
         notes.append("They follow the residuals of each response, where these exceed the noise.")
     if fit.settings.calibration is not None:
         notes.append("They hold the uncertainty of the calibration too; see the budget.")
-    rows = [_row(p) for p in fit.params.values()]
+    rows = [_row(p, fit.model) for p in fit.params.values()]
     return section("Parameters", table(head, rows, numeric=(1, 2, 3, 5), whole=(4,)), note(*notes))
 
 
-def _row(p: FittedParameter) -> list[str]:
-    name, unit = symbol(p.name), unit_shown(p.unit)
+def _row(p: FittedParameter, model: RotorModel) -> list[str]:
+    name, unit = symbol(p.name, model), unit_shown(p.unit)
     if not p.vary:
         return [name, plain(p.value), "known", "", unit, "", p.meaning, ""]
     if not p.resolved:
@@ -91,7 +92,7 @@ def _interval_row(material: ReportInput, p: FittedParameter, profile: Profile | 
     shares = material.shares.get(p.name)
     posterior, simulated = material.posterior, material.bootstrap
     return [
-        symbol(p.name),
+        symbol(p.name, material.fit.model),
         "–" if p.at_bound else laplace,
         "" if profile is None else interval(*profile.interval),
         "" if posterior is None else interval(*posterior.interval(p.name)),

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from rotorfit.equation import symbol_mathml
 from rotorfit.markup import Html, element, join
+from rotorfit.models import RotorModel
 from rotorfit.report_numbers import RPM, interval
 from rotorfit.results import FitResult
 
@@ -36,10 +37,12 @@ def note(*words: str) -> Html:
     return element("p", " ".join(words), class_="note")
 
 
-def symbol(name: str) -> Html:
-    """A parameter as a formula writes it, then as code does."""
-    letters = element("math", Html(symbol_mathml(name.partition("[")[0])))
-    return join([letters, element("code", name)], " ")
+def symbol(name: str, model: RotorModel) -> Html:
+    """A parameter as a formula writes it, then as code does; what is not of the model as code only."""
+    stem, code = name.partition("[")[0], element("code", name)
+    if stem not in model.parameter_names:
+        return code
+    return join([element("math", Html(symbol_mathml(stem))), code], " ")
 
 
 def unit_shown(unit: str) -> str:

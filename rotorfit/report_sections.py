@@ -137,16 +137,18 @@ def refinement_section(material: ReportInput) -> Html:
     rows = [
         [
             structure_name(step.model), str(step.nvarys), plain(step.redchi, 4), f"{step.bic:.1f}",
-            _threshold_cell(step), "chosen" if step is ladder.best else "",
+            _threshold_cell(step), "chosen" if step.model is ladder.best.model else "",
         ]
         for step in ladder.steps
     ]  # fmt: skip
-    reported = any(step is material.fit for step in ladder.steps)
     words = (
         "Structural blocks that a lumped model leaves out (coupling mass, gyroscopic, out-of-band modes) were added "
-        "whole, one after the other, while the Bayesian information criterion fell. "
-        + ("" if reported and material.fit is ladder.best else "This report is not of the chosen step. ")
+        "whole, one after the other, while the Bayesian information criterion fell."
     )
+    if ladder.best.settings.levels:
+        words += " The chosen model was then fitted with the noise of each response as its residuals show it."
+    if material.fit is not ladder.best:
+        words += " This report is not of the chosen model."
     head = ["structure", "fitted values", "redchi", "BIC", "threshold, rpm", ""]
     return section("Structural refinement", paragraph(words), table(head, rows, numeric=(1, 2, 3, 4)))
 

@@ -23,6 +23,7 @@ from rotorfit.data_check import Finding
 from rotorfit.posterior import SampleSettings
 from rotorfit.profiles import Profile
 from rotorfit.report import document
+from rotorfit.report_numbers import with_error
 from rotorfit.results import FitResult
 
 RPM = 30 / np.pi
@@ -206,7 +207,9 @@ def test_refined_report_with_all_extras(ladder: rf.Refinement, tmp_path: Path) -
     assert page.text.count("Seal rig, run 7") == 2  # title and heading
     assert "below the operating speed (2800 rpm)" in page.shown
     assert "within their noise" in page.shown
-    assert page.shown.count("chosen") >= 1
+    refinement = page.text.partition("<h2>Structural refinement</h2>")[2].partition("</section>")[0]
+    assert refinement.count("<td>chosen</td>") == 1
+    assert "not of the chosen" not in refinement
     assert "[0.474900, 0.475200]" in page.shown
     low, high = np.quantile(posterior.samples[:, best.var_names.index("D")], [0.025, 0.975])
     intervals = page.text.partition("<h2>95 % intervals</h2>")[2]
@@ -354,6 +357,23 @@ def test_every_kind_of_experiment_has_a_report(kind: str, tmp_path: Path) -> Non
     assert ("muszynska law: K0 (1 - eps^2)^-n_K" in page.shown) == model.eccentricity_dependent
     assert "log1p" not in page.shown
     assert f"highest tested speed ({max(e.speed.max() for e in fit.experiments) * RPM:.0f} rpm)" in page.shown
+
+
+@pytest.mark.parametrize(
+    ("value", "error", "shown"),
+    [
+        (450.2312, 0.1134, ("450.23", "0.11")),
+        (14150.6, 112.0, ("14150", "110")),
+        (-1.43e-15, 0.005, ("0.0000", "0.0050")),
+        (-5.7e-5, 2.4e-4, ("−0.00006", "0.00024")),
+        (-9.8e-9, 5.1e-9, ("−9.8·10⁻⁹", "5.1·10⁻⁹")),
+        (2.5e8, 3.1e6, ("2.500·10⁸", "0.031·10⁸")),
+        (0.0, 1.5e-6, ("0.0·10⁻⁶", "1.5·10⁻⁶")),
+        (3.25, np.inf, ("3.2500", "–")),
+    ],
+)
+def test_numbers_end_with_the_second_digit_of_their_error(value: float, error: float, shown: tuple[str, str]) -> None:
+    assert with_error(value, error) == shown
 
 
 # ---- text from data files -------------------------------------------------------------------------
