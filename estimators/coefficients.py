@@ -51,6 +51,15 @@ class JournalCoefficients:
         """Group of each observation."""
         return np.tile(self.group, 3)
 
+    @property
+    def _at(self) -> int:
+        """Coordinate of the journal; a model that does not change with eccentricity has no more than one."""
+        if self.model.eccentricity_dependent:
+            return journal(self.model).at
+        if len(self.model.coordinates) > 1:
+            raise ValueError(f"{self.model.name} has several coordinates, and no law that tells which is the journal's")
+        return 0
+
     def _whitened(self, values: ComplexArray) -> ComplexArray:
         """Conjugates of values along axis 0, of shape ``(3 L, ...)``, their parts over the standard deviations."""
         real, imag = self.spread.T.reshape(2, -1, *[1] * (values.ndim - 1))
@@ -63,13 +72,13 @@ class JournalCoefficients:
 
     def predict(self, theta: Float) -> ComplexArray:
         """See :meth:`~rotorfit.estimators.observations.Block.predict`."""
-        at = journal(self.model).at
+        at = self._at
         C = self.model.coefficients(theta[self.group], self.speed, self.eccentricity)[:, :3, at, at]
         return self._whitened(C.T.reshape(-1))
 
     def predict_jacobian(self, theta: Float) -> tuple[ComplexArray, ComplexArray]:
         """See :meth:`~rotorfit.estimators.observations.Block.predict_jacobian`."""
-        at = journal(self.model).at
+        at = self._at
         jacobian = self.model.functions.jacobian(theta[self.group], self.speed, self.eccentricity)
         slopes = np.zeros((3, self.speed.size, theta.shape[1] + 2), dtype=complex)
         chosen = np.flatnonzero((jacobian.rows == at) & (jacobian.columns == at) & (jacobian.powers < 3))

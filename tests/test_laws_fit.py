@@ -27,7 +27,16 @@ from rotorfit.estimators.nonlinear import OrbitResponses
 from rotorfit.estimators.problem import Problem
 from rotorfit.experiments import Experiment, perturbation_test
 from rotorfit.fitting import build_problem
-from rotorfit.models import Chain, EvenPolynomial, KnownStructure, MonotoneSpline, Muszynska, OneMode, WhirlWhip
+from rotorfit.models import (
+    Chain,
+    Constant,
+    EvenPolynomial,
+    KnownStructure,
+    MonotoneSpline,
+    Muszynska,
+    OneMode,
+    WhirlWhip,
+)
 from rotorfit.results import FitResult, FitSettings
 
 
@@ -91,8 +100,7 @@ def test_laws_without_a_form_follow_the_stiffness(
     fit = rf.fit(
         OneMode(law=law, clearance_um=CLEARANCE_UM),
         swept,
-        known={"Ds": 8.0, "K": 8000.0, "K0": 9000.0},
-        start={"M": 1.2, "D": 450.0, "lam": 0.46, "Mf": 0.4} | law.start(9000.0, 450.0),
+        known={"Ds": 8.0, "K": 8000.0},
     )
     eps = 0.4
     found = fit.model.dynamic_stiffness(fit.theta(), 150.0, 100.0, eps)[0, 0]
@@ -208,6 +216,9 @@ def test_table_of_coefficients_gives_back_its_law() -> None:
         assert abs(fit.params[name].value - value) < 3.5 * fit.params[name].stderr
     # Two more exponents of the polynomial do not make up for the wrong form.
     assert rf.fit_law(EvenPolynomial(2), table).redchi > 1e3
+    assert rf.fit_law(Constant(), table).redchi > 1e6
+    with pytest.raises(ValueError, match="no law that tells which is the journal's"):
+        rf.fit(WhirlWhip(), table)
 
 
 def test_chain_and_known_structure_take_laws() -> None:
