@@ -6,7 +6,7 @@ import math
 from typing import TYPE_CHECKING
 
 from rotorfit.markup import Html, element, join, table
-from rotorfit.report_numbers import RPM, plain
+from rotorfit.report_numbers import RPM, plain, with_error
 from rotorfit.report_parts import note, section, symbol, unit_shown
 
 if TYPE_CHECKING:
@@ -66,7 +66,7 @@ def _calibration(material: ReportInput) -> list[Html]:
             continue
         p = fit.params[name]
         factor, unit = (180 / math.pi, "°") if p.unit == "rad" else (100.0, "%")
-        found = f"{plain(factor * p.value, 2)} ± {plain(factor * p.stderr, 2)}"
+        found = " ± ".join(with_error(factor * p.value, factor * p.stderr))
         rows.append([element("code", name), f"0 ± {plain(factor * assumed[entry], 2)}", found, unit, KINDS[kind][1]])
     words = (
         "An error that the data leave as large as it was assumed is one that they do not show: only a better "

@@ -22,6 +22,10 @@ if TYPE_CHECKING:
 def parameter_section(material: ReportInput) -> Html:
     """All parameters: start, optimum, standard errors."""
     fit = material.fit
+    # A refined fit starts from the step before it; the closed form stands at the foot of the ladder.
+    ladder = material.refinement
+    first = ladder.steps[0] if ladder is not None and fit is ladder.best else fit
+    starts = {p.name: plain(p.init_value, 6) for p in first.params.values() if p.vary}
     start = "closed-form start" if fit.method == "least squares" else "start"
     head = ["parameter", "value", "standard error", "from noise alone", "unit", start, "meaning", ""]
     notes = ["Errors are one standard deviation."]
@@ -34,20 +38,20 @@ def parameter_section(material: ReportInput) -> Html:
         notes.append("They follow the residuals of each response, where these exceed the noise.")
     if fit.settings.calibration is not None:
         notes.append("They hold the uncertainty of the calibration too; see the budget.")
-    rows = [_row(p, fit.model) for p in fit.params.values()]
+    rows = [_row(p, fit.model, starts.get(p.name, "")) for p in fit.params.values()]
     return section("Parameters", table(head, rows, numeric=(1, 2, 3, 5), whole=(4,)), note(*notes))
 
 
-def _row(p: FittedParameter, model: RotorModel) -> list[str]:
+def _row(p: FittedParameter, model: RotorModel, start: str) -> list[str]:
     name, unit = symbol(p.name, model), unit_shown(p.unit)
     if not p.vary:
         return [name, plain(p.value), "known", "", unit, "", p.meaning, ""]
     if not p.resolved:
-        return [name, "not determined", "", "", unit, plain(p.init_value), p.meaning, ""]
+        return [name, "not determined", "", "", unit, start, p.meaning, ""]
     value, error = with_error(p.value, p.stderr)
     noise = with_error(p.value, p.stderr_noise)[1]
     bound = "at its bound: no symmetric interval" if p.at_bound else ""
-    return [name, value, error, noise if noise != error else "", unit, plain(p.init_value, 6), p.meaning, bound]
+    return [name, value, error, noise if noise != error else "", unit, start, p.meaning, bound]
 
 
 # ---- intervals -------------------------------------------------------------------------------
