@@ -109,8 +109,8 @@ def closed_form(
     """
     if model.eccentricity_dependent:
         raise ClosedFormError(
-            f"{model.name} changes with eccentricity, which has no closed form; fit starts from that of a linear fluid at "
-            f"small eccentricity"
+            f"{model.name} changes with eccentricity, which has no closed form; fit starts from that of a linear fluid "
+            f"at small eccentricity"
         )
     settings = FitSettings(known=known or {}, per=per or {})
     problem = build_problem(model, experiments, settings)
