@@ -12,11 +12,13 @@ from scipy.stats import multivariate_t
 
 Float = NDArray[np.float64]
 
-DEGREES_OF_FREEDOM = 12.0
-"""Tails of the independence proposal: heavier than any posterior that comes from more than a dozen readings."""
+DEGREES_OF_FREEDOM = 5.0
+"""Tails of the independence proposal, heavy enough to reach the arms of a curved posterior."""
+CLOSE = 12.0
+"""The same where the proposal resembles the posterior: still heavier than that of more than a dozen readings."""
 
-ALIKE = 0.2
-"""Efficiency of importance sampling from the proposal beyond which independent draws outrun any walk."""
+ALIKE = 0.6
+"""Efficiency of importance sampling beyond which the proposal is taken to resemble the posterior."""
 _LOOKS = 512  # draws that the efficiency is estimated from
 
 
@@ -67,8 +69,9 @@ def mixture(log_density: Callable[[Float], Float], centre: Float, covariance: Fl
         log_density: of vectors of shape ``(W, p)``.
         centre, covariance: picture of the posterior.
     """
-    independence = IndependenceMove(centre, covariance)
-    share = 0.8 if independence.efficiency(log_density) > ALIKE else 0.5
+    independence, share = IndependenceMove(centre, covariance, CLOSE), 0.8
+    if independence.efficiency(log_density) < ALIKE:
+        independence, share = IndependenceMove(centre, covariance), 0.5
     return [
         (independence, share),
         (emcee.moves.DEMove(), 0.8 * (1 - share)),

@@ -28,7 +28,7 @@ class LogPriors:
         families: dict[Any, list[Prior]] = {}
         for number, prior in enumerate(priors):
             frozen = prior.distribution
-            # A histogram or a user's own distribution holds more than its arguments: one by itself.
+            # A user's own distribution may hold more than its arguments: one by itself.
             plain = type(frozen.dist).__module__ == "scipy.stats._continuous_distns"
             key = (type(frozen.dist), len(frozen.args), *sorted(frozen.kwds)) if plain else number
             families.setdefault(key, []).append(prior)

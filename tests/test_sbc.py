@@ -1,0 +1,38 @@
+"""A small simulation-based calibration: ranks of the truth are uniform, and a wrong posterior is found out."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+DRAWS, BINS = 40, 4
+
+
+@pytest.fixture(scope="module")
+def sbc():
+    sys.path.insert(0, str(Path(__file__).parent.parent / "benchmarks"))
+    import simulation_based_calibration
+
+    yield simulation_based_calibration
+    sys.path.remove(str(Path(__file__).parent.parent / "benchmarks"))
+
+
+def test_ranks_are_uniform(sbc):
+    study = sbc.make_study("one-mode", lines=12)
+    ranks = sbc.run("one-mode", study, DRAWS, seed=4, ess=300.0)
+    assert ranks.unconverged == 0
+    assert ranks.quantities[-1] == "threshold speed"
+    assert not sbc.misses(sbc.judge(ranks, BINS))
+
+
+def test_overconfidence_is_found_out(sbc):
+    """Data noisier than the sampler believes, half of them by more than 1.5 times: outer ranks fill up."""
+    study = sbc.make_study("one-mode", lines=12, noise="marginal")
+    ranks = sbc.run("one-mode", study, DRAWS, seed=4, ess=300.0, assumed="fixed")
+    rows = sbc.judge(ranks, BINS)
+    assert sbc.misses(rows)
+    outer = np.array([[int(c) for c in row.histogram.split()] for row in rows])[:, [0, -1]].sum(axis=1)
+    assert np.mean(outer) > 2 * DRAWS / BINS
