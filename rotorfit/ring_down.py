@@ -96,7 +96,7 @@ def _analyse(test: RingDownTest, rows: NDArray[np.intp], run: str, modes: int) -
     found = list(_decays(time, signals, modes))
     # Forward and backward whirl of a nearly centred rotor lie so close that the pencil, in noise, sees one mode.
     doubled = [(d.s[:, None] + 1j * d.s.imag[:, None] * np.array([-_APART, _APART])).ravel() for d in found]
-    found += [_refine(time, signals, s, d.real) for d, s in zip(found, doubled, strict=True) if s.size <= 2 * modes]
+    found += [_refine(time, signals, s, d.real) for d, s in zip(found, doubled, strict=True) if 0 < s.size <= 2 * modes]
     candidates = [decay for decay in found if decay.s.size >= modes]
     if not candidates:
         raise ValueError(f"{where}: fewer than {modes} vibrating mode(s) found; the record may hold noise only")
