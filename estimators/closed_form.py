@@ -113,7 +113,12 @@ def _weighted(
                 instruments = e.sensitivities(e.predicted(H), weight)
                 projected += instruments @ system.T
             information += instruments @ instruments.T
-        solution = _solve(triangles) if number == 1 else _solve_projected(projected, information)
+        try:
+            solution = _solve(triangles) if number == 1 else _solve_projected(projected, information)
+        except np.linalg.LinAlgError as reason:
+            if not found:
+                raise ClosedFormError("the passes diverge: the noise hides a response") from reason
+            break  # further passes diverge; the best of those found is near enough to start from
         settled = number > 1 and bool(np.all(np.abs(solution - before) <= _SETTLED * np.abs(solution)))
         if settled or number in passes:
             x, notes = _parameters(space, lumped, lumped.offset + lumped.spread @ solution, information)
