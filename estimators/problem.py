@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from numbers import Real
 from typing import Any, Literal
@@ -72,17 +73,28 @@ class ParameterSpace:
             {name.partition("[")[2][:-1] for name in (self.names[i] for i in row if i >= 0) if "[" in name}
             for row in self.index
         ]
-        wanted = {
-            f"{name}={value:.10g}" if isinstance(value, (int, float)) else f"{name}={value}"
-            for name, value in (at or {}).items()
-        }
-        matches = [g for g, suffix in enumerate(suffixes) if wanted and wanted <= suffix]
+        matches = [
+            g
+            for g, suffix in enumerate(suffixes)
+            if at and all(any(_is_value(label, name, value) for label in suffix) for name, value in at.items())
+        ]
         if len(matches) != 1:
             raise ValueError(
                 "parameters differ between tests: say which with at={attribute: value}; there are "
                 + "; ".join(", ".join(sorted(s)) for s in suffixes)
             )
         return matches[0]
+
+
+def _is_value(label: str, name: str, value: Any) -> bool:
+    """Whether a suffix ``name=value`` is that of a value, numbers to six digits: speeds in rpm are seldom round."""
+    attribute, _, text = label.partition("=")
+    if attribute != name or not isinstance(value, Real):
+        return label == f"{name}={value}"
+    try:
+        return math.isclose(float(text), float(value), rel_tol=1e-6)
+    except ValueError:
+        return False
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,7 +109,7 @@ class Prior:
         return float(self.distribution.mean()), float(self.distribution.std())
 
     def terms(self, value: float) -> tuple[float, float, float]:
-        """Minus log density at a value, its slope and its curvature (not below zero)."""
+        """Minus log of the density over its largest, at a value, its slope and its curvature (none below zero)."""
         mean, sd = self._moments
         if self.distribution.dist.name == "norm":
             pull = (value - mean) / sd
@@ -105,9 +117,36 @@ class Prior:
         step = 1e-4 * sd
         # One call: SciPy's checks cost far more than the arithmetic.
         low, here, high = (-self.distribution.logpdf(value + np.array([-step, 0.0, step]))).tolist()
+        rise = max(here - self._least, 0.0) if np.isfinite(here) else np.inf
         if not np.isfinite([low, here, high]).all():
-            return (here if np.isfinite(here) else np.inf), 0.0, 0.0
-        return here, (high - low) / (2 * step), max((high - 2 * here + low) / step**2, 0.0)
+            return rise, 0.0, 0.0
+        return rise, (high - low) / (2 * step), max((high - 2 * here + low) / step**2, 0.0)
+
+    @cached_property
+    def _least(self) -> float:
+        """Minus log density where it is largest: a cost is never negative, however narrow a prior is."""
+        from scipy.optimize import minimize_scalar
+
+        at = self.distribution.ppf(np.linspace(0.0, 1.0, 201))
+        with np.errstate(all="ignore"):  # at the ends of the support a density may be zero or infinite
+            height = -self.distribution.logpdf(at)
+        at, height = at[np.isfinite(at + height)], height[np.isfinite(at + height)]
+        best = int(np.argmin(height))
+        ends = float(at[max(best - 1, 0)]), float(at[min(best + 1, at.size - 1)])
+        found = minimize_scalar(
+            lambda v: -self.distribution.logpdf(v), bounds=ends, options={"xatol": 1e-10 * (ends[1] - ends[0])}
+        )
+        return float(min(height[best], found.fun))
+
+
+def within_support(space: ParameterSpace, priors: Sequence[Prior]) -> ParameterSpace:
+    """The space with its bounds narrowed to where the priors are not zero."""
+    lower, upper = space.lower.copy(), space.upper.copy()
+    for prior in priors:
+        low, high = prior.distribution.support()
+        lower[prior.entry] = max(lower[prior.entry], float(low))
+        upper[prior.entry] = min(upper[prior.entry], float(high))
+    return replace(space, lower=lower, upper=upper)
 
 
 def robust_weights(loss: Loss, size2: Float) -> tuple[Float, Float]:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from rotorfit.estimators.kernels import Batch
 from rotorfit.estimators.least_squares import minimise
 from rotorfit.estimators.priors import LogPriors
-from rotorfit.estimators.problem import Problem
+from rotorfit.estimators.problem import Problem, within_support
 
 Float = NDArray[np.float64]
 Index = NDArray[np.intp]
@@ -179,9 +179,5 @@ class Target:
 
 def box(problem: Problem) -> tuple[Float, Float]:
     """Bounds narrowed to where the priors are not zero, shapes ``(p,)``."""
-    lower, upper = problem.space.lower.copy(), problem.space.upper.copy()
-    for prior in problem.priors:
-        low, high = prior.distribution.support()
-        lower[prior.entry] = max(lower[prior.entry], float(low))
-        upper[prior.entry] = min(upper[prior.entry], float(high))
-    return lower, upper
+    space = within_support(problem.space, problem.priors)
+    return space.lower, space.upper

@@ -26,6 +26,7 @@ from rotorfit.estimators.problem import (
     Problem,
     parameter_space,
     robust_weights,
+    within_support,
 )
 from rotorfit.estimators.small_motion import OffCentreResponses
 from rotorfit.estimators.starts import start_vector
@@ -165,6 +166,7 @@ def build_problem(model: RotorModel, experiments: Experiment | Sequence[Experime
         model, known=settings.known, bounds=settings.bounds, groups=grouping.suffixes, nuisance=nuisance
     )
     priors = _priors(space, settings.priors)
+    space = within_support(space, priors)
     if errors is not None:
         first = space.size - errors.sd.size
         priors += tuple(Prior(first + i, _normal(sd)) for i, sd in enumerate(errors.sd.tolist()))

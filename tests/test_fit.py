@@ -163,6 +163,7 @@ def test_one_value_for_each_speed():
         fit.threshold_speed()
     slow = fit.threshold_speed(at={"speed_rpm": 954.929659})
     assert np.isfinite(slow.stderr)
+    assert fit.threshold_speed(at={"speed_rpm": 100 * 30 / np.pi}).value == slow.value  # not the ten digits of the name
     with pytest.raises(KeyError, match="it has run, speed_rpm"):
         rf.fit(OneMode(), tests, known=FLUID, per={"D": "temperature"})
 
@@ -212,6 +213,20 @@ def test_priors_resolve_what_data_leave_open():
     # A gamma prior of the same mean and spread says nearly the same; a bound by a uniform prior holds.
     gamma = rf.fit(OneMode(), one_mode_test(), known={"Ds": 8.0}, priors={"K": stats.gamma(25600, scale=0.3125)})
     assert gamma.params["K"].value == pytest.approx(fit.params["K"].value, abs=5.0)
+
+
+def test_priors_bound_the_fit_by_their_support_however_narrow_they_are():
+    """The closed form may lie outside the support, and a density above one makes no cost below zero."""
+    test = one_mode_test(noise=1e-6)
+    fit = rf.fit(OneMode(), test, known=FLUID, priors={"lam": stats.uniform(0.40, 0.05)})
+    bounded = rf.fit(OneMode(), test, known=FLUID, bounds={"lam": (0.40, 0.45)})
+    assert fit.success
+    assert fit.params["lam"].at_bound
+    assert fit.params["lam"].value == pytest.approx(0.45, abs=1e-6)
+    assert fit.params["D"].value == pytest.approx(bounded.params["D"].value, rel=1e-6)
+    narrow = rf.fit(OneMode(), test, known=FLUID, priors={"lam": stats.truncnorm(-2, 2, 0.46, 1e-7)})
+    assert narrow.success
+    assert narrow.params["lam"].value == pytest.approx(0.46, abs=3e-7)
 
 
 def test_bounds_hold_and_are_reported():
