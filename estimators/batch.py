@@ -133,17 +133,18 @@ def batch_fit(
         ValueError: shapes that do not fit.
     """
     measured = np.asarray(measured, dtype=complex)
-    p, readings = problem.space.size, problem.n_data // 2
-    if measured.ndim != 2 or measured.shape[1] != readings:
-        raise ValueError(f"measured has shape {measured.shape}; the problem has {readings} readings: (B, {readings})")
+    p, count = problem.space.size, problem.n_data // 2
+    if measured.ndim != 2 or measured.shape[1] != count:
+        raise ValueError(f"measured has shape {measured.shape}; the problem has {count} readings: (B, {count})")
     x = np.asarray(start, dtype=float)
     if x.shape not in ((p,), (measured.shape[0], p)):
         raise ValueError(f"start has shape {x.shape}; ({p},) or ({measured.shape[0]}, {p}) is needed")
     x = np.clip(np.broadcast_to(x, (measured.shape[0], p)), problem.space.lower, problem.space.upper)
     batch = Batch(problem, accelerate=accelerate, work=16 * measured.shape[0])
+    readings = batch.readings(measured)
 
     def evaluate(points: Float, members: Index) -> tuple[Float, Float]:
-        cost, gradient = batch.cost_and_gradient(points, measured[members])
+        cost, gradient = batch.cost_and_gradient(points, readings.of(members))
         for prior in problem.priors:
             add_prior(prior, points[:, prior.entry], cost, gradient)
         return cost, gradient

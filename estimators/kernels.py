@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -19,6 +20,26 @@ Index = NDArray[np.intp]
 PAYS = 4e7
 """Readings to evaluate (vectors times readings) beyond which compiling is quicker than NumPy, a second or two of it."""
 _CHUNK = 60_000  # readings that NumPy holds at once, so that arrays stay in cache
+
+
+@dataclass(frozen=True, eq=False)
+class Readings:
+    """Readings of many members.
+
+    Attributes:
+        measured: as given, shape ``(W, R)``; empty where there are responses to forces alone.
+        re, im: responses to unit forces in the order of the layout, shape ``(W, Q)``.
+    """
+
+    measured: ComplexArray
+    re: Float
+    im: Float
+
+    def of(self, members: Index) -> Readings:
+        """Those of some members, numbers ascending; of all without a copy."""
+        if members.size == self.measured.shape[0]:
+            return self
+        return Readings(self.measured[members], self.re[members], self.im[members])
 
 
 class Batch:
@@ -110,12 +131,25 @@ class Batch:
         self._other_sums(x, out)
         return out
 
-    def cost_and_gradient(self, x: Float, measured: ComplexArray | None = None) -> tuple[Float, Float]:
+    def readings(self, measured: ComplexArray) -> Readings:
+        """Readings of members in place of the problem's, shape ``(W, R)``, sorted once for many evaluations."""
+        raw = measured if self._others else measured[:, :0]
+        if self.layout is None:
+            return Readings(raw, np.zeros((measured.shape[0], 0)), np.zeros((measured.shape[0], 0)))
+        order, per_drive = self.layout.reading, 1.0 / self.layout.drive
+        shape = measured.shape[0], order.size
+        re, im = np.empty(shape), np.empty(shape)
+        for m, row in enumerate(measured):
+            target = row[order] * per_drive
+            re[m], im[m] = target.real, target.imag
+        return Readings(raw, re, im)
+
+    def cost_and_gradient(self, x: Float, readings: Readings | None = None) -> tuple[Float, Float]:
         """Cost of :class:`Problem` without priors, and its exact gradient.
 
         Args:
             x: vectors, shape ``(W, p)``.
-            measured: readings of each member in place of the problem's, shape ``(W, R)``.
+            readings: those of each member in place of the problem's.
 
         Returns:
             shapes ``(W,)`` and ``(W, p)``.
@@ -123,9 +157,12 @@ class Batch:
         x = np.ascontiguousarray(x, dtype=float)
         cost, gradient = np.zeros(x.shape[0]), np.zeros_like(x)
         if self.layout is not None and x.size:
-            target = self._target(measured)
-            (self._compiled_slopes if self.compiled else self._array_slopes)(x, target, cost, gradient)
-        self._other_slopes(x, measured, cost, gradient)
+            re, im = self._data[:2] if readings is None else (readings.re, readings.im)
+            if self.compiled:
+                self._compiled_slopes(x, re, im, cost, gradient)
+            else:
+                self._array_slopes(x, re + 1j * im, cost, gradient)
+        self._other_slopes(x, None if readings is None else readings.measured, cost, gradient)
         return cost, gradient
 
     @property
@@ -133,10 +170,6 @@ class Batch:
         if self.layout is None:
             raise RuntimeError("the problem has no responses to forces")
         return self.layout
-
-    def _target(self, measured: ComplexArray | None) -> ComplexArray:
-        plan = self._plan
-        return plan.target[None, :] if measured is None else measured[:, plan.reading] / plan.drive
 
     @cached_property
     def _other_problems(self) -> list[tuple[Problem, slice, Index]]:
@@ -296,11 +329,11 @@ class Batch:
     def _gain_parts(self, x: Float) -> tuple[Float, Float]:
         return _split(self.gains(x)) if self.has_gains else self._unit_gains
 
-    def _compiled_slopes(self, x: Float, target: ComplexArray, cost: Float, gradient: Float) -> None:
+    def _compiled_slopes(self, x: Float, target_re: Float, target_im: Float, cost: Float, gradient: Float) -> None:
         re, im = self._gain_parts(x)
         seed_re, seed_im = np.zeros_like(re), np.zeros_like(im)
         self._kernels["slopes"](
-            x, *self._fixed, *_split(target), self._data[2], re, im, cost, gradient, seed_re, seed_im
+            x, *self._fixed, target_re, target_im, self._data[2], re, im, cost, gradient, seed_re, seed_im
         )
         if self.has_gains:
             gradient += self._gain_gradient(x, seed_re + 1j * seed_im)

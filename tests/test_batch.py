@@ -1,0 +1,124 @@
+"""Many vectors and many data sets at once: the misfit, its gradient and the optima of one at a time."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from rotorfit.estimators import accelerator
+from rotorfit.estimators.batch import batch_fit, with_measured
+from rotorfit.estimators.kernels import Batch
+from rotorfit.estimators.least_squares import minimise
+from rotorfit.estimators.problem import LOSSES, Prior
+from rotorfit.fitting import build_problem
+from rotorfit.results import FitSettings
+
+LINES, MEMBERS = 20, 6
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _benchmarks_on_the_path():
+    sys.path.insert(0, str(Path(__file__).parent.parent / "benchmarks"))
+    yield
+    sys.path.remove(str(Path(__file__).parent.parent / "benchmarks"))
+
+
+@pytest.fixture(scope="module")
+def make():
+    """A noisy problem of a rig, with its true vector."""
+    from rigs import RIGS, chain_rig, true_vector, with_noise
+
+    def problem(name):
+        rig = chain_rig(5) if name == "chain" else RIGS[name]
+        noisy = with_noise(rig.problem(LINES, 0.02), np.random.default_rng(1))
+        return noisy, true_vector(noisy, rig.truth)
+
+    return problem
+
+
+def check(problem, x, accelerate):
+    """Against the problem, which evaluates one vector by other code; gradients to the round-off of their terms."""
+    batch = Batch(problem, accelerate=accelerate)
+    assert batch.compiled == bool(accelerate and len(problem.space.model.coordinates) <= 2)
+    costs, gradients = batch.cost_and_gradient(x)
+    np.testing.assert_allclose(batch.sums(x).sum(axis=1), 2 * costs, rtol=1e-12)
+    for row, cost, gradient in zip(x, costs, gradients, strict=True):
+        expected, slope, matrix = problem.gauss_newton(row)
+        assert cost == pytest.approx(expected, rel=1e-10)
+        assert (np.abs(gradient - slope) < 1e-9 * np.sqrt(2 * expected * np.diag(matrix)) + 1e-300).all()
+
+
+@pytest.mark.parametrize(
+    ("name", "accelerate"),
+    [
+        *((name, False) for name in ("one-mode", "whirl-whip", "two-disk", "overhung", "anisotropic", "chain")),
+        *((name, True) for name in ("whirl-whip", "anisotropic", "chain")),
+    ],
+)
+def test_misfit_and_gradient_are_those_of_one_at_a_time(make, name, accelerate):
+    problem, truth = make(name)
+    check(problem, truth * (1 + 0.02 * np.random.default_rng(2).normal(size=(MEMBERS, truth.size))), accelerate)
+
+
+@pytest.mark.parametrize("accelerate", [False, True])
+@pytest.mark.parametrize("loss", LOSSES)
+def test_robust_losses(make, loss, accelerate):
+    problem, truth = make("one-mode")
+    problem = replace(problem, loss=loss)
+    check(problem, truth * (1 + 0.02 * np.random.default_rng(2).normal(size=(MEMBERS, truth.size))), accelerate)
+
+
+@pytest.mark.parametrize("accelerate", [False, True])
+def test_values_per_speed_and_phase_offsets(accelerate):
+    from rigs import RIGS
+
+    rig = RIGS["one-mode"]
+    test = rig.test(LINES, 0.02, np.random.default_rng(3))
+    known = {name: rig.truth[name] for name in rig.known}
+    problem = build_problem(rig.model, test, FitSettings(known=known, per={"D": "speed_rpm"}, phase_offsets=True))
+    space = problem.space
+    x = np.concatenate([[rig.truth[base] for base in space.base], np.full(len(space.nuisance), 0.05)])
+    check(problem, x * (1 + 0.02 * np.random.default_rng(2).normal(size=(MEMBERS, x.size))), accelerate)
+
+
+@pytest.mark.parametrize("accelerate", [False, True])
+@pytest.mark.parametrize("loss", ["linear", "soft_l1"])
+def test_optima_are_those_of_one_at_a_time(make, loss, accelerate):
+    problem, truth = make("whirl-whip")
+    law = Prior(0, stats.norm(truth[0], 0.05 * truth[0]))
+    problem = replace(problem, loss=loss, priors=(law,))
+    rng = np.random.default_rng(4)
+    exact, sigma = np.concatenate(problem.predict(truth)), problem.blocks[0].sigma
+    noise = rng.normal(size=(MEMBERS, sigma.size)) + 1j * rng.normal(size=(MEMBERS, sigma.size))
+    measured = exact + sigma * noise
+    found = batch_fit(problem, measured, truth, accelerate=accelerate)
+    assert found.converged.all()
+    for x, cost, row in zip(found.x, found.cost, measured, strict=True):
+        alone = with_measured(problem, row)
+        expected = minimise(alone, truth)
+        matrix = alone.gauss_newton(expected.x)[2]
+        step = x - expected.x
+        assert step @ matrix @ step < 1e-10  # squared distance in standard errors
+        assert cost == pytest.approx(expected.cost, rel=1e-10)
+
+
+def test_readings_of_the_wrong_shape_are_refused(make):
+    problem, truth = make("one-mode")
+    with pytest.raises(ValueError, match=r"the problem has \d+ readings"):
+        batch_fit(problem, np.zeros((3, 5), dtype=complex), truth)
+
+
+def test_kernels_are_kept_only_where_nobody_else_writes(tmp_path, monkeypatch):
+    mine, open_ = tmp_path / "mine", tmp_path / "open"
+    open_.mkdir()
+    open_.chmod(0o777)
+    monkeypatch.setenv("ROTORFIT_CACHE_DIR", str(mine))
+    assert accelerator.cache_directory() == mine
+    assert mine.stat().st_mode & 0o077 == 0
+    monkeypatch.setenv("ROTORFIT_CACHE_DIR", str(open_))
+    assert accelerator.cache_directory() is None
