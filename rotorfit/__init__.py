@@ -26,7 +26,7 @@ if TYPE_CHECKING:  # `as` tells type checkers that these names are for users
     from rotorfit.experiments import RingDownTest as RingDownTest
     from rotorfit.experiments import StaticTest as StaticTest
     from rotorfit.experiments import perturbation_test as perturbation_test
-    from rotorfit.fit_law import fit_law as fit_law
+    from rotorfit.law_fitting import fit_law as fit_law
     from rotorfit.fitting import closed_form as closed_form
     from rotorfit.fitting import fit as fit
     from rotorfit.law_comparison import LawComparison as LawComparison
@@ -63,7 +63,7 @@ _HOME = {
     "DisplacementTest": "rotorfit.experiments",
     "PerturbationTest": "rotorfit.experiments",
     "perturbation_test": "rotorfit.experiments",
-    "fit_law": "rotorfit.fit_law",
+    "fit_law": "rotorfit.law_fitting",
     "closed_form": "rotorfit.fitting",
     "fit": "rotorfit.fitting",
     "ModelAverage": "rotorfit.averaging",

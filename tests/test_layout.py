@@ -116,7 +116,8 @@ def test_all_public_names_resolve() -> None:
 
 def test_no_module_hides_a_public_name() -> None:
     """Importing a module sets its name on the package: a function of the same name would be gone after that."""
-    public = {name for name in rotorfit.__all__ if not inspect.ismodule(getattr(rotorfit, name))}
+    # Not asked of the package: there the answer is a module already, once a test before this one imported it.
+    public = set(rotorfit.__all__) - {"datasets", "models"}
     assert not public & {name.rpartition(".")[2] for name in modules("rotorfit")}
 
 
