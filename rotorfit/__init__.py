@@ -26,11 +26,11 @@ if TYPE_CHECKING:  # `as` tells type checkers that these names are for users
     from rotorfit.experiments import RingDownTest as RingDownTest
     from rotorfit.experiments import StaticTest as StaticTest
     from rotorfit.experiments import perturbation_test as perturbation_test
-    from rotorfit.law_fitting import fit_law as fit_law
     from rotorfit.fitting import closed_form as closed_form
     from rotorfit.fitting import fit as fit
     from rotorfit.law_comparison import LawComparison as LawComparison
     from rotorfit.law_comparison import compare_laws as compare_laws
+    from rotorfit.law_fitting import fit_law as fit_law
     from rotorfit.posterior import Posterior as Posterior
     from rotorfit.posterior import sample as sample
     from rotorfit.posterior_io import load_posterior as load_posterior
