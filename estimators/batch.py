@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rotorfit.estimators.kernels import Batch
-from rotorfit.estimators.least_squares import Options, minimise
+from rotorfit.estimators.least_squares import Options, Status, minimise
 from rotorfit.estimators.nonlinear import OrbitResponses
 from rotorfit.estimators.observations import Block
 from rotorfit.estimators.problem import Prior, Problem
@@ -156,7 +156,8 @@ def batch_fit(
         own = with_measured(problem, measured[b])
         begin = state.x[b] if np.isfinite(state.cost[b]) else x[b]
         found = minimise(own, begin, lower=problem.space.lower, upper=problem.space.upper, options=options)
-        state.x[b], state.cost[b], converged[b] = found.x, found.cost, found.success
+        state.x[b], state.cost[b] = found.x, found.cost
+        converged[b] = found.success or found.status is Status.SINGULAR  # a minimum along a whole line is one
     return BatchFit(state.x, state.cost, converged, np.isin(np.arange(x.shape[0]), alone))
 
 

@@ -21,8 +21,9 @@ from rotorfit.results import FitResult
 Float = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 
-# Data without a minimum nearby are common where the noise is large; what runs away need not be followed far.
-_OPTIONS = Options(max_iterations=50, hessian="gauss-newton")
+# Data without a minimum nearby are common where the noise is large; what runs away need not be followed far. At a bound
+# Gauss-Newton may stall: the exact Hessian then finishes.
+_OPTIONS = Options(max_iterations=50)
 _AT_ONCE = 4_000_000  # readings simulated and fitted in one go
 
 

@@ -65,6 +65,20 @@ def test_every_sample_is_the_fit_of_its_data():
     np.testing.assert_array_equal(boot.samples, fit.bootstrap(n=5, seed=9).samples)
 
 
+def test_data_that_meet_a_bound_are_fitted_too():
+    """Leaving out those whose optimum lies on the bound would bias what is left."""
+    fit = one_mode_fit(0.1, ("K", "Ds", "M"), bounds={"lam": (0.1, 0.45)})
+    assert fit.params["lam"].at_bound
+    boot = fit.bootstrap(n=40, seed=1)
+    assert boot.failures == 0
+    measured = _simulate(fit, np.tile(fit.x, (40, 1)), np.random.default_rng(1))
+    lam = boot.parameter("lam").samples
+    assert 10 < np.sum(lam > 0.45 - 1e-6) < 40
+    for number in np.flatnonzero(lam > 0.45 - 1e-6)[:3]:
+        alone = solve_again(fit, with_measured(fit.problem, measured[number]))
+        np.testing.assert_allclose(boot.samples[number], alone.x, rtol=1e-5)
+
+
 def test_coverage():
     """95 % intervals of 200 noisy data sets cover 95 %, within binomial error."""
     base = one_mode_fit(0.1, ("K", "Ds", "M", "Mf"))
@@ -105,6 +119,7 @@ def test_what_the_data_do_not_determine_has_no_interval():
     )
     fit = rf.fit(model, test, known={"K3": 6000.0})
     boot = fit.bootstrap(n=20)
+    assert boot.failures == 0  # minimal along a line is minimal
     assert boot.stderr["sigma"] == np.inf
     assert boot.interval("sigma") == (-np.inf, np.inf)
     with pytest.raises(ValueError, match="sigma is not determined"):
