@@ -108,12 +108,13 @@ class Target:
         Raises:
             ValueError: a direction has neither curvature nor bounds.
         """
-        x, levels = (start, np.zeros(self.counts.size)) if self.noise == "fixed" else self._mode(start)
-        weighted = (
-            self._weighted(levels)
-            if self.noise != "fixed"
-            else self._weighted(np.full(self.counts.size, 0.5 * np.log(self.inflation)))
-        )
+        if self.noise == "fixed":
+            x, levels = start, np.full(self.counts.size, 0.5 * np.log(self.inflation))
+        else:
+            x, levels = self._mode(start)
+        weighted = self._weighted(levels)
+        if self.inflation != 1 and self.problem.priors:  # priors weigh more against wider noise
+            x = self._fit(levels, x)
         information = weighted.gauss_newton(x)[2]
         for prior in self.problem.priors:
             # A prior without curvature here still limits the width.
@@ -139,16 +140,19 @@ class Target:
     def _mode(self, start: Float) -> tuple[Float, Float]:
         """Alternate between the noise levels and the fit they weigh, which climbs the density at every turn."""
         x, levels = start, np.zeros(self.counts.size)
-        space = self.problem.space
         for _ in range(_ROUNDS):
             sums = self.batch.sums(x[None, :])[0]
             new = 0.5 * np.log((sums + BELIEF) / self.counts)
             moved, levels = np.abs(new - levels).max(), new
             if moved < 1e-3:
                 break
-            inside = np.clip(x, space.lower, space.upper)
-            x = minimise(self._weighted(levels), inside, lower=space.lower, upper=space.upper).x
+            x = self._fit(levels, x)
         return x, levels
+
+    def _fit(self, levels: Float, start: Float) -> Float:
+        """Optimum with the noise of each channel multiplied by exp(level)."""
+        inside = np.clip(start, self.lower, self.upper)
+        return minimise(self._weighted(levels), inside, lower=self.lower, upper=self.upper).x
 
     def _invert(self, information: Float, x: Float) -> Float:
         size = np.sqrt(np.maximum(np.diag(information), 0.0))
@@ -156,11 +160,30 @@ class Target:
         size = np.where(silent, 1.0 / np.maximum(np.abs(x), 1.0), size)
         power, basis = np.linalg.eigh(information / np.outer(size, size))
         open_ = power <= _NULL * power[-1]
+        self._refuse_runaway(basis[:, open_])
         closed = basis[:, ~open_] / size[:, None]
         covariance = closed / power[~open_] @ closed.T
         for direction in (basis[:, open_] / size[:, None]).T:
             covariance += np.outer(direction, direction) * self._width(x, direction) ** 2 / 12
         return np.asarray(covariance)
+
+    def _refuse_runaway(self, flat: Float) -> None:
+        """Refuse directions in the span of flat ones, shape ``(p, k)``, that leave the bounds nowhere."""
+        from scipy.optimize import linprog
+
+        flat = np.where(np.abs(flat) > 1e-9, flat, 0.0)
+        at = np.concatenate([-flat[np.isfinite(self.lower)], flat[np.isfinite(self.upper)]])
+        # A bound on one side stops motion to that side; what still moves without limit is found entry by entry.
+        for way in (*flat, *-flat):
+            if not way.any():
+                continue
+            found = linprog(-way, A_ub=at, b_ub=np.zeros(len(at)), bounds=(-1.0, 1.0))
+            if found.success and -found.fun > 1e-4:
+                names = (*self.problem.space.names, *self.problem.space.nuisance)
+                moved = [name for name, part in zip(names, np.abs(flat @ found.x), strict=True) if part > 1e-4]
+                raise ValueError(
+                    f"the posterior is flat along {', '.join(moved)}, without bounds: fix one, bound it or give a prior"
+                )
 
     def _width(self, x: Float, direction: Float) -> float:
         """Length of the line through x that the bounds leave, in multiples of the direction."""
@@ -168,12 +191,6 @@ class Target:
         with np.errstate(divide="ignore", invalid="ignore"):
             ends = np.array([(self.lower - x) / direction, (self.upper - x) / direction])[:, moving]
         width = float(ends.max(axis=0).min() - ends.min(axis=0).max())
-        if not np.isfinite(width):
-            names = (*self.problem.space.names, *self.problem.space.nuisance)
-            moved = ", ".join(
-                names[i] for i in np.flatnonzero(np.abs(direction * x) > 0.1 * np.abs(direction * x).max())
-            )
-            raise ValueError(f"the posterior is flat along {moved}, without bounds: fix one, bound it or give a prior")
         return width
 
 

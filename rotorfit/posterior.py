@@ -34,6 +34,7 @@ DERIVED_DRAWS = 2000
 """Draws from which derived quantities are computed, evenly spaced over the chain; a quantile of so many is within a
 twentieth of a standard deviation."""
 _SHAFT_DRAWS = 100  # the same for models with the matrices of a whole shaft
+_HIGHER = 0.5  # excess of the log density over that at the optimum that is more than an optimum's inaccuracy
 _TYPICAL_STEPS = 400  # of a well-behaved posterior, to judge whether compiling pays
 
 
@@ -307,7 +308,7 @@ def sample(
         chain.burn_in,
         chain.converged,
         chain.message,
-        notes + _treatment(fit, target, centre[:size]),
+        notes + _treatment(fit, target, centre[:size]) + _better_optimum(target, centre, chain.log_density),
         chain.seed,
         SampleSettings(level, inflation, count, ess, max_steps, chain.steps),
     )
@@ -347,6 +348,17 @@ def _treatment(fit: FitResult, target: Target, centre: Float) -> str:
     return (
         f"{done}. redchi is {fit.redchi:.3g}: the model, not the noise, limits the fit. That widens the intervals, but "
         f"parameters may be biased beyond them: {advice}"
+    )
+
+
+def _better_optimum(target: Target, centre: Float, log_density: Float) -> str:
+    """What to say where draws are denser than the optimum that the walkers started from can be."""
+    lead = float(log_density.max() - target(centre[None])[0])
+    if not lead > _HIGHER:
+        return ""
+    return (
+        f". The log density of the best draw is {lead:.3g} above that of the optimum found from the fit: the fit did not "
+        "end in the lowest minimum, fit again with start at the medians of these draws"
     )
 
 

@@ -339,6 +339,26 @@ def test_what_cannot_be_sampled_is_refused():
         failed.sample()
     with pytest.raises(ValueError, match="flat along"):
         rf.fit(OneMode(), test, known={"Ds": TRUTH["Ds"]}).sample()
+    # Mixtures of two flat directions may meet bounds although one of them meets none.
+    with pytest.raises(ValueError, match="flat along K, K0, without bounds"):
+        rf.fit(OneMode(), one_mode_test(speeds=(100.0,))).sample()
+
+
+def test_a_fit_that_is_not_the_lowest_minimum_is_told_by_the_draws():
+    fit = rf.fit(OneMode(), one_mode_test(sigma_known=True), known=KNOWN)
+    assert "lowest minimum" not in quick(fit, noise="fixed").treatment
+    elsewhere = fit.x + 3 * np.sqrt(np.diag(fit.covar)) * (np.array(fit.var_names) == "lam")
+    assert "not end in the lowest minimum" in quick(replace(fit, x=elsewhere), noise="fixed").treatment
+
+
+def test_inflated_noise_moves_the_optimum_towards_the_priors():
+    """Walkers start where the density is largest, which is not the optimum of the fit when its noise is widened."""
+    fit = rf.fit(OneMode(), one_mode_test(), known=KNOWN, priors={"D": stats.norm(440.0, 3.0)})
+    target = Target(fit.problem, "fixed", inflation=30.0)
+    centre, covariance = target.laplace(fit.x)
+    step = 0.1 * np.sqrt(np.diag(covariance)) * np.eye(centre.size)
+    assert (target(centre + np.concatenate([step, -step])) < target(centre[None])).all()
+    assert target(fit.x[None]) < target(centre[None]) - 0.1
 
 
 # ---- the finite-element rig -----------------------------------------------------------------------------------------
