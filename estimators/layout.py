@@ -8,6 +8,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from rotorfit.estimators.codegen import LARGEST
 from rotorfit.estimators.observations import Block, Responses
 from rotorfit.estimators.problem import Problem
 
@@ -16,7 +17,7 @@ ComplexArray = NDArray[np.complex128]
 Index = NDArray[np.intp]
 
 MOST_ENTRIES = 8
-"""Readings evaluated together at a node; more are split, so that generated code stays short."""
+"""Readings evaluated together at a node where code is generated; more are split, so that it stays short."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -178,11 +179,12 @@ def _sorted(rows: dict[str, NDArray[np.generic]], problem: Problem, size: int) -
     node = _codes(np.column_stack([condition, w]))
     key = _codes(np.column_stack([coordinate, direction, gain, rows["channel"]]).astype(np.intp))
     key = _codes(np.column_stack([_occurrence(_codes(np.column_stack([node, key]))), key]))
-    # A node with very many readings counts as several.
+    # Generated code reads few entries a node: one with very many readings counts as several.
     rank = np.empty(reading.size, dtype=np.intp)
     order = np.lexsort([key, node])
     rank[order] = _occurrence(node[order])
-    node = _codes(np.column_stack([rank // MOST_ENTRIES, node]))
+    if size <= LARGEST:
+        node = _codes(np.column_stack([rank // MOST_ENTRIES, node]))
     order = np.lexsort([key, node])
     starts = np.flatnonzero(np.diff(np.append(-1, node[order])))
     patterns: dict[tuple[int, ...], int] = {}
