@@ -33,6 +33,35 @@ def log_density(x: Float, data: Mapping[str, Any]) -> float:
     return -0.5 * float(np.vdot(response, response).real)
 
 
+def numba_loop() -> Callable[..., None]:
+    """The sum of squares of many vectors as one writes it by hand: ``loop(x, w, speed, K3, re, im, weight2, out)``."""
+    import numba
+
+    @numba.njit(fastmath={"contract", "reassoc", "arcp", "nsz"}, error_model="numpy")  # type: ignore[untyped-decorator]
+    def loop(x: Any, w: Any, speed: float, K3: float, re: Any, im: Any, weight2: Any, out: Any) -> None:
+        for v in range(x.shape[0]):
+            Md, Ds, K1, K2, sigma, Mb, K0, D, lam, Mf = x[v]
+            total = 0.0
+            for line in range(w.size):
+                f = w[line]
+                u = f - lam * speed
+                ar, ai = K1 + K2 - Md * f * f, Ds * f
+                br, bi = K0 + K3 + K2 * sigma - Mb * f * f - Mf * u * u, D * u
+                dr, di = ar * br - ai * bi - K2 * K2 * sigma, ar * bi + ai * br
+                inverse = 1.0 / (dr * dr + di * di)
+                r, i = re[0, line], im[0, line]
+                total += ((br - r * dr + i * di) ** 2 + (bi - r * di - i * dr) ** 2) * inverse * weight2[0, line]
+                r, i = re[1, line], im[1, line]
+                total += ((K2 * sigma - r * dr + i * di) ** 2 + (r * di + i * dr) ** 2) * inverse * weight2[1, line]
+                r, i = re[2, line], im[2, line]
+                total += ((K2 - r * dr + i * di) ** 2 + (r * di + i * dr) ** 2) * inverse * weight2[2, line]
+                r, i = re[3, line], im[3, line]
+                total += ((ar - r * dr + i * di) ** 2 + (ai - r * di - i * dr) ** 2) * inverse * weight2[3, line]
+            out[v] = total
+
+    return loop  # type: ignore[no-any-return]
+
+
 def emcee_by_hand(
     data: Mapping[str, Any], optimum: Float, *, steps: int, burn_in: int, seed: int, walkers: int = 32
 ) -> tuple[Float, float]:
