@@ -107,18 +107,17 @@ def _decays(time: Float, signals: Float, modes: int) -> Iterator[_Decay]:
     """Fits of several orders; poles of the pencil decide how many of them vibrate."""
     step = float(time[-1] / (time.size - 1))
     top = min(2 * (modes + _EXTRA) + 1, time.size // 4)
-    for count in range(2 * modes + 1, top + 1):
+    for count in range(2 * modes, top + 1):
         ratio = _pencil(signals, count)
         size = np.abs(ratio) ** (time.size - 1)
         if (np.abs(ratio) < _SHORTEST).any() or (size > _GROWTH).any():
             continue  # more exponentials than the record holds: the rest of them are noise
         s = np.log(ratio) / step
-        # One of the exponentials is the constant.
-        rest = np.delete(s, np.argmin(np.abs(s)))
-        vibrating = np.asarray(rest[rest.imag > 1e-9 / step], dtype=complex)
-        real = np.asarray(rest[np.abs(rest.imag) <= 1e-9 / step].real, dtype=float)
-        if vibrating.size >= modes and 2 * vibrating.size + real.size + 1 == count:
-            yield _refine(time, signals, vibrating, real)
+        vibrating = np.asarray(s[s.imag > 1e-9 / step], dtype=complex)
+        real = np.asarray(s[np.abs(s.imag) <= 1e-9 / step].real, dtype=float)
+        if vibrating.size >= modes and 2 * vibrating.size + real.size == count:
+            # The real exponential nearest to a constant is the constant. A centred journal has none, or noise for it.
+            yield _refine(time, signals, vibrating, np.delete(real, np.argmin(np.abs(real))) if real.size else real)
 
 
 def _pencil(signals: Float, count: int) -> ComplexArray:

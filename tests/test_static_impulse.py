@@ -212,6 +212,23 @@ def test_ring_down_errors_cover() -> None:
     assert low < sum(squares) < high
 
 
+@pytest.mark.parametrize("centre", [0.0, 3e-6 - 2e-6j])
+def test_one_circular_whirl_in_noise_is_found_wherever_it_settles(centre: complex) -> None:
+    exact, time, noise = -16.0 + 86.5j, np.linspace(0.0, 0.25, 400), 2e-8
+    squares = []
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        z = centre + 1e-6 * np.exp(exact * time) + noise * (rng.normal(size=400) + 1j * rng.normal(size=400))
+        record = rf.RingDownTest(
+            run=np.full(400, "a"), speed=np.full(400, 180.0), time=time, x=z.real, y=z.imag,
+            eccentricity=np.full(400, np.nan),
+        )  # fmt: skip
+        test = rf.ring_down_modes(record)
+        squares.append(abs(complex(test.eigenvalue[0]) - exact) ** 2 / test.sigma[0] ** 2)
+    low, high = chi2.ppf([1e-4, 1 - 1e-4], 40)
+    assert low < sum(squares) < high
+
+
 def test_several_modes_of_a_record() -> None:
     # Off centre both modes of the 2x2 system vibrate when damping is light.
     light = LIGHT | {"D": 20.0}
