@@ -357,8 +357,8 @@ def _better_optimum(target: Target, centre: Float, log_density: Float) -> str:
     if not lead > _HIGHER:
         return ""
     return (
-        f". The log density of the best draw is {lead:.3g} above that of the optimum found from the fit: the fit did not "
-        "end in the lowest minimum, fit again with start at the medians of these draws"
+        f". The log density of the best draw is {lead:.3g} above that of the optimum found from the fit: the fit did "
+        "not end in the lowest minimum, fit again with start at the medians of these draws"
     )
 
 
