@@ -42,6 +42,8 @@ Float = NDArray[np.float64]
 
 _MEANING = {"phase": ("rad", "offset of the phase reference"), **KINDS}
 
+_ALONE = 0.05  # share of a reading's residual that its fit leaves at least, in estimates of its noise
+
 MODEL_LIMITED = 2.0
 """redchi above which a result says that the model, not the noise, limits the fit."""
 
@@ -385,11 +387,28 @@ def _information(
     root = np.asarray(np.linalg.qr(np.concatenate(rows), mode="r"))
     if problem.loss == "linear":
         return root, None
-    scores = weight[:, None] * (r.conj()[:, None] * J).real
+    missed = _left_out(r, J, curvature, covariance(root, _scales(problem, x))[0])
+    scores = weight[:, None] * (missed.conj()[:, None] * J).real
     scatter = scores.T @ scores
     for prior in problem.priors:  # a prior's centre is as uncertain as the prior is wide
         scatter[prior.entry, prior.entry] += prior.terms(float(x[prior.entry]))[2]
     return root, scatter
+
+
+def _left_out(
+    r: NDArray[np.complex128], J: NDArray[np.complex128], curvature: Float, inverse: Float
+) -> NDArray[np.complex128]:
+    """Residual of each reading from a fit without it, to first order (MacKinnon and White 1985, HC3).
+
+    A fit follows the readings that matter most, whose own residuals are therefore too small to tell the noise.
+    """
+    parts = np.stack([J.real, J.imag], axis=1)  # (R, 2, p)
+    hat = curvature[:, None, None] * (parts @ inverse @ parts.transpose(0, 2, 1))
+    power, basis = np.linalg.eigh(hat)
+    along = np.einsum("rik,ri->rk", basis, np.stack([r.real, r.imag], axis=1))
+    # A reading that alone determines something cannot be left out.
+    found = np.einsum("rik,rk->ri", basis, along / np.maximum(1 - power, _ALONE))
+    return np.asarray(found[:, 0] + 1j * found[:, 1])
 
 
 def inverse_curvature(fit: FitResult) -> Float:
