@@ -167,7 +167,7 @@ def _stability(material: ReportInput) -> Iterator[Html]:
 
 
 def _mode_rows(fit: FitResult, label: str, group: int) -> Iterator[list[str]]:
-    at = at_of(label)
+    at = at_of(fit, group)
     speeds = fit.speeds if fit.model.speed_dependent else np.zeros(1)
     for speed in speeds.tolist():
         for frequency, damping in fit.natural_frequencies(speed, at):

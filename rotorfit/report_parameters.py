@@ -10,7 +10,7 @@ from rotorfit.markup import Html, bullets, paragraph, table
 from rotorfit.models import RotorModel
 from rotorfit.profiles import THRESHOLD
 from rotorfit.report_numbers import NORMAL_95, RPM, interval, plain, with_error
-from rotorfit.report_parts import groups_of, note, section, sentence, symbol, threshold_interval, unit_shown
+from rotorfit.report_parts import at_of, groups_of, note, section, sentence, symbol, threshold_interval, unit_shown
 from rotorfit.results import FittedParameter
 from rotorfit.tables import notable_correlations
 
@@ -119,8 +119,8 @@ def _threshold_rows(material: ReportInput, profile: Profile | None) -> Iterator[
                 interval((onset.value - half) * RPM, (onset.value + half) * RPM),
                 # A profile does not say which group it belongs to.
                 interval(profile.lower * RPM, profile.upper * RPM) if profile is not None and not label else "",
-                threshold_interval(material.posterior, label),
-                threshold_interval(material.bootstrap, label),
+                threshold_interval(material.posterior, at_of(fit, group)),
+                threshold_interval(material.bootstrap, at_of(fit, group)),
                 "",
                 "",
                 "rpm",

@@ -52,12 +52,14 @@ def unit_shown(unit: str) -> str:
 
 def groups_of(fit: FitResult) -> list[tuple[str, int]]:
     """Parameter groups: what tells each apart, empty for a single one, and its number."""
+    return [(", ".join(_suffixes(fit, group)), group) for group in range(len(fit.problem.space.index))]
+
+
+def _suffixes(fit: FitResult, group: int) -> list[str]:
+    """``attribute=value`` of a group; values come from files and hold any characters."""
     space = fit.problem.space
-    result = []
-    for group, index in enumerate(space.index):
-        names = (space.names[i].partition("[")[2][:-1] for i in index if i >= 0 and "[" in space.names[i])
-        result.append((", ".join(dict.fromkeys(names)), group))
-    return result
+    names = (space.names[i] for i in space.index[group] if i >= 0)
+    return list(dict.fromkeys(name.partition("[")[2][:-1] for name in names if "[" in name))
 
 
 def tested_speeds(fit: FitResult) -> NDArray[np.float64]:
@@ -66,14 +68,15 @@ def tested_speeds(fit: FitResult) -> NDArray[np.float64]:
     return fit.speeds if found.size > _MANY else np.asarray(found)
 
 
-def at_of(label: str) -> dict[str, str] | None:
-    """What :meth:`FitResult.group` takes for a group's label."""
-    return dict(part.split("=", 1) for part in label.split(", ")) if label else None
+def at_of(fit: FitResult, group: int) -> dict[str, str] | None:
+    """What :meth:`FitResult.group` takes for a group."""
+    parts = (suffix.partition("=") for suffix in _suffixes(fit, group))
+    return {attribute: value for attribute, _, value in parts} or None
 
 
-def threshold_interval(draws: Posterior | Bootstrap | None, label: str) -> str:
+def threshold_interval(draws: Posterior | Bootstrap | None, at: dict[str, str] | None) -> str:
     """Central 95 % of the threshold speed, rpm, empty without draws."""
     if draws is None:
         return ""
-    low, high = draws.threshold_speed(at_of(label)).interval(0.95)
+    low, high = draws.threshold_speed(at).interval(0.95)
     return interval(float(low) * RPM, float(high) * RPM)

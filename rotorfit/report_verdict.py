@@ -12,7 +12,7 @@ from rotorfit.fitting import MODEL_LIMITED
 from rotorfit.markup import Html, bullets, element, join
 from rotorfit.models.stability import growth_rate
 from rotorfit.report_numbers import NORMAL_95, RPM, interval, plain, with_error
-from rotorfit.report_parts import groups_of, section, sentence, tested_speeds, threshold_interval
+from rotorfit.report_parts import at_of, groups_of, section, sentence, tested_speeds, threshold_interval
 from rotorfit.results import FitResult, Quantity
 
 if TYPE_CHECKING:
@@ -146,15 +146,15 @@ def _stability_cards(material: ReportInput) -> Iterator[Html]:
         elif not math.isfinite(onset.stderr):
             yield _card(name, "not determined", "these data leave the threshold speed open", bad=True)
         else:
-            lines = [*_threshold_intervals(material, onset, label), *_margins(material, onset)]
+            lines = [*_threshold_intervals(material, onset, group), *_margins(material, onset)]
             below = any(onset.value < speed for _, speed in _reference_speeds(material))
             yield _card(name, _plus_minus(onset.value * RPM, onset.stderr * RPM), *lines, unit="rpm", bad=below)
 
 
-def _threshold_intervals(material: ReportInput, onset: Quantity, label: str) -> Iterator[str]:
+def _threshold_intervals(material: ReportInput, onset: Quantity, group: int) -> Iterator[str]:
     low, high = (RPM * (onset.value + sign * NORMAL_95 * onset.stderr) for sign in (-1, 1))
     yield f"95 % Laplace {interval(low, high)} rpm"
-    posterior = threshold_interval(material.posterior, label)
+    posterior = threshold_interval(material.posterior, at_of(material.fit, group))
     if posterior:
         yield f"95 % posterior {posterior} rpm"
 

@@ -279,6 +279,17 @@ def test_every_model_has_a_report(name: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.usefixtures("sketched")
+def test_groups_may_be_named_by_any_words(tmp_path: Path) -> None:
+    rig = rf.datasets.rig_open()
+    inlet = np.where(rig.speed < np.median(rig.speed), "radial, 4 bar", "anti-swirl, p=5")
+    test = replace(rig, attributes={**rig.attributes, "inlet": inlet})
+    fit = rf.fit(rf.models.WhirlWhip(), test, known={"K3": 6000.0}, per={"lam": "inlet"})
+    page = report_of(fit, tmp_path / "report.html")
+    for name in ("inlet=radial, 4 bar", "inlet=anti-swirl, p=5"):
+        assert f"Threshold of instability, {name}" in page.shown
+
+
+@pytest.mark.usefixtures("sketched")
 def test_groups_outliers_priors_and_closed_form(tmp_path: Path) -> None:
     from scipy import stats
 
