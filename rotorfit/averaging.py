@@ -132,6 +132,9 @@ def sample_models(fits: Sequence[FitResult], **options: Any) -> ModelAverage:
     measured = [np.concatenate([block.measured for block in fit.problem.blocks]) for fit in fits]
     if any(not np.array_equal(readings, measured[0]) for readings in measured):
         raise ValueError("the fits are of different data: only models of the same readings can be averaged over")
+    losses = sorted({fit.settings.loss for fit in fits})
+    if len(losses) > 1:
+        raise ValueError(f"the fits have losses of their own ({', '.join(losses)}), so that no BIC compares them")
     bic = np.array([fit.bic for fit in fits])
     weight = np.exp(-(bic - bic.min()) / 2)
     weight /= weight.sum()

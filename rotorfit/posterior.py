@@ -325,6 +325,8 @@ def _refined(fit: FitResult) -> tuple[FitResult, str]:
 def _treatment(fit: FitResult, target: Target, centre: Float) -> str:
     """What was done about noise and model-form error."""
     if target.noise == "fixed":
+        if fit.settings.levels:
+            return "noise of each response at the level of the residuals of the refined fit"
         if fit.settings.loss != "linear":
             return f"noise as given with the data, {fit.settings.loss} loss"
         if target.inflation == 1.0:
@@ -332,6 +334,7 @@ def _treatment(fit: FitResult, target: Target, centre: Float) -> str:
         done = f"noise as given with the data, standard deviations widened by {np.sqrt(target.inflation):.3g}"
     else:
         level = np.sqrt((target.batch.sums(centre[None])[0] + 1.0) / target.counts)
+        level *= [fit.settings.levels.get(name, 1.0) for name in target.batch.channel_names]
         how = "integrated out" if target.noise == "marginal" else "sampled"
         done = (
             f"noise level of each channel unknown and {how}; at the optimum {level.min():.3g} to {level.max():.3g} "
@@ -339,12 +342,15 @@ def _treatment(fit: FitResult, target: Target, centre: Float) -> str:
         )
     if fit.redchi <= MODEL_LIMITED:
         return done
-    advice = (
-        "sample a refined fit instead, rf.refine(fit).best.sample() or fit.sample(refine=True), or "
-        "average over structures, rf.sample_models(rf.refine(fit).steps)"
-        if hasattr(fit.model, "blocks")
-        else "a richer model is needed"
-    )
+    if fit.settings.levels:
+        advice = "bring the shaft's matrices (KnownStructure)"
+    elif hasattr(fit.model, "blocks"):
+        advice = (
+            "sample a refined fit instead, rf.refine(fit).best.sample() or fit.sample(refine=True), or "
+            "average over structures, rf.sample_models(rf.refine(fit).steps)"
+        )
+    else:
+        advice = "a richer model is needed"
     return (
         f"{done}. redchi is {fit.redchi:.3g}: the model, not the noise, limits the fit. That widens the intervals, but "
         f"parameters may be biased beyond them: {advice}"

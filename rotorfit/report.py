@@ -76,6 +76,7 @@ def write_report(
     Raises:
         ValueError: names in ``profiles`` or ``shares`` that the fit does not have, findings that do not go with the
             experiments, profiles at another level than 95 %, a posterior of other parameters.
+        TypeError: models averaged over as the posterior.
         OSError: the file cannot be written.
     """
     if findings is None:
@@ -123,6 +124,11 @@ def _check(material: ReportInput) -> None:
     for p in material.profiles:
         if p.level != LEVEL:
             raise ValueError(f"profile of {p.name}: its level is {p.level:g}, the report's intervals are at {LEVEL:g}")
+    if material.posterior is not None and not hasattr(material.posterior, "fit"):
+        raise TypeError(
+            "posterior must be what fit.sample returns; of models averaged over report the most probable, "
+            "write_report(average.posteriors[0].fit, path, posterior=average.posteriors[0])"
+        )
     for what, other in (("posterior", material.posterior), ("bootstrap", material.bootstrap)):
         if other is not None and other.fit.var_names != fit.var_names:
             raise ValueError(

@@ -99,3 +99,12 @@ def test_what_cannot_be_averaged_is_refused(close_call):
     other = rf.fit(WhirlWhip(), rf.datasets.rig_open(), known={"K3": K3})
     with pytest.raises(ValueError, match="different data"):
         rf.sample_models([steps[0], other])
+    robust = rf.fit(WhirlWhip(), steps[0].experiments, known={"K3": K3}, loss="huber")
+    with pytest.raises(ValueError, match=r"losses of their own \(huber, linear\)"):
+        rf.sample_models([steps[0], robust])
+
+
+def test_reports_are_of_one_model(average, tmp_path):
+    best = average.posteriors[0]
+    with pytest.raises(TypeError, match=r"report the most probable, write_report\(average.posteriors\[0\].fit"):
+        rf.write_report(best.fit, tmp_path / "report.html", posterior=average)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -393,6 +394,16 @@ def test_posterior_agrees_with_the_normal_approximation(rig):
     width = np.sqrt(np.diag(levels[1]))
     np.testing.assert_allclose(np.median(rig.samples, axis=0), levels[0], atol=0.2 * width.max(), rtol=0.01)
     np.testing.assert_allclose(rig.samples.std(axis=0), width, rtol=0.1)
+
+
+def test_noise_levels_are_told_against_the_noise_of_the_data(rig):
+    """A refined fit has levels of its own, which are no part of the noise given with the data."""
+    levels = rig.fit.settings.levels.values()
+    told = re.search(r"at the optimum (\S+) to (\S+) times the noise given", rig.treatment)
+    assert told is not None
+    assert [float(level) for level in told.groups()] == pytest.approx([min(levels), max(levels)], rel=0.02)
+    fixed = quick(rig.fit, noise="fixed", walkers=64, max_steps=100)
+    assert fixed.treatment == "noise of each response at the level of the residuals of the refined fit"
 
 
 def test_model_limits_are_told(rig_fit):
