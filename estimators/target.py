@@ -72,7 +72,11 @@ class Target:
     def names(self) -> tuple[str, ...]:
         """Names of the entries of the sampled vector."""
         space = self.problem.space
-        levels = tuple(f"log_s[{name}]" for name in self.batch.channel_names) if self.noise == "sampled" else ()
+        levels: list[str] = []
+        for name in self.batch.channel_names if self.noise == "sampled" else ():
+            # Files may name their runs alike: the second such channel is told by its number.
+            count = sum(level.startswith((f"log_s[{name}]", f"log_s[{name} #")) for level in levels)
+            levels.append(f"log_s[{name} #{count + 1}]" if count else f"log_s[{name}]")
         return (*space.names, *space.nuisance, *levels)
 
     def __call__(self, vectors: Float) -> Float:

@@ -396,6 +396,16 @@ def test_posterior_agrees_with_the_normal_approximation(rig):
     np.testing.assert_allclose(rig.samples.std(axis=0), width, rtol=0.1)
 
 
+def test_channels_of_the_same_name_keep_levels_of_their_own(tmp_path):
+    """Two files that both call their run a sweep."""
+    tests = [one_mode_test(seed=s, speeds=(v,), sigma_known=True) for s, v in ((1, 100.0), (2, 180.0))]
+    fit = rf.fit(OneMode(), [replace(t, run=np.full(len(t), "sweep")) for t in tests], known=KNOWN)
+    post = quick(fit, noise="sampled", max_steps=100)
+    assert post.names[-2:] == ("log_s[sweep / journal]", "log_s[sweep / journal #2]")
+    post.save(tmp_path / "posterior.nc")
+    np.testing.assert_array_equal(rf.load_posterior(tmp_path / "posterior.nc", fit).chain, post.chain)
+
+
 def test_noise_levels_are_told_against_the_noise_of_the_data(rig):
     """A refined fit has levels of its own, which are no part of the noise given with the data."""
     levels = rig.fit.settings.levels.values()
