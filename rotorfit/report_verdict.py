@@ -76,6 +76,9 @@ def _stability_words(material: ReportInput) -> Iterator[str]:
         yield "The fitted rotor is unstable at a speed that was tested."
     elif tested_speeds(fit).size:
         yield "The rotor is stable at every tested speed."
+    if not found and any(math.isinf(onset.stderr) for onset, _, _ in onsets):
+        yield "These data do not determine whether or at which speed it becomes unstable."
+        return
     if not found:
         yield "No threshold of instability was found at any speed searched."
         return
@@ -141,10 +144,10 @@ def _stability_cards(material: ReportInput) -> Iterator[Html]:
     for label, group in groups_of(fit):
         name = "Threshold of instability" + (f", {label}" if label else "")
         onset = fit.threshold_of(group)
-        if math.isnan(onset.value):
-            yield _card(name, "none found", "the fitted rotor is stable at every speed searched")
-        elif not math.isfinite(onset.stderr):
+        if math.isinf(onset.stderr):
             yield _card(name, "not determined", "these data leave the threshold speed open", bad=True)
+        elif math.isnan(onset.value):
+            yield _card(name, "none found", "the fitted rotor is stable at every speed searched")
         else:
             lines = [*_threshold_intervals(material, onset, group), *_margins(material, onset)]
             below = any(onset.value < speed for _, speed in _reference_speeds(material))

@@ -234,7 +234,8 @@ class FitResult:
     def threshold_speed(self, at: Mapping[str, Any] | None = None, *, eccentricity: float | None = None) -> Quantity:
         """Rotative speed at which the rotor becomes unstable, rad/s, with its standard error.
 
-        The value is NaN where the fitted rotor is stable at every speed searched.
+        The value is NaN where the fitted rotor is stable at every speed searched; the standard error is infinite where
+        the data do not tell.
 
         Args:
             at: group of parameters, where some were fitted per attribute.
@@ -256,8 +257,23 @@ class FitResult:
         theta = self.problem.space.theta(self.x)[group]
         onset = threshold_speed(self.model, theta, band=self.stability_band)
         if onset is None:
-            return Quantity(math.nan, math.nan, "rad/s")
+            return Quantity(math.nan, self._growth_error(group), "rad/s")
         return self._propagate(onset.speed, onset.gradient, "rad/s", group)
+
+    def _growth_error(self, group: int) -> float:
+        """Infinite where undetermined parameters, such as lam of tests at rest, move the least stable mode, or NaN."""
+        theta = self.problem.space.theta(self.x)[group]
+        if not self.model.speed_dependent:
+            return math.nan
+        s = eigenvalues(self.model, theta, 0.0)
+        speed = float(np.abs(s[np.isfinite(s) & (np.abs(s) <= self.stability_band)]).max(initial=0.0))
+        s = eigenvalues(self.model, theta, speed)
+        s = s[np.isfinite(s) & (np.abs(s) <= self.stability_band) & (np.abs(s) > 0)]
+        if not s.size:
+            return math.nan
+        least = complex(s[np.argmax(s.real)])
+        _, by_theta = eigenvalue_gradient(self.model, theta, speed, least)
+        return math.nan if math.isfinite(self._propagate(abs(least), by_theta.real, "1/s", group).stderr) else math.inf
 
     def whirl_ratio(self, at: Mapping[str, Any] | None = None) -> float:
         """Frequency of the self-excited whirl at onset over the threshold speed, NaN without a threshold."""

@@ -69,10 +69,10 @@ def _stability_lines(fit: FitResult) -> list[str]:
     if not fit.model.speed_dependent or fit.problem.space.index.shape[0] > 1:
         return []
     onset = fit.threshold_speed()
+    if np.isinf(onset.stderr):
+        return ["threshold speed: not determined by these data"]
     if np.isnan(onset.value):
         return ["threshold speed: none found, stable at every speed searched"]
-    if not np.isfinite(onset.stderr):
-        return ["threshold speed: not determined by these data"]
     rpm = 30 / np.pi
     return [
         f"threshold speed: {onset.value * rpm:.1f} +- {onset.stderr * rpm:.2g} rpm, "

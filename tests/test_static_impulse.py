@@ -180,6 +180,15 @@ def test_per_parameter_across_kinds(model: OneMode, tests: dict[str, Experiment]
     assert all(abs(p.value - 0.46) < 3.5 * p.stderr for p in found)
 
 
+def test_data_that_do_not_see_lam_do_not_call_the_rotor_stable(model: OneMode) -> None:
+    fit = rf.fit(model, static(LIGHT), known={"K": 8000.0, "M": 1.2, "Ds": 8.0})
+    assert not fit.params["lam"].resolved  # Mf, D and lam of a static load only in combination
+    assert np.isinf(fit.threshold_speed().stderr)
+    assert "threshold speed: not determined by these data" in fit.summary()
+    resolved = rf.fit(model, static(LIGHT), known={name: LIGHT[name] for name in ("K", "M", "Ds", "D", "Mf")})
+    assert np.isfinite(resolved.threshold_speed().stderr)
+
+
 # ---- records of free vibration ----------------------------------------------------------------------------
 
 
