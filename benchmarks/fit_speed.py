@@ -35,8 +35,8 @@ from rotorfit.estimators.least_squares import minimise
 from rotorfit.estimators.problem import Problem
 from rotorfit.estimators.starts import start_vector
 from rotorfit.experiments import PerturbationTest
-from rotorfit.fitting import build_problem
 from rotorfit.fitting import fit as rf_fit
+from rotorfit.problems import build_problem
 from rotorfit.results import FitSettings
 
 Float = NDArray[np.float64]

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from rotorfit.estimators.observations import Responses
 from rotorfit.estimators.problem import Problem
 from rotorfit.experiments import PerturbationTest, perturbation_test
-from rotorfit.fitting import build_problem
 from rotorfit.models import Anisotropic, Chain, OneMode, Overhung, RotorModel, TwoDisk, WhirlWhip
 from rotorfit.models.stability import eigenvalues
+from rotorfit.problems import build_problem
 from rotorfit.results import FitSettings
 
 Float = NDArray[np.float64]

@@ -12,8 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotorfit.calibration import KINDS, Calibration
-from rotorfit.fitting import build_problem, inverse_curvature, solve_again
+from rotorfit.fitting import solve_again
+from rotorfit.judging import inverse_curvature
 from rotorfit.models import threshold_speed
+from rotorfit.problems import build_problem
 from rotorfit.results import FitResult
 
 Float = NDArray[np.float64]

@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 
 from rotorfit.estimators.closed_form import ClosedFormError
 from rotorfit.experiments import Experiment
-from rotorfit.fitting import as_tuple, build_problem, fit
+from rotorfit.fitting import fit
 from rotorfit.models import RotorModel
+from rotorfit.problems import as_tuple, build_problem
 from rotorfit.results import FitSettings, FittedParameter
 
 Float = NDArray[np.float64]

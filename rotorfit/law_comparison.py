@@ -12,11 +12,13 @@ import numpy as np
 
 from rotorfit.estimators.closed_form import ClosedFormError
 from rotorfit.experiments import Experiment
-from rotorfit.fitting import MODEL_LIMITED, as_tuple, fit
+from rotorfit.fitting import fit
+from rotorfit.judging import MODEL_LIMITED
 from rotorfit.models import Constant, EvenPolynomial, MonotoneSpline, Muszynska, RotorModel
 from rotorfit.models.laws import Law
 from rotorfit.models.parameters import unknown_name
 from rotorfit.observe_all import observe_any
+from rotorfit.problems import as_tuple
 from rotorfit.results import FitResult
 
 STRONG = 10.0

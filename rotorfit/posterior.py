@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rotorfit.derived import Derived, Mode, StiffnessBand, modes
-from rotorfit.fitting import MODEL_LIMITED
+from rotorfit.judging import MODEL_LIMITED
 from rotorfit.models.stability import threshold_speeds
 from rotorfit.results import FitResult
 

@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 
 from rotorfit.estimators.problem import Problem
 from rotorfit.fitting import fit as fit_model
-from rotorfit.fitting import solve_again, with_levels
+from rotorfit.fitting import solve_again
 from rotorfit.models import BLOCKS, RotorModel
+from rotorfit.problems import with_levels
 from rotorfit.results import FitResult
 
 Float = NDArray[np.float64]

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rotorfit.fitting import MODEL_LIMITED
+from rotorfit.judging import MODEL_LIMITED
 from rotorfit.markup import Html, bullets, element, join
 from rotorfit.models.stability import growth_rate
 from rotorfit.report_numbers import NORMAL_95, RPM, interval, plain, with_error

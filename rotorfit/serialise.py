@@ -16,9 +16,9 @@ from typing import Any
 import numpy as np
 
 from rotorfit.estimators.problem import Problem
-from rotorfit.fitting import build_problem, with_levels
 from rotorfit.json_values import UserDefinedError, decode, encode
 from rotorfit.models import RotorModel
+from rotorfit.problems import build_problem, with_levels
 from rotorfit.results import FitResult
 
 SCHEMA = 1

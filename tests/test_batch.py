@@ -15,7 +15,7 @@ from rotorfit.estimators.batch import batch_fit, with_measured
 from rotorfit.estimators.kernels import Batch
 from rotorfit.estimators.least_squares import minimise
 from rotorfit.estimators.problem import LOSSES, Prior
-from rotorfit.fitting import build_problem
+from rotorfit.problems import build_problem
 from rotorfit.results import FitSettings
 
 LINES, MEMBERS = 20, 6

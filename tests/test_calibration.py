@@ -11,8 +11,9 @@ from synthetic import TYPICAL, circular_test
 
 import rotorfit as rf
 from rotorfit.calibration import Calibration, calibration_of
-from rotorfit.fitting import build_problem, solve_again
+from rotorfit.fitting import solve_again
 from rotorfit.models import Anisotropic, Muszynska, OneMode, WhirlWhip
+from rotorfit.problems import build_problem
 from rotorfit.serialise import fit_from_json, fit_to_json
 
 RIG = TYPICAL["whirl-whip"]

@@ -26,7 +26,6 @@ import rotorfit as rf
 from rotorfit.estimators.nonlinear import OrbitResponses
 from rotorfit.estimators.problem import Problem
 from rotorfit.experiments import Experiment, perturbation_test
-from rotorfit.fitting import build_problem
 from rotorfit.models import (
     Chain,
     Constant,
@@ -37,6 +36,7 @@ from rotorfit.models import (
     OneMode,
     WhirlWhip,
 )
+from rotorfit.problems import build_problem
 from rotorfit.results import FitResult, FitSettings
 
 

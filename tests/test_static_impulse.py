@@ -27,8 +27,8 @@ from scipy.stats import chi2
 import rotorfit as rf
 from rotorfit.cli import main
 from rotorfit.experiments import Experiment
-from rotorfit.fitting import build_problem
 from rotorfit.models import Muszynska, OneMode, WhirlWhip
+from rotorfit.problems import build_problem
 from rotorfit.results import FitResult, FitSettings
 
 KNOWN = {"Ds": 8.0}
