@@ -29,6 +29,10 @@ _MEANING = {"phase": ("rad", "offset of the phase reference"), **KINDS}
 
 _ALONE = 0.05  # share of a reading's residual that its fit leaves at least, in estimates of its noise
 
+_CLEARLY = 6.0  # standard deviations of redchi below one at which the noise is too large for the residuals
+_TOO_QUIET = 0.5  # redchi below which errors are wider than they need be by more than is worth knowing
+_NOISE_FLOOR = 1e-4  # redchi below which the data are exact, and their noise the floor that keeps weights finite
+
 MODEL_LIMITED = 2.0
 """redchi above which a result says that the model, not the noise, limits the fit."""
 
@@ -247,6 +251,12 @@ def _warnings(
         found.append(
             f"redchi is {redchi:.3g}: the model, not the noise, limits this fit. Standard errors are widened by "
             f"{wider}, but parameters may be biased beyond them; {advice}"
+        )
+    chance = np.sqrt(2 / max(problem.n_data - problem.space.size, 1))
+    if _NOISE_FLOOR < redchi < min(_TOO_QUIET, 1 - _CLEARLY * chance):
+        found.append(
+            f"redchi is {redchi:.2g}: the noise is overestimated, and standard errors are about "
+            f"{1 / np.sqrt(redchi):.2g} times too wide. Give the noise of the readings (sigma_um), or more lines"
         )
     if problem.loss != "linear":
         # the median of |r|^2 is 2 ln 2 for noise alone, and hardly moves for a few outliers

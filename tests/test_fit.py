@@ -132,6 +132,16 @@ def test_robust_errors_cover_with_outliers():
     assert np.all((low < total) & (total < high))
 
 
+def test_noise_that_is_overestimated_is_told():
+    rig = rf.datasets.rig_open()
+    honest = rf.fit(WhirlWhip(), rig, known={"K3": 6000.0})
+    noisy = replace(rig, sigma=np.full(len(rig), 1e-5))
+    told = rf.fit(WhirlWhip(), noisy, known={"K3": 6000.0})
+    assert told.redchi < 0.5
+    assert any("the noise is overestimated" in warning for warning in told.warnings)
+    assert not any("overestimated" in warning for warning in honest.warnings)
+
+
 def test_noise_is_found_and_redchi_means_something():
     redchi = [rf.fit(OneMode(), one_mode_test(seed=seed), known=FLUID).redchi for seed in range(20)]
     # sigma^2 of each of four sweeps from 40 to 80 samples: relative error of redchi near 0.1; mean of 20.
