@@ -389,6 +389,36 @@ class FitResult:
 
         return plot_stability(self)
 
+    def plot_law(self) -> Figure:
+        """K0, D and lam against eccentricity with their 95 % bands."""
+        from rotorfit.plots import plot_law
+
+        return plot_law(self)
+
+    def plot_nonlinear_stiffness(self) -> Figure:
+        """Nonlinear minus linear dynamic stiffness at the journal (Figs 13 to 15)."""
+        from rotorfit.plots import plot_nonlinear_stiffness
+
+        return plot_nonlinear_stiffness(self)
+
+    def plot_static_locus(self) -> Figure:
+        """Locus of the journal under static load (Figs 26 to 28)."""
+        from rotorfit.plots import plot_static_locus
+
+        return plot_static_locus(self)
+
+    def plot_static_stiffness(self) -> Figure:
+        """Static load over displacement, across and along the load, against eccentricity (Figs 27 and 28)."""
+        from rotorfit.plots import plot_static_stiffness
+
+        return plot_static_stiffness(self)
+
+    def plot_velocity_ratio(self) -> Figure:
+        """Frequency over speed of free vibrations against eccentricity (Fig. 29)."""
+        from rotorfit.plots import plot_velocity_ratio
+
+        return plot_velocity_ratio(self)
+
     def with_warnings(self, *messages: str) -> FitResult:
         """The same result with further warnings."""
         return replace(self, warnings=(*self.warnings, *messages))
