@@ -1,4 +1,4 @@
-"""The command line: ``rotorfit demo``, ``fit``, ``run``, ``campaign``, ``models`` and ``info``.
+"""The command line: ``rotorfit demo``, ``fit``, ``run``, ``campaign``, ``compare-laws``, ``simulate`` and others.
 
 Exit codes: 0 done, 1 the fit or the sampling did not converge, 2 bad input (one sentence on stderr), 130 interrupted.
 """
@@ -163,7 +163,28 @@ def _campaign(options: argparse.Namespace) -> int:
     return run(options)
 
 
-COMMANDS = {"demo": _demo, "fit": _fit, "run": _run, "campaign": _campaign, "models": _models, "info": _info}
+def _compare_laws(options: argparse.Namespace) -> int:
+    from rotorfit.cli_laws import run
+
+    return run(options)
+
+
+def _simulate(options: argparse.Namespace) -> int:
+    from rotorfit.cli_simulate import run
+
+    return run(options)
+
+
+COMMANDS = {
+    "demo": _demo,
+    "fit": _fit,
+    "run": _run,
+    "campaign": _campaign,
+    "compare-laws": _compare_laws,
+    "simulate": _simulate,
+    "models": _models,
+    "info": _info,
+}
 """What each word does."""
 
 

@@ -15,9 +15,8 @@ Command = Callable[[argparse.Namespace], int]
 
 
 def parser(commands: Mapping[str, Command]) -> argparse.ArgumentParser:
-    """The parser; ``commands`` are what ``demo``, ``fit``, ``run``, ``campaign``, ``models`` and ``info`` do."""
-    from rotorfit import __version__
-    from rotorfit.cli_campaign import DESCRIPTION, add_options
+    """The parser; ``commands`` are what the words, ``demo``, ``fit``, ``run`` and so on, do."""
+    from rotorfit import __version__, cli_campaign, cli_laws, cli_simulate
 
     whole = argparse.ArgumentParser(
         prog="rotorfit",
@@ -43,7 +42,8 @@ def parser(commands: Mapping[str, Command]) -> argparse.ArgumentParser:
     run.add_argument("study", type=Path, metavar="STUDY.toml", help="settings of a fit as TOML keys")
     run.add_argument("--out", type=Path, help="folder for the results, in place of the file's")
     _add_output(run)
-    add_options(command("campaign", DESCRIPTION))
+    for name, module in (("campaign", cli_campaign), ("compare-laws", cli_laws), ("simulate", cli_simulate)):
+        module.add_options(command(name, module.DESCRIPTION))
     models = command("models", "list the models and their parameters")
     models.add_argument("name", nargs="?", help="only this one")
     _add_files(command("info", "say what a test file holds and what is odd about it"))
@@ -71,6 +71,13 @@ def _add_files(to: argparse.ArgumentParser) -> None:
         help="subtract each channel's mean reading below this speed (synchronous tests)",
     )
     to.add_argument("--speed", type=float, metavar="RPM", help="rotative speed, for universal files without it")
+
+
+def _add_model(to: argparse.ArgumentParser) -> None:
+    to.add_argument("--model", required=True, help="see `rotorfit models`")
+    to.add_argument("--planes", type=_words, default=(), metavar="A,B", help="plane names, in the model's order")
+    to.add_argument("--blocks", type=_words, default=(), metavar="A,B", help="structural blocks to include")
+    to.add_argument("--two-lam", action="store_true", help="lam_D and lam_M of their own in place of one lam")
 
 
 _FIT_LISTS = {

@@ -78,12 +78,17 @@ def simulate(
         raise ValueError(unknown_name("kind of experiment", kind, KINDS))
     if not (np.isfinite(noise) and noise >= 0 and 0 < tolerance < 1e-2):
         raise ValueError(f"noise must be zero or positive and tolerance within (0, 0.01), got {noise} and {tolerance}")
-    _check_options(kind, options)
+    check_options(kind, options)
     rig = VirtualRig(model, model.vector(params), float(noise), tolerance, np.random.default_rng(seed))
     return KINDS[kind](rig, **options)
 
 
-def _check_options(kind: str, options: Mapping[str, Any]) -> None:
+def check_options(kind: str, options: Mapping[str, Any]) -> None:
+    """Refuse options that a kind of experiment, a key of :data:`KINDS`, does not have, or lacks.
+
+    Raises:
+        TypeError: names them and the kind's options.
+    """
     allowed = {name: p for name, p in inspect.signature(KINDS[kind]).parameters.items() if name != "rig"}
     unknown = [name for name in options if name not in allowed]
     missing = [name for name, p in allowed.items() if p.default is p.empty and name not in options]
