@@ -435,11 +435,14 @@ def test_summary_is_complete(rig):
     assert text.startswith("converged")
     for word in ("R-hat", "bulk ESS", "tail ESS", "acceptance", "seed 1", *rig.names):
         assert word in text
-    table = az.summary(rig.to_arviz(), round_to=None)
+    table = az.summary(rig.to_arviz(), round_to="none")
     assert (table["r_hat"].astype(float) < 1.015).all()
     row = next(line for line in text.splitlines() if line.startswith("lam ")).split()
     assert float(row[7]) == pytest.approx(float(table.loc["lam", "ess_bulk"]), abs=1)
-    assert float(row[8]) == pytest.approx(float(table.loc["lam", "ess_tail"]), abs=1)
+    # The tails of ArviZ's own table depend on its version: here those of the 90 % interval are shown.
+    lam = rig.chain[:, :, rig.names.index("lam")].T
+    tail = min(float(az.ess(lam, method="quantile", prob=q)) for q in (0.05, 0.95))
+    assert float(row[8]) == pytest.approx(tail, abs=1)
 
 
 # ---- derived quantities ---------------------------------------------------------------------------------------------
@@ -529,7 +532,8 @@ def test_arviz_holds_every_draw(rig, monkeypatch):
     import xarray as xr
 
     tree = rig.to_arviz()
-    assert isinstance(tree, getattr(az, "InferenceData", xr.DataTree))
+    old = int(az.__version__.partition(".")[0]) < 1
+    assert isinstance(tree, az.InferenceData if old else xr.DataTree)
     for i, name in enumerate(rig.names):
         np.testing.assert_array_equal(tree["posterior"][name].values, rig.chain[:, :, i].T)
     np.testing.assert_array_equal(tree["sample_stats"]["lp"].values, rig.log_density.T)
