@@ -1,0 +1,414 @@
+"""Coverage of error bars where noise is not white, equal and unshared, and where runs differ.
+
+    python benchmarks/honest_errors.py --draws 200
+
+writes results/honest_errors.md and results/honest_errors.csv, beside what an earlier version gave
+(results/honest_errors_before.csv). The rig is one mode; its responses come from the formula of kappa written out here,
+not from rotorfit's models, and noise enters where it does on a rig: at the probes, along the force, in the speed, or
+once a run. Unless a row says so, the fit is not told the noise. Exit status 1 says that a row misses its promise.
+
+"width" is the mean half width of the 95 % intervals over that of the right noise model: generalised least squares with
+the true covariance, linearised at the truth. Where runs differ, its quantile is Student's with as many degrees of
+freedom as a variance between that many runs can have.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import sys
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+HERE = Path(__file__).parent
+sys.path.insert(0, str(HERE))
+
+from reporting import RESULTS, environment, table, write_csv  # noqa: E402
+
+import rotorfit as rf  # noqa: E402
+from rotorfit.experiments import PerturbationTest, perturbation_test  # noqa: E402
+
+Float = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+
+TRUTH = {"M": 1.2, "K": 8000.0, "Ds": 8.0, "K0": 9000.0, "D": 450.0, "lam": 0.46, "Mf": 0.4}
+SHARP = {**TRUTH, "D": 45.0}
+FREE = ("K0", "D", "lam", "M", "Mf")
+SPEEDS = (100.0, 180.0)
+WATCHED = ("D", "lam", "threshold")
+
+
+@dataclass(frozen=True, kw_only=True)
+class World:
+    """How the readings of a test go wrong. Shares are standard deviations relative to what they disturb.
+
+    Attributes:
+        truth: parameters of the rotor.
+        lines: frequencies in each run.
+        speeds: rotative speeds, rad/s.
+        repeats: runs at each speed in each direction.
+        both: whether there is a probe in y too.
+        unbalance: the force grows with the square of the frequency.
+        constant: noise of a probe over the rms response of all runs; ``own`` over that of its run.
+        proportional: noise of a probe over its reading.
+        backward: factor on the probes' noise in backward runs.
+        filters: decay of the probes' correlation from line to line, 1 for none (overlapping filters).
+        force_jitter, force_jitter_amplitude, speed_jitter: from line to line; the second leaves the phase alone.
+        oil, gain, phase, label: from run to run: viscosity (D and K0), force, phase reference (rad), speed label.
+        told: whether the fit is told sigma.
+        options: further arguments of the fit.
+        promise: share of intervals that must hold the truth.
+        ideal: whether coverage above 97 % would be too much.
+    """
+
+    truth: Mapping[str, float] = field(default_factory=lambda: TRUTH)
+    lines: int = 30
+    speeds: tuple[float, ...] = SPEEDS
+    repeats: int = 1
+    both: bool = True
+    unbalance: bool = False
+    constant: float = 0.0
+    own: float = 0.0
+    proportional: float = 0.0
+    backward: float = 1.0
+    filters: float = 1.0
+    force_jitter: float = 0.0
+    force_jitter_amplitude: float = 0.0
+    speed_jitter: float = 0.0
+    oil: float = 0.0
+    gain: float = 0.0
+    phase: float = 0.0
+    label: float = 0.0
+    told: bool = False
+    options: Mapping[str, Any] = field(default_factory=dict)
+    promise: float = 0.90
+    ideal: bool = False
+
+    @property
+    def runs(self) -> list[tuple[float, Float]]:
+        """Speed and signed frequencies of each run, rad/s."""
+        w = np.linspace(10.0, 250.0, self.lines)
+        return [(speed, sense * w) for _ in range(self.repeats) for speed in self.speeds for sense in (1, -1)]
+
+
+DEGREE = np.pi / 180
+BETWEEN = {"constant": 0.005}
+WORLDS: dict[str, World] = {
+    "ideal: constant noise, told": World(constant=0.005, told=True, ideal=True),
+    "ideal: constant noise, x and y": World(constant=0.005, ideal=True),
+    "ideal: constant noise, one probe": World(constant=0.005, both=False, ideal=True),
+    "force jitter 1 %, probes 0.2 %": World(force_jitter=0.01, constant=0.002),
+    "force jitter 1 %, amplitude only": World(force_jitter_amplitude=0.01, constant=0.002),
+    "speed jitter 1 %, probes 0.2 %": World(speed_jitter=0.01, constant=0.002),
+    "one probe, proportional 1 %": World(both=False, proportional=0.01),
+    "one probe, proportional 1 %, sharp resonance": World(both=False, proportional=0.01, truth=SHARP),
+    "one probe, proportional 1 %, unbalance force": World(both=False, proportional=0.01, unbalance=True),
+    "x and y, 8 lines, proportional 1 %": World(proportional=0.01, lines=8, promise=0.85),
+    "forward noise three times the backward": World(constant=0.003, backward=1 / 3),
+    "each run 1 % of its own rms": World(own=0.01),
+    "overlapping filters, neighbours 0.7, told": World(constant=0.005, filters=0.3, told=True),
+    "oil 1 % from run to run": World(oil=0.01, **BETWEEN),
+    "force 1 % from run to run": World(gain=0.01, **BETWEEN),
+    "phase reference 1 degree from run to run": World(phase=DEGREE, **BETWEEN),
+    "speed label 0.5 % from run to run": World(label=0.005, **BETWEEN),
+    "oil 1 %, twelve runs": World(oil=0.01, repeats=3, **BETWEEN),
+    "force 1 %, two runs": World(gain=0.01, speeds=(140.0,), promise=0.85, **BETWEEN),
+    "phase 1 degree, phase_offsets=True": World(phase=DEGREE, options={"phase_offsets": True}, **BETWEEN),
+}  # fmt: skip
+"""Rows of the table."""
+
+
+def kappa(p: Mapping[str, float], w: Any, speed: Any) -> ComplexArray:
+    """Dynamic stiffness of one mode, eqs (10) to (13)."""
+    whirl = w - p["lam"] * speed
+    direct = p["K"] + p["K0"] - p["M"] * w**2 - p["Mf"] * whirl**2
+    return np.asarray(direct + 1j * p["Ds"] * w + 1j * p["D"] * whirl)
+
+
+def force(world: World, w: Float) -> Float:
+    """Amplitude of the rotating force, N."""
+    return 1e-4 * w**2 if world.unbalance else np.full(w.shape, 5.0)
+
+
+def responses(world: World, p: Mapping[str, float]) -> list[ComplexArray]:
+    """Ideal complex amplitude of each run."""
+    return [force(world, w) / kappa(p, w, speed) for speed, w in world.runs]
+
+
+def threshold(p: Mapping[str, float]) -> float:
+    """Threshold speed in closed form, rad/s."""
+    r = p["Ds"] / p["D"]
+    return float((1 + r) / p["lam"] * np.sqrt((p["K"] + p["K0"]) / (p["M"] + p["Mf"] * r**2)))
+
+
+# ---- simulation ------------------------------------------------------------------------------
+
+
+def probe_sigma(world: World, exact: list[ComplexArray]) -> list[Float]:
+    """Standard deviation of real and imaginary part of a probe's reading, for each run."""
+    rms = np.sqrt(np.mean(np.abs(np.concatenate(exact)) ** 2))
+    levels = []
+    for (_, w), y in zip(world.runs, exact, strict=True):
+        own = world.own * np.sqrt(np.mean(np.abs(y) ** 2))
+        shape = np.sqrt((world.constant * rms) ** 2 + own**2 + (world.proportional * np.abs(y)) ** 2)
+        levels.append(shape * (world.backward if w[0] < 0 else 1.0))
+    return levels
+
+
+def neighbours(world: World) -> Float:
+    """Correlation of a probe's noise between the lines of a run."""
+    distance = np.abs(np.subtract.outer(np.arange(world.lines), np.arange(world.lines)))
+    return np.maximum(0.0, 1 - world.filters * distance)
+
+
+def simulate(world: World, rng: np.random.Generator) -> PerturbationTest:
+    """One test."""
+    p = world.truth
+    sigma = probe_sigma(world, responses(world, p))
+    root = np.linalg.cholesky(neighbours(world))
+    rows: list[dict[str, Any]] = []
+    for number, ((speed, w), level) in enumerate(zip(world.runs, sigma, strict=True)):
+
+        def normal(size: Any = w.shape) -> Float:
+            return np.asarray(rng.normal(size=size))
+
+        oil = 1 + world.oil * normal(())
+        own = {**p, "D": p["D"] * oil, "K0": p["K0"] * oil}
+        true_speed = speed * (1 + world.label * normal(())) * (1 + world.speed_jitter * normal())
+        jitter = 1 + world.force_jitter * (normal() + 1j * normal()) + world.force_jitter_amplitude * normal()
+        gain = 1 + world.gain * normal(())
+        y = force(world, w) * gain * jitter / kappa(own, w, true_speed)
+        turn = np.exp(1j * world.phase * normal(()))
+        phasors = {"x": y, "y": -1j * y} if w[0] > 0 else {"x": y.conj(), "y": 1j * y.conj()}
+        for direction, phasor in phasors.items():
+            if direction == "y" and not world.both:
+                continue
+            noise = level * (root @ normal() + 1j * (root @ normal()))
+            rows.append(
+                {"run": f"run {number}", "speed": speed, "frequency": w, "force_plane": "journal",
+                 "force": force(world, w) + 0j, "plane": "journal", "direction": direction,
+                 "response": turn * phasor + noise, "sigma": level if world.told else np.nan}
+            )  # fmt: skip
+    parts = [{k: np.broadcast_to(np.asarray(v), (world.lines,)) for k, v in row.items()} for row in rows]
+    columns: dict[str, Any] = {k: np.concatenate([part[k] for part in parts]) for k in parts[0]}
+    return perturbation_test(**columns, source="a simulated test")
+
+
+# ---- the right noise model -------------------------------------------------------------------
+
+
+def _real(columns: ComplexArray) -> Float:
+    return np.concatenate([columns.real, columns.imag])
+
+
+def _slope(world: World, change: Any) -> ComplexArray:
+    """Derivative of all responses by a small relative change, by central differences."""
+    step = 1e-5
+    up, down = (np.concatenate(change(world, sign * step)) for sign in (1, -1))
+    return np.asarray((up - down) / (2 * step))
+
+
+def _with(name: str) -> Any:
+    def changed(world: World, step: float) -> list[ComplexArray]:
+        return responses(world, {**world.truth, name: world.truth[name] * (1 + step)})
+
+    return changed
+
+
+def _faster(world: World, step: float) -> list[ComplexArray]:
+    return responses(replace(world, speeds=tuple(v * (1 + step) for v in world.speeds)), world.truth)
+
+
+def _thicker(world: World, step: float) -> list[ComplexArray]:
+    p = world.truth
+    return responses(world, {**p, "D": p["D"] * (1 + step), "K0": p["K0"] * (1 + step)})
+
+
+def ideal_width(world: World) -> dict[str, float]:
+    """Half width of the 95 % interval of generalised least squares with the true covariance."""
+    exact = responses(world, world.truth)
+    y, count = np.concatenate(exact), len(exact)
+    run = np.repeat(np.arange(count), world.lines)
+    share = 0.5 if world.both else 1.0
+    correlation = np.kron(np.eye(count), neighbours(world))
+    level = np.concatenate(probe_sigma(world, exact))
+    block = share * correlation * np.outer(level, level)
+    cov = np.kron(np.eye(2), block)
+    for size, column in (
+        (world.force_jitter, y), (world.force_jitter, 1j * y), (world.force_jitter_amplitude, y),
+        (world.speed_jitter, _slope(world, _faster)),
+    ):  # fmt: skip
+        sensitivity = np.concatenate([np.diag(column.real), np.diag(column.imag)])
+        cov += size**2 * sensitivity @ sensitivity.T
+    backward = np.concatenate([w for _, w in world.runs]) < 0
+    for size, column in (
+        (world.gain, y), (world.phase, np.where(backward, -1j, 1j) * y), (world.label, _slope(world, _faster)),
+        (world.oil, _slope(world, _thicker)),
+    ):  # fmt: skip
+        sensitivity = _real(column[:, None] * (run[:, None] == np.arange(count)))
+        cov += size**2 * sensitivity @ sensitivity.T
+    J = _real(np.column_stack([_slope(world, _with(name)) / world.truth[name] for name in FREE]))
+    if world.speed_jitter or world.force_jitter_amplitude:  # weights of one number a reading, as fits have them
+        weight = 1 / (np.diag(cov)[: y.size] + np.diag(cov)[y.size :])
+        gain = np.linalg.solve(J.T @ (np.tile(weight, 2)[:, None] * J), (np.tile(weight, 2)[:, None] * J).T)
+        errors = gain @ cov @ gain.T
+    else:
+        errors = np.linalg.inv(J.T @ np.linalg.solve(cov, J))
+    p = world.truth
+    gradient = [
+        (threshold({**p, name: p[name] * (1 + 1e-6)}) - threshold({**p, name: p[name] * (1 - 1e-6)})) / (2e-6 * p[name])
+        for name in FREE
+    ]
+    shared = world.gain or world.phase or world.label or world.oil
+    quantile = stats.t.ppf(0.975, count - 1) if shared else stats.norm.ppf(0.975)
+    directions = {"D": np.eye(5)[1], "lam": np.eye(5)[2], "threshold": np.array(gradient)}
+    return {name: float(quantile * np.sqrt(g @ errors @ g)) for name, g in directions.items()}
+
+
+# ---- the study -------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Row:
+    """What a row of the table says.
+
+    Attributes:
+        cover_D, cover_lam, cover_threshold: share of 95 % intervals that hold the truth.
+        width_D, width_lam, width_threshold: their mean half width over that of the right noise model.
+        redchi: median.
+        warned: share of fits with a warning, or a sentence on noise beside it.
+        failures: fits that did not converge.
+        cpu_ms: median processor time of a fit.
+    """
+
+    world: str
+    cover_D: float
+    cover_lam: float
+    cover_threshold: float
+    width_D: float
+    width_lam: float
+    width_threshold: float
+    redchi: float
+    warned: float
+    failures: int
+    cpu_ms: float
+
+
+def interval(entry: Any) -> tuple[float, float]:
+    """95 % interval of a parameter or derived quantity."""
+    if hasattr(entry, "interval"):
+        low, high = entry.interval(0.95)
+        return float(low), float(high)
+    half = 1.959964 * entry.stderr
+    return entry.value - half, entry.value + half
+
+
+def run(name: str, draws: int, seed: int) -> Row:
+    """All draws of a world."""
+    world = WORLDS[name]
+    truth = {"D": world.truth["D"], "lam": world.truth["lam"], "threshold": threshold(world.truth)}
+    right = ideal_width(world)
+    rng = np.random.default_rng([seed, list(WORLDS).index(name)])
+    held: list[list[bool]] = []
+    half: list[list[float]] = []
+    redchi, warned, failures, times = [], [], 0, []
+    for _ in range(draws):
+        test = simulate(world, rng)
+        begin = time.process_time()
+        known = {"K": world.truth["K"], "Ds": world.truth["Ds"]}
+        fit = rf.fit(rf.models.OneMode(), test, known=known, **world.options)
+        times.append(time.process_time() - begin)
+        failures += not fit.success
+        pairs = [interval(q) for q in (fit.params["D"], fit.params["lam"], fit.threshold_speed())]
+        held.append([low <= truth[n] <= high for n, (low, high) in zip(WATCHED, pairs, strict=True)])
+        half.append([(high - low) / 2 / right[n] for n, (low, high) in zip(WATCHED, pairs, strict=True)])
+        redchi.append(fit.redchi)
+        warned.append(bool(fit.warnings))
+    cover, width = np.mean(held, axis=0), np.mean(half, axis=0)
+    return Row(
+        name, *map(float, cover), *map(float, width), float(np.median(redchi)), float(np.mean(warned)), failures,
+        1e3 * float(np.median(times)),
+    )  # fmt: skip
+
+
+WIDEST = 1.3
+"""Mean width that is promised at most, over that of the right noise model."""
+
+
+def short_of_promise(row: Row, draws: int) -> list[str]:
+    """What a row misses by more than the sampling error of so many draws."""
+    world, found = WORLDS[row.world], []
+    for name in WATCHED:
+        cover, width = getattr(row, f"cover_{name}"), getattr(row, f"width_{name}")
+        low = 0.93 if world.ideal else world.promise
+        if stats.binom.cdf(round(cover * draws), draws, low) < 0.01:
+            found.append(f"{name} covered in {100 * cover:.0f} %")
+        if world.ideal and stats.binom.sf(round(cover * draws) - 1, draws, 0.97) < 0.01:
+            found.append(f"{name} covered in {100 * cover:.0f} %, too many")
+        if width > WIDEST:
+            found.append(f"{name} {width:.2f} wide")
+    return found
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run all rows, write the table beside the earlier one, tell whether the promises hold."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--draws", type=int, default=200)
+    parser.add_argument("--seed", type=int, default=9)
+    parser.add_argument("--only", action="append", choices=list(WORLDS), help="only these rows")
+    parser.add_argument("--before", action="store_true", help="keep the result as the one to compare with")
+    parser.add_argument("--out", type=Path, default=RESULTS)
+    options = parser.parse_args(arguments)
+    rows = [run(name, options.draws, options.seed) for name in options.only or WORLDS]
+    command = f"python benchmarks/honest_errors.py --draws {options.draws} --seed {options.seed}"
+    made = [f"made with {command}", environment("casadi", "numpy", "scipy")]
+    earlier = options.out / "honest_errors_before.csv"
+    write_csv(rows, earlier if options.before else options.out / "honest_errors.csv", *made)
+    before = {} if options.before or not earlier.exists() else _earlier(earlier)
+    misses = {row.world: found for row in rows if (found := short_of_promise(row, options.draws))}
+    lines = [
+        "# Error bars where noise is not ideal and runs differ", "", f"Made with `{command}` on {made[1]}.", "",
+        "Shares of 95 % intervals of D, lam and threshold speed that hold the truth, and their mean width over that of "
+        "the right noise model; in front of an arrow what the version before this study gave.", "",
+        *table(
+            ["noise, runs", "cover D, lam, threshold, %", "width D, lam, threshold", "redchi", "warned, %", "ms"],
+            [_cells(row, before.get(row.world)) for row in rows],
+        ),
+        "",
+    ]  # fmt: skip
+    lines += [f"- short of the promise: {world}: {', '.join(found)}" for world, found in misses.items()]
+    text = "\n".join(lines).rstrip() + "\n"
+    if not options.before:
+        (options.out / "honest_errors.md").write_text(text, encoding="utf-8")
+    print(text)
+    return int(bool(misses))
+
+
+def _earlier(path: Path) -> dict[str, Mapping[str, str]]:
+    with path.open(encoding="utf-8") as stream:
+        return {row["world"]: row for row in csv.DictReader(line for line in stream if not line.startswith("#"))}
+
+
+def _cells(row: Row, before: Mapping[str, str] | None) -> list[str]:
+    def shown(values: list[float], form: str) -> str:
+        return ", ".join(format(v, form) for v in values)
+
+    def both(names: list[str], form: str, factor: float = 1.0) -> str:
+        now = shown([factor * getattr(row, n) for n in names], form)
+        return now if before is None else f"{shown([factor * float(before[n]) for n in names], form)} -> {now}"
+
+    return [
+        row.world, both([f"cover_{n}" for n in WATCHED], ".0f", 100), both([f"width_{n}" for n in WATCHED], ".2f"),
+        both(["redchi"], ".3g"), both(["warned"], ".0f", 100), both(["cpu_ms"], ".0f"),
+    ]  # fmt: skip
+
+
+if __name__ == "__main__":
+    sys.exit(main())
