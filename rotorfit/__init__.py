@@ -37,6 +37,9 @@ if TYPE_CHECKING:  # `as` tells type checkers that these names are for users
     from rotorfit.profiles import Profile as Profile
     from rotorfit.readers import read as read
     from rotorfit.readers import write as write
+    from rotorfit.recordings.recording import Recording as Recording
+    from rotorfit.recordings.recording import read_recording as read_recording
+    from rotorfit.recordings.setup import RigSetup as RigSetup
     from rotorfit.refinement import Refinement as Refinement
     from rotorfit.refinement import one_lam_test as one_lam_test
     from rotorfit.refinement import refine as refine
@@ -73,6 +76,9 @@ _HOME = {
     "load_posterior": "rotorfit.posterior_io",
     "read": "rotorfit.readers",
     "write": "rotorfit.readers",
+    "Recording": "rotorfit.recordings.recording",
+    "read_recording": "rotorfit.recordings.recording",
+    "RigSetup": "rotorfit.recordings.setup",
     "Refinement": "rotorfit.refinement",
     "one_lam_test": "rotorfit.refinement",
     "refine": "rotorfit.refinement",

@@ -1,0 +1,204 @@
+"""Pulses of a phase reference: edges of a Keyphasor's voltage, counted although some are missing and some are double.
+
+A Keyphasor sees a notch (voltage falls) or a projection (voltage rises) once a turn. Between two samples the edge is
+interpolated at the level half way between the two voltages; a hysteresis keeps noise at the edge from being counted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import median_filter, percentile_filter
+
+Float = NDArray[np.float64]
+Index = NDArray[np.intp]
+
+NOISE_ALONE = 3.3
+"""Distance of the two voltages over their scatter: Gaussian noise cut in two has 2.7, a sine 4.1, a pulse more."""
+_BINS = 512
+_SHORT = 0.6
+"""Interval, in expected ones, below which one of its two edges is one too many."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class PulseLevels:
+    """Voltages of a pulse train.
+
+    Attributes:
+        low, high: the two voltages, V.
+        level: where an edge is timed, V.
+        hysteresis: distance from the level that the voltage must reach on both sides, V.
+        falling: whether the timed edge falls.
+        duty: share of the time that the pulse lasts.
+        noise: scatter of the voltage between edges, V.
+    """
+
+    low: float
+    high: float
+    level: float
+    hysteresis: float
+    falling: bool
+    duty: float
+    noise: float
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class NumberedPulses:
+    """Pulses with their numbers: a missing one leaves a gap in the numbers, one too many has none.
+
+    Attributes:
+        times: of the pulses kept, shape ``(N,)``.
+        numbers: count from the first pulse, shape ``(N,)``, integers.
+        missing: times of the pulses before the gaps, and how many are missing in each, shape ``(G,)`` both.
+        missing_count: see ``missing``.
+        extra: times of the edges left out.
+    """
+
+    times: Float
+    numbers: Index
+    missing: Float
+    missing_count: Index
+    extra: Float
+
+
+def find_levels(voltage: Float, *, edge: str = "", level: float | None = None) -> PulseLevels:
+    """The two voltages of a pulse train and the leading edge of its pulse, found where not given.
+
+    The split is Otsu's (largest variance between the two classes). The pulse is what takes less than half of the time;
+    its leading edge is timed: falling for a notch, rising for a projection.
+
+    Args:
+        voltage: samples of the channel, V, shape ``(N,)``, enough of them to hold some pulses.
+        edge: ``"falling"`` or ``"rising"``; empty: found.
+        level: where to time the edge, V; None: half way.
+
+    Raises:
+        ValueError: the voltage is constant or shows no two levels, or the level given lies outside of them.
+    """
+    bottom, top = float(voltage.min()), float(voltage.max())
+    if not top > bottom:
+        raise ValueError(f"no pulses: the voltage is constant at {bottom:.4g} V")
+    counts, at = np.histogram(voltage, _BINS, (bottom, top))
+    centres = (at[1:] + at[:-1]) / 2
+    below = np.cumsum(counts)[:-1]
+    above = voltage.size - below
+    moment = np.cumsum(counts * centres)
+    between = below * above * (moment[:-1] / below - (moment[-1] - moment[:-1]) / np.maximum(above, 1)) ** 2
+    best = np.flatnonzero(between >= between.max() * (1 - 1e-9))  # a plateau where nothing lies between the classes
+    split = float(at[1 + round(best.mean())])
+    lower, upper = voltage[voltage <= split], voltage[voltage > split]
+    low, high = float(np.median(lower)), float(np.median(upper))
+    scatter = float(np.hypot(lower.std(), upper.std()) / np.sqrt(2))
+    if high - low < NOISE_ALONE * scatter:
+        raise ValueError(
+            f"no pulses: the voltage, {bottom:.4g} to {top:.4g} V, does not jump between two levels; is it the channel "
+            "of the Keyphasor?"
+        )
+    if level is not None and not low < level < high:
+        raise ValueError(
+            f"the level {level:g} V is not between the two voltages of the pulses, {low:.4g}, {high:.4g} V"
+        )
+    duty = min(lower.size, upper.size) / voltage.size
+    falling = lower.size <= upper.size if not edge else edge == "falling"
+    timed = (low + high) / 2 if level is None else level
+    return PulseLevels(
+        low=low, high=high, level=timed, hysteresis=0.4 * min(high - timed, timed - low), falling=falling, duty=duty,
+        noise=float(1.4826 * np.median(np.abs(upper - high))),
+    )  # fmt: skip
+
+
+def find_edges(pieces: Iterable[Float], levels: PulseLevels) -> Float:
+    """Positions of the timed edges, in samples from the start of the first piece.
+
+    Args:
+        pieces: the channel in consecutive pieces, V.
+        levels: see :func:`find_levels`.
+
+    Returns:
+        positions, shape ``(N,)``, ascending, interpolated between the two samples on either side of the level.
+    """
+    sign = -1.0 if levels.falling else 1.0
+    found: list[Float] = []
+    begin, held = 0, np.zeros(0)  # held: the samples since the voltage was last clear of the hysteresis
+    for piece in pieces:
+        values = np.concatenate([held, (piece - levels.level) * sign])
+        clear = np.flatnonzero(np.abs(values) > levels.hysteresis)
+        above = values[clear] > 0
+        rows = np.flatnonzero(above[1:] & ~above[:-1])
+        found.append(begin - held.size + _crossings(values, clear[rows], clear[rows + 1]))
+        begin += piece.size
+        held = values[clear[-1] :] if clear.size else values
+    return np.concatenate(found) if found else np.zeros(0)
+
+
+def _crossings(values: Float, first: Index, last: Index) -> Float:
+    """Where ``values`` pass zero upwards between pairs of samples."""
+    at = first - values[first] / (values[last] - values[first])
+    for row in np.flatnonzero(last - first > 1):
+        at[row] = _crossing(values, int(first[row]), int(last[row]))
+    return np.asarray(at)
+
+
+def _crossing(values: Float, first: int, last: int) -> float:
+    """Where ``values`` pass zero upwards between two samples; the mean of the ways up where noise crosses often."""
+    part = values[first : last + 1]
+    rows = np.flatnonzero((part[:-1] < 0) & (part[1:] >= 0))
+    return float(first + np.mean(rows - part[rows] / (part[rows + 1] - part[rows])))
+
+
+def number_pulses(times: Float) -> NumberedPulses:
+    """Count pulses by the intervals around them: a gap of n intervals counts n, an edge too close to others is not one.
+
+    Args:
+        times: of all edges, ascending, shape ``(N,)``, any unit.
+
+    Raises:
+        ValueError: fewer than four pulses, or intervals so uneven that they are no turns.
+    """
+    kept, extra = _without_extra(times)
+    if kept.size < 4:
+        raise ValueError(f"{kept.size} pulses; at least four are needed to know the angle")
+    intervals = np.diff(kept)
+    count = np.ones(intervals.size, dtype=np.intp)
+    for _ in range(8):
+        turn = median_filter(intervals / count, 5, mode="mirror")
+        counted = np.maximum(np.rint(intervals / turn).astype(np.intp), 1)
+        if np.array_equal(counted, count):
+            break
+        count = counted
+    uneven = np.abs(intervals / (count * median_filter(intervals / count, 5, mode="mirror")) - 1) > 0.35
+    if extra.size > kept.size or np.mean(uneven) > 0.2:
+        raise ValueError(
+            f"no regular pulses: {times.size} edges, {extra.size} of them too close to others, and {np.sum(uneven)} of "
+            f"{intervals.size} intervals unlike their neighbours"
+        )
+    gaps = np.flatnonzero(count > 1)
+    return NumberedPulses(
+        times=kept, numbers=np.concatenate([[0], np.cumsum(count)]), missing=kept[gaps], missing_count=count[gaps] - 1,
+        extra=extra,
+    )  # fmt: skip
+
+
+def _without_extra(times: Float) -> tuple[Float, Float]:
+    """Edges without those that split a turn: of two too close, the one whose removal leaves the more even intervals."""
+    kept, extra = times, np.zeros(0)
+    for _ in range(20):
+        intervals = np.diff(kept)
+        if intervals.size < 4:
+            break
+        turn = percentile_filter(intervals, 70, 7, mode="mirror")
+        short = np.flatnonzero(intervals < _SHORT * turn)
+        if not short.size:
+            break
+        padded = np.concatenate([[np.nan], intervals, [np.nan]])  # padded[k + 1]: from edge k to edge k + 1
+        backward = np.abs(padded[short] + padded[short + 1] - turn[short])  # edge k left out
+        forward = np.abs(padded[short + 2] + padded[short + 1] - turn[short])  # edge k + 1 left out
+        first = np.nan_to_num(backward, nan=np.inf) < np.nan_to_num(forward, nan=np.inf)
+        out = np.where(first, short, short + 1)
+        out = out[np.concatenate([[True], np.diff(out) > 2])]  # neighbours of one left out are judged again
+        extra = np.concatenate([extra, kept[out]])
+        kept = np.delete(kept, out)
+    return kept, np.sort(extra)

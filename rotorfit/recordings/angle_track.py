@@ -1,0 +1,178 @@
+"""Angle of a shaft or a perturbator over a recording, from its phase reference, with what was mended on the way."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotorfit.estimators.pulses import NumberedPulses, PulseLevels, find_edges, find_levels, number_pulses
+from rotorfit.estimators.shaft_angle import SmoothAngle, smooth_angle
+from rotorfit.findings import Finding, listed
+
+if TYPE_CHECKING:
+    from rotorfit.recordings.recording import Recording
+    from rotorfit.recordings.setup import Reference
+
+Float = NDArray[np.float64]
+
+_SAMPLED = 40
+"""Pieces of a channel from which the levels of its pulses are found."""
+_PIECE = 1 << 16
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class AngleTrack:
+    """Angle, speed and acceleration over the time of a recording.
+
+    Attributes:
+        smooth: the angle as a spline with its jitter.
+        pulses: times of the pulses used, s, shape ``(N,)``.
+        levels: voltages of the pulses; None where the angle was not found from pulses.
+        findings: missing, double and noisy pulses, and what else was odd.
+    """
+
+    smooth: SmoothAngle
+    pulses: Float
+    levels: PulseLevels | None = None
+    findings: tuple[Finding, ...] = ()
+
+    def angle(self, t: Float) -> Float:
+        """Angle since the mark first passed, rad; it grows whichever way the perturbator turns.
+
+        Args:
+            t: times from the start of the recording, s.
+        """
+        return self.smooth.angle(t)
+
+    def speed(self, t: Float) -> Float:
+        """Speed, rad/s.
+
+        Args:
+            t: times, s.
+        """
+        return self.smooth.speed(t)
+
+    def acceleration(self, t: Float) -> Float:
+        """Acceleration, rad/s^2.
+
+        Args:
+            t: times, s.
+        """
+        return self.smooth.acceleration(t)
+
+    def stderr(self, t: Float) -> Float:
+        """Standard error of the angle, rad.
+
+        Args:
+            t: times, s.
+        """
+        return self.smooth.stderr(t)
+
+    @property
+    def begin(self) -> float:
+        """Time of the first pulse, s."""
+        return self.smooth.begin
+
+    @property
+    def end(self) -> float:
+        """Time of the last pulse, s."""
+        return self.smooth.end
+
+
+def track(record: Recording, reference: Reference) -> AngleTrack:
+    """The angle that a phase reference of a recording gives.
+
+    Args:
+        record: the recording.
+        reference: its channel, edge and pulses a turn.
+
+    Raises:
+        ValueError: the channel has no pulses, or none that count as turns.
+    """
+    channel, per_turn = str(reference.channel), reference.pulses_per_turn or 1
+    where = f"{record.name}, channel {channel}"
+    try:
+        levels = find_levels(_sample(record, channel), edge=reference.edge or "", level=reference.level)
+        times = find_edges(record.pieces(channel), levels) / record.sample_rate
+        pulses = number_pulses(times)
+        smooth = smooth_angle(
+            pulses, duration=record.duration, pulses_per_turn=per_turn, resolution=1 / record.sample_rate
+        )
+    except ValueError as problem:
+        raise ValueError(f"{where}: {problem}") from problem
+    findings = [*_edge(where, reference, levels), *_mended(where, pulses, smooth), *_ends(where, record, smooth)]
+    if per_turn > 1:
+        findings.append(_wheel(where, smooth, per_turn))
+    used = pulses.times[~np.isin(pulses.times, smooth.outlying)]
+    return AngleTrack(smooth=smooth, pulses=used, levels=levels, findings=tuple(findings))
+
+
+def _sample(record: Recording, channel: str) -> Float:
+    """Enough of a channel to know its levels: all of a short one, pieces of a long one."""
+    if record.size <= _SAMPLED * _PIECE:
+        return record.channel(channel)
+    starts = np.linspace(0, record.size - _PIECE, _SAMPLED).astype(int)
+    return np.concatenate([record.channel(channel, int(s), int(s) + _PIECE) for s in starts])
+
+
+def _edge(where: str, reference: Reference, levels: PulseLevels) -> Iterator[Finding]:
+    if reference.edge is None and levels.duty > 0.4:
+        taken = "falling" if levels.falling else "rising"
+        yield _warning(
+            "keyphasor-edge",
+            f"{where}: the pulse lasts {levels.duty:.0%} of a turn, so its leading edge is not clear; the {taken} edge "
+            'was taken. Say edge = "falling" or "rising".',
+        )
+
+
+def _mended(where: str, pulses: NumberedPulses, smooth: SmoothAngle) -> Iterator[Finding]:
+    if pulses.missing.size:
+        count, longest = int(pulses.missing_count.sum()), int(pulses.missing_count.max())
+        text = f"{count} pulses missing, after {_times(pulses.missing)}; the angle runs on through the gaps."
+        if longest > 5:
+            at = pulses.missing[int(pulses.missing_count.argmax())]
+            text += f" Of the {longest} in a row after {at:.3f} s it is not certain that they were counted right."
+        yield _warning("pulses-missing", f"{where}: {text}")
+    if pulses.extra.size:
+        text = f"{pulses.extra.size} edges too close to others left out, at {_times(pulses.extra)}."
+        yield _warning("pulses-double", f"{where}: {text}")
+    if smooth.outlying.size:
+        text = f"{smooth.outlying.size} pulses far off their place left out, at {_times(smooth.outlying)}."
+        yield _warning("pulses-noisy", f"{where}: {text}")
+
+
+def _warning(code: str, message: str) -> Finding:
+    return Finding("warning", code, message)
+
+
+def _ends(where: str, record: Recording, smooth: SmoothAngle) -> Iterator[Finding]:
+    """A shaft that stood still at one end of the record, or a mark that failed there."""
+    ends = (
+        (smooth.begin, smooth.begin, "before the first"),
+        (record.duration - smooth.end, smooth.end, "after the last"),
+    )
+    for gap, at, words in ends:
+        turns = gap * float(smooth.speed(np.array([at]))[0]) / (2 * np.pi)
+        if turns > 2.5:
+            yield _warning(
+                "pulses-end",
+                f"{where}: no pulses in the {gap:.3f} s {words} ({turns:.0f} turns at the speed there); the angle is "
+                "not known in them.",
+            )
+
+
+def _wheel(where: str, smooth: SmoothAngle, per_turn: int) -> Finding:
+    degrees = np.degrees(smooth.pattern)
+    return Finding(
+        "note", "tooth-pattern",
+        f"{where}: spacing of the {per_turn} pulses a turn is off by up to {np.abs(degrees).max():.3f} degrees; the "
+        "pattern was taken out. Angle zero is the record's first pulse, which differs from record to record.",
+    )  # fmt: skip
+
+
+def _times(times: Float) -> str:
+    return listed([f"{t:.3f} s" for t in times])

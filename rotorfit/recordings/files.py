@@ -1,0 +1,37 @@
+"""Open a recording in whatever format; the suffix of the file tells it."""
+
+from __future__ import annotations
+
+from importlib import import_module
+from pathlib import Path
+
+from rotorfit.models.parameters import unknown_name
+from rotorfit.recordings.raw_file import RawFile
+
+FORMATS = {
+    ".h5": ("hdf5", "open_hdf5"), ".hdf5": ("hdf5", "open_hdf5"), ".hdf": ("hdf5", "open_hdf5"),
+}  # fmt: skip
+"""Module and function by suffix."""
+
+
+def open_raw(path: str | Path) -> RawFile:
+    """What a file of raw signals holds; samples are read later.
+
+    Args:
+        path: the file.
+
+    Raises:
+        ValueError: unknown suffix, or a file that is not whole or holds no signals; says what is allowed.
+        FileNotFoundError: no such file.
+    """
+    file = Path(path)
+    suffix = file.suffix.lower()
+    if suffix not in FORMATS:
+        raise ValueError(f"{file.name}: {unknown_name('suffix of a recording', suffix, FORMATS)}")
+    if not file.is_file():
+        raise FileNotFoundError(2, "there is no such file", str(file))
+    module, function = FORMATS[suffix]
+    raw: RawFile = getattr(import_module(f"rotorfit.recordings.{module}"), function)(file)
+    if not raw.channels:
+        raise ValueError(f"{file.name} holds no signals: no channel with enough samples to be a recording")
+    return raw

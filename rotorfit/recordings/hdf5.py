@@ -1,0 +1,99 @@
+"""HDF5 recordings: a dataset a channel, wherever in the file; attributes of the file and of its channels.
+
+A dataset may say ``volts_per_count`` and ``offset_V``, its rate (``sample_rate_hz``, ``fs``) or step (``dt``,
+``wf_increment``). A group of one dataset a channel is what most loggers write; a matrix of several channels is split.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from rotorfit.recordings.raw_file import RawChannel, RawFile, full_count, plain
+
+FEWEST = 64
+"""Samples below which a dataset is a table or a setting, not a signal."""
+_RATES = ("sample_rate_hz", "sample_rate", "sampling_rate", "sampling_frequency", "fs", "Fs", "fs_hz")
+_STEPS = ("dt", "dt_s", "wf_increment", "xIncrement", "x_increment", "sample_interval_s")
+
+
+def rate_of(attributes: Mapping[str, Any]) -> float | None:
+    """Sampling rate, Hz, that attributes give under one of its usual names; None without.
+
+    Args:
+        attributes: of a file or a channel.
+    """
+    for name, power in [(n, 1) for n in _RATES] + [(n, -1) for n in _STEPS]:
+        value = attributes.get(name)
+        if isinstance(value, int | float) and value > 0:
+            return float(value) ** power
+    return None
+
+
+def open_hdf5(path: Path) -> RawFile:
+    """What an HDF5 file holds; its samples are read later, piece by piece.
+
+    Args:
+        path: the file.
+
+    Raises:
+        ValueError: not a whole HDF5 file, or no signal in it.
+    """
+    channels: dict[str, RawChannel] = {}
+
+    def visit(name: str, item: Any) -> None:
+        if isinstance(item, h5py.Dataset) and item.dtype.kind in "iuf":
+            channels.update(_channels(path, name, item))
+
+    try:
+        with h5py.File(path, "r") as file:
+            attributes = plain(file.attrs)
+            for group in file.values():
+                if isinstance(group, h5py.Group):
+                    attributes = {**plain(group.attrs), **attributes}
+            file.visititems(visit)
+    except OSError as problem:
+        raise ValueError(f"{path.name} is not a whole HDF5 file (truncated, or another format): {problem}") from problem
+    return RawFile(name=path.name, channels=channels, attributes=attributes, sample_rate=rate_of(attributes))
+
+
+def _channels(path: Path, name: str, item: h5py.Dataset) -> dict[str, RawChannel]:
+    shape = tuple(item.shape)
+    long = max(shape, default=0)
+    if long < FEWEST or len(shape) > 2:
+        return {}
+    said = plain(item.attrs)
+    scale = said.get("volts_per_count")
+    common: dict[str, Any] = {
+        "size": long,
+        "volts_per_count": float(scale) if isinstance(scale, int | float) else None,
+        "offset": float(said.get("offset_V", 0.0)),
+        "full_count": full_count(item.dtype),
+        "sample_rate": rate_of(said),
+    }
+    short = min(shape) if len(shape) == 2 else 1
+    base = name.rpartition("/")[2]
+    if len(shape) == 1:
+        return {base: RawChannel(name=base, samples=partial(_read, path, name, None, False), **common)}
+    along = shape[0] == long
+    return {
+        f"{base}_{i + 1}": RawChannel(name=f"{base}_{i + 1}", samples=partial(_read, path, name, i, along), **common)
+        for i in range(short)
+    }
+
+
+def _read(path: Path, name: str, column: int | None, along: bool, start: int, stop: int) -> NDArray[Any]:
+    try:
+        with h5py.File(path, "r") as file:
+            data = file[name]
+            if column is None:
+                return np.asarray(data[start:stop])
+            return np.asarray(data[start:stop, column] if along else data[column, start:stop])
+    except OSError as problem:
+        raise ValueError(f"{path.name}: samples {start} to {stop} of {name} cannot be read: {problem}") from problem

@@ -1,0 +1,256 @@
+"""From what a file says of itself and what a setup says to a rig with nothing left open."""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from rotorfit.findings import Finding
+from rotorfit.models.parameters import unknown_name
+from rotorfit.recordings.raw_file import RawChannel, RawFile
+from rotorfit.recordings.rig_toml import flat_setup
+from rotorfit.recordings.setup import Force, ForceSetup, Probe, Reference, RigSetup, Scale, Twist, prefer
+
+_PROBE_NAME = re.compile(r"(?i)^(.+?)[ _.\-]?([xy])$")
+_REFERENCE_NAME = re.compile(r"(?i)keyph|tacho|kph|trigger")
+_PERTURBATOR_NAME = re.compile(r"(?i)pert|exc")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Rig:
+    """The rig of one recording, complete: every probe has its angle and sensitivity, every channel exists.
+
+    Attributes:
+        sample_rate: Hz.
+        size: samples.
+        rotation: +1 counter-clockwise, -1 clockwise.
+        probes: with angle (rad) and sensitivity (V/m).
+        shaft, perturbator: phase references, None where there are none.
+        force: what drives the rotor; None where neither file nor setup says.
+        twist: channel of torsion.
+        scales: factor to volts and offset by channel.
+        speed: nominal rotative speed, rad/s.
+        attributes: test attributes.
+        findings: contradictions between file and setup.
+    """
+
+    sample_rate: float
+    size: int
+    rotation: int
+    probes: tuple[Probe, ...]
+    shaft: Reference | None
+    perturbator: Reference | None
+    force: Force | None
+    twist: Twist | None
+    scales: dict[str, tuple[float, float]]
+    speed: float | None
+    attributes: dict[str, float | str]
+    findings: tuple[Finding, ...] = ()
+
+
+def file_setup(raw: RawFile) -> RigSetup:
+    """What a file says of its rig: attributes, and channels named ``PLANE_X``, ``PLANE_Y`` and ``keyphasor_...``.
+
+    Args:
+        raw: the file.
+    """
+    known = dict(raw.attributes)
+    edges = re.findall(r"(?i)\b(falling|rising)\b", str(known.pop("keyphasor", "")))
+    edge = edges[0].lower() if edges else None
+    angles = {axis: known.pop(f"probe_angle_deg_{axis.upper()}", None) for axis in "xy"}
+    twist_sensitivity = known.pop("twist_V_per_rad", None)
+    setup = flat_setup(known, raw.name)
+    references = [name for name in raw.channels if _REFERENCE_NAME.search(name)]
+    perturbators = [name for name in references if _PERTURBATOR_NAME.search(name)]
+    shafts = [name for name in references if name not in perturbators]
+    probes = []
+    for name in raw.channels:
+        match = None if name in references else _PROBE_NAME.match(name)
+        if match:
+            angle = angles[match[2].lower()]
+            rad = math.radians(angle) if isinstance(angle, int | float) else None
+            probes.append(Probe(plane=match[1], channel=name, angle=rad))
+    has_twist = "twist" in raw.channels and isinstance(twist_sensitivity, int | float)
+    return replace(
+        setup,
+        probes=tuple(probes) or None,
+        shaft=Reference(channel=shafts[0], edge=edge) if len(shafts) == 1 else None,
+        perturbator=Reference(channel=perturbators[0], edge=edge) if len(perturbators) == 1 else None,
+        twist=Twist(channel="twist", sensitivity=float(twist_sensitivity or 1.0)) if has_twist else None,
+    )
+
+
+def complete(raw: RawFile, setup: RigSetup | None) -> Rig:
+    """The rig of a recording.
+
+    Args:
+        raw: the file.
+        setup: of the rig, None where the file's attributes suffice.
+
+    Raises:
+        ValueError: something is not said, a channel does not exist, or channels differ in length; says what to do.
+    """
+    own = file_setup(raw)
+    given = None if setup is None else setup.of_file(raw.name)
+    whole = own if given is None else prefer(given, own)
+    if given is not None and given.probes:
+        whole = replace(whole, probes=tuple(_with_own_angle(probe, own) for probe in given.probes))
+    source = setup.source if setup is not None and setup.source else "the setup"
+    probes = tuple(_complete_probe(raw, probe, whole, source) for probe in whole.probes or ())
+    shaft, perturbator = (_reference(r) for r in (whole.shaft, whole.perturbator))
+    force = _force(raw, whole.force, perturbator is not None, tuple(dict.fromkeys(probe.plane for probe in probes)))
+    twist = whole.twist if whole.twist is not None and whole.twist.channel else None
+    if twist is not None and twist.sensitivity is None:
+        raise ValueError(f"{raw.name}: the twist channel {twist.channel} needs its sensitivity_V_per_rad in [twist]")
+    named = [probe.channel for probe in probes]
+    named += [r.channel for r in (shaft, perturbator, twist) if r is not None and r.channel]
+    named += [channel for channel in (force.channels if force is not None else ()) if channel]
+    for name in [*named, *whole.scales]:
+        if name not in raw.channels:
+            raise ValueError(f"{raw.name}, as {source} describes it: {unknown_name('channel', name, raw.channels)}")
+    if not named:
+        raise ValueError(f"{raw.name} does not say which channel is which probe; {_how(raw)}")
+    used = [raw.channels[name] for name in dict.fromkeys(named)]
+    return Rig(
+        sample_rate=_rate(raw, used, whole),
+        size=_size(raw, used),
+        rotation=whole.rotation or 1,
+        probes=probes,
+        shaft=shaft,
+        perturbator=perturbator,
+        force=force,
+        twist=twist,
+        scales={channel.name: _scale(raw, channel, whole) for channel in used},
+        speed=whole.speed,
+        attributes=dict(whole.attributes),
+        findings=() if given is None else tuple(_contradictions(given, own, raw.name, source)),
+    )
+
+
+def _how(raw: RawFile) -> str:
+    return (
+        f"write a setup: `rotorfit template {raw.name} > rig.toml` makes one of the file's own channels to fill in; "
+        "then give it, --setup rig.toml or rf.read_recording(path, 'rig.toml')"
+    )
+
+
+def _with_own_angle(probe: Probe, own: RigSetup) -> Probe:
+    """A probe of the setup with the angle that the file gives it where the setup is silent."""
+    same = next((other for other in own.probes or () if other.channel == probe.channel), None)
+    return probe if same is None else prefer(probe, replace(same, plane=probe.plane))
+
+
+def _complete_probe(raw: RawFile, probe: Probe, setup: RigSetup, source: str) -> Probe:
+    sensitivity = probe.sensitivity if probe.sensitivity is not None else setup.sensitivity
+    if probe.angle is None or sensitivity is None:
+        lacking = "angle_deg" if probe.angle is None else "sensitivity_V_per_mm"
+        raise ValueError(f"{raw.name}: nothing says the {lacking} of the probe {probe.channel}; {_how(raw)}")
+    return replace(probe, sensitivity=sensitivity)
+
+
+def _reference(reference: Reference | None) -> Reference | None:
+    if reference is None or reference.channel is None:
+        return None
+    return replace(reference, pulses_per_turn=reference.pulses_per_turn or 1)
+
+
+def _force(raw: RawFile, force: ForceSetup | None, perturbator: bool, planes: tuple[str, ...]) -> Force | None:
+    if force is None:
+        return None
+    channels = (force.channel_x or "", force.channel_y or "")
+    if any(channels):
+        if force.plane is None or force.sensitivity is None:
+            lacking = "plane" if force.plane is None else "sensitivity_V_per_N"
+            raise ValueError(f"{raw.name}: the measured force needs its {lacking} in [force]")
+        nan = math.nan
+        return Force(
+            plane=force.plane, mr=nan, angle=0.0, datum_known=True, whirl=force.whirl or 1, reference="",
+            channels=channels, sensitivity=force.sensitivity,
+        )  # fmt: skip
+    if force.mr is None:
+        return None
+    if perturbator and force.whirl is None:
+        raise ValueError(f'{raw.name}: nothing says which way the perturbator turns; give whirl = "forward" in [force]')
+    plane = force.plane if force.plane is not None or len(planes) != 1 else planes[0]
+    if plane is None:
+        raise ValueError(f"{raw.name}: nothing says in which plane the force acts; give plane in [force]")
+    angle = force.angle if force.angle is not None else force.hole_angle
+    return Force(
+        plane=plane, mr=force.mr, angle=angle or 0.0, datum_known=force.angle is not None,
+        whirl=force.whirl or 1, reference="perturbator" if perturbator else "shaft",
+    )  # fmt: skip
+
+
+def _rate(raw: RawFile, used: list[RawChannel], setup: RigSetup) -> float:
+    own = {channel.sample_rate for channel in used if channel.sample_rate is not None}
+    if len({round(rate, 6) for rate in own}) > 1:
+        listed = ", ".join(f"{channel.name} {channel.sample_rate:g} Hz" for channel in used if channel.sample_rate)
+        raise ValueError(f"{raw.name}: the channels have different sampling rates: {listed}; export them at one rate")
+    rate = setup.sample_rate or (own.pop() if own else raw.sample_rate)
+    if rate is None:
+        raise ValueError(
+            f"{raw.name} does not say its sampling rate; write sample_rate_hz = ... at the top of rig.toml and give it "
+            "with --setup"
+        )
+    return float(rate)
+
+
+def _size(raw: RawFile, used: list[RawChannel]) -> int:
+    sizes = {channel.size for channel in used}
+    if len(sizes) > 1:
+        longest = max(sizes)
+        odd = next(channel for channel in used if channel.size != longest)
+        raise ValueError(
+            f"{raw.name}: channels of unequal length: {odd.name} has {odd.size} samples, others {longest}; the "
+            "recording is not whole, export it again"
+        )
+    return sizes.pop()
+
+
+def _scale(raw: RawFile, channel: RawChannel, setup: RigSetup) -> tuple[float, float]:
+    """Volts per count and volts at count zero."""
+    scale = setup.scales.get(channel.name, Scale(volts_per_count=channel.volts_per_count, offset=channel.offset))
+    if scale.full_scale is not None:
+        return scale.full_scale / (channel.full_count or 1.0), scale.offset
+    if scale.volts_per_count is None and channel.full_count is not None:
+        raise ValueError(
+            f"{raw.name}: the channel {channel.name} holds counts and nothing says how many volts one is; add "
+            f'[[channel]] name = "{channel.name}", volts_per_count = ... (or full_scale_V = ...) to rig.toml'
+        )
+    return (1.0 if scale.volts_per_count is None else scale.volts_per_count), scale.offset
+
+
+def _contradictions(given: RigSetup, own: RigSetup, name: str, source: str) -> list[Finding]:
+    """What setup and file both say, and differently; the setup's word was taken."""
+    pairs: list[tuple[str, float | str | None, float | str | None]] = [
+        ("sample rate (Hz)", given.sample_rate, own.sample_rate),
+        ("speed (rad/s)", given.speed, own.speed),
+        ("sensitivity (V/m)", given.sensitivity, own.sensitivity),
+    ]
+    if given.force is not None and own.force is not None:
+        pairs += [
+            ("plane of the force", given.force.plane, own.force.plane),
+            ("unbalance (kg m)", given.force.mr, own.force.mr),
+            ("angle of the heavy spot (rad)", given.force.angle, own.force.angle),
+            ("direction of whirl", given.force.whirl, own.force.whirl),
+        ]
+    found = []
+    for what, mine, other in pairs:
+        if mine is None or other is None:
+            continue
+        same = (
+            np.isclose(mine, other, rtol=1e-6)
+            if not isinstance(mine, str) and not isinstance(other, str)
+            else mine == other
+        )
+        if not same:
+            message = f"{name}: {what}: {source} says {_text(mine)}, the file {_text(other)}; the setup is followed."
+            found.append(Finding("warning", "setup-contradicts-file", message))
+    return found
+
+
+def _text(value: float | str) -> str:
+    return value if isinstance(value, str) else f"{value:.6g}"

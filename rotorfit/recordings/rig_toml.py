@@ -1,0 +1,276 @@
+"""The file ``rig.toml``: keys with their units, read into a :class:`~rotorfit.recordings.setup.RigSetup`.
+
+Keys of the top level are also those that a recording may carry as attributes; attributes that are none of them are kept
+as test attributes, a key of ``rig.toml`` that is none of them is refused.
+"""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from rotorfit.models.parameters import unknown_name
+from rotorfit.recordings.setup import ForceSetup, Probe, Reference, RigSetup, Scale, Twist
+from rotorfit.units import UNITS
+
+SENSITIVITIES = {
+    "V_per_m": 1.0, "V_per_mm": 1e3, "V_per_um": 1e6, "V_per_mil": 1 / 25.4e-6, "mV_per_um": 1e3,
+    "mV_per_mm": 1.0, "mV_per_mil": 1e-3 / 25.4e-6,
+}  # fmt: skip
+"""Factor to V/m by unit of a probe's sensitivity."""
+_FORCE_SENSITIVITIES = {"V_per_N": 1.0, "mV_per_N": 1e-3, "V_per_lbf": 1 / 4.4482216152605}
+_EDGES = ("falling", "rising")
+_WHIRL = {"forward": 1, "fwd": 1, "backward": -1, "bwd": -1}
+_ROTATION = {"ccw": 1, "cw": -1}
+
+Reader = Callable[[str, Any], Any]
+
+
+def _number(where: str, value: Any) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        raise ValueError(f"{where} must be a finite number, got {value!r}")
+    return float(value)
+
+
+def _positive(where: str, value: Any) -> float:
+    if _number(where, value) <= 0:
+        raise ValueError(f"{where} must be above zero, got {value!r}")
+    return float(value)
+
+
+def _sensitivity(where: str, value: Any) -> float:
+    if _number(where, value) == 0:
+        raise ValueError(f"{where} must not be zero")
+    return float(value)
+
+
+def _word(where: str, value: Any) -> str:
+    if not isinstance(value, str) or not value.strip():
+        raise ValueError(f"{where} must be a name in quotation marks, got {value!r}")
+    return value.strip()
+
+
+def _choice(allowed: Mapping[str, Any]) -> Reader:
+    def read(where: str, value: Any) -> Any:
+        if not isinstance(value, str) or value.lower() not in allowed:
+            raise ValueError(f"{where} must be one of {', '.join(allowed)}; got {value!r}")
+        return allowed[value.lower()]
+
+    return read
+
+
+def _scaled(reader: Reader, factor: float) -> Reader:
+    return lambda where, value: reader(where, value) * factor
+
+
+def _in_units(stem: str, field: str, units: Mapping[str, float], reader: Reader) -> dict[str, tuple[str, Reader]]:
+    return {f"{stem}_{unit}": (field, _scaled(reader, factor)) for unit, factor in units.items()}
+
+
+def _range(where: str, value: Any) -> tuple[float, float]:
+    if not isinstance(value, list) or len(value) != 2:
+        raise ValueError(f"{where} needs two voltages, [-18.0, -2.0]; got {value!r}")
+    low, high = sorted(_number(where, each) for each in value)
+    return low, high
+
+
+def _count(where: str, value: Any) -> int:
+    if isinstance(value, bool) or not isinstance(value, int) or value < 1:
+        raise ValueError(f"{where} must be a whole number of at least 1, got {value!r}")
+    return value
+
+
+_DEGREE = math.pi / 180
+_PROBE: dict[str, tuple[str, Reader]] = {
+    "plane": ("plane", _word),
+    "channel": ("channel", _word),
+    "angle_deg": ("angle", _scaled(_number, _DEGREE)),
+    "linear_range_V": ("linear_range", _range),
+    **_in_units("sensitivity", "sensitivity", SENSITIVITIES, _sensitivity),
+}
+_REFERENCE: dict[str, tuple[str, Reader]] = {
+    "channel": ("channel", _word),
+    "edge": ("edge", _choice({edge: edge for edge in _EDGES})),
+    "level_V": ("level", _number),
+    "pulses_per_turn": ("pulses_per_turn", _count),
+}
+_FORCE: dict[str, tuple[str, Reader]] = {
+    "plane": ("plane", _word),
+    **_in_units("mr", "mr", UNITS["unbalance"], _positive),
+    "angle_deg": ("angle", _scaled(_number, _DEGREE)),
+    "hole_angle_deg": ("hole_angle", _scaled(_number, _DEGREE)),
+    "whirl": ("whirl", _choice(_WHIRL)),
+    "channel_x": ("channel_x", _word),
+    "channel_y": ("channel_y", _word),
+    **_in_units("sensitivity", "sensitivity", _FORCE_SENSITIVITIES, _sensitivity),
+}
+_TWIST: dict[str, tuple[str, Reader]] = {
+    "channel": ("channel", _word),
+    "sensitivity_V_per_rad": ("sensitivity", _sensitivity),
+}
+_TOP: dict[str, tuple[str, Reader]] = {
+    "rotation": ("rotation", _choice(_ROTATION)),
+    "sample_rate_hz": ("sample_rate", _positive),
+    **_in_units("speed", "speed", {"rpm": math.pi / 30, "hz": 2 * math.pi, "rad_s": 1.0}, _number),
+    **_in_units("sensitivity", "sensitivity", SENSITIVITIES, _sensitivity),
+}
+_FLAT_FORCE: dict[str, tuple[str, Reader]] = {
+    "force_plane": ("plane", _word),
+    "weight_plane": ("plane", _word),
+    **_in_units("mr", "mr", UNITS["unbalance"], _positive),
+    "heavy_spot_deg_ahead_of_mark": ("angle", _scaled(_number, _DEGREE)),
+    "weight_angle_deg": ("hole_angle", _scaled(_number, _DEGREE)),
+    "whirl": ("whirl", _choice(_WHIRL)),
+}
+_TABLES = ("shaft", "perturbator", "probe", "force", "twist", "channel", "attributes", "run")
+_CHANNEL: dict[str, tuple[str, Reader]] = {
+    "volts_per_count": ("volts_per_count", _sensitivity),
+    "full_scale_V": ("full_scale", _positive),
+    "offset_V": ("offset", _number),
+}
+
+
+def read_setup(path: str | Path) -> RigSetup:
+    """Read ``rig.toml``.
+
+    Args:
+        path: the file.
+
+    Raises:
+        ValueError: not TOML, an unknown key, or a value that is not allowed; says which and what is allowed.
+        FileNotFoundError: no such file.
+    """
+    source = Path(path).name
+    try:
+        content = tomllib.loads(Path(path).read_text(encoding="utf-8-sig"))
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as problem:
+        raise ValueError(f"{source} is not readable TOML: {problem}") from problem
+    return setup_of(content, source)
+
+
+def setup_of(content: Mapping[str, Any], source: str) -> RigSetup:
+    """The setup that a TOML document describes.
+
+    Raises:
+        ValueError: see :func:`read_setup`.
+    """
+    known = [*_TOP, *_FLAT_FORCE, *_TABLES]
+    for key in content:
+        if key not in known:
+            raise ValueError(f"{source}: {unknown_name('key', key, known)}")
+    flat = {key: value for key, value in content.items() if key not in _TABLES}
+    setup = flat_setup(flat, source)
+    force = _record(ForceSetup, _FORCE, _table(content, "force", source), f"{source}, [force]")
+    if force is not None and setup.force is not None:
+        raise ValueError(f"{source}: the force is described by a table [force] and by keys of the top level; keep one")
+    return RigSetup(
+        rotation=setup.rotation,
+        sample_rate=setup.sample_rate,
+        speed=setup.speed,
+        sensitivity=setup.sensitivity,
+        shaft=_record(Reference, _REFERENCE, _table(content, "shaft", source), f"{source}, [shaft]"),
+        perturbator=_record(Reference, _REFERENCE, _table(content, "perturbator", source), f"{source}, [perturbator]"),
+        probes=_probes(content, source),
+        force=force or setup.force,
+        twist=_record(Twist, _TWIST, _table(content, "twist", source), f"{source}, [twist]"),
+        scales=_scales(content, source),
+        attributes=_attributes(_table(content, "attributes", source) or {}, source),
+        runs=_runs(content, source),
+        source=source,
+    )
+
+
+def flat_setup(values: Mapping[str, Any], source: str) -> RigSetup:
+    """The setup that attributes of a recording describe; those that are none of ours become test attributes.
+
+    Args:
+        values: attributes by name, plain Python numbers and text.
+        source: name of the file, for messages.
+
+    Raises:
+        ValueError: an attribute of ours with a value that is not allowed.
+    """
+    top = {key: value for key, value in values.items() if key in _TOP}
+    force = {key: value for key, value in values.items() if key in _FLAT_FORCE}
+    rest = {key: value for key, value in values.items() if key not in top and key not in force}
+    plain = {key: value for key, value in rest.items() if isinstance(value, int | float | str)}
+    said = _fields(_TOP, top, source)
+    return RigSetup(**said, force=_record(ForceSetup, _FLAT_FORCE, force or None, source), attributes=plain)
+
+
+def _table(content: Mapping[str, Any], name: str, source: str) -> Mapping[str, Any] | None:
+    value = content.get(name)
+    if value is not None and not isinstance(value, Mapping):
+        raise ValueError(f"{source}: {name} is a table, [{name}]; got {value!r}")
+    return value
+
+
+def _tables(content: Mapping[str, Any], name: str, source: str) -> list[Mapping[str, Any]]:
+    value = content.get(name, [])
+    if not isinstance(value, list) or not all(isinstance(each, Mapping) for each in value):
+        raise ValueError(f"{source}: {name} is a list of tables, each begins with [[{name}]]")
+    return value
+
+
+def _fields(known: Mapping[str, tuple[str, Reader]], table: Mapping[str, Any], where: str) -> dict[str, Any]:
+    said: dict[str, Any] = {}
+    named: dict[str, str] = {}
+    for key, value in table.items():
+        if key not in known:
+            raise ValueError(f"{where}: {unknown_name('key', key, known)}")
+        field, reader = known[key]
+        if field in said:
+            raise ValueError(f"{where}: {named[field]} and {key} say the same thing; keep one of them")
+        said[field], named[field] = reader(f"{where}: {key}", value), key
+    return said
+
+
+def _record(
+    kind: type[Any], known: Mapping[str, tuple[str, Reader]], table: Mapping[str, Any] | None, where: str
+) -> Any:
+    return None if table is None else kind(**_fields(known, table, where))
+
+
+def _probes(content: Mapping[str, Any], source: str) -> tuple[Probe, ...] | None:
+    probes = []
+    for number, table in enumerate(_tables(content, "probe", source), 1):
+        where = f"{source}, [[probe]] {number}"
+        for key in ("plane", "channel"):
+            if key not in table:
+                raise ValueError(f"{where} has no {key}; every probe needs plane, channel and angle_deg")
+        probes.append(Probe(**_fields(_PROBE, table, where)))
+    return tuple(probes) or None
+
+
+def _scales(content: Mapping[str, Any], source: str) -> dict[str, Scale]:
+    scales = {}
+    for number, table in enumerate(_tables(content, "channel", source), 1):
+        where = f"{source}, [[channel]] {number}"
+        name = _word(f"{where}: name", table.get("name"))
+        if ("volts_per_count" in table) == ("full_scale_V" in table):
+            raise ValueError(f"{where}: give either volts_per_count or full_scale_V (volts of the largest count)")
+        scales[name] = Scale(**_fields(_CHANNEL, {k: v for k, v in table.items() if k != "name"}, where))
+    return scales
+
+
+def _attributes(table: Mapping[str, Any], source: str) -> dict[str, float | str]:
+    for key, value in table.items():
+        if isinstance(value, bool) or not isinstance(value, int | float | str):
+            raise ValueError(f"{source}, [attributes]: {key} must be a number or text, got {value!r}")
+    return dict(table)
+
+
+def _runs(content: Mapping[str, Any], source: str) -> dict[str, RigSetup]:
+    runs: dict[str, RigSetup] = {}
+    for number, table in enumerate(_tables(content, "run", source), 1):
+        where = f"{source}, [[run]] {number}"
+        name = _word(f"{where}: file", table.get("file"))
+        if name in runs:
+            raise ValueError(f"{where}: the file {name} has a [[run]] already")
+        if "run" in table:
+            raise ValueError(f"{where}: a run has no runs of its own")
+        runs[name] = setup_of({key: value for key, value in table.items() if key != "file"}, where)
+    return runs
