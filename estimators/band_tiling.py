@@ -95,4 +95,4 @@ def pooled_noise(fits: Sequence[LocalFit]) -> Float:
         near = slice(start, stop)
         kept = own[:, near] <= np.median(own[:, near], axis=1, keepdims=True) * limit[near]
         level[:, band] = np.sum(np.where(kept, misfit[:, near], 0.0), axis=1) / (kept @ dof[near])
-    return np.sqrt(np.where(own > level * limit, own, level))
+    return np.asarray(np.sqrt(np.where(own > level * limit, own, level)))

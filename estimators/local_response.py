@@ -86,7 +86,7 @@ class LocalFit:
     @property
     def dof(self) -> int:
         """Complex degrees of freedom left for the noise, for each output."""
-        return self.residual.shape[1] - self.unknowns
+        return int(self.residual.shape[1]) - self.unknowns
 
     @property
     def misfit(self) -> Float:
