@@ -10,6 +10,7 @@ from rotorfit.models.fluid import FluidForce, fluid_force
 from rotorfit.models.known_structure import KnownStructure
 from rotorfit.models.lanczos import chain_modes
 from rotorfit.models.laws import LAWS, Constant, EvenPolynomial, Law, MonotoneSpline, Muszynska
+from rotorfit.models.modal import Modal
 from rotorfit.models.model import Coordinate, RotorModel
 from rotorfit.models.one_mode import OneMode
 from rotorfit.models.overhung import Overhung
@@ -21,7 +22,7 @@ from rotorfit.models.two_disk import TwoDisk
 from rotorfit.models.whirl_whip import WhirlWhip
 
 MODELS: dict[str, type[RotorModel]] = {
-    model.name: model for model in (OneMode, WhirlWhip, Anisotropic, TwoDisk, Overhung, Chain)
+    model.name: model for model in (OneMode, WhirlWhip, Anisotropic, TwoDisk, Overhung, Chain, Modal)
 }
 """Models by the name the command line uses."""
 
@@ -40,6 +41,7 @@ __all__ = [
     "FluidForce",
     "KnownStructure",
     "Law",
+    "Modal",
     "MonotoneSpline",
     "Muszynska",
     "OneMode",

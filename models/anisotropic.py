@@ -24,7 +24,7 @@ class Anisotropic(RotorModel):
     """
 
     name: ClassVar[str] = "anisotropic"
-    frame: ClassVar[Literal["z", "xy"]] = "xy"
+    frame: Literal["z", "xy"] = "xy"
 
     def __init__(self, planes: Sequence[str] = ("journal",)) -> None:
         names = (planes,) if isinstance(planes, str) else tuple(planes)

@@ -63,7 +63,7 @@ class RotorModel(ABC):
     """
 
     name: ClassVar[str]
-    frame: ClassVar[Literal["z", "xy"]] = "z"
+    frame: Literal["z", "xy"] = "z"
     planes: tuple[str, ...]
     parameters: tuple[Parameter, ...]
     clearance: float | None = None

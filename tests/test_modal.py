@@ -1,0 +1,104 @@
+"""The modal model: a sum of modes written out by hand, and an independent two-disk rotor seen as two modes."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import rotorfit as rf
+
+RPM = np.pi / 30
+
+
+def by_hand(
+    model: rf.models.Modal, values: dict[str, float], w: np.ndarray, plane: str, axis: str, at: str
+) -> np.ndarray:
+    """Response at a probe to a unit force along the axis at a plane, straight from the sum over the modes."""
+    total = np.zeros(w.shape, dtype=complex)
+    for number in range(1, model.modes + 1):
+        tag = str(number) if model.modes > 1 else ""
+        end = f"_{axis}" if model.apart else ""
+        mass, wn, zeta = values[f"M{tag}"], values[f"wn{tag}{end}"], values[f"zeta{tag}{end}"]
+        first = model.planes[0]
+        name = f"g{tag}_{plane}{end}"
+        gain = values.get(name, 1.0) + 1j * values.get(f"{name}_im", 0.0)
+        phi = 1.0 if at == first else values[f"phi{tag}_{at}"] + 1j * values.get(f"phi{tag}_{at}_im", 0.0)
+        total += gain * phi / (mass * (wn**2 - w**2 + 2j * zeta * wn * w))
+    return total
+
+
+@pytest.mark.parametrize("apart", [False, True])
+@pytest.mark.parametrize("modes", [1, 2])
+def test_receptance_is_the_sum_over_the_modes(apart: bool, modes: int) -> None:
+    rng = np.random.default_rng(1)
+    model = rf.models.Modal(("a", "b", "c"), modes=modes, apart=apart)
+    values = {q.name: float(rng.uniform(0.3, 1.5)) * q.scale for q in model.parameters}
+    w = np.linspace(20.0, 300.0, 7)
+    H = model.receptance(model.vector(values), w, 0.0)
+    for axis in ("x", "y") if apart else ("z",):
+        for plane in model.planes:
+            for at in model.planes:
+                found = H[:, model.coordinate(plane, axis), model.coordinate(at, axis)]
+                expected = by_hand(model, values, w, plane, axis, at)
+                # one matrix inversion of numbers from 1 to 1e5: round-off of 1e-10 at the worst
+                np.testing.assert_allclose(found, expected, rtol=1e-9)
+
+
+def test_free_vibration_is_that_of_the_modes() -> None:
+    model = rf.models.Modal(("a", "b"), modes=2)
+    values = {q.name: 1.0 for q in model.parameters} | {"wn1": 150.0, "zeta1": 0.03, "wn2": 420.0, "zeta2": 0.01}
+    s = rf.models.eigenvalues(model, model.vector(values), 0.0)
+    s = s[np.isfinite(s)]
+    expected = [
+        wn * (-zeta + sign * 1j * np.sqrt(1 - zeta**2)) for wn, zeta in ((150, 0.03), (420, 0.01)) for sign in (-1, 1)
+    ]
+    np.testing.assert_allclose(np.sort_complex(s), np.sort_complex(np.array(expected)), rtol=1e-10)
+
+
+def test_a_symmetric_two_disk_rotor_is_two_modes() -> None:
+    """With proportional damping the undamped modes of ``TwoDisk`` are the modes of ``Modal``, one at its first disk."""
+    mass, k1, k2 = 0.8, 2e4, 6e4
+    stiffness = np.array([[k1 + k2, -k2], [-k2, k2 + k1]])
+    ratio = 2e-4
+    damping = ratio * stiffness
+    two = rf.models.TwoDisk()
+    theta = two.vector({
+        "M1": mass, "M2": mass, "K1": k1, "K2": k2, "K3": k1,
+        "D11": damping[0, 0], "D12": -damping[0, 1], "D21": -damping[1, 0], "D22": damping[1, 1],
+    })  # fmt: skip
+    values = {}
+    for number, (shape, k) in enumerate((((1, 1), k1), ((1, -1), k1 + 2 * k2)), start=1):
+        wn = float(np.sqrt(k / mass))
+        values |= {f"M{number}": 2 * mass, f"wn{number}": wn, f"zeta{number}": ratio * wn / 2}
+        values |= {
+            f"phi{number}_outboard": float(shape[1]),
+            f"g{number}_outboard": float(shape[1]),
+            f"g{number}_outboard_im": 0.0,
+        }
+    modal = rf.models.Modal(two.planes, modes=2)
+    w = np.linspace(20, 700, 9)
+    seen = modal.receptance(modal.vector(values), w, 0.0)[:, :2, :2]
+    np.testing.assert_allclose(seen, two.receptance(theta, w, 0.0), rtol=1e-9)
+
+
+def test_only_what_is_forced_and_measured_has_parameters() -> None:
+    model = rf.models.Modal(("a", "b"), force_planes=("a",), probe_planes=("b",))
+    assert model.parameter_names == ("M", "wn", "zeta")
+    H = model.receptance(model.vector({"M": 2.0, "wn": 100.0, "zeta": 0.05}), 50.0, 0.0)
+    assert H[1, 0] == pytest.approx(1 / (2.0 * (100**2 - 50**2 + 2j * 0.05 * 100 * 50)))
+    assert H[0, 0] == 0
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"planes": ()}, "at least one plane"),
+        ({"planes": ("a", "a")}, "a name of its own"),
+        ({"modes": 0}, "1 to 9 modes"),
+        ({"force_planes": ("disk3",)}, "did you mean 'disk2'"),
+        ({"probe_planes": ()}, "name at least one of disk1, disk2"),
+    ],
+)
+def test_wrong_options_are_refused_in_words(options: dict[str, object], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        rf.models.Modal(**options)  # type: ignore[arg-type]
