@@ -4,6 +4,7 @@ if __name__ != "rotorfit.models":  # a second copy under another name would have
     raise ImportError(f"import this package as rotorfit.models, not as {__name__}")
 
 from rotorfit.models.anisotropic import Anisotropic
+from rotorfit.models.anisotropic_shaft import AnisotropicShaft
 from rotorfit.models.chain import Chain
 from rotorfit.models.chain_match import ChainFromModes, chain_from_modes
 from rotorfit.models.fluid import FluidForce, fluid_force
@@ -18,11 +19,13 @@ from rotorfit.models.parameters import Parameter
 from rotorfit.models.shaft import ROSS_4, ROSS_6
 from rotorfit.models.stability import Threshold, eigenvalues, threshold_speed
 from rotorfit.models.structure import BLOCKS
+from rotorfit.models.turning import TurningFrame, unstable_bands
 from rotorfit.models.two_disk import TwoDisk
 from rotorfit.models.whirl_whip import WhirlWhip
 
 MODELS: dict[str, type[RotorModel]] = {
-    model.name: model for model in (OneMode, WhirlWhip, Anisotropic, TwoDisk, Overhung, Chain, Modal)
+    model.name: model
+    for model in (OneMode, WhirlWhip, Anisotropic, TwoDisk, Overhung, Chain, Modal, AnisotropicShaft)
 }
 """Models by the name the command line uses."""
 
@@ -33,6 +36,7 @@ __all__ = [
     "ROSS_4",
     "ROSS_6",
     "Anisotropic",
+    "AnisotropicShaft",
     "Chain",
     "ChainFromModes",
     "Constant",
@@ -49,6 +53,7 @@ __all__ = [
     "Parameter",
     "RotorModel",
     "Threshold",
+    "TurningFrame",
     "TwoDisk",
     "WhirlWhip",
     "chain_from_modes",
@@ -56,4 +61,5 @@ __all__ = [
     "eigenvalues",
     "fluid_force",
     "threshold_speed",
+    "unstable_bands",
 ]

@@ -35,9 +35,13 @@ class Complex:
     @staticmethod
     def matrix(rows: Sequence[Sequence[Number]]) -> Complex:
         """Build a matrix from nested sequences of scalars, row by row."""
-        entries = [[Complex.of(entry) for entry in row] for row in rows]
-        re = ca.vertcat(*[ca.horzcat(*[entry.re for entry in row]) for row in entries])
-        im = ca.vertcat(*[ca.horzcat(*[entry.im for entry in row]) for row in entries])
+        return Complex.block([[Complex.of(entry) for entry in row] for row in rows])
+
+    @staticmethod
+    def block(rows: Sequence[Sequence[Complex]]) -> Complex:
+        """Build a matrix from blocks, row by row."""
+        re = ca.vertcat(*[ca.horzcat(*[entry.re for entry in row]) for row in rows])
+        im = ca.vertcat(*[ca.horzcat(*[entry.im for entry in row]) for row in rows])
         return Complex(re, im)
 
     @property

@@ -80,6 +80,11 @@ class RotorModel(ABC):
             eccentricity: orbit radius over clearance at the fluid, symbolic.
         """
 
+    def turning_stiffness(self, p: Any) -> Matrix:
+        """Stiffness that turns with the shaft, the factor of ``exp(2j Om t) conj(z)``; none unless overridden."""
+        size = len(self.coordinates)
+        return [[0.0] * size for _ in range(size)]
+
     def probe_factors(self, p: Any) -> Sequence[Number]:
         """Factor by which each coordinate's reading is multiplied (the paper's beta); one unless overridden."""
         return [1.0] * len(self.coordinates)

@@ -1,0 +1,211 @@
+"""A disk on a shaft that is not round and that twists: turning anisotropy and lateral-torsional coupling (Figs 37, 38).
+
+Equations (g is the angle of the stiff direction ahead of the Keyphasor mark, theta = Om t + phi)::
+
+    M z'' + D z' + K z + dK exp(2j(theta + g)) conj(z) = M e (theta'^2 - j theta'') exp(j theta) + F + P
+    (J + M e^2) phi'' + M e Im(z'' exp(-j theta)) + ct phi' + kt phi = dK Im(conj(z)^2 exp(2j(theta + g)))
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from functools import cached_property, lru_cache
+from typing import Any, ClassVar, Literal
+
+import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rotorfit.models.combination_lines import LATERAL, TWIST, Lines, Order, ShaftValues, solve_lines
+from rotorfit.models.compiled import array_function
+from rotorfit.models.complexes import Complex
+from rotorfit.models.model import CoefficientJacobian, ComplexArray, Float, Matrix, RotorModel
+from rotorfit.models.one_mode import one_per_coordinate
+from rotorfit.models.parameters import Parameter, unknown_name
+from rotorfit.models.turning import TurningFrame
+
+Torsion = Literal["modal", "stiffness"] | None
+ArrayFunction = Callable[[Sequence[NDArray[np.float64]]], NDArray[np.float64]]
+
+_TORSION = {
+    "modal": (
+        Parameter("nu_t", "rad/s", "natural frequency of the twist", scale=300.0, lower=0.0),
+        Parameter("zeta_t", "1", "damping ratio of the twist", scale=0.01, lower=0.0),
+    ),
+    "stiffness": (
+        Parameter("kt", "N m/rad", "torsional stiffness", scale=20.0, lower=0.0),
+        Parameter("ct", "N m s/rad", "torsional damping", scale=1e-3, lower=0.0),
+    ),
+}
+
+
+class AnisotropicShaft(RotorModel):
+    """A disk on a shaft with two lateral stiffnesses, K + dK and K - dK, that turn with it, and twist.
+
+    The anisotropy enters as ``dKc = dK cos 2g`` and ``dKs = dK sin 2g``, which have a meaning for a round shaft too,
+    where the angle g of the stiff direction has none; :meth:`anisotropy` makes dK and g of them, :meth:`components` the
+    other way round. So do ``ec``, ``es`` (eccentricity along the Keyphasor mark and ahead of it) and ``Px``, ``Py``
+    (side load).
+
+    Args:
+        planes: name of the disk's plane.
+        torsion: how stiffness and damping of the twist are told, "modal" (nu_t, zeta_t) or "stiffness" (kt, ct), or
+            ``None`` for a shaft that does not twist.
+    """
+
+    name: ClassVar[str] = "anisotropic-shaft"
+
+    def __init__(self, planes: Sequence[str] = ("disk",), *, torsion: Torsion = "modal") -> None:
+        if torsion is not None and torsion not in _TORSION:
+            raise ValueError(unknown_name("torsion", torsion, _TORSION))
+        self.planes = one_per_coordinate(planes, 1, self.name)
+        self.torsion = torsion
+        twist = (Parameter("J", "kg m^2", "polar inertia of the disk", scale=1e-3, lower=0.0),) if torsion else ()
+        self.parameters = (
+            Parameter("M", "kg", "mass of the disk", scale=1.0, lower=0.0),
+            Parameter("D", "N s/m", "external damping", scale=10.0),
+            Parameter("K", "N/m", "mean lateral stiffness", scale=1e4),
+            Parameter("dKc", "N/m", "turning anisotropy, dK cos 2g", scale=1e3),
+            Parameter("dKs", "N/m", "turning anisotropy, dK sin 2g", scale=1e3),
+            Parameter("ec", "m", "eccentricity along the Keyphasor mark", scale=1e-4),
+            Parameter("es", "m", "eccentricity ahead of the Keyphasor mark", scale=1e-4),
+            Parameter("Px", "N", "side load in x", scale=10.0),
+            Parameter("Py", "N", "side load in y", scale=10.0),
+            *twist,
+            *(_TORSION[torsion] if torsion else ()),
+        )
+
+    def options(self) -> dict[str, Any]:
+        """See :meth:`RotorModel.options`."""
+        return {"planes": self.planes, "torsion": self.torsion}
+
+    def equation(self, p: Any, speed: Any, eccentricity: Any) -> Sequence[Matrix]:
+        """The round part of the shaft; what turns is in :meth:`turning_stiffness`."""
+        return [[p.K]], [[p.D]], [[p.M]]
+
+    def turning_stiffness(self, p: Any) -> Matrix:
+        """See :meth:`RotorModel.turning_stiffness`."""
+        return [[Complex(p.dKc, p.dKs)]]
+
+    # ---- free motion: Floquet exponents ---------------------------------------------------------------------------
+
+    @cached_property
+    def turning(self) -> TurningFrame:
+        """The lateral equations in turning coordinates, where their coefficients are constant."""
+        return TurningFrame(self)
+
+    @property
+    def speed_dependent(self) -> bool:
+        """In turning coordinates always."""
+        return True
+
+    def motion(self, theta: ArrayLike, speed: ArrayLike) -> ComplexArray:
+        """Lateral free motion in turning coordinates; its eigenvalues plus j Om are whirl frequencies in fixed ones."""
+        return self.turning.coefficients(theta, speed)
+
+    def motion_jacobian(self, theta: ArrayLike, speed: float) -> CoefficientJacobian:
+        """See :meth:`RotorModel.motion_jacobian`."""
+        return self.turning.motion_jacobian(theta, speed)
+
+    # ---- forced motion: lines ---------------------------------------------------------------------------------------
+
+    def lines(
+        self, theta: ArrayLike, direction: str, order: Order, frequency: ArrayLike, speed: ArrayLike, force: ArrayLike
+    ) -> ComplexArray:
+        """Complex amplitude of one line under a rotating force.
+
+        Args:
+            theta: parameter vectors, shape ``(..., P)``.
+            direction: ``z`` for the lateral motion, ``twist`` for the twist.
+            order: orders (m, n) of the line, see :mod:`rotorfit.models.combination_lines`.
+            frequency: w, rad/s, signed.
+            speed: Om, rad/s.
+            force: complex amplitude of the force at w, N.
+
+        Returns:
+            m or rad, relative to ``exp(j nu t)`` with nu the line's signed frequency.
+        """
+        return np.asarray(self._evaluate(theta, direction, order, frequency, speed, force, False)[0])
+
+    def lines_jacobian(
+        self, theta: ArrayLike, direction: str, order: Order, frequency: ArrayLike, speed: ArrayLike, force: ArrayLike
+    ) -> tuple[ComplexArray, ComplexArray]:
+        """What :meth:`lines` gives, and its derivatives by the parameters, shape ``(..., P)``."""
+        found = self._evaluate(theta, direction, order, frequency, speed, force, True)
+        return found[0], np.moveaxis(found[1:], 0, -1)
+
+    def _evaluate(
+        self,
+        theta: ArrayLike,
+        direction: str,
+        order: Order,
+        frequency: ArrayLike,
+        speed: ArrayLike,
+        force: ArrayLike,
+        jacobian: bool,
+    ) -> ComplexArray:
+        vectors = np.asarray(theta, dtype=float)
+        drive = np.asarray(force, dtype=complex)
+        others = (frequency, speed, drive.real, drive.imag)
+        inputs = [vectors[..., i] for i in range(vectors.shape[-1])]
+        parts = self._line_function(direction, order, jacobian)([*inputs, *(np.asarray(v, float) for v in others)])
+        half = parts.shape[0] // 2
+        return np.asarray(parts[:half] + 1j * parts[half:])
+
+    def _line_function(self, direction: str, order: Order, jacobian: bool) -> ArrayFunction:
+        if order not in (TWIST if direction == "twist" else LATERAL).values():
+            raise ValueError(f"{self.name} has no line of orders {order} in the direction {direction}")
+        if direction == "twist" and self.torsion is None:
+            raise ValueError(f"{self.name} with torsion=None does not twist: leave readings of the twist out")
+        return _line_function(self.torsion, direction, order, jacobian)
+
+    # ---- the anisotropy in other words -----------------------------------------------------------------------------
+
+    @staticmethod
+    def components(dK: float, angle: float) -> dict[str, float]:
+        """``dKc`` and ``dKs`` of an anisotropy dK, N/m, whose stiff direction is ``angle`` rad ahead of the mark."""
+        return {"dKc": dK * math.cos(2 * angle), "dKs": dK * math.sin(2 * angle)}
+
+    def anisotropy(self, theta: ArrayLike) -> tuple[NDArray[np.float64], Float]:
+        """Turning anisotropy dK, N/m, and angle g of the stiff direction, rad in (-pi/2, pi/2]."""
+        vectors = np.asarray(theta, dtype=float)
+        c, s = (vectors[..., self.parameter_names.index(name)] for name in ("dKc", "dKs"))
+        return np.hypot(c, s), np.arctan2(s, c) / 2
+
+
+@lru_cache(maxsize=8)
+def _line_graphs(torsion: Torsion) -> tuple[ca.SX, Lines, Lines]:
+    """Inputs (parameters, w, Om, real and imaginary part of the force) and all lines as expressions of them."""
+    names = AnisotropicShaft(torsion=torsion).parameter_names
+    x = ca.SX.sym("x", len(names) + 4)
+    p = {name: x[i] for i, name in enumerate(names)}
+    if torsion == "modal":
+        p["kt"] = p["J"] * p["nu_t"] ** 2
+        p["ct"] = 2 * p["zeta_t"] * p["nu_t"] * p["J"]
+    frequency, speed, re, im = ca.vertsplit(x[len(names) :])
+    values = ShaftValues(
+        M=p["M"],
+        D=p["D"],
+        K=p["K"],
+        delta=Complex(p["dKc"], p["dKs"]),
+        eps=Complex(p["ec"], p["es"]),
+        side=Complex(p["Px"], p["Py"]),
+        **{name: p.get(name, 0.0) for name in ("J", "kt", "ct")},
+        speed=speed,
+        frequency=frequency,
+        force=Complex(re, im),
+    )
+    return x, *solve_lines(values, twisting=torsion is not None)
+
+
+@lru_cache(maxsize=64)
+def _line_function(torsion: Torsion, direction: str, order: Order, jacobian: bool) -> ArrayFunction:
+    """Real parts of a line and its derivatives, then the imaginary parts."""
+    x, lateral, twist = _line_graphs(torsion)
+    line = (twist if direction == "twist" else lateral).get(order, Complex(0.0))
+    parts = []
+    for part in (line.re, line.im):
+        slopes = ca.jacobian(part, x[: x.numel() - 4]).T if jacobian else ca.SX(0, 1)
+        parts += [part, slopes]
+    return array_function(ca.Function("line", [x], [ca.densify(ca.vertcat(*parts))]))

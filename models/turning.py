@@ -1,0 +1,134 @@
+"""Turning coordinates: a rotor whose stiffness turns with the shaft, seen by an observer who turns along.
+
+In fixed coordinates ``kappa(d/dt) z + Delta exp(2j Om t) conj(z) = F`` has coefficients that change with time. With
+``z = zeta exp(j Om t)`` they are constant, at the price of twice the coordinates, ``(zeta, conj(zeta))``: a force at w
+makes motion at w and at the image 2 Om - w, exactly and no other.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import comb
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from rotorfit.models.complexes import Complex, J
+from rotorfit.models.model import Matrix, RotorModel
+
+IMAGE = "*"
+"""What follows the name of a plane in the name of its image's coordinate."""
+
+
+class TurningFrame(RotorModel):
+    """A model in turning coordinates; its eigenvalues are the Floquet exponents of the model itself.
+
+    Coordinates are zeta of each plane, then conj(zeta) of each (named ``disk`` and ``disk*``). A motion ``A exp(jwt)``
+    with its image ``B exp(j(2 Om - w)t)`` is the vector ``(A, conj(B))`` at the frequency w - Om.
+
+    Args:
+        base: model in complex coordinates with a ``turning_stiffness``.
+
+    Raises:
+        ValueError: the model keeps x and y apart, or its matrices are condensed from a known structure.
+    """
+
+    name: ClassVar[str] = "turning-frame"
+
+    def __init__(self, base: RotorModel) -> None:
+        if base.frame != "z":
+            raise ValueError(f"{base.name} keeps x and y apart; turning coordinates need complex ones, z = x + jy")
+        if base.shaft is not None:
+            raise ValueError(f"{base.name} has no polynomial equation of motion to be written in turning coordinates")
+        self.base = base
+        self.planes = (*base.planes, *(plane + IMAGE for plane in base.planes))
+        self.parameters = base.parameters
+
+    def options(self) -> dict[str, Any]:
+        """See :meth:`RotorModel.options`."""
+        return {"base": self.base}
+
+    def equation(self, p: Any, speed: Any, eccentricity: Any) -> Sequence[Matrix]:
+        """Powers of ``s`` in ``sum C_k (s + j Om)^k`` and, for the image, ``sum conj(C_k) (s - j Om)^k``."""
+        given = self.base.equation(p, speed, eccentricity)
+        powers = [m if isinstance(m, Complex) else Complex.matrix(m) for m in given]
+        turning = self.base.turning_stiffness(p)
+        delta = turning if isinstance(turning, Complex) else Complex.matrix(turning)
+        ahead = _shifted(powers, J * speed)
+        behind = _shifted([matrix.conj() for matrix in powers], -J * speed)
+        nothing = delta * 0.0
+        off = [delta, *[nothing] * (len(powers) - 1)]
+        return [Complex.block([[a, d], [d.conj(), b]]) for a, b, d in zip(ahead, behind, off, strict=True)]
+
+
+def _shifted(powers: Sequence[Complex], shift: Complex) -> list[Complex]:
+    """Coefficients of ``sum C_k (s + shift)^k`` by powers of s."""
+    result = []
+    for low in range(len(powers)):
+        total = powers[low]
+        factor = Complex(1.0)
+        for k in range(low + 1, len(powers)):
+            factor = factor * shift
+            total = total + powers[k] * (factor * float(comb(k, low)))
+        result.append(total)
+    return result
+
+
+_GRID = 400  # speeds searched; a band that fits between two of them is found by the dip that it leaves
+
+
+def unstable_bands(model: RotorModel, theta: ArrayLike, max_speed: float) -> list[tuple[float, float]]:
+    """Ranges of rotative speed in which a shaft that is not round runs away (divergence in turning coordinates).
+
+    The edges are the zeros of the determinant of the stiffness that a motion at rest in turning coordinates meets,
+    ``|kappa(Om)|^2 - dK^2`` for one disk; without damping ``sqrt((K -+ dK)/M)``.
+
+    Args:
+        model: model in complex coordinates with a ``turning_stiffness``.
+        theta: parameter vector, shape ``(P,)``.
+        max_speed: highest speed searched, rad/s.
+
+    Returns:
+        lower and upper edge of each band, rad/s, ascending; the last may end at ``max_speed``.
+
+    Raises:
+        ValueError: no positive speed to search up to.
+    """
+    from scipy.optimize import brentq, minimize_scalar
+
+    if not (np.isfinite(max_speed) and max_speed > 0):
+        raise ValueError(f"max_speed must be a positive speed in rad/s, got {max_speed}")
+    frame = TurningFrame(model)
+    values = np.asarray(theta, dtype=float)
+
+    def determinant(speed: float) -> float:
+        """Real, because the image's rows are the conjugates of the others."""
+        kappa = frame.coefficients(values, speed)[0]
+        return float(np.linalg.det(kappa / np.abs(kappa).max()).real)
+
+    speeds = [0.0, *np.linspace(0.0, max_speed, _GRID)[1:].tolist()]
+    heights = [determinant(v) for v in speeds]
+    for i in range(_GRID - 2, 0, -1):
+        here = heights[i]
+        if 0 < here <= min(heights[i - 1], heights[i + 1]):
+            dip = minimize_scalar(
+                determinant,
+                bounds=(speeds[i - 1], speeds[i + 1]),
+                method="bounded",
+                options={"xatol": 1e-9 * max_speed},
+            )
+            if dip.fun < 0:
+                at = i if dip.x < speeds[i] else i + 1
+                speeds.insert(at, float(dip.x))
+                heights.insert(at, float(dip.fun))
+    edges = [
+        float(brentq(determinant, low, high, xtol=1e-13 * max_speed, rtol=1e-14))
+        for low, high, a, b in zip(speeds, speeds[1:], heights, heights[1:], strict=False)
+        if a * b < 0
+    ]
+    if heights[0] < 0:
+        edges.insert(0, 0.0)
+    if len(edges) % 2:
+        edges.append(max_speed)
+    return list(zip(edges[::2], edges[1::2], strict=True))

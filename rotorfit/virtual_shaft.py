@@ -1,0 +1,176 @@
+"""A virtual rig for shafts that are not round: the full equations integrated in time, nonlinear in all angles.
+
+Nothing of harmonic balance is in here, so that :class:`rotorfit.models.AnisotropicShaft` can be tested against it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotorfit.models.anisotropic_shaft import AnisotropicShaft
+
+Float = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+
+_TOLERANCE = 1e-10
+
+
+@dataclass(frozen=True, kw_only=True)
+class Crack:
+    """A crack that opens and closes: where its side of the shaft is stretched, ``stiffness`` is missing there.
+
+    The shaft loses ``stiffness`` along the crack's direction while the deflection ``u = Re(z exp(-j(theta + angle)))``
+    is positive, nothing while it is negative: potential ``-stiffness max(u, 0)^2 / 2``. A heavy horizontal shaft
+    breathes once a turn.
+
+    Attributes:
+        stiffness: stiffness missing when open, N/m.
+        angle: direction of the crack ahead of the Keyphasor mark, rad.
+    """
+
+    stiffness: float
+    angle: float = 0.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Perturbation:
+    """An unbalance m r that turns at a speed of its own, swept linearly.
+
+    Attributes:
+        mr: unbalance of the perturbator, kg m.
+        first, last: its speed at the begin and at the end, rad/s, positive.
+        forward: whether it turns with the shaft.
+        heavy_spot: angle of the unbalance ahead of the perturbator's mark, rad.
+    """
+
+    mr: float
+    first: float
+    last: float
+    forward: bool = False
+    heavy_spot: float = 0.0
+
+    def angle(self, time: Float, duration: float) -> Float:
+        """Angle of the perturbator's mark, rad."""
+        return np.asarray(self.first * time + (self.last - self.first) / (2 * duration) * time**2)
+
+    def force(self, time: Float, duration: float) -> ComplexArray:
+        """Force of the swept unbalance, N."""
+        d = 1.0 if self.forward else -1.0
+        rate = self.first + (self.last - self.first) / duration * time
+        turn = np.exp(1j * d * (self.angle(time, duration) + self.heavy_spot))
+        return np.asarray(self.mr * (rate**2 - 1j * d * (self.last - self.first) / duration) * turn)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ShaftMotion:
+    """Motion of the shaft in time.
+
+    Attributes:
+        time: instants, s, shape ``(T,)``.
+        z: displacement of the disk, m.
+        velocity: of the disk, m/s.
+        twist: of the disk against the motor, rad.
+        twist_rate: its rate, rad/s.
+    """
+
+    time: Float
+    z: ComplexArray
+    velocity: ComplexArray
+    twist: Float
+    twist_rate: Float
+
+
+def shaft_motion(
+    model: AnisotropicShaft,
+    values: dict[str, float],
+    speed: float,
+    time: Float,
+    *,
+    force: Callable[[float], complex] | None = None,
+    start: tuple[complex, complex, float, float] = (0.0, 0.0, 0.0, 0.0),
+    crack: Crack | None = None,
+    tolerance: float = _TOLERANCE,
+) -> ShaftMotion:
+    """Integrate the full equations (physics as in :mod:`rotorfit.models.anisotropic_shaft`) by DOP853.
+
+    Args:
+        model: the shaft.
+        values: its parameters by name, SI units.
+        speed: rotative speed of the motor end, rad/s.
+        time: instants of the result, ascending, s.
+        force: force at an instant, N, side load apart.
+        start: displacement, velocity, twist and its rate at the first instant.
+        crack: a crack that breathes.
+        tolerance: relative and, over a micrometre, absolute error of a step.
+
+    Raises:
+        ValueError: instants that do not ascend.
+        RuntimeError: the motion grows without limit.
+    """
+    from scipy.integrate import solve_ivp
+
+    instants = np.asarray(time, dtype=float)
+    if instants.ndim != 1 or instants.size < 2 or not (np.diff(instants) > 0).all():
+        raise ValueError("time must be at least two ascending instants, s")
+    slope = _equations(model, values, speed, force, crack)
+    z, v, phi, rate = start
+    begin = np.array([np.real(z), np.imag(z), np.real(v), np.imag(v), phi, rate])
+    fast = max(abs(speed), np.sqrt(values["K"] / values["M"]), values.get("nu_t", 0.0), 1.0)
+    small = 1e-6 * tolerance * np.array([1.0, 1.0, fast, fast, 1.0, fast])
+    found = solve_ivp(
+        slope, (instants[0], instants[-1]), begin, method="DOP853", t_eval=instants, rtol=max(tolerance, 1e-13),
+        atol=small, max_step=0.5 / fast,
+    )  # fmt: skip
+    if not found.success or not np.isfinite(found.y).all():
+        raise RuntimeError(
+            f"{model.name}: the motion cannot be followed past {found.t[-1]:.4g} s; it grows without limit"
+        )
+    x, y, vx, vy, twist, twist_rate = found.y
+    return ShaftMotion(time=found.t, z=x + 1j * y, velocity=vx + 1j * vy, twist=twist, twist_rate=twist_rate)
+
+
+def _equations(
+    model: AnisotropicShaft,
+    values: dict[str, float],
+    speed: float,
+    force: Callable[[float], complex] | None,
+    crack: Crack | None,
+) -> Callable[[float, Float], list[float]]:
+    p = dict(zip(model.parameter_names, model.vector(values).tolist(), strict=True))
+    M, D, K = p["M"], p["D"], p["K"]
+    delta, eps, side = complex(p["dKc"], p["dKs"]), complex(p["ec"], p["es"]), complex(p["Px"], p["Py"])
+    inertia, kt, ct = torsion_constants(model, p)
+
+    def slope(t: float, state: Float) -> list[float]:
+        x, y, vx, vy, phi, rate = state.tolist()
+        z, v = complex(x, y), complex(vx, vy)
+        turn = complex(np.exp(1j * (speed * t + phi)))
+        pull = delta * turn * turn * z.conjugate()
+        load = side + (force(t) if force is not None else 0.0)
+        R = M * eps * (speed + rate) ** 2 * turn + load - D * v - K * z - pull
+        torque = (delta * (z.conjugate() * turn) ** 2).imag - ct * rate - kt * phi
+        if crack is not None:
+            axis = turn * complex(np.exp(1j * crack.angle))
+            u = z * axis.conjugate()
+            opening = crack.stiffness * max(u.real, 0.0)
+            R += opening * axis
+            torque += opening * u.imag
+        # M z'' = R - j M eps phi'' turn, put into the twist's equation, leaves J phi'' alone.
+        angular = (torque - (eps.conjugate() * turn.conjugate() * R).imag) / inertia if inertia else 0.0
+        a = R / M - 1j * eps * turn * angular
+        return [vx, vy, a.real, a.imag, rate, angular]
+
+    return slope
+
+
+def torsion_constants(model: AnisotropicShaft, p: dict[str, float]) -> tuple[float, float, float]:
+    """J, kt and ct of named values, zero for a shaft that does not twist."""
+    if model.torsion is None:
+        return 0.0, 0.0, 0.0
+    if model.torsion == "stiffness":
+        return p["J"], p["kt"], p["ct"]
+    return p["J"], p["J"] * p["nu_t"] ** 2, 2 * p["zeta_t"] * p["nu_t"] * p["J"]
