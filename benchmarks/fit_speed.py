@@ -30,14 +30,14 @@ import lmfit_rival
 from reporting import RESULTS, environment, table, write_csv
 from rigs import FORCE, RIGS
 
+from rotorfit.data.experiments import PerturbationTest
 from rotorfit.estimators.batch import batch_fit
 from rotorfit.estimators.least_squares import minimise
 from rotorfit.estimators.problem import Problem
 from rotorfit.estimators.starts import start_vector
-from rotorfit.experiments import PerturbationTest
-from rotorfit.fitting import fit as rf_fit
-from rotorfit.problems import build_problem
-from rotorfit.results import FitSettings
+from rotorfit.fitting.fit import fit as rf_fit
+from rotorfit.fitting.problem_setup import build_problem
+from rotorfit.fitting.settings import FitSettings
 
 Float = NDArray[np.float64]
 

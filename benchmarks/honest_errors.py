@@ -33,7 +33,7 @@ sys.path.insert(0, str(HERE))
 from reporting import RESULTS, environment, table, write_csv  # noqa: E402
 
 import rotorfit as rf  # noqa: E402
-from rotorfit.experiments import PerturbationTest, perturbation_test  # noqa: E402
+from rotorfit.data.experiments import PerturbationTest, perturbation_test  # noqa: E402
 
 Float = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]

@@ -36,6 +36,7 @@ from reporting import RESULTS, environment, table, write_csv
 
 from rotorfit.estimators.posterior import sample
 from rotorfit.estimators.target import Target
+from rotorfit.uncertainty.arviz_loader import load_arviz
 
 Float = NDArray[np.float64]
 Run = Callable[[int], tuple[Float, float]]
@@ -77,7 +78,7 @@ class Moments:
 
 def bulk_ess(chains: Float) -> float:
     """Bulk effective sample size of the worst parameter, chains of shape ``(chains, draws, p)``."""
-    import arviz as az
+    az = load_arviz()
 
     return float(min(az.ess(np.ascontiguousarray(chains[:, :, i])) for i in range(chains.shape[2])))
 

@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rotorfit.data.experiments import PerturbationTest, perturbation_test
 from rotorfit.estimators.observations import Responses
 from rotorfit.estimators.problem import Problem
-from rotorfit.experiments import PerturbationTest, perturbation_test
+from rotorfit.fitting.problem_setup import build_problem
+from rotorfit.fitting.settings import FitSettings
 from rotorfit.models import Anisotropic, Chain, OneMode, Overhung, RotorModel, TwoDisk, WhirlWhip
 from rotorfit.models.stability import eigenvalues
-from rotorfit.problems import build_problem
-from rotorfit.results import FitSettings
 
 Float = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]

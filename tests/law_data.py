@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 
-from rotorfit.experiments import (
+from rotorfit.data.experiments import (
     DisplacementTest,
     ImpulseTest,
     PerturbationTest,

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from rotorfit.experiments import PerturbationTest, perturbation_test
+from rotorfit.data.experiments import PerturbationTest, perturbation_test
 from rotorfit.models import Anisotropic, OneMode, Overhung, RotorModel, TwoDisk, WhirlWhip
 from rotorfit.models.stability import eigenvalues, growth_rate
 

@@ -5,7 +5,7 @@ import pytest
 
 from rotorfit.models import AnisotropicShaft, OneMode, eigenvalues, unstable_bands
 from rotorfit.models.combination_lines import LATERAL, TWIST, line_frequency, line_order
-from rotorfit.virtual_shaft import Crack, shaft_motion
+from rotorfit.simulation.shaft import Crack, shaft_motion
 
 SPEED = 120.0
 ROUND = {"M": 1.0, "D": 14.0, "K": 4e4, "ec": 6e-5, "es": 2e-5, "Px": 1.0, "Py": -8.0}

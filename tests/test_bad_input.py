@@ -16,8 +16,8 @@ from hypothesis import strategies as st
 from scipy import stats
 
 import rotorfit as rf
-from rotorfit import cli
-from rotorfit.experiments import PerturbationTest
+from rotorfit.cli import main as cli
+from rotorfit.data.experiments import PerturbationTest
 from rotorfit.models import OneMode, WhirlWhip
 
 K3 = {"K3": 6000.0}

@@ -15,8 +15,8 @@ from rotorfit.estimators.batch import batch_fit, with_measured
 from rotorfit.estimators.kernels import Batch
 from rotorfit.estimators.least_squares import minimise
 from rotorfit.estimators.problem import LOSSES, Prior
-from rotorfit.problems import build_problem
-from rotorfit.results import FitSettings
+from rotorfit.fitting.problem_setup import build_problem
+from rotorfit.fitting.settings import FitSettings
 
 LINES, MEMBERS = 20, 6
 

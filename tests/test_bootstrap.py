@@ -9,10 +9,10 @@ from scipy import stats
 from synthetic import TYPICAL, circular_test
 
 import rotorfit as rf
-from rotorfit.bootstrapping import _simulate
 from rotorfit.estimators.batch import with_measured
-from rotorfit.fitting import solve_again
+from rotorfit.fitting.fit import solve_again
 from rotorfit.models import Muszynska, OneMode, WhirlWhip
+from rotorfit.uncertainty.bootstrap import _simulate
 
 RIG = TYPICAL["one-mode"]
 W = np.r_[-np.linspace(20, 250, 16)[::-1], np.linspace(20, 250, 16)]

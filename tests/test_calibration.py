@@ -10,11 +10,11 @@ from scipy import stats
 from synthetic import TYPICAL, circular_test
 
 import rotorfit as rf
-from rotorfit.calibration import Calibration, calibration_of
-from rotorfit.fitting import solve_again
+from rotorfit.fitting.calibration import Calibration, calibration_of
+from rotorfit.fitting.fit import solve_again
+from rotorfit.fitting.fit_file import fit_from_json, fit_to_json
+from rotorfit.fitting.problem_setup import build_problem
 from rotorfit.models import Anisotropic, Muszynska, OneMode, WhirlWhip
-from rotorfit.problems import build_problem
-from rotorfit.serialise import fit_from_json, fit_to_json
 
 RIG = TYPICAL["whirl-whip"]
 W = np.r_[-np.linspace(20, 400, 20)[::-1], np.linspace(20, 400, 20)]
@@ -217,8 +217,8 @@ def test_robust_losses_and_priors_of_parameters_count_too():
 
 
 def test_studies_and_reports_carry_a_calibration(tmp_path, rig_fit):
-    from rotorfit.study import Study
-    from rotorfit.study_toml import read_study
+    from rotorfit.studies.study import Study
+    from rotorfit.studies.study_file import read_study
 
     file = tmp_path / "study.toml"
     file.write_text(

@@ -17,8 +17,8 @@ import pytest
 from synthetic import circular_test
 
 import rotorfit as rf
-from rotorfit.cli import main
-from rotorfit.experiments import PerturbationTest
+from rotorfit.cli.main import main
+from rotorfit.data.experiments import PerturbationTest
 from rotorfit.models import OneMode
 
 KNOWN = {"M": 1.2, "K": 8000.0, "Ds": 8.0}

@@ -12,9 +12,9 @@ import pytest
 from clean_rigs import clean_test
 
 import rotorfit as rf
-from rotorfit import cli
-from rotorfit.data_check import Finding, check
-from rotorfit.experiments import DisplacementTest, Experiment, PerturbationTest
+from rotorfit.checks.checklist import Finding, check
+from rotorfit.cli import main as cli
+from rotorfit.data.experiments import DisplacementTest, Experiment, PerturbationTest
 
 Change = Callable[[PerturbationTest], PerturbationTest]
 

@@ -16,9 +16,11 @@ import pytest
 from synthetic import circular_test
 
 import rotorfit as rf
-from rotorfit import cli, cli_output, report_figures
-from rotorfit.study import DataFile, Study
-from rotorfit.study_toml import read_study
+from rotorfit.cli import main as cli
+from rotorfit.report import figures as report_figures
+from rotorfit.studies import folder as cli_output
+from rotorfit.studies.study import DataFile, Study
+from rotorfit.studies.study_file import read_study
 
 ROOT = Path(__file__).parent.parent
 RIG = str(rf.datasets.path("rig_open.csv"))
@@ -231,9 +233,9 @@ def test_output_cut_short_is_no_error() -> None:
 def test_a_fit_that_does_not_converge_says_so(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     from functools import partial
 
-    import rotorfit.study
+    import rotorfit.studies.study
 
-    monkeypatch.setattr(rotorfit.study, "fit", partial(rf.fit, max_iterations=1))
+    monkeypatch.setattr(rotorfit.studies.study, "fit", partial(rf.fit, max_iterations=1))
     code, out, err = run(*FIT, "--start", "K1=100,K2=100,Md=0.1,Mb=5,D=1", "--out", tmp_path)
     assert code == cli.NOT_CONVERGED
     assert "did not converge" in err

@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 import rotorfit as rf
-from rotorfit import cli, plots
+from rotorfit.cli import main as cli
+from rotorfit.plots import responses as plots
 
 TRUTH = {"M": 1.2, "K": 2000.0, "Ds": 8.0, "K0": 9000.0, "D": 60.0, "lam": 0.46, "Mf": 0.4}
 LAW = {"n_K": 2.0, "n_D": 1.4, "b": 0.5}

@@ -10,7 +10,7 @@ from nonlinear_rigs import CLEARANCE_UM, EVEN, ONE_MODE, POWER
 
 import rotorfit as rf
 from rotorfit.models.laws import Law
-from rotorfit.observe_all import observe_any
+from rotorfit.observing.observations import observe_any
 
 RPM = np.concatenate([-np.linspace(200, 2500, 12), np.linspace(200, 2500, 12)])
 LAWS = (rf.models.Constant(), rf.models.Muszynska(), rf.models.EvenPolynomial(1))

@@ -10,7 +10,7 @@ from types import ModuleType
 
 import pytest
 
-from rotorfit.cli import main
+from rotorfit.cli.main import main
 
 ROOT = Path(__file__).parent.parent
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]

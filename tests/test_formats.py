@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from synthetic import TYPICAL, circular_test, covering_frequencies
 
 import rotorfit as rf
-from rotorfit.experiments import DisplacementTest, Experiment, PerturbationTest, perturbation_test
+from rotorfit.data.experiments import DisplacementTest, Experiment, PerturbationTest, perturbation_test
 from rotorfit.models import OneMode, Overhung, WhirlWhip
 
 UFF_RTOL = 1.1e-11

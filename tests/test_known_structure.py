@@ -12,11 +12,11 @@ from scipy.linalg import block_diag
 from synthetic import circular_test
 
 import rotorfit as rf
+from rotorfit.fitting.problem_setup import build_problem
+from rotorfit.fitting.settings import FitSettings
 from rotorfit.models import KnownStructure, WhirlWhip, eigenvalues, threshold_speed
 from rotorfit.models.shaft import complex_matrices
 from rotorfit.models.stability import eigenvalue_gradient, growth_rate
-from rotorfit.problems import build_problem
-from rotorfit.results import FitSettings
 
 RPM = np.pi / 30
 RIG = rf.datasets.truth("rig_open")

@@ -23,9 +23,12 @@ from law_data import (
 from scipy.stats import binom, chi2
 
 import rotorfit as rf
+from rotorfit.data.experiments import Experiment, perturbation_test
 from rotorfit.estimators.nonlinear import OrbitResponses
 from rotorfit.estimators.problem import Problem
-from rotorfit.experiments import Experiment, perturbation_test
+from rotorfit.fitting.problem_setup import build_problem
+from rotorfit.fitting.result import FitResult
+from rotorfit.fitting.settings import FitSettings
 from rotorfit.models import (
     Chain,
     Constant,
@@ -36,8 +39,6 @@ from rotorfit.models import (
     OneMode,
     WhirlWhip,
 )
-from rotorfit.problems import build_problem
-from rotorfit.results import FitResult, FitSettings
 
 
 @pytest.fixture(scope="module")

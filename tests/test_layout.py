@@ -19,15 +19,32 @@ PACKAGE = Path(rotorfit.__file__).parent
 HEAVY = ("matplotlib", "emcee", "xarray", "arviz", "numba", "scipy.stats", "h5py", "pyuff")
 
 
-def modules(*packages: str) -> list[str]:
-    names = list(packages)
-    for package in packages:
-        path = importlib.import_module(package).__path__
-        names += [info.name for info in pkgutil.iter_modules(path, f"{package}.") if not info.name.endswith("__main__")]
-    return names
+FLOORS = (
+    ("models",),
+    ("estimators",),
+    ("version", "units"),
+    ("data",),
+    ("io", "observing"),
+    ("datasets", "checks", "simulation", "recordings"),
+    ("fitting",),
+    ("plots",),
+    ("uncertainty", "campaigns"),
+    ("report",),
+    ("studies",),
+    ("cli",),
+)
+"""Rooms from the ground up; ``version`` and ``units`` are files. Imports go down, and none between rooms of a floor."""
+UPWARD = "rotorfit.fitting.result"
+"""Its one-line convenience methods (plots, profile, sample, ...) import upwards when called, as pandas does."""
 
 
-MODULES = modules("rotorfit", "rotorfit.models", "rotorfit.estimators", "rotorfit.datasets")
+def modules(package: str = "rotorfit") -> list[str]:
+    """A package and all below it, rooms and the symlinked sub-packages included."""
+    path = importlib.import_module(package).__path__
+    return [package, *(i.name for i in pkgutil.walk_packages(path, f"{package}.") if not i.name.endswith("__main__"))]
+
+
+MODULES = modules()
 
 
 def source_of(name: str) -> Path:
@@ -50,17 +67,76 @@ def begins(name: str, packages: tuple[str, ...]) -> bool:
     return any(name == package or name.startswith(package + ".") for package in packages)
 
 
-@pytest.mark.parametrize(
-    ("package", "allowed"),
-    [
-        ("rotorfit.models", ("rotorfit.models",)),
-        ("rotorfit.estimators", ("rotorfit.models", "rotorfit.estimators")),
-    ],
-)
-def test_dependencies_point_one_way(package: str, allowed: tuple[str, ...]) -> None:
+def room(name: str) -> str:
+    """The room of a module: the part after ``rotorfit``."""
+    return ([*name.split("."), ""])[1]
+
+
+def arrows(name: str) -> list[tuple[str, bool]]:
+    """Modules of rotorfit that a module imports, each with whether a call has to be made first."""
+    found = []
+
+    def visit(node: ast.AST, called: bool) -> None:
+        for child in ast.iter_child_nodes(node):
+            inside = called or isinstance(child, ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda)
+            if isinstance(child, ast.ImportFrom) and begins(str(child.module), ("rotorfit",)):
+                for alias in child.names:
+                    full = f"{child.module}.{alias.name}"
+                    found.append((full if full in MODULES else str(child.module), called))
+            visit(child, inside)
+
+    visit(ast.parse(source_of(name).read_text(encoding="utf-8")), False)
+    return found
+
+
+def test_every_room_has_a_floor() -> None:
+    assert {room(name) for name in MODULES} - {""} == {name for floor in FLOORS for name in floor}
+
+
+def test_the_front_door_is_small() -> None:
+    assert len(list(PACKAGE.glob("*.py"))) <= 6
+
+
+def test_a_room_is_entered_by_its_files() -> None:
+    """Imports in the ``__init__`` of a room would load all of it: ``import rotorfit`` would not stay light."""
+    for name in MODULES:
+        file = source_of(name)
+        if file.name == "__init__.py" and room(name) not in ("", "models", "estimators", "datasets"):
+            assert [type(node) for node in ast.parse(file.read_text(encoding="utf-8")).body] == [ast.Expr], name
+
+
+@pytest.mark.parametrize("name", [name for name in MODULES if room(name)])
+def test_imports_go_down(name: str) -> None:
+    floor = {name: i for i, names in enumerate(FLOORS) for name in names}
+    for other, called in arrows(name):
+        if room(other) == room(name) or (name == UPWARD and (called or other.startswith("rotorfit.uncertainty."))):
+            continue
+        assert room(other), f"{name} imports the front itself"
+        assert floor[room(other)] < floor[room(name)], f"{name} -> {other}"
+
+
+def test_no_circle_of_more_than_a_pair() -> None:
+    """Files that reach each other, call-time and type-only imports included, the result's convenience methods aside."""
+    ways = {name: {other for other, _ in arrows(name)} - {name} for name in MODULES if room(name)}
+    ways[UPWARD] = {o for o, called in arrows(UPWARD) if not called and room(o) != "uncertainty"}
+
+    def reached(name: str) -> set[str]:
+        seen: set[str] = set()
+        todo = [name]
+        while todo:
+            new = ways.get(todo.pop(), set()) - seen
+            seen |= new
+            todo += new
+        return seen
+
+    reach = {name: reached(name) for name in ways}
+    circles = {frozenset(other for other in reach[name] if name in reach.get(other, set())) for name in ways}
+    assert [sorted(circle) for circle in circles if len(circle) > 2] == []
+
+
+@pytest.mark.parametrize("package", ["rotorfit.models", "rotorfit.estimators"])
+def test_lower_packages_draw_nothing(package: str) -> None:
     for name in modules(package):
-        own = {other for other in imported(name) if begins(other, ("rotorfit",))}
-        assert {other for other in own if not begins(other, allowed)} == set(), name
         assert {other for other in imported(name) if begins(other, ("matplotlib",))} == set(), name
 
 
@@ -69,7 +145,7 @@ def test_every_module_imports_without_a_front_part() -> None:
     code = (
         "import sys, rotorfit.estimators.least_squares, rotorfit.estimators.closed_form\n"
         "front = [m for m in sys.modules if m.startswith('rotorfit.')"
-        " and not m.startswith(('rotorfit.models', 'rotorfit.estimators'))]\n"
+        " and not m.startswith(('rotorfit.models', 'rotorfit.estimators', 'rotorfit.version'))]\n"
         "sys.exit(' '.join(front) or 0)"
     )
     subprocess.run([sys.executable, "-c", code], check=True)
@@ -118,7 +194,7 @@ def test_no_module_hides_a_public_name() -> None:
     """Importing a module sets its name on the package: a function of the same name would be gone after that."""
     # Not asked of the package: there the answer is a module already, once a test before this one imported it.
     public = set(rotorfit.__all__) - {"datasets", "models"}
-    assert not public & {name.rpartition(".")[2] for name in modules("rotorfit")}
+    assert not public & {room(name) for name in MODULES}
 
 
 def test_type_checkers_see_every_public_name() -> None:

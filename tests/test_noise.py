@@ -8,7 +8,7 @@ from synthetic import TYPICAL, circular_test, covering_frequencies
 
 from rotorfit.estimators.noise import FLOOR, noise_from_repeats, noise_from_samples, noise_from_smoothness
 from rotorfit.models import OneMode
-from rotorfit.observe import group_rows, observe
+from rotorfit.observing.circular import group_rows, observe
 
 
 def complex_normal(rng, *shape):

@@ -10,7 +10,7 @@ import pytest
 from synthetic import TYPICAL, circular_test, covering_frequencies
 
 import rotorfit as rf
-from rotorfit.experiments import perturbation_test
+from rotorfit.data.experiments import perturbation_test
 from rotorfit.models import OneMode, TwoDisk, WhirlWhip
 
 RPM = np.pi / 30

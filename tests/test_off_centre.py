@@ -7,8 +7,6 @@ import pytest
 from nonlinear_rigs import rig
 from numpy.typing import NDArray
 
-from rotorfit.estimators.integration import IntegrationError, Motion
-from rotorfit.estimators.steady_state import rest_position, steady_state
 from rotorfit.models import RotorModel
 from rotorfit.models.journal import journal
 from rotorfit.models.off_centre import (
@@ -19,6 +17,8 @@ from rotorfit.models.off_centre import (
     static_equilibria,
 )
 from rotorfit.models.stability import eigenvalues
+from rotorfit.simulation.integration import IntegrationError, Motion
+from rotorfit.simulation.steady_state import rest_position, steady_state
 
 Float = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]

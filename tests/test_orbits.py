@@ -7,14 +7,14 @@ import pytest
 from nonlinear_rigs import rig
 from numpy.typing import NDArray
 
-from rotorfit.estimators.integration import IntegrationError, Motion, integrate
 from rotorfit.estimators.nonlinear import Mode, OrbitResponses
 from rotorfit.estimators.observations import Responses
-from rotorfit.estimators.steady_state import steady_state
 from rotorfit.models import RotorModel
 from rotorfit.models.journal import journal
 from rotorfit.models.orbits import OrbitEquation, all_roots, followed_roots, nearest_roots
 from rotorfit.models.stability import growth_rate
+from rotorfit.simulation.integration import IntegrationError, Motion, integrate
+from rotorfit.simulation.steady_state import steady_state
 
 Float = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]

@@ -11,10 +11,10 @@ import pytest
 from nonlinear_rigs import CLEARANCE_UM, ONE_MODE, POWER, WHIRL_WHIP, rig
 
 import rotorfit as rf
-from rotorfit.journal_data import drive_stiffness, half_width
 from rotorfit.models.law_curves import law_curves
 from rotorfit.models.off_centre import off_centre_eigenvalues
-from rotorfit.plots import (
+from rotorfit.plots.journal import drive_stiffness, half_width
+from rotorfit.plots.responses import (
     plot_law,
     plot_nonlinear_stiffness,
     plot_static_locus,

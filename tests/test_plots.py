@@ -8,7 +8,7 @@ from synthetic import MODELS, SPEEDS, TYPICAL, circular_test, covering_frequenci
 
 import rotorfit as rf
 from rotorfit.models import OneMode, WhirlWhip
-from rotorfit.plots import plot_corner, plot_traces
+from rotorfit.plots.responses import plot_corner, plot_traces
 
 RPM = 30 / np.pi
 FIGURES = ("dynamic_stiffness", "bode", "polar", "residuals", "stability")
@@ -56,7 +56,7 @@ def test_dynamic_stiffness_panels_show_force_over_response():
 
 def test_confidence_band_is_that_of_refitted_noise():
     """Half-width of the band at one frequency against the scatter of fits to fresh noise."""
-    from rotorfit.plot_stiffness import _conditions, _fitted
+    from rotorfit.plots.dynamic_stiffness import _conditions, _fitted
 
     model, truth = OneMode(), TYPICAL["one-mode"]
     theta = model.vector(truth)

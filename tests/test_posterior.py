@@ -17,13 +17,14 @@ from scipy import integrate, stats
 from synthetic import TYPICAL, circular_test, covering_frequencies
 
 import rotorfit as rf
-from rotorfit.derived import Derived
+from rotorfit.data.experiments import DisplacementTest
 from rotorfit.estimators.moves import IndependenceMove
 from rotorfit.estimators.posterior import sample as run_emcee
 from rotorfit.estimators.target import Target
-from rotorfit.experiments import DisplacementTest
 from rotorfit.models import OneMode, WhirlWhip, threshold_speed
 from rotorfit.models.stability import threshold_speeds
+from rotorfit.uncertainty.arviz_loader import load_arviz
+from rotorfit.uncertainty.derived import Derived
 
 TRUTH = TYPICAL["one-mode"]
 KNOWN = {name: TRUTH[name] for name in ("K", "Ds")}
@@ -428,7 +429,7 @@ def test_model_limits_are_told(rig_fit):
 
 
 def test_summary_is_complete(rig):
-    import arviz as az
+    az = load_arviz()
 
     text = rig.summary()
     assert text == str(rig)
@@ -528,7 +529,7 @@ def test_figures_are_drawn():
 
 
 def test_arviz_holds_every_draw(rig, monkeypatch):
-    import arviz as az
+    az = load_arviz()
     import xarray as xr
 
     tree = rig.to_arviz()
@@ -544,7 +545,7 @@ def test_arviz_holds_every_draw(rig, monkeypatch):
 
 
 def test_files_read_back_the_same(tmp_path, rig):
-    import arviz as az
+    az = load_arviz()
 
     path = tmp_path / "posterior.nc"
     rig.save(path)

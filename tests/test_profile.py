@@ -9,7 +9,7 @@ from synthetic import TYPICAL, circular_test
 
 import rotorfit as rf
 from rotorfit.estimators.batch import with_measured
-from rotorfit.fitting import solve_again
+from rotorfit.fitting.fit import solve_again
 from rotorfit.models import OneMode, WhirlWhip
 
 Q95 = stats.chi2.ppf(0.95, 1)

@@ -13,10 +13,10 @@ from hypothesis import strategies as st
 from synthetic import TYPICAL, circular_test
 
 import rotorfit as rf
-from rotorfit.experiments import Experiment, PerturbationTest
+from rotorfit.data.experiments import Experiment, PerturbationTest
+from rotorfit.io.files import SUFFIXES, correct_channels, resolve_probe_angles
 from rotorfit.models import WhirlWhip
-from rotorfit.readers import SUFFIXES, correct_channels, resolve_probe_angles
-from rotorfit.study_toml import read_study
+from rotorfit.studies.study_file import read_study
 
 SPEED = 200.0
 W = np.r_[-500.0:0:50, 50:501:50]  # holds the speed on either side

@@ -19,12 +19,12 @@ import pytest
 from synthetic import KNOWN, MODELS, SPEEDS, TYPICAL, circular_test, covering_frequencies, known_of
 
 import rotorfit as rf
-from rotorfit.data_check import Finding
-from rotorfit.posterior import SampleSettings
-from rotorfit.profiles import Profile
-from rotorfit.report import document
-from rotorfit.report_numbers import with_error
-from rotorfit.results import FitResult
+from rotorfit.data.findings import Finding
+from rotorfit.fitting.result import FitResult
+from rotorfit.report.numbers import with_error
+from rotorfit.report.write import document
+from rotorfit.uncertainty.posterior import SampleSettings
+from rotorfit.uncertainty.profile import Profile
 
 RPM = 30 / np.pi
 HOSTILE = '<script>alert(1)</script>&"$x_{'
@@ -116,12 +116,12 @@ def ladder(plain: FitResult) -> rf.Refinement:
 @pytest.fixture
 def sketched(monkeypatch: pytest.MonkeyPatch) -> None:
     """Leave the figures' pixels out, which take most of the time, where a test is about words."""
-    import rotorfit.report_figures
+    import rotorfit.report.figures
 
     dot = base64.b64decode(
         "iVBORw0KGgoAAAANSUhEUgAAAAEAAAABCAYAAAAfFcSJAAAADUlEQVR42mNkYPhfDwAChwGA60e6kgAAAABJRU5ErkJggg=="
     )
-    monkeypatch.setattr(rotorfit.report_figures, "drawn", lambda figure: dot)
+    monkeypatch.setattr(rotorfit.report.figures, "drawn", lambda figure: dot)
 
 
 def normal_draws(fit: FitResult, **changes: Any) -> rf.Posterior:
@@ -553,7 +553,7 @@ def test_prints_to_a_pdf_of_a_few_pages(
 
 @pytest.mark.usefixtures("sketched")
 def test_document_is_deterministic_but_for_its_date(plain: FitResult) -> None:
-    from rotorfit.report import ReportInput
+    from rotorfit.report.material import ReportInput
 
     material = ReportInput(fit=plain, findings=[[]])
     first, second = (re.sub(r"\d{4}-\d\d-\d\d \d\d:\d\d", "", document(material, "title")) for _ in range(2))

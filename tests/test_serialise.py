@@ -14,10 +14,10 @@ from scipy import stats
 from synthetic import TYPICAL, circular_test
 
 import rotorfit as rf
+from rotorfit.fitting.fit_file import fit_from_json, fit_to_json
 from rotorfit.models import Chain, EvenPolynomial, KnownStructure, MonotoneSpline, Muszynska, OneMode, WhirlWhip
 from rotorfit.models.model import RotorModel
 from rotorfit.models.parameters import Parameter
-from rotorfit.serialise import fit_from_json, fit_to_json
 
 W = np.r_[-np.linspace(20, 400, 25)[::-1], np.linspace(20, 400, 25)]
 
@@ -103,7 +103,7 @@ LAWS = (Muszynska(), EvenPolynomial(terms=1), MonotoneSpline(knots=(0.1, 0.3), r
 
 @pytest.mark.parametrize("law", LAWS, ids=lambda law: law.name)
 def test_laws_come_back_with_their_options(law):
-    from rotorfit.json_values import decode, encode
+    from rotorfit.fitting.json_values import decode, encode
 
     model = WhirlWhip(planes=("rotor", "seal"), law=law, clearance_um=127.3, blocks=("gyroscopic",), two_lam=True)
     back = decode(json.loads(json.dumps(encode(model))))
@@ -238,7 +238,7 @@ def test_files_that_are_not_right_say_what_is_wrong(rig_fit, tmp_path):
 
 
 def test_awkward_numbers_are_exact():
-    from rotorfit.json_values import decode, encode
+    from rotorfit.fitting.json_values import decode, encode
 
     values = np.array([0.1, -0.0, 5e-324, 1.7976931348623157e308, np.nan, np.inf, -np.inf, np.nextafter(1.0, 2.0)])
     for value in (values, values.view(complex), values.reshape(2, 4), np.array(["a", "β\n"]), values > 0):

@@ -11,11 +11,11 @@ from nonlinear_rigs import CLEARANCE_UM, JUMPING, ONE_MODE, POWER, WHIRL_WHIP
 from synthetic import TYPICAL
 
 import rotorfit as rf
-from rotorfit.estimators.integration import IntegrationError
+from rotorfit.data.ring_down import ring_down_modes
 from rotorfit.models.off_centre import off_centre_eigenvalues, static_equilibria
-from rotorfit.observe_all import observe_any
-from rotorfit.ring_down import ring_down_modes
-from rotorfit.simulation import KINDS
+from rotorfit.observing.observations import observe_any
+from rotorfit.simulation.integration import IntegrationError
+from rotorfit.simulation.simulate import KINDS
 
 RPM = np.pi / 30
 VALUES = ONE_MODE | POWER

@@ -25,11 +25,12 @@ from law_data import (
 from scipy.stats import chi2
 
 import rotorfit as rf
-from rotorfit.cli import main
-from rotorfit.experiments import Experiment
+from rotorfit.cli.main import main
+from rotorfit.data.experiments import Experiment
+from rotorfit.fitting.problem_setup import build_problem
+from rotorfit.fitting.result import FitResult
+from rotorfit.fitting.settings import FitSettings
 from rotorfit.models import Muszynska, OneMode, WhirlWhip
-from rotorfit.problems import build_problem
-from rotorfit.results import FitResult, FitSettings
 
 KNOWN = {"Ds": 8.0}
 

@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 
 from rotorfit import datasets  # noqa: F401 - the package has to be importable
-from rotorfit.experiments import perturbation_test
+from rotorfit.data.experiments import perturbation_test
+from rotorfit.data.synchronous import DIFFERENCED, difference_synchronous, group_speeds
+from rotorfit.io.files import read, write
 from rotorfit.models import TwoDisk
-from rotorfit.readers import read, write
-from rotorfit.synchronous import DIFFERENCED, difference_synchronous, group_speeds
 
 VALUES = {
     "M1": 0.73, "M2": 0.79, "K1": 18900.0, "K2": 63700.0, "K3": 22600.0,

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from rotorfit.experiments import CoefficientTable, Experiment
+from rotorfit.data.experiments import CoefficientTable, Experiment
 from rotorfit.models.parameters import unknown_name
 
 
@@ -38,14 +38,14 @@ def truth(name: str) -> dict[str, Any]:
 
 def rig_open() -> Experiment:
     """Disk/journal rig in a fluid-lubricated bearing, 56-degree-of-freedom finite-element rotor, 1 % noise."""
-    from rotorfit.readers import read
+    from rotorfit.io.files import read
 
     return read(path("rig_open.csv"))
 
 
 def two_disk() -> Experiment:
     """Two-disk rotor, synchronous start-ups with a calibration weight at 0 and 180 degrees in each plane."""
-    from rotorfit.readers import read
+    from rotorfit.io.files import read
 
     return read(path("two_disk.csv"))
 

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from rotorfit.data.findings import Finding, listed
 from rotorfit.estimators.pulses import NumberedPulses, PulseLevels, find_edges, find_levels, number_pulses
 from rotorfit.estimators.shaft_angle import SmoothAngle, smooth_angle
-from rotorfit.findings import Finding, listed
 
 if TYPE_CHECKING:
     from rotorfit.recordings.recording import Recording

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rotorfit.findings import Finding
+from rotorfit.data.findings import Finding
 from rotorfit.models.parameters import unknown_name
 from rotorfit.recordings.angle_track import AngleTrack, track
 from rotorfit.recordings.files import open_raw

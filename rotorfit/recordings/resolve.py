@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from rotorfit.findings import Finding
+from rotorfit.data.findings import Finding
 from rotorfit.models.parameters import unknown_name
 from rotorfit.recordings.raw_file import RawChannel, RawFile
 from rotorfit.recordings.rig_toml import flat_setup

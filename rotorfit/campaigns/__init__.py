@@ -1,0 +1,1 @@
+"""Many runs fitted alike, and what their parameters follow."""

@@ -1,0 +1,290 @@
+"""Campaigns: one model fitted to many runs under different conditions (Figs 18 to 20 of the source)."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotorfit.campaigns.runs import Run, RunFit, Workers, fit_run, split_runs
+from rotorfit.campaigns.shared import fit_shared
+from rotorfit.campaigns.trends import Trend, trend_of, trend_table
+from rotorfit.data.experiments import Experiment
+from rotorfit.estimators.problem import LOSSES, Loss, parameter_space
+from rotorfit.fitting.fit import fit as fit_model
+from rotorfit.fitting.result import FitResult, FittedParameter
+from rotorfit.fitting.settings import FitSettings
+from rotorfit.models import RotorModel
+from rotorfit.models.parameters import unknown_name
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Float = NDArray[np.float64]
+
+_FLUID = ("K0", "lam", "lam_D", "D")  # what the source follows in a campaign, where the model has it
+
+
+@dataclass(frozen=True, eq=False)
+class Campaign:
+    """Fits of all runs of a campaign.
+
+    Attributes:
+        model: the rotor.
+        runs: results by run, in the order of the data.
+        shared: parameters with one value for all runs.
+        shared_covar: their covariance, SI units, shape ``(s, s)``.
+        settings: what the user asked for.
+        success: whether every run was fitted and the shared parameters settled.
+    """
+
+    model: RotorModel
+    runs: tuple[RunFit, ...]
+    shared: Mapping[str, FittedParameter]
+    shared_covar: Float
+    settings: FitSettings
+    success: bool
+    _data: tuple[Run, ...] = field(repr=False)
+
+    @property
+    def fitted(self) -> tuple[str, ...]:
+        """Parameters that every run has a value of its own for."""
+        return tuple(dict.fromkeys(name for run in self.runs for name in run.var_names))
+
+    @property
+    def attributes(self) -> tuple[str, ...]:
+        """Conditions that the runs may be followed against or grouped by."""
+        return tuple(dict.fromkeys(name for run in self.runs for name in run.attributes))
+
+    def values(self, parameter: str) -> tuple[Float, Float]:
+        """A parameter's values and standard errors, NaN in runs that do not give it, shape ``(R,)`` each.
+
+        Raises:
+            KeyError: no such parameter.
+        """
+        self.model.parameter(parameter)
+        pairs = [
+            (p.value, p.stderr) if (p := self._parameter(run, parameter)) and p.resolved else (np.nan, np.nan)
+            for run in self.runs
+        ]
+        value, stderr = np.array(pairs, dtype=float).reshape(-1, 2).T
+        return value, stderr
+
+    def _parameter(self, run: RunFit, name: str) -> FittedParameter | None:
+        return run.params.get(name, self.shared.get(name) if run.params else None)
+
+    def trends(
+        self, parameters: str | Sequence[str] | None = None, *, against: str, by: str | None = None
+    ) -> tuple[Trend, ...]:
+        """Parameters against an attribute of the runs, group by group, each with its weighted straight line.
+
+        Args:
+            parameters: what to follow, by default K0, lam and D as far as they were fitted.
+            against: attribute with numbers.
+            by: attribute that makes groups, for instance the kind of inlet.
+
+        Raises:
+            KeyError: no such attribute, or a parameter that was not fitted run by run.
+            ValueError: ``against`` holds text.
+        """
+        names = self._followed(parameters)
+        for attribute in (against, by):
+            if attribute is not None and attribute not in self.attributes:
+                raise KeyError(unknown_name("attribute of the runs", attribute, self.attributes))
+        texts = [run.attributes[against] for run in self.runs if isinstance(run.attributes.get(against), str)]
+        if texts:
+            raise ValueError(f"{against} holds text ({texts[0]!r}): trends need numbers; use by={against!r} for groups")
+        found = []
+        for name in names:
+            groups: dict[str, list[RunFit]] = {}
+            for run in self.runs:
+                parameter = run.params.get(name)
+                usable = parameter is not None and parameter.resolved and np.isfinite(parameter.stderr)
+                usable = usable and parameter is not None and parameter.stderr > 0
+                if usable and np.isfinite(float(run.attributes.get(against, np.nan))):
+                    label = "" if by is None else _label(run.attributes.get(by, ""))
+                    groups.setdefault(label, []).append(run)
+            unit = self.model.parameter(name).unit
+            found += [trend_of(groups[group], name, unit, against, group) for group in sorted(groups)]
+        return tuple(found)
+
+    def _followed(self, parameters: str | Sequence[str] | None) -> tuple[str, ...]:
+        if parameters is None:
+            return tuple(name for name in _FLUID if name in self.fitted) or self.fitted
+        names = (parameters,) if isinstance(parameters, str) else tuple(parameters)
+        for name in names:
+            if name not in self.fitted:
+                raise KeyError(unknown_name("parameter fitted run by run", name, self.fitted))
+        return names
+
+    def fit(self, run: str) -> FitResult:
+        """The full result of one run, fitted anew with the shared parameters at their values.
+
+        Raises:
+            KeyError: no such run.
+        """
+        for data in self._data:
+            if data.name == run:
+                s = self.settings
+                fixed = {name: parameter.value for name, parameter in self.shared.items()}
+                return fit_model(
+                    self.model,
+                    data.experiment,
+                    known={**s.known, **fixed},
+                    bounds=s.bounds,
+                    priors=s.priors,
+                    loss=s.loss,
+                )
+        raise KeyError(unknown_name("run of the campaign", run, [data.name for data in self._data]))
+
+    # ---- presentation -------------------------------------------------------------------------------------------
+
+    def table(self, attributes: Sequence[str] | None = None) -> str:
+        """Values and standard errors of all runs as text; ``attributes`` are shown first, by default all of them."""
+        shown = self.attributes if attributes is None else tuple(attributes)
+        width = max([len(run.name) for run in self.runs] + [3]) + 2
+        head = f"{'run':<{width}}" + "".join(f"{name:>14}" for name in shown)
+        lines = [head + "".join(f"{name:>12}{'+-':>10}" for name in self.fitted) + f"{'redchi':>9}"]
+        for run in self.runs:
+            row = f"{run.name:<{width}}" + "".join(f"{_short(run.attributes.get(name, '')):>14}" for name in shown)
+            if not run.params:
+                lines.append(f"{row}  {run.message}")
+                continue
+            for name in self.fitted:
+                p = run.params[name]
+                row += f"{p.value:>12.5g}{p.stderr:>10.2g}" if p.resolved else f"{'not determined':>22}"
+            lines.append(f"{row}{run.redchi:>9.3g}" + ("" if run.success else f"  {run.message}"))
+        return "\n".join(lines)
+
+    def summary(
+        self, parameters: str | Sequence[str] | None = None, *, against: str | None = None, by: str | None = None
+    ) -> str:
+        """The shared parameters, how the runs went, and with ``against`` the trends as for :meth:`trends`."""
+        done = [run for run in self.runs if run.params]
+        redchi = [run.redchi for run in done]
+        lines = [
+            f"{self.model.name}: {len(done)} of {len(self.runs)} runs fitted"
+            + (f", redchi {min(redchi):.3g} to {max(redchi):.3g}, median {np.median(redchi):.3g}" if redchi else "")
+        ]
+        lines += [f"shared {p.name} = {p.value:.6g} +- {p.stderr:.2g} {p.unit}" for p in self.shared.values()]
+        lines += [f"{run.name}: {run.message}" for run in self.runs if not run.success]
+        if against is not None:
+            lines += ["", trend_table(self.trends(parameters, against=against, by=by))]
+        return "\n".join(lines)
+
+    def __str__(self) -> str:
+        return self.summary()
+
+    def to_csv(self, path: str | Path | None = None) -> str:
+        """All runs as CSV: conditions, values, standard errors (``K0_stderr``), quality; also written to ``path``."""
+        text = io.StringIO()
+        names = (*self.shared, *self.fitted)
+        writer = csv.writer(text, lineterminator="\n")
+        columns = [column for name in names for column in (name, f"{name}_stderr")]
+        writer.writerow(["run", *self.attributes, *columns, "redchi", "readings", "success", "message"])
+        for run in self.runs:
+            cells: list[Any] = []
+            for name in names:
+                p = self._parameter(run, name)
+                cells += ["", ""] if p is None or not p.resolved else [repr(p.value), repr(p.stderr)]
+            conditions = [run.attributes.get(name, "") for name in self.attributes]
+            quality = (
+                [repr(run.redchi), run.ndata // 2, run.success, run.message]
+                if run.params
+                else ["", 0, False, run.message]
+            )
+            writer.writerow([run.name, *conditions, *cells, *quality])
+        if path is not None:
+            Path(path).write_text(text.getvalue(), encoding="utf-8")
+        return text.getvalue()
+
+    def plot_trends(
+        self, parameters: str | Sequence[str] | None = None, *, against: str, by: str | None = None
+    ) -> Figure:
+        """Parameters with error bars and trend lines against an attribute; arguments as for :meth:`trends`."""
+        from rotorfit.campaigns.trend_figure import plot_trends
+
+        return plot_trends(self.trends(parameters, against=against, by=by), by)
+
+
+def campaign(
+    model: RotorModel,
+    experiments: Experiment | Sequence[Experiment],
+    *,
+    split: str | None = "run",
+    shared: Sequence[str] = (),
+    known: Mapping[str, float | None] | None = None,
+    bounds: Mapping[str, tuple[float, float]] | None = None,
+    priors: Mapping[str, Any] | None = None,
+    loss: Loss = "linear",
+    start: Mapping[str, float] | None = None,
+    executor: Executor | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> Campaign:
+    """Fit every run of a campaign, all parameters run by run but those that are known or shared.
+
+    Args:
+        model: the rotor, for instance ``rf.models.OneMode()``.
+        experiments: one table of many runs or several, conditions such as pressure, flow, temperature or kind of inlet
+            being further columns of the data.
+        split: attribute that tells the runs apart; ``None`` takes each experiment for one run.
+        shared: parameters with one value for all runs, fitted jointly with the others.
+        known, bounds, priors, loss, start: as for :func:`rotorfit.fit`.
+        executor: any ``concurrent.futures`` executor, also Dask's ``client.get_executor()``; by default the runs are
+            fitted one after the other in this process. A run whose worker is lost is fitted again.
+        progress: called with the number of runs done and the number of all, once for each pass over the runs.
+
+    Returns:
+        the campaign; a run that could not be fitted has no parameters and a message that says why.
+
+    Raises:
+        KeyError: unknown parameters, or an experiment without the attribute of ``split``.
+        ValueError: nothing to fit, no run that can be fitted, contradictory settings, or shared parameters that the
+            runs do not determine.
+    """
+    settings = FitSettings(known or {}, bounds or {}, priors or {}, {}, loss)
+    start = dict(start or {})
+    names = (shared,) if isinstance(shared, str) else tuple(shared)
+    _check(model, settings, names, start)
+    runs = split_runs(experiments, split)
+    workers = Workers(model, executor, progress)
+    if names:
+        joint = fit_shared(workers, runs, names, settings, start)
+        success = joint.success and all(run.success for run in joint.runs)
+        return Campaign(model, joint.runs, joint.params, joint.covar, settings, success, runs)
+    option = {"settings": settings, "start": start}
+    fits = tuple(workers(fit_run, runs, [option] * len(runs)))
+    if not any(run.params for run in fits):
+        raise ValueError(f"no run of the campaign can be fitted; the first one: {fits[0].message}")
+    return Campaign(model, fits, {}, np.empty((0, 0)), settings, all(run.success for run in fits), runs)
+
+
+def _check(model: RotorModel, settings: FitSettings, shared: Sequence[str], start: Mapping[str, float]) -> None:
+    """What is wrong with the settings is wrong with every run: say it once, before the first one."""
+    if settings.loss not in LOSSES:
+        raise ValueError(unknown_name("loss", settings.loss, LOSSES))
+    space = parameter_space(model, known=settings.known, bounds=settings.bounds, groups=[{}])
+    for name in (*shared, *settings.priors, *start):
+        model.parameter(name)
+    fixed = [name for name in shared if name not in space.names]
+    if fixed:
+        raise ValueError(f"{', '.join(fixed)} cannot be known and shared: free a default with known={{name: None}}")
+    if len(shared) >= len(space.names):
+        raise ValueError("every fitted parameter is shared: that is a joint fit, use rf.fit(model, experiments)")
+    if any(name in settings.priors for name in shared):
+        raise ValueError("a prior of a shared parameter would count once for every run; bound it, or take it for known")
+
+
+def _label(value: float | str) -> str:
+    return value if isinstance(value, str) else f"{value:.6g}"
+
+
+def _short(value: float | str) -> str:
+    return value[:13] if isinstance(value, str) else f"{value:.6g}"

@@ -1,0 +1,261 @@
+"""The runs of a campaign: told apart in the data, fitted one by one, here or by the workers of an executor."""
+
+from __future__ import annotations
+
+import pickle
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import Executor, Future, as_completed
+from dataclasses import dataclass, field, replace
+from functools import lru_cache, partial
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotorfit.data.experiments import Experiment
+from rotorfit.estimators.closed_form import ClosedFormError
+from rotorfit.fitting.fit import fit
+from rotorfit.fitting.problem_setup import as_tuple, build_problem
+from rotorfit.fitting.result import FittedParameter
+from rotorfit.fitting.settings import FitSettings
+from rotorfit.models import RotorModel
+
+Float = NDArray[np.float64]
+T = TypeVar("T")
+
+_BATCH = 8  # runs sent to a worker at once: a tenth of a second of work, well above what sending costs
+_RETRIES = 2  # times that a batch is sent again before it is fitted here
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """One run of a campaign: its readings and what is known of its conditions."""
+
+    name: str
+    experiment: Experiment
+    attributes: Mapping[str, float | str]
+
+
+@dataclass(frozen=True, eq=False)
+class RunFit:
+    """What the fit of one run found; small, so that it travels well.
+
+    Attributes:
+        name: name of the run.
+        attributes: conditions of the run: the mean of numbers, the text of texts.
+        params: parameters by name, empty where the fit was not possible.
+        var_names: fitted parameters in the order of ``covar``.
+        covar: covariance, SI units, shape ``(p, p)``.
+        chisqr, redchi, ndata, nfev: as in :class:`~rotorfit.fitting.result.FitResult`.
+        success: whether the fit converged.
+        message: how it ended, or why there is none.
+        warnings: what there is to say about it.
+    """
+
+    name: str
+    attributes: Mapping[str, float | str]
+    params: Mapping[str, FittedParameter] = field(default_factory=dict)
+    var_names: tuple[str, ...] = ()
+    covar: Float = field(default_factory=lambda: np.empty((0, 0)))
+    chisqr: float = float("nan")
+    redchi: float = float("nan")
+    ndata: int = 0
+    nfev: int = 0
+    success: bool = False
+    message: str = ""
+    warnings: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Curvature:
+    """Quadratic picture of one run's cost around a point.
+
+    Attributes:
+        names: parameters, shape ``(p,)``.
+        x: the point, shape ``(p,)``.
+        cost: half the (robust) sum of squares there.
+        gradient, matrix: its slope and its Gauss-Newton matrix, shapes ``(p,)`` and ``(p, p)``.
+    """
+
+    names: tuple[str, ...]
+    x: Float
+    cost: float
+    gradient: Float
+    matrix: Float
+
+
+# ---- telling runs apart -----------------------------------------------------------------------------------------
+
+
+def split_runs(experiments: Experiment | Sequence[Experiment], split: str | None) -> tuple[Run, ...]:
+    """Runs of a campaign, in the order of the data.
+
+    Args:
+        experiments: one table of many runs, or several.
+        split: attribute with a value of its own for each run; ``None`` takes each experiment for one run.
+
+    Raises:
+        KeyError: an experiment lacks the attribute.
+    """
+    runs: list[Run] = []
+    for number, experiment in enumerate(as_tuple(experiments)):
+        labels = None if split is None else experiment.attribute(split)
+        for label in [None] if labels is None else dict.fromkeys(labels.tolist()):
+            part = experiment if labels is None else experiment.select(np.flatnonzero(labels == label))
+            name = str(label) if label is not None else experiment.source or f"run {number + 1}"
+            runs.append(Run(name, part, _conditions(part)))
+    return tuple(_distinct(runs))
+
+
+def _conditions(experiment: Experiment) -> dict[str, float | str]:
+    names = [name for name in ("speed_rpm", *experiment.attributes) if name != "run"]
+    found: dict[str, float | str] = {}
+    for name in dict.fromkeys(names):
+        values = experiment.attribute(name)
+        if np.issubdtype(values.dtype, np.number):
+            finite = values[np.isfinite(values)]
+            found[name] = float(np.mean(finite)) if finite.size else float("nan")
+        else:
+            found[name] = " / ".join(dict.fromkeys(str(value) for value in values.tolist()))
+    return found
+
+
+def _distinct(runs: Sequence[Run]) -> Iterator[Run]:
+    """Runs of the same name in several files are told apart by the file, else by a number."""
+    names = [run.name for run in runs]
+    for number, run in enumerate(runs):
+        if names.count(run.name) > 1:
+            before = names[:number].count(run.name)
+            source = str(run.experiment.source)
+            same = [other for other in runs if other.name == run.name and str(other.experiment.source) == source]
+            yield replace(
+                run,
+                name=f"{run.name} ({source})" if source and len(same) == 1 else f"{run.name} #{before + 1}",
+            )
+        else:
+            yield run
+
+
+# ---- one run ----------------------------------------------------------------------------------------------------
+
+
+def fit_run(model: RotorModel, run: Run, *, settings: FitSettings, start: Mapping[str, float]) -> RunFit:
+    """Fit one run; data that cannot be fitted give a result that says why."""
+    try:
+        found = fit(
+            model, run.experiment, known=settings.known, bounds=settings.bounds, priors=settings.priors,
+            loss=settings.loss, start=start,
+        )  # fmt: skip
+    except (ValueError, KeyError, np.linalg.LinAlgError) as problem:
+        reason = problem.args[0] if isinstance(problem, KeyError) and problem.args else problem
+        return RunFit(run.name, run.attributes, message=f"not fitted: {reason}")
+    return RunFit(
+        run.name, run.attributes, dict(found.params), found.var_names, found.covar, found.chisqr, found.redchi,
+        found.ndata, found.nfev, found.success, found.message, found.warnings,
+    )  # fmt: skip
+
+
+def curvature(model: RotorModel, run: Run, *, settings: FitSettings, at: Mapping[str, float]) -> Curvature | str:
+    """Cost of one run and its derivatives at given parameters; the reason in words where there is none."""
+    try:
+        problem = build_problem(model, run.experiment, settings)
+    except (ValueError, KeyError, ClosedFormError) as reason:
+        return str(reason)
+    x = np.array([at[name] for name in problem.space.names])
+    cost, gradient, matrix = problem.gauss_newton(x)
+    return Curvature(problem.space.names, x, cost, gradient, matrix)
+
+
+# ---- many runs --------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Workers:
+    """Does the same work on many runs, in this process or over an executor.
+
+    Attributes:
+        model: the rotor; a worker compiles it once.
+        executor: any ``concurrent.futures`` executor, ``None`` for this process.
+        progress: called with the number of runs done and the number of all.
+    """
+
+    model: RotorModel
+    executor: Executor | None = None
+    progress: Callable[[int, int], None] | None = None
+
+    def __call__(self, work: Callable[..., T], runs: Sequence[Run], options: Sequence[Mapping[str, Any]]) -> list[T]:
+        """``work(model, run, **options)`` for every run, in their order.
+
+        A batch whose worker was lost is sent again, and fitted here in the end: no run is lost.
+        """
+        results: dict[int, T] = {}
+        if self.executor is None:
+            for number, (run, option) in enumerate(zip(runs, options, strict=True)):
+                results[number] = work(self.model, run, **option)
+                self._report(len(results), len(runs))
+            return list(results.values())
+        send = partial(_work_batch, _packed(self.model), work)
+        batches = [range(i, min(i + _BATCH, len(runs))) for i in range(0, len(runs), _BATCH)]
+        for _ in range(1 + _RETRIES):
+            batches = self._round(send, batches, runs, options, results)
+            if not batches:
+                break
+        for number in (number for batch in batches for number in batch):
+            results[number] = work(self.model, runs[number], **options[number])
+            self._report(len(results), len(runs))
+        return [results[number] for number in range(len(runs))]
+
+    def _round(
+        self,
+        send: Callable[..., list[T]],
+        batches: Sequence[range],
+        runs: Sequence[Run],
+        options: Sequence[Mapping[str, Any]],
+        results: dict[int, T],
+    ) -> list[range]:
+        """Send batches; returns those that came to nothing."""
+        waiting: dict[Future[list[T]], range] = {}
+        lost: list[range] = []
+        for batch in batches:
+            try:
+                future = self.executor.submit(send, [runs[i] for i in batch], [options[i] for i in batch])  # type: ignore[union-attr]
+            except RuntimeError:  # an executor that lost its workers, or was shut down, takes nothing more
+                lost.append(batch)
+            else:
+                waiting[future] = batch
+        for future in as_completed(waiting):
+            batch = waiting[future]
+            if future.cancelled() or future.exception() is not None:
+                lost.append(batch)  # an error of the work itself will show when it is done here
+                continue
+            results |= dict(zip(batch, future.result(), strict=True))
+            self._report(len(results), len(runs))
+        return sorted(lost, key=lambda batch: batch.start)
+
+    def _report(self, done: int, total: int) -> None:
+        if self.progress is not None:
+            self.progress(done, total)
+
+
+def _packed(model: RotorModel) -> bytes:
+    try:
+        return pickle.dumps(model)
+    except (pickle.PicklingError, AttributeError, TypeError) as problem:
+        raise ValueError(
+            f"{model.name} cannot be sent to other workers ({problem}): define its class in a module of its own, or "
+            "leave executor out"
+        ) from problem
+
+
+@lru_cache(maxsize=4)
+def _unpacked(model: bytes) -> RotorModel:
+    """The model of a campaign; a worker keeps it, and with it its compiled functions, from batch to batch."""
+    found: RotorModel = pickle.loads(model)
+    return found
+
+
+def _work_batch(
+    packed: bytes, work: Callable[..., T], runs: Sequence[Run], options: Sequence[Mapping[str, Any]]
+) -> list[T]:
+    model = _unpacked(packed)
+    return [work(model, run, **option) for run, option in zip(runs, options, strict=True)]

@@ -1,0 +1,1 @@
+"""What looks wrong with the data, before anything is fitted."""

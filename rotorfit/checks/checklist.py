@@ -1,0 +1,175 @@
+"""Look a test over before fitting: slips of sign, direction, scale and plan that the data themselves give away."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotorfit.checks.orbits import NEAR_1X, orbits_of
+from rotorfit.checks.scale import peak_to_peak
+from rotorfit.checks.signs import signs, wrong_direction
+from rotorfit.data.experiments import DisplacementTest, Experiment, PerturbationTest
+from rotorfit.data.findings import Finding, listed
+from rotorfit.data.synchronous import DIFFERENCED
+
+LARGEST, SUSPECT, SMALLEST = 0.05, 5e-3, 1e-10
+"""Displacements, m: impossible, larger than any clearance in use, and smaller than any probe resolves."""
+
+
+def check(test: Experiment) -> list[Finding]:
+    """Findings about a test, errors first.
+
+    Recognised are readings that are not finite or doubled, forces of zero, implausible amplitudes, readings at 1x,
+    gaps in the plan of the test (planes without force, one direction only, one frequency only), conjugated FRFs,
+    responses in the wrong direction, a reversed sense of rotation, peak-to-peak amplitudes in some channels,
+    start-ups without partner.
+
+    Args:
+        test: what was measured, SI units.
+    """
+    findings = list(_numbers(test))
+    finite = np.flatnonzero(_finite(test))
+    if isinstance(test, PerturbationTest | DisplacementTest) and finite.size:
+        rest = test.select(finite)
+        for finding in _physics(rest):
+            # rows of the finite part back to rows of the test
+            rows = tuple(finite[list(finding.rows)].tolist())
+            findings.append(Finding(finding.severity, finding.code, finding.message, rows))
+    order = ("error", "warning", "note")
+    return sorted(findings, key=lambda finding: order.index(finding.severity))
+
+
+def _physics(test: PerturbationTest | DisplacementTest) -> Iterator[Finding]:
+    yield from _duplicates(test)
+    yield from _amplitudes(test)
+    yield from _frequencies(test)
+    if isinstance(test, PerturbationTest):
+        yield from _planes(test)
+        yield from _start_ups(test)
+        orbits = orbits_of(test.select(test.force != 0), np.flatnonzero(test.force != 0))
+        wrong = list(wrong_direction(orbits))
+        yield from wrong
+        yield from peak_to_peak(orbits)
+        if not any(finding.severity == "error" for finding in wrong):  # else the right component is only a residue
+            yield from signs(orbits)
+
+
+_MAY_BE_NAN = ("sigma", "eccentricity", "position")
+"""Columns in which NaN stands for what was not measured, or was told in another column."""
+
+
+def _finite(test: Any) -> NDArray[np.bool_]:
+    numeric = [getattr(test, name) for name in test._columns() if name not in _MAY_BE_NAN]
+    columns = [np.isfinite(values) for values in numeric if values.dtype.kind in "fc"]
+    return np.logical_and.reduce(columns) if columns else np.ones(len(test), dtype=bool)
+
+
+def _rows(mask: NDArray[Any]) -> tuple[int, ...]:
+    return tuple(int(row) for row in np.flatnonzero(mask))
+
+
+def _numbers(test: Experiment) -> Iterator[Finding]:
+    if not len(test):
+        yield Finding("error", "empty", "The test has no readings.")
+        return
+    bad = ~_finite(test)
+    if bad.any():
+        text = f"Not finite: {bad.sum()} readings; remove them, test.select(...) with the rows to keep."
+        yield Finding("error", "not-finite", text, _rows(bad))
+    sigma = getattr(test, "sigma", np.array([1.0]))
+    if (sigma <= 0).any():
+        text = f"The noise sigma is not positive in {(sigma <= 0).sum()} rows; NaN stands for unknown noise."
+        yield Finding("error", "sigma", text, _rows(sigma <= 0))
+    if isinstance(test, PerturbationTest) and (test.force == 0).any():
+        text = f"The force is zero in {(test.force == 0).sum()} rows; remove them, they have no dynamic stiffness."
+        yield Finding("error", "no-force", text, _rows(test.force == 0))
+
+
+def _duplicates(test: PerturbationTest | DisplacementTest) -> Iterator[Finding]:
+    columns = [getattr(test, name).tolist() for name in test._columns() if name != "sigma"]
+    first: dict[Any, int] = {}
+    again = np.array([first.setdefault(key, i) != i for i, key in enumerate(zip(*columns, strict=True))])
+    if again.any():
+        text = (
+            f"Copies: {again.sum()} readings repeat an earlier row to the last digit. A copy is no second measurement "
+            "and makes errors look smaller than they are. Remove them."
+        )
+        yield Finding("warning", "duplicate", text, _rows(again))
+
+
+def _amplitudes(test: PerturbationTest | DisplacementTest) -> Iterator[Finding]:
+    if isinstance(test, PerturbationTest):
+        size, tilt = np.abs(test.response), np.char.startswith(test.direction, "r")
+    else:
+        size, tilt = np.abs(test.displacement), np.zeros(len(test), dtype=bool)
+    size = np.where(tilt, size * 0.1, size)  # a slope of 0.5 rad is as impossible as 50 mm
+    if size.max() > SUSPECT:
+        severity: Literal["error", "warning"] = "error" if size.max() > LARGEST else "warning"
+        text = (
+            f"Amplitudes reach {size.max():.3g} m 0-peak; no rotor in a bearing or seal moves that far. Check the unit "
+            "of the amplitude column (um, mil, m)."
+        )
+        yield Finding(severity, "large-amplitude", text, _rows(size > SUSPECT))
+    elif 0 < size.max() < SMALLEST:
+        text = f"The largest amplitude is {size.max():.3g} m, less than probes resolve. Check the unit of the column."
+        yield Finding("warning", "small-amplitude", text)
+
+
+def _frequencies(test: PerturbationTest | DisplacementTest) -> Iterator[Finding]:
+    synchronous = isinstance(test, PerturbationTest) and test.synchronous
+    turning = test.speed != 0
+    near = turning & (np.abs(np.abs(test.frequency) - np.abs(test.speed)) <= NEAR_1X * np.abs(test.speed))
+    if near.any() and not synchronous:
+        text = (
+            f"Near 1x: {near.sum()} readings are at once-per-turn frequency, where run-out and residual unbalance add "
+            "to the response. Subtract the slow roll, read(..., slow_roll=...), or remove them."
+        )
+        yield Finding("warning", "near-1x", text, _rows(near))
+    if not synchronous and (np.all(test.frequency >= 0) or np.all(test.frequency <= 0)):
+        there, lacking = ("forward", "backward") if np.all(test.frequency >= 0) else ("backward", "forward")
+        text = (
+            f"All runs are {there}. {lacking.capitalize()} runs separate fluid damping from lam and anisotropy from "
+            "both; without them parameters are less certain than the noise suggests."
+        )
+        yield Finding("warning", "one-direction", text)
+    single = [run for run in test.runs if np.unique(np.round(test.frequency[test.run == run], 6)).size == 1]
+    if single:
+        text = f"Runs with one frequency only: {listed(single)}; they cannot show how dynamic stiffness varies with it."
+        yield Finding("warning", "single-frequency", text, _rows(np.isin(test.run, single)))
+
+
+def _planes(test: PerturbationTest) -> Iterator[Finding]:
+    unforced = [plane for plane in test.planes if plane not in test.force_planes]
+    if unforced:
+        text = (
+            f"No force was applied at {listed(unforced)}: eq. (7) needs a force at each measured plane in turn. A fit "
+            "of a model still works, with parameters that may not be identifiable."
+        )
+        yield Finding("note", "force-planes", text)
+    blind = [plane for plane in test.force_planes if plane not in test.planes]
+    if blind:
+        text = f"Forces act at {listed(blind)} where nothing is measured; there is no drive point to check signs at."
+        yield Finding("note", "measured-planes", text)
+    from rotorfit.io.tidy_csv import plane_groups
+
+    groups = plane_groups(test)
+    if len(groups) > 1:
+        apart = "; ".join(", ".join(group) for group in groups)
+        text = f"No run connects these planes: {apart}. If they belong to two rigs, fit them apart."
+        yield Finding("warning", "unconnected-planes", text)
+
+
+def _start_ups(test: PerturbationTest) -> Iterator[Finding]:
+    if not test.synchronous:
+        return
+    raw = np.asarray(test.attributes.get(DIFFERENCED, np.zeros(len(test))) != 1)
+    if raw.any():
+        runs = tuple(dict.fromkeys(test.run[raw].tolist()))
+        text = (
+            f"Start-ups not differenced (eq. 20): {listed(runs)}. They contain residual unbalance, bow and run-out. "
+            "Repeat them with the weight moved by 180 degrees, or call difference_synchronous if both runs are here."
+        )
+        yield Finding("warning", "not-differenced", text, _rows(raw))

@@ -1,0 +1,145 @@
+"""Amplitudes that are peak-to-peak in some channels or runs, where other readings give that away."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotorfit.checks.orbits import ENOUGH, Index, Orbits, mirrored
+from rotorfit.data.experiments import ComplexArray, Float
+from rotorfit.data.findings import Finding
+
+TURN = 0.25
+"""Departure from circular motion, rad, that is anisotropy rather than noise or a probe a few degrees off."""
+
+BETTER = 0.5
+"""Share of the misfit that is left when one direction of whirl is halved, if that is the explanation."""
+
+
+def peak_to_peak(orbits: Orbits) -> Iterator[Finding]:
+    """Ratios of two between readings that should agree: x and y, forward and backward at w -> 0, H_ab and H_ba."""
+    for (plane,), at in orbits.groups("plane"):
+        strong = at[np.isfinite(orbits.wrong[at])]
+        strong = (
+            strong[np.abs(orbits.right[strong]) >= np.median(np.abs(orbits.right[strong]))] if strong.size else strong
+        )
+        if _is_two(_log_ratio(orbits.x[strong], orbits.y[strong])) and _turns(orbits, strong):
+            yield _twice(f"The x and y probes at {plane} differ by a factor of two", orbits, at)
+    for (speed,), at in orbits.groups("speed"):
+        rpm = f"{float(speed) * 30 / np.pi:.6g} rpm"
+        kappa = _stiffness_matrices(orbits, at)
+        if kappa is not None:
+            if larger := _larger_side(*kappa):
+                what = f"Responses at {rpm} are twice as large under {larger} forces as the rest makes one expect"
+                yield _twice(what, orbits, at)
+            continue
+        for (force_plane, plane), some in orbits.groups("force_plane", "plane"):
+            here = np.intersect1d(some, at)
+            if abs(abs(_jump_at_zero(orbits, here)) - 1) < 0.15:
+                where = f"at {plane} under a force at {force_plane} ({rpm})"
+                yield _twice(
+                    f"Forward and backward responses {where} differ by a factor of two near zero", orbits, here
+                )
+    pairs = {tuple(sorted(pair)) for pair, _ in orbits.groups("force_plane", "plane") if pair[0] != pair[1]}
+    for a, b in sorted(pairs):
+        there = _transfer(orbits, a, b)
+        back = _transfer(orbits, b, a)
+        common = sorted(set(there) & set(back))
+        if _is_two(_log_ratio(np.array([there[k] for k in common]), np.array([back[k] for k in common]))):
+            here = np.flatnonzero(np.isin(orbits.plane, (a, b)) & np.isin(orbits.force_plane, (a, b)))
+            yield _twice(f"Reciprocal responses between {a} and {b} differ by a factor of two", orbits, here)
+
+
+def _twice(what: str, orbits: Orbits, at: Index) -> Finding:
+    text = f"{what}: some amplitudes may be peak-to-peak. Name their unit (amplitude_um_pp) or correct them with gains."
+    return Finding("warning", "peak-to-peak", text, orbits.rows_of(at))
+
+
+def _log_ratio(a: NDArray[Any], b: NDArray[Any]) -> Float:
+    some = (np.abs(a) > 0) & (np.abs(b) > 0)
+    return np.asarray(np.log2(np.abs(a[some]) / np.abs(b[some])))
+
+
+def _is_two(logs: Float) -> bool:
+    """Whether ratios are two (or a half) throughout; anisotropy and noise spread them."""
+    if logs.size < 8:
+        return False
+    low, middle, high = np.percentile(logs, [25, 50, 75])
+    return bool(abs(abs(middle) - 1) < 0.12 and high - low < 0.3)
+
+
+def _turns(orbits: Orbits, at: Index) -> bool:
+    """Whether y follows x by 90 degrees in the direction of the force, as on an isotropic rotor, whatever the gains."""
+    turn = orbits.y[at] / orbits.x[at] * np.where(orbits.frequency[at] < 0, -1j, 1j)
+    return bool(np.percentile(np.abs(np.angle(turn)), 75) < TURN)
+
+
+def _transfer(orbits: Orbits, force_plane: str, plane: str) -> dict[tuple[float, float], complex]:
+    at = np.flatnonzero((orbits.force_plane == force_plane) & (orbits.plane == plane))
+    keys = zip(orbits.speed[at].tolist(), np.round(orbits.frequency[at], 6).tolist(), strict=True)
+    return dict(zip(keys, (orbits.right[at] / orbits.force[at]).tolist(), strict=True))
+
+
+def _stiffness_matrices(orbits: Orbits, at: Index) -> tuple[Float, ComplexArray, Float] | None:
+    """Frequencies, matrices of eq. (7) and their weights; None unless each measured plane was forced, either way."""
+    planes = sorted(set(orbits.plane[at].tolist()))
+    lines: dict[float, dict[tuple[str, str], int]] = {}
+    for i in at.tolist():
+        pair = (str(orbits.plane[i]), str(orbits.force_plane[i]))
+        lines.setdefault(float(np.round(orbits.frequency[i], 6)), {})[pair] = i
+    wanted = [(plane, force_plane) for plane in planes for force_plane in planes]
+    whole = {w: [found[pair] for pair in wanted] for w, found in lines.items() if set(wanted) <= set(found)}
+    w = np.array(sorted(whole))
+    if not w.size:
+        return None
+    indices = np.array([whole[line] for line in w.tolist()])
+    n = len(planes)
+    h = (orbits.right[indices] / orbits.force[indices]).reshape(-1, n, n)
+    regular = np.linalg.cond(h) < 1 / np.sqrt(np.finfo(float).eps)
+    if min((w[regular] < 0).sum(), (w[regular] > 0).sum()) < ENOUGH:
+        return None
+    kappa = np.linalg.inv(h[regular])
+    force = np.abs(orbits.force[indices]).min(axis=1)[regular]
+    return w[regular], kappa, force / np.linalg.norm(kappa, axis=(1, 2)) ** 2  # d kappa = -kappa dH kappa
+
+
+def _larger_side(w: Float, kappa: ComplexArray, weight: Float) -> str:
+    """Direction of whirl whose responses are twice too large: dynamic stiffness is one parabola through w = 0."""
+    design = np.column_stack([np.ones_like(w), w, w**2]) * weight[:, None]
+    design = design / np.linalg.norm(design, axis=0)
+    values = kappa.reshape(w.size, -1) * weight[:, None]
+
+    def misfit(forward: float, backward: float) -> float:
+        scaled = design * np.where(w > 0, forward, backward)[:, None]
+        solution, *_ = np.linalg.lstsq(scaled.astype(complex), values, rcond=None)
+        return float(np.linalg.norm(values - scaled @ solution))
+
+    other = {"forward": misfit(0.5, 1.0), "backward": misfit(1.0, 0.5)}
+    best = min(other, key=lambda side: other[side])
+    return best if other[best] < BETTER * misfit(1.0, 1.0) else ""
+
+
+def _jump_at_zero(orbits: Orbits, at: Index) -> float:
+    """log2 of |H(0+)| / |H(0-)|, zero unless it is well determined.
+
+    H is smooth across w = 0, so the logarithm of forward over backward is odd in w: any constant in it is a jump.
+    """
+    w = np.abs(orbits.frequency[at])
+    limit = np.maximum(0.5 * np.abs(orbits.speed[at]), 0.2 * w.max(initial=0.0))
+    both = mirrored(orbits, at[(w < limit) & (np.abs(orbits.right[at]) > 0)])
+    if len(both) < 8:
+        return 0.0
+    forward, backward = np.array(both).T
+    h = orbits.right / orbits.force
+    log = np.log2(np.abs(h[forward]) / np.abs(h[backward]))
+    w = orbits.frequency[forward] / orbits.frequency[forward].max()
+    weight = np.minimum(np.abs(orbits.right[forward]), np.abs(orbits.right[backward]))  # noise is even, signals are not
+    design = np.column_stack([np.ones_like(w), w, w**3])
+    scaled = design * weight[:, None]
+    solution, *_ = np.linalg.lstsq(scaled, log * weight, rcond=None)
+    residual = (log - design @ solution) * weight
+    variance = float(residual @ residual) / (w.size - 3) * np.linalg.pinv(scaled.T @ scaled)[0, 0]
+    return float(solution[0]) if np.sqrt(variance) < 0.08 else 0.0

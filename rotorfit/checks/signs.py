@@ -1,0 +1,169 @@
+"""Slips of sign and direction: conjugated FRFs, exchanged probes, a reversed sense of rotation.
+
+The local physics behind it (conventions as in :mod:`rotorfit.data.experiments`): at a drive point, where the force acts
+and is measured, ``kappa = F / A`` and ``Im kappa`` is what the rotor dissipates. It is negative under any backward
+force, positive under a forward force faster than the rotor, and negative under a slower one only as far as the fluid
+drives the rotor (``D (w - lam Omega)``, eq. 13). A conjugated FRF turns all these signs round; a reversed sense of
+rotation moves the drive of the fluid to the backward side.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from rotorfit.checks.orbits import ENOUGH, NEAR_1X, Index, Orbits, mirrored
+from rotorfit.data.experiments import ComplexArray, Float
+from rotorfit.data.findings import Finding, listed
+
+CERTAIN = 3.5
+"""Sum of signs over its standard deviation under random signs, beyond which a sign is taken as established."""
+
+SMALL_SINE = 0.1
+"""Sine of the phase of kappa below which its sign says little."""
+
+SLOW = (0.1, 0.2, 0.3, 0.5)
+"""Fractions of the speed below which whirl may be slower than the fluid; the largest is more than any lam."""
+
+
+def wrong_direction(orbits: Orbits) -> Iterator[Finding]:
+    """Responses against the direction of the force: nearly all of them an error, a steady part of them a note."""
+    share: dict[tuple[str, ...], float] = {}
+    steady: dict[tuple[str, ...], float] = {}
+    for key, at in orbits.groups("run", "plane"):
+        paired = at[np.isfinite(orbits.wrong[at])]
+        if paired.size:
+            right, wrong = (float(np.sum(np.abs(part[paired]) ** 2)) for part in (orbits.right, orbits.wrong))
+            share[key] = wrong / (right + wrong) if right + wrong > 0 else 0.0
+            steady[key] = max(wrong - _jumps(orbits, paired), 0.0) / (right + wrong) if right + wrong > 0 else 0.0
+    bad = {key for key, part in share.items() if part > 0.8}  # short of that it may be strong anisotropy
+    if bad:
+        runs = list(dict.fromkeys(run for run, _ in bad))
+        planes = list(dict.fromkeys(plane for _, plane in share if any(plane == p for _, p in bad)))
+        hit = np.array([key in bad for key in zip(orbits.run.tolist(), orbits.plane.tolist(), strict=True)])
+        everywhere = len(bad) == len(share)
+        cause = (
+            "phase lag read as lead (use phase_lag_deg), x and y probes exchanged, or the sign of the frequency"
+            if everywhere
+            else f"the probes at {listed(planes)}: x and y exchanged, one of them inverted, or phases as lag"
+            if len(planes) < len({plane for _, plane in share})
+            else "the sign of the frequency in these runs, or phases given as lag"
+        )
+        text = (
+            f"The rotor answers mostly against the direction of the force, in "
+            f"{'all runs' if everywhere else listed(runs)}. Check {cause}."
+        )
+        yield Finding("error", "wrong-direction", text, orbits.rows_of(np.flatnonzero(hit)))
+    largest = max((part for key, part in steady.items() if key not in bad), default=0.0)
+    if largest > 0.02:
+        text = (
+            f"Up to {largest:.0%} of the response is against the direction of the force: anisotropy, or probes that "
+            "differ. Compare with the model Anisotropic before trusting an isotropic one."
+        )
+        yield Finding("note", "anisotropy", text)
+
+
+def _jumps(orbits: Orbits, at: Index) -> float:
+    """Power in the wrong direction that jumps from line to line, as noise does; zero where lines are few."""
+    if at.size < ENOUGH:
+        return 0.0
+    at = at[np.argsort(orbits.frequency[at], kind="stable")]
+    wrong = orbits.wrong[at] * orbits.force[at] / np.abs(orbits.force[at])  # a mirror image turns against the force
+    return float(np.mean(np.abs(np.diff(wrong)) ** 2)) * at.size / 2
+
+
+def _established(values: Float) -> float:
+    """Sum over its standard deviation under random signs; noise cannot make it large, few values cannot either."""
+    size = np.sqrt(np.sum(values**2))
+    return float(np.sum(values) / size) if size > 0 else 0.0
+
+
+def signs(orbits: Orbits) -> Iterator[Finding]:
+    """Conjugated FRFs, or else a reversed sense of rotation, from the sign of Im kappa at drive points."""
+    at = np.flatnonzero((orbits.plane == orbits.force_plane) & (np.abs(orbits.right) > 0))
+    kappa = np.zeros(orbits.right.size, dtype=complex)
+    kappa[at] = orbits.force[at] / orbits.right[at]
+    drives = [group[np.isin(group, at)] for _, group in orbits.groups("run", "plane", "force_plane")]
+    conjugated = [group for group in drives if _dissipates(orbits, kappa, group) < 0]
+    if all(_dissipates(orbits, kappa, group) == 0 for group in drives):
+        sweeps = [group[np.isin(group, at)] for _, group in orbits.groups("plane", "force_plane", "speed")]
+        conjugated = [group for group in sweeps if _falls(orbits, kappa, group)]
+    if not conjugated:
+        yield from _reversed(orbits, kappa, at)
+        return
+    hit = np.concatenate(conjugated)
+    text = (
+        "Damping would be negative at the drive point (quadrature dynamic stiffness falls with frequency) in "
+        f"{listed(_names(orbits, hit))}: the FRF is conjugated. Give phases of lag as phase_lag_deg and "
+        "force_phase_lag_deg, or check the sign convention of the analyser."
+    )
+    yield Finding("error", "conjugated", text, orbits.rows_of(hit))
+
+
+def _dissipates(orbits: Orbits, kappa: ComplexArray, at: Index) -> int:
+    """Sign of the dissipation at |w| >= Omega, where the force leads or opposes the fluid whatever lam < 1 is; 0:
+    unknown."""
+    w = orbits.frequency[at]
+    fast = np.abs(w) >= np.abs(orbits.speed[at]) * (1 - NEAR_1X)
+    if fast.sum() < ENOUGH:
+        return 0
+    sine = kappa[at].imag / np.abs(kappa[at]) * np.sign(w)
+    # a phase of a few degrees may be an error of the reference: such readings hardly count
+    score = _established((sine / np.hypot(sine, SMALL_SINE))[fast])
+    return int(np.sign(score)) if abs(score) > CERTAIN else 0
+
+
+def _falls(orbits: Orbits, kappa: ComplexArray, at: Index) -> bool:
+    """Whether quadrature falls from backward to forward in a sweep below the speed.
+
+    One direction is enough if there is but one plane; else the other planes' motion turns the slope within a direction.
+    """
+    w = orbits.frequency[at]
+    one_plane = np.unique(orbits.plane).size == 1
+    return (one_plane or bool((w > 0).any() and (w < 0).any())) and _rank_correlation(w, kappa[at].imag) < -0.8
+
+
+def _reversed(orbits: Orbits, kappa: ComplexArray, at: Index) -> Iterator[Finding]:
+    """A reversed sense of rotation: the fluid, which drives slow forward whirl, seems to drive slow backward whirl."""
+    # slow unbalance moves the rotor little and noise turns its phase: weigh the sign by the response
+    power = kappa.imag / np.maximum(np.abs(kappa), np.finfo(float).tiny) * np.abs(orbits.right)
+    for _, group in orbits.groups("run", "plane", "force_plane"):
+        power[group] /= np.abs(orbits.right[group]).max() or 1.0
+    ratio = orbits.frequency[at] / np.where(orbits.speed[at] == 0, np.nan, np.abs(orbits.speed[at]))
+    backward = [at[(ratio < 0) & (ratio > -limit)] for limit in SLOW]
+    scores = [(_established(power[some]), some) for some in backward]
+    scores += [_even_quadrature(orbits, kappa, at[np.abs(ratio) < limit]) for limit in SLOW]
+    score, hit = max(scores, key=lambda pair: pair[0])
+    if score > CERTAIN:
+        text = (
+            f"Slow backward forces drive the rotor instead of damping it in {listed(_names(orbits, hit))}: lam would "
+            "be negative. The sense of rotation is reversed, or x and y are exchanged together with the sign of the "
+            "frequency; x has to turn towards y with the rotor."
+        )
+        yield Finding("error", "reversed-rotation", text, orbits.rows_of(hit))
+
+
+def _even_quadrature(orbits: Orbits, kappa: ComplexArray, slow: Index) -> tuple[float, Index]:
+    """How certain it is that the part of Im kappa even in w, ``-D lam Omega`` in eq. (13), is positive, and where."""
+    pairs = np.array([pair for _, some in orbits.groups("plane", "force_plane", "speed")
+                      for pair in mirrored(orbits, some[np.isin(some, slow)])], dtype=np.intp)  # fmt: skip
+    if not pairs.size:
+        return 0.0, slow
+    forward, backward = pairs.T
+    even = kappa[forward].imag + kappa[backward].imag
+    noise = np.hypot(  # of kappa = F / A, up to a common factor
+        np.abs(kappa[forward] / orbits.right[forward]), np.abs(kappa[backward] / orbits.right[backward])
+    )
+    return _established(even / noise), np.unique(pairs)
+
+
+def _names(orbits: Orbits, at: Index) -> list[str]:
+    return list(dict.fromkeys(orbits.run[at].tolist()))
+
+
+def _rank_correlation(x: Float, y: Float) -> float:
+    if x.size < ENOUGH or np.ptp(x) == 0 or np.ptp(y) == 0:
+        return 0.0
+    ranks = [np.argsort(np.argsort(values)).astype(float) for values in (x, y)]
+    return float(np.corrcoef(ranks[0], ranks[1])[0, 1])

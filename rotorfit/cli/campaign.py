@@ -1,0 +1,161 @@
+"""``rotorfit campaign``: fit every run of a campaign, print and draw the trends."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import sys
+from contextlib import ExitStack
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from concurrent.futures import Executor
+
+    from rotorfit.campaigns.campaign import Campaign
+    from rotorfit.fitting.result import FittedParameter
+
+DESCRIPTION = "fit every run of a campaign and show how the parameters change with its conditions"
+
+
+def add_options(to: argparse.ArgumentParser) -> None:
+    """Options of the command."""
+    from rotorfit.cli.arguments import FIT_LISTS, add_files, add_output, words
+
+    add_files(to)
+    to.add_argument("--model", required=True, help="see `rotorfit models`")
+    to.add_argument("--out", type=Path, help="folder for runs.csv, summary.txt and trends.png")
+    for name, (metavar, help_text) in FIT_LISTS.items():
+        if name != "--per":  # every parameter that is neither known nor shared has a value of its own for each run
+            to.add_argument(name, action="append", default=[], metavar=metavar, help=help_text)
+    to.add_argument("--loss", default="linear", help="linear, or soft_l1, huber, cauchy against outliers")
+    to.add_argument("--planes", type=words, default=(), metavar="A,B", help="the data's planes in the model's order")
+    to.add_argument("--blocks", type=words, default=(), metavar="A,B", help="structural blocks to include")
+    to.add_argument("--two-lam", action="store_true", help="lam_D and lam_M of their own in place of one lam")
+    to.add_argument("--split", default="run", metavar="ATTRIBUTE", help="column that parts the runs [%(default)s]")
+    to.add_argument("--shared", type=words, default=(), metavar="A,B", help="parameters with one value for all runs")
+    to.add_argument("--against", metavar="ATTRIBUTE", help="column that trends are shown against: pressure_psi")
+    to.add_argument("--by", metavar="ATTRIBUTE", help="column that makes groups: inlet")
+    to.add_argument("--follow", type=words, metavar="A,B", help="parameters whose trends are shown [K0, lam, D]")
+    to.add_argument("--jobs", type=int, default=1, metavar="N", help="processes to fit with [%(default)s]")
+    add_output(to)
+    # What a single fit has and a campaign has not.
+    to.set_defaults(per=[], phase_offsets=False, refine=False, calibration=[], sample=False, seed=None)
+    to.set_defaults(ess=1.0, max_steps=1, profile=(), bootstrap=0, law="", clearance_um=None)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Do what the command line says; returns the exit code."""
+    from rotorfit.cli.errors import DONE, NOT_CONVERGED, BadInputError, checked, sentence
+    from rotorfit.studies.folder import complete_folder
+
+    found = checked(lambda: _campaign(options))
+    text = checked(lambda: found.summary(options.follow, against=options.against, by=options.by))
+    if options.out is not None:
+        try:
+            with complete_folder(options.out) as folder:
+                _write(found, text, folder, options)
+        except OSError as problem:
+            raise BadInputError(sentence(problem)) from problem
+    if options.json:
+        print(json.dumps(_plain(found, options), indent=2))
+    elif not options.quiet:
+        print(found.table(None if options.against is None else [a for a in (options.against, options.by) if a]))
+        print(f"\n{text}" + (f"\n\nwritten to {options.out}" if options.out else ""))
+    if not found.success:
+        bad = [one.name for one in found.runs if not one.success]
+        what = f"{len(bad)} of {len(found.runs)} runs" if bad else "the shared parameters"
+        print(f"rotorfit: {what} did not converge{': ' + ', '.join(bad) if bad else ''}", file=sys.stderr)
+        return NOT_CONVERGED
+    return DONE
+
+
+def _campaign(options: argparse.Namespace) -> Campaign:
+    from rotorfit.campaigns.campaign import campaign
+    from rotorfit.cli.arguments import fit_study
+    from rotorfit.studies.study import build_model, check_model_name
+
+    if options.jobs < 1:
+        raise ValueError(f"--jobs takes a number of processes from 1, got {options.jobs}")
+    if options.against is None and (options.by or options.follow):
+        raise ValueError("--by and --follow shape the trends: say --against what")
+    study = fit_study(options)
+    check_model_name(study.model)
+    tests = [file.read() for file in study.files]
+    with ExitStack() as stack:
+        return campaign(
+            build_model(study, tests),
+            tests,
+            split=options.split,
+            shared=options.shared,
+            known=study.known,
+            bounds=study.bounds,
+            priors=study.priors,
+            loss=study.loss,  # type: ignore[arg-type]
+            start=study.start,
+            executor=stack.enter_context(_processes(options.jobs)) if options.jobs > 1 else None,
+            progress=_progress if not options.quiet and sys.stderr.isatty() else None,
+        )
+
+
+def _processes(count: int) -> Executor:
+    from concurrent.futures import ProcessPoolExecutor
+    from multiprocessing import get_context
+
+    return ProcessPoolExecutor(count, mp_context=get_context("spawn"))
+
+
+def _progress(done: int, total: int) -> None:
+    end = "\r\033[K" if done == total else ""
+    print(f"\r\033[K{done} of {total} runs{end}", end="", file=sys.stderr, flush=True)
+
+
+def _write(found: Campaign, text: str, folder: Path, options: argparse.Namespace) -> None:
+    found.to_csv(folder / "runs.csv")
+    (folder / "summary.txt").write_text(f"{found.table()}\n\n{text}\n", encoding="utf-8")
+    if options.against is not None and found.trends(options.follow, against=options.against, by=options.by):
+        figure = found.plot_trends(options.follow, against=options.against, by=options.by)
+        figure.savefig(folder / "trends.png", dpi=150)
+
+
+def _number(value: float) -> float | None:
+    return value if math.isfinite(value) else None
+
+
+def _estimate(parameter: FittedParameter) -> dict[str, Any]:
+    return {"value": parameter.value, "stderr": _number(parameter.stderr), "unit": parameter.unit}
+
+
+def _plain(found: Campaign, options: argparse.Namespace) -> dict[str, Any]:
+    """The campaign as JSON, numbers in SI units, no infinities."""
+    result: dict[str, Any] = {
+        "model": found.model.name,
+        "success": found.success,
+        "shared": {name: _estimate(p) for name, p in found.shared.items()},
+        "runs": [
+            {
+                "run": one.name,
+                **{name: value if isinstance(value, str) else _number(value) for name, value in one.attributes.items()},
+                "params": {name: _estimate(p) for name, p in one.params.items() if p.vary},
+                "redchi": _number(one.redchi),
+                "success": one.success,
+                "message": one.message,
+            }
+            for one in found.runs
+        ],
+    }
+    if options.against is not None:
+        result["trends"] = [
+            {
+                "parameter": t.parameter,
+                "group": t.group,
+                "against": t.against,
+                "runs": len(t.runs),
+                "slope": _number(t.slope.value),
+                "slope_stderr": _number(t.slope.stderr),
+                "scatter": _number(t.scatter),
+            }
+            for t in found.trends(options.follow, against=options.against, by=options.by)
+        ]
+    return result

@@ -1,0 +1,31 @@
+"""How a command ends: exit codes, and what the user got wrong as one sentence."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TypeVar
+
+DONE, NOT_CONVERGED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
+
+T = TypeVar("T")
+
+
+class BadInputError(Exception):
+    """Something in the user's hands is wrong; the message says what, where and what to do."""
+
+
+def sentence(problem: BaseException) -> str:
+    """Message of an exception as a person would write it."""
+    if isinstance(problem, KeyError) and problem.args:
+        return str(problem.args[0])  # str() of a KeyError puts quotes around the sentence
+    if isinstance(problem, OSError) and problem.strerror:
+        return f"{problem.filename}: {problem.strerror}" if problem.filename else problem.strerror
+    return str(problem)
+
+
+def checked(work: Callable[[], T]) -> T:
+    """Do work that depends on the user's files and settings; what they get wrong becomes a :class:`BadInputError`."""
+    try:
+        return work()
+    except (ValueError, KeyError, OSError) as problem:
+        raise BadInputError(sentence(problem)) from problem

@@ -1,0 +1,134 @@
+"""``rotorfit compare-laws``: which law of eccentricity the data ask for, if any."""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import json
+import math
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from rotorfit.fitting.law_ranking import LawComparison, LawFit
+    from rotorfit.fitting.result import FitResult
+
+DESCRIPTION = "fit several laws of eccentricity to the same files and rank them by AIC and BIC"
+
+
+def add_options(to: argparse.ArgumentParser) -> None:
+    """Options of the command."""
+    from rotorfit.cli.arguments import FIT_LISTS, add_files, add_model, add_output, positive, words
+
+    add_files(to)
+    add_model(to)
+    to.add_argument("--clearance-um", type=positive, required=True, metavar="UM", help="radial clearance at the fluid")
+    to.add_argument("--laws", type=words, metavar="A,B", help="laws to compare: constant,muszynska [all]")
+    to.add_argument("--out", type=Path, help="folder for law_comparison.csv, summary.txt and law.png")
+    for name, (metavar, help_text) in FIT_LISTS.items():
+        to.add_argument(name, action="append", default=[], metavar=metavar, help=help_text)
+    to.add_argument("--loss", default="linear", help="linear, or soft_l1, huber, cauchy against outliers")
+    to.add_argument("--phase-offsets", action="store_true", help="fit a phase reference offset for every run but one")
+    add_output(to)
+    # What a single fit has and a comparison has not.
+    to.set_defaults(law="", refine=False, calibration=[], sample=False, seed=None)
+    to.set_defaults(ess=1.0, max_steps=1, profile=(), bootstrap=0)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Do what the command line says; returns the exit code."""
+    from rotorfit.cli.errors import DONE, NOT_CONVERGED, BadInputError, checked, sentence
+    from rotorfit.studies.folder import complete_folder
+
+    found = checked(lambda: _comparison(options))
+    if options.out is not None:
+        try:
+            with complete_folder(options.out) as folder:
+                _write(found, folder)
+        except OSError as problem:
+            raise BadInputError(sentence(problem)) from problem
+    if options.json:
+        print(json.dumps(_plain(found), indent=1, allow_nan=False))
+    elif not options.quiet:
+        print(str(found) + (f"\n\nwritten to {options.out}" if options.out else ""))
+    failed = [entry for entry in found.laws if entry.fit is not None and not entry.fit.success]
+    for entry in failed:
+        print(f"rotorfit: {entry.law!r}: {entry.reason}", file=sys.stderr)
+    return NOT_CONVERGED if failed else DONE
+
+
+def _comparison(options: argparse.Namespace) -> LawComparison:
+    from dataclasses import replace
+
+    from rotorfit.cli.arguments import fit_study
+    from rotorfit.fitting.law_ranking import compare_laws
+    from rotorfit.models import LAWS
+    from rotorfit.models.parameters import unknown_name
+    from rotorfit.studies.study import build_model, check_model_name
+
+    study = replace(fit_study(options), clearance_um=None)  # compare_laws gives it to each law's model
+    check_model_name(study.model)
+    for name in options.laws or ():
+        if name not in LAWS:
+            raise ValueError(f"--laws: {unknown_name('law', name, LAWS)}")
+    tests = [file.read() for file in study.files]
+    return compare_laws(
+        build_model(study, tests), tests, None if options.laws is None else [LAWS[name]() for name in options.laws],
+        clearance_um=options.clearance_um, known=study.known, bounds=study.bounds, priors=study.priors, per=study.per,
+        start=study.start, loss=study.loss, phase_offsets=study.phase_offsets,
+    )  # fmt: skip
+
+
+def _write(found: LawComparison, folder: Path) -> None:
+    rows = [_row(entry) for entry in found.laws]
+    with (folder / "law_comparison.csv").open("w", newline="", encoding="utf-8") as stream:
+        table = csv.DictWriter(stream, list(rows[0]))
+        table.writeheader()
+        table.writerows(rows)
+    drawn = _drawn(found)
+    note = "law.png: no law that changes with eccentricity could be fitted"
+    if drawn is not None:
+        drawn.plot_law().savefig(folder / "law.png", dpi=150)
+        note = f"law.png: {drawn.model.options()['law']!r}"
+    (folder / "summary.txt").write_text(f"{found}\n\n{note}\n\n{found.best.summary()}\n", encoding="utf-8")
+
+
+def _drawn(found: LawComparison) -> FitResult | None:
+    """Fit of the best law that there is something to draw of: one that changes with eccentricity."""
+    return next((e.fit for e in found.laws if e.law.parameters and e.fit is not None and not e.reason), None)
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None
+
+
+def _row(entry: LawFit) -> dict[str, Any]:
+    """One law of the ranking; what was not fitted is ``None``."""
+    return {
+        "law": repr(entry.law),
+        "fitted": entry.count,
+        "redchi": None if entry.fit is None else _finite(entry.fit.redchi),
+        "aic": _finite(entry.aic),
+        "bic": _finite(entry.bic),
+        "weight": entry.weight,
+        "reason": entry.reason,
+    }
+
+
+def _plain(found: LawComparison) -> dict[str, Any]:
+    """The ranking as JSON, no infinities."""
+    best = found.best
+    return {
+        "model": best.model.name,
+        "laws": [_row(entry) for entry in found.laws],
+        "best": repr(found.laws[0].law),
+        "parameters": {
+            p.name: {"value": _finite(p.value), "stderr": _finite(p.stderr), "unit": p.unit, "fitted": p.vary}
+            for p in best.params.values()
+        },
+        "nonlinear": found.nonlinear,
+        "nonlinear_stiffness": found.nonlinear_stiffness,
+        "stiffness_aic": _finite(found.stiffness),
+        "verdict": found.verdict,
+    }

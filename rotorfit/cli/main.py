@@ -1,0 +1,181 @@
+"""The command line: ``rotorfit demo``, ``fit``, ``run``, ``campaign``, ``compare-laws``, ``simulate`` and others.
+
+Exit codes: 0 done, 1 the fit or the sampling did not converge, 2 bad input (one sentence on stderr), 130 interrupted.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from collections.abc import Sequence
+from contextlib import nullcontext
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from rotorfit.cli import campaign, laws, simulate
+from rotorfit.cli.arguments import add_files, add_fit_options, add_output, data_files, fit_study
+from rotorfit.cli.errors import BAD_INPUT, DONE, INTERRUPTED, NOT_CONVERGED, BadInputError, checked, sentence
+from rotorfit.cli.progress import Progress
+from rotorfit.version import __version__
+
+if TYPE_CHECKING:
+    from rotorfit.studies.study import Outcome, Study
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line.
+
+    Args:
+        arguments: words after the program's name, by default those it was started with.
+
+    Returns:
+        the exit code.
+    """
+    options = _parser().parse_args(arguments)
+    try:
+        code = int(options.command(options))
+        sys.stdout.flush()
+        return code
+    except BrokenPipeError:  # whoever reads the output, `head` for instance, has seen enough
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # nor may the last flush complain
+        return DONE
+    except BadInputError as problem:
+        print(f"rotorfit: {problem}", file=sys.stderr)
+        return BAD_INPUT
+    except KeyboardInterrupt as stop:
+        print(f"rotorfit: interrupted, {stop.args[0] if stop.args else 'nothing was written'}", file=sys.stderr)
+        return INTERRUPTED
+
+
+# ---- commands ---------------------------------------------------------------------------------
+
+
+def _fit(options: argparse.Namespace) -> int:
+    return _identify(checked(lambda: fit_study(options)), options)
+
+
+def _run(options: argparse.Namespace) -> int:
+    from rotorfit.studies.study_file import read_study
+
+    study = checked(lambda: read_study(options.study))
+    return _identify(study if options.out is None else replace(study, out=options.out), options)
+
+
+def _demo(options: argparse.Namespace) -> int:
+    from rotorfit import datasets
+    from rotorfit.studies.study import DataFile, Study
+
+    rig = DataFile(datasets.path("rig_open.csv"))
+    study = Study(files=(rig,), model="whirl-whip", known={"K3": 6000.0}, refine=True, out=options.out)
+    return _identify(study, options, rig="rig_open")
+
+
+def _identify(study: Study, options: argparse.Namespace, rig: str = "") -> int:
+    """Run a study, write its folder, print its summary, say how it went."""
+    from rotorfit.studies.folder import outcome_json, summary
+
+    progress = Progress(enabled=not options.quiet and sys.stderr.isatty())
+    try:
+        outcome = _work(study, progress, rig)
+    except OSError as problem:  # the folder for the results
+        raise BadInputError(sentence(problem)) from problem
+    finally:
+        progress.close()
+    if options.json:
+        print(outcome_json(outcome))
+    elif not options.quiet:
+        print(summary(outcome, rig))
+        if study.out:
+            print(f"\nwritten to {study.out}")
+    for finding in (finding for found in outcome.findings for finding in found):
+        if finding.severity == "error":
+            print(f"rotorfit: {finding.message}", file=sys.stderr)
+    if outcome.failure:
+        print(f"rotorfit: {outcome.failure}", file=sys.stderr)
+        return NOT_CONVERGED
+    return DONE
+
+
+def _work(study: Study, progress: Progress, rig: str) -> Outcome:
+    from rotorfit.studies.folder import complete_folder, kept_checkpoint, write_outcome
+    from rotorfit.studies.study import run_study
+
+    keep = kept_checkpoint(study.out) if study.out and study.sample else nullcontext()
+    with complete_folder(study.out) if study.out else nullcontext() as folder, keep as checkpoint:
+        outcome = checked(lambda: run_study(study, progress, checkpoint))
+        if folder is not None:
+            write_outcome(outcome, folder, progress, rig)
+    return outcome
+
+
+def _models(options: argparse.Namespace) -> int:
+    from rotorfit.models import MODELS
+    from rotorfit.studies.study import check_model_name
+
+    if options.name is not None:
+        checked(lambda: check_model_name(options.name))
+    tables = []
+    for model in MODELS.values() if options.name is None else (MODELS[options.name],):
+        head, _, rows = model().describe().partition("\n")
+        first = (model.__doc__ or "").partition("\n")[0]
+        tables.append(f"{head}\n  {first}\n{rows}")
+    print("\n\n".join(tables))
+    return DONE
+
+
+def _info(options: argparse.Namespace) -> int:
+    from rotorfit.checks.checklist import check
+    from rotorfit.studies.folder import describe_test
+
+    tests = checked(lambda: [file.read() for file in data_files(options)])
+    print("\n\n".join(describe_test(test, check(test)) for test in tests))
+    return DONE
+
+
+COMMANDS = {
+    "demo": _demo,
+    "fit": _fit,
+    "run": _run,
+    "campaign": campaign.run,
+    "compare-laws": laws.run,
+    "simulate": simulate.run,
+    "models": _models,
+    "info": _info,
+}
+"""What each word does."""
+
+
+def _parser() -> argparse.ArgumentParser:
+    """The words that the command line understands."""
+    whole = argparse.ArgumentParser(
+        prog="rotorfit",
+        allow_abbrev=False,
+        description="Identify rotor and fluid-force parameters from rotating-force perturbation tests.",
+        epilog="Exit codes: 0 done, 1 fit or sampling did not converge, 2 bad input.",
+    )
+    whole.add_argument("--version", action="version", version=f"rotorfit {__version__}")
+    group = whole.add_subparsers(required=True, metavar="COMMAND")
+
+    def command(name: str, help: str) -> argparse.ArgumentParser:
+        added = group.add_parser(name, help=help, description=help, allow_abbrev=False)
+        added.set_defaults(command=COMMANDS[name])
+        return added
+
+    demo = command("demo", "identify the bundled rig and compare with its truth")
+    demo.add_argument("--out", type=Path, default=Path("rotorfit-demo"), help="folder for the results [%(default)s]")
+    add_output(demo)
+    fit = command("fit", "fit a model to test files")
+    add_fit_options(fit)
+    add_output(fit)
+    run = command("run", "fit as a TOML file says")
+    run.add_argument("study", type=Path, metavar="STUDY.toml", help="settings of a fit as TOML keys")
+    run.add_argument("--out", type=Path, help="folder for the results, in place of the file's")
+    add_output(run)
+    for name, module in (("campaign", campaign), ("compare-laws", laws), ("simulate", simulate)):
+        module.add_options(command(name, module.DESCRIPTION))
+    models = command("models", "list the models and their parameters")
+    models.add_argument("name", nargs="?", help="only this one")
+    add_files(command("info", "say what a test file holds and what is odd about it"))
+    return whole

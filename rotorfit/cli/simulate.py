@@ -1,0 +1,164 @@
+"""``rotorfit simulate``: test a virtual rig and write the file that a test of a real one would give."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from rotorfit.data.experiments import Experiment
+    from rotorfit.models import RotorModel
+
+DESCRIPTION = "simulate a test of a virtual rig by integration in time and write its file"
+
+_LISTS = {
+    "--speed-rpm": "rotative speeds",
+    "--frequency-rpm": "perturbation frequencies; negative is backward, see also --backward",
+    "--force": "sizes of the rotating force, N",
+    "--unbalance": "m r, kg m, in place of --force; the calibration weight of a synchronous test",
+    "--amplitude-um": "radii of an imposed orbit",
+    "--load": "constant loads, N",
+}
+"""Lists of numbers, named as the options of the kinds are in Python."""
+_NUMBERS = {
+    "--impulse": ("N_S", "momentum of the blow, N s"),
+    "--impulse-deg": ("DEG", "its direction from x towards y [0]"),
+    "--duration": ("S", "length of a ring-down record, s"),
+    "--sampling-hz": ("HZ", "sampling of a ring-down record"),
+}
+_WORDS = {
+    "--plane": "plane of the load, the blow or the imposed orbit [the journal]",
+    "--load-plane": "plane of the constant load of a perturbation test [the journal]",
+    "--order": "rest, up or down: how a sweep goes through its frequencies [rest]",
+}
+_ONE_VALUE = {("perturbation", "load"), ("synchronous", "unbalance")}
+
+
+def add_options(to: argparse.ArgumentParser) -> None:
+    """Options of the command."""
+    from rotorfit.cli.arguments import add_model, positive, whole, words
+
+    add_model(to)
+    to.add_argument(
+        "--set", action="append", default=[], metavar="NAME=VALUE", help="true value of a parameter, SI units"
+    )
+    to.add_argument("--law", default="", metavar="NAME", help="law of eccentricity: muszynska, even-polynomial, ...")
+    to.add_argument("--clearance-um", type=positive, metavar="UM", help="radial clearance at the fluid, for a law")
+    to.add_argument("--kind", default="perturbation", help="perturbation, static-load, impulse, ... [%(default)s]")
+    for name, help_text in _LISTS.items():
+        to.add_argument(name, type=numbers, metavar="A,B|LO:HI:N", help=help_text)
+    to.add_argument("--backward", action="store_true", help="the same frequencies backward as well")
+    to.add_argument("--load-deg", type=float, default=-90.0, metavar="DEG", help="direction of the load [%(default)g]")
+    for name, (metavar, help_text) in _NUMBERS.items():
+        to.add_argument(name, type=float, metavar=metavar, help=help_text)
+    for name, help_text in _WORDS.items():
+        to.add_argument(name, metavar=name[2:].upper(), help=help_text)
+    to.add_argument("--force-planes", type=words, metavar="A,B", help="planes that are forced [all]")
+    to.add_argument("--noise", type=float, default=0.01, help="over the rms reading of a run [%(default)g]")
+    to.add_argument("--seed", type=whole, default=0, help="of the noise [%(default)s]")
+    to.add_argument("--out", type=Path, required=True, metavar="FILE", help="file to write (.csv .uff .nc .mat)")
+    to.add_argument("--quiet", action="store_true", help="do not say what was written")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Do what the command line says; returns the exit code."""
+    from rotorfit.checks.checklist import check
+    from rotorfit.cli.errors import DONE, BadInputError, checked, sentence
+    from rotorfit.io.files import read, write
+    from rotorfit.simulation.integration import IntegrationError
+    from rotorfit.studies.folder import describe_test
+
+    try:
+        test = checked(lambda: _simulated(options))
+    except IntegrationError as problem:
+        raise BadInputError(sentence(problem)) from problem
+    checked(lambda: write(test, options.out))
+    if not options.quiet:
+        written = checked(lambda: read(options.out))
+        print(f"{describe_test(written, check(written))}\n\nwritten to {options.out}")
+    return DONE
+
+
+def _simulated(options: argparse.Namespace) -> Experiment:
+    from rotorfit.cli.arguments import number, pairs
+    from rotorfit.io.files import SUFFIXES
+    from rotorfit.models.parameters import unknown_name
+    from rotorfit.simulation.simulate import KINDS, check_options, simulate
+
+    if options.out.suffix.lower() not in SUFFIXES:  # before the simulation, which may take long
+        raise ValueError(f"--out {options.out.name}: {unknown_name('suffix', options.out.suffix, SUFFIXES)}")
+    if not options.out.parent.is_dir():
+        raise FileNotFoundError(f"cannot write {options.out}: there is no folder {options.out.parent}")
+    if options.kind not in KINDS:
+        raise ValueError(unknown_name("kind of experiment", options.kind, KINDS))
+    model, params = _model(options), pairs("--set", options.set, number)
+    settings = _settings(options)
+    try:
+        check_options(options.kind, settings)
+    except TypeError as problem:
+        raise ValueError(str(problem)) from problem
+    return simulate(model, params, options.kind, noise=options.noise, seed=options.seed, **settings)
+
+
+def _model(options: argparse.Namespace) -> RotorModel:
+    from rotorfit.studies.study import Study, build_model, check_model_name
+
+    check_model_name(options.model)
+    if options.model == "anisotropic" and not options.planes:
+        raise ValueError("anisotropic has as many planes as --planes names: give them")
+    study = Study(
+        files=(), model=options.model, planes=options.planes, blocks=options.blocks, two_lam=options.two_lam,
+        law=options.law, clearance_um=options.clearance_um,
+    )  # fmt: skip
+    return build_model(study, ())
+
+
+def _settings(options: argparse.Namespace) -> dict[str, Any]:
+    """What was given, by the names that the kinds have for it in Python."""
+    import numpy as np
+
+    names = [name[2:].replace("-", "_") for name in (*_LISTS, *_NUMBERS, *_WORDS)]
+    given = {name: getattr(options, name) for name in names if getattr(options, name) is not None}
+    if options.force_planes is not None:
+        given["planes"] = options.force_planes
+    if options.backward:
+        if "frequency_rpm" not in given:
+            raise ValueError("--backward turns frequencies around: give --frequency-rpm")
+        given["frequency_rpm"] = np.concatenate([-given["frequency_rpm"][::-1], given["frequency_rpm"]])
+    for name in (one for kind, one in _ONE_VALUE if kind == options.kind and one in given):
+        if len(given[name]) != 1:
+            raise ValueError(f"--{name} of a {options.kind} test takes one value, got {len(given[name])}")
+        given[name] = float(given[name][0])
+    if "load" in given and options.kind == "perturbation":
+        given["load"] *= np.exp(1j * np.radians(options.load_deg))
+    elif "load" in given:
+        given["load_deg"] = options.load_deg
+    return given
+
+
+def numbers(text: str) -> NDArray[np.float64]:
+    """Numbers with commas between; ``LO:HI:N`` stands for N of them evenly spaced.
+
+    Raises:
+        argparse.ArgumentTypeError: not numbers, or not finite.
+    """
+    import numpy as np
+
+    parts = []
+    for part in text.split(","):
+        try:
+            if ":" in part:
+                low, high, count = part.split(":")
+                parts.append(np.linspace(float(low), float(high), int(count)))
+            else:
+                parts.append(np.array([float(part)]))
+        except ValueError:
+            raise argparse.ArgumentTypeError(f"{part!r} is neither a number nor LO:HI:N") from None
+    values = np.concatenate(parts)
+    if not values.size or not np.isfinite(values).all():
+        raise argparse.ArgumentTypeError(f"{text!r} must hold finite numbers")
+    return values

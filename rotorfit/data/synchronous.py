@@ -1,0 +1,210 @@
+"""Speeds of a test: constant ones that jitter, and synchronous start-ups whose runs are differenced (eq. 20)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotorfit.data.experiments import SYNCHRONOUS_TOLERANCE, ComplexArray, Float, PerturbationTest, Text
+
+SPEED_TOLERANCE = 0.005
+"""Speeds closer than this fraction are one constant speed that jitters; see :func:`group_speeds`."""
+
+OPPOSITE_TOLERANCE = np.radians(5.0)
+"""Forces are opposite when their phases differ by 180 degrees to this angle. The difference of the two force vectors is
+exact for any angle; the tolerance only says which runs were meant as a pair."""
+
+SAME_SPEED = 1e-6
+"""Speeds of two runs that agree to this fraction need no interpolation."""
+
+LARGEST_GAP = 5.0
+"""Readings are not interpolated across gaps longer than this many median steps."""
+
+DIFFERENCED = "differenced"
+"""Attribute that marks rows made by :func:`difference_synchronous` with 1, rows left as they were with 0."""
+
+
+def group_speeds(speed: Float, frequency: Float, run: Text, tolerance: float = SPEED_TOLERANCE) -> Float:
+    """Set speeds that jitter about a constant to their mean.
+
+    Speeds of all runs are sorted; neighbours closer than ``tolerance`` belong to one group, and a group that spans no
+    more than twice that is one speed. Wider groups are speed sweeps and stay, as do runs at once-per-turn frequency.
+
+    Args:
+        speed, frequency: rad/s, shape ``(R,)``.
+        run: name of the run of each row.
+        tolerance: fraction of the speed.
+    """
+    at_1x = np.abs(frequency - speed) <= SYNCHRONOUS_TOLERANCE * np.abs(speed)
+    names, index = np.unique(run, return_inverse=True)
+    synchronous = np.bincount(index, ~at_1x, names.size)[index] == 0
+    result = speed.copy()
+    values = np.unique(speed[~synchronous])
+    if values.size < 2:
+        return result
+    breaks = np.flatnonzero(np.diff(values) > tolerance * np.abs(values[1:])) + 1
+    for group in np.split(values, breaks):
+        if 0 < group[-1] - group[0] <= 2 * tolerance * abs(group[-1]):
+            rows = ~synchronous & (speed >= group[0]) & (speed <= group[-1])
+            result[rows] = speed[rows].mean()
+    return result
+
+
+def difference_synchronous(test: PerturbationTest) -> PerturbationTest:
+    """Difference start-ups with the weight at opposite angles (eq. 20).
+
+    Two runs with the force at the same plane and at opposite phase are subtracted reading by reading, responses and
+    forces alike: ``r1 - r2 = H (F1 - F2)``, with ``F1 - F2 = 2 F1`` for equal weights. Whatever does not change between
+    the runs drops out: residual unbalance, bow, run-out. Where the second run was not sampled at the speeds of the
+    first one its response divided by its force is interpolated there by a cubic spline, never beyond its range and
+    not across gaps. The noise of the difference is ``sqrt(sigma1^2 + sigma2^2)``. Numeric attributes are averaged
+    over the pair.
+
+    Runs without a partner, and readings that only one run of a pair has, stay as they are; the attribute
+    :data:`DIFFERENCED` tells them apart. Rows differenced before are left alone, so doing it twice changes nothing.
+
+    Args:
+        test: a synchronous test.
+
+    Returns:
+        the test with each pair ``a``, ``b`` of runs replaced by one run named ``a minus b``.
+
+    Raises:
+        ValueError: the test is not synchronous.
+    """
+    if not test.synchronous:
+        raise ValueError(
+            f"{test.source or 'the test'} is not synchronous: differenced are runs with frequency = speed on all rows"
+        )
+    done = np.asarray(test.attributes.get(DIFFERENCED, np.zeros(len(test))) == 1)
+    left = np.ones(len(test), dtype=bool)
+    parts: list[PerturbationTest] = []
+    for first, second in _pairs(test, ~done):
+        for a, b in _channels(test, first, second):
+            part = _difference(test.select(a), test.select(b))
+            if len(part):
+                parts.append(part)
+                left[a] = left[b] = False
+    if not parts:
+        return test
+    marked = dict(test.attributes) | {DIFFERENCED: done.astype(float)}
+    rest = replace(test, attributes=marked).select(left)
+    return _join([*parts, rest] if len(rest) else parts)
+
+
+def _pairs(test: PerturbationTest, rows: NDArray[np.bool_]) -> Iterator[tuple[NDArray[Any], NDArray[Any]]]:
+    """Rows of each two runs with the force at one plane in opposite directions, in order of appearance."""
+    sectors = np.round(np.degrees(np.angle(test.force)), 1).tolist()  # a run whose weight was moved is two runs
+    keys = list(zip(test.run.tolist(), test.force_plane.tolist(), _merge(sectors), strict=True))
+    runs: dict[Any, list[int]] = {}
+    for row, key in enumerate(keys):
+        if rows[row] and test.force[row] != 0 and test.speed[row] != 0:
+            runs.setdefault(key, []).append(row)
+    free = list(runs)
+    while free:
+        key = free.pop(0)
+        force = test.force[runs[key][0]]
+        for other in free:
+            angle = np.angle(-test.force[runs[other][0]] / force)
+            if other[1] == key[1] and abs(angle) <= OPPOSITE_TOLERANCE:
+                free.remove(other)
+                yield np.array(runs[key]), np.array(runs[other])
+                break
+
+
+def _merge(degrees: list[float]) -> list[float]:
+    """Replace each angle by the first one seen within the tolerance of it, so that a force phase that jitters is
+    one."""
+    seen: dict[float, float] = {}
+    for angle in dict.fromkeys(degrees):
+        near = [s for s in seen.values() if abs((angle - s + 180) % 360 - 180) <= np.degrees(OPPOSITE_TOLERANCE)]
+        seen[angle] = near[0] if near else angle
+    return [seen[angle] for angle in degrees]
+
+
+def _channels(
+    test: PerturbationTest, first: NDArray[Any], second: NDArray[Any]
+) -> Iterator[tuple[NDArray[Any], NDArray[Any]]]:
+    for plane, direction in dict.fromkeys(zip(test.plane[first].tolist(), test.direction[first].tolist(), strict=True)):
+        of_channel = (test.plane == plane) & (test.direction == direction)
+        a, b = first[of_channel[first]], second[of_channel[second]]
+        if b.size:
+            yield a, b
+
+
+def _difference(a: PerturbationTest, b: PerturbationTest) -> PerturbationTest:
+    """One channel of run a minus the same channel of run b, at the speeds of a that b covers."""
+    if len(a) == len(b) and np.allclose(a.speed, b.speed, rtol=SAME_SPEED, atol=0):
+        response, force, sigma, position = b.response, b.force, b.sigma, None
+    else:
+        inside = _covered(a.speed, b.speed)
+        a = a.select(inside)
+        position = a.speed
+        force = _at(position, b.speed, b.force / b.speed**2) * position**2  # m r exp(j delta) hardly varies
+        response = _at(position, b.speed, b.response / b.force, smooth=True) * force
+        sigma = _at(position, b.speed, b.sigma).real
+    attributes = {name: _shared(values, b, name, position) for name, values in a.attributes.items()}
+    runs = [f"{one} minus {two}" for one, two in zip(a.run, [str(b.run[0])] * len(a), strict=True)]
+    return replace(
+        a,
+        run=np.array(runs, dtype=str),
+        force=a.force - force,
+        response=a.response - response,
+        sigma=np.hypot(a.sigma, sigma),
+        attributes=dict(attributes) | {DIFFERENCED: np.ones(len(a))},
+    )
+
+
+def _covered(speed: Float, sampled: Float) -> NDArray[np.bool_]:
+    """Whether each speed lies between two samples that are not too far apart, or on one."""
+    samples = np.unique(sampled)
+    on_sample = np.abs(speed - samples[np.abs(speed[:, None] - samples).argmin(axis=1)]) <= SAME_SPEED * np.abs(speed)
+    if samples.size < 2:
+        return np.asarray(on_sample)
+    steps = np.diff(samples)
+    right = np.clip(np.searchsorted(samples, speed), 1, samples.size - 1)
+    inside = (speed >= samples[0]) & (speed <= samples[-1])
+    return np.asarray(on_sample | (inside & (steps[right - 1] <= LARGEST_GAP * np.median(steps))))
+
+
+def _at(position: Float, x: Float, y: NDArray[Any], *, smooth: bool = False) -> ComplexArray:
+    """Values at other positions; samples much closer than the usual step are averaged, or the spline amplifies
+    noise."""
+    from scipy.interpolate import CubicSpline
+
+    order = np.argsort(x, kind="stable")
+    x, y = x[order], y[order]
+    steps = np.diff(x)
+    typical = np.median(steps[steps > 0]) if (steps > 0).any() else 0.0
+    number = np.concatenate([[0], np.cumsum(steps > 0.1 * typical)])
+    count = np.bincount(number)
+    knots = np.bincount(number, x) / count
+    values = (np.bincount(number, y.real) + 1j * np.bincount(number, y.imag)) / count
+    if knots.size < 2:
+        return np.full(position.shape, values[0])
+    if smooth and knots.size >= 4:
+        return np.asarray(CubicSpline(knots, values)(position))
+    return np.interp(position, knots, values.real) + 1j * np.interp(position, knots, values.imag)
+
+
+def _shared(values: NDArray[Any], b: PerturbationTest, name: str, position: Float | None) -> NDArray[Any]:
+    """Attribute of a pair: the mean of numbers, the common text, or both texts."""
+    other = b.attributes[name]
+    if values.dtype.kind in "fiu":
+        numbers = other.astype(float)
+        return np.asarray((values + (numbers if position is None else _at(position, b.speed, numbers).real)) / 2)
+    if position is not None:
+        other = np.full(values.shape, other[0])
+    return np.array([x if x == y else f"{x} | {y}" for x, y in zip(values.tolist(), other.tolist(), strict=True)])
+
+
+def _join(parts: list[PerturbationTest]) -> PerturbationTest:
+    first = parts[0]
+    names = first._columns()
+    columns: dict[str, Any] = {name: np.concatenate([getattr(part, name) for part in parts]) for name in names}
+    attributes = {name: np.concatenate([part.attributes[name] for part in parts]) for name in first.attributes}
+    return replace(first, attributes=attributes, **columns)

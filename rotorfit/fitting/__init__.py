@@ -1,0 +1,1 @@
+"""The fit: problem, solution, judgement, result, and what is made of several fits."""

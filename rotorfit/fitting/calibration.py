@@ -1,0 +1,223 @@
+"""Uncertainty of calibration as nuisance parameters: what every reading of a probe, or of a test, has in common.
+
+A probe that reads 1 % high, a trial weight that is 0.5 % heavier than its label, or a Keyphasor notch 1 deg off its
+mark spoils all readings alike: more readings do not help, and the residuals hardly show it. Each such error is an entry
+of the fitted vector with a normal prior about zero, so that it reaches every parameter with its correlations.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotorfit.data.experiments import Experiment, PerturbationTest
+from rotorfit.estimators.observations import Block, Responses
+from rotorfit.models.parameters import unknown_name
+
+Float = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+Uncertainty = float | Mapping[str, float]
+
+KINDS = {
+    "gain": ("1", "relative error of the probe's gain"),
+    "probe_phase": ("rad", "phase error of the probe"),
+    "mr": ("1", "relative error of the force's amplitude"),
+    "keyphasor": ("rad", "error of the phase reference against the force"),
+}
+"""Unit and meaning of each kind of nuisance entry, the name being the kind or ``kind[where]``."""
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """Standard uncertainties of a calibration (GUM type B); zero where nothing is said.
+
+    Attributes:
+        probe_gain: relative uncertainty of each probe's gain, probes being independent; a number for all of them or a
+            mapping by plane (``{"disk": 0.01}``) or by plane and direction (``{"disk.x": 0.01}``).
+        probe_phase_deg: uncertainty of each probe's phase, degrees, likewise.
+        mr: relative uncertainty of the force's amplitude (mass-radius product), the same error in all runs; a mapping
+            by force plane gives each plane a weight, and an error, of its own.
+        keyphasor_deg: uncertainty of the angle between phase reference and force, degrees, the same error in all runs.
+    """
+
+    probe_gain: Uncertainty = 0.0
+    probe_phase_deg: Uncertainty = 0.0
+    mr: Uncertainty = 0.0
+    keyphasor_deg: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name in ("probe_gain", "probe_phase_deg", "mr", "keyphasor_deg"):
+            given = getattr(self, name)
+            for where, value in given.items() if isinstance(given, Mapping) else [("", given)]:
+                if not (isinstance(value, (int, float)) and math.isfinite(value) and value >= 0):
+                    place = f" of {where}" if where else ""
+                    raise ValueError(f"{name}{place} is {value!r}; a standard uncertainty is zero or a positive number")
+        if not any(np.any(list(v.values()) if isinstance(v, Mapping) else v) for v in vars(self).values()):
+            raise ValueError("every uncertainty of the calibration is zero: give at least one")
+
+
+def calibration_of(values: Mapping[str, Any]) -> Calibration | None:
+    """A calibration from names and values, none from none.
+
+    Raises:
+        ValueError: a name that a calibration does not have, or a value that is no uncertainty.
+    """
+    if not values:
+        return None
+    names = [f.name for f in fields(Calibration)]
+    for name in values:
+        if name not in names:
+            raise ValueError(unknown_name("uncertainty of calibration", name, names))
+    return Calibration(**values)
+
+
+@dataclass(frozen=True, eq=False)
+class Nuisance:
+    """Nuisance entries of a problem.
+
+    Attributes:
+        names: ``gain[disk]``, ``probe_phase[disk]``, ``mr``, ``keyphasor``.
+        sd: standard deviations of their normal priors, shape ``(n,)``; 1 for relative ones, rad for phases.
+        factors: for each block, sensitivities of the logarithm of its predictions, shape ``(R, n)``.
+    """
+
+    names: tuple[str, ...]
+    sd: Float
+    factors: tuple[ComplexArray, ...]
+
+
+def nuisance_entries(calibration: Calibration, experiments: Sequence[Experiment], blocks: Sequence[Block]) -> Nuisance:
+    """Lay a calibration out as nuisance entries.
+
+    An isotropic model sees the mean of the x and the y probe of a plane: the errors of both are then one entry, with
+    the uncertainty of their mean.
+
+    Args:
+        calibration: the uncertainties.
+        experiments: what was measured.
+        blocks: the same as observations, one for each experiment.
+
+    Raises:
+        ValueError: experiments other than responses to rotating forces of a linear model, planes or probes that are not
+            there.
+    """
+    pairs = [_checked(experiment, block) for experiment, block in zip(experiments, blocks, strict=True)]
+    columns = [
+        *_probe_columns("gain", "probe_gain", calibration.probe_gain, 1.0, pairs),
+        *_probe_columns("probe_phase", "probe_phase_deg", calibration.probe_phase_deg, math.pi / 180, pairs),
+        *_force_columns(calibration.mr, pairs),
+    ]
+    if calibration.keyphasor_deg:
+        columns.append(("keyphasor", math.radians(calibration.keyphasor_deg), [_turn(block) for _, block in pairs]))
+    return Nuisance(
+        tuple(name for name, _, _ in columns),
+        np.array([sd for _, sd, _ in columns]),
+        tuple(np.column_stack([parts[i] for _, _, parts in columns]) for i in range(len(pairs))),
+    )
+
+
+_Column = tuple[str, float, list[ComplexArray]]
+
+
+def _checked(experiment: Experiment, block: Block) -> tuple[PerturbationTest, Responses]:
+    where = getattr(experiment, "source", "") or type(experiment).__name__
+    if not isinstance(experiment, PerturbationTest) or not isinstance(block, Responses) or block.imposed:
+        raise ValueError(f"{where}: a calibration can be given for responses to rotating forces of linear models only")
+    if block.model.eccentricity_dependent:
+        raise ValueError(f"{where}: a calibration can be given for linear models only, without a law of eccentricity")
+    return experiment, block
+
+
+def _turn(block: Responses) -> ComplexArray:
+    """Sensitivity of the logarithm of each reading to a phase lead; a backward amplitude is a conjugate."""
+    backward = (block.frequency[block.line] < 0) & (block.model.frame == "z")
+    return np.asarray(np.where(backward, -1j, 1j))
+
+
+def _probe_columns(
+    kind: str, option: str, given: Uncertainty, unit: float, pairs: Sequence[tuple[PerturbationTest, Responses]]
+) -> list[_Column]:
+    if not given:
+        return []
+    where = [_probes(test, block) for test, block in pairs]
+    every = list(dict.fromkeys(group for groups in where for group in groups if group))
+    probes = list(dict.fromkeys(probe for group in every for probe in group))
+    if isinstance(given, Mapping):
+        names = [*(plane for plane, _ in probes), *(f"{plane}.{direction}" for plane, direction in probes)]
+        _refuse_unknown(option, given, names)
+    error = {p: unit * _lookup(given, f"{p[0]}.{p[1]}", p[0]) for p in probes}
+    merged = _merged(every)
+    planes = [members[0][0] for members in merged]
+    columns: list[_Column] = []
+    for members, plane in zip(merged, planes, strict=True):
+        sd = math.sqrt(sum(error[p] ** 2 for p in members)) / len(members)
+        if sd == 0:
+            continue
+        parts = []
+        for (_, block), groups in zip(pairs, where, strict=True):
+            share = np.array([len(set(members) & set(group)) / len(group) if group else 0.0 for group in groups])
+            one = np.ones(block.measured.size, dtype=complex) if kind == "gain" else _turn(block)
+            parts.append(one * share[block.coordinate])
+        place = plane if planes.count(plane) == 1 else f"{plane}.{'+'.join(direction for _, direction in members)}"
+        columns.append((f"{kind}[{place}]", sd, parts))
+    return columns
+
+
+_Probe = tuple[str, str]
+
+
+def _probes(test: PerturbationTest, block: Responses) -> list[tuple[_Probe, ...]]:
+    """Probes (plane, direction) that the readings of each coordinate of the model come from."""
+    seen = sorted(set(zip(test.plane.tolist(), test.direction.tolist(), strict=True)))
+    result = []
+    for coordinate in block.model.coordinates:
+        at = [probe for probe in seen if probe[0] == coordinate.plane]
+        tilt = [probe for probe in at if probe[1].startswith("r") == (coordinate.axis == "r")]
+        own = [probe for probe in tilt if block.model.frame == "z" or probe[1] == coordinate.axis]
+        result.append(tuple(own))
+    return result
+
+
+def _merged(groups: Sequence[tuple[_Probe, ...]]) -> list[tuple[_Probe, ...]]:
+    """Probes that are always read together, the others one by one."""
+    shared = [g for g in groups if all(g == other or not set(g) & set(other) for other in groups)]
+    rest = dict.fromkeys(probe for g in groups if g not in shared for probe in g)
+    return [*shared, *((probe,) for probe in rest)]
+
+
+def _force_columns(given: Uncertainty, pairs: Sequence[tuple[PerturbationTest, Responses]]) -> list[_Column]:
+    """The force is what it was taken for, times 1 + error: a larger error means a larger response than expected."""
+    if not given:
+        return []
+    if not isinstance(given, Mapping):
+        return [("mr", float(given), [np.ones(block.measured.size, dtype=complex) for _, block in pairs])]
+    planes = list(dict.fromkeys(plane for test, _ in pairs for plane in test.force_planes))
+    _refuse_unknown("mr", given, planes)
+    columns: list[_Column] = []
+    for plane in planes:
+        if given.get(plane):
+            parts = [_forced_at(plane, block) for _, block in pairs]
+            columns.append((f"mr[{plane}]", float(given[plane]), parts))
+    return columns
+
+
+def _forced_at(plane: str, block: Responses) -> ComplexArray:
+    at = [i for i, coordinate in enumerate(block.model.coordinates) if coordinate.plane == plane]
+    return np.asarray((np.abs(block.force[:, at]).sum(axis=1) > 0)[block.line], dtype=complex)
+
+
+def _refuse_unknown(option: str, given: Mapping[str, Any], names: Sequence[str]) -> None:
+    unknown = [name for name in given if name not in names]
+    if unknown:
+        raise ValueError(f"{option} names {', '.join(unknown)}; the data have {', '.join(dict.fromkeys(names))}")
+
+
+def _lookup(given: Uncertainty, *names: str) -> float:
+    if not isinstance(given, Mapping):
+        return float(given)
+    return float(next((given[name] for name in names if name in given), 0.0))

@@ -1,0 +1,141 @@
+"""Fit a model to experiments: in closed form, or by weighted nonlinear least squares."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotorfit.data.experiments import Experiment
+from rotorfit.estimators.closed_form import ClosedFormError
+from rotorfit.estimators.closed_form import closed_form as solve_closed_form
+from rotorfit.estimators.least_squares import Options, Solution, minimise
+from rotorfit.estimators.problem import (
+    Loss,
+    Problem,
+)
+from rotorfit.estimators.starts import start_vector
+from rotorfit.fitting.calibration import Calibration
+from rotorfit.fitting.judge import judge
+from rotorfit.fitting.problem_setup import as_tuple, build_problem, make_priors
+from rotorfit.fitting.result import FitResult
+from rotorfit.fitting.settings import FitSettings
+from rotorfit.models import RotorModel
+
+Float = NDArray[np.float64]
+
+
+def fit(
+    model: RotorModel,
+    experiments: Experiment | Sequence[Experiment],
+    *,
+    known: Mapping[str, float | None] | None = None,
+    bounds: Mapping[str, tuple[float, float]] | None = None,
+    priors: Mapping[str, Any] | None = None,
+    per: Mapping[str, str] | None = None,
+    loss: Loss = "linear",
+    start: Mapping[str, float] | None = None,
+    phase_offsets: bool = False,
+    calibration: Calibration | None = None,
+    max_iterations: int = 200,
+) -> FitResult:
+    """Fit a model by weighted nonlinear least squares on the complex responses (Ipopt, started from the closed form).
+
+    Args:
+        model: the rotor, for instance ``rf.models.WhirlWhip()``.
+        experiments: one experiment or a list that informs one parameter vector.
+        known: values that are not fitted, SI units; ``None`` frees a parameter that the model fixes by default.
+        bounds: lower and upper bounds by parameter name.
+        priors: frozen ``scipy.stats`` distributions by parameter name.
+        per: parameters that take one value for each value of a test attribute, ``{"D": "speed_rpm"}``.
+        loss: "linear", or "soft_l1", "huber", "cauchy" against outliers.
+        start: start values that replace those of the closed form.
+        phase_offsets: fit an offset of the phase reference for every run but the first.
+        calibration: uncertainties of probes, force and phase reference, which then count in ``stderr``.
+        max_iterations: limit on the iterations of Ipopt.
+
+    Returns:
+        the result; a fit that did not converge has ``success`` false and the best estimate found.
+
+    Raises:
+        KeyError: unknown parameter names; the message names the nearest.
+        ValueError: data that do not fit the model, contradictory bounds, more unknowns than data.
+    """
+    settings = FitSettings(
+        known or {}, bounds or {}, priors or {}, per or {}, loss, phase_offsets, calibration=calibration
+    )
+    problem = build_problem(model, experiments, settings)
+    begin, notes = start_vector(problem, start or {})
+    solution = _solve(problem, begin, Options(max_iterations=max_iterations))
+    return judge(problem, as_tuple(experiments), settings, solution.x, begin, "least squares", solution, notes)
+
+
+def closed_form(
+    model: RotorModel,
+    experiments: Experiment | Sequence[Experiment],
+    *,
+    known: Mapping[str, float | None] | None = None,
+    per: Mapping[str, str] | None = None,
+    weighted: bool = True,
+) -> FitResult:
+    """Identify without iteration (eqs 5 to 9 and straight-line fits); the result has the shape of :func:`fit`'s.
+
+    Args:
+        model, experiments, known, per: as for :func:`fit`.
+        weighted: weigh by the propagated noise, or, as the paper did, not at all.
+
+    Raises:
+        ClosedFormError: the data do not allow a closed form.
+    """
+    if model.eccentricity_dependent:
+        raise ClosedFormError(
+            f"{model.name} changes with eccentricity, which has no closed form; fit starts from that of a linear fluid "
+            f"at small eccentricity"
+        )
+    settings = FitSettings(known=known or {}, per=per or {})
+    problem = build_problem(model, experiments, settings)
+    estimate = solve_closed_form(problem.space, problem.blocks, weighted=weighted)
+    return judge(
+        problem, as_tuple(experiments), settings, estimate.x, estimate.x, "closed form", None, estimate.notes, estimate
+    )
+
+
+def solve_again(
+    fit: FitResult,
+    problem: Problem,
+    priors: Mapping[str, Any] | None = None,
+    levels: Mapping[str, float] | None = None,
+) -> FitResult:
+    """The result of a fit with its problem changed: more priors, nuisance entries or other readings.
+
+    Args:
+        fit: the result to start from.
+        problem: the changed problem, with the same parameters; nuisance entries that are new start at zero.
+        priors: priors by parameter name that replace or join those of the problem.
+        levels: noise levels by response that are in the problem, if others than those of the fit.
+    """
+    settings = fit.settings if levels is None else replace(fit.settings, levels=levels)
+    if priors:
+        settings = replace(settings, priors={**settings.priors, **priors})
+        new = make_priors(problem.space, priors)
+        entries = {prior.entry for prior in new}
+        kept = tuple(prior for prior in problem.priors if prior.entry not in entries)
+        problem = replace(problem, priors=(*kept, *new))
+    begin = np.zeros(problem.space.size)
+    begin[: min(fit.x.size, begin.size)] = fit.x[: begin.size]
+    solution = _solve(problem, np.clip(begin, problem.space.lower, problem.space.upper), Options())
+    return judge(problem, fit.experiments, settings, solution.x, begin, "least squares", solution, ())
+
+
+def _solve(problem: Problem, start: Float, options: Options) -> Solution:
+    space = problem.space
+    if problem.loss not in ("linear", "soft_l1"):
+        # A redescending loss has local minima; the convex one leads into the right basin.
+        gentle = Problem(space, problem.blocks, "soft_l1", problem.priors, problem.factors)
+        start = _solve(gentle, start, options).x
+    typical = np.array([space.model.parameter(name).scale for name in space.base] + [0.1] * len(space.nuisance))
+    scale = np.where(np.abs(start) > 1e-6 * typical, np.abs(start), typical)
+    return minimise(problem, start, lower=space.lower, upper=space.upper, scale=scale, options=options)

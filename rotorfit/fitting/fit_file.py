@@ -1,0 +1,150 @@
+"""Results in files: ``fit.json`` reads back into the same result, to the last bit and without pickle.
+
+The file holds the model, the data, what was asked for and all that was found. The optimisation problem is laid out
+anew from these, and compared with what the file says of it.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rotorfit.estimators.problem import Problem
+from rotorfit.fitting.json_values import UserDefinedError, decode, encode
+from rotorfit.fitting.problem_setup import build_problem, with_levels
+from rotorfit.fitting.result import FitResult
+from rotorfit.models import RotorModel
+
+SCHEMA = 1
+"""Version of the file's layout; raised when older readers would misread it."""
+
+_FORMAT = "rotorfit fit"
+_AGREEMENT = 1e-6  # of chi-squared: other processors and libraries round differently, other noise does not agree
+
+
+def fit_to_json(fit: FitResult) -> str:
+    """A result as JSON text; see :func:`save_fit`."""
+    from rotorfit.version import __version__
+
+    _check(fit, build_problem(fit.model, fit.experiments, fit.settings), "the result")
+    names = [f.name for f in fields(fit) if f.name not in ("model", "problem")]
+    content = {
+        "format": _FORMAT,
+        "schema": SCHEMA,
+        "rotorfit": __version__,
+        "model": _model_entry(fit.model),
+        **{name: encode(getattr(fit, name)) for name in names},
+    }
+    return json.dumps(content, allow_nan=False, ensure_ascii=False)
+
+
+def save_fit(fit: FitResult, path: str | os.PathLike[str]) -> None:
+    """Write a result, its data included, to a JSON file that :func:`load_fit` reads.
+
+    A model of your own is written by its name; :func:`load_fit` then needs it as ``model=``.
+
+    Args:
+        fit: the result.
+        path: file to write; it is replaced only when the text is complete.
+
+    Raises:
+        ValueError: priors that are not of scipy.stats, or a problem that was changed by hand after the fit.
+        OSError: the file cannot be written.
+    """
+    text = fit_to_json(fit)
+    target = Path(path)
+    part = target.with_name(target.name + ".part")
+    part.write_text(text, encoding="utf-8")
+    os.replace(part, target)
+
+
+def load_fit(path: str | os.PathLike[str], *, model: RotorModel | None = None) -> FitResult:
+    """Read a result that :func:`save_fit` wrote: it can be printed, plotted, sampled and fitted again.
+
+    Args:
+        path: the file.
+        model: the model, needed if it is one of your own.
+
+    Raises:
+        ValueError: not such a file, written by a newer version, damaged, or without the model that it needs.
+        OSError: the file cannot be read.
+    """
+    text = Path(path).read_text(encoding="utf-8")
+    return fit_from_json(text, model=model, source=str(path))
+
+
+def fit_from_json(text: str, *, model: RotorModel | None = None, source: str = "the text") -> FitResult:
+    """The result that :func:`fit_to_json` wrote; arguments and errors as for :func:`load_fit`."""
+    try:
+        content = json.loads(text)
+    except json.JSONDecodeError as reason:
+        raise ValueError(f"{source} is not JSON, so not a fit saved by rotorfit: {reason}") from reason
+    if not isinstance(content, dict) or content.get("format") != _FORMAT:
+        raise ValueError(f"{source} is not a fit saved by rotorfit: it does not say 'format': {_FORMAT!r}")
+    if content.get("schema") != SCHEMA:
+        raise ValueError(
+            f"{source} has schema {content.get('schema')!r}, written by rotorfit {content.get('rotorfit', '?')}; "
+            f"this version reads schema {SCHEMA}"
+        )
+    names = [f.name for f in fields(FitResult) if f.name not in ("model", "problem")]
+    missing = [name for name in ("model", *names) if name not in content]
+    if missing:
+        raise ValueError(f"{source} is incomplete: it has no {', '.join(missing)}")
+    try:
+        own = _read_model(content["model"], model)
+        entries = {name: decode(content[name]) for name in names}
+        problem = build_problem(own, entries["experiments"], entries["settings"])
+        fit = FitResult(model=own, problem=problem, **entries)
+        _check(fit, problem, f"written by rotorfit {content['rotorfit']}")
+    except (ValueError, KeyError, TypeError, AttributeError) as reason:
+        words = reason.args[0] if isinstance(reason, KeyError) and reason.args else reason
+        raise ValueError(f"{source}: {words}") from reason
+    return fit
+
+
+def _model_entry(model: RotorModel) -> dict[str, Any]:
+    shape = {"name": model.name, "planes": list(model.planes), "parameters": list(model.parameter_names)}
+    try:
+        return {**shape, "own": encode(model)}
+    except UserDefinedError:  # the reader will have to give it
+        return {**shape, "class": type(model).__name__}
+
+
+def _read_model(entry: Mapping[str, Any], given: RotorModel | None) -> RotorModel:
+    if given is None:
+        if "own" not in entry:
+            raise ValueError(
+                f"it was fitted with the model {entry['name']!r} of your own (class {entry['class']}), which a file "
+                f"cannot hold; give it: load_fit(path, model={entry['class']}(...))"
+            )
+        made: RotorModel = decode(entry["own"])
+        return made
+    for what, mine, theirs in (
+        ("name", given.name, entry["name"]),
+        ("planes", list(given.planes), entry["planes"]),
+        ("parameters", list(given.parameter_names), entry["parameters"]),
+    ):
+        if mine != theirs:
+            raise ValueError(f"the model given has the {what} {mine}, but the fit was made with {theirs}")
+    return given
+
+
+def _check(fit: FitResult, problem: Problem, what: str) -> None:
+    """The problem laid out anew must be the one that was solved."""
+    names = (*problem.space.names, *problem.space.nuisance)
+    fitted = tuple(name for name, p in fit.params.items() if p.vary)
+    if fit.x.shape != (len(names),) or set(fitted) != set(names):
+        raise ValueError(f"{what} has fitted {', '.join(fitted)}, but its settings make {', '.join(names)}")
+    given = with_levels(problem, fit.settings.levels, -1)
+    chisqr = float(np.sum(np.abs(given.residuals(fit.x)) ** 2))
+    if not np.isclose(chisqr, fit.chisqr, rtol=_AGREEMENT, atol=1e-12 * problem.n_data):
+        raise ValueError(
+            f"{what} has chi-squared {fit.chisqr:.9g}, but its model, data and settings give {chisqr:.9g}: the problem "
+            "was changed after the fit, or this version estimates the noise differently; fit the data again"
+        )

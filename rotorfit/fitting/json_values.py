@@ -1,0 +1,206 @@
+"""Arrays, frozen distributions and rotorfit's own records as plain JSON values, and back; exact, and without pickle.
+
+A float is written with the shortest digits that read back as the same float. What JSON lacks is an object with one of
+the keys ``array``, ``complex``, ``float``, ``tuple``, ``mapping``, ``distribution``, ``record``, ``model``.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import MISSING, fields, is_dataclass
+from importlib import import_module
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotorfit.models import RotorModel
+
+_HOMES = (
+    "rotorfit.data.experiments",
+    "rotorfit.models",
+    "rotorfit.fitting.result",
+    "rotorfit.fitting.settings",
+    "rotorfit.fitting.calibration",
+    "rotorfit.estimators.identifiability",
+)
+"""Modules whose records a file may name; nothing else is ever imported or called for a file."""
+
+_KINDS = {"f": "float64", "c": "complex128", "i": "int64", "b": "bool", "U": "str"}
+
+
+class UserDefinedError(ValueError):
+    """A value is of a class that rotorfit does not have, so that a file cannot say how to make it again."""
+
+
+def encode(value: Any) -> Any:
+    """A value as JSON's own types.
+
+    Raises:
+        UserDefinedError: a model, law or record of the user's own.
+        ValueError: a value of another kind that a file cannot hold.
+    """
+    if value is None or isinstance(value, (str, bool)):
+        return value
+    for kinds, writer in _WRITERS:
+        if isinstance(value, kinds):
+            return writer(value)
+    if is_dataclass(value) and not isinstance(value, type):
+        return _encode_record(value)
+    if hasattr(value, "logpdf") and hasattr(value, "dist"):
+        return _encode_distribution(value)
+    raise ValueError(f"a {type(value).__name__} cannot be written to a file: {value!r}")
+
+
+def decode(value: Any) -> Any:
+    """The value that :func:`encode` was given.
+
+    Raises:
+        ValueError: not written by :func:`encode`, or by a newer rotorfit.
+    """
+    if isinstance(value, list):
+        return [decode(item) for item in value]
+    if not isinstance(value, dict):
+        return value
+    for key in value:
+        if key in _READERS:
+            return _READERS[key](value)
+    raise ValueError(f"unknown kind of value, with {', '.join(map(str, value)) or 'no entries'}")
+
+
+# ---- numbers and arrays ----------------------------------------------------------------------------------------------
+
+
+def _encode_float(value: Any) -> Any:
+    return float(value) if math.isfinite(value) else {"float": str(float(value))}
+
+
+def _encode_array(array: NDArray[Any]) -> Any:
+    if array.dtype.kind not in _KINDS:
+        raise ValueError(f"an array of {array.dtype} cannot be written to a file; give numbers, truth values or text")
+    flat = array.ravel()
+    if array.dtype.kind == "c":
+        flat = flat.astype(complex).view(float)
+    if array.dtype.kind in "fc":
+        data = [v if math.isfinite(v) else str(v) for v in flat.astype(float).tolist()]
+    else:
+        data = flat.tolist()
+    return {"array": _KINDS[array.dtype.kind], "shape": list(array.shape), "data": data}
+
+
+def _decode_array(value: Mapping[str, Any]) -> NDArray[Any]:
+    kind, shape, data = value["array"], tuple(value["shape"]), value["data"]
+    if kind not in _KINDS.values():
+        raise ValueError(f"array of unknown kind {kind!r}; there are {', '.join(_KINDS.values())}")
+    try:
+        if kind == "complex128":
+            return np.array(data, dtype=float).view(complex).reshape(shape)
+        return np.array(data, dtype=kind).reshape(shape)
+    except ValueError as reason:
+        raise ValueError(f"array of shape {shape} with {len(data)} entries of {kind}: {reason}") from reason
+
+
+# ---- distributions ---------------------------------------------------------------------------------------------------
+
+
+def _distribution(name: Any) -> Any:
+    from scipy import stats
+
+    found = getattr(stats, name, None) if isinstance(name, str) else None
+    return found if isinstance(found, stats.rv_continuous) else None
+
+
+def _encode_distribution(frozen: Any) -> Any:
+    name = frozen.dist.name
+    if type(_distribution(name)) is not type(frozen.dist):
+        raise ValueError(f"the prior {name!r} is not a continuous distribution of scipy.stats: a file cannot hold it")
+    return {
+        "distribution": name,
+        "args": [encode(a) for a in frozen.args],
+        "kwds": {key: encode(item) for key, item in frozen.kwds.items()},
+    }
+
+
+def _decode_distribution(value: Mapping[str, Any]) -> Any:
+    family = _distribution(value["distribution"])
+    if family is None:
+        raise ValueError(f"scipy.stats has no continuous distribution {value['distribution']!r}")
+    return family(*map(decode, value["args"]), **{key: decode(item) for key, item in value["kwds"].items()})
+
+
+# ---- records and models ----------------------------------------------------------------------------------------------
+
+
+def _home(name: Any) -> Any:
+    """The class of a name in one of the homes, None if there is none."""
+    for module in _HOMES:
+        found = getattr(import_module(module), name, None) if isinstance(name, str) else None
+        if isinstance(found, type) and (is_dataclass(found) or issubclass(found, RotorModel)):
+            return found
+    return None
+
+
+def _encode_record(record: Any) -> Any:
+    kind = type(record)
+    if _home(kind.__name__) is not kind:
+        raise UserDefinedError(f"{kind.__name__} is not a class of rotorfit: a file cannot say how to make it again")
+    entries = {f.name: encode(getattr(record, f.name)) for f in fields(record) if f.init}
+    return {"record": kind.__name__, "fields": entries}
+
+
+def _decode_record(value: Mapping[str, Any]) -> Any:
+    kind = _home(value["record"])
+    if kind is None or not is_dataclass(kind):
+        raise ValueError(f"this version of rotorfit has no record {value['record']!r}")
+    given = value["fields"]
+    known = {f.name: f for f in fields(kind) if f.init}
+    unknown = sorted(set(given) - set(known))
+    missing = [n for n, f in known.items() if n not in given and f.default is MISSING and f.default_factory is MISSING]
+    if unknown or missing:
+        what = [f"unknown entries {', '.join(unknown)}"] * bool(unknown) + [f"no {', '.join(missing)}"] * bool(missing)
+        raise ValueError(f"record {value['record']} has {' and '.join(what)}")
+    record: Any = kind
+    return record(**{name: decode(item) for name, item in given.items()})
+
+
+def _encode_model(model: RotorModel) -> Any:
+    kind = type(model)
+    if _home(kind.__name__) is not kind:
+        raise UserDefinedError(f"{kind.__name__} is not a model of rotorfit: a file cannot say how to make it again")
+    return {"model": kind.__name__, "options": {name: encode(option) for name, option in model.options().items()}}
+
+
+def _decode_model(value: Mapping[str, Any]) -> RotorModel:
+    kind = _home(value["model"])
+    if kind is None or not issubclass(kind, RotorModel):
+        raise ValueError(f"this version of rotorfit has no model {value['model']!r}")
+    options = {name: decode(option) for name, option in value["options"].items()}
+    try:
+        made: RotorModel = kind(**options)
+    except TypeError as reason:
+        raise ValueError(f"the model {value['model']} cannot be made with {', '.join(options)}: {reason}") from reason
+    return made
+
+
+_WRITERS: tuple[tuple[Any, Callable[[Any], Any]], ...] = (
+    (np.bool_, bool),
+    ((int, np.integer), int),
+    ((float, np.floating), _encode_float),
+    ((complex, np.complexfloating), lambda value: {"complex": [_encode_float(value.real), _encode_float(value.imag)]}),
+    (np.ndarray, _encode_array),
+    (RotorModel, _encode_model),
+    (Mapping, lambda value: {"mapping": [[encode(key), encode(item)] for key, item in value.items()]}),
+    (tuple, lambda value: {"tuple": [encode(item) for item in value]}),
+    (list, lambda value: [encode(item) for item in value]),
+)
+_READERS: dict[str, Callable[[Any], Any]] = {
+    "float": lambda value: float(value["float"]),
+    "complex": lambda value: complex(*map(decode, value["complex"])),
+    "array": _decode_array,
+    "distribution": _decode_distribution,
+    "record": _decode_record,
+    "model": _decode_model,
+    "mapping": lambda value: {decode(key): decode(item) for key, item in value["mapping"]},
+    "tuple": lambda value: tuple(decode(item) for item in value["tuple"]),
+}

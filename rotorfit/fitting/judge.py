@@ -1,0 +1,311 @@
+"""The verdict on a solved problem: errors, goodness of fit, identifiability, sentences worth reading."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotorfit.data.experiments import Experiment
+from rotorfit.estimators.closed_form import ClosedForm
+from rotorfit.estimators.identifiability import covariance, diagnose, natural_scales
+from rotorfit.estimators.least_squares import Solution, Status
+from rotorfit.estimators.nonlinear import responses_of
+from rotorfit.estimators.problem import (
+    Loss,
+    Problem,
+    robust_weights,
+)
+from rotorfit.fitting.calibration import KINDS
+from rotorfit.fitting.problem_setup import with_levels
+from rotorfit.fitting.result import FitResult, FittedParameter, ResponseQuality
+from rotorfit.fitting.settings import FitSettings
+from rotorfit.models.stability import growth_rate
+
+Float = NDArray[np.float64]
+
+_MEANING = {"phase": ("rad", "offset of the phase reference"), **KINDS}
+
+_ALONE = 0.05  # share of a reading's residual that its fit leaves at least, in estimates of its noise
+
+_CLEARLY = 6.0  # standard deviations of redchi below one at which the noise is too large for the residuals
+_TOO_QUIET = 0.5  # redchi below which errors are wider than they need be by more than is worth knowing
+_NOISE_FLOOR = 1e-4  # redchi below which the data are exact, and their noise the floor that keeps weights finite
+
+MODEL_LIMITED = 2.0
+"""redchi above which a result says that the model, not the noise, limits the fit."""
+
+
+def judge(
+    problem: Problem,
+    experiments: tuple[Experiment, ...],
+    settings: FitSettings,
+    x: Float,
+    begin: Float,
+    method: str,
+    solution: Solution | None,
+    notes: tuple[str, ...],
+    estimate: ClosedForm | None = None,
+) -> FitResult:
+    """The result of a solved problem, or of a closed form.
+
+    Args:
+        problem, experiments, settings: what was asked, see :func:`rotorfit.fitting.problem_setup.build_problem`.
+        x: estimate; nuisance entries that it lacks are zero.
+        begin: where the search began.
+        method: "least squares" or "closed form".
+        solution: how the search ended, of least squares.
+        notes: warnings that came up on the way.
+        estimate: the closed form with its covariance, where that is the method.
+    """
+    space = problem.space
+    x = np.concatenate([x, np.zeros(space.size - x.size)])
+    residuals, jacobian = problem.jacobian(x)
+    given = with_levels(problem, settings.levels, -1)  # goodness of fit refers to the noise of the data
+    whitened = given.residuals(x) if settings.levels else residuals
+    # A nuisance entry with a prior brings the datum that pays for it.
+    paid = sum(prior.entry >= len(space.names) for prior in problem.priors)
+    chisqr, nfree = float(np.sum(np.abs(whitened) ** 2)), problem.n_data - space.size + paid
+    redchi = _reduced(problem, whitened, nfree)
+    root, sandwich = _information(problem, x, residuals, jacobian)
+    scales = _scales(problem, x)
+    names = (*space.names, *space.nuisance)
+    base = (*space.base, *space.nuisance)
+    noise, verdict = diagnose(space.model, names, base, x, root, scales)
+    if sandwich is not None:
+        noise = noise @ sandwich @ noise
+    if estimate is not None:
+        noise = np.where(np.isfinite(estimate.covar), estimate.covar, np.nan)
+    widening = max(1.0, redchi) if problem.loss == "linear" and not settings.levels else 1.0
+    covar = noise * widening
+    if problem.priors and widening > 1:  # what is known beforehand is no less certain for a model that does not fit
+        wide = _information(problem, x, residuals / np.sqrt(widening), jacobian / np.sqrt(widening))[0]
+        covar = diagnose(space.model, names, base, x, wide, scales)[0]
+    deviance = float(robust_weights(problem.loss, np.abs(whitened) ** 2)[0].sum())
+    params = _parameters(problem, x, begin, noise, covar, verdict.unresolved)
+    warnings = [*notes, *_warnings(problem, x, redchi, params, bool(settings.levels))]
+    # A minimum along a whole line is one: the identifiability verdict names the line.
+    success = solution is None or solution.success or solution.status is Status.SINGULAR
+    if solution is not None and not success:
+        warnings.insert(0, f"the optimisation did not converge: {solution.message}")
+    return FitResult(
+        model=space.model,
+        experiments=experiments,
+        settings=settings,
+        method=method,
+        problem=problem,
+        x=x,
+        params=params,
+        covar=covar,
+        chisqr=chisqr,
+        redchi=redchi,
+        ndata=problem.n_data,
+        nvarys=space.size,
+        nfree=nfree,
+        aic=deviance + 2 * space.size,
+        bic=deviance + space.size * float(np.log(problem.n_data)),
+        success=success,
+        message=solution.message if solution is not None else "closed form, no iteration",
+        nfev=solution.n_evaluations if solution is not None else 0,
+        responses=_qualities(given, x),
+        identifiability=verdict,
+        warnings=tuple(warnings),
+    )
+
+
+@cache
+def _expected_loss(loss: Loss) -> float:
+    """Mean robust cost of one complex reading under pure noise, |r|^2 being chi-squared with two degrees of freedom."""
+    q = (np.arange(20000) + 0.5) / 20000
+    return float(np.mean(robust_weights(loss, -2 * np.log1p(-q))[0]))
+
+
+def _reduced(problem: Problem, residuals: NDArray[np.complex128], nfree: int) -> float:
+    if nfree <= 0:
+        return float("nan")
+    cost = float(robust_weights(problem.loss, np.abs(residuals) ** 2)[0].sum())
+    return cost / _expected_loss(problem.loss) * 2 / nfree
+
+
+def _information(
+    problem: Problem, x: Float, r: NDArray[np.complex128], J: NDArray[np.complex128]
+) -> tuple[Float, Float | None]:
+    """Square root of the cost's expected curvature, and for a robust loss its gradient's scatter (the sandwich)."""
+    size2 = np.abs(r) ** 2
+    _, weight = robust_weights(problem.loss, size2)
+    if problem.loss == "linear":
+        curvature = weight
+    else:
+        step = 1e-4 * (1 + size2)
+        slope = (robust_weights(problem.loss, size2 + step)[1] - weight) / step
+        # A modulus loss bends by w + 2 |r|^2 w' along r and by w across it; residual phases are uniform.
+        curvature = np.full(r.size, float(np.mean(weight + size2 * slope)))
+    stacked = np.concatenate([J.real, J.imag])
+    rows = [np.sqrt(np.concatenate([curvature, curvature]))[:, None] * stacked]
+    for prior in problem.priors:
+        row = np.zeros((1, x.size))
+        row[0, prior.entry] = np.sqrt(prior.terms(float(x[prior.entry]))[2])
+        rows.append(row)
+    root = np.asarray(np.linalg.qr(np.concatenate(rows), mode="r"))
+    if problem.loss == "linear":
+        return root, None
+    missed = _left_out(r, J, curvature, covariance(root, _scales(problem, x))[0])
+    scores = weight[:, None] * (missed.conj()[:, None] * J).real
+    scatter = scores.T @ scores
+    for prior in problem.priors:  # a prior's centre is as uncertain as the prior is wide
+        scatter[prior.entry, prior.entry] += prior.terms(float(x[prior.entry]))[2]
+    return root, scatter
+
+
+def _left_out(
+    r: NDArray[np.complex128], J: NDArray[np.complex128], curvature: Float, inverse: Float
+) -> NDArray[np.complex128]:
+    """Residual of each reading from a fit without it, to first order (MacKinnon and White 1985, HC3).
+
+    A fit follows the readings that matter most, whose own residuals are therefore too small to tell the noise.
+    """
+    parts = np.stack([J.real, J.imag], axis=1)  # (R, 2, p)
+    hat = curvature[:, None, None] * (parts @ inverse @ parts.transpose(0, 2, 1))
+    power, basis = np.linalg.eigh(hat)
+    along = np.einsum("rik,ri->rk", basis, np.stack([r.real, r.imag], axis=1))
+    # A reading that alone determines something cannot be left out.
+    found = np.einsum("rik,rk->ri", basis, along / np.maximum(1 - power, _ALONE))
+    return np.asarray(found[:, 0] + 1j * found[:, 1])
+
+
+def inverse_curvature(fit: FitResult) -> Float:
+    """Change of the estimate by the slope of the cost, shape ``(p, p)``: ``covar`` itself unless the loss is robust."""
+    if fit.problem.loss == "linear":
+        return fit.covar
+    root, _ = _information(fit.problem, fit.x, *fit.problem.jacobian(fit.x))
+    return covariance(root, _scales(fit.problem, fit.x))[0]
+
+
+def _scales(problem: Problem, x: Float) -> Float:
+    space = problem.space
+    responses = [b for b in map(responses_of, problem.blocks) if b is not None]
+    if not responses:
+        typical = np.array([space.model.parameter(name).scale for name in space.base] + [1.0] * len(space.nuisance))
+        return np.maximum(np.abs(x), 0.1 * typical)
+    levels, top = [], 0.0
+    for block in responses:
+        drive = np.linalg.norm(block.force, axis=1)[block.line]
+        ratio = np.abs(block.measured) / drive if block.imposed else drive / np.abs(block.measured)
+        levels.append(ratio[np.isfinite(ratio) & (ratio > 0)])
+        # Constant loads see damping and inertia by the fluid that turns with the shaft.
+        top = max(top, float(np.abs(block.frequency).max()) or float(np.abs(block.speed).max()))
+    stiffness = float(np.median(np.concatenate(levels)))
+    own = natural_scales(space.model, space.base, x[: len(space.names)], stiffness, max(top, 1e-12))
+    return np.concatenate([own, np.ones(len(space.nuisance))])
+
+
+def _parameters(
+    problem: Problem, x: Float, begin: Float, noise: Float, covar: Float, unresolved: Sequence[str]
+) -> dict[str, FittedParameter]:
+    space = problem.space
+    begin = np.concatenate([begin, np.zeros(space.size - begin.size)])
+    # With priors or tight noise a variance may come out as -0.
+    error, wide = (np.sqrt(np.maximum(np.diag(matrix), 0.0)) for matrix in (noise, covar))
+    entries: dict[str, FittedParameter] = {}
+    for i, name in enumerate((*space.names, *space.nuisance)):
+        known_to_model = i < len(space.names)
+        meta = space.model.parameter(space.base[i]) if known_to_model else None
+        unit, meaning = (meta.unit, meta.meaning) if meta else _MEANING[name.partition("[")[0]]
+        resolved = name not in unresolved
+        span = max(abs(float(x[i])), 1e-12)
+        at_bound = bool(min(x[i] - space.lower[i], space.upper[i] - x[i]) <= 1e-7 * span)
+        entries[name] = FittedParameter(
+            name,
+            float(x[i]),
+            float(wide[i]) if resolved else float("inf"),
+            float(error[i]) if resolved else float("inf"),
+            float(begin[i]),
+            unit,
+            meaning,
+            float(space.lower[i]),
+            float(space.upper[i]),
+            True,
+            resolved,
+            at_bound,
+        )
+    theta = space.theta(x)
+    for place, meta in enumerate(space.model.parameters):
+        if (space.index[:, place] < 0).all():
+            value = float(theta[0, place])
+            entries[meta.name] = FittedParameter(
+                meta.name, value, 0.0, 0.0, value, meta.unit, meta.meaning, meta.lower, meta.upper, False
+            )
+    order = {name: i for i, name in enumerate(space.model.parameter_names)}
+    last = len(order)
+    return dict(sorted(entries.items(), key=lambda item: order.get(item[0].partition("[")[0], last)))
+
+
+def _warnings(
+    problem: Problem, x: Float, redchi: float, params: Mapping[str, FittedParameter], levelled: bool
+) -> list[str]:
+    found = []
+    if redchi > MODEL_LIMITED and problem.loss == "linear":
+        wider = "each response as its residuals ask" if levelled else f"{np.sqrt(redchi):.2g}"
+        advice = "bring the shaft's matrices (KnownStructure)" if levelled else "try rf.refine(fit) (--refine)"
+        found.append(
+            f"redchi is {redchi:.3g}: the model, not the noise, limits this fit. Standard errors are widened by "
+            f"{wider}, but parameters may be biased beyond them; {advice}"
+        )
+    chance = np.sqrt(2 / max(problem.n_data - problem.space.size, 1))
+    if _NOISE_FLOOR < redchi < min(_TOO_QUIET, 1 - _CLEARLY * chance):
+        found.append(
+            f"redchi is {redchi:.2g}: the noise is overestimated, and standard errors are about "
+            f"{1 / np.sqrt(redchi):.2g} times too wide. Give the noise of the readings (sigma_um), or more lines"
+        )
+    if problem.loss != "linear":
+        # the median of |r|^2 is 2 ln 2 for noise alone, and hardly moves for a few outliers
+        typical = float(np.median(np.abs(problem.residuals(x)) ** 2)) / (2 * np.log(2))
+        if typical > MODEL_LIMITED:
+            found.append(
+                f"the squared residuals of most readings are {typical:.2g} times those of the noise: not outliers but "
+                "the model limits this fit, and parameters may be biased; try rf.refine(fit) (--refine)"
+            )
+    found += [f"{p.name} rests on its bound at {p.value:.6g} {p.unit}" for p in params.values() if p.at_bound]
+    return found + _instability(problem, x)
+
+
+def _instability(problem: Problem, x: Float) -> list[str]:
+    theta = problem.space.theta(x)
+    model = problem.space.model
+    found: list[str] = []
+    for block in map(responses_of, problem.blocks):
+        if block is None or block.imposed or not block.frequency.any():
+            continue  # under a static load the journal may run where centred it could not
+        _, group, speed = block.condition
+        band = float(np.abs(block.frequency).max()) if model.order > 2 else np.inf
+        rates = growth_rate(model, theta[group], speed, band)
+        for g, v, rate in zip(group, speed, rates, strict=True):
+            size = np.abs(theta[g]).max()
+            if rate > 1e-9 * size and len(found) < 3:
+                found.append(
+                    f"the fitted rotor is unstable at the tested speed of {v * 30 / np.pi:.0f} rpm (growth rate "
+                    f"{rate:.3g} 1/s): a rig could not have been measured there. Check signs, directions and the model"
+                )
+    return found
+
+
+def _qualities(problem: Problem, x: Float) -> tuple[ResponseQuality, ...]:
+    result = []
+    for block, predicted in zip(problem.blocks, problem.predict(x), strict=True):
+        for number, name in enumerate(block.labels):
+            rows = block.label == number
+            measured, model, sigma = block.measured[rows], predicted[rows], block.sigma[rows]
+            miss = np.abs(model - measured) ** 2
+            power = float(np.sum(np.abs(measured) ** 2)) * float(np.sum(np.abs(model) ** 2))
+            result.append(
+                ResponseQuality(
+                    name,
+                    float(np.sqrt(miss.sum() / max(np.sum(np.abs(measured) ** 2), 1e-300))),
+                    float(np.abs(np.vdot(model, measured)) ** 2 / power) if power > 0 else 0.0,
+                    float(np.mean(miss / sigma**2) / 2),
+                    int(rows.sum()),
+                )
+            )
+    return tuple(result)

@@ -1,0 +1,264 @@
+"""Which law of eccentricity the data ask for, if any."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from types import SimpleNamespace
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from rotorfit.data.experiments import Experiment
+from rotorfit.estimators.closed_form import ClosedFormError
+from rotorfit.fitting.fit import fit
+from rotorfit.fitting.judge import MODEL_LIMITED
+from rotorfit.fitting.problem_setup import as_tuple
+from rotorfit.fitting.result import FitResult
+from rotorfit.models import Constant, EvenPolynomial, MonotoneSpline, Muszynska, RotorModel
+from rotorfit.models.laws import Law
+from rotorfit.models.parameters import unknown_name
+from rotorfit.observing.observations import observe_any
+
+STRONG = 10.0
+"""Difference of AIC beyond which the worse of two models has no support left (Burnham & Anderson 2002)."""
+
+
+@dataclass(frozen=True, eq=False)
+class LawFit:
+    """One law in a comparison.
+
+    Attributes:
+        law: the law.
+        fit: its fit, ``None`` where there is none.
+        reason: why it is not ranked, empty if it is.
+        count: parameters that the data determine: directions that they do not see do not count.
+        aic, bic: with that count; infinite where not ranked.
+        weight: Akaike weight, its share of the support among those compared.
+    """
+
+    law: Law
+    fit: FitResult | None
+    reason: str
+    count: int
+    aic: float
+    bic: float
+    weight: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class LawComparison:
+    """Ranking of laws of eccentricity on the same data; :func:`rotorfit.compare_laws` makes it.
+
+    Attributes:
+        laws: all laws, the lowest AIC first, those that failed last.
+        stiffness: how much AIC would rise, to second order (Wald), if the best law's radial stiffness were held
+            constant; NaN where it cannot change or the data do not determine how.
+    """
+
+    laws: tuple[LawFit, ...]
+    stiffness: float
+
+    @property
+    def best(self) -> FitResult:
+        """Fit with the lowest AIC."""
+        return _fit_of(self.laws[0])
+
+    @property
+    def best_by_bic(self) -> FitResult:
+        """Fit with the lowest BIC, which asks more of additional parameters."""
+        return _fit_of(min(self.laws, key=lambda entry: entry.bic))
+
+    def __getitem__(self, name: str) -> LawFit:
+        """The best ranked law of a name, such as ``"muszynska"``.
+
+        Raises:
+            KeyError: no law of that name was compared.
+        """
+        for entry in self.laws:
+            if entry.law.name == name:
+                return entry
+        raise KeyError(unknown_name("law", name, [entry.law.name for entry in self.laws]))
+
+    @property
+    def nonlinear(self) -> bool:
+        """Whether the data ask for coefficients that change with eccentricity."""
+        linear = [entry.aic for entry in self.laws if not entry.law.parameters]
+        return bool(self.laws[0].law.parameters) and all(aic - self.laws[0].aic > STRONG for aic in linear)
+
+    @property
+    def nonlinear_stiffness(self) -> bool:
+        """Whether the data ask for a radial stiffness that changes with eccentricity."""
+        return self.nonlinear and self.stiffness > STRONG
+
+    @property
+    def verdict(self) -> str:
+        """The answer in a sentence or two."""
+        best, words = self.laws[0], []
+        linear = min((entry.aic for entry in self.laws if not entry.law.parameters), default=np.inf)
+        if not self.nonlinear:
+            words.append("the data do not ask for a fluid that changes with eccentricity")
+        else:
+            gap = f"a linear fluid is worse by {linear - best.aic:.4g} in AIC" if np.isfinite(linear) else ""
+            words.append("the data ask for a fluid that changes with eccentricity" + f": {gap}" * bool(gap))
+            if np.isnan(self.stiffness):
+                words.append("whether its radial stiffness does they do not tell")
+            else:
+                asks = "ask for" if self.nonlinear_stiffness else "do not ask for"
+                words.append(
+                    f"they {asks} a nonlinear stiffness: held constant it would change AIC by {self.stiffness:+.4g}"
+                )
+        if _fit_of(best).redchi > MODEL_LIMITED:
+            words.append(f"even the best law leaves redchi {_fit_of(best).redchi:.3g}: none of these explains the data")
+        return "; ".join(words)
+
+    def __str__(self) -> str:
+        """The ranking as a table, and the verdict."""
+        head = f"{'law':<44}{'fitted':>7}{'redchi':>10}{'AIC':>12}{'dAIC':>10}{'dBIC':>10}{'weight':>9}"
+        lowest = min(entry.bic for entry in self.laws)
+        lines = [head, *(_row(entry, self.laws[0].aic, lowest) for entry in self.laws)]
+        lines += [f"{entry.law!r}: {entry.reason}" for entry in self.laws if entry.reason]
+        return "\n".join([*lines, self.verdict])
+
+
+def _row(entry: LawFit, aic: float, bic: float) -> str:
+    if entry.reason or entry.fit is None:
+        return f"{entry.law!r:<44}{'not ranked':>17}"
+    return (
+        f"{entry.law!r:<44}{entry.count:>7}{entry.fit.redchi:>10.4g}{entry.aic:>12.1f}{entry.aic - aic:>10.1f}"
+        f"{entry.bic - bic:>10.1f}{entry.weight:>9.3f}"
+    )
+
+
+def _fit_of(entry: LawFit) -> FitResult:
+    if entry.fit is None:
+        raise ValueError(f"{entry.law!r} has no fit: {entry.reason}")
+    return entry.fit
+
+
+def compare_laws(
+    model: RotorModel,
+    experiments: Experiment | Sequence[Experiment],
+    laws: Sequence[Law] | None = None,
+    *,
+    clearance_um: float | None = None,
+    known: Mapping[str, float | None] | None = None,
+    **options: Any,
+) -> LawComparison:
+    """Fit the same data with several laws of eccentricity and rank them by AIC and BIC.
+
+    Args:
+        model: the rotor, with any law or none.
+        experiments: one experiment or a list.
+        laws: laws to compare; by default the linear fluid, the power law, even polynomials of one and two terms and
+            a monotone spline over the eccentricities of the data.
+        clearance_um: radial clearance; by default that of the model.
+        known: values that are not fitted; parameters of a law hold for that law.
+        options: further arguments of :func:`rotorfit.fit`.
+
+    Returns:
+        the ranking; print it. A law whose fit fails is listed with the reason.
+
+    Raises:
+        ValueError: a model that takes no law, no clearance, or not one law that can be fitted.
+        KeyError: known parameters that no law has.
+    """
+    if "law" not in model.options():
+        raise ValueError(f"{model.name} takes no law of eccentricity; models with a fluid do")
+    several = as_tuple(experiments)
+    gap = clearance_um if clearance_um is not None else model.options()["clearance_um"]
+    if gap is None:
+        raise ValueError("laws of eccentricity need the radial clearance: give clearance_um")
+    candidates = (
+        tuple(laws) if laws is not None else _default_laws(model.variant(law=Muszynska(), clearance_um=gap), several)
+    )
+    if not candidates:
+        raise ValueError("laws is empty: name at least one law")
+    _check_known(model, candidates, gap, known or {})
+    entries = [_try(model.variant(law=law, clearance_um=gap), law, several, known or {}, options) for law in candidates]
+    entries = _on_the_same_data(entries, model, several, gap, known or {}, options)
+    ranked = sorted(entries, key=lambda entry: entry.aic)
+    if ranked[0].reason:
+        raise ValueError("no law could be fitted: " + "; ".join(f"{e.law!r}: {e.reason}" for e in ranked))
+    share = np.array([np.exp(-0.5 * (entry.aic - ranked[0].aic)) for entry in ranked])
+    weighed = [replace(e, weight=float(w)) for e, w in zip(ranked, share / share.sum(), strict=True)]
+    return LawComparison(tuple(weighed), _stiffness_support(weighed[0]))
+
+
+def _stiffness_support(entry: LawFit) -> float:
+    """Wald statistic of a radial stiffness that does not change, less twice the parameters that this would save."""
+    names = _stiffening(entry.law)
+    result = _fit_of(entry)
+    places = [i for i, name in enumerate(result.var_names) if name.partition("[")[0] in names]
+    resolved = all(result.params[result.var_names[i]].resolved for i in places)
+    if not places or not resolved:
+        return float("nan")
+    change = result.x[places]
+    return float(change @ np.linalg.solve(result.covar[np.ix_(places, places)], change)) - 2 * len(places)
+
+
+def _try(
+    model: RotorModel, law: Law, experiments: tuple[Experiment, ...], known: Mapping[str, float | None],
+    options: Mapping[str, Any],
+) -> LawFit:  # fmt: skip
+    mine = {name: value for name, value in known.items() if name in model.parameter_names}
+    try:
+        result = fit(model, experiments, known=mine, **options)
+    except (ValueError, ClosedFormError, np.linalg.LinAlgError) as reason:
+        return LawFit(law, None, str(reason), 0, np.inf, np.inf)
+    if not result.success:
+        return LawFit(law, result, f"the fit did not converge: {result.message}", result.nvarys, np.inf, np.inf)
+    unseen = result.identifiability.null_space.shape[1] if result.identifiability.null_space.size else 0
+    log_n = float(np.log(result.ndata))
+    return LawFit(
+        law, result, "", result.nvarys - unseen, result.aic - 2 * unseen, result.bic - unseen * log_n
+    )  # fmt: skip
+
+
+def _on_the_same_data(
+    entries: list[LawFit], model: RotorModel, experiments: tuple[Experiment, ...], gap: float,
+    known: Mapping[str, float | None], options: Mapping[str, Any],
+) -> list[LawFit]:  # fmt: skip
+    """Fit the linear fluid to the readings that the others see.
+
+    A linear rotor moves in circles wherever it rests and is told one number from each x/y pair, an off-centre
+    nonlinear one two; information criteria compare on the same data only.
+    """
+    counts = {entry.fit.ndata for entry in entries if entry.fit is not None}
+    if len(counts) < 2:
+        return entries
+    linear = EvenPolynomial(1)
+    zero = dict.fromkeys((q.name for q in linear.parameters), 0.0)
+    same = _try(model.variant(law=linear, clearance_um=gap), linear, experiments, {**known, **zero}, options)
+    return [replace(same, law=entry.law) if not entry.law.parameters else entry for entry in entries]
+
+
+def _check_known(model: RotorModel, laws: Sequence[Law], gap: float, known: Mapping[str, float | None]) -> None:
+    names = {name for law in laws for name in model.variant(law=law, clearance_um=gap).parameter_names}
+    for name in known:
+        if name not in names:
+            raise KeyError(unknown_name(f"parameter of {model.name} with these laws", name, sorted(names)))
+
+
+def _default_laws(model: RotorModel, experiments: tuple[Experiment, ...]) -> tuple[Law, ...]:
+    """Common laws; the spline's knots lie where the data are."""
+    laws: tuple[Law, ...] = (Constant(), Muszynska(), EvenPolynomial(1), EvenPolynomial(2))
+    blocks = [observe_any(model, e, np.zeros(len(e), dtype=np.intp)) for e in experiments]
+    measured = [np.asarray(getattr(block, "eccentricity", np.zeros(0)), dtype=float) for block in blocks]
+    eps = np.concatenate(measured)
+    reach = float(np.nanmax(eps, initial=0.0))
+    if reach <= 0:
+        return laws
+    return (
+        *laws,
+        MonotoneSpline(knots=(round(0.5 * reach, 3), round(0.8 * reach, 3)), reach=min(1.0, round(1.02 * reach, 3))),
+    )
+
+
+def _stiffening(law: Law) -> list[str]:
+    """Parameters of a law on which the fluid's radial stiffness depends; zero means no change."""
+    names = [q.name for q in law.parameters]
+    symbols = {name: ca.SX.sym(name) for name in (*names, "K0", "D")}
+    stiffness = law.at(SimpleNamespace(**symbols), ca.SX.sym("eccentricity")).K0
+    return [name for name in names if ca.depends_on(stiffness, symbols[name])]

@@ -1,0 +1,156 @@
+"""Lay a fit out as an optimisation problem: experiments, settings and calibration become residuals and priors."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotorfit.data.experiments import Experiment
+from rotorfit.estimators.nonlinear import responses_of
+from rotorfit.estimators.observations import Block
+from rotorfit.estimators.problem import (
+    LOSSES,
+    ParameterSpace,
+    Prior,
+    Problem,
+    parameter_space,
+    within_support,
+)
+from rotorfit.estimators.small_motion import OffCentreResponses
+from rotorfit.fitting.calibration import nuisance_entries
+from rotorfit.fitting.settings import FitSettings
+from rotorfit.models import RotorModel
+from rotorfit.models.parameters import unknown_name
+from rotorfit.observing.circular import group_rows
+from rotorfit.observing.observations import observe_any
+
+Float = NDArray[np.float64]
+
+
+def as_tuple(experiments: Experiment | Sequence[Experiment]) -> tuple[Experiment, ...]:
+    """One experiment or several, as a tuple.
+
+    Raises:
+        ValueError: none at all.
+        TypeError: something else.
+    """
+    if isinstance(experiments, str | Path):
+        raise TypeError(f"a fit needs what rf.read returns, not the name of a file: rf.read({str(experiments)!r})")
+    several = tuple(experiments) if isinstance(experiments, Sequence) else (experiments,)
+    for experiment in several:
+        if not isinstance(experiment, Experiment):
+            raise TypeError(f"a fit needs experiments such as rf.read returns, not {type(experiment).__name__}")
+    if not several or not all(len(e) for e in several):
+        raise ValueError("nothing to fit: give at least one experiment with at least one reading")
+    return several
+
+
+def build_problem(model: RotorModel, experiments: Experiment | Sequence[Experiment], settings: FitSettings) -> Problem:
+    """Lay a fit out as an optimisation problem; arguments and errors as for :func:`fit`."""
+    if not isinstance(model, RotorModel):
+        raise TypeError(f"the model must be an instance such as rf.models.WhirlWhip(), not {model!r}")
+    several = as_tuple(experiments)
+    if settings.loss not in LOSSES:
+        raise ValueError(unknown_name("loss", settings.loss, LOSSES))
+    for name in settings.per:
+        model.parameter(name)
+    grouping = group_rows(several, settings.per)
+    blocks: tuple[Block, ...] = tuple(
+        observe_any(model, experiment, rows) for experiment, rows in zip(several, grouping.rows, strict=True)
+    )
+    turning = [block for block in blocks if _has_phase(block)]
+    several_runs = [run for block in turning for run in block.run.tolist()] if settings.phase_offsets else []
+    runs = list(dict.fromkeys(several_runs))
+    nuisance = tuple(f"phase[{run}]" for run in runs[1:])
+    parts = [tuple(_phase_factors(block, runs[1:]) for block in blocks)] if nuisance else []
+    errors = nuisance_entries(settings.calibration, several, blocks) if settings.calibration else None
+    if errors is not None:
+        nuisance = (*nuisance, *errors.names)
+        parts.append(errors.factors)
+    factors = tuple(np.hstack(own) for own in zip(*parts, strict=True)) if parts else (None,) * len(blocks)
+    space = parameter_space(
+        model, known=settings.known, bounds=settings.bounds, groups=grouping.suffixes, nuisance=nuisance
+    )
+    priors = make_priors(space, settings.priors)
+    space = within_support(space, priors)
+    if errors is not None:
+        first = space.size - errors.sd.size
+        priors += tuple(Prior(first + i, _normal(sd)) for i, sd in enumerate(errors.sd.tolist()))
+    problem = with_levels(Problem(space, blocks, settings.loss, priors, factors), settings.levels)
+    if space.size > problem.n_data:
+        raise ValueError(f"{space.size} unknowns but only {problem.n_data} real data: fix parameters or add readings")
+    return problem
+
+
+def _normal(sd: float) -> Any:
+    from scipy.stats import norm
+
+    return norm(0.0, sd)
+
+
+def with_levels(problem: Problem, levels: Mapping[str, float], power: int = 1) -> Problem:
+    """The problem with the noise of responses multiplied by a power of their levels, those not named by one."""
+    if not levels:
+        return problem
+    blocks = []
+    for block in problem.blocks:
+        factors = np.array([levels.get(name, 1.0) for name in block.labels]) ** power
+        blocks.append(block.with_noise(factors[block.label]))
+    return replace(problem, blocks=tuple(blocks))
+
+
+def _has_phase(block: Block) -> bool:
+    """Whether the observations are phasors relative to a turning reference."""
+    circular = responses_of(block)
+    return isinstance(block, OffCentreResponses) or (circular is not None and bool(circular.frequency.any()))
+
+
+def _phase_factors(block: Block, runs: Sequence[str]) -> NDArray[np.complex128]:
+    """Sensitivity of the logarithm of each prediction to the phase reference of each run, shape ``(R, n_runs)``.
+
+    In complex coordinates a backward run's amplitude is the conjugate of its phasors, and so is the effect of an
+    offset.
+    """
+    sense = np.full(block.measured.size, float(_has_phase(block)))
+    circular = responses_of(block)
+    if circular is not None and circular.model.frame == "z":
+        sense = np.where(circular.frequency[circular.line] < 0, -sense, sense)
+    return np.asarray(1j * sense[:, None] * (block.run[:, None] == np.array(runs)[None, :]))
+
+
+def make_priors(space: ParameterSpace, priors: Mapping[str, Any]) -> tuple[Prior, ...]:
+    """Priors of the fitted entries that names stand for, a parameter fitted per attribute for all of its own.
+
+    Raises:
+        ValueError: no frozen ``scipy.stats`` distribution, or a prior of a known parameter.
+        KeyError: unknown names; the message names the nearest.
+    """
+    result = []
+    for name, distribution in priors.items():
+        if not (hasattr(distribution, "logpdf") and hasattr(distribution, "dist")):
+            raise ValueError(
+                f"prior of {name} must be a frozen scipy.stats distribution, continuous as norm(1.0, 0.1) is, "
+                f"not {distribution!r}"
+            )
+        if not (np.isfinite(distribution.mean()) and 0 < distribution.std() < np.inf):
+            raise ValueError(f"prior of {name} needs a finite mean and a positive, finite standard deviation")
+        entries = [i for i, (n, b) in enumerate(zip(space.names, space.base, strict=True)) if name in (n, b)]
+        if not entries:
+            if name in space.model.parameter_names:
+                raise ValueError(f"prior of {name}: it is known here, so nothing is fitted; keep one of the two")
+            raise KeyError(unknown_name("fitted parameter", name, space.names))
+        support = distribution.support()
+        for i in entries:
+            low, high = float(space.lower[i]), float(space.upper[i])
+            if not max(low, support[0]) < min(high, support[1]):
+                raise ValueError(
+                    f"prior of {name} allows [{support[0]:g}, {support[1]:g}], its bounds [{low:g}, {high:g}]: nothing "
+                    "is left; change either"
+                )
+        result += [Prior(i, distribution) for i in entries]
+    return tuple(result)

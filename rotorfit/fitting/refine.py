@@ -1,0 +1,222 @@
+"""Model-form error: add structural blocks while the data ask for them, and test the single velocity ratio."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotorfit.estimators.problem import Problem
+from rotorfit.fitting.fit import fit as fit_model
+from rotorfit.fitting.fit import solve_again
+from rotorfit.fitting.problem_setup import with_levels
+from rotorfit.fitting.result import FitResult
+from rotorfit.models import BLOCKS, RotorModel
+
+Float = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Refinement:
+    """Ladder of nested models.
+
+    Attributes:
+        steps: results from the plainest model to the richest tried.
+        best: the result with the lowest BIC, each response with the noise level of its residuals.
+    """
+
+    steps: tuple[FitResult, ...]
+    best: FitResult
+
+    def table(self) -> str:
+        """The ladder as a table, the chosen model marked."""
+        lines = [f"{'structure':<44}{'fitted':>7}{'redchi':>10}{'BIC':>12}"]
+        for step in self.steps:
+            mark = "  <- chosen" if step.model is self.best.model else ""
+            lines.append(f"{structure_name(step.model):<44}{step.nvarys:>7}{step.redchi:>10.4g}{step.bic:>12.1f}{mark}")
+        return "\n".join(lines)
+
+    def __str__(self) -> str:
+        return self.table()
+
+
+def structure_name(model: RotorModel) -> str:
+    """Structural blocks of a model in words."""
+    blocks = getattr(model, "blocks", ())
+    return "as printed" if not blocks else "+ " + " + ".join(block.replace("_", " ") for block in blocks)
+
+
+def refine(fit: FitResult) -> Refinement:
+    """Add the structural blocks whole and nested (coupling mass, gyroscopic, out-of-band) while BIC falls.
+
+    What misfit is left is noise: the chosen model is fitted once more with the noise level of each response as its
+    residuals have it, so that a response that the model misses, or whose noise was estimated too small, weighs less.
+    Goodness of fit (redchi, AIC, BIC) still refers to the noise estimated from the data.
+
+    Args:
+        fit: result of a fit with a model of several planes.
+
+    Raises:
+        ValueError: the model has a single plane, so no structure between planes is missing, or the data leave
+            parameters open, so that more of them would be open still.
+    """
+    if not hasattr(fit.model, "blocks"):
+        raise ValueError(f"{fit.model.name} has no structural blocks to add: they couple two or more planes")
+    if fit.identifiability.unresolved:
+        raise ValueError(f"resolve the parameters of the plain model before adding to it. {fit.identifiability}")
+    steps = [fit]
+    best = fit
+    while len(best.model.blocks) < len(BLOCKS):  # type: ignore[attr-defined]
+        blocks = BLOCKS[: len(best.model.blocks) + 1]  # type: ignore[attr-defined]
+        step = refit(best, best.model.variant(blocks=blocks))
+        steps.append(step)
+        if not step.success or step.bic >= best.bic:
+            break
+        best = step
+    return Refinement(tuple(steps), level_noise(best))
+
+
+_FEWEST = 30  # readings of a response from which their scatter gives a level within 10 %
+
+_LOWEST = 1e-3  # level below which exact data, not noise, are in hand
+
+
+def level_noise(fit: FitResult) -> FitResult:
+    """The fit with the noise level of each response as its residuals have it; robust fits are left as they are.
+
+    Alternates between levels and fit, which climbs their joint likelihood. Responses of few readings keep their level.
+    """
+    if fit.settings.loss != "linear":
+        return fit
+    plain = with_levels(fit.problem, fit.settings.levels, -1)
+    for _ in range(5):
+        levels = _levels(plain, fit.x)
+        settled = all(abs(levels[name] / fit.settings.levels.get(name, 1.0) - 1) < 1e-3 for name in levels)
+        if settled:
+            break
+        fit = solve_again(fit, with_levels(plain, levels), levels=levels)
+    return fit
+
+
+def _levels(problem: Problem, x: Float) -> dict[str, float]:
+    """Root mean square of the whitened residuals of each response, over the share that the fitted values leave."""
+    sums: dict[str, float] = {}
+    counts: dict[str, int] = {}
+    residuals = np.split(problem.residuals(x), np.cumsum([b.measured.size for b in problem.blocks])[:-1])
+    for block, part in zip(problem.blocks, residuals, strict=True):
+        for number, name in enumerate(block.labels):
+            rows = block.label == number
+            sums[name] = sums.get(name, 0.0) + float(np.sum(np.abs(part[rows]) ** 2))
+            counts[name] = counts.get(name, 0) + 2 * int(rows.sum())
+    free = 1 - x.size / problem.n_data
+    enough = [name for name in sums if counts[name] >= 2 * _FEWEST]
+    return {name: max(float(np.sqrt(sums[name] / (counts[name] * free))), _LOWEST) for name in enough}
+
+
+def refit(fit: FitResult, model: RotorModel, extra_known: Mapping[str, float] | None = None) -> FitResult:
+    """Fit another model to the data of a result with the same settings.
+
+    New parameters start from zero influence, the others from the result, so a richer nested model can only gain.
+    """
+    settings = fit.settings
+    start = {name: p.value for name, p in fit.params.items() if p.vary and name in _names(model, fit)}
+    block_start = {q.name: 0.0 for q in model.parameters if q.name not in {b.partition("[")[0] for b in fit.params}}
+    known = {k: v for k, v in {**settings.known, **(extra_known or {})}.items() if k in model.parameter_names}
+    return fit_model(
+        model,
+        fit.experiments,
+        known=known,
+        bounds=settings.bounds,
+        priors=settings.priors,
+        per=settings.per,
+        loss=settings.loss,
+        phase_offsets=settings.phase_offsets,
+        calibration=settings.calibration,
+        start={**start, **block_start},
+    )
+
+
+def _names(model: RotorModel, fit: FitResult) -> set[str]:
+    return {name for name in fit.params if name.partition("[")[0] in model.parameter_names}
+
+
+@dataclass(frozen=True)
+class OneLamTest:
+    """Test of eq. (13)'s single velocity ratio against lam_D and lam_M of their own.
+
+    Attributes:
+        lam_D, lam_M: (estimate, standard error).
+        difference: lam_D - lam_M and its standard error.
+        statistic: fall of chi-squared, over redchi of the wider model where that exceeds 1.
+        p_value: probability of such a fall if one lam held, chi-squared with one degree of freedom.
+        rejected: whether one lam is refused at the level asked for.
+        message: the verdict in words.
+        fit: the fit with both ratios.
+    """
+
+    lam_D: tuple[float, float]
+    lam_M: tuple[float, float]
+    difference: tuple[float, float]
+    statistic: float
+    p_value: float
+    rejected: bool
+    message: str
+    fit: FitResult
+
+
+def one_lam_test(fit: FitResult, *, level: float = 0.01) -> OneLamTest:
+    """Ask the data whether damping and inertia turn with one velocity ratio.
+
+    Args:
+        fit: result of a model with the single ratio ``lam``.
+        level: probability of refusing one lam although it holds.
+
+    Raises:
+        ValueError: the model has no single lam, or the data do not determine both ratios.
+    """
+    from scipy.stats import chi2
+
+    if "lam" not in fit.model.parameter_names:
+        raise ValueError(f"{fit.model.name} as used here has no single lam to test")
+    lam = fit.params["lam"].value if "lam" in fit.params else float("nan")
+    model = fit.model.variant(two_lam=True)
+    start = {name: p.value for name, p in fit.params.items() if p.vary and name != "lam"}
+    settings = fit.settings
+    wide = fit_model(
+        model,
+        fit.experiments,
+        known={k: v for k, v in settings.known.items() if k != "lam"},
+        bounds={k: v for k, v in settings.bounds.items() if k != "lam"},
+        priors={k: v for k, v in settings.priors.items() if k != "lam"},
+        per=settings.per,
+        loss=settings.loss,
+        phase_offsets=settings.phase_offsets,
+        calibration=settings.calibration,
+        start={**start, "lam_D": lam, "lam_M": lam},
+    )
+    d, m = wide.params["lam_D"], wide.params["lam_M"]
+    if not (d.resolved and m.resolved):
+        raise ValueError("these data do not determine lam_D and lam_M apart: " + str(wide.identifiability))
+    i, j = wide.var_names.index("lam_D"), wide.var_names.index("lam_M")
+    variance = wide.covar[i, i] + wide.covar[j, j] - 2 * wide.covar[i, j]
+    statistic = max(0.0, (fit.aic - 2 * fit.nvarys) - (wide.aic - 2 * wide.nvarys)) / max(1.0, wide.redchi)
+    p = float(chi2.sf(statistic, 1))
+    rejected = p < level
+    verdict = (
+        f"one lam is refused (p = {p:.2g}): lam_D = {d.value:.4f} +- {d.stderr:.2g} from the damping force, "
+        f"lam_M = {m.value:.4f} +- {m.stderr:.2g} from the inertia force; use two_lam=True"
+        if rejected
+        else f"one lam agrees with the data (p = {p:.2g})"
+    )
+    return OneLamTest(
+        (d.value, d.stderr),
+        (m.value, m.stderr),
+        (d.value - m.value, float(np.sqrt(variance))),
+        statistic,
+        p,
+        rejected,
+        verdict,
+        wide,
+    )

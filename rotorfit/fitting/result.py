@@ -1,0 +1,407 @@
+"""What a fit gives back: parameters with their errors, goodness of fit, identifiability, derived quantities."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotorfit.data.experiments import Experiment
+from rotorfit.estimators.identifiability import Identifiability
+from rotorfit.estimators.nonlinear import responses_of
+from rotorfit.estimators.problem import Problem
+from rotorfit.fitting.settings import FitSettings
+from rotorfit.models import RotorModel, eigenvalues, threshold_speed
+from rotorfit.models.stability import eigenvalue_gradient
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from rotorfit.fitting.calibration import Uncertainty
+    from rotorfit.uncertainty.bootstrap import Bootstrap
+    from rotorfit.uncertainty.budget import Budget
+    from rotorfit.uncertainty.posterior import Posterior
+    from rotorfit.uncertainty.profile import Profile
+
+
+Float = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+
+
+@dataclass(frozen=True)
+class FittedParameter:
+    """One parameter of a result.
+
+    Attributes:
+        name: name, with the group in brackets where it was fitted per attribute.
+        value: estimate or known value, SI.
+        stderr: standard error, widened by sqrt(redchi) where the model, not the noise, limits the fit; zero for known
+            parameters, infinite where the data do not determine the parameter.
+        stderr_noise: standard error from the noise alone.
+        init_value: start of the optimisation.
+        unit: SI unit.
+        meaning: a few words.
+        min, max: bounds.
+        vary: whether it was fitted.
+        resolved: whether the data determine it.
+        at_bound: the estimate rests on a bound, so its error bar is not symmetric.
+    """
+
+    name: str
+    value: float
+    stderr: float
+    stderr_noise: float
+    init_value: float
+    unit: str
+    meaning: str
+    min: float
+    max: float
+    vary: bool
+    resolved: bool = True
+    at_bound: bool = False
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A derived quantity and its standard error (infinite where the data do not determine it)."""
+
+    value: float
+    stderr: float
+    unit: str
+
+    def __str__(self) -> str:
+        if not math.isfinite(self.stderr):
+            return "not determined by these data"
+        return f"{self.value:.6g} +- {self.stderr:.2g} {self.unit}"
+
+
+@dataclass(frozen=True)
+class ResponseQuality:
+    """Agreement of one measured response with the fit.
+
+    Attributes:
+        name: run and channel.
+        nrmse: rms residual over rms response.
+        frac: frequency response assurance criterion, 1 for responses of equal shape.
+        redchi: mean squared whitened residual, 1 for noise alone.
+        count: number of readings.
+    """
+
+    name: str
+    nrmse: float
+    frac: float
+    redchi: float
+    count: int
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class FitResult:
+    """Result of :func:`rotorfit.fit` or :func:`rotorfit.closed_form`. Frozen; a failed fit is a result that says so.
+
+    Attributes:
+        model: the rotor.
+        experiments: the data.
+        settings: what was asked for.
+        method: "least squares" or "closed form".
+        problem: the optimisation problem, for re-evaluation.
+        x: fitted vector (free parameters, then nuisance parameters).
+        params: parameters by name, fitted and known.
+        covar: covariance of the fitted vector, widened like ``stderr``, unresolved directions left out.
+        chisqr, redchi: sum of squared residuals over the noise of the data, and that over the degrees of freedom.
+        ndata, nvarys, nfree: real data, fitted values, degrees of freedom.
+        aic, bic: with the noise as estimated from the data.
+        success, message, nfev: how the optimisation ended.
+        responses: agreement response by response.
+        identifiability: what the data determine.
+        warnings: sentences worth reading.
+    """
+
+    model: RotorModel
+    experiments: tuple[Experiment, ...]
+    settings: FitSettings
+    method: str
+    problem: Problem
+    x: Float
+    params: Mapping[str, FittedParameter]
+    covar: Float
+    chisqr: float
+    redchi: float
+    ndata: int
+    nvarys: int
+    nfree: int
+    aic: float
+    bic: float
+    success: bool
+    message: str
+    nfev: int
+    responses: tuple[ResponseQuality, ...]
+    identifiability: Identifiability
+    warnings: tuple[str, ...]
+
+    def __repr__(self) -> str:
+        """What was fitted and how well, on one line; ``print(fit)`` shows the table of :meth:`summary`."""
+        size = f"{self.nvarys} values from {self.ndata} data"
+        return f"<FitResult {self.model.name}, {self.method}: {size}, redchi {self.redchi:.4g}, {self.message}>"
+
+    # ---- derived quantities ------------------------------------------------------------------------------------
+
+    @property
+    def var_names(self) -> tuple[str, ...]:
+        """Names of the fitted vector's entries, the order of ``covar``."""
+        return (*self.problem.space.names, *self.problem.space.nuisance)
+
+    @property
+    def widening(self) -> float:
+        """Factor on the variances of the noise: redchi where the model, not the noise, limits the fit, else one.
+
+        One, too, where each response has the noise level of its residuals.
+        """
+        return max(1.0, self.redchi) if self.problem.loss == "linear" and not self.settings.levels else 1.0
+
+    @property
+    def band(self) -> float:
+        """Highest tested frequency, rad/s."""
+        tested = [float(np.abs(b.frequency).max()) for b in map(responses_of, self.problem.blocks) if b is not None]
+        return max(tested, default=math.inf)
+
+    @property
+    def stability_band(self) -> float:
+        """Frequencies that count for stability: all, but only the tested band with corrections above s^2."""
+        return self.band if self.model.order > 2 else math.inf
+
+    @property
+    def speeds(self) -> Float:
+        """Tested rotative speeds, rad/s; empty for synchronous tests."""
+        speeds = [np.unique(b.speed) for b in map(responses_of, self.problem.blocks) if b is not None]
+        distinct: Float = np.unique(np.concatenate(speeds)) if speeds else np.zeros(0)
+        return distinct if distinct.size <= 50 else np.zeros(0)
+
+    def group(self, at: Mapping[str, Any] | None = None) -> int:
+        """Number of the parameter group with given attribute values, ``{"speed_rpm": 1000}``.
+
+        Raises:
+            ValueError: parameters were fitted per attribute and ``at`` does not name one group.
+        """
+        return self.problem.space.group(at)
+
+    def theta(self, at: Mapping[str, Any] | None = None) -> Float:
+        """Model parameter vector, shape ``(P,)``, of the group named by ``at``."""
+        return np.asarray(self.problem.space.theta(self.x)[self.group(at)])
+
+    def propagate(self, value: float, gradient: Float, unit: str, at: Mapping[str, Any] | None = None) -> Quantity:
+        """Standard error of a derived quantity by the delta method.
+
+        Args:
+            value: the quantity.
+            gradient: its derivative by the model parameters, shape ``(P,)``.
+            unit: its unit.
+            at: group of parameters it belongs to.
+        """
+        return self._propagate(value, gradient, unit, self.group(at))
+
+    def _propagate(self, value: float, gradient: Float, unit: str, group: int) -> Quantity:
+        index = self.problem.space.index[group]
+        slope = np.zeros(self.x.size)
+        np.add.at(slope, index[index >= 0], np.asarray(gradient)[index >= 0])
+        null = self.identifiability.null_space
+        leak = float(np.abs(slope[: null.shape[0]] @ null).max(initial=0.0)) if null.size else 0.0
+        if leak > 1e-4 * abs(value):  # a change by the parameters' own size that no datum notices
+            return Quantity(value, math.inf, unit)
+        return Quantity(value, math.sqrt(max(float(slope @ self.covar @ slope), 0.0)), unit)
+
+    def threshold_speed(self, at: Mapping[str, Any] | None = None, *, eccentricity: float | None = None) -> Quantity:
+        """Rotative speed at which the rotor becomes unstable, rad/s, with its standard error.
+
+        The value is NaN where the fitted rotor is stable at every speed searched; the standard error is infinite where
+        the data do not tell.
+
+        Args:
+            at: group of parameters, where some were fitted per attribute.
+            eccentricity: static eccentricity at which a load keeps the journal; by default it is centred.
+        """
+        if eccentricity is None:
+            return self.threshold_of(self.group(at))
+        from rotorfit.models.off_centre import off_centre_threshold
+
+        if not 0 <= eccentricity < 1:
+            raise ValueError(f"eccentricity {eccentricity} is |displacement| / clearance, from 0 to below 1")
+        onset = off_centre_threshold(self.model, self.theta(at), eccentricity, band=self.stability_band)
+        if onset is None:
+            return Quantity(math.nan, math.nan, "rad/s")
+        return self.propagate(onset.speed, onset.gradient, "rad/s", at)
+
+    def threshold_of(self, group: int) -> Quantity:
+        """Threshold speed of the parameter group with a given number; see :meth:`threshold_speed`."""
+        theta = self.problem.space.theta(self.x)[group]
+        onset = threshold_speed(self.model, theta, band=self.stability_band)
+        if onset is None:
+            return Quantity(math.nan, self._growth_error(group), "rad/s")
+        return self._propagate(onset.speed, onset.gradient, "rad/s", group)
+
+    def _growth_error(self, group: int) -> float:
+        """Infinite where undetermined parameters, such as lam of tests at rest, move the least stable mode, or NaN."""
+        theta = self.problem.space.theta(self.x)[group]
+        if not self.model.speed_dependent:
+            return math.nan
+        s = eigenvalues(self.model, theta, 0.0)
+        speed = float(np.abs(s[np.isfinite(s) & (np.abs(s) <= self.stability_band)]).max(initial=0.0))
+        s = eigenvalues(self.model, theta, speed)
+        s = s[np.isfinite(s) & (np.abs(s) <= self.stability_band) & (np.abs(s) > 0)]
+        if not s.size:
+            return math.nan
+        least = complex(s[np.argmax(s.real)])
+        _, by_theta = eigenvalue_gradient(self.model, theta, speed, least)
+        return math.nan if math.isfinite(self._propagate(abs(least), by_theta.real, "1/s", group).stderr) else math.inf
+
+    def whirl_ratio(self, at: Mapping[str, Any] | None = None) -> float:
+        """Frequency of the self-excited whirl at onset over the threshold speed, NaN without a threshold."""
+        onset = threshold_speed(self.model, self.theta(at), band=self.stability_band)
+        return math.nan if onset is None else onset.whirl_ratio
+
+    def natural_frequencies(self, speed: float, at: Mapping[str, Any] | None = None) -> list[tuple[Quantity, Quantity]]:
+        """Damped natural frequency (rad/s, signed) and damping ratio of each mode at a rotative speed (rad/s)."""
+        theta = self.theta(at)
+        modes = []
+        for s in eigenvalues(self.model, theta, speed):
+            if not np.isfinite(s) or abs(s) > self.stability_band:
+                continue
+            _, by_theta = eigenvalue_gradient(self.model, theta, speed, complex(s))
+            size = abs(s)
+            # zeta = -Re s / |s|
+            slope = -by_theta.real / size + s.real * (s.real * by_theta.real + s.imag * by_theta.imag) / size**3
+            modes.append(
+                (
+                    self.propagate(float(s.imag), by_theta.imag, "rad/s", at),
+                    self.propagate(float(-s.real / size), slope, "1", at),
+                )
+            )
+        return modes
+
+    # ---- other measures of uncertainty, imported when asked for ------------------------------------------------------
+
+    def profile(
+        self, name: str, *, level: float = 0.95, points: int = 21, at: Mapping[str, Any] | None = None
+    ) -> Profile:
+        """Interval and curve by profile likelihood; see :func:`rotorfit.uncertainty.profile.profile`."""
+        from rotorfit.uncertainty.profile import profile
+
+        return profile(self, name, level=level, points=points, at=at)
+
+    def bootstrap(self, *, n: int = 500, seed: int = 0, accelerate: bool | None = None) -> Bootstrap:
+        """Fits of data simulated from this one and their spread; see rotorfit.uncertainty.bootstrap.bootstrap."""
+        from rotorfit.uncertainty.bootstrap import bootstrap
+
+        return bootstrap(self, n=n, seed=seed, accelerate=accelerate)
+
+    def calibration(
+        self,
+        *,
+        probe_gain: Uncertainty = 0.0,
+        probe_phase_deg: Uncertainty = 0.0,
+        mr: Uncertainty = 0.0,
+        keyphasor_deg: float = 0.0,
+    ) -> Budget:
+        """Random and systematic uncertainty apart (GUM type A and B); see :class:`rotorfit.Calibration`.
+
+        The fit is repeated with the errors of calibration as nuisance entries; it is the ``fit`` of the answer.
+        """
+        from rotorfit.fitting.calibration import Calibration
+        from rotorfit.uncertainty.budget import budget
+
+        return budget(self, Calibration(probe_gain, probe_phase_deg, mr, keyphasor_deg))
+
+    # ---- files, imported when asked for ------------------------------------------------------------------------------
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write the result and its data to a JSON file; :func:`rotorfit.load_fit` reads it."""
+        from rotorfit.fitting.fit_file import save_fit
+
+        save_fit(self, path)
+
+    # ---- posterior, imported when asked for --------------------------------------------------------------------------
+
+    def sample(self, **options: Any) -> Posterior:
+        """Sample the posterior with emcee; options as for :func:`rotorfit.sample`, for instance ``seed=1``."""
+        from rotorfit.uncertainty.posterior import sample
+
+        return sample(self, **options)
+
+    # ---- presentation, imported when asked for ----------------------------------------------------------------------
+
+    def summary(self) -> str:
+        """Table of the result for a terminal."""
+        from rotorfit.fitting.summary import fit_summary
+
+        return fit_summary(self)
+
+    def __str__(self) -> str:
+        return self.summary()
+
+    def plot_dynamic_stiffness(self) -> Figure:
+        """Direct and quadrature dynamic stiffness against signed frequency, data with error bars and fit."""
+        from rotorfit.plots.responses import plot_dynamic_stiffness
+
+        return plot_dynamic_stiffness(self)
+
+    def plot_bode(self) -> Figure:
+        """Amplitude and phase of every response against frequency."""
+        from rotorfit.plots.responses import plot_bode
+
+        return plot_bode(self)
+
+    def plot_polar(self) -> Figure:
+        """Responses in the complex plane."""
+        from rotorfit.plots.responses import plot_polar
+
+        return plot_polar(self)
+
+    def plot_residuals(self) -> Figure:
+        """Whitened residuals against frequency."""
+        from rotorfit.plots.responses import plot_residuals
+
+        return plot_residuals(self)
+
+    def plot_stability(self) -> Figure:
+        """Eigenvalues against rotative speed with the threshold and its interval."""
+        from rotorfit.plots.responses import plot_stability
+
+        return plot_stability(self)
+
+    def plot_law(self) -> Figure:
+        """K0, D and lam against eccentricity with their 95 % bands."""
+        from rotorfit.plots.responses import plot_law
+
+        return plot_law(self)
+
+    def plot_nonlinear_stiffness(self) -> Figure:
+        """Nonlinear minus linear dynamic stiffness at the journal (Figs 13 to 15)."""
+        from rotorfit.plots.responses import plot_nonlinear_stiffness
+
+        return plot_nonlinear_stiffness(self)
+
+    def plot_static_locus(self) -> Figure:
+        """Locus of the journal under static load (Figs 26 to 28)."""
+        from rotorfit.plots.responses import plot_static_locus
+
+        return plot_static_locus(self)
+
+    def plot_static_stiffness(self) -> Figure:
+        """Static load over displacement, across and along the load, against eccentricity (Figs 27 and 28)."""
+        from rotorfit.plots.responses import plot_static_stiffness
+
+        return plot_static_stiffness(self)
+
+    def plot_velocity_ratio(self) -> Figure:
+        """Frequency over speed of free vibrations against eccentricity (Fig. 29)."""
+        from rotorfit.plots.responses import plot_velocity_ratio
+
+        return plot_velocity_ratio(self)
+
+    def with_warnings(self, *messages: str) -> FitResult:
+        """The same result with further warnings."""
+        return replace(self, warnings=(*self.warnings, *messages))

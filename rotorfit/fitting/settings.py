@@ -1,0 +1,30 @@
+"""What the user asked of a fit."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+from rotorfit.estimators.problem import Loss
+
+if TYPE_CHECKING:
+    from rotorfit.fitting.calibration import Calibration
+
+
+@dataclass(frozen=True)
+class FitSettings:
+    """What the user asked for; see :func:`rotorfit.fit`.
+
+    ``calibration`` holds the uncertainties that enter as nuisance entries. ``levels`` are factors on the noise by
+    response, which :func:`rotorfit.refine` reads off the residuals once the structure explains the data.
+    """
+
+    known: Mapping[str, float | None] = field(default_factory=dict)
+    bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    priors: Mapping[str, Any] = field(default_factory=dict)
+    per: Mapping[str, str] = field(default_factory=dict)
+    loss: Loss = "linear"
+    phase_offsets: bool = False
+    levels: Mapping[str, float] = field(default_factory=dict)
+    calibration: Calibration | None = None

@@ -1,0 +1,80 @@
+"""Results as text tables."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from rotorfit.fitting.result import FitResult, FittedParameter
+
+_NOTABLE_CORRELATION = 0.9
+
+
+def fit_summary(fit: FitResult) -> str:
+    """Parameters, goodness of fit, identifiability, correlations worth knowing, stability and warnings."""
+    lines = [
+        f"{fit.model.name}, {fit.method}: {fit.message}",
+        f"{fit.ndata} real data, {fit.nvarys} fitted values, redchi {fit.redchi:.4g}, "
+        f"AIC {fit.aic:.6g}, BIC {fit.bic:.6g}",
+        "",
+        *parameter_table(fit),
+        "",
+        f"identifiability: {fit.identifiability}",
+    ]
+    pairs = notable_correlations(fit)
+    if pairs:
+        lines.append("correlations: " + ", ".join(f"{a}-{b} {r:+.2f}" for a, b, r in pairs))
+    lines += _stability_lines(fit)
+    lines += [f"note: {caveat}" for caveat in fit.model.caveats]
+    lines += [f"warning: {message}" for message in fit.warnings]
+    return "\n".join(lines)
+
+
+def parameter_table(fit: FitResult) -> list[str]:
+    """Lines of the parameter table; a parameter that the data do not determine shows no number."""
+    both = any(p.stderr > p.stderr_noise * 1.01 for p in fit.params.values() if p.vary and p.resolved)
+    head = f"{'parameter':<22}{'value':>14}{'stderr':>12}" + (f"{'noise only':>12}" if both else "")
+    lines = [head + f"{'start':>14}  unit"]
+    lines += [_row(p, both) for p in fit.params.values()]
+    return lines
+
+
+def _row(p: FittedParameter, both: bool) -> str:
+    gap = 12 if both else 0
+    if not p.vary:
+        return f"{p.name:<22}{p.value:>14.7g}{'known':>12}{'':>{gap}}{'':>14}  {p.unit}"
+    if not p.resolved:
+        return f"{p.name:<22}{'not determined by the data':>{26 + gap}}{p.init_value:>14.6g}  {p.unit}"
+    noise = f"{p.stderr_noise:>12.2g}" if both else ""
+    bound = "  at its bound" if p.at_bound else ""
+    return f"{p.name:<22}{p.value:>14.7g}{p.stderr:>12.2g}{noise}{p.init_value:>14.6g}  {p.unit}{bound}"
+
+
+def notable_correlations(fit: FitResult) -> list[tuple[str, str, float]]:
+    """Pairs of resolved parameters with a correlation beyond 0.9 in size, strongest first, at most eight."""
+    error = np.sqrt(np.maximum(np.diag(fit.covar), 0.0))
+    found = []
+    for i, a in enumerate(fit.var_names):
+        for j, b in enumerate(fit.var_names[:i]):
+            if error[i] > 0 and error[j] > 0 and fit.params[a].resolved and fit.params[b].resolved:
+                r = float(fit.covar[i, j] / (error[i] * error[j]))
+                if abs(r) > _NOTABLE_CORRELATION:
+                    found.append((b, a, r))
+    return sorted(found, key=lambda pair: -abs(pair[2]))[:8]
+
+
+def _stability_lines(fit: FitResult) -> list[str]:
+    if not fit.model.speed_dependent or fit.problem.space.index.shape[0] > 1:
+        return []
+    onset = fit.threshold_speed()
+    if np.isinf(onset.stderr):
+        return ["threshold speed: not determined by these data"]
+    if np.isnan(onset.value):
+        return ["threshold speed: none found, stable at every speed searched"]
+    rpm = 30 / np.pi
+    return [
+        f"threshold speed: {onset.value * rpm:.1f} +- {onset.stderr * rpm:.2g} rpm, "
+        f"whirl ratio at onset {fit.whirl_ratio():.3f}"
+    ]

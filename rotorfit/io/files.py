@@ -1,0 +1,262 @@
+"""Read and write experiments; the suffix of the file tells the format."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rotorfit.data.experiments import DisplacementTest, Experiment, Float, PerturbationTest
+from rotorfit.data.synchronous import SPEED_TOLERANCE, difference_synchronous, group_speeds
+from rotorfit.models.parameters import unknown_name
+
+Channel = tuple[str, str]
+"""Plane and direction of a probe, ``("journal", "x")``."""
+
+SUFFIXES = {
+    ".csv": "csv", ".txt": "csv", ".tsv": "csv", ".uff": "uff", ".unv": "uff", ".nc": "netcdf", ".mat": "mat",
+}  # fmt: skip
+"""Format by suffix of the file."""
+
+
+def read(
+    path: str | Path,
+    *,
+    gains: Mapping[Channel, complex] | None = None,
+    delays: Mapping[Channel, float] | None = None,
+    slow_roll: Mapping[Channel, complex] | None = None,
+    slow_roll_below_rpm: float | None = None,
+    probe_angles: Mapping[str, tuple[float, float]] | None = None,
+    difference: bool = True,
+    speed: float | None = None,
+    speed_tolerance: float = SPEED_TOLERANCE,
+) -> Experiment:
+    """Read a test: tidy CSV (.csv, .tsv, .txt), universal file (.uff, .unv), netCDF (.nc) or MAT 5 (.mat).
+
+    Corrections are applied in the order of the arguments, before synchronous runs are differenced. Units of a CSV are
+    in its column names; what is read is SI.
+
+    Args:
+        path: the file.
+        gains: complex factor by which each channel multiplied its signal; readings are divided by it.
+        delays: time by which each channel delayed its signal, s; phases are advanced by ``|w| tau``.
+        slow_roll: run-out of each channel, m (rad for slopes), subtracted from once-per-turn readings.
+        slow_roll_below_rpm: take the run-out of each channel and run from the readings below this speed instead.
+        probe_angles: where the probes named x and y sit, degrees from X towards Y, for planes where that is not
+            (0, 90): ``{"journal": (45, 135)}``.
+        difference: difference the runs of a synchronous test, see :func:`rotorfit.difference_synchronous`.
+        speed: rotative speed, rad/s, for universal files that do not hold it.
+        speed_tolerance: fraction within which speeds are the same, :func:`~rotorfit.data.synchronous.group_speeds`.
+
+    Raises:
+        ValueError: what in the file or in an option is wrong, where, and what is allowed.
+        FileNotFoundError: no such file.
+    """
+    if not 0 <= speed_tolerance < 1:
+        raise ValueError(f"speed_tolerance is a fraction of the speed, 0 to 1; got {speed_tolerance!r}")
+    if speed is not None and not np.isfinite(speed):
+        raise ValueError(f"speed must be a finite number, rad/s; got {speed!r}")
+    test = _read_raw(path, speed, speed_tolerance)
+    options = {
+        "gains": gains,
+        "delays": delays,
+        "slow_roll": slow_roll,
+        "slow_roll_below_rpm": slow_roll_below_rpm,
+        "probe_angles": probe_angles,
+    }
+    given = [name for name, value in options.items() if value is not None]
+    if not isinstance(test, PerturbationTest):
+        if given:
+            raise ValueError(f"{', '.join(given)} correct probe readings; {test.source} is a {type(test).__name__}")
+        return test
+    if gains or delays:
+        test = correct_channels(test, gains or {}, delays or {})
+    if slow_roll is not None and slow_roll_below_rpm is not None:
+        raise ValueError("slow_roll and slow_roll_below_rpm are both given; choose one")
+    if slow_roll:
+        _check_channels(test, slow_roll, "slow_roll")
+        if not all(np.isfinite(value) for value in slow_roll.values()):
+            raise ValueError("slow_roll: a run-out vector must be finite, m (rad for slopes), complex")
+        test = test.subtract_slow_roll(slow_roll)
+    if slow_roll_below_rpm is not None:
+        test = subtract_measured_slow_roll(test, slow_roll_below_rpm * np.pi / 30)
+    if probe_angles:
+        test = resolve_probe_angles(test, probe_angles)
+    return difference_synchronous(test) if difference and test.synchronous else test
+
+
+def _read_raw(path: str | Path, speed: float | None, speed_tolerance: float) -> Experiment:
+    kind = _format(path)
+    if speed is not None and kind != "uff":
+        raise ValueError(f"speed is an option of universal files; {Path(path).name} holds the speed of every reading")
+    if kind == "csv":
+        from rotorfit.io.tidy_csv import read_csv
+
+        return read_csv(path, speed_tolerance=speed_tolerance)
+    if kind == "uff":
+        from rotorfit.io.universal import read_uff
+
+        test: Experiment = read_uff(path, speed=speed)
+    elif kind == "netcdf":
+        from rotorfit.io.netcdf import read_netcdf
+
+        test = read_netcdf(path)
+    else:
+        from rotorfit.io.matlab import read_mat
+
+        test = read_mat(path)
+    if not isinstance(test, PerturbationTest | DisplacementTest):
+        return test
+    return replace(test, speed=group_speeds(test.speed, test.frequency, test.run, speed_tolerance))
+
+
+def write(experiment: Experiment, path: str | Path) -> None:
+    """Write an experiment; the suffix tells the format as in :func:`read`. A failure leaves an existing file as it was.
+
+    Args:
+        experiment: what to write.
+        path: the file, replaced if it exists.
+
+    Raises:
+        ValueError: unknown suffix, or something that the format cannot hold.
+    """
+    target = Path(path)
+    writer = _writer(_format(target))
+    if not target.parent.is_dir():
+        raise FileNotFoundError(f"cannot write {target}: there is no folder {target.parent}")
+    # a directory beside the target: the same file system, so that the replacement is one step
+    with tempfile.TemporaryDirectory(dir=target.parent, prefix=".rotorfit-") as folder:
+        draft = Path(folder) / f"draft{target.suffix}"
+        writer(experiment, draft)
+        os.replace(draft, target)
+
+
+def _writer(kind: str) -> Callable[[Any, Path], None]:
+    if kind == "csv":
+        from rotorfit.io.tidy_csv import write_csv
+
+        return write_csv
+    if kind == "uff":
+        from rotorfit.io.universal import write_uff
+
+        return write_uff
+    if kind == "netcdf":
+        from rotorfit.io.netcdf import write_netcdf
+
+        return write_netcdf
+    from rotorfit.io.matlab import write_mat
+
+    return write_mat
+
+
+def _format(path: str | Path) -> str:
+    suffix = Path(path).suffix.lower()
+    if suffix not in SUFFIXES:
+        raise ValueError(f"{Path(path).name}: {unknown_name('suffix', suffix, SUFFIXES)}")
+    return SUFFIXES[suffix]
+
+
+def _check_channels(test: PerturbationTest, given: Mapping[Channel, Any], option: str) -> None:
+    channels = list(dict.fromkeys(zip(test.plane.tolist(), test.direction.tolist(), strict=True)))
+    for key in given:
+        if key not in channels:
+            raise ValueError(f"{option}: {test.source} has no channel {key!r}; it has {', '.join(map(repr, channels))}")
+
+
+def correct_channels(
+    test: PerturbationTest, gains: Mapping[Channel, complex], delays: Mapping[Channel, float]
+) -> PerturbationTest:
+    """Undo each channel's complex gain and time delay (s): ``response exp(j |w| tau) / gain``.
+
+    Combined readings (z, rz) at negative w are conjugated phasors and are corrected as such.
+
+    Raises:
+        ValueError: a channel that the test does not have, or a gain of zero.
+    """
+    _check_channels(test, gains, "gains")
+    _check_channels(test, delays, "delays")
+    if not all(np.isfinite(value) for value in delays.values()):
+        raise ValueError("delays: a delay must be a finite number of seconds")
+    if any(not (np.isfinite(value) and value != 0) for value in gains.values()):
+        raise ValueError("gains: a gain must be finite and not zero")
+    channels = list(zip(test.plane.tolist(), test.direction.tolist(), strict=True))
+    gain = np.array([gains.get(channel, 1.0) for channel in channels], dtype=complex)
+    delay = np.array([delays.get(channel, 0.0) for channel in channels])
+    factor = np.exp(1j * np.abs(test.frequency) * delay) / gain
+    conjugated = np.char.endswith(test.direction, "z") & (test.frequency < 0)
+    factor = np.where(conjugated, factor.conj(), factor)
+    return replace(test, response=test.response * factor, sigma=test.sigma * np.abs(factor))
+
+
+def subtract_measured_slow_roll(test: PerturbationTest, below: float) -> PerturbationTest:
+    """Subtract from each channel of each run its mean reading below a rotative speed, rad/s, of a synchronous test.
+
+    Raises:
+        ValueError: the test is not synchronous, or a run has no reading of a channel below that speed.
+    """
+    if not test.synchronous:
+        raise ValueError(f"{test.source}: slow roll can only be taken from the readings of a synchronous test")
+    keys = list(zip(test.run.tolist(), test.plane.tolist(), test.direction.tolist(), strict=True))
+    _, index = np.unique(np.array(keys), axis=0, return_inverse=True)
+    index = index.reshape(-1)
+    slow = test.speed < below
+    count = np.bincount(index, slow)
+    if not count.all():
+        run, plane, direction = keys[int(np.flatnonzero(count[index] == 0)[0])]
+        raise ValueError(
+            f"{test.source}: run {run} has no reading of {plane} {direction} below {below * 30 / np.pi:g} rpm; its "
+            f"slowest is at {test.speed[test.run == run].min() * 30 / np.pi:g} rpm"
+        )
+    vector = np.bincount(index, slow * test.response.real) + 1j * np.bincount(index, slow * test.response.imag)
+    return replace(test, response=test.response - (vector / count)[index])
+
+
+def resolve_probe_angles(test: PerturbationTest, angles: Mapping[str, tuple[float, float]]) -> PerturbationTest:
+    """Resolve pairs of probes that do not sit at 0 and 90 degrees into x and y.
+
+    A probe at angle a reads ``cos(a) X + sin(a) Y``. Noise of the two probes is taken as independent.
+
+    Args:
+        test: readings named x and y of the probes at the angles given.
+        angles: by plane, angle of the probe named x and of the one named y, degrees from X towards Y.
+
+    Raises:
+        ValueError: unknown plane, parallel probes, or a reading without its partner.
+    """
+    response, sigma = test.response.copy(), test.sigma.copy()
+    for plane, pair in angles.items():
+        if plane not in test.planes:
+            raise ValueError(f"probe_angles: {unknown_name('plane', plane, test.planes)}")
+        if np.shape(pair) != (2,) or not np.isfinite(pair).all():
+            raise ValueError(f"probe_angles: {plane} needs two angles in degrees, of its probes x and y; got {pair!r}")
+        first, second = pair
+        a = np.radians([first, second])
+        mixing = np.column_stack([np.cos(a), np.sin(a)])
+        if abs(np.linalg.det(mixing)) < 1e-3:
+            raise ValueError(f"probe_angles: probes at {first} and {second} degrees of {plane} see the same direction")
+        inverse: Float = np.linalg.inv(mixing)
+        rows = _probe_pairs(test, plane)
+        response[rows] = test.response[rows] @ inverse.T
+        sigma[rows] = np.sqrt(test.sigma[rows] ** 2 @ (inverse**2).T)
+    return replace(test, response=response, sigma=sigma)
+
+
+def _probe_pairs(test: PerturbationTest, plane: str) -> Any:
+    """Rows of x and y readings taken together, shape ``(N, 2)``; repeats pair in order of appearance."""
+    found: dict[Any, tuple[list[int], list[int]]] = {}
+    columns = (test.run, test.speed, test.frequency, test.force_plane, test.force)
+    keys = zip(*[column.tolist() for column in columns], strict=True)
+    for row, (key, at, direction) in enumerate(zip(keys, test.plane.tolist(), test.direction.tolist(), strict=True)):
+        if at == plane and direction in ("x", "y"):
+            found.setdefault(key, ([], []))["xy".index(direction)].append(row)
+    lonely = sum(abs(len(x) - len(y)) for x, y in found.values())
+    if lonely or not found:
+        raise ValueError(
+            f"probe_angles: {lonely} readings of {plane} have no partner in the other probe to resolve with"
+        )
+    return np.array([pair for x, y in found.values() for pair in zip(x, y, strict=True)])

@@ -1,0 +1,170 @@
+"""netCDF through xarray: every column a variable over ``row``, SI units, complex ones as real and imaginary part."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import fields
+from pathlib import Path
+from typing import Any, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotorfit.data.experiments import Experiment
+from rotorfit.models.parameters import unknown_name
+from rotorfit.units import units_of
+
+KINDS: dict[str, type[Any]] = {kind.__name__: kind for kind in get_args(Experiment)}
+"""Experiments that can be stored column by column, by the name that goes into the file."""
+
+_UNITS = {
+    "speed": "rad/s", "frequency": "rad/s", "force": "N", "force_x": "N", "force_y": "N", "load": "N",
+    "response": "m or rad, 0-peak", "displacement": "m, 0-peak", "position": "m", "x": "m", "y": "m", "time": "s",
+    "eccentricity": "1", "damping_ratio": "1",
+    "kxx": "N/m", "kxy": "N/m", "cxx": "N s/m", "cxy": "N s/m", "mxx": "kg",
+}  # fmt: skip
+"""Units that are written, by column."""
+
+_QUANTITIES = {
+    "speed": ("frequency",), "frequency": ("frequency",),
+    "force": ("force",), "force_x": ("force",), "force_y": ("force",), "load": ("force",),
+    "response": ("displacement", "tilt"), "displacement": ("displacement",), "position": ("length",),
+    "x": ("length",), "y": ("length",), "sigma": ("displacement", "tilt", "force"),
+}  # fmt: skip
+"""Quantities that may be read in other units, by column."""
+
+_TYPES = {"Text": str, "Float": float, "ComplexArray": complex}
+
+
+def column_types(kind: type[Any]) -> dict[str, type]:
+    """Columns of an experiment class and whether they are text, real or complex."""
+    return {f.name: _TYPES[str(f.type)] for f in fields(kind) if f.name not in ("source", "attributes")}
+
+
+def build(kind: str, columns: Mapping[str, Any], attributes: Mapping[str, Any], source: str) -> Experiment:
+    """Make an experiment of stored columns.
+
+    Single values stand for all rows. ``sigma`` may be missing, which is unknown noise. What is no column but a list of
+    the same length, or a single value, becomes an attribute; anything else is not of this experiment and left out.
+
+    Raises:
+        ValueError: unknown kind, missing columns, a column of the wrong type or length.
+    """
+    if kind not in KINDS:
+        raise ValueError(f"{source}: {unknown_name('kind of experiment', kind, KINDS)}")
+    types = column_types(KINDS[kind])
+    missing = [name for name in types if name not in columns and name != "sigma"]
+    if missing:
+        raise ValueError(
+            f"{source}: missing columns: {', '.join(missing)}. The file has: {', '.join(columns) or 'none'}"
+        )
+    given = {"sigma": np.array(np.nan), **columns}
+    arrays = {name: _convert(source, name, given[name], kind_of) for name, kind_of in types.items()}
+    size = max(array.size for array in arrays.values())
+    extra = {name: np.asarray(values) for name, values in columns.items() if name not in types}
+    extra = {name: values for name, values in extra.items() if values.shape in ((), (1,), (size,))}
+    try:
+        experiment: Experiment = KINDS[kind](
+            **{name: _spread(values, size) for name, values in arrays.items()},
+            attributes={name: _spread(values, size) for name, values in (extra | dict(attributes)).items()},
+            source=source,
+        )
+    except ValueError as error:
+        raise ValueError(str(error) if str(error).startswith(source) else f"{source}: {error}") from error
+    return experiment
+
+
+def _spread(values: NDArray[Any], size: int) -> NDArray[Any]:
+    return np.broadcast_to(values, (size,)).copy() if values.size == 1 else values
+
+
+def _convert(source: str, name: str, values: Any, kind: type) -> NDArray[Any]:
+    array = np.asarray(values)
+    allowed = {str: "UO", float: "iuf", complex: "iufc"}[kind]
+    if array.dtype.kind not in allowed or array.ndim > 1:
+        what = {str: "text", float: "numbers", complex: "complex numbers"}[kind]
+        raise ValueError(
+            f"{source}: column {name!r} should be a list of {what}, it is of type {array.dtype} and shape {array.shape}"
+        )
+    return array.astype(kind)
+
+
+def write_netcdf(experiment: Experiment, path: str | Path) -> None:
+    """Write an experiment to netCDF (HDF5), exact to the last bit.
+
+    Variables carry the names of the columns; ``force`` becomes ``force_real`` and ``force_imag`` and so on. Attributes
+    become ``attribute_1`` ... with their name in ``long_name``, since netCDF does not allow all names.
+    """
+    import xarray as xr
+
+    variables: dict[str, Any] = {}
+    for name, kind in column_types(type(experiment)).items():
+        values = getattr(experiment, name)
+        units = {"units": _UNITS[name]} if name in _UNITS else {}
+        if kind is complex:
+            variables[f"{name}_real"] = ("row", values.real, units)
+            variables[f"{name}_imag"] = ("row", values.imag, units)
+        else:
+            variables[name] = ("row", values.astype(object) if kind is str else values, units)
+    for number, (name, values) in enumerate(experiment.attributes.items(), 1):
+        stored = values.astype(object) if values.dtype.kind == "U" else values
+        variables[f"attribute_{number}"] = ("row", stored, {"long_name": name})
+    header = {"title": "rotorfit experiment", "kind": type(experiment).__name__}
+    xr.Dataset(variables, attrs=header).to_netcdf(path, engine="h5netcdf")
+
+
+def read_netcdf(path: str | Path) -> Experiment:
+    """Read an experiment written by :func:`write_netcdf`, or by others with the same variables.
+
+    A variable without the attribute ``units`` is SI; any unit of :data:`rotorfit.units.UNITS` is converted. The file
+    may be netCDF 4 (HDF5) or classic netCDF 3.
+
+    Raises:
+        ValueError: not a netCDF file, one without the variables of an experiment, or an unknown unit.
+        FileNotFoundError: no such file.
+    """
+    import h5py
+    import xarray as xr
+
+    source = Path(path).name
+    with Path(path).open("rb") as stream:
+        classic = stream.read(3) == b"CDF"
+    try:
+        if not classic:
+            with h5py.File(path):  # h5netcdf leaves noise on the terminal where this fails
+                pass
+        with xr.open_dataset(path, engine="scipy" if classic else "h5netcdf", decode_times=False) as dataset:
+            data = dataset.load()
+    except Exception as error:  # whatever the HDF5 stack raises on a damaged file
+        raise ValueError(f"{source} is not a readable netCDF file: {error}") from error
+    columns: dict[str, Any] = {}
+    attributes: dict[str, Any] = {}
+    for key in data.variables:
+        name, variable, values = str(key), data[key], data[key].values
+        if values.dtype.kind in "OS":
+            values = values.astype(str)
+        if name.startswith("attribute_"):
+            attributes[str(variable.attrs.get("long_name", name))] = values
+        elif name.endswith("_real") and f"{name[:-5]}_imag" in data:
+            imaginary = data[f"{name[:-5]}_imag"]
+            parts = values * _factor(source, variable), imaginary.values * _factor(source, imaginary)
+            columns[name[:-5]] = parts[0] + 1j * parts[1]
+        elif not (name.endswith("_imag") and f"{name[:-5]}_real" in data):
+            columns[name] = values if values.dtype.kind == "U" else values * _factor(source, variable)
+    return build(str(data.attrs.get("kind", "PerturbationTest")), columns, attributes, source)
+
+
+def _factor(source: str, variable: Any) -> float:
+    """Factor to SI of a variable, from its attribute ``units``; 1 for what is no column of an experiment."""
+    name = str(variable.name)
+    column = name.removesuffix("_real").removesuffix("_imag")
+    label = str(variable.attrs.get("units", ""))
+    if label in ("", _UNITS.get(column)) or column not in _UNITS.keys() | _QUANTITIES.keys():
+        return 1.0
+    if column not in _QUANTITIES:
+        raise ValueError(f"{source}: variable {name!r} is in {label!r}; needed is {_UNITS[column]!r}")
+    units = units_of(*_QUANTITIES[column])
+    unit = label.partition(",")[0].strip().lower().replace("/", "_").replace("\u00b5", "u").replace("\u03bc", "u")
+    if unit not in units:
+        raise ValueError(f"{source}: variable {name!r}: {unknown_name('unit', label, units)}")
+    return units[unit]

@@ -1,0 +1,479 @@
+"""The tidy CSV: one row is one probe reading in one run at one frequency.
+
+``run, speed_rpm, frequency_rpm, force_plane, force_N, force_phase_deg, plane, direction, amplitude_um, phase_deg`` with
+comment lines ``#`` anywhere; the end of a name is the unit (:data:`rotorfit.units.UNITS`). In place of ``force_N`` an
+unbalance ``mr_g_mm`` (force m r w^2), in place of amplitude and phase ``real_um, imag_um``; ``sigma_um`` and
+``probe_radius_mm`` are optional. Slopes (direction ``rx`` = dx/ds, ``ry`` = dy/ds) have columns of their own,
+``amplitude_urad`` and so on, or are readings of an axial probe at ``probe_radius_mm``, positive when a positive slope
+gives a positive reading. Columns that are none of these become test attributes. Columns of the other experiments:
+:mod:`rotorfit.io.csv_kinds`.
+"""
+
+from __future__ import annotations
+
+import csv
+import difflib
+import re
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotorfit.data.experiments import (
+    DIRECTIONS,
+    ComplexArray,
+    DisplacementTest,
+    Experiment,
+    Float,
+    PerturbationTest,
+    Text,
+)
+from rotorfit.data.synchronous import SPEED_TOLERANCE, group_speeds
+from rotorfit.io.csv_kinds import BUILDERS, columns_of
+from rotorfit.models.parameters import unknown_name
+from rotorfit.units import UNITS, si_factor, units_of
+
+PERTURBATION_COLUMNS = (
+    "run, speed_rpm, frequency_rpm, force_plane, force_N (or mr_g_mm), force_phase_deg, plane, direction, "
+    "amplitude_um, phase_deg (or real_um, imag_um), optional sigma_um, probe_radius_mm; "
+    "other units by suffix, further columns are attributes"
+)
+DISPLACEMENT_COLUMNS = (
+    "run, speed_rpm, frequency_rpm, plane, amplitude_um, phase_deg, force_x_N, force_x_phase_deg, force_y_N, "
+    "force_y_phase_deg, optional sigma_N; other units by suffix, further columns are attributes"
+)
+
+_MOTION = units_of("displacement", "tilt")
+_PREFIXES = {
+    "speed": UNITS["frequency"],
+    "frequency": UNITS["frequency"],
+    "force_phase": UNITS["phase"],
+    "phase": UNITS["phase"],
+    "force": UNITS["force"],
+    "mr": UNITS["unbalance"],
+    "amplitude": _MOTION,
+    "real": _MOTION,
+    "imag": _MOTION,
+    "sigma": _MOTION,
+    "probe_radius": UNITS["length"],
+}
+
+
+@dataclass
+class Table:
+    """Cells of a CSV file as text, and what of it has been understood so far.
+
+    Attributes:
+        source: name of the file, for messages.
+        cells: column by lower-case name.
+        lines: line of the file of each row.
+        names: column names as the file spells them, by lower-case name.
+    """
+
+    source: str
+    cells: Mapping[str, Sequence[str]]
+    lines: Sequence[int]
+    names: Mapping[str, str]
+    used: set[str] = field(default_factory=set)
+    missing: list[str] = field(default_factory=list)
+
+    def find(self, prefix: str, units: Mapping[str, float], wanted: str = "") -> dict[str, float]:
+        """Columns ``prefix_unit`` with their factors to SI; without any, ``wanted`` goes on the list of the missing."""
+        found = {name: units[name[len(prefix) + 1 :]] for name in self.cells if _is_quantity(name, prefix, units)}
+        self.used |= set(found)
+        if not found and wanted:
+            self.missing.append(wanted)
+        return found
+
+    def one(self, prefix: str, units: Mapping[str, float], wanted: str = "") -> tuple[str, float] | None:
+        """The only column ``prefix_unit``.
+
+        Raises:
+            ValueError: there are several.
+        """
+        found = self.find(prefix, units, wanted)
+        if len(found) > 1:
+            raise ValueError(f"{self.source}: {prefix} is given twice, as {' and '.join(found)}; keep one of them")
+        return next(iter(found.items()), None)
+
+    def text(self, name: str) -> str:
+        """Name of a text column, noted as missing if it is not there."""
+        if name in self.cells:
+            self.used.add(name)
+        else:
+            self.missing.append(name)
+        return name
+
+    def words(self, name: str) -> Text:
+        """Cells of a text column, none of them blank."""
+        cells = self.cells[name]
+        if "" in cells:
+            raise ValueError(f"{self.where(cells.index(''), name)} is blank; every reading needs its {name}")
+        return np.array(cells, dtype=str)
+
+    def number(self, column: tuple[str, float], *, blank: bool = False) -> Float:
+        """Cells of a numeric column times its factor; blank cells are NaN where ``blank`` allows them."""
+        name, factor = column
+        values = _floats(self.cells[name])
+        if values is None:
+            row = next(i for i, cell in enumerate(self.cells[name]) if _floats([cell]) is None)
+            cell = self.cells[name][row]
+            hint = "; write decimals with a point" if _floats([cell.replace(",", ".", 1)]) is not None else ""
+            raise ValueError(f"{self.where(row, name)}: {cell!r} is not a number{hint}")
+        empty = np.array([not cell for cell in self.cells[name]])
+        bad = ~np.isfinite(values) & ~(empty & blank)
+        if bad.any():
+            row = int(np.flatnonzero(bad)[0])
+            cell = self.cells[name][row] or "a blank cell"
+            raise ValueError(
+                f"{self.where(row, name)}: {cell} where a finite number is needed ({bad.sum()} such cells in the "
+                f"column); remove the readings that were not taken"
+            )
+        return np.asarray(values * factor)
+
+    def where(self, row: int, name: str) -> str:
+        """Place of a cell, for messages."""
+        return f"{self.source}: line {self.lines[row]}, column {self.names[name]!r}"
+
+    def check_columns(self, known: str) -> None:
+        """Refuse missing columns, and columns that are a known quantity with an unknown unit.
+
+        Raises:
+            ValueError: lists what is missing, what was not recognised and what is known.
+        """
+        extra = [name for name in self.cells if name not in self.used]
+        if self.missing:
+            unknown = ", ".join(_suggest(self.names[name]) for name in extra) or "none"
+            raise ValueError(
+                f"{self.source}: missing columns: {', '.join(self.missing)}. Columns not recognised: {unknown}. "
+                f"Known: {known}"
+            )
+        for name in extra:
+            prefix = next((p for p in _PREFIXES if name.startswith(p + "_")), None)
+            near = difflib.get_close_matches(name, ["sigma_um", "probe_radius_mm"], n=1, cutoff=0.85)
+            if prefix or near:
+                tail = unknown_name("unit", name[len(prefix) + 1 :], _PREFIXES[prefix]) if prefix else ""
+                raise ValueError(
+                    f"{self.source}: unknown column {self.names[name]!r}; "
+                    f"{tail or f'did you mean {near[0]!r}?'} If it is an attribute of the test, give it another name"
+                )
+
+    def attributes(self) -> dict[str, NDArray[Any]]:
+        """All columns not used otherwise, as numbers where every cell is one (blank: NaN), else as text."""
+        extra = {self.names[name]: cells for name, cells in self.cells.items() if name not in self.used}
+        numbers = {name: _floats(cells) if any(cells) else None for name, cells in extra.items()}
+        return {
+            name: np.array(cells, dtype=str) if (values := numbers[name]) is None else values
+            for name, cells in extra.items()
+        }
+
+
+def _is_quantity(name: str, prefix: str, units: Mapping[str, float]) -> bool:
+    return name.startswith(prefix + "_") and name[len(prefix) + 1 :] in units
+
+
+def _floats(cells: Sequence[str]) -> Float | None:
+    try:
+        return np.array([cell or "nan" for cell in cells]).astype(float)
+    except ValueError:
+        return None
+
+
+def _suggest(name: str) -> str:
+    columns = [f"{prefix}_{unit}" for prefix, units in _PREFIXES.items() for unit in units]
+    near = difflib.get_close_matches(name.lower(), ["run", "force_plane", "plane", "direction", *columns], n=1)
+    return f"{name!r} (did you mean {near[0]!r}?)" if near else repr(name)
+
+
+def read_table(path: str | Path) -> Table:
+    """Split a CSV file (comma, semicolon or tab) into columns of text.
+
+    Raises:
+        ValueError: the file is empty, has no rows, repeats a column, or a row is not as long as the header.
+        FileNotFoundError: no such file.
+    """
+    source = Path(path).name
+    try:
+        lines = re.split(r"\r\n|\r|\n", Path(path).read_text(encoding="utf-8-sig"))
+    except UnicodeDecodeError as error:
+        raise ValueError(
+            f"{source} is not UTF-8 text ({error.reason} at byte {error.start}); save it as CSV UTF-8"
+        ) from error
+    numbered = [(i, line) for i, line in enumerate(lines, 1) if line.strip() and not line.lstrip().startswith("#")]
+    if not numbered:
+        raise ValueError(f"{source} is empty; a tidy CSV has a header and rows. Known columns: {PERTURBATION_COLUMNS}")
+    delimiter = max(",;\t", key=numbered[0][1].count)
+    try:
+        header, *rows = csv.reader((line for _, line in numbered), delimiter=delimiter, strict=True)
+    except csv.Error as error:
+        raise ValueError(f"{source} is not a readable CSV: {error}") from error
+    where = [i for i, _ in numbered[1:]]
+    if not rows:
+        raise ValueError(f"{source} has one line, {numbered[0][1][:80]!r}, and no rows below it; nothing to read")
+    for number, row in zip(where, rows, strict=False):
+        if len(row) != len(header):
+            raise ValueError(f"{source}: line {number} has {len(row)} cells, the header has {len(header)} columns")
+    names = {name.strip().replace("µ", "u").replace("μ", "u").lower(): name.strip() for name in header}
+    if len(names) < len(header) or "" in names:
+        raise ValueError(f"{source}: every column needs a name of its own, the header is {', '.join(header)}")
+    columns = [[cell.strip() for cell in column] for column in zip(*rows, strict=True)]
+    return Table(source, dict(zip(names, columns, strict=True)), where, names)
+
+
+def read_csv(path: str | Path, *, speed_tolerance: float = SPEED_TOLERANCE) -> Experiment:
+    """Read a tidy CSV; the columns tell which experiment it is.
+
+    Args:
+        path: the file.
+        speed_tolerance: see :func:`group_speeds`.
+
+    Raises:
+        ValueError: what is wrong, in which line and column, and what is allowed.
+        FileNotFoundError: no such file.
+    """
+    table = read_table(path)
+    # A perturbation test may have attributes named like the marks of the others.
+    kinds = _KINDS if {"force_plane", "direction"} & set(table.cells) else (*_KINDS, *BUILDERS)
+    build = next((b for mark, b in kinds if any(name.startswith(mark) for name in table.cells)), _perturbation)
+    with np.errstate(over="ignore", invalid="ignore"):  # what overflows is refused below, by name
+        return build(table, speed_tolerance)
+
+
+def _perturbation(table: Table, speed_tolerance: float) -> PerturbationTest:
+    text = [table.text(name) for name in ("run", "force_plane", "plane", "direction")]
+    speed = table.one("speed", UNITS["frequency"], "speed_rpm")
+    frequency = table.one("frequency", UNITS["frequency"], "frequency_rpm")
+    unbalance = table.one("mr", UNITS["unbalance"])
+    force = table.one("force", UNITS["force"], "" if unbalance else "force_N")
+    force_phase = table.one("force_phase", UNITS["phase"], "force_phase_deg")
+    polar = not (table.find("real", _MOTION) or table.find("imag", _MOTION))
+    motion = [table.find(p, _MOTION, f"{p}_um") for p in (("amplitude",) if polar else ("real", "imag"))]
+    phase = table.one("phase", UNITS["phase"], "phase_deg") if polar else None
+    sigma = table.find("sigma", _MOTION)
+    radius = table.one("probe_radius", UNITS["length"])
+    table.check_columns(PERTURBATION_COLUMNS)
+    if unbalance and force:
+        given = f"{table.names[force[0]]} and {table.names[unbalance[0]]}"
+        raise ValueError(f"{table.source}: both {given} are given; keep one of them")
+
+    run, force_plane, plane, direction = (table.words(name) for name in text)
+    direction = _directions(table, direction)
+    w = table.number(_there(frequency))
+    size = table.number(_there(unbalance)) * w**2 if unbalance else table.number(_there(force))
+    parts = [_motion(table, columns, direction, radius) for columns in motion]
+    response = _polar(table, motion[0], parts[0], table.number(_there(phase))) if polar else parts[0] + 1j * parts[1]
+    noise = _motion(table, sigma, direction, radius, blank=True) if sigma else np.full(run.shape, np.nan)
+    _refuse(table, noise <= 0, next(iter(sigma), ""), "must be positive, or blank where the noise is not known")
+    angle = table.number(_there(force_phase))
+    omega = group_speeds(table.number(_there(speed)), w, run, speed_tolerance)
+    columns = {"force": size * np.exp(1j * angle), "response": response, "frequency": w, "speed": omega}
+    for name, values in columns.items():
+        _refuse(table, ~np.isfinite(values), "run", f"is a row whose {name} overflows; check its units")
+    test = PerturbationTest(
+        run=run, force_plane=force_plane, plane=plane, direction=direction, sigma=noise,
+        speed=omega, frequency=w, force=columns["force"], response=response,
+        attributes=table.attributes(), source=table.source,
+    )  # fmt: skip
+    if len(groups := plane_groups(test)) > 1 and max(map(len, groups)) > 1:
+        listed = "; ".join(", ".join(group) for group in groups)
+        raise ValueError(
+            f"{test.source}: no run connects these groups of planes: {listed}. If they are two rigs, put them in two "
+            f"files; if a plane goes by two names, use one"
+        )
+    return test
+
+
+def _displacement(table: Table, speed_tolerance: float) -> DisplacementTest:
+    text = [table.text(name) for name in ("run", "plane")]
+    needed = {
+        "speed": table.one("speed", UNITS["frequency"], "speed_rpm"),
+        "frequency": table.one("frequency", UNITS["frequency"], "frequency_rpm"),
+        "amplitude": table.one("amplitude", UNITS["displacement"], "amplitude_um"),
+        "phase": table.one("phase", UNITS["phase"], "phase_deg"),
+        **{
+            f"force_{axis}{part}": table.one(f"force_{axis}{part}", UNITS[kind], f"force_{axis}{part}_{unit}")
+            for axis in "xy"
+            for part, kind, unit in (("", "force", "N"), ("_phase", "phase", "deg"))
+        },
+    }
+    sigma = table.one("sigma", UNITS["force"])
+    table.check_columns(DISPLACEMENT_COLUMNS)
+
+    run, plane = (table.words(name) for name in text)
+    v = {name: table.number(_there(column)) for name, column in needed.items()}
+    noise = table.number(sigma, blank=True) if sigma else np.full(run.shape, np.nan)
+    _refuse(
+        table,
+        noise <= 0,
+        sigma[0] if sigma else "",
+        "must be positive, or blank where the noise is not known",
+    )
+    test = DisplacementTest(
+        run=run, plane=plane, sigma=noise, frequency=v["frequency"],
+        speed=group_speeds(v["speed"], v["frequency"], run, speed_tolerance),
+        displacement=v["amplitude"] * np.exp(1j * v["phase"]),
+        force_x=v["force_x"] * np.exp(1j * v["force_x_phase"]),
+        force_y=v["force_y"] * np.exp(1j * v["force_y_phase"]),
+        attributes=table.attributes(), source=table.source,
+    )  # fmt: skip
+    finite = np.isfinite(test.displacement) & np.isfinite(test.force_x) & np.isfinite(test.force_y)
+    _refuse(table, ~finite, "run", "is a row whose displacement or force overflows; check its units")
+    return test
+
+
+_KINDS: tuple[tuple[str, Callable[[Table, float], Experiment]], ...] = (
+    ("force_x_", _displacement),
+    ("force_y_", _displacement),
+)
+"""Beginning of a column name that tells an experiment, and what builds it; a perturbation test if none is there."""
+
+
+def _there(column: tuple[str, float] | None) -> tuple[str, float]:
+    if column is None:  # check_columns has refused the table before
+        raise ValueError("a required column is missing")
+    return column
+
+
+def _directions(table: Table, cells: Text) -> Text:
+    direction: Text = np.char.lower(cells)
+    unknown = ~np.isin(direction, DIRECTIONS)
+    if unknown.any():
+        row = int(np.flatnonzero(unknown)[0])
+        raise ValueError(f"{table.where(row, 'direction')}: {unknown_name('direction', str(cells[row]), DIRECTIONS)}")
+    return direction
+
+
+def _refuse(table: Table, bad: NDArray[np.bool_], name: str, why: str) -> None:
+    if bad.any():
+        row = int(np.flatnonzero(bad)[0])
+        raise ValueError(f"{table.where(row, name)}: {table.cells[name][row]} {why}")
+
+
+def _polar(table: Table, columns: Iterable[str], amplitude: Float, phase: Float) -> ComplexArray:
+    # a negative amplitude is a real part, a level in dB or a sign slip, never an amplitude
+    for name in columns:
+        values = table.number((name, 1.0), blank=True)
+        _refuse(table, values < 0, name, "is negative; amplitudes are not, real parts go to real_um, imag_um")
+    return np.asarray(amplitude * np.exp(1j * phase))
+
+
+def _motion(
+    table: Table,
+    columns: Mapping[str, float],
+    direction: Text,
+    radius: tuple[str, float] | None,
+    *,
+    blank: bool = False,
+) -> Float:
+    """Each row's value from the column of its kind; a slope is an angle, or a length over the probe's radius."""
+    tilt = np.char.startswith(direction, "r")
+    angles = units_of("tilt")
+    by_kind: dict[bool, list[str]] = {
+        kind: [c for c in columns if (c.split("_", 1)[1] in angles) == kind] for kind in (False, True)
+    }
+    for names in by_kind.values():
+        if len(names) > 1:
+            raise ValueError(f"{table.source}: given twice, as {' and '.join(names)}; keep one of them")
+    value = np.full(direction.shape, np.nan)
+    for name in by_kind[False]:
+        length = table.number((name, columns[name]), blank=True)
+        value = np.where(tilt, np.nan, length)
+        if radius:
+            r = table.number(radius, blank=True)
+            value = np.where(tilt, np.divide(length, r, out=np.full_like(length, np.nan), where=r != 0), length)
+            if name.startswith("sigma"):
+                value = np.abs(value)
+    for name in by_kind[True]:
+        angle = table.number((name, columns[name]), blank=True)
+        value = np.where(tilt & np.isfinite(angle), angle, value)
+    lacking = np.isnan(value) & (not blank)
+    if lacking.any():
+        row = int(np.flatnonzero(lacking)[0])
+        what = (
+            f"{next(iter(columns)).split('_')[0]}_urad, or a length with probe_radius_mm," if tilt[row] else "a length"
+        )
+        raise ValueError(
+            f"{table.source}: line {table.lines[row]}, direction {direction[row]}: {what} is needed, "
+            f"columns {', '.join(columns)} give none"
+        )
+    return value
+
+
+def plane_groups(test: PerturbationTest) -> list[list[str]]:
+    """Groups of planes that runs connect, a run connecting the plane of its force with those it measures."""
+    groups: list[set[str]] = []
+    for pair in dict.fromkeys(zip(test.force_plane.tolist(), test.plane.tolist(), strict=True)):
+        joined = set(pair).union(*[group for group in groups if group & set(pair)])
+        groups = [group for group in groups if not group & joined] + [joined]
+    return [sorted(group) for group in groups]
+
+
+def _cell(value: Any) -> str:
+    if not isinstance(value, str):
+        return "" if value != value else f"{value:.15g}"  # noqa: PLR0124 - NaN
+    if any(c in value for c in "\r\n") or value != value.strip():
+        raise ValueError(f"cannot write the name {value!r} to a CSV: no line breaks and no blanks at its ends")
+    return '"' + value.replace('"', '""') + '"' if any(c in value for c in ',;"#\t') else value
+
+
+def _perturbation_columns(test: PerturbationTest) -> dict[str, Any]:
+    tilt = np.char.startswith(test.direction, "r")
+    columns: dict[str, Any] = {
+        "run": test.run,
+        "speed_rpm": test.speed / si_factor("frequency", "rpm"),
+        "frequency_rpm": test.frequency / si_factor("frequency", "rpm"),
+        "force_plane": test.force_plane,
+        "force_N": np.abs(test.force),
+        "force_phase_deg": np.degrees(np.angle(test.force)),
+        "plane": test.plane,
+        "direction": test.direction,
+    }
+    values = {"amplitude": np.abs(test.response)}
+    if np.isfinite(test.sigma).any():
+        values["sigma"] = test.sigma
+    for name, value in values.items():
+        if not tilt.all():
+            columns[f"{name}_um"] = np.where(tilt, np.nan, value * 1e6)
+        if tilt.any():
+            columns[f"{name}_urad"] = np.where(tilt, value * 1e6, np.nan)
+    columns["phase_deg"] = np.degrees(np.angle(test.response))
+    return columns
+
+
+def _displacement_columns(test: DisplacementTest) -> dict[str, Any]:
+    columns: dict[str, Any] = {
+        "run": test.run,
+        "speed_rpm": test.speed / si_factor("frequency", "rpm"),
+        "frequency_rpm": test.frequency / si_factor("frequency", "rpm"),
+        "plane": test.plane,
+        "amplitude_um": np.abs(test.displacement) * 1e6,
+        "phase_deg": np.degrees(np.angle(test.displacement)),
+    }
+    for axis, force in (("x", test.force_x), ("y", test.force_y)):
+        columns[f"force_{axis}_N"] = np.abs(force)
+        columns[f"force_{axis}_phase_deg"] = np.degrees(np.angle(force))
+    return columns | ({"sigma_N": test.sigma} if np.isfinite(test.sigma).any() else {})
+
+
+def write_csv(experiment: Experiment, path: str | Path) -> None:
+    """Write a tidy CSV in rpm, um (urad for slopes), N and degrees, 15 significant digits.
+
+    Raises:
+        ValueError: a name that a CSV cell cannot hold, or an attribute named like a column.
+    """
+    if isinstance(experiment, PerturbationTest):
+        columns = _perturbation_columns(experiment)
+    elif isinstance(experiment, DisplacementTest):
+        columns = _displacement_columns(experiment)
+    else:
+        columns = columns_of(experiment)
+    taken = set(columns) & set(experiment.attributes)
+    if taken:
+        raise ValueError(f"attributes {', '.join(sorted(taken))} have the name of a column; rename them")
+    columns |= experiment.attributes
+    rows = zip(*[np.asarray(values).tolist() for values in columns.values()], strict=True)
+    lines = [",".join(map(_cell, row)) for row in [tuple(columns), *rows]]
+    Path(path).write_text("\n".join(["# amplitudes 0-peak; phases lead", *lines, ""]), encoding="utf-8")

@@ -1,0 +1,1 @@
+"""From experiments to the complex readings that a fit explains."""

@@ -1,0 +1,390 @@
+"""From an experiment, as it was recorded, to observations in a model's coordinates."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotorfit.data.experiments import DisplacementTest, Experiment, PerturbationTest
+from rotorfit.estimators.noise import noise_from_repeats, noise_from_samples, noise_from_smoothness
+from rotorfit.estimators.observations import Responses
+from rotorfit.models import RotorModel
+
+Float = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+Index = NDArray[np.intp]
+
+_SMOOTH = 0.5  # lag-one correlation above which the wrong-direction component is anisotropy, not noise
+
+
+@dataclass(frozen=True)
+class Grouping:
+    """Which rows share one parameter vector.
+
+    Attributes:
+        suffixes: for each group the suffix of each ``per`` parameter, ``{"D": "speed_rpm=1000"}``.
+        rows: for each experiment, the group of each of its rows.
+    """
+
+    suffixes: tuple[Mapping[str, str], ...]
+    rows: tuple[Index, ...]
+
+
+def group_rows(experiments: Sequence[Experiment], per: Mapping[str, str]) -> Grouping:
+    """Group rows by the distinct values of the attributes named in ``per`` (parameter name to attribute).
+
+    Raises:
+        KeyError: an experiment lacks the attribute.
+    """
+    if not per:
+        return Grouping(({},), tuple(np.zeros(len(experiment), dtype=np.intp) for experiment in experiments))
+    seen: dict[tuple[str, ...], int] = {}
+    rows = []
+    for experiment in experiments:
+        keys = [[_label(attribute, v) for v in experiment.attribute(attribute).tolist()] for attribute in per.values()]
+        tuples = zip(*keys, strict=True)
+        rows.append(np.array([seen.setdefault(key, len(seen)) for key in tuples], dtype=np.intp))
+    suffixes = tuple(dict(zip(per, key, strict=True)) for key in seen)
+    return Grouping(suffixes, tuple(rows))
+
+
+def _label(attribute: str, value: Any) -> str:
+    return f"{attribute}={value:.10g}" if isinstance(value, (int, float)) else f"{attribute}={value}"
+
+
+def observe(model: RotorModel, experiment: Experiment, group: Index) -> Responses:
+    """Observations of an experiment in the model's coordinates, with their noise.
+
+    Isotropic models see the component of each x/y pair in the direction of the force, and take a single probe's reading
+    for that of a circular orbit.
+
+    Args:
+        model: the rotor.
+        experiment: what was measured.
+        group: parameter group of each row.
+
+    Raises:
+        ValueError: planes or directions that the model does not have, or readings that are not finite.
+    """
+    if isinstance(experiment, DisplacementTest):
+        return _observe_displacement(model, experiment, group)
+    if not isinstance(experiment, PerturbationTest):
+        raise TypeError(f"{type(experiment).__name__} has no responses")
+    _check_finite(experiment)
+    _check_planes(model, experiment)
+    return _observe_isotropic(model, experiment, group) if model.frame == "z" else _observe_xy(model, experiment, group)
+
+
+def _check_finite(experiment: PerturbationTest) -> None:
+    name = experiment.source or "experiment"
+    columns = (experiment.response, experiment.force, experiment.frequency, experiment.speed)
+    bad = ~np.logical_and.reduce([np.isfinite(column) for column in columns])
+    if bad.any():
+        raise ValueError(
+            f"{name}: {bad.sum()} readings are not finite ({_places(bad)}); remove them, for instance with "
+            "test.select(...)"
+        )
+    bad = (experiment.sigma <= 0) | np.isinf(experiment.sigma)
+    if bad.any():
+        raise ValueError(f"{name}: the noise sigma must be positive and finite, or NaN if unknown ({_places(bad)})")
+    if not experiment.force.any():
+        raise ValueError(f"{name}: every force is zero, so the responses say nothing of the rotor; check its column")
+    for plane, direction in dict.fromkeys(zip(experiment.plane.tolist(), experiment.direction.tolist(), strict=True)):
+        channel = (experiment.plane == plane) & (experiment.direction == direction)
+        if not experiment.response[channel].any():
+            raise ValueError(
+                f"{name}: every reading of {plane} {direction} is zero: a probe that was not connected? Remove them, "
+                "for instance with test.select(...)"
+            )
+
+
+def _places(bad: NDArray[np.bool_]) -> str:
+    """The first rows concerned, counted from 1."""
+    rows = ", ".join(str(row + 1) for row in np.flatnonzero(bad)[:8])
+    return f"rows {rows}{', ...' if bad.sum() > 8 else ''}"
+
+
+def _check_planes(model: RotorModel, experiment: PerturbationTest) -> None:
+    unknown = (set(experiment.planes) | set(experiment.force_planes)) - set(model.planes)
+    if unknown:
+        raise ValueError(
+            f"{experiment.source or 'experiment'} has planes {', '.join(experiment.planes)} and force planes "
+            f"{', '.join(experiment.force_planes)}, the model {model.name} has {', '.join(model.planes)}. "
+            f"Map names with {type(model).__name__}(planes=(...)) or --planes"
+        )
+
+
+def _numbers(keys: NDArray[Any]) -> Index:
+    """Number of each row's key among the sorted distinct ones."""
+    return np.unique(keys, return_inverse=True)[1].reshape(-1)
+
+
+def _lines(experiment: PerturbationTest, coordinate: Index, slot: Index) -> tuple[Index, Index]:
+    """Line of each row, and first row of each line; repeats of a reading within a run go to lines of their own."""
+    columns = (
+        experiment.run,
+        experiment.speed,
+        experiment.frequency,
+        experiment.force_plane,
+        experiment.force.real,
+        experiment.force.imag,
+    )
+    codes = np.column_stack([_numbers(column) for column in columns])
+    first, line = _unique_rows(codes)
+    reading = np.column_stack([line, coordinate, slot])
+    _, same = _unique_rows(reading)
+    order = np.argsort(same, kind="stable")
+    starts = np.r_[0, np.flatnonzero(np.diff(same[order])) + 1]
+    occurrence = np.empty(same.size, dtype=np.intp)
+    occurrence[order] = np.arange(same.size) - np.repeat(starts, np.diff(np.r_[starts, same.size]))
+    first, line = _unique_rows(np.column_stack([occurrence, line]))
+    rank = np.argsort(np.argsort(first))  # lines in the order of the file
+    return rank[line], np.sort(first)
+
+
+def lines_of(model: RotorModel, test: PerturbationTest) -> Index:
+    """First row of each line of a test that holds readings of one direction only, in the order of its lines."""
+    axis = np.where(np.char.startswith(test.direction, "r"), "r", "z")
+    return _lines(test, _coordinates(model, test.plane, axis), np.zeros(len(test), dtype=np.intp))[1]
+
+
+def _unique_rows(codes: NDArray[Any]) -> tuple[Index, Index]:
+    """First occurrence of each distinct row, in sorted order, and the number of each row among them."""
+    if codes.dtype.kind == "i" and codes.size:
+        width = codes.max(axis=0) + 1
+        if np.prod(width, dtype=float) < np.iinfo(np.intp).max:  # numbers in one column sort ten times faster
+            codes = np.ravel_multi_index(tuple(codes.T), tuple(width))
+    _, first, number = np.unique(codes, axis=0, return_index=True, return_inverse=True)
+    return first, number.reshape(-1)
+
+
+def _observe_isotropic(model: RotorModel, test: PerturbationTest, group: Index) -> Responses:
+    tilt = np.char.startswith(test.direction, "r")
+    axis = np.where(tilt, "r", "z")
+    coordinate = _coordinates(model, test.plane, axis)
+    slot = np.char.endswith(test.direction, "y") + 2 * np.char.endswith(test.direction, "z")
+    line, first = _lines(test, coordinate, slot)
+    n = len(model.coordinates)
+    values = np.full((first.size, n, 3), np.nan, dtype=complex)
+    sigmas = np.full((first.size, n, 3), np.nan)
+    values[line, coordinate, slot] = test.response
+    sigmas[line, coordinate, slot] = test.sigma
+    right, wrong, sigma = directional(values, sigmas, test.frequency[first][:, None])
+    readings = np.argwhere(np.isfinite(right))
+    speed, frequency = test.speed[first], test.frequency[first]
+    return _assemble(
+        model,
+        test,
+        group[first],
+        first,
+        speed,
+        frequency,
+        readings,
+        right[tuple(readings.T)],
+        sigma[tuple(readings.T)],
+        wrong[tuple(readings.T)],
+        [str(c) if c.axis != "z" else c.plane for c in model.coordinates],
+    )
+
+
+def directional(values: ComplexArray, sigmas: Float, frequency: Float) -> tuple[ComplexArray, ComplexArray, Float]:
+    """Complex amplitude in the direction of the force, and in the other one, from x, y and z readings.
+
+    Args:
+        values, sigmas: readings and noise in x, y, z, shape ``(..., 3)``, NaN where not measured.
+        frequency: signed frequency, rad/s, broadcasting with ``values[..., 0]``.
+
+    Returns:
+        amplitude relative to ``exp(j w t)``, the wrong-direction amplitude (NaN without an x/y pair) and sigma.
+    """
+    forward = np.broadcast_to(frequency >= 0, values.shape[:-1])
+    x, y, z = np.moveaxis(values, -1, 0)
+    sx, sy, sz = np.moveaxis(sigmas, -1, 0)
+    plus, minus = (x + 1j * y) / 2, np.conj(x - 1j * y) / 2
+    right, wrong = np.where(forward, plus, minus), np.where(forward, np.conj(minus), np.conj(plus))
+    sigma = np.sqrt(sx**2 + sy**2) / 2
+    alone_x, alone_y = np.where(forward, x, x.conj()), np.where(forward, 1j * y, 1j * y.conj())
+    for value, error in ((alone_x, sx), (alone_y, sy), (z, sz)):
+        gap = np.isnan(right)
+        right, sigma = np.where(gap, value, right), np.where(gap, error, sigma)
+    return right, wrong, sigma
+
+
+def _coordinates(model: RotorModel, plane: NDArray[np.str_], axis: NDArray[np.str_]) -> Index:
+    pairs = {(p, a) for p, a in zip(plane.tolist(), axis.tolist(), strict=True)}
+    lookup = {pair: model.coordinate(*pair) for pair in pairs}
+    return np.array([lookup[pair] for pair in zip(plane.tolist(), axis.tolist(), strict=True)], dtype=np.intp)
+
+
+def _observe_xy(model: RotorModel, test: PerturbationTest, group: Index) -> Responses:
+    other = sorted(set(test.direction.tolist()) - {"x", "y"})
+    if other:
+        raise ValueError(f"{model.name} keeps x and y apart; readings in direction {', '.join(other)} do not fit it")
+    coordinate = _coordinates(model, test.plane, test.direction)
+    line, first = _lines(test, coordinate, np.zeros(len(test), dtype=np.intp))
+    order = np.lexsort([coordinate, line])
+    readings = np.column_stack([line, coordinate])[order]
+    nothing = np.full(order.size, np.nan, dtype=complex)
+    return _assemble(
+        model,
+        test,
+        group[first],
+        first,
+        test.speed[first],
+        test.frequency[first],
+        readings,
+        test.response[order],
+        test.sigma[order],
+        nothing,
+        [str(c) for c in model.coordinates],
+    )
+
+
+def _assemble(
+    model: RotorModel,
+    test: PerturbationTest,
+    group: Index,
+    first: Index,
+    speed: Float,
+    frequency: Float,
+    readings: Index,
+    measured: ComplexArray,
+    sigma: Float,
+    wrong: ComplexArray,
+    channel_names: Sequence[str],
+) -> Responses:
+    force = np.zeros((first.size, len(model.coordinates)), dtype=complex)
+    planes = test.force_plane[first]
+    for plane in dict.fromkeys(planes.tolist()):
+        at = planes == plane
+        force[at] = model.force_vector(plane, frequency[at], test.force[first][at])
+    line, coordinate = readings[:, 0], readings[:, 1]
+    run = test.run[first][line]
+    names = [f"{r} / {channel_names[c]}" for r, c in zip(run.tolist(), coordinate.tolist(), strict=True)]
+    labels = tuple(dict.fromkeys(names))
+    number = {name: i for i, name in enumerate(labels)}
+    label = np.array([number[name] for name in names], dtype=np.intp)
+    block = Responses(model, speed, frequency, force, group, line, coordinate, measured, sigma, label, labels, run)
+    gaps = np.isnan(sigma)
+    if gaps.any():
+        sigma[gaps] = _estimate_noise(block, wrong, test.synchronous)[gaps]
+    return block
+
+
+def _estimate_noise(block: Responses, wrong: ComplexArray, synchronous: bool) -> Float:
+    """Noise of every reading: from repeated sweeps, else from the wrong direction, else from smoothness.
+
+    The forward and the backward sweep of one test share a noise level: probes and cables do not know which way the
+    force turns, and twice the samples halve the variance of the estimate.
+    """
+    w = block.frequency[block.line]
+    speed = np.zeros_like(w) if synchronous else np.round(block.speed[block.line], 6)
+    force_plane = np.argmax(np.abs(block.force[block.line]), axis=1)
+    sweep = _unique_rows(np.column_stack([block.label, speed, w < 0, force_plane]))[1]
+    sweeps = [np.flatnonzero(sweep == k) for k in range(sweep.max() + 1)]
+    sweeps = [rows[np.argsort(w[rows])] for rows in sweeps]
+    sigma = np.full(w.size, np.nan)
+    for row, level in _repeated(block, w, speed, force_plane).items():
+        sigma[row] = level
+    both: dict[tuple[Any, ...], list[Index]] = {}
+    for rows in sweeps:
+        if not np.isnan(sigma[rows]).any():
+            continue
+        drive = np.abs(block.force[block.line[rows], force_plane[rows]])
+        extent = (np.abs(w[rows]).min(), np.abs(w[rows]).max(), drive.sum())
+        test = (
+            block.coordinate[rows[0]],
+            force_plane[rows[0]],
+            speed[rows[0]],
+            rows.size,
+            *(f"{v:.6g}" for v in extent),
+        )
+        both.setdefault(test, []).append(rows)
+    for parts in both.values():
+        rows = np.concatenate(parts)
+        if np.isfinite(wrong[rows]).all() and not any(_is_smooth(wrong[part]) for part in parts):
+            number = np.repeat(np.arange(len(parts)), [part.size for part in parts])
+            sigma[rows] = noise_from_samples(wrong[rows], block.measured[rows], number)
+        else:
+            try:
+                levels = [noise_from_smoothness(w[part], block.measured[part])[0] for part in parts]
+            except ValueError as reason:
+                raise ValueError(f"{block.labels[block.label[rows[0]]]}: {reason}") from reason
+            sigma[rows] = np.sqrt(np.mean(np.square(levels)))
+    return sigma
+
+
+def _is_smooth(samples: ComplexArray) -> bool:
+    if samples.size < 8:
+        return False
+    power = float(np.sum(np.abs(samples) ** 2))
+    return bool(power > 0 and abs(np.sum(samples[1:] * samples[:-1].conj())) > _SMOOTH * power)
+
+
+def _repeated(block: Responses, w: Float, speed: Float, force_plane: Index) -> dict[int, float]:
+    """Noise of sweeps that were run again at the same force: first row of each channel to its sigma."""
+    force = block.force[block.line, force_plane]
+    codes = np.column_stack(
+        [block.coordinate, speed, np.round(w, 9), force_plane, np.round(force.real, 12), np.round(force.imag, 12)]
+    )
+    _, condition = _unique_rows(codes)
+    sweeps: dict[tuple[int, ...], list[Index]] = {}
+    for label in np.unique(block.label):
+        rows = np.flatnonzero(block.label == label)
+        rows = rows[np.argsort(condition[rows], kind="stable")]
+        sweeps.setdefault(tuple(condition[rows].tolist()), []).append(rows)
+    result: dict[int, float] = {}
+    for repeated in sweeps.values():
+        if len(repeated) > 1:
+            sigma = noise_from_repeats(np.array([block.measured[rows] for rows in repeated]))
+            floor = 1e-9 * float(np.abs(block.measured[repeated[0]]).max())
+            for rows in repeated:
+                result |= {int(row): max(sigma, floor) for row in rows.tolist()}
+    return result
+
+
+def _observe_displacement(model: RotorModel, test: DisplacementTest, group: Index) -> Responses:
+    if model.frame != "z":
+        raise ValueError(f"{model.name} keeps x and y apart; an imposed circular orbit needs an isotropic model")
+    unknown = set(test.planes) - set(model.planes)
+    if unknown:
+        raise ValueError(
+            f"{test.source or 'experiment'} has planes {', '.join(test.planes)}, the model {model.name} has "
+            f"{', '.join(model.planes)}. Map names with {type(model).__name__}(planes=(...)) or --planes"
+        )
+    count = len(test)
+    axis = np.full(count, "z")
+    coordinate = _coordinates(model, test.plane, axis)
+    values = np.stack([test.force_x, test.force_y, np.full(count, np.nan, dtype=complex)], axis=-1)
+    sigmas = np.stack([test.sigma, test.sigma, np.full(count, np.nan)], axis=-1)
+    right, wrong, sigma = directional(values, sigmas, test.frequency)
+    if not np.isfinite(right).all():
+        raise ValueError(f"{test.source or 'experiment'}: forces are not all finite")
+    imposed = np.zeros((count, len(model.coordinates)), dtype=complex)
+    imposed[np.arange(count), coordinate] = np.where(test.frequency < 0, test.displacement.conj(), test.displacement)
+    names = [f"{r} / force at {p}" for r, p in zip(test.run.tolist(), test.plane.tolist(), strict=True)]
+    labels = tuple(dict.fromkeys(names))
+    label = np.array([labels.index(name) for name in names], dtype=np.intp)
+    block = Responses(
+        model,
+        test.speed,
+        test.frequency,
+        imposed,
+        group,
+        np.arange(count),
+        coordinate,
+        right,
+        sigma,
+        label,
+        labels,
+        test.run,
+        imposed=True,
+    )
+    gaps = np.isnan(sigma)
+    if gaps.any():
+        sigma[gaps] = _estimate_noise(block, wrong, False)[gaps]
+    return block

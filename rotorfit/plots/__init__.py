@@ -1,0 +1,1 @@
+"""Figures of responses, stiffness, stability, laws and chains."""

@@ -1,0 +1,88 @@
+"""Figures of posterior samples, from plain arrays."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotorfit.plots.style import COLOURS, grid, literal
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Float = NDArray[np.float64]
+
+_LEVELS = (0.68, 0.95)
+
+
+def plot_corner(samples: Float, names: Sequence[str], truths: Mapping[str, float] | None = None) -> Figure:
+    """Marginal histograms and pairwise densities with 68 and 95 % contours.
+
+    Args:
+        samples: shape ``(N, p)``.
+        names: labels with units, length p.
+        truths: values to mark, by name.
+    """
+    count = len(names)
+    figure, axes = grid(count, count, "", size=(1.25, 1.2))
+    marks = truths or {}
+    for i in range(count):
+        for j in range(count):
+            axis = axes[i, j]
+            if j > i:
+                axis.set_visible(False)
+                continue
+            axis.grid(visible=False)
+            if i == j:
+                _marginal(axis, samples[:, i])
+            else:
+                _density(axis, samples[:, j], samples[:, i])
+            if names[j] in marks:
+                axis.axvline(marks[names[j]], color=COLOURS[1], lw=0.9)
+            if i != j and names[i] in marks:
+                axis.axhline(marks[names[i]], color=COLOURS[1], lw=0.9)
+            axis.tick_params(labelsize=7, labelleft=j == 0 and i > 0, labelbottom=i == count - 1, rotation=30)
+            axis.locator_params(nbins=3)
+            if j == 0 and i > 0:
+                axis.set_ylabel(literal(names[i]), fontsize=9)
+            if i == count - 1:
+                axis.set_xlabel(literal(names[j]), fontsize=9)
+    return figure
+
+
+def _marginal(axis: Any, values: Float) -> None:
+    axis.hist(values, bins=40, density=True, color=COLOURS[0], alpha=0.6, histtype="stepfilled")
+    axis.set_yticks([])
+    for q in np.quantile(values, [0.025, 0.975]):
+        axis.axvline(q, color="0.4", lw=0.7, ls=":")
+
+
+def _density(axis: Any, x: Float, y: Float) -> None:
+    counts, xe, ye = np.histogram2d(x, y, bins=28)
+    order = np.sort(counts.ravel())[::-1]
+    mass = np.cumsum(order) / order.sum()
+    levels = sorted({float(order[np.searchsorted(mass, level)]) for level in _LEVELS})
+    centres = (xe[1:] + xe[:-1]) / 2, (ye[1:] + ye[:-1]) / 2
+    axis.pcolormesh(xe, ye, counts.T, cmap="Blues", rasterized=True)
+    if levels[0] > 0:
+        axis.contour(*centres, counts.T, levels=levels, colors="0.25", linewidths=0.7)
+
+
+def plot_traces(chain: Float, names: Sequence[str]) -> Figure:
+    """Walkers of a chain against the step, one row a parameter.
+
+    Args:
+        chain: shape ``(steps, walkers, p)``.
+        names: labels, length p.
+    """
+    figure, axes = grid(len(names), 1, "Chains", size=(7.5, 0.9))
+    shown = chain[:, :: max(1, chain.shape[1] // 24)]
+    for i, name in enumerate(names):
+        axes[i, 0].plot(shown[:, :, i], lw=0.3, color=COLOURS[0], alpha=0.5)
+        axes[i, 0].set_ylabel(literal(name), fontsize=7, rotation=0, ha="right", va="center")
+        axes[i, 0].tick_params(labelsize=6, labelbottom=i == len(names) - 1)
+    axes[-1, 0].set_xlabel("step", fontsize=8)
+    return figure

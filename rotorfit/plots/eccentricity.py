@@ -1,0 +1,139 @@
+"""Figures of a fluid that changes with eccentricity: its law, and nonlinear minus linear stiffness (Figs 13 to 15)."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotorfit.models.law_curves import law_curves, law_of
+from rotorfit.plots.journal import JournalLines, drive_stiffness, group_names, half_width, journal_lines, reach
+from rotorfit.plots.style import GREY, RPM, colour_of, grid, legend_below, literal, prefix
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from rotorfit.fitting.result import FitResult
+
+Float = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+
+_POINTS = 200
+
+
+def plot_law(fit: FitResult) -> Figure:
+    """K0, D and lam against eccentricity with their 95 % bands; ticks below mark the eccentricities of the data.
+
+    Dotted beyond the data, where the law alone speaks.
+
+    Raises:
+        ValueError: a linear fluid, or data without eccentricities.
+    """
+    law_of(fit.model)
+    limit = reach(fit)
+    eps = np.linspace(0.0, min(1.15 * limit, 0.99), _POINTS)
+    theta = fit.problem.space.theta(fit.x)
+    sets = [law_curves(fit.model, vector, eps) for vector in theta]
+    figure, axes = grid(len(sets[0]), 1, f"Fluid against eccentricity, {fit.model.name}", size=(5.6, 2.2))
+    seen = eps <= limit
+    for place, axis in enumerate(axes[:, 0]):
+        curves = [curves[place] for curves in sets]
+        every = np.concatenate([curve.value for curve in curves])
+        factor, unit = (1.0, "") if curves[0].unit == "1" else prefix(every, curves[0].unit)
+        for group, curve in enumerate(curves):
+            colour, value = colour_of(group), factor * curve.value
+            band = factor * half_width(fit, group, curve.slope)
+            axis.plot(eps[seen], value[seen], color=colour, lw=1.4)
+            axis.plot(eps[~seen], value[~seen], ":", color=colour, lw=1.4)
+            axis.fill_between(eps, value - band, value + band, color=colour, alpha=0.25, lw=0)
+        axis.set_ylabel(f"{curves[0].name}, {unit}" if unit else curves[0].name, fontsize=9)
+        _rug(axis, fit)
+    axes[-1, 0].set_xlabel("eccentricity of the journal over clearance", fontsize=9)
+    names = group_names(fit)
+    if len(names) > 1:
+        from matplotlib.lines import Line2D
+
+        handles = [Line2D([], [], color=colour_of(i), lw=2) for i in range(len(names))]
+        legend_below(figure, handles, [literal(name) for name in names])
+    return figure
+
+
+def _rug(axis: Any, fit: FitResult) -> None:
+    found = [np.asarray(getattr(block, "eccentricity", np.zeros(0)), dtype=float) for block in fit.problem.blocks]
+    eps = np.concatenate(found)
+    axis.plot(eps, np.zeros(eps.size), "|", color=GREY, ms=7, mew=0.6, transform=axis.get_xaxis_transform())
+
+
+def plot_nonlinear_stiffness(fit: FitResult) -> Figure:
+    """Nonlinear minus linear dynamic stiffness at the journal, as in Figs 13 to 15.
+
+    Points are the data minus what the fitted model has for a vanishing orbit, lines the law's. Left against frequency,
+    one colour a force level; right against eccentricity. Above the direct, below the quadrature part.
+
+    Raises:
+        ValueError: a linear fluid, or no circular orbits of the journal.
+    """
+    law_of(fit.model)
+    blocks = list(journal_lines(fit, static=False))
+    if not blocks:
+        raise ValueError("this fit has no circular orbits of the journal to plot")
+    sweeps = [part for lines in blocks for part in _sweeps(lines)]
+    sweeps.sort(key=lambda part: (part[1].speed[part[2][0]], float(np.median(part[1].eccentricity[part[2]]))))
+    names = list(dict.fromkeys(name for name, _, _ in sweeps))
+    size = np.concatenate([np.abs(lines.stiffness - lines.linear) for lines in blocks])
+    factor, unit = prefix(np.array([np.quantile(size, 0.9)]), "N/m")
+    figure, axes = grid(2, 2, f"Nonlinear minus linear stiffness at the journal, {fit.model.name}", size=(5.0, 2.7))
+    for name, lines, rows in sweeps:
+        _draw_sweep(fit, axes, lines, rows, colour_of(names.index(name)), factor)
+    for row, part in enumerate(("direct", "quadrature")):
+        axes[row, 0].set_ylabel(f"{part}, {unit}", fontsize=9)
+        for axis in axes[row]:
+            axis.axhline(0, color="0.6", lw=0.7, zorder=1)
+    axes[1, 0].set_xlabel("perturbation frequency, rpm (backward < 0 < forward)", fontsize=9)
+    axes[1, 1].set_xlabel("eccentricity of the journal over clearance", fontsize=9)
+    _legend(figure, names)
+    return figure
+
+
+def _sweeps(lines: JournalLines) -> list[tuple[str, JournalLines, NDArray[np.intp]]]:
+    """Rows of each speed and force level, by frequency, with a name for the legend."""
+    constant, unbalance = np.abs(lines.force), np.abs(lines.force) / np.maximum(lines.frequency**2, 1e-12)
+    by_unbalance = np.unique(np.round(unbalance, 12)).size < np.unique(np.round(constant, 9)).size
+    level = np.round(unbalance, 12) if by_unbalance else np.round(constant, 9)
+    found = []
+    speeds = np.unique(lines.speed)
+    for speed in speeds:
+        for value in np.unique(level[lines.speed == speed]):
+            rows = np.flatnonzero((lines.speed == speed) & (level == value))
+            size = f"{value * 1e6:.4g} g mm" if by_unbalance else f"{value:.4g} N"
+            found.append((f"{speed * RPM:.0f} rpm, {size}", lines, rows[np.argsort(lines.frequency[rows])]))
+    return found
+
+
+def _draw_sweep(
+    fit: FitResult, axes: Any, lines: JournalLines, rows: NDArray[np.intp], colour: str, factor: float
+) -> None:
+    theta = fit.problem.space.theta(fit.x)
+    w, change = lines.frequency[rows], lines.stiffness[rows] - lines.linear[rows]
+    eps, sigma = lines.eccentricity[rows], factor * lines.stiffness_sigma[rows]
+    fitted_eps = lines.fitted_eccentricity[rows]
+    fitted = np.array([
+        drive_stiffness(fit.model, theta[g], 1j * f, speed, np.array([e]))[0][0]
+        for g, f, speed, e in zip(lines.group[rows], w, lines.speed[rows], fitted_eps, strict=True)
+    ]) - lines.linear[rows]  # fmt: skip
+    for row, part in enumerate((np.real, np.imag)):
+        for axis, x, x_fit in ((axes[row, 0], w * RPM, w * RPM), (axes[row, 1], eps, fitted_eps)):
+            axis.errorbar(
+                x, factor * part(change), yerr=sigma, fmt="o", ms=2.5, color=colour, elinewidth=0.5, alpha=0.6, zorder=2
+            )
+            for side in (w < 0, w > 0):
+                axis.plot(x_fit[side], factor * part(fitted)[side], "-", color=colour, lw=1.2, zorder=3)
+
+
+def _legend(figure: Figure, names: list[str]) -> None:
+    from matplotlib.lines import Line2D
+
+    handles: list[Any] = [Line2D([], [], color=colour_of(i), lw=2) for i in range(len(names))]
+    handles += [Line2D([], [], color=GREY, ls="", marker="o", ms=3), Line2D([], [], color=GREY, lw=1.2)]
+    legend_below(figure, handles, [*names, "data ± 1 sd minus linear model", "the fitted law"])

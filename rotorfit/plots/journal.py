@@ -1,0 +1,140 @@
+"""What a fit's data and its model say of the journal alone, however many planes the rotor has."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotorfit.estimators.nonlinear import OrbitResponses, entries, responses_of
+from rotorfit.fitting.result import FitResult
+from rotorfit.models import RotorModel
+from rotorfit.models.journal import journal
+
+Float = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+Index = NDArray[np.intp]
+
+CONFIDENCE = 1.96
+"""Half-width of a 95 % band in standard errors."""
+
+
+@dataclass(frozen=True, eq=False)
+class JournalLines:
+    """Measured motion of the journal under circular forces or constant loads, and the fit's, all shape ``(L,)``.
+
+    Attributes:
+        group, run: parameter group and run of each line.
+        speed, frequency: rad/s; frequency is zero under constant loads.
+        force: largest force of the line, N.
+        position: measured amplitude, or position, of the journal, m.
+        sigma: its noise.
+        eccentricity, fitted_eccentricity: measured and fitted.
+        stiffness: force over displacement at the journal, other planes free, from the measured position, N/m.
+        stiffness_sigma: its noise.
+        linear: what the fitted model has there at zero eccentricity.
+    """
+
+    group: Index
+    run: NDArray[np.str_]
+    speed: Float
+    frequency: Float
+    force: ComplexArray
+    position: ComplexArray
+    sigma: Float
+    eccentricity: Float
+    fitted_eccentricity: Float
+    stiffness: ComplexArray
+    stiffness_sigma: Float
+    linear: ComplexArray
+
+
+def journal_lines(fit: FitResult, *, static: bool) -> Iterator[JournalLines]:
+    """Lines of each block in which the journal was measured, of constant loads or else of circular forces.
+
+    With h the drive-point receptance of the centred rotor and ``A0 = (H F)_b`` its response, the journal's drive-point
+    stiffness is ``A0 / (h A_b)``: it is force over response where the journal itself is forced.
+    """
+    for block in fit.problem.blocks:
+        base = responses_of(block)
+        if base is None or base.imposed or not isinstance(block, OrbitResponses):
+            continue
+        seat = block.journal
+        rows = np.flatnonzero((base.coordinate == seat.at) & ((base.frequency[base.line] == 0) == static))
+        if not rows.size:
+            continue
+        line, theta = base.line[rows], fit.problem.space.theta(fit.x)
+        vectors, w, speed = theta[base.group[line]], base.frequency[line], base.speed[line]
+        H = fit.model.receptance(vectors, w, speed)
+        h, force = H[:, seat.at, seat.at], base.force[line]
+        centred, position = np.einsum("lj,lj->l", H[:, seat.at], force), base.measured[rows]
+        stiffness = centred / (h * position)
+        yield JournalLines(
+            base.group[line], base.run[rows], speed, w, force[np.arange(line.size), np.argmax(np.abs(force), axis=1)],
+            position, base.sigma[rows], np.abs(position) / seat.clearance, block.orbits(theta)[line], stiffness,
+            base.sigma[rows] * np.abs(stiffness / position), 1 / h,
+        )  # fmt: skip
+
+
+def drive_stiffness(
+    model: RotorModel, theta: Float, s: complex | ComplexArray, speed: float, eccentricity: Float
+) -> tuple[ComplexArray, ComplexArray]:
+    """Drive-point stiffness of the journal, other planes free, and its derivatives by the parameters.
+
+    Args:
+        model: the rotor.
+        theta: parameter vector, shape ``(P,)``.
+        s: j w, scalar or shape ``(E,)``.
+        speed: rotative speed, rad/s.
+        eccentricity: shape ``(E,)``.
+
+    Returns:
+        N/m, shape ``(E,)``, and ``(E, P)``.
+    """
+    at, count = journal(model).at, theta.size
+    s, speeds = np.broadcast_to(s, eccentricity.shape), np.full(eccentricity.size, speed)
+    H = model.receptance(np.tile(theta, (eccentricity.size, 1)), s.imag, speeds, eccentricity)
+    value = 1 / H[:, at, at]
+    slope = np.zeros((count + 2, eccentricity.size), dtype=complex)
+    vectors = np.tile(theta, (eccentricity.size, 1))
+    for power, row, column, inputs, values in entries(model, vectors, speeds, eccentricity):
+        # d(1/H_bb) = H_b. dkappa H_.b / H_bb^2
+        weight = H[:, at, row] * H[:, column, at] * value**2 * s**power
+        for place, part in zip(inputs.tolist(), values, strict=True):
+            slope[place] += weight * part
+    return np.asarray(value), slope[:count].T
+
+
+def half_width(fit: FitResult, group: int, slope: Float) -> Float:
+    """Half-width of the 95 % band of a quantity whose derivatives by the model's parameters are ``(E, P)``."""
+    index = fit.problem.space.index[group]
+    free = index >= 0
+    by_fitted = np.zeros((slope.shape[0], fit.x.size))
+    by_fitted[:, index[free]] = slope[:, free]
+    variance = np.einsum("ei,ij,ej->e", by_fitted, fit.covar, by_fitted)
+    return np.asarray(CONFIDENCE * np.sqrt(np.maximum(variance, 0.0)))
+
+
+def reach(fit: FitResult) -> float:
+    """Largest eccentricity that the data have.
+
+    Raises:
+        ValueError: none of them tells an eccentricity.
+    """
+    found = [np.asarray(getattr(block, "eccentricity", np.zeros(0)), dtype=float) for block in fit.problem.blocks]
+    largest = float(np.nanmax(np.concatenate(found), initial=0.0)) if found else 0.0
+    if largest <= 0:
+        raise ValueError("no data of this fit tell an eccentricity of the journal: there is nothing to plot")
+    return largest
+
+
+def group_names(fit: FitResult) -> list[str]:
+    """Names of the parameter groups by what tells them apart, for legends."""
+    space = fit.problem.space
+    found = []
+    for index in space.index:
+        brackets = [space.names[i].partition("[")[2].rstrip("]") for i in index.tolist() if i >= 0]
+        found.append(", ".join(dict.fromkeys(bracket for bracket in brackets if bracket)))
+    return found

@@ -1,0 +1,203 @@
+"""Figures of static loads and impulses: locus of the journal, stiffness and velocity ratio (Figs 26 to 29)."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotorfit.estimators.small_motion import FreeVibrations
+from rotorfit.models.law_curves import law_curves, law_of
+from rotorfit.models.off_centre import off_centre_eigenvalues
+from rotorfit.plots.journal import JournalLines, drive_stiffness, half_width, journal_lines
+from rotorfit.plots.style import GREY, RPM, colour_of, grid, legend_below, prefix
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from rotorfit.fitting.result import FitResult
+
+Float = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+
+_POINTS = 120
+
+
+def _static(fit: FitResult) -> list[JournalLines]:
+    law_of(fit.model)
+    found = list(journal_lines(fit, static=True))
+    if not found:
+        raise ValueError("this fit has no static loads with the journal's position to plot")
+    return found
+
+
+def _curves(lines: JournalLines) -> list[tuple[int, float, float]]:
+    """Parameter group, speed and largest eccentricity of each locus."""
+    pairs = np.unique(np.column_stack([lines.group, lines.speed]), axis=0)
+    return [
+        (int(g), float(v), float(lines.eccentricity[(lines.group == g) & (lines.speed == v)].max())) for g, v in pairs
+    ]
+
+
+def _speeds(blocks: list[JournalLines]) -> list[float]:
+    return sorted({round(float(v), 6) for lines in blocks for v in lines.speed})
+
+
+def plot_static_locus(fit: FitResult) -> Figure:
+    """Positions of the journal under constant loads, as in Fig. 26, over the clearance; the circle is the wall.
+
+    Points are measured, lines the fitted locus from the centre to the largest load; positions are turned so that the
+    load points down.
+
+    Raises:
+        ValueError: a linear fluid, or no static loads with the journal's position.
+    """
+    from matplotlib.patches import Circle
+
+    blocks = _static(fit)
+    speeds, theta = _speeds(blocks), fit.problem.space.theta(fit.x)
+    figure, axes = grid(1, 1, f"Journal under static loads, {fit.model.name}", size=(6.0, 5.4))
+    axis = axes[0, 0]
+    for lines in blocks:
+        clearance = float(np.abs(lines.position[0]) / lines.eccentricity[0])
+        # The load's direction is that of the displacement of a rotor with a real stiffness.
+        down = -1j / np.exp(1j * np.angle(lines.stiffness * lines.position))
+        turned = lines.position * down / clearance
+        for group, speed, largest in _curves(lines):
+            colour = colour_of(speeds.index(round(speed, 6)))
+            here = (lines.group == group) & (lines.speed == speed)
+            axis.errorbar(
+                turned[here].real, turned[here].imag, xerr=lines.sigma[here] / clearance,
+                yerr=lines.sigma[here] / clearance, fmt="o", ms=3.5, color=colour, elinewidth=0.7,
+            )  # fmt: skip
+            eps = np.linspace(0.0, largest, _POINTS)
+            kappa, _ = drive_stiffness(fit.model, theta[group], 0j, speed, eps)
+            locus = -1j * eps * np.abs(kappa) / kappa
+            axis.plot(locus.real, locus.imag, "-", color=colour, lw=1.3)
+    for radius in (0.25, 0.5, 0.75, 1.0):
+        axis.add_patch(Circle((0, 0), radius, fill=False, color="0.4" if radius == 1 else "0.85", lw=1.0))
+        axis.text(0, radius, f"{radius:g}", fontsize=7, color=GREY, ha="center", va="bottom")
+    axis.annotate("", (0, -1.2), (0, -1.03), arrowprops={"arrowstyle": "-|>", "color": GREY})
+    axis.text(0.04, -1.14, "load", fontsize=8, color=GREY)
+    axis.set_xlim(-1.1, 1.1)
+    axis.set_ylim(-1.22, 1.12)
+    axis.set_aspect("equal")
+    axis.set_xlabel("across the load, over clearance", fontsize=9)
+    axis.set_ylabel("against the load, over clearance", fontsize=9)
+    _legend(figure, [f"{v * RPM:.0f} rpm" for v in speeds], "measured", "fitted locus")
+    return figure
+
+
+def plot_static_stiffness(fit: FitResult) -> Figure:
+    """Static load over displacement against eccentricity, as in Figs 27 and 28.
+
+    Above its part across the load over rotative speed, lam D for one mode; below its part along the load,
+    ``K + K0 - Mf lam^2 Om^2`` for one mode. Lines are fitted, with 95 % bands.
+
+    Raises:
+        ValueError: a linear fluid, or no static loads with the journal's position.
+    """
+    blocks = _static(fit)
+    speeds, theta = _speeds(blocks), fit.problem.space.theta(fit.x)
+    across = np.concatenate([np.abs(lines.stiffness.imag / lines.speed) for lines in blocks if lines.speed.all()])
+    scales = prefix(across, "N s/m"), prefix(np.concatenate([lines.stiffness.real for lines in blocks]), "N/m")
+    figure, axes = grid(2, 1, f"Static stiffness of the journal, {fit.model.name}", size=(5.6, 2.6))
+    for lines in blocks:
+        for group, speed, largest in _curves(lines):
+            here = np.flatnonzero((lines.group == group) & (lines.speed == speed))
+            colour, eps = colour_of(speeds.index(round(speed, 6))), np.linspace(0.0, min(1.05 * largest, 0.99), _POINTS)
+            kappa, slope = drive_stiffness(fit.model, theta[group], 0j, speed, eps)
+            measured, sigma = lines.stiffness[here], lines.stiffness_sigma[here]
+            turning = -1.0 / speed if speed else np.nan
+            parts = (
+                (turning * scales[0][0], measured.imag, kappa.imag, slope.imag),
+                (scales[1][0], measured.real, kappa.real, slope.real),
+            )
+            for axis, (factor, points, curve, by) in zip(axes[:, 0], parts, strict=True):
+                if not np.isfinite(factor):
+                    continue
+                axis.errorbar(
+                    lines.eccentricity[here], factor * points, yerr=np.abs(factor) * sigma, fmt="o", ms=3.5,
+                    color=colour, elinewidth=0.7,
+                )  # fmt: skip
+                band = np.abs(factor) * half_width(fit, group, by)
+                axis.plot(eps, factor * curve, "-", color=colour, lw=1.3)
+                axis.fill_between(eps, factor * curve - band, factor * curve + band, color=colour, alpha=0.25, lw=0)
+    single = len(fit.model.coordinates) == 1
+    axes[0, 0].set_ylabel(f"{'λD' if single else 'across the load / Ω'}, {scales[0][1]}", fontsize=9)
+    axes[1, 0].set_ylabel(f"{'K + K0 − Mf λ²Ω²' if single else 'along the load'}, {scales[1][1]}", fontsize=9)
+    axes[1, 0].set_xlabel("eccentricity of the journal over clearance", fontsize=9)
+    _legend(figure, [f"{v * RPM:.0f} rpm" for v in speeds], "measured", "fit and 95 % band")
+    return figure
+
+
+def plot_velocity_ratio(fit: FitResult) -> Figure:
+    """Damped frequency over rotative speed from impulse tests against eccentricity, as in Fig. 29.
+
+    The paper reads these ratios as lam; they are eigenvalues of the rotor, drawn as solid lines, and lam itself,
+    dashed with its 95 % band, may lie elsewhere.
+
+    Raises:
+        ValueError: a linear fluid, or no impulse tests.
+    """
+    law_of(fit.model)
+    blocks = [block for block in fit.problem.blocks if isinstance(block, FreeVibrations)]
+    if not blocks:
+        raise ValueError("this fit has no impulse tests to plot")
+    speeds = sorted({round(float(v), 6) for block in blocks for v in block.speed})
+    theta, vibrations = (
+        fit.problem.space.theta(fit.x),
+        [block.predict(fit.problem.space.theta(fit.x)) for block in blocks],
+    )
+    figure, axes = grid(1, 1, f"Velocity ratio from impulse tests, {fit.model.name}", size=(5.6, 3.6))
+    axis = axes[0, 0]
+    limit = max(float(block.eccentricity.max()) for block in blocks)
+    eps = np.linspace(0.0, min(1.1 * limit, 0.99) or 0.5, _POINTS)
+    for block, fitted in zip(blocks, vibrations, strict=True):
+        for group, speed in np.unique(np.column_stack([block.reading_group, block.speed]), axis=0):
+            here = np.flatnonzero((block.reading_group == group) & (block.speed == speed))
+            colour = colour_of(speeds.index(round(float(speed), 6)))
+            axis.errorbar(
+                block.eccentricity[here], block.measured[here].imag / speed, yerr=block.sigma[here] / speed, fmt="o",
+                ms=4, color=colour, elinewidth=0.8, zorder=3,
+            )  # fmt: skip
+            for branch in _branches(fit, theta[int(group)], float(speed), eps, block.eccentricity[here], fitted[here]):
+                axis.plot(eps, branch / speed, "-", color=colour, lw=1.3)
+    for group, vector in enumerate(theta):
+        for curve in law_curves(fit.model, vector, eps)[2:]:
+            band = half_width(fit, group, curve.slope)
+            axis.plot(eps, curve.value, "--", color=GREY, lw=1.2)
+            axis.fill_between(eps, curve.value - band, curve.value + band, color=GREY, alpha=0.2, lw=0)
+            axis.text(eps[-1], curve.value[-1], f" {curve.name.replace('lam', 'λ')}", fontsize=8, color=GREY)
+    axis.set_ylabel("damped frequency over rotative speed", fontsize=9)
+    axis.set_xlabel("eccentricity of the journal over clearance", fontsize=9)
+    axis.set_ylim(bottom=min(0.0, axis.get_ylim()[0]))
+    _legend(figure, [f"{v * RPM:.0f} rpm" for v in speeds], "measured", "fitted eigenvalue")
+    return figure
+
+
+def _branches(
+    fit: FitResult, theta: Float, speed: float, eps: Float, measured_at: Float, fitted: ComplexArray
+) -> list[Float]:
+    """Damped frequencies of the measured modes along the eccentricities, each followed from where it was measured."""
+    every = [off_centre_eigenvalues(fit.model, theta, speed, float(e)) for e in eps]
+    found: list[Float] = []
+    for at, s in zip(measured_at, fitted, strict=True):
+        begin = int(np.argmin(np.abs(eps - at)))
+        branch = np.empty(eps.size, dtype=complex)
+        for steps in (range(begin, eps.size), range(begin, -1, -1)):
+            last = s
+            for k in steps:
+                last = branch[k] = every[k][np.argmin(np.abs(every[k] - last))]
+        if not any(np.allclose(branch.imag, other, rtol=1e-6, atol=1e-6 * abs(s)) for other in found):
+            found.append(np.asarray(branch.imag))
+    return found
+
+
+def _legend(figure: Figure, names: list[str], points: str, line: str) -> None:
+    from matplotlib.lines import Line2D
+
+    handles: list[Any] = [Line2D([], [], color=colour_of(i), lw=2) for i in range(len(names))]
+    handles += [Line2D([], [], color=GREY, ls="", marker="o", ms=4), Line2D([], [], color=GREY, lw=1.3)]
+    legend_below(figure, handles, [*names, points, line])

@@ -1,0 +1,76 @@
+"""Section of the report on the calibration: how much of the uncertainty comes from where."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from rotorfit.report.html import Html, element, join, table
+from rotorfit.report.numbers import RPM, plain, with_error
+from rotorfit.report.parts import note, section, symbol, unit_shown
+
+if TYPE_CHECKING:
+    from rotorfit.report.material import ReportInput
+    from rotorfit.uncertainty.budget import Share
+
+_NOTHING = 1e-4
+"""Share of the combined uncertainty below which a source is left blank."""
+
+
+def budget_section(material: ReportInput) -> Html:
+    """Standard uncertainty of every parameter by source, and what the data say of the calibration."""
+    from rotorfit.uncertainty.budget import Budget
+
+    fit = material.fit
+    if fit.settings.calibration is None:
+        return Html("")
+    budget = Budget(fit, fit.settings.calibration)
+    shares = [budget.share(name) for name in fit.problem.space.names]
+    known = [share for share in shares if math.isfinite(share.combined)]
+    rows = [_row(symbol(share.name, fit.model), share, 1.0, share.unit) for share in known]
+    if fit.model.speed_dependent and len(fit.problem.space.index) == 1:
+        onset = budget.threshold_speed()
+        rows += [_row("threshold speed", onset, RPM, "rpm")] if math.isfinite(onset.combined) else []
+    sources = list(shares[0].sources)
+    head = ["", "combined", "random", "systematic", *sources, "unit"]
+    words = (
+        "Standard uncertainties. Random: from the noise of the readings (GUM type A). Systematic: from the calibration "
+        "and other knowledge from before (type B), source by source. More readings with the same probes lower the "
+        "random part only."
+    )
+    return section(
+        "Uncertainty budget",
+        table(head, rows, numeric=range(1, len(head) - 1), whole=(len(head) - 1,)),
+        note(words),
+        *_calibration(material),
+    )
+
+
+def _row(name: str, share: Share, factor: float, unit: str) -> list[str]:
+    least = _NOTHING * share.combined
+    sources = [plain(factor * part, 2) if part > least else "" for part in share.sources.values()]
+    parts = (share.combined, share.random, share.systematic)
+    return [name, *(plain(factor * part, 2) for part in parts), *sources, unit_shown(unit)]
+
+
+def _calibration(material: ReportInput) -> list[Html]:
+    """Errors of calibration as assumed and as found."""
+    from rotorfit.fitting.calibration import KINDS
+
+    fit = material.fit
+    assumed = {prior.entry: float(prior.distribution.std()) for prior in fit.problem.priors}
+    rows = []
+    for entry, name in enumerate(fit.var_names):
+        kind = name.partition("[")[0]
+        if kind not in KINDS or entry not in assumed:
+            continue
+        p = fit.params[name]
+        factor, unit = (180 / math.pi, "°") if p.unit == "rad" else (100.0, "%")
+        found = " ± ".join(with_error(factor * p.value, factor * p.stderr))
+        rows.append([element("code", name), f"0 ± {plain(factor * assumed[entry], 2)}", found, unit, KINDS[kind][1]])
+    words = (
+        "An error that the data leave as large as it was assumed is one that they do not show: only a better "
+        "calibration makes it smaller."
+    )
+    head = ["error", "assumed", "found", "unit", "meaning"]
+    return [join([element("h3", "Calibration"), table(head, rows, numeric=(1, 2)), note(words)])]

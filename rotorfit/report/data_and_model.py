@@ -1,0 +1,161 @@
+"""Sections of the report on the test, the data, the model and its structural refinement."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from rotorfit.data.experiments import Experiment, PerturbationTest
+from rotorfit.fitting.refine import structure_name
+from rotorfit.fitting.result import FitResult
+from rotorfit.models import Constant, Law
+from rotorfit.models.equation_text import stiffness_entries, to_mathml
+from rotorfit.report.html import Html, element, paragraph, table
+from rotorfit.report.numbers import RPM, plain, speeds_in_words, with_error
+from rotorfit.report.parts import groups_of, section
+
+if TYPE_CHECKING:
+    from rotorfit.report.material import ReportInput
+
+_WRITTEN_OUT = 4
+"""Coordinates up to which the dynamic stiffness matrix is written out."""
+
+
+def data_section(material: ReportInput) -> Html:
+    """The experiments and what the check of the data found."""
+    fit = material.fit
+    rows = [_experiment_row(e) for e in fit.experiments]
+    head = ["source", "kind", "readings", "runs", "speeds", "frequencies", "forced at", "measured at"]
+    content = [table(head, rows, numeric=(2, 3))]
+    found = [
+        (e.source or f"experiment {i + 1}", finding)
+        for i, (e, findings) in enumerate(zip(fit.experiments, material.findings, strict=True))
+        for finding in findings
+    ]
+    if found:
+        content.append(table(["source", "severity", "finding"], [[s, f.severity, f.message] for s, f in found]))
+    else:
+        content.append(paragraph("The check of the data found nothing to remark on."))
+    content.append(
+        paragraph(
+            f"{fit.ndata} real data (two for each complex reading) and {fit.nvarys} fitted values. The noise was taken "
+            "from the sigma given with the data, else estimated without a model from repeated sweeps, from the "
+            "component against the direction of the force, or from the smoothness of the responses; never from the "
+            "residuals of the fit."
+        )
+    )
+    return section("Test and data", *content)
+
+
+def _experiment_row(test: Experiment) -> list[str]:
+    kind = test.title
+    measured = ", ".join(test.planes)
+    if isinstance(test, PerturbationTest):
+        kind = "synchronous test" if test.synchronous else "nonsynchronous perturbation test"
+        pairs = dict.fromkeys(zip(test.plane.tolist(), test.direction.tolist(), strict=True))
+        measured = ", ".join(f"{plane} {direction}" for plane, direction in pairs)
+    w = test.frequencies * RPM
+    span = f"{plain(float(w.min()), 5)} to {plain(float(w.max()), 5)} rpm" if w.size else ""
+    forced = ", ".join(getattr(test, "force_planes", ()))
+    return [
+        test.source or "data in memory", kind, str(len(test)), str(len(test.runs)), speeds_in_words(test.speed),
+        span, forced, measured,
+    ]  # fmt: skip
+
+
+def model_section(material: ReportInput) -> Html:
+    """The equation of motion as dynamic stiffness, written from the model itself."""
+    model = material.fit.model
+    kappa = "<msub><mi>κ</mi><mrow><mi>i</mi><mi>k</mi></mrow></msub>"
+    general = (
+        "<munder><mo>∑</mo><mi>k</mi></munder>" + kappa + "<mo>(</mo><mi>ω</mi><mo>,</mo><mi>Ω</mi><mo>)</mo>"
+        "<mspace width='0.2em'/><msub><mi>A</mi><mi>k</mi></msub><mo>=</mo><msub><mi>F</mi><mi>i</mi></msub>"
+    )
+    frame = (
+        "amplitudes of z = x + j y relative to exp(jωt), ω signed: negative is backward whirl"
+        if model.frame == "z"
+        else "phasors of x and y relative to exp(j|ω|t), forward and backward forces apart"
+    )
+    content = [
+        paragraph(
+            f"Model “{model.name}” with coordinates ", ", ".join(_coordinate_name(c) for c in model.coordinates),
+            f"; A are the responses and F the forces ({frame}). Ω is the rotative speed.",
+        ),
+        _equation(general),
+    ]  # fmt: skip
+    if model.shaft is not None:
+        content.append(paragraph("To the entries below the condensed dynamic stiffness of the known shaft is added."))
+    law = model.options().get("law") if model.eccentricity_dependent else None
+    if isinstance(law, Law):
+        first = (type(law).__doc__ or "").partition("\n")[0].replace("``", "")
+        content.append(
+            paragraph(
+                f"K0, D and lam below stand for functions of the journal's eccentricity eps, its displacement over the "
+                f"clearance of {plain(1e6 * float(model.clearance or np.nan), 4)} µm. {law.name} law: {first}"
+            )
+        )
+        model = model.variant(law=Constant(), clearance_um=None)
+    if len(model.coordinates) > _WRITTEN_OUT:
+        content.append(paragraph("The matrix is too large to be written out here."))
+    else:
+        content += [
+            _equation(line)
+            for i, row in enumerate(stiffness_entries(model))
+            for k, entry in enumerate(row)
+            for line in [_entry_line(i, k, entry, model.parameter_names)]
+        ]
+    return section("Model", *content)
+
+
+def _coordinate_name(coordinate: Any) -> str:
+    what = {"z": "displacement", "r": "slope", "x": "x", "y": "y"}[coordinate.axis]
+    return f"{what} at {coordinate.plane}"
+
+
+def _entry_line(row: int, column: int, entry: Any, names: tuple[str, ...]) -> str:
+    left = f"<msub><mi>κ</mi><mrow><mn>{row + 1}</mn><mn>{column + 1}</mn></mrow></msub><mo>=</mo>"
+    direct = to_mathml(entry.direct, names)
+    if not entry.quadrature:
+        return left + direct
+    quadrature = "<mi>j</mi><mrow><mo>[</mo>" + to_mathml(entry.quadrature, names) + "<mo>]</mo></mrow>"
+    return left + (direct + "<mo>+</mo>" if entry.direct else "") + quadrature
+
+
+def _equation(inner: str) -> Html:
+    return element("div", element("math", Html(f"<mrow>{inner}</mrow>")), class_="equation")
+
+
+# ---- refinement -----------------------------------------------------------------------------
+
+
+def refinement_section(material: ReportInput) -> Html:
+    """The ladder of structural blocks."""
+    ladder = material.refinement
+    if ladder is None:
+        return Html("")
+    rows = [
+        [
+            structure_name(step.model), str(step.nvarys), plain(step.redchi, 4), f"{step.bic:.1f}",
+            _threshold_cell(step), "chosen" if step.model is ladder.best.model else "",
+        ]
+        for step in ladder.steps
+    ]  # fmt: skip
+    words = (
+        "Structural blocks that a lumped model leaves out (coupling mass, gyroscopic, out-of-band modes) were added "
+        "whole, one after the other, while the Bayesian information criterion fell."
+    )
+    if ladder.best.settings.levels:
+        words += " The chosen model was then fitted with the noise of each response as its residuals show it."
+    if material.fit is not ladder.best:
+        words += " This report is not of the chosen model."
+    head = ["structure", "fitted values", "redchi", "BIC", "threshold, rpm", ""]
+    return section("Structural refinement", paragraph(words), table(head, rows, numeric=(1, 2, 3, 4)))
+
+
+def _threshold_cell(fit: FitResult) -> str:
+    if not fit.model.speed_dependent or len(groups_of(fit)) > 1:
+        return ""
+    onset = fit.threshold_of(0)
+    value, error = with_error(onset.value * RPM, onset.stderr * RPM)
+    return f"{value} ± {error}" if error != "–" else value

@@ -1,0 +1,231 @@
+"""Sections of the report that are figures, with the tables that belong to them."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotorfit.estimators.nonlinear import OrbitResponses, responses_of
+from rotorfit.estimators.small_motion import FreeVibrations
+from rotorfit.plots import responses as plots
+from rotorfit.report.html import Html, drawn, element, join, paragraph, picture, table
+from rotorfit.report.numbers import RPM, plain, with_error
+from rotorfit.report.parts import at_of, groups_of, note, section, sentence, symbol
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from rotorfit.fitting.result import FitResult
+    from rotorfit.report.material import ReportInput
+    from rotorfit.uncertainty.posterior import Posterior
+
+Float = NDArray[np.float64]
+
+_CORNER = 8
+"""Parameters a corner plot can show on a page."""
+
+_FIRST = ("D", "lam", "lam_D", "lam_M", "Mf", "K0")
+"""Parameters that a corner plot shows before others."""
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A figure of the report and the kind of data that it shows.
+
+    Attributes:
+        title: heading of its section.
+        draw: makes the figure of a fit; ``plot_NAME`` gives its file the name ``NAME.png``.
+        caption: words below it.
+        shows: whether a block of observations appears in it.
+    """
+
+    title: str
+    draw: Callable[[FitResult], Figure]
+    caption: str
+    shows: Callable[[object], bool]
+
+
+def _turning(block: object) -> bool:
+    """Responses to circular forces, or forces under imposed orbits."""
+    responses = responses_of(block)
+    return responses is not None and bool(responses.frequency.any())
+
+
+def _orbits(block: object) -> bool:
+    """Circular orbits of a model with a law of eccentricity, the journal's motion measured."""
+    return isinstance(block, OrbitResponses) and _turning(block) and bool(np.isfinite(block.eccentricity).any())
+
+
+def _loads(block: object) -> bool:
+    """Positions under constant loads of a model with a law of eccentricity, the journal's measured."""
+    return isinstance(block, OrbitResponses) and not _turning(block) and bool(np.isfinite(block.eccentricity).any())
+
+
+def _impulses(block: object) -> bool:
+    """Frequencies and damping of free vibration."""
+    return isinstance(block, FreeVibrations)
+
+
+_TO_FORCE = "Responses to a unit force. Points: measured. Lines: fit."
+_BAND = "Residuals over their noise; noise alone would leave 95 % of them in the grey band."
+
+FIGURES: tuple[Kind, ...] = (
+    Kind(
+        "Dynamic stiffness",
+        plots.plot_dynamic_stiffness,
+        "Points: measured ± σ. Lines: fit, with its 95 % band.",
+        _turning,
+    ),
+    Kind("Bode plots", plots.plot_bode, _TO_FORCE, _turning),
+    Kind("Polar plots", plots.plot_polar, _TO_FORCE, _turning),
+    Kind("Residuals", plots.plot_residuals, _BAND, _turning),
+    Kind(
+        "Fluid against eccentricity",
+        plots.plot_law,
+        "The law's K0, D and lam with their 95 % bands; ticks: eccentricities of the data, dotted: beyond them.",
+        lambda block: _orbits(block) or _loads(block) or _impulses(block),
+    ),
+    Kind(
+        "Nonlinear dynamic stiffness",
+        plots.plot_nonlinear_stiffness,
+        "Nonlinear minus linear dynamic stiffness at the journal. Points: measured. Lines: fit.",
+        _orbits,
+    ),
+    Kind(
+        "Static loads",
+        plots.plot_static_locus,
+        "Positions of the journal under constant loads over the clearance. Points: measured. Lines: fitted locus.",
+        _loads,
+    ),
+    Kind(
+        "Static stiffness",
+        plots.plot_static_stiffness,
+        "Static load over displacement. Points: measured. Lines: fit, with its 95 % band.",
+        _loads,
+    ),
+    Kind(
+        "Impulse tests",
+        plots.plot_velocity_ratio,
+        "Damped frequency over rotative speed. Points: measured. Solid lines: fitted eigenvalues; dashed: lam itself.",
+        _impulses,
+    ),
+)
+"""Figures in their order; further kinds of experiments add theirs here."""
+
+
+def figure_sections(material: ReportInput) -> Iterator[Html]:
+    """Figures of each kind of data, stability, posterior."""
+    fit = material.fit
+    for kind in FIGURES:
+        if any(kind.shows(block) for block in fit.problem.blocks):
+            name = kind.draw.__name__.removeprefix("plot_")
+            yield section(kind.title, _picture(material, name, kind.draw(fit), kind.caption), figure=True)
+    if fit.responses:
+        yield section("Quality of fit", *_quality(fit))
+    yield section("Stability", *_stability(material))
+    if material.profiles:
+        yield section("Profile likelihoods", element("div", *_profiles(material), class_="side"))
+    if material.posterior is not None:
+        yield section("Posterior", *_posterior(material, material.posterior))
+
+
+def _picture(material: ReportInput, name: str, figure: Figure, caption: str) -> Html:
+    """Draw a figure, keep the file, embed it."""
+    material.pictures[name] = drawn(figure)
+    return picture(material.pictures[name], caption, figure.get_figwidth())
+
+
+def _quality(fit: FitResult) -> Iterator[Html]:
+    rows = [
+        [r.name, str(r.count), f"{plain(100 * r.nrmse, 3)} %", f"{r.frac:.6f}", plain(r.redchi, 3)]
+        for r in fit.responses
+    ]
+    yield table(["response", "readings", "NRMSE", "FRAC", "redchi"], rows, numeric=(1, 2, 3, 4))
+    words = (
+        "NRMSE: rms residual over rms response. FRAC: frequency response assurance criterion, 1 for equal shape. "
+        "redchi: mean squared residual over the noise's variance, 1 for noise alone."
+    )
+    yield note(words)
+
+
+def _stability(material: ReportInput) -> Iterator[Html]:
+    fit = material.fit
+    for label, group in groups_of(fit):
+        caption = "Eigenvalues of the fitted rotor against its speed" + (f", {label}." if label else ".")
+        name = "stability" if group == 0 else f"stability_{group + 1}"
+        yield _picture(material, name, plots.plot_stability(fit, group=group), caption)
+    rows = [row for label, group in groups_of(fit) for row in _mode_rows(fit, label, group)]
+    head = ["group", "rotative speed, rpm", "damped frequency, rpm", "±", "damping ratio", "±"]
+    if rows and not rows[0][0]:
+        head, rows = head[1:], [row[1:] for row in rows]
+    yield table(head, rows, numeric=range(len(head) - 5, len(head)))
+
+
+def _mode_rows(fit: FitResult, label: str, group: int) -> Iterator[list[str]]:
+    at = at_of(fit, group)
+    speeds = fit.speeds if fit.model.speed_dependent else np.zeros(1)
+    for speed in speeds.tolist():
+        for frequency, damping in fit.natural_frequencies(speed, at):
+            shown = f"{speed * RPM:.0f}" if fit.model.speed_dependent else "any"
+            yield [
+                label, shown, *with_error(frequency.value * RPM, frequency.stderr * RPM),
+                *with_error(damping.value, damping.stderr),
+            ]  # fmt: skip
+
+
+def _profiles(material: ReportInput) -> Iterator[Html]:
+    for p in material.profiles:
+        name = re.sub(r"\W+", "_", f"profile_{p.name}").rstrip("_")
+        yield _picture(material, name, p.plot(), p.name.replace("_", " ") + (f". {p.message}" if p.message else ""))
+
+
+def _posterior(material: ReportInput, posterior: Posterior) -> Iterator[Html]:
+    fit = material.fit
+    names, samples = list(posterior.names), np.asarray(posterior.samples)
+    shown = _corner_columns(names, samples)
+    units = {name: p.unit for name, p in fit.params.items() if p.unit != "1"}
+    labels = [f"{names[i]}, {units[names[i]]}" if names[i] in units else names[i] for i in shown]
+    marks = {
+        label: fit.params[names[i]].value for i, label in zip(shown, labels, strict=True) if names[i] in fit.params
+    }
+    caption = "Posterior: margins with their 95 % interval, and pairs with contours of 68 and 95 %; lines: the optimum."
+    if len(shown) < len(names):
+        caption += f" {len(shown)} of {len(names)} parameters: the fluid's, and those most correlated with others."
+    yield _picture(material, "corner", plots.plot_corner(samples[:, shown], labels, marks), caption)
+    yield element("h3", "Health of the chains")
+    yield paragraph(sentence(posterior.message))
+    yield paragraph(sentence(posterior.treatment))
+    yield _health(posterior)
+    figure = plots.plot_traces(posterior.chain[..., shown], [names[i] for i in shown])
+    yield _picture(material, "chains", figure, "Walkers' paths after burn-in.")
+
+
+def _health(posterior: Posterior) -> Html:
+    from rotorfit.uncertainty.posterior_file import health
+
+    rows = [
+        [symbol(h.name, posterior.fit.model), f"{h.rhat:.3f}", f"{h.bulk:.0f}", f"{h.tail:.0f}", f"{tau:.1f}"]
+        for h, tau in zip(health(posterior), posterior.tau.tolist(), strict=True)
+    ]
+    head = ["parameter", "split R-hat", "bulk ESS", "tail ESS", "autocorrelation time, steps"]
+    settings, accepted = posterior.settings, 100 * float(posterior.acceptance.mean())
+    words = (
+        f"emcee with {settings.walkers} walkers, {settings.steps} steps of which {posterior.burn_in} burn-in, "
+        f"{accepted:.0f} % of the proposals accepted, seed {posterior.seed}. R-hat is 1 for chains that agree; ESS: "
+        "effective samples for the middle and for the tails of the distribution."
+    )
+    return join([table(head, rows, numeric=range(1, 5)), note(words)])
+
+
+def _corner_columns(names: list[str], samples: Float) -> list[int]:
+    """Columns that a corner plot shows, in order: the fluid's, then those most correlated with any other."""
+    if len(names) <= _CORNER:
+        return list(range(len(names)))
+    together = np.abs(np.corrcoef(samples, rowvar=False)) - np.eye(len(names))
+    rank = [(name.partition("[")[0] not in _FIRST, -together[i].max()) for i, name in enumerate(names)]
+    return sorted(sorted(range(len(names)), key=lambda i: rank[i])[:_CORNER])

@@ -1,0 +1,35 @@
+"""What a report is written from."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from rotorfit.fitting.refine import Refinement
+from rotorfit.fitting.result import FitResult
+
+if TYPE_CHECKING:
+    from rotorfit.data.findings import Finding
+    from rotorfit.uncertainty.bootstrap import Bootstrap
+    from rotorfit.uncertainty.posterior import Posterior
+    from rotorfit.uncertainty.profile import Profile
+
+LEVEL = 0.95
+"""Probability of every interval in a report."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReportInput:
+    """All that a report is written from; see :func:`write_report`."""
+
+    fit: FitResult
+    posterior: Posterior | None = None
+    refinement: Refinement | None = None
+    findings: Sequence[Sequence[Finding]] = ()
+    profiles: Sequence[Profile] = ()
+    bootstrap: Bootstrap | None = None
+    shares: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    operating_speed: float | None = None
+    pictures: dict[str, bytes] = field(default_factory=dict)
+    """PNG files by name, filled in as figures are drawn."""

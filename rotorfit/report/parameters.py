@@ -1,0 +1,156 @@
+"""Sections of the report on the parameters: values, intervals, shares of the uncertainty, identifiability."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+from rotorfit.fitting.result import FittedParameter
+from rotorfit.fitting.summary import notable_correlations
+from rotorfit.models import RotorModel
+from rotorfit.report.html import Html, bullets, paragraph, table
+from rotorfit.report.numbers import NORMAL_95, RPM, interval, plain, with_error
+from rotorfit.report.parts import at_of, groups_of, note, section, sentence, symbol, threshold_interval, unit_shown
+from rotorfit.uncertainty.profile import THRESHOLD
+
+if TYPE_CHECKING:
+    from rotorfit.report.material import ReportInput
+    from rotorfit.uncertainty.profile import Profile
+
+
+def parameter_section(material: ReportInput) -> Html:
+    """All parameters: start, optimum, standard errors."""
+    fit = material.fit
+    # A refined fit starts from the step before it; the closed form stands at the foot of the ladder.
+    ladder = material.refinement
+    first = ladder.steps[0] if ladder is not None and fit is ladder.best else fit
+    starts = {p.name: plain(p.init_value, 6) for p in first.params.values() if p.vary}
+    start = "closed-form start" if fit.method == "least squares" else "start"
+    head = ["parameter", "value", "standard error", "from noise alone", "unit", start, "meaning", ""]
+    notes = ["Errors are one standard deviation."]
+    if fit.widening > 1.01:
+        notes.append(
+            f"They are those from the noise times √redchi = {plain(math.sqrt(fit.redchi), 3)}, because the residuals "
+            "exceed the noise."
+        )
+    elif fit.settings.levels:
+        notes.append("They follow the residuals of each response, where these exceed the noise.")
+    if fit.settings.calibration is not None:
+        notes.append("They hold the uncertainty of the calibration too; see the budget.")
+    rows = [_row(p, fit.model, starts.get(p.name, "")) for p in fit.params.values()]
+    return section("Parameters", table(head, rows, numeric=(1, 2, 3, 5), whole=(4,)), note(*notes))
+
+
+def _row(p: FittedParameter, model: RotorModel, start: str) -> list[str]:
+    name, unit = symbol(p.name, model), unit_shown(p.unit)
+    if not p.vary:
+        return [name, plain(p.value), "known", "", unit, "", p.meaning, ""]
+    if not p.resolved:
+        return [name, "not determined", "", "", unit, start, p.meaning, ""]
+    value, error = with_error(p.value, p.stderr)
+    noise = with_error(p.value, p.stderr_noise)[1]
+    bound = "at its bound: no symmetric interval" if p.at_bound else ""
+    return [name, value, error, noise if noise != error else "", unit, start, p.meaning, bound]
+
+
+# ---- intervals -------------------------------------------------------------------------------
+
+
+def interval_section(material: ReportInput) -> Html:
+    """Three kinds of 95 % interval side by side, and the shares of the uncertainty."""
+    profiles = {p.name: p for p in material.profiles}
+    rows = [_interval_row(material, p, profiles.get(p.name)) for p in material.fit.params.values() if _shown(p)]
+    rows += _threshold_rows(material, profiles.get(THRESHOLD))
+    if not rows:
+        return Html("")
+    head = ["", "Laplace", "profile likelihood", "posterior", "bootstrap", "random share", "systematic share", "unit"]
+    words = ["Laplace: estimate ± 1.96 standard errors, right where the errors are normal."]
+    if material.profiles:
+        words.append(
+            "Profile likelihood: where the best misfit at a fixed value of the parameter has risen by the 95 % point "
+            "of chi-squared; it follows a curved likelihood."
+        )
+    if material.posterior is not None:
+        words.append("Posterior: central 95 % of the sampled draws.")
+    simulated = material.bootstrap
+    if simulated is not None:
+        failed = f", {simulated.failures} of whose fits failed" if simulated.failures else ""
+        words.append(f"Bootstrap: central 95 % of the estimates from {len(simulated.samples)} simulated tests{failed}.")
+    if material.shares:
+        words.append(
+            "Random and systematic shares are standard uncertainties, GUM type A (noise) and type B (calibration)."
+        )
+    if not material.profiles and material.posterior is None and simulated is None:
+        words.append("A posterior or profile likelihoods would test that.")
+    words += [sentence(f"{p.name}: {p.message}") for p in material.profiles if p.message]
+    return section("95 % intervals", table(head, rows, numeric=range(1, 7), whole=(7,)), note(*words))
+
+
+def _shown(p: FittedParameter) -> bool:
+    return p.vary and p.resolved
+
+
+def _interval_row(material: ReportInput, p: FittedParameter, profile: Profile | None) -> list[str]:
+    laplace = interval(p.value - NORMAL_95 * p.stderr, p.value + NORMAL_95 * p.stderr)
+    shares = material.shares.get(p.name)
+    posterior, simulated = material.posterior, material.bootstrap
+    return [
+        symbol(p.name, material.fit.model),
+        "–" if p.at_bound else laplace,
+        "" if profile is None else interval(*profile.interval),
+        "" if posterior is None else interval(*posterior.interval(p.name)),
+        "" if simulated is None else interval(*simulated.interval(p.name)),
+        *(("", "") if shares is None else (plain(shares[0], 2), plain(shares[1], 2))),
+        unit_shown(p.unit),
+    ]
+
+
+def _threshold_rows(material: ReportInput, profile: Profile | None) -> Iterator[list[str]]:
+    fit = material.fit
+    if not fit.model.speed_dependent:
+        return
+    for label, group in groups_of(fit):
+        onset = fit.threshold_of(group)
+        if math.isfinite(onset.value) and math.isfinite(onset.stderr):
+            half = NORMAL_95 * onset.stderr
+            yield [
+                "threshold speed" + (f", {label}" if label else ""),
+                interval((onset.value - half) * RPM, (onset.value + half) * RPM),
+                # A profile does not say which group it belongs to.
+                interval(profile.lower * RPM, profile.upper * RPM) if profile is not None and not label else "",
+                threshold_interval(material.posterior, at_of(fit, group)),
+                threshold_interval(material.bootstrap, at_of(fit, group)),
+                "",
+                "",
+                "rpm",
+            ]
+
+
+# ---- identifiability ---------------------------------------------------------------------------
+
+
+def identifiability_section(material: ReportInput) -> Html:
+    """What the data determine, and which parameters go together."""
+    fit = material.fit
+    verdict = fit.identifiability
+    content = [
+        paragraph(
+            f"{verdict.rank} of {verdict.size} parameter combinations are determined by these data; the condition "
+            f"number of the scaled sensitivities is {plain(verdict.condition, 2)}."
+        )
+    ]
+    if verdict.combinations:
+        content.append(bullets((sentence(c.message) for c in verdict.combinations), class_="warnings"))
+    else:
+        content.append(paragraph("Every fitted value has a number of its own: nothing is known only as a combination."))
+    pairs = notable_correlations(fit)
+    if pairs:
+        listed = ", ".join(f"{a} and {b} ({plain(r, 2)})" for a, b, r in pairs)
+        content.append(
+            paragraph(
+                f"Estimates that are strongly correlated: {listed}. A prior or a known value of one would narrow the "
+                "other."
+            )
+        )
+    return section("Identifiability", *content)

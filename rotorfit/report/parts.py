@@ -1,0 +1,82 @@
+"""Pieces that several sections of the report share."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotorfit.fitting.result import FitResult
+from rotorfit.models import RotorModel
+from rotorfit.models.equation_text import symbol_mathml
+from rotorfit.report.html import Html, element, join
+from rotorfit.report.numbers import RPM, interval
+
+if TYPE_CHECKING:
+    from rotorfit.uncertainty.bootstrap import Bootstrap
+    from rotorfit.uncertainty.posterior import Posterior
+
+_MANY = 50
+"""Distinct speeds beyond which a test is a sweep of the speed."""
+
+
+def section(title: str, *content: str, figure: bool = False) -> Html:
+    """A section with its heading."""
+    attributes = {"class_": "figure"} if figure else {}
+    return element("section", element("h2", title), *content, **attributes)
+
+
+def sentence(text: str) -> str:
+    """Text with a capital at its beginning and a full stop at its end."""
+    return text[:1].upper() + text[1:] + ("" if text.endswith((".", "?", "!")) else ".")
+
+
+def note(*words: str) -> Html:
+    """A remark in small type."""
+    return element("p", " ".join(words), class_="note")
+
+
+def symbol(name: str, model: RotorModel) -> Html:
+    """A parameter as a formula writes it, then as code does; what is not of the model as code only."""
+    stem, code = name.partition("[")[0], element("code", name)
+    if stem not in model.parameter_names:
+        return code
+    return join([element("math", Html(symbol_mathml(stem))), code], " ")
+
+
+def unit_shown(unit: str) -> str:
+    """A unit as people write it, nothing for pure numbers."""
+    return "" if unit == "1" else unit.replace("^2", "²")
+
+
+def groups_of(fit: FitResult) -> list[tuple[str, int]]:
+    """Parameter groups: what tells each apart, empty for a single one, and its number."""
+    return [(", ".join(_suffixes(fit, group)), group) for group in range(len(fit.problem.space.index))]
+
+
+def _suffixes(fit: FitResult, group: int) -> list[str]:
+    """``attribute=value`` of a group; values come from files and hold any characters."""
+    space = fit.problem.space
+    names = (space.names[i] for i in space.index[group] if i >= 0)
+    return list(dict.fromkeys(name.partition("[")[2][:-1] for name in names if "[" in name))
+
+
+def tested_speeds(fit: FitResult) -> NDArray[np.float64]:
+    """Rotative speeds of all tests, rad/s, empty for speeds that sweep."""
+    found = np.unique(np.concatenate([np.asarray(e.speed, dtype=float) for e in fit.experiments]))
+    return fit.speeds if found.size > _MANY else np.asarray(found)
+
+
+def at_of(fit: FitResult, group: int) -> dict[str, str] | None:
+    """What :meth:`FitResult.group` takes for a group."""
+    parts = (suffix.partition("=") for suffix in _suffixes(fit, group))
+    return {attribute: value for attribute, _, value in parts} or None
+
+
+def threshold_interval(draws: Posterior | Bootstrap | None, at: dict[str, str] | None) -> str:
+    """Central 95 % of the threshold speed, rpm, empty without draws."""
+    if draws is None:
+        return ""
+    low, high = draws.threshold_speed(at).interval(0.95)
+    return interval(float(low) * RPM, float(high) * RPM)

@@ -1,0 +1,171 @@
+"""Last section of the report: the calls and versions that give the same numbers again."""
+
+from __future__ import annotations
+
+import platform
+import shlex
+from collections.abc import Iterator, Mapping
+from importlib.metadata import version
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from rotorfit.fitting.result import FitResult
+from rotorfit.models import LAWS, MODELS, Law
+from rotorfit.report.html import Html, element, paragraph
+from rotorfit.report.parts import section, sentence
+
+if TYPE_CHECKING:
+    from rotorfit.report.material import ReportInput
+
+_ASKED = ("ess", "walkers", "max_steps", "noise")
+"""Settings of the sampler."""
+
+
+def reproduce_section(material: ReportInput) -> Html:
+    """Versions and settings."""
+    from rotorfit.version import __version__
+
+    fit = material.fit
+    packages = ["casadi", "numpy", "scipy", "matplotlib", *(["emcee"] if material.posterior is not None else [])]
+    versions = [f"rotorfit {__version__}", f"Python {platform.python_version()}"]
+    versions += [f"{name} {version(name)}" for name in packages]
+    command = _command(material)
+    shell = [paragraph("On the command line:"), element("pre", command)] if command else []
+    return section(
+        "To reproduce",
+        paragraph("In Python:"),
+        element("pre", "\n".join(_calls(material))),
+        *shell,
+        paragraph(sentence(f"{fit.method}: {fit.message}; {fit.nfev} evaluations of the model")),
+        paragraph(", ".join(versions), "."),
+    )
+
+
+# ---- Python ----------------------------------------------------------------------------------
+
+
+def _origin(material: ReportInput) -> tuple[FitResult, bool]:
+    """The fit that was asked for, and whether the one reported is its refinement."""
+    ladder = material.refinement
+    if ladder is None or material.fit is not ladder.best:
+        return material.fit, False
+    return ladder.steps[0], True
+
+
+def _calls(material: ReportInput) -> Iterator[str]:
+    fit, refined = _origin(material)
+    settings = fit.settings
+    yield "import rotorfit as rf"
+    if settings.priors:
+        yield "import scipy.stats"
+    sources = [f"rf.read({e.source!r})" if e.source else "data_in_memory" for e in fit.experiments]
+    options = ", ".join(f"{name}={_shown(value)}" for name, value in _own_options(fit).items())
+    home = "rf.models." if MODELS.get(fit.model.name) is type(fit.model) else ""
+    yield f"model = {home}{type(fit.model).__name__}({options})"
+    yield f"experiments = [{', '.join(sources)}]"
+    parts = []
+    for name in ("known", "bounds", "per"):
+        given = getattr(settings, name)
+        parts += [f"{name}={_shown(dict(given))}"] if given else []
+    if settings.priors:
+        shown = ", ".join(f"{name!r}: {_distribution(prior)}" for name, prior in settings.priors.items())
+        parts.append(f"priors={{{shown}}}")
+    if fit.method == "least squares":
+        parts += [f"loss={settings.loss!r}"] if settings.loss != "linear" else []
+        parts += ["phase_offsets=True"] if settings.phase_offsets else []
+        parts += [f"calibration=rf.{settings.calibration!r}"] if settings.calibration else []
+    call = "rf.closed_form" if fit.method == "closed form" else "rf.fit"
+    made = f"{call}({', '.join(['model, experiments', *parts])})"
+    yield f"fit = rf.refine({made}).best" if refined else f"fit = {made}"
+    for p in material.profiles:
+        yield f"fit.profile({p.name!r})"
+    simulated, posterior = material.bootstrap, material.posterior
+    if simulated is not None:
+        yield f"fit.bootstrap(n={len(simulated.samples) + simulated.failures}, seed={simulated.seed})"
+    if posterior is not None:
+        asked = {"seed": posterior.seed, **{n: getattr(posterior.settings, n) for n in _ASKED}}
+        yield f"posterior = fit.sample({', '.join(f'{name}={value!r}' for name, value in asked.items())})"
+
+
+def _own_options(fit: FitResult) -> dict[str, Any]:
+    """Options of the model that are not those it has by default."""
+    try:
+        usual = type(fit.model)().options()
+    except TypeError:  # a model that cannot be made without arguments
+        usual = {}
+    given = fit.model.options()
+    return {name: value for name, value in given.items() if name not in usual or _shown(value) != _shown(usual[name])}
+
+
+def _shown(value: Any) -> str:
+    """A setting as Python would write it; large arrays by their shape."""
+    if isinstance(value, Mapping):
+        return "{" + ", ".join(f"{k!r}: {_shown(v)}" for k, v in value.items()) + "}"
+    if isinstance(value, np.ndarray):
+        return f"<array {' × '.join(map(str, value.shape))}>"
+    if isinstance(value, Law):
+        return f"rf.models.{value!r}"
+    return repr(tuple(value) if isinstance(value, list) else value)
+
+
+def _distribution(prior: Any) -> str:
+    words = [f"{v:g}" for v in prior.args] + [f"{k}={v:g}" for k, v in prior.kwds.items()]
+    return f"scipy.stats.{prior.dist.name}({', '.join(words)})"
+
+
+# ---- command line ------------------------------------------------------------------------------
+
+
+def _command(material: ReportInput) -> str:
+    """The call of the command line, empty where it cannot say what was asked for."""
+    fit, refined = _origin(material)
+    settings, options = fit.settings, _own_options(fit)
+    priors = {name: _gaussian(prior) for name, prior in settings.priors.items()}
+    calibrated = vars(settings.calibration) if settings.calibration else {}
+    expressible = (
+        fit.method == "least squares"
+        and fit.model.name in MODELS
+        and all(e.source for e in fit.experiments)
+        and set(options) <= {"planes", "blocks", "two_lam", "law", "clearance_um"}
+        and ("law" not in options or options["law"] in [law() for law in LAWS.values()])
+        and all(priors.values())
+        and all(isinstance(value, (int, float)) for value in calibrated.values())
+    )
+    if not expressible:
+        return ""
+    words = ["rotorfit", "fit", *(e.source for e in fit.experiments), "--model", fit.model.name]
+    for name in ("planes", "blocks"):
+        words += [f"--{name}", ",".join(options[name])] if options.get(name) else []
+    words += ["--two-lam"] if options.get("two_lam") else []
+    words += ["--law", options["law"].name] if "law" in options else []
+    words += ["--clearance-um", f"{options['clearance_um']:.10g}"] if options.get("clearance_um") else []
+    pairs = {
+        "known": {name: "free" if value is None else f"{value:.10g}" for name, value in settings.known.items()},
+        "bounds": {name: f"{low:.10g}:{high:.10g}" for name, (low, high) in settings.bounds.items()},
+        "prior": priors,
+        "per": settings.per,
+    }
+    for option, values in pairs.items():
+        for name, value in values.items():
+            words += [f"--{option}", f"{name}={value}"]
+    words += ["--loss", settings.loss] if settings.loss != "linear" else []
+    words += ["--phase-offsets"] if settings.phase_offsets else []
+    words += ["--refine"] if refined else []
+    for name, value in calibrated.items():
+        words += ["--calibration", f"{name}={value:.10g}"] if value else []
+    words += ["--profile", ",".join(p.name for p in material.profiles)] if material.profiles else []
+    simulated, posterior = material.bootstrap, material.posterior
+    if simulated is not None:
+        words += ["--bootstrap", str(len(simulated.samples) + simulated.failures)]
+        words += ["--seed", str(simulated.seed)] if posterior is None else []
+    if posterior is not None:
+        asked = posterior.settings
+        words += ["--sample", "--seed", str(posterior.seed), "--ess", f"{asked.ess:g}"]
+        words += ["--max-steps", str(asked.max_steps)]
+    return shlex.join([*words, "--out", "results/"])
+
+
+def _gaussian(prior: Any) -> str:
+    """Mean and standard deviation of a normal prior, empty for others."""
+    return f"{prior.mean():.10g}:{prior.std():.10g}" if prior.dist.name == "norm" else ""

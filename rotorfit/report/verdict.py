@@ -1,0 +1,196 @@
+"""First section of the report: what an engineer wants to know before anything else."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from rotorfit.fitting.judge import MODEL_LIMITED
+from rotorfit.fitting.result import FitResult, Quantity
+from rotorfit.models.stability import growth_rate
+from rotorfit.report.html import Html, bullets, element, join
+from rotorfit.report.numbers import NORMAL_95, RPM, interval, plain, with_error
+from rotorfit.report.parts import at_of, groups_of, section, sentence, tested_speeds, threshold_interval
+
+if TYPE_CHECKING:
+    from rotorfit.report.material import ReportInput
+
+_FLUID = ("D", "lam", "lam_D", "lam_M", "Mf")
+_CARDS = 6
+
+
+def verdict_section(material: ReportInput) -> Html:
+    """Headline, figures that matter, warnings."""
+    fit = material.fit
+    cards = [*_stability_cards(material), _quality_card(fit), *_fluid_cards(fit)]
+    content = [
+        element("p", " ".join(_headline(material)), class_="headline"),
+        element("div", *cards, class_="cards"),
+    ]
+    warnings = [*fit.warnings]
+    if not fit.success and not any(fit.message in w for w in warnings):
+        warnings.insert(0, f"the optimisation did not converge: {fit.message}")
+    if fit.identifiability.unresolved:
+        warnings.append("not determined by these data: " + ", ".join(fit.identifiability.unresolved))
+    if material.posterior is not None and not material.posterior.converged:
+        warnings.append(f"posterior: {material.posterior.message}")
+    errors = [f.message for findings in material.findings for f in findings if f.severity == "error"]
+    warnings += [f"the check of the data: {message}" for message in errors]
+    if warnings:
+        content.append(bullets((sentence(w) for w in warnings), class_="warnings"))
+    if fit.model.caveats:
+        content.append(bullets((sentence(c) for c in fit.model.caveats), class_="note"))
+    return section("Verdict", *content)
+
+
+def _headline(material: ReportInput) -> Iterator[str]:
+    """The verdict in two or three sentences."""
+    fit = material.fit
+    if not fit.success:
+        yield "The fit did not converge: no number in this report should be relied on."
+        return
+    if fit.model.speed_dependent:
+        yield from _stability_words(material)
+    if fit.redchi > MODEL_LIMITED and fit.problem.loss == "linear":
+        yield (
+            f"The model explains the data only roughly (redchi {plain(fit.redchi, 3)}): its own error, not the noise, "
+            "limits the result."
+        )
+    elif fit.problem.loss == "linear":
+        yield f"The model explains the data to within their noise (redchi {plain(fit.redchi, 3)})."
+    else:
+        yield f"Outliers were given less weight ({fit.problem.loss} loss)."
+    unresolved = len(fit.identifiability.unresolved)
+    if unresolved:
+        yield f"The data leave {unresolved} of {fit.nvarys} fitted values undetermined; they are named below."
+
+
+def _stability_words(material: ReportInput) -> Iterator[str]:
+    fit = material.fit
+    onsets = [(fit.threshold_of(group), label, group) for label, group in groups_of(fit)]
+    found = [(onset, label) for onset, label, _ in onsets if not math.isnan(onset.value)]
+    if any(_unstable(fit, group) for _, _, group in onsets):
+        yield "The fitted rotor is unstable at a speed that was tested."
+    elif tested_speeds(fit).size:
+        yield "The rotor is stable at every tested speed."
+    if not found and any(math.isinf(onset.stderr) for onset, _, _ in onsets):
+        yield "These data do not determine whether or at which speed it becomes unstable."
+        return
+    if not found:
+        yield "No threshold of instability was found at any speed searched."
+        return
+    lowest, label = min(found, key=lambda item: item[0].value)
+    where = f" ({label})" if label else ""
+    if not math.isfinite(lowest.stderr):
+        yield f"These data do not determine the speed at which it becomes unstable{where}."
+        return
+    value, error = with_error(lowest.value * RPM, lowest.stderr * RPM)
+    margins = " and ".join(
+        f"{plain(abs(100 * (lowest.value / speed - 1)), 3)} % {_side(lowest, speed)} the {what}"
+        for what, speed in _reference_speeds(material)
+    )
+    yield f"It becomes unstable at {value} ± {error} rpm{where}{', ' + margins if margins else ''}."
+
+
+def _unstable(fit: FitResult, group: int) -> bool:
+    """Whether the fitted rotor is unstable at a speed that was tested."""
+    theta, speeds = fit.problem.space.theta(fit.x)[group], tested_speeds(fit)
+    if not speeds.size:
+        return False
+    rates = growth_rate(fit.model, np.broadcast_to(theta, (speeds.size, theta.size)), speeds, fit.stability_band)
+    return bool((rates > 1e-9 * np.abs(theta).max()).any())
+
+
+def _reference_speeds(material: ReportInput) -> Iterator[tuple[str, float]]:
+    """Speeds, rad/s, that a margin of stability refers to."""
+    highest = float(tested_speeds(material.fit).max(initial=0.0))
+    if highest > 0:
+        yield f"highest tested speed ({highest * RPM:.0f} rpm)", highest
+    if material.operating_speed is not None:
+        yield f"operating speed ({material.operating_speed * RPM:.0f} rpm)", material.operating_speed
+
+
+def _side(onset: Quantity, speed: float) -> str:
+    return "above" if onset.value >= speed else "below"
+
+
+# ---- cards -----------------------------------------------------------------------------------
+
+
+def _card(name: str, value: str, *more: str, unit: str = "", bad: bool = False) -> Html:
+    shown = join([value, element("span", unit, class_="unit")], " ") if unit else value
+    return element(
+        "div",
+        element("div", name, class_="name"),
+        element("div", shown, class_="value"),
+        *(element("div", line, class_="more") for line in more),
+        class_="card bad" if bad else "card",
+    )
+
+
+def _plus_minus(value: float, error: float) -> Html:
+    """Value and error, which no line break may part."""
+    return element("span", " ± ".join(with_error(value, error)), class_="whole")
+
+
+def _stability_cards(material: ReportInput) -> Iterator[Html]:
+    fit = material.fit
+    if not fit.model.speed_dependent:
+        yield _card("Threshold of instability", "none", "this model does not depend on the rotative speed")
+        return
+    for label, group in groups_of(fit):
+        name = "Threshold of instability" + (f", {label}" if label else "")
+        onset = fit.threshold_of(group)
+        if math.isinf(onset.stderr):
+            yield _card(name, "not determined", "these data leave the threshold speed open", bad=True)
+        elif math.isnan(onset.value):
+            yield _card(name, "none found", "the fitted rotor is stable at every speed searched")
+        else:
+            lines = [*_threshold_intervals(material, onset, group), *_margins(material, onset)]
+            below = any(onset.value < speed for _, speed in _reference_speeds(material))
+            yield _card(name, _plus_minus(onset.value * RPM, onset.stderr * RPM), *lines, unit="rpm", bad=below)
+
+
+def _threshold_intervals(material: ReportInput, onset: Quantity, group: int) -> Iterator[str]:
+    low, high = (RPM * (onset.value + sign * NORMAL_95 * onset.stderr) for sign in (-1, 1))
+    yield f"95 % Laplace {interval(low, high)} rpm"
+    posterior = threshold_interval(material.posterior, at_of(material.fit, group))
+    if posterior:
+        yield f"95 % posterior {posterior} rpm"
+
+
+def _margins(material: ReportInput, onset: Quantity) -> Iterator[str]:
+    for what, speed in _reference_speeds(material):
+        value, half = with_error(abs(100 * (onset.value / speed - 1)), 100 * NORMAL_95 * onset.stderr / speed)
+        yield f"{value} ± {half} % (95 %) {_side(onset, speed)} the {what}"
+
+
+def _quality_card(fit: FitResult) -> Html:
+    if not fit.success:
+        return _card("Fit", "not converged", fit.message, bad=True)
+    limited = fit.redchi > MODEL_LIMITED and fit.problem.loss == "linear"
+    verdict = (
+        "the model, not the noise, limits this fit; standard errors are widened for it"
+        if limited
+        else "the model explains the data to within their noise"
+        if fit.redchi <= MODEL_LIMITED
+        else "outliers included, whose weight in the fit is small"
+    )
+    worst = max((r.nrmse for r in fit.responses), default=math.nan)
+    lines = [verdict, *([f"largest rms error of a response {plain(100 * worst, 2)} %"] if math.isfinite(worst) else [])]
+    return _card("Misfit over noise (redchi)", plain(fit.redchi, 3), *lines, bad=limited)
+
+
+def _fluid_cards(fit: FitResult) -> Iterator[Html]:
+    """Cards of the fluid's parameters, or of the first ones of a model without a fluid."""
+    fitted = [p for p in fit.params.values() if p.vary and p.name in fit.problem.space.names]
+    wanted = [p for p in fitted if p.name.partition("[")[0] in _FLUID]
+    for p in (wanted or fitted)[:_CARDS]:
+        name = f"{p.name}, {p.meaning}"
+        if not p.resolved:
+            yield _card(name, "not determined", "see identifiability", bad=True)
+        else:
+            yield _card(name, _plus_minus(p.value, p.stderr), unit="" if p.unit == "1" else p.unit)

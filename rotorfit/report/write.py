@@ -1,0 +1,171 @@
+"""The report of a fit: one HTML file that needs nothing else, to read on a screen, to print and to hand on."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from datetime import datetime
+from importlib.resources import files
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from rotorfit.fitting.refine import Refinement
+from rotorfit.fitting.result import FitResult
+from rotorfit.report.html import Html, element, join
+from rotorfit.report.material import LEVEL, ReportInput
+
+if TYPE_CHECKING:
+    from rotorfit.data.findings import Finding
+    from rotorfit.uncertainty.bootstrap import Bootstrap
+    from rotorfit.uncertainty.posterior import Posterior
+    from rotorfit.uncertainty.profile import Profile
+
+def write_report(
+    fit: FitResult,
+    path: str | os.PathLike[str],
+    *,
+    posterior: Posterior | None = None,
+    refinement: Refinement | None = None,
+    findings: Sequence[Sequence[Finding]] | None = None,
+    profiles: Sequence[Profile] = (),
+    bootstrap: Bootstrap | None = None,
+    shares: Mapping[str, tuple[float, float]] | None = None,
+    operating_speed: float | None = None,
+    title: str | None = None,
+    figures: str | os.PathLike[str] | None = None,
+) -> Path:
+    """Write the report of a fit as one self-contained HTML file, whole or not at all.
+
+    Args:
+        fit: the result to report.
+        path: file to write; one that is there is replaced.
+        posterior: samples, :meth:`FitResult.sample`.
+        refinement: ladder of structural blocks, see :func:`rotorfit.refine`.
+        findings: what the data check found, one sequence for each experiment; by default the check is run.
+        profiles: profile likelihoods of some parameters or of the threshold speed, :meth:`FitResult.profile`.
+        bootstrap: fits of simulated data, :meth:`FitResult.bootstrap`.
+        shares: random and systematic standard uncertainty by parameter, SI units; by default those of the fit's
+            calibration, if it has one.
+        operating_speed: speed, rad/s, to which the stability margin refers beside the tested speeds.
+        title: heading of the report.
+        figures: folder that is there, to which the figures are also written, each as a PNG file.
+
+    Returns:
+        the path written.
+
+    Raises:
+        ValueError: names in ``profiles`` or ``shares`` that the fit does not have, findings that do not go with the
+            experiments, profiles at another level than 95 %, a posterior of other parameters.
+        TypeError: models averaged over as the posterior.
+        OSError: the file cannot be written.
+    """
+    if findings is None:
+        from rotorfit.checks.checklist import check
+
+        findings = [check(experiment) for experiment in fit.experiments]
+    material = ReportInput(
+        fit=fit,
+        posterior=posterior,
+        refinement=refinement,
+        findings=findings,
+        profiles=profiles,
+        bootstrap=bootstrap,
+        shares=_calibration_shares(fit) if shares is None else shares,
+        operating_speed=operating_speed,
+    )
+    _check(material)
+    text = document(material, title or f"Rotor identification: {fit.model.name}")
+    if figures is not None:
+        for name, png in material.pictures.items():
+            _write(Path(figures) / f"{name}.png", png)
+    return _write(Path(path), text.encode())
+
+
+def _calibration_shares(fit: FitResult) -> Mapping[str, tuple[float, float]]:
+    """Shares of a fit that was told how well its probes are calibrated."""
+    if fit.settings.calibration is None:
+        return {}
+    from rotorfit.uncertainty.budget import Budget
+
+    return Budget(fit, fit.settings.calibration).shares
+
+
+def _check(material: ReportInput) -> None:
+    fit = material.fit
+    if len(material.findings) != len(fit.experiments):
+        raise ValueError(f"findings of {len(material.findings)} experiments, but the fit has {len(fit.experiments)}")
+    given = {
+        "profiles": [p.name for p in material.profiles if p.name not in ("threshold_speed", *fit.var_names)],
+        "shares": [name for name in material.shares if name not in fit.params],
+    }
+    for where, unknown in given.items():
+        if unknown:
+            raise ValueError(f"{where}: the fit has no {', '.join(unknown)}; it has {', '.join(fit.params)}")
+    for p in material.profiles:
+        if p.level != LEVEL:
+            raise ValueError(f"profile of {p.name}: its level is {p.level:g}, the report's intervals are at {LEVEL:g}")
+    if material.posterior is not None and not hasattr(material.posterior, "fit"):
+        raise TypeError(
+            "posterior must be what fit.sample returns; of models averaged over report the most probable, "
+            "write_report(average.posteriors[0].fit, path, posterior=average.posteriors[0])"
+        )
+    for what, other in (("posterior", material.posterior), ("bootstrap", material.bootstrap)):
+        if other is not None and other.fit.var_names != fit.var_names:
+            raise ValueError(
+                f"{what} of {', '.join(other.fit.var_names)}, but the fit is of {', '.join(fit.var_names)}"
+            )
+
+
+def document(material: ReportInput, title: str) -> Html:
+    """The whole page."""
+    from rotorfit.report.budget import budget_section
+    from rotorfit.report.data_and_model import data_section, model_section, refinement_section
+    from rotorfit.report.figures import figure_sections
+    from rotorfit.report.parameters import identifiability_section, interval_section, parameter_section
+    from rotorfit.report.reproduce import reproduce_section
+    from rotorfit.report.verdict import verdict_section
+    from rotorfit.version import __version__
+
+    sections = [
+        verdict_section(material),
+        parameter_section(material),
+        interval_section(material),
+        budget_section(material),
+        identifiability_section(material),
+        data_section(material),
+        model_section(material),
+        refinement_section(material),
+        *figure_sections(material),
+        reproduce_section(material),
+    ]
+    style = (files("rotorfit.report") / "report.css").read_text(encoding="utf-8")
+    # No script, no network: a reader need not trust the file, nor the names in the data.
+    policy = "default-src 'none'; img-src data:; style-src 'unsafe-inline'"
+    head = element(
+        "head",
+        element("meta", charset="utf-8"),
+        element("meta", http_equiv="Content-Security-Policy", content=policy),
+        element("meta", name="viewport", content="width=device-width, initial-scale=1"),
+        element("title", title),
+        Html(f"<style>{style}</style>"),
+    )
+    sources = ", ".join(dict.fromkeys(e.source or "data in memory" for e in material.fit.experiments))
+    when = datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %Z")
+    banner = element(
+        "header",
+        element("h1", title),
+        element("p", join([sources, f"rotorfit {__version__}", when], " · "), class_="byline"),
+    )
+    page = element("html", head, element("body", banner, element("main", *sections)), lang="en")
+    return Html("<!DOCTYPE html>\n" + page + "\n")
+
+
+def _write(path: Path, content: bytes) -> Path:
+    """Write beside the target, then rename, so that no reader ever sees half a file."""
+    part = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        part.write_bytes(content)
+        os.replace(part, path)
+    finally:
+        part.unlink(missing_ok=True)
+    return path

@@ -1,0 +1,1 @@
+"""The virtual rig: tests of a model or structure, integrated in time."""

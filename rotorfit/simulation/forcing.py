@@ -1,0 +1,240 @@
+"""Tests of a virtual rig with rotating forces and imposed orbits: nonsynchronous, synchronous, squeeze film."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import product
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rotorfit.data.experiments import DisplacementTest, PerturbationTest, perturbation_test
+from rotorfit.models import RotorModel
+from rotorfit.simulation.rig import RPM, ComplexArray, Float, VirtualRig, positive, some_planes
+from rotorfit.simulation.steady_state import Steady, steady_state
+
+Order = Literal["rest", "up", "down"]
+
+
+@dataclass(frozen=True, eq=False)
+class _Lines:
+    """Forced motion to integrate, all shape ``(L,)``, force and load ``(L, n)``."""
+
+    run: NDArray[np.str_]
+    plane: NDArray[np.str_]
+    speed: Float
+    frequency: Float
+    phasor: ComplexArray
+    force: ComplexArray
+    load: ComplexArray
+    decay: Float
+    sweep: NDArray[np.intp]
+
+
+def perturbation(
+    rig: VirtualRig,
+    *,
+    speed_rpm: ArrayLike,
+    frequency_rpm: ArrayLike,
+    force: complex | Sequence[complex] | None = None,
+    unbalance: complex | Sequence[complex] | None = None,
+    planes: str | Sequence[str] | None = None,
+    order: Order = "rest",
+    load: complex = 0.0,
+    load_plane: str | None = None,
+) -> PerturbationTest:
+    """Nonsynchronous perturbation: rotating forces, x and y at every plane; amplitude sweeps with several forces.
+
+    Args:
+        rig: the virtual rig.
+        speed_rpm: rotative speed or speeds.
+        frequency_rpm: perturbation frequencies, negative backward.
+        force: force of eq. (2), ``F exp(j delta)``, N, or several levels of it.
+        unbalance: ``m r exp(j delta)``, kg m, or several, instead of ``force``: the force grows with frequency squared.
+        planes: planes that are forced, one after the other, all by default.
+        order: begin every line at ``rest``, or carry the motion from line to line ``up`` or ``down`` in frequency, as a
+            slow sweep does: where a force has several orbits the orders differ.
+        load: constant load Px + j Py, N, which moves the journal off centre; the position is told in the attributes
+            ``static_x_um`` and ``static_y_um``.
+        load_plane: where it acts, by default the journal.
+    """
+    if (force is None) == (unbalance is None):
+        raise ValueError("give either force, in N, or unbalance, in kg m")
+    if order not in ("rest", "up", "down"):
+        raise ValueError(f"order must be rest, up or down, got {order!r}")
+    levels = np.atleast_1d(np.asarray(force if unbalance is None else unbalance, dtype=complex))
+    w = np.atleast_1d(np.asarray(frequency_rpm, dtype=float)) * RPM
+    if not w.size or not (np.isfinite(w) & (w != 0)).all() or not (np.abs(levels) > 0).all():
+        raise ValueError("frequencies and forces must be finite and not zero")
+    speeds = np.atleast_1d(np.asarray(speed_rpm, dtype=float)) * RPM
+    constant = rig.load(load, load_plane) if load else np.zeros(len(rig.model.coordinates), dtype=complex)
+    decay = {float(speed): rig.decay(float(speed), constant) for speed in speeds}
+    cases = list(product(some_planes(rig.model, planes), speeds.tolist(), levels.tolist()))
+    parts = []
+    for number, (plane, speed, level) in enumerate(cases):
+        phasor = np.full(w.size, level) if unbalance is None else level * w**2
+        unit = "N" if unbalance is None else "kg m"
+        name = f"{plane}, {speed / RPM:.6g} rpm, {abs(level):.4g} {unit}"
+        parts.append({
+            "run": np.where(w > 0, f"{name}, forward", f"{name}, backward"),
+            "plane": np.full(w.size, plane), "speed": np.full(w.size, speed), "frequency": w, "phasor": phasor,
+            "force": rig.model.force_vector(plane, w, phasor), "load": np.tile(constant, (w.size, 1)),
+            "decay": np.full(w.size, decay[speed]), "sweep": 2 * number + (w < 0),
+        })  # fmt: skip
+    lines = _Lines(**{name: np.concatenate([part[name] for part in parts]) for name in parts[0]})
+    return _test(rig, lines, _steady(rig, lines, order), off_centre=bool(load))
+
+
+def squeeze_film(
+    rig: VirtualRig, *, frequency_rpm: ArrayLike, force: complex | Sequence[complex] | None = None,
+    unbalance: complex | Sequence[complex] | None = None, planes: str | Sequence[str] | None = None,
+) -> PerturbationTest:  # fmt: skip
+    """Squeeze film (Fig. 25): rotating forces on a rotor that does not turn; arguments as for a perturbation."""
+    return perturbation(
+        rig, speed_rpm=0.0, frequency_rpm=frequency_rpm, force=force, unbalance=unbalance, planes=planes
+    )  # fmt: skip
+
+
+def synchronous(
+    rig: VirtualRig,
+    *,
+    speed_rpm: ArrayLike,
+    unbalance: float | Mapping[str, float],
+    residual: Mapping[str, complex] | None = None,
+    planes: str | Sequence[str] | None = None,
+) -> PerturbationTest:
+    """Start-ups with a calibration weight at 0 and at 180 degrees at each plane (eqs 19 to 23).
+
+    Args:
+        rig: the virtual rig.
+        speed_rpm: speeds at which 1x is read.
+        unbalance: calibration weight m r, kg m, one or by plane.
+        residual: unbalance that the rotor has anyway, ``m r exp(j delta)``, kg m, by plane.
+        planes: planes that take the weight, all by default.
+    """
+    speed = positive("speed_rpm", speed_rpm) * RPM
+    model = rig.model
+    decay = np.array([rig.decay(v) for v in speed.tolist()])
+    rest = np.zeros((speed.size, len(model.coordinates)), dtype=complex)
+    for plane, weight in (residual or {}).items():
+        rest += model.force_vector(plane, speed, weight * speed**2)
+    parts = []
+    for number, (plane, degrees) in enumerate(product(some_planes(model, planes), (0, 180))):
+        weight = float(unbalance[plane] if isinstance(unbalance, Mapping) else unbalance)
+        phasor = weight * np.exp(1j * np.radians(degrees)) * speed**2
+        parts.append({
+            "run": np.full(speed.size, f"{plane} {degrees} deg"), "plane": np.full(speed.size, plane), "speed": speed,
+            "frequency": speed, "phasor": phasor, "force": model.force_vector(plane, speed, phasor) + rest,
+            "load": np.zeros_like(rest), "decay": decay, "sweep": np.full(speed.size, 2 * number),
+        })  # fmt: skip
+    lines = _Lines(**{name: np.concatenate([part[name] for part in parts]) for name in parts[0]})
+    return _test(rig, lines, _steady(rig, lines, "rest"), off_centre=False)
+
+
+def displacement(
+    rig: VirtualRig, *, speed_rpm: ArrayLike, frequency_rpm: ArrayLike, amplitude_um: ArrayLike,
+    plane: str | None = None,
+) -> DisplacementTest:  # fmt: skip
+    """Constant circular displacement input (Figs 4, 16 and 17): an orbit is imposed, its force measured.
+
+    Args:
+        rig: the virtual rig.
+        speed_rpm: rotative speed or speeds.
+        frequency_rpm: frequencies of the orbit, negative backward.
+        amplitude_um: radius of the orbit or radii, micrometres.
+        plane: where, by default at the journal.
+    """
+    rig.need_circular("imposed orbits")
+    radii, speeds = positive("amplitude_um", amplitude_um) * 1e-6, np.atleast_1d(np.asarray(speed_rpm, float)) * RPM
+    cases = np.array(list(product(speeds, radii, np.atleast_1d(np.asarray(frequency_rpm, float)) * RPM)))
+    speed, radius, w = cases.T
+    at = rig.seat if plane is None else rig.model.coordinate(plane, "z")
+    motion = rig.motion(speed, imposed=at)
+    if motion.eccentricity(np.eye(len(rig.model.coordinates))[at] * radii.max() + 0j) >= 1:
+        raise ValueError(f"an orbit of {radii.max() * 1e6:g} um does not fit into the clearance")
+    orbit = np.zeros((w.size, len(rig.model.coordinates)), dtype=complex)
+    orbit[:, at] = radius
+    decay = np.array([rig.decay(v) for v in speed.tolist()])
+    spin = 1j * w[:, None]
+    given = steady_state(motion, w, spin**2 * orbit, decay, start=(orbit, spin * orbit), tolerance=rig.tolerance)
+    z = given.forward
+    force = motion.force(z, spin * z, spin**2 * z)[:, at]
+    x = np.where(w < 0, force.conj(), force)
+    y = np.where(w < 0, 1j * x, -1j * x)
+    sigma = rig.sigma(x, np.column_stack([speed, radius]))
+    names = [f"{v / RPM:.6g} rpm, {a * 1e6:.4g} um" for v, a in zip(speed, radius, strict=True)]
+    return DisplacementTest(
+        run=np.array(names), speed=speed, frequency=w, plane=np.full(w.size, rig.model.coordinates[at].plane),
+        displacement=radius.astype(complex), force_x=rig.noisy(x, sigma), force_y=rig.noisy(y, sigma),
+        sigma=rig.told(sigma), source="simulated",
+    )  # fmt: skip
+
+
+# ---- integration and readings -------------------------------------------------------------------------------------
+
+
+def _steady(rig: VirtualRig, lines: _Lines, order: Order) -> Steady:
+    frequency = lines.frequency if rig.model.frame == "z" else np.abs(lines.frequency)
+    motion = rig.motion(lines.speed)
+
+    def settle(part: NDArray[np.intp], start: tuple[ComplexArray, ComplexArray] | None) -> Steady:
+        return steady_state(
+            motion.select(part), frequency[part], lines.force[part], lines.decay[part], load=lines.load[part],
+            start=start, tolerance=rig.tolerance,
+        )  # fmt: skip
+
+    if order == "rest":
+        return settle(np.arange(frequency.size), None)
+    parts = {name: np.zeros_like(lines.force) for name in Steady._fields}
+    direction = 1 if order == "up" else -1
+    queues = [np.flatnonzero(lines.sweep == number) for number in np.unique(lines.sweep)]
+    queues = [queue[np.argsort(direction * np.abs(frequency[queue]))] for queue in queues]
+    z, v = np.zeros((2, len(queues), lines.force.shape[1]), dtype=complex)
+    for step in range(max(queue.size for queue in queues)):
+        running = np.array([k for k, queue in enumerate(queues) if queue.size > step])
+        part = np.array([queues[k][step] for k in running])
+        steady = settle(part, (z[running], v[running]))
+        z[running], v[running] = steady.z, steady.v
+        for name, values in steady._asdict().items():
+            parts[name][part] = values
+    return Steady(**parts)
+
+
+def _test(rig: VirtualRig, lines: _Lines, steady: Steady, *, off_centre: bool) -> PerturbationTest:
+    """Readings of x and y at every coordinate of every line."""
+    factors = rig.model.functions.factors(rig.theta)
+    columns: dict[str, list[NDArray[np.generic]]] = {}
+    for number, coordinate in enumerate(rig.model.coordinates):
+        forward, backward = (part[:, number] * factors[number] for part in (steady.forward, steady.backward))
+        for direction, exact in _probes(rig.model, coordinate.axis, lines.frequency, forward, backward):
+            sigma = rig.sigma(exact, lines.sweep // 2)
+            cells = {
+                "run": lines.run, "speed": lines.speed, "frequency": lines.frequency, "force_plane": lines.plane,
+                "force": lines.phasor, "plane": np.full(sigma.size, coordinate.plane),
+                "direction": np.full(sigma.size, direction), "response": rig.noisy(exact, sigma),
+                "sigma": rig.told(sigma),
+            }  # fmt: skip
+            if off_centre:
+                rest = steady.mean[:, rig.seat]
+                cells |= {"static_x_um": rest.real * 1e6, "static_y_um": rest.imag * 1e6}
+            for name, cell in cells.items():
+                columns.setdefault(name, []).append(cell)
+    whole = {name: np.concatenate(parts) for name, parts in columns.items()}
+    attributes = {name: whole.pop(name) for name in ("static_x_um", "static_y_um") if name in whole}
+    return perturbation_test(**whole, attributes=attributes, source="simulated")  # type: ignore[arg-type]
+
+
+def _probes(
+    model: RotorModel, axis: str, frequency: Float, along: ComplexArray, against: ComplexArray
+) -> list[tuple[str, ComplexArray]]:
+    """Phasors, relative to exp(+j|w|t), of the probes that see a coordinate.
+
+    ``z = A exp(j|w|t) + B exp(-j|w|t)`` is read as ``X = A + conj(B)`` and ``Y = -j (A - conj(B))``.
+    """
+    if model.frame != "z":
+        return [(axis, along)]
+    A, B = np.where(frequency > 0, along, against), np.where(frequency > 0, against, along)
+    prefix = "r" if axis == "r" else ""
+    return [(f"{prefix}x", A + B.conj()), (f"{prefix}y", -1j * (A - B.conj()))]

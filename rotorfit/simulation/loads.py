@@ -1,0 +1,120 @@
+"""Tests of a virtual rig with constant loads and impulses."""
+
+from __future__ import annotations
+
+from itertools import product
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from rotorfit.data.experiments import RingDownTest, StaticTest
+from rotorfit.models.off_centre import off_centre_eigenvalues
+from rotorfit.simulation.integration import integrate
+from rotorfit.simulation.rig import RPM, ComplexArray, Float, VirtualRig, positive
+from rotorfit.simulation.steady_state import rest_position
+
+_LEFT = 0.01  # vibration left at the end of a record
+_FEWEST = 256  # samples in a record
+_SAMPLES = 16.0  # samples in a period of the fastest mode
+
+
+def static_load(
+    rig: VirtualRig, *, speed_rpm: ArrayLike, load: ArrayLike, load_deg: float = -90.0, plane: str | None = None
+) -> StaticTest:
+    """Static loads (Figs 26 to 28): where every plane comes to rest under each load at each speed.
+
+    Args:
+        rig: the virtual rig.
+        speed_rpm: rotative speed or speeds.
+        load: load or loads, N.
+        load_deg: its direction from x towards y; downwards by default.
+        plane: where it acts, by default at the journal.
+    """
+    speeds, loads = np.atleast_1d(np.asarray(speed_rpm, dtype=float)) * RPM, positive("load", load)
+    turned = loads * np.exp(1j * np.radians(load_deg))
+    rests = [_rest(rig, speed, turned, plane) for speed in speeds.tolist()]
+    planes = [number for number, c in enumerate(rig.model.coordinates) if c.axis == "z"]
+    cases = list(product(range(speeds.size), planes, range(loads.size)))
+    exact = np.array([rests[i][k, c] for i, c, k in cases])
+    sigma = rig.sigma(exact, np.array([(i, c) for i, c, _ in cases]))
+    acts = rig.model.coordinates[rig.seat].plane if plane is None else plane
+    return StaticTest(
+        run=np.array([f"{speeds[i] / RPM:.6g} rpm" for i, _, _ in cases]),
+        speed=np.array([speeds[i] for i, _, _ in cases]),
+        load_plane=np.full(len(cases), acts), load=np.array([turned[k] for _, _, k in cases]),
+        plane=np.array([rig.model.coordinates[c].plane for _, c, _ in cases]), displacement=rig.noisy(exact, sigma),
+        sigma=rig.told(sigma), source="simulated",
+    )  # fmt: skip
+
+
+def _rest(rig: VirtualRig, speed: float, loads: ComplexArray, plane: str | None) -> ComplexArray:
+    """Equilibria under several loads at one speed, shape ``(loads, n)``."""
+    vectors = np.array([rig.load(newton, plane) for newton in loads.tolist()])
+    decay = np.array([rig.decay(speed, vector) for vector in vectors])
+    return rest_position(rig.motion(np.full(loads.size, speed)), vectors, decay, tolerance=rig.tolerance)
+
+
+def impulse(
+    rig: VirtualRig,
+    *,
+    speed_rpm: ArrayLike,
+    impulse: float,
+    load: ArrayLike = 0.0,
+    impulse_deg: float = 0.0,
+    load_deg: float = -90.0,
+    plane: str | None = None,
+    duration: float | None = None,
+    sampling_hz: float | None = None,
+) -> RingDownTest:
+    """Impulses (Fig. 29): the journal's free vibration about its static position, one record for each speed and load.
+
+    Args:
+        rig: the virtual rig.
+        speed_rpm: rotative speed or speeds.
+        impulse: momentum of the blow, N s; the motion should stay small against the clearance.
+        load: constant load or loads, N, which set the eccentricity.
+        impulse_deg, load_deg: their directions from x towards y.
+        plane: where both act, by default at the journal.
+        duration: length of a record, s, by default until a hundredth of the slowest mode is left.
+        sampling_hz: by default 16 samples in a period of the fastest mode, 256 in a record at least.
+    """
+    rig.need_circular("impulses")
+    speeds, loads = np.atleast_1d(np.asarray(speed_rpm, dtype=float)) * RPM, np.atleast_1d(np.asarray(load, float))
+    blow = rig.load(positive("impulse", impulse)[0] * np.exp(1j * np.radians(impulse_deg)), plane)
+    columns: dict[str, list[Float]] = {name: [] for name in ("speed", "time", "x", "y")}
+    runs: list[str] = []
+    for speed, newton in product(speeds.tolist(), loads.tolist()):
+        turned = newton * np.exp(1j * np.radians(load_deg))
+        rest = np.zeros(blow.size, dtype=complex)
+        if newton:
+            rest = _rest(rig, speed, np.array([turned]), plane)[0]
+        time, z = _record(rig, speed, rig.load(turned, plane), rest, blow, duration, sampling_hz)
+        size = rig.noise * float(np.sqrt(np.mean(np.abs(z - rest[rig.seat]) ** 2)))
+        z = rig.noisy(z, np.full(z.size, size))
+        runs += [f"{speed / RPM:.6g} rpm, {newton:.4g} N"] * time.size
+        for name, values in zip(columns, (np.full(time.size, speed), time, z.real, z.imag), strict=True):
+            columns[name].append(values)
+    speed_of, instant, x, y = (np.concatenate(parts) for parts in columns.values())
+    return RingDownTest(
+        run=np.array(runs), speed=speed_of, time=instant, x=x, y=y, eccentricity=np.full(len(runs), np.nan),
+        source="simulated",
+    )  # fmt: skip
+
+
+def _record(
+    rig: VirtualRig, speed: float, load: ComplexArray, rest: ComplexArray, blow: ComplexArray,
+    duration: float | None, sampling_hz: float | None,
+) -> tuple[Float, ComplexArray]:  # fmt: skip
+    motion = rig.motion(np.array([speed]))
+    s = off_centre_eigenvalues(rig.model, rig.theta, speed, float(motion.eccentricity(rest[None])[0]))
+    slowest, fastest = -float(s.real.max()), float(np.abs(s.imag).max())
+    length = duration if duration is not None else float(np.log(1 / _LEFT)) / rig.decay(speed, load)
+    rate = sampling_hz if sampling_hz is not None else max(_SAMPLES * fastest / (2 * np.pi), _FEWEST / length)
+    time = np.arange(max(int(length * rate), 2)) / rate
+    v = np.asarray(np.linalg.solve(motion.mass[0], blow), dtype=complex)
+    size = float(np.abs(v).max()) / max(fastest, slowest)
+    path = integrate(
+        motion, lambda _: load[None], rest[None], v[None], (0.0, float(time[-1])), size=size,
+        rate=max(fastest, slowest), times=time, tolerance=rig.tolerance,
+    )  # fmt: skip
+    return time, path.z[:, 0, rig.seat]

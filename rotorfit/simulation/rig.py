@@ -1,0 +1,140 @@
+"""A virtual rig: a model with its true parameters, probes with noise, and checks that it can be run at all."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rotorfit.models import RotorModel, threshold_speed
+from rotorfit.models.journal import journal
+from rotorfit.models.off_centre import off_centre_eigenvalues, static_equilibria
+from rotorfit.models.stability import growth_rate
+from rotorfit.simulation.integration import Motion
+
+Float = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+
+RPM = np.pi / 30
+
+
+@dataclass(frozen=True, eq=False)
+class VirtualRig:
+    """What is measured on, and how well.
+
+    Attributes:
+        model: the rotor.
+        theta: its true parameters, shape ``(P,)``.
+        noise: standard deviation of the noise of a reading, as a fraction of the rms reading in its run.
+        tolerance: of the integration in time.
+        rng: source of the noise.
+    """
+
+    model: RotorModel
+    theta: Float
+    noise: float
+    tolerance: float
+    rng: np.random.Generator
+
+    def __post_init__(self) -> None:
+        self.motion(np.zeros(1))  # refuses equations that do not determine a motion in time
+
+    @property
+    def seat(self) -> int:
+        """Coordinate that constant loads act on unless told otherwise: the journal, or the last plane."""
+        return journal(self.model).at if self.model.eccentricity_dependent else len(self.model.planes) - 1
+
+    def motion(self, speed: Float, imposed: int | None = None) -> Motion:
+        """Equations of motion at rotative speeds, rad/s, shape ``(L,)``."""
+        return Motion(self.model, np.tile(self.theta, (speed.size, 1)), speed, imposed)
+
+    def decay(self, speed: float, load: ComplexArray | None = None) -> float:
+        """Rate at which the slowest transient about the resting rotor dies out, 1/s.
+
+        Raises:
+            ValueError: the rotor is unstable there and cannot be tested.
+        """
+        where = f"at {speed / RPM:.4g} rpm"
+        if load is None or not load.any() or not self.model.eccentricity_dependent:
+            rate = float(growth_rate(self.model, self.theta, speed))
+        else:
+            rate = self._loaded_rate(speed, load)
+            where += f" under a load of {np.abs(load).max():.4g} N"
+        if rate >= 0:
+            onset = threshold_speed(self.model, self.theta)
+            limit = f"; centred it is stable below {onset.speed / RPM:.4g} rpm" if onset else ""
+            raise ValueError(
+                f"{self.model.name} with these parameters is unstable {where} (vibration grows at {rate:.3g} 1/s), so "
+                f"that nothing can be measured there{limit}"
+            )
+        return -rate
+
+    def _loaded_rate(self, speed: float, load: ComplexArray) -> float:
+        seat = journal(self.model)
+        rest = static_equilibria(self.model, self.theta, speed, load)[0][seat.at]
+        eccentricity = float(np.abs(rest)) / seat.clearance
+        if eccentricity >= 1 - 1e-6:
+            raise ValueError(f"a load of {np.abs(load).max():.4g} N presses the journal against the wall; reduce it")
+        return float(off_centre_eigenvalues(self.model, self.theta, speed, eccentricity).real.max())
+
+    def load(self, newton: complex, plane: str | None) -> ComplexArray:
+        """Vector of a constant load, shape ``(n,)``.
+
+        Raises:
+            ValueError: a model that keeps x and y apart.
+        """
+        self.need_circular("constant loads")
+        vector = np.zeros(len(self.model.coordinates), dtype=complex)
+        vector[self.seat if plane is None else self.model.coordinate(plane, "z")] = newton
+        return vector
+
+    def need_circular(self, what: str) -> None:
+        """Refuse a model that keeps x and y apart.
+
+        Raises:
+            ValueError: it does.
+        """
+        if self.model.frame != "z":
+            raise ValueError(f"{self.model.name} keeps x and y apart; {what} are simulated in complex coordinates only")
+
+    def sigma(self, exact: NDArray[Any], groups: NDArray[Any]) -> Float:
+        """Standard deviation of the noise of each reading: the same for all of a group."""
+        number = np.unique(groups, axis=0, return_inverse=True)[1].reshape(-1)
+        power = np.bincount(number, np.abs(exact) ** 2) / np.bincount(number)
+        return np.asarray(self.noise * np.sqrt(power)[number])
+
+    def noisy(self, exact: ComplexArray, sigma: Float) -> ComplexArray:
+        """Phasors with independent noise of equal size in real and imaginary part."""
+        return np.asarray(exact + sigma * (self.rng.normal(size=exact.size) + 1j * self.rng.normal(size=exact.size)))
+
+    def told(self, sigma: Float) -> Float:
+        """The noise as it is told to whoever fits: unknown where there is none."""
+        return np.where(sigma > 0, sigma, np.nan)
+
+
+def positive(name: str, values: ArrayLike) -> Float:
+    """Values as an array, all positive.
+
+    Raises:
+        ValueError: some are not.
+    """
+    array = np.atleast_1d(np.asarray(values, dtype=float))
+    if not array.size or not (np.isfinite(array) & (array > 0)).all():
+        raise ValueError(f"{name} must be positive numbers, got {values!r}")
+    return array
+
+
+def some_planes(model: RotorModel, planes: str | Sequence[str] | None) -> tuple[str, ...]:
+    """Planes by name, all by default.
+
+    Raises:
+        ValueError: a plane that the model does not have.
+    """
+    chosen = model.planes if planes is None else (planes,) if isinstance(planes, str) else tuple(planes)
+    unknown = [plane for plane in chosen if plane not in model.planes]
+    if unknown or not chosen:
+        raise ValueError(f"planes {', '.join(unknown) or '()'} unknown; {model.name} has {', '.join(model.planes)}")
+    return chosen

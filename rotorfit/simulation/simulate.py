@@ -1,0 +1,99 @@
+"""Simulate experiments on a virtual rig, by integration of the nonlinear equation of motion in time."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+
+from rotorfit.data.experiments import Experiment
+from rotorfit.models import RotorModel
+from rotorfit.models.parameters import unknown_name
+from rotorfit.simulation.forcing import displacement, perturbation, squeeze_film, synchronous
+from rotorfit.simulation.loads import impulse, static_load
+from rotorfit.simulation.rig import VirtualRig
+
+KINDS: Mapping[str, Callable[..., Experiment]] = {
+    "perturbation": perturbation,
+    "squeeze-film": squeeze_film,
+    "synchronous": synchronous,
+    "displacement": displacement,
+    "static-load": static_load,
+    "impulse": impulse,
+}
+"""Kinds of experiments by name, each a function of a :class:`~rotorfit.simulation.rig.VirtualRig` and its options."""
+
+
+def simulate(
+    model: RotorModel,
+    params: Mapping[str, float],
+    kind: str = "perturbation",
+    *,
+    noise: float = 0.01,
+    seed: int | np.random.Generator = 0,
+    tolerance: float = 1e-6,
+    **options: Any,
+) -> Experiment:
+    """Test a virtual rig: integrate its nonlinear equation of motion in time, read probes, add noise.
+
+    Nothing of the phasor equations that fits solve is used: steady states are waited for and measured by least squares
+    over whole periods. With noise the experiment carries its standard deviation, without it leaves it unknown.
+
+    ``rf.simulate(model, params, speed_rpm=1000, frequency_rpm=np.linspace(100, 3000, 60), force=2.0)`` is a
+    perturbation test; ``force=[0.5, 1, 2, 4]`` an amplitude sweep, ``load=-3j`` makes it one about an off-centre
+    equilibrium. Options of the kinds:
+
+    - ``perturbation``: speed_rpm, frequency_rpm, force or unbalance, planes, order, load, load_plane
+    - ``squeeze-film``: frequency_rpm, force or unbalance, planes
+    - ``synchronous``: speed_rpm, unbalance, residual, planes
+    - ``displacement``: speed_rpm, frequency_rpm, amplitude_um, plane
+    - ``static-load``: speed_rpm, load, load_deg, plane
+    - ``impulse``: speed_rpm, impulse, load, impulse_deg, load_deg, plane, duration, sampling_hz
+
+    They are described at :func:`rotorfit.simulation.forcing.perturbation` and its neighbours.
+
+    Args:
+        model: the rotor.
+        params: its true parameters, SI units.
+        kind: a name above.
+        noise: standard deviation of real and imaginary part of a reading over the rms reading in its run and channel;
+            of a ring-down record over its rms vibration.
+        seed: seed, or generator, of the noise.
+        tolerance: of the integration, as a fraction of the motion.
+        options: speeds, forces and so on of the kind.
+
+    Returns:
+        an experiment for :func:`rotorfit.fit`: ``PerturbationTest``, ``DisplacementTest``, ``StaticTest`` or
+        ``RingDownTest``.
+
+    Raises:
+        ValueError: unknown kind, a rotor that is unstable at the speed, impossible forces or noise.
+        TypeError: options that the kind does not have, or lacks.
+        KeyError: unknown or missing parameters or planes.
+        IntegrationError: the journal touches the wall, or the motion does not settle.
+    """
+    if kind not in KINDS:
+        raise ValueError(unknown_name("kind of experiment", kind, KINDS))
+    if not (np.isfinite(noise) and noise >= 0 and 0 < tolerance < 1e-2):
+        raise ValueError(f"noise must be zero or positive and tolerance within (0, 0.01), got {noise} and {tolerance}")
+    check_options(kind, options)
+    rig = VirtualRig(model, model.vector(params), float(noise), tolerance, np.random.default_rng(seed))
+    return KINDS[kind](rig, **options)
+
+
+def check_options(kind: str, options: Mapping[str, Any]) -> None:
+    """Refuse options that a kind of experiment, a key of :data:`KINDS`, does not have, or lacks.
+
+    Raises:
+        TypeError: names them and the kind's options.
+    """
+    allowed = {name: p for name, p in inspect.signature(KINDS[kind]).parameters.items() if name != "rig"}
+    unknown = [name for name in options if name not in allowed]
+    missing = [name for name, p in allowed.items() if p.default is p.empty and name not in options]
+    if unknown or missing:
+        wrong = [f"does not know {', '.join(unknown)}"] * bool(unknown) + [f"needs {', '.join(missing)}"] * bool(
+            missing
+        )
+        raise TypeError(f"simulation of kind {kind} {' and '.join(wrong)}; its options are {', '.join(allowed)}")

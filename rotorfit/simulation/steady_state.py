@@ -1,0 +1,171 @@
+"""Steady states of the integrated motion: phasors under rotating forces, positions under constant loads."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotorfit.simulation.integration import TOLERANCE, IntegrationError, Motion, Path, integrate
+
+Float = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+Index = NDArray[np.intp]
+
+_PATIENCE = 60  # windows in which a motion must settle
+_DECAYS = 3.0  # time constants of the slowest transient in a window
+_HARMONICS = 3
+
+
+class Steady(NamedTuple):
+    """Steady motion ``mean + forward exp(jwt) + backward exp(-jwt) + ...``, all of shape ``(L, n)``, and its end.
+
+    Attributes:
+        forward: amplitude at the signed frequency w of the force.
+        backward: amplitude at -w, zero on a centred circular orbit.
+        mean: constant displacement.
+        z, v: displacement and velocity at the last instant, turned back to that of a force at phase zero.
+    """
+
+    forward: ComplexArray
+    backward: ComplexArray
+    mean: ComplexArray
+    z: ComplexArray
+    v: ComplexArray
+
+
+def steady_state(
+    motion: Motion,
+    frequency: Float,
+    force: ComplexArray,
+    decay: Float,
+    *,
+    load: ComplexArray | None = None,
+    start: tuple[ComplexArray, ComplexArray] | None = None,
+    tolerance: float = TOLERANCE,
+) -> Steady:
+    """Integrate under ``force exp(jwt) + load`` until nothing changes any more, then measure the motion.
+
+    Args:
+        motion: equations of L rotors.
+        frequency: w, rad/s, signed and not zero, shape ``(L,)``.
+        force: generalised force, N, shape ``(L, n)``.
+        decay: rate at which the slowest transient dies out, roughly, 1/s, shape ``(L,)``.
+        load: constant force, N, shape ``(L, n)``.
+        start: displacement and velocity to begin with, at rest in the centre by default.
+        tolerance: of the integration and of the settling, as a fraction of the motion.
+
+    Raises:
+        IntegrationError: the journal touches the wall, or the motion does not settle.
+    """
+    zero = np.zeros_like(force)
+    z, v = start or (zero, zero)
+    load = zero if load is None else load
+    parts = {name: np.zeros_like(force) for name in Steady._fields}
+    # Lines of like frequency go together, so that windows of whole periods are of like length.
+    octave = np.floor(np.log2(np.abs(frequency) / np.abs(frequency).min()))
+    for number in np.unique(octave):
+        lines = np.flatnonzero(octave == number)
+        chosen = (motion.select(lines), frequency[lines], force[lines], load[lines], decay[lines])
+        found = _settle(*chosen, z[lines], v[lines], tolerance)
+        for name, values in found._asdict().items():
+            parts[name][lines] = values
+    return Steady(**parts)
+
+
+def rest_position(motion: Motion, load: ComplexArray, decay: Float, *, tolerance: float = TOLERANCE) -> ComplexArray:
+    """Integrate under constant loads, from the centre, until nothing moves: the equilibria, shape ``(L, n)``.
+
+    Args:
+        motion: equations of L rotors.
+        load: constant force, N, shape ``(L, n)``.
+        decay: rate at which the slowest transient dies out, roughly, 1/s, shape ``(L,)``.
+        tolerance: of the integration and of the settling, as a fraction of the displacement.
+
+    Raises:
+        IntegrationError: the journal touches the wall, or the rotor does not come to rest.
+    """
+    z, v = np.zeros_like(load), np.zeros_like(load)
+    size = _typical(motion, np.zeros(load.shape[0]), np.zeros_like(load), load)
+    window = _DECAYS / decay.min()
+    for _ in range(_PATIENCE):
+        path = integrate(motion, lambda _: load, z, v, (0.0, window), size=size, rate=decay, tolerance=tolerance)
+        moved = np.abs(path.z - path.z[-1]).max(axis=0)
+        z, v = path.z[-1], path.v[-1]
+        if (moved <= 10 * tolerance * np.abs(z).max(axis=1, keepdims=True)).all():
+            return np.asarray(z)
+    raise IntegrationError(
+        f"{motion.model.name}: the rotor has not come to rest after {_PATIENCE * window:.3g} s; it may be unstable "
+        f"under this load"
+    )
+
+
+def _settle(
+    motion: Motion, w: Float, force: ComplexArray, load: ComplexArray, decay: Float,
+    z: ComplexArray, v: ComplexArray, tolerance: float,
+) -> Steady:  # fmt: skip
+    result = {name: np.zeros_like(force) for name in Steady._fields}
+    window = max(2 * np.pi / np.abs(w).min(), _DECAYS / decay.min())
+    size = _typical(motion, w, force, load) if motion.imposed is None else np.abs(z).max(axis=1)
+    rate = np.abs(w) + decay
+    left = np.arange(w.size)
+    before = np.full(force.shape, np.inf, dtype=complex)
+    time = 0.0
+    for _ in range(_PATIENCE):
+        drive, constant, omega = force[left], load[left], w[left]
+
+        def push(
+            t: float, drive: ComplexArray = drive, constant: ComplexArray = constant, omega: Float = omega
+        ) -> ComplexArray:
+            return np.asarray(drive * np.exp(1j * omega * t)[:, None] + constant)
+
+        span = (time, time + window)
+        path = integrate(
+            motion.select(left), push, z, v, span, size=size[left], rate=rate[left], tolerance=tolerance
+        )  # fmt: skip
+        mean, forward, backward = _phasors(path, omega)
+        z, v, time = path.z[-1], path.v[-1], span[1]
+        # Within a window a transient shrinks by exp(-3): what has changed is nearly all that is left of it.
+        settled = np.abs(forward - before).max(axis=1) <= 10 * tolerance * np.abs(forward).max(axis=1)
+        done = left[settled]
+        turn = np.exp(-1j * omega * time)[settled, None]
+        centred = {"forward": forward, "backward": backward, "mean": mean}
+        for name, values in centred.items():
+            result[name][done] = values[settled]
+        result["z"][done] = (z[settled] - mean[settled]) * turn + mean[settled]
+        result["v"][done] = v[settled] * turn
+        left, z, v, before = left[~settled], z[~settled], v[~settled], forward[~settled]
+        if not left.size:
+            return Steady(**result)
+    raise IntegrationError(
+        f"{motion.model.name}: the motion has not settled after {time:.3g} s in {left.size} of {w.size} cases, the "
+        f"first at {w[left[0]] * 30 / np.pi:.4g} rpm; the rotor may be unstable or vibrate with more than one period"
+    )
+
+
+def _typical(motion: Motion, w: Float, force: ComplexArray, load: ComplexArray) -> Float:
+    """Size of the linear response, m, shape ``(L,)``; the clearance limits it."""
+    moving = np.einsum("lij,lj->li", motion.model.receptance(motion.theta, w, motion.speed), force)
+    at_rest = np.einsum("lij,lj->li", motion.model.receptance(motion.theta, 0.0, motion.speed), load)
+    size = (np.abs(moving) + np.abs(at_rest)).max(axis=1)
+    limit = motion.model.clearance if motion.model.eccentricity_dependent else None
+    return np.asarray(size if limit is None else np.minimum(size, limit))
+
+
+def _phasors(path: Path, frequency: Float) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
+    """Mean, forward and backward amplitude by least squares over the last whole periods, shapes ``(L, n)``.
+
+    Harmonics are fitted along: small motion about an eccentric equilibrium has some.
+    """
+    orders = [0, 1, -1]
+    orders += [sign * k for k in range(2, _HARMONICS + 1) for sign in (1, -1)]
+    amplitudes = np.zeros((3, *path.z.shape[1:]), dtype=complex)
+    length = path.time[-1] - path.time[0]
+    for line, w in enumerate(np.abs(frequency).tolist()):
+        period = 2 * np.pi / w
+        begin = path.time[-1] - max(np.floor(length / period * (1 + 1e-9)), 1.0) * period
+        inside = path.time >= begin - 1e-9 * period
+        basis = np.exp(1j * frequency[line] * path.time[inside, None] * np.array(orders))
+        amplitudes[:, line] = np.linalg.lstsq(basis, path.z[inside, line], rcond=None)[0][:3]
+    return amplitudes[0], amplitudes[1], amplitudes[2]

@@ -1,0 +1,345 @@
+"""What the command line prints and writes: summary, tables, figures, all moved into the folder only when complete."""
+
+from __future__ import annotations
+
+import csv
+import json
+import math
+import os
+import tempfile
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from rotorfit import datasets
+from rotorfit.data.experiments import Experiment, PerturbationTest
+from rotorfit.fitting.result import FitResult, FittedParameter
+from rotorfit.studies.study import Outcome, Progress
+from rotorfit.uncertainty.budget import Budget
+
+if TYPE_CHECKING:
+    from rotorfit.data.findings import Finding
+    from rotorfit.uncertainty.bootstrap import Bootstrap
+    from rotorfit.uncertainty.posterior import Posterior
+    from rotorfit.uncertainty.profile import Profile
+
+_RPM = 30 / math.pi
+CHECKPOINT = "posterior.checkpoint.h5"
+"""File in the folder for the results from which a sampling that was stopped goes on."""
+
+
+@contextmanager
+def complete_folder(out: Path) -> Iterator[Path]:
+    """A temporary folder whose files move into ``out`` when the block ends well; otherwise nothing is left behind.
+
+    Raises:
+        OSError: ``out`` is a file, or its place cannot be written to.
+    """
+    for above in (out, *out.parents):
+        if above.exists() and not above.is_dir():
+            raise NotADirectoryError(f"{above} is a file; give a folder for the results")
+    place = next(folder for folder in (out.absolute(), *out.absolute().parents) if folder.is_dir())
+    try:  # on the file system of the folder itself, so that moving is renaming
+        temporary = tempfile.TemporaryDirectory(prefix=".rotorfit-", dir=place)
+    except OSError as reason:
+        raise PermissionError(f"cannot write to {place}: {reason.strerror}; give another folder") from reason
+    with temporary as name:
+        yield Path(name)
+        out.mkdir(parents=True, exist_ok=True)
+        for file in sorted(Path(name).iterdir()):
+            os.replace(file, out / file.name)
+
+
+@contextmanager
+def kept_checkpoint(out: Path) -> Iterator[Path]:
+    """The sampler's checkpoint in ``out``: kept when the run is stopped, gone when it is complete.
+
+    Raises:
+        KeyboardInterrupt: as it came, with the words that tell how to go on.
+        OSError: ``out`` cannot be made.
+    """
+    made = [folder for folder in (out, *out.parents) if not folder.exists()]
+    out.mkdir(parents=True, exist_ok=True)
+    path = out / CHECKPOINT
+    try:
+        yield path
+        path.unlink(missing_ok=True)
+    except KeyboardInterrupt as stop:
+        if not path.exists():
+            raise
+        raise KeyboardInterrupt(f"the same command goes on from {path}") from stop
+    finally:
+        for folder in made:
+            if not any(folder.iterdir()):
+                folder.rmdir()
+
+
+def write_outcome(outcome: Outcome, folder: Path, progress: Progress, rig: str = "") -> None:
+    """Write report, tables, figures and files that read back, of a study, into a folder.
+
+    Args:
+        outcome: what the study gave.
+        folder: an existing folder.
+        progress: called with a few words for every step.
+        rig: name of the data set whose truth is compared with.
+    """
+    from rotorfit.report.write import write_report
+
+    best = outcome.best
+    progress("writing tables")
+    (folder / "summary.txt").write_text(summary(outcome, rig) + "\n", encoding="utf-8")
+    _write_csv(folder / "parameters.csv", _parameter_rows(outcome))
+    _write_csv(folder / "covariance.csv", _covariance_rows(best))
+    _write_csv(folder / "responses.csv", _response_rows(best))
+    if outcome.profiles:
+        _write_csv(folder / "profiles.csv", _profile_rows(outcome.profiles))
+    if outcome.bootstrap is not None:
+        _write_csv(folder / "bootstrap.csv", (outcome.bootstrap.names, *outcome.bootstrap.samples.tolist()))
+    best.save(folder / "fit.json")
+    if outcome.posterior is not None:
+        outcome.posterior.save(folder / "posterior.nc")
+    progress("drawing the report")
+    write_report(
+        best,
+        folder / "report.html",
+        refinement=outcome.ladder,
+        findings=outcome.findings,
+        posterior=outcome.posterior,
+        profiles=outcome.profiles,
+        bootstrap=outcome.bootstrap,
+        figures=folder,
+    )
+
+
+def _write_csv(path: Path, rows: Iterable[Sequence[Any]]) -> None:
+    with path.open("w", newline="", encoding="utf-8") as stream:
+        csv.writer(stream).writerows(rows)
+
+
+def _status(p: FittedParameter) -> str:
+    if not p.vary:
+        return "known"
+    if not p.resolved:
+        return "not determined"
+    return "at its bound" if p.at_bound else "fitted"
+
+
+def _closed_value(outcome: Outcome, name: str) -> float | None:
+    if isinstance(outcome.closed, str) or name not in outcome.closed.params:
+        return None
+    p = outcome.closed.params[name]
+    return p.value if p.resolved else None
+
+
+def _parameter_rows(outcome: Outcome) -> Iterator[Sequence[Any]]:
+    yield "parameter", "value", "stderr", "stderr_noise", "unit", "status", "closed_form", "meaning"
+    for p in outcome.best.params.values():
+        numbers = ("", "", "") if not p.resolved else (p.value, p.stderr, p.stderr_noise)
+        closed = _closed_value(outcome, p.name)
+        yield p.name, *numbers, p.unit, _status(p), "" if closed is None else closed, p.meaning
+
+
+def _covariance_rows(fit: FitResult) -> Iterator[Sequence[Any]]:
+    resolved = [i for i, name in enumerate(fit.var_names) if fit.params[name].resolved]
+    yield "", *[fit.var_names[i] for i in resolved]
+    for i in resolved:
+        yield fit.var_names[i], *fit.covar[i, resolved].tolist()
+
+
+def _response_rows(fit: FitResult) -> Iterator[Sequence[Any]]:
+    yield "response", "readings", "nrmse", "frac", "redchi"
+    for r in fit.responses:
+        yield r.name, r.count, r.nrmse, r.frac, r.redchi
+
+
+def _profile_rows(profiles: Sequence[Profile]) -> Iterator[Sequence[Any]]:
+    yield "parameter", "unit", "value", "rise_of_chi_squared"
+    for p in profiles:
+        for value, rise in zip(p.values.tolist(), p.rise.tolist(), strict=True):
+            yield p.name, p.unit, value, rise
+
+
+# ---- text -------------------------------------------------------------------------------------
+
+
+def summary(outcome: Outcome, rig: str = "") -> str:
+    """Data, check, fit and refinement as text for a terminal, and the truth of a simulated rig if one is named."""
+    best = outcome.best
+    parts = [
+        "\n".join(
+            describe_test(experiment, findings)
+            for experiment, findings in zip(outcome.experiments, outcome.findings, strict=True)
+        )
+    ]
+    if isinstance(outcome.closed, str):
+        parts.append(f"no closed form: {outcome.closed}")
+    else:
+        parts.append(_comparison(outcome.closed, outcome.fit))
+    parts.append(outcome.fit.summary())
+    if outcome.ladder is not None:
+        parts.append("structural refinement\n" + outcome.ladder.table())
+        if outcome.ladder.best is not outcome.fit:
+            parts.append(outcome.ladder.best.summary())
+    if best.settings.calibration is not None:
+        parts.append(str(Budget(best, best.settings.calibration)))
+    if outcome.profiles:
+        parts.append("profile likelihoods\n" + "\n".join(map(str, outcome.profiles)))
+    parts += [str(more) for more in (outcome.bootstrap, outcome.posterior) if more is not None]
+    if outcome.posterior is not None and best.model.speed_dependent and len(best.problem.space.index) == 1:
+        low, high = outcome.posterior.threshold_speed().interval(0.95)
+        parts.append(f"threshold speed, 95 % of the posterior: {low * _RPM:.1f} to {high * _RPM:.1f} rpm")
+    if rig:
+        parts.append(truth_table(outcome, rig))
+    return "\n\n".join(parts)
+
+
+def describe_test(test: Experiment, findings: Sequence[Finding]) -> str:
+    """What a file holds, in a few lines, and what the data check found."""
+    speeds = np.unique(np.round(test.speed * _RPM, 3))
+    span = f"{speeds[0]:g} to {speeds[-1]:g} rpm" if speeds.size > 4 else ", ".join(f"{s:g}" for s in speeds) + " rpm"
+    w = test.frequencies * _RPM
+    kind = test.title
+    lines = []
+    if isinstance(test, PerturbationTest):
+        kind = "synchronous test" if test.synchronous else kind
+        lines.append(f"  forced at    {', '.join(test.force_planes)}")
+        lines.append(f"  measured at  {', '.join(_channels(test))}")
+    elif test.planes:
+        lines.append(f"  measured at  {', '.join(test.planes)}")
+    lines = [
+        f"{test.source or 'data'}: {kind}, {len(test)} readings in {len(test.runs)} run{'s' * (len(test.runs) > 1)}",
+        *lines,
+        f"  speed        {span}",
+    ]
+    if w.size:
+        turning = "" if (w > 0).all() or (w < 0).all() else " (negative: backward whirl)"
+        lines.append(f"  frequency    {w.min():.5g} to {w.max():.5g} rpm{turning}")
+    if test.attributes:
+        lines.append(f"  attributes   {', '.join(test.attributes)}")
+    lines += [f"  check: {finding}" for finding in findings] or ["  check: nothing found"]
+    return "\n".join(lines)
+
+
+def _channels(test: PerturbationTest) -> list[str]:
+    pairs = dict.fromkeys(zip(test.plane.tolist(), test.direction.tolist(), strict=True))
+    return [f"{plane} {direction}" for plane, direction in pairs]
+
+
+def _comparison(closed: FitResult, fit: FitResult) -> str:
+    lines = [f"{'':<22}{'closed form':>14}{'optimised':>14}"]
+    for p in fit.params.values():
+        if p.vary and p.resolved and p.name in closed.params:
+            lines.append(f"{p.name:<22}{closed.params[p.name].value:>14.6g}{p.value:>14.6g}  {p.unit}")
+    lines.append(f"{'redchi':<22}{closed.redchi:>14.6g}{fit.redchi:>14.6g}")
+    return "\n".join(lines)
+
+
+def truth_table(outcome: Outcome, rig: str) -> str:
+    """The fluid's parameters and the threshold speed beside those a simulated rig was made with."""
+    truth = datasets.truth(rig)
+    results = {"closed form": outcome.closed, "optimised": outcome.fit}
+    if outcome.ladder is not None:
+        results["refined"] = outcome.ladder.best
+    fits = {name: fit for name, fit in results.items() if not isinstance(fit, str)}
+    lines = ["against the rig's truth", f"{'':<17}{'truth':>10}" + "".join(f"{name:>21}" for name in fits)]
+    for name in ("D", "lam", "Mf"):
+        cells = [_plus_minus(fit.params[name].value, fit.params[name].stderr) for fit in fits.values()]
+        unit = outcome.fit.params[name].unit
+        lines.append(f"{name:<17}{truth['params'][name]:>10g}" + "".join(f"{cell:>21}" for cell in cells) + f"  {unit}")
+    onsets = [fit.threshold_speed() for fit in fits.values()]
+    cells = [_plus_minus(onset.value * _RPM, onset.stderr * _RPM) for onset in onsets]
+    lines.append(
+        f"{'threshold speed':<17}{truth['threshold_rpm']:>10.1f}" + "".join(f"{c:>21}" for c in cells) + "  rpm"
+    )
+    return "\n".join(lines)
+
+
+def _plus_minus(value: float, error: float) -> str:
+    """A value to the second digit of its standard error."""
+    if not (math.isfinite(value) and math.isfinite(error) and error > 0):
+        return "not determined"
+    decimals = max(0, 1 - math.floor(math.log10(error)))
+    return f"{value:.{decimals}f} +- {error:.{decimals}f}"
+
+
+# ---- JSON -------------------------------------------------------------------------------------
+
+
+def outcome_json(outcome: Outcome) -> str:
+    """The numbers of a study as one JSON object; what the data do not determine is null."""
+    best = outcome.best
+    onset = _threshold(best)
+    return json.dumps(
+        {
+            "model": best.model.name,
+            "files": [str(file.path) for file in outcome.study.files],
+            "out": None if outcome.study.out is None else str(outcome.study.out),
+            "success": best.success,
+            "message": best.message,
+            "redchi": _finite(best.redchi),
+            "aic": _finite(best.aic),
+            "bic": _finite(best.bic),
+            "blocks": list(getattr(best.model, "blocks", ())),
+            "parameters": {
+                p.name: {
+                    "value": _finite(p.value) if p.resolved else None,
+                    "stderr": _finite(p.stderr) if p.resolved else None,
+                    "stderr_noise": _finite(p.stderr_noise) if p.resolved else None,
+                    "unit": p.unit,
+                    "status": _status(p),
+                    "closed_form": _closed_value(outcome, p.name),
+                }
+                for p in best.params.values()
+            },
+            "threshold_rpm": onset,
+            "profiles": {
+                p.name: {"lower": _finite(p.lower), "upper": _finite(p.upper), "level": p.level, "message": p.message}
+                for p in outcome.profiles
+            },
+            "bootstrap": _bootstrap_json(outcome.bootstrap),
+            "posterior": _posterior_json(outcome.posterior),
+            "unresolved": list(best.identifiability.unresolved),
+            "findings": [[str(f) for f in found] for found in outcome.findings],
+            "warnings": list(best.warnings),
+        },
+        indent=1,
+        allow_nan=False,
+    )
+
+
+def _bootstrap_json(bootstrap: Bootstrap | None) -> dict[str, Any] | None:
+    if bootstrap is None:
+        return None
+    return {
+        "seed": bootstrap.seed,
+        "failures": bootstrap.failures,
+        "stderr": {name: _finite(error) for name, error in bootstrap.stderr.items()},
+    }
+
+
+def _posterior_json(posterior: Posterior | None) -> dict[str, Any] | None:
+    if posterior is None:
+        return None
+    return {
+        "converged": posterior.converged,
+        "message": posterior.message,
+        "treatment": posterior.treatment,
+        "seed": posterior.seed,
+        "interval_95": {name: posterior.interval(name) for name in posterior.names},
+    }
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None
+
+
+def _threshold(fit: FitResult) -> dict[str, float | None] | None:
+    if not fit.model.speed_dependent or fit.problem.space.index.shape[0] > 1:
+        return None
+    onset = fit.threshold_speed()
+    if not (math.isfinite(onset.value) and math.isfinite(onset.stderr)):
+        return None
+    return {"value": onset.value * _RPM, "stderr": onset.stderr * _RPM}

@@ -1,0 +1,262 @@
+"""A study: the files, the model and every setting of one identification, and the way from there to the results."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Protocol
+
+from rotorfit.data.experiments import Experiment
+from rotorfit.estimators.closed_form import ClosedFormError
+from rotorfit.fitting.calibration import calibration_of
+from rotorfit.fitting.fit import closed_form, fit
+from rotorfit.fitting.refine import Refinement, refine
+from rotorfit.fitting.result import FitResult
+from rotorfit.io.files import read
+from rotorfit.models import LAWS, MODELS, RotorModel
+from rotorfit.models.parameters import unknown_name
+
+if TYPE_CHECKING:
+    from rotorfit.data.findings import Finding
+    from rotorfit.estimators.posterior import Progress as Sampling
+    from rotorfit.uncertainty.bootstrap import Bootstrap
+    from rotorfit.uncertainty.posterior import Posterior
+    from rotorfit.uncertainty.profile import Profile
+
+
+class Progress(Protocol):
+    """Called when a stage begins, and while it goes on where it can say how far it is."""
+
+    def __call__(self, stage: str, done: float | None = None) -> None:
+        """Take notice of a stage in a few words and of the share of it that is done."""
+        ...
+
+
+@dataclass(frozen=True)
+class DataFile:
+    """A test file and the options to read it with, see :func:`rotorfit.read`."""
+
+    path: Path
+    options: Mapping[str, Any] = field(default_factory=dict)
+
+    def read(self) -> Experiment:
+        """Read the test."""
+        return read(self.path, **self.options)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Study:
+    """What to identify from which files; the names are those of the TOML keys.
+
+    Attributes:
+        files: test files, all of which inform one parameter vector.
+        model: name of the model, a key of :data:`rotorfit.models.MODELS`.
+        out: folder for the results, nothing is written without one.
+        planes: plane names of the data in the model's order, by default the model's own.
+        blocks, two_lam: options of the model.
+        law: name of a law of eccentricity, a key of :data:`rotorfit.models.LAWS`, for models that carry a fluid.
+        clearance_um: radial clearance at the fluid, micrometres; needed by a law.
+        known, bounds, priors, per, start, loss, phase_offsets: see :func:`rotorfit.fit`.
+        calibration: uncertainties by name, see :class:`rotorfit.Calibration`.
+        refine: add structural blocks while the data ask for them.
+        sample: draw from the posterior.
+        seed: of random numbers; by default one is drawn, and told in the results.
+        ess, max_steps: effective samples to reach, and steps to stop at in any case; see :func:`rotorfit.sample`.
+        profile: parameters to profile, or "threshold_speed".
+        bootstrap: number of data sets to simulate and fit, none by default.
+    """
+
+    files: tuple[DataFile, ...]
+    model: str
+    out: Path | None = None
+    planes: tuple[str, ...] = ()
+    blocks: tuple[str, ...] = ()
+    two_lam: bool = False
+    law: str = ""
+    clearance_um: float | None = None
+    known: Mapping[str, float | None] = field(default_factory=dict)
+    bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    priors: Mapping[str, Any] = field(default_factory=dict)
+    per: Mapping[str, str] = field(default_factory=dict)
+    start: Mapping[str, float] = field(default_factory=dict)
+    loss: str = "linear"
+    phase_offsets: bool = False
+    calibration: Mapping[str, Any] = field(default_factory=dict)
+    refine: bool = False
+    sample: bool = False
+    seed: int | None = None
+    ess: float = 4000
+    max_steps: int = 20_000
+    profile: tuple[str, ...] = ()
+    bootstrap: int = 0
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """What a study gave.
+
+    Attributes:
+        study: the settings.
+        experiments: the data.
+        findings: what the data check found, file by file.
+        closed: the closed form, or the reason why there is none.
+        fit: the fit of the model as asked for.
+        ladder: the structural refinement, if asked for.
+        posterior, profiles, bootstrap: further measures of uncertainty of the result to act on, if asked for.
+    """
+
+    study: Study
+    experiments: tuple[Experiment, ...]
+    findings: tuple[tuple[Finding, ...], ...]
+    closed: FitResult | str
+    fit: FitResult
+    ladder: Refinement | None = None
+    posterior: Posterior | None = None
+    profiles: tuple[Profile, ...] = ()
+    bootstrap: Bootstrap | None = None
+
+    @property
+    def best(self) -> FitResult:
+        """The result to act on: the refined one where there is one."""
+        return self.fit if self.ladder is None else self.ladder.best
+
+    @property
+    def failure(self) -> str:
+        """What did not converge, in words; empty where all is well."""
+        if not self.best.success:
+            return f"the fit did not converge: {self.best.message}"
+        if self.posterior is not None and not self.posterior.converged:
+            return f"the posterior's sampling has {self.posterior.message}"
+        return ""
+
+
+def run_study(study: Study, progress: Progress, checkpoint: Path | None = None) -> Outcome:
+    """Read, check, solve in closed form, optimise and, if asked for, refine and sample.
+
+    Args:
+        study: the settings.
+        progress: called when a stage begins.
+        checkpoint: file of the sampler's, from which a run that was stopped goes on.
+
+    Raises:
+        OSError: a file that cannot be read.
+        KeyError: unknown parameter or plane names.
+        ValueError: data or settings that make no sense; the message says which.
+    """
+    from rotorfit.checks.checklist import check
+
+    check_model_name(study.model)  # before files are read, which may take long
+    experiments = []
+    for file in study.files:
+        progress(f"reading {file.path.name}")
+        experiments.append(file.read())
+    progress("checking the data")
+    findings = tuple(tuple(check(experiment)) for experiment in experiments)
+    model = build_model(study, experiments)
+    progress("closed form")
+    closed: FitResult | str
+    try:
+        closed = closed_form(model, experiments, known=study.known, per=study.per)
+    except ClosedFormError as reason:
+        closed = str(reason)
+    progress("optimising")
+    result = fit(
+        model,
+        experiments,
+        known=study.known,
+        bounds=study.bounds,
+        priors=study.priors,
+        per=study.per,
+        loss=study.loss,  # type: ignore[arg-type]
+        start=study.start,
+        phase_offsets=study.phase_offsets,
+        calibration=calibration_of(study.calibration),
+    )
+    ladder = None
+    if study.refine:
+        progress("refining the structure")
+        ladder = refine(result)
+    outcome = Outcome(study, tuple(experiments), findings, closed, result, ladder)
+    return _with_uncertainty(outcome, progress, checkpoint) if outcome.best.success else outcome
+
+
+def _with_uncertainty(outcome: Outcome, progress: Progress, checkpoint: Path | None) -> Outcome:
+    """Profiles, simulated data and posterior, as far as the study asks for them."""
+    study, best = outcome.study, outcome.best
+    profiles = []
+    for i, name in enumerate(study.profile):
+        progress(f"profile likelihood of {name}", i / len(study.profile))
+        profiles.append(best.profile(name))
+    simulated = None
+    if study.bootstrap:
+        progress(f"fitting {study.bootstrap} simulated tests")
+        simulated = best.bootstrap(n=study.bootstrap, seed=study.seed or 0)
+    posterior = None
+    if study.sample:
+        progress("sampling the posterior", 0.0)
+
+        def report(state: Sampling) -> None:
+            progress(f"{state.ess:.0f} of {study.ess:.0f} effective samples", min(state.ess / study.ess, 1.0))
+
+        posterior = best.sample(
+            seed=study.seed, ess=study.ess, max_steps=study.max_steps, checkpoint=checkpoint, progress=report
+        )
+    return replace(outcome, posterior=posterior, profiles=tuple(profiles), bootstrap=simulated)
+
+
+def check_model_name(name: str) -> None:
+    """Refuse an unknown model.
+
+    Raises:
+        ValueError: names the nearest model.
+    """
+    if name not in MODELS:
+        raise ValueError(unknown_name("model", name, MODELS))
+
+
+def build_model(study: Study, experiments: Sequence[Experiment]) -> RotorModel:
+    """The model of a study.
+
+    Raises:
+        ValueError: unknown model or law, or an option that the model does not have.
+    """
+    check_model_name(study.model)
+    options: dict[str, Any] = {}
+    if study.planes:
+        options["planes"] = study.planes
+    elif study.model == "anisotropic":  # has as many planes as the data, whatever they are called
+        options["planes"] = tuple(dict.fromkeys(plane for experiment in experiments for plane in experiment.planes))
+    if study.blocks:
+        options["blocks"] = study.blocks
+    if study.two_lam:
+        options["two_lam"] = True
+    if study.law:
+        if study.law not in LAWS:
+            raise ValueError(unknown_name("law", study.law, LAWS))
+        options["law"] = LAWS[study.law]()
+    if study.clearance_um is not None:
+        options["clearance_um"] = study.clearance_um
+    return MODELS[study.model]().variant(**options)
+
+
+def frozen_prior(where: str, name: str, numbers: Sequence[float]) -> Any:
+    """A ``scipy.stats`` distribution by name, frozen with its shape numbers, location and scale.
+
+    Raises:
+        ValueError: no such continuous distribution, or numbers that it does not take.
+    """
+    from scipy import stats
+
+    distribution = getattr(stats, name, None)
+    if not isinstance(distribution, stats.rv_continuous):
+        allowed = [n for n in stats.__all__ if isinstance(getattr(stats, n), stats.rv_continuous)]
+        sentence = unknown_name("distribution", name, allowed).partition(" Allowed:")[0]
+        raise ValueError(f"{where}: {sentence} Any continuous distribution of scipy.stats is allowed")
+    try:
+        frozen = distribution(*numbers)
+    except TypeError as reason:
+        raise ValueError(f"{where}: {name} does not take the numbers {list(numbers)}") from reason
+    if not frozen.std() > 0:
+        raise ValueError(f"{where}: {name} has no positive spread with the numbers {list(numbers)}")
+    return frozen

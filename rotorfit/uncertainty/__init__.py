@@ -1,0 +1,1 @@
+"""Ways to an error bar: posterior, profile, bootstrap, averages, calibration budget."""

@@ -1,0 +1,165 @@
+"""Parametric bootstrap: fits of data simulated from a fit, and the spread of what they find."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotorfit.estimators.batch import batch_fit
+from rotorfit.estimators.least_squares import Options
+from rotorfit.estimators.problem import Problem
+from rotorfit.fitting.result import FitResult
+from rotorfit.models.parameters import unknown_name
+from rotorfit.models.stability import threshold_speeds
+from rotorfit.uncertainty.derived import Derived
+
+Float = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+
+# Data without a minimum nearby are common where the noise is large; what runs away need not be followed far. At a bound
+# Gauss-Newton may stall: the exact Hessian then finishes.
+_OPTIONS = Options(max_iterations=50)
+_AT_ONCE = 4_000_000  # readings simulated and fitted in one go
+
+
+@dataclass(frozen=True, eq=False)
+class Bootstrap:
+    """Estimates from simulated data.
+
+    Attributes:
+        fit: the fit that the data were simulated from.
+        names: of the fitted entries.
+        samples: their estimates, one row a simulation, failures left out, shape ``(N, p)``, SI units.
+        failures: simulations whose fit did not converge.
+        seed: of the random numbers.
+        message: what is to be known of the samples.
+    """
+
+    fit: FitResult
+    names: tuple[str, ...]
+    samples: Float
+    failures: int
+    seed: int
+    message: str
+
+    def parameter(self, name: str) -> Derived:
+        """Estimates of one entry.
+
+        Raises:
+            KeyError: no such entry; the message names the nearest.
+            ValueError: the data do not determine it.
+        """
+        if name not in self.names:
+            raise KeyError(unknown_name("fitted parameter", name, self.names))
+        if not self.fit.params[name].resolved:
+            raise ValueError(f"{name} is not determined by these data: its estimates mean nothing")
+        return Derived(name, self.fit.params[name].unit, self.samples[:, self.names.index(name)])
+
+    @property
+    def stderr(self) -> dict[str, float]:
+        """Standard deviation of the estimates by name, infinite for what the data do not determine."""
+        spread = self.samples.std(axis=0, ddof=1)
+        resolved = [self.fit.params[name].resolved for name in self.names]
+        return {n: float(s) if r else math.inf for n, s, r in zip(self.names, spread, resolved, strict=True)}
+
+    @property
+    def covar(self) -> Float:
+        """Covariance of the estimates, shape ``(p, p)``."""
+        return np.asarray(np.cov(self.samples, rowvar=False)).reshape(len(self.names), len(self.names))
+
+    def interval(self, name: str, probability: float = 0.95) -> tuple[float, float]:
+        """Interval from the central quantiles of the estimates; infinite for what the data do not determine."""
+        if name in self.names and not self.fit.params[name].resolved:
+            return -math.inf, math.inf
+        low, high = self.parameter(name).interval(probability)
+        return float(low), float(high)
+
+    def threshold_speed(self, at: Mapping[str, Any] | None = None) -> Derived:
+        """Threshold speed of every estimate, rad/s; infinite for rotors that are always stable."""
+        space = self.fit.problem.space
+        theta = np.asarray(space.theta(self.samples)[:, self.fit.group(at)])
+        onset, _ = threshold_speeds(self.fit.model, theta, band=self.fit.stability_band)
+        return Derived("threshold speed", "rad/s", onset)
+
+    def summary(self) -> str:
+        """Table of estimates, spreads and intervals beside the standard errors of the fit."""
+        lines = [
+            f"parametric bootstrap: {len(self.samples)} simulated data sets, {self.failures} fits failed",
+            f"{'parameter':<22}{'fit':>14}{'stderr':>12}{'bootstrap':>12}{'bias':>12}{'95 % interval':>28}  unit",
+        ]
+        for i, (name, spread) in enumerate(self.stderr.items()):
+            p = self.fit.params[name]
+            if not p.resolved:
+                lines.append(f"{name:<22}{'not determined by the data':>26}")
+                continue
+            low, high = self.interval(name)
+            bias = float(self.samples[:, i].mean()) - p.value
+            interval = f"[{low:.6g}, {high:.6g}]"
+            lines.append(
+                f"{name:<22}{p.value:>14.7g}{p.stderr:>12.2g}{spread:>12.2g}{bias:>12.2g}{interval:>28}  {p.unit}"
+            )
+        return "\n".join([*lines, self.message])
+
+    def __str__(self) -> str:
+        return self.summary()
+
+
+def bootstrap(fit: FitResult, *, n: int = 500, seed: int = 0, accelerate: bool | None = None) -> Bootstrap:
+    """Simulate data from the fitted model with the noise of the data, fit each, and look at the spread.
+
+    The noise is that of the data, times sqrt(redchi) where the model limits the fit, as in ``stderr``. Nuisance entries
+    with a prior, such as gains of a calibration, are drawn from it: every simulated test has errors of calibration of
+    its own. Priors of parameters stay as they are and hold the estimates back.
+
+    Args:
+        fit: the result to start from.
+        n: number of simulated data sets.
+        seed: of the random numbers; the same seed gives the same samples.
+        accelerate: compile with numba; by default where it is installed and pays.
+
+    Raises:
+        ValueError: a closed form, or fewer than two data sets.
+    """
+    if fit.method == "closed form":
+        raise ValueError("a closed form cannot be bootstrapped by fits; use the result of rf.fit")
+    if n < 2:
+        raise ValueError(f"n is {n}; a spread needs at least two simulated data sets")
+    rng = np.random.default_rng(seed)
+    truth = _truths(fit, n, rng)
+    step = max(1, _AT_ONCE // (fit.ndata // 2))
+    samples, good = [], []
+    for begin in range(0, n, step):
+        part = truth[begin : begin + step]
+        result = batch_fit(fit.problem, _simulate(fit, part, rng), fit.x, accelerate=accelerate, options=_OPTIONS)
+        samples.append(fit.x + result.x - part)
+        good.append(result.converged)
+    converged = np.concatenate(good)
+    message = f"noise of the data times {math.sqrt(fit.widening):.3g}" if fit.widening > 1 else "noise of the data"
+    if not converged.all():
+        message += f"; {n - converged.sum()} of {n} fits did not converge and are left out"
+    return Bootstrap(fit, fit.var_names, np.concatenate(samples)[converged], int(n - converged.sum()), seed, message)
+
+
+def _truths(fit: FitResult, n: int, rng: np.random.Generator) -> Float:
+    """Vectors to simulate from: the fit's, nuisance entries with priors about their own draws, shape ``(n, p)``."""
+    truth = np.tile(fit.x, (n, 1))
+    first = len(fit.problem.space.names)
+    for prior in fit.problem.priors:
+        if prior.entry >= first:
+            truth[:, prior.entry] = prior.distribution.rvs(size=n, random_state=rng)
+    return truth
+
+
+def _simulate(fit: FitResult, truth: Float, rng: np.random.Generator) -> ComplexArray:
+    """Readings of each vector with noise, shape ``(n, R)``."""
+    problem: Problem = fit.problem
+    same = bool((truth == truth[0]).all())
+    exact = np.array([np.concatenate(problem.predict(x)) for x in (truth[:1] if same else truth)])
+    sigma = np.concatenate([block.sigma for block in problem.blocks]) * math.sqrt(fit.widening)
+    shape = (len(truth), sigma.size)
+    return np.asarray(exact + sigma * (rng.standard_normal(shape) + 1j * rng.standard_normal(shape)))

@@ -1,0 +1,186 @@
+"""Random and systematic uncertainty apart: the budget of a fit (GUM type A and type B)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotorfit.fitting.calibration import KINDS, Calibration
+from rotorfit.fitting.fit import solve_again
+from rotorfit.fitting.judge import inverse_curvature
+from rotorfit.fitting.problem_setup import build_problem
+from rotorfit.fitting.result import FitResult
+from rotorfit.models import threshold_speed
+
+Float = NDArray[np.float64]
+
+PRIORS = "priors"
+_NOTHING = 1e-4  # share of the combined uncertainty that a table shows as zero
+
+
+@dataclass(frozen=True)
+class Share:
+    """Standard uncertainty of one quantity, by origin.
+
+    Attributes:
+        name, unit, value: the quantity.
+        random: from the noise of the readings (type A), widened as ``stderr`` is.
+        systematic: from calibration and other knowledge from before (type B).
+        combined: root of the sum of both squares; ``stderr`` of the fit.
+        sources: systematic part by source: each nuisance entry, and "priors" for those of parameters.
+    """
+
+    name: str
+    unit: str
+    value: float
+    random: float
+    systematic: float
+    combined: float
+    sources: Mapping[str, float]
+
+
+@dataclass(frozen=True, eq=False)
+class Budget:
+    """Uncertainty budget.
+
+    Every error, of a reading or of a calibration, moves the estimate by its sensitivity times its size. With ``H`` the
+    curvature of the cost, ``I`` the information of the readings and ``P`` that of the priors, ``H = I + P``, the
+    covariance ``inv(H)`` is the sum ``inv(H) I inv(H) + inv(H) P inv(H)``: type A and type B. With a robust loss the
+    scatter of the slopes stands for the ``I`` in the middle.
+
+    Attributes:
+        fit: the fit with the errors of calibration as nuisance entries.
+        calibration: their uncertainties.
+    """
+
+    fit: FitResult
+    calibration: Calibration
+
+    @cached_property
+    def _sources(self) -> dict[str, Float]:
+        """Change of the estimate for an error of one standard deviation, source by source, shape ``(p, k)``."""
+        fit, names = self.fit, self.fit.var_names
+        first, moved = len(fit.problem.space.names), inverse_curvature(fit)
+        columns: dict[str, list[Float]] = {}
+        for prior in fit.problem.priors:
+            curvature = prior.terms(float(fit.x[prior.entry]))[2]
+            source = names[prior.entry] if prior.entry >= first else PRIORS
+            columns.setdefault(source, []).append(moved[:, prior.entry] * math.sqrt(curvature))
+        return {source: np.column_stack(parts) for source, parts in columns.items()}
+
+    @cached_property
+    def systematic(self) -> Float:
+        """Covariance of type B, shape ``(p, p)``."""
+        parts = list(self._sources.values())
+        return np.asarray(sum(part @ part.T for part in parts))
+
+    @property
+    def random(self) -> Float:
+        """Covariance of type A, shape ``(p, p)``."""
+        return self.fit.covar - self.systematic
+
+    def share(self, name: str) -> Share:
+        """Shares of a fitted parameter or nuisance entry.
+
+        Raises:
+            ValueError: nothing of that name was fitted.
+        """
+        if name not in self.fit.var_names:
+            raise ValueError(f"{name} was not fitted; the budget has {', '.join(self.fit.var_names)}")
+        p = self.fit.params[name]
+        slope = np.zeros(self.fit.x.size)
+        slope[self.fit.var_names.index(name)] = 1.0
+        return self._share(name, p.unit, p.value, slope, p.resolved)
+
+    def threshold_speed(self, at: Mapping[str, Any] | None = None) -> Share:
+        """Shares of the threshold speed, rad/s; NaN where the rotor is stable at every speed searched."""
+        fit = self.fit
+        group = fit.group(at)
+        onset = threshold_speed(fit.model, fit.theta(at), band=fit.stability_band)
+        if onset is None:
+            return Share("threshold speed", "rad/s", math.nan, math.nan, math.nan, math.nan, {})
+        index = fit.problem.space.index[group]
+        slope = np.zeros(fit.x.size)
+        np.add.at(slope, index[index >= 0], onset.gradient[index >= 0])
+        resolved = math.isfinite(fit.threshold_of(group).stderr)
+        return self._share("threshold speed", "rad/s", onset.speed, slope, resolved)
+
+    def _share(self, name: str, unit: str, value: float, slope: Float, resolved: bool) -> Share:
+        if not resolved:
+            return Share(name, unit, value, math.inf, math.inf, math.inf, {})
+        sources = {source: float(np.linalg.norm(slope @ part)) for source, part in self._sources.items()}
+        total = max(float(slope @ self.fit.covar @ slope), 0.0)
+        systematic = min(sum(part**2 for part in sources.values()), total)
+        return Share(name, unit, value, math.sqrt(total - systematic), math.sqrt(systematic), math.sqrt(total), sources)
+
+    @property
+    def shares(self) -> dict[str, tuple[float, float]]:
+        """Random and systematic standard uncertainty of each fitted parameter, as ``write_report`` takes them."""
+        names = self.fit.problem.space.names
+        return {name: (share.random, share.systematic) for name, share in ((n, self.share(n)) for n in names)}
+
+    def table(self) -> str:
+        """The budget as a table: one row a parameter, one column a source."""
+        fit = self.fit
+        rows = [self.share(name) for name in fit.problem.space.names]
+        if fit.model.speed_dependent and fit.problem.space.index.shape[0] == 1:
+            onset = self.threshold_speed()
+            rows += [onset] if math.isfinite(onset.value) else []
+        sources = list(self._sources)
+        wide = [max(len(source) + 2, 10) for source in sources]
+        head = f"{'parameter':<22}{'value':>14}{'combined':>10}{'random':>10}{'system.':>10}"
+        lines = [head + "".join(f"{source:>{w}}" for source, w in zip(sources, wide, strict=True)) + "  unit"]
+        for row in rows:
+            if not math.isfinite(row.combined):
+                lines.append(f"{row.name:<22}{'not determined by the data':>26}")
+                continue
+            parts = [row.sources[s] if row.sources[s] > _NOTHING * row.combined else 0.0 for s in sources]
+            cells = "".join(f"{part:>{w}.2g}" for part, w in zip(parts, wide, strict=True))
+            numbers = f"{row.value:>14.7g}{row.combined:>10.2g}{row.random:>10.2g}{row.systematic:>10.2g}"
+            lines.append(f"{row.name:<22}{numbers}{cells}  {row.unit}")
+        return "\n".join(lines)
+
+    def summary(self) -> str:
+        """The table with what was assumed, and what the data say of the calibration."""
+        lines = ["standard uncertainties: random (GUM type A, noise) and systematic (type B, calibration), by source"]
+        lines += [self.table(), "errors of calibration: assumed, and what the data leave of them"]
+        names = self.fit.problem.space.nuisance
+        sd = {prior.entry: float(prior.distribution.std()) for prior in self.fit.problem.priors}
+        for name in names:
+            i = self.fit.var_names.index(name)
+            kind = name.partition("[")[0]
+            if i not in sd or kind not in KINDS:
+                continue
+            p = self.fit.params[name]
+            unit, factor = ("deg", 180 / math.pi) if p.unit == "rad" else ("%", 100.0)
+            lines.append(
+                f"  {name:<20} 0 +- {sd[i] * factor:.3g} {unit:<4} found {p.value * factor:+.3g} +- "
+                f"{p.stderr * factor:.2g} {unit}, {KINDS[kind][1]}"
+            )
+        return "\n".join(lines)
+
+    def __str__(self) -> str:
+        return self.summary()
+
+
+def budget(fit: FitResult, calibration: Calibration) -> Budget:
+    """Fit again with the errors of a calibration as nuisance entries, and part the uncertainty by origin.
+
+    Args:
+        fit: the result to start from.
+        calibration: standard uncertainties of probes, force and phase reference.
+
+    Raises:
+        ValueError: a closed form, experiments for which no calibration can be given, or unknown planes.
+    """
+    if fit.method == "closed form":
+        raise ValueError("a budget needs an optimised fit: use the result of rf.fit, not of rf.closed_form")
+    settings = replace(fit.settings, calibration=calibration)
+    problem = build_problem(fit.model, fit.experiments, settings)
+    return Budget(solve_again(replace(fit, settings=settings), problem), calibration)

@@ -1,0 +1,144 @@
+"""Posteriors averaged over model structures: what is known of shared quantities while the structure is in doubt."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rotorfit.fitting.result import FitResult
+from rotorfit.models.parameters import unknown_name
+from rotorfit.uncertainty.derived import Derived, StiffnessBand
+from rotorfit.uncertainty.posterior import Posterior, sample
+
+Float = NDArray[np.float64]
+
+NEGLIGIBLE = 0.002
+"""Weight below which a model is not sampled: its draws could not move a 99 % interval."""
+
+
+@dataclass(frozen=True, eq=False)
+class ModelAverage:
+    """Posteriors of several models of the same data, weighted by ``exp(-BIC / 2)``.
+
+    BIC approximates the probability of a model given the data (Schwarz 1978), all models being as likely beforehand.
+
+    Attributes:
+        posteriors: of the models that count, the most probable first.
+        weights: their probabilities.
+    """
+
+    posteriors: tuple[Posterior, ...]
+    weights: tuple[float, ...]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Parameters that all models share."""
+        first, *others = self.posteriors
+        return tuple(name for name in first.names if all(name in other.names for other in others))
+
+    @property
+    def converged(self) -> bool:
+        """Whether the chains of all models have converged."""
+        return all(posterior.converged for posterior in self.posteriors)
+
+    def parameter(self, name: str) -> Derived:
+        """One parameter over all models.
+
+        Raises:
+            KeyError: the models do not share this parameter.
+        """
+        if name not in self.names:
+            raise KeyError(unknown_name("parameter that all models share", name, self.names))
+        return self._mixed(lambda posterior: posterior.parameter(name))
+
+    def interval(self, name: str, probability: float = 0.95) -> tuple[float, float]:
+        """Central interval of a shared parameter."""
+        low, high = self.parameter(name).interval(probability)
+        return float(low), float(high)
+
+    def threshold_speed(self, at: Mapping[str, Any] | None = None) -> Derived:
+        """See :meth:`Posterior.threshold_speed`."""
+        return self._mixed(lambda posterior: posterior.threshold_speed(at))
+
+    def whirl_ratio(self, at: Mapping[str, Any] | None = None) -> Derived:
+        """See :meth:`Posterior.whirl_ratio`."""
+        return self._mixed(lambda posterior: posterior.whirl_ratio(at))
+
+    def lam_speed(self, speed: float, at: Mapping[str, Any] | None = None, *, name: str = "lam") -> Derived:
+        """See :meth:`Posterior.lam_speed`."""
+        return self._mixed(lambda posterior: posterior.lam_speed(speed, at, name=name))
+
+    def dynamic_stiffness(
+        self, frequency: ArrayLike, speed: float, at: Mapping[str, Any] | None = None
+    ) -> StiffnessBand:
+        """See :meth:`Posterior.dynamic_stiffness`."""
+        bands = {id(p): p.dynamic_stiffness(frequency, speed, at) for p in self.posteriors}
+        return StiffnessBand(
+            next(iter(bands.values())).frequency,
+            self._mixed(lambda posterior: bands[id(posterior)].direct),
+            self._mixed(lambda posterior: bands[id(posterior)].quadrature),
+        )
+
+    def _mixed(self, quantity: Callable[[Posterior], Derived]) -> Derived:
+        """Evenly spaced draws of each model in proportion to its weight."""
+        parts = [quantity(posterior) for posterior in self.posteriors]
+        count = min(len(part.samples) / weight for part, weight in zip(parts, self.weights, strict=True))
+        chosen = []
+        for part, weight in zip(parts, self.weights, strict=True):
+            size = len(part.samples)
+            wanted = min(size, max(1, round(count * weight)))
+            chosen.append(part.samples[np.linspace(0, size - 1, wanted).astype(np.intp)])
+        return Derived(parts[0].name, parts[0].unit, np.concatenate(chosen))
+
+    def summary(self) -> str:
+        """Table of the models with their weights and of the parameters that they share."""
+        from rotorfit.fitting.refine import structure_name
+
+        lines = [f"{'model':<58}{'BIC':>12}{'weight':>9}"]
+        for posterior, weight in zip(self.posteriors, self.weights, strict=True):
+            name = f"{posterior.fit.model.name}, {structure_name(posterior.fit.model)}"
+            verdict = "" if posterior.converged else f"  NOT CONVERGED: {posterior.message.partition(': ')[2]}"
+            lines.append(f"{name:<58}{posterior.fit.bic:>12.1f}{weight:>9.3f}{verdict}")
+        lines += ["", f"{'parameter':<22}{'median':>13}{'sd':>10}{'2.5 %':>13}{'97.5 %':>13}  unit"]
+        for name in self.names:
+            d = self.parameter(name)
+            low, high = d.interval(0.95)
+            lines.append(f"{name:<22}{d.value:>13.6g}{d.stderr:>10.2g}{low:>13.6g}{high:>13.6g}  {d.unit}")
+        return "\n".join(lines)
+
+    def __str__(self) -> str:
+        return self.summary()
+
+
+def sample_models(fits: Sequence[FitResult], **options: Any) -> ModelAverage:
+    """Sample several models of the same data and average over them by BIC.
+
+    Args:
+        fits: results for the same readings, for instance ``rf.refine(fit).steps``.
+        options: as for :func:`rotorfit.sample`, without ``checkpoint`` and ``refine``.
+
+    Raises:
+        ValueError: no fits, fits of different data, or an option that does not go with several models.
+    """
+    for name in ("checkpoint", "refine"):
+        if options.get(name):
+            raise ValueError(f"{name} does not go with several models: sample them one by one")
+    if not fits:
+        raise ValueError("no fits to average over")
+    measured = [np.concatenate([block.measured for block in fit.problem.blocks]) for fit in fits]
+    if any(not np.array_equal(readings, measured[0]) for readings in measured):
+        raise ValueError("the fits are of different data: only models of the same readings can be averaged over")
+    losses = sorted({fit.settings.loss for fit in fits})
+    if len(losses) > 1:
+        raise ValueError(f"the fits have losses of their own ({', '.join(losses)}), so that no BIC compares them")
+    bic = np.array([fit.bic for fit in fits])
+    weight = np.exp(-(bic - bic.min()) / 2)
+    weight /= weight.sum()
+    counted = [i for i in np.argsort(bic) if weight[i] >= NEGLIGIBLE]
+    posteriors = tuple(sample(fits[i], **options) for i in counted)
+    total = float(weight[counted].sum())
+    return ModelAverage(posteriors, tuple(float(weight[i]) / total for i in counted))

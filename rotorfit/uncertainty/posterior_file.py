@@ -1,0 +1,194 @@
+"""Posterior samples as tables, for ArviZ, and in netCDF files."""
+
+from __future__ import annotations
+
+import json
+import os
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from rotorfit.fitting.result import FitResult
+from rotorfit.uncertainty.arviz_loader import load_arviz
+from rotorfit.uncertainty.posterior import Posterior, SampleSettings
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+_KIND = "rotorfit posterior"
+_PERCENT = (2.5, 50.0, 97.5)
+_TAIL = (0.05, 0.95)  # quantiles whose effective sample size counts for the tails
+
+
+@dataclass(frozen=True)
+class Health:
+    """What the chains of one entry are worth.
+
+    Attributes:
+        name: of the entry.
+        rhat: split R-hat, 1 for chains that agree, to be doubted above 1.01.
+        bulk, tail: effective samples for the middle of the distribution and for its tails.
+    """
+
+    name: str
+    rhat: float
+    bulk: float
+    tail: float
+
+
+def health(posterior: Posterior) -> list[Health]:
+    """Split R-hat and effective samples of every entry, by ArviZ, walkers as chains."""
+    az = load_arviz()
+
+    found = []
+    for i, name in enumerate(posterior.names):
+        draws = posterior.chain[:, :, i].T
+        bulk, tail = az.ess(draws, method="bulk"), az.ess(draws, method="tail", prob=_TAIL)
+        found.append(Health(name, float(az.rhat(draws)), float(bulk), float(tail)))
+    return found
+
+
+def summary(posterior: Posterior) -> str:
+    """Table of the draws and of the chains' health."""
+    state = posterior.settings
+    lines = [
+        posterior.message if posterior.converged else f"NOT CONVERGED: {posterior.message.partition(': ')[2]}",
+        f"emcee, {state.walkers} walkers, {state.steps} steps of which {posterior.burn_in} burn-in, acceptance "
+        f"{posterior.acceptance.mean():.2f}, seed {posterior.seed}",
+        posterior.treatment,
+        "",
+        f"{'parameter':<22}{'mean':>13}{'sd':>10}{'2.5 %':>13}{'median':>13}{'97.5 %':>13}{'R-hat':>8}{'bulk ESS':>10}"
+        f"{'tail ESS':>10}  unit",
+    ]
+    for i, chains in enumerate(health(posterior)):
+        draws = posterior.chain[:, :, i]
+        low, middle, high = np.percentile(draws, _PERCENT)
+        lines.append(
+            f"{chains.name:<22}{draws.mean():>13.6g}{draws.std(ddof=1):>10.2g}{low:>13.6g}{middle:>13.6g}{high:>13.6g}"
+            f"{chains.rhat:>8.3f}{chains.bulk:>10.0f}{chains.tail:>10.0f}  {posterior.unit(chains.name)}"
+        )
+    return "\n".join(lines)
+
+
+def datasets(posterior: Posterior) -> dict[str, xr.Dataset]:
+    """Groups in ArviZ's layout, walkers as chains: ``posterior`` and ``sample_stats``.
+
+    Variables carry the names of the parameters, ``/`` written ``|``, and the name as it is in ``parameter``.
+    """
+    import xarray as xr
+
+    from rotorfit.version import __version__
+
+    steps, walkers, _ = posterior.chain.shape
+    coords = {"chain": np.arange(walkers), "draw": np.arange(steps)}
+    draws = {
+        name.replace("/", "|"): (
+            ("chain", "draw"),
+            np.ascontiguousarray(posterior.chain[:, :, i].T),
+            {"parameter": name, "units": posterior.unit(name), "position": i, "autocorrelation_time": posterior.tau[i]},
+        )
+        for i, name in enumerate(posterior.names)
+    }
+    stats: dict[str, Any] = {
+        "lp": (("chain", "draw"), np.ascontiguousarray(posterior.log_density.T)),
+        "acceptance_rate": (("chain",), posterior.acceptance),
+    }
+    header = {
+        "title": _KIND,
+        "inference_library": "emcee",
+        "created_by": f"rotorfit {__version__}",
+        "burn_in": posterior.burn_in,
+        "converged": int(posterior.converged),
+        "message": posterior.message,
+        "treatment": posterior.treatment,
+        "seed": str(posterior.seed),
+        "settings": json.dumps(asdict(posterior.settings)),
+    }
+    return {
+        "posterior": xr.Dataset(draws, coords, header),
+        "sample_stats": xr.Dataset(stats, coords, header),
+    }
+
+
+def to_arviz(posterior: Posterior) -> Any:
+    """``arviz.InferenceData`` with ArviZ before 1.0, ``xarray.DataTree`` from there on."""
+    az = load_arviz()
+    import xarray as xr
+
+    groups = datasets(posterior)
+    if int(az.__version__.partition(".")[0]) < 1:
+        return az.InferenceData(**groups)
+    return xr.DataTree.from_dict(groups)
+
+
+def save(posterior: Posterior, path: Path) -> None:
+    """Write the draws, exact to the last bit and compressed, whole or not at all."""
+    part = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        for number, (group, dataset) in enumerate(datasets(posterior).items()):
+            packed = {name: {"zlib": True, "complevel": 4, "shuffle": True} for name in dataset.data_vars}
+            dataset.to_netcdf(part, mode="a" if number else "w", group=group, engine="h5netcdf", encoding=packed)
+        os.replace(part, path)
+    finally:
+        part.unlink(missing_ok=True)
+
+
+def load_posterior(path: str | os.PathLike[str], fit: FitResult) -> Posterior:
+    """Read draws written by :meth:`Posterior.save`.
+
+    Args:
+        path: the netCDF file.
+        fit: the fit that was sampled.
+
+    Raises:
+        FileNotFoundError: no such file.
+        ValueError: not such a file, or the posterior of another fit.
+    """
+    import xarray as xr
+
+    path = Path(path)
+    path.stat()  # a missing file is reported by its own exception
+    groups: dict[str, xr.Dataset] = {}
+    for name in ("posterior", "sample_stats"):
+        try:
+            with xr.open_dataset(path, group=name, engine="h5netcdf") as stored:
+                groups[name] = stored.load()
+        except (OSError, KeyError, ValueError) as error:
+            raise ValueError(f"{path.name} holds no posterior (no readable group {name!r}): {error}") from error
+    draws, stats = groups["posterior"], groups["sample_stats"]
+    header = draws.attrs
+    if header.get("title") != _KIND:
+        raise ValueError(f"{path.name} was not written by rotorfit's Posterior.save")
+    variables = sorted(draws.data_vars.values(), key=lambda v: int(v.attrs["position"]))
+    posterior = Posterior(
+        fit,
+        tuple(str(v.attrs["parameter"]) for v in variables),
+        np.stack([v.values.T for v in variables], axis=-1),
+        np.ascontiguousarray(stats["lp"].values.T),
+        stats["acceptance_rate"].values,
+        np.array([float(v.attrs["autocorrelation_time"]) for v in variables]),
+        int(header["burn_in"]),
+        bool(header["converged"]),
+        str(header["message"]),
+        str(header["treatment"]),
+        int(header["seed"]),
+        SampleSettings(**json.loads(header["settings"])),
+    )
+    _check(posterior, path.name)
+    return posterior
+
+
+def _check(posterior: Posterior, source: str) -> None:
+    """The density of the last draws, evaluated anew, tells whether data, model and priors are those of the fit."""
+    from rotorfit.estimators.target import Target
+
+    target = Target(posterior.fit.problem, posterior.settings.noise, inflation=posterior.settings.inflation, work=0)
+    if target.names != posterior.names:
+        raise ValueError(
+            f"{source} holds {', '.join(posterior.names)}, but this fit is of {', '.join(target.names)}: load it with "
+            "the fit that was sampled"
+        )
+    if not np.allclose(target(posterior.chain[-1]), posterior.log_density[-1], rtol=1e-8, atol=1e-6):
+        raise ValueError(f"{source} is the posterior of another fit: data, model, priors or noise differ")

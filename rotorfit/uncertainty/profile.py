@@ -1,0 +1,227 @@
+"""Profile-likelihood intervals of a fit: how far a parameter may move before the data object."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotorfit.estimators.least_squares import minimise
+from rotorfit.estimators.problem import Problem
+from rotorfit.estimators.profile import Curve, End, hold_entry, hold_quantity, limits
+from rotorfit.estimators.target import box
+from rotorfit.fitting.result import FitResult
+from rotorfit.models import threshold_speed
+from rotorfit.models.parameters import unknown_name
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Float = NDArray[np.float64]
+
+THRESHOLD = "threshold_speed"
+_LOWER_MINIMUM = 1e-4  # fall of the scaled curve below its minimum that is more than round-off
+
+
+@dataclass(frozen=True, eq=False)
+class Profile:
+    """Profile of one parameter or of the threshold speed.
+
+    Attributes:
+        name, unit: what was profiled.
+        value: its estimate.
+        level: probability of the interval.
+        lower, upper: ends of the interval; infinite where the data set none, see ``message``.
+        values: where the curve was evaluated, ascending, shape ``(N,)``.
+        rise: rise of chi-squared there, everything else at its best, in units of the noise as widened for ``stderr``;
+            its square root is linear for a linear model.
+        message: what is to be known of the ends, empty if there is nothing.
+        stderr: its standard error, for comparison; infinite where the data do not determine it, NaN if not given.
+    """
+
+    name: str
+    unit: str
+    value: float
+    level: float
+    lower: float
+    upper: float
+    values: Float
+    rise: Float
+    message: str
+    stderr: float = math.nan
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """Lower and upper end."""
+        return self.lower, self.upper
+
+    def plot(self) -> Figure:
+        """The curve with the level and the ends, beside the parabola that the standard error stands for."""
+        from rotorfit.uncertainty.plot_profile import plot_profile
+
+        return plot_profile(self)
+
+    def __str__(self) -> str:
+        unit = "" if self.unit == "1" else f" {self.unit}"
+        text = f"{self.name}: {self.value:.6g}, {100 * self.level:g} % [{self.lower:.6g}, {self.upper:.6g}]{unit}"
+        return f"{text}; {self.message}" if self.message else text
+
+
+def profile(
+    fit: FitResult, name: str, *, level: float = 0.95, points: int = 21, at: Mapping[str, Any] | None = None
+) -> Profile:
+    """Profile-likelihood interval of a parameter, asymmetric where the model is curved.
+
+    The value is held, all the others are fitted again, and the ends are where chi-squared has risen by the quantile of
+    its distribution with one degree of freedom, times redchi where that exceeds one (as ``stderr`` is widened; priors
+    keep their weight). With a robust loss the rise is scaled to agree with ``stderr`` for small changes.
+
+    Args:
+        fit: the result.
+        name: a fitted parameter, or "threshold_speed" (rad/s).
+        level: probability of the interval.
+        points: number of values at which the curve is given, from a little below the interval to a little above.
+        at: group of parameters that the threshold speed belongs to.
+
+    Raises:
+        KeyError: no such parameter.
+        ValueError: a known parameter, a level outside 0 to 1, or a rotor without a threshold.
+    """
+    from scipy.stats import chi2
+
+    if not 0 < level < 1:
+        raise ValueError(f"level is {level}; it must be between 0 and 1, for instance 0.95")
+    if points < 3:
+        raise ValueError(f"points is {points}; a curve needs at least 3")
+    problem, x, scale = _settled(fit, name)
+    value, unit, curve, step, reach = _curve(fit, problem, x, name, at)
+    goal = float(chi2.ppf(level, 1)) * scale
+    ends = [
+        curve.end(side, goal, math.sqrt(goal) * step, limit, bound)
+        for side, (limit, bound) in zip((-1, 1), reach, strict=True)
+    ]
+    values, rise = _grid(curve, value, ends, points)
+    return Profile(
+        name, unit, value, level, ends[0].value, ends[1].value, values, rise / scale,
+        _message(curve, ends, scale, unit, goal),
+        fit.threshold_speed(at).stderr if name == THRESHOLD else fit.params[name].stderr,
+    )  # fmt: skip
+
+
+def _settled(fit: FitResult, name: str) -> tuple[Problem, Float, float]:
+    """The problem with its noise as widened, its minimum, and the factor on the quantile."""
+    problem, x = fit.problem, fit.x
+    if fit.method == "closed form":
+        raise ValueError("a closed form is not a minimum, so it has no profile; use the result of rf.fit")
+    if problem.loss != "linear":
+        return problem, x, _robust_scale(fit, name)
+    if fit.widening == 1:
+        return problem, x, 1.0
+    if not problem.priors:
+        return problem, x, fit.widening
+    root = math.sqrt(fit.widening)
+    blocks = [block.with_noise(np.full(block.measured.size, root)) for block in problem.blocks]
+    widened = replace(problem, blocks=tuple(blocks))
+    lower, upper = box(problem)
+    return widened, minimise(widened, np.clip(x, lower, upper), lower=lower, upper=upper).x, 1.0
+
+
+def _robust_scale(fit: FitResult, name: str) -> float:
+    """Variance as reported over that of the cost's own curvature: the rise then has mean one (Kent 1982)."""
+    if name not in fit.var_names:
+        return 1.0
+    i = fit.var_names.index(name)
+    curvature = fit.problem.hessian(fit.x)
+    size = np.sqrt(np.maximum(np.diag(curvature), 1e-300))
+    inverse = np.linalg.pinv(curvature / np.outer(size, size), hermitian=True) / np.outer(size, size)
+    return float(fit.covar[i, i] / inverse[i, i])
+
+
+def _curve(
+    fit: FitResult, problem: Problem, x: Float, name: str, at: Mapping[str, Any] | None
+) -> tuple[float, str, Curve, float, tuple[tuple[float, bool], ...]]:
+    """Value, unit and curve of what is profiled, its guessed standard error, and how far it can go."""
+    covar = fit.covar / fit.widening
+    if name == THRESHOLD:
+        group = fit.group(at)
+
+        def speed(vector: Float) -> tuple[float, Float]:
+            onset = threshold_speed(fit.model, problem.space.theta(vector)[group], band=fit.stability_band)
+            if onset is None:
+                return math.inf, np.zeros_like(vector)
+            index = problem.space.index[group]
+            slope = np.zeros_like(vector)
+            np.add.at(slope, index[index >= 0], onset.gradient[index >= 0])
+            return onset.speed, slope
+
+        value, slope = speed(x)
+        if not math.isfinite(value):
+            raise ValueError("the fitted rotor is stable at every speed searched: there is no threshold to profile")
+        variance = float(slope @ covar @ slope)
+        direction = covar @ slope / variance if variance > 0 else np.zeros_like(x)
+        curve = Curve(hold_quantity(problem, speed), value, x, problem.cost(x), direction)
+        return value, "rad/s", curve, *_reach(0.0, math.inf, value, value, math.sqrt(max(variance, 0.0)))
+    if name not in fit.var_names:
+        if name in fit.params:
+            raise ValueError(f"{name} is known here, so nothing is fitted that could have a profile")
+        raise KeyError(unknown_name("fitted parameter", name, (*fit.var_names, THRESHOLD)))
+    i = fit.var_names.index(name)
+    p = fit.params[name]
+    error = math.sqrt(max(float(covar[i, i]), 0.0)) if p.resolved else 0.0
+    direction = covar[:, i] / covar[i, i] if error > 0 else np.zeros_like(x)
+    lower, upper = box(problem)
+    typical = problem.space.model.parameter(name.partition("[")[0]).scale if i < len(problem.space.names) else 0.1
+    size = max(abs(float(x[i])), typical)
+    scale = np.maximum(np.abs(x), 1e-6 * size)
+    curve = Curve(hold_entry(problem, i, scale), float(x[i]), x, problem.cost(x), direction)
+    return float(x[i]), p.unit, curve, *_reach(lower[i], upper[i], float(x[i]), size, error)
+
+
+def _reach(
+    low: float, high: float, value: float, size: float, error: float
+) -> tuple[float, tuple[tuple[float, bool], ...]]:
+    step = error if error > 0 else 0.1 * size
+    return step, limits(float(low), float(high), value, size, step)
+
+
+def _grid(curve: Curve, value: float, ends: list[End], points: int) -> tuple[Float, Float]:
+    """Values a tenth beyond the interval (or up to the bound, or twice the other side where an end is open)."""
+    width = [abs(end.value - value) for end in ends]
+    finite = [w for w in width if math.isfinite(w)]
+    spare = 2 * max(finite) if finite else max(abs(end.limit - value) for end in ends)
+    outer = []
+    for side, end, w in zip((-1, 1), ends, width, strict=True):
+        way = 1.1 * w if math.isfinite(w) else spare
+        outer.append(value + side * min(way, abs(end.limit - value)))
+    below = np.linspace(value, outer[0], points // 2 + 1)
+    above = np.linspace(value, outer[1], points - points // 2)
+    # outwards on either side: every point starts from its neighbour
+    rises = {float(v): curve(float(v)) for v in (*below, *above)}
+    values = np.array(sorted(rises))
+    return values, np.array([rises[v] for v in values.tolist()])
+
+
+def _message(curve: Curve, ends: list[End], scale: float, unit: str, goal: float) -> str:
+    unit = "" if unit == "1" else f" {unit}"
+    parts = []
+    for word, end in zip(("below", "above"), ends, strict=True):
+        if math.isinf(end.value):
+            where = "its bound" if end.at_bound else "far beyond any sensible value,"
+            parts.append(
+                f"open {word}: up to {where} {end.limit:.6g}{unit} chi-squared rises by {end.rise / scale:.3g} only, "
+                f"{goal / scale:.3g} would end the interval"
+            )
+        elif not end.exact:
+            parts.append(f"the end {word} was not found to full precision")
+    if curve.unsettled:
+        parts.append(f"{curve.unsettled} points of the curve are not at a minimum to full precision")
+    if curve.lowest / scale < -_LOWER_MINIMUM:
+        parts.append(
+            f"chi-squared falls {-curve.lowest / scale:.3g} below that of the fit on the way: the fit did not end in "
+            "the lowest minimum, fit again from other start values"
+        )
+    return "; ".join(parts)

@@ -1,0 +1,48 @@
+"""Files that version 0.1.0 wrote are read: the same numbers, whatever room a class lives in today.
+
+The files of ``data/saved-0.1.0`` were written by that version, before the front was divided into rooms, and are never
+written again; ``expected.json`` holds what it said of them.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import rotorfit as rf
+
+SAVED = Path(__file__).parent / "data" / "saved-0.1.0"
+EXPECTED = json.loads((SAVED / "expected.json").read_text(encoding="utf-8"))
+
+
+@pytest.mark.parametrize("name", ["one_mode", "law", "whirl_whip", "sampled"])
+def test_a_fit_of_version_0_1_0_is_read(name: str) -> None:
+    fit = rf.load_fit(SAVED / f"{name}.json")
+    expected = EXPECTED[name]
+    assert {p.name: p.value for p in fit.params.values()} == expected["values"]
+    np.testing.assert_equal({p.name: p.stderr for p in fit.params.values()}, expected["stderr"])
+    assert fit.redchi == expected["redchi"]
+    again = rf.fit(fit.model, list(fit.experiments), known=fit.settings.known) if name == "sampled" else None
+    if again is not None:  # its settings still mean the same
+        np.testing.assert_allclose(again.x, fit.x, rtol=1e-6)
+
+
+def test_a_posterior_of_version_0_1_0_is_read() -> None:
+    posterior = rf.load_posterior(SAVED / "posterior.nc", rf.load_fit(SAVED / "sampled.json"))
+    assert list(posterior.names) == EXPECTED["posterior"]["names"]
+    means = [posterior.chain[:, :, i].mean() for i in range(len(posterior.names))]
+    np.testing.assert_allclose(means, EXPECTED["posterior"]["mean"], rtol=1e-12)
+
+
+def test_a_study_of_version_0_1_0_is_read() -> None:
+    """Every key that the version had, in one file."""
+    from rotorfit.studies.study_file import read_study
+
+    study = read_study(SAVED / "study.toml")
+    assert study.phase_offsets is True
+    assert dict(study.per) == {"D": "speed_rpm"}
+    assert dict(study.files[1].options)["probe_angles"] == {"journal": (45.0, 135.0)}
+    assert study.out == SAVED / "results"
