@@ -24,8 +24,7 @@ from rotorfit.models.two_disk import TwoDisk
 from rotorfit.models.whirl_whip import WhirlWhip
 
 MODELS: dict[str, type[RotorModel]] = {
-    model.name: model
-    for model in (OneMode, WhirlWhip, Anisotropic, TwoDisk, Overhung, Chain, Modal, AnisotropicShaft)
+    model.name: model for model in (OneMode, WhirlWhip, Anisotropic, TwoDisk, Overhung, Chain, Modal, AnisotropicShaft)
 }
 """Models by the name the command line uses."""
 

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from rotorfit.studies.study import DataFile, Study
 
+
 def add_output(to: argparse.ArgumentParser) -> None:
     """How much is printed."""
     to.add_argument("--json", action="store_true", help="print the result as JSON instead of tables")

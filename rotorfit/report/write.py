@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from rotorfit.uncertainty.posterior import Posterior
     from rotorfit.uncertainty.profile import Profile
 
+
 def write_report(
     fit: FitResult,
     path: str | os.PathLike[str],
