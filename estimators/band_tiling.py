@@ -28,26 +28,23 @@ CLEARLY = 4.0
 """A noise level is clearly above another when it is so by this many of its standard deviations."""
 
 
-def tile(size: int, narrowest: int, solve: Callable[[slice], LocalFit]) -> list[LocalFit]:
+def tile(count: int, solve: Callable[[int, int], LocalFit]) -> list[LocalFit]:
     """Bands that cover all lines, each fitted.
 
     Args:
-        size: number of lines.
-        narrowest: lines in the narrowest band.
-        solve: fits a band.
+        count: number of narrowest bands.
+        solve: fits the band between two of their edges, given by number.
     """
-    count = size // narrowest
-    edges = np.linspace(0, size, count + 1).round().astype(int)
 
     def fit(first: int, length: int) -> LocalFit:
-        return solve(slice(int(edges[first]), int(edges[first + length])))
+        return solve(first, first + length)
 
     narrow = [fit(first, 1) for first in range(count)]
     noise = pooled_noise(narrow)
     chosen = {first: [(first, 1)] for first in range(count)}
     cost = {first: _criterion(narrow[first], noise[:, first]) for first in range(count)}
-    for length in 2 ** np.arange(1, LEVELS + 1):
-        half = int(length) // 2
+    for length in (2**level for level in range(1, LEVELS + 1)):
+        half = length // 2
         for first in range(0, count - 2 * half + 1, 2 * half):
             level = np.sqrt(np.mean(noise[:, first : first + 2 * half] ** 2, axis=1))
             together = _criterion(fit(first, 2 * half), level)

@@ -1,11 +1,12 @@
 """Frequency responses of a swept test by local models of the spectrum: no sweep bias, and errors that are known.
 
-The spectra of a whole record obey ``Z(w) = H(w) F(w) + T(w) + sum_i c_i U_i(w) + noise``: H the frequency response, F
-the force, T the transient (what the rotor did before the record began and will do after it), both smooth, and U_i the
-spectra of what is locked to the shaft (run-out, residual unbalance). In a band of lines H and T are polynomials and the
-c_i constants; linear least squares gives them, and the noise level from what is left (local polynomial method,
-R. Pintelon and J. Schoukens, System Identification, 2nd ed., 2012, ch. 7). How fast the frequency was swept is nowhere
-in it.
+The spectra of a whole record obey ``Z(w) = sum_j H_j(w) F_j(w) + T(w) + sum_i c_i U_i(w) + noise``: H_j the frequency
+responses to the forces F_j, T the transient (what the rotor did before the record began and will do after it), all of
+them smooth, and U_i the spectra of what is locked to the shaft (run-out, residual unbalance). In a band of lines H and
+T are polynomials and the c_i constants; linear least squares gives them, and the noise level from what is left (local
+polynomial method, R. Pintelon and J. Schoukens, System Identification, 2nd ed., 2012, ch. 7). How fast the frequency
+was swept is nowhere in it. Several records share their H and have a transient and constants each: that is how start-ups
+with the weight at opposite places are differenced.
 
 Two choices of ours:
 
@@ -32,8 +33,8 @@ ComplexArray = NDArray[np.complex128]
 DEGREE = 2
 """Degree of the polynomials for H and T."""
 
-NARROWEST = 9
-"""Lines in the narrowest band: six unknowns for degree 2, three left for the noise."""
+SPARE = 3
+"""Lines of a narrowest band beyond its unknowns."""
 
 MOST_BANDS = 1024
 """Narrowest bands of a record; longer records have wider ones."""
@@ -43,16 +44,33 @@ SEEN = 3e-3
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
+class RecordSpectra:
+    """Spectra of one whole record on equally spaced lines.
+
+    Attributes:
+        frequency: of the lines, rad/s, shape ``(K,)``, ascending.
+        outputs: shape ``(P, K)``.
+        forces: shape ``(J, K)``.
+        others: inputs to which the response is constant within a band, shape ``(M, K)``.
+    """
+
+    frequency: Float
+    outputs: ComplexArray
+    forces: ComplexArray
+    others: ComplexArray
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
 class LocalResponse:
     """Frequency responses at the nodes of the bands.
 
     Attributes:
         frequency: of each node, rad/s, shape ``(L,)``, ascending.
-        response: H, output over force, shape ``(P, L)``.
-        sigma: standard deviation of its real part and of its imaginary part, shape ``(P, L)``.
+        response: H, output over force, shape ``(J, P, L)``.
+        sigma: standard deviation of its real part and of its imaginary part, shape ``(J, P, L)``.
         noise: noise of the spectrum of each output around the node, ``sqrt(E |N|^2)``, shape ``(P, L)``.
         width: width of the band around each node, rad/s, shape ``(L,)``.
-        residual: what is left of the spectra on all lines, shape ``(P, K)``.
+        residual: what is left of the spectra on the lines of each record, shape ``(P, K)`` each; NaN outside the bands.
     """
 
     frequency: Float
@@ -60,28 +78,28 @@ class LocalResponse:
     sigma: Float
     noise: Float
     width: Float
-    residual: ComplexArray
+    residual: tuple[ComplexArray, ...]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LocalFit:
-    """Least squares in one band of K lines.
+    """Least squares in one band of N lines, those of all records one after the other.
 
     Attributes:
-        lines: where the band is.
-        node: frequencies of the nodes, rad/s.
-        response: H there, shape ``(P, nodes)``.
-        leverage: variance of H over that of the noise of the spectrum, at each node.
-        residual: shape ``(P, K)``.
+        node: frequencies of the nodes, rad/s, shape ``(L,)``.
+        response: H there, shape ``(J, P, L)``.
+        leverage: variance of H over that of the noise of the spectrum, shape ``(J, L)``.
+        residual: shape ``(P, N)``.
         unknowns: number of complex unknowns for each output.
+        lines: where the band is in each record.
     """
 
-    lines: slice
     node: Float
     response: ComplexArray
     leverage: Float
     residual: ComplexArray
     unknowns: int
+    lines: tuple[slice, ...]
 
     @property
     def dof(self) -> int:
@@ -94,24 +112,13 @@ class LocalFit:
         return np.asarray(np.sum(np.abs(self.residual) ** 2, axis=1))
 
 
-def local_response(
-    frequency: Float,
-    outputs: ComplexArray,
-    force: ComplexArray,
-    others: Sequence[ComplexArray] = (),
-    *,
-    degree: int = DEGREE,
-    narrowest: int = NARROWEST,
-) -> LocalResponse:
-    """Frequency response of each output to the force.
+def local_response(records: Sequence[RecordSpectra], low: float, high: float, *, degree: int = DEGREE) -> LocalResponse:
+    """Frequency response of each output to each force.
 
     Args:
-        frequency: of the lines of the spectra, rad/s, equally spaced, shape ``(K,)``.
-        outputs: spectra of the outputs over the whole record, shape ``(P, K)``.
-        force: spectrum of the force, shape ``(K,)``.
-        others: spectra of further inputs, to which the response is constant within a band, each of shape ``(K,)``.
+        records: their number of outputs and of forces is the same.
+        low, high: ends of the band, rad/s.
         degree: degree of the polynomials for H and T.
-        narrowest: lines in the narrowest band.
 
     Returns:
         responses at ``degree + 1`` nodes a band.
@@ -119,23 +126,35 @@ def local_response(
     Raises:
         ValueError: fewer lines than one band needs.
     """
-    narrowest = max(narrowest, 2 * (degree + 1) + 2, frequency.size // MOST_BANDS)
-    if frequency.size < narrowest:
+    inside = [(record.frequency >= low) & (record.frequency <= high) for record in records]
+    fewest = min(int(np.sum(lines)) for lines in inside)
+    forces = records[0].forces.shape[0]
+    needed = -(-(degree + 1) * (forces + len(records)) // len(records)) + SPARE  # in each record
+    if fewest < needed:
         raise ValueError(
-            f"{frequency.size} spectral lines lie in the tested band, {narrowest} are needed: the record is too short "
-            "for the band it sweeps"
+            f"{fewest} spectral lines lie in the tested band, {low:.4g} to {high:.4g} rad/s, {needed} are needed: the "
+            "record is too short for the band it sweeps"
         )
-    fits = tile(frequency.size, narrowest, _solver(frequency, outputs, force, others, degree))
-    count = [fit.node.size for fit in fits]
-    noise = np.repeat(pooled_noise(fits), count, axis=1)
-    lines = [fit.residual.shape[1] for fit in fits]
+    count = min(fewest // needed, MOST_BANDS)
+    edges = np.linspace(low, high, count + 1)
+    edges[-1] = np.nextafter(high, np.inf)
+    fits = tile(count, _solver(records, edges, degree))
+    nodes = [fit.node.size for fit in fits]
+    noise = np.repeat(pooled_noise(fits), nodes, axis=1)
+    leverage = np.concatenate([fit.leverage for fit in fits], axis=1)
+    left = [np.full(record.outputs.shape, np.nan + 0j) for record in records]
+    for fit in fits:
+        begin = 0
+        for part, lines in zip(left, fit.lines, strict=True):
+            part[:, lines] = fit.residual[:, begin : (begin := begin + lines.stop - lines.start)]
+    step = float(records[0].frequency[1] - records[0].frequency[0])
     return LocalResponse(
         frequency=np.concatenate([fit.node for fit in fits]),
-        response=np.concatenate([fit.response for fit in fits], axis=1),
-        sigma=noise * np.sqrt(np.concatenate([fit.leverage for fit in fits]) / 2),
+        response=np.concatenate([fit.response for fit in fits], axis=2),
+        sigma=noise * np.sqrt(leverage / 2)[:, None],
         noise=noise,
-        width=np.repeat(np.asarray(lines) * float(frequency[1] - frequency[0]), count),
-        residual=np.concatenate([fit.residual for fit in fits], axis=1),
+        width=np.repeat([step * (fit.lines[0].stop - fit.lines[0].start) for fit in fits], nodes),
+        residual=tuple(left),
     )
 
 
@@ -159,38 +178,59 @@ def gauss_nodes(position: Float, weight: Float, count: int) -> Float:
     return np.asarray(np.linalg.eigvalsh(jacobi))
 
 
-def _solver(
-    frequency: Float, outputs: ComplexArray, force: ComplexArray, others: Sequence[ComplexArray], degree: int
-) -> Callable[[slice], LocalFit]:
-    """A function that fits the band of the lines it is given."""
-    greatest = [float(np.abs(spectrum).max(initial=0.0)) for spectrum in others]
+def _solver(records: Sequence[RecordSpectra], edges: Float, degree: int) -> Callable[[int, int], LocalFit]:
+    """A function that fits a band from one of the edges to another."""
+    greatest = [np.abs(record.others).max(axis=1, initial=0.0) for record in records]
+    borders = [np.searchsorted(record.frequency, edges) for record in records]
+    known = (degree + 1) * records[0].forces.shape[0]
 
-    def solve(lines: slice) -> LocalFit:
-        w, drive, measured = frequency[lines], force[lines], outputs[:, lines].T
-        middle, half = (w[0] + w[-1]) / 2, (w[-1] - w[0]) / 2
-        position = (w - middle) / half
-        powers = np.polynomial.legendre.legvander(position, degree)
-        shaft = [_seen(spectrum[lines], powers, SEEN * top) for spectrum, top in zip(others, greatest, strict=True)]
-        matrix = np.hstack([powers * drive[:, None], powers, *shaft])
+    def solve(first: int, last: int) -> LocalFit:
+        lines = tuple(slice(int(border[first]), int(border[last])) for border in borders)
+        middle, half = (edges[first] + edges[last]) / 2, (edges[last] - edges[first]) / 2
+        position = [(r.frequency[part] - middle) / half for r, part in zip(records, lines, strict=True)]
+        powers = [np.polynomial.legendre.legvander(at, degree) for at in position]
+        drive = np.vstack([_drive(r.forces[:, part], p) for r, part, p in zip(records, lines, powers, strict=True)])
+        own = [
+            np.hstack([p, _seen(r.others[:, part].T, p, SEEN * top)])
+            for r, part, p, top in zip(records, lines, powers, greatest, strict=True)
+        ]
+        matrix = np.hstack([drive, _block_diagonal(own)])
+        measured = np.hstack([r.outputs[:, part] for r, part in zip(records, lines, strict=True)]).T
         scale = np.linalg.norm(matrix, axis=0)
         q, r = np.linalg.qr(matrix / scale)
-        inverse = np.linalg.inv(r)[: degree + 1] / scale[: degree + 1, None]
+        inverse = np.linalg.inv(r)[:known] / scale[:known, None]
         projected = q.conj().T @ measured
-        node = gauss_nodes(position, np.abs(drive) ** 2, degree + 1)
-        at_node = np.polynomial.legendre.legvander(node, degree) @ inverse
+        weight = np.concatenate([np.abs(r.forces[0, part]) ** 2 for r, part in zip(records, lines, strict=True)])
+        node = gauss_nodes(np.concatenate(position), weight, degree + 1)
+        at_node = np.polynomial.legendre.legvander(node, degree) @ inverse.reshape(-1, degree + 1, matrix.shape[1])
         return LocalFit(
-            lines=lines,
             node=middle + half * node,
-            response=(at_node @ projected).T,
-            leverage=np.sum(np.abs(at_node) ** 2, axis=1),
+            response=(at_node @ projected).swapaxes(1, 2),
+            leverage=np.sum(np.abs(at_node) ** 2, axis=2),
             residual=(measured - q @ projected).T,
             unknowns=matrix.shape[1],
+            lines=lines,
         )
 
     return solve
 
 
-def _seen(column: ComplexArray, powers: Float, least: float) -> ComplexArray:
-    """The input as a column, or no column where a smooth transient can stand for it."""
-    rest = column - powers @ np.linalg.lstsq(powers, column, rcond=None)[0]
-    return column[:, None] if np.linalg.norm(rest) > least else np.zeros((column.size, 0), complex)
+def _drive(forces: ComplexArray, powers: Float) -> ComplexArray:
+    """Columns of the polynomials of all responses, one force after the other."""
+    return np.asarray((forces[:, :, None] * powers).transpose(1, 0, 2).reshape(powers.shape[0], -1))
+
+
+def _seen(columns: ComplexArray, powers: Float, least: Float) -> ComplexArray:
+    """The columns that a smooth transient cannot stand for."""
+    rest = columns - powers @ np.linalg.lstsq(powers, columns, rcond=None)[0]
+    return columns[:, np.linalg.norm(rest, axis=0) > least]
+
+
+def _block_diagonal(blocks: Sequence[ComplexArray]) -> ComplexArray:
+    rows, columns = np.sum([block.shape for block in blocks], axis=0)
+    whole = np.zeros((rows, columns), complex)
+    row = column = 0
+    for block in blocks:
+        whole[row : row + block.shape[0], column : column + block.shape[1]] = block
+        row, column = row + block.shape[0], column + block.shape[1]
+    return whole
