@@ -1,0 +1,182 @@
+"""Scatter of readings between mountings of a weight and between repeats of one mounting.
+
+Readings taken one after the other agree far better than readings before and after the weight was taken off: the shaft's
+bow, the seat of the weight, a probe's bracket have moved. What every reading of one mounting has in common is a random
+effect; its variance is estimated by restricted maximum likelihood, which pays for the coefficients fitted beside it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize_scalar
+
+Float = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+
+_DECADES = 12.0  # range of variances searched, about the mean square of the residuals
+_RANK = 1e-9  # relative singular value below which the columns of a design say the same
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Solved:
+    """Linear coefficients of one kind of reading, ``y_m = X_m beta + b_m + e_m``, over the mountings m.
+
+    Variances are those of the real part and of the imaginary part.
+
+    Attributes:
+        beta: coefficients, shape ``(p,)``.
+        weights: ``beta = weights @ y``, shape ``(p, M)``, zero where a mounting has no such reading.
+        residuals: shape ``(M,)``, zero where there is no reading.
+        projector: ``residuals = projector @ y``, shape ``(M, M)``.
+        mounting: variance between mountings, NaN where there are no more mountings than coefficients.
+        repeat: variance between repeats of one mounting, NaN where nothing was repeated.
+        mean: typical variance of a mounting's mean reading, repeats included.
+        freedom: complex degrees of freedom of ``mean``.
+    """
+
+    beta: ComplexArray
+    weights: ComplexArray
+    residuals: ComplexArray
+    projector: ComplexArray
+    mounting: float
+    repeat: float
+    mean: float
+    freedom: int
+
+
+def solve(reading: ComplexArray, count: Float, design: ComplexArray, repeat: float) -> Solved:
+    """Coefficients and the variance between mountings, by restricted maximum likelihood.
+
+    Args:
+        reading: mean reading of each mounting, shape ``(M,)``, NaN where there is none.
+        count: number of repeats averaged in each, shape ``(M,)``.
+        design: shape ``(M, p)``.
+        repeat: variance of one repeat, real and imaginary part each; NaN if unknown.
+
+    Raises:
+        ValueError: the mountings do not determine the coefficients.
+    """
+    there = np.flatnonzero(np.isfinite(reading))
+    y, X, n = reading[there], design[there], count[there]
+    if not determines(X):
+        raise ValueError(f"{there.size} mountings do not determine {design.shape[1]} coefficients")
+    freedom = there.size - X.shape[1]
+    within = (0.0 if np.isnan(repeat) else repeat) / n
+    if freedom:
+        between = _restricted(y, X, within)
+        variance = between + within
+    else:  # as many coefficients as mountings: repeats are all that can be told
+        between = float("nan")
+        variance = within if within.any() else np.ones(there.size)
+    weights = _weights(X, variance)
+    projector = np.eye(there.size) - X @ weights
+    whole = np.zeros((design.shape[1], reading.size), dtype=complex)
+    whole[:, there] = weights
+    left = np.zeros((reading.size, reading.size), dtype=complex)
+    left[np.ix_(there, there)] = projector
+    residuals = np.zeros(reading.size, dtype=complex)
+    residuals[there] = projector @ y
+    known = freedom > 0 or bool(within.any())
+    return Solved(
+        beta=weights @ y,
+        weights=whole,
+        residuals=residuals,
+        projector=left,
+        mounting=between,
+        repeat=repeat,
+        mean=float(variance.mean()) if known else float("nan"),
+        freedom=freedom,
+    )
+
+
+def determines(design: ComplexArray) -> bool:
+    """Whether the columns of a design can be told apart."""
+    if design.shape[0] < design.shape[1]:
+        return False
+    size = np.linalg.norm(design, axis=0)
+    if not size.all():
+        return False
+    singular = np.linalg.svd(design / size, compute_uv=False)
+    return bool(singular[-1] > _RANK * singular[0])
+
+
+def _weights(X: ComplexArray, variance: Float) -> ComplexArray:
+    left = X.conj().T / variance
+    return np.asarray(np.linalg.solve(left @ X, left))
+
+
+def _restricted(y: ComplexArray, X: ComplexArray, within: Float) -> float:
+    """Variance between mountings where the restricted likelihood of complex readings is largest."""
+    freedom = y.size - X.shape[1]
+    plain = y - X @ np.linalg.lstsq(X, y, rcond=None)[0]
+    scale = float(np.sum(np.abs(plain) ** 2)) / (2 * freedom)
+    if scale == 0:
+        return 0.0
+
+    def minus_twice(between: float) -> float:
+        variance = between + within
+        miss = y - X @ (_weights(X, variance) @ y)
+        determinant = np.linalg.slogdet(X.conj().T / variance @ X)[1]
+        return float(2 * np.log(variance).sum() + 2 * determinant + np.sum(np.abs(miss) ** 2 / variance))
+
+    found = minimize_scalar(
+        lambda u: minus_twice(scale * 10**u), bounds=(-_DECADES / 2, _DECADES / 2), options={"xatol": 1e-6}
+    )
+    between = float(scale * 10 ** float(found.x))
+    if within.all() and minus_twice(0.0) <= float(found.fun):
+        return 0.0
+    return between
+
+
+def repeat_variance(readings: ComplexArray, mounting: NDArray[np.intp]) -> tuple[float, int]:
+    """Variance of real and imaginary part between repeats of one mounting, pooled, and its complex degrees of freedom.
+
+    Args:
+        readings: shape ``(R,)``.
+        mounting: number of the mounting of each, shape ``(R,)``.
+
+    Returns:
+        the variance, NaN where nothing was repeated, and the degrees of freedom.
+    """
+    count = np.bincount(mounting)
+    mean = (np.bincount(mounting, readings.real) + 1j * np.bincount(mounting, readings.imag)) / np.maximum(count, 1)
+    freedom = int(readings.size - np.count_nonzero(count))
+    if not freedom:
+        return float("nan"), 0
+    return float(np.sum(np.abs(readings - mean[mounting]) ** 2)) / (2 * freedom), freedom
+
+
+def scatter(cells: list[Solved]) -> ComplexArray:
+    """Covariance of the mean readings of one mounting across kinds of reading (channels and speeds), shape ``(C, C)``.
+
+    No structure is assumed: whatever a mounting does to several channels and speeds at once is in it. Its rank is that
+    of the residuals, so that it serves for error bars but cannot weigh.
+    """
+    found = np.zeros((len(cells), len(cells)), dtype=complex)
+    for i, one in enumerate(cells):
+        for k, other in enumerate(cells):
+            # E[r_i r_k^H] = P_i (cov) P_k^H: the trace counts what the coefficients have taken out of both
+            share = float(np.vdot(other.projector, one.projector).real)
+            if share > 0:
+                found[i, k] = np.vdot(other.residuals, one.residuals) / (2 * share)
+    values, vectors = np.linalg.eigh(found)
+    return np.asarray((vectors * np.maximum(values, 0.0)) @ vectors.conj().T)
+
+
+def coefficient_covariance(cells: list[Solved], between: ComplexArray) -> ComplexArray:
+    """Covariance of the coefficients of all cells, cell by cell, from that of the mean readings of one mounting.
+
+    Args:
+        cells: what :func:`solve` gave, all with p coefficients over the same mountings.
+        between: covariance of the cells' mean readings, shape ``(C, C)``.
+
+    Returns:
+        shape ``(C p, C p)``.
+    """
+    weights = np.array([cell.weights for cell in cells])
+    spread = np.einsum("cim,dkm->cidk", weights, weights.conj())
+    size = weights.shape[0] * weights.shape[1]
+    return np.asarray((spread * between[:, None, :, None]).reshape(size, size))
