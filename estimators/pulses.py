@@ -19,6 +19,8 @@ Index = NDArray[np.intp]
 NOISE_ALONE = 3.3
 """Distance of the two voltages over their scatter: Gaussian noise cut in two has 2.7, a sine 4.1, a pulse more."""
 _BINS = 512
+_PEAK = 15
+"""Bins that the noise of a level fills, a few hundredths of the jump."""
 _SHORT = 0.6
 """Interval, in expected ones, below which one of its two edges is one too many."""
 
@@ -90,7 +92,7 @@ def find_levels(voltage: Float, *, edge: str = "", level: float | None = None) -
     best = np.flatnonzero(between >= between.max() * (1 - 1e-9))  # a plateau where nothing lies between the classes
     split = float(at[1 + round(best.mean())])
     lower, upper = voltage[voltage <= split], voltage[voltage > split]
-    low, high = float(np.median(lower)), float(np.median(upper))
+    low, high = _plateau(lower, top - bottom), _plateau(upper, top - bottom)
     scatter = float(np.hypot(lower.std(), upper.std()) / np.sqrt(2))
     if high - low < NOISE_ALONE * scatter:
         raise ValueError(
@@ -108,6 +110,16 @@ def find_levels(voltage: Float, *, edge: str = "", level: float | None = None) -
         low=low, high=high, level=timed, hysteresis=0.4 * min(high - timed, timed - low), falling=falling, duty=duty,
         noise=float(1.4826 * np.median(np.abs(upper - high))),
     )  # fmt: skip
+
+
+def _plateau(voltage: Float, span: float) -> float:
+    """Where most of the samples are: the median leans towards the ramps of wide edges, by degrees of the shaft."""
+    counts, at = np.histogram(voltage, max(round(_BINS * np.ptp(voltage) / span), 1))
+    smooth = np.convolve(counts, np.ones(_PEAK), mode="same")
+    top = int(np.argmax(smooth))
+    centre = float(at[top] + at[top + 1]) / 2
+    near = voltage[np.abs(voltage - centre) <= _PEAK * span / _BINS]
+    return float(np.median(near))
 
 
 def find_edges(pieces: Iterable[Float], levels: PulseLevels) -> Float:
