@@ -205,12 +205,25 @@ def _without_extra(times: Float) -> tuple[Float, Float]:
         short = np.flatnonzero(intervals < _SHORT * turn)
         if not short.size:
             break
-        padded = np.concatenate([[np.nan], intervals, [np.nan]])  # padded[k + 1]: from edge k to edge k + 1
-        backward = np.abs(padded[short] + padded[short + 1] - turn[short])  # edge k left out
-        forward = np.abs(padded[short + 2] + padded[short + 1] - turn[short])  # edge k + 1 left out
-        first = np.nan_to_num(backward, nan=np.inf) < np.nan_to_num(forward, nan=np.inf)
-        out = np.where(first, short, short + 1)
+        out = np.where(_bend(intervals, short, -1) < _bend(intervals, short, 1), short, short + 1)
         out = out[np.concatenate([[True], np.diff(out) > 2])]  # neighbours of one left out are judged again
         extra = np.concatenate([extra, kept[out]])
         kept = np.delete(kept, out)
     return kept, np.sort(extra)
+
+
+def _bend(intervals: Float, short: Index, side: int) -> Float:
+    """How unlike an even change the intervals around a short one are, once it is joined to its neighbour on one side.
+
+    The intervals left and right of the joined one count too, unless they are short themselves or off the record.
+    """
+    padded = np.pad(intervals, 3, constant_values=np.nan)
+    at = short + 3
+    joined = padded[at] + padded[at + side]
+    padded[at] = np.nan
+    if side < 0:
+        row = np.stack([padded[at - 2], joined, padded[at + 1], padded[at + 2]])
+    else:
+        row = np.stack([padded[at - 2], padded[at - 1], joined, padded[at + 2]])
+    bends = np.abs(row[:-2] - 2 * row[1:-1] + row[2:])
+    return np.asarray(np.where(np.isnan(joined), np.inf, np.nansum(bends, axis=0)))

@@ -27,6 +27,8 @@ DEGREE = 5
 MOST_KNOTS = 200_000
 _OUTLYING = 7.0
 """Robust standard deviations beyond which a pulse is taken for noise: never once in a million Gaussian ones."""
+_ROUNDING = 1e-9
+"""Share of the record's length below which a pulse is never late: what is left of pulses without any jitter."""
 _SMOOTH_ENOUGH = 3.0
 """log10 of the penalty beyond which the spline is smoother than its knots would force it to be."""
 
@@ -96,7 +98,7 @@ def smooth_angle(
         tooth = fit.pattern[pulses.numbers % pulses_per_turn]
         late = (step * pulses.numbers + tooth - fit.angle(pulses.times)) / fit.speed(pulses.times)
         scale = 1.4826 * float(np.median(np.abs(late[keep])))
-        near = np.abs(late) <= max(_OUTLYING * scale, resolution, 1e-12 * duration)
+        near = np.abs(late) <= max(_OUTLYING * scale, resolution, _ROUNDING * duration)
         if np.array_equal(near, keep) or near.sum() < max(4, pulses.times.size // 2):
             break
         keep = near

@@ -1,0 +1,146 @@
+"""Edges of a phase reference, their count, and the smooth angle: against pulses made from a known angle."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.optimize import brentq
+
+from rotorfit.estimators.pulses import find_edges, find_levels, number_pulses
+from rotorfit.estimators.shaft_angle import smooth_angle
+
+Float = NDArray[np.float64]
+RATE = 6400.0
+
+
+def turning(t: Float) -> Float:
+    """Angle of a shaft that accelerates from 20 rad/s and wanders: rad."""
+    return 20.0 * t + 8.0 * t**2 + 0.3 * np.sin(2.0 * t)
+
+
+def speed(t: Float) -> Float:
+    return 20.0 + 16.0 * t + 0.6 * np.cos(2.0 * t)
+
+
+def voltage(angle: Float, *, per_turn: int = 1, notch: bool = True) -> Float:
+    """-2 V outside and -8 V in a notch of a twelfth of a pitch, angle zero where it begins; rising for a projection."""
+    inside = np.mod(angle * per_turn, 2 * np.pi) < 2 * np.pi / 12
+    return np.where(inside, -8.0, -2.0) if notch else np.where(inside, -2.0, -8.0)
+
+
+def pulse_times(end: float, per_turn: int = 1) -> Float:
+    count = int(turning(np.array([end]))[0] / (2 * np.pi) * per_turn)
+    angles = 2 * np.pi / per_turn * np.arange(1, count + 1)
+    return np.array([brentq(lambda t, a=a: float(turning(np.array([t]))[0]) - a, 0, end, xtol=1e-13) for a in angles])
+
+
+@pytest.mark.parametrize("notch", [True, False])
+def test_level_polarity_and_edges_are_found(notch: bool) -> None:
+    t = np.arange(0, 10, 1 / RATE)
+    rng = np.random.default_rng(1)
+    signal = voltage(turning(t), notch=notch) + 0.1 * rng.normal(size=t.size)
+    levels = find_levels(signal)
+    assert levels.falling is notch
+    assert levels.low == pytest.approx(-8.0, abs=0.02)
+    assert levels.high == pytest.approx(-2.0, abs=0.02)
+    assert levels.duty == pytest.approx(1 / 12, rel=0.05)
+    edges = find_edges([signal], levels)
+    # an edge falls between two samples and is put where the straight line between them passes the level
+    expected = pulse_times(10.0)
+    np.testing.assert_allclose(edges / RATE, expected, atol=0.6 / RATE)
+    pieces = find_edges(np.array_split(signal, 997), levels)
+    np.testing.assert_allclose(pieces, edges, atol=1e-9)
+
+
+def test_noise_at_the_edge_counts_once() -> None:
+    """A slow edge that noise crosses several times is one edge, placed in the middle of its crossings."""
+    t = np.arange(0, 4, 1e-3)
+    rng = np.random.default_rng(2)
+    ramp = np.clip(np.abs((t % 1.0) - 0.5) * 40 - 8, -3, 3)  # 150 samples from one voltage to the other
+    edges = find_edges([ramp + 0.2 * rng.normal(size=t.size)], find_levels(ramp, edge="falling"))
+    np.testing.assert_allclose(edges * 1e-3, 0.3 + np.arange(4), atol=0.01)
+
+
+def test_missing_and_double_pulses_are_told_apart_and_the_count_holds() -> None:
+    times = pulse_times(20.0)
+    gone = np.array([3, 40, 41, 42, 200])
+    double = times[[10, 60, 61, 150]] + 0.004
+    seen = np.sort(np.concatenate([np.delete(times, gone), double]))
+    pulses = number_pulses(seen)
+    np.testing.assert_array_equal(pulses.extra, double)
+    np.testing.assert_allclose(pulses.missing, times[[2, 39, 199]])
+    np.testing.assert_array_equal(pulses.missing_count, [1, 3, 1])
+    np.testing.assert_array_equal(pulses.numbers, np.delete(np.arange(times.size), gone))
+
+
+def test_start_from_rest_is_counted() -> None:
+    """The first turns of a constant acceleration from rest shorten by 1.30, 1.19, 1.13 ...; none is missing."""
+    pulses = number_pulses(np.sqrt(np.arange(1.0, 60.0)))
+    assert pulses.missing.size == pulses.extra.size == 0
+
+
+@pytest.mark.parametrize("jitter", [0.0, 1e-5, 1e-4])
+def test_angle_is_smoothed_as_much_as_the_pulses_jitter(jitter: float) -> None:
+    """The error of the angle is what its standard error says, and smaller than that of a single pulse."""
+    exact = pulse_times(20.0)
+    rng = np.random.default_rng(3)
+    smooth = smooth_angle(number_pulses(exact + jitter * rng.normal(size=exact.size)), duration=20.0)
+    t = np.linspace(exact[3], exact[-3], 4001)
+    error = smooth.angle(t) - (turning(t) - 2 * np.pi)
+    if jitter == 0.0:
+        assert np.abs(error).max() < 2e-4  # what one pulse a turn leaves open of a wander with a period of 3 s
+        return
+    assert smooth.jitter == pytest.approx(
+        jitter, rel=0.25
+    )  # 270 pulses: 4 % from counting, the rest the spline's share
+    ratio = float(np.sqrt(np.mean((error / smooth.stderr(t)) ** 2)))
+    assert 0.6 < ratio < 1.5  # errors are correlated: some 20 independent ones, 1/sqrt(2 20) = 16 % each
+    assert np.sqrt(np.mean((error / (speed(t) * jitter)) ** 2)) < 0.5
+    inner = t[400:-400]
+    assert np.abs(smooth.speed(inner) - speed(inner)).max() < 0.05 + 2e3 * jitter
+
+
+def test_pattern_of_a_wheel_is_taken_out() -> None:
+    """36 teeth, each off its place by up to half a degree, every turn alike."""
+    rng = np.random.default_rng(4)
+    teeth = 36
+    ahead = np.radians(0.3) * rng.normal(size=teeth)
+    ahead -= ahead.mean()
+    k = np.arange(1, 36 * 220)
+    nominal = 2 * np.pi / teeth * k + ahead[k % teeth]
+    t = np.linspace(0, 12.0, 400_001)
+    seen = np.interp(nominal, turning(t), t)
+    seen = seen[nominal < turning(np.array([11.0]))[0]]
+    smooth = smooth_angle(number_pulses(seen), duration=11.5, pulses_per_turn=teeth)
+    # the record begins with tooth 1, which is number 0 of the count
+    np.testing.assert_allclose(smooth.pattern, np.roll(ahead, -1), atol=2e-4)
+    inner = np.linspace(1, 10, 500)
+    offset = smooth.angle(inner) - turning(inner)
+    assert np.ptp(offset) < 1e-3
+
+
+def test_pulses_off_their_place_are_left_out_and_named() -> None:
+    times = pulse_times(20.0) + 1e-5 * np.random.default_rng(5).normal(size=pulse_times(20.0).size)
+    times[100] += 0.003
+    smooth = smooth_angle(number_pulses(times), duration=20.0)
+    np.testing.assert_array_equal(smooth.outlying, times[[100]])
+
+
+@pytest.mark.parametrize(
+    ("signal", "words"),
+    [
+        (np.full(1000, -2.0), "constant at -2 V"),
+        (np.random.default_rng(6).normal(size=100_000), "does not jump between two levels"),
+    ],
+)
+def test_channels_without_pulses_are_refused(signal: Float, words: str) -> None:
+    with pytest.raises(ValueError, match=words):
+        find_levels(signal)
+
+
+def test_irregular_edges_are_no_turns() -> None:
+    with pytest.raises(ValueError, match="no regular pulses"):
+        number_pulses(np.sort(np.random.default_rng(7).uniform(0, 10, 300)))
+    with pytest.raises(ValueError, match="at least four"):
+        number_pulses(np.array([0.1, 0.2]))
