@@ -9,9 +9,11 @@ from rotorfit.models.parameters import unknown_name
 from rotorfit.recordings.raw_file import RawFile
 
 FORMATS = {
-    ".h5": ("hdf5", "open_hdf5"), ".hdf5": ("hdf5", "open_hdf5"), ".hdf": ("hdf5", "open_hdf5"),
+    ".h5": "hdf5", ".hdf5": "hdf5", ".hdf": "hdf5", ".tdms": "tdms", ".mat": "matlab", ".wav": "wav",
+    ".uff": "universal", ".unv": "universal", ".uf58": "universal", ".csv": "text", ".txt": "text", ".tsv": "text",
+    ".parquet": "parquet",
 }  # fmt: skip
-"""Module and function by suffix."""
+"""Module by suffix."""
 
 
 def open_raw(path: str | Path) -> RawFile:
@@ -30,8 +32,7 @@ def open_raw(path: str | Path) -> RawFile:
         raise ValueError(f"{file.name}: {unknown_name('suffix of a recording', suffix, FORMATS)}")
     if not file.is_file():
         raise FileNotFoundError(2, "there is no such file", str(file))
-    module, function = FORMATS[suffix]
-    raw: RawFile = getattr(import_module(f"rotorfit.recordings.{module}"), function)(file)
+    raw: RawFile = import_module(f"rotorfit.recordings.{FORMATS[suffix]}").open_file(file)
     if not raw.channels:
         raise ValueError(f"{file.name} holds no signals: no channel with enough samples to be a recording")
     return raw

@@ -6,7 +6,6 @@ A dataset may say ``volts_per_count`` and ``offset_V``, its rate (``sample_rate_
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -16,27 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotorfit.recordings.raw_file import RawChannel, RawFile, full_count, plain
+from rotorfit.recordings.sampling import FEWEST, rate_of
 
-FEWEST = 64
-"""Samples below which a dataset is a table or a setting, not a signal."""
-_RATES = ("sample_rate_hz", "sample_rate", "sampling_rate", "sampling_frequency", "fs", "Fs", "fs_hz")
-_STEPS = ("dt", "dt_s", "wf_increment", "xIncrement", "x_increment", "sample_interval_s")
-
-
-def rate_of(attributes: Mapping[str, Any]) -> float | None:
-    """Sampling rate, Hz, that attributes give under one of its usual names; None without.
-
-    Args:
-        attributes: of a file or a channel.
-    """
-    for name, power in [(n, 1) for n in _RATES] + [(n, -1) for n in _STEPS]:
-        value = attributes.get(name)
-        if isinstance(value, int | float) and value > 0:
-            return float(value) ** power
-    return None
-
-
-def open_hdf5(path: Path) -> RawFile:
+def open_file(path: Path) -> RawFile:
     """What an HDF5 file holds; its samples are read later, piece by piece.
 
     Args:

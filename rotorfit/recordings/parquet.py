@@ -1,0 +1,69 @@
+"""Parquet recordings: a column a channel, with a column of times or a rate, by pyarrow (``rotorfit[parquet]``)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotorfit.recordings.raw_file import RawChannel, RawFile, full_count
+from rotorfit.recordings.sampling import FEWEST, rate_of, rate_of_times, time_factor
+from rotorfit.recordings.spool import once, spooled
+
+
+def open_file(path: Path) -> RawFile:
+    """What a Parquet file holds; a column is read when it is first asked for.
+
+    Args:
+        path: the file.
+
+    Raises:
+        ValueError: pyarrow is not installed, the file is not a whole Parquet file, or its times are not even.
+    """
+    try:
+        import pyarrow as pa
+        from pyarrow import parquet
+    except ImportError as problem:
+        raise ValueError(f"{path.name}: Parquet needs pyarrow; pip install 'rotorfit[parquet]'") from problem
+    try:
+        with parquet.ParquetFile(path) as file:
+            schema, size = file.schema_arrow, file.metadata.num_rows
+    except (pa.ArrowInvalid, OSError) as problem:
+        raise ValueError(f"{path.name} is not a whole Parquet file: {problem}") from problem
+    said: dict[str, Any] = {}
+    for key, value in (schema.metadata or {}).items():
+        text = value.decode("utf-8", "replace")
+        try:
+            said[key.decode()] = float(text)
+        except ValueError:
+            said[key.decode()] = text
+    said = {key: value for key, value in said.items() if not key.startswith(("ARROW:", "pandas"))}
+    rate = rate_of(said)
+    channels: dict[str, RawChannel] = {}
+    for field in schema if size >= FEWEST else ():
+        if not (pa.types.is_integer(field.type) or pa.types.is_floating(field.type)):
+            continue
+        kind = np.dtype(field.type.to_pandas_dtype())
+        factor = time_factor(field.name)
+        if factor is not None:
+            rate = rate_of_times(np.asarray(_load(path, field.name, size, np.dtype(float))) * factor, f"{path.name}, column {field.name}")
+            continue
+        channels[field.name] = RawChannel(
+            name=field.name, size=size, samples=once(partial(_load, path, field.name, size, kind)), full_count=full_count(kind)
+        )
+    return RawFile(name=path.name, channels=channels, attributes=said, sample_rate=rate)
+
+
+def _load(path: Path, name: str, size: int, kind: np.dtype[Any]) -> NDArray[Any]:
+    from pyarrow import parquet
+
+    def pieces() -> Iterator[NDArray[Any]]:
+        with parquet.ParquetFile(path) as file:
+            for batch in file.iter_batches(batch_size=1 << 20, columns=[name]):
+                yield batch.column(0).to_numpy(zero_copy_only=False)
+
+    return spooled(pieces(), size, kind)

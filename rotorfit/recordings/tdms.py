@@ -1,0 +1,56 @@
+"""TDMS recordings of LabVIEW and its data loggers, by npTDMS (``pip install rotorfit[tdms]``)."""
+
+from __future__ import annotations
+
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotorfit.recordings.raw_file import RawChannel, RawFile, full_count, plain
+from rotorfit.recordings.sampling import FEWEST, rate_of
+
+
+def open_file(path: Path) -> RawFile:
+    """What a TDMS file holds; scaled channels are in volts, others in counts.
+
+    Args:
+        path: the file.
+
+    Raises:
+        ValueError: npTDMS is not installed, or the file is not a whole TDMS file.
+    """
+    try:
+        from nptdms import TdmsFile
+    except ImportError as problem:
+        raise ValueError(f"{path.name}: TDMS needs npTDMS; pip install 'rotorfit[tdms]'") from problem
+    try:
+        with TdmsFile.open(path) as file:
+            attributes = plain(file.properties)
+            found = [channel for group in file.groups() for channel in group.channels() if len(channel) >= FEWEST]
+            names = [channel.name for channel in found]
+            channels: dict[str, RawChannel] = {}
+            for channel in found:
+                name = channel.name if names.count(channel.name) == 1 else f"{channel.group_name}/{channel.name}"
+                kind = np.dtype(channel.dtype)
+                if kind.kind in "iuf":
+                    said = plain(channel.properties)
+                    channels[name] = RawChannel(
+                        name=name,
+                        size=len(channel),
+                        samples=partial(_read, path, channel.group_name, channel.name),
+                        full_count=full_count(kind),
+                        sample_rate=rate_of(said),
+                    )
+    except Exception as problem:  # npTDMS raises whatever struct and NumPy raise on a damaged file
+        raise ValueError(f"{path.name} is not a whole TDMS file: {problem}") from problem
+    return RawFile(name=path.name, channels=channels, attributes=attributes, sample_rate=rate_of(attributes))
+
+
+def _read(path: Path, group: str, name: str, start: int, stop: int) -> NDArray[Any]:
+    from nptdms import TdmsFile
+
+    with TdmsFile.open(path) as file:
+        return np.asarray(file[group][name][start:stop])

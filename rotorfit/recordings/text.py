@@ -1,0 +1,143 @@
+"""Recordings as text: a header, a column a channel in volts, and a column of times or ``# sample_rate_hz = 6400``.
+
+Comment lines ``# name = value`` before the header are attributes of the recording. Text is slow and large; it is gone
+through once and kept on disk in binary.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import partial
+from io import TextIOBase
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotorfit.recordings.raw_file import RawChannel, RawFile
+from rotorfit.recordings.sampling import FEWEST, rate_of, rate_of_times, time_factor
+from rotorfit.recordings.spool import spooled
+
+_ROWS = 1 << 17
+"""Rows turned into numbers at once."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Head:
+    attributes: dict[str, float | str]
+    names: tuple[str, ...]
+    delimiter: str | None
+    lines: int  # before the first row of numbers
+
+
+def open_file(path: Path) -> RawFile:
+    """What a text file of raw signals holds.
+
+    Args:
+        path: the file.
+
+    Raises:
+        ValueError: not text, rows of unequal length, cells that are not numbers, or uneven times; says where.
+    """
+    try:
+        head = _head(path)
+        columns = _columns(path, head)
+    except UnicodeDecodeError as problem:
+        raise ValueError(f"{path.name} is not UTF-8 text; save it as CSV UTF-8") from problem
+    rate = rate_of(head.attributes)
+    channels: dict[str, RawChannel] = {}
+    for name, values in zip(head.names, columns.T if columns.size else (), strict=False):
+        factor = time_factor(name)
+        if factor is not None:
+            rate = rate_of_times(np.asarray(values) * factor, f"{path.name}, column {name}")
+        else:
+            channels[name] = RawChannel(name=name, size=values.size, samples=partial(_piece, values))
+    return RawFile(name=path.name, channels=channels, attributes=head.attributes, sample_rate=rate)
+
+
+def looks_raw(path: str | Path) -> bool:
+    """Whether a text file holds raw signals rather than vectors: no column of a test, and a time column or many rows.
+
+    Args:
+        path: a text file.
+    """
+    try:
+        head = _head(Path(path))
+        with open(path, encoding="utf-8-sig") as file:
+            long = sum(1 for _, _ in zip(file, range(head.lines + 20 * FEWEST), strict=False)) >= head.lines + 10 * FEWEST
+    except (ValueError, OSError):
+        return False
+    timed = any(time_factor(name) is not None for name in head.names)
+    marks = ("run", "plane", "frequency", "speed", "force", "amplitude", "load", "eccentricity", "damping")
+    vectors = any(name.lower().startswith(marks) for name in head.names)
+    return (timed or rate_of(head.attributes) is not None or long) and not vectors
+
+
+def _head(path: Path) -> _Head:
+    attributes: dict[str, float | str] = {}
+    with path.open(encoding="utf-8-sig") as file:
+        for number, line in enumerate(file):
+            text = line.strip()
+            if text.startswith("#"):
+                key, equals, value = (part.strip() for part in text.lstrip("# ").partition("="))
+                if equals and key.replace("_", "").isalnum():
+                    attributes[key] = _plain(value)
+            elif text:
+                delimiter = next((mark for mark in (";", "\t", ",") if mark in text), None)
+                names = tuple(cell.strip().strip('"') for cell in text.split(delimiter))
+                if all(isinstance(_plain(name), float) for name in names):
+                    generic = tuple(f"channel_{i + 1}" for i in range(len(names)))
+                    return _Head(attributes=attributes, names=generic, delimiter=delimiter, lines=number)
+                if len(set(names)) < len(names) or "" in names:
+                    raise ValueError(f"{path.name}: every column needs a name of its own, the header is {text[:120]}")
+                return _Head(attributes=attributes, names=names, delimiter=delimiter, lines=number + 1)
+    raise ValueError(f"{path.name} is empty")
+
+
+def _plain(text: str) -> float | str:
+    try:
+        return float(text)
+    except ValueError:
+        return text.strip("\"'")
+
+
+def _columns(path: Path, head: _Head) -> NDArray[Any]:
+    """All cells, shape ``(rows, columns)``, on disk."""
+    with path.open("rb") as binary:
+        lines = sum(block.count(b"\n") for block in iter(lambda: binary.read(1 << 24), b"")) + 1
+    with path.open(encoding="utf-8-sig") as file:
+        for _ in range(head.lines):
+            file.readline()
+        flat = spooled(_rows(path, file, head), lines * len(head.names), np.float64)
+    return flat.reshape(-1, len(head.names))
+
+
+def _rows(path: Path, file: TextIOBase, head: _Head) -> Iterator[NDArray[Any]]:
+    begin = head.lines
+    while True:
+        try:
+            with warnings.catch_warnings():
+                warnings.filterwarnings("ignore", message=".*input contained no data", category=UserWarning)
+                rows = np.loadtxt(file, delimiter=head.delimiter, max_rows=_ROWS, ndmin=2, comments="#")
+        except ValueError as problem:
+            raise ValueError(f"{path.name}: after line {begin}: {_sentence(problem, head)}") from problem
+        if not rows.size:
+            return
+        if rows.shape[1] != len(head.names):
+            raise ValueError(f"{path.name}: rows of {rows.shape[1]} cells under a header of {len(head.names)} columns")
+        begin += rows.shape[0]
+        yield rows.reshape(-1)
+        if rows.shape[0] < _ROWS:
+            return
+
+
+def _sentence(problem: ValueError, head: _Head) -> str:
+    text = str(problem).split("; use")[0]
+    return f"{text}; write decimals with a point" if head.delimiter == ";" else text
+
+
+def _piece(values: NDArray[Any], start: int, stop: int) -> NDArray[Any]:
+    return np.array(values[start:stop])

@@ -1,0 +1,77 @@
+"""Universal files with time records: functions at nodal DOF (dataset 58) of type 1, by pyuff.
+
+A channel is called by the entity or node and the direction of its response, ``disk_X``, else by its first ID line.
+"""
+
+from __future__ import annotations
+
+import re
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotorfit.recordings.raw_file import RawChannel, RawFile
+from rotorfit.recordings.sampling import FEWEST, rate_of_times
+from rotorfit.recordings.spool import once, spooled
+
+_TIME_RESPONSE = 1
+_AXES = {1: "X", 2: "Y", 3: "Z", -1: "-X", -2: "-Y", -3: "-Z"}
+
+
+def open_file(path: Path) -> RawFile:
+    """The time records of a universal file; each is read when it is first asked for.
+
+    Args:
+        path: the file.
+
+    Raises:
+        ValueError: not a whole universal file, or no time records in it.
+    """
+    import pyuff
+
+    marks = re.findall(rb"(?m)^    -1 *\r?$", path.read_bytes())
+    if len(marks) % 2:
+        raise ValueError(f"{path.name} is not a whole universal file: its last data set has no end; copy it again")
+    try:
+        file = pyuff.UFF(str(path))
+        numbers = [i for i, kind in enumerate(file.get_set_types()) if kind == 58]
+        records = {i: file.read_sets(i, header_only=True) for i in numbers}
+    except Exception as problem:  # pyuff raises nothing more specific
+        raise ValueError(f"{path.name} is not a readable universal file: {problem}") from problem
+    channels: dict[str, RawChannel] = {}
+    for i, record in records.items():
+        if record["func_type"] != _TIME_RESPONSE or record["num_pts"] < FEWEST:
+            continue
+        name = _name(record)
+        name = name if name not in channels else f"{name} ({i + 1})"
+        channels[name] = RawChannel(
+            name=name, size=int(record["num_pts"]), samples=once(partial(_load, path, i)), sample_rate=_rate(path, i, record)
+        )
+    return RawFile(name=path.name, channels=channels)
+
+
+def _name(record: dict[str, Any]) -> str:
+    words = [str(record.get(key) or "").strip() for key in ("rsp_ent_name", "id1")]
+    entity, title = ("" if word.upper() in ("NONE", "") else word for word in words)
+    axis = _AXES.get(int(record["rsp_dir"]))
+    place = entity or (str(record["rsp_node"]) if record["rsp_node"] else "")
+    return f"{place}_{axis}" if axis and place else title or place or "signal"
+
+
+def _rate(path: Path, number: int, record: dict[str, Any]) -> float | None:
+    if record["abscissa_spacing"] == 1:
+        return 1 / float(record["abscissa_inc"]) if record["abscissa_inc"] > 0 else None
+    import pyuff
+
+    times = np.asarray(pyuff.UFF(str(path)).read_sets(number)["x"], dtype=float)
+    return rate_of_times(times, f"{path.name}, record {number + 1}")
+
+
+def _load(path: Path, number: int) -> NDArray[Any]:
+    import pyuff
+
+    data = np.asarray(pyuff.UFF(str(path)).read_sets(number)["data"], dtype=float)
+    return spooled([data], data.size, np.float64)
