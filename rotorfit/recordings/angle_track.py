@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,10 +11,8 @@ from numpy.typing import NDArray
 from rotorfit.data.findings import Finding, listed
 from rotorfit.estimators.pulses import NumberedPulses, PulseLevels, find_edges, find_levels, number_pulses
 from rotorfit.estimators.shaft_angle import SmoothAngle, smooth_angle
-
-if TYPE_CHECKING:
-    from rotorfit.recordings.recording import Recording
-    from rotorfit.recordings.setup import Reference
+from rotorfit.recordings.setup import Reference
+from rotorfit.recordings.signals import Signals
 
 Float = NDArray[np.float64]
 
@@ -83,7 +80,7 @@ class AngleTrack:
         return self.smooth.end
 
 
-def track(record: Recording, reference: Reference) -> AngleTrack:
+def track(record: Signals, reference: Reference) -> AngleTrack:
     """The angle that a phase reference of a recording gives.
 
     Args:
@@ -111,7 +108,7 @@ def track(record: Recording, reference: Reference) -> AngleTrack:
     return AngleTrack(smooth=smooth, pulses=used, levels=levels, findings=tuple(findings))
 
 
-def _sample(record: Recording, channel: str) -> Float:
+def _sample(record: Signals, channel: str) -> Float:
     """Enough of a channel to know its levels: all of a short one, pieces of a long one."""
     if record.size <= _SAMPLED * _PIECE:
         return record.channel(channel)
@@ -149,7 +146,7 @@ def _warning(code: str, message: str) -> Finding:
     return Finding("warning", code, message)
 
 
-def _ends(where: str, record: Recording, smooth: SmoothAngle) -> Iterator[Finding]:
+def _ends(where: str, record: Signals, smooth: SmoothAngle) -> Iterator[Finding]:
     """A shaft that stood still at one end of the record, or a mark that failed there."""
     ends = (
         (smooth.begin, smooth.begin, "before the first"),

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from rotorfit.recordings.raw_file import RawChannel, RawFile, full_count, plain
 from rotorfit.recordings.sampling import FEWEST, rate_of
 
+
 def open_file(path: Path) -> RawFile:
     """What an HDF5 file holds; its samples are read later, piece by piece.
 

@@ -83,7 +83,7 @@ def _channels(source: str, tree: Mapping[str, Any], above: str, rate: float | No
             base = own or (key if key.lower() not in _EMPTY_NAMES else above or key)
             yield from _of_array(value, base, names, rate_of(beside) or rate)
         elif isinstance(value, dict) and not (key == "X" and "Y" in tree):  # dSPACE: X holds the times of all Y
-            yield from _channels(source, value, above if key.lower() in _RECORDS else key, rate)
+            yield from _channels(source, value, (given or above) if key.lower() in _RECORDS else key, rate)
         elif isinstance(value, list):
             for part in value:
                 if isinstance(part, dict):
@@ -107,7 +107,9 @@ def _rate_of_time_vector(source: str, tree: Mapping[str, Any]) -> float | None:
         if isinstance(times, _Array) and times.size >= FEWEST and times.count == 1:
             factor = 1.0 if key == "X" else time_factor(key)
             if factor is not None:
-                return rate_of_times(np.asarray(times.read(0, times.size, None), dtype=float) * factor, f"{source}, {key}")
+                return rate_of_times(
+                    np.asarray(times.read(0, times.size, None), dtype=float) * factor, f"{source}, {key}"
+                )
     return None
 
 

@@ -50,10 +50,15 @@ def open_file(path: Path) -> RawFile:
         kind = np.dtype(field.type.to_pandas_dtype())
         factor = time_factor(field.name)
         if factor is not None:
-            rate = rate_of_times(np.asarray(_load(path, field.name, size, np.dtype(float))) * factor, f"{path.name}, column {field.name}")
+            rate = rate_of_times(
+                np.asarray(_load(path, field.name, size, np.dtype(float))) * factor, f"{path.name}, column {field.name}"
+            )
             continue
         channels[field.name] = RawChannel(
-            name=field.name, size=size, samples=once(partial(_load, path, field.name, size, kind)), full_count=full_count(kind)
+            name=field.name,
+            size=size,
+            samples=once(partial(_load, path, field.name, size, kind)),
+            full_count=full_count(kind),
         )
     return RawFile(name=path.name, channels=channels, attributes=said, sample_rate=rate)
 

@@ -67,7 +67,9 @@ def looks_raw(path: str | Path) -> bool:
     try:
         head = _head(Path(path))
         with open(path, encoding="utf-8-sig") as file:
-            long = sum(1 for _, _ in zip(file, range(head.lines + 20 * FEWEST), strict=False)) >= head.lines + 10 * FEWEST
+            long = (
+                sum(1 for _, _ in zip(file, range(head.lines + 20 * FEWEST), strict=False)) >= head.lines + 10 * FEWEST
+            )
     except (ValueError, OSError):
         return False
     timed = any(time_factor(name) is not None for name in head.names)

@@ -48,7 +48,10 @@ def open_file(path: Path) -> RawFile:
         name = _name(record)
         name = name if name not in channels else f"{name} ({i + 1})"
         channels[name] = RawChannel(
-            name=name, size=int(record["num_pts"]), samples=once(partial(_load, path, i)), sample_rate=_rate(path, i, record)
+            name=name,
+            size=int(record["num_pts"]),
+            samples=once(partial(_load, path, i)),
+            sample_rate=_rate(path, i, record),
         )
     return RawFile(name=path.name, channels=channels)
 

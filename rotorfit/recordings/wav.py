@@ -1,4 +1,4 @@
-"""WAV recordings: channels ``channel_1``, ``channel_2``, ... of counts; volts come from ``[[channel]]`` of the setup."""
+"""WAV recordings: channels ``channel_1``, ``channel_2``, ... of counts; ``[[channel]]`` of the setup scales them."""
 
 from __future__ import annotations
 

@@ -1,0 +1,321 @@
+"""Recordings of every format read alike, in pieces, with the setup applied; what is wrong is one sentence."""
+
+from __future__ import annotations
+
+import pickle
+import wave
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from recorded import ATTRIBUTES, RATE, SETUP, motion, perturbator_angle, shaft_angle, volts, write_hdf5
+from scipy.io import savemat, wavfile
+
+import rotorfit as rf
+
+Float = NDArray[np.float64]
+CHANNELS = volts()
+TIME = np.arange(CHANNELS["disk_X"].size) / RATE
+
+
+def setup_file(folder: Path, text: str = SETUP) -> Path:
+    path = folder / "rig.toml"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def write_tdms(path: Path) -> None:
+    from nptdms import ChannelObject, RootObject, TdmsWriter
+
+    with TdmsWriter(path) as file:
+        parts = np.array_split(np.arange(TIME.size), 3)  # three segments, as a logger writes while it runs
+        for rows in parts:
+            properties = {"wf_increment": 1 / RATE}
+            channels = [ChannelObject("run", name, v[rows], properties) for name, v in CHANNELS.items()]
+            file.write_segment([RootObject({"oil_temperature_C": 41.5}), *channels])
+
+
+def write_mat(path: Path) -> None:
+    savemat(path, {"fs": RATE, **CHANNELS})
+
+
+def write_mat_structs(path: Path) -> None:
+    """As Siemens' and LMS' exports: a struct a signal, with its axis and its name."""
+    signals = {
+        f"Signal_{i}": {
+            "x_values": {"start_value": 0.0, "increment": 1 / RATE, "number_of_values": float(v.size)},
+            "y_values": {"values": v, "quantity": {"label": "V"}},
+            "function_record": {"name": name, "type": "Time"},
+        }
+        for i, (name, v) in enumerate(CHANNELS.items())
+    }
+    savemat(path, signals)
+
+
+def write_mat_dspace(path: Path) -> None:
+    """As dSPACE ControlDesk: one X with the times, an array Y of structs."""
+    y = np.array([(name, v) for name, v in CHANNELS.items()], dtype=[("Name", object), ("Data", object)])
+    savemat(path, {"capture": {"X": {"Name": "time", "Data": TIME}, "Y": y}})
+
+
+def write_mat_matrix(path: Path) -> None:
+    names = np.array(list(CHANNELS), dtype=object)
+    savemat(path, {"record": {"data": np.column_stack(list(CHANNELS.values())), "names": names, "Fs": RATE}})
+
+
+def write_mat73(path: Path) -> None:
+    """Version 7.3 is HDF5 behind 512 bytes of header."""
+    with h5py.File(path, "w", userblock_size=512) as file:
+        file["fs"] = np.array([[RATE]])
+        group = file.create_group("run")
+        for name, v in CHANNELS.items():
+            group[name] = v.reshape(1, -1)
+    with path.open("r+b") as raw:
+        raw.write(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124) + b"\x00\x02IM")
+
+
+def write_uff(path: Path) -> None:
+    import pyuff
+
+    records = []
+    for name, v in CHANNELS.items():
+        plane, _, axis = name.partition("_")
+        lateral = plane == "disk"
+        records.append({
+            "type": 58, "binary": 0, "func_type": 1, "rsp_node": 1 if lateral else 0, "ref_node": 0,
+            "rsp_dir": " XY".index(axis) if lateral else 0, "ref_dir": 0, "rsp_ent_name": "disk" if lateral else "NONE",
+            "ref_ent_name": "NONE", "id1": name, "data": v, "x": TIME, "abscissa_spacing": 1,
+            "abscissa_inc": 1 / RATE, "abscissa_min": 0.0, "ord_data_type": 4, "orddenom_spec_data_type": 0,
+        })  # fmt: skip
+    pyuff.UFF(str(path)).write_sets(records, "overwrite")
+
+
+def write_csv(path: Path) -> None:
+    table = np.column_stack([TIME, *CHANNELS.values()])
+    np.savetxt(path, table, delimiter=",", fmt="%.8g", header="time_s," + ",".join(CHANNELS), comments="")
+
+
+def write_csv_rate(path: Path) -> None:
+    table = np.column_stack(list(CHANNELS.values()))
+    header = "# sample_rate_hz = 3200\n" + "\t".join(CHANNELS)
+    np.savetxt(path, table, delimiter="\t", fmt="%.8g", header=header, comments="")
+
+
+def write_parquet(path: Path) -> None:
+    import pyarrow as pa
+    from pyarrow import parquet
+
+    parquet.write_table(pa.table({"Time [ms]": TIME * 1e3, **CHANNELS}), path, row_group_size=5000)
+
+
+FORMATS: dict[str, tuple[str, Callable[[Path], object]]] = {
+    "hdf5": (".h5", lambda path: write_hdf5(path, CHANNELS)),
+    "tdms": (".tdms", write_tdms),
+    "mat": (".mat", write_mat),
+    "mat structs": (".mat", write_mat_structs),
+    "mat dspace": (".mat", write_mat_dspace),
+    "mat matrix": (".mat", write_mat_matrix),
+    "mat 7.3": (".mat", write_mat73),
+    "uff": (".uff", write_uff),
+    "csv": (".csv", write_csv),
+    "tsv with a rate": (".tsv", write_csv_rate),
+    "parquet": (".parquet", write_parquet),
+}
+
+
+@pytest.mark.parametrize("kind", FORMATS)
+def test_every_format_reads_alike(tmp_path: Path, kind: str) -> None:
+    suffix, write = FORMATS[kind]
+    path = tmp_path / f"run{suffix}"
+    write(path)
+    without_rate = SETUP.replace("sample_rate_hz = 3200.0\n", "")
+    record = rf.read_recording(path, setup_file(tmp_path, without_rate))
+    assert record.sample_rate == pytest.approx(RATE)
+    assert record.size == TIME.size
+    assert record.planes == ("disk",)
+    step = 8.0 / 32000 if suffix == ".h5" else 1e-6  # counts of 16 bits; other formats hold the numbers
+    for name, values in CHANNELS.items():
+        np.testing.assert_allclose(record.channel(name), values, atol=step)
+        np.testing.assert_allclose(record.channel(name, 3000, 3010), values[3000:3010], atol=step)
+    np.testing.assert_allclose(np.concatenate(list(record.pieces("disk_X"))), CHANNELS["disk_X"], atol=step)
+
+
+@pytest.mark.parametrize("width", [16, 24, 32, -32])
+def test_wav_of_every_width_needs_its_scale(tmp_path: Path, width: int) -> None:
+    path = tmp_path / "run.wav"
+    table = np.column_stack(list(CHANNELS.values())) / 20.0
+    if width == -32:
+        wavfile.write(path, int(RATE), table.astype("f4") * 20)
+    else:
+        with wave.open(str(path), "wb") as file:
+            file.setparams((4, width // 8, int(RATE), 0, "NONE", ""))
+            counts = np.round(table * (2 ** (width - 1) - 1)).astype("<i4")
+            file.writeframes(counts.reshape(-1, 1).view(np.uint8)[:, : width // 8].tobytes())
+    names = {name: f"channel_{i + 1}" for i, name in enumerate(CHANNELS)}
+    text = SETUP
+    for name, number in names.items():
+        text = text.replace(f'"{name}"', f'"{number}"')
+    if width > 0:
+        with pytest.raises(ValueError, match=r"channel_1 holds counts .*volts_per_count"):
+            rf.read_recording(path, setup_file(tmp_path, text))
+        text += "".join(f'[[channel]]\nname = "{n}"\nfull_scale_V = 20.0\n' for n in names.values())
+    record = rf.read_recording(path, setup_file(tmp_path, text))
+    for name, number in names.items():
+        np.testing.assert_allclose(record.channel(number, 100, 400), CHANNELS[name][100:400], atol=20 / 2**14)
+
+
+def test_motion_angles_and_force_come_out_in_si(tmp_path: Path) -> None:
+    record = rf.read_recording(write_hdf5(tmp_path / "run.h5", CHANNELS))
+    z = record.motion("disk")
+    exact = motion(TIME) - motion(TIME).mean()
+    assert np.abs(z - exact).std() < 1e-6  # 3 mV of noise a probe are 0.54 um in z, and 16-bit steps
+    shaft, perturbator = record.shaft_angle(), record.perturbator_angle()
+    assert perturbator is not None
+    inner = np.linspace(0.5, 3.5, 300)
+    for track, angle in ((shaft, shaft_angle), (perturbator, perturbator_angle)):
+        turns = (track.angle(inner) - angle(inner)) / (2 * np.pi)
+        np.testing.assert_allclose(turns, np.round(turns.mean()), atol=2e-3)
+    np.testing.assert_allclose(perturbator.acceleration(inner), 20 * np.pi, rtol=0.02)
+    assert record.force is not None
+    assert record.force.mr == pytest.approx(2e-5)
+    assert np.degrees(record.force.angle) == pytest.approx(40.0)
+    assert (record.force.whirl, record.force.reference, record.force.datum_known) == (1, "perturbator", True)
+    assert record.findings == ()
+
+
+def test_setup_in_a_file_says_what_attributes_say(tmp_path: Path) -> None:
+    path = write_hdf5(tmp_path / "run.h5", CHANNELS, {})
+    said = rf.read_recording(write_hdf5(tmp_path / "said.h5", CHANNELS))
+    with pytest.raises(ValueError, match=r"angle_deg of the probe disk_X; .*rotorfit template run.h5"):
+        rf.read_recording(path)
+    record = rf.read_recording(path, setup_file(tmp_path))
+    assert record.force is not None
+    assert said.force is not None
+    assert replace(record.force, mr=2e-5, sensitivity=1.0) == replace(said.force, sensitivity=1.0)
+    assert record.speed == said.speed
+    np.testing.assert_allclose(record.motion("disk", 0, 50), said.motion("disk", 0, 50), atol=1e-15)
+
+
+@pytest.mark.parametrize("angles", [(45.0, 135.0), (-45.0, 45.0), (10.0, 80.0)])
+def test_probes_at_other_angles_give_the_same_motion(tmp_path: Path, angles: tuple[float, float]) -> None:
+    said = {**ATTRIBUTES, "probe_angle_deg_X": angles[0], "probe_angle_deg_Y": angles[1]}
+    record = rf.read_recording(write_hdf5(tmp_path / "run.h5", volts(angles=angles), said))
+    assert np.abs(record.motion("disk") - motion(TIME) + motion(TIME).mean()).std() < 1.5e-6
+
+
+def test_a_shaft_that_turns_clockwise_is_mirrored(tmp_path: Path) -> None:
+    """Seen from the end where y is left of x, forward whirl goes from y to x: the motion is the conjugate."""
+    path = write_hdf5(tmp_path / "run.h5", volts(angles=(0.0, -90.0)), {**ATTRIBUTES, "probe_angle_deg_Y": -90.0})
+    drawn = rf.read_recording(path).motion("disk")
+    # with y drawn upwards the same probe is at +90 degrees and the shaft turns clockwise
+    text = 'rotation = "cw"\n[[probe]]\nplane = "disk"\nchannel = "disk_X"\nangle_deg = 0\n[[probe]]\nplane = "disk"\n'
+    text += 'channel = "disk_Y"\nangle_deg = 90\n'
+    np.testing.assert_allclose(rf.read_recording(path, setup_file(tmp_path, text)).motion("disk"), drawn, atol=1e-18)
+
+
+def test_one_probe_gives_real_motion_along_its_angle(tmp_path: Path) -> None:
+    record = rf.read_recording(write_hdf5(tmp_path / "run.h5", {"disk_X": CHANNELS["disk_X"]}))
+    assert record.motion("disk").dtype.kind == "f"
+    assert record.perturbator_angle() is None
+    with pytest.raises(ValueError, match="no phase reference of the shaft"):
+        record.shaft_angle()
+
+
+def test_run_tables_go_before_what_holds_for_all(tmp_path: Path) -> None:
+    path = write_hdf5(tmp_path / "run.h5", CHANNELS, {})
+    text = SETUP + '[[run]]\nfile = "run.h5"\nspeed_rpm = 1500\nforce = {whirl = "backward", angle_deg = -120.0}\n'
+    text += "[run.attributes]\noil_temperature_C = 44.0\n"
+    record = rf.read_recording(path, setup_file(tmp_path, text))
+    assert record.force is not None
+    assert (record.force.whirl, record.force.plane, record.force.mr) == (-1, "disk", pytest.approx(2e-5))
+    assert record.speed == pytest.approx(1500 * np.pi / 30)
+    assert record.attributes == {"oil_temperature_C": 44.0}
+
+
+def test_setup_that_contradicts_the_file_is_followed_and_said(tmp_path: Path) -> None:
+    path = write_hdf5(tmp_path / "run.h5", CHANNELS)
+    record = rf.read_recording(path, setup_file(tmp_path, SETUP.replace('"forward"', '"backward"')))
+    assert record.force is not None
+    assert record.force.whirl == -1
+    assert any("direction of whirl: rig.toml says -1, the file 1" in f.message for f in record.findings)
+
+
+def test_a_measured_force_is_read_in_newtons(tmp_path: Path) -> None:
+    path = write_hdf5(tmp_path / "run.h5", {**CHANNELS, "Fx": 0.5 * TIME, "Fy": -TIME})
+    text = '[force]\nplane = "disk"\nchannel_x = "Fx"\nchannel_y = "Fy"\nsensitivity_V_per_N = 0.1\n'
+    record = rf.read_recording(path, setup_file(tmp_path, text))
+    assert record.force is not None
+    assert record.force.measured
+    np.testing.assert_allclose(record.force_signal(), (5 - 10j) * TIME, atol=2e-2)
+
+
+def test_recordings_travel_to_workers(tmp_path: Path) -> None:
+    record = rf.read_recording(write_hdf5(tmp_path / "run.h5", CHANNELS))
+    again = pickle.loads(pickle.dumps(record))
+    np.testing.assert_array_equal(again.channel("disk_X"), record.channel("disk_X"))
+
+
+# ---- what is wrong --------------------------------------------------------------------------------
+
+
+def test_truncated_files_are_refused(tmp_path: Path) -> None:
+    for kind, (suffix, write) in FORMATS.items():
+        if suffix in (".csv", ".tsv"):
+            continue  # a text file that ends early is a shorter recording, unless it ends within a row
+        path = tmp_path / f"{kind.replace(' ', '-')}{suffix}"
+        write(path)
+        path.write_bytes(path.read_bytes()[: path.stat().st_size * 2 // 3])
+        with pytest.raises(ValueError, match=r"not a (whole|readable)|cannot be read|unequal length"):
+            rf.read_recording(path, setup_file(tmp_path)).channel("keyphasor_perturbator")
+
+
+def test_unequal_lengths_are_refused(tmp_path: Path) -> None:
+    path = write_hdf5(tmp_path / "run.h5", {**CHANNELS, "disk_Y": CHANNELS["disk_Y"][:-7]})
+    with pytest.raises(ValueError, match="unequal length: disk_Y has 12793 samples, others 12800"):
+        rf.read_recording(path)
+
+
+def test_missing_rate_is_refused(tmp_path: Path) -> None:
+    path = write_hdf5(tmp_path / "run.h5", CHANNELS, {k: v for k, v in ATTRIBUTES.items() if k != "sample_rate_hz"})
+    with pytest.raises(ValueError, match="does not say its sampling rate; write sample_rate_hz"):
+        rf.read_recording(path)
+
+
+def test_text_that_is_no_table_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "run.csv"
+    rows = "\n".join(f"{i * 1e-3:g},1.0" for i in range(100))
+    for text, words in (
+        ("time_s,disk_X\n" + rows + "\n0.1,", "after line"),
+        ("time_s,disk_X\n" + rows + "\n0.2,1.0", "not evenly spaced"),
+        ("time_s;disk_X\n" + rows.replace(",", ";").replace(".", ","), "write decimals with a point"),
+        ("", "is empty"),
+        ("time_s,disk_X\n", "holds no signals"),
+    ):
+        path.write_text(text)
+        with pytest.raises(ValueError, match=words):
+            rf.read_recording(path)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (("rotation", "rotatoin"), "unknown key 'rotatoin'"),
+        (('"ccw"', '"left"'), "rotation must be one of ccw, cw"),
+        (("angle_deg = 90.0", 'angle_deg = "up"'), r"\[\[probe\]\] 2: angle_deg must be a finite number"),
+        (("mr_g_mm = 20.0", "mr_g_mm = 0.0"), r"\[force\]: mr_g_mm must be above zero"),
+        (("sensitivity_V_per_mm = 7.87", "sensitivity_V_per_inch = 200"), "unknown key 'sensitivity_V_per_inch'"),
+        (('channel = "disk_X"', 'channel = "dsk_X"'), "unknown channel 'dsk_X'"),
+        (("[force]", "[force"), "not readable TOML"),
+        (("[shaft]", "[[shaft]]"), "shaft is a table"),
+        (("mr_g_mm = 20.0", "mr_g_mm = 20.0\nmr_kg_m = 2e-5"), "say the same thing"),
+    ],
+)
+def test_setups_with_a_slip_are_refused(tmp_path: Path, change: tuple[str, str], words: str) -> None:
+    path = write_hdf5(tmp_path / "run.h5", CHANNELS, {})
+    assert change[0] in SETUP
+    with pytest.raises(ValueError, match=words):
+        rf.read_recording(path, setup_file(tmp_path, SETUP.replace(*change)))
