@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from rotorfit.data.experiments import Experiment
 from rotorfit.estimators.closed_form import ClosedFormError
+from rotorfit.estimators.schur import Curvature
 from rotorfit.fitting.fit import fit
 from rotorfit.fitting.problem_setup import as_tuple, build_problem
 from rotorfit.fitting.result import FittedParameter
@@ -64,24 +65,6 @@ class RunFit:
     success: bool = False
     message: str = ""
     warnings: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True, eq=False)
-class Curvature:
-    """Quadratic picture of one run's cost around a point.
-
-    Attributes:
-        names: parameters, shape ``(p,)``.
-        x: the point, shape ``(p,)``.
-        cost: half the (robust) sum of squares there.
-        gradient, matrix: its slope and its Gauss-Newton matrix, shapes ``(p,)`` and ``(p, p)``.
-    """
-
-    names: tuple[str, ...]
-    x: Float
-    cost: float
-    gradient: Float
-    matrix: Float
 
 
 # ---- telling runs apart -----------------------------------------------------------------------------------------
@@ -163,7 +146,7 @@ def curvature(model: RotorModel, run: Run, *, settings: FitSettings, at: Mapping
         return str(reason)
     x = np.array([at[name] for name in problem.space.names])
     cost, gradient, matrix = problem.gauss_newton(x)
-    return Curvature(problem.space.names, x, cost, gradient, matrix)
+    return Curvature(names=problem.space.names, x=x, cost=cost, gradient=gradient, matrix=matrix)
 
 
 # ---- many runs --------------------------------------------------------------------------------------------------

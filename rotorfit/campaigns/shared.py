@@ -13,7 +13,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from rotorfit.campaigns.runs import Curvature, Run, RunFit, Workers, curvature, fit_run
+from rotorfit.campaigns.runs import Run, RunFit, Workers, curvature, fit_run
+from rotorfit.estimators.schur import Curvature, Parts, inverse_information
 from rotorfit.fitting.result import FittedParameter
 from rotorfit.fitting.settings import FitSettings
 from rotorfit.models import RotorModel
@@ -22,7 +23,6 @@ Float = NDArray[np.float64]
 
 _ROUNDS = 30
 _SETTLED = 1e-4  # of a standard error: a step that changes nothing any more
-_SINGULAR = 1e-11  # eigenvalue of the information on phi, unit diagonal, that counts as zero
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +78,7 @@ def fit_shared(
     here = _profile(workers, runs, names, settings, phi, [start] * len(runs))
     settled = False
     for _ in range(_ROUNDS):
-        covar = _inverse(here.information, here.size, names)
+        covar = inverse_information(here.information, here.size, names)
         step = np.clip(phi - covar @ here.gradient, lower, upper) - phi
         if np.sqrt(step @ here.information @ step) < _SETTLED:
             settled = True
@@ -94,7 +94,13 @@ def fit_shared(
             break
         phi, here = phi + factor * step, there
     return _finish(
-        workers.model, names, phi, here, _inverse(here.information, here.size, names), settled, (lower, upper)
+        workers.model,
+        names,
+        phi,
+        here,
+        inverse_information(here.information, here.size, names),
+        settled,
+        (lower, upper),
     )
 
 
@@ -128,48 +134,12 @@ def _first(
     information, size, pull = np.zeros((len(names), len(names))), np.zeros(len(names)), np.zeros(len(names))
     for picture in pictures:
         if isinstance(picture, Curvature):
-            parts = _Parts.of(picture, names)
+            parts = Parts.of(picture, names)
             information += parts.schur
             size += parts.size
             # The minimum of the picture lies a Newton step from where it was taken.
             pull += parts.schur @ picture.x[parts.shared] - parts.gradient
-    return _inverse(information, size, names) @ pull
-
-
-@dataclass(frozen=True, eq=False)
-class _Parts:
-    """A run's quadratic picture parted in shared and own parameters."""
-
-    shared: NDArray[np.intp]
-    own: NDArray[np.intp]
-    schur: Float  # information on the shared ones, the own ones free
-    size: Float  # information on each of them, all others known
-    gradient: Float  # slope by the shared ones, the own ones following
-    follow: Float  # change of the own ones for a change of the shared ones
-    own_covar: Float
-
-    @classmethod
-    def of(cls, picture: Curvature, names: Sequence[str]) -> _Parts:
-        shared = np.array([picture.names.index(name) for name in names], dtype=np.intp)
-        own = np.setdiff1d(np.arange(len(picture.names)), shared)
-        A = picture.matrix
-        size = np.sqrt(np.maximum(np.diag(A), 0.0))
-        scale = 1 / np.where(size > 0, size, 1.0)
-        unit = A * np.outer(scale, scale)
-        inner = np.linalg.pinv(unit[np.ix_(own, own)], rcond=_SINGULAR, hermitian=True) * np.outer(
-            scale[own], scale[own]
-        )
-        follow = -inner @ A[np.ix_(own, shared)]
-        schur = A[np.ix_(shared, shared)] + A[np.ix_(shared, own)] @ follow
-        return cls(
-            shared,
-            own,
-            schur,
-            np.diag(A)[shared],
-            picture.gradient[shared] + follow.T @ picture.gradient[own],
-            follow,
-            inner,
-        )
+    return inverse_information(information, size, names) @ pull
 
 
 def _profile(
@@ -206,24 +176,12 @@ def _profile(
     )
     for picture in pictures:
         if isinstance(picture, Curvature):
-            parts = _Parts.of(picture, names)
+            parts = Parts.of(picture, names)
             cost += picture.cost
             gradient += parts.gradient
             information += parts.schur
             size += parts.size
     return _Profile(cost, gradient, information, size, pictures, fits)
-
-
-def _inverse(information: Float, size: Float, names: Sequence[str]) -> Float:
-    scale = 1 / np.sqrt(np.where(size > 0, size, 1.0))
-    power, directions = np.linalg.eigh(information * np.outer(scale, scale))
-    open_ = power <= _SINGULAR
-    if open_.any():
-        named = [name for i, name in enumerate(names) if np.abs(directions[i, open_]).max(initial=0.0) > 0.1]
-        raise ValueError(
-            f"the runs do not determine the shared {', '.join(named or names)}: take them for known, or share less"
-        )
-    return np.asarray(directions / power @ directions.T * np.outer(scale, scale))
 
 
 def _finish(
@@ -260,7 +218,7 @@ def _with_shared_errors(
 ) -> RunFit:
     if not isinstance(picture, Curvature):
         return fit
-    follow = _Parts.of(picture, names).follow
+    follow = Parts.of(picture, names).follow
     own = [name for name in picture.names if name not in names]
     order = [own.index(name) for name in fit.var_names]
     added = (follow @ covar @ follow.T)[np.ix_(order, order)]

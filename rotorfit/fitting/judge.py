@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rotorfit.data.experiments import Experiment
+from rotorfit.estimators import covariance
 from rotorfit.estimators.closed_form import ClosedForm
-from rotorfit.estimators.identifiability import covariance, diagnose, natural_scales
+from rotorfit.estimators.identifiability import diagnose
 from rotorfit.estimators.least_squares import Solution, Status
 from rotorfit.estimators.nonlinear import responses_of
 from rotorfit.estimators.problem import (
-    Loss,
     Problem,
     robust_weights,
 )
@@ -27,8 +26,6 @@ from rotorfit.models.stability import growth_rate
 Float = NDArray[np.float64]
 
 _MEANING = {"phase": ("rad", "offset of the phase reference"), **KINDS}
-
-_ALONE = 0.05  # share of a reading's residual that its fit leaves at least, in estimates of its noise
 
 _CLEARLY = 6.0  # standard deviations of redchi below one at which the noise is too large for the residuals
 _TOO_QUIET = 0.5  # redchi below which errors are wider than they need be by more than is worth knowing
@@ -68,9 +65,9 @@ def judge(
     # A nuisance entry with a prior brings the datum that pays for it.
     paid = sum(prior.entry >= len(space.names) for prior in problem.priors)
     chisqr, nfree = float(np.sum(np.abs(whitened) ** 2)), problem.n_data - space.size + paid
-    redchi = _reduced(problem, whitened, nfree)
-    root, sandwich = _information(problem, x, residuals, jacobian)
-    scales = _scales(problem, x)
+    redchi = covariance.reduced_chi_square(problem, whitened, nfree)
+    root, sandwich = covariance.information(problem, x, residuals, jacobian)
+    scales = covariance.natural_sizes(problem, x)
     names = (*space.names, *space.nuisance)
     base = (*space.base, *space.nuisance)
     noise, verdict = diagnose(space.model, names, base, x, root, scales)
@@ -78,10 +75,10 @@ def judge(
         noise = noise @ sandwich @ noise
     if estimate is not None:
         noise = np.where(np.isfinite(estimate.covar), estimate.covar, np.nan)
-    widening = max(1.0, redchi) if problem.loss == "linear" and not settings.levels else 1.0
+    widening = covariance.widening(redchi, problem.loss, levelled=bool(settings.levels))
     covar = noise * widening
     if problem.priors and widening > 1:  # what is known beforehand is no less certain for a model that does not fit
-        wide = _information(problem, x, residuals / np.sqrt(widening), jacobian / np.sqrt(widening))[0]
+        wide = covariance.information(problem, x, residuals / np.sqrt(widening), jacobian / np.sqrt(widening))[0]
         covar = diagnose(space.model, names, base, x, wide, scales)[0]
     deviance = float(robust_weights(problem.loss, np.abs(whitened) ** 2)[0].sum())
     params = _parameters(problem, x, begin, noise, covar, verdict.unresolved)
@@ -115,90 +112,9 @@ def judge(
     )
 
 
-@cache
-def _expected_loss(loss: Loss) -> float:
-    """Mean robust cost of one complex reading under pure noise, |r|^2 being chi-squared with two degrees of freedom."""
-    q = (np.arange(20000) + 0.5) / 20000
-    return float(np.mean(robust_weights(loss, -2 * np.log1p(-q))[0]))
-
-
-def _reduced(problem: Problem, residuals: NDArray[np.complex128], nfree: int) -> float:
-    if nfree <= 0:
-        return float("nan")
-    cost = float(robust_weights(problem.loss, np.abs(residuals) ** 2)[0].sum())
-    return cost / _expected_loss(problem.loss) * 2 / nfree
-
-
-def _information(
-    problem: Problem, x: Float, r: NDArray[np.complex128], J: NDArray[np.complex128]
-) -> tuple[Float, Float | None]:
-    """Square root of the cost's expected curvature, and for a robust loss its gradient's scatter (the sandwich)."""
-    size2 = np.abs(r) ** 2
-    _, weight = robust_weights(problem.loss, size2)
-    if problem.loss == "linear":
-        curvature = weight
-    else:
-        step = 1e-4 * (1 + size2)
-        slope = (robust_weights(problem.loss, size2 + step)[1] - weight) / step
-        # A modulus loss bends by w + 2 |r|^2 w' along r and by w across it; residual phases are uniform.
-        curvature = np.full(r.size, float(np.mean(weight + size2 * slope)))
-    stacked = np.concatenate([J.real, J.imag])
-    rows = [np.sqrt(np.concatenate([curvature, curvature]))[:, None] * stacked]
-    for prior in problem.priors:
-        row = np.zeros((1, x.size))
-        row[0, prior.entry] = np.sqrt(prior.terms(float(x[prior.entry]))[2])
-        rows.append(row)
-    root = np.asarray(np.linalg.qr(np.concatenate(rows), mode="r"))
-    if problem.loss == "linear":
-        return root, None
-    missed = _left_out(r, J, curvature, covariance(root, _scales(problem, x))[0])
-    scores = weight[:, None] * (missed.conj()[:, None] * J).real
-    scatter = scores.T @ scores
-    for prior in problem.priors:  # a prior's centre is as uncertain as the prior is wide
-        scatter[prior.entry, prior.entry] += prior.terms(float(x[prior.entry]))[2]
-    return root, scatter
-
-
-def _left_out(
-    r: NDArray[np.complex128], J: NDArray[np.complex128], curvature: Float, inverse: Float
-) -> NDArray[np.complex128]:
-    """Residual of each reading from a fit without it, to first order (MacKinnon and White 1985, HC3).
-
-    A fit follows the readings that matter most, whose own residuals are therefore too small to tell the noise.
-    """
-    parts = np.stack([J.real, J.imag], axis=1)  # (R, 2, p)
-    hat = curvature[:, None, None] * (parts @ inverse @ parts.transpose(0, 2, 1))
-    power, basis = np.linalg.eigh(hat)
-    along = np.einsum("rik,ri->rk", basis, np.stack([r.real, r.imag], axis=1))
-    # A reading that alone determines something cannot be left out.
-    found = np.einsum("rik,rk->ri", basis, along / np.maximum(1 - power, _ALONE))
-    return np.asarray(found[:, 0] + 1j * found[:, 1])
-
-
 def inverse_curvature(fit: FitResult) -> Float:
     """Change of the estimate by the slope of the cost, shape ``(p, p)``: ``covar`` itself unless the loss is robust."""
-    if fit.problem.loss == "linear":
-        return fit.covar
-    root, _ = _information(fit.problem, fit.x, *fit.problem.jacobian(fit.x))
-    return covariance(root, _scales(fit.problem, fit.x))[0]
-
-
-def _scales(problem: Problem, x: Float) -> Float:
-    space = problem.space
-    responses = [b for b in map(responses_of, problem.blocks) if b is not None]
-    if not responses:
-        typical = np.array([space.model.parameter(name).scale for name in space.base] + [1.0] * len(space.nuisance))
-        return np.maximum(np.abs(x), 0.1 * typical)
-    levels, top = [], 0.0
-    for block in responses:
-        drive = np.linalg.norm(block.force, axis=1)[block.line]
-        ratio = np.abs(block.measured) / drive if block.imposed else drive / np.abs(block.measured)
-        levels.append(ratio[np.isfinite(ratio) & (ratio > 0)])
-        # Constant loads see damping and inertia by the fluid that turns with the shaft.
-        top = max(top, float(np.abs(block.frequency).max()) or float(np.abs(block.speed).max()))
-    stiffness = float(np.median(np.concatenate(levels)))
-    own = natural_scales(space.model, space.base, x[: len(space.names)], stiffness, max(top, 1e-12))
-    return np.concatenate([own, np.ones(len(space.nuisance))])
+    return fit.covar if fit.problem.loss == "linear" else covariance.inverse_curvature(fit.problem, fit.x)
 
 
 def _parameters(

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotorfit.data.experiments import Experiment
+from rotorfit.estimators.covariance import widening
 from rotorfit.estimators.identifiability import Identifiability
 from rotorfit.estimators.nonlinear import responses_of
 from rotorfit.estimators.problem import Problem
@@ -161,7 +162,7 @@ class FitResult:
 
         One, too, where each response has the noise level of its residuals.
         """
-        return max(1.0, self.redchi) if self.problem.loss == "linear" and not self.settings.levels else 1.0
+        return widening(self.redchi, self.problem.loss, levelled=bool(self.settings.levels))
 
     @property
     def band(self) -> float:

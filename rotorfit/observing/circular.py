@@ -10,15 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotorfit.data.experiments import DisplacementTest, Experiment, PerturbationTest
-from rotorfit.estimators.noise import noise_from_repeats, noise_from_samples, noise_from_smoothness
 from rotorfit.estimators.observations import Responses
+from rotorfit.estimators.row_keys import unique_rows
+from rotorfit.estimators.sweep_noise import estimate_noise
 from rotorfit.models import RotorModel
 
 Float = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 Index = NDArray[np.intp]
-
-_SMOOTH = 0.5  # lag-one correlation above which the wrong-direction component is anisotropy, not noise
 
 
 @dataclass(frozen=True)
@@ -134,14 +133,14 @@ def _lines(experiment: PerturbationTest, coordinate: Index, slot: Index) -> tupl
         experiment.force.imag,
     )
     codes = np.column_stack([_numbers(column) for column in columns])
-    first, line = _unique_rows(codes)
+    first, line = unique_rows(codes)
     reading = np.column_stack([line, coordinate, slot])
-    _, same = _unique_rows(reading)
+    _, same = unique_rows(reading)
     order = np.argsort(same, kind="stable")
     starts = np.r_[0, np.flatnonzero(np.diff(same[order])) + 1]
     occurrence = np.empty(same.size, dtype=np.intp)
     occurrence[order] = np.arange(same.size) - np.repeat(starts, np.diff(np.r_[starts, same.size]))
-    first, line = _unique_rows(np.column_stack([occurrence, line]))
+    first, line = unique_rows(np.column_stack([occurrence, line]))
     rank = np.argsort(np.argsort(first))  # lines in the order of the file
     return rank[line], np.sort(first)
 
@@ -150,16 +149,6 @@ def lines_of(model: RotorModel, test: PerturbationTest) -> Index:
     """First row of each line of a test that holds readings of one direction only, in the order of its lines."""
     axis = np.where(np.char.startswith(test.direction, "r"), "r", "z")
     return _lines(test, _coordinates(model, test.plane, axis), np.zeros(len(test), dtype=np.intp))[1]
-
-
-def _unique_rows(codes: NDArray[Any]) -> tuple[Index, Index]:
-    """First occurrence of each distinct row, in sorted order, and the number of each row among them."""
-    if codes.dtype.kind == "i" and codes.size:
-        width = codes.max(axis=0) + 1
-        if np.prod(width, dtype=float) < np.iinfo(np.intp).max:  # numbers in one column sort ten times faster
-            codes = np.ravel_multi_index(tuple(codes.T), tuple(width))
-    _, first, number = np.unique(codes, axis=0, return_index=True, return_inverse=True)
-    return first, number.reshape(-1)
 
 
 def _observe_isotropic(model: RotorModel, test: PerturbationTest, group: Index) -> Responses:
@@ -271,80 +260,8 @@ def _assemble(
     block = Responses(model, speed, frequency, force, group, line, coordinate, measured, sigma, label, labels, run)
     gaps = np.isnan(sigma)
     if gaps.any():
-        sigma[gaps] = _estimate_noise(block, wrong, test.synchronous)[gaps]
+        sigma[gaps] = estimate_noise(block, wrong, test.synchronous)[gaps]
     return block
-
-
-def _estimate_noise(block: Responses, wrong: ComplexArray, synchronous: bool) -> Float:
-    """Noise of every reading: from repeated sweeps, else from the wrong direction, else from smoothness.
-
-    The forward and the backward sweep of one test share a noise level: probes and cables do not know which way the
-    force turns, and twice the samples halve the variance of the estimate.
-    """
-    w = block.frequency[block.line]
-    speed = np.zeros_like(w) if synchronous else np.round(block.speed[block.line], 6)
-    force_plane = np.argmax(np.abs(block.force[block.line]), axis=1)
-    sweep = _unique_rows(np.column_stack([block.label, speed, w < 0, force_plane]))[1]
-    sweeps = [np.flatnonzero(sweep == k) for k in range(sweep.max() + 1)]
-    sweeps = [rows[np.argsort(w[rows])] for rows in sweeps]
-    sigma = np.full(w.size, np.nan)
-    for row, level in _repeated(block, w, speed, force_plane).items():
-        sigma[row] = level
-    both: dict[tuple[Any, ...], list[Index]] = {}
-    for rows in sweeps:
-        if not np.isnan(sigma[rows]).any():
-            continue
-        drive = np.abs(block.force[block.line[rows], force_plane[rows]])
-        extent = (np.abs(w[rows]).min(), np.abs(w[rows]).max(), drive.sum())
-        test = (
-            block.coordinate[rows[0]],
-            force_plane[rows[0]],
-            speed[rows[0]],
-            rows.size,
-            *(f"{v:.6g}" for v in extent),
-        )
-        both.setdefault(test, []).append(rows)
-    for parts in both.values():
-        rows = np.concatenate(parts)
-        if np.isfinite(wrong[rows]).all() and not any(_is_smooth(wrong[part]) for part in parts):
-            number = np.repeat(np.arange(len(parts)), [part.size for part in parts])
-            sigma[rows] = noise_from_samples(wrong[rows], block.measured[rows], number)
-        else:
-            try:
-                levels = [noise_from_smoothness(w[part], block.measured[part])[0] for part in parts]
-            except ValueError as reason:
-                raise ValueError(f"{block.labels[block.label[rows[0]]]}: {reason}") from reason
-            sigma[rows] = np.sqrt(np.mean(np.square(levels)))
-    return sigma
-
-
-def _is_smooth(samples: ComplexArray) -> bool:
-    if samples.size < 8:
-        return False
-    power = float(np.sum(np.abs(samples) ** 2))
-    return bool(power > 0 and abs(np.sum(samples[1:] * samples[:-1].conj())) > _SMOOTH * power)
-
-
-def _repeated(block: Responses, w: Float, speed: Float, force_plane: Index) -> dict[int, float]:
-    """Noise of sweeps that were run again at the same force: first row of each channel to its sigma."""
-    force = block.force[block.line, force_plane]
-    codes = np.column_stack(
-        [block.coordinate, speed, np.round(w, 9), force_plane, np.round(force.real, 12), np.round(force.imag, 12)]
-    )
-    _, condition = _unique_rows(codes)
-    sweeps: dict[tuple[int, ...], list[Index]] = {}
-    for label in np.unique(block.label):
-        rows = np.flatnonzero(block.label == label)
-        rows = rows[np.argsort(condition[rows], kind="stable")]
-        sweeps.setdefault(tuple(condition[rows].tolist()), []).append(rows)
-    result: dict[int, float] = {}
-    for repeated in sweeps.values():
-        if len(repeated) > 1:
-            sigma = noise_from_repeats(np.array([block.measured[rows] for rows in repeated]))
-            floor = 1e-9 * float(np.abs(block.measured[repeated[0]]).max())
-            for rows in repeated:
-                result |= {int(row): max(sigma, floor) for row in rows.tolist()}
-    return result
 
 
 def _observe_displacement(model: RotorModel, test: DisplacementTest, group: Index) -> Responses:
@@ -386,5 +303,5 @@ def _observe_displacement(model: RotorModel, test: DisplacementTest, group: Inde
     )
     gaps = np.isnan(sigma)
     if gaps.any():
-        sigma[gaps] = _estimate_noise(block, wrong, False)[gaps]
+        sigma[gaps] = estimate_noise(block, wrong, False)[gaps]
     return block

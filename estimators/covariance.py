@@ -1,0 +1,140 @@
+"""Errors of a solution: curvature of the cost, its sandwich for robust losses, and the chi-squared that widens them."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotorfit.estimators.identifiability import covariance as inverse
+from rotorfit.estimators.identifiability import natural_scales
+from rotorfit.estimators.nonlinear import responses_of
+from rotorfit.estimators.problem import Loss, Problem, robust_weights
+
+Float = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+
+_LEAST_LEFT = 0.05  # share of a reading's residual that its fit leaves at least, in estimates of its noise
+
+
+def widening(redchi: float, loss: Loss, *, levelled: bool = False) -> float:
+    """Factor on a covariance for a model that does not fit to within the noise.
+
+    Squares take a model's misfit for noise, which the noise given was too small for. Robust losses have a covariance
+    that follows from the residuals' own scatter (the sandwich), and so have noise levels that the residuals set.
+
+    Args:
+        redchi: reduced chi-squared; NaN, where nothing is left to judge by, widens nothing.
+        loss: of the fit.
+        levelled: the noise was scaled to the residuals.
+    """
+    return max(1.0, redchi) if loss == "linear" and not levelled else 1.0
+
+
+@cache
+def _expected_loss(loss: Loss) -> float:
+    """Mean robust cost of one complex reading under pure noise, |r|^2 being chi-squared with two degrees of freedom."""
+    q = (np.arange(20000) + 0.5) / 20000
+    return float(np.mean(robust_weights(loss, -2 * np.log1p(-q))[0]))
+
+
+def reduced_chi_square(problem: Problem, residuals: ComplexArray, nfree: int) -> float:
+    """Cost per degree of freedom against that of noise alone: one where the model explains the data, for any loss.
+
+    Args:
+        problem: the problem, for its loss.
+        residuals: residuals over the noise, shape ``(R,)``, each part of which has standard deviation one.
+        nfree: real data less parameters; NaN comes back where none is left.
+    """
+    if nfree <= 0:
+        return float("nan")
+    cost = float(robust_weights(problem.loss, np.abs(residuals) ** 2)[0].sum())
+    return cost / _expected_loss(problem.loss) * 2 / nfree
+
+
+def information(problem: Problem, x: Float, r: ComplexArray, J: ComplexArray) -> tuple[Float, Float | None]:
+    """Square root of the cost's expected curvature, and for a robust loss its gradient's scatter (the sandwich).
+
+    Args:
+        problem: loss and priors.
+        x: solution, shape ``(p,)``.
+        r: whitened residuals there, shape ``(R,)``.
+        J: their derivatives, shape ``(R, p)``.
+
+    Returns:
+        ``R`` with ``R^T R`` the curvature, shape ``(p, p)``, and the scatter of the gradient, None for squares.
+    """
+    size2 = np.abs(r) ** 2
+    _, weight = robust_weights(problem.loss, size2)
+    if problem.loss == "linear":
+        curvature = weight
+    else:
+        step = 1e-4 * (1 + size2)
+        slope = (robust_weights(problem.loss, size2 + step)[1] - weight) / step
+        # A modulus loss bends by w + 2 |r|^2 w' along r and by w across it; residual phases are uniform.
+        curvature = np.full(r.size, float(np.mean(weight + size2 * slope)))
+    stacked = np.concatenate([J.real, J.imag])
+    rows = [np.sqrt(np.concatenate([curvature, curvature]))[:, None] * stacked]
+    for prior in problem.priors:
+        row = np.zeros((1, x.size))
+        row[0, prior.entry] = np.sqrt(prior.terms(float(x[prior.entry]))[2])
+        rows.append(row)
+    root = np.asarray(np.linalg.qr(np.concatenate(rows), mode="r"))
+    if problem.loss == "linear":
+        return root, None
+    missed = _left_out(r, J, curvature, inverse(root, natural_sizes(problem, x))[0])
+    scores = weight[:, None] * (missed.conj()[:, None] * J).real
+    scatter = scores.T @ scores
+    for prior in problem.priors:  # a prior's centre is as uncertain as the prior is wide
+        scatter[prior.entry, prior.entry] += prior.terms(float(x[prior.entry]))[2]
+    return root, scatter
+
+
+def _left_out(r: ComplexArray, J: ComplexArray, curvature: Float, covar: Float) -> ComplexArray:
+    """Residual of each reading from a fit without it, to first order (MacKinnon and White 1985, HC3).
+
+    A fit follows the readings that matter most, whose own residuals are therefore too small to tell the noise.
+    """
+    parts = np.stack([J.real, J.imag], axis=1)  # (R, 2, p)
+    hat = curvature[:, None, None] * (parts @ covar @ parts.transpose(0, 2, 1))
+    power, basis = np.linalg.eigh(hat)
+    along = np.einsum("rik,ri->rk", basis, np.stack([r.real, r.imag], axis=1))
+    # A reading that alone determines something cannot be left out.
+    found = np.einsum("rik,rk->ri", basis, along / np.maximum(1 - power, _LEAST_LEFT))
+    return np.asarray(found[:, 0] + 1j * found[:, 1])
+
+
+def inverse_curvature(problem: Problem, x: Float) -> Float:
+    """Change of the estimate by the slope of the cost, shape ``(p, p)``.
+
+    Args:
+        problem: the problem that was solved.
+        x: its solution, shape ``(p,)``.
+    """
+    root, _ = information(problem, x, *problem.jacobian(x))
+    return inverse(root, natural_sizes(problem, x))[0]
+
+
+def natural_sizes(problem: Problem, x: Float) -> Float:
+    """Size of each parameter that would matter in these data, shape ``(p,)``: what identifiability is judged against.
+
+    Args:
+        problem: the problem.
+        x: its solution, shape ``(p,)``.
+    """
+    space = problem.space
+    responses = [b for b in map(responses_of, problem.blocks) if b is not None]
+    if not responses:
+        typical = np.array([space.model.parameter(name).scale for name in space.base] + [1.0] * len(space.nuisance))
+        return np.maximum(np.abs(x), 0.1 * typical)
+    levels, top = [], 0.0
+    for block in responses:
+        drive = np.linalg.norm(block.force, axis=1)[block.line]
+        ratio = np.abs(block.measured) / drive if block.imposed else drive / np.abs(block.measured)
+        levels.append(ratio[np.isfinite(ratio) & (ratio > 0)])
+        # Constant loads see damping and inertia by the fluid that turns with the shaft.
+        top = max(top, float(np.abs(block.frequency).max()) or float(np.abs(block.speed).max()))
+    stiffness = float(np.median(np.concatenate(levels)))
+    own = natural_scales(space.model, space.base, x[: len(space.names)], stiffness, max(top, 1e-12))
+    return np.concatenate([own, np.ones(len(space.nuisance))])

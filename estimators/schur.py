@@ -1,0 +1,108 @@
+"""Parameters that parts of the data share: what each part says of them with its own parameters free.
+
+The Gauss-Newton matrix of a joint fit is an arrow: blocks of each part's own parameters, bordered by the shared ones.
+Its Schur complement is the sum of those of the parts, so that no large matrix is ever set up.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Float = NDArray[np.float64]
+
+_SINGULAR = 1e-11  # eigenvalue of the information on the shared parameters, unit diagonal, that counts as zero
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Curvature:
+    """Quadratic picture of the cost of one part of the data around a point.
+
+    Attributes:
+        names: parameters, shape ``(p,)``.
+        x: the point, shape ``(p,)``.
+        cost: half the (robust) sum of squares there.
+        gradient, matrix: its slope and its Gauss-Newton matrix, shapes ``(p,)`` and ``(p, p)``.
+    """
+
+    names: tuple[str, ...]
+    x: Float
+    cost: float
+    gradient: Float
+    matrix: Float
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Parts:
+    """A quadratic picture parted in ``s`` shared and ``q`` own parameters.
+
+    Attributes:
+        shared, own: places of either kind among the parameters of the picture, shapes ``(s,)`` and ``(q,)``.
+        schur: information on the shared ones, the own ones free, shape ``(s, s)``.
+        size: information on each of the shared ones, all others known, shape ``(s,)``.
+        gradient: slope by the shared ones, the own ones following, shape ``(s,)``.
+        follow: change of the own ones for a change of the shared ones, shape ``(q, s)``.
+        own_covar: covariance of the own ones, the shared ones known, shape ``(q, q)``.
+    """
+
+    shared: NDArray[np.intp]
+    own: NDArray[np.intp]
+    schur: Float
+    size: Float
+    gradient: Float
+    follow: Float
+    own_covar: Float
+
+    @classmethod
+    def of(cls, picture: Curvature, names: Sequence[str]) -> Parts:
+        """Part a picture.
+
+        Args:
+            picture: the picture.
+            names: parameters that are shared.
+        """
+        shared = np.array([picture.names.index(name) for name in names], dtype=np.intp)
+        own = np.setdiff1d(np.arange(len(picture.names)), shared)
+        A = picture.matrix
+        size = np.sqrt(np.maximum(np.diag(A), 0.0))
+        scale = 1 / np.where(size > 0, size, 1.0)
+        unit = A * np.outer(scale, scale)
+        inner = np.linalg.pinv(unit[np.ix_(own, own)], rcond=_SINGULAR, hermitian=True) * np.outer(
+            scale[own], scale[own]
+        )
+        follow = -inner @ A[np.ix_(own, shared)]
+        schur = A[np.ix_(shared, shared)] + A[np.ix_(shared, own)] @ follow
+        return cls(
+            shared=shared,
+            own=own,
+            schur=schur,
+            size=np.diag(A)[shared],
+            gradient=picture.gradient[shared] + follow.T @ picture.gradient[own],
+            follow=follow,
+            own_covar=inner,
+        )
+
+
+def inverse_information(information: Float, size: Float, names: Sequence[str]) -> Float:
+    """Covariance of shared parameters.
+
+    Args:
+        information: sum of the :attr:`Parts.schur` of all parts of the data, shape ``(s, s)``.
+        size: sum of their :attr:`Parts.size`: what counts as no information is judged against it, shape ``(s,)``.
+        names: the parameters, for messages.
+
+    Raises:
+        ValueError: the data do not determine all of them.
+    """
+    scale = 1 / np.sqrt(np.where(size > 0, size, 1.0))
+    power, directions = np.linalg.eigh(information * np.outer(scale, scale))
+    open_ = power <= _SINGULAR
+    if open_.any():
+        named = [name for i, name in enumerate(names) if np.abs(directions[i, open_]).max(initial=0.0) > 0.1]
+        raise ValueError(
+            f"the runs do not determine the shared {', '.join(named or names)}: take them for known, or share less"
+        )
+    return np.asarray(directions / power @ directions.T * np.outer(scale, scale))
