@@ -42,6 +42,7 @@ if TYPE_CHECKING:  # `as` tells type checkers that these names are for users
     from rotorfit.observing.measured_stiffness import dynamic_stiffness as dynamic_stiffness
     from rotorfit.recordings.recording import Recording as Recording
     from rotorfit.recordings.recording import read_recording as read_recording
+    from rotorfit.recordings.responses import responses as responses
     from rotorfit.recordings.setup import RigSetup as RigSetup
     from rotorfit.report.write import write_report as write_report
     from rotorfit.simulation.simulate import simulate as simulate
@@ -78,6 +79,7 @@ _HOME = {
     "write": "rotorfit.io.files",
     "Recording": "rotorfit.recordings.recording",
     "read_recording": "rotorfit.recordings.recording",
+    "responses": "rotorfit.recordings.responses",
     "RigSetup": "rotorfit.recordings.setup",
     "Refinement": "rotorfit.fitting.refine",
     "one_lam_test": "rotorfit.fitting.refine",

@@ -93,7 +93,7 @@ def difference_synchronous(test: PerturbationTest) -> PerturbationTest:
         return test
     marked = dict(test.attributes) | {DIFFERENCED: done.astype(float)}
     rest = replace(test, attributes=marked).select(left)
-    return _join([*parts, rest] if len(rest) else parts)
+    return join([*parts, rest] if len(rest) else parts)
 
 
 def _pairs(test: PerturbationTest, rows: NDArray[np.bool_]) -> Iterator[tuple[NDArray[Any], NDArray[Any]]]:
@@ -202,7 +202,12 @@ def _shared(values: NDArray[Any], b: PerturbationTest, name: str, position: Floa
     return np.array([x if x == y else f"{x} | {y}" for x, y in zip(values.tolist(), other.tolist(), strict=True)])
 
 
-def _join(parts: list[PerturbationTest]) -> PerturbationTest:
+def join(parts: list[PerturbationTest]) -> PerturbationTest:
+    """One test of the rows of several, whose attributes are the same.
+
+    Args:
+        parts: at least one.
+    """
     first = parts[0]
     names = first._columns()
     columns: dict[str, Any] = {name: np.concatenate([getattr(part, name) for part in parts]) for name in names}

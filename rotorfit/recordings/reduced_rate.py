@@ -1,0 +1,114 @@
+"""Signals at the rate that the tested band needs: filtered against aliasing and thinned out, in pieces of the file.
+
+A linear-phase filter (Kaiser window, 100 dB) passes the band up to its top within 1e-5, so that nothing has to be
+corrected afterwards. What would fold back into the band is filtered out; what folds back above it is not looked at.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+Float = NDArray[np.float64]
+Samples = NDArray[np.float64] | NDArray[np.complex128]
+
+RATE_OVER_TOP = 3.0
+"""Reduced rate over the highest frequency of the band: the filter falls from the top to twice the top."""
+
+ATTENUATION = 100.0
+"""Of what folds back, dB."""
+
+PIECE = 1 << 18
+"""Samples of the file read at once."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReducedRate:
+    """A lower sampling rate for signals of a band.
+
+    Attributes:
+        full_rate: of the recording, Hz.
+        size: samples of the recording.
+        factor: samples of the recording for one at the reduced rate.
+    """
+
+    full_rate: float
+    size: int
+    factor: int
+
+    @classmethod
+    def for_band(cls, top: float, full_rate: float, size: int) -> ReducedRate:
+        """The lowest rate that keeps a band.
+
+        Args:
+            top: highest frequency of the band, Hz.
+            full_rate: of the recording, Hz.
+            size: samples of the recording.
+
+        Raises:
+            ValueError: the recording itself is too slow for the band.
+        """
+        if 2 * top >= full_rate:
+            raise ValueError(
+                f"the band goes up to {top:.4g} Hz, the sampling rate {full_rate:g} Hz shows what is below "
+                f"{full_rate / 2:g} Hz"
+            )
+        return cls(full_rate=full_rate, size=size, factor=max(int(full_rate / (RATE_OVER_TOP * top)), 1))
+
+    @property
+    def rate(self) -> float:
+        """Reduced rate, Hz."""
+        return self.full_rate / self.factor
+
+    @cached_property
+    def _filter(self) -> Float:
+        """Filter as a matrix (factor, blocks): column b holds what the b-th block of samples counts."""
+        from scipy.signal import firwin, kaiserord
+
+        if self.factor == 1:
+            return np.ones((1, 1))
+        top = self.rate / RATE_OVER_TOP  # at least the band's own; from there the filter falls to rate - top
+        length, beta = kaiserord(ATTENUATION, (self.rate - 2 * top) / (self.full_rate / 2))
+        half = -(-length // (2 * self.factor))
+        taps = firwin(2 * half * self.factor + 1, self.rate / 2, window=("kaiser", beta), fs=self.full_rate)
+        return np.asarray(np.pad(taps, (0, self.factor - 1)).reshape(-1, self.factor).T)
+
+    @property
+    def _half(self) -> int:
+        """Blocks before and after the centre of the filter."""
+        return int(self._filter.shape[1]) // 2
+
+    @property
+    def count(self) -> int:
+        """Samples at the reduced rate, those that the filter reaches in full."""
+        return max((self.size - 1) // self.factor + 1 - 2 * self._half, 0)
+
+    @property
+    def time(self) -> Float:
+        """Their times from the start of the recording, s."""
+        return (np.arange(self.count) + self._half) * self.factor / self.full_rate
+
+    def reduce(self, read: Callable[[int, int], Samples]) -> Samples:
+        """A signal at the reduced rate.
+
+        Args:
+            read: gives the samples from a first to before a last one.
+
+        Returns:
+            shape ``(count,)``.
+        """
+        blocks, width = self._filter.shape[1], self.factor
+        step = max(PIECE // width, 1)
+        parts = []
+        for first in range(0, self.count, step):
+            last = min(first + step, self.count)
+            samples = read(first * width, min((last + blocks - 1) * width, self.size))
+            lacking = (last - first + blocks - 1) * width - samples.size  # the last block counts its first sample only
+            rows = np.pad(samples, (0, lacking)).reshape(-1, width) if lacking else samples.reshape(-1, width)
+            counted = rows @ self._filter
+            parts.append(sum(counted[b : b + last - first, b] for b in range(blocks)))
+        return np.concatenate(parts) if parts else np.zeros(0)

@@ -1,0 +1,189 @@
+"""One recording made ready for the frequency domain: motion, drive and shaft orders at a rate that the band needs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotorfit.estimators.local_response import RecordSpectra
+from rotorfit.recordings.reduced_rate import ReducedRate
+
+if TYPE_CHECKING:
+    from rotorfit.recordings.angle_track import AngleTrack
+    from rotorfit.recordings.recording import Recording
+    from rotorfit.recordings.setup import Probe
+
+Float = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+
+ORDERS = 5
+"""Highest order of the shaft that is taken out, in both directions."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ReducedRecord:
+    """Signals of one recording at N equally spaced times.
+
+    Attributes:
+        record: the recording.
+        drive: angle that the force is locked to.
+        whirl: +1 where the force turns with the shaft, -1 against it.
+        rate: samples a second, Hz.
+        time: from the start of the recording, s, shape ``(N,)``.
+        motion: of each plane, m: ``x + jy``, or the reading of a single probe in the real part.
+        drive_angle, drive_speed, drive_acceleration: of the drive, rad, rad/s, rad/s^2, shape ``(N,)``.
+        shaft_angle: rad, shape ``(N,)``; None without a reference of the shaft.
+    """
+
+    record: Recording
+    drive: AngleTrack
+    whirl: int
+    rate: float
+    time: Float
+    motion: dict[str, ComplexArray]
+    drive_angle: Float
+    drive_speed: Float
+    drive_acceleration: Float
+    shaft_angle: Float | None
+
+    @property
+    def band(self) -> tuple[float, float]:
+        """Lowest and highest frequency of the drive, rad/s."""
+        return float(self.drive_speed.min()), float(self.drive_speed.max())
+
+    @property
+    def unit_force(self) -> ComplexArray:
+        """Force of one kg m with its heavy spot at the mark, as seen from x turning with the drive, N.
+
+        ``(phi'^2 - j phi'') exp(j phi)``; for a force that turns backward this is the complex conjugate of Fx + j Fy.
+        """
+        return (self.drive_speed**2 - 1j * self.drive_acceleration) * np.exp(1j * self.drive_angle)
+
+    @property
+    def shaft_speed(self) -> float:
+        """Mean rotative speed, rad/s; zero without a reference of the shaft."""
+        if self.shaft_angle is None:
+            return 0.0
+        return float((self.shaft_angle[-1] - self.shaft_angle[0]) / (self.time[-1] - self.time[0]))
+
+    def orders(self, first: int = 1) -> ComplexArray:
+        """``exp(j n theta)`` for the orders n from the first to the fifth that reach into the band, shape ``(M, N)``."""
+        if self.shaft_angle is None:
+            return np.zeros((0, self.time.size), complex)
+        slowest = float(np.diff(self.shaft_angle).min()) * self.rate
+        present = [n for n in range(first, ORDERS + 1) if n * slowest < self.band[1] * 1.1]
+        return np.array([np.exp(1j * n * self.shaft_angle) for n in present]).reshape(-1, self.time.size)
+
+    def spectrum(self, signals: ComplexArray) -> ComplexArray:
+        """Spectra at the frequencies of :attr:`lines`, times the sampling interval, shape ``(..., K)``."""
+        from scipy.fft import fft
+
+        return np.asarray(fft(signals)[..., : self.time.size // 2] / self.rate)
+
+    @property
+    def lines(self) -> Float:
+        """Frequencies from zero up, rad/s, shape ``(K,)``."""
+        return 2 * np.pi * self.rate / self.time.size * np.arange(self.time.size // 2)
+
+    def outputs(self, motion: dict[str, ComplexArray]) -> ComplexArray:
+        """Spectra of what is measured, seen turning with the drive: ``(P, K)``.
+
+        Four for a plane with two probes: the orbit's component in the direction of the force, that in the other one,
+        and the phasors of x and of y, relative to ``exp(+j|w|t)``. One for a plane with one probe: its phasor.
+
+        Args:
+            motion: as :attr:`motion`.
+        """
+        found = []
+        for plane, z in motion.items():
+            plus, minus = self.spectrum(z), self.spectrum(z.conj())
+            if not is_pair(self.record, plane):
+                found += [2 * plus]
+                continue
+            x, y = plus + minus, (plus - minus) / 1j
+            found += [plus, minus, x, y] if self.whirl > 0 else [minus, plus, x, y]
+        return np.array(found)
+
+    def spectra(self, motion: dict[str, ComplexArray], weights: ComplexArray, others: ComplexArray) -> RecordSpectra:
+        """All spectra of the record.
+
+        Args:
+            motion: as :attr:`motion`, with or without the orders.
+            weights: unbalance times ``exp(j heavy spot)`` of each force, kg m, shape ``(J,)``.
+            others: further inputs in time, shape ``(M, N)``.
+        """
+        return RecordSpectra(
+            frequency=self.lines,
+            outputs=self.outputs(motion),
+            forces=weights[:, None] * self.spectrum(self.unit_force),
+            others=self.spectrum(others),
+        )
+
+
+def is_pair(record: Recording, plane: str) -> bool:
+    """Whether a plane has two probes, so that the orbit is known.
+
+    Args:
+        record: the recording.
+        plane: one of its planes.
+    """
+    return sum(probe.plane == plane for probe in record.probes) > 1
+
+
+def reduce_record(record: Recording, drive: AngleTrack, whirl: int) -> ReducedRecord:
+    """Bring a recording to the rate that the band of its drive needs.
+
+    Args:
+        record: the recording.
+        drive: angle that the force is locked to.
+        whirl: +1 where it turns with the shaft, -1 against it.
+
+    Raises:
+        ValueError: the sampling rate is too low for the band, or no time is left between the pulses.
+    """
+    from scipy.fft import prev_fast_len
+
+    shaft = record.shaft_angle() if record.rig.shaft is not None else None
+    begin = max(track.begin for track in (drive, shaft) if track is not None)
+    end = min(track.end for track in (drive, shaft) if track is not None)
+    at = np.linspace(begin, end, 20_001)
+    fastest = float(drive.speed(at).max())
+    top = fastest
+    if shaft is not None:
+        speed = shaft.speed(at)
+        reach = [n * float(speed.max()) for n in range(1, ORDERS + 1) if n * speed.min() < 1.1 * fastest]
+        top = max([top, *reach])
+    reduced = ReducedRate.for_band(1.02 * top / (2 * np.pi), record.sample_rate, record.size)
+    time = reduced.time
+    inside = np.flatnonzero((time >= begin) & (time <= end))
+    if inside.size < 32:
+        raise ValueError(f"{record.name}: the pulses leave {max(end - begin, 0):.3g} s of the recording, too little")
+    part = slice(int(inside[0]), int(inside[0]) + int(prev_fast_len(inside.size)))
+    time = time[part]
+    motion = {}
+    for plane in record.planes:
+        probes = [probe for probe in record.probes if probe.plane == plane]
+        along = np.stack([_towards(record, probe, reduced)[part] for probe in probes])
+        along -= along.mean(axis=1, keepdims=True)
+        motion[plane] = np.asarray(record._mixing(plane) @ along if len(probes) > 1 else along[0], dtype=complex)
+    return ReducedRecord(
+        record=record,
+        drive=drive,
+        whirl=whirl,
+        rate=reduced.rate,
+        time=time,
+        motion=motion,
+        drive_angle=drive.angle(time),
+        drive_speed=drive.speed(time),
+        drive_acceleration=drive.acceleration(time),
+        shaft_angle=None if shaft is None else shaft.angle(time),
+    )
+
+
+def _towards(record: Recording, probe: Probe, reduced: ReducedRate) -> Float:
+    """Motion towards a probe, m, from where its voltage is zero."""
+    volts = reduced.reduce(lambda first, last: record.channel(probe.channel, first, last))
+    return np.asarray(volts.real / float(probe.sensitivity or 1.0))

@@ -1,0 +1,140 @@
+"""Rows of a test from local responses: one for each probe at each line."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotorfit.data.experiments import PerturbationTest, perturbation_test
+from rotorfit.recordings.reduced_record import is_pair
+
+if TYPE_CHECKING:
+    from rotorfit.estimators.local_response import LocalResponse
+    from rotorfit.recordings.recording import Recording
+    from rotorfit.recordings.reduced_record import ReducedRecord
+
+Float = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Readings:
+    """Responses of one probe, output over force.
+
+    Attributes:
+        plane, direction: of the probe.
+        response: shape ``(L,)``.
+        sigma: standard deviation of its real part and of its imaginary part, shape ``(L,)``.
+    """
+
+    plane: str
+    direction: str
+    response: ComplexArray
+    sigma: Float
+
+
+def readings(record: Recording, found: LocalResponse, angle_error: Float) -> list[Readings]:
+    """Responses to the first force, probe by probe.
+
+    The noise of x and of y is each one's own, widened together where the orbit's component in the direction of the
+    force is noisier than independent probes would make it: what disturbs the force or the phase reference moves both.
+
+    Args:
+        record: where the probes are.
+        found: outputs in the order of :meth:`ReducedRecord.outputs`.
+        angle_error: standard error of the angle that the force is locked to, rad, shape ``(L,)``.
+    """
+    response, variance = found.response[0], found.sigma[0] ** 2
+    listed: list[Readings] = []
+    row = 0
+    for plane in record.planes:
+        if not is_pair(record, plane):
+            angle = float(next(probe.angle or 0.0 for probe in record.probes if probe.plane == plane))
+            sigma = np.sqrt(variance[row] + np.abs(response[row] * angle_error) ** 2 / 2)
+            listed.append(
+                Readings(plane=plane, direction=_axis(record, plane, angle), response=response[row], sigma=sigma)
+            )
+            row += 1
+            continue
+        right = variance[row] + np.abs(response[row] * angle_error) ** 2 / 2
+        widening = np.sqrt(np.maximum(1.0, right / ((variance[row + 2] + variance[row + 3]) / 4)))
+        listed += [
+            Readings(
+                plane=plane, direction=axis, response=response[row + at], sigma=np.sqrt(variance[row + at]) * widening
+            )
+            for at, axis in ((2, "x"), (3, "y"))
+        ]
+        row += 4
+    return listed
+
+
+def _axis(record: Recording, plane: str, angle: float) -> str:
+    """Name of a single probe's direction."""
+    for axis, place in (("x", 0.0), ("y", np.pi / 2)):
+        if abs(np.sin(angle - place)) < 1e-3 and np.cos(angle - place) > 0:
+            return axis
+    raise ValueError(
+        f"{record.name}: the only probe of {plane} sits at {np.degrees(angle):g} degrees; a single probe has to be at 0 "
+        "(x) or 90 degrees (y): give its angle from itself"
+    )
+
+
+def rows(
+    probes: Sequence[Readings],
+    kept: NDArray[np.bool_],
+    *,
+    run: str,
+    frequency: Float,
+    speed: Float | float,
+    force_plane: str,
+    force: ComplexArray,
+    attributes: Mapping[str, float | str],
+) -> PerturbationTest:
+    """A test of one run.
+
+    Args:
+        probes: what was read.
+        kept: lines to keep, shape ``(L,)``.
+        run: name of the run.
+        frequency: of each line, rad/s, signed.
+        speed: rotative speed, rad/s.
+        force_plane: where the force acts.
+        force: at each line, N.
+        attributes: of the whole run.
+    """
+    speeds = np.broadcast_to(speed, frequency.shape)
+    names = [(probe.plane, probe.direction) for probe in probes for _ in range(int(kept.sum()))]
+
+    def each(values: NDArray[np.generic]) -> NDArray[np.generic]:
+        return np.tile(values[kept], len(probes))
+
+    return perturbation_test(
+        run=run,
+        speed=each(speeds),
+        frequency=each(frequency),
+        force_plane=force_plane,
+        force=each(force),
+        plane=[plane for plane, _ in names],
+        direction=[direction for _, direction in names],
+        response=np.concatenate([(probe.response * force)[kept] for probe in probes]),
+        sigma=np.concatenate([(probe.sigma * np.abs(force))[kept] for probe in probes]),
+        attributes={name: np.full(len(names), value) for name, value in attributes.items()},
+        source=run,
+    )
+
+
+def time_at(reduced: ReducedRecord, frequency: Float) -> Float:
+    """When the drive last passed each frequency, s; of the nearest one where it never did.
+
+    Args:
+        reduced: a swept record.
+        frequency: rad/s, shape ``(L,)``.
+    """
+    speed = reduced.drive_speed
+    ascending = np.maximum.accumulate(speed) if speed[-1] >= speed[0] else np.minimum.accumulate(speed)[::-1]
+    time = reduced.time if speed[-1] >= speed[0] else reduced.time[::-1]
+    return time[np.clip(np.searchsorted(ascending, frequency), 0, time.size - 1)]

@@ -1,0 +1,171 @@
+"""From recordings to the experiment that a fit takes: responses with their noise, at lines chosen for the fit.
+
+Sweeps of a perturbator are reduced one by one. Start-ups and shutdowns with the weight in one plane are reduced
+together: what the weight does is found apart from residual unbalance, bow and run-out, which all of them share. The
+method is in :mod:`rotorfit.estimators.local_response`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotorfit.data.experiments import PerturbationTest
+from rotorfit.data.findings import Finding
+from rotorfit.data.synchronous import DIFFERENCED, join
+from rotorfit.estimators.local_response import local_response
+from rotorfit.recordings.reduced_record import ReducedRecord, reduce_record
+from rotorfit.recordings.response_rows import readings, rows, time_at
+
+if TYPE_CHECKING:
+    from rotorfit.recordings.recording import Recording
+    from rotorfit.recordings.setup import Force
+
+Float = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+Report = Callable[[Finding], None]
+
+
+def responses(records: Sequence[Recording] | Recording, *, on_finding: Report | None = None) -> PerturbationTest:
+    """Responses of a rotor to the force that turns with a perturbator or with the shaft itself.
+
+    Args:
+        records: of one rig; see :func:`rotorfit.read_recording`.
+        on_finding: called with each thing that was found odd or that limits what the recordings say, for instance
+            ``print``; what was found while reading is in ``record.findings``.
+
+    Returns:
+        a row for each probe at each line; a synchronous test where the shaft itself drives. Lines that a record cannot
+        tell from an order of the shaft are left out.
+
+    Raises:
+        ValueError: a recording whose force is not known, or that is too short for what was swept.
+    """
+    listed = list(records) if isinstance(records, Sequence) else [records]
+    if not listed:
+        raise ValueError("no recordings given")
+    report = on_finding or (lambda finding: None)
+    forces = [_force(record) for record in listed]
+    _same_kind(listed, forces)
+    if not all(force.datum_known for force in forces):
+        report(
+            Finding(
+                "note", "phase-datum", "the angle between weight and mark is not known; fit with "
+                'phase_offsets="common" (--phase-offsets common), one angle for all runs.',
+            )
+        )  # fmt: skip
+    if forces[0].reference == "perturbator":
+        return join([_sweep(record, report) for record in listed])
+    planes = dict.fromkeys(force.plane for force in forces)
+    groups = [[r for r, f in zip(listed, forces, strict=True) if f.plane == plane] for plane in planes]
+    return join([_start_ups(group, report) for group in groups])
+
+
+def _force(record: Recording) -> Force:
+    if record.force is None:
+        raise ValueError(
+            f"{record.name}: nothing says what drives the rotor; give plane, mr_kg_m and whirl in [force] of the setup"
+        )
+    if record.force.measured:
+        raise ValueError(f"{record.name}: responses to a measured force are not implemented")
+    return record.force
+
+
+def _same_kind(records: Sequence[Recording], forces: Sequence[Force]) -> None:
+    kinds = {force.reference: record.name for record, force in zip(records, forces, strict=True)}
+    if len(kinds) > 1:
+        raise ValueError(
+            f"{kinds['perturbator']} is driven by a perturbator, {kinds['shaft']} by the shaft itself: two kinds of "
+            "tests, call responses for each and give a list of both to fit"
+        )
+
+
+def _sweep(record: Recording, report: Report) -> PerturbationTest:
+    """One record of a perturbator that sweeps."""
+    force = _force(record)
+    drive = record.perturbator_angle()
+    if drive is None:
+        raise ValueError(f"{record.name} has no phase reference of the perturbator; name its channel in [perturbator]")
+    reduced = reduce_record(record, drive, force.whirl)
+    orders = reduced.orders()
+    both = np.concatenate([orders, orders.conj()])
+    motion = {plane: without(z, both) for plane, z in reduced.motion.items()}
+    weight = np.array([force.mr * np.exp(1j * force.angle)])
+    found = local_response([reduced.spectra(motion, weight, orders)], *reduced.band)
+    w = found.frequency
+    apart = _apart_from_orders(reduced, w)
+    if not apart.all():
+        report(
+            Finding(
+                "note", "lines-at-orders", f"{record.name}: {np.sum(~apart)} of {w.size} lines left out: closer to an "
+                f"order of the shaft than {reduced.time[-1] - reduced.time[0]:.3g} s can separate.",
+            )
+        )  # fmt: skip
+    return rows(
+        readings(record, found, drive.stderr(time_at(reduced, w))),
+        apart,
+        run=record.name,
+        frequency=force.whirl * w,
+        speed=reduced.shaft_speed,
+        force_plane=force.plane,
+        force=force.mr * w**2 * np.exp(1j * force.angle),
+        attributes=record.attributes,
+    )
+
+
+def without(z: ComplexArray, known: ComplexArray) -> ComplexArray:
+    """A signal less its mean and what least squares finds of other signals in it.
+
+    Args:
+        z: shape ``(N,)``.
+        known: shape ``(M, N)``.
+    """
+    basis = np.concatenate([np.ones((1, z.size)), known])
+    amplitude = np.linalg.solve(basis.conj() @ basis.T, basis.conj() @ z)
+    return np.asarray(z - amplitude @ basis)
+
+
+def _apart_from_orders(reduced: ReducedRecord, w: Float) -> NDArray[np.bool_]:
+    """Whether lines are further from every order than the record can separate, its own wander of speed added."""
+    if reduced.shaft_angle is None:
+        return np.ones(w.size, dtype=bool)
+    wander = float(np.std(np.diff(reduced.shaft_angle)) * reduced.rate)
+    order = np.maximum(np.rint(w / reduced.shaft_speed), 1)
+    resolution = 2 * np.pi / (reduced.time[-1] - reduced.time[0])
+    return np.asarray(np.abs(w - order * reduced.shaft_speed) > resolution + order * wander)
+
+
+def _start_ups(records: list[Recording], report: Report) -> PerturbationTest:
+    """Start-ups with the weight in one plane: the response to it, apart from what all of them share."""
+    forces = [_force(record) for record in records]
+    reduced = [reduce_record(record, record.shaft_angle(), 1) for record in records]
+    weights = np.array([force.mr * np.exp(1j * force.angle) for force in forces])
+    differenced = np.ptp(weights.real) + np.ptp(weights.imag) > 1e-6 * np.abs(weights).max()
+    if not differenced:
+        report(
+            Finding(
+                "warning", "not-differenced", f"{', '.join(r.name for r in records)}: no second run with the weight "
+                "elsewhere or taken off, so residual unbalance, bow and run-out are in the response.",
+            )
+        )  # fmt: skip
+    drives = [np.array([weight, 1.0]) if differenced else np.array([weight]) for weight in weights]
+    spectra = [r.spectra(r.motion, drive, r.orders(2)) for r, drive in zip(reduced, drives, strict=True)]
+    low = max(r.band[0] for r in reduced)
+    high = min(r.band[1] for r in reduced)
+    found = local_response(spectra, low, high)
+    w = found.frequency
+    reference = weights[np.argmax(np.abs(weights))]
+    errors = [r.drive.stderr(time_at(r, w)) for r in reduced]
+    return rows(
+        readings(records[0], found, np.sqrt(np.sum(np.square(errors), axis=0)) / len(records)),
+        np.ones(w.size, dtype=bool),
+        run=" minus ".join(record.name for record in records),
+        frequency=w,
+        speed=w,
+        force_plane=forces[0].plane,
+        force=reference * w**2,
+        attributes={**records[0].attributes, DIFFERENCED: float(differenced)},
+    )
