@@ -60,7 +60,8 @@ class ReducedRecord:
 
         ``(phi'^2 - j phi'') exp(j phi)``; for a force that turns backward this is the complex conjugate of Fx + j Fy.
         """
-        return (self.drive_speed**2 - 1j * self.drive_acceleration) * np.exp(1j * self.drive_angle)
+        rate = self.drive_speed**2 - 1j * self.drive_acceleration
+        return np.asarray(rate * np.exp(1j * self.drive_angle))
 
     @property
     def shaft_speed(self) -> float:
@@ -70,7 +71,7 @@ class ReducedRecord:
         return float((self.shaft_angle[-1] - self.shaft_angle[0]) / (self.time[-1] - self.time[0]))
 
     def orders(self, first: int = 1) -> ComplexArray:
-        """``exp(j n theta)`` for the orders n from the first to the fifth that reach into the band, shape ``(M, N)``."""
+        """``exp(j n theta)`` for the orders n from the first to the fifth that reach into the band, ``(M, N)``."""
         if self.shaft_angle is None:
             return np.zeros((0, self.time.size), complex)
         slowest = float(np.diff(self.shaft_angle).min()) * self.rate
@@ -86,7 +87,8 @@ class ReducedRecord:
     @property
     def lines(self) -> Float:
         """Frequencies from zero up, rad/s, shape ``(K,)``."""
-        return 2 * np.pi * self.rate / self.time.size * np.arange(self.time.size // 2)
+        step = 2 * np.pi * self.rate / self.time.size
+        return np.asarray(step * np.arange(self.time.size // 2), dtype=float)
 
     def outputs(self, motion: dict[str, ComplexArray]) -> ComplexArray:
         """Spectra of what is measured, seen turning with the drive: ``(P, K)``.

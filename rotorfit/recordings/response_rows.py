@@ -78,8 +78,8 @@ def _axis(record: Recording, plane: str, angle: float) -> str:
         if abs(np.sin(angle - place)) < 1e-3 and np.cos(angle - place) > 0:
             return axis
     raise ValueError(
-        f"{record.name}: the only probe of {plane} sits at {np.degrees(angle):g} degrees; a single probe has to be at 0 "
-        "(x) or 90 degrees (y): give its angle from itself"
+        f"{record.name}: the only probe of {plane} sits at {np.degrees(angle):g} degrees; a single probe has to be at "
+        "0 (x) or 90 degrees (y): give its angle from itself"
     )
 
 
