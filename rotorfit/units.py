@@ -9,6 +9,9 @@ import math
 
 from rotorfit.models.parameters import unknown_name
 
+RAD_S_PER_RPM = math.pi / 30
+RPM_PER_RAD_S = 30 / math.pi
+
 _LENGTH = {"m": 1.0, "mm": 1e-3, "um": 1e-6, "nm": 1e-9, "in": 0.0254, "mil": 25.4e-6}
 _ANGLE = {"rad": 1.0, "mrad": 1e-3, "urad": 1e-6, "deg": math.pi / 180}
 _PEAK = {"": 1.0, "_pk": 1.0, "_0p": 1.0, "_pp": 0.5, "_rms": math.sqrt(2.0)}

@@ -10,6 +10,10 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from rotorfit.cli.arguments import add_files, add_model, add_output, fit_study
+from rotorfit.fitting.option_kinds import words
+from rotorfit.fitting.options import CAMPAIGN
+
 if TYPE_CHECKING:
     from concurrent.futures import Executor
 
@@ -21,18 +25,9 @@ DESCRIPTION = "fit every run of a campaign and show how the parameters change wi
 
 def add_options(to: argparse.ArgumentParser) -> None:
     """Options of the command."""
-    from rotorfit.cli.arguments import FIT_LISTS, add_files, add_output, words
-
     add_files(to)
-    to.add_argument("--model", required=True, help="see `rotorfit models`")
+    add_model(to, CAMPAIGN)
     to.add_argument("--out", type=Path, help="folder for runs.csv, summary.txt and trends.png")
-    for name, (metavar, help_text) in FIT_LISTS.items():
-        if name != "--per":  # every parameter that is neither known nor shared has a value of its own for each run
-            to.add_argument(name, action="append", default=[], metavar=metavar, help=help_text)
-    to.add_argument("--loss", default="linear", help="linear, or soft_l1, huber, cauchy against outliers")
-    to.add_argument("--planes", type=words, default=(), metavar="A,B", help="the data's planes in the model's order")
-    to.add_argument("--blocks", type=words, default=(), metavar="A,B", help="structural blocks to include")
-    to.add_argument("--two-lam", action="store_true", help="lam_D and lam_M of their own in place of one lam")
     to.add_argument("--split", default="run", metavar="ATTRIBUTE", help="column that parts the runs [%(default)s]")
     to.add_argument("--shared", type=words, default=(), metavar="A,B", help="parameters with one value for all runs")
     to.add_argument("--against", metavar="ATTRIBUTE", help="column that trends are shown against: pressure_psi")
@@ -40,9 +35,6 @@ def add_options(to: argparse.ArgumentParser) -> None:
     to.add_argument("--follow", type=words, metavar="A,B", help="parameters whose trends are shown [K0, lam, D]")
     to.add_argument("--jobs", type=int, default=1, metavar="N", help="processes to fit with [%(default)s]")
     add_output(to)
-    # What a single fit has and a campaign has not.
-    to.set_defaults(per=[], phase_offsets=False, refine=False, calibration=[], sample=False, seed=None)
-    to.set_defaults(ess=1.0, max_steps=1, profile=(), bootstrap=0, law="", clearance_um=None)
 
 
 def run(options: argparse.Namespace) -> int:
@@ -73,14 +65,13 @@ def run(options: argparse.Namespace) -> int:
 
 def _campaign(options: argparse.Namespace) -> Campaign:
     from rotorfit.campaigns.campaign import campaign
-    from rotorfit.cli.arguments import fit_study
     from rotorfit.studies.study import build_model, check_model_name
 
     if options.jobs < 1:
         raise ValueError(f"--jobs takes a number of processes from 1, got {options.jobs}")
     if options.against is None and (options.by or options.follow):
         raise ValueError("--by and --follow shape the trends: say --against what")
-    study = fit_study(options)
+    study = fit_study(options, CAMPAIGN)
     check_model_name(study.model)
     tests = [file.read() for file in study.files]
     with ExitStack() as stack:

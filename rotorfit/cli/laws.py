@@ -10,6 +10,10 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from rotorfit.cli.arguments import add_files, add_model, add_output, fit_study
+from rotorfit.fitting.option_kinds import positive_word, words
+from rotorfit.fitting.options import LAW_RANKING
+
 if TYPE_CHECKING:
     from rotorfit.fitting.law_ranking import LawComparison, LawFit
     from rotorfit.fitting.result import FitResult
@@ -19,21 +23,14 @@ DESCRIPTION = "fit several laws of eccentricity to the same files and rank them 
 
 def add_options(to: argparse.ArgumentParser) -> None:
     """Options of the command."""
-    from rotorfit.cli.arguments import FIT_LISTS, add_files, add_model, add_output, positive, words
-
     add_files(to)
-    add_model(to)
-    to.add_argument("--clearance-um", type=positive, required=True, metavar="UM", help="radial clearance at the fluid")
+    add_model(to, LAW_RANKING)
+    to.add_argument(
+        "--clearance-um", type=positive_word, required=True, metavar="UM", help="radial clearance at the fluid"
+    )
     to.add_argument("--laws", type=words, metavar="A,B", help="laws to compare: constant,muszynska [all]")
     to.add_argument("--out", type=Path, help="folder for law_comparison.csv, summary.txt and law.png")
-    for name, (metavar, help_text) in FIT_LISTS.items():
-        to.add_argument(name, action="append", default=[], metavar=metavar, help=help_text)
-    to.add_argument("--loss", default="linear", help="linear, or soft_l1, huber, cauchy against outliers")
-    to.add_argument("--phase-offsets", action="store_true", help="fit a phase reference offset for every run but one")
     add_output(to)
-    # What a single fit has and a comparison has not.
-    to.set_defaults(law="", refine=False, calibration=[], sample=False, seed=None)
-    to.set_defaults(ess=1.0, max_steps=1, profile=(), bootstrap=0)
 
 
 def run(options: argparse.Namespace) -> int:
@@ -59,15 +56,12 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _comparison(options: argparse.Namespace) -> LawComparison:
-    from dataclasses import replace
-
-    from rotorfit.cli.arguments import fit_study
     from rotorfit.fitting.law_ranking import compare_laws
     from rotorfit.models import LAWS
     from rotorfit.models.parameters import unknown_name
     from rotorfit.studies.study import build_model, check_model_name
 
-    study = replace(fit_study(options), clearance_um=None)  # compare_laws gives it to each law's model
+    study = fit_study(options, LAW_RANKING)
     check_model_name(study.model)
     for name in options.laws or ():
         if name not in LAWS:

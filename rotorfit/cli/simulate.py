@@ -6,6 +6,10 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from rotorfit.cli.arguments import add_model, given
+from rotorfit.fitting.option_kinds import number_word, pairs, whole_word, words
+from rotorfit.fitting.options import LAW, MODEL
+
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
@@ -40,14 +44,10 @@ _ONE_VALUE = {("perturbation", "load"), ("synchronous", "unbalance")}
 
 def add_options(to: argparse.ArgumentParser) -> None:
     """Options of the command."""
-    from rotorfit.cli.arguments import add_model, positive, whole, words
-
-    add_model(to)
+    add_model(to, (*MODEL, *LAW))
     to.add_argument(
         "--set", action="append", default=[], metavar="NAME=VALUE", help="true value of a parameter, SI units"
     )
-    to.add_argument("--law", default="", metavar="NAME", help="law of eccentricity: muszynska, even-polynomial, ...")
-    to.add_argument("--clearance-um", type=positive, metavar="UM", help="radial clearance at the fluid, for a law")
     to.add_argument("--kind", default="perturbation", help="perturbation, static-load, impulse, ... [%(default)s]")
     for name, help_text in _LISTS.items():
         to.add_argument(name, type=numbers, metavar="A,B|LO:HI:N", help=help_text)
@@ -59,7 +59,7 @@ def add_options(to: argparse.ArgumentParser) -> None:
         to.add_argument(name, metavar=name[2:].upper(), help=help_text)
     to.add_argument("--force-planes", type=words, metavar="A,B", help="planes that are forced [all]")
     to.add_argument("--noise", type=float, default=0.01, help="over the rms reading of a run [%(default)g]")
-    to.add_argument("--seed", type=whole, default=0, help="of the noise [%(default)s]")
+    to.add_argument("--seed", type=whole_word, default=0, help="of the noise [%(default)s]")
     to.add_argument("--out", type=Path, required=True, metavar="FILE", help="file to write (.csv .uff .nc .mat)")
     to.add_argument("--quiet", action="store_true", help="do not say what was written")
 
@@ -84,7 +84,6 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _simulated(options: argparse.Namespace) -> Experiment:
-    from rotorfit.cli.arguments import number, pairs
     from rotorfit.io.files import SUFFIXES
     from rotorfit.models.parameters import unknown_name
     from rotorfit.simulation.simulate import KINDS, check_options, simulate
@@ -95,7 +94,7 @@ def _simulated(options: argparse.Namespace) -> Experiment:
         raise FileNotFoundError(f"cannot write {options.out}: there is no folder {options.out.parent}")
     if options.kind not in KINDS:
         raise ValueError(unknown_name("kind of experiment", options.kind, KINDS))
-    model, params = _model(options), pairs("--set", options.set, number)
+    model, params = _model(options), pairs("--set", options.set, number_word)
     settings = _settings(options)
     try:
         check_options(options.kind, settings)
@@ -110,10 +109,7 @@ def _model(options: argparse.Namespace) -> RotorModel:
     check_model_name(options.model)
     if options.model == "anisotropic" and not options.planes:
         raise ValueError("anisotropic has as many planes as --planes names: give them")
-    study = Study(
-        files=(), model=options.model, planes=options.planes, blocks=options.blocks, two_lam=options.two_lam,
-        law=options.law, clearance_um=options.clearance_um,
-    )  # fmt: skip
+    study = Study(files=(), model=options.model, **given(options, (*MODEL, *LAW)))
     return build_model(study, ())
 
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from rotorfit.fitting.options import command_words
 from rotorfit.fitting.result import FitResult
 from rotorfit.models import LAWS, MODELS, Law
 from rotorfit.report.html import Html, element, paragraph
@@ -121,7 +122,6 @@ def _command(material: ReportInput) -> str:
     """The call of the command line, empty where it cannot say what was asked for."""
     fit, refined = _origin(material)
     settings, options = fit.settings, _own_options(fit)
-    priors = {name: _gaussian(prior) for name, prior in settings.priors.items()}
     calibrated = vars(settings.calibration) if settings.calibration else {}
     expressible = (
         fit.method == "least squares"
@@ -129,43 +129,37 @@ def _command(material: ReportInput) -> str:
         and all(e.source for e in fit.experiments)
         and set(options) <= {"planes", "blocks", "two_lam", "law", "clearance_um"}
         and ("law" not in options or options["law"] in [law() for law in LAWS.values()])
-        and all(priors.values())
-        and all(isinstance(value, (int, float)) for value in calibrated.values())
     )
     if not expressible:
         return ""
-    words = ["rotorfit", "fit", *(e.source for e in fit.experiments), "--model", fit.model.name]
-    for name in ("planes", "blocks"):
-        words += [f"--{name}", ",".join(options[name])] if options.get(name) else []
-    words += ["--two-lam"] if options.get("two_lam") else []
-    words += ["--law", options["law"].name] if "law" in options else []
-    words += ["--clearance-um", f"{options['clearance_um']:.10g}"] if options.get("clearance_um") else []
-    pairs = {
-        "known": {name: "free" if value is None else f"{value:.10g}" for name, value in settings.known.items()},
-        "bounds": {name: f"{low:.10g}:{high:.10g}" for name, (low, high) in settings.bounds.items()},
-        "prior": priors,
+    asked = {
+        **options,
+        "law": options["law"].name if "law" in options else "",
+        "known": settings.known,
+        "bounds": settings.bounds,
+        "priors": settings.priors,
         "per": settings.per,
+        "loss": settings.loss if settings.loss != "linear" else "",
+        "phase_offsets": settings.phase_offsets,
+        "refine": refined,
+        "calibration": {name: value for name, value in calibrated.items() if value},
+        "profile": tuple(p.name for p in material.profiles),
+        **_draws(material),
     }
-    for option, values in pairs.items():
-        for name, value in values.items():
-            words += [f"--{option}", f"{name}={value}"]
-    words += ["--loss", settings.loss] if settings.loss != "linear" else []
-    words += ["--phase-offsets"] if settings.phase_offsets else []
-    words += ["--refine"] if refined else []
-    for name, value in calibrated.items():
-        words += ["--calibration", f"{name}={value:.10g}"] if value else []
-    words += ["--profile", ",".join(p.name for p in material.profiles)] if material.profiles else []
+    words = command_words(asked)
+    if words is None:
+        return ""
+    files = [e.source for e in fit.experiments]
+    return shlex.join(["rotorfit", "fit", *files, "--model", fit.model.name, *words, "--out", "results/"])
+
+
+def _draws(material: ReportInput) -> dict[str, Any]:
+    """Settings of what was simulated and sampled."""
     simulated, posterior = material.bootstrap, material.posterior
+    asked: dict[str, Any] = {}
     if simulated is not None:
-        words += ["--bootstrap", str(len(simulated.samples) + simulated.failures)]
-        words += ["--seed", str(simulated.seed)] if posterior is None else []
+        asked |= {"bootstrap": len(simulated.samples) + simulated.failures, "seed": simulated.seed}
     if posterior is not None:
-        asked = posterior.settings
-        words += ["--sample", "--seed", str(posterior.seed), "--ess", f"{asked.ess:g}"]
-        words += ["--max-steps", str(asked.max_steps)]
-    return shlex.join([*words, "--out", "results/"])
-
-
-def _gaussian(prior: Any) -> str:
-    """Mean and standard deviation of a normal prior, empty for others."""
-    return f"{prior.mean():.10g}:{prior.std():.10g}" if prior.dist.name == "norm" else ""
+        limits = posterior.settings
+        asked |= {"sample": True, "seed": posterior.seed, "ess": limits.ess, "max_steps": limits.max_steps}
+    return asked

@@ -238,25 +238,3 @@ def build_model(study: Study, experiments: Sequence[Experiment]) -> RotorModel:
     if study.clearance_um is not None:
         options["clearance_um"] = study.clearance_um
     return MODELS[study.model]().variant(**options)
-
-
-def frozen_prior(where: str, name: str, numbers: Sequence[float]) -> Any:
-    """A ``scipy.stats`` distribution by name, frozen with its shape numbers, location and scale.
-
-    Raises:
-        ValueError: no such continuous distribution, or numbers that it does not take.
-    """
-    from scipy import stats
-
-    distribution = getattr(stats, name, None)
-    if not isinstance(distribution, stats.rv_continuous):
-        allowed = [n for n in stats.__all__ if isinstance(getattr(stats, n), stats.rv_continuous)]
-        sentence = unknown_name("distribution", name, allowed).partition(" Allowed:")[0]
-        raise ValueError(f"{where}: {sentence} Any continuous distribution of scipy.stats is allowed")
-    try:
-        frozen = distribution(*numbers)
-    except TypeError as reason:
-        raise ValueError(f"{where}: {name} does not take the numbers {list(numbers)}") from reason
-    if not frozen.std() > 0:
-        raise ValueError(f"{where}: {name} has no positive spread with the numbers {list(numbers)}")
-    return frozen

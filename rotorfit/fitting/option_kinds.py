@@ -1,0 +1,294 @@
+"""Kinds of values that a setting can have: read from TOML, read from the command line, written back to it.
+
+A kind knows all three, so that a setting is described once (see :mod:`rotorfit.fitting.options`) wherever it is met.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+Parser = Callable[[str, Any], Any]
+"""From a key and the value that stands there in a TOML file to the setting; refuses with a ValueError."""
+
+
+# ---- values in TOML ---------------------------------------------------------------------------
+
+
+def text(key: str, value: Any) -> str:
+    """A text that is not empty."""
+    if not isinstance(value, str) or not value:
+        raise ValueError(f"{key} must be a text, got {value!r}")
+    return value
+
+
+def flag(key: str, value: Any) -> bool:
+    """True or false."""
+    if not isinstance(value, bool):
+        raise ValueError(f"{key} must be true or false, got {value!r}")
+    return value
+
+
+def number(key: str, value: Any) -> float:
+    """A number."""
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise ValueError(f"{key} must be a number, got {value!r}")
+    return float(value)
+
+
+def positive(key: str, value: Any) -> float:
+    """A number above zero."""
+    if not number(key, value) > 0:
+        raise ValueError(f"{key} must be above zero, got {value!r}")
+    return float(value)
+
+
+def whole(key: str, value: Any) -> int:
+    """A whole number from zero."""
+    if isinstance(value, bool) or not isinstance(value, int) or value < 0:
+        raise ValueError(f"{key} must be a whole number, not below zero; got {value!r}")
+    return value
+
+
+def count(key: str, value: Any) -> int:
+    """A whole number from one."""
+    if whole(key, value) == 0:
+        raise ValueError(f"{key} must be at least 1, got {value!r}")
+    return int(value)
+
+
+def pair(key: str, value: Any) -> tuple[float, float]:
+    """Two numbers."""
+    if not isinstance(value, list) or len(value) != 2:
+        raise ValueError(f"{key} must be two numbers in brackets, got {value!r}")
+    return number(key, value[0]), number(key, value[1])
+
+
+def texts(key: str, value: Any) -> tuple[str, ...]:
+    """A list of texts."""
+    if not isinstance(value, list):
+        raise ValueError(f"{key} must be a list of texts, got {value!r}")
+    return tuple(text(key, item) for item in value)
+
+
+def table(of: Parser) -> Parser:
+    """A table whose values are of one kind."""
+
+    def parse(key: str, value: Any) -> dict[str, Any]:
+        if not isinstance(value, dict):
+            raise ValueError(f"{key} must be a table, got {value!r}")
+        return {name: of(f"{key}.{name}", item) for name, item in value.items()}
+
+    return parse
+
+
+def number_or_free(key: str, value: Any) -> float | None:
+    """A number, or "free" for a parameter that is to be fitted."""
+    if value == "free":
+        return None
+    if isinstance(value, str):
+        raise ValueError(f'{key} must be a number, or "free" to fit it, got {value!r}')
+    return number(key, value)
+
+
+def uncertainty(key: str, value: Any) -> Any:
+    """A number for all probes or planes, or one by plane."""
+    if isinstance(value, dict):
+        return {place: number(f"{key}.{place}", item) for place, item in value.items()}
+    return number(key, value)
+
+
+def prior(key: str, value: Any) -> Any:
+    """A distribution of scipy.stats with its numbers."""
+    if not isinstance(value, dict) or len(value) != 1:
+        raise ValueError(f"{key} must be one distribution with its numbers, {{norm = [1.0, 0.01]}}; got {value!r}")
+    name, numbers = next(iter(value.items()))
+    if not isinstance(numbers, list):
+        raise ValueError(f"{key}: {name} needs a list of numbers, got {numbers!r}")
+    return frozen_prior(key, name, [number(key, item) for item in numbers])
+
+
+def frozen_prior(where: str, name: str, numbers: Sequence[float]) -> Any:
+    """A ``scipy.stats`` distribution by name, frozen with its shape numbers, location and scale.
+
+    Raises:
+        ValueError: no such continuous distribution, or numbers that it does not take.
+    """
+    from scipy import stats
+
+    from rotorfit.models.parameters import unknown_name
+
+    distribution = getattr(stats, name, None)
+    if not isinstance(distribution, stats.rv_continuous):
+        allowed = [n for n in stats.__all__ if isinstance(getattr(stats, n), stats.rv_continuous)]
+        sentence = unknown_name("distribution", name, allowed).partition(" Allowed:")[0]
+        raise ValueError(f"{where}: {sentence} Any continuous distribution of scipy.stats is allowed")
+    try:
+        frozen = distribution(*numbers)
+    except TypeError as reason:
+        raise ValueError(f"{where}: {name} does not take the numbers {list(numbers)}") from reason
+    if not frozen.std() > 0:
+        raise ValueError(f"{where}: {name} has no positive spread with the numbers {list(numbers)}")
+    return frozen
+
+
+# ---- words of the command line ----------------------------------------------------------------
+
+
+def positive_word(word: str) -> float:
+    """A number above zero."""
+    value = float(word)
+    if not 0 < value < math.inf:
+        raise argparse.ArgumentTypeError(f"{word} is not above zero")
+    return value
+
+
+def whole_word(word: str) -> int:
+    """A whole number from zero."""
+    value = int(word)
+    if value < 0:
+        raise argparse.ArgumentTypeError(f"{word} is below zero")
+    return value
+
+
+def count_word(word: str) -> int:
+    """A whole number from one."""
+    if whole_word(word) == 0:
+        raise argparse.ArgumentTypeError("at least 1 is needed")
+    return int(word)
+
+
+def words(word: str) -> tuple[str, ...]:
+    """Words with commas between."""
+    return tuple(part.strip() for part in word.split(","))
+
+
+def number_word(word: str) -> float:
+    """A number, refused in words otherwise."""
+    try:
+        return float(word)
+    except ValueError:
+        raise ValueError(f"{word!r} is not a number") from None
+
+
+def two_numbers(word: str) -> tuple[float, float]:
+    """Two numbers with a colon between."""
+    first, second = _two(word)
+    return number_word(first), number_word(second)
+
+
+def _number_or_free_word(word: str) -> float | None:
+    return None if word.lower() in ("free", "none") else number_word(word)
+
+
+def _range_word(word: str) -> tuple[float, float]:
+    low, high = _two(word)
+    return number_word(low or "-inf"), number_word(high or "inf")
+
+
+def _gaussian_word(word: str) -> Any:
+    return frozen_prior("prior", "norm", two_numbers(word))
+
+
+def _two(word: str) -> tuple[str, str]:
+    first, colon, second = word.partition(":")
+    if not colon:
+        raise ValueError("give two numbers with a colon between")
+    return first, second
+
+
+def pairs(option: str, given: Sequence[str], parse: Callable[[str], Any]) -> dict[str, Any]:
+    """``NAME=VALUE`` words, several of them also in one word with commas between."""
+    values: dict[str, Any] = {}
+    for item in (part for word in given for part in word.split(",")):
+        name, _, value = (part.strip() for part in item.partition("="))
+        if not (name and value):
+            raise ValueError(f"{option} takes NAME=VALUE, got {item!r}")
+        if name in values:
+            raise ValueError(f"{option} names {name} twice")
+        try:
+            values[name] = parse(value)
+        except ValueError as problem:
+            raise ValueError(f"{option} {item}: {problem}") from problem
+    return values
+
+
+# ---- kinds ------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, kw_only=True)
+class Kind:
+    """How a setting is read and written.
+
+    Attributes:
+        toml: reads the value of a TOML key.
+        word: reads the word behind an option of the command line; ``None`` for an option that stands alone.
+        written: the word that :attr:`word` reads as this value; ``None`` where the command line cannot say it.
+        paired: the option is ``NAME=VALUE`` and may be given again; ``word`` and ``written`` are of one VALUE.
+    """
+
+    toml: Parser
+    word: Callable[[str], Any] | None
+    written: Callable[[Any], str | None]
+    paired: bool = False
+
+
+def _digits(value: Any) -> str | None:
+    return f"{value:.10g}" if isinstance(value, int | float) else None
+
+
+def _gaussian_written(value: Any) -> str | None:
+    return f"{value.mean():.10g}:{value.std():.10g}" if value.dist.name == "norm" else None
+
+
+def _range_written(value: tuple[float, float]) -> str:
+    return ":".join("" if math.isinf(end) else f"{end:.10g}" for end in value)
+
+
+FLAG = Kind(toml=flag, word=None, written=lambda value: "")
+TEXT = Kind(toml=text, word=str, written=str)
+TEXTS = Kind(toml=texts, word=words, written=",".join)
+POSITIVE = Kind(toml=positive, word=positive_word, written=_digits)
+WHOLE = Kind(toml=whole, word=whole_word, written=str)
+COUNT = Kind(toml=count, word=count_word, written=str)
+NUMBERS_BY_NAME = Kind(toml=table(number), word=number_word, written=_digits, paired=True)
+KNOWN = Kind(
+    toml=table(number_or_free),
+    word=_number_or_free_word,
+    written=lambda value: "free" if value is None else _digits(value),
+    paired=True,
+)
+RANGES = Kind(toml=table(pair), word=_range_word, written=_range_written, paired=True)
+PRIORS = Kind(toml=table(prior), word=_gaussian_word, written=_gaussian_written, paired=True)
+TEXT_BY_NAME = Kind(toml=table(text), word=str, written=str, paired=True)
+UNCERTAINTIES = Kind(toml=table(uncertainty), word=number_word, written=_digits, paired=True)
+
+
+def written(kind: Kind, name: str, value: Any) -> list[str] | None:
+    """Words of the command line that say a value of an option; ``None`` where none can.
+
+    Args:
+        kind: of the value.
+        name: of the option, ``--known``.
+        value: as :class:`rotorfit.studies.study.Study` holds it.
+    """
+    if kind.word is None:
+        return [name]
+    if not kind.paired:
+        word = kind.written(value)
+        return None if word is None else [name, word]
+    found: list[str] = []
+    for key, item in dict(value).items():
+        word = kind.written(item)
+        if word is None:
+            return None
+        found += [name, f"{key}={word}"]
+    return found
+
+
+def is_set(value: Any) -> bool:
+    """Whether a setting says anything: not empty, not false, not left out."""
+    return value is not None and value is not False and not (isinstance(value, Mapping | tuple | str) and not value)

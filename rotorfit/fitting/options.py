@@ -1,0 +1,128 @@
+"""The settings of an identification, each described once: the command line, studies and the report all read this table.
+
+A new setting is a line here, an attribute of :class:`rotorfit.studies.study.Study`, and its use.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from rotorfit.fitting.option_kinds import (
+    COUNT,
+    FLAG,
+    KNOWN,
+    NUMBERS_BY_NAME,
+    POSITIVE,
+    PRIORS,
+    RANGES,
+    TEXT,
+    TEXT_BY_NAME,
+    TEXTS,
+    UNCERTAINTIES,
+    WHOLE,
+    Kind,
+    is_set,
+    written,
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Option:
+    """One setting.
+
+    Attributes:
+        name: attribute of a study and key of its TOML file.
+        kind: what its value must be.
+        help: what it does, for ``--help``.
+        metavar: what stands behind it on the command line.
+        flag: its name there, by default the name with hyphens.
+    """
+
+    name: str
+    kind: Kind
+    help: str
+    metavar: str | None = None
+    flag: str = ""
+
+    @property
+    def word(self) -> str:
+        """Name of the option on the command line."""
+        return self.flag or "--" + self.name.replace("_", "-")
+
+
+MODEL = (
+    Option(name="planes", kind=TEXTS, metavar="A,B", help="the data's plane names, in the model's order"),
+    Option(name="blocks", kind=TEXTS, metavar="A,B", help="structural blocks to include"),
+    Option(name="two_lam", kind=FLAG, help="lam_D and lam_M of their own in place of one lam"),
+)
+LAW = (
+    Option(name="law", kind=TEXT, metavar="NAME", help="law of eccentricity: muszynska, even-polynomial, ..."),
+    Option(name="clearance_um", kind=POSITIVE, metavar="UM", help="radial clearance at the fluid, for a law"),
+)
+PARAMETERS = (
+    Option(
+        name="known",
+        kind=KNOWN,
+        metavar="NAME=VALUE",
+        help="not fitted, SI units; NAME=free fits what the model fixes by default",
+    ),
+    Option(name="bounds", kind=RANGES, metavar="NAME=LO:HI", help="limits of a parameter, either may be left out"),
+    Option(
+        name="priors",
+        flag="--prior",
+        kind=PRIORS,
+        metavar="NAME=MEAN:SD",
+        help="Gaussian prior of a parameter (other distributions: `rotorfit run`)",
+    ),
+    Option(name="start", kind=NUMBERS_BY_NAME, metavar="NAME=VALUE", help="start value in place of the closed form's"),
+)
+PER = Option(
+    name="per",
+    kind=TEXT_BY_NAME,
+    metavar="NAME=ATTRIBUTE",
+    help="one value for each value of a test attribute: D=speed_rpm",
+)
+LOSS = Option(name="loss", kind=TEXT, metavar="NAME", help="linear, or soft_l1, huber, cauchy against outliers")
+PHASE_OFFSETS = Option(name="phase_offsets", kind=FLAG, help="fit a phase reference offset for every run but the first")
+REFINE = Option(name="refine", kind=FLAG, help="add structural blocks while the data ask for them (BIC)")
+UNCERTAINTY = (
+    Option(
+        name="calibration",
+        kind=UNCERTAINTIES,
+        metavar="NAME=VALUE",
+        help="systematic uncertainty: probe_gain=0.01, probe_phase_deg=0.5, mr=0.005, keyphasor_deg=1",
+    ),
+    Option(name="profile", kind=TEXTS, metavar="A,B", help="profile likelihoods: lam,D,threshold_speed"),
+    Option(name="bootstrap", kind=COUNT, metavar="N", help="simulate and fit N tests"),
+    Option(name="sample", kind=FLAG, help="draw from the posterior with emcee; needs some seconds"),
+    Option(name="seed", kind=WHOLE, metavar="N", help="of random numbers, for the same draws again"),
+    Option(name="ess", kind=POSITIVE, metavar="ESS", help="effective samples to reach"),
+    Option(name="max_steps", kind=COUNT, metavar="N", help="steps to stop at in any case"),
+)
+
+FIT = (*MODEL, *LAW, *PARAMETERS, PER, LOSS, PHASE_OFFSETS, REFINE, *UNCERTAINTY)
+"""Settings of ``rotorfit fit`` and of a study."""
+CAMPAIGN = (*MODEL, *PARAMETERS, LOSS)
+"""Settings of ``rotorfit campaign``: what is neither known nor shared has a value of its own for each run."""
+LAW_RANKING = (*MODEL, *PARAMETERS, PER, LOSS, PHASE_OFFSETS)
+"""Settings of ``rotorfit compare-laws``, which goes through the laws itself."""
+
+
+def command_words(settings: Mapping[str, Any]) -> list[str] | None:
+    """Words of ``rotorfit fit`` that say some settings; ``None`` where the command line cannot.
+
+    Args:
+        settings: values by name; those that say nothing are left out.
+    """
+    found: list[str] = []
+    for option in FIT:
+        value = settings.get(option.name)
+        if not is_set(value):
+            continue
+        said = written(option.kind, option.word, value)
+        if said is None:
+            return None
+        found += said
+    return found

@@ -1,0 +1,72 @@
+"""One table of settings: what the report writes the command line reads; studies and commands have the same names."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+from pathlib import Path
+
+import pytest
+from scipy import stats
+
+from rotorfit.cli.arguments import fit_study
+from rotorfit.cli.main import _parser
+from rotorfit.fitting.options import CAMPAIGN, FIT, LAW_RANKING, command_words
+from rotorfit.studies.study import Study
+
+SETTINGS = {
+    "planes": ("rotor", "seal"),
+    "blocks": ("gyroscopic",),
+    "two_lam": True,
+    "law": "muszynska",
+    "clearance_um": 127.25,
+    "known": {"K3": 6000.0, "sigma": None},
+    "bounds": {"lam": (0.0, 0.6), "K0": (-float("inf"), 1e5)},
+    "priors": {"Mf": stats.norm(0.4, 0.1)},
+    "start": {"D": 400.0},
+    "per": {"D": "oil_C"},
+    "loss": "huber",
+    "phase_offsets": True,
+    "refine": True,
+    "calibration": {"probe_gain": 0.01},
+    "sample": True,
+    "ess": 500.0,
+    "max_steps": 300,
+    "seed": 3,
+    "profile": ("lam", "threshold_speed"),
+    "bootstrap": 20,
+}
+
+
+def test_every_setting_of_a_study_is_in_the_table() -> None:
+    """The files, the model and the folder are what they apply to."""
+    assert {f.name for f in fields(Study)} - {"files", "model", "out"} == {option.name for option in FIT}
+    assert set(CAMPAIGN) | set(LAW_RANKING) <= set(FIT)
+
+
+@pytest.mark.parametrize("option", FIT, ids=lambda option: option.name)
+def test_what_is_written_as_words_is_read_as_the_same_setting(option) -> None:
+    value = SETTINGS[option.name]
+    words = command_words({option.name: value})
+    assert words is not None
+    study = fit_study(_parser().parse_args(["fit", "rig.csv", "--model", "whirl-whip", *words]))
+    found = getattr(study, option.name)
+    if option.name == "priors":
+        assert (found["Mf"].mean(), found["Mf"].std()) == pytest.approx((0.4, 0.1))
+    else:
+        assert found == value
+    rest = {f.name: getattr(study, f.name) for f in fields(Study) if f.name not in (option.name, "files", "model")}
+    assert rest == {name: getattr(Study(files=(), model=""), name) for name in rest}
+
+
+def test_a_setting_that_words_cannot_say_is_not_half_said() -> None:
+    assert command_words({"known": {"K3": 6000.0}, "priors": {"Mf": stats.beta(2, 3)}}) is None
+    assert command_words({"calibration": {"probe_gain": {"journal": 0.01}}}) is None
+
+
+def test_a_campaign_takes_no_setting_of_a_single_fit() -> None:
+    words = ["campaign", "rig.csv", "--model", "one-mode"]
+    study = fit_study(_parser().parse_args(words), CAMPAIGN)
+    assert study == Study(files=study.files, model="one-mode")
+    assert study.files[0].path == Path("rig.csv")
+    with pytest.raises(SystemExit):
+        _parser().parse_args([*words, "--bootstrap", "5"])
