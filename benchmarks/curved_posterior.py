@@ -29,12 +29,13 @@ from posterior_speed import bulk_ess
 from reporting import RESULTS, environment, table, write_csv
 from rigs import FORCE, RIGS, Rig, true_vector, with_noise
 
+from rotorfit.estimators.ensemble_sampler import sample
 from rotorfit.estimators.least_squares import minimise
-from rotorfit.estimators.moves import IndependenceMove
+from rotorfit.estimators.log_posterior import LogPosterior
 from rotorfit.estimators.observations import Responses
-from rotorfit.estimators.posterior import sample
-from rotorfit.estimators.problem import Prior, Problem
-from rotorfit.estimators.target import Target
+from rotorfit.estimators.priors import Prior
+from rotorfit.estimators.problem import Problem
+from rotorfit.estimators.proposals import IndependenceMove
 
 Float = NDArray[np.float64]
 
@@ -134,7 +135,7 @@ def measure(problem: Problem, truth: dict[str, float], seed: int = 1) -> list[Ro
     """The mixture, and independence proposals alone with as many steps."""
     space = problem.space
     found = minimise(problem, true_vector(problem, truth), lower=space.lower, upper=space.upper)
-    target = Target(problem, "fixed")
+    target = LogPosterior(problem, "fixed")
     centre, covariance = target.laplace(found.x)
     mean, sd = quadrature(problem, truth)
     rows: list[Row] = []

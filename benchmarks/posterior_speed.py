@@ -34,8 +34,8 @@ from fit_speed import Case, make_case
 from posterior_rivals import ORDER, Nuts, emcee_by_hand, log_density
 from reporting import RESULTS, environment, table, write_csv
 
-from rotorfit.estimators.posterior import sample
-from rotorfit.estimators.target import Target
+from rotorfit.estimators.ensemble_sampler import sample
+from rotorfit.estimators.log_posterior import LogPosterior
 from rotorfit.uncertainty.arviz_loader import load_arviz
 
 Float = NDArray[np.float64]
@@ -101,7 +101,7 @@ def reference(case: Case, centre: Float, covariance: Float, draws: int, seed: in
 def rotorfit_run(case: Case, walkers: int, ess: float, seed: int) -> tuple[Float, float]:
     """From the optimum to draws, with the mixture of moves that `fit.sample` uses."""
     begin = time.process_time()
-    target = Target(case.problem, "fixed")
+    target = LogPosterior(case.problem, "fixed")
     centre, covariance = target.laplace(case.optimum)
     chain = sample(target, centre, covariance, walkers=walkers, ess=ess, max_steps=100_000, seed=seed)
     seconds = time.process_time() - begin
@@ -267,7 +267,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 0
     command = shlex.join(["python", "benchmarks/posterior_speed.py", *words])
     case = in_order(make_case(options.lines))
-    centre, covariance = Target(case.problem, "fixed").laplace(case.optimum)
+    centre, covariance = LogPosterior(case.problem, "fixed").laplace(case.optimum)
     runs = contenders(case, centre, covariance, options.size)
     rotorfit_run(replace(case), 32, 100.0, 0)  # kernels loaded
     truth = reference(case, centre, covariance, int(100_000 * options.size))

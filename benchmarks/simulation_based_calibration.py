@@ -32,11 +32,12 @@ from reporting import RESULTS, environment, table, write_csv
 from rigs import RIGS, Rig
 
 from rotorfit.estimators.batch import with_measured
+from rotorfit.estimators.ensemble_sampler import sample
 from rotorfit.estimators.least_squares import minimise
-from rotorfit.estimators.posterior import sample
-from rotorfit.estimators.problem import Prior, Problem
+from rotorfit.estimators.log_posterior import LogPosterior, Noise
+from rotorfit.estimators.priors import Prior
+from rotorfit.estimators.problem import Problem
 from rotorfit.estimators.starts import start_vector
-from rotorfit.estimators.target import Noise, Target
 from rotorfit.models.stability import growth_rate
 
 Float = NDArray[np.float64]
@@ -103,7 +104,7 @@ class Posterior:
 def posterior(problem: Problem, noise: Noise, seed: int, ess: float = ESS) -> Posterior:
     """What a user gets: start, fit, normal approximation, sampler."""
     space = problem.space
-    target = Target(problem, noise)
+    target = LogPosterior(problem, noise)
     begin = np.clip(start_vector(problem, {})[0], target.lower, target.upper)
     inside = np.isfinite(problem.cost(begin))
     medians = np.array([float(prior.distribution.median()) for prior in problem.priors])

@@ -19,7 +19,8 @@ from rotorfit.estimators.kernels import Batch
 from rotorfit.estimators.least_squares import Options, Status, minimise
 from rotorfit.estimators.nonlinear import OrbitResponses
 from rotorfit.estimators.observations import Block
-from rotorfit.estimators.problem import Prior, Problem
+from rotorfit.estimators.priors import Prior
+from rotorfit.estimators.problem import Problem
 
 Float = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]

@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rotorfit.estimators.lumped import Layout, Lumped, lumped_coefficients
+from rotorfit.estimators.lumped import Lumped, LumpedStructure, lumped_coefficients
 from rotorfit.estimators.observations import Block, Responses
-from rotorfit.estimators.problem import ParameterSpace
+from rotorfit.estimators.parameter_space import ParameterSpace
 from rotorfit.estimators.response import dynamic_stiffness, inverse
 
 Float = NDArray[np.float64]
@@ -80,7 +80,7 @@ def closed_forms(
             "the closed form needs responses to a circular force with readings at every plane of the model; "
             "give start values instead"
         )
-    lumped = lumped_coefficients(Layout.of(space, chosen))
+    lumped = lumped_coefficients(LumpedStructure.of(space, chosen))
     if not _determined(space, lumped, chosen):
         return _with_convention(space, blocks, weighted, passes)
     typical = _typical_theta(space)

@@ -13,11 +13,11 @@ from dataclasses import dataclass
 
 import casadi as ca
 
-from rotorfit.estimators.problem import LOSS_SCALE, Loss
+from rotorfit.estimators.losses import LOSS_SCALE, Loss
 from rotorfit.models import RotorModel
 from rotorfit.models.compiled import statements
 
-LARGEST = 2
+LARGEST_UNROLLED = 2
 """Models with more coordinates are not unrolled: their kernels factorise numerically."""
 
 Entry = tuple[int, int]
@@ -76,7 +76,7 @@ def _adjugate(
 
 
 def _rho(loss: Loss, size2: ca.SX) -> ca.SX:
-    """Robust cost of :func:`rotorfit.estimators.problem.robust_weights`, symbolically."""
+    """Robust cost of :func:`rotorfit.estimators.losses.robust_weights`, symbolically."""
     c2 = LOSS_SCALE**2
     if loss == "linear":
         return size2
@@ -263,8 +263,10 @@ def source(model: RotorModel, patterns: Sequence[Pattern]) -> str:
         model: the rotor, of one or two coordinates.
         patterns: how nodes are read.
     """
-    if len(model.coordinates) > LARGEST:
-        raise ValueError(f"{model.name} has {len(model.coordinates)} coordinates; up to {LARGEST} are unrolled")
+    if len(model.coordinates) > LARGEST_UNROLLED:
+        raise ValueError(
+            f"{model.name} has {len(model.coordinates)} coordinates; up to {LARGEST_UNROLLED} are unrolled"
+        )
     n = _coefficient_graph(model)[2].numel()
     parts = [_model_source(model), *(_pattern_source(model, p, i) for i, p in enumerate(patterns))]
     parts.append(

@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 
 from rotorfit.estimators.identifiability import covariance as inverse
 from rotorfit.estimators.identifiability import natural_scales
+from rotorfit.estimators.losses import Loss, robust_weights
 from rotorfit.estimators.nonlinear import responses_of
-from rotorfit.estimators.problem import Loss, Problem, robust_weights
+from rotorfit.estimators.problem import Problem
 
 Float = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]

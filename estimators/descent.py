@@ -77,7 +77,7 @@ class _Candidate:
     offset: float
 
 
-class Run:
+class Minimisation:
     """State of one minimisation: the objective in scaled variables, the best point, the progress."""
 
     def __init__(

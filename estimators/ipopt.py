@@ -1,4 +1,4 @@
-"""CasADi's Ipopt as a reusable engine that asks a :class:`~rotorfit.estimators.descent.Run` for numbers."""
+"""CasADi's Ipopt as a reusable engine that asks a :class:`~rotorfit.estimators.descent.Minimisation` for numbers."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from rotorfit.estimators.descent import Run
+from rotorfit.estimators.descent import Minimisation
 from rotorfit.estimators.objective import Options, Vector
 
 
@@ -62,13 +62,13 @@ def _share(function: Any, arguments: dict[str, Vector]) -> tuple[Any, Callable[[
 
 
 class Engine:
-    """One Ipopt instance for n variables, serving one :class:`Run` at a time.
+    """One Ipopt instance for n variables, serving one :class:`Minimisation` at a time.
 
     Building an instance costs several milliseconds, a solve about one, so instances are kept and reused.
     """
 
     def __init__(self, n: int, options: Options) -> None:
-        self.run: Run | None = None
+        self.run: Minimisation | None = None
         self._triangle = np.ravel_multi_index(np.tril_indices(n), (n, n))  # upper triangle, columns first
         dense = ca.Sparsity.dense
         x, p = ("x", dense(n, 1)), ("p", dense(0, 1))
@@ -96,7 +96,7 @@ class Engine:
         shared = {"x0": self._start, "lbx": self._low, "ubx": self._high}
         self._buffer, self._solve = _share(self._solver, shared)
 
-    def descend(self, run: Run, start: Vector) -> None:
+    def descend(self, run: Minimisation, start: Vector) -> None:
         """Let Ipopt descend from ``start`` (scaled); the outcome is in ``run``."""
         self.run = run
         run.history.clear()
@@ -109,7 +109,7 @@ class Engine:
         if run.error is not None:
             raise run.error
 
-    def _guard(self, compute: Callable[[Run, Vector], Any], arguments: Any) -> Any:
+    def _guard(self, compute: Callable[[Minimisation, Vector], Any], arguments: Any) -> Any:
         """Run Python inside Ipopt: exceptions are kept for :meth:`descend`, the point counts as undefined."""
         run = self.run
         if run is None or run.error is not None:
@@ -121,19 +121,19 @@ class Engine:
             return None
 
     def _value(self, arguments: Any, results: Any) -> None:
-        value = self._guard(Run.value, arguments)
+        value = self._guard(Minimisation.value, arguments)
         if results[0] is not None:
             np.frombuffer(results[0])[0] = math.nan if value is None else value
 
     def _gradient(self, arguments: Any, results: Any) -> None:
-        gradient = self._guard(Run.gradient, arguments)
+        gradient = self._guard(Minimisation.gradient, arguments)
         if results[0] is not None:
             self._value(arguments, results)
         if results[1] is not None:
             np.frombuffer(results[1])[:] = math.nan if gradient is None else gradient
 
     def _hessian(self, arguments: Any, results: Any) -> None:
-        matrix = self._guard(Run.hessian, arguments)
+        matrix = self._guard(Minimisation.hessian, arguments)
         if results[0] is not None:
             out = np.frombuffer(results[0])
             if matrix is None:

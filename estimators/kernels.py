@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotorfit.estimators import accelerator, codegen
-from rotorfit.estimators.layout import Layout, channels, is_plain, layout
-from rotorfit.estimators.problem import Problem, robust_weights
+from rotorfit.estimators.kernel_layout import KernelLayout, channels, is_plain, layout
+from rotorfit.estimators.losses import robust_weights
+from rotorfit.estimators.problem import Problem
 
 Float = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
@@ -56,10 +57,10 @@ class Batch:
 
     def __init__(self, problem: Problem, *, accelerate: bool | None = None, work: float = np.inf) -> None:
         self.problem = problem
-        self.layout: Layout | None = layout(problem)
+        self.layout: KernelLayout | None = layout(problem)
         self.channel_names, self.channel_counts, self._channel_of = channels(problem)
         self._others = [i for i, block in enumerate(problem.blocks) if not is_plain(block)]
-        unrolled = len(problem.space.model.coordinates) <= codegen.LARGEST
+        unrolled = len(problem.space.model.coordinates) <= codegen.LARGEST_UNROLLED
         pays = accelerator.available() and work * problem.n_data / 2 > PAYS
         wanted = pays if accelerate is None else accelerate
         self.compiled = bool(wanted and unrolled and self.layout is not None)
@@ -166,7 +167,7 @@ class Batch:
         return cost, gradient
 
     @property
-    def _plan(self) -> Layout:
+    def _plan(self) -> KernelLayout:
         if self.layout is None:
             raise RuntimeError("the problem has no responses to forces")
         return self.layout

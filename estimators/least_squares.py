@@ -24,7 +24,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rotorfit.estimators.descent import HANDOVER, Run
+from rotorfit.estimators.descent import HANDOVER, Minimisation
 from rotorfit.estimators.ipopt import borrow, give_back
 from rotorfit.estimators.objective import Objective, Options, Solution, Status, Vector
 from rotorfit.estimators.symbolic import SymbolicResiduals
@@ -77,7 +77,7 @@ def minimise(
     else:
         scales = _default_scale(objective, x)
     # Powers of two, so that scaling is exact and commutes with the bounds.
-    run = Run(objective, x, bounds, np.exp2(np.round(np.log2(scales))), options)
+    run = Minimisation(objective, x, bounds, np.exp2(np.round(np.log2(scales))), options)
     with np.errstate(over="ignore", divide="ignore", invalid="ignore"):  # a trial point may well be absurd
         status = _descend(run)
     best = run.best
@@ -122,7 +122,7 @@ def _default_scale(objective: Objective, x: Vector) -> Vector:
     return scale
 
 
-def _descend(run: Run) -> Status:
+def _descend(run: Minimisation) -> Status:
     """Gauss-Newton, then the exact Hessian from the best point, last the exact Hessian from the start.
 
     The last attempt is for a Gauss-Newton step that leapt to where the residuals no longer respond.

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotorfit.estimators.observations import Responses
-from rotorfit.estimators.problem import ParameterSpace
+from rotorfit.estimators.parameter_space import ParameterSpace
 from rotorfit.models import RotorModel
 from rotorfit.models.compiled import array_function
 
@@ -29,7 +29,7 @@ _NEITHER, _LINEAR, _RECIPROCAL = 0, 1, 2
 
 
 @dataclass(frozen=True)
-class Layout:
+class LumpedStructure:
     """What the lumped coefficients depend on: equal layouts have the same ones.
 
     Attributes:
@@ -47,8 +47,8 @@ class Layout:
     speeds: tuple[tuple[tuple[int, tuple[float, ...]], ...], ...]
 
     @classmethod
-    def of(cls, space: ParameterSpace, blocks: Sequence[Responses]) -> Layout:
-        """Layout of a fit to these blocks."""
+    def of(cls, space: ParameterSpace, blocks: Sequence[Responses]) -> LumpedStructure:
+        """LumpedStructure of a fit to these blocks."""
         speeds = tuple(
             tuple(
                 (int(group), tuple(np.unique(block.speed[block.group == group]).tolist()))
@@ -188,7 +188,7 @@ class Lumped:
 
 
 @lru_cache(maxsize=32)
-def lumped_coefficients(layout: Layout) -> Lumped:
+def lumped_coefficients(layout: LumpedStructure) -> Lumped:
     """Lumped coefficients of a model in some blocks of observations."""
     model = layout.model
     n = len(model.coordinates)

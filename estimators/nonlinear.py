@@ -13,13 +13,13 @@ from rotorfit.estimators.observations import Responses
 from rotorfit.estimators.response import dynamic_stiffness, inverse
 from rotorfit.models import RotorModel
 from rotorfit.models.journal import Journal, journal
-from rotorfit.models.orbits import LARGEST, OrbitEquation, followed_roots, nearest_roots
+from rotorfit.models.orbits import LARGEST_ECCENTRICITY, OrbitEquation, followed_roots, nearest_roots
 
 Float = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 Index = NDArray[np.intp]
 
-Mode = Literal["nearest", "followed", "given"]
+OrbitBranch = Literal["nearest", "followed", "given"]
 
 
 def entries(
@@ -71,7 +71,7 @@ class OrbitResponses:
 
     base: Responses
     eccentricity: Float
-    mode: Mode
+    mode: OrbitBranch
     sweep: Index
 
     @property
@@ -145,7 +145,7 @@ class OrbitResponses:
         H = inverse(dynamic_stiffness(base, theta))
         centred = np.einsum("lij,lj->li", H, base.force)
         if self.mode == "given":
-            eps = np.clip(self.eccentricity, 0.0, LARGEST)
+            eps = np.clip(self.eccentricity, 0.0, LARGEST_ECCENTRICITY)
         else:
             equation = OrbitEquation(vectors, base.s, base.speed, centred[:, at] / seat.clearance, H[:, at, at])
             if self.mode == "nearest":
@@ -193,7 +193,7 @@ class OrbitResponses:
         size = np.abs(moving)
         pointer = np.divide(moving.conj(), size * seat.clearance, out=np.zeros_like(moving), where=size > 0)
         loop = 1.0 - (pointer * by_eps).real
-        free = (state.eps < LARGEST) & (loop != 0)
+        free = (state.eps < LARGEST_ECCENTRICITY) & (loop != 0)
         loop = np.where(free, loop, 1.0)
         return np.where(free[:, None], (pointer[:, None] * slopes).real / loop[:, None], 0.0)
 

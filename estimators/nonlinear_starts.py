@@ -12,7 +12,8 @@ from rotorfit.estimators.closed_form import ClosedFormError, closed_forms
 from rotorfit.estimators.least_squares import Solution
 from rotorfit.estimators.nonlinear import OrbitResponses
 from rotorfit.estimators.observations import Block, Responses
-from rotorfit.estimators.problem import ParameterSpace, Problem
+from rotorfit.estimators.parameter_space import ParameterSpace
+from rotorfit.estimators.problem import Problem
 from rotorfit.estimators.small_motion import FreeVibrations, OffCentreResponses
 from rotorfit.models import Constant, Law
 

@@ -1,17 +1,71 @@
-"""Log prior density of many vectors at once."""
+"""Priors: densities of single entries, and the log density of many vectors at once."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rotorfit.estimators.problem import Prior
+from rotorfit.estimators.parameter_space import ParameterSpace
 
 Float = NDArray[np.float64]
 Index = NDArray[np.intp]
+
+
+@dataclass(frozen=True, eq=False)
+class Prior:
+    """Logarithm of a prior density of one entry and its two derivatives."""
+
+    entry: int
+    distribution: Any  # a frozen scipy.stats distribution
+
+    @cached_property
+    def _moments(self) -> tuple[float, float]:
+        return float(self.distribution.mean()), float(self.distribution.std())
+
+    def terms(self, value: float) -> tuple[float, float, float]:
+        """Minus log of the density over its largest, at a value, its slope and its curvature (none below zero)."""
+        mean, sd = self._moments
+        if self.distribution.dist.name == "norm":
+            pull = (value - mean) / sd
+            return 0.5 * pull**2, pull / sd, 1.0 / sd**2
+        step = 1e-4 * sd
+        # One call: SciPy's checks cost far more than the arithmetic.
+        low, here, high = (-self.distribution.logpdf(value + np.array([-step, 0.0, step]))).tolist()
+        rise = max(here - self._least, 0.0) if np.isfinite(here) else np.inf
+        if not np.isfinite([low, here, high]).all():
+            return rise, 0.0, 0.0
+        return rise, (high - low) / (2 * step), max((high - 2 * here + low) / step**2, 0.0)
+
+    @cached_property
+    def _least(self) -> float:
+        """Minus log density where it is largest: a cost is never negative, however narrow a prior is."""
+        from scipy.optimize import minimize_scalar
+
+        at = self.distribution.ppf(np.linspace(0.0, 1.0, 201))
+        with np.errstate(all="ignore"):  # at the ends of the support a density may be zero or infinite
+            height = -self.distribution.logpdf(at)
+        at, height = at[np.isfinite(at + height)], height[np.isfinite(at + height)]
+        best = int(np.argmin(height))
+        ends = float(at[max(best - 1, 0)]), float(at[min(best + 1, at.size - 1)])
+        found = minimize_scalar(
+            lambda v: -self.distribution.logpdf(v), bounds=ends, options={"xatol": 1e-10 * (ends[1] - ends[0])}
+        )
+        return float(min(height[best], found.fun))
+
+
+def within_support(space: ParameterSpace, priors: Sequence[Prior]) -> ParameterSpace:
+    """The space with its bounds narrowed to where the priors are not zero."""
+    lower, upper = space.lower.copy(), space.upper.copy()
+    for prior in priors:
+        low, high = prior.distribution.support()
+        lower[prior.entry] = max(lower[prior.entry], float(low))
+        upper[prior.entry] = min(upper[prior.entry], float(high))
+    return replace(space, lower=lower, upper=upper)
 
 
 class LogPriors:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from rotorfit.estimators.closed_form import ClosedFormError, closed_form, closed_forms
 from rotorfit.estimators.least_squares import Options, Solution, minimise
+from rotorfit.estimators.losses import LOSS_SCALE
 from rotorfit.estimators.nonlinear_starts import (
     ShortFit,
     best_start,
@@ -20,7 +21,9 @@ from rotorfit.estimators.nonlinear_starts import (
     linear_starts,
 )
 from rotorfit.estimators.observations import Block
-from rotorfit.estimators.problem import LOSS_SCALE, ParameterSpace, Prior, Problem
+from rotorfit.estimators.parameter_space import ParameterSpace
+from rotorfit.estimators.priors import Prior
+from rotorfit.estimators.problem import Problem
 from rotorfit.models.parameters import unknown_name
 
 Float = NDArray[np.float64]

@@ -12,7 +12,7 @@ from rotorfit.models.complexes import Complex, J, Number
 from rotorfit.models.model import CoefficientJacobian, ComplexArray, Coordinate, Matrix, RotorModel
 from rotorfit.models.parameters import Parameter, unknown_name
 
-LARGEST = 9
+MOST_MODES = 9
 """Modes that a model can have: they are numbered with one digit."""
 
 
@@ -51,8 +51,8 @@ class Modal(RotorModel):
         self.planes = (planes,) if isinstance(planes, str) else tuple(planes)
         if not self.planes or len(set(self.planes)) != len(self.planes):
             raise ValueError(f"modal needs at least one plane, each with a name of its own; got {self.planes}")
-        if not (isinstance(modes, int) and 1 <= modes <= LARGEST):
-            raise ValueError(f"modes is {modes!r}; a modal model has 1 to {LARGEST} modes")
+        if not (isinstance(modes, int) and 1 <= modes <= MOST_MODES):
+            raise ValueError(f"modes is {modes!r}; a modal model has 1 to {MOST_MODES} modes")
         self.modes, self.apart = modes, apart
         self.frame: Literal["z", "xy"] = "xy" if apart else "z"
         self.force_planes = self._some(force_planes, "force_planes")

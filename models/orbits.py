@@ -20,7 +20,7 @@ Float = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 Index = NDArray[np.intp]
 
-LARGEST = 1.0 - 1e-9
+LARGEST_ECCENTRICITY = 1.0 - 1e-9
 """Largest eccentricity searched: at 1 the journal touches."""
 
 _NEWTON = 12  # Newton steps from a measured eccentricity; those that need more are searched for
@@ -70,7 +70,7 @@ class OrbitEquation:
 def nearest_roots(journal: Journal, equation: OrbitEquation, target: Float) -> Float:
     """Root nearest to a target for each line, shape ``(L,)``.
 
-    Where the orbit would pass the clearance there is no root and the answer is :data:`LARGEST`.
+    Where the orbit would pass the clearance there is no root and the answer is :data:`LARGEST_ECCENTRICITY`.
     """
     found, settled = _newton(journal, equation, target)
     close = settled & (np.abs(found - target) <= _CLOSE) & _only_root_near(journal, equation, target, found)
@@ -82,33 +82,33 @@ def nearest_roots(journal: Journal, equation: OrbitEquation, target: Float) -> F
 
 
 def _newton(journal: Journal, equation: OrbitEquation, start: Float) -> tuple[Float, NDArray[np.bool_]]:
-    eps = np.clip(start, 0.0, LARGEST)
+    eps = np.clip(start, 0.0, LARGEST_ECCENTRICITY)
     step = np.full_like(eps, np.inf)
     for _ in range(_NEWTON):
         value, slope = equation.excess(journal, eps)
         with np.errstate(divide="ignore", invalid="ignore"):
-            moved = np.clip(eps - value / slope, 0.0, LARGEST)
+            moved = np.clip(eps - value / slope, 0.0, LARGEST_ECCENTRICITY)
         moved = np.where(np.isfinite(moved), moved, eps)
         step = np.abs(moved - eps)
         eps = moved
         if step.max(initial=0.0) < 1e-14:
             break
     # Quadratic convergence: a last step of 1e-9 leaves round-off.
-    return eps, (step < 1e-9) & (eps < LARGEST)
+    return eps, (step < 1e-9) & (eps < LARGEST_ECCENTRICITY)
 
 
 def _only_root_near(journal: Journal, equation: OrbitEquation, target: Float, found: Float) -> NDArray[np.bool_]:
     """Whether no other root is as near to the target: no sign change between it and the two points as far off."""
     far = np.abs(found - target)
     beyond = np.where(found >= target, target - far, target + far)
-    ends = np.clip(np.stack([target, beyond], axis=1), 0.0, LARGEST)
+    ends = np.clip(np.stack([target, beyond], axis=1), 0.0, LARGEST_ECCENTRICITY)
     value, _ = equation.excess(journal, ends)
     return np.asarray((far < 1e-12) | (value[:, 0] * value[:, 1] > 0))
 
 
 def all_roots(journal: Journal, equation: OrbitEquation) -> list[Float]:
     """All eccentricities that solve each line's equation, ascending, to the resolution of a grid of 129 points."""
-    grid = np.linspace(0.0, LARGEST, _GRID)
+    grid = np.linspace(0.0, LARGEST_ECCENTRICITY, _GRID)
     value, _ = equation.excess(journal, np.broadcast_to(grid, (equation.speed.size, _GRID)))
     line, cell = np.nonzero((value[:, :-1] >= 0) != (value[:, 1:] >= 0))
     low, high = grid[cell], grid[cell + 1]
@@ -120,7 +120,7 @@ def all_roots(journal: Journal, equation: OrbitEquation) -> list[Float]:
         left = positive == falling
         low, high = np.where(left, middle, low), np.where(left, high, middle)
     roots = [0.5 * (low + high)[line == number] for number in range(equation.speed.size)]
-    return [found if found.size else np.array([LARGEST]) for found in roots]
+    return [found if found.size else np.array([LARGEST_ECCENTRICITY]) for found in roots]
 
 
 def followed_roots(journal: Journal, equation: OrbitEquation, sweep: Index) -> Float:

@@ -17,7 +17,7 @@ Float = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 Index = NDArray[np.intp]
 
-KINDS = ("M", "C", "G", "K")
+MATRICES = ("M", "C", "G", "K")
 DOFS = ("z", "r", "x", "y", "alpha", "beta", "axial", "torsion")
 ROSS_4 = ("x", "y", "alpha", "beta")
 """Degrees of freedom of a node in ROSS up to version 1: displacements, then rotations about x and about y."""
@@ -80,7 +80,7 @@ def complex_matrices(matrices: Mapping[str, ArrayLike], dofs: Sequence[str]) -> 
     nodes = size // len(names)
     convert = _from_real if real else _from_complex
     zero = np.zeros((size, size))
-    parts = {kind: convert(kind, given.get(kind, zero), names, nodes) for kind in KINDS}
+    parts = {kind: convert(kind, given.get(kind, zero), names, nodes) for kind in MATRICES}
     slopes = "r" in names or "beta" in names
     place = np.full((nodes, 2), -1, dtype=np.intp)
     place[:, : 1 + slopes] = np.arange(nodes * (1 + slopes)).reshape(nodes, -1)
@@ -88,8 +88,8 @@ def complex_matrices(matrices: Mapping[str, ArrayLike], dofs: Sequence[str]) -> 
 
 
 def _square(kind: str, value: ArrayLike) -> NDArray[Any]:
-    if kind not in KINDS:
-        raise ValueError(unknown_name("matrix", kind, KINDS))
+    if kind not in MATRICES:
+        raise ValueError(unknown_name("matrix", kind, MATRICES))
     matrix = np.asarray(value)
     if matrix.ndim != 2 or matrix.shape[0] != matrix.shape[1] or not np.isfinite(matrix).all():
         raise ValueError(f"{kind} must be a square matrix of finite numbers, got shape {matrix.shape}")

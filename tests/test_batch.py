@@ -14,7 +14,8 @@ from rotorfit.estimators import accelerator
 from rotorfit.estimators.batch import batch_fit, with_measured
 from rotorfit.estimators.kernels import Batch
 from rotorfit.estimators.least_squares import minimise
-from rotorfit.estimators.problem import LOSSES, Prior
+from rotorfit.estimators.losses import LOSSES
+from rotorfit.estimators.priors import Prior
 from rotorfit.fitting.problem_setup import build_problem
 from rotorfit.fitting.settings import FitSettings
 

@@ -7,7 +7,7 @@ import pytest
 from nonlinear_rigs import rig
 from numpy.typing import NDArray
 
-from rotorfit.estimators.nonlinear import Mode, OrbitResponses
+from rotorfit.estimators.nonlinear import OrbitBranch, OrbitResponses
 from rotorfit.estimators.observations import Responses
 from rotorfit.models import RotorModel
 from rotorfit.models.journal import journal
@@ -145,7 +145,7 @@ def test_roots_do_not_exist_beyond_the_clearance() -> None:
 
 @pytest.mark.parametrize(("mode", "imposed"), [("nearest", False), ("given", False), ("given", True)])
 @pytest.mark.parametrize("name", ["muszynska", "spline", "two planes", "two ratios"])
-def test_sensitivities_of_the_implicit_equation_are_exact(name: str, mode: Mode, imposed: bool) -> None:
+def test_sensitivities_of_the_implicit_equation_are_exact(name: str, mode: OrbitBranch, imposed: bool) -> None:
     model, theta = rig(name)
     n = len(model.coordinates)
     frequency = np.array([-90.0, -30.0, 35.0, 60.0, 95.0])

@@ -18,9 +18,9 @@ from synthetic import TYPICAL, circular_test, covering_frequencies
 
 import rotorfit as rf
 from rotorfit.data.experiments import DisplacementTest
-from rotorfit.estimators.moves import IndependenceMove
-from rotorfit.estimators.posterior import sample as run_emcee
-from rotorfit.estimators.target import Target
+from rotorfit.estimators.ensemble_sampler import sample as run_emcee
+from rotorfit.estimators.log_posterior import LogPosterior
+from rotorfit.estimators.proposals import IndependenceMove
 from rotorfit.models import OneMode, WhirlWhip, threshold_speed
 from rotorfit.models.stability import threshold_speeds
 from rotorfit.uncertainty.arviz_loader import load_arviz
@@ -159,7 +159,7 @@ def test_marginal_noise_against_quadrature(accelerate):
     wrong = np.where(test.run == test.runs[0], 3.0, 0.5)
     test = replace(test, sigma=test.sigma * wrong)
     fit = rf.fit(OneMode(), test, known={k: v for k, v in TRUTH.items() if k != "D"})
-    target = Target(fit.problem, "marginal", accelerate=accelerate)
+    target = LogPosterior(fit.problem, "marginal", accelerate=accelerate)
     assert target.batch.compiled is accelerate
     assert len(target.batch.channel_counts) == 4
     spread = fit.params["D"].stderr_noise
@@ -356,7 +356,7 @@ def test_a_fit_that_is_not_the_lowest_minimum_is_told_by_the_draws():
 def test_inflated_noise_moves_the_optimum_towards_the_priors():
     """Walkers start where the density is largest, which is not the optimum of the fit when its noise is widened."""
     fit = rf.fit(OneMode(), one_mode_test(), known=KNOWN, priors={"D": stats.norm(440.0, 3.0)})
-    target = Target(fit.problem, "fixed", inflation=30.0)
+    target = LogPosterior(fit.problem, "fixed", inflation=30.0)
     centre, covariance = target.laplace(fit.x)
     step = 0.1 * np.sqrt(np.diag(covariance)) * np.eye(centre.size)
     assert (target(centre + np.concatenate([step, -step])) < target(centre[None])).all()
@@ -390,7 +390,7 @@ def test_refined_intervals_contain_the_truth(rig):
 
 def test_posterior_agrees_with_the_normal_approximation(rig):
     """1600 lines leave it close to normal: medians within a fifth of a standard error, widths of the noise alone."""
-    levels = Target(rig.fit.problem, "marginal", work=0).laplace(rig.fit.x)
+    levels = LogPosterior(rig.fit.problem, "marginal", work=0).laplace(rig.fit.x)
     assert rig.names == rig.fit.var_names
     width = np.sqrt(np.diag(levels[1]))
     np.testing.assert_allclose(np.median(rig.samples, axis=0), levels[0], atol=0.2 * width.max(), rtol=0.01)

@@ -10,11 +10,10 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from rotorfit.estimators.ensemble_sampler import sample
 from rotorfit.estimators.least_squares import minimise
-from rotorfit.estimators.posterior import sample
-from rotorfit.estimators.priors import LogPriors
-from rotorfit.estimators.problem import Prior
-from rotorfit.estimators.target import Target
+from rotorfit.estimators.log_posterior import LogPosterior
+from rotorfit.estimators.priors import LogPriors, Prior
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -56,7 +55,7 @@ def test_dynesty_finds_the_same_posterior():
     sd = np.sqrt(weight @ (points - mean) ** 2)
     size = 1 / (weight @ weight)
 
-    target = Target(problem, "fixed")
+    target = LogPosterior(problem, "fixed")
     chain = sample(target, *target.laplace(x), walkers=64, ess=4000, max_steps=5000, seed=1)
     draws = chain.draws.reshape(-1, x.size)
     assert chain.converged
@@ -74,7 +73,7 @@ def test_importance_sampling_finds_the_same_posterior():
     from posterior_speed import reference, rotorfit_run
 
     case = make_case(60)
-    target = Target(case.problem, "fixed", accelerate=False)
+    target = LogPosterior(case.problem, "fixed", accelerate=False)
     truth = reference(case, *target.laplace(case.optimum), draws=20_000)
     chains, _ = rotorfit_run(case, 128, 10_000, 3)
     draws = chains.reshape(-1, truth.mean.size)

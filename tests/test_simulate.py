@@ -15,7 +15,7 @@ from rotorfit.data.ring_down import ring_down_modes
 from rotorfit.models.off_centre import off_centre_eigenvalues, static_equilibria
 from rotorfit.observing.observations import observe_any
 from rotorfit.simulation.integration import IntegrationError
-from rotorfit.simulation.simulate import KINDS
+from rotorfit.simulation.simulate import SIMULATED
 
 RPM = np.pi / 30
 VALUES = ONE_MODE | POWER
@@ -220,7 +220,7 @@ def test_what_cannot_be_simulated_is_refused_in_words(
         rf.simulate(model, values, **options)
 
 
-@pytest.mark.parametrize("kind", sorted(KINDS))
+@pytest.mark.parametrize("kind", sorted(SIMULATED))
 def test_missing_options_are_named(kind: str) -> None:
     with pytest.raises(TypeError, match=r"needs .*; its options are"):
         rf.simulate(one_mode(), VALUES, kind)

@@ -17,7 +17,8 @@ from rotorfit.campaigns.runs import Run, RunFit, Workers, fit_run, split_runs
 from rotorfit.campaigns.shared import fit_shared
 from rotorfit.campaigns.trends import Trend, trend_of, trend_table
 from rotorfit.data.experiments import Experiment
-from rotorfit.estimators.problem import LOSSES, Loss, parameter_space
+from rotorfit.estimators.losses import LOSSES, Loss
+from rotorfit.estimators.parameter_space import parameter_space
 from rotorfit.fitting.fit import fit as fit_model
 from rotorfit.fitting.result import FitResult, FittedParameter
 from rotorfit.fitting.settings import FitSettings

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 from rotorfit.cli import campaign, laws, simulate
 from rotorfit.cli.arguments import add_files, add_fit_options, add_output, data_files, fit_study
 from rotorfit.cli.errors import BAD_INPUT, DONE, INTERRUPTED, NOT_CONVERGED, BadInputError, checked, sentence
-from rotorfit.cli.progress import Progress
+from rotorfit.cli.progress import ProgressLine
 from rotorfit.version import __version__
 
 if TYPE_CHECKING:
@@ -76,7 +76,7 @@ def _identify(study: Study, options: argparse.Namespace, rig: str = "") -> int:
     """Run a study, write its folder, print its summary, say how it went."""
     from rotorfit.studies.folder import outcome_json, summary
 
-    progress = Progress(enabled=not options.quiet and sys.stderr.isatty())
+    progress = ProgressLine(enabled=not options.quiet and sys.stderr.isatty())
     try:
         outcome = _work(study, progress, rig)
     except OSError as problem:  # the folder for the results
@@ -98,7 +98,7 @@ def _identify(study: Study, options: argparse.Namespace, rig: str = "") -> int:
     return DONE
 
 
-def _work(study: Study, progress: Progress, rig: str) -> Outcome:
+def _work(study: Study, progress: ProgressLine, rig: str) -> Outcome:
     from rotorfit.studies.folder import complete_folder, kept_checkpoint, write_outcome
     from rotorfit.studies.study import run_study
 

@@ -8,7 +8,7 @@ from time import monotonic
 _BAR = 24  # characters of the bar of progress
 
 
-class Progress:
+class ProgressLine:
     """One line on stderr: the stage at work, a bar where it is known how far it is, the seconds since the start."""
 
     def __init__(self, *, enabled: bool) -> None:

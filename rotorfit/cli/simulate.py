@@ -86,14 +86,14 @@ def run(options: argparse.Namespace) -> int:
 def _simulated(options: argparse.Namespace) -> Experiment:
     from rotorfit.io.files import SUFFIXES
     from rotorfit.models.parameters import unknown_name
-    from rotorfit.simulation.simulate import KINDS, check_options, simulate
+    from rotorfit.simulation.simulate import SIMULATED, check_options, simulate
 
     if options.out.suffix.lower() not in SUFFIXES:  # before the simulation, which may take long
         raise ValueError(f"--out {options.out.name}: {unknown_name('suffix', options.out.suffix, SUFFIXES)}")
     if not options.out.parent.is_dir():
         raise FileNotFoundError(f"cannot write {options.out}: there is no folder {options.out.parent}")
-    if options.kind not in KINDS:
-        raise ValueError(unknown_name("kind of experiment", options.kind, KINDS))
+    if options.kind not in SIMULATED:
+        raise ValueError(unknown_name("kind of experiment", options.kind, SIMULATED))
     model, params = _model(options), pairs("--set", options.set, number_word)
     settings = _settings(options)
     try:

@@ -23,7 +23,7 @@ Float = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 Uncertainty = float | Mapping[str, float]
 
-KINDS = {
+NUISANCE_KINDS = {
     "gain": ("1", "relative error of the probe's gain"),
     "probe_phase": ("rad", "phase error of the probe"),
     "mr": ("1", "relative error of the force's amplitude"),

@@ -13,10 +13,8 @@ from rotorfit.data.experiments import Experiment
 from rotorfit.estimators.closed_form import ClosedFormError
 from rotorfit.estimators.closed_form import closed_form as solve_closed_form
 from rotorfit.estimators.least_squares import Options, Solution, minimise
-from rotorfit.estimators.problem import (
-    Loss,
-    Problem,
-)
+from rotorfit.estimators.losses import Loss
+from rotorfit.estimators.problem import Problem
 from rotorfit.estimators.starts import start_vector
 from rotorfit.fitting.calibration import Calibration
 from rotorfit.fitting.judge import judge

@@ -12,12 +12,10 @@ from rotorfit.estimators import covariance
 from rotorfit.estimators.closed_form import ClosedForm
 from rotorfit.estimators.identifiability import diagnose
 from rotorfit.estimators.least_squares import Solution, Status
+from rotorfit.estimators.losses import robust_weights
 from rotorfit.estimators.nonlinear import responses_of
-from rotorfit.estimators.problem import (
-    Problem,
-    robust_weights,
-)
-from rotorfit.fitting.calibration import KINDS
+from rotorfit.estimators.problem import Problem
+from rotorfit.fitting.calibration import NUISANCE_KINDS
 from rotorfit.fitting.problem_setup import with_levels
 from rotorfit.fitting.result import FitResult, FittedParameter, ResponseQuality
 from rotorfit.fitting.settings import FitSettings
@@ -25,7 +23,7 @@ from rotorfit.models.stability import growth_rate
 
 Float = NDArray[np.float64]
 
-_MEANING = {"phase": ("rad", "offset of the phase reference"), **KINDS}
+_MEANING = {"phase": ("rad", "offset of the phase reference"), **NUISANCE_KINDS}
 
 _CLEARLY = 6.0  # standard deviations of redchi below one at which the noise is too large for the residuals
 _TOO_QUIET = 0.5  # redchi below which errors are wider than they need be by more than is worth knowing

@@ -11,16 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotorfit.data.experiments import Experiment
+from rotorfit.estimators.losses import LOSSES
 from rotorfit.estimators.nonlinear import responses_of
 from rotorfit.estimators.observations import Block
-from rotorfit.estimators.problem import (
-    LOSSES,
-    ParameterSpace,
-    Prior,
-    Problem,
-    parameter_space,
-    within_support,
-)
+from rotorfit.estimators.parameter_space import ParameterSpace, parameter_space
+from rotorfit.estimators.priors import Prior, within_support
+from rotorfit.estimators.problem import Problem
 from rotorfit.estimators.small_motion import OffCentreResponses
 from rotorfit.fitting.calibration import nuisance_entries
 from rotorfit.fitting.settings import FitSettings

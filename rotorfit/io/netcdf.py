@@ -14,7 +14,7 @@ from rotorfit.data.experiments import Experiment
 from rotorfit.models.parameters import unknown_name
 from rotorfit.units import units_of
 
-KINDS: dict[str, type[Any]] = {kind.__name__: kind for kind in get_args(Experiment)}
+STORABLE: dict[str, type[Any]] = {kind.__name__: kind for kind in get_args(Experiment)}
 """Experiments that can be stored column by column, by the name that goes into the file."""
 
 _UNITS = {
@@ -50,9 +50,9 @@ def build(kind: str, columns: Mapping[str, Any], attributes: Mapping[str, Any], 
     Raises:
         ValueError: unknown kind, missing columns, a column of the wrong type or length.
     """
-    if kind not in KINDS:
-        raise ValueError(f"{source}: {unknown_name('kind of experiment', kind, KINDS)}")
-    types = column_types(KINDS[kind])
+    if kind not in STORABLE:
+        raise ValueError(f"{source}: {unknown_name('kind of experiment', kind, STORABLE)}")
+    types = column_types(STORABLE[kind])
     missing = [name for name in types if name not in columns and name != "sigma"]
     if missing:
         raise ValueError(
@@ -64,7 +64,7 @@ def build(kind: str, columns: Mapping[str, Any], attributes: Mapping[str, Any], 
     extra = {name: np.asarray(values) for name, values in columns.items() if name not in types}
     extra = {name: values for name, values in extra.items() if values.shape in ((), (1,), (size,))}
     try:
-        experiment: Experiment = KINDS[kind](
+        experiment: Experiment = STORABLE[kind](
             **{name: _spread(values, size) for name, values in arrays.items()},
             attributes={name: _spread(values, size) for name, values in (extra | dict(attributes)).items()},
             source=source,

@@ -55,19 +55,21 @@ def _row(name: str, share: Share, factor: float, unit: str) -> list[str]:
 
 def _calibration(material: ReportInput) -> list[Html]:
     """Errors of calibration as assumed and as found."""
-    from rotorfit.fitting.calibration import KINDS
+    from rotorfit.fitting.calibration import NUISANCE_KINDS
 
     fit = material.fit
     assumed = {prior.entry: float(prior.distribution.std()) for prior in fit.problem.priors}
     rows = []
     for entry, name in enumerate(fit.var_names):
         kind = name.partition("[")[0]
-        if kind not in KINDS or entry not in assumed:
+        if kind not in NUISANCE_KINDS or entry not in assumed:
             continue
         p = fit.params[name]
         factor, unit = (180 / math.pi, "°") if p.unit == "rad" else (100.0, "%")
         found = " ± ".join(with_error(factor * p.value, factor * p.stderr))
-        rows.append([element("code", name), f"0 ± {plain(factor * assumed[entry], 2)}", found, unit, KINDS[kind][1]])
+        rows.append(
+            [element("code", name), f"0 ± {plain(factor * assumed[entry], 2)}", found, unit, NUISANCE_KINDS[kind][1]]
+        )
     words = (
         "An error that the data leave as large as it was assumed is one that they do not show: only a better "
         "calibration makes it smaller."

@@ -15,7 +15,7 @@ from rotorfit.simulation.forcing import displacement, perturbation, squeeze_film
 from rotorfit.simulation.loads import impulse, static_load
 from rotorfit.simulation.rig import VirtualRig
 
-KINDS: Mapping[str, Callable[..., Experiment]] = {
+SIMULATED: Mapping[str, Callable[..., Experiment]] = {
     "perturbation": perturbation,
     "squeeze-film": squeeze_film,
     "synchronous": synchronous,
@@ -74,22 +74,22 @@ def simulate(
         KeyError: unknown or missing parameters or planes.
         IntegrationError: the journal touches the wall, or the motion does not settle.
     """
-    if kind not in KINDS:
-        raise ValueError(unknown_name("kind of experiment", kind, KINDS))
+    if kind not in SIMULATED:
+        raise ValueError(unknown_name("kind of experiment", kind, SIMULATED))
     if not (np.isfinite(noise) and noise >= 0 and 0 < tolerance < 1e-2):
         raise ValueError(f"noise must be zero or positive and tolerance within (0, 0.01), got {noise} and {tolerance}")
     check_options(kind, options)
     rig = VirtualRig(model, model.vector(params), float(noise), tolerance, np.random.default_rng(seed))
-    return KINDS[kind](rig, **options)
+    return SIMULATED[kind](rig, **options)
 
 
 def check_options(kind: str, options: Mapping[str, Any]) -> None:
-    """Refuse options that a kind of experiment, a key of :data:`KINDS`, does not have, or lacks.
+    """Refuse options that a kind of experiment, a key of :data:`SIMULATED`, does not have, or lacks.
 
     Raises:
         TypeError: names them and the kind's options.
     """
-    allowed = {name: p for name, p in inspect.signature(KINDS[kind]).parameters.items() if name != "rig"}
+    allowed = {name: p for name, p in inspect.signature(SIMULATED[kind]).parameters.items() if name != "rig"}
     unknown = [name for name in options if name not in allowed]
     missing = [name for name, p in allowed.items() if p.default is p.empty and name not in options]
     if unknown or missing:

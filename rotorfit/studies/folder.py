@@ -17,7 +17,7 @@ import numpy as np
 from rotorfit import datasets
 from rotorfit.data.experiments import Experiment, PerturbationTest
 from rotorfit.fitting.result import FitResult, FittedParameter
-from rotorfit.studies.study import Outcome, Progress
+from rotorfit.studies.study import Outcome, StudyProgress
 from rotorfit.uncertainty.budget import Budget
 
 if TYPE_CHECKING:
@@ -77,7 +77,7 @@ def kept_checkpoint(out: Path) -> Iterator[Path]:
                 folder.rmdir()
 
 
-def write_outcome(outcome: Outcome, folder: Path, progress: Progress, rig: str = "") -> None:
+def write_outcome(outcome: Outcome, folder: Path, progress: StudyProgress, rig: str = "") -> None:
     """Write report, tables, figures and files that read back, of a study, into a folder.
 
     Args:

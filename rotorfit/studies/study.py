@@ -19,13 +19,13 @@ from rotorfit.models.parameters import unknown_name
 
 if TYPE_CHECKING:
     from rotorfit.data.findings import Finding
-    from rotorfit.estimators.posterior import Progress as Sampling
+    from rotorfit.estimators.ensemble_sampler import SamplerProgress
     from rotorfit.uncertainty.bootstrap import Bootstrap
     from rotorfit.uncertainty.posterior import Posterior
     from rotorfit.uncertainty.profile import Profile
 
 
-class Progress(Protocol):
+class StudyProgress(Protocol):
     """Called when a stage begins, and while it goes on where it can say how far it is."""
 
     def __call__(self, stage: str, done: float | None = None) -> None:
@@ -131,7 +131,7 @@ class Outcome:
         return ""
 
 
-def run_study(study: Study, progress: Progress, checkpoint: Path | None = None) -> Outcome:
+def run_study(study: Study, progress: StudyProgress, checkpoint: Path | None = None) -> Outcome:
     """Read, check, solve in closed form, optimise and, if asked for, refine and sample.
 
     Args:
@@ -181,7 +181,7 @@ def run_study(study: Study, progress: Progress, checkpoint: Path | None = None) 
     return _with_uncertainty(outcome, progress, checkpoint) if outcome.best.success else outcome
 
 
-def _with_uncertainty(outcome: Outcome, progress: Progress, checkpoint: Path | None) -> Outcome:
+def _with_uncertainty(outcome: Outcome, progress: StudyProgress, checkpoint: Path | None) -> Outcome:
     """Profiles, simulated data and posterior, as far as the study asks for them."""
     study, best = outcome.study, outcome.best
     profiles = []
@@ -196,7 +196,7 @@ def _with_uncertainty(outcome: Outcome, progress: Progress, checkpoint: Path | N
     if study.sample:
         progress("sampling the posterior", 0.0)
 
-        def report(state: Sampling) -> None:
+        def report(state: SamplerProgress) -> None:
             progress(f"{state.ess:.0f} of {study.ess:.0f} effective samples", min(state.ess / study.ess, 1.0))
 
         posterior = best.sample(

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rotorfit.fitting.calibration import KINDS, Calibration
+from rotorfit.fitting.calibration import NUISANCE_KINDS, Calibration
 from rotorfit.fitting.fit import solve_again
 from rotorfit.fitting.judge import inverse_curvature
 from rotorfit.fitting.problem_setup import build_problem
@@ -155,13 +155,13 @@ class Budget:
         for name in names:
             i = self.fit.var_names.index(name)
             kind = name.partition("[")[0]
-            if i not in sd or kind not in KINDS:
+            if i not in sd or kind not in NUISANCE_KINDS:
                 continue
             p = self.fit.params[name]
             unit, factor = ("deg", 180 / math.pi) if p.unit == "rad" else ("%", 100.0)
             lines.append(
                 f"  {name:<20} 0 +- {sd[i] * factor:.3g} {unit:<4} found {p.value * factor:+.3g} +- "
-                f"{p.stderr * factor:.2g} {unit}, {KINDS[kind][1]}"
+                f"{p.stderr * factor:.2g} {unit}, {NUISANCE_KINDS[kind][1]}"
             )
         return "\n".join(lines)
 

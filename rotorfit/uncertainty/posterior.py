@@ -21,8 +21,8 @@ from rotorfit.uncertainty.derived import Derived, Mode, StiffnessBand, modes
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from rotorfit.estimators.posterior import Progress
-    from rotorfit.estimators.target import Noise, Target
+    from rotorfit.estimators.ensemble_sampler import SamplerProgress
+    from rotorfit.estimators.log_posterior import LogPosterior, Noise
 
 Float = NDArray[np.float64]
 
@@ -230,7 +230,7 @@ def sample(
     noise: Noise | None = None,
     refine: bool = False,
     checkpoint: str | os.PathLike[str] | None = None,
-    progress: bool | Callable[[Progress], None] = False,
+    progress: bool | Callable[[SamplerProgress], None] = False,
     moves: Sequence[tuple[Any, float]] | None = None,
     accelerate: bool | None = None,
 ) -> Posterior:
@@ -264,8 +264,8 @@ def sample(
         ValueError: a closed-form result or a fit that did not converge, an unknown noise treatment or one that the loss
             rules out, a posterior without limits in some direction, too few walkers, a checkpoint of another run.
     """
-    from rotorfit.estimators.posterior import sample as run
-    from rotorfit.estimators.target import Target
+    from rotorfit.estimators.ensemble_sampler import sample as run
+    from rotorfit.estimators.log_posterior import LogPosterior
 
     notes = ""
     if refine:
@@ -278,7 +278,7 @@ def sample(
     inflation = fit.widening if limited and level == "fixed" else 1.0
     size = fit.problem.space.size
     work = max(ess, (walkers or WALKERS) * _TYPICAL_STEPS)
-    target = Target(fit.problem, level, inflation=inflation, accelerate=accelerate, work=work)
+    target = LogPosterior(fit.problem, level, inflation=inflation, accelerate=accelerate, work=work)
     count = walkers or max(FEW_WALKERS if target.batch.one_by_one else WALKERS, 2 * target.size)
     centre, covariance = target.laplace(fit.x)
     report = _printer(ess) if progress is True else progress or None
@@ -322,7 +322,7 @@ def _refined(fit: FitResult) -> tuple[FitResult, str]:
     return ladder.best, f"structure chosen by BIC: {structure_name(ladder.best.model)} (of: {tried}); "
 
 
-def _treatment(fit: FitResult, target: Target, centre: Float) -> str:
+def _treatment(fit: FitResult, target: LogPosterior, centre: Float) -> str:
     """What was done about noise and model-form error."""
     if target.noise == "fixed":
         if fit.settings.levels:
@@ -357,7 +357,7 @@ def _treatment(fit: FitResult, target: Target, centre: Float) -> str:
     )
 
 
-def _better_optimum(target: Target, centre: Float, log_density: Float) -> str:
+def _better_optimum(target: LogPosterior, centre: Float, log_density: Float) -> str:
     """What to say where draws are denser than the optimum that the walkers started from can be."""
     lead = float(log_density.max() - target(centre[None])[0])
     if not lead > _HIGHER:
@@ -368,8 +368,8 @@ def _better_optimum(target: Target, centre: Float, log_density: Float) -> str:
     )
 
 
-def _printer(ess: float) -> Callable[[Progress], None]:
-    def show(state: Progress) -> None:
+def _printer(ess: float) -> Callable[[SamplerProgress], None]:
+    def show(state: SamplerProgress) -> None:
         text = f"{state.steps} steps, {state.ess:.0f} of {ess:.0f} effective samples"
         print(f"\r{text:<60}", end="", file=sys.stderr, flush=True)
 

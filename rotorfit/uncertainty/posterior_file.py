@@ -182,9 +182,11 @@ def load_posterior(path: str | os.PathLike[str], fit: FitResult) -> Posterior:
 
 def _check(posterior: Posterior, source: str) -> None:
     """The density of the last draws, evaluated anew, tells whether data, model and priors are those of the fit."""
-    from rotorfit.estimators.target import Target
+    from rotorfit.estimators.log_posterior import LogPosterior
 
-    target = Target(posterior.fit.problem, posterior.settings.noise, inflation=posterior.settings.inflation, work=0)
+    target = LogPosterior(
+        posterior.fit.problem, posterior.settings.noise, inflation=posterior.settings.inflation, work=0
+    )
     if target.names != posterior.names:
         raise ValueError(
             f"{source} holds {', '.join(posterior.names)}, but this fit is of {', '.join(target.names)}: load it with "

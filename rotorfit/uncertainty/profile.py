@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotorfit.estimators.least_squares import minimise
+from rotorfit.estimators.log_posterior import box
 from rotorfit.estimators.problem import Problem
-from rotorfit.estimators.profile import Curve, End, hold_entry, hold_quantity, limits
-from rotorfit.estimators.target import box
+from rotorfit.estimators.profile_curve import Curve, End, hold_entry, hold_quantity, limits
 from rotorfit.fitting.result import FitResult
 from rotorfit.models import threshold_speed
 from rotorfit.models.parameters import unknown_name

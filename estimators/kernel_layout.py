@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from rotorfit.estimators.codegen import LARGEST
+from rotorfit.estimators.codegen import LARGEST_UNROLLED
 from rotorfit.estimators.observations import Block, Responses
 from rotorfit.estimators.problem import Problem
 
@@ -21,7 +21,7 @@ MOST_ENTRIES = 8
 
 
 @dataclass(frozen=True, eq=False)
-class Layout:
+class KernelLayout:
     """Plain arrays of all responses of a problem.
 
     A *node* is one dynamic stiffness matrix: a condition (parameter group and rotative speed) at one frequency.
@@ -124,7 +124,7 @@ def _occurrence(codes: Index) -> Index:
     return result
 
 
-def layout(problem: Problem) -> Layout | None:
+def layout(problem: Problem) -> KernelLayout | None:
     """Sort the responses of a problem; ``None`` if it has none."""
     chosen = [i for i, block in enumerate(problem.blocks) if is_plain(block)]
     if not chosen:
@@ -159,7 +159,7 @@ def layout(problem: Problem) -> Layout | None:
     return _sorted({name: np.concatenate(values) for name, values in parts.items()}, problem, size)
 
 
-def _sorted(rows: dict[str, NDArray[np.generic]], problem: Problem, size: int) -> Layout:
+def _sorted(rows: dict[str, NDArray[np.generic]], problem: Problem, size: int) -> KernelLayout:
     force, reading = rows["force"].astype(complex), np.asarray(rows["reading"], dtype=np.intp)
     drive = force[np.arange(reading.size), np.argmax(np.abs(force), axis=1)]
     safe = np.where(drive == 0, 1.0, drive)
@@ -183,7 +183,7 @@ def _sorted(rows: dict[str, NDArray[np.generic]], problem: Problem, size: int) -
     rank = np.empty(reading.size, dtype=np.intp)
     order = np.lexsort([key, node])
     rank[order] = _occurrence(node[order])
-    if size <= LARGEST:
+    if size <= LARGEST_UNROLLED:
         node = _codes(np.column_stack([rank // MOST_ENTRIES, node]))
     order = np.lexsort([key, node])
     starts = np.flatnonzero(np.diff(np.append(-1, node[order])))
@@ -196,7 +196,7 @@ def _sorted(rows: dict[str, NDArray[np.generic]], problem: Problem, size: int) -
     )
     segment = of_node[node]
     order = np.lexsort([node, key, segment])
-    return Layout(
+    return KernelLayout(
         **_segments(segment[order], key[order], node[order], condition[order]),
         group=conditions[:, 0].astype(np.intp),
         speed=conditions[:, 1].astype(float),

@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotorfit.estimators.least_squares import Options, Status, minimise
+from rotorfit.estimators.log_posterior import box
 from rotorfit.estimators.problem import Problem
-from rotorfit.estimators.target import box
 
 Float = NDArray[np.float64]
-Quantity = Callable[[Float], tuple[float, Float]]
+ValueAndGradient = Callable[[Float], tuple[float, Float]]
 """Value of a quantity and its gradient, shape ``(p,)``, at a fitted vector."""
 
 _ROOT = 1e-9  # relative error of the ends, in half-widths
@@ -203,7 +203,7 @@ def _polish(problem: Problem, free: NDArray[np.intp], x: Float, low: Float, high
     return None, best
 
 
-def hold_quantity(problem: Problem, quantity: Quantity) -> Held:
+def hold_quantity(problem: Problem, quantity: ValueAndGradient) -> Held:
     """Minimum where a derived quantity has a value: Gauss-Newton steps inside the linearised condition.
 
     The Lagrangian's stationary point of the quadratic model, ``H d = -g + mu c`` with ``c^T d = value - q``, is taken

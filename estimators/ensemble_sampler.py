@@ -14,8 +14,8 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from rotorfit.estimators.moves import mixture
-from rotorfit.estimators.target import Target
+from rotorfit.estimators.log_posterior import LogPosterior
+from rotorfit.estimators.proposals import mixture
 
 Float = NDArray[np.float64]
 
@@ -35,7 +35,7 @@ _DISAGREE = 4.0  # spread of 32 means over its expectation, beyond all chance (c
 
 
 @dataclass(frozen=True)
-class Progress:
+class SamplerProgress:
     """State of a run: steps made, effective samples so far, longest autocorrelation time in steps."""
 
     steps: int
@@ -44,7 +44,7 @@ class Progress:
 
 
 @dataclass(frozen=True, eq=False)
-class Chain:
+class WalkerPaths:
     """Walkers' paths.
 
     Attributes:
@@ -73,7 +73,7 @@ class Chain:
 
 
 def sample(
-    target: Target,
+    target: LogPosterior,
     centre: Float,
     covariance: Float,
     *,
@@ -82,9 +82,9 @@ def sample(
     max_steps: int,
     seed: int | None = None,
     checkpoint: Path | None = None,
-    report: Callable[[Progress], None] | None = None,
+    report: Callable[[SamplerProgress], None] | None = None,
     moves: list[tuple[Any, float]] | None = None,
-) -> Chain:
+) -> WalkerPaths:
     """Run emcee.
 
     Args:
@@ -96,7 +96,7 @@ def sample(
         seed: of the random numbers; ``None`` takes one from the system.
         checkpoint: HDF5 file (emcee's backend), written at every look at the chain; a later run continues it.
         report: called at every look at the chain.
-        moves: emcee moves with weights, by default :func:`~rotorfit.estimators.moves.mixture`.
+        moves: emcee moves with weights, by default :func:`~rotorfit.estimators.proposals.mixture`.
 
     Raises:
         ValueError: too few walkers, or a checkpoint of another posterior, of other walkers or of another seed.
@@ -128,13 +128,13 @@ def sample(
         if checkpoint:
             _write(checkpoint, first_seed, learned, memory)
         if report:
-            report(Progress(memory.iteration, verdict.ess, float(verdict.tau.max())))
+            report(SamplerProgress(memory.iteration, verdict.ess, float(verdict.tau.max())))
     if verdict is None:
         raise ValueError(f"max_steps is {max_steps}; at least one step is needed")
     return verdict
 
 
-def _should_learn(memory: Any, verdict: Chain, learned: int, max_steps: int) -> bool:
+def _should_learn(memory: Any, verdict: WalkerPaths, learned: int, max_steps: int) -> bool:
     """Whether the chain is slow and has doubled since the proposals were last learned, with as many steps to come."""
     steps = memory.iteration
     slow = not len(verdict.draws) >= 0.5 * RESOLVED * verdict.tau.max()
@@ -149,7 +149,9 @@ def _picture(memory: Any, learned: int) -> tuple[Float, Float]:
     return draws.mean(axis=0), np.atleast_2d(np.cov(draws.T))
 
 
-def _start(target: Target, centre: Float, covariance: Float, walkers: int, random: np.random.RandomState) -> Float:
+def _start(
+    target: LogPosterior, centre: Float, covariance: Float, walkers: int, random: np.random.RandomState
+) -> Float:
     """Walkers drawn from the normal approximation, those outside the bounds drawn again."""
     size = np.sqrt(np.diag(covariance))
     kept: list[Float] = []
@@ -166,7 +168,7 @@ def _start(target: Target, centre: Float, covariance: Float, walkers: int, rando
     )
 
 
-def _assess(memory: Any, ess: float, seed: int, learned: int) -> Chain:
+def _assess(memory: Any, ess: float, seed: int, learned: int) -> WalkerPaths:
     """Autocorrelation time after burn-in, and what follows from it."""
     chain = memory.get_chain()
     steps, walkers, _ = chain.shape
@@ -186,7 +188,7 @@ def _assess(memory: Any, ess: float, seed: int, learned: int) -> Chain:
             f"not converged: the autocorrelation time, about {longest:.0f} steps, is not resolved by {kept} steps "
             f"({RESOLVED:.0f} times its length are needed). Intervals may be too narrow: raise max_steps"
         )
-    return Chain(
+    return WalkerPaths(
         chain[burn_in:],
         memory.get_log_prob()[burn_in:],
         np.asarray(memory.accepted / steps, dtype=float),
@@ -248,7 +250,7 @@ def _write(path: Path, seed: int, learned: int, memory: Any) -> None:
     os.replace(temporary, path)
 
 
-def _resume(memory: Any, path: Path, target: Target, walkers: int, seed: int | None) -> tuple[Any, int, int]:
+def _resume(memory: Any, path: Path, target: LogPosterior, walkers: int, seed: int | None) -> tuple[Any, int, int]:
     """Load a checkpoint into memory: the walkers' last state, the seed, the step at which proposals were learned."""
     try:
         stored = emcee.backends.HDFBackend(str(path), read_only=True)

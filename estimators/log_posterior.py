@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from rotorfit.estimators.kernels import Batch
 from rotorfit.estimators.least_squares import minimise
-from rotorfit.estimators.priors import LogPriors
-from rotorfit.estimators.problem import Problem, within_support
+from rotorfit.estimators.priors import LogPriors, within_support
+from rotorfit.estimators.problem import Problem
 
 Float = NDArray[np.float64]
 Index = NDArray[np.intp]
@@ -24,17 +24,16 @@ _ROUNDS = 30  # reweightings at most until the noise levels and the optimum agre
 _NULL = 1e-13  # relative curvature that is round-off
 
 
-class Target:
+class LogPosterior:
     """Log posterior density of a problem.
 
     The noise given with the data sets the shape of each channel's noise; its level is what ``noise`` says:
 
     * "fixed": as given, times ``inflation``;
     * "marginal": unknown in each channel and integrated out in closed form. The prior of the scale is Jeffreys' 1/s
-    together
-      with one datum's worth of belief in the noise given, without which a channel of few readings could be met
-      exactly and pull the density to infinity. With n real data of whitened sum of squares S the channel contributes
-      ``(S + 1)^(-(n + 1)/2)``: one that the model misses widens by itself;
+      together with one datum's worth of belief in the noise given, without which a channel of few readings could be
+      met exactly and pull the density to infinity. With n real data of whitened sum of squares S the channel
+      contributes ``(S + 1)^(-(n + 1)/2)``: one that the model misses widens by itself;
     * "sampled": the same, with log s of each channel as further entries of the vector.
 
     Args:

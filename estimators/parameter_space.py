@@ -1,0 +1,185 @@
+"""The fitted vector: which parameters are free, which of them have one value a group, and their bounds."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from numbers import Real
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotorfit.models import RotorModel
+
+Float = NDArray[np.float64]
+Index = NDArray[np.intp]
+
+
+@dataclass(frozen=True, eq=False)
+class ParameterSpace:
+    """The fitted vector: free parameters, some of them one value a group, then nuisance parameters.
+
+    Attributes:
+        model: the rotor.
+        names: names of the free entries, ``D[speed_rpm=1000]`` for one value of several.
+        base: names without the group suffix, the model's own.
+        template: parameter vectors of the groups with known values in place, shape ``(G, P)``.
+        index: entry of the fitted vector that feeds each place of the template, -1 where known, shape ``(G, P)``.
+        lower, upper: bounds, shape ``(p,)``.
+        nuisance: names of nuisance entries, which follow the parameters.
+    """
+
+    model: RotorModel
+    names: tuple[str, ...]
+    base: tuple[str, ...]
+    template: Float
+    index: Index
+    lower: Float
+    upper: Float
+    nuisance: tuple[str, ...] = ()
+
+    @property
+    def size(self) -> int:
+        """Length of the fitted vector."""
+        return len(self.names) + len(self.nuisance)
+
+    def theta(self, x: Float) -> Float:
+        """Parameter vectors of the groups, shape ``(..., G, P)``, of fitted vectors of shape ``(..., p)``."""
+        free = self.index >= 0
+        theta = np.broadcast_to(self.template, (*x.shape[:-1], *self.template.shape)).copy()
+        theta[..., free] = x[..., self.index[free]]
+        return theta
+
+    def group(self, at: Mapping[str, Any] | None = None) -> int:
+        """Number of the parameter group with given attribute values, ``{"speed_rpm": 1000}``.
+
+        Raises:
+            ValueError: parameters were fitted per attribute and ``at`` does not name one group.
+        """
+        if self.index.shape[0] == 1:
+            return 0
+        suffixes = [
+            {name.partition("[")[2][:-1] for name in (self.names[i] for i in row if i >= 0) if "[" in name}
+            for row in self.index
+        ]
+        matches = [
+            g
+            for g, suffix in enumerate(suffixes)
+            if at and all(any(_is_value(label, name, value) for label in suffix) for name, value in at.items())
+        ]
+        if len(matches) != 1:
+            raise ValueError(
+                "parameters differ between tests: say which with at={attribute: value}; there are "
+                + "; ".join(", ".join(sorted(s)) for s in suffixes)
+            )
+        return matches[0]
+
+
+def _is_value(label: str, name: str, value: Any) -> bool:
+    """Whether a suffix ``name=value`` is that of a value, numbers to six digits: speeds in rpm are seldom round."""
+    attribute, _, text = label.partition("=")
+    if attribute != name or not isinstance(value, Real):
+        return label == f"{name}={value}"
+    try:
+        return math.isclose(float(text), float(value), rel_tol=1e-6)
+    except ValueError:
+        return False
+
+
+def parameter_space(
+    model: RotorModel,
+    *,
+    known: Mapping[str, float | None],
+    bounds: Mapping[str, tuple[float, float]],
+    groups: Sequence[Mapping[str, str]],
+    nuisance: Sequence[str] = (),
+) -> ParameterSpace:
+    """Lay out the fitted vector.
+
+    Args:
+        model: the rotor.
+        known: fixed values by parameter name; ``None`` frees a parameter that the model knows by default.
+        bounds: lower and upper bounds by name, within the model's physical limits.
+        groups: for each group of readings, the suffix of each ``per`` parameter (``{"D": "speed_rpm=1000"}``).
+        nuisance: names of nuisance entries, unbounded.
+
+    Raises:
+        KeyError: unknown parameter name.
+        ValueError: contradictory bounds, a known value outside the limits, or nothing left to fit.
+    """
+    for name in [*known, *bounds, *groups[0]]:
+        model.parameter(name.partition("[")[0])
+    fixed = {q.name: q.default for q in model.parameters if q.default is not None} | dict(known)
+    fixed = {name: value for name, value in fixed.items() if value is not None}
+    _check_known(model, fixed, bounds, groups[0])
+    names: list[str] = []
+    base: list[str] = []
+    template = np.zeros((len(groups), len(model.parameters)))
+    index = np.full(template.shape, -1, dtype=np.intp)
+    for place, parameter in enumerate(model.parameters):
+        for g, suffixes in enumerate(groups):
+            suffix = suffixes.get(parameter.name)
+            name = parameter.name if suffix is None else f"{parameter.name}[{suffix}]"
+            value = fixed.get(name, fixed.get(parameter.name))
+            if value is not None:
+                template[g, place] = value
+                continue
+            if name not in names:
+                names.append(name)
+                base.append(parameter.name)
+            index[g, place] = names.index(name)
+    if not names:
+        raise ValueError("every parameter is known: nothing is left to fit")
+    limits = np.array([_limits(model, name, bounds) for name in names])
+    free = np.full(len(nuisance), np.inf)
+    return ParameterSpace(
+        model,
+        tuple(names),
+        tuple(base),
+        template,
+        index,
+        np.concatenate([limits[:, 0], -free]),
+        np.concatenate([limits[:, 1], free]),
+        tuple(nuisance),
+    )
+
+
+def _check_known(
+    model: RotorModel,
+    fixed: Mapping[str, Any],
+    bounds: Mapping[str, tuple[float, float]],
+    per: Mapping[str, str],
+) -> None:
+    for name, given in fixed.items():
+        parameter = model.parameter(name.partition("[")[0])
+        if not (isinstance(given, Real) and np.isfinite(value := float(given))):
+            raise ValueError(f"known {name} = {given!r} is not a finite number")
+        if not parameter.lower <= value <= parameter.upper:
+            raise ValueError(
+                f"known {name} = {value:g} {parameter.unit} is outside the physical limits "
+                f"[{parameter.lower:g}, {parameter.upper:g}]"
+            )
+        low, high = _limits(model, name, bounds)
+        if not low <= value <= high:
+            raise ValueError(
+                f"known {name} = {value:g} {parameter.unit} is outside its bounds [{low:g}, {high:g}]; change either"
+            )
+        if name in per:
+            raise ValueError(f"{name} is both known and fitted per attribute: choose one")
+
+
+def _limits(model: RotorModel, name: str, bounds: Mapping[str, tuple[float, float]]) -> tuple[float, float]:
+    parameter = model.parameter(name.partition("[")[0])
+    pair = bounds.get(name, bounds.get(parameter.name, (parameter.lower, parameter.upper)))
+    if np.shape(pair) != (2,) or not all(isinstance(value, Real) for value in pair):
+        raise ValueError(f"bounds of {name} must be two numbers, lower and upper (inf is one), got {pair!r}")
+    low, high = pair
+    low, high = max(float(low), parameter.lower), min(float(high), parameter.upper)
+    if not low < high:
+        raise ValueError(
+            f"bounds of {name} are contradictory: lower {low:g} is not below upper {high:g} "
+            f"(physical limits [{parameter.lower:g}, {parameter.upper:g}])"
+        )
+    return low, high
