@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -13,6 +14,14 @@ from typing import Any
 from rotorfit.data.findings import Finding
 from rotorfit.recordings.angle_track import AngleTrack, track
 from rotorfit.recordings.files import open_raw
+from rotorfit.recordings.quality import (
+    ChannelStatistics,
+    direction_findings,
+    hum_findings,
+    probe_findings,
+    speed_findings,
+    statistics,
+)
 from rotorfit.recordings.resolve import complete
 from rotorfit.recordings.rig_toml import read_setup
 from rotorfit.recordings.setup import RigSetup
@@ -56,11 +65,19 @@ class Recording(Signals):
     def findings(self) -> tuple[Finding, ...]:
         """What was found wrong or mended: setup against file, pulses, channels."""
         found = [*(Finding("note", "file", text) for text in self.raw.remarks), *self.rig.findings]
-        if self.rig.shaft is not None:
-            found += self._shaft.findings
-        if self.rig.perturbator is not None:
-            found += self._perturbator.findings
+        shaft = None if self.rig.shaft is None else self._shaft
+        perturbator = self.perturbator_angle()
+        found += [finding for angle in (shaft, perturbator) if angle is not None for finding in angle.findings]
+        found += [] if shaft is None else speed_findings(self, shaft)
+        found += probe_findings(self, self.statistics)
+        found += direction_findings(self, shaft, perturbator)
+        found += hum_findings(self, shaft)
         return tuple(found)
+
+    @cached_property
+    def statistics(self) -> Mapping[str, ChannelStatistics]:
+        """Mean, range and scatter of the voltage of each probe, from one pass over its channel."""
+        return {probe.channel: statistics(self, probe.channel) for probe in self.probes}
 
 
 def read_recording(path: str | Path, setup: str | Path | RigSetup | None = None) -> Recording:

@@ -105,6 +105,12 @@ class Signals:
         first, last, _ = slice(start, stop).indices(self.size)
         factor, offset = self.rig.scales[name]
         counts = self.raw.channels[name].samples(first, last)
+        if counts.dtype.kind == "f" and not np.isfinite(counts).all():
+            at = first + int(np.flatnonzero(~np.isfinite(counts))[0])
+            raise ValueError(
+                f"{self.name}: channel {name} is {counts[at - first]} at sample {at} ({at / self.sample_rate:.4f} s); "
+                "cut the recording there or leave the channel out"
+            )
         volts = counts * factor
         return np.asarray(volts + offset if offset else volts, dtype=float)
 

@@ -1,0 +1,69 @@
+"""Lines in the spectrum of a signal: how much goes round with an angle, and hum of the mains."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Float = NDArray[np.float64]
+
+_AROUND = 40
+"""Bins on each side of a line from which the level around it is taken."""
+_STANDS_OUT = 25.0
+"""Power of a line over the median around it; chi-squared noise with two degrees reaches it once in 3e7 bins."""
+
+
+def turning_power(z: NDArray[np.complex128], angle: Float, turns: float = 6.0) -> tuple[float, float]:
+    """Mean square of what turns with an angle, and of what turns against it.
+
+    The signal is taken in blocks of some turns each, so that a response whose amplitude and phase change over the
+    record, as in a sweep, does not cancel itself.
+
+    Args:
+        z: motion, shape ``(N,)``.
+        angle: rad, shape ``(N,)``, growing.
+        turns: of one block.
+
+    Returns:
+        forward and backward mean squares, in the unit of z squared; NaN for less than one block.
+    """
+    block = np.floor((angle - angle[0]) / (2 * np.pi * turns)).astype(np.intp)
+    count = int(block[-1])
+    if count < 1:
+        return float("nan"), float("nan")
+    inside = block < count
+    size = np.bincount(block[inside], minlength=count)
+    found = []
+    for sign in (-1.0, 1.0):
+        turned = z[inside] * np.exp(sign * 1j * angle[inside])
+        mean = np.bincount(block[inside], turned.real) + 1j * np.bincount(block[inside], turned.imag)
+        found.append(float(np.mean(np.abs(mean / size) ** 2)))
+    return found[0], found[1]
+
+
+def mains_hum(signal: Float, rate: float, harmonics: int = 5) -> list[tuple[float, float]]:
+    """Lines at 50 or 60 Hz and their odd harmonics that stand out of what is around them.
+
+    Args:
+        signal: shape ``(N,)``.
+        rate: samples a second, Hz.
+        harmonics: highest harmonic looked for.
+
+    Returns:
+        frequency (Hz) and amplitude (0-peak, in the unit of the signal) of each line found.
+    """
+    window = np.hanning(signal.size)
+    spectrum = np.abs(np.fft.rfft((signal - signal.mean()) * window)) / (window.sum() / 2)
+    step = rate / signal.size
+    found = []
+    for mains in (50.0, 60.0):
+        for order in range(1, harmonics + 1, 2):
+            at = round(order * mains / step)
+            wide = max(3, round(order * 0.05 / step))  # the mains' frequency wanders by some hundredths of a hertz
+            if at - wide - _AROUND < 1 or at + wide + _AROUND >= spectrum.size:
+                continue
+            peak = at - wide + int(np.argmax(spectrum[at - wide : at + wide + 1]))
+            around = np.concatenate([spectrum[at - wide - _AROUND : at - wide], spectrum[at + wide + 1 :][:_AROUND]])
+            if spectrum[peak] ** 2 > _STANDS_OUT * np.median(around**2):
+                found.append((peak * step, float(spectrum[peak])))
+    return found

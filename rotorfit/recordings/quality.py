@@ -1,0 +1,289 @@
+"""What can be seen to be wrong with the channels of a recording, before anything is estimated from them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotorfit.data.findings import Finding, listed
+from rotorfit.estimators.spectral_lines import mains_hum, turning_power
+from rotorfit.recordings.angle_track import AngleTrack
+from rotorfit.recordings.setup import Probe
+from rotorfit.recordings.signals import Signals
+
+Float = NDArray[np.float64]
+
+_LOOKED_AT = 1 << 19
+"""Samples of a long recording that the slower checks look at, spread over it in pieces."""
+_USUAL_RANGE = (-18.0, -2.0)
+"""Linear range of an eddy-current probe on -24 V, V, taken where the setup gives none."""
+_MOSTLY = 4.0
+"""Power ratio from which a motion counts as mostly in one direction: twice the amplitude."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ChannelStatistics:
+    """One pass over a channel.
+
+    Attributes:
+        mean, deviation, low, high: V.
+        flat_low, flat_high: stretches of at least three equal samples at the lowest and at the highest voltage that the
+            signal enters with a jump.
+        step: smallest difference between samples, V: one count.
+        at_low, at_high: share of the samples at the extremes.
+    """
+
+    mean: float
+    deviation: float
+    low: float
+    high: float
+    flat_low: int
+    flat_high: int
+    step: float
+    at_low: float
+    at_high: float
+
+    @property
+    def clipped(self) -> bool:
+        """Whether the signal stays at one of its extremes again and again."""
+        return max(self.flat_low, self.flat_high) >= 3
+
+
+def statistics(record: Signals, name: str) -> ChannelStatistics:
+    """Go through a channel once.
+
+    Args:
+        record: the recording.
+        name: of the channel.
+    """
+    total = squares = 0.0
+    step = abs(record.rig.scales[name][0]) if record.raw.channels[name].full_count is not None else np.inf
+    bottom, top = _Extreme(sign=-1.0), _Extreme(sign=1.0)
+    for piece in record.pieces(name):
+        total += float(piece.sum())
+        squares += float(piece @ piece)
+        if not np.isfinite(step):
+            differences = np.abs(np.diff(piece[:4096]))
+            step = float(differences[differences > 0].min(initial=np.inf))
+        bottom.see(piece, step)
+        top.see(piece, step)
+    mean = total / record.size
+    return ChannelStatistics(
+        mean=mean,
+        deviation=float(np.sqrt(max(squares / record.size - mean**2, 0.0))),
+        low=-bottom.value,
+        high=top.value,
+        flat_low=bottom.stretches,
+        flat_high=top.stretches,
+        step=step if np.isfinite(step) else 0.0,
+        at_low=bottom.samples / record.size,
+        at_high=top.samples / record.size,
+    )
+
+
+@dataclass
+class _Extreme:
+    """The highest voltage so far (of the signal times the sign), how often the signal stayed there and how long."""
+
+    sign: float
+    value: float = -np.inf
+    stretches: int = 0
+    samples: int = 0
+
+    def see(self, piece: Float, step: float) -> None:
+        values = self.sign * piece
+        highest = float(values.max())
+        if highest > self.value:
+            self.value, self.stretches, self.samples = highest, 0, 0
+        if highest == self.value:
+            at = values == highest
+            self.stretches += _entered(values, at, step)
+            self.samples += int(at.sum())
+
+
+def _entered(values: Float, at: NDArray[np.bool_], step: float) -> int:
+    """Stretches of three and more samples at the extreme that begin or end with a jump of several counts.
+
+    The crest of a slow and quiet signal stays on one count too, but comes there count by count.
+    """
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], at, [False]]).astype(np.int8)))
+    begin, end = edges[::2], edges[1::2]
+    long = end - begin >= 3
+    before = values[np.maximum(begin - 1, 0)]
+    after = values[np.minimum(end, values.size - 1)]
+    jump = np.maximum(values[begin] - before, values[begin] - after) if begin.size else np.zeros(0)
+    return int(np.sum(long & (jump > 4 * step)))
+
+
+def probe_findings(record: Signals, found: Mapping[str, ChannelStatistics]) -> Iterator[Finding]:
+    """Clipped, dead, AC-coupled and out-of-range probes.
+
+    Args:
+        record: the recording.
+        found: statistics of the probes' channels.
+    """
+    largest = max((each.deviation for each in found.values()), default=0.0)
+    coupled = []
+    for probe in record.probes:
+        each, where = found[probe.channel], f"{record.name}, channel {probe.channel}"
+        if each.deviation <= max(each.step, 1e-5) or each.deviation < 0.01 * largest:
+            yield Finding(
+                "error", "channel-dead",
+                f"{where} is dead: it stays at {each.mean:.3f} V and moves by {each.deviation * 1e3:.2g} mV rms, the "
+                f"others by up to {largest * 1e3:.3g} mV. Leave its plane out or repair the probe.",
+            )  # fmt: skip
+            continue
+        if each.clipped:
+            share = (each.at_low if each.flat_low >= 3 else 0.0) + (each.at_high if each.flat_high >= 3 else 0.0)
+            limit = " and ".join(
+                f"{v:.3f} V" for v, n in ((each.low, each.flat_low), (each.high, each.flat_high)) if n >= 3
+            )
+            yield Finding(
+                "error", "channel-clipped",
+                f"{where} is clipped at {limit} ({share:.1%} of the samples): amplitudes there are too small. Set the "
+                "input range wider and measure again, or leave the probe out.",
+            )  # fmt: skip
+        if abs(each.mean) < max(0.25, 0.05 * each.deviation):
+            coupled.append(probe.channel)
+        elif not each.clipped:
+            yield from _out_of_range(probe, each, where)
+    if coupled:
+        yield Finding(
+            "note", "ac-coupled",
+            f"{record.name}: {listed(coupled)}: no gap voltage (mean below 0.25 V): AC-coupled? There is no shaft "
+            "centreline and no eccentricity, and whether the probe is in its linear range cannot be seen.",
+        )  # fmt: skip
+
+
+def _out_of_range(probe: Probe, each: ChannelStatistics, where: str) -> Iterator[Finding]:
+    low, high = probe.linear_range or _USUAL_RANGE
+    if probe.linear_range is None and each.mean > 0:  # conditioned to positive voltages: the usual range says nothing
+        return
+    if each.low < low or each.high > high:
+        said = "the setup's" if probe.linear_range else "the usual"
+        yield Finding(
+            "warning", "probe-range",
+            f"{where}: {each.low:.2f} to {each.high:.2f} V leaves {said} linear range, {low:g} to {high:g} V: there "
+            "the probe reads wrong amplitudes. Say linear_range_V in [[probe]] where another range holds.",
+        )  # fmt: skip
+
+
+def direction_findings(record: Signals, shaft: AngleTrack | None, perturbator: AngleTrack | None) -> Iterator[Finding]:
+    """Probes that are exchanged and a perturbator that turns the other way, by what turns with which mark.
+
+    Args:
+        record: the recording.
+        shaft, perturbator: the angles of the two, where there are marks.
+    """
+    pairs = [plane for plane in record.planes if sum(probe.plane == plane for probe in record.probes) > 1]
+    whirl = 0 if record.force is None or record.force.measured else record.force.whirl
+    backward, opposite, judged = [], [], []
+    for plane in pairs:
+        reversed_shaft = reversed_force = None
+        if shaft is not None:
+            reversed_shaft = _reversed(record, plane, shaft, 1)
+        if perturbator is not None and whirl:
+            reversed_force = _reversed(record, plane, perturbator, whirl)
+        if reversed_shaft:
+            backward.append(plane)
+        if reversed_force is not None and not reversed_shaft:
+            judged.append(plane)
+            opposite += [plane] if reversed_force else []
+    if backward and len(backward) == len(pairs) > 1:
+        yield Finding(
+            "error", "rotation-sense",
+            f"{record.name}: once-per-turn motion is mostly backward in every plane: the shaft turns the other way "
+            f"than rotation says ({'ccw' if record.rig.rotation > 0 else 'cw'}), or all its probes are exchanged.",
+        )  # fmt: skip
+    elif backward:
+        yield Finding(
+            "error", "probes-exchanged",
+            f"{record.name}: once-per-turn motion is mostly backward in {listed(backward)}: are its two probes "
+            "exchanged, or is their angle_deg wrong?",
+        )  # fmt: skip
+    if opposite and len(opposite) * 2 > len(judged):
+        said = "forward" if whirl > 0 else "backward"
+        yield Finding(
+            "error", "whirl-reversed",
+            f"{record.name}: the response in {listed(opposite)} turns against the perturbation, said to be {said}, "
+            "while the once-per-turn motion is forward: the perturbator turns the other way than whirl says.",
+        )  # fmt: skip
+
+
+def _reversed(record: Signals, plane: str, angle: AngleTrack, direction: int) -> bool | None:
+    """Whether motion at a mark's frequency is mostly against the direction; None where it is too small to say."""
+    with_it = against = total = 0.0
+    for start, stop in _spread(record):
+        t = np.arange(start, stop) / record.sample_rate
+        inside = (t >= angle.begin) & (t <= angle.end)
+        if inside.sum() < 64:
+            continue
+        z = record.motion(plane, start, stop)[inside]
+        forward, backward = turning_power(z, angle.angle(t[inside]))
+        if np.isfinite(forward):
+            with_it += forward if direction > 0 else backward
+            against += backward if direction > 0 else forward
+            total += float(np.mean(np.abs(z) ** 2))
+    if max(with_it, against) < 0.01 * total or total == 0.0:
+        return None
+    return against > _MOSTLY * with_it
+
+
+def _spread(record: Signals) -> Iterator[tuple[int, int]]:
+    """All of a short recording, eight pieces of a long one."""
+    if record.size <= _LOOKED_AT:
+        yield 0, record.size
+        return
+    length = _LOOKED_AT // 8
+    for start in np.linspace(0, record.size - length, 8).astype(int).tolist():
+        yield start, start + length
+
+
+def hum_findings(record: Signals, shaft: AngleTrack | None) -> Iterator[Finding]:
+    """Mains hum in the probes, where no order of the shaft lies on it.
+
+    Args:
+        record: the recording.
+        shaft: its angle, None without a mark.
+    """
+    size = min(record.size, _LOOKED_AT)
+    span = np.linspace(0, size / record.sample_rate, 50)
+    speeds = shaft.speed(span) / (2 * np.pi) if shaft is not None else np.zeros(0)
+    lines: dict[float, list[tuple[str, float]]] = {}
+    for probe in record.probes:
+        for frequency, amplitude in mains_hum(record.displacement(probe, 0, size), record.sample_rate):
+            margin = 3 * record.sample_rate / size
+            orders = frequency / speeds[speeds > 0]
+            near = np.abs(orders - np.round(orders)) * speeds[speeds > 0] < margin
+            if not (near & (np.round(orders) <= 10)).any():
+                lines.setdefault(round(frequency, 1), []).append((probe.channel, amplitude))
+    for frequency, seen in sorted(lines.items()):
+        worst = max(amplitude for _, amplitude in seen)
+        yield Finding(
+            "warning", "hum",
+            f"{record.name}: mains hum at {frequency:g} Hz in {listed([channel for channel, _ in seen])}, up to "
+            f"{abs(worst) * 1e6:.3g} µm: lines of the response at that frequency are spoiled.",
+        )  # fmt: skip
+
+
+def speed_findings(record: Signals, shaft: AngleTrack) -> Iterator[Finding]:
+    """A shaft whose marks do not come at the speed that file or setup say.
+
+    Args:
+        record: the recording.
+        shaft: its angle.
+    """
+    if record.speed is None or record.speed == 0:
+        return
+    speeds = shaft.speed(np.linspace(shaft.begin, shaft.end, 200))
+    middle = float(np.median(speeds))
+    if np.ptp(speeds) < 0.05 * abs(middle) and abs(middle - abs(record.speed)) > 0.03 * abs(record.speed):
+        rpm = 30 / np.pi
+        yield Finding(
+            "warning", "speed-disagrees",
+            f"{record.name}: the marks say {middle * rpm:.0f} rpm, file or setup {record.speed * rpm:.0f} rpm: is "
+            f"pulses_per_turn right ({record.rig.shaft.pulses_per_turn if record.rig.shaft else 1})?",
+        )  # fmt: skip

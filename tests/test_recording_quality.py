@@ -1,0 +1,113 @@
+"""What is wrong with a recording is found and said, and nothing is said of a good one."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from recorded import ATTRIBUTES, RATE, notch, shaft_angle, volts, write_hdf5
+
+import rotorfit as rf
+
+Float = NDArray[np.float64]
+
+
+def codes(path: Path, channels: dict[str, Float], **said: float | str) -> dict[str, str]:
+    """Messages of the findings by code."""
+    record = rf.read_recording(write_hdf5(path / "run.h5", channels, {**ATTRIBUTES, **said}))
+    return {finding.code: finding.message for finding in record.findings}
+
+
+@pytest.mark.parametrize("angles", [(0.0, 90.0), (45.0, 135.0), (-45.0, 45.0)])
+@pytest.mark.parametrize("whirl", [1, -1])
+def test_nothing_is_said_of_a_good_recording(tmp_path: Path, whirl: int, angles: tuple[float, float]) -> None:
+    said = {"probe_angle_deg_X": angles[0], "probe_angle_deg_Y": angles[1]}
+    words = "forward" if whirl > 0 else "backward"
+    assert codes(tmp_path, volts(whirl=whirl, angles=angles), whirl=words, **said) == {}
+    assert codes(tmp_path, volts(whirl=whirl, angles=angles, noise=0.0), whirl=words, **said) == {}
+
+
+def test_a_clipped_channel_is_named(tmp_path: Path) -> None:
+    channels = volts()
+    channels["disk_Y"] = np.minimum(channels["disk_Y"], -9.6)
+    found = codes(tmp_path, channels)
+    assert set(found) == {"channel-clipped"}
+    assert "channel disk_Y is clipped at -9.600 V" in found["channel-clipped"]
+
+
+def test_a_dead_channel_is_named(tmp_path: Path) -> None:
+    channels = volts()
+    channels["disk_X"] = np.full_like(channels["disk_X"], -0.4)
+    assert "channel disk_X is dead" in codes(tmp_path, channels)["channel-dead"]
+
+
+def test_ac_coupling_and_range_are_said(tmp_path: Path) -> None:
+    channels = volts()
+    found = codes(tmp_path, {**channels, "disk_X": channels["disk_X"] + 10.0, "disk_Y": channels["disk_Y"] + 10.0})
+    assert set(found) == {"ac-coupled"}
+    assert "disk_X, disk_Y: no gap voltage" in found["ac-coupled"]
+    found = codes(tmp_path, {**channels, "disk_X": channels["disk_X"] + 8.0})
+    assert "disk_X: -2.6" in found["probe-range"]
+
+
+def test_exchanged_probes_and_a_perturbator_that_turns_the_other_way_are_told_apart(tmp_path: Path) -> None:
+    channels = volts()
+    exchanged = {**channels, "disk_X": channels["disk_Y"], "disk_Y": channels["disk_X"]}
+    assert set(codes(tmp_path, exchanged)) == {"probes-exchanged"}
+    assert set(codes(tmp_path, channels, whirl="backward")) == {"whirl-reversed"}
+    assert set(codes(tmp_path, volts(whirl=-1), whirl="forward")) == {"whirl-reversed"}
+    both = {f"{plane}_{axis}": exchanged[f"disk_{axis}"] for plane in ("disk", "journal") for axis in "XY"}
+    marks = {name: channels[name] for name in channels if name.startswith("key")}
+    assert set(codes(tmp_path, {**both, **marks})) == {"rotation-sense"}
+
+
+def test_mains_hum_is_said_with_its_frequency(tmp_path: Path) -> None:
+    channels = volts(16.0)
+    t = np.arange(channels["disk_X"].size) / RATE
+    hum = {name: v + 0.1 * np.cos(2 * np.pi * 50.0 * t) for name, v in channels.items() if name.startswith("disk")}
+    found = codes(tmp_path, {**channels, **hum})
+    assert set(found) == {"hum"}
+    assert "50 Hz in disk_X, disk_Y, up to 1" in found["hum"]
+
+
+def test_missing_and_double_pulses_are_said_by_time_and_the_angle_holds(tmp_path: Path) -> None:
+    channels = volts()
+    t = np.arange(channels["disk_X"].size) / RATE
+    key = channels["keyphasor_shaft"].copy()
+    turn = np.floor(shaft_angle(t) / (2 * np.pi) + 0.1).astype(int)  # a notch well inside its own number
+    for lost in (10, 30, 31):
+        key[turn == lost] = -2.0
+    for twice in (15, 22, 50, 60):
+        late = t - t[np.flatnonzero(turn == twice)[0]]
+        key[(late > 0.016) & (late < 0.018)] = -8.0
+    record = rf.read_recording(write_hdf5(tmp_path / "run.h5", {**channels, "keyphasor_shaft": key}))
+    found = {finding.code: finding.message for finding in record.findings}
+    assert set(found) == {"pulses-missing", "pulses-double"}
+    assert "3 pulses missing, after 0.4" in found["pulses-missing"]
+    assert "4 edges too close to others left out, at 0.7" in found["pulses-double"]
+    inner = np.linspace(0.2, 3.8, 500)
+    turns = (record.shaft_angle().angle(inner) - shaft_angle(inner)) / (2 * np.pi)
+    np.testing.assert_allclose(turns, np.round(turns.mean()), atol=1e-3)
+
+
+def test_pulses_that_disagree_with_the_speed_are_said(tmp_path: Path) -> None:
+    channels = volts()
+    t = np.arange(channels["disk_X"].size) / RATE
+    found = codes(tmp_path, {**channels, "keyphasor_shaft": notch(4 * shaft_angle(t))})
+    assert "the marks say 4800 rpm, file or setup 1200 rpm" in found["speed-disagrees"]
+
+
+def test_a_channel_that_is_not_a_number_is_refused_with_its_time(tmp_path: Path) -> None:
+    channels = volts()
+    channels["disk_X"][1600] = np.nan
+    with pytest.raises(ValueError, match=r"channel disk_X is nan at sample 1600 \(0.5000 s\)"):
+        codes(tmp_path, channels)
+
+
+def test_channels_without_pulses_are_refused_by_name(tmp_path: Path) -> None:
+    channels = volts()
+    for signal, words in ((np.full_like(channels["disk_X"], -2.0), "constant"), (channels["disk_X"], "jump|regular")):
+        with pytest.raises(ValueError, match=rf"channel keyphasor_shaft: .*({words})"):
+            codes(tmp_path, {**channels, "keyphasor_shaft": signal})
