@@ -26,6 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotorfit.estimators.band_tiling import pooled_noise, tile
+from rotorfit.estimators.local_poles import NUMERATOR, nearest_pole
 
 Float = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
@@ -41,6 +42,13 @@ MOST_BANDS = 1024
 
 SEEN = 3e-3
 """An input counts in a band where what is not smooth of its spectrum exceeds this fraction of its greatest line."""
+
+
+WINDOW = 7
+"""Narrow bands in which the nearest pole is looked for."""
+
+NEAR, NOT_INSIDE = 12.0, 0.2
+"""A pole counts in a band when it is nearer to its middle than so many half-widths, and further from the axis."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -128,8 +136,8 @@ def local_response(records: Sequence[RecordSpectra], low: float, high: float, *,
     """
     inside = [(record.frequency >= low) & (record.frequency <= high) for record in records]
     fewest = min(int(np.sum(lines)) for lines in inside)
-    forces = records[0].forces.shape[0]
-    needed = -(-(degree + 1) * (forces + len(records)) // len(records)) + SPARE  # in each record
+    smooth = -(-(degree + 1) * (records[0].forces.shape[0] + len(records)) // len(records))  # unknowns in each record
+    needed = smooth + SPARE + _usually_seen(records, inside, degree)
     if fewest < needed:
         raise ValueError(
             f"{fewest} spectral lines lie in the tested band, {low:.4g} to {high:.4g} rad/s, {needed} are needed: the "
@@ -138,7 +146,9 @@ def local_response(records: Sequence[RecordSpectra], low: float, high: float, *,
     count = min(fewest // needed, MOST_BANDS)
     edges = np.linspace(low, high, count + 1)
     edges[-1] = np.nextafter(high, np.inf)
-    fits = tile(count, _solver(records, edges, degree))
+    rough = _solver(records, edges, degree, np.full(count, np.nan + 0j))
+    poles = _poles([rough(k, k + 1) for k in range(count)])
+    fits = tile(count, _solver(records, edges, degree, poles))
     nodes = [fit.node.size for fit in fits]
     noise = np.repeat(pooled_noise(fits), nodes, axis=1)
     leverage = np.concatenate([fit.leverage for fit in fits], axis=1)
@@ -178,20 +188,43 @@ def gauss_nodes(position: Float, weight: Float, count: int) -> Float:
     return np.asarray(np.linalg.eigvalsh(jacobi))
 
 
-def _solver(records: Sequence[RecordSpectra], edges: Float, degree: int) -> Callable[[int, int], LocalFit]:
-    """A function that fits a band from one of the edges to another."""
+def _poles(narrow: Sequence[LocalFit]) -> ComplexArray:
+    """Pole nearest to each narrow band, from what it and its neighbours show; NaN where none is near."""
+    noise = pooled_noise(narrow)
+    found = np.full(len(narrow), np.nan + 0j)
+    for k in range(len(narrow)):
+        first, last = max(k - WINDOW // 2, 0), min(k + WINDOW // 2 + 1, len(narrow))
+        part = narrow[first:last]
+        response = np.concatenate([fit.response for fit in part], axis=2)
+        sigma = np.concatenate(
+            [noise[:, first + i, None] * np.sqrt(fit.leverage / 2)[:, None] for i, fit in enumerate(part)], axis=2
+        )
+        points = response.shape[2]
+        if points > 2 * (NUMERATOR + 2):
+            found[k] = nearest_pole(
+                np.concatenate([fit.node for fit in part]), response.reshape(-1, points), sigma.reshape(-1, points)
+            )
+    return found
+
+
+def _solver(
+    records: Sequence[RecordSpectra], edges: Float, degree: int, poles: ComplexArray
+) -> Callable[[int, int], LocalFit]:
+    """A function that fits a band from one of the edges to another, with the pole nearest to its middle."""
     greatest = [np.abs(record.others).max(axis=1, initial=0.0) for record in records]
     borders = [np.searchsorted(record.frequency, edges) for record in records]
     known = (degree + 1) * records[0].forces.shape[0]
+    smooth = -(-known // len(records)) + degree + 1
 
     def solve(first: int, last: int) -> LocalFit:
         lines = tuple(slice(int(border[first]), int(border[last])) for border in borders)
         middle, half = (edges[first] + edges[last]) / 2, (edges[last] - edges[first]) / 2
         position = [(r.frequency[part] - middle) / half for r, part in zip(records, lines, strict=True)]
-        powers = [np.polynomial.legendre.legvander(at, degree) for at in position]
+        pole = (poles[(first + last) // 2] - middle) / half
+        powers = [_basis(at, degree, pole) for at in position]
         drive = np.vstack([_drive(r.forces[:, part], p) for r, part, p in zip(records, lines, powers, strict=True)])
         own = [
-            np.hstack([p, _seen(r.others[:, part].T, p, SEEN * top)])
+            np.hstack([p, _seen(r.others[:, part].T, p, SEEN * top, p.shape[0] - smooth - 1)])
             for r, part, p, top in zip(records, lines, powers, greatest, strict=True)
         ]
         matrix = np.hstack([drive, _block_diagonal(own)])
@@ -200,9 +233,11 @@ def _solver(records: Sequence[RecordSpectra], edges: Float, degree: int) -> Call
         q, r = np.linalg.qr(matrix / scale)
         inverse = np.linalg.inv(r)[:known] / scale[:known, None]
         projected = q.conj().T @ measured
-        weight = np.concatenate([np.abs(r.forces[0, part]) ** 2 for r, part in zip(records, lines, strict=True)])
+        weight = np.concatenate(
+            [np.abs(r.forces[0, part] * p[:, 0]) ** 2 for r, part, p in zip(records, lines, powers, strict=True)]
+        )
         node = gauss_nodes(np.concatenate(position), weight, degree + 1)
-        at_node = np.polynomial.legendre.legvander(node, degree) @ inverse.reshape(-1, degree + 1, matrix.shape[1])
+        at_node = _basis(node, degree, pole) @ inverse.reshape(-1, degree + 1, matrix.shape[1])
         return LocalFit(
             node=middle + half * node,
             response=(at_node @ projected).swapaxes(1, 2),
@@ -215,15 +250,36 @@ def _solver(records: Sequence[RecordSpectra], edges: Float, degree: int) -> Call
     return solve
 
 
-def _drive(forces: ComplexArray, powers: Float) -> ComplexArray:
+def _basis(position: Float, degree: int, pole: complex) -> ComplexArray:
+    """Polynomials over a band, divided by the distance from its pole where one is near."""
+    powers = np.polynomial.legendre.legvander(position, degree).astype(complex)
+    if not (abs(pole) < NEAR and pole.imag > NOT_INSIDE):
+        return powers
+    return np.asarray(powers / (1 - position / pole)[:, None])
+
+
+def _drive(forces: ComplexArray, powers: ComplexArray) -> ComplexArray:
     """Columns of the polynomials of all responses, one force after the other."""
     return np.asarray((forces[:, :, None] * powers).transpose(1, 0, 2).reshape(powers.shape[0], -1))
 
 
-def _seen(columns: ComplexArray, powers: Float, least: Float) -> ComplexArray:
-    """The columns that a smooth transient cannot stand for."""
-    rest = columns - powers @ np.linalg.lstsq(powers, columns, rcond=None)[0]
-    return columns[:, np.linalg.norm(rest, axis=0) > least]
+def _usually_seen(records: Sequence[RecordSpectra], inside: Sequence[NDArray[np.bool_]], degree: int) -> int:
+    """How many of the other inputs nine in ten pieces of the band have: few of a steady shaft, all of a start-up."""
+    counts = [0]
+    for record, lines in zip(records, inside, strict=True):
+        greatest = np.abs(record.others).max(axis=1, initial=0.0)
+        parts = np.array_split(np.flatnonzero(lines), max(int(lines.sum()) // (4 * (degree + 1)), 1))
+        for part in parts:
+            powers = _basis(np.linspace(-1, 1, part.size), degree, complex(np.nan))
+            counts.append(_seen(record.others[:, part].T, powers, SEEN * greatest, part.size).shape[1])
+    return int(np.quantile(counts, 0.9))
+
+
+def _seen(columns: ComplexArray, powers: ComplexArray, least: Float, most: int) -> ComplexArray:
+    """The columns that a smooth transient cannot stand for, at most so many of them."""
+    rest = np.linalg.norm(columns - powers @ np.linalg.lstsq(powers, columns, rcond=None)[0], axis=0)
+    strongest = np.argsort(-rest / np.maximum(least, 1e-300))[: max(most, 0)]
+    return columns[:, [k for k in sorted(strongest.tolist()) if rest[k] > least[k]]]
 
 
 def _block_diagonal(blocks: Sequence[ComplexArray]) -> ComplexArray:
