@@ -1,0 +1,46 @@
+"""The pages for contributors name files and functions that are there; the bibliography holds what the code cites."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+PAGES = ("ARCHITECTURE.md", "CONTRIBUTING.md", "CHANGELOG.md", "docs/bibliography.md")
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_links_and_files_of_a_page_are_there(page: str) -> None:
+    text = (ROOT / page).read_text(encoding="utf-8")
+    links = [link.partition("#")[0] for link in re.findall(r"\]\(([^)]+)\)", text) if not link.startswith("http")]
+    assert [link for link in links if link and not ((ROOT / page).parent / link).exists()] == []
+    files = re.findall(r"`((?:rotorfit|models|estimators|tests|docs|benchmarks)/[\w/.]+?)/?`", text)
+    assert [file for file in files if not (ROOT / file).exists()] == []
+
+
+def test_functions_on_the_way_from_file_to_result_are_where_the_page_says() -> None:
+    text = (ROOT / "ARCHITECTURE.md").read_text(encoding="utf-8")
+    named = re.findall(r"(\w+) \(((?:fitting|observing|estimators|io)\.\w+)\)", text)
+    assert len(named) >= 5
+    for function, module in named:
+        folder = "" if module.startswith("estimators.") else "rotorfit/"
+        source = (ROOT / f"{folder}{module.replace('.', '/')}.py").read_text(encoding="utf-8")
+        assert f"def {function.removeprefix('rf.')}(" in source, (function, module)
+
+
+def test_every_citation_is_in_the_bibliography() -> None:
+    listed = (ROOT / "docs" / "bibliography.md").read_text(encoding="utf-8")
+    cited = set()
+    for folder in ("rotorfit", "models", "estimators", "benchmarks"):
+        for file in (ROOT / folder).rglob("*.py"):
+            if not file.is_symlink():
+                found = re.findall(
+                    r"\b([A-Z][a-z]+(?:(?: and | & )[A-Z][A-Za-z]+| et al\.)?) \(?((?:19|20)\d\d)\b",
+                    file.read_text(encoding="utf-8"),
+                )
+                cited |= {(name.replace(" and ", " & "), year) for name, year in found}
+    months = {"January", "May", "June", "July", "November", "Version", "Python", "In", "Since", "Matlab", "Excel"}
+    missing = {f"{name} {year}" for name, year in cited if name not in months and f"{name} {year}" not in listed}
+    assert missing == set()
