@@ -14,7 +14,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rotorfit.cli import campaign, laws, simulate
+from rotorfit.cli import campaign, laws, recordings, simulate
 from rotorfit.cli.arguments import add_files, add_fit_options, add_output, data_files, fit_study
 from rotorfit.cli.errors import BAD_INPUT, DONE, INTERRUPTED, NOT_CONVERGED, BadInputError, checked, sentence
 from rotorfit.cli.progress import ProgressLine
@@ -141,6 +141,7 @@ COMMANDS = {
     "campaign": campaign.run,
     "compare-laws": laws.run,
     "simulate": simulate.run,
+    "template": recordings.run_template,
     "models": _models,
     "info": _info,
 }
@@ -175,6 +176,7 @@ def _parser() -> argparse.ArgumentParser:
     add_output(run)
     for name, module in (("campaign", campaign), ("compare-laws", laws), ("simulate", simulate)):
         module.add_options(command(name, module.DESCRIPTION))
+    recordings.add_template_options(command("template", recordings.TEMPLATE))
     models = command("models", "list the models and their parameters")
     models.add_argument("name", nargs="?", help="only this one")
     add_files(command("info", "say what a test file holds and what is odd about it"))

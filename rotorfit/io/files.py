@@ -22,6 +22,8 @@ SUFFIXES = {
     ".csv": "csv", ".txt": "csv", ".tsv": "csv", ".uff": "uff", ".unv": "uff", ".nc": "netcdf", ".mat": "mat",
 }  # fmt: skip
 """Format by suffix of the file."""
+RECORDINGS = (".h5", ".hdf5", ".hdf", ".tdms", ".wav", ".parquet", ".uf58")
+"""Suffixes that only recordings of raw signals have."""
 
 
 def read(
@@ -156,6 +158,12 @@ def _writer(kind: str) -> Callable[[Any, Path], None]:
 
 def _format(path: str | Path) -> str:
     suffix = Path(path).suffix.lower()
+    if suffix in RECORDINGS:
+        name = Path(path).name
+        raise ValueError(
+            f"{name} is a recording of raw signals, not of vectors: give a setup of the rig, --setup rig.toml "
+            f"(`rotorfit template {name}` makes one to fill in), or use rf.read_recording"
+        )
     if suffix not in SUFFIXES:
         raise ValueError(f"{Path(path).name}: {unknown_name('suffix', suffix, SUFFIXES)}")
     return SUFFIXES[suffix]

@@ -33,6 +33,7 @@ from rotorfit.data.experiments import (
 )
 from rotorfit.data.synchronous import SPEED_TOLERANCE, group_speeds
 from rotorfit.io.csv_kinds import BUILDERS, columns_of
+from rotorfit.io.sampling import time_factor
 from rotorfit.models.parameters import unknown_name
 from rotorfit.units import UNITS, si_factor, units_of
 
@@ -145,6 +146,13 @@ class Table:
             ValueError: lists what is missing, what was not recognised and what is known.
         """
         extra = [name for name in self.cells if name not in self.used]
+        if self.missing and self._raw():
+            columns = ", ".join(self.names.values())[:80]
+            raise ValueError(
+                f"{self.source} looks like raw signals ({len(self.lines)} samples of {columns}), not like vectors: "
+                f"`rotorfit template {self.source} > rig.toml` makes a setup to fill in; then give --setup rig.toml, "
+                "or use rf.read_recording"
+            )
         if self.missing:
             unknown = ", ".join(_suggest(self.names[name]) for name in extra) or "none"
             raise ValueError(
@@ -160,6 +168,13 @@ class Table:
                     f"{self.source}: unknown column {self.names[name]!r}; "
                     f"{tail or f'did you mean {near[0]!r}?'} If it is an attribute of the test, give it another name"
                 )
+
+    def _raw(self) -> bool:
+        """Whether this holds samples over time: nothing of a test is in it, but times or very many rows."""
+        times = {name for name in self.cells if time_factor(name) is not None}
+        if self.used - times:
+            return False
+        return bool(times) or len(self.lines) >= 1000
 
     def attributes(self) -> dict[str, NDArray[Any]]:
         """All columns not used otherwise, as numbers where every cell is one (blank: NaN), else as text."""

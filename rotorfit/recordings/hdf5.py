@@ -14,8 +14,8 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
+from rotorfit.io.sampling import FEWEST, rate_of
 from rotorfit.recordings.raw_file import RawChannel, RawFile, full_count, plain
-from rotorfit.recordings.sampling import FEWEST, rate_of
 
 
 def open_file(path: Path) -> RawFile:

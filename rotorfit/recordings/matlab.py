@@ -17,8 +17,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rotorfit.io.sampling import FEWEST, rate_of, rate_of_times, time_factor
 from rotorfit.recordings.raw_file import RawChannel, RawFile, full_count, plain
-from rotorfit.recordings.sampling import FEWEST, rate_of, rate_of_times, time_factor
 from rotorfit.recordings.spool import Samples, spooled
 
 _NAME_KEYS = ("name", "label", "title", "channelname", "signalname", "channel", "channel_name", "signal_name")

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rotorfit.io.sampling import FEWEST, rate_of, rate_of_times, time_factor
 from rotorfit.recordings.raw_file import RawChannel, RawFile, full_count
-from rotorfit.recordings.sampling import FEWEST, rate_of, rate_of_times, time_factor
 from rotorfit.recordings.spool import once, spooled
 
 

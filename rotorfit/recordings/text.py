@@ -17,8 +17,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rotorfit.io.sampling import rate_of, rate_of_times, time_factor
 from rotorfit.recordings.raw_file import RawChannel, RawFile
-from rotorfit.recordings.sampling import FEWEST, rate_of, rate_of_times, time_factor
 from rotorfit.recordings.spool import spooled
 
 _ROWS = 1 << 17
@@ -56,26 +56,6 @@ def open_file(path: Path) -> RawFile:
         else:
             channels[name] = RawChannel(name=name, size=values.size, samples=partial(_piece, values))
     return RawFile(name=path.name, channels=channels, attributes=head.attributes, sample_rate=rate)
-
-
-def looks_raw(path: str | Path) -> bool:
-    """Whether a text file holds raw signals rather than vectors: no column of a test, and a time column or many rows.
-
-    Args:
-        path: a text file.
-    """
-    try:
-        head = _head(Path(path))
-        with open(path, encoding="utf-8-sig") as file:
-            long = (
-                sum(1 for _, _ in zip(file, range(head.lines + 20 * FEWEST), strict=False)) >= head.lines + 10 * FEWEST
-            )
-    except (ValueError, OSError):
-        return False
-    timed = any(time_factor(name) is not None for name in head.names)
-    marks = ("run", "plane", "frequency", "speed", "force", "amplitude", "load", "eccentricity", "damping")
-    vectors = any(name.lower().startswith(marks) for name in head.names)
-    return (timed or rate_of(head.attributes) is not None or long) and not vectors
 
 
 def _head(path: Path) -> _Head:

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rotorfit.io.sampling import FEWEST, rate_of_times
 from rotorfit.recordings.raw_file import RawChannel, RawFile
-from rotorfit.recordings.sampling import FEWEST, rate_of_times
 from rotorfit.recordings.spool import once, spooled
 
 _TIME_RESPONSE = 1

@@ -1,0 +1,125 @@
+"""A setup to fill in, made from a recording's own channels: ``rotorfit template a.h5 > rig.toml``."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+from rotorfit.recordings.files import open_raw
+from rotorfit.recordings.raw_file import RawFile
+from rotorfit.recordings.resolve import file_setup
+from rotorfit.recordings.setup import ForceSetup, Probe, Reference, RigSetup
+from rotorfit.units import RAD_S_PER_RPM
+
+_PER_MM = 1e3
+
+
+def template(path: str | Path) -> str:
+    """Text of a ``rig.toml`` for a recording: what the file says is a comment, what is missing is to be filled in.
+
+    Args:
+        path: the recording.
+
+    Raises:
+        ValueError: not a recording that can be opened.
+        FileNotFoundError: no such file.
+    """
+    raw = open_raw(path)
+    own = file_setup(raw)
+    parts = [
+        f"# Setup of the rig for {raw.name}. Lines marked FILL IN wait for a value: take the '#' away and write it.",
+        "# What the recording says itself need not be written; a value here goes before it.",
+        "",
+        'rotation = "ccw"                 # "ccw": the shaft turns from x towards y; "cw": the other way',
+        _line("sample_rate_hz", raw.sample_rate or _channel_rate(raw), 6400.0, "samples a second"),
+        _line("speed_rpm", own.speed and own.speed / RAD_S_PER_RPM, 1500.0, "nominal speed", must=False),
+        *_reference("shaft", own.shaft, raw, "the shaft's Keyphasor"),
+        *_reference("perturbator", own.perturbator, raw, "the perturbator's mark; leave out for a start-up"),
+        *(line for probe in own.probes or () for line in _probe(probe, own)),
+        *([] if own.probes else _unknown_probes(raw)),
+        *_force(own.force),
+        *_counts(raw),
+    ]
+    return "\n".join(parts) + "\n"
+
+
+def _line(key: str, known: float | str | None, example: float | str, words: str, *, must: bool = True) -> str:
+    value = example if known is None else known
+    shown = f'"{value}"' if isinstance(value, str) else f"{value:.10g}" if value % 1 else f"{value:.1f}"
+    said = "the recording says so" if known is not None else f"FILL IN: {words}" if must else words
+    return f"{f'# {key} = {shown}':<32} # {said}"
+
+
+def _channel_rate(raw: RawFile) -> float | None:
+    return next((channel.sample_rate for channel in raw.channels.values() if channel.sample_rate), None)
+
+
+def _listed(raw: RawFile) -> str:
+    return ", ".join(raw.channels)
+
+
+def _reference(table: str, known: Reference | None, raw: RawFile, words: str) -> list[str]:
+    if known is None or known.channel is None:
+        return ["", f"{f'# [{table}]':<32} # {words}", f"{'# channel = ...':<32} # one of: {_listed(raw)}"]
+    edge = f'edge = "{known.edge}" by the recording' if known.edge else 'edge = "falling" or "rising", else found'
+    return [
+        "",
+        f"{f'[{table}]':<32} # {words}",
+        f'channel = "{known.channel}"',
+        f"{'# pulses_per_turn = 1':<32} # {edge}; level_V is found",
+    ]
+
+
+def _probe(probe: Probe, own: RigSetup) -> list[str]:
+    angle = None if probe.angle is None else math.degrees(probe.angle)
+    sensitivity = None if own.sensitivity is None else own.sensitivity / _PER_MM
+    return [
+        "",
+        "[[probe]]",
+        f'plane = "{probe.plane}"',
+        f'channel = "{probe.channel}"',
+        _line("angle_deg", angle, 0.0, "where the probe sits, from x counter-clockwise"),
+        _line("sensitivity_V_per_mm", sensitivity, 7.87, "or _V_per_mil, _mV_per_um, _mV_per_mil; rises on approach"),
+    ]
+
+
+def _unknown_probes(raw: RawFile) -> list[str]:
+    lines = ["", f"# FILL IN one table a displacement probe; the channels are: {_listed(raw)}"]
+    for name in raw.channels:
+        lines += [
+            "# [[probe]]",
+            '# plane = "disk"',
+            f'# channel = "{name}"',
+            "# angle_deg = 0.0",
+            "# sensitivity_V_per_mm = 7.87   # 1.0 for a channel that is in mm already",
+        ]
+    return lines
+
+
+def _force(known: ForceSetup | None) -> list[str]:
+    force = known or ForceSetup()
+    angle = force.angle if force.angle is not None else force.hole_angle
+    key = "hole_angle_deg" if force.angle is None and force.hole_angle is not None else "angle_deg"
+    whirl = None if force.whirl is None else ("forward" if force.whirl > 0 else "backward")
+    lines = [
+        _line("plane", force.plane, "disk", "where the force acts"),
+        _line("mr_kg_m", force.mr, 2e-5, "unbalance of the perturbator or trial weight"),
+        _line(key, None if angle is None else math.degrees(angle), 33.0, "heavy spot ahead of the mark", must=False),
+        _line("whirl", whirl, "forward", "or backward: which way the perturbator turns", must=False),
+    ]
+    if known is not None:
+        return ["", "# [force]                        # said by the recording:", *lines]
+    return ["", "# [force]                        # FILL IN if the rotor is driven, else leave out", *lines]
+
+
+def _counts(raw: RawFile) -> list[str]:
+    lines = []
+    for channel in raw.channels.values():
+        if channel.full_count is not None and channel.volts_per_count is None:
+            lines += [
+                "",
+                "[[channel]]                      # it holds counts",
+                f'name = "{channel.name}"',
+                "# full_scale_V = 10.0            # FILL IN: volts of the largest count, or volts_per_count",
+            ]
+    return lines

@@ -1,0 +1,63 @@
+"""A setup to fill in is made from the recording's own channels; raw signals given as vectors are told so."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from recorded import RATE, volts, write_hdf5
+
+import rotorfit as rf
+from rotorfit.cli.main import main
+from rotorfit.recordings.template import template
+
+
+def test_a_recording_that_says_all_gets_a_template_that_reads_at_once(tmp_path: Path) -> None:
+    path = write_hdf5(tmp_path / "run.h5", volts())
+    setup = tmp_path / "rig.toml"
+    setup.write_text(template(path))
+    with_setup, without = rf.read_recording(path, setup), rf.read_recording(path)
+    assert with_setup.force == without.force
+    assert with_setup.probes == without.probes
+    # and with every comment taken away it says the same itself
+    keys = ("#", "sample", "speed", "[force", "plane", "mr_", "angle", "whirl", "sens", "pulses")
+    filled = [
+        line[2:] if line.startswith(tuple(f"# {key}" for key in keys)) else line for line in template(path).split("\n")
+    ]
+    setup.write_text("\n".join(filled))
+    bare = write_hdf5(tmp_path / "bare.h5", volts(), {})
+    assert rf.read_recording(bare, setup).force == without.force
+
+
+def test_a_template_to_fill_in_is_refused_until_it_is(tmp_path: Path) -> None:
+    path = write_hdf5(tmp_path / "run.h5", volts(), {})
+    setup = tmp_path / "rig.toml"
+    text = template(path)
+    assert text.count("FILL IN") == 9  # rate, four of two probes, the force and three of its keys, how to
+    setup.write_text(text)
+    with pytest.raises(ValueError, match="nothing says the angle_deg of the probe disk_X"):
+        rf.read_recording(path, setup)
+    text = text.replace("# angle_deg = 0.0  ", "angle_deg = 0.0  ").replace("# sensitivity", "sensitivity")
+    setup.write_text(text.replace("# sample_rate_hz = 6400", "sample_rate_hz = 3200"))
+    assert rf.read_recording(path, setup).sample_rate == RATE
+
+
+def test_raw_signals_given_to_fit_are_told_what_to_do(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    raw = tmp_path / "raw.csv"
+    t = np.arange(200) / 1000
+    np.savetxt(raw, np.column_stack([t, t]), delimiter=",", header="time_s,disk_X", comments="")
+    assert main(["fit", str(raw), "--model", "whirl-whip"]) == 2
+    said = capsys.readouterr().err
+    assert "raw.csv looks like raw signals (200 samples of time_s, disk_X)" in said
+    assert "rotorfit template raw.csv > rig.toml" in said
+    assert main(["fit", str(tmp_path / "a.h5"), "--model", "whirl-whip"]) == 2
+    assert "a recording of raw signals" in capsys.readouterr().err
+
+
+def test_template_from_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = write_hdf5(tmp_path / "run.h5", volts())
+    assert main(["template", str(path)]) == 0
+    assert capsys.readouterr().out == template(path)
+    assert main(["template", str(tmp_path / "none.h5")]) == 2
+    assert "no such file" in capsys.readouterr().err
