@@ -66,39 +66,70 @@ def information(problem: Problem, x: Float, r: ComplexArray, J: ComplexArray) ->
     Returns:
         ``R`` with ``R^T R`` the curvature, shape ``(p, p)``, and the scatter of the gradient, None for squares.
     """
-    size2 = np.abs(r) ** 2
-    _, weight = robust_weights(problem.loss, size2)
-    if problem.loss == "linear":
-        curvature = weight
-    else:
-        step = 1e-4 * (1 + size2)
-        slope = (robust_weights(problem.loss, size2 + step)[1] - weight) / step
-        # A modulus loss bends by w + 2 |r|^2 w' along r and by w across it; residual phases are uniform.
-        curvature = np.full(r.size, float(np.mean(weight + size2 * slope)))
-    stacked = np.concatenate([J.real, J.imag])
-    rows = [np.sqrt(np.concatenate([curvature, curvature]))[:, None] * stacked]
-    for prior in problem.priors:
-        row = np.zeros((1, x.size))
-        row[0, prior.entry] = np.sqrt(prior.terms(float(x[prior.entry]))[2])
-        rows.append(row)
-    root = np.asarray(np.linalg.qr(np.concatenate(rows), mode="r"))
+    bend = float(np.mean(bends(problem.loss, r)))
+    prior = prior_curvature(problem, x)
+    rows = np.concatenate([np.sqrt(bend) * np.concatenate([J.real, J.imag]), np.diag(np.sqrt(prior))[prior > 0]])
+    root = np.asarray(np.linalg.qr(rows, mode="r"))
     if problem.loss == "linear":
         return root, None
-    missed = _left_out(r, J, curvature, inverse(root, natural_sizes(problem, x))[0])
-    scores = weight[:, None] * (missed.conj()[:, None] * J).real
-    scatter = scores.T @ scores
-    for prior in problem.priors:  # a prior's centre is as uncertain as the prior is wide
-        scatter[prior.entry, prior.entry] += prior.terms(float(x[prior.entry]))[2]
-    return root, scatter
+    covar = inverse(root, natural_sizes(problem, x))[0]
+    return root, score_scatter(problem, x, r, J, bend=bend, covar=covar)
 
 
-def _left_out(r: ComplexArray, J: ComplexArray, curvature: Float, covar: Float) -> ComplexArray:
+def bends(loss: Loss, r: ComplexArray) -> Float:
+    """Curvature of the cost by each whitened residual, averaged over its phases, shape ``(R,)``; one for squares.
+
+    Args:
+        loss: of the problem.
+        r: whitened residuals, shape ``(R,)``.
+    """
+    size2 = np.abs(r) ** 2
+    weight = robust_weights(loss, size2)[1]
+    if loss == "linear":
+        return weight
+    step = 1e-4 * (1 + size2)
+    slope = (robust_weights(loss, size2 + step)[1] - weight) / step
+    # A modulus loss bends by w + 2 |r|^2 w' along r and by w across it; residual phases are uniform.
+    return np.asarray(weight + size2 * slope)
+
+
+def prior_curvature(problem: Problem, x: Float) -> Float:
+    """What the priors add to the diagonal of the curvature, shape ``(p,)``.
+
+    Args:
+        problem: the problem.
+        x: fitted vector, shape ``(p,)``.
+    """
+    added = np.zeros(x.size)
+    for prior in problem.priors:
+        added[prior.entry] += prior.terms(float(x[prior.entry]))[2]
+    return added
+
+
+def score_scatter(problem: Problem, x: Float, r: ComplexArray, J: ComplexArray, *, bend: float, covar: Float) -> Float:
+    """Scatter of the cost's gradient, each reading's part judged by a fit without it, shape ``(p, p)``.
+
+    Args:
+        problem: loss and priors.
+        x: solution, shape ``(p,)``.
+        r: whitened residuals there, shape ``(R,)``.
+        J: their derivatives, shape ``(R, p)``.
+        bend: mean of :func:`bends` over all readings of the fit.
+        covar: inverse curvature of the whole fit in these parameters, shape ``(p, p)``.
+    """
+    _, weight = robust_weights(problem.loss, np.abs(r) ** 2)
+    scores = weight[:, None] * (_left_out(r, J, bend, covar).conj()[:, None] * J).real
+    # A prior's centre is as uncertain as the prior is wide.
+    return np.asarray(scores.T @ scores + np.diag(prior_curvature(problem, x)))
+
+
+def _left_out(r: ComplexArray, J: ComplexArray, bend: float, covar: Float) -> ComplexArray:
     """Residual of each reading from a fit without it, to first order (MacKinnon and White 1985, HC3).
 
     A fit follows the readings that matter most, whose own residuals are therefore too small to tell the noise.
     """
     parts = np.stack([J.real, J.imag], axis=1)  # (R, 2, p)
-    hat = curvature[:, None, None] * (parts @ covar @ parts.transpose(0, 2, 1))
+    hat = bend * (parts @ covar @ parts.transpose(0, 2, 1))
     power, basis = np.linalg.eigh(hat)
     along = np.einsum("rik,ri->rk", basis, np.stack([r.real, r.imag], axis=1))
     # A reading that alone determines something cannot be left out.

@@ -7,7 +7,7 @@ Its Schur complement is the sum of those of the parts, so that no large matrix i
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +26,7 @@ class Curvature:
         x: the point, shape ``(p,)``.
         cost: half the (robust) sum of squares there.
         gradient, matrix: its slope and its Gauss-Newton matrix, shapes ``(p,)`` and ``(p, p)``.
+        prior: what priors add to the diagonal of the matrix, shape ``(p,)``.
     """
 
     names: tuple[str, ...]
@@ -33,6 +34,16 @@ class Curvature:
     cost: float
     gradient: Float
     matrix: Float
+    prior: Float
+
+    def scaled(self, factor: float) -> Curvature:
+        """The picture with the readings' information times a factor, that of the priors as it is.
+
+        Args:
+            factor: one over the factor on the noise's variances, or the bend of a robust loss.
+        """
+        own = np.diag(self.prior)
+        return replace(self, matrix=factor * (self.matrix - own) + own)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -84,6 +95,46 @@ class Parts:
             follow=follow,
             own_covar=inner,
         )
+
+    def reach(self) -> Float:
+        """Slope of all parameters by the shared ones, the own ones following, shape ``(p, s)``."""
+        slope = np.zeros((self.shared.size + self.own.size, self.shared.size))
+        slope[self.shared, np.arange(self.shared.size)] = 1.0
+        slope[self.own] = self.follow
+        return slope
+
+    def covariance(self, covar: Float) -> Float:
+        """Covariance of all parameters, shape ``(p, p)``.
+
+        Args:
+            covar: that of the shared ones by all parts, shape ``(s, s)``.
+        """
+        whole = self.reach() @ covar @ self.reach().T
+        whole[np.ix_(self.own, self.own)] += self.own_covar
+        return np.asarray(whole)
+
+    def pull(self, covar: Float) -> Float:
+        """Change of the own parameters by this part's slope of the cost, shape ``(q, p)``.
+
+        Args:
+            covar: covariance of the shared ones by all parts, shape ``(s, s)``.
+        """
+        direct = np.zeros((self.own.size, self.shared.size + self.own.size))
+        direct[:, self.own] = self.own_covar
+        return np.asarray(direct + self.follow @ covar @ self.reach().T)
+
+
+def shared_covariance(parts: Sequence[Parts], names: Sequence[str]) -> Float:
+    """Covariance of the shared parameters by all parts of the data, shape ``(s, s)``.
+
+    Args:
+        parts: the parts.
+        names: the shared parameters, for messages.
+
+    Raises:
+        ValueError: the data do not determine all of them.
+    """
+    return inverse_information(np.sum([p.schur for p in parts], axis=0), np.sum([p.size for p in parts], axis=0), names)
 
 
 def inverse_information(information: Float, size: Float, names: Sequence[str]) -> Float:

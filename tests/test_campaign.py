@@ -14,6 +14,7 @@ from multiprocessing import get_context
 
 import numpy as np
 import pytest
+from scipy.stats import norm
 from synthetic import circular_test
 
 import rotorfit as rf
@@ -194,6 +195,50 @@ def test_two_shared_parameters_and_a_robust_loss(small):
     joint = rf.fit(OneMode(), part, known=known, per=per, loss="soft_l1")
     for name in ("M", "Mf"):
         assert abs(found.shared[name].value - joint.params[name].value) < 1e-3 * joint.params[name].stderr
+
+
+def same_errors(found, joint):
+    """Errors of a campaign against those of one large problem: the points differ by 1e-4 of an error at most, and the
+    errors change with the point by less than that share of themselves."""
+    for name, parameter in found.shared.items():
+        for kind in ("stderr", "stderr_noise"):
+            assert getattr(parameter, kind) == pytest.approx(getattr(joint.params[name], kind), rel=1e-3)
+    places = [joint.var_names.index(name) for name in found.shared]
+    np.testing.assert_allclose(found.shared_covar, joint.covar[np.ix_(places, places)], rtol=2e-3)
+
+
+@pytest.mark.parametrize("loss", ["soft_l1", "huber", "cauchy"])
+def test_errors_of_a_robust_loss_are_those_of_the_joint_fit(small, loss):
+    """One reading in twenty thrown far off: a chi-squared over them would make the errors five times too large."""
+    table, _ = small
+    part = table.select(np.isin(table.run, [f"r{i:02d}" for i in range(6)]))
+    rng = np.random.default_rng(5)
+    thrown = rng.random(len(part)) < 0.05
+    response = part.response * np.where(thrown, 1 + 0.6 * np.exp(2j * np.pi * rng.random(len(part))), 1.0)
+    part = replace(part, response=response)
+    known = {"K": 8000.0, "Ds": 8.0}
+    found = rf.campaign(OneMode(), part, known=known, shared=("M", "Mf"), loss=loss)
+    joint = rf.fit(OneMode(), part, known=known, per=dict.fromkeys(("K0", "D", "lam"), "run"), loss=loss)
+    assert joint.redchi > 2  # what must not widen anything
+    same_errors(found, joint)
+    for run in found.runs:
+        for name, parameter in run.params.items():
+            other = joint.params.get(f"{name}[run={run.name}]")
+            if other is not None:
+                assert parameter.stderr == pytest.approx(other.stderr, rel=1e-3)
+
+
+@pytest.mark.parametrize("priors", [{}, {"D": norm(500.0, 3.0)}])
+def test_errors_of_a_model_that_does_not_fit_are_those_of_the_joint_fit(small, priors):
+    """Without the fluid's mass the model misses the data; squares widen the readings' part, but not the priors'."""
+    table, _ = small
+    part = table.select(np.isin(table.run, [f"r{i:02d}" for i in range(4)]))
+    known = {"K": 8000.0, "Ds": 8.0, "Mf": 0.0}
+    found = rf.campaign(OneMode(), part, known=known, shared=("M",), priors=priors)
+    per = dict.fromkeys(("K0", "D", "lam"), "run")
+    joint = rf.fit(OneMode(), part, known=known, per=per, priors=priors)
+    assert joint.redchi > 2
+    same_errors(found, joint)
 
 
 def test_what_cannot_be_shared(small):

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from rotorfit.data.experiments import Experiment
 from rotorfit.estimators.closed_form import ClosedFormError
+from rotorfit.estimators.covariance import bends, prior_curvature, score_scatter
 from rotorfit.estimators.schur import Curvature
 from rotorfit.fitting.fit import fit
 from rotorfit.fitting.problem_setup import as_tuple, build_problem
@@ -146,7 +147,24 @@ def curvature(model: RotorModel, run: Run, *, settings: FitSettings, at: Mapping
         return str(reason)
     x = np.array([at[name] for name in problem.space.names])
     cost, gradient, matrix = problem.gauss_newton(x)
-    return Curvature(names=problem.space.names, x=x, cost=cost, gradient=gradient, matrix=matrix)
+    prior = prior_curvature(problem, x)
+    return Curvature(names=problem.space.names, x=x, cost=cost, gradient=gradient, matrix=matrix, prior=prior)
+
+
+def bends_of(model: RotorModel, run: Run, *, settings: FitSettings, at: Mapping[str, float]) -> tuple[Float, Float]:
+    """Bends of a robust loss in one run's readings, shape ``(R,)``, and its matrix by squares, shape ``(p, p)``."""
+    problem = build_problem(model, run.experiment, settings)
+    r, J = problem.jacobian(np.array([at[name] for name in problem.space.names]))
+    return bends(problem.loss, r), np.asarray((J.conj().T @ J).real)
+
+
+def scatter_of(
+    model: RotorModel, run: Run, *, settings: FitSettings, at: Mapping[str, float], bend: float, covar: Float
+) -> Float:
+    """Scatter of the slope of one run's cost, shape ``(p, p)``; ``bend`` and ``covar`` are those of the joint fit."""
+    problem = build_problem(model, run.experiment, settings)
+    x = np.array([at[name] for name in problem.space.names])
+    return score_scatter(problem, x, *problem.jacobian(x), bend=bend, covar=covar)
 
 
 # ---- many runs --------------------------------------------------------------------------------------------------

@@ -13,8 +13,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from rotorfit.campaigns.joint_errors import FittedRun, JointErrors, OwnErrors, joint_errors
 from rotorfit.campaigns.runs import Run, RunFit, Workers, curvature, fit_run
-from rotorfit.estimators.schur import Curvature, Parts, inverse_information
+from rotorfit.estimators.schur import Curvature, Parts, inverse_information, shared_covariance
 from rotorfit.fitting.result import FittedParameter
 from rotorfit.fitting.settings import FitSettings
 from rotorfit.models import RotorModel
@@ -25,7 +26,7 @@ _ROUNDS = 30
 _SETTLED = 1e-4  # of a standard error: a step that changes nothing any more
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Shared:
     """Joint fit of a campaign: the runs, and what they share.
 
@@ -42,7 +43,7 @@ class Shared:
     success: bool
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class _Profile:
     """Cost as a function of the shared parameters, at one point."""
 
@@ -50,8 +51,8 @@ class _Profile:
     gradient: Float
     information: Float
     size: Float  # information that each would have, were all others known: what counts as none is judged against it
-    pictures: list[Curvature | str]
     fits: list[RunFit]
+    fitted: dict[int, FittedRun]  # by the number of the run, those that could be fitted
 
 
 def fit_shared(
@@ -93,15 +94,8 @@ def fit_shared(
         if there.cost > here.cost * (1 + 1e-12):
             break
         phi, here = phi + factor * step, there
-    return _finish(
-        workers.model,
-        names,
-        phi,
-        here,
-        inverse_information(here.information, here.size, names),
-        settled,
-        (lower, upper),
-    )
+    errors = joint_errors(workers, list(here.fitted.values()), names)
+    return _finish(workers.model, names, phi, here, errors, settled, (lower, upper))
 
 
 def _limits(model: RotorModel, name: str, settings: FitSettings) -> tuple[float, float]:
@@ -131,15 +125,13 @@ def _first(
         raise ValueError(f"no run of the campaign can be fitted; the first one: {fits[0].message}")
     options = [{"settings": settings, "at": {n: fit.params[n].value for n in fit.var_names}} for _, fit in usable]
     pictures = workers(curvature, [run for run, _ in usable], options)
-    information, size, pull = np.zeros((len(names), len(names))), np.zeros(len(names)), np.zeros(len(names))
-    for picture in pictures:
-        if isinstance(picture, Curvature):
-            parts = Parts.of(picture, names)
-            information += parts.schur
-            size += parts.size
-            # The minimum of the picture lies a Newton step from where it was taken.
-            pull += parts.schur @ picture.x[parts.shared] - parts.gradient
-    return inverse_information(information, size, names) @ pull
+    taken = [picture for picture in pictures if isinstance(picture, Curvature)]
+    if not taken:
+        raise ValueError(f"no run tells anything of the shared parameters; the first one: {pictures[0]}")
+    parts = [Parts.of(picture, names) for picture in taken]
+    # The minimum of each picture lies a Newton step from where it was taken.
+    pulls = [p.schur @ picture.x[p.shared] - p.gradient for p, picture in zip(parts, taken, strict=True)]
+    return np.asarray(shared_covariance(parts, names) @ np.sum(pulls, axis=0))
 
 
 def _profile(
@@ -167,21 +159,24 @@ def _profile(
         for number in usable
     ]
     found = dict(zip(usable, workers(curvature, [runs[number] for number in usable], options), strict=True))
-    pictures = [found.get(number, "not fitted") for number in range(len(runs))]
-    cost, gradient, information, size = (
-        0.0,
-        np.zeros(phi.size),
-        np.zeros((phi.size, phi.size)),
-        np.zeros(phi.size),
+    fitted = {
+        number: FittedRun(run=runs[number], fit=fits[number], picture=picture, options=option)
+        for (number, picture), option in zip(found.items(), options, strict=True)
+        if isinstance(picture, Curvature)
+    }
+    if not fitted:
+        raise ValueError(
+            f"no run of the campaign tells anything of the shared parameters: {next(iter(found.values()))}"
+        )
+    parts = [Parts.of(item.picture, names) for item in fitted.values()]
+    return _Profile(
+        cost=sum(item.picture.cost for item in fitted.values()),
+        gradient=np.sum([part.gradient for part in parts], axis=0),
+        information=np.sum([part.schur for part in parts], axis=0),
+        size=np.sum([part.size for part in parts], axis=0),
+        fits=fits,
+        fitted=fitted,
     )
-    for picture in pictures:
-        if isinstance(picture, Curvature):
-            parts = Parts.of(picture, names)
-            cost += picture.cost
-            gradient += parts.gradient
-            information += parts.schur
-            size += parts.size
-    return _Profile(cost, gradient, information, size, pictures, fits)
 
 
 def _finish(
@@ -189,45 +184,29 @@ def _finish(
     names: Sequence[str],
     phi: Float,
     profile: _Profile,
-    covar: Float,
+    errors: JointErrors,
     settled: bool,
     limits: tuple[Float, Float],
 ) -> Shared:
-    """Errors of the joint fit: the runs' own parameters inherit those of the shared ones."""
-    used = [fit for fit in profile.fits if fit.params]
-    free = sum(fit.ndata - len(fit.var_names) for fit in used) - len(names)
-    redchi = sum(fit.chisqr for fit in used) / free if free > 0 else float("nan")
-    widening = max(1.0, redchi)
     shared = {}
     for i, name in enumerate(names):
         parameter = model.parameter(name)
-        error, low, high = float(np.sqrt(covar[i, i])), float(limits[0][i]), float(limits[1][i])
+        low, high = float(limits[0][i]), float(limits[1][i])
         shared[name] = FittedParameter(
-            name, float(phi[i]), error * float(np.sqrt(widening)), error, float(phi[i]), parameter.unit,
-            parameter.meaning, low, high, True, at_bound=bool(min(phi[i] - low, high - phi[i]) <= 1e-7 * abs(phi[i])),
+            name, float(phi[i]), float(np.sqrt(errors.covar[i, i])), float(np.sqrt(errors.noise[i, i])), float(phi[i]),
+            parameter.unit, parameter.meaning, low, high, True,
+            at_bound=bool(min(phi[i] - low, high - phi[i]) <= 1e-7 * abs(phi[i])),
         )  # fmt: skip
-    runs = [
-        _with_shared_errors(fit, picture, names, covar, widening)
-        for fit, picture in zip(profile.fits, profile.pictures, strict=True)
-    ]
-    return Shared(tuple(runs), shared, covar * widening, settled)
+    runs = list(profile.fits)
+    for number, own in zip(profile.fitted, errors.own, strict=True):
+        runs[number] = _with_errors(runs[number], own, names)
+    return Shared(runs=tuple(runs), params=shared, covar=errors.covar, success=settled)
 
 
-def _with_shared_errors(
-    fit: RunFit, picture: Curvature | str, names: Sequence[str], covar: Float, widening: float
-) -> RunFit:
-    if not isinstance(picture, Curvature):
-        return fit
-    follow = Parts.of(picture, names).follow
-    own = [name for name in picture.names if name not in names]
-    order = [own.index(name) for name in fit.var_names]
-    added = (follow @ covar @ follow.T)[np.ix_(order, order)]
+def _with_errors(fit: RunFit, errors: OwnErrors, names: Sequence[str]) -> RunFit:
     params = {name: parameter for name, parameter in fit.params.items() if name not in names}
     for i, name in enumerate(fit.var_names):
-        old = params[name]
-        params[name] = replace(
-            old,
-            stderr=float(np.hypot(old.stderr, np.sqrt(added[i, i] * widening))),
-            stderr_noise=float(np.hypot(old.stderr_noise, np.sqrt(added[i, i]))),
-        )
-    return replace(fit, params=params, covar=fit.covar + added * widening)
+        if params[name].resolved:
+            error, noise = np.sqrt(errors.covar[i, i]), np.sqrt(errors.noise[i, i])
+            params[name] = replace(params[name], stderr=float(error), stderr_noise=float(noise))
+    return replace(fit, params=params, covar=errors.covar)

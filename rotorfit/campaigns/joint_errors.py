@@ -1,0 +1,129 @@
+"""Errors of a campaign with shared parameters: those of the joint fit, from what each run says by itself."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotorfit.campaigns.runs import Run, RunFit, Workers, bends_of, scatter_of
+from rotorfit.estimators.covariance import widening
+from rotorfit.estimators.schur import Curvature, Parts, shared_covariance
+
+Float = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class OwnErrors:
+    """Covariances of one run's own parameters, in the order of its ``var_names``, shapes ``(q, q)``.
+
+    Attributes:
+        noise: as the noise alone makes it.
+        covar: widened for a model that does not fit.
+    """
+
+    noise: Float
+    covar: Float
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class JointErrors:
+    """Covariances of the joint fit.
+
+    Attributes:
+        noise, covar: of the shared parameters, as in :class:`OwnErrors`, shapes ``(s, s)``.
+        own: of each run's own parameters.
+    """
+
+    noise: Float
+    covar: Float
+    own: tuple[OwnErrors, ...]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class FittedRun:
+    """A run at the solution of the joint fit.
+
+    Attributes:
+        run: its data.
+        fit: its own parameters, fitted with the shared ones known.
+        picture: its cost around the solution, by own and shared parameters.
+        options: settings and point that the picture was taken with, for the workers.
+    """
+
+    run: Run
+    fit: RunFit
+    picture: Curvature
+    options: dict[str, Any]
+
+
+def joint_errors(workers: Workers, fitted: Sequence[FittedRun], names: Sequence[str]) -> JointErrors:
+    """Errors of the joint fit to all runs.
+
+    Args:
+        workers: what does the work.
+        fitted: the runs that could be fitted.
+        names: shared parameters.
+
+    Raises:
+        ValueError: the runs do not determine the shared parameters.
+    """
+    if fitted[0].options["settings"].loss != "linear":
+        return _of_robust_loss(workers, fitted, names)
+    free = sum(item.fit.ndata - len(item.fit.var_names) for item in fitted) - len(names)
+    redchi = sum(item.fit.chisqr for item in fitted) / free if free > 0 else float("nan")
+    noise, added = _by_squares(fitted, names, 1.0)
+    covar, wide = _by_squares(fitted, names, 1 / widening(redchi, "linear"))
+    own = []
+    for item, more, more_wide in zip(fitted, added, wide, strict=True):
+        variance = [item.fit.params[name].stderr_noise ** 2 for name in item.fit.var_names]
+        own.append(OwnErrors(noise=np.diag(variance) + more, covar=item.fit.covar + more_wide))
+    return JointErrors(noise=noise, covar=covar, own=tuple(own))
+
+
+def _by_squares(fitted: Sequence[FittedRun], names: Sequence[str], factor: float) -> tuple[Float, list[Float]]:
+    """Covariance of the shared parameters, and what it adds to each run's own; ``factor`` is on the information."""
+    parts = [Parts.of(item.picture.scaled(factor), names) for item in fitted]
+    covar = shared_covariance(parts, names)
+    return covar, [
+        _own_order(item, names, part.follow @ covar @ part.follow.T) for item, part in zip(fitted, parts, strict=True)
+    ]
+
+
+def _of_robust_loss(workers: Workers, fitted: Sequence[FittedRun], names: Sequence[str]) -> JointErrors:
+    """The sandwich of :func:`rotorfit.estimators.covariance.information`, put together from the runs.
+
+    Its filling is the scatter of each run's slope, which reaches the shared parameters directly and through those of
+    the run's own that follow them. The scatter already shows a model that does not fit: nothing is widened.
+    """
+    runs, options = [item.run for item in fitted], [item.options for item in fitted]
+    found = workers(bends_of, runs, options)
+    bend = float(np.mean(np.concatenate([bends for bends, _ in found])))
+    pictures = [
+        replace(item.picture, matrix=squares + np.diag(item.picture.prior)).scaled(bend)
+        for item, (_, squares) in zip(fitted, found, strict=True)
+    ]
+    parts = [Parts.of(picture, names) for picture in pictures]
+    inverse = shared_covariance(parts, names)
+    inverses = [part.covariance(inverse) for part in parts]
+    asked = [{**option, "bend": bend, "covar": covar} for option, covar in zip(options, inverses, strict=True)]
+    scatters = workers(scatter_of, runs, asked)
+    reached = [part.reach().T @ scatter @ part.reach() for part, scatter in zip(parts, scatters, strict=True)]
+    filling = np.sum(reached, axis=0)
+    own = []
+    for item, part, scatter, direct in zip(fitted, parts, scatters, reached, strict=True):
+        pull, follow = part.pull(inverse), part.follow @ inverse
+        matrix = _own_order(item, names, pull @ scatter @ pull.T + follow @ (filling - direct) @ follow.T)
+        own.append(OwnErrors(noise=matrix, covar=matrix))
+    covar = inverse @ filling @ inverse
+    return JointErrors(noise=covar, covar=covar, own=tuple(own))
+
+
+def _own_order(item: FittedRun, names: Sequence[str], matrix: Float) -> Float:
+    """A matrix of own parameters in the order of the fit."""
+    own = [name for name in item.picture.names if name not in names]
+    order = [own.index(name) for name in item.fit.var_names]
+    return np.asarray(matrix[np.ix_(order, order)])
