@@ -24,6 +24,7 @@ from rotorfit.estimators.observations import Block
 from rotorfit.estimators.parameter_space import ParameterSpace
 from rotorfit.estimators.priors import Prior
 from rotorfit.estimators.problem import Problem
+from rotorfit.estimators.shaft_line_starts import has_lines, line_start
 from rotorfit.models.parameters import unknown_name
 
 Float = NDArray[np.float64]
@@ -76,6 +77,8 @@ def _guess(problem: Problem) -> tuple[Float, tuple[str, ...]]:
     Sharp resonances between coarse lines leave local minima right beside the global one: a start has to be near. Where
     none of the closed forms explains the data, the one from which a short optimisation gets furthest is taken.
     """
+    if has_lines(problem):
+        return line_start(problem), ()
     if not is_plain_linear(problem):
         return _nonlinear_guess(problem)
     try:

@@ -16,6 +16,7 @@ if TYPE_CHECKING:  # `as` tells type checkers that these names are for users
     from rotorfit.data.experiments import CoefficientTable as CoefficientTable
     from rotorfit.data.experiments import DisplacementTest as DisplacementTest
     from rotorfit.data.experiments import ImpulseTest as ImpulseTest
+    from rotorfit.data.experiments import LineTest as LineTest
     from rotorfit.data.experiments import PerturbationTest as PerturbationTest
     from rotorfit.data.experiments import RingDownTest as RingDownTest
     from rotorfit.data.experiments import StaticTest as StaticTest
@@ -44,6 +45,7 @@ if TYPE_CHECKING:  # `as` tells type checkers that these names are for users
     from rotorfit.recordings.recording import read_recording as read_recording
     from rotorfit.recordings.responses import responses as responses
     from rotorfit.recordings.setup import RigSetup as RigSetup
+    from rotorfit.recordings.shaft_lines import shaft_lines as shaft_lines
     from rotorfit.report.write import write_report as write_report
     from rotorfit.simulation.simulate import simulate as simulate
     from rotorfit.uncertainty.bootstrap import Bootstrap as Bootstrap
@@ -61,6 +63,8 @@ _HOME = {
     "Campaign": "rotorfit.campaigns.campaign",
     "campaign": "rotorfit.campaigns.campaign",
     "CoefficientTable": "rotorfit.data.experiments",
+    "LineTest": "rotorfit.data.experiments",
+    "shaft_lines": "rotorfit.recordings.shaft_lines",
     "ImpulseTest": "rotorfit.data.experiments",
     "RingDownTest": "rotorfit.data.experiments",
     "StaticTest": "rotorfit.data.experiments",

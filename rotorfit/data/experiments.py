@@ -352,7 +352,58 @@ class CoefficientTable(_Rows):
         self._check_lengths()
 
 
-Experiment = PerturbationTest | DisplacementTest | StaticTest | ImpulseTest | RingDownTest | CoefficientTable
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
+class LineTest(_Rows):
+    """Spectral lines of a rotor whose stiffness turns with it, and of its twist: one row is one line of one signal.
+
+    A force at w makes motion at w, at its image 2 Om - w, and twist at w - Om, w - 2 Om, ...; lines without a force
+    (1x, 2x) stand in rows with force zero.
+
+    Attributes:
+        run: name of the run, shape ``(R,)`` like all that follow.
+        speed: rotative speed Om, rad/s.
+        frequency: perturbation frequency w, rad/s, signed; zero where there is no force.
+        force_plane: plane of the force.
+        force: ``F exp(j delta)`` of eq. (2), N.
+        plane: plane of the reading.
+        direction: ``z`` (lateral, x + jy) or ``twist``.
+        line: name of the line: ``w``, ``2Om-w``, ``1x``, ``2x``, ... or of the twist ``w-Om``, ``w-2Om``, ``2w-2Om``.
+        response: complex amplitude relative to ``exp(j nu t)``, nu the line's signed frequency, m or rad; of the twist
+            ``phi = Re(response exp(j nu t))``.
+        sigma: standard deviation of its real and of its imaginary part, NaN if unknown.
+    """
+
+    title: ClassVar[str] = "line test"
+
+    run: Text
+    speed: Float
+    frequency: Float
+    force_plane: Text
+    force: ComplexArray
+    plane: Text
+    direction: Text
+    line: Text
+    response: ComplexArray
+    sigma: Float
+
+    def __post_init__(self) -> None:
+        self._check_lengths()
+        unknown = sorted(set(self.direction.tolist()) - {"z", "twist"})
+        if unknown:
+            raise ValueError(f"{self.source or 'the test'}: direction {unknown} unknown; allowed: z, twist")
+
+    @property
+    def planes(self) -> tuple[str, ...]:
+        """Measured planes in order of appearance."""
+        return tuple(dict.fromkeys(self.plane.tolist()))
+
+    @property
+    def force_planes(self) -> tuple[str, ...]:
+        """Planes of the force in order of appearance."""
+        return tuple(dict.fromkeys(self.force_plane.tolist()))
+
+
+Experiment = PerturbationTest | DisplacementTest | StaticTest | ImpulseTest | RingDownTest | CoefficientTable | LineTest
 
 
 def perturbation_test(

@@ -12,6 +12,7 @@ from rotorfit.data.experiments import (
     DisplacementTest,
     Experiment,
     ImpulseTest,
+    LineTest,
     PerturbationTest,
     RingDownTest,
     StaticTest,
@@ -21,9 +22,10 @@ from rotorfit.estimators.noise import noise_from_smoothness
 from rotorfit.estimators.nonlinear import OrbitResponses
 from rotorfit.estimators.observations import Block, Responses
 from rotorfit.estimators.small_motion import FreeVibrations, OffCentreResponses
-from rotorfit.models import RotorModel
+from rotorfit.models import AnisotropicShaft, RotorModel
 from rotorfit.models.journal import journal
 from rotorfit.observing.circular import lines_of, observe
+from rotorfit.observing.shaft_lines import lines_of_test, main_lines
 
 Float = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
@@ -57,6 +59,8 @@ def observe_any(model: RotorModel, experiment: Experiment, group: Index) -> Bloc
             block = _impulses(model, ring_down_modes(experiment), group[np.sort(first)])
         case CoefficientTable():
             block = _coefficients(model, experiment, group)
+        case LineTest():
+            block = lines_of_test(model, experiment, group)
         case DisplacementTest():
             block = _imposed(model, observe(model, experiment, group))
         case _:
@@ -65,6 +69,8 @@ def observe_any(model: RotorModel, experiment: Experiment, group: Index) -> Bloc
 
 
 def _forced(model: RotorModel, test: PerturbationTest, group: Index) -> Block:
+    if isinstance(model, AnisotropicShaft):
+        return main_lines(model, observe(model, test, group))
     if not model.eccentricity_dependent:
         return observe(model, test, group)
     position = test.static_position

@@ -1,0 +1,173 @@
+"""Where a fit to spectral lines begins: linear least squares, line after line."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotorfit.estimators.problem import Problem
+from rotorfit.estimators.shaft_lines import LineResponses
+from rotorfit.models.combination_lines import Order
+
+Float = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+
+_ROUNDS = 4
+"""Rounds of reweighting: an equation error is weighed by the stiffness that it was multiplied with."""
+
+
+def has_lines(problem: Problem) -> bool:
+    """Whether spectral lines are among what is fitted."""
+    return any(isinstance(block, LineResponses) for block in problem.blocks)
+
+
+def line_start(problem: Problem) -> Float:
+    """Start values of the fitted parameters, shape ``(p,)``; typical sizes where the lines do not tell."""
+    space = problem.space
+    model = space.model
+    values = {name: model.parameter(name).scale for name in model.parameter_names}
+    values |= dict.fromkeys(("dKc", "dKs", "ec", "es", "Px", "Py"), 0.0)
+    known = np.asarray((space.index < 0).all(axis=0)).tolist()
+    template = dict(zip(model.parameter_names, space.template[0].tolist(), strict=True))
+    fixed = {name: template[name] for name, is_known in zip(model.parameter_names, known, strict=True) if is_known}
+    readings = _Readings([block for block in problem.blocks if isinstance(block, LineResponses)])
+    for step in (_round_part, _image, _unbalance, _side_load, _torsion):
+        values |= step(readings, values | fixed)
+        values |= fixed
+    return np.array([values[name] for name in space.base])
+
+
+class _Readings:
+    """Readings of all blocks by kind of line: frequency, speed, force, response, sigma."""
+
+    def __init__(self, blocks: list[LineResponses]) -> None:
+        self.kinds: dict[tuple[str, Order], list[NDArray[np.complex128]]] = {}
+        for block in blocks:
+            for direction, order, rows in block.kinds():
+                parts = (block.frequency, block.speed, block.force, block.measured, block.sigma)
+                table = np.array([np.asarray(part[rows], dtype=complex) for part in parts])
+                self.kinds.setdefault((direction, order), []).append(table)
+
+    def of(self, direction: str, order: Order) -> tuple[Float, Float, ComplexArray, ComplexArray, Float] | None:
+        """Columns of a kind of line, None where it was not measured."""
+        if (direction, order) not in self.kinds:
+            return None
+        w, speed, force, response, sigma = np.concatenate(self.kinds[direction, order], axis=1)
+        return w.real, speed.real, force, response, sigma.real
+
+
+def _solve(columns: ComplexArray, right: ComplexArray, weight: Float) -> Float:
+    """Real least squares on complex equations, columns of shape ``(p, R)``."""
+    matrix, target = (columns * weight).T, right * weight
+    stacked = np.concatenate([matrix.real, matrix.imag])
+    size = np.linalg.norm(stacked, axis=0)
+    size[size == 0] = 1.0
+    return np.asarray(np.linalg.lstsq(stacked / size, np.concatenate([target.real, target.imag]), rcond=None)[0] / size)
+
+
+def _kappa(values: dict[str, float], w: Float) -> ComplexArray:
+    return np.asarray(values["K"] + 1j * w * values["D"] - values["M"] * w**2)
+
+
+def _delta(values: dict[str, float]) -> complex:
+    return complex(values["dKc"], values["dKs"])
+
+
+def _round_part(readings: _Readings, values: dict[str, float]) -> dict[str, float]:
+    """K, D and M of ``kappa(w) A = F``, the image's share in it left out."""
+    found = readings.of("z", (1, 0))
+    if found is None or found[0].size < 2:
+        return {}
+    w, _, force, response, sigma = found
+    weight = 1 / sigma
+    K = D = M = 0.0
+    for _ in range(_ROUNDS):
+        K, D, M = _solve(np.array([response, 1j * w * response, -(w**2) * response]), force, weight).tolist()
+        weight = 1 / (sigma * np.abs(K + 1j * w * D - M * w**2))
+    return {"K": K, "D": D, "M": abs(M)}
+
+
+def _image(readings: _Readings, values: dict[str, float]) -> dict[str, float]:
+    """``kappa(2 Om - w) B + delta conj(A) = 0``."""
+    found = readings.of("z", (-1, 0))
+    if found is None:
+        return {}
+    w, speed, force, response, sigma = found
+    share = -(force / _kappa(values, w)).conj() / _kappa(values, 2 * speed - w)
+    c, s = _solve(np.array([share, 1j * share]), response, 1 / sigma).tolist()
+    return {"dKc": c, "dKs": s}
+
+
+def _unbalance(readings: _Readings, values: dict[str, float]) -> dict[str, float]:
+    """``kappa(Om) U + delta conj(U) = M eps Om^2``."""
+    found = readings.of("z", (0, 0))
+    if found is None:
+        return {}
+    _, speed, _, U, _ = found
+    eps = np.mean((_kappa(values, speed) * U + _delta(values) * U.conj()) / (values["M"] * speed**2))
+    return {"ec": float(eps.real), "es": float(eps.imag)}
+
+
+def _side_load(readings: _Readings, values: dict[str, float]) -> dict[str, float]:
+    """The sag itself, or ``kappa(2 Om) S2 + delta conj(S) = 0``; ``P = K S + delta conj(S2)``."""
+    sag, twice, delta = readings.of("z", (0, -1)), readings.of("z", (0, 1)), _delta(values)
+    if sag is not None:
+        load = values["K"] * np.mean(sag[3])
+    elif twice is not None and delta:
+        S = (-_kappa(values, 2 * twice[1]) * twice[3] / delta).conj()
+        load = np.mean(values["K"] * S + delta * twice[3].conj())
+    else:
+        return {}
+    return {"Px": float(load.real), "Py": float(load.imag)}
+
+
+def _torsion(readings: _Readings, values: dict[str, float]) -> dict[str, float]:
+    """``(nu_t^2 - nu^2 + 2j zeta_t nu_t nu) Phi = T/J``, the torque of each kind of line known but for a factor.
+
+    At w - Om the torque is that of the unbalance, ``-j M w^2 A conj(eps)``; at w - 2 Om that of the sag S,
+    ``2j conj(delta) A S``; at 2(w - Om) it is ``j conj(delta) A^2``, free of both, and tells J.
+    """
+    delta = _delta(values)
+    shapes: list[tuple[Float, ComplexArray, Float, ComplexArray, int]] = []
+    for place, order in enumerate([(1, 0), (1, -1), (2, 0)]):
+        found = readings.of("twist", order)
+        if found is None or (place and not delta):
+            continue
+        w, speed, force, response, sigma = found
+        A = force / _kappa(values, w)
+        torque = (-1j * values["M"] * w**2 * A, 2j * delta.conjugate() * A, 1j * delta.conjugate() * A**2)[place]
+        shapes.append((order[0] * (w - speed) + order[1] * speed, response, sigma, torque, place))
+    if not shapes:
+        return {}
+    nu = np.concatenate([shape[0] for shape in shapes])
+    response, sigma = (np.concatenate([shape[i] for shape in shapes]) for i in (1, 2))
+    columns = [response, 1j * nu * response]
+    for i in range(len(shapes)):
+        own = np.concatenate([other[3] if i == k else 0 * other[3] for k, other in enumerate(shapes)])
+        columns += [-own, -1j * own]
+    weight = 1 / (sigma * np.abs(nu) ** 2)
+    square, damping, *factors = (0.0, 0.0)
+    for _ in range(_ROUNDS):
+        square, damping, *factors = _solve(np.array(columns), nu**2 * response, weight).tolist()
+        weight = 1 / (sigma * np.abs(square - nu**2 + 1j * nu * damping))
+    pairs = {shape[4]: complex(*factors[2 * i : 2 * i + 2]) for i, shape in enumerate(shapes)}
+    return _of_twist(values, max(square, 1.0), abs(damping), pairs)
+
+
+def _of_twist(values: dict[str, float], square: float, damping: float, factors: dict[int, complex]) -> dict[str, float]:
+    """Parameters of ``nu_t^2``, ``2 zeta_t nu_t`` and conj(eps)/J, S/J and 1/J, as far as they were found."""
+    eps, load = complex(values["ec"], values["es"]), complex(values["Px"], values["Py"])
+    J = values["J"]
+    if 2 in factors and factors[2].real > 0:
+        J = 1 / factors[2].real
+    elif 0 in factors and eps and factors[0]:
+        J = abs(eps / factors[0])
+    nu = float(np.sqrt(square))
+    found = {"J": J, "nu_t": nu, "zeta_t": damping / (2 * nu), "kt": J * square, "ct": J * damping}
+    if 0 in factors and not eps:
+        eps = (factors[0] * J).conjugate()
+        found |= {"ec": eps.real, "es": eps.imag}
+    if 1 in factors and not load:
+        load = factors[1] * J * values["K"]
+        found |= {"Px": load.real, "Py": load.imag}
+    return {name: value for name, value in found.items() if name in values}

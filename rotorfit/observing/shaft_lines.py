@@ -1,0 +1,99 @@
+"""From line tests, and perturbation tests of a shaft that is not round, to observations."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotorfit.data.experiments import LineTest
+from rotorfit.estimators.observations import Responses
+from rotorfit.estimators.shaft_lines import LineResponses
+from rotorfit.models import AnisotropicShaft, RotorModel
+from rotorfit.models.combination_lines import line_order
+
+Index = NDArray[np.intp]
+
+
+def lines_of_test(model: RotorModel, test: LineTest, group: Index) -> LineResponses:
+    """Observations of a line test.
+
+    Args:
+        model: the shaft.
+        test: what was measured.
+        group: parameter group of each row.
+
+    Raises:
+        ValueError: a model without lines, lines or planes that it does not have, readings that are not finite, or
+            without noise.
+    """
+    where = test.source or test.title
+    if not isinstance(model, AnisotropicShaft):
+        raise ValueError(f"{where} has combination lines, which {model.name} does not have; use AnisotropicShaft")
+    planes = sorted({*test.planes, *test.force_planes} - set(model.planes))
+    if planes:
+        raise ValueError(
+            f"{where} has the plane {', '.join(planes)}, {model.name} has {', '.join(model.planes)}; map the name with "
+            f"AnisotropicShaft(planes=({planes[0]!r},))"
+        )
+    for direction, line in dict.fromkeys(zip(test.direction.tolist(), test.line.tolist(), strict=True)):
+        line_order(direction, line)
+    if model.torsion is None and (test.direction == "twist").any():
+        raise ValueError(f"{where} has readings of the twist, the model has none; use AnisotropicShaft() with torsion")
+    columns = (test.speed, test.frequency, test.force, test.response)
+    bad = ~np.logical_and.reduce([np.isfinite(column) for column in columns])
+    if bad.any():
+        rows = ", ".join(str(row + 1) for row in np.flatnonzero(bad)[:8])
+        raise ValueError(f"{where}: {bad.sum()} rows are not finite ({rows}); remove them")
+    if not (test.sigma > 0).all():
+        raise ValueError(f"{where}: the noise of {np.sum(~(test.sigma > 0))} readings is not known; give their sigma")
+    names = zip(test.run.tolist(), test.plane.tolist(), test.direction.tolist(), test.line.tolist(), strict=True)
+    titles = [f"{run} / {'twist' if way == 'twist' else plane} {line}" for run, plane, way, line in names]
+    labels = tuple(dict.fromkeys(titles))
+    number = {title: i for i, title in enumerate(labels)}
+    return LineResponses(
+        model=model,
+        speed=test.speed,
+        frequency=test.frequency,
+        force=np.where(test.frequency < 0, test.force.conj(), test.force),
+        direction=test.direction,
+        line=test.line,
+        reading_group=group,
+        measured=test.response,
+        sigma=test.sigma,
+        label=np.array([number[title] for title in titles], dtype=np.intp),
+        labels=labels,
+        run=test.run,
+    )
+
+
+def main_lines(model: AnisotropicShaft, base: Responses) -> LineResponses:
+    """Responses to circular forces as lines at w, the image at 2 Om - w not having been measured.
+
+    Args:
+        model: the shaft.
+        base: the responses in its coordinate.
+
+    Raises:
+        ValueError: responses at the rotative speed, where line and image are one.
+    """
+    line = base.line
+    synchronous = np.abs(base.frequency - base.speed) <= 1e-4 * np.abs(base.speed)
+    if synchronous.any():
+        raise ValueError(
+            f"{model.name}: at w = Om a line and its image 2 Om - w are one; give synchronous responses as line 1x of "
+            "a LineTest, or leave them out"
+        )
+    return LineResponses(
+        model=model,
+        speed=base.speed[line],
+        frequency=base.frequency[line],
+        force=base.force[line, 0],
+        direction=np.full(line.size, "z"),
+        line=np.full(line.size, "w"),
+        reading_group=base.reading_group,
+        measured=base.measured,
+        sigma=base.sigma,
+        label=base.label,
+        labels=base.labels,
+        run=base.run,
+    )

@@ -1,0 +1,258 @@
+"""From recordings of a perturbed shaft that is not round to its spectral lines: lateral motion, images and twist.
+
+Each line is the answer to a drive of its own, made of the force f and the shaft's angle theta: f for the line at w,
+``conj(f) exp(2j theta)`` for the image at 2 Om - w, ``f exp(-j n theta)`` for the twist at w - n Om. Local fits of the
+spectra (:mod:`rotorfit.estimators.local_response`) take all drives of a signal at once, so that lines that cross at
+different times of a sweep do not disturb each other.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotorfit.data.experiments import LineTest
+from rotorfit.estimators.local_response import RecordSpectra, local_response
+from rotorfit.models.combination_lines import LATERAL, TWIST, Order
+from rotorfit.recordings.recording import Recording
+
+Float = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+
+_ORDERS = range(-4, 5)
+"""Orders of the shaft taken out of every signal: run-out, unbalance, sag."""
+_INSIDE = 0.02
+"""Share of the swept band at each end in which the force is not yet fully there."""
+_WORTHLESS = 10.0
+"""Times the median error beyond which a reading is left out, in bands that the drive hardly reached."""
+_NEAR = 40
+"""Spectral lines to each side of an order that tell its noise."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Swept:
+    """A recording with its angles: what the drives are made of.
+
+    Attributes:
+        name: of the run.
+        plane: of probes and force.
+        time: s.
+        force: complex force, N.
+        turn: ``exp(j theta)``.
+        speed: mean rotative speed, rad/s.
+        low, high: ends of the sweep, signed w ascending, rad/s.
+        mr: unbalance, kg m.
+        angle_error: standard error of the perturbator's angle over its speed, s.
+        freedom: values that the perturbator's angle follows independently over the sweep.
+    """
+
+    name: str
+    plane: str
+    time: Float
+    force: ComplexArray
+    turn: ComplexArray
+    speed: float
+    low: float
+    high: float
+    mr: float
+    angle_error: float
+    freedom: float
+
+
+def shaft_lines(records: Recording | Sequence[Recording], *, runout_um: float | None = None) -> LineTest:
+    """Spectral lines of swept perturbation tests of a shaft that is not round.
+
+    Args:
+        records: recordings of one rig with the marks of shaft and perturbator, the motion of one plane in x and y, and
+            as far as measured the twist.
+        runout_um: plausible size of the run-out of the shaft at 1x and 2x, micrometres 0-peak. It becomes the error of
+            the lines 1x and 2x, which tell eccentricity and side load; by default these are left out.
+
+    Returns:
+        lines ``w`` and ``2Om-w`` of the motion, ``w-Om`` and ``w-2Om`` of the twist, with their noise.
+
+    Raises:
+        ValueError: a recording without what this needs; the message says what.
+    """
+    several = (records,) if isinstance(records, Recording) else tuple(records)
+    if not several:
+        raise ValueError("no recordings: give at least one")
+    if runout_um is not None and not (np.isfinite(runout_um) and runout_um >= 0):
+        raise ValueError(f"runout_um is the size of the run-out, zero or more, not {runout_um}")
+    parts = [part for record in several for part in _lines_of(record, runout_um)]
+    columns: dict[str, Any] = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+    return LineTest(source=", ".join(record.path.name for record in several), **columns)
+
+
+def _lines_of(record: Recording, runout_um: float | None) -> list[dict[str, NDArray[Any]]]:
+    swept = _swept(record)
+    motion = record.motion(swept.plane)
+    if not np.iscomplexobj(motion):
+        raise ValueError(f"{record.name}: {swept.plane} has one probe; lines and images need motion in x and in y")
+    f, turn = swept.force, swept.turn
+    found = _fit(record, swept, motion, "z", {"w": f, "2Om-w": f.conj() * turn**2})
+    if runout_um is not None:
+        found += [_steady(record, swept, motion, name, runout_um * 1e-6) for name in ("1x", "2x")]
+    twist = record.rig.twist
+    if twist is not None and twist.channel:
+        phi = record.channel(twist.channel) / float(twist.sensitivity or 1.0)
+        whirl = _band_passed(motion, swept)
+        drives = {"w-Om": f / turn, "w-2Om": f / turn**2, "2w-2Om": whirl**2 / turn**2}
+        # phi = Re(Phi exp(j nu t)) has half of Phi at +nu.
+        found += _fit(record, swept, 2.0 * phi, "twist", drives)
+    return _with_angle_errors(swept, found)
+
+
+def _swept(record: Recording) -> _Swept:
+    """Angles and force of a recording.
+
+    Raises:
+        ValueError: no perturbator's mark, no unbalance, or no shaft's mark.
+    """
+    force, perturbator = record.force, record.perturbator_angle()
+    if force is None or force.measured or perturbator is None:
+        raise ValueError(
+            f"{record.name}: combination lines need a perturbator with a mark: name its channel in [perturbator], and "
+            "its unbalance mr_kg_m and whirl in [force]"
+        )
+    time = np.arange(record.size) / record.sample_rate
+    shaft = record.shaft_angle()
+    rate, d = perturbator.speed(time), force.whirl
+    theta = shaft.angle(time)
+    turn = np.exp(1j * d * (perturbator.angle(time) + force.angle))
+    low, high = float(rate.min()), float(rate.max())
+    margin = _INSIDE * (high - low)
+    ends = sorted((d * (low + margin), d * (high - margin)))
+    return _Swept(
+        name=record.name,
+        plane=force.plane,
+        time=time,
+        force=force.mr * (rate**2 - 1j * d * perturbator.acceleration(time)) * turn,
+        turn=np.exp(1j * theta),
+        speed=float(theta[-1] - theta[0]) / float(time[-1] - time[0]),
+        low=ends[0],
+        high=ends[1],
+        mr=force.mr,
+        angle_error=perturbator.smooth.jitter * float(np.sqrt(perturbator.smooth.share)),
+        freedom=perturbator.smooth.share * perturbator.smooth.pulses,
+    )
+
+
+def _spectrum(signal: ComplexArray | Float) -> ComplexArray:
+    return np.asarray(np.fft.fftshift(np.fft.fft(signal)) / signal.size)
+
+
+def _frequencies(record: Recording) -> Float:
+    return np.asarray(2 * np.pi * np.fft.fftshift(np.fft.fftfreq(record.size, 1 / record.sample_rate)))
+
+
+def _band_passed(motion: ComplexArray, swept: _Swept) -> ComplexArray:
+    """The motion at w alone: the part of the spectrum that was swept."""
+    spectrum = np.fft.fft(motion)
+    w = 2 * np.pi * np.fft.fftfreq(motion.size, swept.time[1] - swept.time[0])
+    return np.asarray(np.fft.ifft(np.where((w >= swept.low) & (w <= swept.high), spectrum, 0.0)))
+
+
+def _order_of(direction: str, name: str) -> Order:
+    return (TWIST if direction == "twist" else LATERAL)[name]
+
+
+def _ends(direction: str, name: str, swept: _Swept) -> tuple[float, float]:
+    """Lowest and highest frequency that a line passes through."""
+    m, n = _order_of(direction, name)
+    shift = (n - m + (direction != "twist")) * swept.speed
+    low, high = sorted((m * swept.low + shift, m * swept.high + shift))
+    return low, high
+
+
+def _fit(
+    record: Recording, swept: _Swept, signal: ComplexArray | Float, direction: str, drives: Mapping[str, ComplexArray]
+) -> list[dict[str, NDArray[Any]]]:
+    """Lines of a signal, each with the drives that pass through its band; that at 2(w - Om) frees the others."""
+    w = _frequencies(record)
+    output, spectra = _spectrum(signal), {name: _spectrum(drive) for name, drive in drives.items()}
+    orders = np.array([_spectrum(swept.turn**k) for k in _ORDERS])
+    found = []
+    for name in drives:
+        if name == "2w-2Om":
+            continue
+        low, high = _ends(direction, name, swept)
+        others = [k for k in drives if k != name and _overlap((low, high), _ends(direction, k, swept))]
+        forces = np.array([spectra[k] for k in (name, *others)])
+        response = local_response(
+            [RecordSpectra(frequency=w, outputs=output[None], forces=forces, others=orders)], low, high
+        )
+        found.append(_rows(swept, direction, name, response.frequency, response.response[0, 0], response.sigma[0, 0]))
+    return found
+
+
+def _overlap(one: tuple[float, float], other: tuple[float, float]) -> bool:
+    return max(one[0], other[0]) < min(one[1], other[1])
+
+
+def _rows(
+    swept: _Swept, direction: str, name: str, nu: Float, response: ComplexArray, sigma: Float
+) -> dict[str, NDArray[Any]]:
+    """Rows of a line, its answer to a unit drive taken to the force at w."""
+    m, n = _order_of(direction, name)
+    w = (nu - (n - m + (direction != "twist")) * swept.speed) / m
+    force = np.asarray(swept.mr * w**2, dtype=complex)  # its angles are in the drives
+    response, sigma = response * force, sigma * np.abs(force)
+    known = sigma <= _WORTHLESS * np.median(sigma)
+    return _columns(swept, direction, name, w[known], force[known], response[known], sigma[known])
+
+
+def _columns(
+    swept: _Swept, direction: str, name: str, w: Float, force: ComplexArray, response: ComplexArray, sigma: Float
+) -> dict[str, NDArray[Any]]:
+    count = w.size
+    return {
+        "run": np.full(count, swept.name),
+        "speed": np.full(count, swept.speed),
+        "frequency": w,
+        "force_plane": np.full(count, swept.plane),
+        "force": force,
+        "plane": np.full(count, swept.plane),
+        "direction": np.full(count, direction),
+        "line": np.full(count, name),
+        "response": response,
+        "sigma": sigma,
+    }
+
+
+def _with_angle_errors(swept: _Swept, parts: list[dict[str, NDArray[Any]]]) -> list[dict[str, NDArray[Any]]]:
+    """Readings with the error of the perturbator's angle in their noise.
+
+    Pulses scatter, so the smooth angle is off, by the same amount on all lines that the sweep passes while it stays so.
+    Readings that share an error s of phase are given the extra variance ``n s^2`` each, n being how many of them count:
+    together they then know no more than the angle does.
+    """
+    w = np.abs(np.concatenate([part["frequency"] for part in parts]))
+    size = np.abs(np.concatenate([part["response"] for part in parts]))
+    sigma = np.concatenate([part["sigma"] for part in parts])
+    phase = (swept.angle_error * w) ** 2
+    weight = 1 / ((sigma / np.maximum(size, 1e-300)) ** 2 + np.maximum(phase, 1e-300))
+    width = (swept.high - swept.low) / max(swept.freedom, 1.0)
+    together = (np.abs(w[:, None] - w) < width / 2) & (w > 0)
+    sharing = (together @ weight) ** 2 / np.maximum(together @ weight**2, 1e-300)
+    wider = np.split(np.hypot(sigma, np.sqrt(sharing * phase) * size), np.cumsum([len(p["run"]) for p in parts])[:-1])
+    return [{**part, "sigma": own} for part, own in zip(parts, wider, strict=True)]
+
+
+def _steady(
+    record: Recording, swept: _Swept, motion: ComplexArray, name: str, runout: float
+) -> dict[str, NDArray[Any]]:
+    """A line that is locked to the shaft, over the whole record; its noise is that of the spectrum around it."""
+    order = {"1x": 1, "2x": 2}[name]
+    basis = swept.turn ** np.array(_ORDERS)[:, None]
+    amplitude = np.linalg.lstsq(basis.T, motion, rcond=None)[0][list(_ORDERS).index(order)]
+    w = _frequencies(record)
+    at = int(np.searchsorted(w, order * swept.speed))
+    near = np.abs(_spectrum(motion))[[*range(at - _NEAR, at - 4), *range(at + 5, at + _NEAR + 1)]]
+    sigma = float(np.hypot(np.median(near) / np.sqrt(2 * np.log(2)), runout / np.sqrt(2)))
+    none = np.zeros(1)
+    return _columns(swept, "z", name, none, none.astype(complex), np.array([amplitude]), np.array([sigma]))
