@@ -23,6 +23,7 @@ from rotorfit.models.stability import eigenvalue_gradient
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from rotorfit.fitting.anisotropy import TurningAnisotropy
     from rotorfit.fitting.calibration import Uncertainty
     from rotorfit.uncertainty.bootstrap import Bootstrap
     from rotorfit.uncertainty.budget import Budget
@@ -282,6 +283,12 @@ class FitResult:
                 )
             )
         return modes
+
+    def turning_anisotropy(self, *, level: float = 0.95, at: Mapping[str, Any] | None = None) -> TurningAnisotropy:
+        """dK, dK/K and the stiff direction of a shaft that is not round; see rotorfit.fitting.anisotropy."""
+        from rotorfit.fitting.anisotropy import turning_anisotropy
+
+        return turning_anisotropy(self, level=level, at=at)
 
     # ---- other measures of uncertainty, imported when asked for ------------------------------------------------------
 

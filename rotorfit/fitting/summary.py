@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from rotorfit.models import eigenvalues, unstable_bands
+
 if TYPE_CHECKING:
     from rotorfit.fitting.result import FitResult, FittedParameter
 
@@ -65,7 +67,18 @@ def notable_correlations(fit: FitResult) -> list[tuple[str, str, float]]:
     return sorted(found, key=lambda pair: -abs(pair[2]))[:8]
 
 
+def _turning_lines(fit: FitResult) -> list[str]:
+    """The turning anisotropy and the speeds at which it makes the shaft run away."""
+    found = [f"turning anisotropy: {fit.turning_anisotropy()}"]
+    theta, rpm = fit.theta(), 30 / np.pi
+    top = 3 * float(np.abs(eigenvalues(fit.model, theta, 0.0)).max())
+    bands = [f"{low * rpm:.1f} to {high * rpm:.1f} rpm" for low, high in unstable_bands(fit.model, theta, top)]
+    return [*found, "unstable by turning anisotropy: " + (", ".join(bands) if bands else "at no speed, it is damped")]
+
+
 def _stability_lines(fit: FitResult) -> list[str]:
+    if "dKc" in fit.model.parameter_names and fit.problem.space.index.shape[0] == 1:
+        return _turning_lines(fit)
     if not fit.model.speed_dependent or fit.problem.space.index.shape[0] > 1:
         return []
     onset = fit.threshold_speed()

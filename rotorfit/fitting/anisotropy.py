@@ -1,0 +1,185 @@
+"""Turning anisotropy of a fitted shaft: dK, its direction, and intervals that hold near zero, where dK has no sign.
+
+The fit knows ``v = dK (cos 2g, sin 2g)`` with a covariance. Of a round shaft the size of v comes out positive by noise
+alone, so that an interval of plus and minus standard errors would call one round shaft in seven anisotropic. The
+interval here holds every dK whose likelihood ratio is below what dK would exceed with the level's probability (Neyman's
+construction for Rice's distribution; Feldman and Cousins 1998): at dK = 0 that is chi-squared with two degrees of
+freedom, far from zero with one.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from rotorfit.fitting.result import FitResult, Quantity
+
+Float = NDArray[np.float64]
+
+_FAR = 12.0
+"""Standard deviations from zero beyond which Rice's distribution is a normal one."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class TurningAnisotropy:
+    """What a fit says of the turning anisotropy.
+
+    Attributes:
+        dK: half the difference of the two lateral stiffnesses, N/m.
+        ratio: dK/K.
+        angle: direction of the greater stiffness ahead of the Keyphasor mark, rad, between -pi/2 and pi/2; its standard
+            error is infinite where dK may be zero.
+        interval: of dK, N/m.
+        ratio_interval: of dK/K.
+        level: of both intervals.
+        significant: whether dK = 0 is outside.
+    """
+
+    dK: Quantity
+    ratio: Quantity
+    angle: Quantity
+    interval: tuple[float, float]
+    ratio_interval: tuple[float, float]
+    level: float
+
+    @property
+    def significant(self) -> bool:
+        """Whether the interval leaves out a round shaft."""
+        return self.interval[0] > 0
+
+    def __str__(self) -> str:
+        low, high = (100 * value for value in self.ratio_interval)
+        if not math.isfinite(high):
+            return "not determined by these data"
+        share = f"dK/K = {100 * self.ratio.value:.4g} % ({self.level:.0%} interval {low:.4g} to {high:.4g} %)"
+        size = f"dK = {self.dK}, {share}"
+        if not self.significant:
+            return f"{size}: a round shaft is not ruled out"
+        degrees = math.degrees(self.angle.value), math.degrees(self.angle.stderr)
+        return f"{size}, stiff direction {degrees[0]:.4g} +- {degrees[1]:.2g} deg ahead of the mark"
+
+
+def turning_anisotropy(
+    fit: FitResult, *, level: float = 0.95, at: Mapping[str, Any] | None = None
+) -> TurningAnisotropy:
+    """Turning anisotropy of a fit with the parameters dKc, dKs and K.
+
+    Args:
+        fit: the result.
+        level: of the intervals.
+        at: group of parameters, where some were fitted per attribute.
+
+    Raises:
+        ValueError: the model has no turning anisotropy, or a level outside 0 to 1.
+    """
+    from rotorfit.fitting.result import Quantity
+
+    names = fit.model.parameter_names
+    if "dKc" not in names or "dKs" not in names:
+        raise ValueError(f"{fit.model.name} has no turning anisotropy dKc, dKs")
+    if not 0 < level < 1:
+        raise ValueError(f"level {level} is a probability, between 0 and 1")
+    theta = dict(zip(names, fit.theta(at).tolist(), strict=True))
+    v, K = np.array([theta["dKc"], theta["dKs"]]), theta["K"]
+    covar = _covariance(fit, at)
+    over_K = np.column_stack([np.eye(2) / K, -v / K**2])
+    size = float(np.hypot(*v))
+    if not np.isfinite(covar).all():
+        open_ends = (0.0, math.inf)
+        return TurningAnisotropy(
+            dK=Quantity(size, math.inf, "N/m"),
+            ratio=Quantity(size / K, math.inf, "1"),
+            angle=Quantity(0.5 * math.atan2(v[1], v[0]), math.inf, "rad"),
+            interval=open_ends,
+            ratio_interval=open_ends,
+            level=level,
+        )
+    error, share = covar[:2, :2], over_K @ covar @ over_K.T
+    along = v / size if size else np.array([1.0, 0.0])
+    across = np.array([-along[1], along[0]])
+    interval = magnitude_interval(v, error, level)
+    turn = math.sqrt(max(float(across @ error @ across), 0.0)) / (2 * size) if interval[0] > 0 else math.inf
+    return TurningAnisotropy(
+        dK=Quantity(size, math.sqrt(max(along @ error @ along, 0.0)), "N/m"),
+        ratio=Quantity(size / K, math.sqrt(max(along @ share @ along, 0.0)), "1"),
+        angle=Quantity(0.5 * math.atan2(v[1], v[0]), turn, "rad"),
+        interval=interval,
+        ratio_interval=magnitude_interval(v / K, share, level),
+        level=level,
+    )
+
+
+def _covariance(fit: FitResult, at: Mapping[str, Any] | None) -> Float:
+    """Covariance of dKc, dKs and K; known ones have none, those that the data leave open an infinite one."""
+    index = fit.problem.space.index[fit.group(at)]
+    entries = [int(index[fit.model.parameter_names.index(name)]) for name in ("dKc", "dKs", "K")]
+    covar = np.zeros((3, 3))
+    for i, a in enumerate(entries):
+        for k, b in enumerate(entries):
+            if a >= 0 and b >= 0:
+                covar[i, k] = fit.covar[a, b]
+        if a >= 0 and not fit.params[fit.var_names[a]].resolved:
+            covar[i, i] = math.inf
+    return covar
+
+
+def magnitude_interval(v: Float, covar: Float, level: float) -> tuple[float, float]:
+    """Interval of the length of a vector in the plane that is known with a covariance.
+
+    Args:
+        v: estimate, shape ``(2,)``.
+        covar: its covariance, shape ``(2, 2)``.
+        level: probability that the interval holds the length.
+    """
+    from scipy.optimize import brentq
+
+    size = float(np.hypot(*v))
+    spread = float(np.linalg.det(covar)) ** 0.25 if np.linalg.det(covar) > 0 else 0.0
+    if spread == 0.0:
+        return size, size
+    inverse = np.linalg.inv(covar)
+    angles = np.linspace(-math.pi, math.pi, 721)
+    directions = np.array([np.cos(angles), np.sin(angles)])
+
+    def excess(length: float) -> float:
+        """Likelihood ratio of a length over its critical value, less one; below zero inside the interval."""
+        miss = v[:, None] - length * directions
+        distance = float(np.einsum("ir,ij,jr->r", miss, inverse, miss).min())
+        return math.sqrt(distance) / _critical(length / spread, level) - 1.0
+
+    reach = 4 * math.sqrt(float(np.linalg.eigvalsh(covar)[-1])) + size * 1e-9
+    while excess(size + reach) < 0:
+        reach *= 2
+    # The nearest direction on the grid stands for that of the estimate: refine where v is far from zero.
+    angles = np.linspace(-0.02, 0.02, 401) + math.atan2(v[1], v[0]) if size > _FAR * reach / 4 else angles
+    directions = np.array([np.cos(angles), np.sin(angles)])
+    high = float(brentq(excess, size, size + reach))
+    low = float(brentq(excess, 0.0, size)) if excess(0.0) > 0 else 0.0
+    return low, high
+
+
+def _critical(length: float, level: float) -> float:
+    """Distance from ``length`` that a Rice variable of unit spread stays within with the level's probability."""
+    lengths, distances = _critical_table(level)
+    return float(np.interp(length, lengths, distances))
+
+
+@cache
+def _critical_table(level: float) -> tuple[Float, Float]:
+    from scipy.optimize import brentq
+    from scipy.stats import norm, rice
+
+    def missed(distance: float, length: float) -> float:
+        inside = rice.cdf(length + distance, length) - rice.cdf(max(length - distance, 0.0), length)
+        return float(inside) - level
+
+    lengths = np.linspace(0.0, _FAR, 121)
+    found = [float(brentq(missed, 1e-6, 20.0, args=(length,))) for length in lengths[:-1].tolist()]
+    return lengths, np.array([*found, float(norm.ppf((1 + level) / 2))])

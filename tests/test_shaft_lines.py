@@ -1,0 +1,132 @@
+"""Fits to spectral lines of shafts that are not round: truth recovered, no false anisotropy, honest refusals."""
+
+import numpy as np
+import pytest
+
+import rotorfit as rf
+from rotorfit.fitting.anisotropy import magnitude_interval
+from rotorfit.models.combination_lines import line_order
+
+SPEED = 120.0
+W = -np.linspace(30.0, 310.0, 60)
+FORCE = 3e-5 * W**2
+ROUND = {"M": 1.0, "D": 14.0, "K": 4e4, "ec": 6e-5, "es": 2e-5, "Px": 1.0, "Py": -8.0}
+VALUES = ROUND | rf.models.AnisotropicShaft.components(2000.0, 0.6)
+TORSION = {"J": 2e-4, "nu_t": 340.0, "zeta_t": 0.01}
+NOISE = {"z": 2e-7, "twist": 5e-7}
+
+
+def line_test(model, values, kinds, rng, steady=()):
+    """Lines of a model with white noise."""
+    theta = model.vector(values)
+    kinds = [(*kind, W, FORCE) for kind in kinds] + [("z", name, np.zeros(1), np.zeros(1)) for name in steady]
+    columns = {name: [] for name in ("frequency", "force", "direction", "line", "response", "sigma")}
+    for direction, line, w, force in kinds:
+        clean = np.broadcast_to(model.lines(theta, direction, line_order(direction, line), w, SPEED, force), w.shape)
+        sigma = NOISE[direction]
+        noisy = clean + sigma * (rng.normal(size=w.size) + 1j * rng.normal(size=w.size))
+        for name, values_ in zip(
+            columns, (w, force + 0j, [direction] * w.size, [line] * w.size, noisy, np.full(w.size, sigma)), strict=True
+        ):
+            columns[name].append(np.asarray(values_))
+    joined = {name: np.concatenate(parts) for name, parts in columns.items()}
+    count = joined["sigma"].size
+    return rf.LineTest(
+        run=np.full(count, "sweep"), speed=np.full(count, SPEED), force_plane=np.full(count, "disk"),
+        plane=np.full(count, "disk"), **joined,
+    )  # fmt: skip
+
+
+ALL = [("z", "w"), ("z", "2Om-w"), ("twist", "w-Om"), ("twist", "w-2Om")]
+
+
+def test_lines_and_twist_give_every_parameter_with_errors_that_hold():
+    model = rf.models.AnisotropicShaft()
+    truth = VALUES | TORSION
+    pulls = []
+    for seed in range(12):
+        test = line_test(model, truth, ALL, np.random.default_rng(seed), steady=("1x", "2x"))
+        fit = rf.fit(model, test)
+        assert fit.success
+        assert 0.7 < fit.redchi < 1.3
+        pulls.append([(fit.params[name].value - truth[name]) / fit.params[name].stderr for name in truth])
+    pulls = np.array(pulls)
+    # 12 x 14 pulls, correlated within a fit: rms one to 25 %, none beyond 4.5.
+    assert np.abs(pulls).max() < 4.5
+    assert 0.75 < np.sqrt(np.mean(pulls**2)) < 1.3
+
+
+def test_stiffness_and_damping_of_the_twist_are_another_way_to_say_the_same():
+    test = line_test(rf.models.AnisotropicShaft(), VALUES | TORSION, ALL, np.random.default_rng(3))
+    modal = rf.fit(rf.models.AnisotropicShaft(), test, known={"J": 2e-4})
+    stiff = rf.fit(rf.models.AnisotropicShaft(torsion="stiffness"), test, known={"J": 2e-4})
+    assert stiff.chisqr == pytest.approx(modal.chisqr, rel=1e-8)
+    assert stiff.params["kt"].value == pytest.approx(2e-4 * modal.params["nu_t"].value ** 2, rel=1e-6)
+
+
+def test_what_the_lines_do_not_tell_is_said():
+    test = line_test(rf.models.AnisotropicShaft(), VALUES | TORSION, ALL, np.random.default_rng(3))
+    fit = rf.fit(rf.models.AnisotropicShaft(), test)  # J, eccentricity and side load only by their ratios
+    assert {"J", "ec", "es", "Px", "Py"} <= set(fit.identifiability.unresolved)
+    assert fit.params["nu_t"].value == pytest.approx(340.0, rel=1e-3)
+    lateral = line_test(rf.models.AnisotropicShaft(), VALUES | TORSION, ALL[:2], np.random.default_rng(3))
+    assert {"ec", "Px"} <= set(rf.fit(rf.models.AnisotropicShaft(torsion=None), lateral).identifiability.unresolved)
+
+
+def test_a_round_shaft_is_called_round_in_19_of_20_tests():
+    model = rf.models.AnisotropicShaft(torsion=None)
+    known = {"ec": 0.0, "es": 0.0, "Px": 0.0, "Py": 0.0}
+    round_shaft = {"M": 1.0, "D": 14.0, "K": 4e4, "dKc": 0.0, "dKs": 0.0} | known
+    rng, covered = np.random.default_rng(1), 0
+    for _ in range(200):
+        fit = rf.fit(model, line_test(model, round_shaft, ALL[:2], rng), known=known)
+        covered += not fit.turning_anisotropy().significant
+    # 95 % of 200 with the binomial's standard deviation 3.1: two of them to either side.
+    assert 183 <= covered <= 197
+
+
+@pytest.mark.parametrize("length", [0.0, 1.0, 2.5, 20.0])
+def test_intervals_of_a_length_hold_it_at_their_level(length):
+    rng = np.random.default_rng(2)
+    covar = np.array([[1.0, 0.2], [0.2, 0.8]])
+    points = np.array([length * 0.6, length * 0.8]) + rng.multivariate_normal([0, 0], covar, size=400)
+    bounds = [magnitude_interval(point, covar, 0.9) for point in points]
+    hits = sum(low <= length + 1e-9 and length <= high for low, high in bounds)
+    # 360 of 400, standard deviation 6; an uneven covariance costs Rice's distribution a few per cent in between.
+    assert 340 <= hits <= 385
+
+
+def test_a_perturbation_test_without_images_fits_the_shaft_too():
+    model = rf.models.AnisotropicShaft(torsion=None)
+    theta, rng = model.vector(VALUES), np.random.default_rng(5)
+    clean = model.lines(theta, "z", (1, 0), W, SPEED, FORCE)
+    noisy = clean + 2e-8 * (rng.normal(size=W.size) + 1j * rng.normal(size=W.size))
+    test = rf.perturbation_test(
+        run="a", speed=SPEED, frequency=W, force_plane="disk", force=FORCE, plane="disk", direction="z",
+        response=noisy, sigma=2e-8,
+    )  # fmt: skip
+    fit = rf.fit(model, test, known={"ec": 0.0, "es": 0.0, "Px": 0.0, "Py": 0.0})
+    assert fit.params["K"].value == pytest.approx(4e4, rel=0.01)  # dK^2/K is what the image takes off at the most
+    found = fit.turning_anisotropy()  # the angle leaves no trace at w
+    assert not found.significant
+    assert str(found) == "not determined by these data"
+
+
+def test_results_are_saved_and_read_again(tmp_path):
+    model = rf.models.AnisotropicShaft()
+    fit = rf.fit(model, line_test(model, VALUES | TORSION, ALL, np.random.default_rng(3)), known={"J": 2e-4})
+    fit.save(tmp_path / "fit.json")
+    again = rf.load_fit(tmp_path / "fit.json")
+    assert again.turning_anisotropy() == fit.turning_anisotropy()
+    assert "turning anisotropy: dK = " in again.summary()
+
+
+def test_wrong_lines_models_and_planes_are_refused_in_words():
+    model = rf.models.AnisotropicShaft()
+    test = line_test(model, VALUES | TORSION, ALL, np.random.default_rng(0))
+    with pytest.raises(ValueError, match="combination lines, which one-mode does not have; use AnisotropicShaft"):
+        rf.fit(rf.models.OneMode(), test)
+    with pytest.raises(ValueError, match="readings of the twist, the model has none"):
+        rf.fit(rf.models.AnisotropicShaft(torsion=None), test)
+    with pytest.raises(ValueError, match=r"map the name with AnisotropicShaft\(planes=\('disk',\)\)"):
+        rf.fit(rf.models.AnisotropicShaft(planes=("rotor",)), test)
