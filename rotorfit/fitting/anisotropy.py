@@ -107,8 +107,8 @@ def turning_anisotropy(
     interval = magnitude_interval(v, error, level)
     turn = math.sqrt(max(float(across @ error @ across), 0.0)) / (2 * size) if interval[0] > 0 else math.inf
     return TurningAnisotropy(
-        dK=Quantity(size, math.sqrt(max(along @ error @ along, 0.0)), "N/m"),
-        ratio=Quantity(size / K, math.sqrt(max(along @ share @ along, 0.0)), "1"),
+        dK=Quantity(size, math.sqrt(max(float(along @ error @ along), 0.0)), "N/m"),
+        ratio=Quantity(size / K, math.sqrt(max(float(along @ share @ along), 0.0)), "1"),
         angle=Quantity(0.5 * math.atan2(v[1], v[0]), turn, "rad"),
         interval=interval,
         ratio_interval=magnitude_interval(v / K, share, level),
