@@ -127,13 +127,7 @@ class OrbitResponses:
 
     def lines(self, keep: NDArray[np.bool_]) -> OrbitResponses:
         """The observations of some lines."""
-        number = np.cumsum(keep) - 1
-        readings = keep[self.base.line]
-        names = ("coordinate", "measured", "sigma", "label", "run")
-        by_reading = {name: getattr(self.base, name)[readings] for name in names}
-        by_line = {name: getattr(self.base, name)[keep] for name in ("speed", "frequency", "force", "group")}
-        base = replace(self.base, **by_line, **by_reading, line=number[self.base.line[readings]])
-        return OrbitResponses(base, self.eccentricity[keep], self.mode, self.sweep[keep])
+        return OrbitResponses(self.base.lines(keep), self.eccentricity[keep], self.mode, self.sweep[keep])
 
     def orbits(self, theta: Float) -> Float:
         """Eccentricity of the journal in each line, shape ``(L,)``; theta of shape ``(G, P)``."""

@@ -152,6 +152,14 @@ class Responses:
             begin = end
         return pieces
 
+    def lines(self, keep: NDArray[np.bool_]) -> Responses:
+        """The observations of some lines."""
+        readings = keep[self.line]
+        names = ("coordinate", "measured", "sigma", "label", "run")
+        by_reading = {name: getattr(self, name)[readings] for name in names}
+        by_line = {name: getattr(self, name)[keep] for name in ("speed", "frequency", "force", "group")}
+        return replace(self, **by_line, **by_reading, line=(np.cumsum(keep) - 1)[self.line[readings]])
+
     def predict(self, theta: Float) -> ComplexArray:
         """See :meth:`Block.predict`."""
         return respond(self, theta)[0] if not self.imposed else displacement_to_force(self, theta)[0]

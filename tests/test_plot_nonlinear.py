@@ -200,3 +200,28 @@ def test_figures_without_their_data_say_what_is_missing() -> None:
     for plot in NONLINEAR:
         with pytest.raises(ValueError, match="give it a law"):
             plot(linear)
+
+
+def test_each_force_level_has_a_curve_and_a_colour_that_meet_its_points() -> None:
+    """One line through two levels misses both: with this law 1 and 3 N differ by a third of the stiffness."""
+    fit = fitted(1)
+    for kind, places in (("dynamic_stiffness", (0, 1)), ("bode", (0,))):
+        figure = getattr(fit, f"plot_{kind}")()
+        legend = [text.get_text() for text in figure.legends[0].get_texts()]
+        assert legend[:2] == ["1000 rpm, 1 N", "1000 rpm, 3 N"]
+        for place in places:
+            lines = [entry for entry in figure.axes[place].lines if entry.get_linestyle() == "-"]
+            assert len({entry.get_color() for entry in lines}) == 2
+            assert len([entry for entry in lines if len(entry.get_xdata()) in (5, 6)]) == 4  # levels, each side
+    figure = fit.plot_dynamic_stiffness()
+    axis = figure.axes[0]
+    span = np.ptp(axis.get_ylim())
+    for entry in [entry for entry in axis.lines if len(entry.get_xdata()) in (5, 6) and entry.get_linestyle() == "-"]:
+        near = [
+            c.lines[0] for c in axis.containers
+            if c.lines[0].get_color() == entry.get_color() and set(entry.get_xdata()) <= set(c.lines[0].get_xdata())
+        ]  # fmt: skip
+        assert near
+        measured = dict(zip(*near[0].get_data(), strict=True))
+        miss = [abs(measured[x] - y) for x, y in zip(*entry.get_data(), strict=True)]
+        assert np.median(miss) < 0.02 * span  # noise of 2 %

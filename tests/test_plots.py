@@ -56,7 +56,7 @@ def test_dynamic_stiffness_panels_show_force_over_response():
 
 def test_confidence_band_is_that_of_refitted_noise():
     """Half-width of the band at one frequency against the scatter of fits to fresh noise."""
-    from rotorfit.plots.dynamic_stiffness import _conditions, _fitted
+    from rotorfit.plots.dynamic_stiffness import _fitted, _shown
 
     model, truth = OneMode(), TYPICAL["one-mode"]
     theta = model.vector(truth)
@@ -65,7 +65,7 @@ def test_confidence_band_is_that_of_refitted_noise():
     for seed in range(80):
         test = circular_test(model, theta, speeds=(100.0,), frequency=w, noise=0.02, seed=seed, sigma_known=True)
         fit = rf.fit(model, test, known=known_of("one-mode", truth))
-        (condition,) = _conditions(fit.problem.blocks[0])
+        (condition,) = _shown(fit)
         _, kappa, direct, quadrature = _fitted(fit, condition, 0, 0, True)
         values.append(kappa[[10, 200]])
     band = np.array([direct[[10, 200]], quadrature[[10, 200]]]) / 1.96
@@ -97,3 +97,122 @@ def test_posterior_figures(tmp_path):
     plot_corner(chain.reshape(-1, 3), ["a", "b", "c"], {"a": 0.0}).savefig(tmp_path / "corner.png", dpi=40)
     plot_traces(chain, ["a", "b", "c"]).savefig(tmp_path / "traces.png", dpi=40)
     assert len(plot_corner(chain.reshape(-1, 3), ["a", "b", "c"]).axes) == 9
+
+
+def texts_of(figure):
+    from matplotlib.text import Text
+
+    figure.draw_without_rendering()
+    return [text for text in figure.findobj(Text) if text.get_text().strip() and text.get_visible()]
+
+
+@pytest.mark.parametrize("name", ["whirl-whip", "anisotropic", "one-mode"])
+def test_text_is_at_least_seven_points_on_a_page_of_a4(name):
+    fit = fitted(name)
+    for kind in FIGURES:
+        figure = getattr(fit, f"plot_{kind}")()
+        # A report leaves 180 mm by 225 mm of a page for a figure; a larger one is made smaller, and its text with it.
+        shrunk = min(1.0, 180 / 25.4 / figure.get_figwidth(), 225 / 25.4 / figure.get_figheight())
+        assert min(text.get_fontsize() for text in texts_of(figure)) * shrunk >= 6.99, kind
+
+
+def two_files():
+    """Three speeds not in order in one file, one of them again in a second file, read a little off."""
+    model = OneMode()
+    theta = model.vector(TYPICAL["one-mode"])
+    w = covering_frequencies(model, theta, (100.0,), 30)
+    first = circular_test(model, theta, speeds=(180.0, 60.0, 100.0), frequency=w, noise=0.01)
+    again = circular_test(model, theta, speeds=(100.02,), frequency=w, noise=0.01, seed=1)
+    return [first, again]
+
+
+def test_a_legend_names_each_speed_once_and_in_order():
+    fit = rf.fit(OneMode(), two_files(), known=known_of("one-mode", TYPICAL["one-mode"]))
+    for kind in ("dynamic_stiffness", "bode", "polar", "residuals"):
+        words = [text.get_text() for text in getattr(fit, f"plot_{kind}")().legends[0].get_texts()]
+        assert [word for word in words if "rpm" in word and word[0].isdigit()] == ["573 rpm", "955 rpm", "1719 rpm"]
+
+
+def test_boxes_and_stability_say_which_speed_they_hold_for():
+    fit = rf.fit(OneMode(), two_files()[0], known=known_of("one-mode", TYPICAL["one-mode"]), per={"D": "speed_rpm"})
+    boxes = [t.get_text() for axis in fit.plot_dynamic_stiffness().axes for t in axis.texts if "slope" in t.get_text()]
+    assert boxes[0].startswith("1719 rpm:")
+    from rotorfit.plots.stability import plot_stability
+    from rotorfit.report.parts import groups_of
+
+    labels = [label for label, _ in groups_of(fit)]
+    assert [round(float(label.partition("=")[2])) for label in labels] == [573, 955, 1719]
+    for label, group in groups_of(fit):
+        figure = plot_stability(fit, group=group)
+        assert label in figure.get_suptitle()
+        # only the speed that this group was tested at
+        marks = [line.get_xdata()[0] for line in figure.axes[0].lines if line.get_marker() == "^"]
+        np.testing.assert_allclose(marks, [float(label.partition("=")[2])])
+
+
+def test_damping_ratio_and_decrement_are_those_of_the_eigenvalues():
+    fit = fitted("one-mode")
+    figure = fit.plot_stability()
+    _, _, damping, decrement = figure.axes
+    speeds = damping.lines[0].get_xdata() / RPM
+    k = 200
+    expected = sorted(q.value for _, q in fit.natural_frequencies(float(speeds[k])))
+    drawn = sorted(line.get_ydata()[k] for line in damping.lines[:2])
+    np.testing.assert_allclose(drawn, expected, rtol=1e-9)
+    zeta = damping.lines[0].get_ydata()[k]
+    np.testing.assert_allclose(decrement.lines[0].get_ydata()[k], 2 * np.pi * zeta / np.sqrt(1 - zeta**2))
+    colours = {line.get_color() for line in damping.lines[:2]}
+    threshold = next(line for line in damping.lines if len(set(line.get_xdata())) == 1 and line.get_marker() == "None")
+    assert threshold.get_color() not in colours
+
+
+def test_no_panel_is_empty():
+    """Only the drive points measured: each disk's own probe, when it was forced."""
+    model = MODELS["two-disk"]()
+    theta = model.vector(TYPICAL["two-disk"])
+    w = covering_frequencies(model, theta, (0.0,), 30)
+    test = circular_test(model, theta, speeds=(0.0,), frequency=w, noise=0.01)
+    fit = rf.fit(model, test.select(test.plane == test.force_plane), known=known_of("two-disk", TYPICAL["two-disk"]))
+    for kind in ("bode", "polar", "residuals"):
+        figure = getattr(fit, f"plot_{kind}")()
+        assert all(axis.lines or axis.patches for axis in figure.axes)
+        assert len({axis.get_title() for axis in figure.axes} - {""}) == 2
+
+
+def test_bode_bands_are_those_of_refitted_noise():
+    model, truth = OneMode(), TYPICAL["one-mode"]
+    theta = model.vector(truth)
+    w = covering_frequencies(model, theta, (100.0,), 60)
+    logs, bands = [], []
+    from rotorfit.plots.sweeps import curves
+
+    for seed in range(80):
+        test = circular_test(model, theta, speeds=(100.0,), frequency=w, noise=0.02, seed=seed, sigma_known=True)
+        forward = curves(rf.fit(model, test, known=known_of("one-mode", truth)))[1][1]
+        logs.append(np.log(forward.fitted[[100, 900]]))
+        bands.append(np.array(forward.band)[:, [100, 900]] / 1.96)
+    scatter = np.array([np.std(np.real(logs), axis=0), np.std(np.imag(logs), axis=0)])
+    # The standard deviation of 80 draws is known to 8 % (one sd).
+    np.testing.assert_allclose(np.mean(bands, axis=0), scatter, rtol=0.3)
+
+
+def test_points_are_shown_without_the_fits_errors_of_phase():
+    """A trial weight put 0.2 rad from where it was said: the points move to the line, not the line to the points."""
+    model, truth = OneMode(), TYPICAL["one-mode"]
+    theta = model.vector(truth)
+    w = covering_frequencies(model, theta, (100.0,), 40)
+    tests = [
+        circular_test(model, theta, speeds=(speed,), frequency=w, noise=0.002, force=5.0 * np.exp(1j * angle))
+        for speed, angle in ((100.0, 0.4), (140.0, 0.4))
+    ]
+    from dataclasses import replace
+
+    off = replace(tests[1], force=tests[1].force * np.exp(0.2j), run=np.array(["b" + r for r in tests[1].run]))
+    fit = rf.fit(model, [tests[0], off], known=known_of("one-mode", truth), phase_offsets=True)
+    from rotorfit.plots.sweeps import curves
+
+    for curve in curves(fit)[1]:
+        at = np.interp(curve.frequency, curve.fine, np.unwrap(np.angle(curve.fitted)))
+        miss = np.angle(curve.measured * np.exp(-1j * at))
+        # noise 0.2 % of the rms, resonances apart some per cent; the error was 0.2
+        assert np.median(np.abs(miss)) < 0.02

@@ -49,8 +49,8 @@ def plot_trends(trends: Sequence[Trend], by: str | None = None) -> Figure:
                 error = np.array([q.stderr for q in line]) * factor
                 axis.plot(x, middle, color=colour, linewidth=1)
                 axis.fill_between(x, middle - error, middle + error, color=colour, alpha=0.2, linewidth=0)
-        axis.set_ylabel(parameter if unit == "1" else f"{parameter} ({unit})", fontsize=9)
-    axes[-1, 0].set_xlabel(against, fontsize=9)
+        axis.set_ylabel(parameter if unit == "1" else f"{parameter} ({unit})", fontsize=8)
+    axes[-1, 0].set_xlabel(against, fontsize=8)
     if groups != [""]:
         labels = [group if by is None else f"{by} {group}" for group in groups]
         legend_below(figure, [handles[group] for group in groups], labels)

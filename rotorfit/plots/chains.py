@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rotorfit.plots.style import COLOURS, grid, literal
+from rotorfit.plots.style import COLOURS, SMALL, grid, literal
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -44,12 +44,12 @@ def plot_corner(samples: Float, names: Sequence[str], truths: Mapping[str, float
                 axis.axvline(marks[names[j]], color=COLOURS[1], lw=0.9)
             if i != j and names[i] in marks:
                 axis.axhline(marks[names[i]], color=COLOURS[1], lw=0.9)
-            axis.tick_params(labelsize=7, labelleft=j == 0 and i > 0, labelbottom=i == count - 1, rotation=30)
+            axis.tick_params(labelsize=SMALL, labelleft=j == 0 and i > 0, labelbottom=i == count - 1, rotation=30)
             axis.locator_params(nbins=3)
             if j == 0 and i > 0:
-                axis.set_ylabel(literal(names[i]), fontsize=9)
+                axis.set_ylabel(literal(names[i]), fontsize=8)
             if i == count - 1:
-                axis.set_xlabel(literal(names[j]), fontsize=9)
+                axis.set_xlabel(literal(names[j]), fontsize=8)
     return figure
 
 
@@ -83,6 +83,6 @@ def plot_traces(chain: Float, names: Sequence[str]) -> Figure:
     for i, name in enumerate(names):
         axes[i, 0].plot(shown[:, :, i], lw=0.3, color=COLOURS[0], alpha=0.5)
         axes[i, 0].set_ylabel(literal(name), fontsize=7, rotation=0, ha="right", va="center")
-        axes[i, 0].tick_params(labelsize=6, labelbottom=i == len(names) - 1)
+        axes[i, 0].tick_params(labelsize=SMALL, labelbottom=i == len(names) - 1)
     axes[-1, 0].set_xlabel("step", fontsize=8)
     return figure

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rotorfit.estimators.closed_form import StiffnessMatrices, stiffness_matrices
+from rotorfit.estimators.closed_form import stiffness_matrices
+from rotorfit.estimators.nonlinear import OrbitResponses
 from rotorfit.estimators.observations import Responses
-from rotorfit.plots.style import GREY, RPM, colour_of, grid, legend_below, literal, prefix
+from rotorfit.plots.journal import CONFIDENCE, half_width
+from rotorfit.plots.style import GREY, RPM, grid, legend_below, literal, prefix
+from rotorfit.plots.sweeps import Condition, sweeps
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -21,124 +24,173 @@ if TYPE_CHECKING:
 Float = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 
-_CONFIDENCE = 1.96  # 95 % of a normal distribution
 _CURVE_POINTS = 300
 _SHOWN = 400  # measured points a panel; more only blacken it
 
 
 @dataclass(frozen=True, eq=False)
-class _Condition:
-    """One legend entry: a parameter group at a speed, or a synchronous run."""
+class _Points:
+    """Measured stiffness of one entry: frequency, value, sigma."""
 
-    name: str
-    group: int
-    speed: float  # NaN for synchronous runs, whose speed is the frequency
+    row: int
+    column: int
+    frequency: Float
+    kappa: ComplexArray
+    sigma: Float
+
+
+@dataclass(frozen=True, eq=False)
+class _Line:
+    """Fitted stiffness of one entry and the half-widths of its 95 % band: frequency, value, direct, quadrature."""
+
+    frequency: Float
+    kappa: ComplexArray
+    direct: Float
+    quadrature: Float
+
+
+@dataclass(frozen=True, eq=False)
+class _Shown:
+    """What a condition has to show: its range of frequencies, its points, and lines that only the data tell."""
+
+    condition: Condition
     low: float
     high: float
-    points: list[tuple[int, int, Float, ComplexArray, Float]]  # row, column, frequency, kappa, sigma
+    points: list[_Points]
+    lines: dict[tuple[int, int], list[_Line]]
 
 
-def draw_dynamic_stiffness(fit: FitResult, blocks: Sequence[Responses]) -> Figure:
+def draw_dynamic_stiffness(fit: FitResult) -> Figure:
     """Draw the figure of :func:`rotorfit.plots.responses.plot_dynamic_stiffness`."""
-    conditions = [c for block in blocks for c in _conditions(block)]
-    full = any(row != column for c in conditions for row, column, *_ in c.points) or len(fit.model.coordinates) == 1
+    shown = _shown(fit)
     n = len(fit.model.coordinates)
+    full = any(p.row != p.column for s in shown for p in s.points) or n == 1
     entries = (
         [(i, j) for i in range(n) for j in range(n)]
         if full
-        else sorted({(r, c) for k in conditions for r, c, *_ in k.points})
+        else sorted({(p.row, p.column) for s in shown for p in s.points})
     )
     kind = "Dynamic stiffness" if full else "Drive-point dynamic stiffness, other planes free"
     together = full and n > 2
     figure, axes = (
         grid(n, n, f"{kind}, {fit.model.name}", size=(3.6, 2.4))
         if together
-        else grid(len(entries), 2, f"{kind}, {fit.model.name}", size=(5.4, 2.5))
+        else grid(len(entries), 2, f"{kind}, {fit.model.name}", size=(5.4, 2.2))
     )
     for place, (row, column) in enumerate(entries):
         pair = (axes[row, column],) * 2 if together else tuple(axes[place])
-        _entry(fit, conditions, pair, row, column, full)
+        _entry(fit, shown, pair, row, column, full)
     for axis in axes[-1]:
-        axis.set_xlabel("perturbation frequency, rpm", fontsize=9)
-    _legend(figure, conditions, together)
+        axis.set_xlabel("perturbation frequency, rpm", fontsize=8)
+    _legend(figure, shown, together)
     return figure
 
 
-def _conditions(block: Responses) -> list[_Condition]:
-    n = len(block.model.coordinates)
-    measured = stiffness_matrices(block) if not block.imposed else None
+def _shown(fit: FitResult) -> list[_Shown]:
+    conditions, parts = sweeps(fit)
     found = []
-    synchronous = np.unique(block.speed).size > 12
-    speeds = [np.nan] if synchronous else np.unique(block.speed).tolist()
-    for group in np.unique(block.group).tolist():
-        for speed in speeds:
-            lines = (block.group == group) & (synchronous | (block.speed == speed))
-            if not lines.any():
-                continue
-            w = block.frequency[lines] if block.model.frame == "z" else np.abs(block.frequency[lines])
-            points = (
-                _from_matrices(measured, block, group, speed, n)
-                if measured is not None and measured.frequency.size
-                else _drive_points(block, lines)
-            )
-            name = "synchronous" if synchronous else f"{speed * RPM:.0f} rpm"
-            found.append(_Condition(name, group, speed, float(w.min()), float(w.max()), points))
+    for number, condition in enumerate(conditions):
+        mine = [
+            (part, keep)
+            for part in parts
+            for keep in [(part.condition == number) & (part.responses.frequency != 0)]
+            if keep.any()
+        ]
+        w = np.concatenate([part.responses.frequency[keep] for part, keep in mine])
+        w = w if fit.model.frame == "z" else np.abs(w)
+        points = [p for part, keep in mine for p in _measured(part.responses.lines(keep), fit)]
+        lines: dict[tuple[int, int], list[_Line]] = {}
+        for part, keep in mine:
+            if isinstance(part.block, OrbitResponses):
+                for place, line in _along_the_data(fit, part.block.lines(keep), condition.group):
+                    lines.setdefault((place, place), []).append(line)
+        found.append(_Shown(condition, float(w.min()), float(w.max()), points, lines))
     return found
 
 
-def _from_matrices(
-    measured: StiffnessMatrices, block: Responses, group: int, speed: float, n: int
-) -> list[tuple[int, int, Float, ComplexArray, Float]]:
-    keep = (block.group[measured.first_line] == group) & (np.isnan(speed) | (measured.speed == speed))
-    step = max(1, int(keep.sum()) // _SHOWN)
-    chosen = np.flatnonzero(keep)[::step]
-    return [
-        (i, j, measured.frequency[chosen], measured.kappa[chosen, i, j], measured.sigma[chosen, i, j])
-        for i in range(n)
-        for j in range(n)
-    ]
+def _measured(block: Responses, fit: FitResult) -> list[_Points]:
+    """Entries of eq. (7), or the drive points where not all planes were forced or each force has a stiffness."""
+    if not block.imposed and not fit.model.eccentricity_dependent:
+        measured = stiffness_matrices(block)
+        if measured.frequency.size:
+            some = slice(None, None, max(1, measured.frequency.size // _SHOWN))
+            n = len(block.model.coordinates)
+            return [
+                _Points(i, j, measured.frequency[some], measured.kappa[some, i, j], measured.sigma[some, i, j])
+                for i in range(n)
+                for j in range(n)
+            ]
+    return _drive_points(block)
 
 
-def _drive_points(block: Responses, lines: NDArray[np.bool_]) -> list[tuple[int, int, Float, ComplexArray, Float]]:
+def _drive_points(block: Responses) -> list[_Points]:
     """Force over response at the forced coordinate (or measured force over imposed displacement)."""
     line = block.line
     plane = np.argmax(np.abs(block.force), axis=1)[line]
     points = []
     for p in np.unique(plane).tolist():
-        rows = np.flatnonzero(lines[line] & (plane == p) & (block.coordinate == p))
+        rows = np.flatnonzero((plane == p) & (block.coordinate == p))
         if not rows.size:
             continue
         drive, value = block.force[line[rows], p], block.measured[rows]
         ratio = value / drive if block.imposed else drive / value
         sigma = block.sigma[rows] / np.abs(drive) if block.imposed else block.sigma[rows] * np.abs(drive / value**2)
-        points.append((p, p, block.frequency[line[rows]], ratio, sigma))
+        points.append(_Points(p, p, block.frequency[line[rows]], ratio, sigma))
     return points
 
 
-def _entry(
-    fit: FitResult, conditions: Sequence[_Condition], pair: tuple[Any, ...], row: int, column: int, full: bool
-) -> None:
-    curves = [_fitted(fit, c, row, column, full) for c in conditions]
-    unit = _unit(fit, row, column)
-    factor, shown = prefix(np.concatenate([np.abs(np.r_[k.real, k.imag]) for _, k, _, _ in curves]), unit)
+def _along_the_data(fit: FitResult, block: OrbitResponses, group: int) -> Iterator[tuple[int, _Line]]:
+    """Drive-point stiffness of a nonlinear rotor at the orbits that the fit has at the data's lines."""
+    base = block.base
+    value, slope = block.predict_jacobian(fit.problem.space.theta(fit.x))
+    plane = np.argmax(np.abs(base.force), axis=1)[base.line]
+    w = base.frequency[base.line]
+    for p in np.unique(plane).tolist():
+        for forward in (False, True):
+            rows = np.flatnonzero((plane == p) & (base.coordinate == p) & ((w > 0) == forward))
+            if not rows.size:
+                continue
+            rows = rows[np.argsort(w[rows], kind="stable")]
+            drive, response = base.force[base.line[rows], p], value[rows]
+            by_theta = slope[rows]
+            kappa = response / drive if base.imposed else drive / response
+            change = by_theta / drive[:, None] if base.imposed else -by_theta * (drive / response**2)[:, None]
+            bands = half_width(fit, group, change.real), half_width(fit, group, change.imag)
+            yield p, _Line(w[rows], kappa, *bands)
+
+
+def _entry(fit: FitResult, shown: Sequence[_Shown], pair: tuple[Any, ...], row: int, column: int, full: bool) -> None:
+    lines = [_lines(fit, s, row, column, full) for s in shown]
+    every = [line for several in lines for line in several]
+    points = [[p for p in s.points if (p.row, p.column) == (row, column)] for s in shown]
+    values = [np.abs(np.r_[k.kappa.real, k.kappa.imag]) for k in every]
+    factor, unit = prefix(np.concatenate(values), _unit(fit, row, column))
     together = pair[0] is pair[1]
-    for number, (condition, (w, kappa, band_re, band_im)) in enumerate(zip(conditions, curves, strict=True)):
-        colour = colour_of(number)
-        parts = ((kappa.real, band_re, "-"), (kappa.imag, band_im, "--" if together else "-"))
-        for axis, (value, band, style) in zip(pair, parts, strict=True):
-            axis.plot(w * RPM, factor * value, style, color=colour, lw=1.3, zorder=3)
-            axis.fill_between(w * RPM, factor * (value - band), factor * (value + band), color=colour, alpha=0.25, lw=0)
-        for i, j, frequency, measured, sigma in condition.points:
-            if (i, j) == (row, column):
-                _points(pair, frequency, factor * measured, factor * sigma, colour)
-    _limits(pair, factor, curves, [c for k in conditions for i, j, _, c, _ in k.points if (i, j) == (row, column)])
+    for some, curves, measured in zip(shown, lines, points, strict=True):
+        colour = some.condition.colour
+        for line in curves:
+            parts = ((line.kappa.real, line.direct, "-"), (line.kappa.imag, line.quadrature, "--" if together else "-"))
+            x = line.frequency * RPM
+            for axis, (value, band, style) in zip(pair, parts, strict=True):
+                axis.plot(x, factor * value, style, color=colour, lw=1.3, zorder=3)
+                axis.fill_between(x, factor * (value - band), factor * (value + band), color=colour, alpha=0.25, lw=0)
+        for p in measured:
+            _points(pair, p.frequency, factor * p.kappa, factor * p.sigma, colour)
+    _limits(pair, factor, [line.kappa for line in every], [p.kappa for several in points for p in several])
     name = _name(fit, row, column)
-    pair[0].set_ylabel(f"{name}, {shown}", fontsize=8)
+    pair[0].set_ylabel(f"{name}, {unit}", fontsize=8)
     if not together:
-        pair[0].set_title("direct" if row == column == 0 else "", fontsize=9)
-        pair[1].set_title("quadrature" if row == column == 0 else "", fontsize=9)
-        if full:
-            _readings(fit, conditions, pair, row, column)
+        pair[0].set_title("direct" if row == column == 0 else "", fontsize=8)
+        pair[1].set_title("quadrature" if row == column == 0 else "", fontsize=8)
+        if full and not fit.model.eccentricity_dependent:
+            _readings(fit, shown, pair, row, column)
+
+
+def _lines(fit: FitResult, shown: _Shown, row: int, column: int, full: bool) -> list[_Line]:
+    """Fitted lines of an entry: those along the data of a nonlinear rotor, else one on a fine grid."""
+    if fit.model.eccentricity_dependent:
+        return shown.lines.get((row, column), [])
+    return [_Line(*_fitted(fit, shown, row, column, full))]
 
 
 def _points(pair: tuple[Any, ...], frequency: Float, value: ComplexArray, sigma: Float, colour: str) -> None:
@@ -151,11 +203,12 @@ def _points(pair: tuple[Any, ...], frequency: Float, value: ComplexArray, sigma:
 
 
 def _fitted(
-    fit: FitResult, condition: _Condition, row: int, column: int, full: bool
+    fit: FitResult, shown: _Shown, row: int, column: int, full: bool
 ) -> tuple[Float, ComplexArray, Float, Float]:
     """Fitted entry on a fine grid and half-widths of its 95 % band (direct, quadrature), by the delta method."""
     model, space = fit.model, fit.problem.space
-    w = np.linspace(condition.low, condition.high, _CURVE_POINTS)
+    condition = shown.condition
+    w = np.linspace(shown.low, shown.high, _CURVE_POINTS)
     speed = w if np.isnan(condition.speed) else np.full(w.size, condition.speed)
     theta = space.theta(fit.x)[condition.group]
     kappa: ComplexArray = model.dynamic_stiffness(theta, w, speed)
@@ -176,24 +229,20 @@ def _fitted(
         if parameter < len(index) and index[parameter] >= 0:
             slope[:, index[parameter]] += entries[:, e]
     bands = [
-        _CONFIDENCE * np.sqrt(np.maximum(np.einsum("li,ij,lj->l", g, fit.covar, g), 0))
-        for g in (slope.real, slope.imag)
+        CONFIDENCE * np.sqrt(np.maximum(np.einsum("li,ij,lj->l", g, fit.covar, g), 0)) for g in (slope.real, slope.imag)
     ]
     return w, value, bands[0], bands[1]
 
 
 def _limits(
-    pair: tuple[Any, ...],
-    factor: float,
-    curves: Sequence[tuple[Float, ComplexArray, Float, Float]],
-    points: Sequence[ComplexArray],
+    pair: tuple[Any, ...], factor: float, curves: Sequence[ComplexArray], points: Sequence[ComplexArray]
 ) -> None:
     """Axes follow the fit: near zero frequency an unbalance force leaves error bars taller than the rotor is stiff.
 
     Where the fit is nothing but zero, the axes follow the middle of the data.
     """
-    size = max(float(np.abs(k).max()) for _, k, _, _ in curves)
-    values = [factor * np.concatenate([part(k) for _, k, _, _ in curves]) for part in (np.real, np.imag)]
+    size = max(float(np.abs(k).max()) for k in curves)
+    values = [factor * np.concatenate([part(k) for k in curves]) for part in (np.real, np.imag)]
     groups = [(pair[0], np.concatenate(values))] if pair[0] is pair[1] else list(zip(pair, values, strict=True))
     for axis, shown in groups:
         low, high = float(shown.min()), float(shown.max())
@@ -204,11 +253,15 @@ def _limits(
         axis.set_ylim(low - 0.25 * reach, high + 0.25 * reach)
 
 
-def _readings(fit: FitResult, conditions: Sequence[_Condition], pair: tuple[Any, ...], row: int, column: int) -> None:
-    """Write what the lines mean: intercept and curvature of the direct part, slope of the quadrature part."""
+def _readings(fit: FitResult, shown: Sequence[_Shown], pair: tuple[Any, ...], row: int, column: int) -> None:
+    """Write what the lines mean: intercept and curvature of the direct part, slope of the quadrature part.
+
+    They hold for the last of several speeds, which the box then names.
+    """
     theta = fit.problem.space.theta(fit.x)
-    condition = conditions[-1]
+    condition = shown[-1].condition
     speed = 0.0 if np.isnan(condition.speed) else condition.speed
+    where = f"{condition.name}:\n" if len(shown) > 1 else ""
     C = fit.model.coefficients(theta[condition.group], speed)[:, row, column]
     stiffness, unit = prefix(np.array([C[0].real]), _unit(fit, row, column))
     direct = f"at 0: {C[0].real * stiffness:.4g} {unit}"
@@ -220,23 +273,24 @@ def _readings(fit: FitResult, conditions: Sequence[_Condition], pair: tuple[Any,
     box = {"boxstyle": "round,pad=0.25", "facecolor": "white", "edgecolor": "0.8", "alpha": 0.85}
     for axis, text in zip(pair, (direct, quadrature), strict=True):
         if text:
-            axis.text(0.02, 0.04, text, transform=axis.transAxes, fontsize=7, va="bottom", bbox=box, zorder=5)
-    _mark_whirl(fit, conditions, pair[1], row, column)
+            axis.text(0.02, 0.04, where + text, transform=axis.transAxes, fontsize=7, va="bottom", bbox=box, zorder=5)
+    _mark_whirl(fit, shown, pair[1], row, column)
 
 
-def _mark_whirl(fit: FitResult, conditions: Sequence[_Condition], axis: Any, row: int, column: int) -> None:
+def _mark_whirl(fit: FitResult, shown: Sequence[_Shown], axis: Any, row: int, column: int) -> None:
     """Mark lam Omega where the fluid's quadrature stiffness crosses zero."""
     names = fit.model.parameter_names
     if row != column or row != len(fit.model.coordinates) - 1 or not {"D", "lam"} <= set(names):
         return
     theta = fit.problem.space.theta(fit.x)
-    for number, condition in enumerate(conditions):
+    for number, some in enumerate(shown):
+        condition = some.condition
         whirl = theta[condition.group][names.index("lam")] * condition.speed
-        if np.isfinite(whirl) and condition.low < whirl < condition.high:
-            axis.axvline(whirl * RPM, color=colour_of(number), lw=0.9, ls=":", zorder=1)
+        if np.isfinite(whirl) and some.low < whirl < some.high:
+            axis.axvline(whirl * RPM, color=condition.colour, lw=0.9, ls=":", zorder=1)
             axis.annotate(
                 f"λΩ = {whirl * RPM:.0f} rpm", (whirl * RPM, 0.97 - 0.1 * number), xycoords=("data", "axes fraction"),
-                xytext=(4, 0), textcoords="offset points", fontsize=7, color=colour_of(number), va="top",
+                xytext=(4, 0), textcoords="offset points", fontsize=7, color=condition.colour, va="top",
             )  # fmt: skip
     axis.axhline(0, color="0.6", lw=0.7, zorder=1)
 
@@ -259,18 +313,13 @@ def _name(fit: FitResult, row: int, column: int) -> str:
     return literal(f"κ {short[0]}–{short[1]}")
 
 
-def _legend(figure: Figure, conditions: Sequence[_Condition], together: bool) -> None:
+def _legend(figure: Figure, shown: Sequence[_Shown], together: bool) -> None:
     from matplotlib.lines import Line2D
 
-    handles: list[Any] = [Line2D([], [], color=colour_of(i), lw=2) for i in range(len(conditions))]
-    labels = [c.name for c in conditions]
-    extra = (
-        [("o", "", GREY, "direct, measured"), ("o", "", "none", "quadrature, measured")]
-        if together
-        else [("o", "", GREY, "measured ± 1 sd")]
-    )
-    handles += [Line2D([], [], color=GREY, marker=m, ls=ls, mfc=face, ms=4) for m, ls, face, _ in extra]
-    labels += [label for *_, label in extra]
-    handles.append(Line2D([], [], color=GREY, lw=1.3))
-    labels.append("fit and 95 % band")
-    legend_below(figure, handles, labels)
+    handles: list[Any] = [Line2D([], [], color=s.condition.colour, lw=2) for s in shown]
+    labels = [s.condition.name for s in shown]
+    points = [(GREY, "direct, measured"), ("none", "quadrature, measured")] if together else [(GREY, "measured ± 1 sd")]
+    lines = [("-", "direct, fit"), ("--", "quadrature, fit")] if together else [("-", "fit and 95 % band")]
+    handles += [Line2D([], [], color=GREY, marker="o", ls="", mfc=face, ms=4) for face, _ in points]
+    handles += [Line2D([], [], color=GREY, lw=1.3, ls=style) for style, _ in lines]
+    legend_below(figure, handles, [*labels, *(words for _, words in (*points, *lines))])

@@ -8,8 +8,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotorfit.models.law_curves import law_curves, law_of
-from rotorfit.plots.journal import JournalLines, drive_stiffness, group_names, half_width, journal_lines, reach
+from rotorfit.plots.journal import (
+    JournalLines,
+    drive_stiffness,
+    group_label,
+    groups_in_order,
+    half_width,
+    journal_lines,
+    reach,
+)
 from rotorfit.plots.style import GREY, RPM, colour_of, grid, legend_below, literal, prefix
+from rotorfit.plots.sweeps import levels
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -36,27 +45,34 @@ def plot_law(fit: FitResult) -> Figure:
     theta = fit.problem.space.theta(fit.x)
     sets = [law_curves(fit.model, vector, eps) for vector in theta]
     figure, axes = grid(len(sets[0]), 1, f"Fluid against eccentricity, {fit.model.name}", size=(5.6, 2.2))
-    seen = eps <= limit
+    seen, groups = eps <= limit, groups_in_order(fit)
     for place, axis in enumerate(axes[:, 0]):
         curves = [curves[place] for curves in sets]
         every = np.concatenate([curve.value for curve in curves])
         factor, unit = (1.0, "") if curves[0].unit == "1" else prefix(every, curves[0].unit)
-        for group, curve in enumerate(curves):
-            colour, value = colour_of(group), factor * curve.value
+        for number, group in enumerate(groups):
+            curve = curves[group]
+            colour, value = colour_of(number, len(groups)), factor * curve.value
             band = factor * half_width(fit, group, curve.slope)
             axis.plot(eps[seen], value[seen], color=colour, lw=1.4)
             axis.plot(eps[~seen], value[~seen], ":", color=colour, lw=1.4)
             axis.fill_between(eps, value - band, value + band, color=colour, alpha=0.25, lw=0)
-        axis.set_ylabel(f"{curves[0].name}, {unit}" if unit else curves[0].name, fontsize=9)
+        axis.set_ylabel(f"{curves[0].name}, {unit}" if unit else curves[0].name, fontsize=8)
         _rug(axis, fit)
-    axes[-1, 0].set_xlabel("eccentricity of the journal over clearance", fontsize=9)
-    names = group_names(fit)
-    if len(names) > 1:
-        from matplotlib.lines import Line2D
-
-        handles = [Line2D([], [], color=colour_of(i), lw=2) for i in range(len(names))]
-        legend_below(figure, handles, [literal(name) for name in names])
+    axes[-1, 0].set_xlabel("eccentricity of the journal over clearance", fontsize=8)
+    _law_legend(figure, [literal(group_label(fit, group)) for group in groups])
     return figure
+
+
+def _law_legend(figure: Figure, names: list[str]) -> None:
+    from matplotlib.lines import Line2D
+
+    several = len(names) > 1
+    handles: list[Any] = [Line2D([], [], color=colour_of(i, len(names)), lw=2) for i in range(len(names)) if several]
+    handles += [Line2D([], [], color=GREY, lw=1.4, ls=ls) for ls in ("-", ":")]
+    handles.append(Line2D([], [], color=GREY, ls="", marker="|", ms=7))
+    words = ["fit and 95 % band", "beyond the data", "eccentricities of the data"]
+    legend_below(figure, handles, [*(names if several else []), *words])
 
 
 def _rug(axis: Any, fit: FitResult) -> None:
@@ -85,29 +101,25 @@ def plot_nonlinear_stiffness(fit: FitResult) -> Figure:
     factor, unit = prefix(np.array([np.quantile(size, 0.9)]), "N/m")
     figure, axes = grid(2, 2, f"Nonlinear minus linear stiffness at the journal, {fit.model.name}", size=(5.0, 2.7))
     for name, lines, rows in sweeps:
-        _draw_sweep(fit, axes, lines, rows, colour_of(names.index(name)), factor)
+        _draw_sweep(fit, axes, lines, rows, colour_of(names.index(name), len(names)), factor)
     for row, part in enumerate(("direct", "quadrature")):
-        axes[row, 0].set_ylabel(f"{part}, {unit}", fontsize=9)
+        axes[row, 0].set_ylabel(f"{part}, {unit}", fontsize=8)
         for axis in axes[row]:
             axis.axhline(0, color="0.6", lw=0.7, zorder=1)
-    axes[1, 0].set_xlabel("perturbation frequency, rpm (backward < 0 < forward)", fontsize=9)
-    axes[1, 1].set_xlabel("eccentricity of the journal over clearance", fontsize=9)
+    axes[1, 0].set_xlabel("perturbation frequency, rpm (backward < 0 < forward)", fontsize=8)
+    axes[1, 1].set_xlabel("eccentricity of the journal over clearance", fontsize=8)
     _legend(figure, names)
     return figure
 
 
 def _sweeps(lines: JournalLines) -> list[tuple[str, JournalLines, NDArray[np.intp]]]:
     """Rows of each speed and force level, by frequency, with a name for the legend."""
-    constant, unbalance = np.abs(lines.force), np.abs(lines.force) / np.maximum(lines.frequency**2, 1e-12)
-    by_unbalance = np.unique(np.round(unbalance, 12)).size < np.unique(np.round(constant, 9)).size
-    level = np.round(unbalance, 12) if by_unbalance else np.round(constant, 9)
+    level = np.array(levels(np.abs(lines.force), lines.frequency))
     found = []
-    speeds = np.unique(lines.speed)
-    for speed in speeds:
-        for value in np.unique(level[lines.speed == speed]):
+    for speed in np.unique(lines.speed):
+        for value in np.unique(level[lines.speed == speed]).tolist():
             rows = np.flatnonzero((lines.speed == speed) & (level == value))
-            size = f"{value * 1e6:.4g} g mm" if by_unbalance else f"{value:.4g} N"
-            found.append((f"{speed * RPM:.0f} rpm, {size}", lines, rows[np.argsort(lines.frequency[rows])]))
+            found.append((f"{speed * RPM:.0f} rpm, {value}", lines, rows[np.argsort(lines.frequency[rows])]))
     return found
 
 
@@ -134,6 +146,6 @@ def _draw_sweep(
 def _legend(figure: Figure, names: list[str]) -> None:
     from matplotlib.lines import Line2D
 
-    handles: list[Any] = [Line2D([], [], color=colour_of(i), lw=2) for i in range(len(names))]
+    handles: list[Any] = [Line2D([], [], color=colour_of(i, len(names)), lw=2) for i in range(len(names))]
     handles += [Line2D([], [], color=GREY, ls="", marker="o", ms=3), Line2D([], [], color=GREY, lw=1.2)]
     legend_below(figure, handles, [*names, "data ± 1 sd minus linear model", "the fitted law"])

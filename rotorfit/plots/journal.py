@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -130,11 +131,19 @@ def reach(fit: FitResult) -> float:
     return largest
 
 
-def group_names(fit: FitResult) -> list[str]:
-    """Names of the parameter groups by what tells them apart, for legends."""
+def group_label(fit: FitResult, group: int) -> str:
+    """``attribute=value`` of a parameter group, empty where there is but one; values from files hold any characters."""
     space = fit.problem.space
-    found = []
-    for index in space.index:
-        brackets = [space.names[i].partition("[")[2].rstrip("]") for i in index.tolist() if i >= 0]
-        found.append(", ".join(dict.fromkeys(bracket for bracket in brackets if bracket)))
-    return found
+    names = (space.names[i] for i in space.index[group].tolist() if i >= 0)
+    return ", ".join(dict.fromkeys(name.partition("[")[2][:-1] for name in names if "[" in name))
+
+
+def groups_in_order(fit: FitResult) -> list[int]:
+    """Parameter groups, sorted by the numbers in their labels."""
+    return sorted(range(len(fit.problem.space.index)), key=lambda group: natural(group_label(fit, group)))
+
+
+def natural(text: str) -> tuple[tuple[int, float, str], ...]:
+    """Key that sorts words by the numbers in them: 500 before 1000."""
+    parts = re.split(r"(\d+(?:\.\d+)?(?:[eE][+-]?\d+)?)", text)
+    return tuple((0, float(p), "") if i % 2 else (1, 0.0, p) for i, p in enumerate(parts) if p)

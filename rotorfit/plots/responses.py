@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -10,13 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotorfit.estimators.nonlinear import responses_of
-from rotorfit.estimators.observations import Responses
 from rotorfit.plots.chains import plot_corner, plot_traces
 from rotorfit.plots.dynamic_stiffness import draw_dynamic_stiffness
 from rotorfit.plots.eccentricity import plot_law, plot_nonlinear_stiffness
 from rotorfit.plots.stability import plot_stability
 from rotorfit.plots.static_and_impulse import plot_static_locus, plot_static_stiffness, plot_velocity_ratio
-from rotorfit.plots.style import GREY, RPM, colour_of, grid, legend_below, literal
+from rotorfit.plots.style import GREY, RPM, SMALL, grid, legend_below, literal
+from rotorfit.plots.sweeps import Condition, Curve, curves
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -38,90 +38,41 @@ __all__ = [
     "plot_velocity_ratio",
 ]
 
-_FINE = 1500  # points of a fitted line
+_MARKS = 7  # frequencies marked along a polar curve, about
 
 Float = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 
 
 @dataclass(frozen=True, eq=False)
-class _Curve:
-    """One probe's response to one force at one speed and in one direction, frequencies ascending."""
+class _Panels:
+    """Axes of each measured pair of probe and force, one row of axes or more a pair; no pair's panel is empty."""
 
-    coordinate: int
-    force_plane: int
-    condition: str
-    frequency: Float
-    measured: ComplexArray  # per unit of force (or per unit of imposed displacement)
-    whitened: ComplexArray
-    fine: Float  # frequencies of the fitted line
-    fitted: ComplexArray
+    axes: Mapping[tuple[int, int], Sequence[Any]]
+    bottom: Sequence[Any]
 
 
-def _circular_blocks(fit: FitResult) -> list[tuple[Responses, ComplexArray]]:
-    predicted = fit.problem.predict(fit.x)
-    bases = [responses_of(block) for block in fit.problem.blocks]
-    pairs = [(b, p) for b, p in zip(bases, predicted, strict=True) if b is not None and b.frequency.any()]
-    if not pairs:
-        raise ValueError("this fit has no responses to a circular force to plot")
-    return pairs
-
-
-def _condition_names(block: Responses) -> NDArray[np.str_]:
-    """What tells the sweeps of a block apart in a legend: the speed, or that it is synchronous."""
-    if np.unique(block.speed).size > 12:
-        return np.full(block.speed.size, "synchronous")
-    return np.array([f"{v:.0f} rpm" for v in (block.speed * RPM).tolist()])
-
-
-def _curves(fit: FitResult) -> Iterator[_Curve]:
-    for block, predicted in _circular_blocks(fit):
-        names = _condition_names(block)[block.line]
-        w = block.frequency[block.line]
-        plane = np.argmax(np.abs(block.force), axis=1)[block.line]
-        drive = block.force[block.line, plane]
-        keys = np.column_stack([block.coordinate, plane, block.label, w < 0])
-        for key in np.unique(keys, axis=0):
-            for name in np.unique(names):
-                rows = np.flatnonzero((keys == key).all(axis=1) & (names == name))
-                rows = rows[np.argsort(w[rows])]
-                if rows.size:
-                    miss = (predicted[rows] - block.measured[rows]) / block.sigma[rows]
-                    fine, fitted = _fitted_line(fit, block, rows, predicted[rows] / drive[rows])
-                    yield _Curve(
-                        int(key[0]), int(key[1]), str(name), w[rows], block.measured[rows] / drive[rows],
-                        miss, fine, fitted,
-                    )  # fmt: skip
-
-
-def _fitted_line(
-    fit: FitResult, block: Responses, rows: NDArray[np.intp], predicted: ComplexArray
-) -> tuple[Float, ComplexArray]:
-    """Fitted response along a sweep, on a grid fine enough for sharp resonances where the model is linear."""
-    line, model = block.line[rows], block.model
-    w = block.frequency[line]
-    if block.imposed or model.eccentricity_dependent:
-        return w, predicted
-    fine = np.linspace(w[0], w[-1], _FINE)
-    speed = np.interp(fine, w, block.speed[line])
-    group, coordinate = int(block.group[line[0]]), int(block.coordinate[rows[0]])
-    theta = fit.problem.space.theta(fit.x)[group]
-    drive = block.force[line[0]]
-    direction = drive / drive[np.argmax(np.abs(drive))]
-    response = model.receptance(theta, fine, speed)[:, coordinate] @ direction
-    return fine, response * model.functions.factors(theta)[coordinate]
-
-
-def _layout(fit: FitResult) -> tuple[list[_Curve], list[int], list[int], list[str]]:
-    """Curves, and the coordinates, force planes and conditions that occur."""
-    curves = list(_curves(fit))
-    conditions = sorted({c.condition for c in curves}, key=lambda name: (len(name), name))
-    return curves, sorted({c.coordinate for c in curves}), sorted({c.force_plane for c in curves}), conditions
+def _panels(found: Sequence[Curve], title: str, *, rows: int, size: tuple[float, float]) -> tuple[Figure, _Panels]:
+    """A figure with a panel for each probe (down) and force (across), packed where not all of them were measured."""
+    pairs = sorted({(c.coordinate, c.force_plane) for c in found})
+    probes, forces = sorted({p for p, _ in pairs}), sorted({f for _, f in pairs})
+    if len(pairs) == len(probes) * len(forces):
+        place = {(p, f): (probes.index(p), forces.index(f)) for p, f in pairs}
+    else:
+        place = {pair: divmod(i, 2) for i, pair in enumerate(pairs)}
+    down, across = (max(where[k] for where in place.values()) + 1 for k in (0, 1))
+    figure, axes = grid(rows * down, across, title, size=size)
+    for row, column in {(r, c) for r in range(down) for c in range(across)} - set(place.values()):
+        for axis in axes[rows * row : rows * (row + 1), column]:
+            axis.remove()
+    shown = {pair: list(axes[rows * r : rows * (r + 1), c]) for pair, (r, c) in place.items()}
+    lowest = {c: max(r for r, other in place.values() if other == c) for _, c in place.values()}
+    return figure, _Panels(shown, [axes[rows * (r + 1) - 1, c] for c, r in lowest.items()])
 
 
 def _response_unit(fit: FitResult, coordinate: int) -> tuple[float, str]:
     """Factor to and name of the unit in which a response to a force is shown."""
-    if all(block.imposed for block, _ in _circular_blocks(fit)):
+    if all(base.imposed for base in map(responses_of, fit.problem.blocks) if base is not None and base.frequency.any()):
         return 1e-6, "N/µm"
     return 1e6, "µrad/N" if fit.model.coordinates[coordinate].axis == "r" else "µm/N"
 
@@ -135,38 +86,52 @@ def _cell_title(fit: FitResult, coordinate: int, force_plane: int) -> str:
 def plot_bode(fit: FitResult) -> Figure:
     """Amplitude and phase of every response per unit force against signed perturbation frequency.
 
-    Rows are probes (amplitude, then phase), columns force planes, colours rotative speeds; points are measured, lines
-    fitted.
+    Rows are probes (amplitude, then phase), columns force planes; colours are rotative speeds and, of nonlinear fluids,
+    levels of the force. Points are measured; lines are fitted, with their 95 % bands.
 
     Raises:
         ValueError: the fit has no circular responses.
     """
-    curves, coordinates, forces, conditions = _layout(fit)
-    figure, axes = grid(2 * len(coordinates), len(forces), f"Bode plot, {fit.model.name}", size=(5.2, 1.9))
-    for curve in curves:
-        row, column = 2 * coordinates.index(curve.coordinate), forces.index(curve.force_plane)
-        colour = colour_of(conditions.index(curve.condition))
+    conditions, found = curves(fit)
+    figure, panels = _panels(found, f"Bode plot, {fit.model.name}", rows=2, size=(5.2, 1.9))
+    for curve in found:
+        amplitude, phase = panels.axes[curve.coordinate, curve.force_plane]
+        colour, x = curve.condition.colour, curve.frequency * RPM
         factor, unit = _response_unit(fit, curve.coordinate)
-        x = curve.frequency * RPM
-        amplitude, phase = axes[row, column], axes[row + 1, column]
+        line, (relative, turn) = factor * np.abs(curve.fitted), curve.band
         amplitude.semilogy(x, factor * np.abs(curve.measured), ".", ms=2.5, color=colour, alpha=0.6)
-        amplitude.semilogy(curve.fine * RPM, factor * np.abs(curve.fitted), "-", lw=1.1, color=colour)
+        amplitude.semilogy(curve.fine * RPM, line, "-", lw=1.1, color=colour)
+        reach = np.exp(np.minimum(relative, 20.0))
+        amplitude.fill_between(curve.fine * RPM, line / reach, line * reach, color=colour, alpha=0.25, lw=0)
         phase.plot(x, _degrees(curve.measured), ".", ms=2.5, color=colour, alpha=0.6)
-        phase.plot(curve.fine * RPM, _unwrapped(curve.fitted), "-", lw=1.1, color=colour)
-        amplitude.set_title(_cell_title(fit, curve.coordinate, curve.force_plane), fontsize=9)
+        angle, half = _unwrapped(curve.fitted), np.rad2deg(turn)
+        phase.plot(curve.fine * RPM, angle, "-", lw=1.1, color=colour)
+        phase.fill_between(curve.fine * RPM, angle - half, angle + half, color=colour, alpha=0.25, lw=0)
+        amplitude.set_title(_cell_title(fit, curve.coordinate, curve.force_plane), fontsize=8)
         amplitude.set_ylabel(unit, fontsize=8)
         phase.set_ylabel("phase lead, deg", fontsize=8)
         phase.set_yticks([-180, -90, 0, 90, 180])
         phase.set_ylim(-190, 190)
-    for axis in axes[-1]:
-        axis.set_xlabel(_frequency_label(curves), fontsize=9)
-    _condition_legend(figure, conditions)
+    for pair, (amplitude, _) in panels.axes.items():
+        _amplitude_limits(amplitude, [c for c in found if (c.coordinate, c.force_plane) == pair], fit)
+    for axis in panels.bottom:
+        axis.set_xlabel(_frequency_label(found), fontsize=8)
+    _condition_legend(figure, conditions, "fit and 95 % band")
     return figure
 
 
-def _frequency_label(curves: list[_Curve]) -> str:
-    both = any(c.frequency.min() < 0 for c in curves) and any(c.frequency.max() > 0 for c in curves)
-    return "perturbation frequency, rpm (backward < 0 < forward)" if both else "frequency, rpm"
+def _amplitude_limits(axis: Any, found: Sequence[Curve], fit: FitResult) -> None:
+    """Limits around points and lines: bands of what is not determined would leave nothing else to be seen."""
+    factor, _ = _response_unit(fit, found[0].coordinate)
+    sizes = np.concatenate([np.abs(np.r_[c.measured, c.fitted]) for c in found])
+    sizes = factor * sizes[np.isfinite(sizes) & (sizes > 0)]
+    if sizes.size:
+        axis.set_ylim(float(sizes.min()) / 1.5, 1.5 * float(sizes.max()))
+
+
+def _frequency_label(found: Sequence[Curve]) -> str:
+    both = any(c.frequency.min() < 0 for c in found) and any(c.frequency.max() > 0 for c in found)
+    return "frequency, rpm (backward < 0 < forward)" if both else "frequency, rpm"
 
 
 def _degrees(values: ComplexArray) -> Float:
@@ -179,43 +144,80 @@ def _unwrapped(values: ComplexArray) -> Float:
     return np.where(np.abs(np.diff(phase, prepend=phase[:1])) > 180, np.nan, phase)
 
 
-def _condition_legend(figure: Figure, conditions: list[str]) -> None:
+def _condition_legend(
+    figure: Figure, conditions: Sequence[Condition], line: str, marks: Sequence[tuple[str, str, str]] = ()
+) -> None:
+    """Legend: conditions, then points and line, then further marks (marker, face, words)."""
     from matplotlib.lines import Line2D
 
-    handles: list[Any] = [Line2D([], [], color=colour_of(i), lw=2) for i in range(len(conditions))]
-    handles += [Line2D([], [], color=GREY, ls="", marker="."), Line2D([], [], color=GREY, lw=1.2)]
-    legend_below(figure, handles, [*conditions, "measured", "fitted"])
+    handles: list[Any] = [Line2D([], [], color=c.colour, lw=2) for c in conditions]
+    points = marks or ((".", GREY, "measured"),)
+    handles += [Line2D([], [], color=GREY, ls="", marker=m, mfc=face, ms=4) for m, face, _ in points]
+    labels = [*(c.name for c in conditions), *(words for *_, words in points)]
+    if line:
+        handles.append(Line2D([], [], color=GREY, lw=1.2))
+        labels.append(line)
+    legend_below(figure, handles, labels)
 
 
 def plot_polar(fit: FitResult) -> Figure:
     """Responses per unit force in the complex plane; filled points forward, open points backward.
 
+    Crosses along the fitted lines are at round frequencies, in rpm, signed.
+
     Raises:
         ValueError: the fit has no circular responses.
     """
-    curves, coordinates, forces, conditions = _layout(fit)
-    figure, axes = grid(len(coordinates), len(forces), f"Polar plot, {fit.model.name}", size=(4.4, 3.9))
-    for curve in curves:
-        axis = axes[coordinates.index(curve.coordinate), forces.index(curve.force_plane)]
-        colour = colour_of(conditions.index(curve.condition))
+    conditions, found = curves(fit)
+    figure, panels = _panels(found, f"Polar plot, {fit.model.name}", rows=1, size=(4.4, 3.9))
+    for curve in found:
+        (axis,) = panels.axes[curve.coordinate, curve.force_plane]
+        colour = curve.condition.colour
         factor, unit = _response_unit(fit, curve.coordinate)
         face = colour if curve.frequency[-1] > 0 else "none"
         z, fitted = factor * curve.measured, factor * curve.fitted
-        axis.plot(z.real, z.imag, "o", ms=3, mfc=face, mec=colour, mew=0.6, alpha=0.7)
+        axis.plot(z.real, z.imag, "o", ms=3, mfc=face, mec=colour, mew=0.6, alpha=0.5)
         axis.plot(fitted.real, fitted.imag, "-", lw=1.1, color=colour)
-        axis.set_title(_cell_title(fit, curve.coordinate, curve.force_plane), fontsize=9)
+        axis.set_title(_cell_title(fit, curve.coordinate, curve.force_plane), fontsize=8)
         axis.set_xlabel(f"in phase, {unit}", fontsize=8)
         axis.set_ylabel(f"quadrature, {unit}", fontsize=8)
         axis.set_aspect("equal")
         axis.axhline(0, color="0.7", lw=0.6)
         axis.axvline(0, color="0.7", lw=0.6)
-    for row, coordinate in enumerate(coordinates):
-        for column, force in enumerate(forces):
-            shown = [c.fitted for c in curves if (c.coordinate, c.force_plane) == (coordinate, force)]
-            factor, _ = _response_unit(fit, coordinate)
-            _square(axes[row, column], np.asarray(factor * np.concatenate([*shown, np.zeros(1)]), dtype=complex))
-    _condition_legend(figure, conditions)
+    for pair, (axis,) in panels.axes.items():
+        mine = [c for c in found if (c.coordinate, c.force_plane) == pair]
+        factor, _ = _response_unit(fit, pair[0])
+        every = np.asarray(factor * np.concatenate([*(c.fitted for c in mine), np.zeros(1)]), dtype=complex)
+        _square(axis, every)
+        _mark_frequencies(axis, mine, factor, 0.58 * max(np.ptp(every.real), np.ptp(every.imag), 1e-12))
+    both = len({bool(c.frequency[-1] > 0) for c in found}) > 1
+    marks = (
+        [("o", GREY, "measured, forward"), ("o", "none", "measured, backward")] if both else [("o", GREY, "measured")]
+    )
+    _condition_legend(figure, conditions, "fit", [*marks, ("x", GREY, "frequency in rpm")])
     return figure
+
+
+def _mark_frequencies(axis: Any, found: Sequence[Curve], factor: float, reach: float) -> None:
+    """Crosses at round frequencies on the fitted lines, each with its number where there is room for it."""
+    from matplotlib.ticker import MaxNLocator
+
+    top = max(float(np.abs(c.fine).max()) for c in found) * RPM
+    steps = np.asarray(MaxNLocator(nbins=4 * _MARKS, steps=[1, 2, 5, 10]).tick_values(-top, top))
+    placed: list[complex] = []
+    for curve in found:
+        x = curve.fine * RPM
+        for rpm in sorted(steps[(steps >= x[0]) & (steps <= x[-1]) & (steps != 0)], key=abs):
+            z = factor * complex(np.interp(rpm, x, curve.fitted.real), np.interp(rpm, x, curve.fitted.imag))
+            if all(abs(z - other) > 0.3 * reach for other in placed):
+                placed.append(z)
+                axis.plot(z.real, z.imag, "x", ms=4.5, mew=1.1, color="black", zorder=5)
+                left = z.real > np.mean(axis.get_xlim())  # towards the middle, where there is room
+                axis.annotate(
+                    f"{rpm:.0f}".replace("-", "−"), (z.real, z.imag), xytext=(-4 if left else 4, 3),
+                    textcoords="offset points", ha="right" if left else "left", fontsize=SMALL,
+                    color=curve.condition.colour, zorder=5, clip_on=True,
+                )  # fmt: skip
 
 
 def _square(axis: Any, values: ComplexArray) -> None:
@@ -232,28 +234,22 @@ def plot_residuals(fit: FitResult) -> Figure:
     Raises:
         ValueError: the fit has no circular responses.
     """
-    curves, coordinates, forces, conditions = _layout(fit)
+    conditions, found = curves(fit)
     title = f"Residuals over noise, {fit.model.name}: redchi {fit.redchi:.3g}"
-    figure, axes = grid(len(coordinates) + 1, len(forces), title, size=(5.2, 2.1))
-    for curve in curves:
-        axis = axes[coordinates.index(curve.coordinate), forces.index(curve.force_plane)]
-        colour = colour_of(conditions.index(curve.condition))
+    figure, panels = _panels(found, title, rows=2, size=(5.2, 1.6))
+    for curve in found:
+        axis, _ = panels.axes[curve.coordinate, curve.force_plane]
         x = curve.frequency * RPM
-        axis.plot(x, curve.whitened.real, ".", ms=2.5, color=colour, alpha=0.7)
-        axis.plot(x, curve.whitened.imag, "x", ms=2.5, mew=0.6, color=colour, alpha=0.7)
-        axis.set_title(_cell_title(fit, curve.coordinate, curve.force_plane), fontsize=9)
+        axis.plot(x, curve.whitened.real, ".", ms=2.5, color=curve.condition.colour, alpha=0.7)
+        axis.plot(x, curve.whitened.imag, "x", ms=2.5, mew=0.6, color=curve.condition.colour, alpha=0.7)
+        axis.set_title(_cell_title(fit, curve.coordinate, curve.force_plane), fontsize=8)
         axis.set_ylabel("residual / noise", fontsize=8)
-        axis.set_xlabel(_frequency_label(curves), fontsize=8)
-    for axis in axes[: len(coordinates)].flat:
+        axis.set_xlabel(_frequency_label(found), fontsize=8)
+    for pair, (axis, histogram) in panels.axes.items():
         axis.axhspan(-2, 2, color="0.93", zorder=0)
-    for place, force in enumerate(forces):
-        mine = np.concatenate([c.whitened for c in curves if c.force_plane == force])
-        _histogram(axes[-1, place], np.concatenate([mine.real, mine.imag]))
-    from matplotlib.lines import Line2D
-
-    handles: list[Any] = [Line2D([], [], color=colour_of(i), lw=2) for i in range(len(conditions))]
-    handles += [Line2D([], [], color=GREY, ls="", marker=m) for m in (".", "x")]
-    legend_below(figure, handles, [*conditions, "real part", "imaginary part"])
+        mine = np.concatenate([c.whitened for c in found if (c.coordinate, c.force_plane) == pair])
+        _histogram(histogram, np.concatenate([mine.real, mine.imag]))
+    _condition_legend(figure, conditions, "", [(".", GREY, "real part"), ("x", GREY, "imaginary part")])
     return figure
 
 
@@ -274,10 +270,11 @@ def plot_dynamic_stiffness(fit: FitResult) -> Figure:
     """Direct and quadrature dynamic stiffness against signed frequency: data by eq. (7), the fit and its 95 % band.
 
     One row for each entry of the matrix, or, with more than two coordinates, one panel for each with both parts in it.
-    Where not all planes were forced, the drive-point stiffness (force over response, other planes free) takes the place
-    of eq. (7). Intercept, curvature and slope of the fitted lines are written into the panels: they are the parameters.
+    Where not all planes were forced, and of nonlinear fluids, whose stiffness changes with the force, the drive-point
+    stiffness (force over response, other planes free) takes the place of eq. (7), with one curve a force level.
+    Intercept, curvature and slope of a linear model's lines are written into the panels: they are the parameters.
 
     Raises:
         ValueError: the fit has no circular responses.
     """
-    return draw_dynamic_stiffness(fit, [block for block, _ in _circular_blocks(fit)])
+    return draw_dynamic_stiffness(fit)

@@ -7,74 +7,137 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rotorfit.estimators.nonlinear import responses_of
 from rotorfit.models import eigenvalues
-from rotorfit.plots.style import COLOURS, GREY, RPM, grid, legend_below
+from rotorfit.plots.journal import CONFIDENCE, group_label
+from rotorfit.plots.style import COLOURS, GREY, RPM, grid, legend_below, literal
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from rotorfit.fitting.result import FitResult
+    from rotorfit.fitting.result import FitResult, Quantity
 
-_CONFIDENCE = 1.96
+Float = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+
+_THRESHOLD = COLOURS[1]
+_MODES = tuple(c for c in COLOURS if c != _THRESHOLD)
+"""Colours of modes: all but the threshold's."""
+_OVERDAMPED = 0.99  # damping ratio from which a mode no longer oscillates and has no decrement
+_DECREMENT = 3.0  # largest decrement worth a place on its axis: what matters is near zero
 
 
 def plot_stability(fit: FitResult, *, group: int = 0) -> Figure:
-    """Growth rate and damped frequency of every mode against rotative speed, with the threshold and its 95 % interval.
+    """Modes against rotative speed, with the threshold and its 95 % interval.
+
+    Growth rate and damped frequency above, damping ratio and logarithmic decrement below.
 
     Args:
         fit: the fit.
-        group: parameter group, where parameters were fitted per attribute.
+        group: parameter group, where parameters were fitted per attribute; its label is in the title.
     """
-    from matplotlib.lines import Line2D
-    from matplotlib.patches import Patch
-
     theta = fit.problem.space.theta(fit.x)[group]
     onset = fit.threshold_of(group) if fit.model.speed_dependent else None
-    found = onset is not None and np.isfinite(onset.value)
-    top = _highest_speed(fit, onset.value if found and onset is not None else np.nan)
+    onset = onset if onset is not None and np.isfinite(onset.value) else None
+    tested = _tested_speeds(fit, group)
+    top = _highest_speed(fit, np.nan if onset is None else onset.value)
     speeds = np.linspace(0.0, top, 400)
     s = _tracked(eigenvalues(fit.model, np.broadcast_to(theta, (speeds.size, theta.size)), speeds))
     s = np.where(np.abs(s) <= fit.stability_band, s, complex(np.nan, np.nan))
-    figure, axes = grid(1, 2, f"Stability, {fit.model.name}", size=(5.4, 3.6))
-    growth, frequency = axes[0]
     s = s[:, np.isfinite(s).any(axis=0)]
-    for mode in range(s.shape[1]):
-        for axis, values in ((growth, s[:, mode].real), (frequency, s[:, mode].imag * RPM)):
-            axis.plot(speeds * RPM, values, color=COLOURS[mode % len(COLOURS)], lw=1.4)
-    growth.axhspan(0, 1e9, color="#D55E00", alpha=0.08, lw=0)
-    growth.axhline(0, color=GREY, lw=0.8)
-    shown = s.real[np.isfinite(s.real)]
-    low = max(float(shown.min()), -8 * float(np.median(np.abs(shown)))) if shown.size else -1.0
-    growth.set_ylim(1.1 * low, max(0.12 * abs(low), 1.1 * float(shown.max(initial=0.0))))
+    label = group_label(fit, group)
+    title = f"Stability, {fit.model.name}" + (f", {literal(label)}" if label else "")
+    figure, axes = grid(2, 2, title, size=(5.4, 2.6))
+    growth, frequency, damping, decrement = axes.flat
+    size = np.where(np.abs(s) > 0, np.abs(s), np.nan)
+    zeta = -s.real / size
+    swings = np.abs(zeta) < _OVERDAMPED
+    delta = np.where(swings, 2 * np.pi * zeta / np.sqrt(np.where(swings, 1 - zeta**2, 1.0)), np.nan)
+    panels = ((growth, s.real), (frequency, s.imag * RPM), (damping, zeta), (decrement, delta))
+    for axis, values in panels:
+        for mode in range(s.shape[1]):
+            axis.plot(speeds * RPM, values[:, mode], color=_MODES[mode % len(_MODES)], lw=1.4)
+        axis.set_xlabel("rotative speed, rpm", fontsize=8)
+        axis.set_xlim(0, top * RPM)
+        for speed in tested.tolist():
+            axis.plot(speed * RPM, 0.0, "^", color="black", ms=5, clip_on=False, transform=axis.get_xaxis_transform())
+        _mark_threshold(axis, onset)
+    _unstable_half(growth, s.real, above=True)
+    _unstable_half(damping, zeta, above=False)
+    _unstable_half(decrement, np.minimum(delta, _DECREMENT), above=False)
     frequency.plot(speeds * RPM, speeds * RPM, "--", color="0.6", lw=0.9)
-    frequency.annotate("1×", (0.93 * top * RPM, 0.93 * top * RPM), fontsize=8, color=GREY, ha="right", va="bottom")
     span = np.nanmax(np.abs(s.imag), initial=0.0) * RPM
     frequency.set_ylim(-1.1 * span, 1.1 * span)
-    growth.set_ylabel("growth rate, 1/s (unstable above 0)", fontsize=9)
-    frequency.set_ylabel("damped frequency, rpm (backward < 0)", fontsize=9)
-    handles: list[Any] = []
-    labels: list[str] = []
-    for axis in (growth, frequency):
-        axis.set_xlabel("rotative speed, rpm", fontsize=9)
-        axis.set_xlim(0, top * RPM)
-        for speed in fit.speeds:
-            axis.plot(speed * RPM, 0.0, "^", color="black", ms=6, transform=axis.get_xaxis_transform(), clip_on=False)
-        if found and onset is not None:
-            axis.axvline(onset.value * RPM, color="#D55E00", lw=1.4)
-            if np.isfinite(onset.stderr):
-                half = _CONFIDENCE * onset.stderr
-                axis.axvspan((onset.value - half) * RPM, (onset.value + half) * RPM, color="#D55E00", alpha=0.3, lw=0)
-    if fit.speeds.size:
+    names = ("growth rate, 1/s", "damped frequency, rpm", "damping ratio", "logarithmic decrement")
+    for axis, name in zip((growth, frequency, damping, decrement), names, strict=True):
+        axis.set_ylabel(name, fontsize=8)
+    _legend(figure, _mode_names(s, speeds, float(tested.max(initial=0.0))), onset, tested=bool(tested.size))
+    return figure
+
+
+def _tested_speeds(fit: FitResult, group: int) -> Float:
+    """Speeds, rad/s, at which the group's data were measured; none where the speed was swept."""
+    blocks = [b for b in map(responses_of, fit.problem.blocks) if b is not None]
+    mine = [np.unique(b.speed[b.group == group]) for b in blocks]
+    distinct = np.unique(np.concatenate([*mine, np.zeros(0)]))
+    return distinct if np.isin(distinct, fit.speeds).all() else np.zeros(0)
+
+
+def _mark_threshold(axis: Any, onset: Quantity | None) -> None:
+    if onset is None:
+        return
+    axis.axvline(onset.value * RPM, color=_THRESHOLD, lw=1.4)
+    if np.isfinite(onset.stderr):
+        half = CONFIDENCE * onset.stderr
+        axis.axvspan((onset.value - half) * RPM, (onset.value + half) * RPM, color=_THRESHOLD, alpha=0.3, lw=0)
+
+
+def _unstable_half(axis: Any, values: Float, *, above: bool) -> None:
+    """Limits that leave out modes of far more damping than the others, and a tint where motion grows."""
+    stable = -values if above else values
+    shown = stable[np.isfinite(stable)]
+    high = min(float(shown.max()), 8 * float(np.median(np.abs(shown)))) if shown.size else 1.0
+    high = high if high > 0 else 1.0
+    low = min(-0.12 * high, 1.1 * float(shown.min(initial=0.0)))
+    axis.axhline(0, color=GREY, lw=0.8)
+    if above:
+        axis.set_ylim(-1.1 * high, -low)
+        axis.axhspan(0, -low, color=_THRESHOLD, alpha=0.1, lw=0)
+    else:
+        axis.set_ylim(low, 1.1 * high)
+        axis.axhspan(low, 0, color=_THRESHOLD, alpha=0.1, lw=0)
+
+
+def _mode_names(s: ComplexArray, speeds: Float, at: float) -> list[str]:
+    """Words for each mode: its whirl and its frequency at a speed."""
+    row = s[int(np.argmin(np.abs(speeds - at)))]
+    whirl = ["forward" if value.imag > 0 else "backward" for value in row]
+    rpm = np.abs(row.imag) * RPM
+    return [
+        f"{way} mode, {f:.4g} rpm at {at * RPM:.4g} rpm" if np.isfinite(f) else "mode beyond the tested band"
+        for way, f in zip(whirl, rpm.tolist(), strict=True)
+    ]
+
+
+def _legend(figure: Figure, modes: list[str], onset: Quantity | None, *, tested: bool) -> None:
+    from matplotlib.lines import Line2D
+    from matplotlib.patches import Patch
+
+    handles: list[Any] = [Line2D([], [], color=_MODES[i % len(_MODES)], lw=1.4) for i in range(len(modes))]
+    labels = list(modes)
+    if onset is not None:
+        handles.append(Line2D([], [], color=_THRESHOLD, lw=1.4))
+        known = np.isfinite(onset.stderr)
+        interval = f" ± {CONFIDENCE * onset.stderr * RPM:.2g} (95 %)" if known else ""
+        labels.append(f"threshold {onset.value * RPM:.1f}{interval} rpm")
+    handles.append(Patch(color=_THRESHOLD, alpha=0.15))
+    labels.append("unstable")
+    handles.append(Line2D([], [], color="0.6", lw=0.9, ls="--"))
+    labels.append("1×: frequency = speed")
+    if tested:
         handles.append(Line2D([], [], color="black", marker="^", ls=""))
         labels.append("tested speeds")
-    if found and onset is not None:
-        handles.append(Line2D([], [], color="#D55E00", lw=1.4))
-        interval = f" ± {_CONFIDENCE * onset.stderr * RPM:.2g} (95 %)" if np.isfinite(onset.stderr) else ""
-        labels.append(f"threshold {onset.value * RPM:.1f}{interval} rpm")
-    handles.append(Patch(color="#D55E00", alpha=0.15))
-    labels.append("unstable")
     legend_below(figure, handles, labels)
-    return figure
 
 
 def _highest_speed(fit: FitResult, onset: float) -> float:
@@ -83,7 +146,7 @@ def _highest_speed(fit: FitResult, onset: float) -> float:
     return 1.25 * max(onset, tested) if np.isfinite(onset) else 1.5 * max(tested, 1.0)
 
 
-def _tracked(s: NDArray[np.complex128]) -> NDArray[np.complex128]:
+def _tracked(s: ComplexArray) -> ComplexArray:
     """Order the eigenvalues of each speed so that every column follows one mode."""
     from scipy.optimize import linear_sum_assignment
 

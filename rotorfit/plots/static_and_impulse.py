@@ -83,8 +83,8 @@ def plot_static_locus(fit: FitResult) -> Figure:
     axis.set_xlim(-1.1, 1.1)
     axis.set_ylim(-1.22, 1.12)
     axis.set_aspect("equal")
-    axis.set_xlabel("across the load, over clearance", fontsize=9)
-    axis.set_ylabel("against the load, over clearance", fontsize=9)
+    axis.set_xlabel("across the load, over clearance", fontsize=8)
+    axis.set_ylabel("against the load, over clearance", fontsize=8)
     _legend(figure, [f"{v * RPM:.0f} rpm" for v in speeds], "measured", "fitted locus")
     return figure
 
@@ -125,9 +125,9 @@ def plot_static_stiffness(fit: FitResult) -> Figure:
                 axis.plot(eps, factor * curve, "-", color=colour, lw=1.3)
                 axis.fill_between(eps, factor * curve - band, factor * curve + band, color=colour, alpha=0.25, lw=0)
     single = len(fit.model.coordinates) == 1
-    axes[0, 0].set_ylabel(f"{'λD' if single else 'across the load / Ω'}, {scales[0][1]}", fontsize=9)
-    axes[1, 0].set_ylabel(f"{'K + K0 − Mf λ²Ω²' if single else 'along the load'}, {scales[1][1]}", fontsize=9)
-    axes[1, 0].set_xlabel("eccentricity of the journal over clearance", fontsize=9)
+    axes[0, 0].set_ylabel(f"{'λD' if single else 'across the load / Ω'}, {scales[0][1]}", fontsize=8)
+    axes[1, 0].set_ylabel(f"{'K + K0 − Mf λ²Ω²' if single else 'along the load'}, {scales[1][1]}", fontsize=8)
+    axes[1, 0].set_xlabel("eccentricity of the journal over clearance", fontsize=8)
     _legend(figure, [f"{v * RPM:.0f} rpm" for v in speeds], "measured", "fit and 95 % band")
     return figure
 
@@ -170,10 +170,10 @@ def plot_velocity_ratio(fit: FitResult) -> Figure:
             axis.plot(eps, curve.value, "--", color=GREY, lw=1.2)
             axis.fill_between(eps, curve.value - band, curve.value + band, color=GREY, alpha=0.2, lw=0)
             axis.text(eps[-1], curve.value[-1], f" {curve.name.replace('lam', 'λ')}", fontsize=8, color=GREY)
-    axis.set_ylabel("damped frequency over rotative speed", fontsize=9)
-    axis.set_xlabel("eccentricity of the journal over clearance", fontsize=9)
+    axis.set_ylabel("damped frequency over rotative speed", fontsize=8)
+    axis.set_xlabel("eccentricity of the journal over clearance", fontsize=8)
     axis.set_ylim(bottom=min(0.0, axis.get_ylim()[0]))
-    _legend(figure, [f"{v * RPM:.0f} rpm" for v in speeds], "measured", "fitted eigenvalue")
+    _legend(figure, [f"{v * RPM:.0f} rpm" for v in speeds], "measured", "fitted eigenvalue", dashed="lam and 95 % band")
     return figure
 
 
@@ -195,9 +195,13 @@ def _branches(
     return found
 
 
-def _legend(figure: Figure, names: list[str], points: str, line: str) -> None:
+def _legend(figure: Figure, names: list[str], points: str, line: str, *, dashed: str = "") -> None:
     from matplotlib.lines import Line2D
 
     handles: list[Any] = [Line2D([], [], color=colour_of(i), lw=2) for i in range(len(names))]
     handles += [Line2D([], [], color=GREY, ls="", marker="o", ms=4), Line2D([], [], color=GREY, lw=1.3)]
-    legend_below(figure, handles, [*names, points, line])
+    words = [*names, points, line]
+    if dashed:
+        handles.append(Line2D([], [], color=GREY, lw=1.2, ls="--"))
+        words.append(dashed)
+    legend_below(figure, handles, words)

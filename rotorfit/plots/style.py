@@ -13,15 +13,21 @@ RPM = 30 / np.pi
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00")
 """Okabe and Ito's palette: told apart by colour-blind readers and in grey."""
 GREY = "#666666"
+PAGE = (7.08, 8.8)
+"""Largest width and height of a figure, inches: what A4 leaves between its margins, so that print keeps its size."""
+SMALL = 7
+"""Smallest type, points."""
 
 
 def grid(rows: int, columns: int, title: str, *, size: tuple[float, float] = (4.6, 2.3)) -> tuple[Figure, Any]:
-    """An empty figure of axes, shape ``(rows, columns)``, ``size`` inches each."""
-    figure = Figure(figsize=(size[0] * columns, size[1] * rows + 0.5), layout="constrained")
-    figure.suptitle(title, fontsize=11)
+    """An empty figure of axes, shape ``(rows, columns)``, ``size`` inches each where that does not exceed a page."""
+    width, height = min(size[0] * columns, PAGE[0]), min(size[1] * rows + 0.5, PAGE[1])
+    figure = Figure(figsize=(width, height), layout="constrained")
+    if title:
+        figure.suptitle(title, fontsize=10)
     axes = figure.subplots(rows, columns, squeeze=False)
     for axis in axes.flat:
-        axis.tick_params(labelsize=8)
+        axis.tick_params(labelsize=SMALL)
         axis.grid(color="0.9", linewidth=0.6)
         axis.set_axisbelow(True)
         for side in ("top", "right"):
@@ -29,9 +35,14 @@ def grid(rows: int, columns: int, title: str, *, size: tuple[float, float] = (4.
     return figure, axes
 
 
-def colour_of(number: int) -> str:
-    """Colour of the n-th speed."""
-    return COLOURS[number % len(COLOURS)]
+def colour_of(number: int, count: int = 0) -> str:
+    """Colour of the n-th of ``count`` speeds; of more than the palette holds, on a scale from dark to light."""
+    if count <= len(COLOURS):
+        return COLOURS[number % len(COLOURS)]
+    from matplotlib import colormaps
+    from matplotlib.colors import to_hex
+
+    return to_hex(colormaps["viridis"](0.92 * number / (count - 1)))
 
 
 def literal(text: str) -> str:
@@ -50,6 +61,11 @@ def prefix(values: NDArray[np.float64], unit: str) -> tuple[float, str]:
 
 
 def legend_below(figure: Figure, handles: Sequence[Any], labels: Sequence[str]) -> None:
-    """One legend for all axes, outside of the data."""
+    """One legend for all axes, outside of the data, in as many columns as the width holds."""
     if len(labels):
-        figure.legend(handles, labels, loc="outside lower center", ncols=min(len(labels), 6), fontsize=8, frameon=False)
+        room = figure.get_figwidth() * 72 / (0.55 * SMALL)  # letters in a row
+        columns = int(room / (max(len(label) for label in labels) + 6))
+        figure.legend(
+            handles, labels, loc="outside lower center", ncols=min(max(columns, 1), len(labels), 6), fontsize=SMALL,
+            frameon=False,
+        )  # fmt: skip

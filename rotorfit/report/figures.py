@@ -71,18 +71,20 @@ def _impulses(block: object) -> bool:
     return isinstance(block, FreeVibrations)
 
 
-_TO_FORCE = "Responses to a unit force. Points: measured. Lines: fit."
+_TO_FORCE = "Responses to a unit force. Points: measured. Lines: fit, with its 95 % band."
+_POLAR = "Responses to a unit force. Points: measured, open ones backward. Lines: fit; crosses: frequencies in rpm."
 _BAND = "Residuals over their noise; noise alone would leave 95 % of them in the grey band."
 
 FIGURES: tuple[Kind, ...] = (
     Kind(
         "Dynamic stiffness",
         plots.plot_dynamic_stiffness,
-        "Points: measured ± σ. Lines: fit, with its 95 % band.",
+        "Points: measured ± σ. Lines: fit, with its 95 % band. Dotted: λΩ, where the fluid's part of the quadrature "
+        "stiffness vanishes.",
         _turning,
     ),
     Kind("Bode plots", plots.plot_bode, _TO_FORCE, _turning),
-    Kind("Polar plots", plots.plot_polar, _TO_FORCE, _turning),
+    Kind("Polar plots", plots.plot_polar, _POLAR, _turning),
     Kind("Residuals", plots.plot_residuals, _BAND, _turning),
     Kind(
         "Fluid against eccentricity",
@@ -156,7 +158,7 @@ def _quality(fit: FitResult) -> Iterator[Html]:
 def _stability(material: ReportInput) -> Iterator[Html]:
     fit = material.fit
     for label, group in groups_of(fit):
-        caption = "Eigenvalues of the fitted rotor against its speed" + (f", {label}." if label else ".")
+        caption = "Modes of the fitted rotor against its speed" + (f", {label}." if label else ".")
         name = "stability" if group == 0 else f"stability_{group + 1}"
         yield _picture(material, name, plots.plot_stability(fit, group=group), caption)
     rows = [row for label, group in groups_of(fit) for row in _mode_rows(fit, label, group)]

@@ -14,8 +14,8 @@ if TYPE_CHECKING:
 _SHORT = 8
 """Rows of a table that is not broken between pages."""
 _VOID = ("img", "meta", "br")
-_DPI, _PIXELS = 150.0, 1600.0
-"""Resolution of a picture, and its largest width: 220 dots per inch over a page's 185 mm."""
+_DPI = 200.0
+"""Resolution of a picture."""
 
 
 class Html(str):
@@ -79,7 +79,7 @@ def table(
 def drawn(figure: Figure) -> bytes:
     """A figure as a PNG file, fine enough for the width of a page."""
     stream = BytesIO()
-    figure.savefig(stream, format="png", dpi=min(_DPI, _PIXELS / figure.get_figwidth()))
+    figure.savefig(stream, format="png", dpi=_DPI)
     return stream.getvalue()
 
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from rotorfit.fitting.result import FitResult
 from rotorfit.models import RotorModel
 from rotorfit.models.equation_text import symbol_mathml
+from rotorfit.plots.journal import group_label, groups_in_order
 from rotorfit.report.html import Html, element, join
 from rotorfit.report.numbers import RPM, interval
 
@@ -51,8 +52,8 @@ def unit_shown(unit: str) -> str:
 
 
 def groups_of(fit: FitResult) -> list[tuple[str, int]]:
-    """Parameter groups: what tells each apart, empty for a single one, and its number."""
-    return [(", ".join(_suffixes(fit, group)), group) for group in range(len(fit.problem.space.index))]
+    """Parameter groups in order: what tells each apart, empty for a single one, and its number."""
+    return [(group_label(fit, group), group) for group in groups_in_order(fit)]
 
 
 def _suffixes(fit: FitResult, group: int) -> list[str]:

@@ -20,7 +20,7 @@ def plot_profile(profile: Profile) -> Figure:
 
     factor, unit = (RPM, "rpm") if profile.unit == "rad/s" else (1.0, profile.unit)
     percent = f"{100 * profile.level:g} %"
-    figure, axes = grid(1, 1, "", size=(4.6, 3.0))
+    figure, axes = grid(1, 1, "", size=(3.45, 2.5))  # two of them side by side in a report
     axis = axes[0, 0]
     values = profile.values * factor
     axis.plot(values, profile.rise, color=COLOURS[0], marker=".", ms=4, lw=1.3, label="profile")
@@ -35,7 +35,7 @@ def plot_profile(profile: Profile) -> Figure:
             axis.axvline(end * factor, color=COLOURS[1], lw=0.9, ls=":")
     shown = profile.rise[np.isfinite(profile.rise)]
     axis.set_ylim(0, 1.15 * max(goal, float(shown.max(initial=0.0))))
-    axis.set_xlabel(literal(profile.name.replace("_", " ")) + ("" if unit == "1" else f" ({unit})"), fontsize=9)
-    axis.set_ylabel("rise of chi-squared", fontsize=9)
-    axis.legend(fontsize=8, frameon=False, loc="upper center")
+    axis.set_xlabel(literal(profile.name.replace("_", " ")) + ("" if unit == "1" else f" ({unit})"), fontsize=8)
+    axis.set_ylabel("rise of chi-squared", fontsize=8)
+    axis.legend(fontsize=7, frameon=False, loc="upper center")
     return figure

@@ -1,0 +1,255 @@
+"""Sweeps of a fit by what moves the curve: parameter group, rotative speed and, of nonlinear fluids, the force."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotorfit.estimators.nonlinear import OrbitResponses, responses_of
+from rotorfit.estimators.observations import Responses
+from rotorfit.plots.journal import group_label, half_width, natural
+from rotorfit.plots.style import RPM, colour_of, literal
+
+if TYPE_CHECKING:
+    from rotorfit.fitting.result import FitResult
+
+Float = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+Index = NDArray[np.intp]
+
+SWEPT = 12
+"""Distinct speeds of a block beyond which the speed is swept, as in a start-up."""
+_SWEEP = -1.0  # speed of a key whose speed is swept
+_ONE_SPEED = 2e-3  # relative difference of speeds that were meant to be the same
+_ONE_LEVEL = 0.03  # relative difference of forces that were meant to be the same
+
+
+@dataclass(frozen=True)
+class Condition:
+    """One curve of every panel and one entry of the legend; lists of them are sorted by number.
+
+    Attributes:
+        group: parameter group.
+        speed: rad/s, NaN where it is swept.
+        name: words for the legend.
+        colour: of its points and lines.
+    """
+
+    group: int
+    speed: float
+    name: str
+    colour: str
+
+
+@dataclass(frozen=True, eq=False)
+class Sweeps:
+    """The lines of one block.
+
+    Attributes:
+        responses: observations, with the fit's errors of phase and calibration taken out.
+        block: the block that predicts them.
+        condition: place of each line's condition in the list of all, shape ``(L,)``.
+    """
+
+    responses: Responses
+    block: Responses | OrbitResponses
+    condition: Index
+
+
+@dataclass(frozen=True)
+class _Key:
+    group: int
+    speed: float
+    level: str
+
+
+def sweeps(fit: FitResult) -> tuple[list[Condition], list[Sweeps]]:
+    """Conditions, and the blocks with responses to circular forces or imposed orbits.
+
+    Raises:
+        ValueError: the fit has none.
+    """
+    found: list[tuple[Responses, Responses | OrbitResponses]] = []
+    theta = fit.problem.space.theta(fit.x)
+    for block, predicted in zip(fit.problem.blocks, fit.problem.predict(fit.x), strict=True):
+        base = responses_of(block)
+        if base is None or not isinstance(block, Responses | OrbitResponses) or not base.frequency.any():
+            continue
+        plain = block.predict(theta)
+        off = np.divide(predicted, plain, out=np.ones_like(predicted), where=plain != 0)
+        clean = replace(base, measured=base.measured / off, sigma=base.sigma / np.abs(off))
+        found.append((clean, block))
+    if not found:
+        raise ValueError("this fit has no responses to a circular force to plot")
+    keyed = _keys([clean for clean, _ in found], nonlinear=fit.model.eccentricity_dependent)
+    distinct = sorted({key for keys in keyed for key in keys}, key=lambda k: _sorting(fit, k))
+    names = _names(fit, distinct)
+    conditions = [
+        Condition(key.group, math.nan if key.speed == _SWEEP else key.speed, name, colour_of(i, len(distinct)))
+        for i, (key, name) in enumerate(zip(distinct, names, strict=True))
+    ]
+    parts = [
+        Sweeps(clean, block, np.array([distinct.index(key) for key in keys], dtype=np.intp))
+        for (clean, block), keys in zip(found, keyed, strict=True)
+    ]
+    return conditions, parts
+
+
+def _keys(blocks: Sequence[Responses], *, nonlinear: bool) -> list[list[_Key]]:
+    """What tells the lines of each block apart; equal speeds of several blocks have equal keys."""
+    swept = [np.unique(base.speed).size > SWEPT for base in blocks]
+    steady = rounded(
+        np.concatenate([np.zeros(0) if s else b.speed for s, b in zip(swept, blocks, strict=True)]), _ONE_SPEED
+    )
+    found, begin = [], 0
+    for base, is_swept in zip(blocks, swept, strict=True):
+        count = base.speed.size
+        speeds = np.full(count, _SWEEP) if is_swept else steady[begin : begin + count]
+        begin += 0 if is_swept else count
+        by_force = nonlinear and not base.imposed
+        names = levels(np.abs(base.force).max(axis=1), base.frequency) if by_force else [""] * count
+        keys = zip(base.group.tolist(), speeds.tolist(), names, strict=True)
+        found.append([_Key(group, speed, level) for group, speed, level in keys])
+    return found
+
+
+def levels(force: Float, frequency: Float) -> list[str]:
+    """Size of each line's force in words: of an unbalance m r where that takes fewer values than the force itself.
+
+    Args:
+        force: size, N, shape ``(L,)``.
+        frequency: rad/s, same shape.
+    """
+    by_force = rounded(force, _ONE_LEVEL)
+    by_unbalance = rounded(force / np.maximum(frequency**2, 1e-12), _ONE_LEVEL)
+    if np.unique(by_unbalance).size < np.unique(by_force).size:
+        return [f"{value * 1e6:.3g} g mm" for value in by_unbalance]
+    return [f"{value:.3g} N" for value in by_force]
+
+
+def rounded(values: Float, tolerance: float) -> Float:
+    """Values with those that differ by little replaced by their mean."""
+    if not values.size:
+        return values
+    order = np.argsort(values)
+    ordered = values[order]
+    new = np.diff(ordered, prepend=ordered[:1]) > tolerance * np.abs(ordered)
+    cluster = np.cumsum(new)
+    means = np.bincount(cluster, weights=ordered) / np.bincount(cluster)
+    out = np.empty_like(values)
+    out[order] = means[cluster]
+    return out
+
+
+def _sorting(fit: FitResult, key: _Key) -> tuple[object, ...]:
+    return (natural(group_label(fit, key.group)), key.speed, natural(key.level))
+
+
+def _names(fit: FitResult, keys: Sequence[_Key]) -> list[str]:
+    """Words for the legend: speed, force, and the group where these do not tell it."""
+    several = len({(k.speed, k.level) for k in keys}) < len(keys)
+    return [
+        literal(
+            ", ".join(
+                part
+                for part in (
+                    "synchronous" if k.speed == _SWEEP else f"{k.speed * RPM:.4g} rpm",
+                    k.level,
+                    group_label(fit, k.group) if several else "",
+                )
+                if part
+            )
+        )
+        for k in keys
+    ]
+
+
+@dataclass(frozen=True, eq=False)
+class Curve:
+    """One probe's response to one force in one condition and one direction of whirl, frequencies ascending.
+
+    Attributes:
+        coordinate, force_plane: places in the model's coordinates.
+        condition: what it was measured in.
+        frequency: of the readings, rad/s.
+        measured: response over force (or force over imposed displacement).
+        whitened: residual over noise.
+        fine, fitted: frequencies and values of the fitted line.
+        band: half-width of the fitted line's 95 % band: of the logarithm of the amplitude and of the phase, rad.
+    """
+
+    coordinate: int
+    force_plane: int
+    condition: Condition
+    frequency: Float
+    measured: ComplexArray
+    whitened: ComplexArray
+    fine: Float
+    fitted: ComplexArray
+    band: tuple[Float, Float]
+
+
+def curves(fit: FitResult) -> tuple[list[Condition], list[Curve]]:
+    """Conditions, and every measured and fitted response.
+
+    Raises:
+        ValueError: the fit has no circular responses.
+    """
+    conditions, parts = sweeps(fit)
+    return conditions, [curve for part in parts for curve in _curves(fit, conditions, part)]
+
+
+def _curves(fit: FitResult, conditions: Sequence[Condition], part: Sweeps) -> Iterator[Curve]:
+    base = part.responses
+    predicted, by_theta = part.block.predict_jacobian(fit.problem.space.theta(fit.x))
+    w = base.frequency[base.line]
+    plane = np.argmax(np.abs(base.force), axis=1)[base.line]
+    drive = base.force[base.line, plane]
+    share = np.round(base.force[base.line] / drive[:, None], 9)  # forces at several planes at once
+    _, direction = np.unique(share, axis=0, return_inverse=True)
+    keys = np.column_stack([base.coordinate, plane, part.condition[base.line], w < 0, direction.reshape(-1)])
+    for key in np.unique(keys[w != 0], axis=0):
+        rows = np.flatnonzero((keys == key).all(axis=1))
+        rows = rows[np.argsort(w[rows], kind="stable")]
+        condition = conditions[int(key[2])]
+        if isinstance(part.block, Responses) and not base.imposed:
+            fine, fitted, slope = _fine(fit, part.block, rows)
+        else:
+            fine, fitted, slope = w[rows], predicted[rows] / drive[rows], by_theta[rows] / drive[rows, None]
+        yield Curve(
+            int(key[0]), int(key[1]), condition, w[rows], base.measured[rows] / drive[rows],
+            (predicted[rows] - base.measured[rows]) / base.sigma[rows], fine, fitted,
+            _band(fit, condition.group, fitted, slope),
+        )  # fmt: skip
+
+
+_FINE = 1200  # points of a fitted line
+
+
+def _fine(fit: FitResult, block: Responses, rows: Index) -> tuple[Float, ComplexArray, ComplexArray]:
+    """Fitted response along a sweep and its derivatives, on a grid fine enough for sharp resonances."""
+    line = block.line[rows]
+    w = block.frequency[line]
+    fine = np.linspace(w[0], w[-1], _FINE)
+    force = block.force[line[0]]
+    count = np.arange(_FINE)
+    grid = replace(
+        block, speed=np.interp(fine, w, block.speed[line]), frequency=fine, force=np.tile(force, (_FINE, 1)),
+        group=np.full(_FINE, block.group[line[0]]), line=count,
+        coordinate=np.full(_FINE, block.coordinate[rows[0]]), measured=np.zeros(_FINE, dtype=complex),
+        sigma=np.ones(_FINE), label=np.zeros(_FINE, dtype=np.intp), run=np.full(_FINE, ""),
+    )  # fmt: skip
+    value, slope = grid.predict_jacobian(fit.problem.space.theta(fit.x))
+    drive = force[np.argmax(np.abs(force))]
+    return fine, value / drive, slope / drive
+
+
+def _band(fit: FitResult, group: int, value: ComplexArray, slope: ComplexArray) -> tuple[Float, Float]:
+    """Half-widths for the logarithm of the amplitude and for the phase, by the delta method."""
+    relative = np.divide(slope, value[:, None], out=np.zeros_like(slope), where=value[:, None] != 0)
+    return half_width(fit, group, relative.real), half_width(fit, group, relative.imag)
