@@ -235,13 +235,18 @@ class RotorModel(ABC):
         """Matrix of responses to unit forces, ``inv(kappa)``, m/N, arguments as for :meth:`dynamic_stiffness`."""
         return np.asarray(np.linalg.inv(self.dynamic_stiffness(theta, frequency, speed, eccentricity)), dtype=complex)
 
-    def force_vector(self, plane: str, frequency: ArrayLike, force: ArrayLike) -> ComplexArray:
-        """Generalised force of a circular force (eq. 2) at a plane.
+    def force_vector(self, plane: str, frequency: ArrayLike, force: ArrayLike, along: str = "circular") -> ComplexArray:
+        """Generalised force at a plane: of a circular force (eq. 2), or of one along x or y.
+
+        In complex coordinates ``Re(F exp(jwt))`` along x is half of F at +w and half of conj(F) at -w; along y both are
+        multiplied by j.
 
         Args:
             plane: name of the force plane.
-            frequency: signed frequency, shape ``(L,)``; its sign is the sense of the force.
-            force: phasor ``F exp(j delta)`` of eq. (2), N, shape ``(L,)``.
+            frequency: signed frequency, shape ``(L,)``; its sign is the sense of the force, or says which of its two
+                parts is meant.
+            force: phasor ``F exp(j delta)`` of eq. (2), or of the component along the axis, N, shape ``(L,)``.
+            along: ``circular``, ``x`` or ``y``.
 
         Returns:
             shape ``(L, n)``.
@@ -252,7 +257,10 @@ class RotorModel(ABC):
         w, phasor = np.broadcast_arrays(np.asarray(frequency, dtype=float), np.asarray(force, dtype=complex))
         vector = np.zeros((*w.shape, len(self.coordinates)), dtype=complex)
         if self.frame == "z":
-            vector[..., self.coordinate(plane, "z")] = np.where(w < 0, phasor.conj(), phasor)
+            share = {"circular": 1.0, "x": 0.5, "y": 0.5j}[along]
+            vector[..., self.coordinate(plane, "z")] = share * np.where(w < 0, phasor.conj(), phasor)
+        elif along != "circular":
+            vector[..., self.coordinate(plane, along)] = phasor
         else:
             vector[..., self.coordinate(plane, "x")] = phasor
             vector[..., self.coordinate(plane, "y")] = np.where(w < 0, 1j, -1j) * phasor

@@ -8,6 +8,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from rotorfit.checks.linear_force import linear_force
 from rotorfit.checks.orbits import NEAR_1X, orbits_of
 from rotorfit.checks.scale import peak_to_peak
 from rotorfit.checks.signs import signs, wrong_direction
@@ -24,8 +25,8 @@ def check(test: Experiment) -> list[Finding]:
 
     Recognised are readings that are not finite or doubled, forces of zero, implausible amplitudes, readings at 1x,
     gaps in the plan of the test (planes without force, one direction only, one frequency only), conjugated FRFs,
-    responses in the wrong direction, a reversed sense of rotation, peak-to-peak amplitudes in some channels,
-    start-ups without partner.
+    responses in the wrong direction, forces along an axis given as circular, a reversed sense of rotation, peak-to-peak
+    amplitudes in some channels, start-ups without partner.
 
     Args:
         test: what was measured, SI units.
@@ -50,9 +51,11 @@ def _physics(test: PerturbationTest | DisplacementTest) -> Iterator[Finding]:
         yield from _planes(test)
         yield from _start_ups(test)
         orbits = orbits_of(test.select(test.force != 0), np.flatnonzero(test.force != 0))
-        wrong = list(wrong_direction(orbits))
+        linear = list(linear_force(orbits))
+        wrong = linear or list(wrong_direction(orbits))
         yield from wrong
-        yield from peak_to_peak(orbits)
+        if not linear:
+            yield from peak_to_peak(orbits)
         if not any(finding.severity == "error" for finding in wrong):  # else the right component is only a residue
             yield from signs(orbits)
 
@@ -128,7 +131,8 @@ def _frequencies(test: PerturbationTest | DisplacementTest) -> Iterator[Finding]
             "to the response. Subtract the slow roll, read(..., slow_roll=...), or remove them."
         )
         yield Finding("warning", "near-1x", text, _rows(near))
-    if not synchronous and (np.all(test.frequency >= 0) or np.all(test.frequency <= 0)):
+    both_ways = isinstance(test, PerturbationTest) and bool(test.linear.any())
+    if not synchronous and not both_ways and (np.all(test.frequency >= 0) or np.all(test.frequency <= 0)):
         there, lacking = ("forward", "backward") if np.all(test.frequency >= 0) else ("backward", "forward")
         text = (
             f"All runs are {there}. {lacking.capitalize()} runs separate fluid damping from lam and anisotropy from "

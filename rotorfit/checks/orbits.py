@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotorfit.data.experiments import ComplexArray, Float, PerturbationTest, Text
+from rotorfit.data.linear_force import probe_pairs, whirl_parts
 
 ENOUGH = 12
 """Readings needed for a verdict on a run."""
@@ -55,9 +56,17 @@ class Orbits:
 
 
 def orbits_of(test: PerturbationTest, numbers: Index) -> Orbits:
-    """Put readings together; ``numbers`` are the rows that they have in the whole test."""
+    """Put readings together; ``numbers`` are the rows that they have in the whole test.
+
+    Under a force along an axis the forward and the backward part are two orbits, each with its half of the force;
+    readings of one probe alone, which do not tell them apart, are left out.
+    """
+    alone = probe_pairs(test, test.linear)[1]
+    kept = np.setdiff1d(np.arange(len(test)), alone)
+    test, origin = whirl_parts(test.select(kept))
+    numbers = numbers[kept][origin]
     found: dict[Any, dict[str, int]] = {}
-    columns = (test.run, test.speed, test.frequency, test.force_plane, test.force, test.plane)
+    columns = (test.run, test.speed, test.frequency, test.force_plane, test.force, test.force_direction, test.plane)
     keys = zip(*[column.tolist() for column in columns], strict=True)
     for row, (key, direction) in enumerate(zip(keys, test.direction.tolist(), strict=True)):
         if direction in ("x", "y", "z"):
@@ -74,18 +83,19 @@ def orbits_of(test: PerturbationTest, numbers: Index) -> Orbits:
     plus, minus = (x + 1j * y) / 2, np.conj(x - 1j * y) / 2
     right = np.where(np.isnan(plus), np.where(backward, single.conj(), single), np.where(backward, minus, plus))
     force = np.where(backward, test.force[first].conj(), test.force[first])
+    share = np.select([test.force_direction[first] == axis for axis in "xy"], [0.5, 0.5j], 1.0)
     return Orbits(
         run=test.run[first],
         speed=test.speed[first],
         frequency=test.frequency[first],
         force_plane=test.force_plane[first],
         plane=test.plane[first],
-        force=force,
+        force=force * share,
         x=x,
         y=y,
         right=np.where(np.isnan(right), z, right),
         wrong=np.where(backward, plus, minus),
-        rows=[tuple(int(numbers[row]) for row in rows.values()) for rows in found.values()],
+        rows=[tuple(np.unique(numbers[list(rows.values())]).tolist()) for rows in found.values()],
     )
 
 

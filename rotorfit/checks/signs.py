@@ -58,8 +58,9 @@ def wrong_direction(orbits: Orbits) -> Iterator[Finding]:
     largest = max((part for key, part in steady.items() if key not in bad), default=0.0)
     if largest > 0.02:
         text = (
-            f"Up to {largest:.0%} of the response is against the direction of the force: anisotropy, or probes that "
-            "differ. Compare with the model Anisotropic before trusting an isotropic one."
+            f"Up to {largest:.0%} of the response is against the direction of the force: anisotropy, probes that "
+            "differ, or a force that does not turn (force_direction). Compare with the model Anisotropic before "
+            "trusting an isotropic one."
         )
         yield Finding("note", "anisotropy", text)
 

@@ -17,6 +17,9 @@ DIRECTIONS = ("x", "y", "z", "rx", "ry", "rz")
 """x, y: one probe, phasor relative to exp(+j|w|t); z: complex amplitude relative to exp(jwt) with w signed.
 rx, ry, rz: the same for the slopes dx/ds, dy/ds of the shaft."""
 
+FORCE_DIRECTIONS = ("circular", "x", "y")
+"""A force that turns with the sign of the frequency (eq. 2), or one along an axis that does not turn."""
+
 SYNCHRONOUS_TOLERANCE = 1e-4
 """A reading is 1x when its frequency equals its speed to this fraction of the speed."""
 
@@ -100,7 +103,9 @@ class PerturbationTest(_Rows):
         speed: rotative speed Omega, rad/s.
         frequency: perturbation frequency w, rad/s; negative is backward whirl.
         force_plane: plane of the force.
-        force: ``F exp(j delta)`` of eq. (2), N.
+        force: ``F exp(j delta)`` of eq. (2), N; along an axis, the phasor of that component relative to exp(+j|w|t).
+        force_direction: one of :data:`FORCE_DIRECTIONS`; left out, every force is circular. Readings x and y under a
+            force along an axis have positive frequencies.
         plane: plane of the probe.
         direction: one of :data:`DIRECTIONS`.
         response: phasor, m (rad for slopes), 0-peak, phase lead.
@@ -120,14 +125,36 @@ class PerturbationTest(_Rows):
     direction: Text
     response: ComplexArray
     sigma: Float
+    force_direction: Text = field(default_factory=lambda: np.array([], dtype=str))
 
     def __post_init__(self) -> None:
+        if not self.force_direction.size:
+            object.__setattr__(self, "force_direction", np.full(len(self.run), "circular"))
         self._check_lengths()
-        unknown = sorted(set(self.direction.tolist()) - set(DIRECTIONS))
-        if unknown:
+        for name, allowed in (("direction", DIRECTIONS), ("force_direction", FORCE_DIRECTIONS)):
+            unknown = sorted(set(getattr(self, name).tolist()) - set(allowed))
+            if unknown:
+                raise ValueError(
+                    f"{self.source or 'the test'}: {name} {unknown} unknown; allowed: {', '.join(allowed)}"
+                )
+        bad = self.linear & (self.frequency < 0) & ~np.char.endswith(self.direction, "z")
+        if bad.any():
             raise ValueError(
-                f"{self.source or 'the test'}: direction {unknown} unknown; allowed: {', '.join(DIRECTIONS)}"
+                f"{self.source or 'the test'}: {bad.sum()} readings have a negative frequency under a force along "
+                f"{self.force_direction[bad][0]} (row {np.flatnonzero(bad)[0] + 1}); a force that does not turn has "
+                "positive ones"
             )
+
+    @property
+    def forces(self) -> tuple[str, ...]:
+        """Planes of the force in order of appearance, with the axis of those that do not turn: ``disk along x``."""
+        pairs = dict.fromkeys(zip(self.force_plane.tolist(), self.force_direction.tolist(), strict=True))
+        return tuple(plane if along == "circular" else f"{plane} along {along}" for plane, along in pairs)
+
+    @property
+    def linear(self) -> NDArray[np.bool_]:
+        """Rows whose force acts along an axis and does not turn, shape ``(R,)``."""
+        return np.asarray(self.force_direction != "circular")
 
     @property
     def planes(self) -> tuple[str, ...]:
@@ -417,15 +444,15 @@ def perturbation_test(
     direction: Sequence[str] | Text,
     response: Any,
     sigma: Any = np.nan,
+    force_direction: str | Sequence[str] | Text = "circular",
     attributes: Mapping[str, Any] | None = None,
     source: str = "",
 ) -> PerturbationTest:
     """Build a :class:`PerturbationTest` from arrays or scalars, scalars spread over all rows.
 
     Args:
-        run, speed, frequency, force_plane, force, plane, direction, response, sigma: SI units, shape ``(R,)`` or
-        scalar,
-            see :class:`PerturbationTest`.
+        run, speed, frequency, force_plane, force, plane, direction, response, sigma, force_direction: SI units, shape
+            ``(R,)`` or scalar, see :class:`PerturbationTest`.
         attributes: further columns by name.
         source: where the data came from, for messages.
 
@@ -442,6 +469,7 @@ def perturbation_test(
         "direction": (direction, str),
         "response": (response, complex),
         "sigma": (sigma, float),
+        "force_direction": (force_direction, str),
     }
     columns = {name: _column(name, values, kind) for name, (values, kind) in given.items()}
     lengths = {name: column.shape for name, column in columns.items() if column.size != 1}

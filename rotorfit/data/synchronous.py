@@ -102,7 +102,7 @@ def _pairs(test: PerturbationTest, rows: NDArray[np.bool_]) -> Iterator[tuple[ND
     keys = list(zip(test.run.tolist(), test.force_plane.tolist(), _merge(sectors), strict=True))
     runs: dict[Any, list[int]] = {}
     for row, key in enumerate(keys):
-        if rows[row] and test.force[row] != 0 and test.speed[row] != 0:
+        if rows[row] and test.force[row] != 0 and test.speed[row] != 0 and not test.linear[row]:
             runs.setdefault(key, []).append(row)
     free = list(runs)
     while free:

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from rotorfit.data.experiments import DisplacementTest, Experiment, Float, PerturbationTest
+from rotorfit.data.linear_force import probe_pairs
 from rotorfit.data.synchronous import SPEED_TOLERANCE, difference_synchronous, group_speeds
 from rotorfit.models.parameters import unknown_name
 
@@ -248,23 +249,11 @@ def resolve_probe_angles(test: PerturbationTest, angles: Mapping[str, tuple[floa
         if abs(np.linalg.det(mixing)) < 1e-3:
             raise ValueError(f"probe_angles: probes at {first} and {second} degrees of {plane} see the same direction")
         inverse: Float = np.linalg.inv(mixing)
-        rows = _probe_pairs(test, plane)
+        rows, lonely = probe_pairs(test, (test.plane == plane) & np.isin(test.direction, ("x", "y")))
+        if lonely.size or not rows.size:
+            raise ValueError(
+                f"probe_angles: {lonely.size} readings of {plane} have no partner in the other probe to resolve with"
+            )
         response[rows] = test.response[rows] @ inverse.T
         sigma[rows] = np.sqrt(test.sigma[rows] ** 2 @ (inverse**2).T)
     return replace(test, response=response, sigma=sigma)
-
-
-def _probe_pairs(test: PerturbationTest, plane: str) -> Any:
-    """Rows of x and y readings taken together, shape ``(N, 2)``; repeats pair in order of appearance."""
-    found: dict[Any, tuple[list[int], list[int]]] = {}
-    columns = (test.run, test.speed, test.frequency, test.force_plane, test.force)
-    keys = zip(*[column.tolist() for column in columns], strict=True)
-    for row, (key, at, direction) in enumerate(zip(keys, test.plane.tolist(), test.direction.tolist(), strict=True)):
-        if at == plane and direction in ("x", "y"):
-            found.setdefault(key, ([], []))["xy".index(direction)].append(row)
-    lonely = sum(abs(len(x) - len(y)) for x, y in found.values())
-    if lonely or not found:
-        raise ValueError(
-            f"probe_angles: {lonely} readings of {plane} have no partner in the other probe to resolve with"
-        )
-    return np.array([pair for x, y in found.values() for pair in zip(x, y, strict=True)])

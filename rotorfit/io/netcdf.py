@@ -44,7 +44,8 @@ def column_types(kind: type[Any]) -> dict[str, type]:
 def build(kind: str, columns: Mapping[str, Any], attributes: Mapping[str, Any], source: str) -> Experiment:
     """Make an experiment of stored columns.
 
-    Single values stand for all rows. ``sigma`` may be missing, which is unknown noise. What is no column but a list of
+    Single values stand for all rows. ``sigma`` may be missing, which is unknown noise, and ``force_direction``, which
+    is a circular force. What is no column but a list of
     the same length, or a single value, becomes an attribute; anything else is not of this experiment and left out.
 
     Raises:
@@ -53,12 +54,13 @@ def build(kind: str, columns: Mapping[str, Any], attributes: Mapping[str, Any], 
     if kind not in STORABLE:
         raise ValueError(f"{source}: {unknown_name('kind of experiment', kind, STORABLE)}")
     types = column_types(STORABLE[kind])
-    missing = [name for name in types if name not in columns and name != "sigma"]
+    optional = {"sigma": np.array(np.nan), "force_direction": np.array("circular")}
+    missing = [name for name in types if name not in columns and name not in optional]
     if missing:
         raise ValueError(
             f"{source}: missing columns: {', '.join(missing)}. The file has: {', '.join(columns) or 'none'}"
         )
-    given = {"sigma": np.array(np.nan), **columns}
+    given = {**optional, **columns}
     arrays = {name: _convert(source, name, given[name], kind_of) for name, kind_of in types.items()}
     size = max(array.size for array in arrays.values())
     extra = {name: np.asarray(values) for name, values in columns.items() if name not in types}

@@ -2,11 +2,11 @@
 
 ``run, speed_rpm, frequency_rpm, force_plane, force_N, force_phase_deg, plane, direction, amplitude_um, phase_deg`` with
 comment lines ``#`` anywhere; the end of a name is the unit (:data:`rotorfit.units.UNITS`). In place of ``force_N`` an
-unbalance ``mr_g_mm`` (force m r w^2), in place of amplitude and phase ``real_um, imag_um``; ``sigma_um`` and
-``probe_radius_mm`` are optional. Slopes (direction ``rx`` = dx/ds, ``ry`` = dy/ds) have columns of their own,
-``amplitude_urad`` and so on, or are readings of an axial probe at ``probe_radius_mm``, positive when a positive slope
-gives a positive reading. Columns that are none of these become test attributes. Columns of the other experiments:
-:mod:`rotorfit.io.csv_kinds`.
+unbalance ``mr_g_mm`` (force m r w^2), in place of amplitude and phase ``real_um, imag_um``; ``sigma_um``,
+``probe_radius_mm`` and ``force_direction`` (``circular``, or ``x``, ``y``: along an axis) are optional. Slopes
+(direction ``rx`` = dx/ds, ``ry`` = dy/ds) have columns of their own, ``amplitude_urad`` and so on, or are readings of
+an axial probe at ``probe_radius_mm``, positive when a positive slope gives a positive reading. Columns that are none of
+these become test attributes. Columns of the other experiments: :mod:`rotorfit.io.csv_kinds`.
 """
 
 from __future__ import annotations
@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 
 from rotorfit.data.experiments import (
     DIRECTIONS,
+    FORCE_DIRECTIONS,
     ComplexArray,
     DisplacementTest,
     Experiment,
@@ -39,7 +40,8 @@ from rotorfit.units import UNITS, si_factor, units_of
 
 PERTURBATION_COLUMNS = (
     "run, speed_rpm, frequency_rpm, force_plane, force_N (or mr_g_mm), force_phase_deg, plane, direction, "
-    "amplitude_um, phase_deg (or real_um, imag_um), optional sigma_um, probe_radius_mm; "
+    "amplitude_um, phase_deg (or real_um, imag_um), optional sigma_um, probe_radius_mm, force_direction (circular, x, "
+    "y); "
     "other units by suffix, further columns are attributes"
 )
 DISPLACEMENT_COLUMNS = (
@@ -259,6 +261,7 @@ def read_csv(path: str | Path, *, speed_tolerance: float = SPEED_TOLERANCE) -> E
 
 def _perturbation(table: Table, speed_tolerance: float) -> PerturbationTest:
     text = [table.text(name) for name in ("run", "force_plane", "plane", "direction")]
+    along = table.text("force_direction") if "force_direction" in table.cells else None
     speed = table.one("speed", UNITS["frequency"], "speed_rpm")
     frequency = table.one("frequency", UNITS["frequency"], "frequency_rpm")
     unbalance = table.one("mr", UNITS["unbalance"])
@@ -277,6 +280,7 @@ def _perturbation(table: Table, speed_tolerance: float) -> PerturbationTest:
     run, force_plane, plane, direction = (table.words(name) for name in text)
     direction = _directions(table, direction)
     w = table.number(_there(frequency))
+    force_direction = _force_directions(table, along, w, direction)
     size = table.number(_there(unbalance)) * w**2 if unbalance else table.number(_there(force))
     parts = [_motion(table, columns, direction, radius) for columns in motion]
     response = _polar(table, motion[0], parts[0], table.number(_there(phase))) if polar else parts[0] + 1j * parts[1]
@@ -289,7 +293,7 @@ def _perturbation(table: Table, speed_tolerance: float) -> PerturbationTest:
         _refuse(table, ~np.isfinite(values), "run", f"is a row whose {name} overflows; check its units")
     test = PerturbationTest(
         run=run, force_plane=force_plane, plane=plane, direction=direction, sigma=noise,
-        speed=omega, frequency=w, force=columns["force"], response=response,
+        speed=omega, frequency=w, force=columns["force"], response=response, force_direction=force_direction,
         attributes=table.attributes(), source=table.source,
     )  # fmt: skip
     if len(groups := plane_groups(test)) > 1 and max(map(len, groups)) > 1:
@@ -359,6 +363,22 @@ def _directions(table: Table, cells: Text) -> Text:
         row = int(np.flatnonzero(unknown)[0])
         raise ValueError(f"{table.where(row, 'direction')}: {unknown_name('direction', str(cells[row]), DIRECTIONS)}")
     return direction
+
+
+def _force_directions(table: Table, name: str | None, w: Float, direction: Text) -> Text:
+    """Whether each force turns or acts along an axis; a blank cell is a circular force, as is a missing column."""
+    if name is None:
+        return np.full(w.shape, "circular")
+    cells = np.array([cell.lower() or "circular" for cell in table.cells[name]])
+    unknown = ~np.isin(cells, FORCE_DIRECTIONS)
+    if unknown.any():
+        row = int(np.flatnonzero(unknown)[0])
+        raise ValueError(
+            f"{table.where(row, name)}: {unknown_name('force_direction', table.cells[name][row], FORCE_DIRECTIONS)}"
+        )
+    backward = (cells != "circular") & (w < 0) & ~np.char.endswith(direction, "z")
+    _refuse(table, backward, name, "is a force that does not turn; its frequency has to be positive")
+    return cells
 
 
 def _refuse(table: Table, bad: NDArray[np.bool_], name: str, why: str) -> None:
@@ -446,6 +466,8 @@ def _perturbation_columns(test: PerturbationTest) -> dict[str, Any]:
         "plane": test.plane,
         "direction": test.direction,
     }
+    if test.linear.any():
+        columns["force_direction"] = test.force_direction
     values = {"amplitude": np.abs(test.response)}
     if np.isfinite(test.sigma).any():
         values["sigma"] = test.sigma

@@ -1,8 +1,9 @@
 """Universal files, dataset 58 (function at nodal DOF), through pyuff.
 
 Written here. Readings of one channel in one run at one speed are one FRF, response over force, abscissa ``|w|`` in Hz,
-``z`` axis the rotative speed in rpm (order 1 in a synchronous test). A circular force is not the single-point
-excitation of load case 0: **load case 1 is a forward, 2 a backward circular force**, the s of eq. (2). Nodes number
+``z`` axis the rotative speed in rpm (order 1 in a synchronous test). A force along an axis is the single-point
+excitation of load case 0 with its reference direction; **load case 1 is a forward, 2 a backward circular force**, the s
+of eq. (2). Nodes number
 the planes, entity names and ID lines carry their names: line 2 the run, 3 the plane, 4 the force plane, 5 what the
 record holds. Response direction 1, 2 are x, y; rotations follow ``phi = theta_y - j theta_x``, so ``rx`` = dx/ds is
 direction 5 and ``ry`` = dy/ds is -4; 0 is the complex amplitude (``z``, ``rz``). What an FRF cannot hold follows as
@@ -10,14 +11,15 @@ general functions with the same function number: the force, rows, exact frequenc
 attributes.
 
 Read from others: FRFs of ordinary shaker or hammer tests. A circular force is the sum of two of them,
-``H_x F - j H_y F`` forward and ``H_x F + j H_y F`` backward, so both references x and y have to be there at a node.
+``H_x F - j H_y F`` forward and ``H_x F + j H_y F`` backward, where both references x and y are there at a node; where
+one is missing, the test is one with a force along an axis.
 """
 
 from __future__ import annotations
 
 import re
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -38,6 +40,7 @@ _DIRECTIONS = {1: ("x", 1.0), 2: ("y", 1.0), 5: ("rx", 1.0), 4: ("ry", -1.0)}
 _DISPLACEMENT, _VELOCITY, _ACCELERATION, _FORCE, _FREQUENCY, _SPEED, _ORDER = 8, 11, 12, 13, 18, 19, 20
 _DERIVATIVES = {_DISPLACEMENT: 0, _VELOCITY: 1, _ACCELERATION: 2}
 _FRF, _GENERAL = 4, 0
+_AXES = {1: "x", 2: "y"}
 
 
 def write_uff(experiment: Experiment, path: str | Path) -> None:
@@ -84,7 +87,7 @@ def _refuse(test: PerturbationTest) -> None:
 def _series(test: PerturbationTest) -> Iterator[NDArray[np.intp]]:
     """Rows of each FRF: one channel, run, force plane, whirl direction and, unless it is swept, speed."""
     speed = [0.0] * len(test) if test.synchronous else test.speed.tolist()
-    columns = (test.run, test.force_plane, test.plane, test.direction, test.frequency < 0)
+    columns = (test.run, test.force_plane, test.force_direction, test.plane, test.direction, test.frequency < 0)
     groups: dict[Any, list[int]] = {}
     for row, key in enumerate(zip(*[column.tolist() for column in columns], speed, strict=True)):
         groups.setdefault(key, []).append(row)
@@ -100,9 +103,10 @@ def _records(
     swept = bool(np.ptp(part.speed) > 0) or test.synchronous
     common = {
         "type": 58, "func_id": number, "id1": _MARK, "id2": str(part.run[0]), "id3": plane, "id4": force_plane,
-        "load_case_id": 2 if part.frequency[0] < 0 else 1,
+        "load_case_id": 0 if part.linear[0] else 2 if part.frequency[0] < 0 else 1,
         "rsp_ent_name": plane[:10], "rsp_node": planes.index(plane) + 1, "rsp_dir": _CODES[direction],
-        "ref_ent_name": force_plane[:10], "ref_node": planes.index(force_plane) + 1, "ref_dir": 1,
+        "ref_ent_name": force_plane[:10], "ref_node": planes.index(force_plane) + 1,
+        "ref_dir": 2 if part.force_direction[0] == "y" else 1,
         "orddenom_spec_data_type": 0,
         "z_axis_spec_data_type": _ORDER if swept else _SPEED,
         "z_axis_value": 1.0 if swept else float(part.speed[0]) / _RPM,
@@ -212,6 +216,7 @@ def _own_series(roles: dict[str, dict[str, Any]], where: str) -> dict[str, Any]:
         "frequency": frequency,
         "force_plane": np.full(size, frf["id4"]),
         "force": force,
+        "force_direction": np.full(size, _AXES[abs(frf["ref_dir"])] if frf["load_case_id"] == 0 else "circular"),
         "plane": np.full(size, frf["id3"]),
         "direction": np.full(size, frf["id5"][4:]),
         "response": np.asarray(frf["data"]) * force,
@@ -247,14 +252,17 @@ def _read_foreign(
     by_run = _by_channel(receptances)
     if _lonely(by_run):  # the second ID line may be a remark that differs between the two directions of force
         by_run = _by_channel([replace(frf, run="") for frf in receptances])
-    lonely = _lonely(by_run)
-    if lonely or not by_run:
-        missing = ", ".join(f"{axis} at {plane}" for plane, axis in sorted(lonely)) or "any along x or y"
-        raise ValueError(
-            f"{source}: a circular force needs the FRFs to a force along x and to one along y at the same node, for "
-            f"every response; missing: force {missing}"
-        )
-    return _circular([pair for x, y in by_run.values() for pair in zip(x, y, strict=True)], source)
+    if not by_run:
+        raise ValueError(f"{source} has no FRF to a force along x or y, and none is lateral; nothing to read")
+    alone = _lonely(by_run)  # planes without one of the two references: their force does not turn
+    parts = [pair for key, (x, y) in by_run.items() if key[2] not in alone for pair in zip(x, y, strict=True)]
+    rows = list(_circular(parts, source)) + list(_linear(frf for frf in receptances if frf.force_plane in alone))
+    joined: dict[str, Any] = {
+        name: np.concatenate(cells) for name, cells in zip(_COLUMNS, zip(*rows, strict=True), strict=True)
+    }
+    if not joined["frequency"].size:
+        raise ValueError(f"{source}: no readings at frequencies above zero")
+    return perturbation_test(**joined, force=1.0, source=source)
 
 
 def _by_channel(frfs: Sequence[_Receptance]) -> dict[tuple[Any, ...], tuple[list[_Receptance], list[_Receptance]]]:
@@ -266,9 +274,9 @@ def _by_channel(frfs: Sequence[_Receptance]) -> dict[tuple[Any, ...], tuple[list
     return found
 
 
-def _lonely(channels: dict[tuple[Any, ...], tuple[list[_Receptance], list[_Receptance]]]) -> set[tuple[str, str]]:
-    """Plane and axis of forces whose partner along the other axis is missing."""
-    return {(key[2], "x" if len(x) < len(y) else "y") for key, (x, y) in channels.items() if len(x) != len(y)}
+def _lonely(channels: dict[tuple[Any, ...], tuple[list[_Receptance], list[_Receptance]]]) -> set[str]:
+    """Planes of forces whose partner along the other axis is missing."""
+    return {key[2] for key, (x, y) in channels.items() if len(x) != len(y)}
 
 
 def _plane_names(records: Sequence[dict[str, Any]]) -> dict[int, str]:
@@ -311,7 +319,7 @@ def _receptance(
         plane=names[record["rsp_node"]],
         direction=direction,
         force_plane=names[record["ref_node"]],
-        force_axis="x" if abs(record["ref_dir"]) == 1 else "y",
+        force_axis=_AXES[abs(record["ref_dir"])],
         frequency=w[keep],
         values=values * (sign * length / force),
     )
@@ -352,9 +360,8 @@ def _speed(record: dict[str, Any], speed: float | None, what: str) -> float:
     return float(record["z_axis_value"] * _rate(record, "z_axis"))
 
 
-def _circular(pairs: Sequence[tuple[_Receptance, _Receptance]], source: str) -> PerturbationTest:
+def _circular(pairs: Sequence[tuple[_Receptance, _Receptance]], source: str) -> Iterator[_Cells]:
     """Responses to a circular force of 1 N, eq. (2): ``Fx = 1``, ``Fy = -j`` forward and ``+j`` backward."""
-    columns: dict[str, list[NDArray[Any]]] = {name: [] for name in _COLUMNS}
     for x, y in pairs:
         same = x.frequency.shape == y.frequency.shape and np.allclose(x.frequency, y.frequency, rtol=1e-5, atol=0)
         if not same:
@@ -363,23 +370,20 @@ def _circular(pairs: Sequence[tuple[_Receptance, _Receptance]], source: str) -> 
                 "different frequency lines; measure or export them on the same lines"
             )
         for sign, name in ((1.0, "fwd"), (-1.0, "bwd")):
-            size = x.frequency.size
-            run = f"{x.run or 'frf'}-{x.force_plane}-{name}"
-            row = (
-                run,
-                x.speed,
-                sign * x.frequency,
-                x.force_plane,
-                x.plane,
-                x.direction,
-                x.values - sign * 1j * y.values,
-            )
-            for column, values in zip(_COLUMNS, row, strict=True):
-                columns[column].append(np.broadcast_to(np.asarray(values), (size,)))
-    joined: dict[str, Any] = {name: np.concatenate(values) for name, values in columns.items()}
-    if not joined["frequency"].size:
-        raise ValueError(f"{source}: no readings at frequencies above zero")
-    return perturbation_test(**joined, force=1.0, source=source)
+            yield _cells(x, name, "circular", sign * x.frequency, x.values - sign * 1j * y.values)
 
 
-_COLUMNS = ("run", "speed", "frequency", "force_plane", "plane", "direction", "response")
+def _linear(frfs: Iterable[_Receptance]) -> Iterator[_Cells]:
+    """Responses to a force of 1 N along an axis."""
+    for frf in frfs:
+        yield _cells(frf, frf.force_axis, frf.force_axis, frf.frequency, frf.values)
+
+
+_COLUMNS = ("run", "speed", "frequency", "force_plane", "force_direction", "plane", "direction", "response")
+_Cells = list[NDArray[Any]]
+
+
+def _cells(frf: _Receptance, name: str, along: str, frequency: Float, response: ComplexArray) -> _Cells:
+    run = f"{frf.run or 'frf'}-{frf.force_plane}-{name}"
+    row = (run, frf.speed, frequency, frf.force_plane, along, frf.plane, frf.direction, response)
+    return [np.broadcast_to(np.asarray(values), frequency.shape) for values in row]

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotorfit.data.experiments import DisplacementTest, Experiment, PerturbationTest
+from rotorfit.data.linear_force import whirl_parts
 from rotorfit.estimators.observations import Responses
 from rotorfit.estimators.row_keys import unique_rows
 from rotorfit.estimators.sweep_noise import estimate_noise
@@ -59,7 +60,7 @@ def observe(model: RotorModel, experiment: Experiment, group: Index) -> Response
     """Observations of an experiment in the model's coordinates, with their noise.
 
     Isotropic models see the component of each x/y pair in the direction of the force, and take a single probe's reading
-    for that of a circular orbit.
+    for that of a circular orbit. Under a force along an axis they see both components of each x/y pair, at +w and -w.
 
     Args:
         model: the rotor.
@@ -75,7 +76,10 @@ def observe(model: RotorModel, experiment: Experiment, group: Index) -> Response
         raise TypeError(f"{type(experiment).__name__} has no responses")
     _check_finite(experiment)
     _check_planes(model, experiment)
-    return _observe_isotropic(model, experiment, group) if model.frame == "z" else _observe_xy(model, experiment, group)
+    if model.frame != "z":
+        return _observe_xy(model, experiment, group)
+    parts, origin = whirl_parts(experiment)
+    return _observe_isotropic(model, parts, group[origin[:, 0]])
 
 
 def _check_finite(experiment: PerturbationTest) -> None:
@@ -131,6 +135,7 @@ def _lines(experiment: PerturbationTest, coordinate: Index, slot: Index) -> tupl
         experiment.force_plane,
         experiment.force.real,
         experiment.force.imag,
+        experiment.force_direction,
     )
     codes = np.column_stack([_numbers(column) for column in columns])
     first, line = unique_rows(codes)
@@ -248,9 +253,10 @@ def _assemble(
 ) -> Responses:
     force = np.zeros((first.size, len(model.coordinates)), dtype=complex)
     planes = test.force_plane[first]
-    for plane in dict.fromkeys(planes.tolist()):
-        at = planes == plane
-        force[at] = model.force_vector(plane, frequency[at], test.force[first][at])
+    along = test.force_direction[first]
+    for plane, axis in dict.fromkeys(zip(planes.tolist(), along.tolist(), strict=True)):
+        at = (planes == plane) & (along == axis)
+        force[at] = model.force_vector(plane, frequency[at], test.force[first][at], axis)
     line, coordinate = readings[:, 0], readings[:, 1]
     run = test.run[first][line]
     names = [f"{r} / {channel_names[c]}" for r, c in zip(run.tolist(), coordinate.tolist(), strict=True)]

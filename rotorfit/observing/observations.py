@@ -73,6 +73,12 @@ def _forced(model: RotorModel, test: PerturbationTest, group: Index) -> Block:
         return main_lines(model, observe(model, test, group))
     if not model.eccentricity_dependent:
         return observe(model, test, group)
+    if test.linear.any():
+        raise ValueError(
+            f"{test.source or 'experiment'}: {model.name} changes with the eccentricity of circular orbits, and a "
+            f"force along {test.force_direction[test.linear][0]} makes no circular one; fit the model without its "
+            "law, or the model anisotropic"
+        )
     position = test.static_position
     if position is None:
         return _orbits(model, observe(model, test, group))

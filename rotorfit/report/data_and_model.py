@@ -57,7 +57,7 @@ def _experiment_row(test: Experiment) -> list[str]:
         measured = ", ".join(f"{plane} {direction}" for plane, direction in pairs)
     w = test.frequencies * RPM
     span = f"{plain(float(w.min()), 5)} to {plain(float(w.max()), 5)} rpm" if w.size else ""
-    forced = ", ".join(getattr(test, "force_planes", ()))
+    forced = ", ".join(getattr(test, "forces", getattr(test, "force_planes", ())))
     return [
         test.source or "data in memory", kind, str(len(test)), str(len(test.runs)), speeds_in_words(test.speed),
         span, forced, measured,

@@ -205,7 +205,7 @@ def describe_test(test: Experiment, findings: Sequence[Finding]) -> str:
     lines = []
     if isinstance(test, PerturbationTest):
         kind = "synchronous test" if test.synchronous else kind
-        lines.append(f"  forced at    {', '.join(test.force_planes)}")
+        lines.append(f"  forced at    {', '.join(test.forces)}")
         lines.append(f"  measured at  {', '.join(_channels(test))}")
     elif test.planes:
         lines.append(f"  measured at  {', '.join(test.planes)}")
