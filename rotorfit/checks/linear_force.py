@@ -71,7 +71,7 @@ def _halves(orbits: Orbits, at: Index) -> tuple[ComplexArray, ComplexArray, Comp
     right, wrong = orbits.right[at], orbits.wrong[at]
     force = np.where(backward, orbits.force[at].conj(), orbits.force[at])
     ahead, behind = np.where(backward, wrong, right), np.where(backward, right, wrong)
-    return 2 * ahead / force, 2 * behind / force.conj(), force
+    return np.asarray(2 * ahead / force), np.asarray(2 * behind / force.conj()), np.asarray(force)
 
 
 def _axis(orbits: Orbits, at: Index) -> str:
