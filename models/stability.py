@@ -35,8 +35,8 @@ class Threshold:
 
     @property
     def whirl_ratio(self) -> float:
-        """Onset whirl frequency over threshold speed."""
-        return self.whirl_frequency / self.speed
+        """Onset whirl frequency over threshold speed, NaN for a rotor that is unstable at rest."""
+        return self.whirl_frequency / self.speed if self.speed else float("nan")
 
 
 def companion(coefficients: ComplexArray) -> tuple[ComplexArray, float]:

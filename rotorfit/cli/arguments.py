@@ -13,6 +13,7 @@ from rotorfit.fitting.options import Option
 from rotorfit.units import RAD_S_PER_RPM
 
 if TYPE_CHECKING:
+    from rotorfit.studies.recording_files import RecordingFiles
     from rotorfit.studies.study import DataFile, Study
 
 
@@ -24,7 +25,14 @@ def add_output(to: argparse.ArgumentParser) -> None:
 
 def add_files(to: argparse.ArgumentParser) -> None:
     """Test files and how they are read."""
-    to.add_argument("files", nargs="+", type=Path, metavar="FILE", help="test files (.csv .uff .nc .mat)")
+    to.add_argument(
+        "files",
+        nargs="+",
+        type=Path,
+        metavar="FILE",
+        help="test files (.csv .uff .nc .mat), recordings of raw signals (.h5 .tdms .wav)",
+    )
+    add_setup(to)
     to.add_argument(
         "--probe-angles",
         action="append",
@@ -39,6 +47,13 @@ def add_files(to: argparse.ArgumentParser) -> None:
         help="subtract each channel's mean reading below this speed (synchronous tests)",
     )
     to.add_argument("--speed", type=float, metavar="RPM", help="rotative speed, for universal files without it")
+
+
+def add_setup(to: argparse.ArgumentParser) -> None:
+    """Setup of the rig for recordings."""
+    to.add_argument(
+        "--setup", type=Path, metavar="rig.toml", help="channels of the recordings; all files are recordings then"
+    )
 
 
 def add_model(to: argparse.ArgumentParser, options: Sequence[Option] = option_table.MODEL) -> None:
@@ -70,12 +85,13 @@ def add_fit_options(fit: argparse.ArgumentParser) -> None:
 # ---- from words to settings -------------------------------------------------------------------
 
 
-def data_files(options: argparse.Namespace) -> tuple[DataFile, ...]:
-    """The files of the command line with their read options.
+def data_files(options: argparse.Namespace) -> tuple[DataFile | RecordingFiles, ...]:
+    """The files of the command line with their read options; recordings together are one test.
 
     Raises:
         ValueError: options that cannot be understood.
     """
+    from rotorfit.studies.recording_files import ALWAYS_RAW, RecordingFiles
     from rotorfit.studies.study import DataFile
 
     read: dict[str, Any] = {}
@@ -85,7 +101,14 @@ def data_files(options: argparse.Namespace) -> tuple[DataFile, ...]:
         read["slow_roll_below_rpm"] = options.slow_roll_below
     if options.speed is not None:
         read["speed"] = options.speed * RAD_S_PER_RPM
-    return tuple(DataFile(file, read) for file in options.files)
+    raw = tuple(file for file in options.files if options.setup or file.suffix.lower() in ALWAYS_RAW)
+    if raw and read:
+        raise ValueError(
+            f"{raw[0].name} is a recording: what --probe-angles, --slow-roll-below and --speed say stands in its setup "
+            "(--setup rig.toml)"
+        )
+    tests = tuple(DataFile(file, read) for file in options.files if file not in raw)
+    return (*tests, RecordingFiles(raw, options.setup)) if raw else tests
 
 
 def given(options: argparse.Namespace, settings: Sequence[Option]) -> dict[str, Any]:

@@ -65,7 +65,7 @@ def run(options: argparse.Namespace) -> int:
 
 def _campaign(options: argparse.Namespace) -> Campaign:
     from rotorfit.campaigns.campaign import campaign
-    from rotorfit.studies.study import build_model, check_model_name
+    from rotorfit.studies.study import build_model, check_model_name, no_progress, read_files
 
     if options.jobs < 1:
         raise ValueError(f"--jobs takes a number of processes from 1, got {options.jobs}")
@@ -73,7 +73,7 @@ def _campaign(options: argparse.Namespace) -> Campaign:
         raise ValueError("--by and --follow shape the trends: say --against what")
     study = fit_study(options, CAMPAIGN)
     check_model_name(study.model)
-    tests = [file.read() for file in study.files]
+    tests, _ = read_files(study.files, no_progress)
     with ExitStack() as stack:
         return campaign(
             build_model(study, tests),

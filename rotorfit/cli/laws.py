@@ -59,14 +59,14 @@ def _comparison(options: argparse.Namespace) -> LawComparison:
     from rotorfit.fitting.law_ranking import compare_laws
     from rotorfit.models import LAWS
     from rotorfit.models.parameters import unknown_name
-    from rotorfit.studies.study import build_model, check_model_name
+    from rotorfit.studies.study import build_model, check_model_name, no_progress, read_files
 
     study = fit_study(options, LAW_RANKING)
     check_model_name(study.model)
     for name in options.laws or ():
         if name not in LAWS:
             raise ValueError(f"--laws: {unknown_name('law', name, LAWS)}")
-    tests = [file.read() for file in study.files]
+    tests, _ = read_files(study.files, no_progress)
     return compare_laws(
         build_model(study, tests), tests, None if options.laws is None else [LAWS[name]() for name in options.laws],
         clearance_um=options.clearance_um, known=study.known, bounds=study.bounds, priors=study.priors, per=study.per,

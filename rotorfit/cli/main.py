@@ -14,7 +14,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rotorfit.cli import campaign, laws, recordings, simulate
+from rotorfit.cli import campaign, laws, recordings, simulate, vectors
 from rotorfit.cli.arguments import add_files, add_fit_options, add_output, data_files, fit_study
 from rotorfit.cli.errors import BAD_INPUT, DONE, INTERRUPTED, NOT_CONVERGED, BadInputError, checked, sentence
 from rotorfit.cli.progress import ProgressLine
@@ -126,11 +126,11 @@ def _models(options: argparse.Namespace) -> int:
 
 
 def _info(options: argparse.Namespace) -> int:
-    from rotorfit.checks.checklist import check
     from rotorfit.studies.folder import describe_test
+    from rotorfit.studies.study import no_progress, read_files
 
-    tests = checked(lambda: [file.read() for file in data_files(options)])
-    print("\n\n".join(describe_test(test, check(test)) for test in tests))
+    tests = checked(lambda: read_files(data_files(options), no_progress))
+    print("\n\n".join(describe_test(test, findings) for test, findings in zip(*tests, strict=True)))
     return DONE
 
 
@@ -142,10 +142,13 @@ COMMANDS = {
     "compare-laws": laws.run,
     "simulate": simulate.run,
     "template": recordings.run_template,
+    "vectors": vectors.run,
     "models": _models,
     "info": _info,
 }
 """What each word does."""
+
+_MODULES = (("campaign", campaign), ("compare-laws", laws), ("simulate", simulate), ("vectors", vectors))
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -174,7 +177,7 @@ def _parser() -> argparse.ArgumentParser:
     run.add_argument("study", type=Path, metavar="STUDY.toml", help="settings of a fit as TOML keys")
     run.add_argument("--out", type=Path, help="folder for the results, in place of the file's")
     add_output(run)
-    for name, module in (("campaign", campaign), ("compare-laws", laws), ("simulate", simulate)):
+    for name, module in _MODULES:
         module.add_options(command(name, module.DESCRIPTION))
     recordings.add_template_options(command("template", recordings.TEMPLATE))
     models = command("models", "list the models and their parameters")

@@ -128,15 +128,30 @@ def write(experiment: Experiment, path: str | Path) -> None:
     Raises:
         ValueError: unknown suffix, or something that the format cannot hold.
     """
-    target = Path(path)
+    target = check_target(path)
     writer = _writer(_format(target))
-    if not target.parent.is_dir():
-        raise FileNotFoundError(f"cannot write {target}: there is no folder {target.parent}")
     # a directory beside the target: the same file system, so that the replacement is one step
     with tempfile.TemporaryDirectory(dir=target.parent, prefix=".rotorfit-") as folder:
         draft = Path(folder) / f"draft{target.suffix}"
         writer(experiment, draft)
         os.replace(draft, target)
+
+
+def check_target(path: str | Path) -> Path:
+    """Refuse, before any work, a file that could not be written.
+
+    Args:
+        path: the file.
+
+    Raises:
+        ValueError: unknown suffix.
+        FileNotFoundError: no such folder.
+    """
+    target = Path(path)
+    _format(target)
+    if not target.parent.is_dir():
+        raise FileNotFoundError(f"cannot write {target}: there is no folder {target.parent}")
+    return target
 
 
 def _writer(kind: str) -> Callable[[Any, Path], None]:

@@ -8,6 +8,7 @@ method is in :mod:`rotorfit.estimators.local_response`.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -15,8 +16,8 @@ from numpy.typing import NDArray
 
 from rotorfit.data.experiments import PerturbationTest
 from rotorfit.data.findings import Finding
-from rotorfit.data.synchronous import DIFFERENCED, join
-from rotorfit.estimators.local_response import local_response
+from rotorfit.data.synchronous import DIFFERENCED, group_speeds, join
+from rotorfit.estimators.local_response import LocalResponse, local_response
 from rotorfit.recordings.reduced_record import ReducedRecord, reduce_record
 from rotorfit.recordings.response_rows import readings, rows, time_at
 
@@ -28,14 +29,23 @@ Float = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 Report = Callable[[Finding], None]
 
+DRIVEN = 3e-3
+"""Information of a line over that of the median line below which it is left out: 18 times the median error."""
 
-def responses(records: Sequence[Recording] | Recording, *, on_finding: Report | None = None) -> PerturbationTest:
+
+def responses(
+    records: Sequence[Recording] | Recording,
+    *,
+    on_finding: Report | None = None,
+    progress: Callable[[str], None] | None = None,
+) -> PerturbationTest:
     """Responses of a rotor to the force that turns with a perturbator or with the shaft itself.
 
     Args:
         records: of one rig; see :func:`rotorfit.read_recording`.
         on_finding: called with each thing that was found odd or that limits what the recordings say, for instance
             ``print``; what was found while reading is in ``record.findings``.
+        progress: called with a few words before each stage.
 
     Returns:
         a row for each probe at each line; a synchronous test where the shaft itself drives. Lines that a record cannot
@@ -48,6 +58,7 @@ def responses(records: Sequence[Recording] | Recording, *, on_finding: Report | 
     if not listed:
         raise ValueError("no recordings given")
     report = on_finding or (lambda finding: None)
+    tell = progress or (lambda stage: None)
     forces = [_force(record) for record in listed]
     _same_kind(listed, forces)
     if not all(force.datum_known for force in forces):
@@ -58,10 +69,11 @@ def responses(records: Sequence[Recording] | Recording, *, on_finding: Report | 
             )
         )  # fmt: skip
     if forces[0].reference == "perturbator":
-        return join([_sweep(record, report) for record in listed])
+        test = join([_sweep(record, report, tell) for record in listed])
+        return replace(test, speed=group_speeds(test.speed, test.frequency, test.run))
     planes = dict.fromkeys(force.plane for force in forces)
     groups = [[r for r, f in zip(listed, forces, strict=True) if f.plane == plane] for plane in planes]
-    return join([_start_ups(group, report) for group in groups])
+    return join([_start_ups(group, report, tell) for group in groups])
 
 
 def _force(record: Recording) -> Force:
@@ -83,8 +95,9 @@ def _same_kind(records: Sequence[Recording], forces: Sequence[Force]) -> None:
         )
 
 
-def _sweep(record: Recording, report: Report) -> PerturbationTest:
+def _sweep(record: Recording, report: Report, tell: Callable[[str], None]) -> PerturbationTest:
     """One record of a perturbator that sweeps."""
+    tell(f"responses of {record.name}")
     force = _force(record)
     drive = record.perturbator_angle()
     if drive is None:
@@ -96,17 +109,19 @@ def _sweep(record: Recording, report: Report) -> PerturbationTest:
     weight = np.array([force.mr * np.exp(1j * force.angle)])
     found = local_response([reduced.spectra(motion, weight, orders)], *reduced.band)
     w = found.frequency
+    driven = _driven(found)
     apart = _apart_from_orders(reduced, w)
-    if not apart.all():
+    lost = int(np.sum(driven & ~apart))
+    if lost:
         report(
             Finding(
-                "note", "lines-at-orders", f"{record.name}: {np.sum(~apart)} of {w.size} lines left out: closer to an "
+                "note", "lines-at-orders", f"{record.name}: {lost} of {driven.sum()} lines left out: closer to an "
                 f"order of the shaft than {reduced.time[-1] - reduced.time[0]:.3g} s can separate.",
             )
         )  # fmt: skip
     return rows(
         readings(record, found, drive.stderr(time_at(reduced, w))),
-        apart,
+        driven & apart,
         run=record.name,
         frequency=force.whirl * w,
         speed=reduced.shaft_speed,
@@ -128,6 +143,16 @@ def without(z: ComplexArray, known: ComplexArray) -> ComplexArray:
     return np.asarray(z - amplitude @ basis)
 
 
+def _driven(found: LocalResponse) -> NDArray[np.bool_]:
+    """Whether the force says enough at each node, its growth with the square of the frequency aside.
+
+    Where a sweep begins and ends its spectrum falls off and cannot be told from the transient. Chosen by the force, not
+    by what was measured, so that nothing is selected.
+    """
+    information = (found.noise[0] / found.sigma[0, 0]) ** 2 / found.width / found.frequency**4
+    return np.asarray(information > DRIVEN * np.median(information))
+
+
 def _apart_from_orders(reduced: ReducedRecord, w: Float) -> NDArray[np.bool_]:
     """Whether lines are further from every order than the record can separate, its own wander of speed added."""
     if reduced.shaft_angle is None:
@@ -138,8 +163,9 @@ def _apart_from_orders(reduced: ReducedRecord, w: Float) -> NDArray[np.bool_]:
     return np.asarray(np.abs(w - order * reduced.shaft_speed) > resolution + order * wander)
 
 
-def _start_ups(records: list[Recording], report: Report) -> PerturbationTest:
+def _start_ups(records: list[Recording], report: Report, tell: Callable[[str], None]) -> PerturbationTest:
     """Start-ups with the weight in one plane: the response to it, apart from what all of them share."""
+    tell(f"responses of {', '.join(record.name for record in records)}")
     forces = [_force(record) for record in records]
     reduced = [reduce_record(record, record.shaft_angle(), 1) for record in records]
     weights = np.array([force.mr * np.exp(1j * force.angle) for force in forces])
@@ -161,7 +187,7 @@ def _start_ups(records: list[Recording], report: Report) -> PerturbationTest:
     errors = [r.drive.stderr(time_at(r, w)) for r in reduced]
     return rows(
         readings(records[0], found, np.sqrt(np.sum(np.square(errors), axis=0)) / len(records)),
-        np.ones(w.size, dtype=bool),
+        _driven(found),
         run=" minus ".join(record.name for record in records),
         frequency=w,
         speed=w,

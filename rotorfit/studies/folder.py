@@ -275,7 +275,7 @@ def outcome_json(outcome: Outcome) -> str:
     return json.dumps(
         {
             "model": best.model.name,
-            "files": [str(file.path) for file in outcome.study.files],
+            "files": [str(path) for file in outcome.study.files for path in getattr(file, "paths", (file.path,))],
             "out": None if outcome.study.out is None else str(outcome.study.out),
             "success": best.success,
             "message": best.message,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
@@ -16,6 +16,7 @@ from rotorfit.fitting.result import FitResult
 from rotorfit.io.files import read
 from rotorfit.models import LAWS, MODELS, RotorModel
 from rotorfit.models.parameters import unknown_name
+from rotorfit.studies.recording_files import RecordingFiles
 
 if TYPE_CHECKING:
     from rotorfit.data.findings import Finding
@@ -33,6 +34,14 @@ class StudyProgress(Protocol):
         ...
 
 
+def no_progress(stage: str, done: float | None = None) -> None:
+    """Show nothing.
+
+    Args:
+        stage, done: as of any :class:`StudyProgress`.
+    """
+
+
 @dataclass(frozen=True)
 class DataFile:
     """A test file and the options to read it with, see :func:`rotorfit.read`."""
@@ -40,8 +49,16 @@ class DataFile:
     path: Path
     options: Mapping[str, Any] = field(default_factory=dict)
 
-    def read(self) -> Experiment:
-        """Read the test."""
+    def read(
+        self, on_finding: Callable[[Finding], None] | None = None, progress: Callable[[str], None] = no_progress
+    ) -> Experiment:
+        """Read the test.
+
+        Args:
+            on_finding: called with what was found odd while reading: nothing in a file of responses.
+            progress: called with a few words.
+        """
+        progress(f"reading {self.path.name}")
         return read(self.path, **self.options)
 
 
@@ -50,7 +67,7 @@ class Study:
     """What to identify from which files; the names are those of the TOML keys.
 
     Attributes:
-        files: test files, all of which inform one parameter vector.
+        files: test files and recordings, all of which inform one parameter vector.
         model: name of the model, a key of :data:`rotorfit.models.MODELS`.
         out: folder for the results, nothing is written without one.
         planes: plane names of the data in the model's order, by default the model's own.
@@ -67,7 +84,7 @@ class Study:
         bootstrap: number of data sets to simulate and fit, none by default.
     """
 
-    files: tuple[DataFile, ...]
+    files: tuple[DataFile | RecordingFiles, ...]
     model: str
     out: Path | None = None
     planes: tuple[str, ...] = ()
@@ -144,15 +161,8 @@ def run_study(study: Study, progress: StudyProgress, checkpoint: Path | None = N
         KeyError: unknown parameter or plane names.
         ValueError: data or settings that make no sense; the message says which.
     """
-    from rotorfit.checks.checklist import check
-
     check_model_name(study.model)  # before files are read, which may take long
-    experiments = []
-    for file in study.files:
-        progress(f"reading {file.path.name}")
-        experiments.append(file.read())
-    progress("checking the data")
-    findings = tuple(tuple(check(experiment)) for experiment in experiments)
+    experiments, findings = read_files(study.files, progress)
     model = build_model(study, experiments)
     progress("closed form")
     closed: FitResult | str
@@ -177,8 +187,33 @@ def run_study(study: Study, progress: StudyProgress, checkpoint: Path | None = N
     if study.refine:
         progress("refining the structure")
         ladder = refine(result)
-    outcome = Outcome(study, tuple(experiments), findings, closed, result, ladder)
+    outcome = Outcome(study, experiments, findings, closed, result, ladder)
     return _with_uncertainty(outcome, progress, checkpoint) if outcome.best.success else outcome
+
+
+def read_files(
+    files: Sequence[DataFile | RecordingFiles], progress: StudyProgress
+) -> tuple[tuple[Experiment, ...], tuple[tuple[Finding, ...], ...]]:
+    """The tests, and what was found odd in each, errors first.
+
+    Args:
+        files: test files and recordings.
+        progress: called for each file.
+
+    Raises:
+        OSError: a file that cannot be read.
+        ValueError: what is wrong in a file.
+    """
+    from rotorfit.checks.checklist import check
+
+    experiments, findings = [], []
+    for file in files:
+        found: list[Finding] = []
+        experiments.append(file.read(found.append, progress))
+        found += check(experiments[-1])
+        order = ("error", "warning", "note")
+        findings.append(tuple(sorted(found, key=lambda finding: order.index(finding.severity))))
+    return tuple(experiments), tuple(findings)
 
 
 def _with_uncertainty(outcome: Outcome, progress: StudyProgress, checkpoint: Path | None) -> Outcome:

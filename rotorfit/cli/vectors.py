@@ -1,0 +1,41 @@
+"""``rotorfit vectors``: from recordings of raw signals to a file of responses with their noise."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+from rotorfit.cli.arguments import add_setup
+
+DESCRIPTION = "turn recordings of raw signals into vectors: responses with their noise, in a tidy CSV"
+
+
+def add_options(to: argparse.ArgumentParser) -> None:
+    """Options of the command."""
+    to.add_argument("files", nargs="+", type=Path, metavar="FILE", help="recordings (.h5 .tdms .mat .wav .uff .csv)")
+    add_setup(to)
+    to.add_argument("--out", type=Path, required=True, metavar="FILE", help="file to write (.csv .uff .nc .mat)")
+    to.add_argument("--quiet", action="store_true", help="neither progress nor what was found")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Do what the command line says; returns the exit code."""
+    from rotorfit.cli.errors import DONE, checked
+    from rotorfit.cli.progress import ProgressLine
+    from rotorfit.io.files import check_target, write
+    from rotorfit.studies.folder import describe_test
+    from rotorfit.studies.recording_files import RecordingFiles
+    from rotorfit.studies.study import read_files
+
+    checked(lambda: check_target(options.out))  # before the work, which may take long
+    progress = ProgressLine(enabled=not options.quiet and sys.stderr.isatty())
+    try:
+        source = RecordingFiles(tuple(options.files), options.setup)
+        (test,), (findings,) = checked(lambda: read_files([source], progress))
+    finally:
+        progress.close()
+    checked(lambda: write(test, options.out))
+    if not options.quiet:
+        print(f"{describe_test(test, findings)}\n\nwritten to {options.out}")
+    return DONE

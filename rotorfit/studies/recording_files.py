@@ -1,0 +1,60 @@
+"""Files of raw signals as the data of a study: all of them together are one test."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from rotorfit.data.experiments import PerturbationTest
+
+if TYPE_CHECKING:
+    from rotorfit.data.findings import Finding
+
+ALWAYS_RAW = (".h5", ".hdf5", ".hdf", ".tdms", ".wav", ".parquet")
+"""Suffixes of files that hold raw signals; those of other suffixes do where a setup is given."""
+
+
+@dataclass(frozen=True)
+class RecordingFiles:
+    """Recordings of one rig, see :func:`rotorfit.read_recording`.
+
+    Attributes:
+        paths: the files.
+        setup: ``rig.toml``, where the files do not say everything themselves.
+    """
+
+    paths: tuple[Path, ...]
+    setup: Path | None = None
+
+    @property
+    def path(self) -> Path:
+        """The first file."""
+        return self.paths[0]
+
+    def read(self, on_finding: Callable[[Finding], None], progress: Callable[[str], None]) -> PerturbationTest:
+        """Read the recordings and reduce them to responses.
+
+        Args:
+            on_finding: called with all that was found odd.
+            progress: called with a few words for each file.
+
+        Raises:
+            ValueError: what is wrong in a file or in the setup.
+            OSError: a file that cannot be read.
+        """
+        from rotorfit.recordings.recording import read_recording
+        from rotorfit.recordings.responses import responses
+        from rotorfit.recordings.rig_toml import read_setup
+
+        setup = None if self.setup is None else read_setup(self.setup)
+        records = []
+        for path in self.paths:
+            progress(f"opening {path.name}")
+            records.append(read_recording(path, setup))
+        test = responses(records, on_finding=on_finding, progress=progress)
+        for record in records:
+            for finding in record.findings:
+                on_finding(finding)
+        return test
