@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rotorfit.estimators.correlated import CorrelatedResponses
 from rotorfit.estimators.kernels import Batch
 from rotorfit.estimators.least_squares import Options, Status, minimise
 from rotorfit.estimators.nonlinear import OrbitResponses
@@ -63,7 +64,7 @@ def _read(block: Any, measured: ComplexArray) -> Block:
     """A block with other readings; the orbit that a nonlinear rotor is taken to run on stays the same."""
     changed: Block = (
         replace(block, base=replace(block.base, measured=measured))
-        if isinstance(block, OrbitResponses)
+        if isinstance(block, OrbitResponses | CorrelatedResponses)
         else replace(block, measured=measured)
     )
     return changed

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import fdtri
 
+from rotorfit.estimators.correlated import CorrelatedResponses
 from rotorfit.estimators.identifiability import covariance as inverse
 from rotorfit.estimators.identifiability import natural_scales
 from rotorfit.estimators.losses import Loss, robust_weights
@@ -16,21 +19,30 @@ from rotorfit.estimators.problem import Problem
 Float = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 
+_CHANCE = 0.05  # probability at which a misfit counts as the model's, where the noise itself is known from few data
 _LEAST_LEFT = 0.05  # share of a reading's residual that its fit leaves at least, in estimates of its noise
 
 
-def widening(redchi: float, loss: Loss, *, levelled: bool = False) -> float:
+def widening(redchi: float, loss: Loss, *, levelled: bool = False, nfree: int = 0, freedom: float = math.inf) -> float:
     """Factor on a covariance for a model that does not fit to within the noise.
 
     Squares take a model's misfit for noise, which the noise given was too small for. Robust losses have a covariance
-    that follows from the residuals' own scatter (the sandwich), and so have noise levels that the residuals set.
+    that follows from the residuals' own scatter (the sandwich), and so have noise levels that the residuals set. Noise
+    that is known from few mountings makes redchi scatter by itself: what is within reach of chance (5 %, by the F
+    distribution) is then no misfit of the model.
 
     Args:
         redchi: reduced chi-squared; NaN, where nothing is left to judge by, widens nothing.
         loss: of the fit.
         levelled: the noise was scaled to the residuals.
+        nfree: degrees of freedom of redchi.
+        freedom: those from which the noise is known.
     """
-    return max(1.0, redchi) if loss == "linear" and not levelled else 1.0
+    if loss != "linear" or levelled:
+        return 1.0
+    if math.isfinite(freedom) and nfree > 0:
+        return redchi if redchi > float(fdtri(nfree, freedom, 1 - _CHANCE)) else 1.0
+    return max(1.0, redchi)
 
 
 @cache
@@ -64,14 +76,15 @@ def information(problem: Problem, x: Float, r: ComplexArray, J: ComplexArray) ->
         J: their derivatives, shape ``(R, p)``.
 
     Returns:
-        ``R`` with ``R^T R`` the curvature, shape ``(p, p)``, and the scatter of the gradient, None for squares.
+        ``R`` with ``R^T R`` the curvature, shape ``(p, p)``, and the scatter of the gradient, None for squares of
+        independent errors.
     """
     bend = float(np.mean(bends(problem.loss, r)))
     prior = prior_curvature(problem, x)
     rows = np.concatenate([np.sqrt(bend) * np.concatenate([J.real, J.imag]), np.diag(np.sqrt(prior))[prior > 0]])
     root = np.asarray(np.linalg.qr(rows, mode="r"))
     if problem.loss == "linear":
-        return root, None
+        return root, _common_scatter(problem, x, J)
     covar = inverse(root, natural_sizes(problem, x))[0]
     return root, score_scatter(problem, x, r, J, bend=bend, covar=covar)
 
@@ -121,6 +134,19 @@ def score_scatter(problem: Problem, x: Float, r: ComplexArray, J: ComplexArray, 
     scores = weight[:, None] * (_left_out(r, J, bend, covar).conj()[:, None] * J).real
     # A prior's centre is as uncertain as the prior is wide.
     return np.asarray(scores.T @ scores + np.diag(prior_curvature(problem, x)))
+
+
+def _common_scatter(problem: Problem, x: Float, J: ComplexArray) -> Float | None:
+    """Scatter of the cost's gradient where readings of one mounting err together, None where all are independent."""
+    if not any(isinstance(block, CorrelatedResponses) for block in problem.blocks):
+        return None
+    total, stop = np.diag(prior_curvature(problem, x)), 0
+    for block in problem.blocks:
+        start, stop = stop, stop + block.measured.size
+        rows = J[start:stop]
+        errors = block.scatter @ rows if isinstance(block, CorrelatedResponses) else rows
+        total = total + (rows.conj().T @ errors).real
+    return np.asarray(total)
 
 
 def _left_out(r: ComplexArray, J: ComplexArray, bend: float, covar: Float) -> ComplexArray:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotorfit.estimators import accelerator, codegen
+from rotorfit.estimators.correlated import whiten
 from rotorfit.estimators.kernel_layout import KernelLayout, channels, is_plain, layout
 from rotorfit.estimators.losses import robust_weights
 from rotorfit.estimators.problem import Problem
@@ -197,7 +198,7 @@ class Batch:
             for m in range(x.shape[0]):
                 residual, jacobian = problem.jacobian(x[m])
                 if measured is not None:
-                    residual = residual + (block.measured - measured[m, rows]) / block.sigma
+                    residual = residual + whiten(block, block.measured - measured[m, rows])
                 rho, weight = robust_weights(problem.loss, np.abs(residual) ** 2)
                 cost[m] += rho.sum() / 2
                 gradient[m] += ((weight * residual).conj() @ jacobian).real

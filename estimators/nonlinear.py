@@ -9,6 +9,7 @@ from typing import Literal, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from rotorfit.estimators.correlated import CorrelatedResponses
 from rotorfit.estimators.observations import Responses
 from rotorfit.estimators.response import dynamic_stiffness, inverse
 from rotorfit.models import RotorModel
@@ -217,6 +218,6 @@ class OrbitResponses:
 
 def responses_of(block: object) -> Responses | None:
     """The responses to circular forces or constant loads that a block holds, if any."""
-    if isinstance(block, OrbitResponses):
+    if isinstance(block, OrbitResponses | CorrelatedResponses):
         return block.base
     return block if isinstance(block, Responses) else None

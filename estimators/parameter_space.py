@@ -16,6 +16,9 @@ from rotorfit.models import RotorModel
 Float = NDArray[np.float64]
 Index = NDArray[np.intp]
 
+DATUM = "datum"
+"""Nuisance entry of the common datum angle: by how much responses lead forces beyond what the rotor does."""
+
 
 @dataclass(frozen=True, eq=False)
 class ParameterSpace:

@@ -8,6 +8,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from rotorfit.estimators.correlated import CorrelatedResponses, whiten
 from rotorfit.estimators.losses import Loss, robust_weights
 from rotorfit.estimators.observations import Block, Responses
 from rotorfit.estimators.parameter_space import ParameterSpace
@@ -57,7 +58,7 @@ class Problem:
     def residuals(self, x: Float) -> ComplexArray:
         """Whitened complex residuals of all blocks, predicted minus measured over sigma, shape ``(R,)``."""
         pairs = zip(self.predict(x), self.blocks, strict=True)
-        return np.concatenate([(predicted - block.measured) / block.sigma for predicted, block in pairs])
+        return np.concatenate([whiten(block, predicted - block.measured) for predicted, block in pairs])
 
     def jacobian(self, x: Float) -> tuple[ComplexArray, ComplexArray]:
         """Whitened residuals and their derivatives, shapes ``(R,)`` and ``(R, p)``."""
@@ -76,7 +77,9 @@ class Problem:
                 predicted = predicted * factor
                 part *= factor
                 part[len(self.space.names) :] = np.asarray(self.factors[number]).T * predicted
-            residuals[start:stop] = (predicted - block.measured) / block.sigma
+            residuals[start:stop] = whiten(block, predicted - block.measured)
+            if isinstance(block, CorrelatedResponses):
+                part[:] = whiten(block, part) * block.sigma
         rows.view(float)[:] *= self._weight
         return residuals, rows.T
 

@@ -10,8 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotorfit.estimators.closed_form import ClosedFormError, closed_form, closed_forms
+from rotorfit.estimators.correlated import CorrelatedResponses
 from rotorfit.estimators.least_squares import Options, Solution, minimise
 from rotorfit.estimators.losses import LOSS_SCALE
+from rotorfit.estimators.modal_start import modal_start
+from rotorfit.estimators.nonlinear import responses_of
 from rotorfit.estimators.nonlinear_starts import (
     ShortFit,
     best_start,
@@ -20,11 +23,12 @@ from rotorfit.estimators.nonlinear_starts import (
     is_plain_linear,
     linear_starts,
 )
-from rotorfit.estimators.observations import Block
-from rotorfit.estimators.parameter_space import ParameterSpace
+from rotorfit.estimators.observations import Block, Responses
+from rotorfit.estimators.parameter_space import DATUM, ParameterSpace
 from rotorfit.estimators.priors import Prior
 from rotorfit.estimators.problem import Problem
 from rotorfit.estimators.shaft_line_starts import has_lines, line_start
+from rotorfit.models import Modal
 from rotorfit.models.parameters import unknown_name
 
 Float = NDArray[np.float64]
@@ -32,6 +36,7 @@ Float = NDArray[np.float64]
 _PASSES = (2, 4, 6, 8, 12, 16, 24, 32, 64)  # passes after which closed forms are looked at; good data settle in four
 _ROBUST_ROUNDS = 8
 _MULTISTARTS = 24
+_ANGLES = 12  # datum angles tried where no model of modes tells it: one is within 15 degrees
 _EXPLICIT_MISFIT = 4.0  # mean squared misfit that noise in measured eccentricities may leave
 _LOOSE = 100.0  # multiples of a parameter's size by which a first fit may move it
 _SHORT = Options(max_iterations=40)
@@ -57,10 +62,45 @@ def start_vector(problem: Problem, given: Mapping[str, float]) -> tuple[Float, t
         [given.get(n, given.get(b, np.nan)) for n, b in zip(space.names, space.base, strict=True)], dtype=float
     )
     notes: tuple[str, ...] = ()
+    datum = 0.0
     if np.isnan(values).any():
-        guess, notes = _guess(problem)
+        guess, datum, notes = _guess_with_datum(problem)
         values = np.where(np.isnan(values), guess, values)
-    return _full(problem, values), notes
+    return _full(problem, values, datum), notes
+
+
+def _guess_with_datum(problem: Problem) -> tuple[Float, float, tuple[str, ...]]:
+    """Start values and the common datum angle, rad; zero where none is fitted."""
+    model, space = problem.space.model, problem.space
+    if isinstance(model, Modal):
+        blocks = [block for block in map(responses_of, problem.blocks) if block is not None]
+        found, datum = modal_start(model, blocks)
+        typical = np.array([found.get(name, model.parameter(name).scale) for name in space.base])
+        return typical, datum if DATUM in space.nuisance else 0.0, ()
+    plain = replace(problem, blocks=tuple(b.base if isinstance(b, CorrelatedResponses) else b for b in problem.blocks))
+    if DATUM not in space.nuisance:
+        guess, notes = _guess(plain)
+        return guess, 0.0, notes
+    tries = []
+    for angle in np.arange(_ANGLES) * 2 * np.pi / _ANGLES:
+        turned = _turned(plain, float(angle))
+        guess, notes = _guess(turned)
+        tries.append((_short_fit(plain, _full(plain, guess, float(angle))), notes))
+    best, notes = min(tries, key=lambda one: one[0].cost)
+    at = len(space.names) + space.nuisance.index(DATUM)
+    return best.x[: len(space.names)], float(best.x[at]), notes
+
+
+def _turned(problem: Problem, datum: float) -> Problem:
+    """The problem with its readings turned back by a datum angle, rad."""
+    entry = problem.space.nuisance.index(DATUM)
+    blocks: list[Block] = []
+    for block, factor in zip(problem.blocks, problem.factors, strict=True):
+        if isinstance(block, Responses) and factor is not None:
+            blocks.append(replace(block, measured=block.measured * np.exp(-factor[:, entry] * datum)))
+        else:
+            blocks.append(block)
+    return replace(problem, blocks=tuple(blocks))
 
 
 def _check_given(space: ParameterSpace, given: Mapping[str, float]) -> None:
@@ -143,9 +183,10 @@ def _cost(problem: Problem, values: Float) -> float:
     return cost if np.isfinite(cost) else np.inf
 
 
-def _full(problem: Problem, values: Float) -> Float:
-    """Start values inside the bounds, nuisance parameters at zero behind them."""
-    return np.concatenate([_inside(values, problem.space), np.zeros(len(problem.space.nuisance))])
+def _full(problem: Problem, values: Float, datum: float = 0.0) -> Float:
+    """Start values inside the bounds, nuisance parameters at zero behind them, a common datum angle where it is."""
+    nuisance = [datum if name == DATUM else 0.0 for name in problem.space.nuisance]
+    return np.concatenate([_inside(values, problem.space), nuisance])
 
 
 def _inside(values: Float, space: ParameterSpace) -> Float:

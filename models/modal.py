@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, ClassVar, Literal
+from typing import Any, ClassVar, Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -11,6 +11,8 @@ from numpy.typing import ArrayLike
 from rotorfit.models.complexes import Complex, J, Number
 from rotorfit.models.model import CoefficientJacobian, ComplexArray, Coordinate, Matrix, RotorModel
 from rotorfit.models.parameters import Parameter, unknown_name
+
+Gains: TypeAlias = Literal["probe", "plane"]
 
 MOST_MODES = 9
 """Modes that a model can have: they are numbered with one digit."""
@@ -30,9 +32,10 @@ class Modal(RotorModel):
     Args:
         planes: names of the planes, the one that everything is normalised at first.
         modes: number of modes.
-        apart: let the x and the y direction have a natural frequency and a damping ratio each (``wn_x``, ``wn_y``) and
-            every probe a gain of its own (``g_disk2_x``), for supports that differ in x and y. The modal mass is that
-            of the x direction; the gain of the first plane's y probe is free.
+        gains: "probe" gives each probe a gain of its own (``g_disk2_x``), the first plane's x probe having one;
+            "plane" one to each plane's x/y pair, of which the component in the direction of the force is taken.
+        apart: let the x and the y direction have a natural frequency and a damping ratio each (``wn_x``, ``wn_y``), for
+            supports that differ in x and y; the modal mass stays that of the x direction. Needs gains by probe.
         force_planes, probe_planes: planes that are forced and measured, all of them by default. The participation is
             one at the first force plane and the gain is one at the first probe plane.
     """
@@ -44,6 +47,7 @@ class Modal(RotorModel):
         planes: Sequence[str] = ("disk1", "disk2"),
         *,
         modes: int = 1,
+        gains: Gains = "probe",
         apart: bool = False,
         force_planes: Sequence[str] | None = None,
         probe_planes: Sequence[str] | None = None,
@@ -53,8 +57,12 @@ class Modal(RotorModel):
             raise ValueError(f"modal needs at least one plane, each with a name of its own; got {self.planes}")
         if not (isinstance(modes, int) and 1 <= modes <= MOST_MODES):
             raise ValueError(f"modes is {modes!r}; a modal model has 1 to {MOST_MODES} modes")
-        self.modes, self.apart = modes, apart
-        self.frame: Literal["z", "xy"] = "xy" if apart else "z"
+        if gains not in ("probe", "plane"):
+            raise ValueError(f"gains is {gains!r}; allowed: 'probe', 'plane'")
+        if apart and gains == "plane":
+            raise ValueError("x and y are apart for each probe alone: a modal model with apart=True has gains='probe'")
+        self.modes, self.gains, self.apart = modes, gains, apart
+        self.frame: Literal["z", "xy"] = "xy" if gains == "probe" else "z"
         self.force_planes = self._some(force_planes, "force_planes")
         self.probe_planes = self._some(probe_planes, "probe_planes")
         self.parameters = tuple(q for number in range(1, modes + 1) for q in self._of_mode(number))
@@ -70,7 +78,7 @@ class Modal(RotorModel):
 
     @property
     def _axes(self) -> tuple[Literal["x", "y", "z"], ...]:
-        return ("x", "y") if self.apart else ("z",)
+        return ("x", "y") if self.frame == "xy" else ("z",)
 
     def _named(self, letter: str, number: int, *rest: str) -> str:
         return "_".join(
@@ -81,7 +89,7 @@ class Modal(RotorModel):
         """Parameters of one mode: mass, frequencies and dampings, participations, gains."""
         of = f"of mode {number}" if self.modes > 1 else "of the mode"
         found = [Parameter(self._named("M", number), "kg", f"modal mass {of} at {self.planes[0]}", lower=0.0)]
-        for axis in self._axes:
+        for axis in ("x", "y") if self.apart else ("",):
             along = f" in {axis}" if self.apart else ""
             found += [
                 Parameter(self._named("wn", number, axis), "rad/s", f"natural frequency {of}{along}", 100.0, 0.0),
@@ -115,6 +123,7 @@ class Modal(RotorModel):
         return {
             "planes": self.planes,
             "modes": self.modes,
+            "gains": self.gains,
             "apart": self.apart,
             "force_planes": None if self.force_planes == self.planes else self.force_planes,
             "probe_planes": None if self.probe_planes == self.planes else self.probe_planes,
@@ -139,10 +148,9 @@ class Modal(RotorModel):
                     parts[0][mode][force] = -self._participation(p, number, plane)
             for number in range(1, self.modes + 1):
                 mode = self.coordinate(f"mode {number}", axis)
-                mass, wn, zeta = (
-                    getattr(p, self._named(letter, number, end))
-                    for letter, end in (("M", ""), ("wn", axis), ("zeta", axis))
-                )
+                end = axis if self.apart else ""
+                mass = getattr(p, self._named("M", number))
+                wn, zeta = (getattr(p, self._named(letter, number, end)) for letter in ("wn", "zeta"))
                 for power, value in enumerate((mass * wn**2, 2 * mass * zeta * wn, mass)):
                     parts[power][mode][mode] = value
         return parts

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
 import numpy as np
 import pytest
 
@@ -17,8 +19,9 @@ def by_hand(
     total = np.zeros(w.shape, dtype=complex)
     for number in range(1, model.modes + 1):
         tag = str(number) if model.modes > 1 else ""
-        end = f"_{axis}" if model.apart else ""
-        mass, wn, zeta = values[f"M{tag}"], values[f"wn{tag}{end}"], values[f"zeta{tag}{end}"]
+        own = f"_{axis}" if model.apart else ""
+        end = "" if axis == "z" else f"_{axis}"
+        mass, wn, zeta = values[f"M{tag}"], values[f"wn{tag}{own}"], values[f"zeta{tag}{own}"]
         first = model.planes[0]
         name = f"g{tag}_{plane}{end}"
         gain = values.get(name, 1.0) + 1j * values.get(f"{name}_im", 0.0)
@@ -27,15 +30,15 @@ def by_hand(
     return total
 
 
-@pytest.mark.parametrize("apart", [False, True])
+@pytest.mark.parametrize(("gains", "apart"), [("plane", False), ("probe", False), ("probe", True)])
 @pytest.mark.parametrize("modes", [1, 2])
-def test_receptance_is_the_sum_over_the_modes(apart: bool, modes: int) -> None:
+def test_receptance_is_the_sum_over_the_modes(gains: Literal["plane", "probe"], apart: bool, modes: int) -> None:
     rng = np.random.default_rng(1)
-    model = rf.models.Modal(("a", "b", "c"), modes=modes, apart=apart)
+    model = rf.models.Modal(("a", "b", "c"), modes=modes, gains=gains, apart=apart)
     values = {q.name: float(rng.uniform(0.3, 1.5)) * q.scale for q in model.parameters}
     w = np.linspace(20.0, 300.0, 7)
     H = model.receptance(model.vector(values), w, 0.0)
-    for axis in ("x", "y") if apart else ("z",):
+    for axis in ("x", "y") if gains == "probe" else ("z",):
         for plane in model.planes:
             for at in model.planes:
                 found = H[:, model.coordinate(plane, axis), model.coordinate(at, axis)]
@@ -45,7 +48,7 @@ def test_receptance_is_the_sum_over_the_modes(apart: bool, modes: int) -> None:
 
 
 def test_free_vibration_is_that_of_the_modes() -> None:
-    model = rf.models.Modal(("a", "b"), modes=2)
+    model = rf.models.Modal(("a", "b"), modes=2, gains="plane")
     values = {q.name: 1.0 for q in model.parameters} | {"wn1": 150.0, "zeta1": 0.03, "wn2": 420.0, "zeta2": 0.01}
     s = rf.models.eigenvalues(model, model.vector(values), 0.0)
     s = s[np.isfinite(s)]
@@ -75,14 +78,14 @@ def test_a_symmetric_two_disk_rotor_is_two_modes() -> None:
             f"g{number}_outboard": float(shape[1]),
             f"g{number}_outboard_im": 0.0,
         }
-    modal = rf.models.Modal(two.planes, modes=2)
+    modal = rf.models.Modal(two.planes, modes=2, gains="plane")
     w = np.linspace(20, 700, 9)
     seen = modal.receptance(modal.vector(values), w, 0.0)[:, :2, :2]
     np.testing.assert_allclose(seen, two.receptance(theta, w, 0.0), rtol=1e-9)
 
 
 def test_only_what_is_forced_and_measured_has_parameters() -> None:
-    model = rf.models.Modal(("a", "b"), force_planes=("a",), probe_planes=("b",))
+    model = rf.models.Modal(("a", "b"), gains="plane", force_planes=("a",), probe_planes=("b",))
     assert model.parameter_names == ("M", "wn", "zeta")
     H = model.receptance(model.vector({"M": 2.0, "wn": 100.0, "zeta": 0.05}), 50.0, 0.0)
     assert H[1, 0] == pytest.approx(1 / (2.0 * (100**2 - 50**2 + 2j * 0.05 * 100 * 50)))
@@ -94,6 +97,8 @@ def test_only_what_is_forced_and_measured_has_parameters() -> None:
     [
         ({"planes": ()}, "at least one plane"),
         ({"planes": ("a", "a")}, "a name of its own"),
+        ({"gains": "none"}, "'probe', 'plane'"),
+        ({"gains": "plane", "apart": True}, "has gains='probe'"),
         ({"modes": 0}, "1 to 9 modes"),
         ({"force_planes": ("disk3",)}, "did you mean 'disk2'"),
         ({"probe_planes": ()}, "name at least one of disk1, disk2"),

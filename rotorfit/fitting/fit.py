@@ -20,7 +20,7 @@ from rotorfit.fitting.calibration import Calibration
 from rotorfit.fitting.judge import judge
 from rotorfit.fitting.problem_setup import as_tuple, build_problem, make_priors
 from rotorfit.fitting.result import FitResult
-from rotorfit.fitting.settings import FitSettings
+from rotorfit.fitting.settings import FitSettings, PhaseOffsets
 from rotorfit.models import RotorModel
 
 Float = NDArray[np.float64]
@@ -36,7 +36,7 @@ def fit(
     per: Mapping[str, str] | None = None,
     loss: Loss = "linear",
     start: Mapping[str, float] | None = None,
-    phase_offsets: bool = False,
+    phase_offsets: PhaseOffsets = False,
     calibration: Calibration | None = None,
     max_iterations: int = 200,
 ) -> FitResult:
@@ -51,7 +51,9 @@ def fit(
         per: parameters that take one value for each value of a test attribute, ``{"D": "speed_rpm"}``.
         loss: "linear", or "soft_l1", "huber", "cauchy" against outliers.
         start: start values that replace those of the closed form.
-        phase_offsets: fit an offset of the phase reference for every run but the first.
+        phase_offsets: fit an offset of the phase reference for every run but the first; "common": one angle ``datum``
+            between all forces and all responses, where weight holes, Keyphasor and probes have no common zero. It is
+            positive where responses lead.
         calibration: uncertainties of probes, force and phase reference, which then count in ``stderr``.
         max_iterations: limit on the iterations of Ipopt.
 

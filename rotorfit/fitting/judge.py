@@ -10,10 +10,12 @@ from numpy.typing import NDArray
 from rotorfit.data.experiments import Experiment
 from rotorfit.estimators import covariance
 from rotorfit.estimators.closed_form import ClosedForm
+from rotorfit.estimators.correlated import freedom_of
 from rotorfit.estimators.identifiability import diagnose
 from rotorfit.estimators.least_squares import Solution, Status
 from rotorfit.estimators.losses import robust_weights
 from rotorfit.estimators.nonlinear import responses_of
+from rotorfit.estimators.parameter_space import DATUM
 from rotorfit.estimators.problem import Problem
 from rotorfit.fitting.calibration import NUISANCE_KINDS
 from rotorfit.fitting.problem_setup import with_levels
@@ -23,7 +25,11 @@ from rotorfit.models.stability import growth_rate
 
 Float = NDArray[np.float64]
 
-_MEANING = {"phase": ("rad", "offset of the phase reference"), **NUISANCE_KINDS}
+_MEANING = {
+    "phase": ("rad", "offset of the phase reference"),
+    DATUM: ("rad", "common datum angle: lead of responses over forces"),
+    **NUISANCE_KINDS,
+}
 
 _CLEARLY = 6.0  # standard deviations of redchi below one at which the noise is too large for the residuals
 _TOO_QUIET = 0.5  # redchi below which errors are wider than they need be by more than is worth knowing
@@ -73,9 +79,11 @@ def judge(
         noise = noise @ sandwich @ noise
     if estimate is not None:
         noise = np.where(np.isfinite(estimate.covar), estimate.covar, np.nan)
-    widening = covariance.widening(redchi, problem.loss, levelled=bool(settings.levels))
+    known = freedom_of(problem.blocks)
+    widening = covariance.widening(redchi, problem.loss, levelled=bool(settings.levels), nfree=nfree, freedom=known)
     covar = noise * widening
-    if problem.priors and widening > 1:  # what is known beforehand is no less certain for a model that does not fit
+    if problem.priors and widening > 1 and sandwich is None:
+        # what is known beforehand is no less certain for a model that does not fit
         wide = covariance.information(problem, x, residuals / np.sqrt(widening), jacobian / np.sqrt(widening))[0]
         covar = diagnose(space.model, names, base, x, wide, scales)[0]
     deviance = float(robust_weights(problem.loss, np.abs(whitened) ** 2)[0].sum())
@@ -160,7 +168,9 @@ def _warnings(
     problem: Problem, x: Float, redchi: float, params: Mapping[str, FittedParameter], levelled: bool
 ) -> list[str]:
     found = []
-    if redchi > MODEL_LIMITED and problem.loss == "linear":
+    nfree = problem.n_data - problem.space.size
+    misfit = covariance.widening(redchi, problem.loss, nfree=nfree, freedom=freedom_of(problem.blocks))
+    if misfit > MODEL_LIMITED:
         wider = "each response as its residuals ask" if levelled else f"{np.sqrt(redchi):.2g}"
         advice = "bring the shaft's matrices (KnownStructure)" if levelled else "try rf.refine(fit) (--refine)"
         found.append(

@@ -11,18 +11,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotorfit.data.experiments import Experiment
+from rotorfit.data.weights import weighed
 from rotorfit.estimators.losses import LOSSES
 from rotorfit.estimators.nonlinear import responses_of
-from rotorfit.estimators.observations import Block
-from rotorfit.estimators.parameter_space import ParameterSpace, parameter_space
+from rotorfit.estimators.observations import Block, Responses
+from rotorfit.estimators.parameter_space import DATUM, ParameterSpace, parameter_space
 from rotorfit.estimators.priors import Prior, within_support
 from rotorfit.estimators.problem import Problem
 from rotorfit.estimators.small_motion import OffCentreResponses
 from rotorfit.fitting.calibration import nuisance_entries
-from rotorfit.fitting.settings import FitSettings
+from rotorfit.fitting.settings import FitSettings, PhaseOffsets, check_phase_offsets
 from rotorfit.models import RotorModel
 from rotorfit.models.parameters import unknown_name
-from rotorfit.observing.circular import group_rows
+from rotorfit.observing.circular import Grouping, group_rows
+from rotorfit.observing.influences import correlated
 from rotorfit.observing.observations import observe_any
 
 Float = NDArray[np.float64]
@@ -55,15 +57,8 @@ def build_problem(model: RotorModel, experiments: Experiment | Sequence[Experime
         raise ValueError(unknown_name("loss", settings.loss, LOSSES))
     for name in settings.per:
         model.parameter(name)
-    grouping = group_rows(several, settings.per)
-    blocks: tuple[Block, ...] = tuple(
-        observe_any(model, experiment, rows) for experiment, rows in zip(several, grouping.rows, strict=True)
-    )
-    turning = [block for block in blocks if _has_phase(block)]
-    several_runs = [run for block in turning for run in block.run.tolist()] if settings.phase_offsets else []
-    runs = list(dict.fromkeys(several_runs))
-    nuisance = tuple(f"phase[{run}]" for run in runs[1:])
-    parts = [tuple(_phase_factors(block, runs[1:]) for block in blocks)] if nuisance else []
+    several, blocks, grouping = _observed(model, several, settings)
+    nuisance, parts = _phase_entries(blocks, settings.phase_offsets)
     errors = nuisance_entries(settings.calibration, several, blocks) if settings.calibration else None
     if errors is not None:
         nuisance = (*nuisance, *errors.names)
@@ -81,6 +76,42 @@ def build_problem(model: RotorModel, experiments: Experiment | Sequence[Experime
     if space.size > problem.n_data:
         raise ValueError(f"{space.size} unknowns but only {problem.n_data} real data: fix parameters or add readings")
     return problem
+
+
+def _observed(
+    model: RotorModel, experiments: tuple[Experiment, ...], settings: FitSettings
+) -> tuple[tuple[Experiment, ...], tuple[Block, ...], Grouping]:
+    """Experiments as the model sees them, weights solved for their influences first, and their parameter groups."""
+    influences = [None if model.eccentricity_dependent else weighed(experiment) for experiment in experiments]
+    seen: tuple[Experiment, ...] = tuple(
+        experiment if found is None else found.test for experiment, found in zip(experiments, influences, strict=True)
+    )
+    grouping = group_rows(seen, settings.per)
+    blocks: list[Block] = []
+    for experiment, found, rows in zip(seen, influences, grouping.rows, strict=True):
+        block = observe_any(model, experiment, rows)
+        base = responses_of(block)
+        if found is not None and isinstance(block, Responses) and base is not None:
+            block = correlated(base, found)
+        blocks.append(block)
+    return seen, tuple(blocks), grouping
+
+
+def _phase_entries(
+    blocks: Sequence[Block], offsets: PhaseOffsets
+) -> tuple[tuple[str, ...], list[tuple[NDArray[np.complex128], ...]]]:
+    """Names of the phases to fit, and for each block the sensitivities to them."""
+    check_phase_offsets(offsets)
+    if not offsets:
+        return (), []
+    turning = [block for block in blocks if _has_phase(block)]
+    runs = list(dict.fromkeys(run for block in turning for run in block.run.tolist()))
+    if offsets != "common":
+        names = tuple(f"phase[{run}]" for run in runs[1:])
+        return names, [tuple(_phase_factors(block, runs[1:]) for block in blocks)] if names else []
+    if not turning:
+        raise ValueError("phase_offsets='common' needs responses to turning forces; these data have none")
+    return (DATUM,), [tuple(_phase_factors(block, runs).sum(axis=1, keepdims=True) for block in blocks)]
 
 
 def _normal(sd: float) -> Any:

@@ -12,12 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotorfit.data.experiments import Experiment
+from rotorfit.estimators.correlated import CorrelatedResponses, freedom_of, quantile
 from rotorfit.estimators.covariance import widening
 from rotorfit.estimators.identifiability import Identifiability
 from rotorfit.estimators.nonlinear import responses_of
 from rotorfit.estimators.problem import Problem
 from rotorfit.fitting.settings import FitSettings
 from rotorfit.models import RotorModel, eigenvalues, threshold_speed
+from rotorfit.models.parameters import unknown_name
 from rotorfit.models.stability import eigenvalue_gradient
 
 if TYPE_CHECKING:
@@ -163,7 +165,43 @@ class FitResult:
 
         One, too, where each response has the noise level of its residuals.
         """
-        return widening(self.redchi, self.problem.loss, levelled=bool(self.settings.levels))
+        known = freedom_of(self.problem.blocks)
+        return widening(
+            self.redchi, self.problem.loss, levelled=bool(self.settings.levels), nfree=self.nfree, freedom=known
+        )
+
+    @property
+    def freedom(self) -> float:
+        """Degrees of freedom behind the standard errors: infinite unless few mountings tell the noise."""
+        known = freedom_of(self.problem.blocks)
+        return min(known, float(self.nfree)) if self.widening > 1 and math.isfinite(known) else known
+
+    def interval(self, name: str, level: float = 0.95) -> tuple[float, float]:
+        """Interval of a parameter: estimate and standard error, by Student's t where few mountings tell the noise.
+
+        Infinite where the data do not determine the parameter.
+
+        Args:
+            name: a fitted or known parameter.
+            level: probability that the interval holds the true value, between 0 and 1.
+
+        Raises:
+            KeyError: no such parameter; the message names the nearest.
+            ValueError: a level that is no probability.
+        """
+        if name not in self.params:
+            raise KeyError(unknown_name("parameter", name, self.params))
+        if not 0 < level < 1:
+            raise ValueError(f"level is {level!r}; an interval has a probability between 0 and 1")
+        p = self.params[name]
+        half = quantile(level, self.freedom) * p.stderr if p.vary else 0.0
+        return p.value - half, p.value + half
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """Sentences on the data's errors: how far mountings and repeats scatter."""
+        blocks = [block for block in self.problem.blocks if isinstance(block, CorrelatedResponses)]
+        return tuple(dict.fromkeys(remark for block in blocks for remark in block.remarks))
 
     @property
     def band(self) -> float:

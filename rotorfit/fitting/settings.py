@@ -4,12 +4,25 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 from rotorfit.estimators.losses import Loss
 
 if TYPE_CHECKING:
     from rotorfit.fitting.calibration import Calibration
+
+PhaseOffsets: TypeAlias = bool | Literal["common"]
+"""An offset of the phase reference for every run but the first, one common to all, or none."""
+
+
+def check_phase_offsets(given: object) -> None:
+    """Refuse what is no choice of phase offsets.
+
+    Raises:
+        ValueError: neither true nor false nor "common".
+    """
+    if given not in (True, False, "common"):
+        raise ValueError(f"phase_offsets is {given!r}; allowed: False, True (one a run but the first), 'common'")
 
 
 @dataclass(frozen=True)
@@ -25,6 +38,6 @@ class FitSettings:
     priors: Mapping[str, Any] = field(default_factory=dict)
     per: Mapping[str, str] = field(default_factory=dict)
     loss: Loss = "linear"
-    phase_offsets: bool = False
+    phase_offsets: PhaseOffsets = False
     levels: Mapping[str, float] = field(default_factory=dict)
     calibration: Calibration | None = None

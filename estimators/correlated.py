@@ -1,0 +1,126 @@
+"""Responses whose errors hang together: all readings of one mounting share what the mounting did to them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ndtri, stdtrit
+
+from rotorfit.estimators.observations import Block, Responses
+from rotorfit.models import RotorModel
+
+Float = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+Index = NDArray[np.intp]
+
+
+@dataclass(frozen=True, eq=False)
+class CorrelatedResponses:
+    """Responses to circular forces with correlated errors.
+
+    The fit is weighted by ``correlation``, a structure simple enough to be estimated from few mountings; error bars
+    come from ``covariance``, which assumes no structure but has too small a rank to weigh by.
+
+    Attributes:
+        base: the readings; their sigma is the square root of the weighing variances.
+        correlation: what the fit is weighted by, unit diagonal, shape ``(R, R)``, Hermitian.
+        covariance: of the readings over sigma, shape ``(R, R)``, Hermitian; of real and imaginary parts each.
+        freedom: degrees of freedom behind ``covariance``.
+        remarks: sentences on where the errors come from.
+    """
+
+    base: Responses
+    correlation: ComplexArray
+    covariance: ComplexArray
+    freedom: float
+    remarks: tuple[str, ...] = ()
+
+    @property
+    def model(self) -> RotorModel:
+        """The rotor."""
+        return self.base.model
+
+    @property
+    def measured(self) -> ComplexArray:
+        """See :class:`~rotorfit.estimators.observations.Block`."""
+        return self.base.measured
+
+    @property
+    def sigma(self) -> Float:
+        """See :class:`~rotorfit.estimators.observations.Block`."""
+        return self.base.sigma
+
+    @property
+    def label(self) -> Index:
+        """See :class:`~rotorfit.estimators.observations.Block`."""
+        return self.base.label
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """See :class:`~rotorfit.estimators.observations.Block`."""
+        return self.base.labels
+
+    @property
+    def run(self) -> NDArray[np.str_]:
+        """See :class:`~rotorfit.estimators.observations.Block`."""
+        return self.base.run
+
+    @property
+    def reading_group(self) -> Index:
+        """See :class:`~rotorfit.estimators.observations.Block`."""
+        return self.base.reading_group
+
+    def predict(self, theta: Float) -> ComplexArray:
+        """See :class:`~rotorfit.estimators.observations.Block`."""
+        return self.base.predict(theta)
+
+    def predict_jacobian(self, theta: Float) -> tuple[ComplexArray, ComplexArray]:
+        """See :class:`~rotorfit.estimators.observations.Block`."""
+        return self.base.predict_jacobian(theta)
+
+    def with_noise(self, factor: Float) -> Self:
+        """See :class:`~rotorfit.estimators.observations.Block`."""
+        return replace(self, base=self.base.with_noise(factor))
+
+    @cached_property
+    def mixing(self) -> ComplexArray:
+        """Inverse of the correlation's root: residuals over sigma times it are independent, shape ``(R, R)``.
+
+        The symmetric root, which leaves each whitened residual as near to its own reading as can be.
+        """
+        values, vectors = np.linalg.eigh(self.correlation)
+        return np.asarray((vectors / np.sqrt(values)) @ vectors.conj().T)
+
+    @cached_property
+    def root(self) -> ComplexArray:
+        """Root of the correlation: noise over sigma as drawn from independent numbers, shape ``(R, R)``."""
+        values, vectors = np.linalg.eigh(self.correlation)
+        return np.asarray((vectors * np.sqrt(values)) @ vectors.conj().T)
+
+    @cached_property
+    def scatter(self) -> ComplexArray:
+        """Covariance of the whitened residuals, the unit matrix where the weights are right, shape ``(R, R)``."""
+        return np.asarray(self.mixing @ self.covariance @ self.mixing.conj().T)
+
+
+def whiten(block: Block, misses: ComplexArray) -> ComplexArray:
+    """Residuals of a block, shape ``(..., R)``, over their noise and free of what they have in common."""
+    scaled = misses / block.sigma
+    return np.asarray(scaled @ block.mixing.T) if isinstance(block, CorrelatedResponses) else scaled
+
+
+def freedom_of(blocks: Iterable[Block]) -> float:
+    """Degrees of freedom from which the noise of the readings is known; infinite where it was given or sampled well."""
+    return min((b.freedom for b in blocks if isinstance(b, CorrelatedResponses)), default=math.inf)
+
+
+def quantile(level: float, freedom: float) -> float:
+    """Standard errors on either side of an estimate that make an interval of a level; Student's t for few mountings."""
+    reach = (1 + level) / 2
+    return float(stdtrit(freedom, reach)) if math.isfinite(freedom) else float(ndtri(reach))

@@ -1,0 +1,277 @@
+"""Runs with trial weights: which of them are one mounting, and what they determine together.
+
+Runs named ``A005-1``, ``A005-2`` are repeats of one mounting: the weight stayed where it was. A column ``mounting``
+says so for any other names. A run that neither tells counts as a mounting of its own.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotorfit.data.experiments import ComplexArray, Experiment, Float, PerturbationTest
+from rotorfit.data.synchronous import DIFFERENCED, OPPOSITE_TOLERANCE, SPEED_TOLERANCE
+from rotorfit.estimators.influence import Influence, Readings, UndeterminedError, solve_influence
+
+Index = NDArray[np.intp]
+
+MOUNTING = "mounting"
+"""Column, and attribute, that names the mounting of each row."""
+
+LARGEST_DWELLS = 8
+"""Speeds of a run up to which it dwelt at them; more are a start-up, which is differenced sample by sample."""
+
+_REPEAT = re.compile(r"(.+)-\d+")
+_SAME_WEIGHT = 0.02  # relative difference of mass-radius products that are one weight, written down twice
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Influences:
+    """Residual vectors and influences of a synchronous test at dwell speeds (:func:`influence`).
+
+    Attributes:
+        test: the influences as a test: the response of each probe to the usual weight of each plane at 0 degrees.
+        solved: the numbers, with their covariance.
+        channels: plane and direction of each channel.
+        planes: forced planes.
+        mountings: names of the mountings.
+        weight: unbalance that the rows of ``test`` are responses to, kg m, one a plane.
+        by_name: whether the file tells which runs are repeats of one mounting.
+    """
+
+    test: PerturbationTest
+    solved: Influence
+    channels: tuple[tuple[str, str], ...]
+    planes: tuple[str, ...]
+    mountings: tuple[str, ...]
+    weight: Float
+    by_name: bool
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """Sentences on how far mountings and repeats scatter."""
+        found = []
+        between, repeat = (values[np.isfinite(values)] * 1e6 for values in (self.solved.mounting, self.solved.repeat))
+        if between.size:
+            sentence = (
+                f"mounting the weight again moves vectors by {np.sqrt(np.mean(between**2)):.2g} um "
+                f"({between.min():.2g} to {between.max():.2g} by channel and speed; {len(self.mountings)} mountings, "
+                f"{self.solved.freedom:.0f} degrees of freedom)"
+            )
+            if repeat.size:
+                sentence += f", repeats by {np.sqrt(np.mean(repeat**2)):.2g} um"
+            found.append(sentence)
+        else:
+            found.append(
+                "there are no more mountings than unknowns: how far mounting a weight again moves vectors cannot be "
+                "told, and error bars count repeats or given noise alone, which understates them"
+            )
+        if not self.by_name:
+            found.append(
+                "nothing says which runs are repeats of one mounting, so each counts as a mounting of its own; name "
+                f"repeats A-1, A-2 or add a column {MOUNTING}"
+            )
+        if self.solved.left_out:
+            places = [
+                f"{' '.join(self.channels[channel])} at {self.solved.speed[dwell] * 30 / np.pi:.0f} rpm"
+                for channel, dwell in self.solved.left_out
+            ]
+            found.append(f"left out, because their weights do not determine an influence: {', '.join(places)}")
+        return tuple(found)
+
+    def summary(self) -> str:
+        """Table of residual vectors and influences with standard errors, um and um/(g mm), degrees of lead."""
+        size = len(self.planes)
+        errors = np.sqrt(np.real(np.diag(self.solved.covariance))).reshape(-1, size)
+        head = f"{'probe':<14}{'rpm':>8}{'residual':>18}" + "".join(f"{plane:>26}" for plane in self.planes)
+        lines = [head, f"{'':<22}{'um 0-pk':>18}" + f"{'um/(g mm)':>26}" * size]
+        for cell, (channel, dwell) in enumerate(zip(self.solved.channel, self.solved.dwell, strict=True)):
+            speed = self.solved.speed[dwell] * 30 / np.pi
+            line = f"{' '.join(self.channels[channel]):<14}{speed:>8.0f}" + _polar(self.solved.residual[cell] * 1e6, 18)
+            for value, error in zip(self.solved.influence[cell], errors[cell], strict=True):
+                line += _polar(value, 18) + f" +-{error:.2g}"[:8].ljust(8)
+            lines.append(line)
+        return "\n".join([*lines, *self.remarks])
+
+    def __str__(self) -> str:
+        return self.summary()
+
+
+def _polar(value: complex, width: int) -> str:
+    return f"{abs(value):.4g} @ {np.degrees(np.angle(value)):.1f}".rjust(width)
+
+
+def influence(test: PerturbationTest) -> Influences:
+    """Residual vectors and influences of a synchronous test at dwell speeds, from whatever weights it has.
+
+    Weights at 0 and 180 degrees (eq. 20), a reference run without a weight (mass-radius product or force zero) beside
+    one with, three weights at odd angles: all are solved together by least squares, repeats averaged first. Runs of one
+    mounting share a random effect, whose variance is estimated by restricted maximum likelihood.
+
+    Args:
+        test: a synchronous test whose runs dwell at a few speeds, not differenced.
+
+    Raises:
+        ValueError: the test is no such test, or its weights do not determine an influence.
+    """
+    name = test.source or "the test"
+    if not test.synchronous:
+        raise ValueError(f"{name} is not synchronous: influences need runs with frequency = speed on all rows")
+    if not dwells(test):
+        raise ValueError(f"{name} has runs over many speeds (start-ups): call difference_synchronous")
+    readings, channels, planes, mountings = _readings(test)
+    try:
+        solved = solve_influence(readings)
+    except UndeterminedError as reason:
+        raise ValueError(f"{name}: {reason}") from reason
+    weight = np.array([np.median(np.abs(column[column != 0])) for column in readings.unbalance.T])
+    rows = _as_test(test, solved, channels, planes, weight)
+    return Influences(
+        test=rows,
+        solved=solved,
+        channels=channels,
+        planes=planes,
+        mountings=mountings,
+        weight=weight,
+        by_name=_tells_mountings(test),
+    )
+
+
+def weighed(experiment: Experiment) -> Influences | None:
+    """Influences of an experiment that has to be solved for them before it can be fitted, None of all others."""
+    if not isinstance(experiment, PerturbationTest) or not unsolved(experiment):
+        return None
+    try:
+        return influence(experiment)
+    except ValueError:  # weights that determine nothing: a check says so, and a fit takes the readings as they are
+        return None
+
+
+def unsolved(test: PerturbationTest) -> bool:
+    """Whether a test dwells at a few speeds with weights in it that were not differenced."""
+    if not len(test) or not test.synchronous or DIFFERENCED in test.attributes or not dwells(test):
+        return False
+    finite = np.isfinite(test.response).all() and np.isfinite(test.force).all()
+    return bool(finite and (test.speed > 0).all())
+
+
+def dwells(test: PerturbationTest) -> bool:
+    """Whether every run of a test has at most :data:`LARGEST_DWELLS` speeds."""
+    number = _dwell(test.speed)
+    return all(np.unique(number[test.run == run]).size <= LARGEST_DWELLS for run in test.runs)
+
+
+def _dwell(speed: Float) -> Index:
+    """Number of the dwell speed of each reading: neighbours within the tolerance of constant speeds are one."""
+    values, inverse = np.unique(speed, return_inverse=True)
+    steps = np.diff(values) > SPEED_TOLERANCE * values[1:]
+    return np.asarray(np.concatenate([[0], np.cumsum(steps)])[inverse.reshape(-1)], dtype=np.intp)
+
+
+def _tells_mountings(test: PerturbationTest) -> bool:
+    return MOUNTING in test.attributes or any(_REPEAT.fullmatch(run) for run in test.runs)
+
+
+def mountings(test: PerturbationTest) -> list[str]:
+    """Name of the mounting of each row: the column, else the name of the run without the number of the repeat.
+
+    Runs whose weights differ are never one mounting, whatever their names.
+
+    Raises:
+        ValueError: one mounting in the column has two different weights.
+    """
+    given = MOUNTING in test.attributes
+    if given:
+        names = [str(value) for value in test.attributes[MOUNTING].tolist()]
+    else:
+        found = [(run, _REPEAT.fullmatch(run)) for run in test.run.tolist()]
+        names = [run if match is None else match[1] for run, match in found]
+    weight = test.force / test.speed**2
+    result: list[str] = []
+    seen: dict[str, list[tuple[str, complex]]] = {}
+    for name, plane, u in zip(names, test.force_plane.tolist(), weight.tolist(), strict=True):
+        kinds = seen.setdefault(name, [])
+        place = next((i for i, (at, v) in enumerate(kinds) if at == plane and _same(u, v)), len(kinds))
+        if place == len(kinds):
+            kinds.append((plane, u))
+        if place and given:
+            raise ValueError(
+                f"{test.source or 'the test'}: mounting {name} has different weights; a weight that was moved is "
+                "another mounting"
+            )
+        result.append(name if not place else f"{name} ({place + 1})")
+    return result
+
+
+def _same(u: complex, v: complex) -> bool:
+    if u == 0 or v == 0:
+        return u == v
+    turned = abs(float(np.angle(u / v)))
+    return abs(abs(u) - abs(v)) <= _SAME_WEIGHT * abs(v) and turned <= OPPOSITE_TOLERANCE
+
+
+def _readings(
+    test: PerturbationTest,
+) -> tuple[Readings, tuple[tuple[str, str], ...], tuple[str, ...], tuple[str, ...]]:
+    loaded = test.force != 0
+    planes = tuple(dict.fromkeys(test.force_plane[loaded].tolist()))
+    if not planes:
+        raise ValueError(f"{test.source or 'the test'}: every run is without a weight; an influence needs one with")
+    pairs = list(zip(test.plane.tolist(), test.direction.tolist(), strict=True))
+    channels = tuple(dict.fromkeys(pairs))
+    names = mountings(test)
+    order = tuple(dict.fromkeys(names))
+    mounting = np.array([order.index(name) for name in names], dtype=np.intp)
+    unbalance = np.zeros((len(order), len(planes)), dtype=complex)
+    weight = test.force / test.speed**2
+    for column, plane in enumerate(planes):
+        mine = loaded & (test.force_plane == plane)
+        count = np.bincount(mounting[mine], minlength=len(order))
+        total = np.bincount(mounting[mine], weight.real[mine], len(order)).astype(complex)
+        total += 1j * np.bincount(mounting[mine], weight.imag[mine], len(order))
+        unbalance[count > 0, column] = total[count > 0] / count[count > 0]
+    readings = Readings(
+        value=test.response,
+        speed=test.speed,
+        mounting=mounting,
+        channel=np.array([channels.index(pair) for pair in pairs], dtype=np.intp),
+        dwell=_dwell(test.speed),
+        unbalance=unbalance,
+        sigma=test.sigma,
+    )
+    return readings, channels, planes, order
+
+
+def _as_test(
+    test: PerturbationTest,
+    solved: Influence,
+    channels: tuple[tuple[str, str], ...],
+    planes: tuple[str, ...],
+    weight: Float,
+) -> PerturbationTest:
+    """One row a cell and plane, cell by cell: the order of the covariance."""
+    size = len(planes)
+    cell = np.repeat(np.arange(solved.channel.size), size)
+    plane = np.tile(np.arange(size), solved.channel.size)
+    speed = solved.speed[solved.dwell[cell]]
+    sigma = np.sqrt(np.real(np.diag(solved.working))) * weight[plane]
+    response: ComplexArray = solved.influence.reshape(-1) * weight[plane]
+    names = np.array(planes)[plane]
+    places: Any = [channels[k] for k in solved.channel[cell].tolist()]
+    return PerturbationTest(
+        source=test.source,
+        attributes={DIFFERENCED: np.ones(cell.size)},
+        run=np.array([f"weight at {name}" for name in names.tolist()]),
+        speed=speed,
+        frequency=speed.copy(),
+        force_plane=names,
+        force=(weight[plane] * speed**2).astype(complex),
+        plane=np.array([at for at, _ in places]),
+        direction=np.array([direction for _, direction in places]),
+        response=response,
+        sigma=sigma,
+    )
