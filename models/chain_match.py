@@ -68,7 +68,12 @@ class ChainFromModes:
         return masses | {f"K{i + 1}": float(k) for i, k in enumerate(self.K)}
 
     def model(self, planes: Sequence[str] | None = None, *, fluid: str | None = None) -> Chain:
-        """The chain as a model, for instance to be fitted with ``known=chain.values()``."""
+        """The chain as a model, for instance to be fitted with ``known=chain.values()``.
+
+        Args:
+            planes: names of the masses, by default mass-1, mass-2, ...
+            fluid: plane with a fluid bearing.
+        """
         return Chain(self.M.size, planes, fluid=fluid)
 
     def __str__(self) -> str:

@@ -51,7 +51,12 @@ class Law(ABC):
 
     @abstractmethod
     def start(self, K0: float, D: float) -> dict[str, float]:
-        """Values from which a fit may begin, near no change with eccentricity, for given values at eps = 0."""
+        """Values from which a fit may begin, near no change with eccentricity, for given values at eps = 0.
+
+        Args:
+            K0: stiffness at eps = 0, N/m.
+            D: damping at eps = 0, N s/m.
+        """
 
 
 @dataclass(frozen=True)

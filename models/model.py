@@ -81,12 +81,20 @@ class RotorModel(ABC):
         """
 
     def turning_stiffness(self, p: Any) -> Matrix:
-        """Stiffness that turns with the shaft, the factor of ``exp(2j Om t) conj(z)``; none unless overridden."""
+        """Stiffness that turns with the shaft, the factor of ``exp(2j Om t) conj(z)``; none unless overridden.
+
+        Args:
+            p: parameters by name, CasADi symbols: ``p.K0``.
+        """
         size = len(self.coordinates)
         return [[0.0] * size for _ in range(size)]
 
     def probe_factors(self, p: Any) -> Sequence[Number]:
-        """Factor by which each coordinate's reading is multiplied (the paper's beta); one unless overridden."""
+        """Factor by which each coordinate's reading is multiplied (the paper's beta); one unless overridden.
+
+        Args:
+            p: parameters by name, CasADi symbols: ``p.K0``.
+        """
         return [1.0] * len(self.coordinates)
 
     @property
@@ -103,6 +111,9 @@ class RotorModel(ABC):
     def parameter(self, name: str) -> Parameter:
         """Look a parameter up by name.
 
+        Args:
+            name: of the parameter, ``"K0"``.
+
         Raises:
             KeyError: no such parameter; the message names the nearest.
         """
@@ -113,6 +124,9 @@ class RotorModel(ABC):
 
     def vector(self, values: Mapping[str, float]) -> Float:
         """Arrange named values as a parameter vector; parameters with a default may be left out.
+
+        Args:
+            values: by parameter name, SI units.
 
         Raises:
             KeyError: unknown or missing names.
@@ -222,17 +236,34 @@ class RotorModel(ABC):
         raise TypeError(f"{self.name} has no known structure")
 
     def motion(self, theta: ArrayLike, speed: ArrayLike) -> ComplexArray:
-        """Coefficient matrices of free motion, those of :meth:`coefficients` unless coordinates were condensed away."""
+        """Coefficient matrices of free motion, those of :meth:`coefficients` unless coordinates were condensed away.
+
+        Args:
+            theta: parameter vector, shape ``(P,)``, or many, shape ``(..., P)``.
+            speed: rotative speed, rad/s, one or as many as vectors.
+        """
         return self.coefficients(theta, speed)
 
     def motion_jacobian(self, theta: ArrayLike, speed: float) -> CoefficientJacobian:
-        """Derivatives of :meth:`motion` by parameters and speed."""
+        """Derivatives of :meth:`motion` by parameters and speed.
+
+        Args:
+            theta: parameter vector, shape ``(P,)``, or many, shape ``(..., P)``.
+            speed: rotative speed, rad/s.
+        """
         return self.functions.jacobian(theta, speed)
 
     def receptance(
         self, theta: ArrayLike, frequency: ArrayLike, speed: ArrayLike, eccentricity: ArrayLike = 0.0
     ) -> ComplexArray:
-        """Matrix of responses to unit forces, ``inv(kappa)``, m/N, arguments as for :meth:`dynamic_stiffness`."""
+        """Matrix of responses to unit forces, ``inv(kappa)``, m/N, arguments as for :meth:`dynamic_stiffness`.
+
+        Args:
+            theta: parameter vector, shape ``(P,)``, or many, shape ``(..., P)``.
+            frequency: signed perturbation frequencies, rad/s, shape ``(N,)``.
+            speed: rotative speed, rad/s, one or shape ``(N,)``.
+            eccentricity: of the journal, for models with a law.
+        """
         return np.asarray(np.linalg.inv(self.dynamic_stiffness(theta, frequency, speed, eccentricity)), dtype=complex)
 
     def force_vector(self, plane: str, frequency: ArrayLike, force: ArrayLike, along: str = "circular") -> ComplexArray:
@@ -269,6 +300,10 @@ class RotorModel(ABC):
     def coordinate(self, plane: str, axis: str) -> int:
         """Index of a coordinate.
 
+        Args:
+            plane: one of the model's planes.
+            axis: ``"z"``, or ``"x"`` or ``"y"`` of models with both; ``"phi"`` for a tilt.
+
         Raises:
             KeyError: the model has no such plane or axis; both lists are shown.
         """
@@ -286,6 +321,9 @@ class RotorModel(ABC):
 
     def variant(self, **changes: Any) -> Self:
         """The same model with other options, for instance ``blocks`` or ``two_lam``.
+
+        Args:
+            **changes: options of the model's class, by name.
 
         Raises:
             ValueError: the model has no such option.

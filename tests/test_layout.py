@@ -251,3 +251,21 @@ def test_documented_arguments_are_those_of_the_signature(name: str) -> None:
 def test_functions_of_the_front_document_their_arguments(name: str) -> None:
     function = getattr(rotorfit, name)
     assert documented(inspect.getdoc(function) or "") == arguments(function)
+
+
+USED = [n for n in CALLABLES if n.split(".")[-2] in (*rotorfit.__all__, "RotorModel", "Law", "ChainFromModes")]
+"""Methods of what users hold in their hands."""
+
+
+@pytest.mark.parametrize(
+    "name", sorted(n for n in USED if arguments(CALLABLES[n]) and not inspect.isclass(CALLABLES[n]))
+)
+def test_methods_that_users_call_document_their_arguments(name: str) -> None:
+    if name.split(".")[-2] not in (
+        "campaign",
+        "simulate",
+        "closed_form",
+        "refine",
+        "write",
+    ):  # modules that share a name
+        assert documented(inspect.getdoc(CALLABLES[name]) or "") == arguments(CALLABLES[name])

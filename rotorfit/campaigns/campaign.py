@@ -67,6 +67,9 @@ class Campaign:
     def values(self, parameter: str) -> tuple[Float, Float]:
         """A parameter's values and standard errors, NaN in runs that do not give it, shape ``(R,)`` each.
 
+        Args:
+            parameter: its name.
+
         Raises:
             KeyError: no such parameter.
         """
@@ -128,6 +131,9 @@ class Campaign:
     def fit(self, run: str) -> FitResult:
         """The full result of one run, fitted anew with the shared parameters at their values.
 
+        Args:
+            run: its name.
+
         Raises:
             KeyError: no such run.
         """
@@ -148,7 +154,11 @@ class Campaign:
     # ---- presentation -------------------------------------------------------------------------------------------
 
     def table(self, attributes: Sequence[str] | None = None) -> str:
-        """Values and standard errors of all runs as text; ``attributes`` are shown first, by default all of them."""
+        """Values and standard errors of all runs as text; ``attributes`` are shown first, by default all of them.
+
+        Args:
+            attributes: columns shown first, by default all attributes.
+        """
         shown = self.attributes if attributes is None else tuple(attributes)
         width = max([len(run.name) for run in self.runs] + [3]) + 2
         head = f"{'run':<{width}}" + "".join(f"{name:>14}" for name in shown)
@@ -167,7 +177,13 @@ class Campaign:
     def summary(
         self, parameters: str | Sequence[str] | None = None, *, against: str | None = None, by: str | None = None
     ) -> str:
-        """The shared parameters, how the runs went, and with ``against`` the trends as for :meth:`trends`."""
+        """The shared parameters, how the runs went, and with ``against`` the trends as for :meth:`trends`.
+
+        Args:
+            parameters: names whose trends are shown, by default K0, lam and D where fitted.
+            against: attribute that trends are shown against.
+            by: attribute that makes groups.
+        """
         done = [run for run in self.runs if run.params]
         redchi = [run.redchi for run in done]
         lines = [
@@ -184,7 +200,11 @@ class Campaign:
         return self.summary()
 
     def to_csv(self, path: str | Path | None = None) -> str:
-        """All runs as CSV: conditions, values, standard errors (``K0_stderr``), quality; also written to ``path``."""
+        """All runs as CSV: conditions, values, standard errors (``K0_stderr``), quality; also written to ``path``.
+
+        Args:
+            path: file to write as well.
+        """
         text = io.StringIO()
         names = (*self.shared, *self.fitted)
         writer = csv.writer(text, lineterminator="\n")
@@ -209,7 +229,13 @@ class Campaign:
     def plot_trends(
         self, parameters: str | Sequence[str] | None = None, *, against: str, by: str | None = None
     ) -> Figure:
-        """Parameters with error bars and trend lines against an attribute; arguments as for :meth:`trends`."""
+        """Parameters with error bars and trend lines against an attribute; arguments as for :meth:`trends`.
+
+        Args:
+            parameters: names to show, by default K0, lam and D where fitted.
+            against: attribute on the horizontal axis, ``"oil_C"``.
+            by: attribute that makes groups, each with a line of its own.
+        """
         from rotorfit.campaigns.trend_figure import plot_trends
 
         return plot_trends(self.trends(parameters, against=against, by=by), by)
@@ -249,6 +275,11 @@ def campaign(
         KeyError: unknown parameters, or an experiment without the attribute of ``split``.
         ValueError: nothing to fit, no run that can be fitted, contradictory settings, or shared parameters that the
             runs do not determine.
+
+    Example:
+        >>> found = rf.campaign(rf.models.WhirlWhip(), rig, split="speed_rpm", known={"K3": 6000.0})
+        >>> found.values("lam")[0].shape
+        (2,)
     """
     settings = FitSettings(known or {}, bounds or {}, priors or {}, {}, loss)
     start = dict(start or {})

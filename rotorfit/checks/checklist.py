@@ -30,6 +30,10 @@ def check(test: Experiment) -> list[Finding]:
 
     Args:
         test: what was measured, SI units.
+
+    Example:
+        >>> [finding.code for finding in rf.check(rig) if finding.severity == "error"]
+        []
     """
     findings = list(_numbers(test))
     finite = np.flatnonzero(_finite(test))

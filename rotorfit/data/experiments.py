@@ -190,7 +190,11 @@ class PerturbationTest(_Rows):
         return np.asarray(parts[0] + 1j * parts[1]) if parts else None
 
     def subtract_slow_roll(self, slow_roll: Mapping[tuple[str, str], complex]) -> PerturbationTest:
-        """Subtract a slow-roll (run-out) vector for each (plane, direction), m, from all 1x readings."""
+        """Subtract a slow-roll (run-out) vector for each (plane, direction), m, from all 1x readings.
+
+        Args:
+            slow_roll: vector, m 0-peak, by plane and direction: ``{("journal", "x"): 3e-6 + 1e-6j}``.
+        """
         vector = np.array(
             [slow_roll.get((p, d), 0.0) for p, d in zip(self.plane.tolist(), self.direction.tolist(), strict=True)]
         )
@@ -458,6 +462,14 @@ def perturbation_test(
 
     Raises:
         ValueError: columns of unequal length, or an unknown direction.
+
+    Example:
+        >>> test = rf.perturbation_test(
+        ...     run="fwd", speed=150.0, frequency=[40.0, 80.0], force_plane="journal", force=5.0,
+        ...     plane="journal", direction="z", response=[2e-4 - 1e-4j, 1e-4 - 1e-4j], sigma=1e-7,
+        ... )
+        >>> len(test), test.planes
+        (2, ('journal',))
     """
     given = {
         "run": (run, str),

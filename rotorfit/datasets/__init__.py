@@ -21,6 +21,9 @@ def names() -> tuple[str, ...]:
 def path(name: str) -> Path:
     """Path of a data file.
 
+    Args:
+        name: of the file, ``"rig_open.csv"``.
+
     Raises:
         FileNotFoundError: no such file; the message lists those there are.
     """
@@ -31,7 +34,11 @@ def path(name: str) -> Path:
 
 
 def truth(name: str) -> dict[str, Any]:
-    """What a simulated rig was made with, for instance ``truth("rig_open")``."""
+    """What a simulated rig was made with, for instance ``truth("rig_open")``.
+
+    Args:
+        name: of the rig, ``"rig_open"``.
+    """
     loaded: dict[str, Any] = json.loads(path(f"{name}.truth.json").read_text())
     return loaded
 

@@ -63,6 +63,11 @@ def fit(
     Raises:
         KeyError: unknown parameter names; the message names the nearest.
         ValueError: data that do not fit the model, contradictory bounds, more unknowns than data.
+
+    Example:
+        >>> fit = rf.fit(rf.models.WhirlWhip(), rig, known={"K3": 6000.0})
+        >>> fit.success, round(fit.params["lam"].value, 3), fit.params["lam"].unit
+        (True, 0.473, '1')
     """
     settings = FitSettings(
         known or {}, bounds or {}, priors or {}, per or {}, loss, phase_offsets, calibration=calibration
@@ -89,6 +94,11 @@ def closed_form(
 
     Raises:
         ClosedFormError: the data do not allow a closed form.
+
+    Example:
+        >>> start = rf.closed_form(rf.models.WhirlWhip(), rig, known={"K3": 6000.0})
+        >>> round(start.params["lam"].value, 3)
+        0.473
     """
     if model.eccentricity_dependent:
         raise ClosedFormError(

@@ -56,6 +56,9 @@ def save_fit(fit: FitResult, path: str | os.PathLike[str]) -> None:
     Raises:
         ValueError: priors that are not of scipy.stats, or a problem that was changed by hand after the fit.
         OSError: the file cannot be written.
+
+    Example:
+        >>> rf.save_fit(fit, folder / "fit.json")
     """
     text = fit_to_json(fit)
     target = Path(path)
@@ -74,6 +77,11 @@ def load_fit(path: str | os.PathLike[str], *, model: RotorModel | None = None) -
     Raises:
         ValueError: not such a file, written by a newer version, damaged, or without the model that it needs.
         OSError: the file cannot be read.
+
+    Example:
+        >>> rf.save_fit(fit, folder / "fit.json")
+        >>> rf.load_fit(folder / "fit.json").redchi == fit.redchi
+        True
     """
     text = Path(path).read_text(encoding="utf-8")
     return fit_from_json(text, model=model, source=str(path))

@@ -27,6 +27,12 @@ def fit_law(law: Law, table: CoefficientTable, *, per: Sequence[str] = ("K0", "D
     Raises:
         KeyError: unknown parameter or attribute.
         ValueError: coefficients that are not finite or of unknown accuracy.
+
+    Example:
+        >>> table = rf.datasets.seal_muszynska_tum()
+        >>> law = rf.fit_law(rf.models.Muszynska(), table)
+        >>> round(law.params["n_K"].value, 3)
+        2.0
     """
     # The eccentricities are ratios already: any clearance serves.
     model = OneMode(law=law, clearance_um=1.0)

@@ -61,6 +61,11 @@ def refine(fit: FitResult) -> Refinement:
     Raises:
         ValueError: the model has a single plane, so no structure between planes is missing, or the data leave
             parameters open, so that more of them would be open still.
+
+    Example:
+        >>> best = rf.refine(fit).best
+        >>> round(best.params["lam"].value, 3)
+        0.475
     """
     if not hasattr(fit.model, "blocks"):
         raise ValueError(f"{fit.model.name} has no structural blocks to add: they couple two or more planes")
@@ -87,6 +92,9 @@ def level_noise(fit: FitResult) -> FitResult:
     """The fit with the noise level of each response as its residuals have it; robust fits are left as they are.
 
     Alternates between levels and fit, which climbs their joint likelihood. Responses of few readings keep their level.
+
+    Args:
+        fit: the result to draw.
     """
     if fit.settings.loss != "linear":
         return fit

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -224,13 +224,22 @@ class FitResult:
     def group(self, at: Mapping[str, Any] | None = None) -> int:
         """Number of the parameter group with given attribute values, ``{"speed_rpm": 1000}``.
 
+        Args:
+            at: values of attributes that name one group, ``{"speed_rpm": 1000}``; needed where parameters were fitted
+                per attribute.
+
         Raises:
             ValueError: parameters were fitted per attribute and ``at`` does not name one group.
         """
         return self.problem.space.group(at)
 
     def theta(self, at: Mapping[str, Any] | None = None) -> Float:
-        """Model parameter vector, shape ``(P,)``, of the group named by ``at``."""
+        """Model parameter vector, shape ``(P,)``, of the group named by ``at``.
+
+        Args:
+            at: values of attributes that name one group, ``{"speed_rpm": 1000}``; needed where parameters were fitted
+                per attribute.
+        """
         return np.asarray(self.problem.space.theta(self.x)[self.group(at)])
 
     def propagate(self, value: float, gradient: Float, unit: str, at: Mapping[str, Any] | None = None) -> Quantity:
@@ -263,6 +272,11 @@ class FitResult:
         Args:
             at: group of parameters, where some were fitted per attribute.
             eccentricity: static eccentricity at which a load keeps the journal; by default it is centred.
+
+        Example:
+            >>> onset = fit.threshold_speed()
+            >>> round(onset.value * 30 / 3.14159), onset.unit
+            (2667, 'rad/s')
         """
         if eccentricity is None:
             return self.threshold_of(self.group(at))
@@ -276,7 +290,11 @@ class FitResult:
         return self.propagate(onset.speed, onset.gradient, "rad/s", at)
 
     def threshold_of(self, group: int) -> Quantity:
-        """Threshold speed of the parameter group with a given number; see :meth:`threshold_speed`."""
+        """Threshold speed of the parameter group with a given number; see :meth:`threshold_speed`.
+
+        Args:
+            group: its number, from 0.
+        """
         theta = self.problem.space.theta(self.x)[group]
         onset = threshold_speed(self.model, theta, band=self.stability_band)
         if onset is None:
@@ -299,12 +317,27 @@ class FitResult:
         return math.nan if math.isfinite(self._propagate(abs(least), by_theta.real, "1/s", group).stderr) else math.inf
 
     def whirl_ratio(self, at: Mapping[str, Any] | None = None) -> float:
-        """Frequency of the self-excited whirl at onset over the threshold speed, NaN without a threshold."""
+        """Frequency of the self-excited whirl at onset over the threshold speed, NaN without a threshold.
+
+        Args:
+            at: values of attributes that name one group, ``{"speed_rpm": 1000}``; needed where parameters were fitted
+                per attribute.
+        """
         onset = threshold_speed(self.model, self.theta(at), band=self.stability_band)
         return math.nan if onset is None else onset.whirl_ratio
 
     def natural_frequencies(self, speed: float, at: Mapping[str, Any] | None = None) -> list[tuple[Quantity, Quantity]]:
-        """Damped natural frequency (rad/s, signed) and damping ratio of each mode at a rotative speed (rad/s)."""
+        """Damped natural frequency (rad/s, signed) and damping ratio of each mode at a rotative speed (rad/s).
+
+        Args:
+            speed: rotative speed, rad/s.
+            at: values of attributes that name one group, ``{"speed_rpm": 1000}``; needed where parameters were fitted
+                per attribute.
+
+        Example:
+            >>> [round(frequency.value) for frequency, damping in fit.natural_frequencies(speed=150.0)][-1] > 0
+            True
+        """
         theta = self.theta(at)
         modes = []
         for s in eigenvalues(self.model, theta, speed):
@@ -323,7 +356,13 @@ class FitResult:
         return modes
 
     def turning_anisotropy(self, *, level: float = 0.95, at: Mapping[str, Any] | None = None) -> TurningAnisotropy:
-        """dK, dK/K and the stiff direction of a shaft that is not round; see rotorfit.fitting.anisotropy."""
+        """dK, dK/K and the stiff direction of a shaft that is not round; see rotorfit.fitting.anisotropy.
+
+        Args:
+            level: probability of the interval, between 0 and 1.
+            at: values of attributes that name one group, ``{"speed_rpm": 1000}``; needed where parameters were fitted
+                per attribute.
+        """
         from rotorfit.fitting.anisotropy import turning_anisotropy
 
         return turning_anisotropy(self, level=level, at=at)
@@ -333,13 +372,37 @@ class FitResult:
     def profile(
         self, name: str, *, level: float = 0.95, points: int = 21, at: Mapping[str, Any] | None = None
     ) -> Profile:
-        """Interval and curve by profile likelihood; see :func:`rotorfit.uncertainty.profile.profile`."""
+        """Interval and curve by profile likelihood; see :func:`rotorfit.uncertainty.profile.profile`.
+
+        Args:
+            name: a fitted parameter, or ``"threshold_speed"``.
+            level: probability of the interval, between 0 and 1.
+            points: of the curve.
+            at: values of attributes that name one group, ``{"speed_rpm": 1000}``; needed where parameters were fitted
+                per attribute.
+
+        Example:
+            >>> low, high = fit.profile("lam", points=5).interval
+            >>> low < fit.params["lam"].value < high
+            True
+        """
         from rotorfit.uncertainty.profile import profile
 
         return profile(self, name, level=level, points=points, at=at)
 
     def bootstrap(self, *, n: int = 500, seed: int = 0, accelerate: bool | None = None) -> Bootstrap:
-        """Fits of data simulated from this one and their spread; see rotorfit.uncertainty.bootstrap.bootstrap."""
+        """Fits of data simulated from this one and their spread; see rotorfit.uncertainty.bootstrap.bootstrap.
+
+        Args:
+            n: number of data sets to simulate and fit.
+            seed: of random numbers.
+            accelerate: with compiled kernels; by default where numba is installed.
+
+        Example:
+            >>> low, high = fit.bootstrap(n=20, seed=1).interval("lam")
+            >>> low < high
+            True
+        """
         from rotorfit.uncertainty.bootstrap import bootstrap
 
         return bootstrap(self, n=n, seed=seed, accelerate=accelerate)
@@ -355,6 +418,12 @@ class FitResult:
         """Random and systematic uncertainty apart (GUM type A and B); see :class:`rotorfit.Calibration`.
 
         The fit is repeated with the errors of calibration as nuisance entries; it is the ``fit`` of the answer.
+
+        Args:
+            probe_gain: standard uncertainty of the probes' gains, a fraction; for all, or by plane.
+            probe_phase_deg: that of their phases, degrees.
+            mr: that of the unbalance, a fraction; for all, or by force plane.
+            keyphasor_deg: that of the phase reference, degrees.
         """
         from rotorfit.fitting.calibration import Calibration
         from rotorfit.uncertainty.budget import budget
@@ -364,7 +433,11 @@ class FitResult:
     # ---- files, imported when asked for ------------------------------------------------------------------------------
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write the result and its data to a JSON file; :func:`rotorfit.load_fit` reads it."""
+        """Write the result and its data to a JSON file; :func:`rotorfit.load_fit` reads it.
+
+        Args:
+            path: file to write, whole or not at all.
+        """
         from rotorfit.fitting.fit_file import save_fit
 
         save_fit(self, path)
@@ -372,7 +445,17 @@ class FitResult:
     # ---- posterior, imported when asked for --------------------------------------------------------------------------
 
     def sample(self, **options: Any) -> Posterior:
-        """Sample the posterior with emcee; options as for :func:`rotorfit.sample`, for instance ``seed=1``."""
+        """Sample the posterior with emcee; options as for :func:`rotorfit.sample`, for instance ``seed=1``.
+
+        Args:
+            **options: ``seed``, ``walkers``, ``ess``, ``max_steps``, ``checkpoint``, ...: see :func:`rotorfit.sample`.
+
+        Example:
+            >>> posterior = fit.sample(seed=1, walkers=32, ess=100)
+            >>> low, high = posterior.interval("lam", 0.95)
+            >>> low < high
+            True
+        """
         from rotorfit.uncertainty.posterior import sample
 
         return sample(self, **options)
@@ -389,7 +472,11 @@ class FitResult:
         return self.summary()
 
     def plot_dynamic_stiffness(self) -> Figure:
-        """Direct and quadrature dynamic stiffness against signed frequency, data with error bars and fit."""
+        """Direct and quadrature dynamic stiffness against signed frequency, data with error bars and fit.
+
+        Example:
+            >>> fit.plot_dynamic_stiffness().savefig(folder / "stiffness.png")
+        """
         from rotorfit.plots.responses import plot_dynamic_stiffness
 
         return plot_dynamic_stiffness(self)
@@ -447,7 +534,3 @@ class FitResult:
         from rotorfit.plots.responses import plot_velocity_ratio
 
         return plot_velocity_ratio(self)
-
-    def with_warnings(self, *messages: str) -> FitResult:
-        """The same result with further warnings."""
-        return replace(self, warnings=(*self.warnings, *messages))

@@ -59,6 +59,11 @@ def read(
     Raises:
         ValueError: what in the file or in an option is wrong, where, and what is allowed.
         FileNotFoundError: no such file.
+
+    Example:
+        >>> test = rf.read(rf.datasets.path("rig_open.csv"))
+        >>> test.planes
+        ('disk', 'journal')
     """
     if not 0 <= speed_tolerance < 1:
         raise ValueError(f"speed_tolerance is a fraction of the speed, 0 to 1; got {speed_tolerance!r}")
@@ -127,6 +132,11 @@ def write(experiment: Experiment, path: str | Path) -> None:
 
     Raises:
         ValueError: unknown suffix, or something that the format cannot hold.
+
+    Example:
+        >>> rf.write(rig, folder / "rig.nc")
+        >>> len(rf.read(folder / "rig.nc")) == len(rig)
+        True
     """
     target = check_target(path)
     writer = _writer(_format(target))

@@ -36,8 +36,8 @@ def dynamic_stiffness(
         test: responses with the force at each of the planes in turn.
         planes: planes in the order of the rows, by default those of the test.
         isotropic: combine each x/y pair to the component in the force's direction (n planes, signed frequency);
-        otherwise
-            keep x and y apart (2n coordinates x then y, forward and backward runs together, frequency positive).
+            otherwise keep x and y apart (2n coordinates x then y, forward and backward runs together, frequency
+            positive).
 
     Returns:
         frequencies and speeds in rad/s, kappa of shape ``(N, n, n)`` or ``(N, 2n, 2n)`` in N/m, and its standard
@@ -45,6 +45,11 @@ def dynamic_stiffness(
 
     Raises:
         ValueError: no frequency at which all planes were forced and measured; the message says what is missing.
+
+    Example:
+        >>> measured = rf.dynamic_stiffness(rig, planes=["disk", "journal"])
+        >>> measured.kappa.shape[1:]
+        (2, 2)
     """
     names = tuple(planes or test.planes)
     model: RotorModel = _Planes(names) if isotropic else Anisotropic(names)

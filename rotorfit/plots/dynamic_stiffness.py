@@ -61,7 +61,11 @@ class _Shown:
 
 
 def draw_dynamic_stiffness(fit: FitResult) -> Figure:
-    """Draw the figure of :func:`rotorfit.plots.responses.plot_dynamic_stiffness`."""
+    """Draw the figure of :func:`rotorfit.plots.responses.plot_dynamic_stiffness`.
+
+    Args:
+        fit: the result to draw.
+    """
     shown = _shown(fit)
     n = len(fit.model.coordinates)
     full = any(p.row != p.column for s in shown for p in s.points) or n == 1

@@ -36,6 +36,9 @@ def plot_law(fit: FitResult) -> Figure:
 
     Dotted beyond the data, where the law alone speaks.
 
+    Args:
+        fit: the result to draw.
+
     Raises:
         ValueError: a linear fluid, or data without eccentricities.
     """
@@ -86,6 +89,9 @@ def plot_nonlinear_stiffness(fit: FitResult) -> Figure:
 
     Points are the data minus what the fitted model has for a vanishing orbit, lines the law's. Left against frequency,
     one colour a force level; right against eccentricity. Above the direct, below the quadrature part.
+
+    Args:
+        fit: the result to draw.
 
     Raises:
         ValueError: a linear fluid, or no circular orbits of the journal.

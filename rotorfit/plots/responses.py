@@ -89,6 +89,9 @@ def plot_bode(fit: FitResult) -> Figure:
     Rows are probes (amplitude, then phase), columns force planes; colours are rotative speeds and, of nonlinear fluids,
     levels of the force. Points are measured; lines are fitted, with their 95 % bands.
 
+    Args:
+        fit: the result to draw.
+
     Raises:
         ValueError: the fit has no circular responses.
     """
@@ -165,6 +168,9 @@ def plot_polar(fit: FitResult) -> Figure:
 
     Crosses along the fitted lines are at round frequencies, in rpm, signed.
 
+    Args:
+        fit: the result to draw.
+
     Raises:
         ValueError: the fit has no circular responses.
     """
@@ -231,6 +237,9 @@ def _square(axis: Any, values: ComplexArray) -> None:
 def plot_residuals(fit: FitResult) -> Figure:
     """Residuals over their noise against frequency, with the band of two standard deviations, and their histogram.
 
+    Args:
+        fit: the result to draw.
+
     Raises:
         ValueError: the fit has no circular responses.
     """
@@ -273,6 +282,9 @@ def plot_dynamic_stiffness(fit: FitResult) -> Figure:
     Where not all planes were forced, and of nonlinear fluids, whose stiffness changes with the force, the drive-point
     stiffness (force over response, other planes free) takes the place of eq. (7), with one curve a force level.
     Intercept, curvature and slope of a linear model's lines are written into the panels: they are the parameters.
+
+    Args:
+        fit: the result to draw.
 
     Raises:
         ValueError: the fit has no circular responses.

@@ -50,6 +50,9 @@ def plot_static_locus(fit: FitResult) -> Figure:
     Points are measured, lines the fitted locus from the centre to the largest load; positions are turned so that the
     load points down.
 
+    Args:
+        fit: the result to draw.
+
     Raises:
         ValueError: a linear fluid, or no static loads with the journal's position.
     """
@@ -95,6 +98,9 @@ def plot_static_stiffness(fit: FitResult) -> Figure:
     Above its part across the load over rotative speed, lam D for one mode; below its part along the load,
     ``K + K0 - Mf lam^2 Om^2`` for one mode. Lines are fitted, with 95 % bands.
 
+    Args:
+        fit: the result to draw.
+
     Raises:
         ValueError: a linear fluid, or no static loads with the journal's position.
     """
@@ -137,6 +143,9 @@ def plot_velocity_ratio(fit: FitResult) -> Figure:
 
     The paper reads these ratios as lam; they are eigenvalues of the rotor, drawn as solid lines, and lam itself,
     dashed with its 95 % band, may lie elsewhere.
+
+    Args:
+        fit: the result to draw.
 
     Raises:
         ValueError: a linear fluid, or no impulse tests.

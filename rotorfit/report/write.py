@@ -59,6 +59,10 @@ def write_report(
             experiments, profiles at another level than 95 %, a posterior of other parameters.
         TypeError: models averaged over as the posterior.
         OSError: the file cannot be written.
+
+    Example:
+        >>> rf.write_report(fit, folder / "report.html").name
+        'report.html'
     """
     if findings is None:
         from rotorfit.checks.checklist import check

@@ -73,6 +73,14 @@ def simulate(
         TypeError: options that the kind does not have, or lacks.
         KeyError: unknown or missing parameters or planes.
         IntegrationError: the journal touches the wall, or the motion does not settle.
+
+    Example:
+        >>> test = rf.simulate(
+        ...     rf.models.OneMode(), {"M": 1.2, "K": 8e3, "Ds": 8.0, "K0": 9e3, "D": 450.0, "lam": 0.46, "Mf": 0.4},
+        ...     "perturbation", speed_rpm=1500, frequency_rpm=[-800, -400, 400, 800], force=5.0, seed=1,
+        ... )
+        >>> sorted({int(w) for w in test.frequency})  # rad/s
+        [-83, -41, 41, 83]
     """
     if kind not in SIMULATED:
         raise ValueError(unknown_name("kind of experiment", kind, SIMULATED))

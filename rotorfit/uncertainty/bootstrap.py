@@ -50,6 +50,9 @@ class Bootstrap:
     def parameter(self, name: str) -> Derived:
         """Estimates of one entry.
 
+        Args:
+            name: of a fitted parameter or nuisance entry, ``"lam"``.
+
         Raises:
             KeyError: no such entry; the message names the nearest.
             ValueError: the data do not determine it.
@@ -73,14 +76,24 @@ class Bootstrap:
         return np.asarray(np.cov(self.samples, rowvar=False)).reshape(len(self.names), len(self.names))
 
     def interval(self, name: str, probability: float = 0.95) -> tuple[float, float]:
-        """Interval from the central quantiles of the estimates; infinite for what the data do not determine."""
+        """Interval from the central quantiles of the estimates; infinite for what the data do not determine.
+
+        Args:
+            name: of a fitted parameter or nuisance entry, ``"lam"``.
+            probability: share of the distribution inside, between 0 and 1.
+        """
         if name in self.names and not self.fit.params[name].resolved:
             return -math.inf, math.inf
         low, high = self.parameter(name).interval(probability)
         return float(low), float(high)
 
     def threshold_speed(self, at: Mapping[str, Any] | None = None) -> Derived:
-        """Threshold speed of every estimate, rad/s; infinite for rotors that are always stable."""
+        """Threshold speed of every estimate, rad/s; infinite for rotors that are always stable.
+
+        Args:
+            at: values of attributes that name one group, ``{"speed_rpm": 1000}``; needed where parameters were fitted
+                per attribute.
+        """
         space = self.fit.problem.space
         theta = np.asarray(space.theta(self.samples)[:, self.fit.group(at)])
         onset, _ = threshold_speeds(self.fit.model, theta, band=self.fit.stability_band)

@@ -88,6 +88,9 @@ class Budget:
     def share(self, name: str) -> Share:
         """Shares of a fitted parameter or nuisance entry.
 
+        Args:
+            name: of a fitted parameter or nuisance entry, ``"lam"``.
+
         Raises:
             ValueError: nothing of that name was fitted.
         """
@@ -99,7 +102,12 @@ class Budget:
         return self._share(name, p.unit, p.value, slope, p.resolved)
 
     def threshold_speed(self, at: Mapping[str, Any] | None = None) -> Share:
-        """Shares of the threshold speed, rad/s; NaN where the rotor is stable at every speed searched."""
+        """Shares of the threshold speed, rad/s; NaN where the rotor is stable at every speed searched.
+
+        Args:
+            at: values of attributes that name one group, ``{"speed_rpm": 1000}``; needed where parameters were fitted
+                per attribute.
+        """
         fit = self.fit
         group = fit.group(at)
         onset = threshold_speed(fit.model, fit.theta(at), band=fit.stability_band)

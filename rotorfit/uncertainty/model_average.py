@@ -48,6 +48,9 @@ class ModelAverage:
     def parameter(self, name: str) -> Derived:
         """One parameter over all models.
 
+        Args:
+            name: of a fitted parameter or nuisance entry, ``"lam"``.
+
         Raises:
             KeyError: the models do not share this parameter.
         """
@@ -56,26 +59,55 @@ class ModelAverage:
         return self._mixed(lambda posterior: posterior.parameter(name))
 
     def interval(self, name: str, probability: float = 0.95) -> tuple[float, float]:
-        """Central interval of a shared parameter."""
+        """Central interval of a shared parameter.
+
+        Args:
+            name: of a fitted parameter or nuisance entry, ``"lam"``.
+            probability: share of the distribution inside, between 0 and 1.
+        """
         low, high = self.parameter(name).interval(probability)
         return float(low), float(high)
 
     def threshold_speed(self, at: Mapping[str, Any] | None = None) -> Derived:
-        """See :meth:`Posterior.threshold_speed`."""
+        """See :meth:`Posterior.threshold_speed`.
+
+        Args:
+            at: values of attributes that name one group, ``{"speed_rpm": 1000}``; needed where parameters were fitted
+                per attribute.
+        """
         return self._mixed(lambda posterior: posterior.threshold_speed(at))
 
     def whirl_ratio(self, at: Mapping[str, Any] | None = None) -> Derived:
-        """See :meth:`Posterior.whirl_ratio`."""
+        """See :meth:`Posterior.whirl_ratio`.
+
+        Args:
+            at: values of attributes that name one group, ``{"speed_rpm": 1000}``; needed where parameters were fitted
+                per attribute.
+        """
         return self._mixed(lambda posterior: posterior.whirl_ratio(at))
 
     def lam_speed(self, speed: float, at: Mapping[str, Any] | None = None, *, name: str = "lam") -> Derived:
-        """See :meth:`Posterior.lam_speed`."""
+        """See :meth:`Posterior.lam_speed`.
+
+        Args:
+            speed: rotative speed, rad/s.
+            at: values of attributes that name one group, ``{"speed_rpm": 1000}``; needed where parameters were fitted
+                per attribute.
+            name: of a fitted parameter or nuisance entry, ``"lam"``.
+        """
         return self._mixed(lambda posterior: posterior.lam_speed(speed, at, name=name))
 
     def dynamic_stiffness(
         self, frequency: ArrayLike, speed: float, at: Mapping[str, Any] | None = None
     ) -> StiffnessBand:
-        """See :meth:`Posterior.dynamic_stiffness`."""
+        """See :meth:`Posterior.dynamic_stiffness`.
+
+        Args:
+            frequency: signed perturbation frequencies, rad/s, shape ``(N,)``.
+            speed: rotative speed, rad/s.
+            at: values of attributes that name one group, ``{"speed_rpm": 1000}``; needed where parameters were fitted
+                per attribute.
+        """
         bands = {id(p): p.dynamic_stiffness(frequency, speed, at) for p in self.posteriors}
         return StiffnessBand(
             next(iter(bands.values())).frequency,

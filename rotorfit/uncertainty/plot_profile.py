@@ -15,7 +15,11 @@ if TYPE_CHECKING:
 
 
 def plot_profile(profile: Profile) -> Figure:
-    """The profile, the parabola of the standard error, the level of the interval and its ends; speeds in rpm."""
+    """The profile, the parabola of the standard error, the level of the interval and its ends; speeds in rpm.
+
+    Args:
+        profile: the curve.
+    """
     from scipy.stats import chi2
 
     factor, unit = (RPM, "rpm") if profile.unit == "rad/s" else (1.0, profile.unit)

@@ -97,6 +97,9 @@ class Posterior:
     def parameter(self, name: str) -> Derived:
         """One entry with its spread.
 
+        Args:
+            name: of a fitted parameter or nuisance entry, ``"lam"``.
+
         Raises:
             KeyError: no such entry; the message names the nearest.
         """
@@ -107,12 +110,21 @@ class Posterior:
         return Derived(name, self.unit(name), self.samples[:, self.names.index(name)])
 
     def interval(self, name: str, probability: float = 0.95) -> tuple[float, float]:
-        """Central interval of one entry, equal shares of the rest on both sides."""
+        """Central interval of one entry, equal shares of the rest on both sides.
+
+        Args:
+            name: of a fitted parameter or nuisance entry, ``"lam"``.
+            probability: share of the distribution inside, between 0 and 1.
+        """
         low, high = self.parameter(name).interval(probability)
         return float(low), float(high)
 
     def unit(self, name: str) -> str:
-        """SI unit of an entry."""
+        """SI unit of an entry.
+
+        Args:
+            name: of a fitted parameter or nuisance entry, ``"lam"``.
+        """
         return self.fit.params[name].unit if name in self.fit.params else "1"
 
     # ---- derived quantities ------------------------------------------------------------------------------------------
@@ -130,11 +142,21 @@ class Posterior:
         return np.asarray(space.theta(samples[chosen, : space.size])[:, space.group(at)])
 
     def threshold_speed(self, at: Mapping[str, Any] | None = None) -> Derived:
-        """Rotative speed at which the rotor becomes unstable, rad/s; infinite for draws that are always stable."""
+        """Rotative speed at which the rotor becomes unstable, rad/s; infinite for draws that are always stable.
+
+        Args:
+            at: values of attributes that name one group, ``{"speed_rpm": 1000}``; needed where parameters were fitted
+                per attribute.
+        """
         return Derived("threshold speed", "rad/s", self._onsets(at)[0])
 
     def whirl_ratio(self, at: Mapping[str, Any] | None = None) -> Derived:
-        """Frequency of the self-excited whirl at onset over the threshold speed, NaN for draws without a threshold."""
+        """Frequency of the self-excited whirl at onset over the threshold speed, NaN for draws without a threshold.
+
+        Args:
+            at: values of attributes that name one group, ``{"speed_rpm": 1000}``; needed where parameters were fitted
+                per attribute.
+        """
         speed, whirl = self._onsets(at)
         return Derived("whirl ratio at onset", "1", whirl / np.where(speed > 0, speed, np.nan))
 
@@ -149,11 +171,23 @@ class Posterior:
         return {}
 
     def modal_parameters(self, speed: float, at: Mapping[str, Any] | None = None) -> list[Mode]:
-        """Natural frequency, damping, decay rate and mode shape of every mode at a rotative speed (rad/s)."""
+        """Natural frequency, damping, decay rate and mode shape of every mode at a rotative speed (rad/s).
+
+        Args:
+            speed: rotative speed, rad/s.
+            at: values of attributes that name one group, ``{"speed_rpm": 1000}``; needed where parameters were fitted
+                per attribute.
+        """
         return modes(self.fit.model, self.thetas(at), speed, self.fit.stability_band)
 
     def natural_frequencies(self, speed: float, at: Mapping[str, Any] | None = None) -> list[tuple[Derived, Derived]]:
-        """Damped natural frequency (rad/s, signed) and damping ratio of each mode at a rotative speed (rad/s)."""
+        """Damped natural frequency (rad/s, signed) and damping ratio of each mode at a rotative speed (rad/s).
+
+        Args:
+            speed: rotative speed, rad/s.
+            at: values of attributes that name one group, ``{"speed_rpm": 1000}``; needed where parameters were fitted
+                per attribute.
+        """
         return [(mode.frequency, mode.damping_ratio) for mode in self.modal_parameters(speed, at)]
 
     def lam_speed(self, speed: float, at: Mapping[str, Any] | None = None, *, name: str = "lam") -> Derived:
@@ -174,7 +208,14 @@ class Posterior:
     def dynamic_stiffness(
         self, frequency: ArrayLike, speed: float, at: Mapping[str, Any] | None = None
     ) -> StiffnessBand:
-        """Direct and quadrature dynamic stiffness at signed frequencies, rad/s, and a rotative speed, rad/s."""
+        """Direct and quadrature dynamic stiffness at signed frequencies, rad/s, and a rotative speed, rad/s.
+
+        Args:
+            frequency: signed perturbation frequencies, rad/s, shape ``(N,)``.
+            speed: rotative speed, rad/s.
+            at: values of attributes that name one group, ``{"speed_rpm": 1000}``; needed where parameters were fitted
+                per attribute.
+        """
         w = np.atleast_1d(np.asarray(frequency, dtype=float))
         kappa = self.fit.model.dynamic_stiffness(self.thetas(at)[:, None, :], w, speed)
         return StiffnessBand(
@@ -214,7 +255,11 @@ class Posterior:
         return to_arviz(self)
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write the draws to netCDF in ArviZ's layout; :func:`rotorfit.load_posterior` reads them, ArviZ does too."""
+        """Write the draws to netCDF in ArviZ's layout; :func:`rotorfit.load_posterior` reads them, ArviZ does too.
+
+        Args:
+            path: file to write, whole or not at all.
+        """
         from rotorfit.uncertainty.posterior_file import save
 
         save(self, Path(path))
