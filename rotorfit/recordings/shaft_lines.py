@@ -146,6 +146,11 @@ def _spectrum(signal: ComplexArray | Float) -> ComplexArray:
     return np.asarray(np.fft.fftshift(np.fft.fft(signal)) / signal.size)
 
 
+def _mirrored(spectrum: ComplexArray) -> ComplexArray:
+    """Spectrum of the conjugate of a signal."""
+    return np.asarray(np.fft.fftshift(np.roll(np.fft.ifftshift(spectrum)[::-1], 1)).conj())
+
+
 def _frequencies(record: Recording) -> Float:
     return np.asarray(2 * np.pi * np.fft.fftshift(np.fft.fftfreq(record.size, 1 / record.sample_rate)))
 
@@ -174,17 +179,23 @@ def _fit(
 ) -> list[dict[str, NDArray[Any]]]:
     """Lines of a signal, each with the drives that pass through its band; that at 2(w - Om) frees the others."""
     w = _frequencies(record)
-    output, spectra = _spectrum(signal), {name: _spectrum(drive) for name, drive in drives.items()}
+    output, spectra = (
+        _spectrum(signal),
+        {name: (_ends(direction, name, swept), _spectrum(d)) for name, d in drives.items()},
+    )
+    if not np.iscomplexobj(signal):  # every line of a real signal has a twin at minus its frequency
+        spectra |= {f"-{k}": ((-high, -low), _mirrored(d)) for k, ((low, high), d) in spectra.items()}
     orders = np.array([_spectrum(swept.turn**k) for k in _ORDERS])
     found = []
     for name in drives:
         if name == "2w-2Om":
             continue
-        low, high = _ends(direction, name, swept)
-        others = [k for k in drives if k != name and _overlap((low, high), _ends(direction, k, swept))]
-        forces = np.array([spectra[k] for k in (name, *others)])
+        (low, high), own = spectra[name]
+        others = [drive for k, (ends, drive) in spectra.items() if k != name and _overlap((low, high), ends)]
         response = local_response(
-            [RecordSpectra(frequency=w, outputs=output[None], forces=forces, others=orders)], low, high
+            [RecordSpectra(frequency=w, outputs=output[None], forces=np.array([own, *others]), others=orders)],
+            low,
+            high,
         )
         found.append(_rows(swept, direction, name, response.frequency, response.response[0, 0], response.sigma[0, 0]))
     return found

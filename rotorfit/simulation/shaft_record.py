@@ -1,0 +1,146 @@
+"""Recordings of the virtual shaft: motion and twist in volts, with Keyphasors, as data acquisition stores them."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotorfit.models import AnisotropicShaft
+from rotorfit.simulation.shaft import Crack, Perturbation, shaft_motion
+
+Float = NDArray[np.float64]
+
+_NOTCH = 0.75
+"""Width of the notch that a Keyphasor sees, rad, its ramps included."""
+_RAMP = 0.35
+"""Width of each of its ramps, rad."""
+_STEP = 20.0 / 2**15
+"""Volts of a count of a 16-bit converter for +-20 V."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Acquisition:
+    """How the virtual signals are taken.
+
+    Attributes:
+        sample_rate: Hz.
+        sensitivity: of the probes, V/m.
+        twist_sensitivity: V/rad.
+        gap: voltage of the probes at rest, V.
+        noise: white noise of every signal, V.
+        runout: 1x run-out of the shaft, m, ahead of its mark as a complex number.
+    """
+
+    sample_rate: float = 3200.0
+    sensitivity: float = 7870.0
+    twist_sensitivity: float = 1000.0
+    gap: float = -10.0
+    noise: float = 3e-3
+    runout: complex = 0.0
+
+
+def record_shaft(
+    path: str | os.PathLike[str],
+    model: AnisotropicShaft,
+    values: Mapping[str, float],
+    speed: float,
+    duration: float,
+    *,
+    perturbation: Perturbation | None = None,
+    acquisition: Acquisition | None = None,
+    crack: Crack | None = None,
+    seed: int = 0,
+) -> Path:
+    """Run the virtual shaft and write what its probes see as HDF5, for :func:`rotorfit.read_recording`.
+
+    The shaft starts from its steady state without perturbation. Channels: ``PLANE_X``, ``PLANE_Y``, ``twist``,
+    ``keyphasor_shaft`` and, with a perturbation, ``keyphasor_perturbator``; the attributes say the rest.
+
+    Args:
+        path: file to write.
+        model: the shaft.
+        values: its parameters by name, SI units.
+        speed: rotative speed, rad/s.
+        duration: s.
+        perturbation: what perturbs it, if anything.
+        acquisition: how the signals are taken.
+        crack: a crack that breathes.
+        seed: of the noise.
+
+    Raises:
+        ValueError: a speed, duration or sample rate that is not positive.
+        RuntimeError: the shaft runs away.
+    """
+    from h5py import File
+
+    how = acquisition or Acquisition()
+    for name, number in (("speed", speed), ("duration", duration), ("sample_rate", how.sample_rate)):
+        if not (np.isfinite(number) and number > 0):
+            raise ValueError(f"{name} must be positive, got {number}")
+    time = np.arange(round(duration * how.sample_rate)) / how.sample_rate
+    force = None if perturbation is None else lambda t: complex(perturbation.force(t, duration))
+    motion = shaft_motion(
+        model, dict(values), speed, time, force=force, start=_steady(model, values, speed), crack=crack, tolerance=1e-9
+    )
+    seen = motion.z + how.runout * np.exp(1j * (speed * time))
+    plane = model.planes[0]
+    signals = {
+        f"{plane}_X": how.gap + how.sensitivity * seen.real,
+        f"{plane}_Y": how.gap + how.sensitivity * seen.imag,
+        "keyphasor_shaft": _notch(speed * time),
+    }
+    if model.torsion is not None:
+        signals["twist"] = how.twist_sensitivity * motion.twist
+    if perturbation is not None:
+        signals["keyphasor_perturbator"] = _notch(perturbation.angle(time, duration))
+    rng = np.random.default_rng(seed)
+    target = Path(path)
+    part = target.with_name(target.name + ".part")
+    with File(part, "w") as file:
+        file.attrs.update(_attributes(how, perturbation, speed))
+        for name, volts in signals.items():
+            counts = np.clip(np.round((volts + how.noise * rng.normal(size=time.size)) / _STEP), -(2**15), 2**15 - 1)
+            file.create_dataset(name, data=counts.astype(np.int16), compression="gzip").attrs["volts_per_count"] = _STEP
+    os.replace(part, target)
+    return target
+
+
+def _steady(
+    model: AnisotropicShaft, values: Mapping[str, float], speed: float
+) -> tuple[complex, complex, float, float]:
+    """Displacement and velocity of unbalance, sag and their images at the first instant."""
+    theta = model.vector(values)
+    orders = {(0, 0): speed, (0, -1): 0.0, (0, 1): 2 * speed}
+    z = {order: complex(model.lines(theta, "z", order, 0.0, speed, 0.0)) for order in orders}
+    return sum(z.values()), sum(1j * rate * z[order] for order, rate in orders.items()), 0.0, 0.0
+
+
+def _notch(angle: Float) -> Float:
+    """Keyphasor: -2 V, -8 V in the notch, half way down at angle zero."""
+    place = np.mod(angle + np.pi, 2 * np.pi) - np.pi
+    down = np.clip(0.5 + place / _RAMP, 0.0, 1.0)
+    up = np.clip(0.5 + (place - _NOTCH) / _RAMP, 0.0, 1.0)
+    return np.asarray(-2.0 - 6.0 * (down - up))
+
+
+def _attributes(how: Acquisition, perturbation: Perturbation | None, speed: float) -> dict[str, float | str]:
+    found: dict[str, float | str] = {
+        "sample_rate_hz": how.sample_rate,
+        "sensitivity_V_per_mm": how.sensitivity / 1e3,
+        "probe_angle_deg_X": 0.0,
+        "probe_angle_deg_Y": 90.0,
+        "twist_V_per_rad": how.twist_sensitivity,
+        "speed_rpm": speed * 30 / np.pi,
+    }
+    if perturbation is not None:
+        found |= {
+            "mr_kg_m": perturbation.mr,
+            "heavy_spot_deg_ahead_of_mark": float(np.degrees(perturbation.heavy_spot)),
+            "whirl": "forward" if perturbation.forward else "backward",
+        }
+    return found
