@@ -6,7 +6,6 @@ import hashlib
 import importlib.util
 import os
 import sys
-import tempfile
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
@@ -14,6 +13,8 @@ from types import ModuleType
 from typing import Any
 
 import numpy as np
+
+from rotorfit.estimators.atomic_file import whole_file
 
 Kernel = Callable[..., None]
 
@@ -54,10 +55,8 @@ def _write_once(path: Path, text: str) -> bool:
     if path.exists():
         return True
     try:
-        handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=path.stem, suffix=".tmp")
-        with os.fdopen(handle, "w", encoding="utf-8") as file:
-            file.write(text)
-        os.replace(temporary, path)
+        with whole_file(path) as draft:
+            draft.write_text(text, encoding="utf-8")
     except OSError:
         return False
     return True

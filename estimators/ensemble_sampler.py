@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import shutil
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -14,6 +13,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
+from rotorfit.estimators.atomic_file import whole_file
 from rotorfit.estimators.log_posterior import LogPosterior
 from rotorfit.estimators.proposals import mixture
 
@@ -226,28 +226,23 @@ def _tau(chain: Float) -> Float:
 
 def _write(path: Path, seed: int, learned: int, memory: Any) -> None:
     """Append new steps to a copy of the checkpoint and put it in place in one go: a kill leaves the old one whole."""
-    temporary = path.with_name(path.name + ".part")
-    if path.exists():
-        shutil.copyfile(path, temporary)
-    else:
-        temporary.unlink(missing_ok=True)
-    backend = emcee.backends.HDFBackend(str(temporary))
-    if not backend.initialized:
-        backend.reset(*memory.shape)
-    done = backend.iteration
-    backend.grow(memory.iteration - done, None)
-    with h5py.File(temporary, "a") as file:  # emcee would open it once a step
-        group = file[backend.name]
-        group["chain"][done:] = memory.chain[done : memory.iteration]
-        group["log_prob"][done:] = memory.log_prob[done : memory.iteration]
-        group["accepted"][:] = memory.accepted
-        group.attrs["iteration"] = memory.iteration
-        group.attrs["seed"], group.attrs["learned"] = seed, learned
-        for number, part in enumerate(memory.random_state):
-            group.attrs[f"random_state_{number}"] = part
-    with temporary.open("rb+") as raw:
-        os.fsync(raw.fileno())
-    os.replace(temporary, path)
+    with whole_file(path) as draft:
+        if path.exists():
+            shutil.copyfile(path, draft)
+        backend = emcee.backends.HDFBackend(str(draft))
+        if not backend.initialized:
+            backend.reset(*memory.shape)
+        done = backend.iteration
+        backend.grow(memory.iteration - done, None)
+        with h5py.File(draft, "a") as file:  # emcee would open it once a step
+            group = file[backend.name]
+            group["chain"][done:] = memory.chain[done : memory.iteration]
+            group["log_prob"][done:] = memory.log_prob[done : memory.iteration]
+            group["accepted"][:] = memory.accepted
+            group.attrs["iteration"] = memory.iteration
+            group.attrs["seed"], group.attrs["learned"] = seed, learned
+            for number, part in enumerate(memory.random_state):
+                group.attrs[f"random_state_{number}"] = part
 
 
 def _resume(memory: Any, path: Path, target: LogPosterior, walkers: int, seed: int | None) -> tuple[Any, int, int]:

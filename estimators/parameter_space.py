@@ -55,6 +55,25 @@ class ParameterSpace:
         theta[..., free] = x[..., self.index[free]]
         return theta
 
+    def pull_back(self, gradient: Float, group: int) -> Float:
+        """Derivatives by the fitted vector, shape ``(..., p)``, of what depends on a group's parameters.
+
+        Args:
+            gradient: derivatives by the model parameters, shape ``(..., P)``, real or complex.
+            group: number of the group.
+        """
+        index = self.index[group]
+        free = index >= 0
+        slope = np.zeros((*gradient.shape[:-1], self.size), dtype=gradient.dtype)
+        np.add.at(slope.T, index[free], gradient[..., free].T)
+        return slope
+
+    @property
+    def labels(self) -> tuple[tuple[str, ...], ...]:
+        """What tells each group apart: ``attribute=value`` of each ``per`` parameter, none for a single group."""
+        named = ([self.names[i].partition("[") for i in row.tolist() if i >= 0] for row in self.index)
+        return tuple(tuple(dict.fromkeys(rest[:-1] for _, bracket, rest in names if bracket)) for names in named)
+
     def group(self, at: Mapping[str, Any] | None = None) -> int:
         """Number of the parameter group with given attribute values, ``{"speed_rpm": 1000}``.
 
@@ -63,19 +82,15 @@ class ParameterSpace:
         """
         if self.index.shape[0] == 1:
             return 0
-        suffixes = [
-            {name.partition("[")[2][:-1] for name in (self.names[i] for i in row if i >= 0) if "[" in name}
-            for row in self.index
-        ]
         matches = [
             g
-            for g, suffix in enumerate(suffixes)
+            for g, suffix in enumerate(self.labels)
             if at and all(any(_is_value(label, name, value) for label in suffix) for name, value in at.items())
         ]
         if len(matches) != 1:
             raise ValueError(
                 "parameters differ between tests: say which with at={attribute: value}; there are "
-                + "; ".join(", ".join(sorted(s)) for s in suffixes)
+                + "; ".join(", ".join(sorted(s)) for s in self.labels)
             )
         return matches[0]
 

@@ -23,7 +23,7 @@ def _amplitudes(units: dict[str, float]) -> dict[str, float]:
 
 
 UNITS: dict[str, dict[str, float]] = {
-    "frequency": {"rad_s": 1.0, "hz": 2 * math.pi, "rpm": math.pi / 30, "cpm": math.pi / 30},
+    "frequency": {"rad_s": 1.0, "hz": 2 * math.pi, "rpm": RAD_S_PER_RPM, "cpm": RAD_S_PER_RPM},
     "length": _LENGTH,
     "displacement": _amplitudes(_LENGTH),
     "tilt": _amplitudes(_ANGLE),

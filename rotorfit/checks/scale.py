@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from rotorfit.checks.orbits import ENOUGH, Index, Orbits, mirrored
 from rotorfit.data.experiments import ComplexArray, Float
 from rotorfit.data.findings import Finding
+from rotorfit.units import RPM_PER_RAD_S
 
 TURN = 0.25
 """Departure from circular motion, rad, that is anisotropy rather than noise or a probe a few degrees off."""
@@ -29,7 +30,7 @@ def peak_to_peak(orbits: Orbits) -> Iterator[Finding]:
         if _is_two(_log_ratio(orbits.x[strong], orbits.y[strong])) and _turns(orbits, strong):
             yield _twice(f"The x and y probes at {plane} differ by a factor of two", orbits, at)
     for (speed,), at in orbits.groups("speed"):
-        rpm = f"{float(speed) * 30 / np.pi:.6g} rpm"
+        rpm = f"{float(speed) * RPM_PER_RAD_S:.6g} rpm"
         kappa = _stiffness_matrices(orbits, at)
         if kappa is not None:
             if larger := _larger_side(*kappa):

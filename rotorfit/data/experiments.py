@@ -9,6 +9,8 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from rotorfit.units import RPM_PER_RAD_S
+
 Float = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 Text = NDArray[np.str_]
@@ -52,7 +54,7 @@ class _Rows:
 
     def __repr__(self) -> str:
         """What it is and how much, on one line; the arrays are its attributes."""
-        rpm = np.unique(np.round(self.speed * 30 / np.pi, 3))
+        rpm = np.unique(np.round(self.speed * RPM_PER_RAD_S, 3))
         speeds = ", ".join(f"{s:g}" for s in rpm) if rpm.size <= 4 else f"{rpm[0]:g} to {rpm[-1]:g}"
         places = f", at {', '.join(self.planes)}" if self.planes else ""
         size = f"{len(self)} readings in {len(self.runs)} runs"
@@ -83,7 +85,7 @@ class _Rows:
             KeyError: no such attribute; the message lists those there are.
         """
         if name == "speed_rpm":
-            return np.asarray(np.round(self.speed * 30 / np.pi, 6))
+            return np.asarray(np.round(self.speed * RPM_PER_RAD_S, 6))
         if name == "run":
             return self.run
         if name not in self.attributes:

@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from rotorfit.estimators.atomic_file import whole_file
 from rotorfit.estimators.problem import Problem
 from rotorfit.fitting.json_values import UserDefinedError, decode, encode
 from rotorfit.fitting.problem_setup import build_problem, with_levels
@@ -61,10 +62,8 @@ def save_fit(fit: FitResult, path: str | os.PathLike[str]) -> None:
         >>> rf.save_fit(fit, folder / "fit.json")
     """
     text = fit_to_json(fit)
-    target = Path(path)
-    part = target.with_name(target.name + ".part")
-    part.write_text(text, encoding="utf-8")
-    os.replace(part, target)
+    with whole_file(Path(path)) as draft:
+        draft.write_text(text, encoding="utf-8")
 
 
 def load_fit(path: str | os.PathLike[str], *, model: RotorModel | None = None) -> FitResult:

@@ -22,6 +22,7 @@ from rotorfit.fitting.problem_setup import with_levels
 from rotorfit.fitting.result import FitResult, FittedParameter, ResponseQuality
 from rotorfit.fitting.settings import FitSettings
 from rotorfit.models.stability import growth_rate
+from rotorfit.units import RPM_PER_RAD_S
 
 Float = NDArray[np.float64]
 
@@ -209,7 +210,7 @@ def _instability(problem: Problem, x: Float) -> list[str]:
             size = np.abs(theta[g]).max()
             if rate > 1e-9 * size and len(found) < 3:
                 found.append(
-                    f"the fitted rotor is unstable at the tested speed of {v * 30 / np.pi:.0f} rpm (growth rate "
+                    f"the fitted rotor is unstable at the tested speed of {v * RPM_PER_RAD_S:.0f} rpm (growth rate "
                     f"{rate:.3g} 1/s): a rig could not have been measured there. Check signs, directions and the model"
                 )
     return found

@@ -240,7 +240,12 @@ class FitResult:
             at: values of attributes that name one group, ``{"speed_rpm": 1000}``; needed where parameters were fitted
                 per attribute.
         """
-        return np.asarray(self.problem.space.theta(self.x)[self.group(at)])
+        return np.asarray(self.thetas[self.group(at)])
+
+    @property
+    def thetas(self) -> Float:
+        """Model parameter vectors of all groups, shape ``(G, P)``."""
+        return self.problem.space.theta(self.x)
 
     def propagate(self, value: float, gradient: Float, unit: str, at: Mapping[str, Any] | None = None) -> Quantity:
         """Standard error of a derived quantity by the delta method.
@@ -254,9 +259,7 @@ class FitResult:
         return self._propagate(value, gradient, unit, self.group(at))
 
     def _propagate(self, value: float, gradient: Float, unit: str, group: int) -> Quantity:
-        index = self.problem.space.index[group]
-        slope = np.zeros(self.x.size)
-        np.add.at(slope, index[index >= 0], np.asarray(gradient)[index >= 0])
+        slope = self.problem.space.pull_back(np.asarray(gradient), group)
         null = self.identifiability.null_space
         leak = float(np.abs(slope[: null.shape[0]] @ null).max(initial=0.0)) if null.size else 0.0
         if leak > 1e-4 * abs(value):  # a change by the parameters' own size that no datum notices
@@ -295,7 +298,7 @@ class FitResult:
         Args:
             group: its number, from 0.
         """
-        theta = self.problem.space.theta(self.x)[group]
+        theta = self.thetas[group]
         onset = threshold_speed(self.model, theta, band=self.stability_band)
         if onset is None:
             return Quantity(math.nan, self._growth_error(group), "rad/s")
@@ -303,7 +306,7 @@ class FitResult:
 
     def _growth_error(self, group: int) -> float:
         """Infinite where undetermined parameters, such as lam of tests at rest, move the least stable mode, or NaN."""
-        theta = self.problem.space.theta(self.x)[group]
+        theta = self.thetas[group]
         if not self.model.speed_dependent:
             return math.nan
         s = eigenvalues(self.model, theta, 0.0)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rotorfit.models import eigenvalues, unstable_bands
+from rotorfit.units import RPM_PER_RAD_S
 
 if TYPE_CHECKING:
     from rotorfit.fitting.result import FitResult, FittedParameter
@@ -70,10 +71,11 @@ def notable_correlations(fit: FitResult) -> list[tuple[str, str, float]]:
 def _turning_lines(fit: FitResult) -> list[str]:
     """The turning anisotropy and the speeds at which it makes the shaft run away."""
     found = [f"turning anisotropy: {fit.turning_anisotropy()}"]
-    theta, rpm = fit.theta(), 30 / np.pi
+    theta = fit.theta()
     top = 3 * float(np.abs(eigenvalues(fit.model, theta, 0.0)).max())
-    bands = [f"{low * rpm:.1f} to {high * rpm:.1f} rpm" for low, high in unstable_bands(fit.model, theta, top)]
-    return [*found, "unstable by turning anisotropy: " + (", ".join(bands) if bands else "at no speed, it is damped")]
+    bands = RPM_PER_RAD_S * np.asarray(unstable_bands(fit.model, theta, top)).reshape(-1, 2)
+    shown = [f"{low:.1f} to {high:.1f} rpm" for low, high in bands.tolist()]
+    return [*found, "unstable by turning anisotropy: " + (", ".join(shown) or "at no speed, it is damped")]
 
 
 def _stability_lines(fit: FitResult) -> list[str]:
@@ -86,8 +88,7 @@ def _stability_lines(fit: FitResult) -> list[str]:
         return ["threshold speed: not determined by these data"]
     if np.isnan(onset.value):
         return ["threshold speed: none found, stable at every speed searched"]
-    rpm = 30 / np.pi
     return [
-        f"threshold speed: {onset.value * rpm:.1f} +- {onset.stderr * rpm:.2g} rpm, "
+        f"threshold speed: {onset.value * RPM_PER_RAD_S:.1f} +- {onset.stderr * RPM_PER_RAD_S:.2g} rpm, "
         f"whirl ratio at onset {fit.whirl_ratio():.3f}"
     ]

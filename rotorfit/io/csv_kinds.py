@@ -21,7 +21,7 @@ from rotorfit.data.experiments import (
     Text,
 )
 from rotorfit.data.synchronous import group_speeds
-from rotorfit.units import UNITS, si_factor
+from rotorfit.units import RPM_PER_RAD_S, UNITS, si_factor
 
 if TYPE_CHECKING:
     from rotorfit.io.tidy_csv import Table
@@ -184,7 +184,7 @@ def coefficient_table(table: Table, speed_tolerance: float) -> CoefficientTable:
         _eccentricity(table, columns["eccentricity"])
     speed = group_speeds(v.pop("speed"), np.zeros(run.size), run, speed_tolerance)
     if not run.any():
-        run = np.array([f"{value:.6g} rpm" for value in (speed * 30 / np.pi).tolist()])
+        run = np.array([f"{value:.6g} rpm" for value in (speed * RPM_PER_RAD_S).tolist()])
     return CoefficientTable(
         run=run, speed=speed, sigma=_positive(table, sigma), attributes=table.attributes(), source=table.source, **v
     )

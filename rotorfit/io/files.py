@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import tempfile
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -14,7 +12,9 @@ import numpy as np
 from rotorfit.data.experiments import DisplacementTest, Experiment, Float, PerturbationTest
 from rotorfit.data.linear_force import probe_pairs
 from rotorfit.data.synchronous import SPEED_TOLERANCE, difference_synchronous, group_speeds
+from rotorfit.estimators.atomic_file import whole_file
 from rotorfit.models.parameters import unknown_name
+from rotorfit.units import RAD_S_PER_RPM, RPM_PER_RAD_S
 
 Channel = tuple[str, str]
 """Plane and direction of a probe, ``("journal", "x")``."""
@@ -92,7 +92,7 @@ def read(
             raise ValueError("slow_roll: a run-out vector must be finite, m (rad for slopes), complex")
         test = test.subtract_slow_roll(slow_roll)
     if slow_roll_below_rpm is not None:
-        test = subtract_measured_slow_roll(test, slow_roll_below_rpm * np.pi / 30)
+        test = subtract_measured_slow_roll(test, slow_roll_below_rpm * RAD_S_PER_RPM)
     if probe_angles:
         test = resolve_probe_angles(test, probe_angles)
     return difference_synchronous(test) if difference and test.synchronous else test
@@ -140,11 +140,8 @@ def write(experiment: Experiment, path: str | Path) -> None:
     """
     target = check_target(path)
     writer = _writer(_format(target))
-    # a directory beside the target: the same file system, so that the replacement is one step
-    with tempfile.TemporaryDirectory(dir=target.parent, prefix=".rotorfit-") as folder:
-        draft = Path(folder) / f"draft{target.suffix}"
+    with whole_file(target) as draft:
         writer(experiment, draft)
-        os.replace(draft, target)
 
 
 def check_target(path: str | Path) -> Path:
@@ -243,8 +240,8 @@ def subtract_measured_slow_roll(test: PerturbationTest, below: float) -> Perturb
     if not count.all():
         run, plane, direction = keys[int(np.flatnonzero(count[index] == 0)[0])]
         raise ValueError(
-            f"{test.source}: run {run} has no reading of {plane} {direction} below {below * 30 / np.pi:g} rpm; its "
-            f"slowest is at {test.speed[test.run == run].min() * 30 / np.pi:g} rpm"
+            f"{test.source}: run {run} has no reading of {plane} {direction} below {below * RPM_PER_RAD_S:g} rpm; its "
+            f"slowest is at {test.speed[test.run == run].min() * RPM_PER_RAD_S:g} rpm"
         )
     vector = np.bincount(index, slow * test.response.real) + 1j * np.bincount(index, slow * test.response.imag)
     return replace(test, response=test.response - (vector / count)[index])

@@ -28,11 +28,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotorfit.data.experiments import ComplexArray, Experiment, Float, PerturbationTest, perturbation_test
-from rotorfit.units import UNITS
+from rotorfit.units import RAD_S_PER_RPM, UNITS
 
 _MARK = "rotorfit circular force test"
 _LINE = 80  # characters in an ID line
-_RPM = UNITS["frequency"]["rpm"]
 _CODES = {"x": 1, "y": 2, "rx": 5, "ry": -4, "z": 0, "rz": 0}
 _DIRECTIONS = {1: ("x", 1.0), 2: ("y", 1.0), 5: ("rx", 1.0), 4: ("ry", -1.0)}
 """Direction and sign of a positive UFF direction; a negative one turns the sign."""
@@ -109,7 +108,7 @@ def _records(
         "ref_dir": 2 if part.force_direction[0] == "y" else 1,
         "orddenom_spec_data_type": 0,
         "z_axis_spec_data_type": _ORDER if swept else _SPEED,
-        "z_axis_value": 1.0 if swept else float(part.speed[0]) / _RPM,
+        "z_axis_value": 1.0 if swept else float(part.speed[0]) / RAD_S_PER_RPM,
     }  # fmt: skip
     hertz = np.abs(part.frequency) / (2 * np.pi)
     over_frequency = {**common, "abscissa_spec_data_type": _FREQUENCY, "abscissa_axis_units_lab": "Hz"}
@@ -212,7 +211,7 @@ def _own_series(roles: dict[str, dict[str, Any]], where: str) -> dict[str, Any]:
     frequency = values("frequency", sign * 2 * np.pi * np.asarray(frf["x"]))
     return {
         "run": np.full(size, frf["id2"]),
-        "speed": values("speed", np.full(size, frf["z_axis_value"] * _RPM)),
+        "speed": values("speed", np.full(size, frf["z_axis_value"] * RAD_S_PER_RPM)),
         "frequency": frequency,
         "force_plane": np.full(size, frf["id4"]),
         "force": force,

@@ -13,8 +13,9 @@ from rotorfit.estimators.closed_form import stiffness_matrices
 from rotorfit.estimators.nonlinear import OrbitResponses
 from rotorfit.estimators.observations import Responses
 from rotorfit.plots.journal import CONFIDENCE, half_width
-from rotorfit.plots.style import GREY, RPM, grid, legend_below, literal, prefix
+from rotorfit.plots.style import GREY, grid, legend_below, literal, prefix
 from rotorfit.plots.sweeps import Condition, sweeps
+from rotorfit.units import RPM_PER_RAD_S
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -146,7 +147,7 @@ def _drive_points(block: Responses) -> list[_Points]:
 def _along_the_data(fit: FitResult, block: OrbitResponses, group: int) -> Iterator[tuple[int, _Line]]:
     """Drive-point stiffness of a nonlinear rotor at the orbits that the fit has at the data's lines."""
     base = block.base
-    value, slope = block.predict_jacobian(fit.problem.space.theta(fit.x))
+    value, slope = block.predict_jacobian(fit.thetas)
     plane = np.argmax(np.abs(base.force), axis=1)[base.line]
     w = base.frequency[base.line]
     for p in np.unique(plane).tolist():
@@ -174,7 +175,7 @@ def _entry(fit: FitResult, shown: Sequence[_Shown], pair: tuple[Any, ...], row: 
         colour = some.condition.colour
         for line in curves:
             parts = ((line.kappa.real, line.direct, "-"), (line.kappa.imag, line.quadrature, "--" if together else "-"))
-            x = line.frequency * RPM
+            x = line.frequency * RPM_PER_RAD_S
             for axis, (value, band, style) in zip(pair, parts, strict=True):
                 axis.plot(x, factor * value, style, color=colour, lw=1.3, zorder=3)
                 axis.fill_between(x, factor * (value - band), factor * (value + band), color=colour, alpha=0.25, lw=0)
@@ -201,7 +202,7 @@ def _points(pair: tuple[Any, ...], frequency: Float, value: ComplexArray, sigma:
     together = pair[0] is pair[1]
     for axis, part, face in ((pair[0], value.real, colour), (pair[1], value.imag, "none" if together else colour)):
         axis.errorbar(
-            frequency * RPM, part, yerr=sigma, fmt="o", ms=2, mfc=face, mec=colour, mew=0.5, color=colour,
+            frequency * RPM_PER_RAD_S, part, yerr=sigma, fmt="o", ms=2, mfc=face, mec=colour, mew=0.5, color=colour,
             elinewidth=0.5, alpha=0.45, zorder=2,
         )  # fmt: skip
 
@@ -227,11 +228,9 @@ def _fitted(
         # d(1/H_pp) = H_p. dkappa H_.p / H_pp^2
         weight = H[:, row, :][:, jacobian.rows] * H[:, :, row][:, jacobian.columns] * (value**2)[:, None]
     entries = weight * s[:, None] ** jacobian.powers * jacobian.values
-    slope = np.zeros((w.size, fit.x.size), dtype=complex)
-    index = space.index[condition.group]
-    for e, parameter in enumerate(jacobian.inputs.tolist()):
-        if parameter < len(index) and index[parameter] >= 0:
-            slope[:, index[parameter]] += entries[:, e]
+    by_theta = np.zeros((w.size, theta.size + 2), dtype=complex)  # two more inputs: speed and eccentricity
+    np.add.at(by_theta.T, jacobian.inputs, entries.T)
+    slope = space.pull_back(by_theta[:, : theta.size], condition.group)
     bands = [
         CONFIDENCE * np.sqrt(np.maximum(np.einsum("li,ij,lj->l", g, fit.covar, g), 0)) for g in (slope.real, slope.imag)
     ]
@@ -262,7 +261,7 @@ def _readings(fit: FitResult, shown: Sequence[_Shown], pair: tuple[Any, ...], ro
 
     They hold for the last of several speeds, which the box then names.
     """
-    theta = fit.problem.space.theta(fit.x)
+    theta = fit.thetas
     condition = shown[-1].condition
     speed = 0.0 if np.isnan(condition.speed) else condition.speed
     where = f"{condition.name}:\n" if len(shown) > 1 else ""
@@ -286,15 +285,16 @@ def _mark_whirl(fit: FitResult, shown: Sequence[_Shown], axis: Any, row: int, co
     names = fit.model.parameter_names
     if row != column or row != len(fit.model.coordinates) - 1 or not {"D", "lam"} <= set(names):
         return
-    theta = fit.problem.space.theta(fit.x)
+    theta = fit.thetas
     for number, some in enumerate(shown):
         condition = some.condition
         whirl = theta[condition.group][names.index("lam")] * condition.speed
         if np.isfinite(whirl) and some.low < whirl < some.high:
-            axis.axvline(whirl * RPM, color=condition.colour, lw=0.9, ls=":", zorder=1)
+            axis.axvline(whirl * RPM_PER_RAD_S, color=condition.colour, lw=0.9, ls=":", zorder=1)
             axis.annotate(
-                f"λΩ = {whirl * RPM:.0f} rpm", (whirl * RPM, 0.97 - 0.1 * number), xycoords=("data", "axes fraction"),
-                xytext=(4, 0), textcoords="offset points", fontsize=7, color=condition.colour, va="top",
+                f"λΩ = {whirl * RPM_PER_RAD_S:.0f} rpm", (whirl * RPM_PER_RAD_S, 0.97 - 0.1 * number),
+                xycoords=("data", "axes fraction"), xytext=(4, 0), textcoords="offset points", fontsize=7,
+                color=condition.colour, va="top",
             )  # fmt: skip
     axis.axhline(0, color="0.6", lw=0.7, zorder=1)
 

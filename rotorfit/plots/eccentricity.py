@@ -17,8 +17,9 @@ from rotorfit.plots.journal import (
     journal_lines,
     reach,
 )
-from rotorfit.plots.style import GREY, RPM, colour_of, grid, legend_below, literal, prefix
+from rotorfit.plots.style import GREY, colour_of, grid, legend_below, literal, prefix
 from rotorfit.plots.sweeps import levels
+from rotorfit.units import RPM_PER_RAD_S
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -45,7 +46,7 @@ def plot_law(fit: FitResult) -> Figure:
     law_of(fit.model)
     limit = reach(fit)
     eps = np.linspace(0.0, min(1.15 * limit, 0.99), _POINTS)
-    theta = fit.problem.space.theta(fit.x)
+    theta = fit.thetas
     sets = [law_curves(fit.model, vector, eps) for vector in theta]
     figure, axes = grid(len(sets[0]), 1, f"Fluid against eccentricity, {fit.model.name}", size=(5.6, 2.2))
     seen, groups = eps <= limit, groups_in_order(fit)
@@ -125,14 +126,14 @@ def _sweeps(lines: JournalLines) -> list[tuple[str, JournalLines, NDArray[np.int
     for speed in np.unique(lines.speed):
         for value in np.unique(level[lines.speed == speed]).tolist():
             rows = np.flatnonzero((lines.speed == speed) & (level == value))
-            found.append((f"{speed * RPM:.0f} rpm, {value}", lines, rows[np.argsort(lines.frequency[rows])]))
+            found.append((f"{speed * RPM_PER_RAD_S:.0f} rpm, {value}", lines, rows[np.argsort(lines.frequency[rows])]))
     return found
 
 
 def _draw_sweep(
     fit: FitResult, axes: Any, lines: JournalLines, rows: NDArray[np.intp], colour: str, factor: float
 ) -> None:
-    theta = fit.problem.space.theta(fit.x)
+    theta = fit.thetas
     w, change = lines.frequency[rows], lines.stiffness[rows] - lines.linear[rows]
     eps, sigma = lines.eccentricity[rows], factor * lines.stiffness_sigma[rows]
     fitted_eps = lines.fitted_eccentricity[rows]
@@ -141,7 +142,7 @@ def _draw_sweep(
         for g, f, speed, e in zip(lines.group[rows], w, lines.speed[rows], fitted_eps, strict=True)
     ]) - lines.linear[rows]  # fmt: skip
     for row, part in enumerate((np.real, np.imag)):
-        for axis, x, x_fit in ((axes[row, 0], w * RPM, w * RPM), (axes[row, 1], eps, fitted_eps)):
+        for axis, x, x_fit in ((axes[row, 0], w * RPM_PER_RAD_S, w * RPM_PER_RAD_S), (axes[row, 1], eps, fitted_eps)):
             axis.errorbar(
                 x, factor * part(change), yerr=sigma, fmt="o", ms=2.5, color=colour, elinewidth=0.5, alpha=0.6, zorder=2
             )

@@ -66,7 +66,7 @@ def journal_lines(fit: FitResult, *, static: bool) -> Iterator[JournalLines]:
         rows = np.flatnonzero((base.coordinate == seat.at) & ((base.frequency[base.line] == 0) == static))
         if not rows.size:
             continue
-        line, theta = base.line[rows], fit.problem.space.theta(fit.x)
+        line, theta = base.line[rows], fit.thetas
         vectors, w, speed = theta[base.group[line]], base.frequency[line], base.speed[line]
         H = fit.model.receptance(vectors, w, speed)
         h, force = H[:, seat.at, seat.at], base.force[line]
@@ -110,10 +110,7 @@ def drive_stiffness(
 
 def half_width(fit: FitResult, group: int, slope: Float) -> Float:
     """Half-width of the 95 % band of a quantity whose derivatives by the model's parameters are ``(E, P)``."""
-    index = fit.problem.space.index[group]
-    free = index >= 0
-    by_fitted = np.zeros((slope.shape[0], fit.x.size))
-    by_fitted[:, index[free]] = slope[:, free]
+    by_fitted = fit.problem.space.pull_back(slope, group)
     variance = np.einsum("ei,ij,ej->e", by_fitted, fit.covar, by_fitted)
     return np.asarray(CONFIDENCE * np.sqrt(np.maximum(variance, 0.0)))
 
@@ -133,9 +130,7 @@ def reach(fit: FitResult) -> float:
 
 def group_label(fit: FitResult, group: int) -> str:
     """``attribute=value`` of a parameter group, empty where there is but one; values from files hold any characters."""
-    space = fit.problem.space
-    names = (space.names[i] for i in space.index[group].tolist() if i >= 0)
-    return ", ".join(dict.fromkeys(name.partition("[")[2][:-1] for name in names if "[" in name))
+    return ", ".join(fit.problem.space.labels[group])
 
 
 def groups_in_order(fit: FitResult) -> list[int]:

@@ -15,8 +15,9 @@ from rotorfit.plots.dynamic_stiffness import draw_dynamic_stiffness
 from rotorfit.plots.eccentricity import plot_law, plot_nonlinear_stiffness
 from rotorfit.plots.stability import plot_stability
 from rotorfit.plots.static_and_impulse import plot_static_locus, plot_static_stiffness, plot_velocity_ratio
-from rotorfit.plots.style import GREY, RPM, SMALL, grid, legend_below, literal
+from rotorfit.plots.style import GREY, SMALL, grid, legend_below, literal
 from rotorfit.plots.sweeps import Condition, Curve, curves
+from rotorfit.units import RPM_PER_RAD_S
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -99,17 +100,17 @@ def plot_bode(fit: FitResult) -> Figure:
     figure, panels = _panels(found, f"Bode plot, {fit.model.name}", rows=2, size=(5.2, 1.9))
     for curve in found:
         amplitude, phase = panels.axes[curve.coordinate, curve.force_plane]
-        colour, x = curve.condition.colour, curve.frequency * RPM
+        colour, x = curve.condition.colour, curve.frequency * RPM_PER_RAD_S
         factor, unit = _response_unit(fit, curve.coordinate)
         line, (relative, turn) = factor * np.abs(curve.fitted), curve.band
         amplitude.semilogy(x, factor * np.abs(curve.measured), ".", ms=2.5, color=colour, alpha=0.6)
-        amplitude.semilogy(curve.fine * RPM, line, "-", lw=1.1, color=colour)
+        amplitude.semilogy(curve.fine * RPM_PER_RAD_S, line, "-", lw=1.1, color=colour)
         reach = np.exp(np.minimum(relative, 20.0))
-        amplitude.fill_between(curve.fine * RPM, line / reach, line * reach, color=colour, alpha=0.25, lw=0)
+        amplitude.fill_between(curve.fine * RPM_PER_RAD_S, line / reach, line * reach, color=colour, alpha=0.25, lw=0)
         phase.plot(x, _degrees(curve.measured), ".", ms=2.5, color=colour, alpha=0.6)
         angle, half = _unwrapped(curve.fitted), np.rad2deg(turn)
-        phase.plot(curve.fine * RPM, angle, "-", lw=1.1, color=colour)
-        phase.fill_between(curve.fine * RPM, angle - half, angle + half, color=colour, alpha=0.25, lw=0)
+        phase.plot(curve.fine * RPM_PER_RAD_S, angle, "-", lw=1.1, color=colour)
+        phase.fill_between(curve.fine * RPM_PER_RAD_S, angle - half, angle + half, color=colour, alpha=0.25, lw=0)
         amplitude.set_title(_cell_title(fit, curve.coordinate, curve.force_plane), fontsize=8)
         amplitude.set_ylabel(unit, fontsize=8)
         phase.set_ylabel("phase lead, deg", fontsize=8)
@@ -208,11 +209,11 @@ def _mark_frequencies(axis: Any, found: Sequence[Curve], factor: float, reach: f
     """Crosses at round frequencies on the fitted lines, each with its number where there is room for it."""
     from matplotlib.ticker import MaxNLocator
 
-    top = max(float(np.abs(c.fine).max()) for c in found) * RPM
+    top = max(float(np.abs(c.fine).max()) for c in found) * RPM_PER_RAD_S
     steps = np.asarray(MaxNLocator(nbins=4 * _MARKS, steps=[1, 2, 5, 10]).tick_values(-top, top))
     placed: list[complex] = []
     for curve in found:
-        x = curve.fine * RPM
+        x = curve.fine * RPM_PER_RAD_S
         for rpm in sorted(steps[(steps >= x[0]) & (steps <= x[-1]) & (steps != 0)], key=abs):
             z = factor * complex(np.interp(rpm, x, curve.fitted.real), np.interp(rpm, x, curve.fitted.imag))
             if all(abs(z - other) > 0.3 * reach for other in placed):
@@ -248,7 +249,7 @@ def plot_residuals(fit: FitResult) -> Figure:
     figure, panels = _panels(found, title, rows=2, size=(5.2, 1.6))
     for curve in found:
         axis, _ = panels.axes[curve.coordinate, curve.force_plane]
-        x = curve.frequency * RPM
+        x = curve.frequency * RPM_PER_RAD_S
         axis.plot(x, curve.whitened.real, ".", ms=2.5, color=curve.condition.colour, alpha=0.7)
         axis.plot(x, curve.whitened.imag, "x", ms=2.5, mew=0.6, color=curve.condition.colour, alpha=0.7)
         axis.set_title(_cell_title(fit, curve.coordinate, curve.force_plane), fontsize=8)

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from rotorfit.estimators.nonlinear import responses_of
 from rotorfit.models import eigenvalues
 from rotorfit.plots.journal import CONFIDENCE, group_label
-from rotorfit.plots.style import COLOURS, GREY, RPM, grid, legend_below, literal
+from rotorfit.plots.style import COLOURS, GREY, grid, legend_below, literal
+from rotorfit.units import RPM_PER_RAD_S
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -36,7 +37,7 @@ def plot_stability(fit: FitResult, *, group: int = 0) -> Figure:
         fit: the fit.
         group: parameter group, where parameters were fitted per attribute; its label is in the title.
     """
-    theta = fit.problem.space.theta(fit.x)[group]
+    theta = fit.thetas[group]
     onset = fit.threshold_of(group) if fit.model.speed_dependent else None
     onset = onset if onset is not None and np.isfinite(onset.value) else None
     tested = _tested_speeds(fit, group)
@@ -53,20 +54,28 @@ def plot_stability(fit: FitResult, *, group: int = 0) -> Figure:
     zeta = -s.real / size
     swings = np.abs(zeta) < _OVERDAMPED
     delta = np.where(swings, 2 * np.pi * zeta / np.sqrt(np.where(swings, 1 - zeta**2, 1.0)), np.nan)
-    panels = ((growth, s.real), (frequency, s.imag * RPM), (damping, zeta), (decrement, delta))
+    panels = ((growth, s.real), (frequency, s.imag * RPM_PER_RAD_S), (damping, zeta), (decrement, delta))
     for axis, values in panels:
         for mode in range(s.shape[1]):
-            axis.plot(speeds * RPM, values[:, mode], color=_MODES[mode % len(_MODES)], lw=1.4)
+            axis.plot(speeds * RPM_PER_RAD_S, values[:, mode], color=_MODES[mode % len(_MODES)], lw=1.4)
         axis.set_xlabel("rotative speed, rpm", fontsize=8)
-        axis.set_xlim(0, top * RPM)
+        axis.set_xlim(0, top * RPM_PER_RAD_S)
         for speed in tested.tolist():
-            axis.plot(speed * RPM, 0.0, "^", color="black", ms=5, clip_on=False, transform=axis.get_xaxis_transform())
+            axis.plot(
+                speed * RPM_PER_RAD_S,
+                0.0,
+                "^",
+                color="black",
+                ms=5,
+                clip_on=False,
+                transform=axis.get_xaxis_transform(),
+            )
         _mark_threshold(axis, onset)
     _unstable_half(growth, s.real, above=True)
     _unstable_half(damping, zeta, above=False)
     _unstable_half(decrement, np.minimum(delta, _DECREMENT), above=False)
-    frequency.plot(speeds * RPM, speeds * RPM, "--", color="0.6", lw=0.9)
-    span = np.nanmax(np.abs(s.imag), initial=0.0) * RPM
+    frequency.plot(speeds * RPM_PER_RAD_S, speeds * RPM_PER_RAD_S, "--", color="0.6", lw=0.9)
+    span = np.nanmax(np.abs(s.imag), initial=0.0) * RPM_PER_RAD_S
     frequency.set_ylim(-1.1 * span, 1.1 * span)
     names = ("growth rate, 1/s", "damped frequency, rpm", "damping ratio", "logarithmic decrement")
     for axis, name in zip((growth, frequency, damping, decrement), names, strict=True):
@@ -86,10 +95,16 @@ def _tested_speeds(fit: FitResult, group: int) -> Float:
 def _mark_threshold(axis: Any, onset: Quantity | None) -> None:
     if onset is None:
         return
-    axis.axvline(onset.value * RPM, color=_THRESHOLD, lw=1.4)
+    axis.axvline(onset.value * RPM_PER_RAD_S, color=_THRESHOLD, lw=1.4)
     if np.isfinite(onset.stderr):
         half = CONFIDENCE * onset.stderr
-        axis.axvspan((onset.value - half) * RPM, (onset.value + half) * RPM, color=_THRESHOLD, alpha=0.3, lw=0)
+        axis.axvspan(
+            (onset.value - half) * RPM_PER_RAD_S,
+            (onset.value + half) * RPM_PER_RAD_S,
+            color=_THRESHOLD,
+            alpha=0.3,
+            lw=0,
+        )
 
 
 def _unstable_half(axis: Any, values: Float, *, above: bool) -> None:
@@ -112,9 +127,9 @@ def _mode_names(s: ComplexArray, speeds: Float, at: float) -> list[str]:
     """Words for each mode: its whirl and its frequency at a speed."""
     row = s[int(np.argmin(np.abs(speeds - at)))]
     whirl = ["forward" if value.imag > 0 else "backward" for value in row]
-    rpm = np.abs(row.imag) * RPM
+    rpm = np.abs(row.imag) * RPM_PER_RAD_S
     return [
-        f"{way} mode, {f:.4g} rpm at {at * RPM:.4g} rpm" if np.isfinite(f) else "mode beyond the tested band"
+        f"{way} mode, {f:.4g} rpm at {at * RPM_PER_RAD_S:.4g} rpm" if np.isfinite(f) else "mode beyond the tested band"
         for way, f in zip(whirl, rpm.tolist(), strict=True)
     ]
 
@@ -128,8 +143,8 @@ def _legend(figure: Figure, modes: list[str], onset: Quantity | None, *, tested:
     if onset is not None:
         handles.append(Line2D([], [], color=_THRESHOLD, lw=1.4))
         known = np.isfinite(onset.stderr)
-        interval = f" ± {CONFIDENCE * onset.stderr * RPM:.2g} (95 %)" if known else ""
-        labels.append(f"threshold {onset.value * RPM:.1f}{interval} rpm")
+        interval = f" ± {CONFIDENCE * onset.stderr * RPM_PER_RAD_S:.2g} (95 %)" if known else ""
+        labels.append(f"threshold {onset.value * RPM_PER_RAD_S:.1f}{interval} rpm")
     handles.append(Patch(color=_THRESHOLD, alpha=0.15))
     labels.append("unstable")
     handles.append(Line2D([], [], color="0.6", lw=0.9, ls="--"))

@@ -11,7 +11,8 @@ from rotorfit.estimators.small_motion import FreeVibrations
 from rotorfit.models.law_curves import law_curves, law_of
 from rotorfit.models.off_centre import off_centre_eigenvalues
 from rotorfit.plots.journal import JournalLines, drive_stiffness, half_width, journal_lines
-from rotorfit.plots.style import GREY, RPM, colour_of, grid, legend_below, prefix
+from rotorfit.plots.style import GREY, colour_of, grid, legend_below, prefix
+from rotorfit.units import RPM_PER_RAD_S
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -59,7 +60,7 @@ def plot_static_locus(fit: FitResult) -> Figure:
     from matplotlib.patches import Circle
 
     blocks = _static(fit)
-    speeds, theta = _speeds(blocks), fit.problem.space.theta(fit.x)
+    speeds, theta = _speeds(blocks), fit.thetas
     figure, axes = grid(1, 1, f"Journal under static loads, {fit.model.name}", size=(6.0, 5.4))
     axis = axes[0, 0]
     for lines in blocks:
@@ -88,7 +89,7 @@ def plot_static_locus(fit: FitResult) -> Figure:
     axis.set_aspect("equal")
     axis.set_xlabel("across the load, over clearance", fontsize=8)
     axis.set_ylabel("against the load, over clearance", fontsize=8)
-    _legend(figure, [f"{v * RPM:.0f} rpm" for v in speeds], "measured", "fitted locus")
+    _legend(figure, [f"{v * RPM_PER_RAD_S:.0f} rpm" for v in speeds], "measured", "fitted locus")
     return figure
 
 
@@ -105,7 +106,7 @@ def plot_static_stiffness(fit: FitResult) -> Figure:
         ValueError: a linear fluid, or no static loads with the journal's position.
     """
     blocks = _static(fit)
-    speeds, theta = _speeds(blocks), fit.problem.space.theta(fit.x)
+    speeds, theta = _speeds(blocks), fit.thetas
     across = np.concatenate([np.abs(lines.stiffness.imag / lines.speed) for lines in blocks if lines.speed.all()])
     scales = prefix(across, "N s/m"), prefix(np.concatenate([lines.stiffness.real for lines in blocks]), "N/m")
     figure, axes = grid(2, 1, f"Static stiffness of the journal, {fit.model.name}", size=(5.6, 2.6))
@@ -134,7 +135,7 @@ def plot_static_stiffness(fit: FitResult) -> Figure:
     axes[0, 0].set_ylabel(f"{'λD' if single else 'across the load / Ω'}, {scales[0][1]}", fontsize=8)
     axes[1, 0].set_ylabel(f"{'K + K0 − Mf λ²Ω²' if single else 'along the load'}, {scales[1][1]}", fontsize=8)
     axes[1, 0].set_xlabel("eccentricity of the journal over clearance", fontsize=8)
-    _legend(figure, [f"{v * RPM:.0f} rpm" for v in speeds], "measured", "fit and 95 % band")
+    _legend(figure, [f"{v * RPM_PER_RAD_S:.0f} rpm" for v in speeds], "measured", "fit and 95 % band")
     return figure
 
 
@@ -156,8 +157,8 @@ def plot_velocity_ratio(fit: FitResult) -> Figure:
         raise ValueError("this fit has no impulse tests to plot")
     speeds = sorted({round(float(v), 6) for block in blocks for v in block.speed})
     theta, vibrations = (
-        fit.problem.space.theta(fit.x),
-        [block.predict(fit.problem.space.theta(fit.x)) for block in blocks],
+        fit.thetas,
+        [block.predict(fit.thetas) for block in blocks],
     )
     figure, axes = grid(1, 1, f"Velocity ratio from impulse tests, {fit.model.name}", size=(5.6, 3.6))
     axis = axes[0, 0]
@@ -182,7 +183,13 @@ def plot_velocity_ratio(fit: FitResult) -> Figure:
     axis.set_ylabel("damped frequency over rotative speed", fontsize=8)
     axis.set_xlabel("eccentricity of the journal over clearance", fontsize=8)
     axis.set_ylim(bottom=min(0.0, axis.get_ylim()[0]))
-    _legend(figure, [f"{v * RPM:.0f} rpm" for v in speeds], "measured", "fitted eigenvalue", dashed="lam and 95 % band")
+    _legend(
+        figure,
+        [f"{v * RPM_PER_RAD_S:.0f} rpm" for v in speeds],
+        "measured",
+        "fitted eigenvalue",
+        dashed="lam and 95 % band",
+    )
     return figure
 
 

@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from rotorfit.estimators.nonlinear import OrbitResponses, responses_of
 from rotorfit.estimators.observations import Responses
 from rotorfit.plots.journal import group_label, half_width, natural
-from rotorfit.plots.style import RPM, colour_of, literal
+from rotorfit.plots.style import colour_of, literal
+from rotorfit.units import RPM_PER_RAD_S
 
 if TYPE_CHECKING:
     from rotorfit.fitting.result import FitResult
@@ -75,7 +76,7 @@ def sweeps(fit: FitResult) -> tuple[list[Condition], list[Sweeps]]:
         ValueError: the fit has none.
     """
     found: list[tuple[Responses, Responses | OrbitResponses]] = []
-    theta = fit.problem.space.theta(fit.x)
+    theta = fit.thetas
     for block, predicted in zip(fit.problem.blocks, fit.problem.predict(fit.x), strict=True):
         base = responses_of(block)
         if base is None or not isinstance(block, Responses | OrbitResponses) or not base.frequency.any():
@@ -158,7 +159,7 @@ def _names(fit: FitResult, keys: Sequence[_Key]) -> list[str]:
             ", ".join(
                 part
                 for part in (
-                    "synchronous" if k.speed == _SWEEP else f"{k.speed * RPM:.4g} rpm",
+                    "synchronous" if k.speed == _SWEEP else f"{k.speed * RPM_PER_RAD_S:.4g} rpm",
                     k.level,
                     group_label(fit, k.group) if several else "",
                 )
@@ -206,7 +207,7 @@ def curves(fit: FitResult) -> tuple[list[Condition], list[Curve]]:
 
 def _curves(fit: FitResult, conditions: Sequence[Condition], part: Sweeps) -> Iterator[Curve]:
     base = part.responses
-    predicted, by_theta = part.block.predict_jacobian(fit.problem.space.theta(fit.x))
+    predicted, by_theta = part.block.predict_jacobian(fit.thetas)
     w = base.frequency[base.line]
     plane = np.argmax(np.abs(base.force), axis=1)[base.line]
     drive = base.force[base.line, plane]
@@ -244,7 +245,7 @@ def _fine(fit: FitResult, block: Responses, rows: Index) -> tuple[Float, Complex
         coordinate=np.full(_FINE, block.coordinate[rows[0]]), measured=np.zeros(_FINE, dtype=complex),
         sigma=np.ones(_FINE), label=np.zeros(_FINE, dtype=np.intp), run=np.full(_FINE, ""),
     )  # fmt: skip
-    value, slope = grid.predict_jacobian(fit.problem.space.theta(fit.x))
+    value, slope = grid.predict_jacobian(fit.thetas)
     drive = force[np.argmax(np.abs(force))]
     return fine, value / drive, slope / drive
 

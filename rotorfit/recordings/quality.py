@@ -13,6 +13,7 @@ from rotorfit.estimators.spectral_lines import mains_hum, turning_power
 from rotorfit.recordings.angle_track import AngleTrack
 from rotorfit.recordings.setup import Probe
 from rotorfit.recordings.signals import Signals
+from rotorfit.units import RPM_PER_RAD_S
 
 Float = NDArray[np.float64]
 
@@ -281,9 +282,9 @@ def speed_findings(record: Signals, shaft: AngleTrack) -> Iterator[Finding]:
     speeds = shaft.speed(np.linspace(shaft.begin, shaft.end, 200))
     middle = float(np.median(speeds))
     if np.ptp(speeds) < 0.05 * abs(middle) and abs(middle - abs(record.speed)) > 0.03 * abs(record.speed):
-        rpm = 30 / np.pi
+        marks, told = middle * RPM_PER_RAD_S, record.speed * RPM_PER_RAD_S
         yield Finding(
             "warning", "speed-disagrees",
-            f"{record.name}: the marks say {middle * rpm:.0f} rpm, file or setup {record.speed * rpm:.0f} rpm: is "
+            f"{record.name}: the marks say {marks:.0f} rpm, file or setup {told:.0f} rpm: is "
             f"pulses_per_turn right ({record.rig.shaft.pulses_per_turn if record.rig.shaft else 1})?",
         )  # fmt: skip

@@ -14,7 +14,7 @@ from typing import Any
 
 from rotorfit.models.parameters import unknown_name
 from rotorfit.recordings.setup import ForceSetup, Probe, Reference, RigSetup, Scale, Twist
-from rotorfit.units import UNITS
+from rotorfit.units import RAD_S_PER_RPM, UNITS
 
 SENSITIVITIES = {
     "V_per_m": 1.0, "V_per_mm": 1e3, "V_per_um": 1e6, "V_per_mil": 1 / 25.4e-6, "mV_per_um": 1e3,
@@ -114,7 +114,7 @@ _TWIST: dict[str, tuple[str, Reader]] = {
 _TOP: dict[str, tuple[str, Reader]] = {
     "rotation": ("rotation", _choice(_ROTATION)),
     "sample_rate_hz": ("sample_rate", _positive),
-    **_in_units("speed", "speed", {"rpm": math.pi / 30, "hz": 2 * math.pi, "rad_s": 1.0}, _number),
+    **_in_units("speed", "speed", {"rpm": RAD_S_PER_RPM, "hz": 2 * math.pi, "rad_s": 1.0}, _number),
     **_in_units("sensitivity", "sensitivity", SENSITIVITIES, _sensitivity),
 }
 _FLAT_FORCE: dict[str, tuple[str, Reader]] = {

@@ -6,8 +6,9 @@ import math
 from typing import TYPE_CHECKING
 
 from rotorfit.report.html import Html, element, join, table
-from rotorfit.report.numbers import RPM, plain, with_error
+from rotorfit.report.numbers import plain, with_error
 from rotorfit.report.parts import note, section, symbol, unit_shown
+from rotorfit.units import RPM_PER_RAD_S
 
 if TYPE_CHECKING:
     from rotorfit.report.material import ReportInput
@@ -30,7 +31,7 @@ def budget_section(material: ReportInput) -> Html:
     rows = [_row(symbol(share.name, fit.model), share, 1.0, share.unit) for share in known]
     if fit.model.speed_dependent and len(fit.problem.space.index) == 1:
         onset = budget.threshold_speed()
-        rows += [_row("threshold speed", onset, RPM, "rpm")] if math.isfinite(onset.combined) else []
+        rows += [_row("threshold speed", onset, RPM_PER_RAD_S, "rpm")] if math.isfinite(onset.combined) else []
     sources = list(shares[0].sources)
     head = ["", "combined", "random", "systematic", *sources, "unit"]
     words = (

@@ -12,8 +12,9 @@ from rotorfit.fitting.result import FitResult
 from rotorfit.models import Constant, Law
 from rotorfit.models.equation_text import stiffness_entries, to_mathml
 from rotorfit.report.html import Html, element, paragraph, table
-from rotorfit.report.numbers import RPM, plain, speeds_in_words, with_error
+from rotorfit.report.numbers import plain, speeds_in_words, with_error
 from rotorfit.report.parts import groups_of, section
+from rotorfit.units import RPM_PER_RAD_S
 
 if TYPE_CHECKING:
     from rotorfit.report.material import ReportInput
@@ -55,7 +56,7 @@ def _experiment_row(test: Experiment) -> list[str]:
         kind = "synchronous test" if test.synchronous else "nonsynchronous perturbation test"
         pairs = dict.fromkeys(zip(test.plane.tolist(), test.direction.tolist(), strict=True))
         measured = ", ".join(f"{plane} {direction}" for plane, direction in pairs)
-    w = test.frequencies * RPM
+    w = test.frequencies * RPM_PER_RAD_S
     span = f"{plain(float(w.min()), 5)} to {plain(float(w.max()), 5)} rpm" if w.size else ""
     forced = ", ".join(getattr(test, "forces", getattr(test, "force_planes", ())))
     return [
@@ -157,5 +158,5 @@ def _threshold_cell(fit: FitResult) -> str:
     if not fit.model.speed_dependent or len(groups_of(fit)) > 1:
         return ""
     onset = fit.threshold_of(0)
-    value, error = with_error(onset.value * RPM, onset.stderr * RPM)
+    value, error = with_error(onset.value * RPM_PER_RAD_S, onset.stderr * RPM_PER_RAD_S)
     return f"{value} ± {error}" if error != "–" else value

@@ -14,8 +14,9 @@ from rotorfit.estimators.nonlinear import OrbitResponses, responses_of
 from rotorfit.estimators.small_motion import FreeVibrations
 from rotorfit.plots import responses as plots
 from rotorfit.report.html import Html, drawn, element, join, paragraph, picture, table
-from rotorfit.report.numbers import RPM, plain, with_error
+from rotorfit.report.numbers import plain, with_error
 from rotorfit.report.parts import at_of, groups_of, note, section, sentence, symbol
+from rotorfit.units import RPM_PER_RAD_S
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -173,9 +174,9 @@ def _mode_rows(fit: FitResult, label: str, group: int) -> Iterator[list[str]]:
     speeds = fit.speeds if fit.model.speed_dependent else np.zeros(1)
     for speed in speeds.tolist():
         for frequency, damping in fit.natural_frequencies(speed, at):
-            shown = f"{speed * RPM:.0f}" if fit.model.speed_dependent else "any"
+            shown = f"{speed * RPM_PER_RAD_S:.0f}" if fit.model.speed_dependent else "any"
             yield [
-                label, shown, *with_error(frequency.value * RPM, frequency.stderr * RPM),
+                label, shown, *with_error(frequency.value * RPM_PER_RAD_S, frequency.stderr * RPM_PER_RAD_S),
                 *with_error(damping.value, damping.stderr),
             ]  # fmt: skip
 

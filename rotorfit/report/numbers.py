@@ -6,7 +6,8 @@ import math
 
 import numpy as np
 
-RPM = 30 / math.pi
+from rotorfit.units import RPM_PER_RAD_S
+
 NORMAL_95 = 1.959963984540054
 """Half-width of a normal distribution's central 95 % interval in standard deviations."""
 
@@ -58,7 +59,7 @@ def _superscript(exponent: int) -> str:
 
 def speeds_in_words(speeds: np.ndarray[tuple[int], np.dtype[np.float64]]) -> str:
     """Speeds (rad/s) in rpm: all of them if they are few, else their range."""
-    rpm = np.unique(np.round(speeds * RPM, 1))
+    rpm = np.unique(np.round(speeds * RPM_PER_RAD_S, 1))
     if rpm.size > 6:
         return f"{rpm[0]:g} to {rpm[-1]:g} rpm"
     return ", ".join(f"{value:g}" for value in rpm) + " rpm"

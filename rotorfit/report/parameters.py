@@ -10,9 +10,10 @@ from rotorfit.fitting.result import FittedParameter
 from rotorfit.fitting.summary import notable_correlations
 from rotorfit.models import RotorModel
 from rotorfit.report.html import Html, bullets, paragraph, table
-from rotorfit.report.numbers import NORMAL_95, RPM, interval, plain, with_error
+from rotorfit.report.numbers import NORMAL_95, interval, plain, with_error
 from rotorfit.report.parts import at_of, groups_of, note, section, sentence, symbol, threshold_interval, unit_shown
 from rotorfit.uncertainty.profile import THRESHOLD
+from rotorfit.units import RPM_PER_RAD_S
 
 if TYPE_CHECKING:
     from rotorfit.report.material import ReportInput
@@ -116,9 +117,11 @@ def _threshold_rows(material: ReportInput, profile: Profile | None) -> Iterator[
             half = NORMAL_95 * onset.stderr
             yield [
                 "threshold speed" + (f", {label}" if label else ""),
-                interval((onset.value - half) * RPM, (onset.value + half) * RPM),
+                interval((onset.value - half) * RPM_PER_RAD_S, (onset.value + half) * RPM_PER_RAD_S),
                 # A profile does not say which group it belongs to.
-                interval(profile.lower * RPM, profile.upper * RPM) if profile is not None and not label else "",
+                interval(profile.lower * RPM_PER_RAD_S, profile.upper * RPM_PER_RAD_S)
+                if profile is not None and not label
+                else "",
                 threshold_interval(material.posterior, at_of(fit, group)),
                 threshold_interval(material.bootstrap, at_of(fit, group)),
                 "",

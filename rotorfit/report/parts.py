@@ -12,7 +12,8 @@ from rotorfit.models import RotorModel
 from rotorfit.models.equation_text import symbol_mathml
 from rotorfit.plots.journal import group_label, groups_in_order
 from rotorfit.report.html import Html, element, join
-from rotorfit.report.numbers import RPM, interval
+from rotorfit.report.numbers import interval
+from rotorfit.units import RPM_PER_RAD_S
 
 if TYPE_CHECKING:
     from rotorfit.uncertainty.bootstrap import Bootstrap
@@ -56,13 +57,6 @@ def groups_of(fit: FitResult) -> list[tuple[str, int]]:
     return [(group_label(fit, group), group) for group in groups_in_order(fit)]
 
 
-def _suffixes(fit: FitResult, group: int) -> list[str]:
-    """``attribute=value`` of a group; values come from files and hold any characters."""
-    space = fit.problem.space
-    names = (space.names[i] for i in space.index[group] if i >= 0)
-    return list(dict.fromkeys(name.partition("[")[2][:-1] for name in names if "[" in name))
-
-
 def tested_speeds(fit: FitResult) -> NDArray[np.float64]:
     """Rotative speeds of all tests, rad/s, empty for speeds that sweep."""
     found = np.unique(np.concatenate([np.asarray(e.speed, dtype=float) for e in fit.experiments]))
@@ -71,7 +65,7 @@ def tested_speeds(fit: FitResult) -> NDArray[np.float64]:
 
 def at_of(fit: FitResult, group: int) -> dict[str, str] | None:
     """What :meth:`FitResult.group` takes for a group."""
-    parts = (suffix.partition("=") for suffix in _suffixes(fit, group))
+    parts = (label.partition("=") for label in fit.problem.space.labels[group])
     return {attribute: value for attribute, _, value in parts} or None
 
 
@@ -80,4 +74,4 @@ def threshold_interval(draws: Posterior | Bootstrap | None, at: dict[str, str] |
     if draws is None:
         return ""
     low, high = draws.threshold_speed(at).interval(0.95)
-    return interval(float(low) * RPM, float(high) * RPM)
+    return interval(float(low) * RPM_PER_RAD_S, float(high) * RPM_PER_RAD_S)

@@ -12,8 +12,9 @@ from rotorfit.fitting.judge import MODEL_LIMITED
 from rotorfit.fitting.result import FitResult, Quantity
 from rotorfit.models.stability import growth_rate
 from rotorfit.report.html import Html, bullets, element, join
-from rotorfit.report.numbers import NORMAL_95, RPM, interval, plain, with_error
+from rotorfit.report.numbers import NORMAL_95, interval, plain, with_error
 from rotorfit.report.parts import at_of, groups_of, section, sentence, tested_speeds, threshold_interval
+from rotorfit.units import RPM_PER_RAD_S
 
 if TYPE_CHECKING:
     from rotorfit.report.material import ReportInput
@@ -87,7 +88,7 @@ def _stability_words(material: ReportInput) -> Iterator[str]:
     if not math.isfinite(lowest.stderr):
         yield f"These data do not determine the speed at which it becomes unstable{where}."
         return
-    value, error = with_error(lowest.value * RPM, lowest.stderr * RPM)
+    value, error = with_error(lowest.value * RPM_PER_RAD_S, lowest.stderr * RPM_PER_RAD_S)
     margins = " and ".join(
         f"{plain(abs(100 * (lowest.value / speed - 1)), 3)} % {_side(lowest, speed)} the {what}"
         for what, speed in _reference_speeds(material)
@@ -97,7 +98,7 @@ def _stability_words(material: ReportInput) -> Iterator[str]:
 
 def _unstable(fit: FitResult, group: int) -> bool:
     """Whether the fitted rotor is unstable at a speed that was tested."""
-    theta, speeds = fit.problem.space.theta(fit.x)[group], tested_speeds(fit)
+    theta, speeds = fit.thetas[group], tested_speeds(fit)
     if not speeds.size:
         return False
     rates = growth_rate(fit.model, np.broadcast_to(theta, (speeds.size, theta.size)), speeds, fit.stability_band)
@@ -108,9 +109,9 @@ def _reference_speeds(material: ReportInput) -> Iterator[tuple[str, float]]:
     """Speeds, rad/s, that a margin of stability refers to."""
     highest = float(tested_speeds(material.fit).max(initial=0.0))
     if highest > 0:
-        yield f"highest tested speed ({highest * RPM:.0f} rpm)", highest
+        yield f"highest tested speed ({highest * RPM_PER_RAD_S:.0f} rpm)", highest
     if material.operating_speed is not None:
-        yield f"operating speed ({material.operating_speed * RPM:.0f} rpm)", material.operating_speed
+        yield f"operating speed ({material.operating_speed * RPM_PER_RAD_S:.0f} rpm)", material.operating_speed
 
 
 def _side(onset: Quantity, speed: float) -> str:
@@ -151,11 +152,17 @@ def _stability_cards(material: ReportInput) -> Iterator[Html]:
         else:
             lines = [*_threshold_intervals(material, onset, group), *_margins(material, onset)]
             below = any(onset.value < speed for _, speed in _reference_speeds(material))
-            yield _card(name, _plus_minus(onset.value * RPM, onset.stderr * RPM), *lines, unit="rpm", bad=below)
+            yield _card(
+                name,
+                _plus_minus(onset.value * RPM_PER_RAD_S, onset.stderr * RPM_PER_RAD_S),
+                *lines,
+                unit="rpm",
+                bad=below,
+            )
 
 
 def _threshold_intervals(material: ReportInput, onset: Quantity, group: int) -> Iterator[str]:
-    low, high = (RPM * (onset.value + sign * NORMAL_95 * onset.stderr) for sign in (-1, 1))
+    low, high = (RPM_PER_RAD_S * (onset.value + sign * NORMAL_95 * onset.stderr) for sign in (-1, 1))
     yield f"95 % Laplace {interval(low, high)} rpm"
     posterior = threshold_interval(material.posterior, at_of(material.fit, group))
     if posterior:

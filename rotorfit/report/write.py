@@ -9,6 +9,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from rotorfit.estimators.atomic_file import whole_file
 from rotorfit.fitting.refine import Refinement
 from rotorfit.fitting.result import FitResult
 from rotorfit.report.html import Html, element, join
@@ -166,11 +167,6 @@ def document(material: ReportInput, title: str) -> Html:
 
 
 def _write(path: Path, content: bytes) -> Path:
-    """Write beside the target, then rename, so that no reader ever sees half a file."""
-    part = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
-        part.write_bytes(content)
-        os.replace(part, path)
-    finally:
-        part.unlink(missing_ok=True)
+    with whole_file(path) as draft:
+        draft.write_bytes(content)
     return path

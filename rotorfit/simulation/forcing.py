@@ -12,8 +12,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from rotorfit.data.experiments import DisplacementTest, PerturbationTest, perturbation_test
 from rotorfit.models import RotorModel
-from rotorfit.simulation.rig import RPM, ComplexArray, Float, VirtualRig, positive, some_planes
+from rotorfit.simulation.rig import ComplexArray, Float, VirtualRig, positive, some_planes
 from rotorfit.simulation.steady_state import Steady, steady_state
+from rotorfit.units import RAD_S_PER_RPM, RPM_PER_RAD_S
 
 Order = Literal["rest", "up", "down"]
 
@@ -65,10 +66,10 @@ def perturbation(
     if order not in ("rest", "up", "down"):
         raise ValueError(f"order must be rest, up or down, got {order!r}")
     levels = np.atleast_1d(np.asarray(force if unbalance is None else unbalance, dtype=complex))
-    w = np.atleast_1d(np.asarray(frequency_rpm, dtype=float)) * RPM
+    w = np.atleast_1d(np.asarray(frequency_rpm, dtype=float)) * RAD_S_PER_RPM
     if not w.size or not (np.isfinite(w) & (w != 0)).all() or not (np.abs(levels) > 0).all():
         raise ValueError("frequencies and forces must be finite and not zero")
-    speeds = np.atleast_1d(np.asarray(speed_rpm, dtype=float)) * RPM
+    speeds = np.atleast_1d(np.asarray(speed_rpm, dtype=float)) * RAD_S_PER_RPM
     constant = rig.load(load, load_plane) if load else np.zeros(len(rig.model.coordinates), dtype=complex)
     decay = {float(speed): rig.decay(float(speed), constant) for speed in speeds}
     cases = list(product(some_planes(rig.model, planes), speeds.tolist(), levels.tolist()))
@@ -76,7 +77,7 @@ def perturbation(
     for number, (plane, speed, level) in enumerate(cases):
         phasor = np.full(w.size, level) if unbalance is None else level * w**2
         unit = "N" if unbalance is None else "kg m"
-        name = f"{plane}, {speed / RPM:.6g} rpm, {abs(level):.4g} {unit}"
+        name = f"{plane}, {speed * RPM_PER_RAD_S:.6g} rpm, {abs(level):.4g} {unit}"
         parts.append({
             "run": np.where(w > 0, f"{name}, forward", f"{name}, backward"),
             "plane": np.full(w.size, plane), "speed": np.full(w.size, speed), "frequency": w, "phasor": phasor,
@@ -114,7 +115,7 @@ def synchronous(
         residual: unbalance that the rotor has anyway, ``m r exp(j delta)``, kg m, by plane.
         planes: planes that take the weight, all by default.
     """
-    speed = positive("speed_rpm", speed_rpm) * RPM
+    speed = positive("speed_rpm", speed_rpm) * RAD_S_PER_RPM
     model = rig.model
     decay = np.array([rig.decay(v) for v in speed.tolist()])
     rest = np.zeros((speed.size, len(model.coordinates)), dtype=complex)
@@ -147,8 +148,11 @@ def displacement(
         plane: where, by default at the journal.
     """
     rig.need_circular("imposed orbits")
-    radii, speeds = positive("amplitude_um", amplitude_um) * 1e-6, np.atleast_1d(np.asarray(speed_rpm, float)) * RPM
-    cases = np.array(list(product(speeds, radii, np.atleast_1d(np.asarray(frequency_rpm, float)) * RPM)))
+    radii, speeds = (
+        positive("amplitude_um", amplitude_um) * 1e-6,
+        np.atleast_1d(np.asarray(speed_rpm, float)) * RAD_S_PER_RPM,
+    )
+    cases = np.array(list(product(speeds, radii, np.atleast_1d(np.asarray(frequency_rpm, float)) * RAD_S_PER_RPM)))
     speed, radius, w = cases.T
     at = rig.seat if plane is None else rig.model.coordinate(plane, "z")
     motion = rig.motion(speed, imposed=at)
@@ -164,7 +168,7 @@ def displacement(
     x = np.where(w < 0, force.conj(), force)
     y = np.where(w < 0, 1j * x, -1j * x)
     sigma = rig.sigma(x, np.column_stack([speed, radius]))
-    names = [f"{v / RPM:.6g} rpm, {a * 1e6:.4g} um" for v, a in zip(speed, radius, strict=True)]
+    names = [f"{v * RPM_PER_RAD_S:.6g} rpm, {a * 1e6:.4g} um" for v, a in zip(speed, radius, strict=True)]
     return DisplacementTest(
         run=np.array(names), speed=speed, frequency=w, plane=np.full(w.size, rig.model.coordinates[at].plane),
         displacement=radius.astype(complex), force_x=rig.noisy(x, sigma), force_y=rig.noisy(y, sigma),

@@ -10,8 +10,9 @@ from numpy.typing import ArrayLike
 from rotorfit.data.experiments import RingDownTest, StaticTest
 from rotorfit.models.off_centre import off_centre_eigenvalues
 from rotorfit.simulation.integration import integrate
-from rotorfit.simulation.rig import RPM, ComplexArray, Float, VirtualRig, positive
+from rotorfit.simulation.rig import ComplexArray, Float, VirtualRig, positive
 from rotorfit.simulation.steady_state import rest_position
+from rotorfit.units import RAD_S_PER_RPM, RPM_PER_RAD_S
 
 _LEFT = 0.01  # vibration left at the end of a record
 _FEWEST = 256  # samples in a record
@@ -30,7 +31,7 @@ def static_load(
         load_deg: its direction from x towards y; downwards by default.
         plane: where it acts, by default at the journal.
     """
-    speeds, loads = np.atleast_1d(np.asarray(speed_rpm, dtype=float)) * RPM, positive("load", load)
+    speeds, loads = np.atleast_1d(np.asarray(speed_rpm, dtype=float)) * RAD_S_PER_RPM, positive("load", load)
     turned = loads * np.exp(1j * np.radians(load_deg))
     rests = [_rest(rig, speed, turned, plane) for speed in speeds.tolist()]
     planes = [number for number, c in enumerate(rig.model.coordinates) if c.axis == "z"]
@@ -39,7 +40,7 @@ def static_load(
     sigma = rig.sigma(exact, np.array([(i, c) for i, c, _ in cases]))
     acts = rig.model.coordinates[rig.seat].plane if plane is None else plane
     return StaticTest(
-        run=np.array([f"{speeds[i] / RPM:.6g} rpm" for i, _, _ in cases]),
+        run=np.array([f"{speeds[i] * RPM_PER_RAD_S:.6g} rpm" for i, _, _ in cases]),
         speed=np.array([speeds[i] for i, _, _ in cases]),
         load_plane=np.full(len(cases), acts), load=np.array([turned[k] for _, _, k in cases]),
         plane=np.array([rig.model.coordinates[c].plane for _, c, _ in cases]), displacement=rig.noisy(exact, sigma),
@@ -79,7 +80,10 @@ def impulse(
         sampling_hz: by default 16 samples in a period of the fastest mode, 256 in a record at least.
     """
     rig.need_circular("impulses")
-    speeds, loads = np.atleast_1d(np.asarray(speed_rpm, dtype=float)) * RPM, np.atleast_1d(np.asarray(load, float))
+    speeds, loads = (
+        np.atleast_1d(np.asarray(speed_rpm, dtype=float)) * RAD_S_PER_RPM,
+        np.atleast_1d(np.asarray(load, float)),
+    )
     blow = rig.load(positive("impulse", impulse)[0] * np.exp(1j * np.radians(impulse_deg)), plane)
     columns: dict[str, list[Float]] = {name: [] for name in ("speed", "time", "x", "y")}
     runs: list[str] = []
@@ -91,7 +95,7 @@ def impulse(
         time, z = _record(rig, speed, rig.load(turned, plane), rest, blow, duration, sampling_hz)
         size = rig.noise * float(np.sqrt(np.mean(np.abs(z - rest[rig.seat]) ** 2)))
         z = rig.noisy(z, np.full(z.size, size))
-        runs += [f"{speed / RPM:.6g} rpm, {newton:.4g} N"] * time.size
+        runs += [f"{speed * RPM_PER_RAD_S:.6g} rpm, {newton:.4g} N"] * time.size
         for name, values in zip(columns, (np.full(time.size, speed), time, z.real, z.imag), strict=True):
             columns[name].append(values)
     speed_of, instant, x, y = (np.concatenate(parts) for parts in columns.values())

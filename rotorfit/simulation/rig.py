@@ -14,11 +14,10 @@ from rotorfit.models.journal import journal
 from rotorfit.models.off_centre import off_centre_eigenvalues, static_equilibria
 from rotorfit.models.stability import growth_rate
 from rotorfit.simulation.integration import Motion
+from rotorfit.units import RPM_PER_RAD_S
 
 Float = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
-
-RPM = np.pi / 30
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +56,7 @@ class VirtualRig:
         Raises:
             ValueError: the rotor is unstable there and cannot be tested.
         """
-        where = f"at {speed / RPM:.4g} rpm"
+        where = f"at {speed * RPM_PER_RAD_S:.4g} rpm"
         if load is None or not load.any() or not self.model.eccentricity_dependent:
             rate = float(growth_rate(self.model, self.theta, speed))
         else:
@@ -65,7 +64,7 @@ class VirtualRig:
             where += f" under a load of {np.abs(load).max():.4g} N"
         if rate >= 0:
             onset = threshold_speed(self.model, self.theta)
-            limit = f"; centred it is stable below {onset.speed / RPM:.4g} rpm" if onset else ""
+            limit = f"; centred it is stable below {onset.speed * RPM_PER_RAD_S:.4g} rpm" if onset else ""
             raise ValueError(
                 f"{self.model.name} with these parameters is unstable {where} (vibration grows at {rate:.3g} 1/s), so "
                 f"that nothing can be measured there{limit}"

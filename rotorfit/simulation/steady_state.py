@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotorfit.simulation.integration import TOLERANCE, IntegrationError, Motion, Path, integrate
+from rotorfit.units import RPM_PER_RAD_S
 
 Float = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
@@ -140,7 +141,7 @@ def _settle(
             return Steady(**result)
     raise IntegrationError(
         f"{motion.model.name}: the motion has not settled after {time:.3g} s in {left.size} of {w.size} cases, the "
-        f"first at {w[left[0]] * 30 / np.pi:.4g} rpm; the rotor may be unstable or vibrate with more than one period"
+        f"first at {w[left[0]] * RPM_PER_RAD_S:.4g} rpm; the rotor may be unstable or vibrate with more than one period"
     )
 
 

@@ -19,6 +19,7 @@ from rotorfit.data.experiments import Experiment, PerturbationTest
 from rotorfit.fitting.result import FitResult, FittedParameter
 from rotorfit.studies.study import Outcome, StudyProgress
 from rotorfit.uncertainty.budget import Budget
+from rotorfit.units import RPM_PER_RAD_S
 
 if TYPE_CHECKING:
     from rotorfit.data.findings import Finding
@@ -26,7 +27,6 @@ if TYPE_CHECKING:
     from rotorfit.uncertainty.posterior import Posterior
     from rotorfit.uncertainty.profile import Profile
 
-_RPM = 30 / math.pi
 CHECKPOINT = "posterior.checkpoint.h5"
 """File in the folder for the results from which a sampling that was stopped goes on."""
 
@@ -190,7 +190,9 @@ def summary(outcome: Outcome, rig: str = "") -> str:
     parts += [str(more) for more in (outcome.bootstrap, outcome.posterior) if more is not None]
     if outcome.posterior is not None and best.model.speed_dependent and len(best.problem.space.index) == 1:
         low, high = outcome.posterior.threshold_speed().interval(0.95)
-        parts.append(f"threshold speed, 95 % of the posterior: {low * _RPM:.1f} to {high * _RPM:.1f} rpm")
+        parts.append(
+            f"threshold speed, 95 % of the posterior: {low * RPM_PER_RAD_S:.1f} to {high * RPM_PER_RAD_S:.1f} rpm"
+        )
     if rig:
         parts.append(truth_table(outcome, rig))
     return "\n\n".join(parts)
@@ -198,9 +200,9 @@ def summary(outcome: Outcome, rig: str = "") -> str:
 
 def describe_test(test: Experiment, findings: Sequence[Finding]) -> str:
     """What a file holds, in a few lines, and what the data check found."""
-    speeds = np.unique(np.round(test.speed * _RPM, 3))
+    speeds = np.unique(np.round(test.speed * RPM_PER_RAD_S, 3))
     span = f"{speeds[0]:g} to {speeds[-1]:g} rpm" if speeds.size > 4 else ", ".join(f"{s:g}" for s in speeds) + " rpm"
-    w = test.frequencies * _RPM
+    w = test.frequencies * RPM_PER_RAD_S
     kind = test.title
     lines = []
     if isinstance(test, PerturbationTest):
@@ -250,7 +252,7 @@ def truth_table(outcome: Outcome, rig: str) -> str:
         unit = outcome.fit.params[name].unit
         lines.append(f"{name:<17}{truth['params'][name]:>10g}" + "".join(f"{cell:>21}" for cell in cells) + f"  {unit}")
     onsets = [fit.threshold_speed() for fit in fits.values()]
-    cells = [_plus_minus(onset.value * _RPM, onset.stderr * _RPM) for onset in onsets]
+    cells = [_plus_minus(onset.value * RPM_PER_RAD_S, onset.stderr * RPM_PER_RAD_S) for onset in onsets]
     lines.append(
         f"{'threshold speed':<17}{truth['threshold_rpm']:>10.1f}" + "".join(f"{c:>21}" for c in cells) + "  rpm"
     )
@@ -342,4 +344,4 @@ def _threshold(fit: FitResult) -> dict[str, float | None] | None:
     onset = fit.threshold_speed()
     if not (math.isfinite(onset.value) and math.isfinite(onset.stderr)):
         return None
-    return {"value": onset.value * _RPM, "stderr": onset.stderr * _RPM}
+    return {"value": onset.value * RPM_PER_RAD_S, "stderr": onset.stderr * RPM_PER_RAD_S}

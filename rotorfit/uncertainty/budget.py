@@ -113,9 +113,7 @@ class Budget:
         onset = threshold_speed(fit.model, fit.theta(at), band=fit.stability_band)
         if onset is None:
             return Share("threshold speed", "rad/s", math.nan, math.nan, math.nan, math.nan, {})
-        index = fit.problem.space.index[group]
-        slope = np.zeros(fit.x.size)
-        np.add.at(slope, index[index >= 0], onset.gradient[index >= 0])
+        slope = fit.problem.space.pull_back(onset.gradient, group)
         resolved = math.isfinite(fit.threshold_of(group).stderr)
         return self._share("threshold speed", "rad/s", onset.speed, slope, resolved)
 

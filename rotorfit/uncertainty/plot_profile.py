@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from matplotlib.figure import Figure
 
-from rotorfit.plots.style import COLOURS, GREY, RPM, grid, literal
+from rotorfit.plots.style import COLOURS, GREY, grid, literal
+from rotorfit.units import RPM_PER_RAD_S
 
 if TYPE_CHECKING:
     from rotorfit.uncertainty.profile import Profile
@@ -22,7 +23,7 @@ def plot_profile(profile: Profile) -> Figure:
     """
     from scipy.stats import chi2
 
-    factor, unit = (RPM, "rpm") if profile.unit == "rad/s" else (1.0, profile.unit)
+    factor, unit = (RPM_PER_RAD_S, "rpm") if profile.unit == "rad/s" else (1.0, profile.unit)
     percent = f"{100 * profile.level:g} %"
     figure, axes = grid(1, 1, "", size=(3.45, 2.5))  # two of them side by side in a report
     axis = axes[0, 0]

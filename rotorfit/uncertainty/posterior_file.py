@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from rotorfit.estimators.atomic_file import whole_file
 from rotorfit.fitting.result import FitResult
 from rotorfit.uncertainty.arviz_loader import load_arviz
 from rotorfit.uncertainty.posterior import Posterior, SampleSettings
@@ -125,14 +126,10 @@ def to_arviz(posterior: Posterior) -> Any:
 
 def save(posterior: Posterior, path: Path) -> None:
     """Write the draws, exact to the last bit and compressed, whole or not at all."""
-    part = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
+    with whole_file(path) as draft:
         for number, (group, dataset) in enumerate(datasets(posterior).items()):
             packed = {name: {"zlib": True, "complevel": 4, "shuffle": True} for name in dataset.data_vars}
-            dataset.to_netcdf(part, mode="a" if number else "w", group=group, engine="h5netcdf", encoding=packed)
-        os.replace(part, path)
-    finally:
-        part.unlink(missing_ok=True)
+            dataset.to_netcdf(draft, mode="a" if number else "w", group=group, engine="h5netcdf", encoding=packed)
 
 
 def load_posterior(path: str | os.PathLike[str], fit: FitResult) -> Posterior:

@@ -153,10 +153,7 @@ def _curve(
             onset = threshold_speed(fit.model, problem.space.theta(vector)[group], band=fit.stability_band)
             if onset is None:
                 return math.inf, np.zeros_like(vector)
-            index = problem.space.index[group]
-            slope = np.zeros_like(vector)
-            np.add.at(slope, index[index >= 0], onset.gradient[index >= 0])
-            return onset.speed, slope
+            return onset.speed, problem.space.pull_back(onset.gradient, group)
 
         value, slope = speed(x)
         if not math.isfinite(value):
