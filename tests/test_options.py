@@ -24,6 +24,7 @@ SETTINGS = {
     "priors": {"Mf": stats.norm(0.4, 0.1)},
     "start": {"D": 400.0},
     "per": {"D": "oil_C"},
+    "runout_um": 0.5,
     "loss": "huber",
     "phase_offsets": True,
     "refine": True,

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import rotorfit as rf
+from rotorfit.cli.main import main
 from rotorfit.simulation.shaft import Crack, Perturbation
 from rotorfit.simulation.shaft_record import Acquisition, record_shaft
 
@@ -108,3 +109,31 @@ def test_recordings_without_what_lines_need_are_refused_in_words(tmp_path, backw
     (tmp_path / "one.toml").write_text(one)
     with pytest.raises(ValueError, match="disk has one probe"):
         rf.shaft_lines(rf.read_recording(backward, tmp_path / "one.toml"))
+
+
+def test_the_command_line_goes_from_volts_to_the_anisotropy(backward, setup, tmp_path, capsys):
+    words = ["fit", str(backward), "--setup", str(setup), "--model", "anisotropic-shaft"]
+    assert main([*words, "--known", "J=2e-4", "--out", str(tmp_path / "out")]) == 0
+    said = capsys.readouterr().out
+    assert "no closed form: combination lines have none" in said
+    assert "turning anisotropy: dK = 200" in said
+    assert rf.load_fit(tmp_path / "out" / "fit.json").params["J"].value == 2e-4
+    assert main([*words, "--runout-um", "0.2", "--quiet"]) == 0
+
+
+@pytest.mark.parametrize(
+    ("more", "sentence"),
+    [
+        (["--runout-um", "-1"], "--runout-um"),
+        (["--known", "nu=3"], "unknown parameter of anisotropic-shaft 'nu'"),
+        (["--planes", "rotor"], "has the plane disk, anisotropic-shaft has rotor"),
+        (["--planes", "a,b"], "anisotropic-shaft has 1 plane"),
+    ],
+)
+def test_awkward_words_of_the_command_line_are_refused_in_a_sentence(backward, setup, more, sentence, capsys):
+    try:
+        code = main(["fit", str(backward), "--setup", str(setup), "--model", "anisotropic-shaft", *more])
+    except SystemExit as stop:  # argparse
+        code = stop.code
+    assert code == 2
+    assert sentence in capsys.readouterr().err

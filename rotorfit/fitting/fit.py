@@ -15,6 +15,7 @@ from rotorfit.estimators.closed_form import closed_form as solve_closed_form
 from rotorfit.estimators.least_squares import Options, Solution, minimise
 from rotorfit.estimators.losses import Loss
 from rotorfit.estimators.problem import Problem
+from rotorfit.estimators.shaft_line_starts import has_lines
 from rotorfit.estimators.starts import start_vector
 from rotorfit.fitting.calibration import Calibration
 from rotorfit.fitting.judge import judge
@@ -107,6 +108,8 @@ def closed_form(
         )
     settings = FitSettings(known=known or {}, per=per or {})
     problem = build_problem(model, experiments, settings)
+    if has_lines(problem):
+        raise ClosedFormError("combination lines have none; the fit starts from linear steps, one line after the other")
     estimate = solve_closed_form(problem.space, problem.blocks, weighted=weighted)
     return judge(
         problem, as_tuple(experiments), settings, estimate.x, estimate.x, "closed form", None, estimate.notes, estimate

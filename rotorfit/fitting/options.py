@@ -84,6 +84,12 @@ PER = Option(
     metavar="NAME=ATTRIBUTE",
     help="one value for each value of a test attribute: D=speed_rpm",
 )
+RUNOUT = Option(
+    name="runout_um",
+    kind=POSITIVE,
+    metavar="UM",
+    help="plausible run-out; 1x and 2x of recordings then tell unbalance and side load (anisotropic-shaft)",
+)
 LOSS = Option(name="loss", kind=TEXT, metavar="NAME", help="linear, or soft_l1, huber, cauchy against outliers")
 PHASE_OFFSETS = Option(name="phase_offsets", kind=FLAG, help="fit a phase reference offset for every run but the first")
 REFINE = Option(name="refine", kind=FLAG, help="add structural blocks while the data ask for them (BIC)")
@@ -102,7 +108,7 @@ UNCERTAINTY = (
     Option(name="max_steps", kind=COUNT, metavar="N", help="steps to stop at in any case"),
 )
 
-FIT = (*MODEL, *LAW, *PARAMETERS, PER, LOSS, PHASE_OFFSETS, REFINE, *UNCERTAINTY)
+FIT = (*MODEL, *LAW, *PARAMETERS, PER, RUNOUT, LOSS, PHASE_OFFSETS, REFINE, *UNCERTAINTY)
 """Settings of ``rotorfit fit`` and of a study."""
 CAMPAIGN = (*MODEL, *PARAMETERS, LOSS)
 """Settings of ``rotorfit campaign``: what is neither known nor shared has a value of its own for each run."""

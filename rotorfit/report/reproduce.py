@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from rotorfit.data.experiments import Experiment, LineTest
 from rotorfit.fitting.options import command_words
 from rotorfit.fitting.result import FitResult
 from rotorfit.models import LAWS, MODELS, Law
@@ -54,13 +55,23 @@ def _origin(material: ReportInput) -> tuple[FitResult, bool]:
     return ladder.steps[0], True
 
 
+def _source(experiment: Experiment) -> str:
+    """How an experiment came about."""
+    if not experiment.source:
+        return "data_in_memory"
+    if isinstance(experiment, LineTest):
+        records = ", ".join(f'rf.read_recording({name!r}, "rig.toml")' for name in experiment.source.split(", "))
+        return f"rf.shaft_lines([{records}])"
+    return f"rf.read({experiment.source!r})"
+
+
 def _calls(material: ReportInput) -> Iterator[str]:
     fit, refined = _origin(material)
     settings = fit.settings
     yield "import rotorfit as rf"
     if settings.priors:
         yield "import scipy.stats"
-    sources = [f"rf.read({e.source!r})" if e.source else "data_in_memory" for e in fit.experiments]
+    sources = [_source(experiment) for experiment in fit.experiments]
     options = ", ".join(f"{name}={_shown(value)}" for name, value in _own_options(fit).items())
     home = "rf.models." if MODELS.get(fit.model.name) is type(fit.model) else ""
     yield f"model = {home}{type(fit.model).__name__}({options})"

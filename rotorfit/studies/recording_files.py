@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rotorfit.data.experiments import PerturbationTest
+from rotorfit.data.experiments import LineTest, PerturbationTest
 
 if TYPE_CHECKING:
     from rotorfit.data.findings import Finding
@@ -23,17 +23,23 @@ class RecordingFiles:
     Attributes:
         paths: the files.
         setup: ``rig.toml``, where the files do not say everything themselves.
+        lines: reduce them to the combination lines of a shaft that is not round.
+        runout_um: see :func:`rotorfit.shaft_lines`.
     """
 
     paths: tuple[Path, ...]
     setup: Path | None = None
+    lines: bool = False
+    runout_um: float | None = None
 
     @property
     def path(self) -> Path:
         """The first file."""
         return self.paths[0]
 
-    def read(self, on_finding: Callable[[Finding], None], progress: Callable[[str], None]) -> PerturbationTest:
+    def read(
+        self, on_finding: Callable[[Finding], None], progress: Callable[[str], None]
+    ) -> PerturbationTest | LineTest:
         """Read the recordings and reduce them to responses.
 
         Args:
@@ -47,13 +53,19 @@ class RecordingFiles:
         from rotorfit.recordings.recording import read_recording
         from rotorfit.recordings.responses import responses
         from rotorfit.recordings.rig_toml import read_setup
+        from rotorfit.recordings.shaft_lines import shaft_lines
 
         setup = None if self.setup is None else read_setup(self.setup)
         records = []
         for path in self.paths:
             progress(f"opening {path.name}")
             records.append(read_recording(path, setup))
-        test = responses(records, on_finding=on_finding, progress=progress)
+        test: PerturbationTest | LineTest
+        if self.lines:
+            progress("finding combination lines")
+            test = shaft_lines(records, runout_um=self.runout_um)
+        else:
+            test = responses(records, on_finding=on_finding, progress=progress)
         for record in records:
             for finding in record.findings:
                 on_finding(finding)

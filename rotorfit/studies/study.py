@@ -7,14 +7,14 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
-from rotorfit.data.experiments import Experiment
+from rotorfit.data.experiments import Experiment, LineTest
 from rotorfit.estimators.closed_form import ClosedFormError
 from rotorfit.fitting.calibration import calibration_of
 from rotorfit.fitting.fit import closed_form, fit
 from rotorfit.fitting.refine import Refinement, refine
 from rotorfit.fitting.result import FitResult
 from rotorfit.io.files import read
-from rotorfit.models import LAWS, MODELS, RotorModel
+from rotorfit.models import LAWS, MODELS, AnisotropicShaft, RotorModel
 from rotorfit.models.parameters import unknown_name
 from rotorfit.studies.recording_files import RecordingFiles
 
@@ -75,6 +75,7 @@ class Study:
         law: name of a law of eccentricity, a key of :data:`rotorfit.models.LAWS`, for models that carry a fluid.
         clearance_um: radial clearance at the fluid, micrometres; needed by a law.
         known, bounds, priors, per, start, loss, phase_offsets: see :func:`rotorfit.fit`.
+        runout_um: plausible run-out of a shaft that is not round, see :func:`rotorfit.shaft_lines`.
         calibration: uncertainties by name, see :class:`rotorfit.Calibration`.
         refine: add structural blocks while the data ask for them.
         sample: draw from the posterior.
@@ -97,6 +98,7 @@ class Study:
     priors: Mapping[str, Any] = field(default_factory=dict)
     per: Mapping[str, str] = field(default_factory=dict)
     start: Mapping[str, float] = field(default_factory=dict)
+    runout_um: float | None = None
     loss: str = "linear"
     phase_offsets: bool = False
     calibration: Mapping[str, Any] = field(default_factory=dict)
@@ -162,7 +164,7 @@ def run_study(study: Study, progress: StudyProgress, checkpoint: Path | None = N
         ValueError: data or settings that make no sense; the message says which.
     """
     check_model_name(study.model)  # before files are read, which may take long
-    experiments, findings = read_files(study.files, progress)
+    experiments, findings = read_files([_for_model(study, file) for file in study.files], progress)
     model = build_model(study, experiments)
     progress("closed form")
     closed: FitResult | str
@@ -189,6 +191,17 @@ def run_study(study: Study, progress: StudyProgress, checkpoint: Path | None = N
         ladder = refine(result)
     outcome = Outcome(study, experiments, findings, closed, result, ladder)
     return _with_uncertainty(outcome, progress, checkpoint) if outcome.best.success else outcome
+
+
+def _for_model(study: Study, file: DataFile | RecordingFiles) -> DataFile | RecordingFiles:
+    """Recordings of a shaft that is not round are reduced to its combination lines."""
+    if study.model != AnisotropicShaft.name:
+        if study.runout_um is not None:
+            raise ValueError(
+                f"runout_um belongs to recordings for the model {AnisotropicShaft.name}, not {study.model}"
+            )
+        return file
+    return replace(file, lines=True, runout_um=study.runout_um) if isinstance(file, RecordingFiles) else file
 
 
 def read_files(
@@ -250,6 +263,10 @@ def check_model_name(name: str) -> None:
         raise ValueError(unknown_name("model", name, MODELS))
 
 
+def _has_twist(experiment: Experiment) -> bool:
+    return isinstance(experiment, LineTest) and bool((experiment.direction == "twist").any())
+
+
 def build_model(study: Study, experiments: Sequence[Experiment]) -> RotorModel:
     """The model of a study.
 
@@ -262,6 +279,8 @@ def build_model(study: Study, experiments: Sequence[Experiment]) -> RotorModel:
         options["planes"] = study.planes
     elif study.model == "anisotropic":  # has as many planes as the data, whatever they are called
         options["planes"] = tuple(dict.fromkeys(plane for experiment in experiments for plane in experiment.planes))
+    if study.model == AnisotropicShaft.name and not any(_has_twist(experiment) for experiment in experiments):
+        options["torsion"] = None
     if study.blocks:
         options["blocks"] = study.blocks
     if study.two_lam:
