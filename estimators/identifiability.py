@@ -28,12 +28,14 @@ class Combination:
         direction: change of each, as a fraction of its size.
         stderr: standard error along the direction in the same measure, infinite if the data say nothing.
         message: what that means and what to do.
+        kind: of two parameters that only their "sum", "difference", "product" or "ratio" is determined of, which.
     """
 
     names: tuple[str, ...]
     direction: tuple[float, ...]
     stderr: float
     message: str
+    kind: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,12 +181,14 @@ def diagnose(
         along = directions[:, open_].T @ vector
         silent = np.isinf(stderr[open_]) & (np.abs(along) > 1e-9)
         error = float("inf") if silent.any() else float(np.linalg.norm(along * np.minimum(stderr[open_], 1e100)))
+        pair = _pair(model, base, values, vector * scales, chosen) if len(chosen) == 2 else None
         combinations.append(
             Combination(
                 tuple(names[i] for i in chosen),
                 tuple(float(vector[i]) for i in chosen),
                 error,
-                _message(model, names, base, values, scales, vector, chosen, error),
+                _message(model, names, base, chosen, error, pair),
+                "" if pair is None else pair[1],
             )
         )
     finite = stderr[~open_]
@@ -222,11 +226,9 @@ def _message(
     model: RotorModel,
     names: Sequence[str],
     base: Sequence[str],
-    values: Float,
-    scales: Float,
-    vector: Float,
     chosen: Sequence[int],
     error: float,
+    pair: tuple[str, str] | None,
 ) -> str:
     """Say in words what an unresolved direction means and how to get out of it."""
     if len(chosen) == 1:
@@ -235,7 +237,6 @@ def _message(
             return f"{name} is not observable: it has no influence on these data. Fix it or give a prior."
         percent = f"{100 * error:.0f} %"
         return f"{name} is not determined by these data (error of {percent} of its size). Fix it or give a prior."
-    pair = _pair(model, base, values, vector * scales, chosen) if len(chosen) == 2 else None
     if pair is not None:
         sign, kind = pair
         return f"{names[chosen[0]]} {sign} {names[chosen[1]]} only as a {kind}: fix one or give a prior."

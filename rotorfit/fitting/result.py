@@ -17,6 +17,7 @@ from rotorfit.estimators.covariance import widening
 from rotorfit.estimators.identifiability import Identifiability
 from rotorfit.estimators.nonlinear import responses_of
 from rotorfit.estimators.problem import Problem
+from rotorfit.fitting.digits import plus_minus
 from rotorfit.fitting.settings import FitSettings
 from rotorfit.models import RotorModel, eigenvalues, threshold_speed
 from rotorfit.models.parameters import unknown_name
@@ -81,7 +82,7 @@ class Quantity:
     def __str__(self) -> str:
         if not math.isfinite(self.stderr):
             return "not determined by these data"
-        return f"{self.value:.6g} +- {self.stderr:.2g} {self.unit}"
+        return f"{plus_minus(self.value, self.stderr)} {self.unit}"
 
 
 @dataclass(frozen=True)

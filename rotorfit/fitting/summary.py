@@ -2,17 +2,44 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from rotorfit.fitting.digits import plus_minus, with_error
 from rotorfit.models import eigenvalues, unstable_bands
 from rotorfit.units import RPM_PER_RAD_S
 
 if TYPE_CHECKING:
+    from rotorfit.estimators.identifiability import Combination
     from rotorfit.fitting.result import FitResult, FittedParameter
 
 _NOTABLE_CORRELATION = 0.9
+
+
+_MEANT: dict[str, tuple[str, Callable[[float, float], tuple[float, float, float]]]] = {
+    "sum": ("+", lambda a, b: (a + b, 1.0, 1.0)),
+    "difference": ("-", lambda a, b: (a - b, 1.0, -1.0)),
+    "product": ("*", lambda a, b: (a * b, b, a)),
+    "ratio": ("/", lambda a, b: (a / b, 1 / b, -a / b**2)),
+}
+"""Sign of what is determined of two parameters; its value and its derivatives."""
+
+
+def combined(fit: FitResult, combination: Combination) -> str:
+    """What the data do determine of two parameters that they leave open, with its error; empty where there is none."""
+    if combination.kind not in _MEANT:
+        return ""
+    first, second = (fit.params[name] for name in combination.names)
+    sign, of = _MEANT[combination.kind]
+    value, by_first, by_second = of(first.value, second.value)
+    slope = np.zeros(fit.x.size)
+    slope[[fit.var_names.index(name) for name in combination.names]] = by_first, by_second
+    error = float(np.sqrt(max(float(slope @ fit.covar @ slope), 0.0)))
+    unit = f" {first.unit}" if combination.kind in ("sum", "difference") and first.unit != "1" else ""
+    return f"{first.name} {sign} {second.name} = {plus_minus(value, error)}{unit}"
 
 
 def fit_summary(fit: FitResult) -> str:
@@ -25,6 +52,7 @@ def fit_summary(fit: FitResult) -> str:
         *parameter_table(fit),
         "",
         f"identifiability: {fit.identifiability}",
+        *(f"  determined: {words}" for words in (combined(fit, c) for c in fit.identifiability.combinations) if words),
     ]
     pairs = notable_correlations(fit)
     if pairs:
@@ -40,8 +68,21 @@ def parameter_table(fit: FitResult) -> list[str]:
     both = any(p.stderr > p.stderr_noise * 1.01 for p in fit.params.values() if p.vary and p.resolved)
     head = f"{'parameter':<22}{'value':>14}{'stderr':>12}" + (f"{'noise only':>12}" if both else "")
     lines = [head + f"{'start':>14}  unit"]
-    lines += [_row(p, both) for p in fit.params.values()]
+    lines += [_row(p, both) for p in in_order(fit.params.values())]
     return lines
+
+
+def in_order(params: Iterable[FittedParameter]) -> list[FittedParameter]:
+    """Parameters as they come, but those of one name by the numbers of their groups: 500 rpm before 1000 rpm."""
+    every = list(params)
+    place = {p.name.partition("[")[0]: -i for i, p in reversed(list(enumerate(every)))}
+    return sorted(every, key=lambda p: (-place[p.name.partition("[")[0]], natural(p.name)))
+
+
+def natural(text: str) -> tuple[tuple[int, float, str], ...]:
+    """Key that sorts words by the numbers in them: 500 before 1000."""
+    parts = re.split(r"(\d+(?:\.\d+)?(?:[eE][+-]?\d+)?)", text)
+    return tuple((0, float(p), "") if i % 2 else (1, 0.0, p) for i, p in enumerate(parts) if p)
 
 
 def _row(p: FittedParameter, both: bool) -> str:
@@ -50,9 +91,10 @@ def _row(p: FittedParameter, both: bool) -> str:
         return f"{p.name:<22}{p.value:>14.7g}{'known':>12}{'':>{gap}}{'':>14}  {p.unit}"
     if not p.resolved:
         return f"{p.name:<22}{'not determined by the data':>{26 + gap}}{p.init_value:>14.6g}  {p.unit}"
+    value, error = with_error(p.value, p.stderr)
     noise = f"{p.stderr_noise:>12.2g}" if both else ""
     bound = "  at its bound" if p.at_bound else ""
-    return f"{p.name:<22}{p.value:>14.7g}{p.stderr:>12.2g}{noise}{p.init_value:>14.6g}  {p.unit}{bound}"
+    return f"{p.name:<22}{value:>14}{error:>12}{noise}{p.init_value:>14.6g}  {p.unit}{bound}"
 
 
 def notable_correlations(fit: FitResult) -> list[tuple[str, str, float]]:
@@ -88,7 +130,11 @@ def _stability_lines(fit: FitResult) -> list[str]:
         return ["threshold speed: not determined by these data"]
     if np.isnan(onset.value):
         return ["threshold speed: none found, stable at every speed searched"]
-    return [
-        f"threshold speed: {onset.value * RPM_PER_RAD_S:.1f} +- {onset.stderr * RPM_PER_RAD_S:.2g} rpm, "
-        f"whirl ratio at onset {fit.whirl_ratio():.3f}"
-    ]
+    shown = plus_minus(onset.value * RPM_PER_RAD_S, onset.stderr * RPM_PER_RAD_S)
+    line = f"threshold speed: {shown} rpm, whirl ratio at onset {fit.whirl_ratio():.3f}"
+    highest = float(fit.speeds.max(initial=0.0))
+    if highest > 0:
+        percent = 100 * (onset.value / highest - 1)
+        line += f"; {abs(percent):.3g} % {'above' if percent >= 0 else 'below'} the highest tested speed"
+        line += f" ({highest * RPM_PER_RAD_S:.0f} rpm)" + (": extrapolated" if percent > 0 else "")
+    return [line]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -11,6 +10,7 @@ from numpy.typing import NDArray
 
 from rotorfit.estimators.nonlinear import OrbitResponses, entries, responses_of
 from rotorfit.fitting.result import FitResult
+from rotorfit.fitting.summary import natural
 from rotorfit.models import RotorModel
 from rotorfit.models.journal import journal
 
@@ -136,9 +136,3 @@ def group_label(fit: FitResult, group: int) -> str:
 def groups_in_order(fit: FitResult) -> list[int]:
     """Parameter groups, sorted by the numbers in their labels."""
     return sorted(range(len(fit.problem.space.index)), key=lambda group: natural(group_label(fit, group)))
-
-
-def natural(text: str) -> tuple[tuple[int, float, str], ...]:
-    """Key that sorts words by the numbers in them: 500 before 1000."""
-    parts = re.split(r"(\d+(?:\.\d+)?(?:[eE][+-]?\d+)?)", text)
-    return tuple((0, float(p), "") if i % 2 else (1, 0.0, p) for i, p in enumerate(parts) if p)

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from rotorfit.estimators.nonlinear import OrbitResponses, responses_of
 from rotorfit.estimators.observations import Responses
-from rotorfit.plots.journal import group_label, half_width, natural
+from rotorfit.fitting.summary import natural
+from rotorfit.plots.journal import group_label, half_width
 from rotorfit.plots.style import colour_of, literal
 from rotorfit.units import RPM_PER_RAD_S
 

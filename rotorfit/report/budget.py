@@ -28,10 +28,10 @@ def budget_section(material: ReportInput) -> Html:
     budget = Budget(fit, fit.settings.calibration)
     shares = [budget.share(name) for name in fit.problem.space.names]
     known = [share for share in shares if math.isfinite(share.combined)]
-    rows = [_row(symbol(share.name, fit.model), share, 1.0, share.unit) for share in known]
+    rows = [_row(symbol(share.name, fit.model), share) for share in known]
     if fit.model.speed_dependent and len(fit.problem.space.index) == 1:
         onset = budget.threshold_speed()
-        rows += [_row("threshold speed", onset, RPM_PER_RAD_S, "rpm")] if math.isfinite(onset.combined) else []
+        rows += [_row("threshold speed", onset.times(RPM_PER_RAD_S, "rpm"))] if math.isfinite(onset.combined) else []
     sources = list(shares[0].sources)
     head = ["", "combined", "random", "systematic", *sources, "unit"]
     words = (
@@ -47,11 +47,11 @@ def budget_section(material: ReportInput) -> Html:
     )
 
 
-def _row(name: str, share: Share, factor: float, unit: str) -> list[str]:
+def _row(name: str, share: Share) -> list[str]:
     least = _NOTHING * share.combined
-    sources = [plain(factor * part, 2) if part > least else "" for part in share.sources.values()]
+    sources = [plain(part, 2) if part > least else "" for part in share.sources.values()]
     parts = (share.combined, share.random, share.systematic)
-    return [name, *(plain(factor * part, 2) for part in parts), *sources, unit_shown(unit)]
+    return [name, *(plain(part, 2) for part in parts), *sources, unit_shown(share.unit)]
 
 
 def _calibration(material: ReportInput) -> list[Html]:

@@ -6,38 +6,35 @@ import math
 
 import numpy as np
 
+from rotorfit.fitting import digits
 from rotorfit.units import RPM_PER_RAD_S
 
 NORMAL_95 = 1.959963984540054
 """Half-width of a normal distribution's central 95 % interval in standard deviations."""
 
 
-def plain(value: float, digits: int = 5) -> str:
+def plain(value: float, places: int = 5) -> str:
     """A number with a few significant digits and a real minus sign; a dash where there is none."""
     if not math.isfinite(value):
         return "–"
     if value and not 1e-4 <= abs(value) < 1e7:
-        mantissa, exponent = f"{value:.{digits - 1}e}".split("e")
+        mantissa, exponent = f"{value:.{places - 1}e}".split("e")
         return f"{mantissa}·10{_superscript(int(exponent))}".replace("-", "−")
-    shown = f"{value:#.{digits}g}" if abs(value) < 10 ** (digits - 1) else f"{value:.0f}"
+    shown = f"{value:#.{places}g}" if abs(value) < 10 ** (places - 1) else f"{value:.0f}"
     return shown.rstrip(".").replace("-", "−")
 
 
 def with_error(value: float, error: float) -> tuple[str, str]:
-    """Value and error, both to the second significant digit of the error."""
+    """Value and error, both to the second significant digit of the error; see :mod:`rotorfit.fitting.digits`."""
     if not (math.isfinite(value) and math.isfinite(error) and error > 0):
         return plain(value), "–"
-    size = max(abs(value), error)
-    if not 1e-4 <= size < 1e7:
-        exponent = math.floor(math.log10(size))
-        power = f"·10{_superscript(exponent)}"
-        a, b = with_error(value / 10**exponent, error / 10**exponent)
-        return a + power, b + power
-    decimals = 1 - math.floor(math.log10(error))
-    if decimals < 0:
-        value, error, decimals = round(value, decimals), round(error, decimals), 0
-    value = round(value, decimals) + 0.0  # no minus sign before a zero
-    return f"{value:.{decimals}f}".replace("-", "−"), f"{error:.{decimals}f}"
+    shown, spread = digits.with_error(value, error)
+    return _typeset(shown), _typeset(spread)
+
+
+def _typeset(number: str) -> str:
+    mantissa, _, exponent = number.partition("e")
+    return mantissa.replace("-", "−") + (f"·10{_superscript(int(exponent))}" if exponent else "")
 
 
 def interval(low: float, high: float) -> str:

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from rotorfit.fitting.result import FittedParameter
-from rotorfit.fitting.summary import notable_correlations
+from rotorfit.fitting.summary import combined, in_order, notable_correlations
 from rotorfit.models import RotorModel
 from rotorfit.report.html import Html, bullets, paragraph, table
 from rotorfit.report.numbers import NORMAL_95, interval, plain, with_error
@@ -39,7 +39,7 @@ def parameter_section(material: ReportInput) -> Html:
         notes.append("They follow the residuals of each response, where these exceed the noise.")
     if fit.settings.calibration is not None:
         notes.append("They hold the uncertainty of the calibration too; see the budget.")
-    rows = [_row(p, fit.model, starts.get(p.name, "")) for p in fit.params.values()]
+    rows = [_row(p, fit.model, starts.get(p.name, "")) for p in in_order(fit.params.values())]
     return section("Parameters", table(head, rows, numeric=(1, 2, 3, 5), whole=(4,)), note(*notes))
 
 
@@ -61,7 +61,9 @@ def _row(p: FittedParameter, model: RotorModel, start: str) -> list[str]:
 def interval_section(material: ReportInput) -> Html:
     """Three kinds of 95 % interval side by side, and the shares of the uncertainty."""
     profiles = {p.name: p for p in material.profiles}
-    rows = [_interval_row(material, p, profiles.get(p.name)) for p in material.fit.params.values() if _shown(p)]
+    rows = [
+        _interval_row(material, p, profiles.get(p.name)) for p in in_order(material.fit.params.values()) if _shown(p)
+    ]
     rows += _threshold_rows(material, profiles.get(THRESHOLD))
     if not rows:
         return Html("")
@@ -144,7 +146,9 @@ def identifiability_section(material: ReportInput) -> Html:
         )
     ]
     if verdict.combinations:
-        content.append(bullets((sentence(c.message) for c in verdict.combinations), class_="warnings"))
+        words = [(sentence(c.message), combined(fit, c)) for c in verdict.combinations]
+        told = [f"{message} Determined: {value.replace('+-', '±')}." if value else message for message, value in words]
+        content.append(bullets(told, class_="warnings"))
     else:
         content.append(paragraph("Every fitted value has a number of its own: nothing is known only as a combination."))
     pairs = notable_correlations(fit)

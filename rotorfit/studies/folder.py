@@ -16,6 +16,7 @@ import numpy as np
 
 from rotorfit import datasets
 from rotorfit.data.experiments import Experiment, PerturbationTest
+from rotorfit.fitting.digits import interval, plus_minus, with_error
 from rotorfit.fitting.result import FitResult, FittedParameter
 from rotorfit.studies.study import Outcome, StudyProgress
 from rotorfit.uncertainty.budget import Budget
@@ -190,9 +191,8 @@ def summary(outcome: Outcome, rig: str = "") -> str:
     parts += [str(more) for more in (outcome.bootstrap, outcome.posterior) if more is not None]
     if outcome.posterior is not None and best.model.speed_dependent and len(best.problem.space.index) == 1:
         low, high = outcome.posterior.threshold_speed().interval(0.95)
-        parts.append(
-            f"threshold speed, 95 % of the posterior: {low * RPM_PER_RAD_S:.1f} to {high * RPM_PER_RAD_S:.1f} rpm"
-        )
+        ends = interval(float(low) * RPM_PER_RAD_S, float(high) * RPM_PER_RAD_S)
+        parts.append(f"threshold speed, 95 % of the posterior: {ends} rpm")
     if rig:
         parts.append(truth_table(outcome, rig))
     return "\n\n".join(parts)
@@ -234,7 +234,9 @@ def _comparison(closed: FitResult, fit: FitResult) -> str:
     lines = [f"{'':<22}{'closed form':>14}{'optimised':>14}"]
     for p in fit.params.values():
         if p.vary and p.resolved and p.name in closed.params:
-            lines.append(f"{p.name:<22}{closed.params[p.name].value:>14.6g}{p.value:>14.6g}  {p.unit}")
+            first = closed.params[p.name]
+            cells = with_error(first.value, first.stderr)[0], with_error(p.value, p.stderr)[0]
+            lines.append(f"{p.name:<22}{cells[0]:>14}{cells[1]:>14}  {p.unit}")
     lines.append(f"{'redchi':<22}{closed.redchi:>14.6g}{fit.redchi:>14.6g}")
     return "\n".join(lines)
 
@@ -248,23 +250,15 @@ def truth_table(outcome: Outcome, rig: str) -> str:
     fits = {name: fit for name, fit in results.items() if not isinstance(fit, str)}
     lines = ["against the rig's truth", f"{'':<17}{'truth':>10}" + "".join(f"{name:>21}" for name in fits)]
     for name in ("D", "lam", "Mf"):
-        cells = [_plus_minus(fit.params[name].value, fit.params[name].stderr) for fit in fits.values()]
+        cells = [plus_minus(fit.params[name].value, fit.params[name].stderr) for fit in fits.values()]
         unit = outcome.fit.params[name].unit
         lines.append(f"{name:<17}{truth['params'][name]:>10g}" + "".join(f"{cell:>21}" for cell in cells) + f"  {unit}")
     onsets = [fit.threshold_speed() for fit in fits.values()]
-    cells = [_plus_minus(onset.value * RPM_PER_RAD_S, onset.stderr * RPM_PER_RAD_S) for onset in onsets]
+    cells = [plus_minus(onset.value * RPM_PER_RAD_S, onset.stderr * RPM_PER_RAD_S) for onset in onsets]
     lines.append(
         f"{'threshold speed':<17}{truth['threshold_rpm']:>10.1f}" + "".join(f"{c:>21}" for c in cells) + "  rpm"
     )
     return "\n".join(lines)
-
-
-def _plus_minus(value: float, error: float) -> str:
-    """A value to the second digit of its standard error."""
-    if not (math.isfinite(value) and math.isfinite(error) and error > 0):
-        return "not determined"
-    decimals = max(0, 1 - math.floor(math.log10(error)))
-    return f"{value:.{decimals}f} +- {error:.{decimals}f}"
 
 
 # ---- JSON -------------------------------------------------------------------------------------

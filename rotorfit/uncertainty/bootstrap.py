@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from rotorfit.estimators.batch import batch_fit
 from rotorfit.estimators.least_squares import Options
 from rotorfit.estimators.problem import Problem
+from rotorfit.fitting.digits import interval, with_error
 from rotorfit.fitting.result import FitResult
 from rotorfit.models.parameters import unknown_name
 from rotorfit.models.stability import threshold_speeds
@@ -112,9 +113,9 @@ class Bootstrap:
                 continue
             low, high = self.interval(name)
             bias = float(self.samples[:, i].mean()) - p.value
-            interval = f"[{low:.6g}, {high:.6g}]"
+            value, error = with_error(p.value, p.stderr)
             lines.append(
-                f"{name:<22}{p.value:>14.7g}{p.stderr:>12.2g}{spread:>12.2g}{bias:>12.2g}{interval:>28}  {p.unit}"
+                f"{name:<22}{value:>14}{error:>12}{spread:>12.2g}{bias:>12.2g}{interval(low, high):>28}  {p.unit}"
             )
         return "\n".join([*lines, self.message])
 

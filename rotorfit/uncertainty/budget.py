@@ -12,11 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotorfit.fitting.calibration import NUISANCE_KINDS, Calibration
+from rotorfit.fitting.digits import with_error
 from rotorfit.fitting.fit import solve_again
 from rotorfit.fitting.judge import inverse_curvature
 from rotorfit.fitting.problem_setup import build_problem
 from rotorfit.fitting.result import FitResult
 from rotorfit.models import threshold_speed
+from rotorfit.units import RPM_PER_RAD_S
 
 Float = NDArray[np.float64]
 
@@ -43,6 +45,14 @@ class Share:
     systematic: float
     combined: float
     sources: Mapping[str, float]
+
+    def times(self, factor: float, unit: str) -> Share:
+        """The same in another unit."""
+        sources = {source: factor * part for source, part in self.sources.items()}
+        value, random, systematic, combined = (
+            factor * number for number in (self.value, self.random, self.systematic, self.combined)
+        )
+        return Share(self.name, unit, value, random, systematic, combined, sources)
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,7 +147,7 @@ class Budget:
         rows = [self.share(name) for name in fit.problem.space.names]
         if fit.model.speed_dependent and fit.problem.space.index.shape[0] == 1:
             onset = self.threshold_speed()
-            rows += [onset] if math.isfinite(onset.value) else []
+            rows += [onset.times(RPM_PER_RAD_S, "rpm")] if math.isfinite(onset.value) else []
         sources = list(self._sources)
         wide = [max(len(source) + 2, 10) for source in sources]
         head = f"{'parameter':<22}{'value':>14}{'combined':>10}{'random':>10}{'system.':>10}"
@@ -148,7 +158,8 @@ class Budget:
                 continue
             parts = [row.sources[s] if row.sources[s] > _NOTHING * row.combined else 0.0 for s in sources]
             cells = "".join(f"{part:>{w}.2g}" for part, w in zip(parts, wide, strict=True))
-            numbers = f"{row.value:>14.7g}{row.combined:>10.2g}{row.random:>10.2g}{row.systematic:>10.2g}"
+            errors = f"{row.combined:>10.2g}{row.random:>10.2g}{row.systematic:>10.2g}"
+            numbers = f"{with_error(row.value, row.combined)[0]:>14}{errors}"
             lines.append(f"{row.name:<22}{numbers}{cells}  {row.unit}")
         return "\n".join(lines)
 

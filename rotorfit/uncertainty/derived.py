@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rotorfit.fitting.digits import interval, with_error
 from rotorfit.models import RotorModel, eigenvalues
 
 Float = NDArray[np.float64]
@@ -70,8 +71,8 @@ class Derived:
     def __str__(self) -> str:
         if np.ndim(self.samples) > 1:
             return f"{self.name}: {self.samples.shape[0]} draws of shape {self.samples.shape[1:]} {self.unit}"
-        low, high = self.interval()
-        return f"{self.name}: {self.value:.6g} [{low:.6g}, {high:.6g}] {self.unit}"
+        ends = interval(*(float(end) for end in self.interval()))
+        return f"{self.name}: {with_error(float(self.value), float(self.stderr))[0]} {ends} {self.unit}"
 
 
 @dataclass(frozen=True, eq=False)

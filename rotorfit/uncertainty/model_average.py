@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rotorfit.fitting.digits import with_error
 from rotorfit.fitting.result import FitResult
 from rotorfit.models.parameters import unknown_name
 from rotorfit.uncertainty.derived import Derived, StiffnessBand
@@ -139,7 +140,8 @@ class ModelAverage:
         for name in self.names:
             d = self.parameter(name)
             low, high = d.interval(0.95)
-            lines.append(f"{name:<22}{d.value:>13.6g}{d.stderr:>10.2g}{low:>13.6g}{high:>13.6g}  {d.unit}")
+            cells = "".join(f"{with_error(float(v), d.stderr)[0]:>13}" for v in (low, high))
+            lines.append(f"{name:<22}{with_error(d.value, d.stderr)[0]:>13}{d.stderr:>10.2g}{cells}  {d.unit}")
         return "\n".join(lines)
 
     def __str__(self) -> str:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rotorfit.estimators.atomic_file import whole_file
+from rotorfit.fitting.digits import with_error
 from rotorfit.fitting.result import FitResult
 from rotorfit.uncertainty.arviz_loader import load_arviz
 from rotorfit.uncertainty.posterior import Posterior, SampleSettings
@@ -66,8 +67,10 @@ def summary(posterior: Posterior) -> str:
     for i, chains in enumerate(health(posterior)):
         draws = posterior.chain[:, :, i]
         low, middle, high = np.percentile(draws, _PERCENT)
+        spread = float(draws.std(ddof=1))
+        cells = "".join(f"{with_error(float(v), spread)[0]:>13}" for v in (low, middle, high))
         lines.append(
-            f"{chains.name:<22}{draws.mean():>13.6g}{draws.std(ddof=1):>10.2g}{low:>13.6g}{middle:>13.6g}{high:>13.6g}"
+            f"{chains.name:<22}{with_error(float(draws.mean()), spread)[0]:>13}{spread:>10.2g}{cells}"
             f"{chains.rhat:>8.3f}{chains.bulk:>10.0f}{chains.tail:>10.0f}  {posterior.unit(chains.name)}"
         )
     return "\n".join(lines)

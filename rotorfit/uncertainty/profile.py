@@ -14,9 +14,11 @@ from rotorfit.estimators.least_squares import minimise
 from rotorfit.estimators.log_posterior import box
 from rotorfit.estimators.problem import Problem
 from rotorfit.estimators.profile_curve import Curve, End, hold_entry, hold_quantity, limits
+from rotorfit.fitting.digits import interval, with_error
 from rotorfit.fitting.result import FitResult
 from rotorfit.models import threshold_speed
 from rotorfit.models.parameters import unknown_name
+from rotorfit.units import RPM_PER_RAD_S
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -66,8 +68,12 @@ class Profile:
         return plot_profile(self)
 
     def __str__(self) -> str:
-        unit = "" if self.unit == "1" else f" {self.unit}"
-        text = f"{self.name}: {self.value:.6g}, {100 * self.level:g} % [{self.lower:.6g}, {self.upper:.6g}]{unit}"
+        factor, unit = (RPM_PER_RAD_S, "rpm") if self.unit == "rad/s" else (1.0, self.unit)  # as the summary has it
+        value, ends = (
+            with_error(factor * self.value, factor * self.stderr)[0],
+            interval(factor * self.lower, factor * self.upper),
+        )
+        text = f"{self.name}: {value}, {100 * self.level:g} % {ends}" + ("" if unit == "1" else f" {unit}")
         return f"{text}; {self.message}" if self.message else text
 
 

@@ -1,0 +1,46 @@
+"""Numbers as tables print them: to the second significant digit of their error."""
+
+from __future__ import annotations
+
+import math
+
+
+def with_error(value: float, error: float, *, digits: int = 6) -> tuple[str, str]:
+    """Value and error, both to the second significant digit of the error.
+
+    Args:
+        value: the number; with ``digits`` significant digits where it has no error.
+        error: its standard error; a dash is printed for one that is zero, infinite or missing.
+        digits: see ``value``.
+    """
+    if not math.isfinite(value):
+        return "-", "-"
+    if not (math.isfinite(error) and error > 0):
+        return f"{value:.{digits}g}", "-"
+    size = max(abs(value), error)
+    if not 1e-4 <= size < 1e7:
+        exponent = math.floor(math.log10(size))
+        a, b = with_error(value / 10**exponent, error / 10**exponent)
+        return f"{a}e{exponent}", f"{b}e{exponent}"
+    decimals = 1 - math.floor(math.log10(float(f"{error:.1e}")))  # 0.0996 is 0.10, not 0.100
+    if decimals < 0:
+        value, error, decimals = round(value, decimals), round(error, decimals), 0
+    value = round(value, decimals) + 0.0  # no minus sign before a zero
+    return f"{value:.{decimals}f}", f"{error:.{decimals}f}"
+
+
+def plus_minus(value: float, error: float) -> str:
+    """``value +- error``, the value alone where the error is zero, or that the data do not determine it."""
+    if not (math.isfinite(value) and math.isfinite(error)):
+        return "not determined"
+    if error <= 0:
+        return with_error(value, error)[0]
+    return " +- ".join(with_error(value, error))
+
+
+def interval(low: float, high: float) -> str:
+    """An interval, to the second digit of a quarter of its width, about the standard error."""
+    width = (high - low) / 4
+    if not width > 0 or math.isinf(width):
+        return f"[{low:.6g}, {high:.6g}]"
+    return f"[{with_error(low, width)[0]}, {with_error(high, width)[0]}]"
