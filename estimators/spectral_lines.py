@@ -67,3 +67,20 @@ def mains_hum(signal: Float, rate: float, harmonics: int = 5) -> list[tuple[floa
             if spectrum[peak] ** 2 > _STANDS_OUT * np.median(around**2):
                 found.append((peak * step, float(spectrum[peak])))
     return found
+
+
+def full_spectrum(z: NDArray[np.complex128], rate: float) -> tuple[Float, Float]:
+    """Amplitudes of a complex motion over signed frequency: a circle of radius A has A at its frequency, not 2 A.
+
+    A Hann window is laid over the motion, its mean taken out first; a line between two bins reads up to 15 % low.
+
+    Args:
+        z: ``x + jy``, shape ``(N,)``.
+        rate: samples a second, Hz.
+
+    Returns:
+        frequencies (Hz, ascending, negative is backward) and amplitudes in the unit of z.
+    """
+    window = np.hanning(z.size + 1)[:-1]
+    spectrum = np.fft.fft((z - z.mean()) * window) / window.sum()
+    return np.fft.fftshift(np.fft.fftfreq(z.size, 1 / rate)), np.fft.fftshift(np.abs(spectrum))

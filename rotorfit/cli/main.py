@@ -142,6 +142,7 @@ COMMANDS = {
     "compare-laws": laws.run,
     "simulate": simulate.run,
     "template": recordings.run_template,
+    "look": recordings.run_look,
     "vectors": vectors.run,
     "models": _models,
     "info": _info,
@@ -180,6 +181,7 @@ def _parser() -> argparse.ArgumentParser:
     for name, module in _MODULES:
         module.add_options(command(name, module.DESCRIPTION))
     recordings.add_template_options(command("template", recordings.TEMPLATE))
+    recordings.add_look_options(command("look", recordings.LOOK))
     models = command("models", "list the models and their parameters")
     models.add_argument("name", nargs="?", help="only this one")
     add_files(command("info", "say what a test file holds and what is odd about it"))

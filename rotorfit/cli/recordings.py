@@ -4,16 +4,37 @@ from __future__ import annotations
 
 import argparse
 import sys
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from rotorfit.cli.errors import DONE, checked
+from rotorfit.cli.progress import ProgressLine
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from rotorfit.recordings.recording import Recording
 
 TEMPLATE = "print a setup, rig.toml, to fill in for a recording of raw signals"
+LOOK = "say what recordings of raw signals hold and what is odd about them, and draw it"
+FORMATS = "recording (.h5 .tdms .mat .wav .uff .csv .parquet)"
 
 
 def add_template_options(to: argparse.ArgumentParser) -> None:
     """Options of ``rotorfit template``."""
-    to.add_argument("file", type=Path, metavar="FILE", help="recording (.h5 .tdms .mat .wav .uff .csv .parquet)")
+    to.add_argument("file", type=Path, metavar="FILE", help=FORMATS)
+
+
+def add_look_options(to: argparse.ArgumentParser) -> None:
+    """Options of ``rotorfit look``."""
+    to.add_argument("files", nargs="+", type=Path, metavar="FILE", help=FORMATS)
+    to.add_argument("--setup", type=Path, metavar="RIG.toml", help="setup of the rig, see `rotorfit template`")
+    to.add_argument("--out", type=Path, metavar="DIR", help="folder for the figures; without it, words only")
+    to.add_argument("--plane", help="only this plane")
+    to.add_argument("--at", type=float, metavar="S", help="time of the time base and the orbits [the middle]")
+    to.add_argument("--quiet", action="store_true", help="print no progress and no summary")
 
 
 def run_template(options: argparse.Namespace) -> int:
@@ -22,3 +43,70 @@ def run_template(options: argparse.Namespace) -> int:
 
     sys.stdout.write(checked(lambda: template(options.file)))
     return DONE
+
+
+def run_look(options: argparse.Namespace) -> int:
+    """Print what the recordings hold, write their figures."""
+    return checked(lambda: _look(options))
+
+
+def _look(options: argparse.Namespace) -> int:
+    from rotorfit.recordings.recording import read_recording
+    from rotorfit.recordings.summary import summary
+    from rotorfit.studies.folder import complete_folder
+
+    records = [read_recording(file, options.setup) for file in options.files]
+    for record in records:
+        if options.at is not None and not 0 <= options.at <= record.duration:
+            raise ValueError(f"--at {options.at:g} is not within {record.name}, 0 to {record.duration:g} s")
+        if options.plane is not None:
+            record.motion(options.plane, 0, 0)  # refuses a plane that there is not, before anything is drawn
+    texts = [summary(record) for record in records]
+    if not options.quiet:
+        print("\n\n".join(texts))
+    if options.out is None:
+        return DONE
+    progress = ProgressLine(enabled=not options.quiet and sys.stderr.isatty())
+    left_out: list[str] = []
+    try:
+        with complete_folder(options.out) as folder:
+            for record, text in zip(records, texts, strict=True):
+                stem = f"{record.name}-" if len(records) > 1 else ""
+                left_out += _draw(record, options, folder, stem, progress)
+                (folder / f"{stem}summary.txt").write_text(text + "\n", encoding="utf-8")
+    finally:
+        progress.close()
+    if not options.quiet:
+        print("\n".join(["", *left_out, f"written to {options.out}"]))
+    return DONE
+
+
+def _draw(record: Recording, options: argparse.Namespace, folder: Path, stem: str, progress: ProgressLine) -> list[str]:
+    """Write the figures that the recording has; returns why others are left out."""
+    left_out = []
+    figures = _figures(record, options.plane, options.at)
+    for number, (name, draw) in enumerate(figures.items()):
+        progress(f"{record.name}: {name}", number / len(figures))
+        try:
+            figure = draw()
+        except ValueError as problem:
+            left_out.append(f"no {name.replace('_', ' ')}: {problem}")
+        else:
+            figure.savefig(folder / f"{stem}{name}.png", dpi=150)
+    return left_out
+
+
+def _figures(record: Recording, plane: str | None, at: float | None) -> dict[str, Callable[[], Figure]]:
+    """What draws each figure, by the name of its file."""
+    figures: dict[str, Callable[[], Figure]] = {
+        "timebase": lambda: record.plot_timebase(plane, at=at),
+        "orbit": lambda: record.plot_orbit(plane, at=at),
+        "centreline": lambda: record.plot_centreline(plane),
+        "full_spectrum": lambda: record.plot_full_spectrum(plane),
+        "bode": record.plot_bode,
+        "polar": record.plot_polar,
+        "speed": record.plot_speed,
+    }
+    for each in (plane,) if plane is not None else record.planes:
+        figures[f"cascade_{each}"] = partial(record.plot_cascade, each)
+    return figures

@@ -28,12 +28,14 @@ class AngleTrack:
     Attributes:
         smooth: the angle as a spline with its jitter.
         pulses: times of the pulses used, s, shape ``(N,)``.
+        pulses_per_turn: of the wheel.
         levels: voltages of the pulses; None where the angle was not found from pulses.
         findings: missing, double and noisy pulses, and what else was odd.
     """
 
     smooth: SmoothAngle
     pulses: Float
+    pulses_per_turn: int = 1
     levels: PulseLevels | None = None
     findings: tuple[Finding, ...] = ()
 
@@ -68,6 +70,12 @@ class AngleTrack:
             t: times, s.
         """
         return self.smooth.stderr(t)
+
+    @property
+    def marks(self) -> Float:
+        """Times of the pulses that begin a turn, s: all of them for one pulse a turn."""
+        count = np.round(self.smooth.angle(self.pulses) / (2 * np.pi) * self.pulses_per_turn)
+        return np.asarray(self.pulses[count % self.pulses_per_turn == 0])
 
     @property
     def begin(self) -> float:
@@ -105,7 +113,7 @@ def track(record: Signals, reference: Reference) -> AngleTrack:
     if per_turn > 1:
         findings.append(_wheel(where, smooth, per_turn))
     used = pulses.times[~np.isin(pulses.times, smooth.outlying)]
-    return AngleTrack(smooth=smooth, pulses=used, levels=levels, findings=tuple(findings))
+    return AngleTrack(smooth=smooth, pulses=used, pulses_per_turn=per_turn, levels=levels, findings=tuple(findings))
 
 
 def _sample(record: Signals, channel: str) -> Float:

@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rotorfit.data.findings import Finding
 from rotorfit.recordings.angle_track import AngleTrack, track
@@ -26,6 +26,20 @@ from rotorfit.recordings.resolve import complete
 from rotorfit.recordings.rig_toml import read_setup
 from rotorfit.recordings.setup import RigSetup
 from rotorfit.recordings.signals import Signals
+from rotorfit.recordings.views import (
+    Marks,
+    OrderVectors,
+    cascade,
+    centreline,
+    spectrum,
+    speeds,
+    steady_lines,
+    stretch,
+    vectors_over_time,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -78,6 +92,158 @@ class Recording(Signals):
     def statistics(self) -> Mapping[str, ChannelStatistics]:
         """Mean, range and scatter of the voltage of each probe, from one pass over its channel."""
         return {probe.channel: statistics(self, probe.channel) for probe in self.probes}
+
+    # ---- figures: drawn in rotorfit.plots.recordings of the arrays of rotorfit.recordings.views ----
+
+    def plot_timebase(self, plane: str | None = None, *, at: float | None = None, turns: float = 6.0) -> Figure:
+        """x and y over time with a dot at every mark.
+
+        Args:
+            plane: one of :attr:`planes`; None: all.
+            at: middle of what is shown, s; None: of the recording.
+            turns: of the slower mark that are shown.
+
+        Raises:
+            ValueError: no such plane or time.
+        """
+        from rotorfit.plots.recordings import plot_timebase
+
+        return plot_timebase([stretch(self, self._marks, each, at, turns) for each in self._of(plane)], self.name)
+
+    def plot_orbit(self, plane: str | None = None, *, at: float | None = None, turns: float = 4.0) -> Figure:
+        """Orbits as recorded and filtered to the shaft (1x) and to the perturbator (w), with Keyphasor dots.
+
+        Args:
+            plane: one of :attr:`planes`; None: all with two probes.
+            at: middle of what is shown, s; None: of the recording.
+            turns: of the slower mark that are shown.
+
+        Raises:
+            ValueError: no such plane or time, or a plane with one probe.
+        """
+        from rotorfit.plots.recordings import plot_orbit
+
+        return plot_orbit([stretch(self, self._marks, each, at, turns) for each in self._pairs(plane)], self.name)
+
+    def plot_centreline(self, plane: str | None = None) -> Figure:
+        """Mean position of the shaft over the recording, from the gap voltages.
+
+        Args:
+            plane: one of :attr:`planes`; None: all with two probes.
+
+        Raises:
+            ValueError: no such plane, one probe, or no gap voltages (AC-coupled).
+        """
+        from rotorfit.plots.recordings import plot_centreline
+
+        if any(finding.code == "ac-coupled" for finding in self.findings):
+            raise ValueError(f"{self.name} has no gap voltages (AC-coupled?): there is no centreline in it")
+        return plot_centreline([centreline(self, self._marks, each) for each in self._pairs(plane)], self.name)
+
+    def plot_bode(self, reference: str | None = None, *, turns: float = 8.0) -> Figure:
+        """Amplitude and phase of every probe's vector over the speed of a mark, by windows of some turns.
+
+        Args:
+            reference: ``"shaft"`` or ``"perturbator"``; None: the perturbator's where there is one.
+            turns: of a window.
+
+        Raises:
+            ValueError: no such mark.
+        """
+        from rotorfit.plots.recordings import plot_bode
+
+        return plot_bode(self._vectors(reference, turns), self.name)
+
+    def plot_polar(self, reference: str | None = None, *, turns: float = 8.0) -> Figure:
+        """Locus of every probe's vector, by windows of some turns.
+
+        Args:
+            reference: ``"shaft"`` or ``"perturbator"``; None: the perturbator's where there is one.
+            turns: of a window.
+
+        Raises:
+            ValueError: no such mark.
+        """
+        from rotorfit.plots.recordings import plot_polar
+
+        return plot_polar(self._vectors(reference, turns), self.name)
+
+    def plot_full_spectrum(
+        self, plane: str | None = None, *, start: float = 0.0, stop: float | None = None, limit_hz: float | None = None
+    ) -> Figure:
+        """Full spectrum: a circle of radius A has amplitude A at its signed frequency.
+
+        Args:
+            plane: one of :attr:`planes`; None: all.
+            start, stop: of the stretch, s.
+            limit_hz: largest frequency shown; None: what holds all that is worth seeing.
+
+        Raises:
+            ValueError: no such plane, or an empty stretch.
+        """
+        from rotorfit.plots.recordings import plot_full_spectrum
+
+        spectra = {each: spectrum(self, each, start, stop) for each in self._of(plane)}
+        lines = steady_lines(self._marks, start, self.duration if stop is None else stop)
+        return plot_full_spectrum(spectra, lines, self.name, limit_hz)
+
+    def plot_cascade(
+        self, plane: str | None = None, *, over: str | None = None, spectra: int = 60, limit_hz: float | None = None
+    ) -> Figure:
+        """Full-spectrum cascade with order lines.
+
+        Args:
+            plane: one of :attr:`planes`; None: the first.
+            over: ``"time"``, ``"speed"`` or ``"perturbation"``; None: what changes in this recording.
+            spectra: how many.
+            limit_hz: largest frequency shown; None: what holds all that is worth seeing.
+
+        Raises:
+            ValueError: no such plane, or no mark for what is asked.
+        """
+        from rotorfit.plots.recordings import plot_cascade
+
+        found = cascade(self, self._marks, self._of(plane)[0], over=over, spectra=spectra)
+        return plot_cascade(found, self.name, limit_hz)
+
+    def plot_speed(self) -> Figure:
+        """Speed and sweep rate of every mark over time.
+
+        Raises:
+            ValueError: the recording has no marks.
+        """
+        from rotorfit.plots.recordings import plot_speed
+
+        if not self._marks.present:
+            raise ValueError(f"{self.name} has no phase reference, so no speed")
+        return plot_speed(speeds(self._marks), self.name)
+
+    @cached_property
+    def _marks(self) -> Marks:
+        shaft = None if self.rig.shaft is None else self._shaft
+        return Marks(
+            shaft=shaft, perturbator=self.perturbator_angle(), whirl=1 if self.force is None else self.force.whirl
+        )
+
+    def _vectors(self, reference: str | None, turns: float) -> OrderVectors:
+        known = self.__dict__.setdefault("_known_vectors", {})
+        key = (reference or self._marks.main, turns)
+        if key not in known:
+            known[key] = vectors_over_time(self, self._marks, key[0], turns=turns)
+        return known[key]  # type: ignore[no-any-return]
+
+    def _of(self, plane: str | None) -> tuple[str, ...]:
+        return self.planes if plane is None else (plane,)
+
+    def _pairs(self, plane: str | None) -> tuple[str, ...]:
+        pairs = tuple(p for p in self.planes if sum(probe.plane == p for probe in self.probes) > 1)
+        if plane is not None:
+            self.motion(plane, 0, 0)  # refuses a plane that there is not
+        chosen = pairs if plane is None else tuple(p for p in pairs if p == plane)
+        if not chosen:
+            lacking = f"{plane} has one probe" if plane else "no plane has two probes"
+            raise ValueError(f"{self.name}: {lacking}; an orbit or a centreline needs two")
+        return chosen
 
 
 def read_recording(path: str | Path, setup: str | Path | RigSetup | None = None) -> Recording:

@@ -169,6 +169,19 @@ class Signals:
             raise ValueError(f"{self.name}: {unknown_name('plane', plane, self.planes)}")
         return tuple(probe for probe in self.probes if probe.plane == plane)
 
+    def resolved(self, plane: str, along: NDArray[Any]) -> NDArray[Any]:
+        """x and y of what each probe of a plane reads, shape ``(2, ...)``, of readings of shape ``(probes, ...)``.
+
+        Args:
+            plane: with at least two probes.
+            along: signals or phasors along the probes, in their order.
+
+        Raises:
+            ValueError: the probes look in the same direction.
+        """
+        mixing = self._mixing(plane)
+        return np.stack([mixing.real @ along, mixing.imag @ along])
+
     def _mixing(self, plane: str) -> NDArray[np.complex128]:
         """Row that makes ``x + jy`` of the motions along the probes: least squares for more than two probes."""
         angles = np.array([float(probe.angle or 0.0) for probe in self._probes_of(plane)])

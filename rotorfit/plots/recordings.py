@@ -1,0 +1,318 @@
+"""Figures of a recording, of the arrays of :mod:`rotorfit.recordings.views`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from rotorfit.plots.style import COLOURS, GREY, RPM, grid, legend_below, literal
+from rotorfit.recordings.views import Cascade, Centreline, OrderVectors, SpeedTrack, Stretch
+
+Float = NDArray[np.float64]
+
+_MICRO = 1e6
+_SHAFT, _PERTURBATOR = "black", COLOURS[1]
+_MARK_COLOURS = {"shaft": _SHAFT, "perturbator": _PERTURBATOR}
+_FILTERED = {"shaft": "1x", "perturbator": "w"}
+
+
+def plot_timebase(stretches: Sequence[Stretch], name: str) -> Figure:
+    """x and y of each plane over time, with a dot at every pulse of a mark.
+
+    Args:
+        stretches: one a plane.
+        name: of the recording.
+    """
+    figure, axes = grid(len(stretches), 1, literal(f"{name}: time base"), size=(7.5, 2.4))
+    handles: dict[str, Any] = {}
+    for axis, part in zip(axes[:, 0], stretches, strict=True):
+        traces = {"x": part.z.real, "y": part.z.imag} if np.iscomplexobj(part.z) else {"along the probe": part.z}
+        for colour, (label, values) in zip((COLOURS[0], COLOURS[2]), traces.items(), strict=False):
+            handles[label] = axis.plot(part.t, values * _MICRO, color=colour, linewidth=0.9)[0]
+            for mark, times in part.dots.items():
+                at = np.interp(times, part.t, values * _MICRO)
+                style = {"color": _MARK_COLOURS[mark], "markersize": 4, "linestyle": ""}
+                handles[f"mark of the {mark}"] = axis.plot(times, at, marker="o", **style)[0]
+        axis.set_ylabel(literal(f"{part.plane} (µm)"), fontsize=9)
+        axis.margins(x=0.01)
+    axes[-1, 0].set_xlabel("time (s)", fontsize=9)
+    legend_below(figure, list(handles.values()), list(handles))
+    return figure
+
+
+def plot_orbit(stretches: Sequence[Stretch], name: str) -> Figure:
+    """Orbits as recorded and filtered to each mark, with Keyphasor dots; a row a plane.
+
+    Args:
+        stretches: one a plane, of planes with two probes.
+        name: of the recording.
+    """
+    marks = list(stretches[0].filtered)
+    at = f"{stretches[0].t.mean():.2f} s"
+    speeds = ", ".join(f"{mark} {abs(v) * RPM:.0f} rpm" for mark, v in stretches[0].speeds.items())
+    title = literal(f"{name} at {at}: orbits" + (f" ({speeds})" if speeds else ""))
+    figure, axes = grid(len(stretches), 1 + len(marks), title, size=(3.1, 2.9))
+    handles: dict[str, Any] = {}
+    for row, part in zip(axes, stretches, strict=True):
+        _orbit(row[0], part, part.z * _MICRO, part.dots, handles)
+        row[0].set_title(literal(f"{part.plane}, as recorded"), fontsize=9)
+        for axis, mark in zip(row[1:], marks, strict=True):
+            _orbit(axis, part, part.filtered[mark] * _MICRO, {mark: part.dots[mark]}, handles)
+            axis.set_title(literal(f"{part.plane}, {_FILTERED[mark]} of the {mark}"), fontsize=9)
+    legend_below(figure, list(handles.values()), list(handles))
+    return figure
+
+
+def _orbit(axis: Any, part: Stretch, z: NDArray[Any], dots: dict[str, Float], handles: dict[str, Any]) -> None:
+    axis.plot(z.real, z.imag, color=COLOURS[0], linewidth=0.8)
+    for mark, times in dots.items():
+        x, y = np.interp(times, part.t, z.real), np.interp(times, part.t, z.imag)
+        handles[f"mark of the {mark}"] = axis.plot(x, y, "o", color=_MARK_COLOURS[mark], markersize=4)[0]
+    middle = complex(np.mean(z)) if np.isfinite(z).all() else 0j
+    reach = 1.1 * float(np.nanmax(np.abs(z - middle), initial=1e-3))
+    axis.set_xlim(middle.real - reach, middle.real + reach)
+    axis.set_ylim(middle.imag - reach, middle.imag + reach)
+    axis.set_aspect("equal")
+    axis.set_xlabel("x (µm)", fontsize=8)
+    axis.set_ylabel("y (µm)", fontsize=8)
+    if not np.isfinite(z).any():
+        text = "not told from the other mark"
+        axis.text(0.5, 0.5, text, transform=axis.transAxes, ha="center", fontsize=8, color=GREY)
+
+
+def plot_centreline(lines: Sequence[Centreline], name: str) -> Figure:
+    """Mean position of the shaft relative to the start of the recording, coloured by speed, else by time.
+
+    Args:
+        lines: one a plane.
+        name: of the recording.
+    """
+    figure, axes = grid(1, len(lines), literal(f"{name}\nshaft centreline from the gap voltages"), size=(4.0, 3.6))
+    for axis, line in zip(axes[0], lines, strict=True):
+        z = line.z * _MICRO
+        by_speed = np.isfinite(line.speed).all() and np.ptp(line.speed) > 0.02 * np.abs(line.speed).max()
+        values, label = (np.abs(line.speed) * RPM, "speed (rpm)") if by_speed else (line.t, "time (s)")
+        axis.plot(z.real, z.imag, color="0.8", linewidth=0.7, zorder=1)
+        drawn = axis.scatter(z.real, z.imag, c=values, s=9, cmap="viridis", zorder=2)
+        axis.plot(z[0].real, z[0].imag, "s", color=COLOURS[1], markersize=6, markerfacecolor="none", label="start")
+        figure.colorbar(drawn, ax=axis, shrink=0.8).set_label(label, fontsize=8)
+        middle = (z.real.min() + z.real.max() + 1j * (z.imag.min() + z.imag.max())) / 2
+        reach = max(1.1 * float(np.abs(z - middle).max()), 1.0)  # less than a micrometre is not worth a figure of it
+        axis.set_xlim(middle.real - reach, middle.real + reach)
+        axis.set_ylim(middle.imag - reach, middle.imag + reach)
+        axis.set_aspect("equal")
+        axis.set_title(literal(line.plane), fontsize=9)
+        axis.set_xlabel("x (µm)", fontsize=9)
+        axis.set_ylabel("y (µm)", fontsize=9)
+        axis.legend(fontsize=8, frameon=False)
+    return figure
+
+
+def plot_bode(vectors: OrderVectors, name: str) -> Figure:
+    """Amplitude and phase of every probe's vector over the speed of its mark; a column a plane.
+
+    Args:
+        vectors: by windows of the recording.
+        name: of the recording.
+    """
+    planes = list(dict.fromkeys(plane for plane, _ in vectors.probes))
+    figure, axes = grid(2, len(planes), literal(f"{name}\n{_what(vectors)} by tracking windows"), size=(4.4, 2.5))
+    rpm, over = np.abs(vectors.speed) * RPM, _axis_of(vectors)
+    x = rpm if over == "speed" else vectors.t
+    for column, plane in enumerate(planes):
+        top, bottom = axes[0, column], axes[1, column]
+        for number, (place, angle) in enumerate(vectors.probes):
+            if place != plane:
+                continue
+            values = vectors.phasors[number]
+            colour = COLOURS[sum(p == plane for p, _ in vectors.probes[:number]) % len(COLOURS)]
+            top.plot(x, np.abs(values) * _MICRO, color=colour, linewidth=1, label=f"probe at {np.degrees(angle):g}°")
+            bottom.plot(x, _unwrapped(values), color=colour, linewidth=1)
+        top.set_title(literal(plane), fontsize=9)
+        top.set_ylabel("amplitude (µm 0-pk)", fontsize=9)
+        top.set_ylim(bottom=0)
+        _say_gap(top, vectors)
+        top.legend(fontsize=8, frameon=False)
+        bottom.set_ylabel("phase lead (deg)", fontsize=9)
+        bottom.set_xlabel(f"speed of the {vectors.reference} (rpm)" if over == "speed" else "time (s)", fontsize=9)
+    return figure
+
+
+def _say_gap(axis: Any, vectors: OrderVectors) -> None:
+    """Where windows cannot tell the mark's turns from the other mark's, there is no vector; say so."""
+    good = np.flatnonzero(np.isfinite(vectors.phasors).all(axis=0))
+    if good.size and not np.isfinite(vectors.phasors[:, good[0] : good[-1]]).all():
+        text = "gap: not told from the other mark"
+        axis.text(0.98, 0.55, text, transform=axis.transAxes, ha="right", fontsize=7, color=GREY)
+
+
+def _what(vectors: OrderVectors) -> str:
+    return "1x vectors" if vectors.reference == "shaft" else "vectors at the perturbation frequency"
+
+
+def _axis_of(vectors: OrderVectors) -> str:
+    return "speed" if np.ptp(vectors.speed) > 0.05 * np.abs(vectors.speed).max() else "time"
+
+
+def _unwrapped(values: NDArray[Any]) -> Float:
+    """Phase in degrees without jumps, NaN where there is no vector."""
+    phase = np.full(values.size, np.nan)
+    good = np.isfinite(values)
+    phase[good] = np.degrees(np.unwrap(np.angle(values[good])))
+    return phase
+
+
+def plot_polar(vectors: OrderVectors, name: str) -> Figure:
+    """Locus of every probe's vector, speeds written beside it; angles from the probe, with phase lead.
+
+    Args:
+        vectors: by windows of the recording.
+        name: of the recording.
+    """
+    columns = min(len(vectors.probes), 4)
+    rows = -(-len(vectors.probes) // columns)
+    figure = Figure(figsize=(3.5 * columns, 3.7 * rows + 0.4), layout="constrained")
+    figure.suptitle(literal(f"{name}: {_what(vectors)} (µm 0-pk)"), fontsize=11)
+    axes = figure.subplots(rows, columns, squeeze=False, subplot_kw={"projection": "polar"})
+    for axis in axes.flat[len(vectors.probes) :]:
+        axis.set_visible(False)
+    for axis, (plane, angle), values in zip(axes.flat, vectors.probes, vectors.phasors, strict=False):
+        axis.plot(np.angle(values), np.abs(values) * _MICRO, color=COLOURS[0], linewidth=1)  # a gap stays a gap
+        if _axis_of(vectors) == "speed":
+            for row in _spread_out(values):
+                at = (np.angle(values[row]), abs(values[row]) * _MICRO)
+                axis.plot(*at, "o", color=COLOURS[1], markersize=3)
+                axis.annotate(f"{abs(vectors.speed[row]) * RPM:.0f}", at, fontsize=7, color=GREY)
+        axis.set_title(literal(f"{plane}, probe at {np.degrees(angle):g}°"), fontsize=9)
+        axis.tick_params(labelsize=7)
+    return figure
+
+
+def _spread_out(values: NDArray[Any]) -> list[int]:
+    """Rows to write speeds at: far enough from each other on the locus to be read."""
+    apart = 0.22 * float(np.nanmax(np.abs(values), initial=0.0))
+    chosen: list[int] = []
+    for row in np.flatnonzero(np.isfinite(values)).tolist():
+        if abs(values[row]) > apart and all(abs(values[row] - values[other]) > apart for other in chosen):
+            chosen.append(row)
+    return chosen
+
+
+def plot_full_spectrum(
+    spectra: dict[str, tuple[Float, Float]], lines: dict[str, float], name: str, limit: float | None = None
+) -> Figure:
+    """Full spectrum of each plane: a circle of radius A has amplitude A at its signed frequency.
+
+    Args:
+        spectra: frequencies (Hz) and amplitudes (m) by plane.
+        lines: frequencies of orders to mark, Hz, by label.
+        name: of the recording.
+        limit: largest frequency shown, Hz; None: what holds all that is worth seeing.
+    """
+    figure, axes = grid(len(spectra), 1, literal(f"{name}: full spectrum"), size=(7.5, 2.4))
+    for axis, (plane, (frequency, amplitude)) in zip(axes[:, 0], spectra.items(), strict=True):
+        edge = _worth_seeing(frequency, amplitude) if limit is None else limit
+        inside = np.abs(frequency) <= edge
+        axis.plot(frequency[inside], amplitude[inside] * _MICRO, color=COLOURS[0], linewidth=0.8)
+        top = float(amplitude[inside].max(initial=0.0)) * _MICRO
+        for label, at in lines.items():
+            if abs(at) <= edge:
+                axis.axvline(at, color=GREY, linewidth=0.6, linestyle=":")
+                axis.text(at, top * 1.04, label, fontsize=7, color=GREY, ha="center")
+        axis.set_xlim(-edge, edge)
+        axis.set_ylim(0, top * 1.15 or 1.0)
+        axis.set_ylabel(literal(f"{plane} (µm 0-pk)"), fontsize=9)
+    axes[-1, 0].set_xlabel("frequency (Hz): backward < 0 < forward", fontsize=9)
+    return figure
+
+
+def _worth_seeing(frequency: Float, amplitude: Float) -> float:
+    """Frequency that holds everything above a fiftieth of the largest line, with some room."""
+    high = amplitude > 0.02 * amplitude.max(initial=0.0)
+    return float(np.clip(1.25 * np.abs(frequency[high]).max(initial=1.0), 10.0, np.abs(frequency).max()))
+
+
+def plot_cascade(cascade: Cascade, name: str, limit: float | None = None) -> Figure:
+    """Full-spectrum cascade with order lines: one spectrum a line, shifted up by time, speed or perturbation.
+
+    Args:
+        cascade: the spectra.
+        name: of the recording.
+        limit: largest frequency shown, Hz; None: what holds all that is worth seeing.
+    """
+    edge = _worth_seeing(cascade.frequency, cascade.amplitude.max(axis=0)) if limit is None else limit
+    inside = np.abs(cascade.frequency) <= edge
+    frequency, amplitude = cascade.frequency[inside], cascade.amplitude[:, inside] * _MICRO
+    scale, label = (1.0, "time (s)") if cascade.over == "time" else (RPM, f"{_position_of(cascade)} (rpm)")
+    position = cascade.position * scale
+    spacing = np.ptp(position) / max(position.size - 1, 1) or 1.0
+    height = 7 * spacing / float(amplitude.max(initial=1e-9))
+    figure = Figure(figsize=(8.0, 6.4), layout="constrained")
+    figure.suptitle(literal(f"{name}, {cascade.plane}: full-spectrum cascade"), fontsize=11)
+    axis = figure.subplots()
+    for order, (level, row) in enumerate(sorted(zip(position, amplitude, strict=True), key=lambda pair: -pair[0])):
+        curve = level + row * height
+        axis.fill_between(frequency, level, curve, color="white", linewidth=0, zorder=2 + order)
+        axis.plot(frequency, curve, color=COLOURS[0], linewidth=0.6, zorder=2 + order)
+    _order_lines(axis, cascade, position, edge)
+    axis.set_xlim(-edge, edge)
+    axis.set_ylim(position.min() - spacing, position.max() + 8 * spacing)
+    axis.set_xlabel("frequency (Hz): backward < 0 < forward", fontsize=9)
+    axis.set_ylabel(label, fontsize=9)
+    axis.tick_params(labelsize=8)
+    bar = float(f"{amplitude.max(initial=1e-9) / 2:.1g}")
+    right = 0.96 * edge
+    foot = position.max() + spacing
+    axis.plot([right, right], [foot, foot + bar * height], color="black", zorder=999)
+    axis.text(right - 0.01 * edge, foot, f"{bar:g} µm", fontsize=8, ha="right", zorder=999)
+    return figure
+
+
+def _position_of(cascade: Cascade) -> str:
+    return "speed of the shaft" if cascade.over == "speed" else "perturbation frequency"
+
+
+def _order_lines(axis: Any, cascade: Cascade, position: Float, edge: float) -> None:
+    """Orders of the shaft, the perturbation and its image, where their frequencies are known."""
+    shaft, perturbation = cascade.shaft / (2 * np.pi), cascade.perturbation / (2 * np.pi)
+    lines = {"−2x": -2 * shaft, "−1x": -shaft, "1x": shaft, "2x": 2 * shaft, "w": perturbation, "−w": -perturbation}
+    lines["2x − w"] = 2 * shaft - perturbation
+    order = np.argsort(position)
+    for label, at in lines.items():
+        if not np.isfinite(at).any():
+            continue
+        colour = COLOURS[1] if "w" in label else "0.35"
+        inside = np.where(np.abs(at) <= edge, at, np.nan)[order]
+        axis.plot(inside, position[order], color=colour, linewidth=0.8, linestyle="--", zorder=998, alpha=0.7)
+        shown = np.flatnonzero(np.isfinite(inside))
+        if shown.size:
+            place = (inside[shown[-1]], position[order][shown[-1]])
+            style = {"fontsize": 8, "color": colour, "ha": "center", "zorder": 999}
+            axis.annotate(label, place, (0, 4), textcoords="offset points", **style)
+
+
+def plot_speed(tracks: Sequence[SpeedTrack], name: str) -> Figure:
+    """Speed and acceleration of each mark over time, with the speed from pulse to pulse as dots.
+
+    Args:
+        tracks: one a mark.
+        name: of the recording.
+    """
+    figure, axes = grid(2, len(tracks), literal(f"{name}: speed and sweep rate"), size=(5.0, 2.4))
+    for column, each in enumerate(tracks):
+        top, bottom = axes[:, column]
+        colour = COLOURS[column % len(COLOURS)]
+        style = {"color": "0.75", "markersize": 2, "rasterized": True}
+        top.plot(each.raw_t, each.raw_speed * RPM, ".", label="from pulse to pulse", **style)
+        top.plot(each.t, each.speed * RPM, color=colour, linewidth=1, label="smoothed")
+        top.set_title(each.mark, fontsize=9)
+        top.set_ylabel("speed (rpm)", fontsize=9)
+        top.legend(fontsize=8, frameon=False)
+        bottom.plot(each.t, each.acceleration * RPM, color=colour, linewidth=1)
+        bottom.set_ylabel("sweep rate (rpm/s)", fontsize=9)
+        bottom.set_xlabel("time (s)", fontsize=9)
+    return figure

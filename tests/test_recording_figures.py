@@ -1,0 +1,184 @@
+"""Figures of a recording show the motion it was made of; spectra and vectors against what is known of it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from recorded import ATTRIBUTES, RATE, perturbator_angle, shaft_angle, volts, write_hdf5
+
+import rotorfit as rf
+from rotorfit.cli.main import main
+from rotorfit.estimators.order_vectors import order_vectors
+from rotorfit.estimators.spectral_lines import full_spectrum
+from rotorfit.recordings.views import Marks, cascade, centreline, spectrum, speeds, stretch, vectors_over_time
+
+Float = NDArray[np.float64]
+FIGURES = ("timebase", "orbit", "centreline", "bode", "polar", "full_spectrum", "cascade", "speed")
+
+
+@pytest.fixture(scope="module")
+def record(tmp_path_factory: pytest.TempPathFactory) -> rf.Recording:
+    return rf.read_recording(write_hdf5(tmp_path_factory.mktemp("record") / "run.h5", volts(noise=1e-3)))
+
+
+def marks_of(record: rf.Recording) -> Marks:
+    return Marks(shaft=record.shaft_angle(), perturbator=record.perturbator_angle(), whirl=1)
+
+
+def test_a_circle_of_radius_a_has_amplitude_a_at_its_side() -> None:
+    t = np.arange(4096) / 1024.0
+    z = 30e-6 * np.exp(2j * np.pi * 60.0 * t) + 7e-6 * np.exp(-2j * np.pi * 25.0 * t) + 1e-3
+    frequency, amplitude = full_spectrum(z, 1024.0)
+    at = dict(zip(frequency.tolist(), amplitude.tolist(), strict=True))
+    assert at[60.0] == pytest.approx(30e-6, rel=1e-9)
+    assert at[-25.0] == pytest.approx(7e-6, rel=1e-9)
+    assert at[-60.0] < 1e-12
+    assert at[0.0] < 1e-12
+
+
+def test_window_vectors_tell_two_marks_apart_and_refuse_where_they_cannot() -> None:
+    t = np.arange(2000) / 2000.0
+    first, second = 2 * np.pi * 20.0 * t, 2 * np.pi * 26.3 * t + 0.4
+    z = 3.0 + 2.0 * np.exp(1j * first) + 0.5j * np.exp(-2j * first) + (1 - 1j) * np.exp(-1j * second)
+    found = order_vectors(z, [first, second], 2)
+    np.testing.assert_allclose(found, [[0.5j, 0, 3, 2, 0], [0, 1 - 1j, 0, 0, 0]], atol=1e-9)
+    close = order_vectors(z, [first, first * 1.01 + 1.0], 2)
+    assert np.isfinite(close[0]).all()
+    assert np.isnan(close[1]).all()
+
+
+def test_vectors_over_the_recording_are_those_of_the_motion(record: rf.Recording) -> None:
+    found = vectors_over_time(record, marks_of(record), "shaft", windows=40)
+    good = np.isfinite(found.forward["disk"])
+    assert good.sum() > 20
+    # the mark is at 40 turns a second a few degrees late: exp(j 0.5) about the angle from the mark
+    expected = 30e-6 * np.exp(0.5j)
+    assert np.abs(found.forward["disk"][good] - expected).max() < 2e-6  # the sweep leaks into windows of eight turns
+    assert np.abs(found.backward["disk"][good]).max() < 1e-6
+    with pytest.raises(ValueError, match="unknown reference 'gear'"):
+        vectors_over_time(record, marks_of(record), "gear")
+
+
+def test_filtered_orbits_are_the_parts_of_the_motion(record: rf.Recording) -> None:
+    part = stretch(record, marks_of(record), "disk", 1.2, 6.0)
+    once = 30e-6 * np.exp(1j * (shaft_angle(part.t) + 0.5))
+    forced = 50e-6 * np.exp(1j * (perturbator_angle(part.t) - 0.3))
+    assert np.abs(part.filtered["shaft"] - once).max() < 2e-6
+    assert np.abs(part.filtered["perturbator"] - forced).max() < 4e-6  # 17 to 23 Hz within the window
+    turns = (shaft_angle(part.dots["shaft"]) + 0.01) / (2 * np.pi)
+    np.testing.assert_allclose(turns % 1, 0.0, atol=0.01)
+
+
+def test_centreline_follows_the_gap_voltage(tmp_path: Path) -> None:
+    channels = volts(noise=1e-3)
+    t = np.arange(channels["disk_X"].size) / RATE
+    channels["disk_X"] = channels["disk_X"] + 7870 * 10e-6 * t
+    channels["disk_Y"] = channels["disk_Y"] - 7870 * 5e-6 * t
+    moving = rf.read_recording(write_hdf5(tmp_path / "run.h5", channels))
+    line = centreline(moving, marks_of(moving), "disk", windows=20)
+    np.testing.assert_allclose(line.z, (10e-6 - 5e-6j) * (line.t - line.t[0]), atol=1.5e-6)
+    for name in ("disk_X", "disk_Y"):
+        channels[name] = channels[name] - channels[name].mean()
+    coupled = rf.read_recording(write_hdf5(tmp_path / "ac.h5", channels))
+    with pytest.raises(ValueError, match="no gap voltages"):
+        coupled.plot_centreline()
+
+
+def test_cascade_follows_the_perturbation(record: rf.Recording) -> None:
+    found = cascade(record, marks_of(record), "disk", spectra=20)
+    assert found.over == "perturbation"
+    np.testing.assert_allclose(np.diff(found.position), np.ptp(found.position) / 19, rtol=0.05)
+    step = float(np.diff(found.frequency[:2])[0])
+    away = np.abs(found.frequency - 20.0) > 5.0  # beside the shaft's own line
+    for row, w in zip(found.amplitude, found.perturbation / (2 * np.pi), strict=True):
+        if abs(w - 20.0) > 8.0:
+            peak = found.frequency[away][np.argmax(row[away])]
+            assert abs(peak - w) < 2 * step + 1.0
+    by_time = cascade(record, marks_of(record), "disk", over="time", spectra=5)
+    assert by_time.position[0] < by_time.position[-1] <= record.duration
+    with pytest.raises(ValueError, match="unknown axis of a cascade"):
+        cascade(record, marks_of(record), "disk", over="load")
+
+
+def test_speeds_are_those_of_the_marks(record: rf.Recording) -> None:
+    shaft, perturbator = speeds(marks_of(record))
+    np.testing.assert_allclose(shaft.speed, 40 * np.pi, rtol=1e-3)
+    np.testing.assert_allclose(perturbator.speed, 2 * np.pi * (5 + 10 * perturbator.t), rtol=0.01)
+    np.testing.assert_allclose(perturbator.raw_speed, 2 * np.pi * (5 + 10 * perturbator.raw_t), rtol=0.02)
+
+
+@pytest.mark.parametrize("name", FIGURES)
+def test_figures_are_drawn(record: rf.Recording, tmp_path: Path, name: str) -> None:
+    getattr(record, f"plot_{name}")().savefig(tmp_path / "figure.png")
+
+
+def test_figures_of_less_are_drawn_or_refused_in_words(tmp_path: Path) -> None:
+    alone = rf.read_recording(write_hdf5(tmp_path / "run.h5", {"disk_X": volts()["disk_X"]}))
+    for name in ("timebase", "full_spectrum", "cascade"):
+        getattr(alone, f"plot_{name}")().savefig(tmp_path / "figure.png")
+    for name, words in (
+        ("orbit", "no plane has two probes"),
+        ("centreline", "no plane has two probes"),
+        ("speed", "no phase reference"),
+        ("bode", "no phase reference of the shaft"), ("polar", "no phase reference of the shaft"),
+    ):  # fmt: skip
+        with pytest.raises(ValueError, match=words):
+            getattr(alone, f"plot_{name}")()
+    with pytest.raises(ValueError, match="unknown plane 'jornal'"):
+        alone.plot_timebase("jornal")
+
+
+def test_one_probe_reads_its_amplitude_in_the_full_spectrum(tmp_path: Path) -> None:
+    """A motion of 50 um along one probe is a line of 50 um at both signs, not two of 25."""
+    t = np.arange(3200) / RATE
+    alone = rf.read_recording(write_hdf5(tmp_path / "run.h5", {"disk_X": -10 + 7870 * 50e-6 * np.cos(200 * np.pi * t)}))
+    frequency, amplitude = spectrum(alone, "disk", 0.0, None)
+    assert amplitude[np.abs(frequency) == 100.0] == pytest.approx([50e-6, 50e-6], rel=1e-3)
+
+
+def test_look_says_and_draws_what_there_is(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = write_hdf5(tmp_path / "run.h5", volts())
+    out = tmp_path / "figures"
+    assert main(["look", str(path), "--out", str(out)]) == 0
+    said = capsys.readouterr().out
+    assert "run: 4.000 s at 3200 Hz, 4 channels" in said
+    assert "shaft        1200.0 to 1200.0 rpm, 80 pulses" in said
+    assert "m r = 2e-05 kg m at disk, forward with the perturbator, 40.0 deg ahead of the mark" in said
+    assert "nothing odd was found" in said
+    names = {"cascade_disk" if name == "cascade" else name for name in FIGURES}
+    assert {file.name for file in out.iterdir()} == {f"{name}.png" for name in names} | {"summary.txt"}
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--plane", "journal"], "unknown plane 'journal'"),
+        (["--at", "9"], "--at 9 is not within run, 0 to 4 s"),
+        (["--setup", "none.toml"], "No such file"),
+    ],
+)
+def test_look_refuses_in_one_sentence_and_leaves_nothing(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], words: str
+) -> None:
+    path = write_hdf5(tmp_path / "run.h5", volts())
+    assert main(["look", str(path), "--out", str(tmp_path / "out"), *arguments]) == 2
+    said = capsys.readouterr().err
+    assert words in said
+    assert said.count("\n") == 1
+    assert not (tmp_path / "out").exists()
+
+
+def test_look_says_what_is_wrong_with_a_recording(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    channels = volts()
+    channels["disk_X"] = np.minimum(channels["disk_X"], -9.7)
+    whole = write_hdf5(tmp_path / "run.h5", channels, {**ATTRIBUTES, "whirl": "backward"})
+    assert main(["look", str(whole)]) == 0
+    said = capsys.readouterr().out
+    assert "error [channel-clipped]" in said
+    assert "error [whirl-reversed]" in said
+    whole.write_bytes(whole.read_bytes()[:5000])
+    assert main(["look", str(whole)]) == 2
+    assert "not a whole HDF5 file" in capsys.readouterr().err
