@@ -9,8 +9,9 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from rotorfit.plots.style import COLOURS, GREY, RPM, grid, legend_below, literal
+from rotorfit.plots.style import COLOURS, GREY, PAGE, grid, legend_below, literal
 from rotorfit.recordings.views import Cascade, Centreline, OrderVectors, SpeedTrack, Stretch
+from rotorfit.units import RPM_PER_RAD_S
 
 Float = NDArray[np.float64]
 
@@ -53,7 +54,7 @@ def plot_orbit(stretches: Sequence[Stretch], name: str) -> Figure:
     """
     marks = list(stretches[0].filtered)
     at = f"{stretches[0].t.mean():.2f} s"
-    speeds = ", ".join(f"{mark} {abs(v) * RPM:.0f} rpm" for mark, v in stretches[0].speeds.items())
+    speeds = ", ".join(f"{mark} {abs(v) * RPM_PER_RAD_S:.0f} rpm" for mark, v in stretches[0].speeds.items())
     title = literal(f"{name} at {at}: orbits" + (f" ({speeds})" if speeds else ""))
     figure, axes = grid(len(stretches), 1 + len(marks), title, size=(3.1, 2.9))
     handles: dict[str, Any] = {}
@@ -95,7 +96,7 @@ def plot_centreline(lines: Sequence[Centreline], name: str) -> Figure:
     for axis, line in zip(axes[0], lines, strict=True):
         z = line.z * _MICRO
         by_speed = np.isfinite(line.speed).all() and np.ptp(line.speed) > 0.02 * np.abs(line.speed).max()
-        values, label = (np.abs(line.speed) * RPM, "speed (rpm)") if by_speed else (line.t, "time (s)")
+        values, label = (np.abs(line.speed) * RPM_PER_RAD_S, "speed (rpm)") if by_speed else (line.t, "time (s)")
         axis.plot(z.real, z.imag, color="0.8", linewidth=0.7, zorder=1)
         drawn = axis.scatter(z.real, z.imag, c=values, s=9, cmap="viridis", zorder=2)
         axis.plot(z[0].real, z[0].imag, "s", color=COLOURS[1], markersize=6, markerfacecolor="none", label="start")
@@ -121,7 +122,7 @@ def plot_bode(vectors: OrderVectors, name: str) -> Figure:
     """
     planes = list(dict.fromkeys(plane for plane, _ in vectors.probes))
     figure, axes = grid(2, len(planes), literal(f"{name}\n{_what(vectors)} by tracking windows"), size=(4.4, 2.5))
-    rpm, over = np.abs(vectors.speed) * RPM, _axis_of(vectors)
+    rpm, over = np.abs(vectors.speed) * RPM_PER_RAD_S, _axis_of(vectors)
     x = rpm if over == "speed" else vectors.t
     for column, plane in enumerate(planes):
         top, bottom = axes[0, column], axes[1, column]
@@ -173,10 +174,10 @@ def plot_polar(vectors: OrderVectors, name: str) -> Figure:
         vectors: by windows of the recording.
         name: of the recording.
     """
-    columns = min(len(vectors.probes), 4)
+    columns = min(len(vectors.probes), 2)
     rows = -(-len(vectors.probes) // columns)
-    figure = Figure(figsize=(3.5 * columns, 3.7 * rows + 0.4), layout="constrained")
-    figure.suptitle(literal(f"{name}: {_what(vectors)} (µm 0-pk)"), fontsize=11)
+    figure = Figure(figsize=(3.5 * columns, min(3.5 * rows + 0.4, PAGE[1])), layout="constrained")
+    figure.suptitle(literal(f"{name}: {_what(vectors)} (µm 0-pk)"), fontsize=10)
     axes = figure.subplots(rows, columns, squeeze=False, subplot_kw={"projection": "polar"})
     for axis in axes.flat[len(vectors.probes) :]:
         axis.set_visible(False)
@@ -186,7 +187,7 @@ def plot_polar(vectors: OrderVectors, name: str) -> Figure:
             for row in _spread_out(values):
                 at = (np.angle(values[row]), abs(values[row]) * _MICRO)
                 axis.plot(*at, "o", color=COLOURS[1], markersize=3)
-                axis.annotate(f"{abs(vectors.speed[row]) * RPM:.0f}", at, fontsize=7, color=GREY)
+                axis.annotate(f"{abs(vectors.speed[row]) * RPM_PER_RAD_S:.0f}", at, fontsize=7, color=GREY)
         axis.set_title(literal(f"{plane}, probe at {np.degrees(angle):g}°"), fontsize=9)
         axis.tick_params(labelsize=7)
     return figure
@@ -247,12 +248,12 @@ def plot_cascade(cascade: Cascade, name: str, limit: float | None = None) -> Fig
     edge = _worth_seeing(cascade.frequency, cascade.amplitude.max(axis=0)) if limit is None else limit
     inside = np.abs(cascade.frequency) <= edge
     frequency, amplitude = cascade.frequency[inside], cascade.amplitude[:, inside] * _MICRO
-    scale, label = (1.0, "time (s)") if cascade.over == "time" else (RPM, f"{_position_of(cascade)} (rpm)")
+    scale, label = (1.0, "time (s)") if cascade.over == "time" else (RPM_PER_RAD_S, f"{_position_of(cascade)} (rpm)")
     position = cascade.position * scale
     spacing = np.ptp(position) / max(position.size - 1, 1) or 1.0
     height = 7 * spacing / float(amplitude.max(initial=1e-9))
-    figure = Figure(figsize=(8.0, 6.4), layout="constrained")
-    figure.suptitle(literal(f"{name}, {cascade.plane}: full-spectrum cascade"), fontsize=11)
+    figure = Figure(figsize=(PAGE[0], 6.4), layout="constrained")
+    figure.suptitle(literal(f"{name}, {cascade.plane}: full-spectrum cascade"), fontsize=10)
     axis = figure.subplots()
     for order, (level, row) in enumerate(sorted(zip(position, amplitude, strict=True), key=lambda pair: -pair[0])):
         curve = level + row * height
@@ -307,12 +308,12 @@ def plot_speed(tracks: Sequence[SpeedTrack], name: str) -> Figure:
         top, bottom = axes[:, column]
         colour = COLOURS[column % len(COLOURS)]
         style = {"color": "0.75", "markersize": 2, "rasterized": True}
-        top.plot(each.raw_t, each.raw_speed * RPM, ".", label="from pulse to pulse", **style)
-        top.plot(each.t, each.speed * RPM, color=colour, linewidth=1, label="smoothed")
+        top.plot(each.raw_t, each.raw_speed * RPM_PER_RAD_S, ".", label="from pulse to pulse", **style)
+        top.plot(each.t, each.speed * RPM_PER_RAD_S, color=colour, linewidth=1, label="smoothed")
         top.set_title(each.mark, fontsize=9)
         top.set_ylabel("speed (rpm)", fontsize=9)
         top.legend(fontsize=8, frameon=False)
-        bottom.plot(each.t, each.acceleration * RPM, color=colour, linewidth=1)
+        bottom.plot(each.t, each.acceleration * RPM_PER_RAD_S, color=colour, linewidth=1)
         bottom.set_ylabel("sweep rate (rpm/s)", fontsize=9)
         bottom.set_xlabel("time (s)", fontsize=9)
     return figure
