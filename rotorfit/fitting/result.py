@@ -503,6 +503,12 @@ class FitResult:
 
         return plot_residuals(self)
 
+    def plot_lines(self) -> Figure:
+        """Spectral lines of a shaft that is not round, and of its twist, against the perturbation frequency."""
+        from rotorfit.plots.shaft_lines import plot_lines
+
+        return plot_lines(self)
+
     def plot_stability(self) -> Figure:
         """Eigenvalues against rotative speed with the threshold and its interval."""
         from rotorfit.plots.responses import plot_stability

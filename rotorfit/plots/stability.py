@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotorfit.estimators.nonlinear import responses_of
-from rotorfit.models import eigenvalues
+from rotorfit.models import AnisotropicShaft, eigenvalues
 from rotorfit.plots.journal import CONFIDENCE, group_label
+from rotorfit.plots.shaft_lines import plot_turning_stability
 from rotorfit.plots.style import COLOURS, GREY, grid, legend_below, literal
 from rotorfit.units import RPM_PER_RAD_S
 
@@ -37,6 +38,8 @@ def plot_stability(fit: FitResult, *, group: int = 0) -> Figure:
         fit: the fit.
         group: parameter group, where parameters were fitted per attribute; its label is in the title.
     """
+    if isinstance(fit.model, AnisotropicShaft):
+        return plot_turning_stability(fit)
     theta = fit.thetas[group]
     onset = fit.threshold_of(group) if fit.model.speed_dependent else None
     onset = onset if onset is not None and np.isfinite(onset.value) else None

@@ -11,8 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotorfit.estimators.nonlinear import OrbitResponses, responses_of
+from rotorfit.estimators.shaft_lines import LineResponses
 from rotorfit.estimators.small_motion import FreeVibrations
 from rotorfit.plots import responses as plots
+from rotorfit.plots.shaft_lines import plot_lines
 from rotorfit.report.html import Html, drawn, element, join, paragraph, picture, table
 from rotorfit.report.numbers import plain, with_error
 from rotorfit.report.parts import at_of, groups_of, note, section, sentence, symbol
@@ -87,6 +89,12 @@ FIGURES: tuple[Kind, ...] = (
     Kind("Bode plots", plots.plot_bode, _TO_FORCE, _turning),
     Kind("Polar plots", plots.plot_polar, _POLAR, _turning),
     Kind("Residuals", plots.plot_residuals, _BAND, _turning),
+    Kind(
+        "Spectral lines",
+        plot_lines,
+        "Lines per unit of force. Points: measured ± σ. Lines: fit. A line at w has its image at 2 Om − w.",
+        lambda block: isinstance(block, LineResponses) and bool(block.force.any()),
+    ),
     Kind(
         "Fluid against eccentricity",
         plots.plot_law,

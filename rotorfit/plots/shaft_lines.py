@@ -1,0 +1,174 @@
+"""Spectral lines of a shaft that is not round against the perturbation frequency, and its stability."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotorfit.estimators.shaft_lines import LineResponses
+from rotorfit.models import AnisotropicShaft, eigenvalues, unstable_bands
+from rotorfit.plots.style import COLOURS, GREY, SMALL, colour_of, grid, legend_below, literal, prefix
+from rotorfit.units import RPM_PER_RAD_S
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from rotorfit.fitting.result import FitResult
+
+Float = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+
+_UNSURE = 1.0
+"""Error over amplitude beyond which a reading has no phase worth showing."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Curve:
+    """One line of one signal at one speed per unit of force, frequencies ascending."""
+
+    direction: str
+    line: str
+    speed: float
+    frequency: Float
+    measured: ComplexArray
+    sigma: Float
+    fitted: ComplexArray
+
+
+def plot_lines(fit: FitResult) -> Figure:
+    """Amplitude and phase of each line per unit of force against the signed perturbation frequency, data and fit.
+
+    Args:
+        fit: a fit to spectral lines.
+
+    Raises:
+        ValueError: there are none in this fit.
+    """
+    curves = list(_curves(fit))
+    if not curves:
+        raise ValueError("this fit has no spectral lines under a force to plot")
+    kinds = list(dict.fromkeys((c.direction, c.line) for c in curves))
+    speeds = sorted({c.speed for c in curves})
+    figure, axes = grid(len(kinds), 2, "Lines of the shaft per unit of force", size=(3.54, 1.9))
+    for (size, phase), kind in zip(axes, kinds, strict=True):
+        own = [c for c in curves if (c.direction, c.line) == kind]
+        unit = "rad/N" if kind[0] == "twist" else "m/N"
+        factor, name = prefix(np.concatenate([np.abs(c.fitted) for c in own]), unit)
+        for curve in own:
+            _draw(size, phase, curve, factor, colour_of(speeds.index(curve.speed), len(speeds)))
+        size.set_ylabel(f"{'twist' if kind[0] == 'twist' else 'motion'} at {kind[1]}\n{name}", fontsize=SMALL)
+        size.set_yscale("log")
+        top = max(float(np.abs(c.fitted).max()) for c in own) * factor
+        low = min(float(np.abs(c.fitted).min()) for c in own) * factor
+        size.set_ylim(max(low / 3, top / 1e5), 3 * top)
+        phase.set_ylabel("phase, deg", fontsize=SMALL)
+        phase.set_ylim(-190, 190)
+        phase.set_yticks([-180, -90, 0, 90, 180])
+    for axis in axes[-1]:
+        axis.set_xlabel("perturbation frequency w, rpm (negative: backward)", fontsize=SMALL)
+    _legend(figure, speeds)
+    return figure
+
+
+def _curves(fit: FitResult) -> Iterator[_Curve]:
+    for block, predicted in zip(fit.problem.blocks, fit.problem.predict(fit.x), strict=True):
+        if not isinstance(block, LineResponses):
+            continue
+        for direction, _, rows in block.kinds():
+            line = str(block.line[rows[0]])
+            for speed in np.unique(np.round(block.speed[rows], 3)).tolist():
+                here = rows[(np.round(block.speed[rows], 3) == speed) & (block.force[rows] != 0)]
+                here = here[np.argsort(block.frequency[here])]
+                if here.size:
+                    drive = np.abs(block.force[here])
+                    parts = (block.measured[here] / drive, block.sigma[here] / drive, predicted[here] / drive)
+                    yield _Curve(direction, line, speed, block.frequency[here], *parts)
+
+
+def _draw(size: Any, phase: Any, curve: _Curve, factor: float, colour: str) -> None:
+    rpm = curve.frequency * RPM_PER_RAD_S
+    style = {"color": colour, "ms": 2.2, "lw": 0, "elinewidth": 0.5, "fmt": "o", "alpha": 0.7}
+    size.errorbar(rpm, np.abs(curve.measured) * factor, curve.sigma * factor, **style)
+    size.plot(rpm, np.abs(curve.fitted) * factor, color="black", lw=0.9, zorder=3)
+    sure = curve.sigma < _UNSURE * np.abs(curve.fitted)
+    error = np.degrees(curve.sigma / np.abs(curve.fitted))
+    phase.errorbar(rpm[sure], np.degrees(np.angle(curve.measured[sure])), error[sure], **style)
+    angle = np.degrees(np.angle(curve.fitted))
+    jump = np.abs(np.diff(angle, prepend=angle[0])) > 180
+    phase.plot(rpm, np.where(jump, np.nan, angle), color="black", lw=0.9, zorder=3)
+
+
+def _legend(figure: Figure, speeds: list[float]) -> None:
+    from matplotlib.lines import Line2D
+
+    points = [Line2D([], [], color=colour_of(i, len(speeds)), marker="o", ms=3, ls="") for i in range(len(speeds))]
+    words = [f"measured ± σ at {speed * RPM_PER_RAD_S:.4g} rpm" for speed in speeds]
+    legend_below(figure, [*points, Line2D([], [], color="black", lw=0.9)], [*words, "fit"])
+
+
+def plot_turning_stability(fit: FitResult) -> Figure:
+    """Growth rate and whirl frequency of a shaft that is not round against rotative speed, unstable bands shaded.
+
+    Args:
+        fit: a fit of an :class:`~rotorfit.models.AnisotropicShaft`; one parameter group.
+    """
+    model, theta = fit.model, fit.theta()
+    require_shaft(model)
+    critical = float(np.abs(eigenvalues(model, theta, 0.0)).max())
+    tested = sorted({float(v) for e in fit.experiments for v in np.round(np.unique(e.speed), 2).tolist()})
+    top = 1.15 * max(1.5 * critical, *tested)
+    bands = unstable_bands(model, theta, top)
+    edges = [speed for band in bands for speed in band]
+    speeds = np.unique(np.concatenate([np.linspace(0.0, top, 600), *(v * np.linspace(0.99, 1.01, 41) for v in edges)]))
+    s = eigenvalues(model, np.broadcast_to(theta, (speeds.size, theta.size)), speeds)
+    figure, axes = grid(1, 2, f"Stability, {literal(model.name)}", size=(3.54, 2.8))
+    growth, whirl = axes[0]
+    rpm = speeds * RPM_PER_RAD_S
+    growth.plot(rpm, np.sort(s.real, axis=1), color=COLOURS[0], lw=1.3)
+    growth.axhline(0, color=GREY, lw=0.8)
+    growth.set_ylabel("growth rate, 1/s", fontsize=8)
+    ahead = np.concatenate([s.imag + speeds[:, None], speeds[:, None] - s.imag], axis=1)
+    whirl.plot(rpm, np.sort(ahead, axis=1) * RPM_PER_RAD_S, ".", color=COLOURS[0], ms=1.2)
+    whirl.plot(rpm, rpm, "--", color="0.6", lw=0.9)
+    whirl.set_ylabel("frequencies of free motion, rpm", fontsize=8)
+    for axis in axes[0]:
+        axis.set_xlabel("rotative speed, rpm", fontsize=8)
+        axis.set_xlim(0, rpm[-1])
+        for low, high in bands:
+            axis.axvspan(low * RPM_PER_RAD_S, high * RPM_PER_RAD_S, color=COLOURS[1], alpha=0.2, lw=0)
+        for speed in tested:
+            marker = {"marker": "^", "color": "black", "ms": 5, "clip_on": False}
+            axis.plot(speed * RPM_PER_RAD_S, 0.0, transform=axis.get_xaxis_transform(), **marker)
+    _stability_legend(figure, bands)
+    return figure
+
+
+def require_shaft(model: object) -> None:
+    """Refuse other models.
+
+    Raises:
+        ValueError: the model is no shaft that is not round.
+    """
+    if not isinstance(model, AnisotropicShaft):
+        raise ValueError("the stability of turning anisotropy is that of an AnisotropicShaft")
+
+
+def _stability_legend(figure: Figure, bands: list[tuple[float, float]]) -> None:
+    from matplotlib.lines import Line2D
+    from matplotlib.patches import Patch
+
+    ranges = ", ".join(f"{low * RPM_PER_RAD_S:.0f} to {high * RPM_PER_RAD_S:.0f} rpm" for low, high in bands)
+    handles: list[Any] = [
+        Line2D([], [], color=COLOURS[0], lw=1.3),
+        Line2D([], [], color="0.6", lw=0.9, ls="--"),
+        Line2D([], [], color="black", marker="^", ls=""),
+    ]
+    words = ["lateral modes and their images", "1×: frequency = speed", "tested speed"]
+    if bands:
+        handles.append(Patch(color=COLOURS[1], alpha=0.2))
+        words.append(f"unstable, {ranges}")
+    legend_below(figure, handles, words)
