@@ -115,9 +115,13 @@ def plot_turning_stability(fit: FitResult) -> Figure:
 
     Args:
         fit: a fit of an :class:`~rotorfit.models.AnisotropicShaft`; one parameter group.
+
+    Raises:
+        ValueError: another model.
     """
     model, theta = fit.model, fit.theta()
-    require_shaft(model)
+    if not isinstance(model, AnisotropicShaft):
+        raise ValueError(f"{model.name} does not turn its stiffness: see plot_stability")
     critical = float(np.abs(eigenvalues(model, theta, 0.0)).max())
     tested = sorted({float(v) for e in fit.experiments for v in np.round(np.unique(e.speed), 2).tolist()})
     top = 1.15 * max(1.5 * critical, *tested)
@@ -145,16 +149,6 @@ def plot_turning_stability(fit: FitResult) -> Figure:
             axis.plot(speed * RPM_PER_RAD_S, 0.0, transform=axis.get_xaxis_transform(), **marker)
     _stability_legend(figure, bands)
     return figure
-
-
-def require_shaft(model: object) -> None:
-    """Refuse other models.
-
-    Raises:
-        ValueError: the model is no shaft that is not round.
-    """
-    if not isinstance(model, AnisotropicShaft):
-        raise ValueError("the stability of turning anisotropy is that of an AnisotropicShaft")
 
 
 def _stability_legend(figure: Figure, bands: list[tuple[float, float]]) -> None:
