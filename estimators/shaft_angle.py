@@ -25,6 +25,8 @@ Index = NDArray[np.intp]
 
 DEGREE = 5
 MOST_KNOTS = 200_000
+_GROUP = 60
+"""Pulses whose scatter is pooled: known to 1/sqrt(2 * 60) = 9 %."""
 _OUTLYING = 7.0
 """Robust standard deviations beyond which a pulse is taken for noise: never once in a million Gaussian ones."""
 _ROUNDING = 1e-9
@@ -41,7 +43,10 @@ class SmoothAngle:
         spline: the angle, rad, over time, s.
         begin, end: times of the first and the last pulse used, s.
         jitter: standard deviation of a pulse's time about the smooth angle, s.
-        share: variance of the smooth angle over that of one pulse.
+        share: variance of the smooth angle over that of one pulse, mean over the pulses.
+        spread: mean over the pulses of the speed to the power -7/6, see :meth:`stderr`.
+        scatter: standard deviation of the angle of single pulses about the smooth angle, rad, over time, s, shape
+            ``(2, S)``: times and values.
         pattern: how far each pulse of a turn is ahead of even spacing, rad, shape ``(P,)``; zeros for one pulse a turn.
         outlying: times of pulses left out because they are far from the smooth angle, s.
         pulses: number of pulses used.
@@ -52,6 +57,8 @@ class SmoothAngle:
     end: float
     jitter: float
     share: float
+    spread: float
+    scatter: Float
     pattern: Float
     outlying: Float
     pulses: int
@@ -69,8 +76,15 @@ class SmoothAngle:
         return np.asarray(self.spline(t, nu=2))
 
     def stderr(self, t: Float) -> Float:
-        """Standard error of the angle, rad, between the first and the last pulse."""
-        return np.asarray(np.abs(self.speed(t)) * self.jitter * np.sqrt(self.share))
+        """Standard error of the angle, rad, between the first and the last pulse.
+
+        It is the scatter of the pulses around the time times the root of the share of it that the spline keeps. Pulses
+        come at a rate that grows with the speed W and are weighted by ``1/W^2``, so that information comes at the rate
+        1/W; a spline whose third derivative is penalised averages over a time that goes with the sixth root of W
+        (Silverman 1984): the share goes with ``W^(-7/6)``, and its mean is that of the spline's degrees of freedom.
+        """
+        share = self.share / self.spread * np.abs(self.speed(t)) ** (-7 / 6)
+        return np.asarray(np.interp(t, *self.scatter) * np.sqrt(np.minimum(share, 1.0)))
 
 
 def smooth_angle(
@@ -120,9 +134,14 @@ def _fit(times: Float, numbers: Index, step: float, duration: float, per_turn: i
             break
         size *= 2
     spline = BSpline(problem.knots, best.coefficients + problem.trend, DEGREE, extrapolate=True)
+    off = step * numbers + best.pattern[numbers % per_turn] - spline(times)
+    groups = np.array_split(np.arange(times.size), max(times.size // _GROUP, 1))
+    left = 1 - min(best.freedom / times.size, 0.9)
+    scatter = [[times[group].mean(), np.sqrt(np.mean(off[group] ** 2) / left)] for group in groups]
     return SmoothAngle(
         spline=spline, begin=float(times[0]), end=float(times[-1]), jitter=float(best.sigma / np.median(slope)),
-        share=best.freedom / times.size, pattern=best.pattern, outlying=np.zeros(0), pulses=times.size,
+        share=best.freedom / times.size, spread=float(np.mean(slope ** (-7 / 6))), scatter=np.array(scatter).T,
+        pattern=best.pattern, outlying=np.zeros(0), pulses=times.size,
     )  # fmt: skip
 
 

@@ -47,6 +47,8 @@ if TYPE_CHECKING:  # `as` tells type checkers that these names are for users
     from rotorfit.recordings.setup import RigSetup as RigSetup
     from rotorfit.recordings.shaft_lines import shaft_lines as shaft_lines
     from rotorfit.report.write import write_report as write_report
+    from rotorfit.simulation.instruments import Instruments as Instruments
+    from rotorfit.simulation.recordings import simulate_recordings as simulate_recordings
     from rotorfit.simulation.simulate import simulate as simulate
     from rotorfit.uncertainty.bootstrap import Bootstrap as Bootstrap
     from rotorfit.uncertainty.budget import Budget as Budget
@@ -103,7 +105,9 @@ _HOME = {
     "difference_synchronous": "rotorfit.data.synchronous",
     "LawComparison": "rotorfit.fitting.law_ranking",
     "compare_laws": "rotorfit.fitting.law_ranking",
+    "Instruments": "rotorfit.simulation.instruments",
     "simulate": "rotorfit.simulation.simulate",
+    "simulate_recordings": "rotorfit.simulation.recordings",
     "datasets": "",
     "models": "",
 }

@@ -1,0 +1,176 @@
+"""The instruments of a virtual rig: probes, Keyphasors and a recorder, with all that real ones do to a signal."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+Float = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+
+_HIGH, _LOW = -2.0, -8.0
+"""Voltage of a Keyphasor beside its notch and in it."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Instruments:
+    """What measures and records; the defaults are a good set of instruments on a rotor with ordinary run-out.
+
+    Attributes:
+        sample_rate: Hz.
+        sensitivity: of the probes, V/m.
+        gap: voltage of a probe at rest.
+        noise: standard deviation of the noise of every channel, V.
+        keyphasor_noise: of the Keyphasors, V.
+        bits, full_scale: of the recorder; full scale in V.
+        runout: amplitude of run-out at 1x, 2x, ..., m, in an arbitrary direction for each plane.
+        hum, hum_hz: amplitude of mains hum in all channels, V, and its frequency.
+        wander: standard deviation of the rotative speed over the speed, slow.
+        probe_angles: of the probes named X and Y, degrees.
+        lost, doubled: Keyphasor pulses of the shaft that are missing and that are there twice.
+        clipped: channel that saturates, "" for none.
+        ac_coupled: whether the recorder takes out the gap voltage.
+    """
+
+    sample_rate: float = 6400.0
+    sensitivity: float = 7870.0
+    gap: float = -10.0
+    noise: float = 3e-3
+    keyphasor_noise: float = 0.05
+    bits: int = 16
+    full_scale: float = 20.0
+    runout: tuple[float, ...] = (12e-6, 4e-6, 2e-6, 1e-6, 0.5e-6)
+    hum: float = 0.0
+    hum_hz: float = 50.0
+    wander: float = 2e-4
+    probe_angles: tuple[float, float] = (0.0, 90.0)
+    lost: int = 0
+    doubled: int = 0
+    clipped: str = ""
+    ac_coupled: bool = False
+
+    def time(self, duration: float) -> Float:
+        """Times of the samples, s."""
+        return np.arange(int(duration * self.sample_rate)) / self.sample_rate
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Played:
+    """One run of a virtual rig, before instruments.
+
+    Attributes:
+        name: of the run; the file is named so.
+        motion: of each plane, ``x + jy``, m, shape ``(T,)``.
+        shaft: angle of the shaft, rad, shape ``(T,)``.
+        perturbator: angle of the perturbator, growing whichever way it turns; None without.
+        signals: further channels, V.
+        attributes: of the file.
+    """
+
+    name: str
+    motion: Mapping[str, ComplexArray]
+    shaft: Float
+    perturbator: Float | None = None
+    signals: Mapping[str, Float] = field(default_factory=dict)
+    attributes: Mapping[str, str | float] = field(default_factory=dict)
+
+
+def record(played: Played, instruments: Instruments, folder: Path, rng: np.random.Generator) -> Path:
+    """Measure a run and write its HDF5 file.
+
+    Args:
+        played: the run.
+        instruments: what measures it.
+        folder: where the file goes.
+        rng: of noise, run-out directions and mishaps.
+
+    Returns:
+        path of the file.
+    """
+    import h5py
+
+    channels: dict[str, Float] = {}
+    time = np.arange(played.shaft.size) / instruments.sample_rate
+    for plane, z in played.motion.items():
+        seen = z + _runout(played.shaft, instruments, plane)
+        for axis, degrees in zip("XY", instruments.probe_angles, strict=True):
+            towards = np.real(seen * np.exp(-1j * np.radians(degrees)))
+            channels[f"{plane}_{axis}"] = instruments.gap + instruments.sensitivity * towards
+    channels |= played.signals
+    channels = {name: _disturbed(name, clean, time, instruments, rng) for name, clean in channels.items()}
+    channels["keyphasor_shaft"] = _keyphasor(played.shaft, instruments, rng, mishaps=True)
+    if played.perturbator is not None:
+        channels["keyphasor_perturbator"] = _keyphasor(played.perturbator, instruments, rng, mishaps=False)
+    path = folder / f"{played.name}.h5"
+    step = instruments.full_scale / 2 ** (instruments.bits - 1)
+    with h5py.File(path, "w") as file:
+        for name, volts in channels.items():
+            limit = 2 ** (instruments.bits - 1)
+            counts = np.clip(np.rint(volts / step), -limit, limit - 1).astype(np.int16 if limit <= 2**15 else np.int32)
+            data = file.create_dataset(
+                name, data=counts, chunks=(min(6000, counts.size),), compression="gzip", shuffle=True
+            )
+            data.attrs["volts_per_count"] = step
+        said = {
+            "sample_rate_hz": instruments.sample_rate,
+            "sensitivity_V_per_mm": instruments.sensitivity / 1e3,
+            "probe_angle_deg_X": instruments.probe_angles[0],
+            "probe_angle_deg_Y": instruments.probe_angles[1],
+            "keyphasor": "falling edge of a notch, -2 V to -8 V",
+        }
+        for name, value in {**said, **played.attributes}.items():
+            file.attrs[name] = value
+    return path
+
+
+def _disturbed(name: str, clean: Float, time: Float, instruments: Instruments, rng: np.random.Generator) -> Float:
+    """A channel with hum and noise, as the recorder takes it."""
+    hum = instruments.hum * np.cos(2 * np.pi * instruments.hum_hz * time + rng.uniform(0, 2 * np.pi))
+    volts = clean + hum + instruments.noise * rng.standard_normal(time.size)
+    if instruments.ac_coupled:
+        volts -= volts.mean()
+    return np.clip(volts, *np.quantile(volts, [0.03, 0.97])) if name == instruments.clipped else np.asarray(volts)
+
+
+def _runout(angle: Float, instruments: Instruments, plane: str) -> ComplexArray:
+    """What the probes of a plane see of a shaft that does not move: the same in every run."""
+    rng = np.random.default_rng(list(plane.encode()))
+    seen = np.zeros(angle.size, dtype=complex)
+    for order, size in enumerate(instruments.runout, start=1):
+        forward, backward = rng.uniform(0, 2 * np.pi, 2)
+        seen += size * np.exp(1j * (order * angle + forward)) + 0.3 * size * np.exp(-1j * (order * angle + backward))
+    return seen
+
+
+def _keyphasor(angle: Float, instruments: Instruments, rng: np.random.Generator, *, mishaps: bool) -> Float:
+    """Voltage of a notch 24 degrees wide whose falling edge, 6 degrees wide, is angle zero."""
+    into = np.mod(np.degrees(angle) + 180.0, 360.0) - 180.0
+    depth = np.clip((into + 3.0) / 6.0, 0, 1) - np.clip((into - 21.0) / 6.0, 0, 1)
+    if mishaps:
+        turn = np.floor(np.degrees(angle) / 360.0 + 0.5)
+        turns = np.arange(turn.min() + 3, turn.max() - 3)
+        chosen = rng.choice(turns, min(instruments.lost + instruments.doubled, turns.size), replace=False)
+        depth = np.where(np.isin(turn, chosen[: instruments.lost]), 0.0, depth)
+        again = np.clip((into - 60.0) / 6.0, 0, 1) - np.clip((into - 75.0) / 6.0, 0, 1)
+        depth = depth + np.where(np.isin(turn, chosen[instruments.lost :]), again, 0.0)
+    return np.asarray(_HIGH + (_LOW - _HIGH) * depth + instruments.keyphasor_noise * rng.standard_normal(angle.size))
+
+
+def wandering_angle(time: Float, speed: float, wander: float, rng: np.random.Generator) -> Float:
+    """Angle of a shaft whose speed wanders slowly about its mean, rad.
+
+    Args:
+        time: s, shape ``(T,)``.
+        speed: mean, rad/s.
+        wander: standard deviation of the speed over the speed.
+        rng: of the wander.
+    """
+    angle = speed * time
+    for rate in rng.uniform(0.2, 3.0, 6):  # rad/s
+        phase = rng.uniform(0, 2 * np.pi)
+        angle = angle + speed * wander * np.sqrt(2 / 6) * np.cos(rate * time + phase) / rate
+    return np.asarray(angle)
