@@ -54,7 +54,11 @@ class Instruments:
     ac_coupled: bool = False
 
     def time(self, duration: float) -> Float:
-        """Times of the samples, s."""
+        """Times of the samples, s.
+
+        Args:
+            duration: of the recording, s.
+        """
         return np.arange(int(duration * self.sample_rate)) / self.sample_rate
 
 
