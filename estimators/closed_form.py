@@ -433,7 +433,7 @@ def _one_step(lumped: Lumped, values: Float, information: Float, x: Float) -> Fl
 # ---- eq. 7, frequency by frequency ----------------------------------------------------------------------------
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class StiffnessMatrices:
     """Measured dynamic stiffness (eq. 7).
 
@@ -480,11 +480,15 @@ def stiffness_matrices(block: Responses) -> StiffnessMatrices:
         parts.append((lines[:, 0], k, np.sqrt(variance)))
     if not parts:
         kappa, error = np.empty((0, n, n), dtype=complex), np.empty((0, n, n))
-        return StiffnessMatrices(np.empty(0), np.empty(0), kappa, error, np.empty(0, dtype=np.intp))
+        return StiffnessMatrices(
+            frequency=np.empty(0), speed=np.empty(0), kappa=kappa, sigma=error, first_line=np.empty(0, dtype=np.intp)
+        )
     first, kappa, error = (np.concatenate(column) for column in zip(*parts, strict=True))
     sort = np.lexsort([w[first], block.speed[first], block.group[first]])
     first = first[sort]
-    return StiffnessMatrices(w[first], block.speed[first], kappa[sort], error[sort], first)
+    return StiffnessMatrices(
+        frequency=w[first], speed=block.speed[first], kappa=kappa[sort], sigma=error[sort], first_line=first
+    )
 
 
 def _rounded(values: Float) -> Float:

@@ -16,7 +16,7 @@ ComplexArray = NDArray[np.complex128]
 Index = NDArray[np.intp]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class JournalCoefficients:
     """Stiffness, damping and mass at the journal, one observation each for every row of a table.
 

@@ -20,7 +20,7 @@ ComplexArray = NDArray[np.complex128]
 Index = NDArray[np.intp]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class CorrelatedResponses:
     """Responses to circular forces with correlated errors.
 

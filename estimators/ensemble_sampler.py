@@ -43,7 +43,7 @@ class SamplerProgress:
     tau: float
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class WalkerPaths:
     """Walkers' paths.
 
@@ -189,16 +189,16 @@ def _assess(memory: Any, ess: float, seed: int, learned: int) -> WalkerPaths:
             f"({RESOLVED:.0f} times its length are needed). Intervals may be too narrow: raise max_steps"
         )
     return WalkerPaths(
-        chain[burn_in:],
-        memory.get_log_prob()[burn_in:],
-        np.asarray(memory.accepted / steps, dtype=float),
-        tau,
-        burn_in,
-        steps,
-        float(effective),
-        bool(resolved and effective >= ess),
-        message,
-        seed,
+        draws=chain[burn_in:],
+        log_density=memory.get_log_prob()[burn_in:],
+        acceptance=np.asarray(memory.accepted / steps, dtype=float),
+        tau=tau,
+        burn_in=burn_in,
+        steps=steps,
+        ess=float(effective),
+        converged=bool(resolved and effective >= ess),
+        message=message,
+        seed=seed,
     )
 
 

@@ -38,7 +38,7 @@ class Combination:
     kind: str = ""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Identifiability:
     """Verdict on a fit.
 
@@ -195,12 +195,12 @@ def diagnose(
     determined = bool(np.isfinite(stderr).all()) and stderr.min() > 0
     condition = float(stderr.max() / stderr.min()) if determined else float("inf")
     return covar, Identifiability(
-        int(finite.size),
-        len(names),
-        condition,
-        tuple(combinations),
-        tuple(unresolved),
-        directions[:, np.isinf(stderr)] * scales[:, None],
+        rank=int(finite.size),
+        size=len(names),
+        condition=condition,
+        combinations=tuple(combinations),
+        unresolved=tuple(unresolved),
+        null_space=directions[:, np.isinf(stderr)] * scales[:, None],
     )
 
 

@@ -20,7 +20,7 @@ MOST_ENTRIES = 8
 """Readings evaluated together at a node where code is generated; more are split, so that it stays short."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class KernelLayout:
     """Plain arrays of all responses of a problem.
 

@@ -179,7 +179,13 @@ class Batch:
         problem, stops = self.problem, np.cumsum([0] + [block.measured.size for block in self.problem.blocks])
         return [
             (
-                Problem(problem.space, (problem.blocks[i],), problem.loss, (), problem.factors[i : i + 1]),
+                Problem(
+                    space=problem.space,
+                    blocks=(problem.blocks[i],),
+                    loss=problem.loss,
+                    priors=(),
+                    factors=problem.factors[i : i + 1],
+                ),
                 slice(stops[i], stops[i + 1]),
                 self._channel_of[i],
             )

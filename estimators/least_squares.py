@@ -82,15 +82,23 @@ def minimise(
         status = _descend(run)
     best = run.best
     if status is Status.INFEASIBLE_START:
-        return Solution(x, math.nan, status, 0, run.n_evaluations, run.kind, math.inf)
+        return Solution(
+            x=x,
+            cost=math.nan,
+            status=status,
+            n_iterations=0,
+            n_evaluations=run.n_evaluations,
+            hessian=run.kind,
+            offset=math.inf,
+        )
     return Solution(
-        run.unscaled(best.point.u),
-        best.point.cost,
-        status,
-        run.n_iterations,
-        run.n_evaluations,
-        run.kind,
-        best.offset,
+        x=run.unscaled(best.point.u),
+        cost=best.point.cost,
+        status=status,
+        n_iterations=run.n_iterations,
+        n_evaluations=run.n_evaluations,
+        hessian=run.kind,
+        offset=best.offset,
     )
 
 

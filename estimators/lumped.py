@@ -28,7 +28,7 @@ _SPEED_TERMS = 5  # powers of the speed looked for in a coefficient
 _NEITHER, _LINEAR, _RECIPROCAL = 0, 1, 2
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class LumpedStructure:
     """What the lumped coefficients depend on: equal layouts have the same ones.
 
@@ -57,16 +57,16 @@ class LumpedStructure:
             for block in blocks
         )
         return cls(
-            space.model,
-            space.names,
-            space.base,
-            tuple(map(tuple, space.template.tolist())),
-            tuple(map(tuple, space.index.tolist())),
-            speeds,
+            model=space.model,
+            names=space.names,
+            base=space.base,
+            template=tuple(map(tuple, space.template.tolist())),
+            index=tuple(map(tuple, space.index.tolist())),
+            speeds=speeds,
         )
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Place:
     """Where lumped coefficients enter the dynamic stiffness, one entry a coefficient, shape ``(E,)``.
 
@@ -216,7 +216,16 @@ def lumped_coefficients(layout: LumpedStructure) -> Lumped:
                     expressions.append(part)
                     rows.append((number, group, row, column, power, unit, degree, at))
     block_, group_, row_, column_, power_, unit_, degree_, speed_ = (np.array(c) for c in zip(*rows, strict=True))
-    where = Place(block_, group_, row_, column_, power_, unit_.astype(complex), degree_, speed_.astype(float))
+    where = Place(
+        block=block_,
+        group=group_,
+        row=row_,
+        column=column_,
+        power=power_,
+        unit=unit_.astype(complex),
+        speed_power=degree_,
+        speed=speed_.astype(float),
+    )
     scale = np.array([model.parameter(name).scale for name in layout.base])
     return Lumped(x, ca.vertcat(*expressions), where, scale)
 

@@ -142,7 +142,13 @@ class OrbitResponses:
         if self.mode == "given":
             eps = np.clip(self.eccentricity, 0.0, LARGEST_ECCENTRICITY)
         else:
-            equation = OrbitEquation(vectors, base.s, base.speed, centred[:, at] / seat.clearance, H[:, at, at])
+            equation = OrbitEquation(
+                theta=vectors,
+                s=base.s,
+                speed=base.speed,
+                drive=centred[:, at] / seat.clearance,
+                receptance=H[:, at, at],
+            )
             if self.mode == "nearest":
                 eps = nearest_roots(seat, equation, self.eccentricity)
             else:

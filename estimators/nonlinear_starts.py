@@ -95,9 +95,19 @@ def _as_circular(block: OffCentreResponses) -> Responses:
     turned = np.where(block.vertical, 1j * block.measured, block.measured)
     turned = np.where(block.frequency[block.line] < 0, np.where(block.vertical, -turned, turned).conj(), turned)
     return Responses(
-        block.model, block.speed, block.frequency, block.force, block.group, block.line, block.coordinate, turned,
-        block.sigma, block.label, block.labels, block.run,
-    )  # fmt: skip
+        model=block.model,
+        speed=block.speed,
+        frequency=block.frequency,
+        force=block.force,
+        group=block.group,
+        line=block.line,
+        coordinate=block.coordinate,
+        measured=turned,
+        sigma=block.sigma,
+        label=block.label,
+        labels=block.labels,
+        run=block.run,
+    )
 
 
 def _with_law(space: ParameterSpace, reduced: ParameterSpace, x: Float, law: Law) -> Iterator[Float]:

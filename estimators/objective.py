@@ -81,7 +81,7 @@ class Options:
             raise ValueError(f"barrier is {self.barrier}; it must be positive")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Solution:
     """Outcome of :func:`minimise`.
 

@@ -74,7 +74,7 @@ class Block(Protocol):
         ...
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Responses:
     """Responses to circular forces, or forces under imposed orbits, one line a run at one frequency.
 

@@ -20,7 +20,7 @@ DATUM = "datum"
 """Nuisance entry of the common datum angle: by how much responses lead forces beyond what the rotor does."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class ParameterSpace:
     """The fitted vector: free parameters, some of them one value a group, then nuisance parameters.
 
@@ -153,14 +153,14 @@ def parameter_space(
     limits = np.array([_limits(model, name, bounds) for name in names])
     free = np.full(len(nuisance), np.inf)
     return ParameterSpace(
-        model,
-        tuple(names),
-        tuple(base),
-        template,
-        index,
-        np.concatenate([limits[:, 0], -free]),
-        np.concatenate([limits[:, 1], free]),
-        tuple(nuisance),
+        model=model,
+        names=tuple(names),
+        base=tuple(base),
+        template=template,
+        index=index,
+        lower=np.concatenate([limits[:, 0], -free]),
+        upper=np.concatenate([limits[:, 1], free]),
+        nuisance=tuple(nuisance),
     )
 
 

@@ -21,7 +21,7 @@ Index = NDArray[np.intp]
 _PIECE = 8192  # readings whose derivatives are held at once
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Problem:
     """Weighted least squares on complex observations, an :class:`~rotorfit.estimators.least_squares.Objective`.
 
@@ -116,7 +116,9 @@ class Problem:
             stops = np.cumsum([part.measured.size for part in parts])
             rows = [None] * len(parts) if factors is None else np.split(factors, stops[:-1])
             pieces += [
-                Problem(self.space, (part,), self.loss, (), () if row is None else (row,))
+                Problem(
+                    space=self.space, blocks=(part,), loss=self.loss, priors=(), factors=() if row is None else (row,)
+                )
                 for part, row in zip(parts, rows, strict=True)
             ]
         return tuple(pieces)

@@ -38,7 +38,7 @@ class Held(Protocol):
         ...
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class End:
     """One end of an interval.
 
@@ -128,9 +128,15 @@ class Curve:
             grown = outer * min(max(1.1 * goal / (high + goal), 1.3), 4.0) if high > -goal else 4 * outer
             inner, low, outer = outer, high, min(grown, reach)
         if high < 0:
-            return End(side * math.inf, limit, (high + goal) ** 2, at_bound and outer == reach, True)
+            return End(
+                value=side * math.inf,
+                limit=limit,
+                rise=(high + goal) ** 2,
+                at_bound=at_bound and outer == reach,
+                exact=True,
+            )
         distance, exact = self._solve(centre, side, (inner, low), (outer, high), goal, _STEPS - count)
-        return End(centre + side * distance, limit, level, False, exact)
+        return End(value=centre + side * distance, limit=limit, rise=level, at_bound=False, exact=exact)
 
     def _root(self, value: float, limit: float, at_limit: bool) -> float:
         return math.sqrt(max(self(limit if at_limit else value), 0.0))

@@ -18,7 +18,7 @@ ComplexArray = NDArray[np.complex128]
 Index = NDArray[np.intp]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class OffCentreResponses:
     """Small responses to circular forces about an off-centre equilibrium; the fluid couples both directions.
 
@@ -116,7 +116,7 @@ class OffCentreResponses:
             slopes[place] -= np.einsum("ri,rij,rj->r", left[:, n:], backward[self.line].conj(), right[:, n:])
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class FreeVibrations:
     """Eigenvalues of small free motion about equilibria, each the one nearest to what was measured.
 

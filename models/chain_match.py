@@ -38,7 +38,7 @@ _EXACT: dict[str, Any] = {
 }  # exact shapes are to give back their chain to round-off
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class ChainFromModes:
     """A chain that has given natural frequencies, and how well its deflection lines match the given ones.
 
@@ -130,14 +130,14 @@ def chain_from_modes(
     scaled = own * size
     deviation = np.linalg.norm(scaled - lines, axis=0) / np.linalg.norm(lines, axis=0)
     return ChainFromModes(
-        M * factor,
-        K * factor,
-        psi * np.where(size < 0, -1.0, 1.0)[:, None],
-        chain_modes(M, K)[0],
-        scaled,
-        np.sum(scaled**2, axis=0) / np.sum(lines**2, axis=0),
-        deviation,
-        size**2 * factor,
+        M=M * factor,
+        K=K * factor,
+        psi=psi * np.where(size < 0, -1.0, 1.0)[:, None],
+        frequencies=chain_modes(M, K)[0],
+        shapes=scaled,
+        match=np.sum(scaled**2, axis=0) / np.sum(lines**2, axis=0),
+        deviation=deviation,
+        modal_mass=size**2 * factor,
     )
 
 

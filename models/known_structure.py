@@ -181,11 +181,11 @@ class KnownStructure(RotorModel):
         ]
         entries = [(place, change, np.nonzero(change)) for place, change in changes]
         return CoefficientJacobian(
-            np.concatenate([added.inputs, *(np.full(where[0].size, place) for place, _, where in entries)]),
-            np.concatenate([added.powers, *(where[0] for _, _, where in entries)]),
-            np.concatenate([self.shaft.at[added.rows], *(where[1] for _, _, where in entries)]),
-            np.concatenate([self.shaft.at[added.columns], *(where[2] for _, _, where in entries)]),
-            np.concatenate([added.values, *(change[where] for _, change, where in entries)]),
+            inputs=np.concatenate([added.inputs, *(np.full(where[0].size, place) for place, _, where in entries)]),
+            powers=np.concatenate([added.powers, *(where[0] for _, _, where in entries)]),
+            rows=np.concatenate([self.shaft.at[added.rows], *(where[1] for _, _, where in entries)]),
+            columns=np.concatenate([self.shaft.at[added.columns], *(where[2] for _, _, where in entries)]),
+            values=np.concatenate([added.values, *(change[where] for _, change, where in entries)]),
         )
 
 

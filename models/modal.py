@@ -184,4 +184,10 @@ class Modal(RotorModel):
         whole, rows = self.functions.jacobian(theta, speed), self._modal_rows()
         mine = np.flatnonzero((whole.rows == whole.columns) & (whole.rows >= rows.start) & (whole.rows < rows.stop))
         place = whole.rows[mine] - rows.start
-        return CoefficientJacobian(whole.inputs[mine], whole.powers[mine], place, place, whole.values[..., mine])
+        return CoefficientJacobian(
+            inputs=whole.inputs[mine],
+            powers=whole.powers[mine],
+            rows=place,
+            columns=place,
+            values=whole.values[..., mine],
+        )

@@ -40,7 +40,7 @@ class Coordinate:
         return f"{self.plane}.{self.axis}"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class CoefficientJacobian:
     """Structurally nonzero derivatives of the coefficients, entry e being d C[power, row, column] / d input.
 
@@ -413,7 +413,9 @@ class CompiledModel:
         values = np.zeros((*flat.shape[:-1], self.inputs.size), dtype=complex)
         values.real[..., self._real_entry] = flat[..., self._real]
         values.imag[..., self._imag_entry] = flat[..., self._imag]
-        return CoefficientJacobian(self.inputs, self.powers, self.rows, self.columns, values)
+        return CoefficientJacobian(
+            inputs=self.inputs, powers=self.powers, rows=self.rows, columns=self.columns, values=values
+        )
 
     def factors(self, theta: ArrayLike) -> ComplexArray:
         """Probe factors, shape ``(..., n)``."""

@@ -42,11 +42,11 @@ def static_equilibria(model: RotorModel, theta: ArrayLike, speed: float, load: A
         return [centred]
     seat = journal(model)
     equation = OrbitEquation(
-        np.asarray(theta, dtype=float)[None],
-        np.zeros(1, dtype=complex),
-        np.array([speed], dtype=float),
-        centred[[seat.at]] / seat.clearance,
-        H[[seat.at], seat.at],
+        theta=np.asarray(theta, dtype=float)[None],
+        s=np.zeros(1, dtype=complex),
+        speed=np.array([speed], dtype=float),
+        drive=centred[[seat.at]] / seat.clearance,
+        receptance=H[[seat.at], seat.at],
     )
     roots = all_roots(seat, equation)[0]
     return [model.receptance(theta, 0.0, speed, eps) @ load for eps in roots.tolist()]

@@ -29,7 +29,7 @@ _GRID = 129  # eccentricities at which a search looks for sign changes
 _BISECTIONS = 52
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class OrbitEquation:
     """The scalar equation of many lines, all arrays of shape ``(L,)`` but theta, ``(L, P)``.
 
@@ -49,7 +49,7 @@ class OrbitEquation:
 
     def select(self, lines: Index) -> Self:
         """The equation of some lines."""
-        return type(self)(*[getattr(self, f.name)[lines] for f in fields(self)])
+        return type(self)(**{f.name: getattr(self, f.name)[lines] for f in fields(self)})
 
     def excess(self, journal: Journal, eccentricity: Float) -> tuple[Float, Float]:
         """Predicted minus assumed eccentricity, and its slope.

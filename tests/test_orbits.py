@@ -31,7 +31,11 @@ def orbit_equation(
     drive = np.einsum("lij,lj->li", H, force)[:, seat.at] / seat.clearance
     lines = frequency.size
     return OrbitEquation(
-        np.tile(theta, (lines, 1)), 1j * frequency, np.full(lines, speed), drive, H[:, seat.at, seat.at]
+        theta=np.tile(theta, (lines, 1)),
+        s=1j * frequency,
+        speed=np.full(lines, speed),
+        drive=drive,
+        receptance=H[:, seat.at, seat.at],
     )
 
 
@@ -158,9 +162,20 @@ def test_sensitivities_of_the_implicit_equation_are_exact(name: str, mode: Orbit
     line = np.repeat(np.arange(lines), n) if not imposed else np.arange(lines)
     zeros = np.zeros(line.size, dtype=np.intp)
     base = Responses(
-        model, np.full(lines, SPEED), frequency, drive, np.zeros(lines, dtype=np.intp), line, coordinate,
-        np.ones(line.size, dtype=complex), np.ones(line.size), zeros, ("r",), np.full(line.size, "r"), imposed,
-    )  # fmt: skip
+        model=model,
+        speed=np.full(lines, SPEED),
+        frequency=frequency,
+        force=drive,
+        group=np.zeros(lines, dtype=np.intp),
+        line=line,
+        coordinate=coordinate,
+        measured=np.ones(line.size, dtype=complex),
+        sigma=np.ones(line.size),
+        label=zeros,
+        labels=("r",),
+        run=np.full(line.size, "r"),
+        imposed=imposed,
+    )
     block = OrbitResponses(base, eps, mode, np.zeros(lines, dtype=np.intp))
     predicted, slopes = block.predict_jacobian(theta[None])
     np.testing.assert_array_equal(predicted, block.predict(theta[None]))

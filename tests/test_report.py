@@ -72,7 +72,15 @@ def made_profile(name: str, lower: float, upper: float, level: float = 0.95) -> 
     middle = (lower + upper) / 2
     values = np.linspace(lower, upper, 5)
     return Profile(
-        name, "1", middle, level, lower, upper, values, 3.84 * (2 * (values - middle) / (upper - lower)) ** 2, ""
+        name=name,
+        unit="1",
+        value=middle,
+        level=level,
+        lower=lower,
+        upper=upper,
+        values=values,
+        rise=3.84 * (2 * (values - middle) / (upper - lower)) ** 2,
+        message="",
     )
 
 
@@ -142,7 +150,9 @@ def normal_draws(fit: FitResult, **changes: Any) -> rf.Posterior:
         "message": "converged: made for a test",
         "treatment": "noise as given with the data",
         "seed": 5,
-        "settings": SampleSettings("fixed", 1.0, walkers, 4000.0, 1000, steps),
+        "settings": SampleSettings(
+            noise="fixed", inflation=1.0, walkers=walkers, ess=4000.0, max_steps=1000, steps=steps
+        ),
     }
     return rf.Posterior(**{**made, **changes})
 

@@ -33,7 +33,7 @@ Float = NDArray[np.float64]
 _FLUID = ("K0", "lam", "lam_D", "D")  # what the source follows in a campaign, where the model has it
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Campaign:
     """Fits of all runs of a campaign.
 
@@ -281,7 +281,7 @@ def campaign(
         >>> found.values("lam")[0].shape
         (2,)
     """
-    settings = FitSettings(known or {}, bounds or {}, priors or {}, {}, loss)
+    settings = FitSettings(known=known or {}, bounds=bounds or {}, priors=priors or {}, per={}, loss=loss)
     start = dict(start or {})
     names = (shared,) if isinstance(shared, str) else tuple(shared)
     _check(model, settings, names, start)
@@ -290,12 +290,28 @@ def campaign(
     if names:
         joint = fit_shared(workers, runs, names, settings, start)
         success = joint.success and all(run.success for run in joint.runs)
-        return Campaign(model, joint.runs, joint.params, joint.covar, settings, success, runs)
+        return Campaign(
+            model=model,
+            runs=joint.runs,
+            shared=joint.params,
+            shared_covar=joint.covar,
+            settings=settings,
+            success=success,
+            _data=runs,
+        )
     option = {"settings": settings, "start": start}
     fits = tuple(workers(fit_run, runs, [option] * len(runs)))
     if not any(run.params for run in fits):
         raise ValueError(f"no run of the campaign can be fitted; the first one: {fits[0].message}")
-    return Campaign(model, fits, {}, np.empty((0, 0)), settings, all(run.success for run in fits), runs)
+    return Campaign(
+        model=model,
+        runs=fits,
+        shared={},
+        shared_covar=np.empty((0, 0)),
+        settings=settings,
+        success=all(run.success for run in fits),
+        _data=runs,
+    )
 
 
 def _check(model: RotorModel, settings: FitSettings, shared: Sequence[str], start: Mapping[str, float]) -> None:

@@ -38,7 +38,7 @@ class Run:
     attributes: Mapping[str, float | str]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class RunFit:
     """What the fit of one run found; small, so that it travels well.
 
@@ -132,11 +132,21 @@ def fit_run(model: RotorModel, run: Run, *, settings: FitSettings, start: Mappin
         )  # fmt: skip
     except (ValueError, KeyError, np.linalg.LinAlgError) as problem:
         reason = problem.args[0] if isinstance(problem, KeyError) and problem.args else problem
-        return RunFit(run.name, run.attributes, message=f"not fitted: {reason}")
+        return RunFit(name=run.name, attributes=run.attributes, message=f"not fitted: {reason}")
     return RunFit(
-        run.name, run.attributes, dict(found.params), found.var_names, found.covar, found.chisqr, found.redchi,
-        found.ndata, found.nfev, found.success, found.message, found.warnings,
-    )  # fmt: skip
+        name=run.name,
+        attributes=run.attributes,
+        params=dict(found.params),
+        var_names=found.var_names,
+        covar=found.covar,
+        chisqr=found.chisqr,
+        redchi=found.redchi,
+        ndata=found.ndata,
+        nfev=found.nfev,
+        success=found.success,
+        message=found.message,
+        warnings=found.warnings,
+    )
 
 
 def curvature(model: RotorModel, run: Run, *, settings: FitSettings, at: Mapping[str, float]) -> Curvature | str:

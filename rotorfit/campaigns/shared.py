@@ -193,10 +193,18 @@ def _finish(
         parameter = model.parameter(name)
         low, high = float(limits[0][i]), float(limits[1][i])
         shared[name] = FittedParameter(
-            name, float(phi[i]), float(np.sqrt(errors.covar[i, i])), float(np.sqrt(errors.noise[i, i])), float(phi[i]),
-            parameter.unit, parameter.meaning, low, high, True,
+            name=name,
+            value=float(phi[i]),
+            stderr=float(np.sqrt(errors.covar[i, i])),
+            stderr_noise=float(np.sqrt(errors.noise[i, i])),
+            init_value=float(phi[i]),
+            unit=parameter.unit,
+            meaning=parameter.meaning,
+            min=low,
+            max=high,
+            vary=True,
             at_bound=bool(min(phi[i] - low, high - phi[i]) <= 1e-7 * abs(phi[i])),
-        )  # fmt: skip
+        )
     runs = list(profile.fits)
     for number, own in zip(profile.fitted, errors.own, strict=True):
         runs[number] = _with_errors(runs[number], own, names)

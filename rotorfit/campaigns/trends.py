@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 Float = NDArray[np.float64]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Trend:
     """One parameter of one group of runs against an attribute.
 
@@ -82,8 +82,20 @@ def trend_of(runs: Sequence[RunFit], parameter: str, unit: str, against: str, gr
         slope = Quantity(float(coefficients[1]), float(np.sqrt(covar[1, 1])), slope.unit)
     names = tuple(run.name for run in ordered)
     return Trend(
-        parameter, unit, against, group, x, value, stderr, names, slope, scatter, centre, coefficients, covar
-    )  # fmt: skip
+        parameter=parameter,
+        unit=unit,
+        against=against,
+        group=group,
+        x=x,
+        value=value,
+        stderr=stderr,
+        runs=names,
+        slope=slope,
+        scatter=scatter,
+        _centre=centre,
+        _coefficients=coefficients,
+        _covar=covar,
+    )
 
 
 def trend_table(trends: Sequence[Trend]) -> str:

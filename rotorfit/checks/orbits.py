@@ -21,7 +21,7 @@ NEAR_1X = 1e-3
 Index = NDArray[np.intp]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Orbits:
     """Readings of one plane at one frequency, x and y put together; arrays of one length.
 

@@ -71,7 +71,13 @@ def fit(
         (True, 0.473, '1')
     """
     settings = FitSettings(
-        known or {}, bounds or {}, priors or {}, per or {}, loss, phase_offsets, calibration=calibration
+        known=known or {},
+        bounds=bounds or {},
+        priors=priors or {},
+        per=per or {},
+        loss=loss,
+        phase_offsets=phase_offsets,
+        calibration=calibration,
     )
     problem = build_problem(model, experiments, settings)
     begin, notes = start_vector(problem, start or {})
@@ -147,7 +153,9 @@ def _solve(problem: Problem, start: Float, options: Options) -> Solution:
     space = problem.space
     if problem.loss not in ("linear", "soft_l1"):
         # A redescending loss has local minima; the convex one leads into the right basin.
-        gentle = Problem(space, problem.blocks, "soft_l1", problem.priors, problem.factors)
+        gentle = Problem(
+            space=space, blocks=problem.blocks, loss="soft_l1", priors=problem.priors, factors=problem.factors
+        )
         start = _solve(gentle, start, options).x
     typical = np.array([space.model.parameter(name).scale for name in space.base] + [0.1] * len(space.nuisance))
     scale = np.where(np.abs(start) > 1e-6 * typical, np.abs(start), typical)

@@ -140,25 +140,34 @@ def _parameters(
         span = max(abs(float(x[i])), 1e-12)
         at_bound = bool(min(x[i] - space.lower[i], space.upper[i] - x[i]) <= 1e-7 * span)
         entries[name] = FittedParameter(
-            name,
-            float(x[i]),
-            float(wide[i]) if resolved else float("inf"),
-            float(error[i]) if resolved else float("inf"),
-            float(begin[i]),
-            unit,
-            meaning,
-            float(space.lower[i]),
-            float(space.upper[i]),
-            True,
-            resolved,
-            at_bound,
+            name=name,
+            value=float(x[i]),
+            stderr=float(wide[i]) if resolved else float("inf"),
+            stderr_noise=float(error[i]) if resolved else float("inf"),
+            init_value=float(begin[i]),
+            unit=unit,
+            meaning=meaning,
+            min=float(space.lower[i]),
+            max=float(space.upper[i]),
+            vary=True,
+            resolved=resolved,
+            at_bound=at_bound,
         )
     theta = space.theta(x)
     for place, meta in enumerate(space.model.parameters):
         if (space.index[:, place] < 0).all():
             value = float(theta[0, place])
             entries[meta.name] = FittedParameter(
-                meta.name, value, 0.0, 0.0, value, meta.unit, meta.meaning, meta.lower, meta.upper, False
+                name=meta.name,
+                value=value,
+                stderr=0.0,
+                stderr_noise=0.0,
+                init_value=value,
+                unit=meta.unit,
+                meaning=meta.meaning,
+                min=meta.lower,
+                max=meta.upper,
+                vary=False,
             )
     order = {name: i for i, name in enumerate(space.model.parameter_names)}
     last = len(order)
@@ -226,11 +235,11 @@ def _qualities(problem: Problem, x: Float) -> tuple[ResponseQuality, ...]:
             power = float(np.sum(np.abs(measured) ** 2)) * float(np.sum(np.abs(model) ** 2))
             result.append(
                 ResponseQuality(
-                    name,
-                    float(np.sqrt(miss.sum() / max(np.sum(np.abs(measured) ** 2), 1e-300))),
-                    float(np.abs(np.vdot(model, measured)) ** 2 / power) if power > 0 else 0.0,
-                    float(np.mean(miss / sigma**2) / 2),
-                    int(rows.sum()),
+                    name=name,
+                    nrmse=float(np.sqrt(miss.sum() / max(np.sum(np.abs(measured) ** 2), 1e-300))),
+                    frac=float(np.abs(np.vdot(model, measured)) ** 2 / power) if power > 0 else 0.0,
+                    redchi=float(np.mean(miss / sigma**2) / 2),
+                    count=int(rows.sum()),
                 )
             )
     return tuple(result)

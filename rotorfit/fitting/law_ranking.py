@@ -25,7 +25,7 @@ STRONG = 10.0
 """Difference of AIC beyond which the worse of two models has no support left (Burnham & Anderson 2002)."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class LawFit:
     """One law in a comparison.
 
@@ -206,14 +206,26 @@ def _try(
     try:
         result = fit(model, experiments, known=mine, **options)
     except (ValueError, ClosedFormError, np.linalg.LinAlgError) as reason:
-        return LawFit(law, None, str(reason), 0, np.inf, np.inf)
+        return LawFit(law=law, fit=None, reason=str(reason), count=0, aic=np.inf, bic=np.inf)
     if not result.success:
-        return LawFit(law, result, f"the fit did not converge: {result.message}", result.nvarys, np.inf, np.inf)
+        return LawFit(
+            law=law,
+            fit=result,
+            reason=f"the fit did not converge: {result.message}",
+            count=result.nvarys,
+            aic=np.inf,
+            bic=np.inf,
+        )
     unseen = result.identifiability.null_space.shape[1] if result.identifiability.null_space.size else 0
     log_n = float(np.log(result.ndata))
     return LawFit(
-        law, result, "", result.nvarys - unseen, result.aic - 2 * unseen, result.bic - unseen * log_n
-    )  # fmt: skip
+        law=law,
+        fit=result,
+        reason="",
+        count=result.nvarys - unseen,
+        aic=result.aic - 2 * unseen,
+        bic=result.bic - unseen * log_n,
+    )
 
 
 def _on_the_same_data(

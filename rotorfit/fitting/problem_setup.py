@@ -72,7 +72,9 @@ def build_problem(model: RotorModel, experiments: Experiment | Sequence[Experime
     if errors is not None:
         first = space.size - errors.sd.size
         priors += tuple(Prior(first + i, _normal(sd)) for i, sd in enumerate(errors.sd.tolist()))
-    problem = with_levels(Problem(space, blocks, settings.loss, priors, factors), settings.levels)
+    problem = with_levels(
+        Problem(space=space, blocks=blocks, loss=settings.loss, priors=priors, factors=factors), settings.levels
+    )
     if space.size > problem.n_data:
         raise ValueError(f"{space.size} unknowns but only {problem.n_data} real data: fix parameters or add readings")
     return problem

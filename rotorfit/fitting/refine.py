@@ -150,7 +150,7 @@ def _names(model: RotorModel, fit: FitResult) -> set[str]:
     return {name for name in fit.params if name.partition("[")[0] in model.parameter_names}
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class OneLamTest:
     """Test of eq. (13)'s single velocity ratio against lam_D and lam_M of their own.
 
@@ -219,12 +219,12 @@ def one_lam_test(fit: FitResult, *, level: float = 0.01) -> OneLamTest:
         else f"one lam agrees with the data (p = {p:.2g})"
     )
     return OneLamTest(
-        (d.value, d.stderr),
-        (m.value, m.stderr),
-        (d.value - m.value, float(np.sqrt(variance))),
-        statistic,
-        p,
-        rejected,
-        verdict,
-        wide,
+        lam_D=(d.value, d.stderr),
+        lam_M=(m.value, m.stderr),
+        difference=(d.value - m.value, float(np.sqrt(variance))),
+        statistic=statistic,
+        p_value=p,
+        rejected=rejected,
+        message=verdict,
+        fit=wide,
     )

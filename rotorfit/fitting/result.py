@@ -38,7 +38,7 @@ Float = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class FittedParameter:
     """One parameter of a result.
 
@@ -85,7 +85,7 @@ class Quantity:
         return f"{plus_minus(self.value, self.stderr)} {self.unit}"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class ResponseQuality:
     """Agreement of one measured response with the fit.
 
@@ -104,7 +104,7 @@ class ResponseQuality:
     count: int
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class FitResult:
     """Result of :func:`rotorfit.fit` or :func:`rotorfit.closed_form`. Frozen; a failed fit is a result that says so.
 

@@ -25,7 +25,7 @@ def check_phase_offsets(given: object) -> None:
         raise ValueError(f"phase_offsets is {given!r}; allowed: False, True (one a run but the first), 'common'")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class FitSettings:
     """What the user asked for; see :func:`rotorfit.fit`.
 

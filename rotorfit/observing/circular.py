@@ -263,7 +263,20 @@ def _assemble(
     labels = tuple(dict.fromkeys(names))
     number = {name: i for i, name in enumerate(labels)}
     label = np.array([number[name] for name in names], dtype=np.intp)
-    block = Responses(model, speed, frequency, force, group, line, coordinate, measured, sigma, label, labels, run)
+    block = Responses(
+        model=model,
+        speed=speed,
+        frequency=frequency,
+        force=force,
+        group=group,
+        line=line,
+        coordinate=coordinate,
+        measured=measured,
+        sigma=sigma,
+        label=label,
+        labels=labels,
+        run=run,
+    )
     gaps = np.isnan(sigma)
     if gaps.any():
         sigma[gaps] = estimate_noise(block, wrong, test.synchronous)[gaps]
@@ -293,18 +306,18 @@ def _observe_displacement(model: RotorModel, test: DisplacementTest, group: Inde
     labels = tuple(dict.fromkeys(names))
     label = np.array([labels.index(name) for name in names], dtype=np.intp)
     block = Responses(
-        model,
-        test.speed,
-        test.frequency,
-        imposed,
-        group,
-        np.arange(count),
-        coordinate,
-        right,
-        sigma,
-        label,
-        labels,
-        test.run,
+        model=model,
+        speed=test.speed,
+        frequency=test.frequency,
+        force=imposed,
+        group=group,
+        line=np.arange(count),
+        coordinate=coordinate,
+        measured=right,
+        sigma=sigma,
+        label=label,
+        labels=labels,
+        run=test.run,
         imposed=True,
     )
     gaps = np.isnan(sigma)

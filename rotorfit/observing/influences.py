@@ -29,7 +29,11 @@ def correlated(base: Responses, influences: Influences) -> CorrelatedResponses:
         working = covariance = np.diag(sigma**2).astype(complex)
     scale = np.outer(sigma, sigma)
     return CorrelatedResponses(
-        replace(base, sigma=sigma), working / scale, covariance / scale, solved.freedom, influences.remarks
+        base=replace(base, sigma=sigma),
+        correlation=working / scale,
+        covariance=covariance / scale,
+        freedom=solved.freedom,
+        remarks=influences.remarks,
     )
 
 

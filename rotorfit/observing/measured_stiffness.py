@@ -62,7 +62,11 @@ def dynamic_stiffness(
         raise ValueError(f"eq. (7) needs a force at each of the planes {', '.join(names)} in turn: {reason}")
     order = np.lexsort([result.frequency, result.speed])
     return StiffnessMatrices(
-        result.frequency[order], result.speed[order], result.kappa[order], result.sigma[order], result.first_line[order]
+        frequency=result.frequency[order],
+        speed=result.speed[order],
+        kappa=result.kappa[order],
+        sigma=result.sigma[order],
+        first_line=result.first_line[order],
     )
 
 

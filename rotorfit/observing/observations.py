@@ -152,9 +152,19 @@ def _static(model: RotorModel, test: StaticTest, group: Index) -> Block:
     names = [f"{run} / {plane} static" for run, plane in zip(test.run.tolist(), test.plane.tolist(), strict=True)]
     label, labels = _labels(names)
     block = Responses(
-        model, test.speed, still, force, group, np.arange(count), coordinate, test.displacement,
-        _static_noise(test, label), label, labels, test.run,
-    )  # fmt: skip
+        model=model,
+        speed=test.speed,
+        frequency=still,
+        force=force,
+        group=group,
+        line=np.arange(count),
+        coordinate=coordinate,
+        measured=test.displacement,
+        sigma=_static_noise(test, label),
+        label=label,
+        labels=labels,
+        run=test.run,
+    )
     if not model.eccentricity_dependent:
         return block
     seat = journal(model)
@@ -224,7 +234,17 @@ def _impulses(model: RotorModel, test: ImpulseTest, group: Index) -> FreeVibrati
                 f"column, or repeat impulses at the same speed and eccentricity"
             )
         sigma[np.isnan(sigma)] = spread
-    return FreeVibrations(model, test.speed, eps, group, s, sigma, label, labels, test.run)
+    return FreeVibrations(
+        model=model,
+        speed=test.speed,
+        eccentricity=eps,
+        reading_group=group,
+        measured=s,
+        sigma=sigma,
+        label=label,
+        labels=labels,
+        run=test.run,
+    )
 
 
 # ---- small motion off centre -----------------------------------------------------------------------------------------
@@ -302,7 +322,15 @@ def _coefficients(model: RotorModel, test: CoefficientTable, group: Index) -> Jo
     label, labels = _labels(names)
     measured = parts[:, 0] / spread[:, 0] + 1j * parts[:, 1] / spread[:, 1]
     return JournalCoefficients(
-        model, test.speed, test.eccentricity, group, spread, measured, label, labels, np.tile(test.run, 3)
+        model=model,
+        speed=test.speed,
+        eccentricity=test.eccentricity,
+        group=group,
+        spread=spread,
+        measured=measured,
+        label=label,
+        labels=labels,
+        run=np.tile(test.run, 3),
     )
 
 

@@ -22,7 +22,7 @@ CONFIDENCE = 1.96
 """Half-width of a 95 % band in standard errors."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class JournalLines:
     """Measured motion of the journal under circular forces or constant loads, and the fit's, all shape ``(L,)``.
 
@@ -73,10 +73,19 @@ def journal_lines(fit: FitResult, *, static: bool) -> Iterator[JournalLines]:
         centred, position = np.einsum("lj,lj->l", H[:, seat.at], force), base.measured[rows]
         stiffness = centred / (h * position)
         yield JournalLines(
-            base.group[line], base.run[rows], speed, w, force[np.arange(line.size), np.argmax(np.abs(force), axis=1)],
-            position, base.sigma[rows], np.abs(position) / seat.clearance, block.orbits(theta)[line], stiffness,
-            base.sigma[rows] * np.abs(stiffness / position), 1 / h,
-        )  # fmt: skip
+            group=base.group[line],
+            run=base.run[rows],
+            speed=speed,
+            frequency=w,
+            force=force[np.arange(line.size), np.argmax(np.abs(force), axis=1)],
+            position=position,
+            sigma=base.sigma[rows],
+            eccentricity=np.abs(position) / seat.clearance,
+            fitted_eccentricity=block.orbits(theta)[line],
+            stiffness=stiffness,
+            stiffness_sigma=base.sigma[rows] * np.abs(stiffness / position),
+            linear=1 / h,
+        )
 
 
 def drive_stiffness(

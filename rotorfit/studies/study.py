@@ -111,7 +111,7 @@ class Study:
     bootstrap: int = 0
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Outcome:
     """What a study gave.
 
@@ -189,7 +189,7 @@ def run_study(study: Study, progress: StudyProgress, checkpoint: Path | None = N
     if study.refine:
         progress("refining the structure")
         ladder = refine(result)
-    outcome = Outcome(study, experiments, findings, closed, result, ladder)
+    outcome = Outcome(study=study, experiments=experiments, findings=findings, closed=closed, fit=result, ladder=ladder)
     return _with_uncertainty(outcome, progress, checkpoint) if outcome.best.success else outcome
 
 

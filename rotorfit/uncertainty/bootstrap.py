@@ -28,7 +28,7 @@ _OPTIONS = Options(max_iterations=50)
 _AT_ONCE = 4_000_000  # readings simulated and fitted in one go
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Bootstrap:
     """Estimates from simulated data.
 
@@ -156,7 +156,14 @@ def bootstrap(fit: FitResult, *, n: int = 500, seed: int = 0, accelerate: bool |
     message = f"noise of the data times {math.sqrt(fit.widening):.3g}" if fit.widening > 1 else "noise of the data"
     if not converged.all():
         message += f"; {n - converged.sum()} of {n} fits did not converge and are left out"
-    return Bootstrap(fit, fit.var_names, np.concatenate(samples)[converged], int(n - converged.sum()), seed, message)
+    return Bootstrap(
+        fit=fit,
+        names=fit.var_names,
+        samples=np.concatenate(samples)[converged],
+        failures=int(n - converged.sum()),
+        seed=seed,
+        message=message,
+    )
 
 
 def _truths(fit: FitResult, n: int, rng: np.random.Generator) -> Float:

@@ -26,7 +26,7 @@ PRIORS = "priors"
 _NOTHING = 1e-4  # share of the combined uncertainty that a table shows as zero
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Share:
     """Standard uncertainty of one quantity, by origin.
 
@@ -52,7 +52,15 @@ class Share:
         value, random, systematic, combined = (
             factor * number for number in (self.value, self.random, self.systematic, self.combined)
         )
-        return Share(self.name, unit, value, random, systematic, combined, sources)
+        return Share(
+            name=self.name,
+            unit=unit,
+            value=value,
+            random=random,
+            systematic=systematic,
+            combined=combined,
+            sources=sources,
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,18 +130,36 @@ class Budget:
         group = fit.group(at)
         onset = threshold_speed(fit.model, fit.theta(at), band=fit.stability_band)
         if onset is None:
-            return Share("threshold speed", "rad/s", math.nan, math.nan, math.nan, math.nan, {})
+            return Share(
+                name="threshold speed",
+                unit="rad/s",
+                value=math.nan,
+                random=math.nan,
+                systematic=math.nan,
+                combined=math.nan,
+                sources={},
+            )
         slope = fit.problem.space.pull_back(onset.gradient, group)
         resolved = math.isfinite(fit.threshold_of(group).stderr)
         return self._share("threshold speed", "rad/s", onset.speed, slope, resolved)
 
     def _share(self, name: str, unit: str, value: float, slope: Float, resolved: bool) -> Share:
         if not resolved:
-            return Share(name, unit, value, math.inf, math.inf, math.inf, {})
+            return Share(
+                name=name, unit=unit, value=value, random=math.inf, systematic=math.inf, combined=math.inf, sources={}
+            )
         sources = {source: float(np.linalg.norm(slope @ part)) for source, part in self._sources.items()}
         total = max(float(slope @ self.fit.covar @ slope), 0.0)
         systematic = min(sum(part**2 for part in sources.values()), total)
-        return Share(name, unit, value, math.sqrt(total - systematic), math.sqrt(systematic), math.sqrt(total), sources)
+        return Share(
+            name=name,
+            unit=unit,
+            value=value,
+            random=math.sqrt(total - systematic),
+            systematic=math.sqrt(systematic),
+            combined=math.sqrt(total),
+            sources=sources,
+        )
 
     @property
     def shares(self) -> dict[str, tuple[float, float]]:

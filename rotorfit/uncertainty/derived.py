@@ -75,7 +75,7 @@ class Derived:
         return f"{self.name}: {with_error(float(self.value), float(self.stderr))[0]} {ends} {self.unit}"
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Mode:
     """One mode of free vibration at one rotative speed.
 
@@ -134,11 +134,11 @@ def modes(model: RotorModel, theta: Float, speed: float, band: float) -> list[Mo
         rate = np.abs(s[:, k])
         result.append(
             Mode(
-                Derived(f"natural frequency {k + 1}", "rad/s", s[:, k].imag),
-                Derived(f"damping ratio {k + 1}", "1", -s[:, k].real / np.where(rate > 0, rate, np.nan)),
-                Derived(f"decay rate {k + 1}", "1/s", -s[:, k].real),
-                Derived(f"mode shape {k + 1}, amplitude", "1", np.abs(vectors)),
-                Derived(f"mode shape {k + 1}, phase", "rad", np.angle(vectors)),
+                frequency=Derived(f"natural frequency {k + 1}", "rad/s", s[:, k].imag),
+                damping_ratio=Derived(f"damping ratio {k + 1}", "1", -s[:, k].real / np.where(rate > 0, rate, np.nan)),
+                decay_rate=Derived(f"decay rate {k + 1}", "1/s", -s[:, k].real),
+                amplitude=Derived(f"mode shape {k + 1}, amplitude", "1", np.abs(vectors)),
+                phase=Derived(f"mode shape {k + 1}, phase", "rad", np.angle(vectors)),
             )
         )
     return result

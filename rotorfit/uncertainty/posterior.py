@@ -38,7 +38,7 @@ _HIGHER = 0.5  # excess of the log density over that at the optimum that is more
 _TYPICAL_STEPS = 400  # of a well-behaved posterior, to judge whether compiling pays
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class SampleSettings:
     """How a posterior was sampled; see :func:`sample`.
 
@@ -355,7 +355,9 @@ def sample(
         chain.message,
         notes + _treatment(fit, target, centre[:size]) + _better_optimum(target, centre, chain.log_density),
         chain.seed,
-        SampleSettings(level, inflation, count, ess, max_steps, chain.steps),
+        SampleSettings(
+            noise=level, inflation=inflation, walkers=count, ess=ess, max_steps=max_steps, steps=chain.steps
+        ),
     )
 
 

@@ -29,7 +29,7 @@ THRESHOLD = "threshold_speed"
 _LOWER_MINIMUM = 1e-4  # fall of the scaled curve below its minimum that is more than round-off
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Profile:
     """Profile of one parameter or of the threshold speed.
 
@@ -112,10 +112,17 @@ def profile(
     ]
     values, rise = _grid(curve, value, ends, points)
     return Profile(
-        name, unit, value, level, ends[0].value, ends[1].value, values, rise / scale,
-        _message(curve, ends, scale, unit, goal),
-        fit.threshold_speed(at).stderr if name == THRESHOLD else fit.params[name].stderr,
-    )  # fmt: skip
+        name=name,
+        unit=unit,
+        value=value,
+        level=level,
+        lower=ends[0].value,
+        upper=ends[1].value,
+        values=values,
+        rise=rise / scale,
+        message=_message(curve, ends, scale, unit, goal),
+        stderr=fit.threshold_speed(at).stderr if name == THRESHOLD else fit.params[name].stderr,
+    )
 
 
 def _settled(fit: FitResult, name: str) -> tuple[Problem, Float, float]:
