@@ -58,7 +58,7 @@ class Chain(RotorModel):
             raise ValueError(f"the fluid acts at plane {fluid!r}, but the chain has {', '.join(self.planes)}")
         if two_lam and fluid is None:
             raise ValueError("two_lam needs a fluid: say at which plane it acts, fluid=...")
-        if law is not None and fluid is None:
+        if law is not None and law.parameters and fluid is None:
             raise ValueError("a law needs a fluid: say at which plane it acts, fluid=...")
         self.fluid = fluid
         self.law = law or Constant()

@@ -64,7 +64,7 @@ def orbits_of(test: PerturbationTest, numbers: Index) -> Orbits:
     alone = probe_pairs(test, test.linear)[1]
     kept = np.setdiff1d(np.arange(len(test)), alone)
     test, origin = whirl_parts(test.select(kept))
-    numbers = numbers[kept][origin]
+    behind = numbers[kept][origin].tolist()
     found: dict[Any, dict[str, int]] = {}
     columns = (test.run, test.speed, test.frequency, test.force_plane, test.force, test.force_direction, test.plane)
     keys = zip(*[column.tolist() for column in columns], strict=True)
@@ -95,7 +95,7 @@ def orbits_of(test: PerturbationTest, numbers: Index) -> Orbits:
         y=y,
         right=np.where(np.isnan(right), z, right),
         wrong=np.where(backward, plus, minus),
-        rows=[tuple(np.unique(numbers[list(rows.values())]).tolist()) for rows in found.values()],
+        rows=[tuple(sorted({n for row in rows.values() for n in behind[row]})) for rows in found.values()],
     )
 
 

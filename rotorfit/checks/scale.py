@@ -88,9 +88,9 @@ def _stiffness_matrices(orbits: Orbits, at: Index) -> tuple[Float, ComplexArray,
     """Frequencies, matrices of eq. (7) and their weights; None unless each measured plane was forced, either way."""
     planes = sorted(set(orbits.plane[at].tolist()))
     lines: dict[float, dict[tuple[str, str], int]] = {}
-    for i in at.tolist():
-        pair = (str(orbits.plane[i]), str(orbits.force_plane[i]))
-        lines.setdefault(float(np.round(orbits.frequency[i], 6)), {})[pair] = i
+    columns = (orbits.plane[at], orbits.force_plane[at], np.round(orbits.frequency[at], 6), at)
+    for plane, force_plane, w, i in zip(*[column.tolist() for column in columns], strict=True):
+        lines.setdefault(w, {})[plane, force_plane] = i
     wanted = [(plane, force_plane) for plane in planes for force_plane in planes]
     whole = {w: [found[pair] for pair in wanted] for w, found in lines.items() if set(wanted) <= set(found)}
     w = np.array(sorted(whole))

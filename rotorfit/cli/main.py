@@ -89,9 +89,6 @@ def _identify(study: Study, options: argparse.Namespace, rig: str = "") -> int:
         print(summary(outcome, rig))
         if study.out:
             print(f"\nwritten to {study.out}")
-    for finding in (finding for found in outcome.findings for finding in found):
-        if finding.severity == "error":
-            print(f"rotorfit: {finding.message}", file=sys.stderr)
     if outcome.failure:
         print(f"rotorfit: {outcome.failure}", file=sys.stderr)
         return NOT_CONVERGED
@@ -158,7 +155,7 @@ def _parser() -> argparse.ArgumentParser:
         prog="rotorfit",
         allow_abbrev=False,
         description="Identify rotor and fluid-force parameters from rotating-force perturbation tests.",
-        epilog="Exit codes: 0 done, 1 fit or sampling did not converge, 2 bad input.",
+        epilog="Exit codes: 0 done, 1 the data have an error or the fit or sampling did not converge, 2 bad input.",
     )
     whole.add_argument("--version", action="version", version=f"rotorfit {__version__}")
     group = whole.add_subparsers(required=True, metavar="COMMAND")

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rotorfit.checks.checklist import check
 from rotorfit.data.experiments import Experiment
 from rotorfit.estimators.closed_form import ClosedFormError
 from rotorfit.estimators.closed_form import closed_form as solve_closed_form
@@ -25,6 +26,9 @@ from rotorfit.fitting.settings import FitSettings, PhaseOffsets
 from rotorfit.models import RotorModel
 
 Float = NDArray[np.float64]
+
+DATA_ERROR = "error in the data: "
+"""Beginning of the warnings of a result that tell what the check of the data found wrong."""
 
 
 def fit(
@@ -82,7 +86,19 @@ def fit(
     problem = build_problem(model, experiments, settings)
     begin, notes = start_vector(problem, start or {})
     solution = _solve(problem, begin, Options(max_iterations=max_iterations))
+    notes = (*data_errors(as_tuple(experiments)), *notes)
     return judge(problem, as_tuple(experiments), settings, solution.x, begin, "least squares", solution, notes)
+
+
+def data_errors(experiments: Sequence[Experiment]) -> tuple[str, ...]:
+    """What the check of the data calls an error, as warnings of a result: its numbers are those of wrong data."""
+    several = len(experiments) > 1
+    return tuple(
+        f"{DATA_ERROR}{f'{test.source or test.title}: ' if several else ''}{finding.message}"
+        for test in experiments
+        for finding in check(test)
+        if finding.severity == "error"
+    )
 
 
 def closed_form(
@@ -146,7 +162,8 @@ def solve_again(
     begin = np.zeros(problem.space.size)
     begin[: min(fit.x.size, begin.size)] = fit.x[: begin.size]
     solution = _solve(problem, np.clip(begin, problem.space.lower, problem.space.upper), Options())
-    return judge(problem, fit.experiments, settings, solution.x, begin, "least squares", solution, ())
+    notes = tuple(warning for warning in fit.warnings if warning.startswith(DATA_ERROR))
+    return judge(problem, fit.experiments, settings, solution.x, begin, "least squares", solution, notes)
 
 
 def _solve(problem: Problem, start: Float, options: Options) -> Solution:

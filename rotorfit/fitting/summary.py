@@ -130,6 +130,8 @@ def _stability_lines(fit: FitResult) -> list[str]:
         return ["threshold speed: not determined by these data"]
     if np.isnan(onset.value):
         return ["threshold speed: none found, stable at every speed searched"]
+    if onset.value == 0:
+        return ["threshold speed: 0, the fitted rotor is unstable from standstill on"]
     shown = plus_minus(onset.value * RPM_PER_RAD_S, onset.stderr * RPM_PER_RAD_S)
     line = f"threshold speed: {shown} rpm, whirl ratio at onset {fit.whirl_ratio():.3f}"
     highest = float(fit.speeds.max(initial=0.0))

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from rotorfit.fitting.fit import DATA_ERROR
 from rotorfit.fitting.judge import MODEL_LIMITED
 from rotorfit.fitting.result import FitResult, Quantity
 from rotorfit.models.stability import growth_rate
@@ -31,15 +32,15 @@ def verdict_section(material: ReportInput) -> Html:
         element("p", " ".join(_headline(material)), class_="headline"),
         element("div", *cards, class_="cards"),
     ]
-    warnings = [*fit.warnings]
+    errors = data_errors(material)
+    warnings = [w for w in fit.warnings if not w.startswith(DATA_ERROR)]
+    warnings[:0] = [f"{DATA_ERROR}{message}" for message in errors]
     if not fit.success and not any(fit.message in w for w in warnings):
         warnings.insert(0, f"the optimisation did not converge: {fit.message}")
     if fit.identifiability.unresolved:
         warnings.append("not determined by these data: " + ", ".join(fit.identifiability.unresolved))
     if material.posterior is not None and not material.posterior.converged:
         warnings.append(f"posterior: {material.posterior.message}")
-    errors = [f.message for findings in material.findings for f in findings if f.severity == "error"]
-    warnings += [f"the check of the data: {message}" for message in errors]
     if warnings:
         content.append(bullets((sentence(w) for w in warnings), class_="warnings"))
     if fit.model.caveats:
@@ -47,9 +48,19 @@ def verdict_section(material: ReportInput) -> Html:
     return section("Verdict", *content)
 
 
+def data_errors(material: ReportInput) -> tuple[str, ...]:
+    """What the check of the data calls an error, from the findings given or as the fit remembers it."""
+    found = [f.message for findings in material.findings for f in findings if f.severity == "error"]
+    told = [w.removeprefix(DATA_ERROR) for w in material.fit.warnings if w.startswith(DATA_ERROR)]
+    return tuple(found or told)
+
+
 def _headline(material: ReportInput) -> Iterator[str]:
     """The verdict in two or three sentences."""
     fit = material.fit
+    if data_errors(material):
+        yield "The data have an error, which is named below: no number in this report should be relied on."
+        return
     if not fit.success:
         yield "The fit did not converge: no number in this report should be relied on."
         return
@@ -85,6 +96,9 @@ def _stability_words(material: ReportInput) -> Iterator[str]:
         return
     lowest, label = min(found, key=lambda item: item[0].value)
     where = f" ({label})" if label else ""
+    if lowest.value == 0:
+        yield f"It is unstable from standstill on{where}."
+        return
     if not math.isfinite(lowest.stderr):
         yield f"These data do not determine the speed at which it becomes unstable{where}."
         return
@@ -151,6 +165,9 @@ def _stability_cards(material: ReportInput) -> Iterator[Html]:
             yield _card(name, "none found", "the fitted rotor is stable at every speed searched")
         else:
             lines = [*_threshold_intervals(material, onset, group), *_margins(material, onset)]
+            if onset.value == 0:
+                yield _card(name, "0", "the fitted rotor is unstable from standstill on", unit="rpm", bad=True)
+                continue
             below = any(onset.value < speed for _, speed in _reference_speeds(material))
             yield _card(
                 name,

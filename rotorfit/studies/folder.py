@@ -169,7 +169,8 @@ def _profile_rows(profiles: Sequence[Profile]) -> Iterator[Sequence[Any]]:
 def summary(outcome: Outcome, rig: str = "") -> str:
     """Data, check, fit and refinement as text for a terminal, and the truth of a simulated rig if one is named."""
     best = outcome.best
-    parts = [
+    parts = [f"ERROR in the data, no number below can be relied on: {message}" for message in outcome.data_errors]
+    parts += [
         "\n".join(
             describe_test(experiment, findings)
             for experiment, findings in zip(outcome.experiments, outcome.findings, strict=True)

@@ -141,8 +141,15 @@ class Outcome:
         return self.fit if self.ladder is None else self.ladder.best
 
     @property
+    def data_errors(self) -> tuple[str, ...]:
+        """What the check of the data calls an error."""
+        return tuple(f.message for findings in self.findings for f in findings if f.severity == "error")
+
+    @property
     def failure(self) -> str:
-        """What did not converge, in words; empty where all is well."""
+        """What is wrong with the data or did not converge, in words; empty where all is well."""
+        if self.data_errors:
+            return f"the check of the data calls these an error: {' '.join(self.data_errors)}"
         if not self.best.success:
             return f"the fit did not converge: {self.best.message}"
         if self.posterior is not None and not self.posterior.converged:

@@ -1,0 +1,48 @@
+"""Slips of wiring and of sign, as they get into files."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from rotorfit.data.experiments import PerturbationTest
+
+
+def mixed(
+    test: PerturbationTest, matrix: Sequence[Sequence[float]], planes: Sequence[str] | None = None
+) -> PerturbationTest:
+    """Readings of each x/y pair (rx/ry) replaced by ``matrix @ (X, Y)``, at some planes or at all."""
+    response = test.response.copy()
+    pairs: dict[tuple[object, ...], dict[str, int]] = {}
+    columns = (test.run, test.frequency, test.speed, test.force_plane, test.plane)
+    for row, key in enumerate(zip(*[column.tolist() for column in columns], strict=True)):
+        pairs.setdefault((key, test.direction[row][:-1]), {})[test.direction[row][-1]] = row
+    for (key, _), rows in pairs.items():
+        if planes is None or key[-1] in planes:
+            both = [rows["x"], rows["y"]]
+            response[both] = np.asarray(matrix) @ test.response[both]
+    return replace(test, response=response)
+
+
+def turned(test: PerturbationTest, degrees: float, planes: Sequence[str] | None = None) -> PerturbationTest:
+    """Probes that sit so many degrees from where they are said to sit, from x towards y."""
+    c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
+    return mixed(test, [[c, s], [-s, c]], planes)
+
+
+def exchanged(test: PerturbationTest, planes: Sequence[str] | None = None) -> PerturbationTest:
+    """x and y probes exchanged."""
+    return mixed(test, [[0, 1], [1, 0]], planes)
+
+
+def lag_as_lead(test: PerturbationTest) -> PerturbationTest:
+    """Phases of lag given as lead."""
+    return replace(test, response=test.response.conj(), force=test.force.conj())
+
+
+def thinned(test: PerturbationTest, step: int) -> PerturbationTest:
+    """Every so many frequencies only."""
+    lines = np.unique(np.abs(np.round(test.frequency, 6)))[::step]
+    return test.select(np.isin(np.abs(np.round(test.frequency, 6)), lines))

@@ -1,0 +1,79 @@
+"""Data with a slip that the check calls an error: the fit ends, says so first, and the exit code is not zero."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from linear_tests import linear_test
+from slips import exchanged, lag_as_lead, thinned
+from synthetic import TYPICAL
+
+import rotorfit as rf
+from rotorfit.cli import main as cli
+from rotorfit.data.experiments import PerturbationTest
+from rotorfit.report import figures as report_figures
+
+Slip = Callable[[PerturbationTest], PerturbationTest]
+
+SLIPS: dict[str, Slip] = {
+    "lag entered as lead": lag_as_lead,
+    "exchanged probes": exchanged,
+    "negative forces": lambda test: replace(test, force=-test.force),
+    "unsigned frequencies": lambda test: replace(test, frequency=np.abs(test.frequency)),
+}
+
+
+@pytest.fixture(scope="module")
+def rig() -> PerturbationTest:
+    return thinned(rf.datasets.rig_open(), 6)
+
+
+@pytest.mark.parametrize("slip", SLIPS)
+def test_the_verdict_names_the_error_first_and_the_exit_code_is_one(
+    slip: str,
+    rig: PerturbationTest,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(report_figures, "drawn", lambda figure: b"\x89PNG")
+    rf.write(SLIPS[slip](rig), tmp_path / "t.csv")
+    out = tmp_path / "out"
+    words = ["fit", tmp_path / "t.csv", "--model", "whirl-whip", "--known", "K3=6000", "--out", out]
+    assert cli.main([str(word) for word in words]) == 1
+    assert capsys.readouterr().err.startswith("rotorfit: the check of the data calls these an error: ")
+    assert (out / "summary.txt").read_text(encoding="utf-8").startswith("ERROR in the data")
+    report = (out / "report.html").read_text(encoding="utf-8")
+    headline = re.search('class="headline">([^<]*)', report)
+    assert headline is not None
+    assert headline[1].startswith("The data have an error")
+    assert "stable" not in headline[1]
+    first = re.search(r'class="warnings"><li>([^<]*)', report)
+    assert first is not None
+    assert first[1].startswith("Error in the data: ")
+
+
+def test_a_fit_in_python_ends_with_the_sentence_of_the_check(rig: PerturbationTest) -> None:
+    fit = rf.fit(rf.models.WhirlWhip(), lag_as_lead(rig), known={"K3": 6000.0})
+    assert any(w.startswith("error in the data: The rotor answers mostly against") for w in fit.warnings)
+    assert "error in the data" in fit.summary()
+    again = rf.fit(rf.models.WhirlWhip(), rig, known={"K3": 6000.0})
+    assert not any("error in the data" in w for w in again.warnings)
+
+
+def test_a_rotor_unstable_from_standstill_has_no_whirl_ratio() -> None:
+    """Negative damping that does not turn: the onset speed is zero, and nothing is divided by it."""
+    model = rf.models.OneMode()
+    values = TYPICAL["one-mode"] | {"D": -TYPICAL["one-mode"]["D"], "Ds": 0.0, "K": 0.0}
+    test = linear_test(
+        model, model.vector(values), speed=100.0, frequency=np.linspace(20.0, 400.0, 60), along="x", noise=1e-3
+    )
+    fit = rf.fit(model, test, known={"K": 0.0, "Ds": 0.0})
+    assert fit.threshold_speed().value == 0
+    assert np.isnan(fit.whirl_ratio())
+    assert "unstable from standstill on" in fit.summary()
