@@ -91,7 +91,11 @@ def fit(
 
 
 def data_errors(experiments: Sequence[Experiment]) -> tuple[str, ...]:
-    """What the check of the data calls an error, as warnings of a result: its numbers are those of wrong data."""
+    """What the check of the data calls an error, as warnings of a result: its numbers are those of wrong data.
+
+    Args:
+        experiments: the data of the fit.
+    """
     several = len(experiments) > 1
     return tuple(
         f"{DATA_ERROR}{f'{test.source or test.title}: ' if several else ''}{finding.message}"

@@ -49,7 +49,11 @@ def verdict_section(material: ReportInput) -> Html:
 
 
 def data_errors(material: ReportInput) -> tuple[str, ...]:
-    """What the check of the data calls an error, from the findings given or as the fit remembers it."""
+    """What the check of the data calls an error, from the findings given or as the fit remembers it.
+
+    Args:
+        material: what the report is made of.
+    """
     found = [f.message for findings in material.findings for f in findings if f.severity == "error"]
     told = [w.removeprefix(DATA_ERROR) for w in material.fit.warnings if w.startswith(DATA_ERROR)]
     return tuple(found or told)
