@@ -40,6 +40,11 @@ if TYPE_CHECKING:  # `as` tells type checkers that these names are for users
     from rotorfit.fitting.result import Quantity as Quantity
     from rotorfit.io.files import read as read
     from rotorfit.io.files import write as write
+    from rotorfit.monitoring.observed_stiffness import ObservedStiffness as ObservedStiffness
+    from rotorfit.monitoring.observed_stiffness import observed_stiffness as observed_stiffness
+    from rotorfit.monitoring.trend import DatedValues as DatedValues
+    from rotorfit.monitoring.trend import MachineTrend as MachineTrend
+    from rotorfit.monitoring.trend import trend as trend
     from rotorfit.observing.measured_stiffness import dynamic_stiffness as dynamic_stiffness
     from rotorfit.recordings.recording import Recording as Recording
     from rotorfit.recordings.recording import read_recording as read_recording
@@ -60,6 +65,11 @@ if TYPE_CHECKING:  # `as` tells type checkers that these names are for users
     from rotorfit.uncertainty.profile import Profile as Profile
 
 _HOME = {
+    "ObservedStiffness": "rotorfit.monitoring.observed_stiffness",
+    "observed_stiffness": "rotorfit.monitoring.observed_stiffness",
+    "DatedValues": "rotorfit.monitoring.trend",
+    "MachineTrend": "rotorfit.monitoring.trend",
+    "trend": "rotorfit.monitoring.trend",
     "Finding": "rotorfit.data.findings",
     "check": "rotorfit.checks.checklist",
     "Campaign": "rotorfit.campaigns.campaign",

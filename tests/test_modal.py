@@ -55,7 +55,8 @@ def test_free_vibration_is_that_of_the_modes() -> None:
     expected = [
         wn * (-zeta + sign * 1j * np.sqrt(1 - zeta**2)) for wn, zeta in ((150, 0.03), (420, 0.01)) for sign in (-1, 1)
     ]
-    np.testing.assert_allclose(np.sort_complex(s), np.sort_complex(np.array(expected)), rtol=1e-10)
+    by_frequency = [values[np.argsort(values.imag)] for values in (s, np.array(expected))]
+    np.testing.assert_allclose(*by_frequency, rtol=1e-10)
 
 
 def test_a_symmetric_two_disk_rotor_is_two_modes() -> None:

@@ -14,7 +14,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rotorfit.cli import campaign, laws, recordings, simulate, vectors
+from rotorfit.cli import campaign, laws, recordings, simulate, trend, vectors
 from rotorfit.cli.arguments import add_files, add_fit_options, add_output, data_files, fit_study
 from rotorfit.cli.errors import BAD_INPUT, DONE, INTERRUPTED, NOT_CONVERGED, BadInputError, checked, sentence
 from rotorfit.cli.progress import ProgressLine
@@ -140,6 +140,7 @@ COMMANDS = {
     "simulate": simulate.run,
     "template": recordings.run_template,
     "look": recordings.run_look,
+    "trend": trend.run,
     "vectors": vectors.run,
     "models": _models,
     "info": _info,
@@ -179,6 +180,7 @@ def _parser() -> argparse.ArgumentParser:
         module.add_options(command(name, module.DESCRIPTION))
     recordings.add_template_options(command("template", recordings.TEMPLATE))
     recordings.add_look_options(command("look", recordings.LOOK))
+    trend.add_options(command("trend", trend.DESCRIPTION))
     models = command("models", "list the models and their parameters")
     models.add_argument("name", nargs="?", help="only this one")
     add_files(command("info", "say what a test file holds and what is odd about it"))

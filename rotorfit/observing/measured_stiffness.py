@@ -27,6 +27,11 @@ class _Planes(RotorModel):
         return [np.eye(len(self.planes)).tolist()]
 
 
+def isotropic_planes(names: Sequence[str]) -> RotorModel:
+    """Coordinates ``z`` of some planes, for observing a test of which no model is known."""
+    return _Planes(names)
+
+
 def dynamic_stiffness(
     test: PerturbationTest, planes: Sequence[str] | None = None, *, isotropic: bool = True
 ) -> StiffnessMatrices:
@@ -52,7 +57,7 @@ def dynamic_stiffness(
         (2, 2)
     """
     names = tuple(planes or test.planes)
-    model: RotorModel = _Planes(names) if isotropic else Anisotropic(names)
+    model: RotorModel = isotropic_planes(names) if isotropic else Anisotropic(names)
     chosen = test.select(np.isin(test.plane, names) & np.isin(test.force_plane, names))
     if not len(chosen):
         raise ValueError(f"no readings at planes {', '.join(names)} under a force there; the test has {test.planes}")

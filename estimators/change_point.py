@@ -1,0 +1,131 @@
+"""Whether, when and by how much the level of dated values changed, against their own scatter.
+
+Values of one date form a vector (K, M and D of one test, say). What a date has of its own, a weight mounted anew, is
+correlated between them: a force that is 2 % off moves K and M alike, a support that loosens moves K alone. The scatter
+is therefore taken as a full covariance, from the dates themselves, and the statistic is the largest squared distance
+of the means before and after,
+
+    T(k) = k (N - k) / N * d_k^T C^-1 d_k,   d_k = mean after - mean before,
+
+with C the scatter of all dates about their common mean. How large it gets by chance is counted over orders of the same
+dates: without a change every order is as likely, whatever their distribution (a permutation test, exact for dates of
+equal accuracy).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Float = NDArray[np.float64]
+
+FEWEST = 2
+"""Dates on either side of a change: one date alone may be a slip."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Change:
+    """The most likely change of level in N dates of P values.
+
+    Attributes:
+        index: first date after the change.
+        before, after: mean levels, shape ``(P,)``.
+        scatter: covariance of one date about its level, shape ``(P, P)``.
+        covariance: of the difference ``after - before``, shape ``(P, P)``.
+        freedom: degrees of freedom of the scatter.
+        p_value: share of orders of the dates that show as large a change by chance.
+    """
+
+    index: int
+    before: Float
+    after: Float
+    scatter: Float
+    covariance: Float
+    freedom: int
+    p_value: float
+
+    @property
+    def shift(self) -> Float:
+        """Difference of the levels, shape ``(P,)``."""
+        return self.after - self.before
+
+
+def fewest_dates(count: int) -> int:
+    """Dates that a full covariance of ``count`` values needs before a change can be told from it."""
+    return max(2 * FEWEST + 2, count + 4)
+
+
+def find_change(values: Float, *, orders: int = 1999, seed: int = 0) -> Change:
+    """The most likely change of level.
+
+    Args:
+        values: one row a date, in order of time, shape ``(N, P)``.
+        orders: random orders to compare with; the smallest p-value is one over their number.
+        seed: of the orders.
+
+    Raises:
+        ValueError: fewer dates than :func:`fewest_dates`, or values that do not scatter at all.
+    """
+    n, p = values.shape
+    if n < fewest_dates(p):
+        raise ValueError(f"a change in {p} values needs at least {fewest_dates(p)} dates, there are {n}")
+    centred = values - values.mean(axis=0)
+    unit = centred.std(axis=0)
+    if not (unit > 0).all():
+        raise ValueError("values that never change have no scatter to hold a change against")
+    # Whitened by the scatter of all dates, which no order changes; a common level can then be left out of the sums.
+    left, size, _ = np.linalg.svd(centred / unit, full_matrices=False)
+    white = left[:, size > 1e-9 * size[0]]
+    statistic = _distances(white)
+    split = int(np.argmax(statistic))
+    random = np.random.default_rng(seed)
+    chance = _distances(white[random.permuted(np.tile(np.arange(n), (orders, 1)), axis=1)]).max(axis=-1)
+    index = split + FEWEST
+    before, after = values[:index], values[index:]
+    residual = np.vstack([before - before.mean(axis=0), after - after.mean(axis=0)])
+    scatter = residual.T @ residual / (n - 2)
+    return Change(
+        index=index,
+        before=before.mean(axis=0),
+        after=after.mean(axis=0),
+        scatter=scatter,
+        covariance=scatter * (1 / index + 1 / (n - index)),
+        freedom=n - 2,
+        p_value=float((1 + np.sum(chance >= statistic[split] * (1 - 1e-12))) / (1 + orders)),
+    )
+
+
+def _distances(white: Float) -> Float:
+    """Squared distance of the means before and after each admissible split, shape ``(..., N - 2 FEWEST + 1)``."""
+    n = white.shape[-2]
+    k = np.arange(FEWEST, n - FEWEST + 1)
+    sums = np.cumsum(white, axis=-2)[..., k - 1, :]
+    return np.asarray(np.sum(sums**2, axis=-1) * n / (k * (n - k)))
+
+
+def along(change: Change, direction: Float) -> tuple[float, float, float]:
+    """The change as a multiple of one direction: multiple, standard error, and probability of what is left over.
+
+    Args:
+        change: what was found.
+        direction: of the cause to be tried, shape ``(P,)``; its mark on all values, at size one.
+
+    Returns:
+        the size of the cause by generalised least squares, its standard error, and the probability of a remainder as
+        large as this if the cause were alone (an F test); 1 where nothing can be left over.
+    """
+    from scipy.stats import f
+
+    whiten = np.linalg.inv(np.linalg.cholesky(change.covariance))
+    y, x = whiten @ change.shift, whiten @ direction
+    size = float(x @ y / (x @ x))
+    error = float(1 / np.sqrt(x @ x))
+    more = y.size - 1
+    if not more:
+        return size, error, 1.0
+    # Hotelling's T squared of the remainder in P - 1 dimensions.
+    rest = float(np.sum((y - x * size) ** 2))
+    freedom = change.freedom - more + 1
+    return size, error, float(f.sf(rest * freedom / (more * change.freedom), more, freedom))

@@ -1,0 +1,107 @@
+"""``rotorfit trend``: follow dated tests of one machine and say what changed."""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rotorfit.cli.arguments import add_files, add_output, data_files
+from rotorfit.fitting.option_kinds import positive_word, two_numbers
+
+if TYPE_CHECKING:
+    from rotorfit.monitoring.trend import MachineTrend, PlaceTrend
+
+DESCRIPTION = "follow the observed stiffness, mass and damping of dated tests of one machine and say what changed"
+
+
+def add_options(to: argparse.ArgumentParser) -> None:
+    """Options of the command."""
+    add_files(to)
+    to.add_argument("--speed-range", metavar="LO:HI", help="speeds to use, rpm; stay below the next critical")
+    to.add_argument(
+        "--false-alarm",
+        type=positive_word,
+        default=0.01,
+        metavar="P",
+        help="probability of seeing a change where there is none [%(default)g]",
+    )
+    to.add_argument("--out", type=Path, help="folder for trend.csv, summary.txt and trend.png")
+    add_output(to)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Do what the command line says; returns the exit code."""
+    from rotorfit.cli.errors import DONE, BadInputError, checked, sentence
+    from rotorfit.studies.folder import complete_folder
+
+    found = checked(lambda: _trend(options))
+    if options.out is not None:
+        try:
+            with complete_folder(options.out) as folder:
+                _write(found, folder)
+        except OSError as problem:
+            raise BadInputError(sentence(problem)) from problem
+    if options.json:
+        print(json.dumps([_plain(place) for place in found.places], indent=1, allow_nan=False))
+    elif not options.quiet:
+        print(str(found) + (f"\n\nwritten to {options.out}" if options.out else ""))
+    return DONE
+
+
+def _trend(options: argparse.Namespace) -> MachineTrend:
+    from rotorfit.data.experiments import PerturbationTest
+    from rotorfit.monitoring.observed_stiffness import observed_stiffness
+    from rotorfit.monitoring.trend import trend
+    from rotorfit.studies.study import no_progress, read_files
+
+    if options.false_alarm >= 1:
+        raise ValueError(f"--false-alarm takes a probability below 1, got {options.false_alarm:g}")
+    try:
+        limits = two_numbers(options.speed_range) if options.speed_range else None
+    except ValueError as problem:
+        raise ValueError(f"--speed-range {options.speed_range}: {problem}") from problem
+    tests = []
+    for test in read_files(data_files(options), no_progress)[0]:
+        if not isinstance(test, PerturbationTest):
+            raise ValueError(f"{test.source}: a {test.title} has no observed stiffness: a synchronous test is needed")
+        tests += observed_stiffness(test, speed_rpm=limits)
+    return trend(tests, false_alarm=options.false_alarm)
+
+
+def _rows(found: MachineTrend) -> list[list[Any]]:
+    return [
+        [place.place, date, name, place.units[j], place.values[i, j], place.stderr[i, j]]
+        for place in found.places
+        for i, date in enumerate(place.dates)
+        for j, name in enumerate(place.names)
+    ]
+
+
+def _write(found: MachineTrend, folder: Path) -> None:
+    with (folder / "trend.csv").open("w", newline="", encoding="utf-8") as stream:
+        table = csv.writer(stream)
+        table.writerow(["place", "test", "quantity", "unit", "value", "stderr"])
+        table.writerows(_rows(found))
+    (folder / "summary.txt").write_text(f"{found}\n", encoding="utf-8")
+    found.plot().savefig(folder / "trend.png", dpi=150)
+
+
+def _plain(place: PlaceTrend) -> dict[str, Any]:
+    """One place as JSON, SI units."""
+    change = place.change
+    return {
+        "place": place.place,
+        "tests": list(place.dates),
+        "changed": place.found,
+        "p_value": None if change is None else change.p_value,
+        "first_after": place.dates[change.index] if change is not None and place.found else None,
+        "before": dict(zip(place.names, change.before.tolist(), strict=True)) if change is not None else None,
+        "after": dict(zip(place.names, change.after.tolist(), strict=True)) if change is not None else None,
+        "causes": [
+            {"name": c.name, "change": c.size, "stderr": c.stderr, "probability": c.probability} for c in place.causes
+        ],
+        "said": place.sentences(),
+    }

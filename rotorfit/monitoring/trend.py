@@ -1,0 +1,307 @@
+"""What changes in dated tests of one machine: levels, changes of level against the scatter between tests, causes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotorfit.estimators.change_point import Change, along, fewest_dates, find_change
+from rotorfit.monitoring.observed_stiffness import UNITS, ObservedStiffness
+from rotorfit.units import RPM_PER_RAD_S
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Float = NDArray[np.float64]
+
+_SAME_SPEED = 0.02
+"""Speeds of different dates within this fraction are compared with each other."""
+_ALONE = 0.05
+"""A cause is held to be alone unless what it leaves over is less probable than this."""
+
+_MEANING = {
+    "K": "the support or the shaft became {way} (a crack or a loose support softens, a rub or misalignment stiffens)",
+    "M": "the mass that moves became {way} (deposits, water in a hollow shaft, a part that came off)",
+    "D": "the damping became {way} (worn or dry bearing or seal, other oil or temperature)",
+    "all in proportion": "force and motion are in another proportion: the weight, its radius or a probe's sensitivity, "
+    "rather than the rotor",
+}
+_WAYS = {"K": ("softer", "stiffer"), "M": ("smaller", "larger"), "D": ("smaller", "larger")}
+
+
+@dataclass(frozen=True, kw_only=True)
+class DatedValues:
+    """Values of one date, to be followed by :func:`trend`.
+
+    Attributes:
+        date: ISO 8601, ``2026-03-01`` or ``2026-03-01T14:30``; empty where only the order is known.
+        values: value and standard error by name, SI units.
+        units: by name.
+        place: what they are values of: values of one place are compared with each other.
+        source: where they came from, for messages.
+    """
+
+    date: str
+    values: Mapping[str, tuple[float, float]]
+    units: Mapping[str, str]
+    place: str = ""
+    source: str = ""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Cause:
+    """One thing that may have changed, tried alone.
+
+    Attributes:
+        name: K, M, D or "all in proportion".
+        size: change as a fraction of the level before.
+        stderr: its standard error.
+        probability: of what this cause leaves unexplained, were it alone.
+    """
+
+    name: str
+    size: float
+    stderr: float
+    probability: float
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PlaceTrend:
+    """Values of one place over time.
+
+    Attributes:
+        place: force plane and probe plane.
+        dates: of the tests in order of time, or their sources where no dates are known.
+        dated: whether they are dates.
+        names, units: of the values.
+        values, stderr: shape ``(N, P)``; the errors are those of each test for itself.
+        change: the most likely change of level; ``None`` with too few dates.
+        found: the change is significant.
+        causes: what may have changed, alone; most probable first; empty unless a change was found in K, M and D.
+    """
+
+    place: str
+    dates: tuple[str, ...]
+    dated: bool
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    values: Float
+    stderr: Float
+    change: Change | None
+    found: bool
+    causes: tuple[Cause, ...]
+
+    def __str__(self) -> str:
+        return "\n".join([self.place, *self.sentences()])
+
+    def sentences(self) -> list[str]:
+        """What the values say, in words."""
+        n = len(self.dates)
+        if self.change is None:
+            return [f"{n} tests: at least {fewest_dates(1)} are needed to tell a change from their scatter"]
+        scatter = np.sqrt(np.diag(self.change.scatter)) / np.abs(self.change.before)
+        own = np.median(self.stderr, axis=0) / np.abs(self.change.before)
+        words = [
+            f"from test to test {', '.join(self.names)} scatter by "
+            f"{', '.join(f'{_percent(s)} %' for s in scatter)} (errors of one test: "
+            f"{', '.join(f'{_percent(s)} %' for s in own)})"
+        ]
+        if not self.found:
+            return [*words, f"no change of level in {n} tests (p = {self.change.p_value:.2g})"]
+        error = np.sqrt(np.diag(self.change.covariance))
+        sizes = ", ".join(
+            f"{name} {_percent(shift / abs(level), sign='+')} +- {_percent(e / abs(level))} %"
+            for name, shift, level, e in zip(self.names, self.change.shift, self.change.before, error, strict=True)
+        )
+        since = f"a change between {self.dates[self.change.index - 1]} and {self.dates[self.change.index]}"
+        return [*words, f"{since} (p = {self.change.p_value:.2g}): {sizes}", *self._cause_sentences()]
+
+    def _cause_sentences(self) -> list[str]:
+        if not self.causes:
+            return []
+        likely = [cause for cause in self.causes if cause.probability > _ALONE]
+        if not likely:
+            return ["neither K, M nor D alone, nor all in proportion, explains it: more than one thing changed"]
+        words = []
+        for cause in likely:
+            way = _WAYS.get(cause.name, ("", ""))[cause.size > 0]
+            size = f"{_percent(cause.size, sign='+')} +- {_percent(cause.stderr)} %"
+            words.append(f"{cause.name} alone ({size}) explains it: {_MEANING[cause.name].format(way=way)}")
+        return words if len(words) == 1 else ["several single causes explain it:", *words]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class MachineTrend:
+    """What :func:`trend` found, place by place."""
+
+    places: tuple[PlaceTrend, ...]
+
+    @property
+    def changed(self) -> bool:
+        """Whether a change was found anywhere."""
+        return any(place.found for place in self.places)
+
+    def __str__(self) -> str:
+        return "\n\n".join(str(place) for place in self.places)
+
+    def plot(self) -> Figure:
+        """Values against time with levels before and after a change."""
+        from rotorfit.monitoring.history_figure import plot_trend
+
+        return plot_trend(self)
+
+
+def trend(
+    tests: Sequence[ObservedStiffness | DatedValues], *, false_alarm: float = 0.01, orders: int = 1999, seed: int = 0
+) -> MachineTrend:
+    """Follow dated tests of one machine: is there a change of level, when, how large, and of what alone.
+
+    The scatter between tests is taken from the tests themselves, weights mounted anew included, as a full covariance:
+    the errors of one test say little of it. The significance is that of a permutation test.
+
+    Args:
+        tests: of :func:`rotorfit.observed_stiffness`, all dates together, or values of one's own.
+        false_alarm: probability of finding a change in any place where there is none.
+        orders: random orders of the tests that the change is compared with.
+        seed: of the orders.
+
+    Raises:
+        ValueError: no tests, dates that cannot be read or are given for some only, or tests with nothing in common.
+
+    Example:
+        >>> levels = {f"2026-01-{day:02d}": 1e6 if day < 9 else 9e5 for day in range(1, 17)}
+        >>> tests = [rf.DatedValues(date=d, values={"K": (K, 1e4)}, units={"K": "N/m"}) for d, K in levels.items()]
+        >>> rf.trend(tests).changed
+        True
+    """
+    entries = [_dated(test) for test in tests]
+    if not entries:
+        raise ValueError("there is no test to follow")
+    if not 0 < false_alarm < 1:
+        raise ValueError(f"false_alarm is a probability, between 0 and 1, got {false_alarm}")
+    known = [bool(entry.date) for entry in entries]
+    if any(known) and not all(known):
+        raise ValueError(
+            f"{entries[known.index(False)].source or 'a test'} has no date, others have: give all of them a column "
+            "date, or none to keep the order in which they are given"
+        )
+    by_place: dict[str, list[DatedValues]] = {}
+    for entry in entries:
+        by_place.setdefault(entry.place, []).append(entry)
+    level = false_alarm / len(by_place)
+    if orders < 10 / level:
+        orders = int(np.ceil(10 / level))  # a p-value below the level needs so many orders
+    places = (_place(name, _sorted(mine), level, orders, seed) for name, mine in by_place.items())
+    return MachineTrend(places=tuple(places))
+
+
+def _percent(share: float, sign: str = "-") -> str:
+    """A share in per cent with two digits, never as a power of ten."""
+    return f"{float(f'{100 * share:.2g}'):{sign}.12g}"
+
+
+def _dated(test: ObservedStiffness | DatedValues) -> DatedValues:
+    if isinstance(test, DatedValues):
+        return test
+    values: Mapping[str, tuple[float, float]] = test.observed
+    units: Mapping[str, str] = UNITS
+    if not values:
+        values, units = {}, {}
+        for speed, kappa, sigma in zip(test.speed, test.stiffness, test.sigma, strict=True):
+            rpm = speed * RPM_PER_RAD_S
+            values |= {f"direct at {rpm:.6g} rpm": (kappa.real, sigma)}
+            values |= {f"quadrature at {rpm:.6g} rpm": (kappa.imag, sigma)}
+        units = dict.fromkeys(values, "N/m")
+    place = f"force at {test.force_plane}, motion at {test.plane}"
+    return DatedValues(date=test.date, values=values, units=units, place=place, source=test.source)
+
+
+def _sorted(entries: list[DatedValues]) -> list[DatedValues]:
+    if not entries[0].date:
+        return entries
+    times = []
+    for entry in entries:
+        try:
+            time = datetime.fromisoformat(entry.date)
+        except ValueError:
+            raise ValueError(
+                f"{entry.source or 'a test'}: the date {entry.date!r} cannot be read; write 2026-03-01 or "
+                "2026-03-01T14:30"
+            ) from None
+        times.append(time.replace(tzinfo=None) if time.tzinfo is None else time.astimezone().replace(tzinfo=None))
+    return [entries[i] for i in np.argsort(np.array(times, dtype="datetime64[us]"), kind="stable")]
+
+
+def _common(entries: list[DatedValues]) -> tuple[list[str], list[list[str]]]:
+    """Names that every date has, and under which name each date has them: speeds need not be the same to the digit."""
+    first = entries[0].values
+    names, found = [], []
+    for name in first:
+        mine = [_matching(name, entry.values) for entry in entries]
+        if all(mine):
+            names.append(name)
+            found.append([str(m) for m in mine])
+    return names, found
+
+
+def _matching(name: str, values: Mapping[str, tuple[float, float]]) -> str | None:
+    if name in values:
+        return name
+    part, at, rest = name.partition(" at ")
+    if not at:
+        return None
+    rpm = float(rest.partition(" ")[0])
+    near = [
+        (abs(float(n.partition(" at ")[2].partition(" ")[0]) / rpm - 1), n) for n in values if n.startswith(part + at)
+    ]
+    return min(near)[1] if near and min(near)[0] <= _SAME_SPEED else None
+
+
+def _place(place: str, entries: list[DatedValues], level: float, orders: int, seed: int) -> PlaceTrend:
+    names, found = _common(entries)
+    if not names:
+        raise ValueError(
+            f"{place or 'the tests'}: the tests have no value in common; {entries[0].source or 'the first'} has "
+            f"{', '.join(entries[0].values)}"
+        )
+    pairs = np.array([[entry.values[n[i]] for n in found] for i, entry in enumerate(entries)])
+    values, stderr = pairs[..., 0], pairs[..., 1]
+    if not np.isfinite(values).all():
+        bad = entries[int(np.flatnonzero(~np.isfinite(values).all(axis=1))[0])]
+        raise ValueError(f"{bad.source or bad.date or 'a test'} has values that are not finite")
+    count = len(names)
+    while count > 1 and len(entries) < fewest_dates(count):  # too few dates for all: the first names alone
+        count -= 1
+    names, values, stderr = names[:count], values[:, :count], stderr[:, :count]
+    change = find_change(values, orders=orders, seed=seed) if len(entries) >= fewest_dates(count) else None
+    significant = change is not None and change.p_value <= level
+    return PlaceTrend(
+        place=place,
+        dates=tuple(entry.date or entry.source or f"test {i + 1}" for i, entry in enumerate(entries)),
+        dated=bool(entries[0].date),
+        names=tuple(names),
+        units=tuple(entries[0].units[name] for name in names),
+        values=values,
+        stderr=stderr,
+        change=change,
+        found=significant,
+        causes=_causes(change, names) if change is not None and significant else (),
+    )
+
+
+def _causes(change: Change, names: list[str]) -> tuple[Cause, ...]:
+    """K, M and D one at a time, and all in proportion."""
+    if names != list(UNITS):
+        return ()
+    directions = {name: np.where(np.arange(len(names)) == i, change.before, 0.0) for i, name in enumerate(names)}
+    directions["all in proportion"] = change.before
+    causes = []
+    for name, direction in directions.items():
+        size, error, probability = along(change, direction)
+        causes.append(Cause(name=name, size=size, stderr=error, probability=probability))
+    return tuple(sorted(causes, key=lambda cause: -cause.probability))
