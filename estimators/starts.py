@@ -81,14 +81,21 @@ def _guess_with_datum(problem: Problem) -> tuple[Float, float, tuple[str, ...]]:
     if DATUM not in space.nuisance:
         guess, notes = _guess(plain)
         return guess, 0.0, notes
-    tries = []
-    for angle in np.arange(_ANGLES) * 2 * np.pi / _ANGLES:
-        turned = _turned(plain, float(angle))
-        guess, notes = _guess(turned)
-        tries.append((_short_fit(plain, _full(plain, guess, float(angle))), notes))
-    best, notes = min(tries, key=lambda one: one[0].cost)
-    at = len(space.names) + space.nuisance.index(DATUM)
-    return best.x[: len(space.names)], float(best.x[at]), notes
+    angles = np.arange(_ANGLES) * 2 * np.pi / _ANGLES
+    angle = min(angles.tolist(), key=lambda a: _explained(_turned(plain, a)))
+    guess, notes = _guess(_turned(plain, angle))
+    best = _short_fit(plain, _full(plain, guess, angle)).x
+    return best[: len(space.names)], float(best[len(space.names) + space.nuisance.index(DATUM)]), notes
+
+
+def _explained(problem: Problem) -> float:
+    """Cost that one closed form leaves, infinite where there is none."""
+    if not is_plain_linear(problem):
+        return np.inf
+    try:
+        return _cost(problem, closed_form(problem.space, problem.blocks, passes=_PASSES[1]).x)
+    except ClosedFormError:
+        return np.inf
 
 
 def _turned(problem: Problem, datum: float) -> Problem:

@@ -24,6 +24,8 @@ if TYPE_CHECKING:  # `as` tells type checkers that these names are for users
     from rotorfit.data.findings import Finding as Finding
     from rotorfit.data.ring_down import ring_down_modes as ring_down_modes
     from rotorfit.data.synchronous import difference_synchronous as difference_synchronous
+    from rotorfit.data.weights import Influences as Influences
+    from rotorfit.data.weights import influence as influence
     from rotorfit.fitting.calibration import Calibration as Calibration
     from rotorfit.fitting.fit import closed_form as closed_form
     from rotorfit.fitting.fit import fit as fit
@@ -113,6 +115,8 @@ _HOME = {
     "save_fit": "rotorfit.fitting.fit_file",
     "dynamic_stiffness": "rotorfit.observing.measured_stiffness",
     "difference_synchronous": "rotorfit.data.synchronous",
+    "Influences": "rotorfit.data.weights",
+    "influence": "rotorfit.data.weights",
     "LawComparison": "rotorfit.fitting.law_ranking",
     "compare_laws": "rotorfit.fitting.law_ranking",
     "Instruments": "rotorfit.simulation.instruments",

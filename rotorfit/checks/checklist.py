@@ -15,6 +15,7 @@ from rotorfit.checks.signs import signs, wrong_direction
 from rotorfit.data.experiments import DisplacementTest, Experiment, PerturbationTest
 from rotorfit.data.findings import Finding, listed
 from rotorfit.data.synchronous import DIFFERENCED
+from rotorfit.data.weights import weighed
 
 LARGEST, SUSPECT, SMALLEST = 0.05, 5e-3, 1e-10
 """Displacements, m: impossible, larger than any clearance in use, and smaller than any probe resolves."""
@@ -144,7 +145,7 @@ def _frequencies(test: PerturbationTest | DisplacementTest) -> Iterator[Finding]
         )
         yield Finding("warning", "one-direction", text)
     single = [run for run in test.runs if np.unique(np.round(test.frequency[test.run == run], 6)).size == 1]
-    if single:
+    if single and not (isinstance(test, PerturbationTest) and weighed(test) is not None):
         text = f"Runs with one frequency only: {listed(single)}; they cannot show how dynamic stiffness varies with it."
         yield Finding("warning", "single-frequency", text, _rows(np.isin(test.run, single)))
 
@@ -172,6 +173,13 @@ def _planes(test: PerturbationTest) -> Iterator[Finding]:
 
 def _start_ups(test: PerturbationTest) -> Iterator[Finding]:
     if not test.synchronous:
+        return
+    found = weighed(test)
+    if found is not None:
+        none = _rows(np.zeros(len(test), dtype=bool))
+        yield Finding("note", "mountings", f"Weights are solved together: {'; '.join(found.remarks)}.", none)
+        if found.modes is not None:
+            yield Finding("note", "modes", f"{str(found.modes).capitalize()}.", none)
         return
     raw = np.asarray(test.attributes.get(DIFFERENCED, np.zeros(len(test))) != 1)
     if raw.any():

@@ -68,6 +68,16 @@ def add_options(to: argparse._ActionsContainer, options: Sequence[Option]) -> No
         kind = option.kind
         if kind.word is None:
             to.add_argument(option.word, dest=option.name, action="store_true", default=None, help=option.help)
+        elif kind.bare:
+            to.add_argument(
+                option.word,
+                dest=option.name,
+                nargs="?",
+                const=True,
+                type=kind.word,
+                metavar=option.metavar,
+                help=option.help,
+            )
         elif kind.paired:
             to.add_argument(option.word, dest=option.name, action="append", metavar=option.metavar, help=option.help)
         else:

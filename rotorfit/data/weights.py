@@ -8,14 +8,21 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rotorfit.data.experiments import ComplexArray, Experiment, Float, PerturbationTest
-from rotorfit.data.synchronous import DIFFERENCED, OPPOSITE_TOLERANCE, SPEED_TOLERANCE
+from rotorfit.data.synchronous import (
+    DIFFERENCED,
+    OPPOSITE_TOLERANCE,
+    SPEED_TOLERANCE,
+    difference_synchronous,
+)
 from rotorfit.estimators.influence import Influence, Readings, UndeterminedError, solve_influence
+from rotorfit.estimators.modes_seen import ModesSeen, modes_seen
 
 Index = NDArray[np.intp]
 
@@ -50,6 +57,11 @@ class Influences:
     mountings: tuple[str, ...]
     weight: Float
     by_name: bool
+
+    @cached_property
+    def modes(self) -> ModesSeen | None:
+        """How many modes the influences show; None where there is one speed only."""
+        return modes_seen(self.solved)
 
     @property
     def remarks(self) -> tuple[str, ...]:
@@ -95,7 +107,8 @@ class Influences:
             for value, error in zip(self.solved.influence[cell], errors[cell], strict=True):
                 line += _polar(value, 18) + f" +-{error:.2g}"[:8].ljust(8)
             lines.append(line)
-        return "\n".join([*lines, *self.remarks])
+        seen = [] if self.modes is None else [str(self.modes)]
+        return "\n".join([*lines, *self.remarks, *seen])
 
     def __str__(self) -> str:
         return self.summary()
@@ -139,6 +152,19 @@ def influence(test: PerturbationTest) -> Influences:
         weight=weight,
         by_name=_tells_mountings(test),
     )
+
+
+def differenced(test: PerturbationTest) -> PerturbationTest:
+    """A synchronous test with its runs differenced (eq. 20), unless they say more when solved together.
+
+    Runs that dwell at a few speeds are left alone where some would stay without a partner, or where a mounting was
+    repeated: :func:`influence` uses them all.
+    """
+    paired = difference_synchronous(test)
+    if not dwells(test) or (test.speed <= 0).any():
+        return paired
+    whole = DIFFERENCED in paired.attributes and bool((paired.attributes[DIFFERENCED] == 1).all())
+    return paired if whole and len(set(mountings(test))) == len(test.runs) else test
 
 
 def weighed(experiment: Experiment) -> Influences | None:

@@ -58,6 +58,23 @@ def two_disk() -> Experiment:
     return read(path("two_disk.csv"))
 
 
+def rk4() -> Experiment:
+    """Measured 1x vectors of a Bently Nevada RK-4 rotor kit: known weights on two disks, mounted again and again.
+
+    Source and licence: ``rk4_LICENSE.txt`` beside the file.
+    """
+    from rotorfit.io.files import read
+
+    return read(path("rk4_sync.csv"))
+
+
+def rk4_runup() -> Experiment:
+    """Measured run-up of the same kit through its first critical speed: one probe, unbalance unknown (1 g mm)."""
+    from rotorfit.io.files import read
+
+    return read(path("rk4_runup.csv"))
+
+
 def seal_muszynska_tum() -> CoefficientTable:
     """Computed coefficients of two seals over speed and eccentricity, six digits, of Muszynska's form.
 

@@ -23,7 +23,7 @@ from rotorfit.fitting.judge import judge
 from rotorfit.fitting.problem_setup import as_tuple, build_problem, make_priors
 from rotorfit.fitting.result import FitResult
 from rotorfit.fitting.settings import FitSettings, PhaseOffsets
-from rotorfit.models import RotorModel
+from rotorfit.models import Modal, RotorModel
 
 Float = NDArray[np.float64]
 
@@ -132,6 +132,8 @@ def closed_form(
             f"{model.name} changes with eccentricity, which has no closed form; fit starts from that of a linear fluid "
             f"at small eccentricity"
         )
+    if isinstance(model, Modal):
+        raise ClosedFormError("a modal model starts from a rational fit of its own, which is no estimate with errors")
     settings = FitSettings(known=known or {}, per=per or {})
     problem = build_problem(model, experiments, settings)
     if has_lines(problem):

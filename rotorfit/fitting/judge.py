@@ -21,6 +21,7 @@ from rotorfit.fitting.calibration import NUISANCE_KINDS
 from rotorfit.fitting.problem_setup import with_levels
 from rotorfit.fitting.result import FitResult, FittedParameter, ResponseQuality
 from rotorfit.fitting.settings import FitSettings
+from rotorfit.models import Modal
 from rotorfit.models.stability import growth_rate
 from rotorfit.units import RPM_PER_RAD_S
 
@@ -183,6 +184,8 @@ def _warnings(
     if misfit > MODEL_LIMITED:
         wider = "each response as its residuals ask" if levelled else f"{np.sqrt(redchi):.2g}"
         advice = "bring the shaft's matrices (KnownStructure)" if levelled else "try rf.refine(fit) (--refine)"
+        if isinstance(problem.space.model, Modal):
+            advice = "modes left out do so, or supports that differ in x and y (apart)"
         found.append(
             f"redchi is {redchi:.3g}: the model, not the noise, limits this fit. Standard errors are widened by "
             f"{wider}, but parameters may be biased beyond them; {advice}"

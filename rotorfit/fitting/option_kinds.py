@@ -46,6 +46,13 @@ def positive(key: str, value: Any) -> float:
     return float(value)
 
 
+def phase_offsets(key: str, value: Any) -> Any:
+    """True, false or "common"."""
+    if value != "common" and not isinstance(value, bool):
+        raise ValueError(f'{key} must be true, false or "common", got {value!r}')
+    return value
+
+
 def whole(key: str, value: Any) -> int:
     """A whole number from zero."""
     if isinstance(value, bool) or not isinstance(value, int) or value < 0:
@@ -193,6 +200,14 @@ def _gaussian_word(word: str) -> Any:
     return frozen_prior("prior", "norm", two_numbers(word))
 
 
+def _common_word(word: str) -> str:
+    if word != "common":
+        raise argparse.ArgumentTypeError(
+            f"{word!r} is not allowed: give common for one angle, or nothing behind it for one a run (put files first)"
+        )
+    return word
+
+
 def _two(word: str) -> tuple[str, str]:
     first, colon, second = word.partition(":")
     if not colon:
@@ -228,12 +243,14 @@ class Kind:
         word: reads the word behind an option of the command line; ``None`` for an option that stands alone.
         written: the word that :attr:`word` reads as this value; ``None`` where the command line cannot say it.
         paired: the option is ``NAME=VALUE`` and may be given again; ``word`` and ``written`` are of one VALUE.
+        bare: the option may stand alone, which means true.
     """
 
     toml: Parser
     word: Callable[[str], Any] | None
     written: Callable[[Any], str | None]
     paired: bool = False
+    bare: bool = False
 
 
 def _digits(value: Any) -> str | None:
@@ -249,6 +266,7 @@ def _range_written(value: tuple[float, float]) -> str:
 
 
 FLAG = Kind(toml=flag, word=None, written=lambda value: "")
+PHASES = Kind(toml=phase_offsets, word=_common_word, written=str, bare=True)
 TEXT = Kind(toml=text, word=str, written=str)
 TEXTS = Kind(toml=texts, word=words, written=",".join)
 POSITIVE = Kind(toml=positive, word=positive_word, written=_digits)
@@ -275,7 +293,7 @@ def written(kind: Kind, name: str, value: Any) -> list[str] | None:
         name: of the option, ``--known``.
         value: as :class:`rotorfit.studies.study.Study` holds it.
     """
-    if kind.word is None:
+    if kind.word is None or (kind.bare and value is True):
         return [name]
     if not kind.paired:
         word = kind.written(value)

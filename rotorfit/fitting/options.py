@@ -14,6 +14,7 @@ from rotorfit.fitting.option_kinds import (
     FLAG,
     KNOWN,
     NUMBERS_BY_NAME,
+    PHASES,
     POSITIVE,
     PRIORS,
     RANGES,
@@ -61,6 +62,11 @@ LAW = (
     Option(name="law", kind=TEXT, metavar="NAME", help="law of eccentricity: muszynska, even-polynomial, ..."),
     Option(name="clearance_um", kind=POSITIVE, metavar="UM", help="radial clearance at the fluid, for a law"),
 )
+MODAL = (
+    Option(name="modes", kind=COUNT, metavar="N", help="modes of the model modal"),
+    Option(name="gains", kind=TEXT, metavar="KIND", help="modal: a complex gain for each probe, or for each plane"),
+    Option(name="apart", kind=FLAG, help="modal: x and y have natural frequencies and damping ratios of their own"),
+)
 PARAMETERS = (
     Option(
         name="known",
@@ -91,7 +97,12 @@ RUNOUT = Option(
     help="plausible run-out; 1x and 2x of recordings then tell unbalance and side load (anisotropic-shaft)",
 )
 LOSS = Option(name="loss", kind=TEXT, metavar="NAME", help="linear, or soft_l1, huber, cauchy against outliers")
-PHASE_OFFSETS = Option(name="phase_offsets", kind=FLAG, help="fit a phase reference offset for every run but the first")
+PHASE_OFFSETS = Option(
+    name="phase_offsets",
+    kind=PHASES,
+    metavar="common",
+    help="fit a phase reference offset for every run but the first; common: one angle between forces and responses",
+)
 REFINE = Option(name="refine", kind=FLAG, help="add structural blocks while the data ask for them (BIC)")
 UNCERTAINTY = (
     Option(
@@ -108,7 +119,7 @@ UNCERTAINTY = (
     Option(name="max_steps", kind=COUNT, metavar="N", help="steps to stop at in any case"),
 )
 
-FIT = (*MODEL, *LAW, *PARAMETERS, PER, RUNOUT, LOSS, PHASE_OFFSETS, REFINE, *UNCERTAINTY)
+FIT = (*MODEL, *LAW, *MODAL, *PARAMETERS, PER, RUNOUT, LOSS, PHASE_OFFSETS, REFINE, *UNCERTAINTY)
 """Settings of ``rotorfit fit`` and of a study."""
 CAMPAIGN = (*MODEL, *PARAMETERS, LOSS)
 """Settings of ``rotorfit campaign``: what is neither known nor shared has a value of its own for each run."""

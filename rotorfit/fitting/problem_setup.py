@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotorfit.data.experiments import Experiment
-from rotorfit.data.weights import weighed
+from rotorfit.data.weights import Influences, weighed
 from rotorfit.estimators.losses import LOSSES
 from rotorfit.estimators.nonlinear import responses_of
 from rotorfit.estimators.observations import Block, Responses
@@ -21,7 +21,7 @@ from rotorfit.estimators.problem import Problem
 from rotorfit.estimators.small_motion import OffCentreResponses
 from rotorfit.fitting.calibration import nuisance_entries
 from rotorfit.fitting.settings import FitSettings, PhaseOffsets, check_phase_offsets
-from rotorfit.models import RotorModel
+from rotorfit.models import Modal, RotorModel
 from rotorfit.models.parameters import unknown_name
 from rotorfit.observing.circular import Grouping, group_rows
 from rotorfit.observing.influences import correlated
@@ -85,6 +85,8 @@ def _observed(
 ) -> tuple[tuple[Experiment, ...], tuple[Block, ...], Grouping]:
     """Experiments as the model sees them, weights solved for their influences first, and their parameter groups."""
     influences = [None if model.eccentricity_dependent else weighed(experiment) for experiment in experiments]
+    if len(experiments) == 1 and influences[0] is not None:
+        _check_modes(model, influences[0], settings)
     seen: tuple[Experiment, ...] = tuple(
         experiment if found is None else found.test for experiment, found in zip(experiments, influences, strict=True)
     )
@@ -97,6 +99,23 @@ def _observed(
             block = correlated(base, found)
         blocks.append(block)
     return seen, tuple(blocks), grouping
+
+
+def _check_modes(model: RotorModel, influences: Influences, settings: FitSettings) -> None:
+    """Refuse a model of more modes than weights at a few speeds show, unless something is known beforehand.
+
+    Raises:
+        ValueError: says how many modes the data see and which model fits them.
+    """
+    wanted = model.modes if isinstance(model, Modal) else len(model.planes)
+    seen = influences.modes
+    beforehand = settings.known or settings.priors or model.shaft is not None
+    if seen is None or beforehand or not 0 < seen.count < wanted:
+        return
+    raise ValueError(
+        f"{model.name} has {wanted} modes, but {seen}. Fit rf.models.Modal({model.planes}, modes={seen.count}) "
+        f"(--model modal), measure nearer to the next critical speed, or say what is known beforehand"
+    )
 
 
 def _phase_entries(

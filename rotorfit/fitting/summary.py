@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from rotorfit.estimators.parameter_space import DATUM
 from rotorfit.fitting.digits import plus_minus, with_error
 from rotorfit.models import eigenvalues, unstable_bands
 from rotorfit.units import RPM_PER_RAD_S
@@ -58,6 +59,8 @@ def fit_summary(fit: FitResult) -> str:
     if pairs:
         lines.append("correlations: " + ", ".join(f"{a}-{b} {r:+.2f}" for a, b, r in pairs))
     lines += _stability_lines(fit)
+    lines += interval_lines(fit)
+    lines += [f"errors: {remark}" for remark in fit.remarks]
     lines += [f"note: {caveat}" for caveat in fit.model.caveats]
     lines += [f"warning: {message}" for message in fit.warnings]
     return "\n".join(lines)
@@ -95,6 +98,23 @@ def _row(p: FittedParameter, both: bool) -> str:
     noise = f"{p.stderr_noise:>12.2g}" if both else ""
     bound = "  at its bound" if p.at_bound else ""
     return f"{p.name:<22}{value:>14}{error:>12}{noise}{p.init_value:>14.6g}  {p.unit}{bound}"
+
+
+def interval_lines(fit: FitResult) -> list[str]:
+    """Natural frequencies of modes in rpm and the common datum angle in degrees, with 95 % intervals."""
+    shown = [(name, "rpm", RPM_PER_RAD_S) for name in fit.params if fit.model.name == "modal" and name.startswith("wn")]
+    shown += [(name, "deg", 180 / np.pi) for name in fit.params if name == DATUM]
+    tail = f" (Student's t, {fit.freedom:.0f} degrees of freedom)" if np.isfinite(fit.freedom) else ""
+    lines = []
+    for name, unit, scale in shown:
+        p = fit.params[name]
+        words = "common datum angle, by which responses lead forces" if name == DATUM else f"natural frequency {name}"
+        if not p.resolved:
+            lines.append(f"{words}: not determined by these data")
+            continue
+        low, high = (scale * end for end in fit.interval(name))
+        lines.append(f"{words}: {scale * p.value:.5g} {unit}, 95 % interval {low:.5g} to {high:.5g} {unit}{tail}")
+    return lines
 
 
 def notable_correlations(fit: FitResult) -> list[tuple[str, str, float]]:

@@ -11,7 +11,8 @@ import numpy as np
 
 from rotorfit.data.experiments import DisplacementTest, Experiment, Float, PerturbationTest
 from rotorfit.data.linear_force import probe_pairs
-from rotorfit.data.synchronous import SPEED_TOLERANCE, difference_synchronous, group_speeds
+from rotorfit.data.synchronous import SPEED_TOLERANCE, group_speeds
+from rotorfit.data.weights import differenced
 from rotorfit.estimators.atomic_file import whole_file
 from rotorfit.models.parameters import unknown_name
 from rotorfit.units import RAD_S_PER_RPM, RPM_PER_RAD_S
@@ -52,7 +53,9 @@ def read(
         slow_roll_below_rpm: take the run-out of each channel and run from the readings below this speed instead.
         probe_angles: where the probes named x and y sit, degrees from X towards Y, for planes where that is not
             (0, 90): ``{"journal": (45, 135)}``.
-        difference: difference the runs of a synchronous test, see :func:`rotorfit.difference_synchronous`.
+        difference: difference the runs of a synchronous test, see :func:`rotorfit.difference_synchronous`. Runs that
+            dwell at a few speeds with repeats, reference runs or weights at odd angles stay as they are: a fit solves
+            them together, see :func:`rotorfit.influence`.
         speed: rotative speed, rad/s, for universal files that do not hold it.
         speed_tolerance: fraction within which speeds are the same, :func:`~rotorfit.data.synchronous.group_speeds`.
 
@@ -95,7 +98,7 @@ def read(
         test = subtract_measured_slow_roll(test, slow_roll_below_rpm * RAD_S_PER_RPM)
     if probe_angles:
         test = resolve_probe_angles(test, probe_angles)
-    return difference_synchronous(test) if difference and test.synchronous else test
+    return differenced(test) if difference and test.synchronous else test
 
 
 def _read_raw(path: str | Path, speed: float | None, speed_tolerance: float) -> Experiment:

@@ -85,7 +85,7 @@ def _calls(material: ReportInput) -> Iterator[str]:
         parts.append(f"priors={{{shown}}}")
     if fit.method == "least squares":
         parts += [f"loss={settings.loss!r}"] if settings.loss != "linear" else []
-        parts += ["phase_offsets=True"] if settings.phase_offsets else []
+        parts += [f"phase_offsets={settings.phase_offsets!r}"] if settings.phase_offsets else []
         parts += [f"calibration=rf.{settings.calibration!r}"] if settings.calibration else []
     call = "rf.closed_form" if fit.method == "closed form" else "rf.fit"
     made = f"{call}({', '.join(['model, experiments', *parts])})"
@@ -138,7 +138,7 @@ def _command(material: ReportInput) -> str:
         fit.method == "least squares"
         and fit.model.name in MODELS
         and all(e.source for e in fit.experiments)
-        and set(options) <= {"planes", "blocks", "two_lam", "law", "clearance_um"}
+        and set(options) <= {"planes", "blocks", "two_lam", "law", "clearance_um", "modes", "gains", "apart"}
         and ("law" not in options or options["law"] in [law() for law in LAWS.values()])
     )
     if not expressible:

@@ -13,9 +13,11 @@ from rotorfit.fitting.calibration import calibration_of
 from rotorfit.fitting.fit import closed_form, fit
 from rotorfit.fitting.refine import Refinement, refine
 from rotorfit.fitting.result import FitResult
+from rotorfit.fitting.settings import PhaseOffsets
 from rotorfit.io.files import read
-from rotorfit.models import LAWS, MODELS, AnisotropicShaft, RotorModel
+from rotorfit.models import LAWS, MODELS, AnisotropicShaft, Modal, RotorModel
 from rotorfit.models.parameters import unknown_name
+from rotorfit.studies.modal_options import modal_options
 from rotorfit.studies.recording_files import RecordingFiles
 
 if TYPE_CHECKING:
@@ -72,6 +74,7 @@ class Study:
         out: folder for the results, nothing is written without one.
         planes: plane names of the data in the model's order, by default the model's own.
         blocks, two_lam: options of the model.
+        modes, gains, apart: options of the model modal; by default (0, empty) one mode, gains as the data need them.
         law: name of a law of eccentricity, a key of :data:`rotorfit.models.LAWS`, for models that carry a fluid.
         clearance_um: radial clearance at the fluid, micrometres; needed by a law.
         known, bounds, priors, per, start, loss, phase_offsets: see :func:`rotorfit.fit`.
@@ -91,6 +94,9 @@ class Study:
     planes: tuple[str, ...] = ()
     blocks: tuple[str, ...] = ()
     two_lam: bool = False
+    modes: int = 0
+    gains: str = ""
+    apart: bool = False
     law: str = ""
     clearance_um: float | None = None
     known: Mapping[str, float | None] = field(default_factory=dict)
@@ -100,7 +106,7 @@ class Study:
     start: Mapping[str, float] = field(default_factory=dict)
     runout_um: float | None = None
     loss: str = "linear"
-    phase_offsets: bool = False
+    phase_offsets: PhaseOffsets = False
     calibration: Mapping[str, Any] = field(default_factory=dict)
     refine: bool = False
     sample: bool = False
@@ -288,6 +294,9 @@ def build_model(study: Study, experiments: Sequence[Experiment]) -> RotorModel:
         options["planes"] = tuple(dict.fromkeys(plane for experiment in experiments for plane in experiment.planes))
     if study.model == AnisotropicShaft.name and not any(_has_twist(experiment) for experiment in experiments):
         options["torsion"] = None
+    if study.model == Modal.name:
+        options |= modal_options(study.planes, experiments)
+    options |= {name: given for name in ("modes", "gains", "apart") if (given := getattr(study, name))}
     if study.blocks:
         options["blocks"] = study.blocks
     if study.two_lam:
