@@ -96,6 +96,9 @@ def solve_influence(readings: Readings) -> Influence:
     Readings of one dwell that were taken at slightly different speeds are brought to their mean speed first, along the
     channel's own change from dwell to dwell (as the square of the speed where there is one dwell only).
 
+    Args:
+        readings: of all channels, dwell speeds and mountings.
+
     Raises:
         UndeterminedError: no cell has enough different weights.
     """

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from rotorfit.estimators.correlated import CorrelatedResponses
 from rotorfit.estimators.nonlinear import OrbitResponses, responses_of
 from rotorfit.estimators.observations import Responses
 from rotorfit.fitting.summary import natural
@@ -78,7 +79,8 @@ def sweeps(fit: FitResult) -> tuple[list[Condition], list[Sweeps]]:
     """
     found: list[tuple[Responses, Responses | OrbitResponses]] = []
     theta = fit.thetas
-    for block, predicted in zip(fit.problem.blocks, fit.problem.predict(fit.x), strict=True):
+    for given, predicted in zip(fit.problem.blocks, fit.problem.predict(fit.x), strict=True):
+        block = given.base if isinstance(given, CorrelatedResponses) else given
         base = responses_of(block)
         if base is None or not isinstance(block, Responses | OrbitResponses) or not base.frequency.any():
             continue
