@@ -107,6 +107,8 @@ def _figures(record: Recording, plane: str | None, at: float | None) -> dict[str
         "polar": record.plot_polar,
         "speed": record.plot_speed,
     }
+    if record.rig.twist is not None:
+        figures["twist"] = record.plot_twist
     for each in (plane,) if plane is not None else record.planes:
         figures[f"cascade_{each}"] = partial(record.plot_cascade, each)
     return figures

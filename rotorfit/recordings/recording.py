@@ -11,6 +11,9 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from rotorfit.data.findings import Finding
 from rotorfit.recordings.angle_track import AngleTrack, track
 from rotorfit.recordings.files import open_raw
@@ -26,6 +29,7 @@ from rotorfit.recordings.resolve import complete
 from rotorfit.recordings.rig_toml import read_setup
 from rotorfit.recordings.setup import RigSetup
 from rotorfit.recordings.signals import Signals
+from rotorfit.recordings.twist import twist_of, twist_view
 from rotorfit.recordings.views import (
     Marks,
     OrderVectors,
@@ -74,6 +78,15 @@ class Recording(Signals):
     @cached_property
     def _perturbator(self) -> AngleTrack:
         return track(self, self.rig.perturbator)  # type: ignore[arg-type]
+
+    @cached_property
+    def twist(self) -> NDArray[np.float64]:
+        """Twist at every sample, its mean taken out, rad, from a torsion channel or two tooth wheels.
+
+        Raises:
+            ValueError: no twist was measured, or a wheel without pulses.
+        """
+        return twist_of(self)
 
     @cached_property
     def findings(self) -> tuple[Finding, ...]:
@@ -205,6 +218,21 @@ class Recording(Signals):
 
         found = cascade(self, self._marks, self._of(plane)[0], over=over, spectra=spectra)
         return plot_cascade(found, self.name, limit_hz)
+
+    def plot_twist(self, *, over: str | None = None, spectra: int = 60, limit_hz: float | None = None) -> Figure:
+        """Overall torsional amplitude and a cascade of the twist with its combination lines.
+
+        Args:
+            over: ``"time"``, ``"speed"`` or ``"perturbation"``; None: what changes in this recording.
+            spectra: how many.
+            limit_hz: largest frequency shown; None: what holds all combination lines.
+
+        Raises:
+            ValueError: no twist was measured, or no mark for what is asked.
+        """
+        from rotorfit.plots.twist import plot_twist
+
+        return plot_twist(twist_view(self, self._marks, over=over, spectra=spectra), self.name, limit_hz)
 
     def plot_speed(self) -> Figure:
         """Speed and sweep rate of every mark over time.

@@ -19,6 +19,10 @@ _REFERENCE_NAME = re.compile(r"(?i)keyph|tacho|kph|trigger")
 _PERTURBATOR_NAME = re.compile(r"(?i)pert|exc")
 
 
+_TEETH = 8
+"""Fewest teeth a turn that show a twist at several times the speed."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class Rig:
     """The rig of one recording, complete: every probe has its angle and sensitivity, every channel exists.
@@ -83,6 +87,26 @@ def file_setup(raw: RawFile) -> RigSetup:
     )
 
 
+def _check_twist(how: Twist, where: str) -> None:
+    """Refuse a ``[twist]`` that says neither a channel with its sensitivity nor two wheels with their teeth.
+
+    Raises:
+        ValueError: what is missing.
+    """
+    wheels = (how.even_wheel, how.wheel, how.teeth)
+    if how.channel and any(part is not None for part in wheels):
+        raise ValueError(f"{where}: [twist] is a channel or two tooth wheels, not both")
+    if how.channel and how.sensitivity is None:
+        raise ValueError(f"{where}: the twist channel {how.channel} needs its sensitivity_V_per_rad in [twist]")
+    if not how.channel and any(part is None for part in wheels):
+        raise ValueError(
+            f"{where}: [twist] needs channel and sensitivity_V_per_rad, or even_wheel (the evenly turning end), wheel "
+            "(the other) and teeth"
+        )
+    if how.teeth is not None and how.teeth < _TEETH:
+        raise ValueError(f"{where}: {how.teeth} teeth a turn are too few for a twist; at least {_TEETH} are needed")
+
+
 def complete(raw: RawFile, setup: RigSetup | None) -> Rig:
     """The rig of a recording.
 
@@ -102,11 +126,12 @@ def complete(raw: RawFile, setup: RigSetup | None) -> Rig:
     probes = tuple(_complete_probe(raw, probe, whole, source) for probe in whole.probes or ())
     shaft, perturbator = (_reference(r) for r in (whole.shaft, whole.perturbator))
     force = _force(raw, whole.force, perturbator is not None, tuple(dict.fromkeys(probe.plane for probe in probes)))
-    twist = whole.twist if whole.twist is not None and whole.twist.channel else None
-    if twist is not None and twist.sensitivity is None:
-        raise ValueError(f"{raw.name}: the twist channel {twist.channel} needs its sensitivity_V_per_rad in [twist]")
+    twist = given.twist if given is not None and given.twist is not None and given.twist.wheel else whole.twist
+    if twist is not None:
+        _check_twist(twist, raw.name)
     named = [probe.channel for probe in probes]
     named += [r.channel for r in (shaft, perturbator, twist) if r is not None and r.channel]
+    named += [wheel for wheel in (twist.even_wheel, twist.wheel) if wheel] if twist is not None else []
     named += [channel for channel in (force.channels if force is not None else ()) if channel]
     for name in [*named, *whole.scales]:
         if name not in raw.channels:

@@ -110,6 +110,9 @@ _FORCE: dict[str, tuple[str, Reader]] = {
 _TWIST: dict[str, tuple[str, Reader]] = {
     "channel": ("channel", _word),
     "sensitivity_V_per_rad": ("sensitivity", _sensitivity),
+    "even_wheel": ("even_wheel", _word),
+    "wheel": ("wheel", _word),
+    "teeth": ("teeth", _count),
 }
 _TOP: dict[str, tuple[str, Reader]] = {
     "rotation": ("rotation", _choice(_ROTATION)),

@@ -75,15 +75,20 @@ class ForceSetup:
 
 @dataclass(frozen=True, kw_only=True)
 class Twist:
-    """A channel of torsion: the disk's twist against the evenly turning end.
+    """The disk's twist against the evenly turning end: a channel of torsion, or tooth wheels at two planes.
 
     Attributes:
         channel: of the recording.
         sensitivity: V/rad.
+        even_wheel, wheel: channels of the tooth wheels at the evenly turning end and at the disk.
+        teeth: of each wheel.
     """
 
     channel: str | None = None
     sensitivity: float | None = None
+    even_wheel: str | None = None
+    wheel: str | None = None
+    teeth: int | None = None
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -97,13 +97,11 @@ def _lines_of(record: Recording, runout_um: float | None) -> list[dict[str, NDAr
     found = _fit(record, swept, motion, "z", {"w": f, "2Om-w": f.conj() * turn**2})
     if runout_um is not None:
         found += [_steady(record, swept, motion, name, runout_um * 1e-6) for name in ("1x", "2x")]
-    twist = record.rig.twist
-    if twist is not None and twist.channel:
-        phi = record.channel(twist.channel) / float(twist.sensitivity or 1.0)
+    if record.rig.twist is not None:
         whirl = _band_passed(motion, swept)
         drives = {"w-Om": f / turn, "w-2Om": f / turn**2, "2w-2Om": whirl**2 / turn**2}
         # phi = Re(Phi exp(j nu t)) has half of Phi at +nu.
-        found += _fit(record, swept, 2.0 * phi, "twist", drives)
+        found += _fit(record, swept, 2.0 * record.twist, "twist", drives)
     return _with_angle_errors(swept, found)
 
 

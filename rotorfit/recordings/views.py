@@ -272,6 +272,40 @@ def cascade(record: Signals, marks: Marks, plane: str, *, over: str | None = Non
     Raises:
         ValueError: no such plane, or a mark that is missing for what is asked.
     """
+    places = cascade_times(record, marks, over, spectra)
+    rows = []
+    for start in places.starts.tolist():
+        z = record.motion(plane, start, start + places.size)
+        frequency, amplitude = full_spectrum(z.astype(complex), record.sample_rate)
+        rows.append(amplitude if np.iscomplexobj(z) else 2 * amplitude)
+    return Cascade(
+        plane=plane, over=places.over, position=places.position, frequency=frequency, amplitude=np.array(rows),
+        shaft=places.shaft, perturbation=places.perturbation,
+    )  # fmt: skip
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class CascadeTimes:
+    """Where the spectra of a cascade are taken.
+
+    Attributes:
+        over: what tells them apart: ``time``, ``speed`` or ``perturbation``.
+        size: samples of each.
+        starts: first sample of each, shape ``(W,)``.
+        position: s or rad/s, shape ``(W,)``.
+        shaft, perturbation: speeds at each spectrum, rad/s, the latter signed; NaN without a mark.
+    """
+
+    over: str
+    size: int
+    starts: NDArray[np.intp]
+    position: Float
+    shaft: Float
+    perturbation: Float
+
+
+def cascade_times(record: Signals, marks: Marks, over: str | None, spectra: int) -> CascadeTimes:
+    """Even steps of time, speed or perturbation frequency; arguments and errors as for :func:`cascade`."""
     over = _changing(marks) if over is None else over
     if over not in ("time", "speed", "perturbation"):
         raise ValueError(unknown_name("axis of a cascade", over, ("time", "speed", "perturbation")))
@@ -288,20 +322,18 @@ def cascade(record: Signals, marks: Marks, plane: str, *, over: str | None = Non
             order = np.argsort(speed)
             at = np.interp(np.linspace(speed.min(), speed.max(), spectra), speed[order], fine[order])
         t = at
-    rows = []
-    for middle in t:
-        start = int(np.clip(round(middle * record.sample_rate) - size // 2, 0, record.size - size))
-        z = record.motion(plane, start, start + size)
-        frequency, amplitude = full_spectrum(z.astype(complex), record.sample_rate)
-        rows.append(amplitude if np.iscomplexobj(z) else 2 * amplitude)
+    middles = np.round(t * record.sample_rate) - size // 2
     nan = np.full(t.size, np.nan)
     shaft = nan if marks.shaft is None else marks.shaft.speed(t)
     perturbation = nan if marks.perturbator is None else marks.whirl * marks.perturbator.speed(t)
-    position = {"time": t, "speed": shaft, "perturbation": np.abs(perturbation)}[over]
-    return Cascade(
-        plane=plane, over=over, position=position, frequency=frequency, amplitude=np.array(rows), shaft=shaft,
+    return CascadeTimes(
+        over=over,
+        size=size,
+        starts=np.clip(middles, 0, record.size - size).astype(np.intp),
+        position={"time": t, "speed": shaft, "perturbation": np.abs(perturbation)}[over],
+        shaft=shaft,
         perturbation=perturbation,
-    )  # fmt: skip
+    )
 
 
 def _changing(marks: Marks) -> str:

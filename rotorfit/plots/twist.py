@@ -1,0 +1,82 @@
+"""The paper's Fig. 38: overall torsional amplitude and spectra of the twist against the perturbation frequency."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from rotorfit.plots.style import COLOURS, PAGE, grid, literal, prefix
+from rotorfit.recordings.twist import TwistView
+from rotorfit.units import RPM_PER_RAD_S
+
+Float = NDArray[np.float64]
+
+_ORDERS = {"w − Om": (1, -1), "w − 2 Om": (1, -2), "2(w − Om)": (2, -2), "1x": (0, 1), "2x": (0, 2)}
+"""Combination lines of the twist: multiples of w and of Om."""
+_TALL = 6.0
+"""Spacings that the largest line of the cascade reaches up."""
+
+
+def plot_twist(view: TwistView, name: str, limit: float | None = None) -> Figure:
+    """Overall amplitude of the twist above, its spectra with order lines below.
+
+    Args:
+        view: the twist.
+        name: of the recording.
+        limit: largest frequency shown, Hz; None: what holds all combination lines.
+    """
+    scale, label = (1.0, "time (s)") if view.over == "time" else (RPM_PER_RAD_S, _axis_label(view))
+    position = view.position * scale
+    lines = {key: np.abs(m * view.perturbation + n * view.shaft) / (2 * np.pi) for key, (m, n) in _ORDERS.items()}
+    highest = max((float(np.nanmax(at)) for at in lines.values() if np.isfinite(at).any()), default=np.inf)
+    edge = min(1.15 * highest, float(view.frequency[-1])) if limit is None else limit
+    figure, axes = grid(2, 1, literal(f"{name}: twist"), size=(PAGE[0], 3.8))
+    overall, cascade = axes[:, 0]
+    factor, unit = prefix(view.overall, "rad")
+    order = np.argsort(position)
+    overall.plot(position[order], view.overall[order] * factor, color=COLOURS[0], lw=1.2)
+    overall.set_ylabel(f"overall amplitude ({unit} 0-pk)", fontsize=9)
+    overall.set_ylim(bottom=0)
+    overall.set_xlabel(label, fontsize=9)
+    _cascade(cascade, view, position, edge)
+    for key, at in lines.items():
+        _order_line(cascade, key, np.where(at <= edge, at, np.nan)[order], position[order])
+    cascade.set_xlabel("frequency (Hz)", fontsize=9)
+    cascade.set_ylabel(label, fontsize=9)
+    return figure
+
+
+def _axis_label(view: TwistView) -> str:
+    return "speed of the shaft (rpm)" if view.over == "speed" else "perturbation frequency (rpm)"
+
+
+def _cascade(axis: Any, view: TwistView, position: Float, edge: float) -> None:
+    """One spectrum a line, the square root of its amplitude shifted up: combination lines differ by powers of ten."""
+    inside = view.frequency <= edge
+    root = np.sqrt(view.amplitude[:, inside])
+    spacing = float(np.ptp(position)) / max(position.size - 1, 1) or 1.0
+    height = _TALL * spacing / float(root.max(initial=1e-12))
+    rows = sorted(zip(position.tolist(), root, strict=True), key=lambda pair: -pair[0])
+    for rank, (level, row) in enumerate(rows):
+        curve = level + row * height
+        axis.fill_between(view.frequency[inside], level, curve, color="white", lw=0, zorder=3 + rank)
+        axis.plot(view.frequency[inside], curve, color=COLOURS[0], lw=0.6, zorder=3 + rank)
+    axis.set_xlim(0, edge)
+    axis.set_ylim(position.min() - spacing, position.max() + (_TALL + 1) * spacing)
+    axis.text(
+        0.99, 0.02, "height: square root of the amplitude", fontsize=7, ha="right", transform=axis.transAxes, zorder=999
+    )
+
+
+def _order_line(axis: Any, label: str, at: Float, position: Float) -> None:
+    shown = np.flatnonzero(np.isfinite(at))
+    if not shown.size:
+        return
+    colour = COLOURS[1] if "w" in label else "0.35"
+    axis.plot(at, position, color=colour, lw=0.8, ls="--", alpha=0.7, zorder=998)
+    place = (float(at[shown[-1]]), float(position[shown[-1]]))
+    style = {"fontsize": 8, "color": colour, "ha": "center", "zorder": 999}
+    axis.annotate(label, place, (0, 4), textcoords="offset points", **style)
