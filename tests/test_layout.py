@@ -22,7 +22,7 @@ HEAVY = ("matplotlib", "emcee", "xarray", "arviz", "numba", "scipy.stats", "h5py
 FLOORS = (
     ("models",),
     ("estimators",),
-    ("version", "units"),
+    ("version", "units", "text_table"),
     ("data",),
     ("io", "observing"),
     ("datasets", "checks", "simulation", "recordings"),

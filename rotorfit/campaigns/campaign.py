@@ -24,6 +24,7 @@ from rotorfit.fitting.result import FitResult, FittedParameter
 from rotorfit.fitting.settings import FitSettings
 from rotorfit.models import RotorModel
 from rotorfit.models.parameters import unknown_name
+from rotorfit.text_table import Wide, text_table
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -160,19 +161,21 @@ class Campaign:
             attributes: columns shown first, by default all attributes.
         """
         shown = self.attributes if attributes is None else tuple(attributes)
-        width = max([len(run.name) for run in self.runs] + [3]) + 2
-        head = f"{'run':<{width}}" + "".join(f"{name:>14}" for name in shown)
-        lines = [head + "".join(f"{name:>12}{'+-':>10}" for name in self.fitted) + f"{'redchi':>9}"]
+        rows: list[list[str | Wide]] = [["run", *shown]]
+        for name in self.fitted:
+            rows[0] += [name, "+-"]
+        rows[0] += ["redchi", ""]
         for run in self.runs:
-            row = f"{run.name:<{width}}" + "".join(f"{_short(run.attributes.get(name, '')):>14}" for name in shown)
+            rows.append([run.name, *(_short(run.attributes.get(name, "")) for name in shown)])
             if not run.params:
-                lines.append(f"{row}  {run.message}")
+                rows[-1].append(Wide(run.message, 2 * len(self.fitted) + 2, remark=True))
                 continue
             for name in self.fitted:
                 p = run.params[name]
-                row += f"{p.value:>12.5g}{p.stderr:>10.2g}" if p.resolved else f"{'not determined':>22}"
-            lines.append(f"{row}{run.redchi:>9.3g}" + ("" if run.success else f"  {run.message}"))
-        return "\n".join(lines)
+                rows[-1] += [f"{p.value:.5g}", f"{p.stderr:.2g}"] if p.resolved else [Wide("not determined", 2)]
+            rows[-1] += [f"{run.redchi:.3g}", "" if run.success else run.message]
+        columns = ["<4", *[">14"] * len(shown), *[">12", ">10"] * len(self.fitted), ">9", "<1"]
+        return "\n".join(text_table(rows, " ".join(columns)))
 
     def summary(
         self, parameters: str | Sequence[str] | None = None, *, against: str | None = None, by: str | None = None

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotorfit.fitting.result import Quantity
+from rotorfit.text_table import Wide, text_table
 
 if TYPE_CHECKING:
     from rotorfit.campaigns.runs import RunFit
@@ -102,21 +103,19 @@ def trend_table(trends: Sequence[Trend]) -> str:
     """Slopes of all trends, and the groups of a parameter compared where they were all tested."""
     if not trends:
         return "no run has a resolved value"
-    width = max(len(t.group) for t in trends) + 2
-    lines = [f"{'parameter':<12}{'group':<{width}}{'runs':>5}{'slope':>26}{'scatter':>9}{'at the middle':>26}"]
+    rows: list[list[str | Wide]] = [["parameter", "group", "runs", "slope", "scatter", "at the middle"]]
     for parameter in dict.fromkeys(t.parameter for t in trends):
         mine = [t for t in trends if t.parameter == parameter]
         middle = _middle(mine)
         for t in mine:
             slope = _text(t.slope) if np.isfinite(t.slope.value) else "one condition"
             scatter = f"{t.scatter:.2f}" if np.isfinite(t.scatter) else "-"
-            lines.append(
-                f"{parameter:<12}{t.group:<{width}}{t.x.size:>5}{slope:>26}{scatter:>9}{_text(t.at(middle)):>26}"
-            )
-        lines += [f"{'':<12}{sentence}" for sentence in _comparisons(mine, middle)]
+            rows.append([parameter, t.group, str(t.x.size), slope, scatter, _text(t.at(middle))])
+        rows += [["", Wide(sentence, 5, remark=True)] for sentence in _comparisons(mine, middle)]
     first = trends[0]
+    table = text_table(rows, "<10 <1 >6 >26 >9 >26")
     return "\n".join(
-        [*lines, f"slopes per {first.against}; scatter is chi-squared per degree of freedom about the line"]
+        [*table, f"slopes per {first.against}; scatter is chi-squared per degree of freedom about the line"]
     )
 
 

@@ -20,6 +20,7 @@ from rotorfit.models import Constant, EvenPolynomial, MonotoneSpline, Muszynska,
 from rotorfit.models.laws import Law
 from rotorfit.models.parameters import unknown_name
 from rotorfit.observing.observations import observe_any
+from rotorfit.text_table import Wide, text_table
 
 STRONG = 10.0
 """Difference of AIC beyond which the worse of two models has no support left (Burnham & Anderson 2002)."""
@@ -115,20 +116,19 @@ class LawComparison:
 
     def __str__(self) -> str:
         """The ranking as a table, and the verdict."""
-        head = f"{'law':<44}{'fitted':>7}{'redchi':>10}{'AIC':>12}{'dAIC':>10}{'dBIC':>10}{'weight':>9}"
+        head: list[str | Wide] = ["law", "fitted", "redchi", "AIC", "dAIC", "dBIC", "weight"]
         lowest = min(entry.bic for entry in self.laws)
-        lines = [head, *(_row(entry, self.laws[0].aic, lowest) for entry in self.laws)]
+        rows: list[list[str | Wide]] = [head, *(_row(entry, self.laws[0].aic, lowest) for entry in self.laws)]
+        lines = text_table(rows, "<44 >7 >10 >12 >10 >10 >9")
         lines += [f"{entry.law!r}: {entry.reason}" for entry in self.laws if entry.reason]
         return "\n".join([*lines, self.verdict])
 
 
-def _row(entry: LawFit, aic: float, bic: float) -> str:
+def _row(entry: LawFit, aic: float, bic: float) -> list[str | Wide]:
     if entry.reason or entry.fit is None:
-        return f"{entry.law!r:<44}{'not ranked':>17}"
-    return (
-        f"{entry.law!r:<44}{entry.count:>7}{entry.fit.redchi:>10.4g}{entry.aic:>12.1f}{entry.aic - aic:>10.1f}"
-        f"{entry.bic - bic:>10.1f}{entry.weight:>9.3f}"
-    )
+        return [repr(entry.law), Wide("not ranked", 2)]
+    differences = f"{entry.aic:.1f}", f"{entry.aic - aic:.1f}", f"{entry.bic - bic:.1f}"
+    return [repr(entry.law), str(entry.count), f"{entry.fit.redchi:.4g}", *differences, f"{entry.weight:.3f}"]
 
 
 def _fit_of(entry: LawFit) -> FitResult:

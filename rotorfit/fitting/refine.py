@@ -14,6 +14,7 @@ from rotorfit.fitting.fit import solve_again
 from rotorfit.fitting.problem_setup import with_levels
 from rotorfit.fitting.result import FitResult
 from rotorfit.models import BLOCKS, RotorModel
+from rotorfit.text_table import text_table
 
 Float = NDArray[np.float64]
 
@@ -32,11 +33,12 @@ class Refinement:
 
     def table(self) -> str:
         """The ladder as a table, the chosen model marked."""
-        lines = [f"{'structure':<44}{'fitted':>7}{'redchi':>10}{'BIC':>12}"]
+        rows = [["structure", "fitted", "redchi", "BIC", ""]]
         for step in self.steps:
-            mark = "  <- chosen" if step.model is self.best.model else ""
-            lines.append(f"{structure_name(step.model):<44}{step.nvarys:>7}{step.redchi:>10.4g}{step.bic:>12.1f}{mark}")
-        return "\n".join(lines)
+            mark = "<- chosen" if step.model is self.best.model else ""
+            numbers = str(step.nvarys), f"{step.redchi:.4g}", f"{step.bic:.1f}"
+            rows.append([structure_name(step.model), *numbers, mark])
+        return "\n".join(text_table(rows, "<44 >7 >10 >12 <1"))
 
     def __str__(self) -> str:
         return self.table()

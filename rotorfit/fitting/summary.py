@@ -11,6 +11,7 @@ import numpy as np
 from rotorfit.estimators.parameter_space import DATUM
 from rotorfit.fitting.digits import plus_minus, with_error
 from rotorfit.models import eigenvalues, unstable_bands
+from rotorfit.text_table import Wide, text_table
 from rotorfit.units import RPM_PER_RAD_S
 
 if TYPE_CHECKING:
@@ -69,10 +70,9 @@ def fit_summary(fit: FitResult) -> str:
 def parameter_table(fit: FitResult) -> list[str]:
     """Lines of the parameter table; a parameter that the data do not determine shows no number."""
     both = any(p.stderr > p.stderr_noise * 1.01 for p in fit.params.values() if p.vary and p.resolved)
-    head = f"{'parameter':<22}{'value':>14}{'stderr':>12}" + (f"{'noise only':>12}" if both else "")
-    lines = [head + f"{'start':>14}  unit"]
-    lines += [_row(p, both) for p in in_order(fit.params.values())]
-    return lines
+    rows: list[list[str | Wide]] = [["parameter", "value", "stderr", *(["noise only"] * both), "start", "unit", ""]]
+    rows += [_row(p, both) for p in in_order(fit.params.values())]
+    return text_table(rows, "<22 >14 >12 >12 >14 <1 <1" if both else "<22 >14 >12 >14 <1 <1")
 
 
 def in_order(params: Iterable[FittedParameter]) -> list[FittedParameter]:
@@ -88,16 +88,14 @@ def natural(text: str) -> tuple[tuple[int, float, str], ...]:
     return tuple((0, float(p), "") if i % 2 else (1, 0.0, p) for i, p in enumerate(parts) if p)
 
 
-def _row(p: FittedParameter, both: bool) -> str:
-    gap = 12 if both else 0
+def _row(p: FittedParameter, both: bool) -> list[str | Wide]:
     if not p.vary:
-        return f"{p.name:<22}{p.value:>14.7g}{'known':>12}{'':>{gap}}{'':>14}  {p.unit}"
+        return [p.name, f"{p.value:.7g}", "known", *([""] * both), "", p.unit]
+    start = f"{p.init_value:.6g}"
     if not p.resolved:
-        return f"{p.name:<22}{'not determined by the data':>{26 + gap}}{p.init_value:>14.6g}  {p.unit}"
-    value, error = with_error(p.value, p.stderr)
-    noise = f"{p.stderr_noise:>12.2g}" if both else ""
-    bound = "  at its bound" if p.at_bound else ""
-    return f"{p.name:<22}{value:>14}{error:>12}{noise}{p.init_value:>14.6g}  {p.unit}{bound}"
+        return [p.name, Wide("not determined by the data", 2 + both), start, p.unit]
+    noise = [f"{p.stderr_noise:.2g}"] * both
+    return [p.name, *with_error(p.value, p.stderr), *noise, start, p.unit, "at its bound" if p.at_bound else ""]
 
 
 def interval_lines(fit: FitResult) -> list[str]:

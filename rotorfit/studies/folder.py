@@ -19,6 +19,7 @@ from rotorfit.data.experiments import Experiment, PerturbationTest
 from rotorfit.fitting.digits import interval, plus_minus, with_error
 from rotorfit.fitting.result import FitResult, FittedParameter
 from rotorfit.studies.study import Outcome, StudyProgress
+from rotorfit.text_table import text_table
 from rotorfit.uncertainty.budget import Budget
 from rotorfit.units import RPM_PER_RAD_S
 
@@ -232,14 +233,14 @@ def _channels(test: PerturbationTest) -> list[str]:
 
 
 def _comparison(closed: FitResult, fit: FitResult) -> str:
-    lines = [f"{'':<22}{'closed form':>14}{'optimised':>14}"]
+    rows = [["", "closed form", "optimised", ""]]
     for p in fit.params.values():
         if p.vary and p.resolved and p.name in closed.params:
             first = closed.params[p.name]
             cells = with_error(first.value, first.stderr)[0], with_error(p.value, p.stderr)[0]
-            lines.append(f"{p.name:<22}{cells[0]:>14}{cells[1]:>14}  {p.unit}")
-    lines.append(f"{'redchi':<22}{closed.redchi:>14.6g}{fit.redchi:>14.6g}")
-    return "\n".join(lines)
+            rows.append([p.name, *cells, p.unit])
+    rows.append(["redchi", f"{closed.redchi:.6g}", f"{fit.redchi:.6g}"])
+    return "\n".join(text_table(rows, "<22 >14 >14 <1"))
 
 
 def truth_table(outcome: Outcome, rig: str) -> str:
@@ -249,17 +250,16 @@ def truth_table(outcome: Outcome, rig: str) -> str:
     if outcome.ladder is not None:
         results["refined"] = outcome.ladder.best
     fits = {name: fit for name, fit in results.items() if not isinstance(fit, str)}
-    lines = ["against the rig's truth", f"{'':<17}{'truth':>10}" + "".join(f"{name:>21}" for name in fits)]
+    rows = [["", "truth", *fits, ""]]
     for name in ("D", "lam", "Mf"):
         cells = [plus_minus(fit.params[name].value, fit.params[name].stderr) for fit in fits.values()]
         unit = outcome.fit.params[name].unit
-        lines.append(f"{name:<17}{truth['params'][name]:>10g}" + "".join(f"{cell:>21}" for cell in cells) + f"  {unit}")
+        rows.append([name, f"{truth['params'][name]:g}", *cells, unit])
     onsets = [fit.threshold_speed() for fit in fits.values()]
     cells = [plus_minus(onset.value * RPM_PER_RAD_S, onset.stderr * RPM_PER_RAD_S) for onset in onsets]
-    lines.append(
-        f"{'threshold speed':<17}{truth['threshold_rpm']:>10.1f}" + "".join(f"{c:>21}" for c in cells) + "  rpm"
-    )
-    return "\n".join(lines)
+    rows.append(["threshold speed", f"{truth['threshold_rpm']:.1f}", *cells, "rpm"])
+    columns = " ".join(["<17 >10", *[">21"] * len(fits), "<1"])
+    return "\n".join(["against the rig's truth", *text_table(rows, columns)])
 
 
 # ---- JSON -------------------------------------------------------------------------------------

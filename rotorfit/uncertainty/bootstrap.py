@@ -17,6 +17,7 @@ from rotorfit.fitting.digits import interval, with_error
 from rotorfit.fitting.result import FitResult
 from rotorfit.models.parameters import unknown_name
 from rotorfit.models.stability import threshold_speeds
+from rotorfit.text_table import Wide, text_table
 from rotorfit.uncertainty.derived import Derived
 
 Float = NDArray[np.float64]
@@ -102,22 +103,18 @@ class Bootstrap:
 
     def summary(self) -> str:
         """Table of estimates, spreads and intervals beside the standard errors of the fit."""
-        lines = [
-            f"parametric bootstrap: {len(self.samples)} simulated data sets, {self.failures} fits failed",
-            f"{'parameter':<22}{'fit':>14}{'stderr':>12}{'bootstrap':>12}{'bias':>12}{'95 % interval':>28}  unit",
-        ]
+        rows: list[list[str | Wide]] = [["parameter", "fit", "stderr", "bootstrap", "bias", "95 % interval", "unit"]]
         for i, (name, spread) in enumerate(self.stderr.items()):
             p = self.fit.params[name]
             if not p.resolved:
-                lines.append(f"{name:<22}{'not determined by the data':>26}")
+                rows.append([name, Wide("not determined by the data", 2)])
                 continue
             low, high = self.interval(name)
             bias = float(self.samples[:, i].mean()) - p.value
             value, error = with_error(p.value, p.stderr)
-            lines.append(
-                f"{name:<22}{value:>14}{error:>12}{spread:>12.2g}{bias:>12.2g}{interval(low, high):>28}  {p.unit}"
-            )
-        return "\n".join([*lines, self.message])
+            rows.append([name, value, error, f"{spread:.2g}", f"{bias:.2g}", interval(low, high), p.unit])
+        head = f"parametric bootstrap: {len(self.samples)} simulated data sets, {self.failures} fits failed"
+        return "\n".join([head, *text_table(rows, "<22 >14 >12 >12 >12 >28 <1"), self.message])
 
     def __str__(self) -> str:
         return self.summary()

@@ -18,6 +18,7 @@ from rotorfit.fitting.judge import inverse_curvature
 from rotorfit.fitting.problem_setup import build_problem
 from rotorfit.fitting.result import FitResult
 from rotorfit.models import threshold_speed
+from rotorfit.text_table import Wide, text_table
 from rotorfit.units import RPM_PER_RAD_S
 
 Float = NDArray[np.float64]
@@ -175,19 +176,15 @@ class Budget:
             onset = self.threshold_speed()
             rows += [onset.times(RPM_PER_RAD_S, "rpm")] if math.isfinite(onset.value) else []
         sources = list(self._sources)
-        wide = [max(len(source) + 2, 10) for source in sources]
-        head = f"{'parameter':<22}{'value':>14}{'combined':>10}{'random':>10}{'system.':>10}"
-        lines = [head + "".join(f"{source:>{w}}" for source, w in zip(sources, wide, strict=True)) + "  unit"]
+        table: list[list[str | Wide]] = [["parameter", "value", "combined", "random", "system.", *sources, "unit"]]
         for row in rows:
             if not math.isfinite(row.combined):
-                lines.append(f"{row.name:<22}{'not determined by the data':>26}")
+                table.append([row.name, Wide("not determined by the data", 2)])
                 continue
             parts = [row.sources[s] if row.sources[s] > _NOTHING * row.combined else 0.0 for s in sources]
-            cells = "".join(f"{part:>{w}.2g}" for part, w in zip(parts, wide, strict=True))
-            errors = f"{row.combined:>10.2g}{row.random:>10.2g}{row.systematic:>10.2g}"
-            numbers = f"{with_error(row.value, row.combined)[0]:>14}{errors}"
-            lines.append(f"{row.name:<22}{numbers}{cells}  {row.unit}")
-        return "\n".join(lines)
+            errors = [f"{part:.2g}" for part in (row.combined, row.random, row.systematic, *parts)]
+            table.append([row.name, with_error(row.value, row.combined)[0], *errors, row.unit])
+        return "\n".join(text_table(table, " ".join(["<22 >14 >10 >10 >10", *[">10"] * len(sources), "<1"])))
 
     def summary(self) -> str:
         """The table with what was assumed, and what the data say of the calibration."""

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from rotorfit.fitting.digits import with_error
 from rotorfit.fitting.result import FitResult
 from rotorfit.models.parameters import unknown_name
+from rotorfit.text_table import text_table
 from rotorfit.uncertainty.derived import Derived, StiffnessBand
 from rotorfit.uncertainty.posterior import Posterior, sample
 
@@ -131,18 +132,18 @@ class ModelAverage:
         """Table of the models with their weights and of the parameters that they share."""
         from rotorfit.fitting.refine import structure_name
 
-        lines = [f"{'model':<58}{'BIC':>12}{'weight':>9}"]
+        models = [["model", "BIC", "weight", ""]]
         for posterior, weight in zip(self.posteriors, self.weights, strict=True):
             name = f"{posterior.fit.model.name}, {structure_name(posterior.fit.model)}"
-            verdict = "" if posterior.converged else f"  NOT CONVERGED: {posterior.message.partition(': ')[2]}"
-            lines.append(f"{name:<58}{posterior.fit.bic:>12.1f}{weight:>9.3f}{verdict}")
-        lines += ["", f"{'parameter':<22}{'median':>13}{'sd':>10}{'2.5 %':>13}{'97.5 %':>13}  unit"]
+            verdict = "" if posterior.converged else f"NOT CONVERGED: {posterior.message.partition(': ')[2]}"
+            models.append([name, f"{posterior.fit.bic:.1f}", f"{weight:.3f}", verdict])
+        rows = [["parameter", "median", "sd", "2.5 %", "97.5 %", "unit"]]
         for name in self.names:
             d = self.parameter(name)
             low, high = d.interval(0.95)
-            cells = "".join(f"{with_error(float(v), d.stderr)[0]:>13}" for v in (low, high))
-            lines.append(f"{name:<22}{with_error(d.value, d.stderr)[0]:>13}{d.stderr:>10.2g}{cells}  {d.unit}")
-        return "\n".join(lines)
+            middle, *ends = (with_error(float(v), d.stderr)[0] for v in (d.value, low, high))
+            rows.append([name, middle, f"{d.stderr:.2g}", *ends, d.unit])
+        return "\n".join([*text_table(models, "<58 >12 >9 <1"), "", *text_table(rows, "<22 >13 >10 >13 >13 <1")])
 
     def __str__(self) -> str:
         return self.summary()

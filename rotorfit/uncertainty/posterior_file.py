@@ -13,6 +13,7 @@ import numpy as np
 from rotorfit.estimators.atomic_file import whole_file
 from rotorfit.fitting.digits import with_error
 from rotorfit.fitting.result import FitResult
+from rotorfit.text_table import text_table
 from rotorfit.uncertainty.arviz_loader import load_arviz
 from rotorfit.uncertainty.posterior import Posterior, SampleSettings
 
@@ -61,19 +62,16 @@ def summary(posterior: Posterior) -> str:
         f"{posterior.acceptance.mean():.2f}, seed {posterior.seed}",
         posterior.treatment,
         "",
-        f"{'parameter':<22}{'mean':>13}{'sd':>10}{'2.5 %':>13}{'median':>13}{'97.5 %':>13}{'R-hat':>8}{'bulk ESS':>10}"
-        f"{'tail ESS':>10}  unit",
     ]
+    rows = [["parameter", "mean", "sd", "2.5 %", "median", "97.5 %", "R-hat", "bulk ESS", "tail ESS", "unit"]]
     for i, chains in enumerate(health(posterior)):
         draws = posterior.chain[:, :, i]
         low, middle, high = np.percentile(draws, _PERCENT)
         spread = float(draws.std(ddof=1))
-        cells = "".join(f"{with_error(float(v), spread)[0]:>13}" for v in (low, middle, high))
-        lines.append(
-            f"{chains.name:<22}{with_error(float(draws.mean()), spread)[0]:>13}{spread:>10.2g}{cells}"
-            f"{chains.rhat:>8.3f}{chains.bulk:>10.0f}{chains.tail:>10.0f}  {posterior.unit(chains.name)}"
-        )
-    return "\n".join(lines)
+        mean, *cells = (with_error(float(v), spread)[0] for v in (draws.mean(), low, middle, high))
+        state_of = [f"{chains.rhat:.3f}", f"{chains.bulk:.0f}", f"{chains.tail:.0f}"]
+        rows.append([chains.name, mean, f"{spread:.2g}", *cells, *state_of, posterior.unit(chains.name)])
+    return "\n".join([*lines, *text_table(rows, "<22 >13 >10 >13 >13 >13 >8 >10 >10 <1")])
 
 
 def datasets(posterior: Posterior) -> dict[str, xr.Dataset]:

@@ -1,0 +1,46 @@
+"""Tables of text whose columns stay aligned, however long a name is."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import NamedTuple
+
+
+class Wide(NamedTuple):
+    """A cell that reaches over several columns, aligned as the first of them; a remark begins at its left."""
+
+    text: str
+    columns: int
+    remark: bool = False
+
+
+def text_table(rows: Iterable[Sequence[str | Wide]], columns: str) -> list[str]:
+    """Rows as lines of equal columns.
+
+    Args:
+        rows: cells of each row, the head first; rows may end early.
+        columns: alignment and least width of each column, ``"<22 >14 >12 <1"``. A column grows with its longest cell;
+            two spaces stand before a column that is aligned to the left.
+    """
+    specs = [(spec[0], int(spec[1:])) for spec in columns.split()]
+    table = [[cell if isinstance(cell, Wide) else Wide(cell, 1) for cell in row] for row in rows]
+    widths = [width for _, width in specs]
+    for row in table:
+        at = 0
+        for cell in row:
+            at += cell.columns
+            if not cell.remark:
+                before = sum(widths[at - cell.columns : at - 1])
+                widths[at - 1] = max(widths[at - 1], len(cell.text) + (specs[at - cell.columns][0] == ">") - before)
+    return [_line(row, specs, widths) for row in table]
+
+
+def _line(row: Sequence[Wide], specs: Sequence[tuple[str, int]], widths: Sequence[int]) -> str:
+    parts: list[str] = []
+    at = 0
+    for cell in row:
+        align = "<" if cell.remark else specs[at][0]
+        gap = "  " if at and align == "<" else ""
+        parts.append(f"{gap}{cell.text:{align}{sum(widths[at : at + cell.columns])}}")
+        at += cell.columns
+    return "".join(parts).rstrip()

@@ -1,0 +1,37 @@
+"""Columns of printed tables stay columns whatever is in them."""
+
+from __future__ import annotations
+
+import rotorfit as rf
+from rotorfit.models import WhirlWhip
+from rotorfit.text_table import Wide, text_table
+
+NAME = "K0_seal[speed_rpm=1000.523]"
+
+
+def test_a_long_name_moves_all_rows_alike() -> None:
+    rows = [["parameter", "value", "unit"], ["K0", "1.5", "N/m"], [NAME, "12345678901.25", "N s/m"]]
+    lines = text_table(rows, "<12 >8 <1")
+    assert [line.index(unit) for line, unit in zip(lines, ("unit", "N/m", "N s/m"), strict=True)] == [44] * 3
+    assert lines[1] == f"{'K0':<{len(NAME)}}{'1.5':>15}  N/m"
+
+
+def test_a_wide_cell_and_a_remark_leave_the_columns_where_they_are() -> None:
+    rows = [
+        ["a", "b", "c", "unit"],
+        ["x", Wide("not determined", 2), "m"],
+        ["y", "1", "2", "m"],
+        ["z", Wide("a remark that is longer than the table", 3, remark=True)],
+    ]
+    lines = text_table(rows, "<2 >4 >4 <1")
+    assert lines[1] == "x  not determined  m"
+    assert lines[2].index("m") == lines[1].rindex("m")
+    assert lines[3] == "z   a remark that is longer than the table"
+
+
+def test_the_summary_of_a_fit_with_long_names_is_aligned() -> None:
+    rig = rf.datasets.rig_open()
+    fit = rf.fit(WhirlWhip(), rig, known={"K3": 6000.0}, per={"D": "speed_rpm"})
+    table = [line for line in fit.summary().split("\n") if line.startswith(("parameter", "D[", "K0 "))]
+    assert len(table) > 2
+    assert len({line.index("unit") if "unit" in line else line.index("N") for line in table}) == 1
