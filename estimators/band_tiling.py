@@ -11,12 +11,12 @@ from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
+
+from rotorfit.models.array_types import Float
 
 if TYPE_CHECKING:
     from rotorfit.estimators.local_response import LocalFit
 
-Float = NDArray[np.float64]
 
 LEVELS = 5
 """Times that bands may be doubled."""

@@ -22,10 +22,8 @@ from rotorfit.estimators.nonlinear import OrbitResponses
 from rotorfit.estimators.observations import Block
 from rotorfit.estimators.priors import Prior
 from rotorfit.estimators.problem import Problem
+from rotorfit.models.array_types import ComplexArray, Float, Index
 
-Float = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
-Index = NDArray[np.intp]
 Bool = NDArray[np.bool_]
 
 TOLERANCE = 1e-8

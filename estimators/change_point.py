@@ -17,9 +17,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Float = NDArray[np.float64]
+from rotorfit.models.array_types import Float
 
 FEWEST = 2
 """Dates on either side of a change: one date alone may be a slip."""

@@ -18,10 +18,7 @@ from rotorfit.estimators.lumped import Lumped, LumpedStructure, lumped_coefficie
 from rotorfit.estimators.observations import Block, Responses
 from rotorfit.estimators.parameter_space import ParameterSpace
 from rotorfit.estimators.response import dynamic_stiffness, inverse
-
-Float = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
-Index = NDArray[np.intp]
+from rotorfit.models.array_types import ComplexArray, Float, Index
 
 _PIECE = 8192  # readings whose equations are held at once
 _SETTLED = 1e-6  # relative change of the lumped coefficients after which further passes bring nothing

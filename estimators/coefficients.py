@@ -9,11 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotorfit.models import RotorModel
+from rotorfit.models.array_types import ComplexArray, Float, Index
 from rotorfit.models.journal import journal
-
-Float = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
-Index = NDArray[np.intp]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -14,10 +14,7 @@ from scipy.special import ndtri, stdtrit
 
 from rotorfit.estimators.observations import Block, Responses
 from rotorfit.models import RotorModel
-
-Float = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
-Index = NDArray[np.intp]
+from rotorfit.models.array_types import ComplexArray, Float, Index
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

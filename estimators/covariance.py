@@ -6,7 +6,6 @@ import math
 from functools import cache
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import fdtri
 
 from rotorfit.estimators.correlated import CorrelatedResponses
@@ -15,9 +14,7 @@ from rotorfit.estimators.identifiability import natural_scales
 from rotorfit.estimators.losses import Loss, robust_weights
 from rotorfit.estimators.nonlinear import responses_of
 from rotorfit.estimators.problem import Problem
-
-Float = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
+from rotorfit.models.array_types import ComplexArray, Float
 
 _CHANCE = 0.05  # probability at which a misfit counts as the model's, where the noise itself is known from few data
 _LEAST_LEFT = 0.05  # share of a reading's residual that its fit leaves at least, in estimates of its noise

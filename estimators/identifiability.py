@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotorfit.models import RotorModel
-
-Float = NDArray[np.float64]
+from rotorfit.models.array_types import Float
 
 UNRESOLVED = 1.0
 """A direction is unresolved when its standard error exceeds this multiple of the parameters' own size."""

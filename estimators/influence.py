@@ -22,10 +22,7 @@ from rotorfit.estimators.mounting import (
     scatter,
     solve,
 )
-
-Float = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
-Index = NDArray[np.intp]
+from rotorfit.models.array_types import ComplexArray, Float, Index
 
 _CLOSE = 0.95  # largest correlation between speeds that weights are built on
 

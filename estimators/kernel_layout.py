@@ -11,10 +11,7 @@ from numpy.typing import NDArray
 from rotorfit.estimators.codegen import LARGEST_UNROLLED
 from rotorfit.estimators.observations import Block, Responses
 from rotorfit.estimators.problem import Problem
-
-Float = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
-Index = NDArray[np.intp]
+from rotorfit.models.array_types import ComplexArray, Float, Index
 
 MOST_ENTRIES = 8
 """Readings evaluated together at a node where code is generated; more are split, so that it stays short."""

@@ -7,17 +7,13 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rotorfit.estimators import accelerator, codegen
 from rotorfit.estimators.correlated import whiten
 from rotorfit.estimators.kernel_layout import KernelLayout, channels, is_plain, layout
 from rotorfit.estimators.losses import robust_weights
 from rotorfit.estimators.problem import Problem
-
-Float = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
-Index = NDArray[np.intp]
+from rotorfit.models.array_types import ComplexArray, Float, Index
 
 PAYS = 4e7
 """Readings to evaluate (vectors times readings) beyond which compiling is quicker than NumPy, a second or two of it."""

@@ -9,10 +9,8 @@ little: a smooth function over ``w - p`` stands for the responses as well as a p
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-Float = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
+from rotorfit.models.array_types import ComplexArray, Float
 
 STEPS = 4
 NUMERATOR = 2

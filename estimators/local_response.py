@@ -27,9 +27,7 @@ from numpy.typing import NDArray
 
 from rotorfit.estimators.band_tiling import pooled_noise, tile
 from rotorfit.estimators.local_poles import NUMERATOR, nearest_pole
-
-Float = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
+from rotorfit.models.array_types import ComplexArray, Float
 
 DEGREE = 2
 """Degree of the polynomials for H and T."""

@@ -6,15 +6,13 @@ from dataclasses import replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rotorfit.estimators.kernels import Batch
 from rotorfit.estimators.least_squares import minimise
 from rotorfit.estimators.priors import LogPriors, within_support
 from rotorfit.estimators.problem import Problem
+from rotorfit.models.array_types import Float
 
-Float = NDArray[np.float64]
-Index = NDArray[np.intp]
 Noise = Literal["marginal", "fixed", "sampled"]
 
 NOISES: tuple[Noise, ...] = ("marginal", "fixed", "sampled")

@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
-Float = NDArray[np.float64]
+from rotorfit.models.array_types import Float
+
 Loss = Literal["linear", "soft_l1", "huber", "cauchy"]
 
 LOSSES: tuple[Loss, ...] = ("linear", "soft_l1", "huber", "cauchy")

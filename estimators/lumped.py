@@ -12,16 +12,12 @@ from functools import lru_cache
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
 from rotorfit.estimators.observations import Responses
 from rotorfit.estimators.parameter_space import ParameterSpace
 from rotorfit.models import RotorModel
+from rotorfit.models.array_types import ComplexArray, Float, Index
 from rotorfit.models.compiled import array_function
-
-Float = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
-Index = NDArray[np.intp]
 
 _DEPENDENT = 1e-9  # relative size below which one coefficient adds nothing to the others
 _SPEED_TERMS = 5  # powers of the speed looked for in a coefficient

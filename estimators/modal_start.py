@@ -12,14 +12,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rotorfit.estimators.observations import Responses
 from rotorfit.models import Modal
-
-Float = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
-Index = NDArray[np.intp]
+from rotorfit.models.array_types import ComplexArray, Float, Index
 
 _PASSES = 8
 _DAMPING = (1e-3, 0.5)  # damping ratios that a start may have

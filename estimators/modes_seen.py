@@ -10,12 +10,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rotorfit.estimators.influence import Influence
-
-Float = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
+from rotorfit.models.array_types import ComplexArray, Float
 
 _DRAWS = 400
 _SURE = 0.95  # share of draws below the largest singular value of noise, and of those that give a determined pole

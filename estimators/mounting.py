@@ -13,8 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
-Float = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
+from rotorfit.models.array_types import ComplexArray, Float
 
 _DECADES = 12.0  # range of variances searched, about the mean square of the residuals
 _RANK = 1e-9  # relative singular value below which the columns of a design say the same

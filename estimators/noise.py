@@ -8,8 +8,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-Float = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
+from rotorfit.models.array_types import ComplexArray, Float
 
 FLOOR = 1e-9
 """Smallest noise, as a fraction of a channel's rms amplitude: exact data would otherwise weigh infinitely."""

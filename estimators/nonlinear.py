@@ -13,12 +13,9 @@ from rotorfit.estimators.correlated import CorrelatedResponses
 from rotorfit.estimators.observations import Responses
 from rotorfit.estimators.response import dynamic_stiffness, inverse
 from rotorfit.models import RotorModel
+from rotorfit.models.array_types import ComplexArray, Float, Index
 from rotorfit.models.journal import Journal, journal
 from rotorfit.models.orbits import LARGEST_ECCENTRICITY, OrbitEquation, followed_roots, nearest_roots
-
-Float = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
-Index = NDArray[np.intp]
 
 OrbitBranch = Literal["nearest", "followed", "given"]
 

@@ -6,7 +6,6 @@ from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rotorfit.estimators.closed_form import ClosedFormError, closed_forms
 from rotorfit.estimators.least_squares import Solution
@@ -16,8 +15,8 @@ from rotorfit.estimators.parameter_space import ParameterSpace
 from rotorfit.estimators.problem import Problem
 from rotorfit.estimators.small_motion import FreeVibrations, OffCentreResponses
 from rotorfit.models import Constant, Law
+from rotorfit.models.array_types import Float
 
-Float = NDArray[np.float64]
 ShortFit = Callable[[Problem, Float], Solution]
 
 _SMALL = 0.3  # eccentricity up to which the linear rotor is taken to hold for a start

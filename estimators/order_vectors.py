@@ -9,10 +9,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
-Float = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
+from rotorfit.models.array_types import ComplexArray, Float
 
 
 def order_vectors(z: ComplexArray, angles: Sequence[Float], orders: int) -> ComplexArray:

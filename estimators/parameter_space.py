@@ -9,12 +9,9 @@ from numbers import Real
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rotorfit.models import RotorModel
-
-Float = NDArray[np.float64]
-Index = NDArray[np.intp]
+from rotorfit.models.array_types import Float, Index
 
 DATUM = "datum"
 """Nuisance entry of the common datum angle: by how much responses lead forces beyond what the rotor does."""

@@ -8,12 +8,9 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rotorfit.estimators.parameter_space import ParameterSpace
-
-Float = NDArray[np.float64]
-Index = NDArray[np.intp]
+from rotorfit.models.array_types import Float, Index
 
 
 @dataclass(frozen=True, eq=False)

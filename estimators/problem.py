@@ -6,17 +6,13 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rotorfit.estimators.correlated import CorrelatedResponses, whiten
 from rotorfit.estimators.losses import Loss, robust_weights
 from rotorfit.estimators.observations import Block, Responses
 from rotorfit.estimators.parameter_space import ParameterSpace
 from rotorfit.estimators.priors import Prior
-
-Float = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
-Index = NDArray[np.intp]
+from rotorfit.models.array_types import ComplexArray, Float
 
 _PIECE = 8192  # readings whose derivatives are held at once
 

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from rotorfit.estimators.least_squares import Options, Status, minimise
 from rotorfit.estimators.log_posterior import box
 from rotorfit.estimators.problem import Problem
+from rotorfit.models.array_types import Float
 
-Float = NDArray[np.float64]
 ValueAndGradient = Callable[[Float], tuple[float, Float]]
 """Value of a quantity and its gradient, shape ``(p,)``, at a fitted vector."""
 

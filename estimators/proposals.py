@@ -7,10 +7,9 @@ from typing import Any
 
 import emcee
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import multivariate_t
 
-Float = NDArray[np.float64]
+from rotorfit.models.array_types import Float
 
 DEGREES_OF_FREEDOM = 5.0
 """Tails of the independence proposal, heavy enough to reach the arms of a curved posterior."""

@@ -12,16 +12,12 @@ from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rotorfit.models.array_types import ComplexArray, Float, Index
 from rotorfit.models.model import CompiledModel
 
 if TYPE_CHECKING:
     from rotorfit.estimators.observations import Responses
-
-Float = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
-Index = NDArray[np.intp]
 
 
 def inverse(kappa: ComplexArray) -> ComplexArray:

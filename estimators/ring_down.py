@@ -10,10 +10,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Float = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
+from rotorfit.models.array_types import ComplexArray, Float
 
 _EXTRA = 2  # vibrating modes looked for beyond those asked for
 _PENCIL = 120  # longest window of the pencil: longer ones cost more and gain nothing

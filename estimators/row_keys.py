@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-Index = NDArray[np.intp]
+from rotorfit.models.array_types import Index
 
 
 def unique_rows(codes: NDArray[Any]) -> tuple[Index, Index]:

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-Float = NDArray[np.float64]
+from rotorfit.models.array_types import Float
 
 _SINGULAR = 1e-11  # eigenvalue of the information on the shared parameters, unit diagonal, that counts as zero
 

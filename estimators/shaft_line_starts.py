@@ -7,10 +7,8 @@ from numpy.typing import NDArray
 
 from rotorfit.estimators.problem import Problem
 from rotorfit.estimators.shaft_lines import LineResponses
+from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.models.combination_lines import Order
-
-Float = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 _ROUNDS = 4
 """Rounds of reweighting: an equation error is weighed by the stiffness that it was multiplied with."""

@@ -10,11 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotorfit.models import AnisotropicShaft
+from rotorfit.models.array_types import ComplexArray, Float, Index
 from rotorfit.models.combination_lines import Order, line_order
 
-Float = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
-Index = NDArray[np.intp]
 Text = NDArray[np.str_]
 
 

@@ -10,12 +10,9 @@ from numpy.typing import NDArray
 
 from rotorfit.estimators.nonlinear import entries
 from rotorfit.models import RotorModel
+from rotorfit.models.array_types import ComplexArray, Float, Index
 from rotorfit.models.journal import journal
 from rotorfit.models.off_centre import coupled_stiffness, off_centre_eigenvalues, off_centre_gradient
-
-Float = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
-Index = NDArray[np.intp]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

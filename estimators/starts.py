@@ -7,7 +7,6 @@ from dataclasses import replace
 from numbers import Real
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rotorfit.estimators.closed_form import ClosedFormError, closed_form, closed_forms
 from rotorfit.estimators.correlated import CorrelatedResponses
@@ -29,9 +28,8 @@ from rotorfit.estimators.priors import Prior
 from rotorfit.estimators.problem import Problem
 from rotorfit.estimators.shaft_line_starts import has_lines, line_start
 from rotorfit.models import Modal
+from rotorfit.models.array_types import Float
 from rotorfit.models.parameters import unknown_name
-
-Float = NDArray[np.float64]
 
 _PASSES = (2, 4, 6, 8, 12, 16, 24, 32, 64)  # passes after which closed forms are looked at; good data settle in four
 _ROBUST_ROUNDS = 8

@@ -5,15 +5,11 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rotorfit.estimators.noise import noise_from_repeats, noise_from_samples, noise_from_smoothness
 from rotorfit.estimators.observations import Responses
 from rotorfit.estimators.row_keys import unique_rows
-
-Float = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
-Index = NDArray[np.intp]
+from rotorfit.models.array_types import ComplexArray, Float, Index
 
 _SMOOTH = 0.5  # lag-one correlation above which the wrong-direction component is anisotropy, not noise
 

@@ -17,10 +17,11 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.models.combination_lines import LATERAL, TWIST, Lines, Order, ShaftValues, solve_lines
 from rotorfit.models.compiled import array_function
 from rotorfit.models.complexes import Complex
-from rotorfit.models.model import CoefficientJacobian, ComplexArray, Float, Matrix, RotorModel
+from rotorfit.models.model import CoefficientJacobian, Matrix, RotorModel
 from rotorfit.models.one_mode import one_per_coordinate
 from rotorfit.models.parameters import Parameter, unknown_name
 from rotorfit.models.turning import TurningFrame

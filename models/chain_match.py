@@ -7,12 +7,12 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from rotorfit.models.array_types import Float
 from rotorfit.models.chain import MOST_MASSES, Chain
 from rotorfit.models.lanczos import bidiagonal, chain_modes, chain_of
 
-Float = NDArray[np.float64]
 _Masses: TypeAlias = tuple[Float, Float, Float]  # masses, springs, psi
 
 _ENDS: tuple[float, ...] = (

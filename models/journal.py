@@ -6,13 +6,11 @@ from functools import lru_cache
 
 import casadi as ca
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.models.compiled import array_function
 from rotorfit.models.model import RotorModel
-
-Float = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 
 class Journal:

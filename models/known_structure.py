@@ -9,15 +9,13 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.models.complexes import Complex
 from rotorfit.models.fluid import fluid_at, fluid_parameters
 from rotorfit.models.laws import Constant, Law, clearance_of
 from rotorfit.models.model import CoefficientJacobian, Coordinate, Matrix, RotorModel
 from rotorfit.models.parameters import Parameter
 from rotorfit.models.shaft import KnownStiffness, Shaft, StructureMatrices, complex_matrices
-
-Float = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 
 class KnownStructure(RotorModel):

@@ -15,9 +15,9 @@ squares of the bidiagonal B in ``T = B^T B``; the frequencies then carry the rou
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-Float = NDArray[np.float64]
+from rotorfit.models.array_types import Float
 
 
 def chain_modes(M: ArrayLike, K: ArrayLike) -> tuple[Float, Float]:

@@ -9,13 +9,12 @@ from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from rotorfit.models.array_types import Float
 from rotorfit.models.compiled import array_function
 from rotorfit.models.laws import Law
 from rotorfit.models.model import RotorModel
-
-Float = NDArray[np.float64]
 
 
 class LawCurve(NamedTuple):

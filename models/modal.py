@@ -8,8 +8,9 @@ from typing import Any, ClassVar, Literal, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
+from rotorfit.models.array_types import ComplexArray
 from rotorfit.models.complexes import Complex, J, Number
-from rotorfit.models.model import CoefficientJacobian, ComplexArray, Coordinate, Matrix, RotorModel
+from rotorfit.models.model import CoefficientJacobian, Coordinate, Matrix, RotorModel
 from rotorfit.models.parameters import Parameter, unknown_name
 
 Gains: TypeAlias = Literal["probe", "plane"]

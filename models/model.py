@@ -13,6 +13,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.models.compiled import array_function
 from rotorfit.models.complexes import Complex, Number
 from rotorfit.models.parameters import Parameter, unknown_name
@@ -20,8 +21,6 @@ from rotorfit.models.parameters import Parameter, unknown_name
 if TYPE_CHECKING:
     from rotorfit.models.shaft import KnownStiffness, Shaft
 
-Float = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 Matrix = Complex | Sequence[Sequence[Number]]
 
 

@@ -11,16 +11,13 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from rotorfit.models.array_types import ComplexArray, Float, Index
 from rotorfit.models.journal import journal
 from rotorfit.models.model import CoefficientJacobian, RotorModel
 from rotorfit.models.orbits import OrbitEquation, all_roots
 from rotorfit.models.stability import Threshold, companion
-
-Float = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
-Index = NDArray[np.intp]
 
 
 def static_equilibria(model: RotorModel, theta: ArrayLike, speed: float, load: ArrayLike) -> list[ComplexArray]:

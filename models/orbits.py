@@ -14,11 +14,8 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
+from rotorfit.models.array_types import ComplexArray, Float, Index
 from rotorfit.models.journal import Journal
-
-Float = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
-Index = NDArray[np.intp]
 
 LARGEST_ECCENTRICITY = 1.0 - 1e-9
 """Largest eccentricity searched: at 1 the journal touches."""

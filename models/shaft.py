@@ -11,11 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rotorfit.models.array_types import ComplexArray, Float, Index
 from rotorfit.models.parameters import unknown_name
-
-Float = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
-Index = NDArray[np.intp]
 
 MATRICES = ("M", "C", "G", "K")
 DOFS = ("z", "r", "x", "y", "alpha", "beta", "axial", "torsion")

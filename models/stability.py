@@ -7,13 +7,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.models.model import RotorModel
-
-Float = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
-
 
 _SCAN, _SCAN_STEP = 600, 60  # speeds searched for an onset, and how many at once
 _ROUND_OFF = 1e-13  # real part that an undamped eigenvalue may show, as a fraction of the largest eigenvalue

@@ -7,13 +7,11 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rotorfit.campaigns.runs import Run, RunFit, Workers, bends_of, scatter_of
 from rotorfit.estimators.covariance import widening
 from rotorfit.estimators.schur import Curvature, Parts, shared_covariance
-
-Float = NDArray[np.float64]
+from rotorfit.models.array_types import Float
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

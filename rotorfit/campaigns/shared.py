@@ -11,7 +11,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rotorfit.campaigns.joint_errors import FittedRun, JointErrors, OwnErrors, joint_errors
 from rotorfit.campaigns.runs import Run, RunFit, Workers, curvature, fit_run
@@ -19,8 +18,7 @@ from rotorfit.estimators.schur import Curvature, Parts, inverse_information, sha
 from rotorfit.fitting.result import FittedParameter
 from rotorfit.fitting.settings import FitSettings
 from rotorfit.models import RotorModel
-
-Float = NDArray[np.float64]
+from rotorfit.models.array_types import Float
 
 _ROUNDS = 30
 _SETTLED = 1e-4  # of a standard error: a step that changes nothing any more

@@ -12,10 +12,10 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from rotorfit.checks.orbits import ENOUGH, Index, Orbits
-from rotorfit.data.experiments import ComplexArray, Float
+from rotorfit.checks.orbits import ENOUGH, Orbits
 from rotorfit.data.findings import Finding, listed
 from rotorfit.estimators.noise import noise_from_smoothness
+from rotorfit.models.array_types import ComplexArray, Float, Index
 
 GENEROUS = 4.0
 """Values for each coefficient of a rational function that a verdict needs; fewer might follow anything."""

@@ -7,18 +7,16 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from rotorfit.data.experiments import ComplexArray, Float, PerturbationTest, Text
+from rotorfit.data.experiments import PerturbationTest, Text
 from rotorfit.data.linear_force import probe_pairs, whirl_parts
+from rotorfit.models.array_types import ComplexArray, Float, Index
 
 ENOUGH = 12
 """Readings needed for a verdict on a run."""
 
 NEAR_1X = 1e-3
 """Readings with |w| this close to the speed, as a fraction, are once-per-turn readings to a tracking filter."""
-
-Index = NDArray[np.intp]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rotorfit.checks.orbits import ENOUGH, Index, Orbits, mirrored
-from rotorfit.data.experiments import ComplexArray, Float
+from rotorfit.checks.orbits import ENOUGH, Orbits, mirrored
 from rotorfit.data.findings import Finding
+from rotorfit.models.array_types import ComplexArray, Float, Index
 from rotorfit.units import RPM_PER_RAD_S
 
 TURN = 0.25

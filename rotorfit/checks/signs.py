@@ -13,9 +13,9 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from rotorfit.checks.orbits import ENOUGH, NEAR_1X, Index, Orbits, mirrored
-from rotorfit.data.experiments import ComplexArray, Float
+from rotorfit.checks.orbits import ENOUGH, NEAR_1X, Orbits, mirrored
 from rotorfit.data.findings import Finding, listed
+from rotorfit.models.array_types import ComplexArray, Float, Index
 
 CERTAIN = 3.5
 """Sum of signs over its standard deviation under random signs, beyond which a sign is taken as established."""

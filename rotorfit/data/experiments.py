@@ -9,10 +9,9 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.units import RPM_PER_RAD_S
 
-Float = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 Text = NDArray[np.str_]
 
 DIRECTIONS = ("x", "y", "z", "rx", "ry", "rz")

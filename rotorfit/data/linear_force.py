@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from rotorfit.data.experiments import PerturbationTest
 from rotorfit.data.synchronous import join
-
-Index = NDArray[np.intp]
+from rotorfit.models.array_types import Index
 
 
 def whirl_parts(test: PerturbationTest) -> tuple[PerturbationTest, Index]:

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rotorfit.data.experiments import SYNCHRONOUS_TOLERANCE, ComplexArray, Float, PerturbationTest, Text
+from rotorfit.data.experiments import SYNCHRONOUS_TOLERANCE, PerturbationTest, Text
+from rotorfit.models.array_types import ComplexArray, Float
 
 SPEED_TOLERANCE = 0.005
 """Speeds closer than this fraction are one constant speed that jitters; see :func:`group_speeds`."""

@@ -12,9 +12,8 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from rotorfit.data.experiments import ComplexArray, Experiment, Float, PerturbationTest
+from rotorfit.data.experiments import Experiment, PerturbationTest
 from rotorfit.data.synchronous import (
     DIFFERENCED,
     OPPOSITE_TOLERANCE,
@@ -23,8 +22,7 @@ from rotorfit.data.synchronous import (
 )
 from rotorfit.estimators.influence import Influence, Readings, UndeterminedError, solve_influence
 from rotorfit.estimators.modes_seen import ModesSeen, modes_seen
-
-Index = NDArray[np.intp]
+from rotorfit.models.array_types import ComplexArray, Float, Index
 
 MOUNTING = "mounting"
 """Column, and attribute, that names the mounting of each row."""

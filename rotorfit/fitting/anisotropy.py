@@ -16,12 +16,12 @@ from functools import cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
+
+from rotorfit.models.array_types import Float
 
 if TYPE_CHECKING:
     from rotorfit.fitting.result import FitResult, Quantity
 
-Float = NDArray[np.float64]
 
 _FAR = 12.0
 """Standard deviations from zero beyond which Rice's distribution is a normal one."""

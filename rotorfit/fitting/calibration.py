@@ -13,14 +13,12 @@ from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rotorfit.data.experiments import Experiment, PerturbationTest
 from rotorfit.estimators.observations import Block, Responses
+from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.models.parameters import unknown_name
 
-Float = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 Uncertainty = float | Mapping[str, float]
 
 NUISANCE_KINDS = {

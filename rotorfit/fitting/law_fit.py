@@ -6,10 +6,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from rotorfit.data.experiments import CoefficientTable, Float
+from rotorfit.data.experiments import CoefficientTable
 from rotorfit.fitting.fit import fit
 from rotorfit.fitting.result import FitResult
 from rotorfit.models import Law, OneMode
+from rotorfit.models.array_types import Float
 
 
 def fit_law(law: Law, table: CoefficientTable, *, per: Sequence[str] = ("K0", "D", "Mf"), by: str = "run") -> FitResult:

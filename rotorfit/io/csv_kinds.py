@@ -14,13 +14,13 @@ from numpy.typing import NDArray
 from rotorfit.data.experiments import (
     CoefficientTable,
     Experiment,
-    Float,
     ImpulseTest,
     RingDownTest,
     StaticTest,
     Text,
 )
 from rotorfit.data.synchronous import group_speeds
+from rotorfit.models.array_types import Float
 from rotorfit.units import RPM_PER_RAD_S, UNITS, si_factor
 
 if TYPE_CHECKING:

@@ -9,11 +9,12 @@ from typing import Any
 
 import numpy as np
 
-from rotorfit.data.experiments import DisplacementTest, Experiment, Float, PerturbationTest
+from rotorfit.data.experiments import DisplacementTest, Experiment, PerturbationTest
 from rotorfit.data.linear_force import probe_pairs
 from rotorfit.data.synchronous import SPEED_TOLERANCE, group_speeds
 from rotorfit.data.weights import differenced
 from rotorfit.estimators.atomic_file import whole_file
+from rotorfit.models.array_types import Float
 from rotorfit.models.parameters import unknown_name
 from rotorfit.units import RAD_S_PER_RPM, RPM_PER_RAD_S
 

@@ -25,16 +25,15 @@ from numpy.typing import NDArray
 from rotorfit.data.experiments import (
     DIRECTIONS,
     FORCE_DIRECTIONS,
-    ComplexArray,
     DisplacementTest,
     Experiment,
-    Float,
     PerturbationTest,
     Text,
 )
 from rotorfit.data.synchronous import SPEED_TOLERANCE, group_speeds
 from rotorfit.io.csv_kinds import BUILDERS, columns_of
 from rotorfit.io.sampling import time_factor
+from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.models.parameters import unknown_name
 from rotorfit.units import UNITS, si_factor, units_of
 

@@ -27,7 +27,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rotorfit.data.experiments import ComplexArray, Experiment, Float, PerturbationTest, perturbation_test
+from rotorfit.data.experiments import Experiment, PerturbationTest, perturbation_test
+from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.units import RAD_S_PER_RPM, UNITS
 
 _MARK = "rotorfit circular force test"

@@ -12,15 +12,12 @@ from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rotorfit.data.experiments import PerturbationTest
+from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.observing.circular import observe
 from rotorfit.observing.measured_stiffness import isotropic_planes
 from rotorfit.units import RAD_S_PER_RPM, RPM_PER_RAD_S
-
-Float = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 UNITS = {"K": "N/m", "M": "kg", "D": "N s/m"}
 

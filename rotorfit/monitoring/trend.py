@@ -8,16 +8,15 @@ from datetime import datetime
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rotorfit.estimators.change_point import Change, along, fewest_dates, find_change
+from rotorfit.models.array_types import Float
 from rotorfit.monitoring.observed_stiffness import UNITS, ObservedStiffness
 from rotorfit.units import RPM_PER_RAD_S
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-Float = NDArray[np.float64]
 
 _SAME_SPEED = 0.02
 """Speeds of different dates within this fraction are compared with each other."""

@@ -23,13 +23,10 @@ from rotorfit.estimators.nonlinear import OrbitResponses
 from rotorfit.estimators.observations import Block, Responses
 from rotorfit.estimators.small_motion import FreeVibrations, OffCentreResponses
 from rotorfit.models import AnisotropicShaft, RotorModel
+from rotorfit.models.array_types import ComplexArray, Float, Index
 from rotorfit.models.journal import journal
 from rotorfit.observing.circular import lines_of, observe
 from rotorfit.observing.shaft_lines import lines_of_test, main_lines
-
-Float = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
-Index = NDArray[np.intp]
 
 _CLEAR = 1.0 - 1e-6  # eccentricity above which a measured position is out of the clearance
 

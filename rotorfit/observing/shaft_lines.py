@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rotorfit.data.experiments import LineTest
 from rotorfit.estimators.observations import Responses
 from rotorfit.estimators.shaft_lines import LineResponses
 from rotorfit.models import AnisotropicShaft, RotorModel
+from rotorfit.models.array_types import Index
 from rotorfit.models.combination_lines import line_order
-
-Index = NDArray[np.intp]
 
 
 def lines_of_test(model: RotorModel, test: LineTest, group: Index) -> LineResponses:

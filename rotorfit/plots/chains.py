@@ -6,14 +6,13 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rotorfit.models.array_types import Float
 from rotorfit.plots.style import COLOURS, SMALL, grid, literal
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-Float = NDArray[np.float64]
 
 _LEVELS = (0.68, 0.95)
 

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rotorfit.estimators.closed_form import stiffness_matrices
 from rotorfit.estimators.nonlinear import OrbitResponses
 from rotorfit.estimators.observations import Responses
+from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.plots.journal import CONFIDENCE, half_width
 from rotorfit.plots.style import GREY, grid, legend_below, literal, prefix
 from rotorfit.plots.sweeps import Condition, sweeps
@@ -22,8 +22,6 @@ if TYPE_CHECKING:
 
     from rotorfit.fitting.result import FitResult
 
-Float = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 _CURVE_POINTS = 300
 _SHOWN = 400  # measured points a panel; more only blacken it

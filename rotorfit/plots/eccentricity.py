@@ -26,8 +26,6 @@ if TYPE_CHECKING:
 
     from rotorfit.fitting.result import FitResult
 
-Float = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 _POINTS = 200
 

@@ -12,11 +12,8 @@ from rotorfit.estimators.nonlinear import OrbitResponses, entries, responses_of
 from rotorfit.fitting.result import FitResult
 from rotorfit.fitting.summary import natural
 from rotorfit.models import RotorModel
+from rotorfit.models.array_types import ComplexArray, Float, Index
 from rotorfit.models.journal import journal
-
-Float = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
-Index = NDArray[np.intp]
 
 CONFIDENCE = 1.96
 """Half-width of a 95 % band in standard errors."""

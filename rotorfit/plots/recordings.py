@@ -9,11 +9,10 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from rotorfit.models.array_types import Float
 from rotorfit.plots.style import COLOURS, GREY, PAGE, grid, legend_below, literal
 from rotorfit.recordings.views import Cascade, Centreline, OrderVectors, SpeedTrack, Stretch
 from rotorfit.units import RPM_PER_RAD_S
-
-Float = NDArray[np.float64]
 
 _MICRO = 1e6
 _SHAFT, _PERTURBATOR = "black", COLOURS[1]

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rotorfit.estimators.nonlinear import responses_of
+from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.plots.chains import plot_corner, plot_traces
 from rotorfit.plots.dynamic_stiffness import draw_dynamic_stiffness
 from rotorfit.plots.eccentricity import plot_law, plot_nonlinear_stiffness
@@ -40,9 +40,6 @@ __all__ = [
 ]
 
 _MARKS = 7  # frequencies marked along a polar curve, about
-
-Float = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rotorfit.estimators.shaft_lines import LineResponses
 from rotorfit.models import AnisotropicShaft, eigenvalues, unstable_bands
+from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.plots.style import COLOURS, GREY, SMALL, colour_of, grid, legend_below, literal, prefix
 from rotorfit.units import RPM_PER_RAD_S
 
@@ -19,8 +19,6 @@ if TYPE_CHECKING:
 
     from rotorfit.fitting.result import FitResult
 
-Float = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 _UNSURE = 1.0
 """Error over amplitude beyond which a reading has no phase worth showing."""

@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rotorfit.estimators.nonlinear import responses_of
 from rotorfit.models import AnisotropicShaft, eigenvalues
+from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.plots.journal import CONFIDENCE, group_label
 from rotorfit.plots.shaft_lines import plot_turning_stability
 from rotorfit.plots.style import COLOURS, GREY, grid, legend_below, literal
@@ -19,8 +19,6 @@ if TYPE_CHECKING:
 
     from rotorfit.fitting.result import FitResult, Quantity
 
-Float = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 _THRESHOLD = COLOURS[1]
 _MODES = tuple(c for c in COLOURS if c != _THRESHOLD)

@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rotorfit.estimators.small_motion import FreeVibrations
+from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.models.law_curves import law_curves, law_of
 from rotorfit.models.off_centre import off_centre_eigenvalues
 from rotorfit.plots.journal import JournalLines, drive_stiffness, half_width, journal_lines
@@ -19,8 +19,6 @@ if TYPE_CHECKING:
 
     from rotorfit.fitting.result import FitResult
 
-Float = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 _POINTS = 120
 

@@ -6,13 +6,11 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from rotorfit.models.array_types import Float
 from rotorfit.plots.style import COLOURS, PAGE, grid, literal, prefix
 from rotorfit.recordings.twist import TwistView
 from rotorfit.units import RPM_PER_RAD_S
-
-Float = NDArray[np.float64]
 
 _ORDERS = {"w − Om": (1, -1), "w − 2 Om": (1, -2), "2(w − Om)": (2, -2), "1x": (0, 1), "2x": (0, 2)}
 """Combination lines of the twist: multiples of w and of Om."""

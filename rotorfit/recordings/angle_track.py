@@ -6,15 +6,13 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rotorfit.data.findings import Finding, listed
 from rotorfit.estimators.pulses import NumberedPulses, PulseLevels, find_edges, find_levels, number_pulses
 from rotorfit.estimators.shaft_angle import SmoothAngle, smooth_angle
+from rotorfit.models.array_types import Float
 from rotorfit.recordings.setup import Reference
 from rotorfit.recordings.signals import Signals
-
-Float = NDArray[np.float64]
 
 _SAMPLED = 40
 """Pieces of a channel from which the levels of its pulses are found."""

@@ -10,12 +10,11 @@ from numpy.typing import NDArray
 
 from rotorfit.data.findings import Finding, listed
 from rotorfit.estimators.spectral_lines import mains_hum, turning_power
+from rotorfit.models.array_types import Float
 from rotorfit.recordings.angle_track import AngleTrack
 from rotorfit.recordings.setup import Probe
 from rotorfit.recordings.signals import Signals
 from rotorfit.units import RPM_PER_RAD_S
-
-Float = NDArray[np.float64]
 
 _LOOKED_AT = 1 << 19
 """Samples of a long recording that the slower checks look at, spread over it in pieces."""

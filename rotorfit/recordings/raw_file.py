@@ -9,8 +9,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-Float = NDArray[np.float64]
-
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RawChannel:

@@ -13,7 +13,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-Float = NDArray[np.float64]
+from rotorfit.models.array_types import Float
+
 Samples = NDArray[np.float64] | NDArray[np.complex128]
 
 RATE_OVER_TOP = 3.0

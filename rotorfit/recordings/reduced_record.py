@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rotorfit.estimators.local_response import RecordSpectra
+from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.recordings.reduced_rate import ReducedRate
 
 if TYPE_CHECKING:
@@ -16,8 +16,6 @@ if TYPE_CHECKING:
     from rotorfit.recordings.recording import Recording
     from rotorfit.recordings.setup import Probe
 
-Float = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 ORDERS = 5
 """Highest order of the shaft that is taken out, in both directions."""

@@ -10,15 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotorfit.data.experiments import PerturbationTest, perturbation_test
+from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.recordings.reduced_record import is_pair
 
 if TYPE_CHECKING:
     from rotorfit.estimators.local_response import LocalResponse
     from rotorfit.recordings.recording import Recording
     from rotorfit.recordings.reduced_record import ReducedRecord
-
-Float = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -18,6 +18,7 @@ from rotorfit.data.experiments import PerturbationTest
 from rotorfit.data.findings import Finding
 from rotorfit.data.synchronous import DIFFERENCED, group_speeds, join
 from rotorfit.estimators.local_response import LocalResponse, local_response
+from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.recordings.reduced_record import ReducedRecord, reduce_record
 from rotorfit.recordings.response_rows import readings, rows, time_at
 
@@ -25,8 +26,6 @@ if TYPE_CHECKING:
     from rotorfit.recordings.recording import Recording
     from rotorfit.recordings.setup import Force
 
-Float = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 Report = Callable[[Finding], None]
 
 DRIVEN = 3e-3

@@ -17,11 +17,9 @@ from numpy.typing import NDArray
 
 from rotorfit.data.experiments import LineTest
 from rotorfit.estimators.local_response import RecordSpectra, local_response
+from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.models.combination_lines import LATERAL, TWIST, Order
 from rotorfit.recordings.recording import Recording
-
-Float = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 _ORDERS = range(-4, 5)
 """Orders of the shaft taken out of every signal: run-out, unbalance, sag."""

@@ -11,10 +11,10 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rotorfit.estimators.pulses import find_edges, find_levels, number_pulses
 from rotorfit.estimators.spectral_lines import full_spectrum
+from rotorfit.models.array_types import Float
 from rotorfit.recordings.angle_track import track
 from rotorfit.recordings.setup import Reference
 from rotorfit.recordings.signals import Signals
@@ -22,8 +22,6 @@ from rotorfit.recordings.views import Marks, cascade_times
 
 if TYPE_CHECKING:
     from rotorfit.recordings.setup import Twist
-
-Float = NDArray[np.float64]
 
 
 def twist_of(record: Signals) -> Float:

@@ -10,12 +10,10 @@ from numpy.typing import NDArray
 
 from rotorfit.estimators.order_vectors import order_vectors
 from rotorfit.estimators.spectral_lines import full_spectrum
+from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.models.parameters import unknown_name
 from rotorfit.recordings.angle_track import AngleTrack
 from rotorfit.recordings.signals import Signals
-
-Float = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 _MARKS = ("shaft", "perturbator")
 _LINES = 1 << 15

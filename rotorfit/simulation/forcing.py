@@ -12,7 +12,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from rotorfit.data.experiments import DisplacementTest, PerturbationTest, perturbation_test
 from rotorfit.models import RotorModel
-from rotorfit.simulation.rig import ComplexArray, Float, VirtualRig, positive, some_planes
+from rotorfit.models.array_types import ComplexArray, Float
+from rotorfit.simulation.rig import VirtualRig, positive, some_planes
 from rotorfit.simulation.steady_state import Steady, steady_state
 from rotorfit.units import RAD_S_PER_RPM, RPM_PER_RAD_S
 

@@ -7,10 +7,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
-Float = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
+from rotorfit.models.array_types import ComplexArray, Float
 
 _HIGH, _LOW = -2.0, -8.0
 """Voltage of a Keyphasor beside its notch and in it."""

@@ -15,10 +15,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rotorfit.models import RotorModel
+from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.models.journal import Journal, journal
 
-Float = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 Force = Callable[[float], ComplexArray]
 
 TOLERANCE = 1e-9

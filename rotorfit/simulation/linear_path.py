@@ -11,12 +11,9 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rotorfit.models import RotorModel
-
-Float = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
+from rotorfit.models.array_types import ComplexArray, Float
 
 _POINTS, _WEIGHTS = np.polynomial.legendre.leggauss(4)
 _LONG, _SHORT = 1 << 15, 64

@@ -8,9 +8,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rotorfit.data.experiments import RingDownTest, StaticTest
+from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.models.off_centre import off_centre_eigenvalues
 from rotorfit.simulation.integration import integrate
-from rotorfit.simulation.rig import ComplexArray, Float, VirtualRig, positive
+from rotorfit.simulation.rig import VirtualRig, positive
 from rotorfit.simulation.steady_state import rest_position
 from rotorfit.units import RAD_S_PER_RPM, RPM_PER_RAD_S
 

@@ -10,17 +10,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from rotorfit.models import RotorModel
+from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.models.parameters import unknown_name
 from rotorfit.simulation.instruments import Instruments, Played, record, wandering_angle
 from rotorfit.simulation.linear_path import linear_path
 from rotorfit.simulation.rig import VirtualRig, some_planes
 from rotorfit.units import RAD_S_PER_RPM as RPM
-
-Float = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -10,14 +10,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rotorfit.models import RotorModel, threshold_speed
+from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.models.journal import journal
 from rotorfit.models.off_centre import off_centre_eigenvalues, static_equilibria
 from rotorfit.models.stability import growth_rate
 from rotorfit.simulation.integration import Motion
 from rotorfit.units import RPM_PER_RAD_S
-
-Float = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,12 +9,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rotorfit.models.anisotropic_shaft import AnisotropicShaft
-
-Float = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
+from rotorfit.models.array_types import ComplexArray, Float
 
 _TOLERANCE = 1e-10
 

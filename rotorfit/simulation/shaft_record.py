@@ -8,12 +8,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rotorfit.models import AnisotropicShaft
+from rotorfit.models.array_types import Float
 from rotorfit.simulation.shaft import Crack, Perturbation, shaft_motion
-
-Float = NDArray[np.float64]
 
 _NOTCH = 0.75
 """Width of the notch that a Keyphasor sees, rad, its ramps included."""

@@ -5,14 +5,10 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.simulation.integration import TOLERANCE, IntegrationError, Motion, Path, integrate
 from rotorfit.units import RPM_PER_RAD_S
-
-Float = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
-Index = NDArray[np.intp]
 
 _PATIENCE = 60  # windows in which a motion must settle
 _DECAYS = 3.0  # time constants of the slowest transient in a window

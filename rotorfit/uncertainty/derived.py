@@ -6,13 +6,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rotorfit.fitting.digits import interval, with_error
 from rotorfit.models import RotorModel, eigenvalues
-
-Float = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
+from rotorfit.models.array_types import ComplexArray, Float
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rotorfit.estimators.least_squares import minimise
 from rotorfit.estimators.log_posterior import box
@@ -17,13 +16,13 @@ from rotorfit.estimators.profile_curve import Curve, End, hold_entry, hold_quant
 from rotorfit.fitting.digits import interval, with_error
 from rotorfit.fitting.result import FitResult
 from rotorfit.models import threshold_speed
+from rotorfit.models.array_types import Float
 from rotorfit.models.parameters import unknown_name
 from rotorfit.units import RPM_PER_RAD_S
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-Float = NDArray[np.float64]
 
 THRESHOLD = "threshold_speed"
 _LOWER_MINIMUM = 1e-4  # fall of the scaled curve below its minimum that is more than round-off
