@@ -181,6 +181,7 @@ def number_pulses(times: Float) -> NumberedPulses:
         if np.array_equal(counted, count):
             break
         count = counted
+    count = _steadily(kept, count)
     uneven = np.abs(intervals / (count * median_filter(intervals / count, 5, mode="mirror")) - 1) > 0.35
     if extra.size > kept.size or np.mean(uneven) > 0.2:
         raise ValueError(
@@ -192,6 +193,26 @@ def number_pulses(times: Float) -> NumberedPulses:
         times=kept, numbers=np.concatenate([[0], np.cumsum(count)]), missing=kept[gaps], missing_count=count[gaps] - 1,
         extra=extra,
     )  # fmt: skip
+
+
+def _steadily(times: Float, count: Index) -> Index:
+    """Counts in which intervals of an evenly accelerating shaft are not taken for gaps.
+
+    A sweep that begins slowly has a first turn twice as long as the second. The speed over a doubtful interval is
+    compared with what a straight line through the speeds of the four undoubted intervals nearest to it says.
+    """
+    middle, intervals = (times[1:] + times[:-1]) / 2, np.diff(times)
+    sure = np.flatnonzero(count == 1)
+    better = count.copy()
+    if sure.size < 4:
+        return better
+    for gap in np.flatnonzero(count > 1):
+        near = sure[np.argsort(np.abs(middle[sure] - middle[gap]), kind="stable")[:4]]
+        slope, level = np.polyfit(middle[near] - middle[gap], 1 / intervals[near], 1)
+        turns = level * intervals[gap]
+        if slope * (middle[gap] - middle[near].mean()) < 0 and turns > 0.3:  # it was slower there
+            better[gap] = min(max(round(turns), 1), count[gap])
+    return better
 
 
 def _without_extra(times: Float) -> tuple[Float, Float]:

@@ -14,10 +14,11 @@ _STANDS_OUT = 25.0
 
 
 def turning_power(z: NDArray[np.complex128], angle: Float, turns: float = 6.0) -> tuple[float, float]:
-    """Mean square of what turns with an angle, and of what turns against it.
+    """Square of what turns with an angle, and of what turns against it, in half of the record at least.
 
     The signal is taken in blocks of some turns each, so that a response whose amplitude and phase change over the
-    record, as in a sweep, does not cancel itself.
+    record, as in a sweep, does not cancel itself. The median over the blocks counts: a sweep that passes the frequency
+    of the angle the other way is large there for a while.
 
     Args:
         z: motion, shape ``(N,)``.
@@ -25,7 +26,7 @@ def turning_power(z: NDArray[np.complex128], angle: Float, turns: float = 6.0) -
         turns: of one block.
 
     Returns:
-        forward and backward mean squares, in the unit of z squared; NaN for less than one block.
+        forward and backward squares, in the unit of z squared; NaN for less than one block.
     """
     block = np.floor((angle - angle[0]) / (2 * np.pi * turns)).astype(np.intp)
     count = int(block[-1])
@@ -37,7 +38,7 @@ def turning_power(z: NDArray[np.complex128], angle: Float, turns: float = 6.0) -
     for sign in (-1.0, 1.0):
         turned = z[inside] * np.exp(sign * 1j * angle[inside])
         mean = np.bincount(block[inside], turned.real) + 1j * np.bincount(block[inside], turned.imag)
-        found.append(float(np.mean(np.abs(mean / size) ** 2)))
+        found.append(float(np.median(np.abs(mean / size) ** 2)))
     return found[0], found[1]
 
 

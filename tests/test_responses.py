@@ -195,3 +195,46 @@ def test_linear_path_is_that_of_a_general_integrator() -> None:
         steady_slope, (0, time[-1]), np.zeros(4, complex), method="DOP853", rtol=1e-11, atol=1e-17, t_eval=time
     )
     assert np.abs(steady - exact.y[:2].T).max() < 1e-8 * np.abs(steady).max()
+
+
+def test_bundled_recordings_are_those_that_their_words_make(tmp_path: Path) -> None:
+    import h5py
+
+    made = rf.simulate_recordings(
+        RIG, rf.datasets.truth("volts")["params"], tmp_path, speed_rpm=1500.0, duration=10.0,
+        instruments=rf.Instruments(sample_rate=4096.0), seed=7,
+    )  # fmt: skip
+    for new, old in zip(made, rf.datasets.volts(), strict=True):
+        with h5py.File(new) as a, h5py.File(old) as b:
+            assert dict(a.attrs) == pytest.approx(dict(b.attrs))
+            for name in b:
+                # another machine may round a sample over to the next count
+                assert np.abs(a[name][:].astype(int) - b[name][:]).max() <= 1, (old.name, name)
+
+
+def test_demo_from_volts_meets_the_truth(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["demo", "--from-volts", "--out", str(tmp_path / "out")]) == 0
+    shown = capsys.readouterr()
+    assert shown.err == ""
+    assert "against the rig's truth" in shown.out
+    fit = rf.load_fit(tmp_path / "out" / "fit.json")
+    for name, value in rf.datasets.truth("volts")["params"].items():
+        if name != "K3":
+            assert abs(fit.params[name].value - value) < 4 * fit.params[name].stderr, name
+
+
+def test_recordings_from_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    rotor = [word for name, value in PAPER.items() for word in ("--set", f"{name}={value}")]
+    command = ["simulate", "--model", "two-disk", *rotor, "--recordings", str(tmp_path), "--duration", "3"]
+    assert main([*command, "--kind", "synchronous", "--speed-rpm", "300,5000", "--sampling-hz", "2048"]) == 0
+    assert sorted(path.name for path in tmp_path.glob("*.h5")) == [
+        "inboard-0.h5", "inboard-180.h5", "outboard-0.h5", "outboard-180.h5",
+    ]  # fmt: skip
+    capsys.readouterr()
+    for words, said in (
+        (["--kind", "impulse"], "kind of recorded test"),
+        (["--kind", "synchronous", "--speed-rpm", "300"], "--speed-rpm takes 2 numbers"),
+        (["--kind", "synchronous", "--force", "2"], "--force: recordings of kind synchronous take"),
+    ):
+        assert main([*command, *words]) == 2
+        assert said in capsys.readouterr().err

@@ -144,3 +144,16 @@ def test_irregular_edges_are_no_turns() -> None:
         number_pulses(np.sort(np.random.default_rng(7).uniform(0, 10, 300)))
     with pytest.raises(ValueError, match="at least four"):
         number_pulses(np.array([0.1, 0.2]))
+
+
+def test_a_sweep_that_begins_slowly_has_no_missing_pulses() -> None:
+    """60 to 5000 rpm in 10 s: the first turn takes twice as long as the second."""
+    slope = 517.0 / 10.0
+    turns = 2 * np.pi * np.arange(1, 300) - 6.2
+    times = (-6.3 + np.sqrt(6.3**2 + 2 * slope * turns)) / slope
+    assert np.diff(times)[0] > 1.5 * np.diff(times)[1]
+    found = number_pulses(times)
+    assert found.missing.size == 0
+    gone = number_pulses(np.delete(times, [0, 7]))
+    assert gone.missing_count.tolist() == [1]
+    assert gone.missing[0] == pytest.approx(times[6])

@@ -65,11 +65,13 @@ def _run(options: argparse.Namespace) -> int:
 
 def _demo(options: argparse.Namespace) -> int:
     from rotorfit import datasets
+    from rotorfit.studies.recording_files import RecordingFiles
     from rotorfit.studies.study import DataFile, Study
 
-    rig = DataFile(datasets.path("rig_open.csv"))
+    name = "volts" if options.from_volts else "rig_open"
+    rig = RecordingFiles(tuple(datasets.volts())) if options.from_volts else DataFile(datasets.path("rig_open.csv"))
     study = Study(files=(rig,), model="whirl-whip", known={"K3": 6000.0}, refine=True, out=options.out)
-    return _identify(study, options, rig="rig_open")
+    return _identify(study, options, rig=name)
 
 
 def _identify(study: Study, options: argparse.Namespace, rig: str = "") -> int:
@@ -167,6 +169,7 @@ def _parser() -> argparse.ArgumentParser:
         return added
 
     demo = command("demo", "identify the bundled rig and compare with its truth")
+    demo.add_argument("--from-volts", action="store_true", help="begin with the raw signals of bundled recordings")
     demo.add_argument("--out", type=Path, default=Path("rotorfit-demo"), help="folder for the results [%(default)s]")
     add_output(demo)
     fit = command("fit", "fit a model to test files")

@@ -26,6 +26,7 @@ _LISTS = {
     "--unbalance": "m r, kg m, in place of --force; the calibration weight of a synchronous test",
     "--amplitude-um": "radii of an imposed orbit",
     "--load": "constant loads, N",
+    "--sweep-rpm": "first and last frequency of a sweep that is recorded",
 }
 """Lists of numbers, named as the options of the kinds are in Python."""
 _NUMBERS = {
@@ -60,7 +61,11 @@ def add_options(to: argparse.ArgumentParser) -> None:
     to.add_argument("--force-planes", type=words, metavar="A,B", help="planes that are forced [all]")
     to.add_argument("--noise", type=float, default=0.01, help="over the rms reading of a run [%(default)g]")
     to.add_argument("--seed", type=whole_word, default=0, help="of the noise [%(default)s]")
-    to.add_argument("--out", type=Path, required=True, metavar="FILE", help="file to write (.csv .uff .nc .mat)")
+    where = to.add_mutually_exclusive_group(required=True)
+    where.add_argument("--out", type=Path, metavar="FILE", help="file to write (.csv .uff .nc .mat)")
+    where.add_argument(
+        "--recordings", type=Path, metavar="DIR", help="folder for raw signals in volts: sweeps or start-ups in HDF5"
+    )
     to.add_argument("--quiet", action="store_true", help="do not say what was written")
 
 
@@ -72,6 +77,11 @@ def run(options: argparse.Namespace) -> int:
     from rotorfit.simulation.integration import IntegrationError
     from rotorfit.studies.folder import describe_test
 
+    if options.recordings is not None:
+        paths = checked(lambda: _recorded(options))
+        if not options.quiet:
+            print("\n".join(f"written: {path}" for path in paths))
+        return DONE
     try:
         test = checked(lambda: _simulated(options))
     except IntegrationError as problem:
@@ -101,6 +111,43 @@ def _simulated(options: argparse.Namespace) -> Experiment:
     except TypeError as problem:
         raise ValueError(str(problem)) from problem
     return simulate(model, params, options.kind, noise=options.noise, seed=options.seed, **settings)
+
+
+_RECORDED = {
+    "perturbation": {"speed_rpm": None, "sweep_rpm": 2, "duration": None, "unbalance": 1, "planes": None},
+    "synchronous": {"speed_rpm": 2, "duration": None, "unbalance": 1, "planes": None},
+}
+"""Options of recorded tests by kind, and how many numbers they take where that is fixed."""
+
+
+def _recorded(options: argparse.Namespace) -> list[Path]:
+    from rotorfit.models.parameters import unknown_name
+    from rotorfit.simulation.instruments import Instruments
+    from rotorfit.simulation.recordings import simulate_recordings
+
+    if options.kind not in _RECORDED:
+        raise ValueError(unknown_name("kind of recorded test", options.kind, _RECORDED))
+    allowed, settings = _RECORDED[options.kind], _settings(options)
+    instruments = Instruments(sample_rate=settings.pop("sampling_hz", Instruments().sample_rate))
+    for name, value in settings.items():
+        word = f"--{name.replace('_', '-')}"
+        if name not in allowed:
+            raise ValueError(f"{word}: recordings of kind {options.kind} take {', '.join(allowed)}")
+        count = allowed[name]
+        if count is not None and len(value) != count:
+            raise ValueError(f"{word} takes {count} number{'s' * (count > 1)}, got {len(value)}")
+        if count is not None:
+            settings[name] = float(value[0]) if count == 1 else tuple(value.tolist())
+    params = pairs("--set", options.set, number_word)
+    return simulate_recordings(
+        _model(options),
+        params,
+        options.recordings,
+        options.kind,
+        instruments=instruments,
+        seed=options.seed,
+        **settings,
+    )
 
 
 def _model(options: argparse.Namespace) -> RotorModel:

@@ -16,7 +16,7 @@ from rotorfit.units import RAD_S_PER_RPM
 
 def names() -> tuple[str, ...]:
     """Names of the data files."""
-    return tuple(sorted(p.name for p in files(__name__).iterdir() if p.name.endswith((".csv", ".json"))))
+    return tuple(sorted(p.name for p in files(__name__).iterdir() if p.name.endswith((".csv", ".json", ".h5"))))
 
 
 def path(name: str) -> Path:
@@ -73,6 +73,14 @@ def rk4_runup() -> Experiment:
     from rotorfit.io.files import read
 
     return read(path("rk4_runup.csv"))
+
+
+def volts() -> list[Path]:
+    """Files of raw signals: sweeps of 10 s of a perturbator at disk and journal, both ways, with probes and Keyphasors.
+
+    They were made as ``truth("volts")`` says; :func:`rotorfit.read_recording` opens one.
+    """
+    return [path(f"volts_{plane}-{way}.h5") for plane in ("disk", "journal") for way in ("fwd", "bwd")]
 
 
 def seal_muszynska_tum() -> CoefficientTable:
