@@ -255,7 +255,7 @@ def ideal_width(world: World) -> dict[str, float]:
         sensitivity = _real(column[:, None] * (run[:, None] == np.arange(count)))
         cov += size**2 * sensitivity @ sensitivity.T
     J = _real(np.column_stack([_slope(world, _with(name)) / world.truth[name] for name in FREE]))
-    if world.speed_jitter or world.force_jitter_amplitude:  # weights of one number a reading, as fits have them
+    if world.speed_jitter or world.force_jitter_amplitude or world.filters < 1:  # fits have one weight a reading
         weight = 1 / (np.diag(cov)[: y.size] + np.diag(cov)[y.size :])
         gain = np.linalg.solve(J.T @ (np.tile(weight, 2)[:, None] * J), (np.tile(weight, 2)[:, None] * J).T)
         errors = gain @ cov @ gain.T

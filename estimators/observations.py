@@ -87,6 +87,7 @@ class Responses:
         measured, sigma, label, run: see :class:`Block`, shape ``(R,)``.
         labels: names of the responses.
         imposed: the displacement is imposed and ``measured`` is the force.
+        told: sigma was given with all readings, not estimated from them.
     """
 
     model: RotorModel
@@ -102,6 +103,7 @@ class Responses:
     labels: tuple[str, ...]
     run: NDArray[np.str_]
     imposed: bool = False
+    told: bool = True
 
     @property
     def reading_group(self) -> Index:

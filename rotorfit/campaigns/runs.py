@@ -133,12 +133,14 @@ def fit_run(model: RotorModel, run: Run, *, settings: FitSettings, start: Mappin
     except (ValueError, KeyError, np.linalg.LinAlgError) as problem:
         reason = problem.args[0] if isinstance(problem, KeyError) and problem.args else problem
         return RunFit(name=run.name, attributes=run.attributes, message=f"not fitted: {reason}")
+    # What differs between the sweeps of a run is in the covariance, and in no parameter.
+    own = [i for i, name in enumerate(found.var_names) if name in found.params]
     return RunFit(
         name=run.name,
         attributes=run.attributes,
         params=dict(found.params),
-        var_names=found.var_names,
-        covar=found.covar,
+        var_names=tuple(found.var_names[i] for i in own),
+        covar=found.covar[np.ix_(own, own)],
         chisqr=found.chisqr,
         redchi=found.redchi,
         ndata=found.ndata,

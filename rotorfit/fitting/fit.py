@@ -20,6 +20,8 @@ from rotorfit.estimators.shaft_line_starts import has_lines
 from rotorfit.estimators.starts import start_vector
 from rotorfit.fitting.calibration import Calibration
 from rotorfit.fitting.judge import judge
+from rotorfit.fitting.noise_finding import study_noise
+from rotorfit.fitting.noise_problem import with_noise
 from rotorfit.fitting.problem_setup import as_tuple, build_problem, make_priors
 from rotorfit.fitting.result import FitResult
 from rotorfit.fitting.settings import FitSettings, PhaseOffsets
@@ -87,7 +89,20 @@ def fit(
     begin, notes = start_vector(problem, start or {})
     solution = _solve(problem, begin, Options(max_iterations=max_iterations))
     notes = (*data_errors(as_tuple(experiments)), *notes)
-    return judge(problem, as_tuple(experiments), settings, solution.x, begin, "least squares", solution, notes)
+    noise = None
+    finding = study_noise(problem, solution.x) if loss == "linear" and solution.success else None
+    if finding is not None:
+        noise = finding.record
+    if finding is not None and finding.found is not None:
+        settings = replace(settings, noise=finding.found)
+        problem = build_problem(model, experiments, settings) if phase_offsets else with_noise(problem, finding.found)
+        names = (*problem.space.names, *problem.space.nuisance)
+        better = np.array([finding.start[name] for name in names])
+        again = _solve(problem, np.clip(better, problem.space.lower, problem.space.upper), Options())
+        solution = replace(again, n_evaluations=solution.n_evaluations + again.n_evaluations)
+    return judge(
+        problem, as_tuple(experiments), settings, solution.x, begin, "least squares", solution, notes, noise=noise
+    )
 
 
 def data_errors(experiments: Sequence[Experiment]) -> tuple[str, ...]:
@@ -169,7 +184,9 @@ def solve_again(
     begin[: min(fit.x.size, begin.size)] = fit.x[: begin.size]
     solution = _solve(problem, np.clip(begin, problem.space.lower, problem.space.upper), Options())
     notes = tuple(warning for warning in fit.warnings if warning.startswith(DATA_ERROR))
-    return judge(problem, fit.experiments, settings, solution.x, begin, "least squares", solution, notes)
+    return judge(
+        problem, fit.experiments, settings, solution.x, begin, "least squares", solution, notes, noise=fit.noise
+    )
 
 
 def _solve(problem: Problem, start: Float, options: Options) -> Solution:

@@ -18,6 +18,8 @@ import numpy as np
 from rotorfit.estimators.atomic_file import whole_file
 from rotorfit.estimators.problem import Problem
 from rotorfit.fitting.json_values import UserDefinedError, decode, encode
+from rotorfit.fitting.noise_problem import without_noise
+from rotorfit.fitting.noise_record import is_run_effect
 from rotorfit.fitting.problem_setup import build_problem, with_levels
 from rotorfit.fitting.result import FitResult
 from rotorfit.models import RotorModel
@@ -26,6 +28,7 @@ SCHEMA = 1
 """Version of the file's layout; raised when older readers would misread it."""
 
 _FORMAT = "rotorfit fit"
+_LATER = ("noise",)  # entries that files of earlier versions lack
 _AGREEMENT = 1e-6  # of chi-squared: other processors and libraries round differently, other noise does not agree
 
 
@@ -100,12 +103,12 @@ def fit_from_json(text: str, *, model: RotorModel | None = None, source: str = "
             f"this version reads schema {SCHEMA}"
         )
     names = [f.name for f in fields(FitResult) if f.name not in ("model", "problem")]
-    missing = [name for name in ("model", *names) if name not in content]
+    missing = [name for name in ("model", *names) if name not in content and name not in _LATER]
     if missing:
         raise ValueError(f"{source} is incomplete: it has no {', '.join(missing)}")
     try:
         own = _read_model(content["model"], model)
-        entries = {name: decode(content[name]) for name in names}
+        entries = {name: decode(content[name]) for name in names if name in content}
         problem = build_problem(own, entries["experiments"], entries["settings"])
         fit = FitResult(model=own, problem=problem, **entries)
         _check(fit, problem, f"written by rotorfit {content['rotorfit']}")
@@ -146,10 +149,11 @@ def _check(fit: FitResult, problem: Problem, what: str) -> None:
     """The problem laid out anew must be the one that was solved."""
     names = (*problem.space.names, *problem.space.nuisance)
     fitted = tuple(name for name, p in fit.params.items() if p.vary)
-    if fit.x.shape != (len(names),) or set(fitted) != set(names):
+    if fit.x.shape != (len(names),) or set(fitted) != {name for name in names if not is_run_effect(name)}:
         raise ValueError(f"{what} has fitted {', '.join(fitted)}, but its settings make {', '.join(names)}")
-    given = with_levels(problem, fit.settings.levels, -1)
-    chisqr = float(np.sum(np.abs(given.residuals(fit.x)) ** 2))
+    given = problem if fit.settings.noise is None else without_noise(problem, fit.settings.noise)
+    given = with_levels(given, fit.settings.levels, -1)
+    chisqr = float(np.sum(np.abs(given.residuals(fit.x[: given.space.size])) ** 2))
     if not np.isclose(chisqr, fit.chisqr, rtol=_AGREEMENT, atol=1e-12 * problem.n_data):
         raise ValueError(
             f"{what} has chi-squared {fit.chisqr:.9g}, but its model, data and settings give {chisqr:.9g}: the problem "

@@ -18,6 +18,9 @@ from rotorfit.estimators.nonlinear import responses_of
 from rotorfit.estimators.parameter_space import DATUM
 from rotorfit.estimators.problem import Problem
 from rotorfit.fitting.calibration import NUISANCE_KINDS
+from rotorfit.fitting.noise_judging import MODEL_LIMITED, as_residuals_ask, is_misfit, noise_warnings, with_shares
+from rotorfit.fitting.noise_problem import without_noise
+from rotorfit.fitting.noise_record import Noise, NoiseVerdict, is_run_effect
 from rotorfit.fitting.problem_setup import with_levels
 from rotorfit.fitting.result import FitResult, FittedParameter, ResponseQuality
 from rotorfit.fitting.settings import FitSettings
@@ -37,9 +40,6 @@ _CLEARLY = 6.0  # standard deviations of redchi below one at which the noise is 
 _TOO_QUIET = 0.5  # redchi below which errors are wider than they need be by more than is worth knowing
 _NOISE_FLOOR = 1e-4  # redchi below which the data are exact, and their noise the floor that keeps weights finite
 
-MODEL_LIMITED = 2.0
-"""redchi above which a result says that the model, not the noise, limits the fit."""
-
 
 def judge(
     problem: Problem,
@@ -51,6 +51,7 @@ def judge(
     solution: Solution | None,
     notes: tuple[str, ...],
     estimate: ClosedForm | None = None,
+    noise: Noise | None = None,
 ) -> FitResult:
     """The result of a solved problem, or of a closed form.
 
@@ -62,35 +63,43 @@ def judge(
         solution: how the search ended, of least squares.
         notes: warnings that came up on the way.
         estimate: the closed form with its covariance, where that is the method.
+        noise: what the residuals are, where that was looked into.
     """
     space = problem.space
     x = np.concatenate([x, np.zeros(space.size - x.size)])
     residuals, jacobian = problem.jacobian(x)
-    given = with_levels(problem, settings.levels, -1)  # goodness of fit refers to the noise of the data
-    whitened = given.residuals(x) if settings.levels else residuals
+    given = problem if settings.noise is None else without_noise(problem, settings.noise)
+    given = with_levels(given, settings.levels, -1)  # goodness of fit refers to the noise of the data
+    count = given.space.size
+    whitened = residuals if given is problem else given.residuals(x[:count])
     # A nuisance entry with a prior brings the datum that pays for it.
-    paid = sum(prior.entry >= len(space.names) for prior in problem.priors)
-    chisqr, nfree = float(np.sum(np.abs(whitened) ** 2)), problem.n_data - space.size + paid
+    paid = sum(prior.entry >= len(space.names) for prior in given.priors)
+    chisqr, nfree = float(np.sum(np.abs(whitened) ** 2)), problem.n_data - count + paid
     redchi = covariance.reduced_chi_square(problem, whitened, nfree)
     root, sandwich = covariance.information(problem, x, residuals, jacobian)
     scales = covariance.natural_sizes(problem, x)
     names = (*space.names, *space.nuisance)
     base = (*space.base, *space.nuisance)
-    noise, verdict = diagnose(space.model, names, base, x, root, scales)
+    scattered, verdict = diagnose(space.model, names, base, x, root, scales)
     if sandwich is not None:
-        noise = noise @ sandwich @ noise
+        scattered = scattered @ sandwich @ scattered
     if estimate is not None:
-        noise = np.where(np.isfinite(estimate.covar), estimate.covar, np.nan)
+        scattered = np.where(np.isfinite(estimate.covar), estimate.covar, np.nan)
     known = freedom_of(problem.blocks)
-    widening = covariance.widening(redchi, problem.loss, levelled=bool(settings.levels), nfree=nfree, freedom=known)
-    covar = noise * widening
+    widening = covariance.widening(redchi, problem.loss, levelled=settings.levelled, nfree=nfree, freedom=known)
+    covar = scattered * widening
     if problem.priors and widening > 1 and sandwich is None:
         # what is known beforehand is no less certain for a model that does not fit
         wide = covariance.information(problem, x, residuals / np.sqrt(widening), jacobian / np.sqrt(widening))[0]
         covar = diagnose(space.model, names, base, x, wide, scales)[0]
+    if noise is not None:
+        covar, noise = as_residuals_ask(noise, problem, residuals, jacobian, scattered, covar, widening)
+        noise = with_shares(noise, settings, problem, x, covar)
     deviance = float(robust_weights(problem.loss, np.abs(whitened) ** 2)[0].sum())
-    params = _parameters(problem, x, begin, noise, covar, verdict.unresolved)
-    warnings = [*notes, *_warnings(problem, x, redchi, params, bool(settings.levels))]
+    freedom = min(known, float(nfree)) if widening > 1 and np.isfinite(known) else known
+    degrees = [freedom if noise is None else noise.degrees(row) for row in np.eye(space.size)]
+    params = _parameters(problem, x, begin, scattered, covar, degrees, verdict.unresolved)
+    warnings = [*notes, *_warnings(problem, x, redchi, params, bool(settings.levels), noise)]
     # A minimum along a whole line is one: the identifiability verdict names the line.
     success = solution is None or solution.success or solution.status is Status.SINGULAR
     if solution is not None and not success:
@@ -107,33 +116,43 @@ def judge(
         chisqr=chisqr,
         redchi=redchi,
         ndata=problem.n_data,
-        nvarys=space.size,
+        nvarys=count,
         nfree=nfree,
-        aic=deviance + 2 * space.size,
-        bic=deviance + space.size * float(np.log(problem.n_data)),
+        aic=deviance + 2 * count,
+        bic=deviance + count * float(np.log(problem.n_data)),
         success=success,
         message=solution.message if solution is not None else "closed form, no iteration",
         nfev=solution.n_evaluations if solution is not None else 0,
-        responses=_qualities(given, x),
+        responses=_qualities(given, x[:count]),
         identifiability=verdict,
         warnings=tuple(warnings),
+        noise=noise,
     )
 
 
 def inverse_curvature(fit: FitResult) -> Float:
-    """Change of the estimate by the slope of the cost, shape ``(p, p)``: ``covar`` itself unless the loss is robust."""
-    return fit.covar if fit.problem.loss == "linear" else covariance.inverse_curvature(fit.problem, fit.x)
+    """Change of the estimate by the slope of the cost, shape ``(p, p)``: mostly ``covar`` itself."""
+    wider = fit.noise is not None and (fit.noise.robust or fit.noise.verdict is NoiseVerdict.FOLLOWING)
+    return fit.covar if fit.problem.loss == "linear" and not wider else covariance.inverse_curvature(fit.problem, fit.x)
 
 
 def _parameters(
-    problem: Problem, x: Float, begin: Float, noise: Float, covar: Float, unresolved: Sequence[str]
+    problem: Problem,
+    x: Float,
+    begin: Float,
+    scattered: Float,
+    covar: Float,
+    degrees: Sequence[float],
+    unresolved: Sequence[str],
 ) -> dict[str, FittedParameter]:
     space = problem.space
     begin = np.concatenate([begin, np.zeros(space.size - begin.size)])
     # With priors or tight noise a variance may come out as -0.
-    error, wide = (np.sqrt(np.maximum(np.diag(matrix), 0.0)) for matrix in (noise, covar))
+    error, wide = (np.sqrt(np.maximum(np.diag(matrix), 0.0)) for matrix in (scattered, covar))
     entries: dict[str, FittedParameter] = {}
     for i, name in enumerate((*space.names, *space.nuisance)):
+        if is_run_effect(name):
+            continue
         known_to_model = i < len(space.names)
         meta = space.model.parameter(space.base[i]) if known_to_model else None
         unit, meaning = (meta.unit, meta.meaning) if meta else _MEANING[name.partition("[")[0]]
@@ -153,6 +172,7 @@ def _parameters(
             vary=True,
             resolved=resolved,
             at_bound=at_bound,
+            freedom=degrees[i],
         )
     theta = space.theta(x)
     for place, meta in enumerate(space.model.parameters):
@@ -176,19 +196,25 @@ def _parameters(
 
 
 def _warnings(
-    problem: Problem, x: Float, redchi: float, params: Mapping[str, FittedParameter], levelled: bool
+    problem: Problem,
+    x: Float,
+    redchi: float,
+    params: Mapping[str, FittedParameter],
+    levelled: bool,
+    noise: Noise | None,
 ) -> list[str]:
-    found = []
+    found = [] if noise is None else noise_warnings(noise, redchi)
     nfree = problem.n_data - problem.space.size
     misfit = covariance.widening(redchi, problem.loss, nfree=nfree, freedom=freedom_of(problem.blocks))
-    if misfit > MODEL_LIMITED:
+    if is_misfit(noise, misfit):
+        where = f". It misses most: {', '.join(noise.places)}" if noise is not None and noise.places else ""
         wider = "each response as its residuals ask" if levelled else f"{np.sqrt(redchi):.2g}"
         advice = "bring the shaft's matrices (KnownStructure)" if levelled else "try rf.refine(fit) (--refine)"
         if isinstance(problem.space.model, Modal):
             advice = "modes left out do so, or supports that differ in x and y (apart)"
         found.append(
             f"redchi is {redchi:.3g}: the model, not the noise, limits this fit. Standard errors are widened by "
-            f"{wider}, but parameters may be biased beyond them; {advice}"
+            f"{wider}, but parameters may be biased beyond them; {advice}{where}"
         )
     chance = np.sqrt(2 / max(problem.n_data - problem.space.size, 1))
     if _NOISE_FLOOR < redchi < min(_TOO_QUIET, 1 - _CLEARLY * chance):

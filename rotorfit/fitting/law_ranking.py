@@ -13,7 +13,6 @@ import numpy as np
 from rotorfit.data.experiments import Experiment
 from rotorfit.estimators.closed_form import ClosedFormError
 from rotorfit.fitting.fit import fit
-from rotorfit.fitting.judge import MODEL_LIMITED
 from rotorfit.fitting.problem_setup import as_tuple
 from rotorfit.fitting.result import FitResult
 from rotorfit.models import Constant, EvenPolynomial, MonotoneSpline, Muszynska, RotorModel
@@ -110,7 +109,7 @@ class LawComparison:
                 words.append(
                     f"they {asks} a nonlinear stiffness: held constant it would change AIC by {self.stiffness:+.4g}"
                 )
-        if _fit_of(best).redchi > MODEL_LIMITED:
+        if _fit_of(best).model_limited:
             words.append(f"even the best law leaves redchi {_fit_of(best).redchi:.3g}: none of these explains the data")
         return "; ".join(words)
 

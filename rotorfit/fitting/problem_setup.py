@@ -20,6 +20,7 @@ from rotorfit.estimators.priors import Prior, within_support
 from rotorfit.estimators.problem import Problem
 from rotorfit.estimators.small_motion import OffCentreResponses
 from rotorfit.fitting.calibration import nuisance_entries
+from rotorfit.fitting.noise_problem import normal, with_noise
 from rotorfit.fitting.settings import FitSettings, PhaseOffsets, check_phase_offsets
 from rotorfit.models import Modal, RotorModel
 from rotorfit.models.parameters import unknown_name
@@ -58,7 +59,9 @@ def build_problem(model: RotorModel, experiments: Experiment | Sequence[Experime
     for name in settings.per:
         model.parameter(name)
     several, blocks, grouping = _observed(model, several, settings)
-    nuisance, parts = _phase_entries(blocks, settings.phase_offsets)
+    spread = settings.noise is not None and any(effect.kind == "phase" for effect in settings.noise.effects)
+    # Offsets of all runs about their mean, with a spread that was found, come with the noise.
+    nuisance, parts = ((), []) if spread else _phase_entries(blocks, settings.phase_offsets)
     errors = nuisance_entries(settings.calibration, several, blocks) if settings.calibration else None
     if errors is not None:
         nuisance = (*nuisance, *errors.names)
@@ -71,10 +74,12 @@ def build_problem(model: RotorModel, experiments: Experiment | Sequence[Experime
     space = within_support(space, priors)
     if errors is not None:
         first = space.size - errors.sd.size
-        priors += tuple(Prior(first + i, _normal(sd)) for i, sd in enumerate(errors.sd.tolist()))
+        priors += tuple(Prior(first + i, normal(sd)) for i, sd in enumerate(errors.sd.tolist()))
     problem = with_levels(
         Problem(space=space, blocks=blocks, loss=settings.loss, priors=priors, factors=factors), settings.levels
     )
+    if settings.noise is not None:
+        problem = with_noise(problem, settings.noise)
     if space.size > problem.n_data:
         raise ValueError(f"{space.size} unknowns but only {problem.n_data} real data: fix parameters or add readings")
     return problem
@@ -133,12 +138,6 @@ def _phase_entries(
     if not turning:
         raise ValueError("phase_offsets='common' needs responses to turning forces; these data have none")
     return (DATUM,), [tuple(_phase_factors(block, runs).sum(axis=1, keepdims=True) for block in blocks)]
-
-
-def _normal(sd: float) -> Any:
-    from scipy.stats import norm
-
-    return norm(0.0, sd)
 
 
 def with_levels(problem: Problem, levels: Mapping[str, float], power: int = 1) -> Problem:

@@ -18,6 +18,8 @@ from rotorfit.estimators.identifiability import Identifiability
 from rotorfit.estimators.nonlinear import responses_of
 from rotorfit.estimators.problem import Problem
 from rotorfit.fitting.digits import plus_minus
+from rotorfit.fitting.noise_judging import is_misfit
+from rotorfit.fitting.noise_record import Noise
 from rotorfit.fitting.settings import FitSettings
 from rotorfit.models import RotorModel, eigenvalues, threshold_speed
 from rotorfit.models.parameters import unknown_name
@@ -55,6 +57,7 @@ class FittedParameter:
         vary: whether it was fitted.
         resolved: whether the data determine it.
         at_bound: the estimate rests on a bound, so its error bar is not symmetric.
+        freedom: degrees of freedom of ``stderr``, few where it rests on differences between few runs.
     """
 
     name: str
@@ -69,20 +72,48 @@ class FittedParameter:
     vary: bool
     resolved: bool = True
     at_bound: bool = False
+    freedom: float = math.inf
+
+    def interval(self, level: float = 0.95) -> tuple[float, float]:
+        """Confidence interval by Student's t with the degrees of freedom of ``stderr``.
+
+        Args:
+            level: probability that such intervals hold the truth.
+        """
+        return _interval(self.value, self.stderr, self.freedom, level)
 
 
 @dataclass(frozen=True)
 class Quantity:
-    """A derived quantity and its standard error (infinite where the data do not determine it)."""
+    """A derived quantity and its standard error (infinite where the data do not determine it).
+
+    ``freedom`` and :meth:`interval` are as those of :class:`FittedParameter`.
+    """
 
     value: float
     stderr: float
     unit: str
+    freedom: float = math.inf
+
+    def interval(self, level: float = 0.95) -> tuple[float, float]:
+        """Confidence interval by Student's t with the degrees of freedom of ``stderr``.
+
+        Args:
+            level: probability that such intervals hold the truth.
+        """
+        return _interval(self.value, self.stderr, self.freedom, level)
 
     def __str__(self) -> str:
         if not math.isfinite(self.stderr):
             return "not determined by these data"
         return f"{plus_minus(self.value, self.stderr)} {self.unit}"
+
+
+def _interval(value: float, stderr: float, freedom: float, level: float) -> tuple[float, float]:
+    if not 0 < level < 1:
+        raise ValueError(f"level is {level!r}; an interval has a probability between 0 and 1")
+    half = stderr * quantile(level, freedom)
+    return value - half, value + half
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -124,6 +155,8 @@ class FitResult:
         responses: agreement response by response.
         identifiability: what the data determine.
         warnings: sentences worth reading.
+        noise: what the residuals are, and what the error bars rest on; ``None`` where that was not looked into (closed
+            forms, robust losses, other tests than sweeps).
     """
 
     model: RotorModel
@@ -147,6 +180,7 @@ class FitResult:
     responses: tuple[ResponseQuality, ...]
     identifiability: Identifiability
     warnings: tuple[str, ...]
+    noise: Noise | None = None
 
     def __repr__(self) -> str:
         """What was fitted and how well, on one line; ``print(fit)`` shows the table of :meth:`summary`."""
@@ -168,8 +202,13 @@ class FitResult:
         """
         known = freedom_of(self.problem.blocks)
         return widening(
-            self.redchi, self.problem.loss, levelled=bool(self.settings.levels), nfree=self.nfree, freedom=known
+            self.redchi, self.problem.loss, levelled=self.settings.levelled, nfree=self.nfree, freedom=known
         )
+
+    @property
+    def model_limited(self) -> bool:
+        """Whether the model, not the noise, limits the fit, as far as a linear loss tells."""
+        return self.problem.loss == "linear" and is_misfit(self.noise, self.widening)
 
     @property
     def freedom(self) -> float:
@@ -192,11 +231,8 @@ class FitResult:
         """
         if name not in self.params:
             raise KeyError(unknown_name("parameter", name, self.params))
-        if not 0 < level < 1:
-            raise ValueError(f"level is {level!r}; an interval has a probability between 0 and 1")
         p = self.params[name]
-        half = quantile(level, self.freedom) * p.stderr if p.vary else 0.0
-        return p.value - half, p.value + half
+        return p.interval(level)
 
     @property
     def remarks(self) -> tuple[str, ...]:
@@ -265,7 +301,8 @@ class FitResult:
         leak = float(np.abs(slope[: null.shape[0]] @ null).max(initial=0.0)) if null.size else 0.0
         if leak > 1e-4 * abs(value):  # a change by the parameters' own size that no datum notices
             return Quantity(value, math.inf, unit)
-        return Quantity(value, math.sqrt(max(float(slope @ self.covar @ slope), 0.0)), unit)
+        freedom = self.freedom if self.noise is None else self.noise.degrees(slope)
+        return Quantity(value, math.sqrt(max(float(slope @ self.covar @ slope), 0.0)), unit, freedom)
 
     def threshold_speed(self, at: Mapping[str, Any] | None = None, *, eccentricity: float | None = None) -> Quantity:
         """Rotative speed at which the rotor becomes unstable, rad/s, with its standard error.

@@ -10,6 +10,7 @@ from rotorfit.estimators.losses import Loss
 
 if TYPE_CHECKING:
     from rotorfit.fitting.calibration import Calibration
+    from rotorfit.fitting.noise_record import FoundNoise
 
 PhaseOffsets: TypeAlias = bool | Literal["common"]
 """An offset of the phase reference for every run but the first, one common to all, or none."""
@@ -30,7 +31,9 @@ class FitSettings:
     """What the user asked for; see :func:`rotorfit.fit`.
 
     ``calibration`` holds the uncertainties that enter as nuisance entries. ``levels`` are factors on the noise by
-    response, which :func:`rotorfit.refine` reads off the residuals once the structure explains the data.
+    response, which :func:`rotorfit.refine` reads off the residuals once the structure explains the data. ``noise`` is
+    what the fit found in its residuals where these are noise of another shape than the data alone show, or where runs
+    differ.
     """
 
     known: Mapping[str, float | None] = field(default_factory=dict)
@@ -41,3 +44,9 @@ class FitSettings:
     phase_offsets: PhaseOffsets = False
     levels: Mapping[str, float] = field(default_factory=dict)
     calibration: Calibration | None = None
+    noise: FoundNoise | None = None
+
+    @property
+    def levelled(self) -> bool:
+        """Whether the noise was scaled to the residuals, or what runs differ by joined it."""
+        return bool(self.levels) or self.noise is not None

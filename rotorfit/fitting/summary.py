@@ -10,6 +10,7 @@ import numpy as np
 
 from rotorfit.estimators.parameter_space import DATUM
 from rotorfit.fitting.digits import plus_minus, with_error
+from rotorfit.fitting.noise_record import NoiseVerdict, is_run_effect
 from rotorfit.models import eigenvalues, unstable_bands
 from rotorfit.text_table import Wide, text_table
 from rotorfit.units import RPM_PER_RAD_S
@@ -50,6 +51,7 @@ def fit_summary(fit: FitResult) -> str:
         f"{fit.model.name}, {fit.method}: {fit.message}",
         f"{fit.ndata} real data, {fit.nvarys} fitted values, redchi {fit.redchi:.4g}, "
         f"AIC {fit.aic:.6g}, BIC {fit.bic:.6g}",
+        *noise_lines(fit),
         "",
         *parameter_table(fit),
         "",
@@ -65,6 +67,19 @@ def fit_summary(fit: FitResult) -> str:
     lines += [f"note: {caveat}" for caveat in fit.model.caveats]
     lines += [f"warning: {message}" for message in fit.warnings]
     return "\n".join(lines)
+
+
+def noise_lines(fit: FitResult) -> list[str]:
+    """What the residuals are, where that is more than noise as expected; warnings say the rest."""
+    noise = fit.noise
+    if noise is None or (noise.verdict is NoiseVerdict.AS_FOUND and not noise.sentences):
+        return []
+    lines = [f"noise: {noise.verdict.value} (neighbouring lines correlate by {noise.correlation:+.2f})"]
+    for level in noise.levels:
+        more = f" and {len(level.responses) - 3} more" if level.responses[3:] else ""
+        where = ", ".join(level.responses[:3]) + more
+        lines.append(f"  {where}: {level.constant:.2g} (rms), and {100 * level.share:.2g} % of the response")
+    return lines + [f"  {sentence}" for sentence in noise.sentences if sentence not in fit.warnings]
 
 
 def parameter_table(fit: FitResult) -> list[str]:
@@ -121,6 +136,8 @@ def notable_correlations(fit: FitResult) -> list[tuple[str, str, float]]:
     found = []
     for i, a in enumerate(fit.var_names):
         for j, b in enumerate(fit.var_names[:i]):
+            if is_run_effect(a) or is_run_effect(b):
+                continue
             if error[i] > 0 and error[j] > 0 and fit.params[a].resolved and fit.params[b].resolved:
                 r = float(fit.covar[i, j] / (error[i] * error[j]))
                 if abs(r) > _NOTABLE_CORRELATION:

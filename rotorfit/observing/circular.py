@@ -263,6 +263,7 @@ def _assemble(
     labels = tuple(dict.fromkeys(names))
     number = {name: i for i, name in enumerate(labels)}
     label = np.array([number[name] for name in names], dtype=np.intp)
+    gaps = np.isnan(sigma)
     block = Responses(
         model=model,
         speed=speed,
@@ -276,8 +277,8 @@ def _assemble(
         label=label,
         labels=labels,
         run=run,
+        told=not gaps.any(),
     )
-    gaps = np.isnan(sigma)
     if gaps.any():
         sigma[gaps] = estimate_noise(block, wrong, test.synchronous)[gaps]
     return block
@@ -319,6 +320,7 @@ def _observe_displacement(model: RotorModel, test: DisplacementTest, group: Inde
         labels=labels,
         run=test.run,
         imposed=True,
+        told=not np.isnan(sigma).any(),
     )
     gaps = np.isnan(sigma)
     if gaps.any():

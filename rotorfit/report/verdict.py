@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rotorfit.fitting.fit import DATA_ERROR
-from rotorfit.fitting.judge import MODEL_LIMITED
+from rotorfit.fitting.noise_judging import MODEL_LIMITED
 from rotorfit.fitting.result import FitResult, Quantity
 from rotorfit.models.stability import growth_rate
 from rotorfit.report.html import Html, bullets, element, join
@@ -70,13 +70,14 @@ def _headline(material: ReportInput) -> Iterator[str]:
         return
     if fit.model.speed_dependent:
         yield from _stability_words(material)
-    if fit.redchi > MODEL_LIMITED and fit.problem.loss == "linear":
+    if fit.model_limited:
         yield (
             f"The model explains the data only roughly (redchi {plain(fit.redchi, 3)}): its own error, not the noise, "
             "limits the result."
         )
     elif fit.problem.loss == "linear":
         yield f"The model explains the data to within their noise (redchi {plain(fit.redchi, 3)})."
+        yield from ([] if fit.noise is None else (sentence(words) for words in fit.noise.notable))
     else:
         yield f"Outliers were given less weight ({fit.problem.loss} loss)."
     unresolved = len(fit.identifiability.unresolved)
@@ -199,13 +200,15 @@ def _margins(material: ReportInput, onset: Quantity) -> Iterator[str]:
 def _quality_card(fit: FitResult) -> Html:
     if not fit.success:
         return _card("Fit", "not converged", fit.message, bad=True)
-    limited = fit.redchi > MODEL_LIMITED and fit.problem.loss == "linear"
+    limited = fit.model_limited
     verdict = (
         "the model, not the noise, limits this fit; standard errors are widened for it"
         if limited
         else "the model explains the data to within their noise"
         if fit.redchi <= MODEL_LIMITED
         else "outliers included, whose weight in the fit is small"
+        if fit.noise is None
+        else fit.noise.verdict.value
     )
     worst = max((r.nrmse for r in fit.responses), default=math.nan)
     lines = [verdict, *([f"largest rms error of a response {plain(100 * worst, 2)} %"] if math.isfinite(worst) else [])]

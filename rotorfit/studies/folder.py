@@ -145,7 +145,8 @@ def _parameter_rows(outcome: Outcome) -> Iterator[Sequence[Any]]:
 
 
 def _covariance_rows(fit: FitResult) -> Iterator[Sequence[Any]]:
-    resolved = [i for i, name in enumerate(fit.var_names) if fit.params[name].resolved]
+    entries = [i for i, name in enumerate(fit.var_names) if name in fit.params]
+    resolved = [i for i in entries if fit.params[fit.var_names[i]].resolved]
     yield "", *[fit.var_names[i] for i in resolved]
     for i in resolved:
         yield fit.var_names[i], *fit.covar[i, resolved].tolist()

@@ -87,7 +87,10 @@ class Budget:
         fit, names = self.fit, self.fit.var_names
         first, moved = len(fit.problem.space.names), inverse_curvature(fit)
         columns: dict[str, list[Float]] = {}
+        between = [] if fit.settings.noise is None else [n for e in fit.settings.noise.effects for n in e.names]
         for prior in fit.problem.priors:
+            if names[prior.entry] in between:  # what differs from run to run is random
+                continue
             curvature = prior.terms(float(fit.x[prior.entry]))[2]
             source = names[prior.entry] if prior.entry >= first else PRIORS
             columns.setdefault(source, []).append(moved[:, prior.entry] * math.sqrt(curvature))

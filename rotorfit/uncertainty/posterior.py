@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rotorfit.fitting.judge import MODEL_LIMITED
 from rotorfit.fitting.result import FitResult
 from rotorfit.models.stability import threshold_speeds
 from rotorfit.uncertainty.derived import Derived, Mode, StiffnessBand, modes
@@ -319,7 +318,7 @@ def sample(
         state = "a closed form" if fit.method != "least squares" else f"a fit that did not converge ({fit.message})"
         raise ValueError(f"this is {state}: walkers start from the optimum of rf.fit")
     level: Noise = noise or ("marginal" if fit.settings.loss == "linear" else "fixed")
-    limited = fit.settings.loss == "linear" and fit.redchi > MODEL_LIMITED
+    limited = fit.model_limited
     inflation = fit.widening if limited and level == "fixed" else 1.0
     size = fit.problem.space.size
     work = max(ess, (walkers or WALKERS) * _TYPICAL_STEPS)
@@ -387,7 +386,7 @@ def _treatment(fit: FitResult, target: LogPosterior, centre: Float) -> str:
             f"noise level of each channel unknown and {how}; at the optimum {level.min():.3g} to {level.max():.3g} "
             "times the noise given with the data"
         )
-    if fit.redchi <= MODEL_LIMITED:
+    if not fit.model_limited:
         return done
     if fit.settings.levels:
         advice = "bring the shaft's matrices (KnownStructure)"

@@ -1,0 +1,92 @@
+"""How residuals follow one another along each sweep, and what that does to a covariance.
+
+Noise of any shape has no memory from line to line; filters that overlap have a short one; a model that does not fit has
+a long one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Float = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+Index = NDArray[np.intp]
+
+_LAGS = 12
+"""Longest distance, in lines, over which neighbours are looked at; and never more than a third of a sweep."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Memory:
+    """Correlation of whitened residuals along their sweeps.
+
+    Attributes:
+        first: correlation of neighbouring lines, less what the fit itself brings about.
+        z: that over its standard deviation for residuals without memory, whatever their sizes.
+        lags: correlations at distances 1, 2, ... up to the first that chance explains.
+    """
+
+    first: float
+    z: float
+    lags: tuple[float, ...]
+
+
+def memory(r: ComplexArray, own: ComplexArray, outer: Float, sweeps: Sequence[Index]) -> Memory:
+    """Correlation along sweeps.
+
+    Args:
+        r: whitened residuals, shape ``(R,)``.
+        own: whitened sensitivities of the fit that left them, shape ``(R, p)``.
+        outer: covariance of its fitted values, shape ``(p, p)``.
+        sweeps: readings of each sweep in the order of frequency.
+    """
+    shortest = min((rows.size for rows in sweeps), default=0)
+    power = float(np.mean(np.abs(r) ** 2)) / 2
+    total = float(sum(np.sum(np.abs(r[rows]) ** 2) for rows in sweeps))
+    # A fit takes its share of every reading and makes neighbours oppose one another a little.
+    share = np.concatenate([_paired(own[rows], own[rows], outer) for rows in sweeps]) if sweeps else np.zeros(0)
+    total += power * float(share.sum())
+    found: list[float] = []
+    z = 0.0
+    for lag in range(1, max(1, min(_LAGS, shortest // 3)) + 1):
+        products, brought = [], 0.0
+        for rows in sweeps:
+            if rows.size > lag:
+                products.append((r[rows[lag:]] * r[rows[:-lag]].conj()).real)
+                brought += float(_paired(own[rows[lag:]], own[rows[:-lag]], outer).sum())
+        product = np.concatenate(products) if products else np.zeros(1)
+        amount = float(product.sum()) + power * brought
+        chance = float(np.sqrt(np.sum(product**2)))
+        if lag == 1:
+            z = amount / chance if chance > 0 else 0.0
+        if amount < 2 * chance:
+            found += [amount / total] if lag == 1 and total > 0 else []
+            break
+        found.append(amount / total)
+    return Memory(first=found[0] if found else 0.0, z=z, lags=tuple(found) if z > 2 else ())
+
+
+def _paired(a: ComplexArray, b: ComplexArray, outer: Float) -> Float:
+    """Covariance, over the noise's variance, that a fit brings between readings; real and imaginary part together."""
+    return np.asarray(np.einsum("rp,pq,rq->r", a, outer, b.conj()).real)
+
+
+def scatter(own: ComplexArray, sweeps: Sequence[Index], lags: Sequence[float]) -> Float:
+    """What memory along sweeps adds to the scatter of the gradient, ``J^T (R - 1) J``, shape ``(p, p)``.
+
+    Args:
+        own: whitened sensitivities, shape ``(R, p)``.
+        sweeps: readings of each sweep in the order of frequency.
+        lags: correlations at distances 1, 2, ...
+    """
+    added = np.zeros((own.shape[1], own.shape[1]))
+    for lag, value in enumerate(lags, start=1):
+        for rows in sweeps:
+            if rows.size > lag:
+                part = (own[rows[lag:]].conj().T @ own[rows[:-lag]]).real
+                added += value * (part + part.T)
+    return added

@@ -1,0 +1,60 @@
+"""Covariance that follows the residuals line by line where no shape of noise explains them (HC3, by clusters).
+
+Noise that lies in one direction of the complex plane, as that of a speed that jitters, or that two probes share at a
+line, is not seen by one variance a reading. The scatter of the gradient, summed line by line, sees both.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Float = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+Index = NDArray[np.intp]
+
+_LEFT = 0.05  # share of a reading's residual that its fit leaves at least, in estimates of its noise
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class LineScatter:
+    """Scatter of the gradient by lines, beside what equal and circular noise brings.
+
+    Attributes:
+        covar: covariance of the estimate by HC3, shape ``(p, p)``.
+        excess: standard deviations by which the variance of each entry exceeds that of such noise, shape ``(p,)``.
+        freedom: degrees of freedom of those variances, shape ``(p,)``.
+    """
+
+    covar: Float
+    excess: Float
+    freedom: Float
+
+
+def line_scatter(r: ComplexArray, J: ComplexArray, covar: Float, line: Index, power: float = 1.0) -> LineScatter:
+    """Compare the scatter of the gradient with what the noise explains.
+
+    Args:
+        r: whitened residuals at the optimum, shape ``(R,)``.
+        J: whitened sensitivities, shape ``(R, p)``.
+        covar: covariance of the estimate if the noise is as whitened, shape ``(p, p)``.
+        line: number of the line of each reading: readings of one line may share noise, lines do not.
+        power: variance of the whitened noise.
+    """
+    moved = J @ covar
+    left = np.maximum(1 - np.einsum("rp,rp->r", moved.conj(), J).real / 2, _LEFT)
+    lines = int(line.max(initial=-1)) + 1
+
+    def gathered(size: Float) -> Float:
+        pull = (moved.conj() * (r / size)[:, None]).real
+        return np.array([np.bincount(line, weights=column, minlength=lines) for column in pull.T]).T
+
+    expected = np.array([np.bincount(line, weights=column, minlength=lines) for column in (np.abs(moved) ** 2).T]).T
+    total = np.maximum(expected.sum(axis=0), np.finfo(float).tiny)
+    chance = np.sqrt(2 * np.sum(expected**2, axis=0)) / total
+    found = np.sum(gathered(np.sqrt(left)) ** 2, axis=0) / total / power
+    by_line = gathered(left)
+    safe = np.maximum(chance, np.finfo(float).eps)
+    return LineScatter(covar=by_line.T @ by_line, excess=(found - 1) / safe, freedom=2 / safe**2)

@@ -1,0 +1,291 @@
+"""What differs from run to run and is the same within one: a mixed linear model about a fit.
+
+``residual = -J dx - Z b + noise``: J the sensitivity to the fitted values, Z that of each run to errors of its own
+(force, phase reference, speed label, fluid), b normal with one variance for each kind. The variances are found by
+restricted likelihood (Patterson and Thompson 1971). All of it is done with one small matrix a run.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import gammaincc, gammainccinv
+
+Float = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+Index = NDArray[np.intp]
+
+_NULL = 1e-9
+"""Share of a run's sensitivity below which one kind is a combination of the others."""
+
+_LARGEST = 0.3
+"""Largest standard deviation of an effect that is looked for, relative: beyond it linearisation means nothing."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class MixedModel:
+    """Sums over runs from which likelihoods and estimates follow.
+
+    Attributes:
+        gram: ``Z^T Z`` of each run, shape ``(n_runs, k, k)``.
+        cross: ``Z^T J`` of each run, shape ``(n_runs, k, p)``.
+        moment: ``Z^T r`` of each run, shape ``(n_runs, k)``.
+        information: ``J^T J`` and the curvature of the priors, shape ``(p, p)``.
+        gradient: ``J^T r``, shape ``(p,)``.
+        square: ``r^T r``.
+    """
+
+    gram: Float
+    cross: Float
+    moment: Float
+    information: Float
+    gradient: Float
+    square: float
+
+    @classmethod
+    def of(cls, r: ComplexArray, J: ComplexArray, Z: ComplexArray, runs: Sequence[Index], prior: Float) -> MixedModel:
+        """Sums of whitened residuals and sensitivities.
+
+        Args:
+            r: whitened residuals, predicted minus measured, shape ``(R,)``.
+            J: their derivatives, shape ``(R, p)``.
+            Z: change of the predictions by a unit of each kind of effect, shape ``(R, k)``.
+            runs: readings of each run.
+            prior: curvature of the priors of the fitted values, shape ``(p,)``.
+        """
+        k, p = Z.shape[1], J.shape[1]
+        gram = np.array([(Z[rows].conj().T @ Z[rows]).real for rows in runs]).reshape(len(runs), k, k)
+        cross = np.array([(Z[rows].conj().T @ J[rows]).real for rows in runs]).reshape(len(runs), k, p)
+        moment = np.array([(Z[rows].conj().T @ r[rows]).real for rows in runs]).reshape(len(runs), k)
+        information = (J.conj().T @ J).real + np.diag(prior)
+        gradient = (J.conj().T @ r).real
+        return cls(
+            gram=gram, cross=cross, moment=moment, information=information, gradient=gradient,
+            square=float(np.vdot(r, r).real),
+        )  # fmt: skip
+
+    def part(self, kinds: Sequence[int]) -> MixedModel:
+        """The model with some of the kinds only."""
+        k = list(kinds)
+        return MixedModel(
+            gram=self.gram[:, k][:, :, k], cross=self.cross[:, k], moment=self.moment[:, k],
+            information=self.information, gradient=self.gradient, square=self.square,
+        )  # fmt: skip
+
+    @property
+    def rows(self) -> int:
+        """Number of fitted values."""
+        return self.gradient.size
+
+    def inner(self, variance: Float) -> Float:
+        """``(Z^T Z + 1/variance)^-1`` of each run, infinite variances for effects that are free."""
+        free = np.isinf(variance)
+        curvature = np.diag(np.where(free, 0.0, 1 / np.where(free, 1.0, variance)))
+        matrix = self.gram + curvature
+        if not free.any():
+            return np.asarray(np.linalg.inv(matrix))
+        return _inverse(matrix, _NULL)
+
+    def solve(self, variance: Float) -> Solved:
+        """Step to the optimum with effects of given variances, and what remains of the square."""
+        inner = self.inner(variance)
+        onto = inner @ self.cross
+        matrix = self.information - np.einsum("ikp,ikq->pq", self.cross, onto)
+        slope = self.gradient - np.einsum("ikp,ik->p", onto, self.moment)
+        outer = _inverse(matrix)
+        step = -outer @ slope
+        own = -np.einsum("ikl,il->ik", inner, self.moment + self.cross @ step)
+        quadratic = (
+            self.square - float(np.einsum("ik,ikl,il->", self.moment, inner, self.moment)) - slope @ outer @ slope
+        )
+        return Solved(inner=inner, onto=onto, outer=outer, matrix=matrix, step=step, own=own, square=float(quadratic))
+
+    def log_likelihood(self, variance: Float) -> float:
+        """Restricted log likelihood of finite variances of the effects, up to a constant."""
+        solved = self.solve(variance)
+        root = np.sqrt(variance)
+        spread = np.eye(root.size) + root[:, None] * self.gram * root
+        return -0.5 * float(np.linalg.slogdet(spread)[1].sum() + _log_det(solved.matrix) + solved.square)
+
+    def score_p_values(self) -> Float:
+        """Probability, kind by kind, of scores at least as large where runs do not differ, shape ``(k,)``.
+
+        The sum of squared scores is a mixture of chi-squared, matched in mean and variance.
+        """
+        outer = _inverse(self.information)
+        found = []
+        for kind in range(self.gram.shape[1]):
+            C = self.cross[:, kind]
+            S = np.diag(self.gram[:, kind, kind]) - C @ outer @ C.T
+            score = self.moment[:, kind] - C @ outer @ self.gradient
+            own = self.gram[:, kind, kind]
+            size = np.sqrt(np.where(own > 0, own, 1.0))  # runs count alike
+            S, score = S / size[:, None] / size, score / size
+            mean, variance = float(np.trace(S)), float(np.sum(S**2))
+            blind = mean <= _NULL * len(S)
+            found.append(
+                1.0 if blind else float(gammaincc(mean**2 / variance / 2, score @ score * mean / variance / 2))
+            )
+        return np.array(found)
+
+    def freedom(self, variance: Float) -> Float:
+        """Degrees of freedom that each estimated variance has, at least two (one for two runs), shape ``(k,)``.
+
+        A variance that was chosen because it is large errs to the safe side, and fewer would widen without end.
+        """
+        solved = self.solve(variance)
+        found = []
+        for kind, own in enumerate(variance):
+            # What is left of b by its estimate: own - var(b | data) is the share that the data tell.
+            C = solved.onto[:, kind]
+            left = np.diag(solved.inner[:, kind, kind]) + C @ solved.outer @ C.T
+            told = np.eye(len(left)) - left / own
+            found.append(max(float(np.sum(told**2)), min(2.0, len(left) - 1.0)))
+        return np.array(found)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Solved:
+    """Estimates with effects of given variances.
+
+    Attributes:
+        inner, onto: ``(Z^T Z + 1/variance)^-1`` of each run, and that times ``Z^T J``.
+        outer, matrix: covariance of the fitted values, effects included, and its inverse.
+        step: change of the fitted values.
+        own: effects of each run, shape ``(n_runs, k)``.
+        square: what remains of ``r^T r``, the effects' own squares included.
+    """
+
+    inner: Float
+    onto: Float
+    outer: Float
+    matrix: Float
+    step: Float
+    own: Float
+    square: float
+
+    def residuals(self, r: ComplexArray, J: ComplexArray, Z: ComplexArray, runs: Sequence[Index]) -> ComplexArray:
+        """Residuals after the step, effects taken out."""
+        left = r + J @ self.step
+        for rows, own in zip(runs, self.own, strict=True):
+            left[rows] += Z[rows] @ own
+        return left
+
+    def projected(self, J: ComplexArray, Z: ComplexArray, runs: Sequence[Index]) -> ComplexArray:
+        """Sensitivities to the fitted values less what the effects of each run follow, shape ``(R, p)``."""
+        left = J.copy()
+        for rows, onto in zip(runs, self.onto, strict=True):
+            left[rows] -= Z[rows] @ onto
+        return left
+
+    def leverage(self, J: ComplexArray, Z: ComplexArray, runs: Sequence[Index]) -> Float:
+        """Share of each reading that its own fit follows, mean of real and imaginary part, shape ``(R,)``."""
+        own = self.projected(J, Z, runs)
+        found = np.einsum("rp,pq,rq->r", own, self.outer, own.conj()).real
+        for rows, inner in zip(runs, self.inner, strict=True):
+            found[rows] += np.einsum("rk,kl,rl->r", Z[rows], inner, Z[rows].conj()).real
+        return np.asarray(found / 2)
+
+
+def select_effects(model: MixedModel, *, level: float, forced: Sequence[int] = ()) -> Float:
+    """Variances of the kinds of effects that the data ask for, zero for the others, shape ``(k,)``.
+
+    Kinds join one by one, that which raises the restricted likelihood most first, while a score test refuses that runs
+    agree and the likelihood gains accordingly.
+
+    Args:
+        model: the sums over runs, whitened by the noise within runs.
+        level: probability of taking one kind where runs do not differ.
+        forced: kinds to take in any case.
+    """
+    count = model.gram.shape[1]
+    variance = np.zeros(count)
+    if not count:
+        return variance
+    chosen = list(forced)
+    if chosen:
+        variance[chosen] = _best(model.part(chosen), np.zeros(len(chosen)))
+    if not chosen and model.score_p_values().min() * count > level:
+        return variance
+    least = 2 * float(gammainccinv(0.5, min(2 * level / count, 1.0)))  # a variance on its bound: half the chance
+    base = _restricted(model, variance)
+    while len(chosen) < count:
+        trials = {}
+        for kind in set(range(count)) - set(chosen):
+            kinds = [*chosen, kind]
+            found = _one(model.part(kinds), variance[kinds], len(chosen))
+            trials[kind] = (model.part(kinds).log_likelihood(found), found) if found[-1] > 0 else (-np.inf, found)
+        kind = max(trials, key=lambda k: trials[k][0])
+        if 2 * (trials[kind][0] - base) < least:
+            break
+        chosen.append(kind)
+        variance[chosen] = _best(model.part(chosen), trials[kind][1])
+        base = _restricted(model, variance)
+    return variance
+
+
+def _restricted(model: MixedModel, variance: Float) -> float:
+    kinds = np.flatnonzero(variance > 0)
+    if kinds.size:
+        return model.part(kinds.tolist()).log_likelihood(variance[kinds])
+    gain = float(model.gradient @ _inverse(model.information) @ model.gradient)
+    return -0.5 * (_log_det(model.information) + model.square - gain)
+
+
+def _one(model: MixedModel, variance: Float, kind: int) -> Float:
+    """Variances with one of them where the likelihood is largest; zero where it falls from the start."""
+
+    from scipy.optimize import minimize_scalar  # with all it imports, too heavy for `import rotorfit`
+
+    def at(log_sd: float) -> Float:
+        found = np.maximum(variance, 1e-16)
+        found[kind] = np.exp(2 * log_sd)
+        return found
+
+    # Below a tenth of what one run tells of its own effect, a variance is zero to any purpose.
+    sizes = model.gram[:, kind, kind]
+    least = np.log(0.03 / np.sqrt(max(float(sizes.max(initial=0.0)), 1e-300)))
+    most = np.log(_LARGEST)
+    if least >= most:
+        return variance
+    grid = np.linspace(least, most, 9)
+    values = [model.log_likelihood(at(v)) for v in grid]
+    best = int(np.argmax(values))
+    if best == 0:
+        return variance
+    found = minimize_scalar(
+        lambda v: -model.log_likelihood(at(v)), bounds=(grid[best - 1], grid[min(best + 1, 8)]), method="bounded",
+        options={"xatol": 0.02},
+    )  # fmt: skip
+    return at(float(found.x))
+
+
+def _best(model: MixedModel, variance: Float) -> Float:
+    """Variances of several kinds by turns."""
+    for _ in range(3 if variance.size > 1 else 1):
+        for kind in range(variance.size):
+            variance = _one(model, variance, kind)
+    return variance
+
+
+def _scale(matrix: Float) -> Float:
+    """Root of the diagonal, one where that is zero."""
+    diagonal = np.einsum("...kk->...k", matrix)
+    return np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
+
+
+def _inverse(matrix: Float, null: float = 1e-12) -> Float:
+    """Inverse of symmetric matrices, shape ``(..., k, k)``; directions without information are left out."""
+    scale = _scale(matrix)
+    equal = matrix / scale[..., :, None] / scale[..., None, :]
+    return np.asarray(np.linalg.pinv(equal, rcond=null, hermitian=True) / scale[..., :, None] / scale[..., None, :])
+
+
+def _log_det(matrix: Float) -> float:
+    """Logarithm of the determinant, directions without information as good as empty."""
+    scale = _scale(matrix)
+    power = np.linalg.eigvalsh(matrix / scale[:, None] / scale)
+    return float(np.log(np.maximum(power, 1e-12)).sum() + 2 * np.log(scale).sum())

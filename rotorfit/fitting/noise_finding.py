@@ -1,0 +1,153 @@
+"""From the search in the residuals to what the fit is repeated with, and to words."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotorfit.estimators.nonlinear import responses_of
+from rotorfit.estimators.problem import Problem
+from rotorfit.fitting.noise_record import FoundNoise, Noise, NoiseVerdict, ResponseNoise, RunEffect
+from rotorfit.fitting.noise_search import Search, offset_entries, residuals_of, search_noise, turn_of
+
+Float = NDArray[np.float64]
+_Number = TypeVar("_Number", np.float64, np.complex128)
+
+_WINDOW = 5  # lines over which residuals are averaged to see where the model misses
+_PLACES = 3
+_RPM_PER_RAD_S = 30 / np.pi
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Finding:
+    """What the residuals of a fit are.
+
+    Attributes:
+        record: in numbers and words.
+        found: what the fit is to be repeated with, if anything.
+        start: the fitted values by name that the linearised problem gives with it.
+    """
+
+    record: Noise
+    found: FoundNoise | None
+    start: dict[str, float]
+
+
+def study_noise(problem: Problem, x: Float) -> Finding | None:
+    """Tell noise, differences of runs and misfit apart at the optimum of a linear loss; nothing for other data."""
+    data = residuals_of(problem, x)
+    if data is None or not data.sweeps:
+        return None
+    offsets = bool(offset_entries(problem))
+    forced = [data.kinds.index("run_phase")] if offsets and data.kinds else []
+    search = search_noise(data, forced=forced)
+    effects = tuple(
+        RunEffect(
+            kind="phase" if kind in forced else data.kinds[kind],
+            sd=float(np.sqrt(search.variance[kind])),
+            freedom=float(freedom),
+            runs=data.runs,
+            sensitivities=_by_block(problem, _relative(problem, search, kind)),
+        )
+        for kind, freedom in sorted(
+            zip(search.chosen, search.freedom, strict=True), key=lambda pair: pair[0] not in forced
+        )
+    )
+    changed = bool(effects) or search.verdict is NoiseVerdict.SHAPED
+    found = FoundNoise(factors=_by_block(problem, search.sigma / data.sigma), effects=effects) if changed else None
+    names = (*problem.space.names, *problem.space.nuisance)
+    start = {names[entry]: float(x[entry] + step) for entry, step in zip(data.kept, search.solved.step, strict=True)}
+    for effect in effects:
+        kind = data.kinds.index("run_phase" if effect.kind == "phase" else effect.kind)
+        own = search.solved.own[:, search.chosen.index(kind)]
+        start |= dict(zip(effect.names, own.tolist(), strict=True))
+    return Finding(record=_record(problem, search, effects), found=found, start=start)
+
+
+def _relative(problem: Problem, search: Search, kind: int) -> NDArray[np.complex128]:
+    """Change of the logarithm of the predictions by a unit of an effect."""
+    data = search.data
+    if data.kinds[kind] == "run_force":
+        return np.ones(data.r.size, dtype=complex)
+    if data.kinds[kind] == "run_phase":
+        return turn_of(problem)
+    return np.asarray(data.Z[:, kind] * data.sigma / data.y)
+
+
+def _by_block(problem: Problem, values: NDArray[_Number]) -> tuple[NDArray[_Number], ...]:
+    stops = np.cumsum([block.measured.size for block in problem.blocks])
+    return tuple(np.split(values, stops[:-1]))
+
+
+# ---- words ---------------------------------------------------------------------------------------
+
+
+def _record(problem: Problem, search: Search, effects: tuple[RunEffect, ...]) -> Noise:
+    data = search.data
+    real = 2 * float(search.weight.sum())
+    if search.verdict is NoiseVerdict.SHAPED:
+        freedom = min(2 * float(search.weight[shape.rows].sum()) for shape in search.shapes)
+    elif search.verdict is NoiseVerdict.FOLLOWING:
+        freedom = real / (1 + 2 * sum(lag**2 for lag in search.memory.lags))
+    else:
+        freedom = float("inf") if data.told or search.verdict is NoiseVerdict.MISFIT else real
+    misses = search.verdict is NoiseVerdict.MISFIT
+    differing = tuple(_differing(effect, len(data.runs)) for effect in effects)
+    few = ("two runs: what differs from run to run can hardly be known from them",) if len(data.runs) == 2 else ()
+    return Noise(
+        verdict=search.verdict,
+        correlation=search.memory.first,
+        lags=search.memory.lags,
+        levels=_levels(problem, search) if search.verdict is NoiseVerdict.SHAPED else (),
+        between=tuple((effect.kind, effect.sd) for effect in effects),
+        places=_places(problem, search) if misses else (),
+        scatter_freedom=max(freedom, 1.0),
+        sentences=(*differing, *few),
+        notable=differing,
+    )
+
+
+def _differing(effect: RunEffect, count: int) -> str:
+    size = f"{np.degrees(effect.sd):.2g} degrees" if "phase" in effect.kind else f"{100 * effect.sd:.2g} %"
+    return (
+        f"{_WORDS[effect.kind]} by {size} (standard deviation between {count} runs, {effect.freedom:.2g} degrees of "
+        "freedom). Standard errors hold that, and intervals have the quantile of Student's t"
+    )
+
+
+_WORDS = {
+    "run_force": "runs differ in force or gain",
+    "run_phase": "runs differ in their phase reference",
+    "phase": "the phase reference, that of the first run included, differs from run to run",
+    "run_K0": "runs differ in K0",
+    "run_D": "runs differ in D",
+    "run_lam": "runs differ in speed label or lam",
+    "run_fluid": "runs differ in viscosity (K0 and D together)",
+}
+
+
+def _levels(problem: Problem, search: Search) -> tuple[ResponseNoise, ...]:
+    labels = np.concatenate([np.array(block.labels)[block.label] for block in problem.blocks])
+    return tuple(
+        ResponseNoise(responses=tuple(dict.fromkeys(labels[shape.rows].tolist())), constant=shape.a, share=shape.b)
+        for shape in search.shapes
+    )
+
+
+def _places(problem: Problem, search: Search) -> tuple[str, ...]:
+    """Where residuals, averaged over neighbouring lines, are largest."""
+    labels = np.concatenate([np.array(block.labels)[block.label] for block in problem.blocks])
+    blocks = [block for block in map(responses_of, problem.blocks) if block is not None]
+    w = np.concatenate([block.frequency[block.line] for block in blocks])
+    found = []
+    for sweep in search.data.sweeps:
+        width = min(_WINDOW, sweep.size)
+        mean = np.convolve(search.data.r[sweep], np.full(width, 1 / width), mode="valid")
+        at = int(np.argmax(np.abs(mean)))
+        rows = sweep[at : at + width]
+        low, high = sorted(np.abs(w[rows[[0, -1]]]) * _RPM_PER_RAD_S)
+        found.append((float(np.abs(mean[at])), f"{labels[sweep[0]]} at {low:.0f} to {high:.0f} rpm"))
+    return tuple(place for _, place in sorted(found, reverse=True)[:_PLACES])

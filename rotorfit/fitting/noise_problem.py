@@ -1,0 +1,65 @@
+"""A problem with the noise that a fit found in its residuals, and the same problem without."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from rotorfit.estimators.priors import Prior
+from rotorfit.estimators.problem import Problem
+from rotorfit.fitting.noise_record import RUN_KINDS, FoundNoise
+
+
+def with_noise(problem: Problem, noise: FoundNoise) -> Problem:
+    """The problem with noise of another size, and what differs from run to run as nuisance entries with their priors.
+
+    Args:
+        problem: as the data and the settings make it.
+        noise: what a fit of it found.
+    """
+    blocks = tuple(block.with_noise(factor) for block, factor in zip(problem.blocks, noise.factors, strict=True))
+    space, priors = problem.space, problem.priors
+    factors = problem.factors or (None,) * len(blocks)
+    for effect in noise.effects:
+        columns = [
+            sensitivity[:, None] * (block.run[:, None] == np.array(effect.runs)[None, :])
+            for block, sensitivity in zip(blocks, effect.sensitivities, strict=True)
+        ]
+        first = space.size
+        space = replace(
+            space,
+            nuisance=(*space.nuisance, *effect.names),
+            lower=np.concatenate([space.lower, np.full(len(effect.runs), -np.inf)]),
+            upper=np.concatenate([space.upper, np.full(len(effect.runs), np.inf)]),
+        )
+        factors = tuple(
+            column if own is None else np.hstack([own, column]) for own, column in zip(factors, columns, strict=True)
+        )
+        spread = normal(effect.sd)
+        priors += tuple(Prior(first + i, spread) for i in range(len(effect.runs)))
+    return replace(problem, space=space, blocks=blocks, priors=priors, factors=factors)
+
+
+def normal(sd: float) -> Any:
+    """The normal distribution about zero with a standard deviation."""
+    from scipy.stats import norm
+
+    return norm(0.0, sd)
+
+
+def without_noise(problem: Problem, noise: FoundNoise) -> Problem:
+    """The problem before :func:`with_noise`; offsets of phase_offsets stay, with their priors."""
+    blocks = tuple(block.with_noise(1 / factor) for block, factor in zip(problem.blocks, noise.factors, strict=True))
+    count = problem.space.size - sum(len(effect.runs) for effect in noise.effects if effect.kind in RUN_KINDS)
+    own = count - len(problem.space.names)
+    space = replace(
+        problem.space,
+        nuisance=problem.space.nuisance[:own],
+        lower=problem.space.lower[:count],
+        upper=problem.space.upper[:count],
+    )
+    priors = tuple(prior for prior in problem.priors if prior.entry < count)
+    factors = tuple(None if part is None or not own else part[:, :own] for part in problem.factors)
+    return replace(problem, space=space, blocks=blocks, priors=priors, factors=factors)

@@ -1,0 +1,320 @@
+"""Find out what the residuals of a fit are: noise of some shape, noise with memory, differences of runs, or misfit."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotorfit.estimators.correlated import CorrelatedResponses
+from rotorfit.estimators.correlation import Memory, memory
+from rotorfit.estimators.noise_levels import Shape, fit_shapes, likelihood
+from rotorfit.estimators.nonlinear import responses_of
+from rotorfit.estimators.problem import Problem
+from rotorfit.estimators.run_effects import MixedModel, Solved, select_effects
+from rotorfit.estimators.sweeps import force_plane, sweeps_of
+from rotorfit.fitting.noise_record import NoiseVerdict
+
+Float = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+Index = NDArray[np.intp]
+
+_CLEARLY = 4.0
+"""Standard deviations from which memory along the sweeps is more than chance."""
+_SHORT = 0.25
+"""Correlation of neighbouring residuals below which it matters little."""
+_SURE = 0.005
+"""Probability of finding an effect of runs that do not differ."""
+_GAIN = 12.0
+"""Twice the gain in log likelihood, for each probe, from which noise by residuals replaces that of the data alone."""
+_AGREES = 1.5
+"""Squared residuals over those of the noise up to which the two are of one size."""
+_MOST_RUNS = 200
+_FEWEST = 3  # readings of a run that can tell something of it
+_FLUID = ("K0", "D", "lam", "lam_D")
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Residuals:
+    """A fit about its optimum, all blocks in one row, whitened by the noise of the data.
+
+    Attributes:
+        r, J, prior: residuals, derivatives by the fitted vector, curvature of its priors.
+        y, sigma: predictions and noise, in their units.
+        told: whether the noise was given with the data.
+        channels: sweeps of each probe and force plane.
+        runs, rows: names of the runs, and the readings of each.
+        kinds, Z: effects of runs that are looked for, and what a unit of each changes, shape ``(R, k)``.
+        free: how many of the kinds, the first ones, are none combined of others.
+        kept: entries of the fitted vector that J has.
+    """
+
+    r: ComplexArray
+    J: ComplexArray
+    prior: Float
+    y: ComplexArray
+    sigma: Float
+    told: bool
+    channels: tuple[list[Index], ...]
+    runs: tuple[str, ...]
+    rows: list[Index]
+    kinds: tuple[str, ...]
+    Z: ComplexArray
+    free: int
+    kept: Index
+
+    @property
+    def sweeps(self) -> list[Index]:
+        """All sweeps."""
+        return [sweep for sweeps in self.channels for sweep in sweeps]
+
+    @property
+    def size2(self) -> Float:
+        """Squared modulus of the predictions."""
+        return np.asarray(np.abs(self.y) ** 2)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Left:
+    """What a mixed model with given noise leaves.
+
+    Attributes:
+        solved: its estimates.
+        left, own: residuals and sensitivities in units of that noise.
+        power, weight: squared residuals, leverage made good, in units of the readings, and 1 - leverage.
+    """
+
+    solved: Solved
+    left: ComplexArray
+    own: ComplexArray
+    power: Float
+    weight: Float
+
+    def redchi(self, sigma: Float) -> float:
+        """Mean squared residual over the noise's."""
+        return float(np.sum(self.weight * self.power / sigma**2) / np.sum(self.weight))
+
+
+def residuals_of(problem: Problem, x: Float) -> Residuals | None:
+    """The fit about its optimum; nothing where the data are no sweeps."""
+    blocks = [responses_of(block) for block in problem.blocks]
+    if any(block is None or not block.frequency.any() for block in blocks) or any(
+        isinstance(block, CorrelatedResponses) for block in problem.blocks
+    ):
+        return None
+    r, J = problem.jacobian(x)
+    offsets = offset_entries(problem)
+    sigma = np.concatenate([block.sigma for block in problem.blocks])
+    y = np.concatenate(problem.predict(x))
+    prior = np.zeros(x.size)
+    for one in problem.priors:
+        prior[one.entry] += one.terms(float(x[one.entry]))[2]
+    channels = channels_of(problem)
+    name = np.concatenate([block.run for block in problem.blocks])
+    runs = tuple(dict.fromkeys(name.tolist()))
+    if not 2 <= len(runs) <= _MOST_RUNS:
+        runs = ()
+    rows = [np.flatnonzero(name == run) for run in runs]
+    if any(own.size < _FEWEST for own in rows):
+        runs, rows = (), []
+    kinds, Z = _effects(problem, x, y / sigma, J) if runs else ((), np.zeros((r.size, 0), dtype=complex))
+    kept = np.arange(x.size)
+    if offsets and kinds:  # offsets of the phase reference are effects of runs, of unknown size
+        column = Z[:, kinds.index("run_phase")]
+        for entry, run in offsets.items():
+            own = rows[runs.index(run)]
+            r[own] -= column[own] * x[entry]
+        kept = np.setdiff1d(np.arange(x.size), list(offsets))
+        J, prior = J[:, kept], prior[kept]
+    free = sum(kind != "run_fluid" for kind in kinds)
+    return Residuals(
+        r=r, J=J, prior=prior, y=y, sigma=sigma, told=all(block.told for block in blocks if block is not None),
+        channels=channels, runs=runs, rows=rows, kinds=kinds, Z=Z, free=free, kept=kept,
+    )  # fmt: skip
+
+
+def channels_of(problem: Problem) -> tuple[list[Index], ...]:
+    """Sweeps of each probe and force plane, readings counted over all blocks."""
+    channels: list[list[Index]] = []
+    start = 0
+    for whole in problem.blocks:
+        block = responses_of(whole)
+        if block is not None:
+            groups: dict[tuple[int, int], list[Index]] = {}
+            plane = force_plane(block)
+            away = np.abs(np.abs(block.frequency) - block.speed)
+            synchronous = bool(np.all(away <= 1e-4 * np.abs(block.speed)))
+            for sweep in sweeps_of(block, synchronous=synchronous):
+                key = (int(block.coordinate[sweep[0]]), int(plane[sweep[0]]))
+                groups.setdefault(key, []).append(start + sweep)
+            channels += list(groups.values())
+        start += whole.measured.size
+    return tuple(channels)
+
+
+def sweeps_in(problem: Problem) -> list[Index]:
+    """All sweeps of a problem."""
+    return [sweep for sweeps in channels_of(problem) for sweep in sweeps]
+
+
+def lines_in(problem: Problem) -> Index:
+    """Number of the line of each reading, readings that are no responses each on their own."""
+    parts, start = [], 0
+    for whole in problem.blocks:
+        block = responses_of(whole)
+        own = np.arange(whole.measured.size) if block is None else block.line
+        parts.append(start + own)
+        start += int(own.max(initial=-1)) + 1
+    return np.concatenate(parts)
+
+
+def offset_entries(problem: Problem) -> dict[int, str]:
+    """Entries of the fitted vector that offset the phase reference of a run without a prior, and the run."""
+    first = len(problem.space.names)
+    bound = {prior.entry for prior in problem.priors}
+    parts = [name.partition("[") for name in problem.space.nuisance]
+    return {first + i: run[:-1] for i, (kind, _, run) in enumerate(parts) if kind == "phase" and first + i not in bound}
+
+
+def turn_of(problem: Problem) -> ComplexArray:
+    """Change of the logarithm of each prediction by a phase lead; a backward complex amplitude is a conjugate."""
+    parts = []
+    for block in map(responses_of, problem.blocks):
+        assert block is not None
+        backward = (block.frequency[block.line] < 0) & (block.model.frame == "z")
+        parts.append(np.where(backward, -1j, 1j))
+    return np.concatenate(parts)
+
+
+def _effects(problem: Problem, x: Float, y: ComplexArray, J: ComplexArray) -> tuple[tuple[str, ...], ComplexArray]:
+    """Kinds of effects of runs, and the change of whitened predictions by a unit of each."""
+    columns = {"run_force": y, "run_phase": turn_of(problem) * y}
+    for base in _FLUID:
+        entries = [i for i, name in enumerate(problem.space.base) if name == base]
+        if entries:
+            columns["run_lam" if base == "lam_D" else f"run_{base}"] = J[:, entries] @ x[entries]
+    if {"run_K0", "run_D"} <= set(columns):
+        columns["run_fluid"] = columns["run_K0"] + columns["run_D"]
+    return tuple(columns), np.column_stack(list(columns.values()))
+
+
+def _leave(data: Residuals, sigma: Float, kinds: Sequence[int], variance: Float) -> _Left:
+    scale = sigma / data.sigma
+    r, J, Z = data.r / scale, data.J / scale[:, None], data.Z[:, list(kinds)] / scale[:, None]
+    solved = MixedModel.of(r, J, Z, data.rows, data.prior).solve(variance)
+    left = solved.residuals(r, J, Z, data.rows)
+    own = solved.projected(J, Z, data.rows)
+    # A reading that alone determines something has no residual to judge by.
+    weight = np.clip(1 - solved.leverage(J, Z, data.rows), 0.02, 1.0)
+    power = np.abs(left) ** 2 / 2 * sigma**2 / weight
+    return _Left(solved=solved, left=left, own=own, power=power, weight=weight)
+
+
+def _shapes(data: Residuals, found: _Left) -> tuple[list[Shape], Float]:
+    """Noise of all probes by restricted likelihood, and sigma of each reading."""
+    shapes = [shape for sweeps in data.channels for shape in fit_shapes(sweeps, found.power, found.weight, data.size2)]
+    sigma = np.empty(data.r.size)
+    for shape in shapes:
+        sigma[shape.rows] = np.sqrt(shape.variance(data.size2))
+    return shapes, sigma
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Search:
+    """What the residuals are, before the fit is repeated with it.
+
+    Attributes:
+        data: the fit.
+        verdict, memory: what the residuals are.
+        shapes, sigma: noise of the residuals, and of each reading as it is to be taken.
+        variance: of the effects of runs, by kind, zero where runs do not differ.
+        freedom: degrees of freedom of those that are not zero.
+        left: residuals in units of the noise.
+        solved: estimates with that noise and these effects.
+        weight: one less the leverage of each reading.
+    """
+
+    data: Residuals
+    verdict: NoiseVerdict
+    memory: Memory
+    shapes: list[Shape]
+    sigma: Float
+    variance: Float
+    freedom: Float
+    left: ComplexArray
+    solved: Solved
+    weight: Float
+
+    @property
+    def chosen(self) -> list[int]:
+        """Kinds of effects of runs that were found."""
+        return [int(kind) for kind in np.flatnonzero(self.variance)]
+
+
+def search_noise(data: Residuals, *, forced: Sequence[int] = ()) -> Search:
+    """Tell noise, its shape and its memory, differences of runs, and misfit apart.
+
+    Args:
+        data: the fit about its optimum.
+        forced: kinds of effects of runs that are to be taken in any case.
+    """
+    variance = np.zeros(len(data.kinds))
+    if data.kinds:
+        within = _leave(data, data.sigma, range(data.free), np.full(data.free, np.inf))
+        sigma = _taken(data, within)
+        model = _model(data, sigma * _slow(data, within, sigma))
+        variance = select_effects(model, level=_SURE, forced=forced)
+    chosen = np.flatnonzero(variance).tolist()
+    found = _leave(data, data.sigma, chosen, variance[chosen])
+    for _ in range(2):
+        sigma = _taken(data, found)
+        found = _leave(data, sigma, chosen, variance[chosen])
+    shapes, other = _shapes(data, found)
+    remembered = memory(found.left, found.own, found.solved.outer, data.sweeps)
+    follows = remembered.first > _SHORT and remembered.z > _CLEARLY
+    ratio = found.redchi(data.sigma)
+    known = data.told or _explains(data, found, shapes)
+    verdict = NoiseVerdict.AS_FOUND
+    if follows:
+        verdict = NoiseVerdict.FOLLOWING if ratio < _AGREES else NoiseVerdict.MISFIT
+    elif not known:
+        verdict = NoiseVerdict.SHAPED
+    elif data.told and ratio > _AGREES:
+        verdict = NoiseVerdict.LARGER
+    if verdict is not NoiseVerdict.SHAPED:
+        other = data.sigma * (np.sqrt(max(1.0, ratio)) if chosen else 1.0)
+        shapes = []
+    if verdict is NoiseVerdict.MISFIT:
+        variance, chosen = np.zeros_like(variance), []
+    freedom = _model(data, other).part(chosen).freedom(variance[chosen]) if chosen else np.zeros(0)
+    return Search(
+        data=data, verdict=verdict, memory=remembered, shapes=shapes, sigma=other, variance=variance, freedom=freedom,
+        left=found.left, solved=found.solved, weight=found.weight,
+    )  # fmt: skip
+
+
+def _taken(data: Residuals, found: _Left) -> Float:
+    """Noise by which readings are weighed on the way: as told, but not less than residuals ask; else by their shape."""
+    if data.told:
+        return np.asarray(data.sigma * np.sqrt(max(1.0, found.redchi(data.sigma))))
+    return _shapes(data, found)[1]
+
+
+def _slow(data: Residuals, within: _Left, sigma: Float) -> float:
+    """Root of the factor by which noise with memory weighs more on what changes slowly along a sweep."""
+    rows = memory(within.left * data.sigma / sigma, within.own, within.solved.outer, data.sweeps)
+    follows = rows.first > _SHORT and rows.z > _CLEARLY
+    return float(np.sqrt(1 + 2 * sum(rows.lags))) if follows else 1.0
+
+
+def _model(data: Residuals, sigma: Float) -> MixedModel:
+    scale = sigma / data.sigma
+    return MixedModel.of(data.r / scale, data.J / scale[:, None], data.Z / scale[:, None], data.rows, data.prior)
+
+
+def _explains(data: Residuals, found: _Left, shapes: Sequence[Shape]) -> bool:
+    """Whether the residuals are as likely under the noise of the data as under one of their own."""
+    now = sum(shape.log_likelihood for shape in shapes)
+    return 2 * (now - likelihood(found.power, found.weight, data.sigma**2)) < _GAIN * len(data.channels)
