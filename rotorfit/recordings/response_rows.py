@@ -35,7 +35,7 @@ class Readings:
     sigma: Float
 
 
-def readings(record: Recording, found: LocalResponse, angle_error: Float) -> list[Readings]:
+def readings(record: Recording, found: LocalResponse, disturbance: Float) -> list[Readings]:
     """Responses to the first force, probe by probe.
 
     The noise of x and of y is each one's own, widened together where the orbit's component in the direction of the
@@ -44,7 +44,8 @@ def readings(record: Recording, found: LocalResponse, angle_error: Float) -> lis
     Args:
         record: where the probes are.
         found: outputs in the order of :meth:`ReducedRecord.outputs`.
-        angle_error: standard error of the angle that the force is locked to, rad, shape ``(L,)``.
+        disturbance: standard deviation, real and imaginary part together, of what the error of the angle that the force
+            is locked to adds to each output, shape ``(P, L)``.
     """
     response, variance = found.response[0], found.sigma[0] ** 2
     listed: list[Readings] = []
@@ -52,13 +53,13 @@ def readings(record: Recording, found: LocalResponse, angle_error: Float) -> lis
     for plane in record.planes:
         if not is_pair(record, plane):
             angle = float(next(probe.angle or 0.0 for probe in record.probes if probe.plane == plane))
-            sigma = np.sqrt(variance[row] + np.abs(response[row] * angle_error) ** 2 / 2)
+            sigma = np.sqrt(variance[row] + disturbance[row] ** 2 / 2)
             listed.append(
                 Readings(plane=plane, direction=_axis(record, plane, angle), response=response[row], sigma=sigma)
             )
             row += 1
             continue
-        right = variance[row] + np.abs(response[row] * angle_error) ** 2 / 2
+        right = variance[row] + disturbance[row] ** 2 / 2
         widening = np.sqrt(np.maximum(1.0, right / ((variance[row + 2] + variance[row + 3]) / 4)))
         listed += [
             Readings(

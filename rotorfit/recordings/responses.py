@@ -119,7 +119,7 @@ def _sweep(record: Recording, report: Report, tell: Callable[[str], None]) -> Pe
             )
         )  # fmt: skip
     return rows(
-        readings(record, found, drive.stderr(time_at(reduced, w))),
+        readings(record, found, np.abs(found.response[0]) * drive.stderr(time_at(reduced, w))),
         driven & apart,
         run=record.name,
         frequency=force.whirl * w,
@@ -183,9 +183,12 @@ def _start_ups(records: list[Recording], report: Report, tell: Callable[[str], N
     found = local_response(spectra, low, high)
     w = found.frequency
     reference = weights[np.argmax(np.abs(weights))]
-    errors = [r.drive.stderr(time_at(r, w)) for r in reduced]
+    # a shaft angle that is off turns all of a record's motion, that of the residual unbalance too
+    errors = np.sqrt(np.sum([r.drive.stderr(time_at(r, w)) ** 2 for r in reduced], axis=0)) / len(records)
+    scale = np.array([1.0, 1 / np.abs(reference)])[: found.response.shape[0]]
+    moved = np.sqrt(np.sum(np.abs(found.response * scale[:, None, None]) ** 2, axis=0))
     return rows(
-        readings(records[0], found, np.sqrt(np.sum(np.square(errors), axis=0)) / len(records)),
+        readings(records[0], found, moved * errors),
         _driven(found),
         run=" minus ".join(record.name for record in records),
         frequency=w,
