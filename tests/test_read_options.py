@@ -14,7 +14,8 @@ from synthetic import TYPICAL, circular_test
 
 import rotorfit as rf
 from rotorfit.data.experiments import Experiment, PerturbationTest
-from rotorfit.io.files import SUFFIXES, correct_channels, resolve_probe_angles
+from rotorfit.data.probes import correct_channels, resolve_probe_angles
+from rotorfit.io.files import SUFFIXES
 from rotorfit.models import WhirlWhip
 from rotorfit.studies.study_file import read_study
 

@@ -12,7 +12,7 @@ from rotorfit.checks.linear_force import linear_force
 from rotorfit.checks.orbits import NEAR_1X, orbits_of
 from rotorfit.checks.scale import peak_to_peak
 from rotorfit.checks.signs import signs, wrong_direction
-from rotorfit.data.experiments import DisplacementTest, Experiment, PerturbationTest
+from rotorfit.data.experiments import DisplacementTest, Experiment, PerturbationTest, plane_groups
 from rotorfit.data.findings import Finding, listed
 from rotorfit.data.synchronous import DIFFERENCED
 from rotorfit.data.weights import weighed
@@ -162,8 +162,6 @@ def _planes(test: PerturbationTest) -> Iterator[Finding]:
     if blind:
         text = f"Forces act at {listed(blind)} where nothing is measured; there is no drive point to check signs at."
         yield Finding("note", "measured-planes", text)
-    from rotorfit.io.tidy_csv import plane_groups
-
     groups = plane_groups(test)
     if len(groups) > 1:
         apart = "; ".join(", ".join(group) for group in groups)

@@ -503,3 +503,16 @@ def _column(name: str, values: Any, kind: type) -> NDArray[Any]:
         return np.asarray(values, dtype=kind)
     except (ValueError, TypeError) as error:
         raise ValueError(f"{name} must be numbers in SI units, one for each reading: {error}") from error
+
+
+def plane_groups(test: PerturbationTest) -> list[list[str]]:
+    """Groups of planes that runs connect, a run connecting the plane of its force with those it measures.
+
+    Args:
+        test: the runs.
+    """
+    groups: list[set[str]] = []
+    for pair in dict.fromkeys(zip(test.force_plane.tolist(), test.plane.tolist(), strict=True)):
+        joined = set(pair).union(*[group for group in groups if group & set(pair)])
+        groups = [group for group in groups if not group & joined] + [joined]
+    return [sorted(group) for group in groups]

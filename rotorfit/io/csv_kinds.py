@@ -24,7 +24,7 @@ from rotorfit.models.array_types import Float
 from rotorfit.units import RPM_PER_RAD_S, UNITS, si_factor
 
 if TYPE_CHECKING:
-    from rotorfit.io.tidy_csv import Table
+    from rotorfit.io.csv_table import Table
 
 STATIC_COLUMNS = (
     "speed_rpm, load_N, load_deg, x_um, y_um, optional run, plane and load_plane (by default journal), sigma_um; "

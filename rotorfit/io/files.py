@@ -10,16 +10,18 @@ from typing import Any
 import numpy as np
 
 from rotorfit.data.experiments import DisplacementTest, Experiment, PerturbationTest
-from rotorfit.data.linear_force import probe_pairs
+from rotorfit.data.probes import (
+    Channel,
+    check_channels,
+    correct_channels,
+    resolve_probe_angles,
+    subtract_measured_slow_roll,
+)
 from rotorfit.data.synchronous import SPEED_TOLERANCE, group_speeds
 from rotorfit.data.weights import differenced
 from rotorfit.estimators.atomic_file import whole_file
-from rotorfit.models.array_types import Float
 from rotorfit.models.parameters import unknown_name
-from rotorfit.units import RAD_S_PER_RPM, RPM_PER_RAD_S
-
-Channel = tuple[str, str]
-"""Plane and direction of a probe, ``("journal", "x")``."""
+from rotorfit.units import RAD_S_PER_RPM
 
 SUFFIXES = {
     ".csv": "csv", ".txt": "csv", ".tsv": "csv", ".uff": "uff", ".unv": "uff", ".nc": "netcdf", ".mat": "mat",
@@ -91,7 +93,7 @@ def read(
     if slow_roll is not None and slow_roll_below_rpm is not None:
         raise ValueError("slow_roll and slow_roll_below_rpm are both given; choose one")
     if slow_roll:
-        _check_channels(test, slow_roll, "slow_roll")
+        check_channels(test, slow_roll, "slow_roll")
         if not all(np.isfinite(value) for value in slow_roll.values()):
             raise ValueError("slow_roll: a run-out vector must be finite, m (rad for slopes), complex")
         test = test.subtract_slow_roll(slow_roll)
@@ -194,92 +196,3 @@ def _format(path: str | Path) -> str:
     if suffix not in SUFFIXES:
         raise ValueError(f"{Path(path).name}: {unknown_name('suffix', suffix, SUFFIXES)}")
     return SUFFIXES[suffix]
-
-
-def _check_channels(test: PerturbationTest, given: Mapping[Channel, Any], option: str) -> None:
-    channels = list(dict.fromkeys(zip(test.plane.tolist(), test.direction.tolist(), strict=True)))
-    for key in given:
-        if key not in channels:
-            raise ValueError(f"{option}: {test.source} has no channel {key!r}; it has {', '.join(map(repr, channels))}")
-
-
-def correct_channels(
-    test: PerturbationTest, gains: Mapping[Channel, complex], delays: Mapping[Channel, float]
-) -> PerturbationTest:
-    """Undo each channel's complex gain and time delay (s): ``response exp(j |w| tau) / gain``.
-
-    Combined readings (z, rz) at negative w are conjugated phasors and are corrected as such.
-
-    Raises:
-        ValueError: a channel that the test does not have, or a gain of zero.
-    """
-    _check_channels(test, gains, "gains")
-    _check_channels(test, delays, "delays")
-    if not all(np.isfinite(value) for value in delays.values()):
-        raise ValueError("delays: a delay must be a finite number of seconds")
-    if any(not (np.isfinite(value) and value != 0) for value in gains.values()):
-        raise ValueError("gains: a gain must be finite and not zero")
-    channels = list(zip(test.plane.tolist(), test.direction.tolist(), strict=True))
-    gain = np.array([gains.get(channel, 1.0) for channel in channels], dtype=complex)
-    delay = np.array([delays.get(channel, 0.0) for channel in channels])
-    factor = np.exp(1j * np.abs(test.frequency) * delay) / gain
-    conjugated = np.char.endswith(test.direction, "z") & (test.frequency < 0)
-    factor = np.where(conjugated, factor.conj(), factor)
-    return replace(test, response=test.response * factor, sigma=test.sigma * np.abs(factor))
-
-
-def subtract_measured_slow_roll(test: PerturbationTest, below: float) -> PerturbationTest:
-    """Subtract from each channel of each run its mean reading below a rotative speed, rad/s, of a synchronous test.
-
-    Raises:
-        ValueError: the test is not synchronous, or a run has no reading of a channel below that speed.
-    """
-    if not test.synchronous:
-        raise ValueError(f"{test.source}: slow roll can only be taken from the readings of a synchronous test")
-    keys = list(zip(test.run.tolist(), test.plane.tolist(), test.direction.tolist(), strict=True))
-    _, index = np.unique(np.array(keys), axis=0, return_inverse=True)
-    index = index.reshape(-1)
-    slow = test.speed < below
-    count = np.bincount(index, slow)
-    if not count.all():
-        run, plane, direction = keys[int(np.flatnonzero(count[index] == 0)[0])]
-        raise ValueError(
-            f"{test.source}: run {run} has no reading of {plane} {direction} below {below * RPM_PER_RAD_S:g} rpm; its "
-            f"slowest is at {test.speed[test.run == run].min() * RPM_PER_RAD_S:g} rpm"
-        )
-    vector = np.bincount(index, slow * test.response.real) + 1j * np.bincount(index, slow * test.response.imag)
-    return replace(test, response=test.response - (vector / count)[index])
-
-
-def resolve_probe_angles(test: PerturbationTest, angles: Mapping[str, tuple[float, float]]) -> PerturbationTest:
-    """Resolve pairs of probes that do not sit at 0 and 90 degrees into x and y.
-
-    A probe at angle a reads ``cos(a) X + sin(a) Y``. Noise of the two probes is taken as independent.
-
-    Args:
-        test: readings named x and y of the probes at the angles given.
-        angles: by plane, angle of the probe named x and of the one named y, degrees from X towards Y.
-
-    Raises:
-        ValueError: unknown plane, parallel probes, or a reading without its partner.
-    """
-    response, sigma = test.response.copy(), test.sigma.copy()
-    for plane, pair in angles.items():
-        if plane not in test.planes:
-            raise ValueError(f"probe_angles: {unknown_name('plane', plane, test.planes)}")
-        if np.shape(pair) != (2,) or not np.isfinite(pair).all():
-            raise ValueError(f"probe_angles: {plane} needs two angles in degrees, of its probes x and y; got {pair!r}")
-        first, second = pair
-        a = np.radians([first, second])
-        mixing = np.column_stack([np.cos(a), np.sin(a)])
-        if abs(np.linalg.det(mixing)) < 1e-3:
-            raise ValueError(f"probe_angles: probes at {first} and {second} degrees of {plane} see the same direction")
-        inverse: Float = np.linalg.inv(mixing)
-        rows, lonely = probe_pairs(test, (test.plane == plane) & np.isin(test.direction, ("x", "y")))
-        if lonely.size or not rows.size:
-            raise ValueError(
-                f"probe_angles: {lonely.size} readings of {plane} have no partner in the other probe to resolve with"
-            )
-        response[rows] = test.response[rows] @ inverse.T
-        sigma[rows] = np.sqrt(test.sigma[rows] ** 2 @ (inverse**2).T)
-    return replace(test, response=response, sigma=sigma)

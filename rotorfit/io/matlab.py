@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotorfit.data.experiments import Experiment
-from rotorfit.io.netcdf import build, column_types
+from rotorfit.io.columns import build, column_types
 
 
 def write_mat(experiment: Experiment, path: str | Path) -> None:

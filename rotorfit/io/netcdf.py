@@ -2,20 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import fields
 from pathlib import Path
-from typing import Any, get_args
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import Any
 
 from rotorfit.data.experiments import Experiment
+from rotorfit.io.columns import build, column_types
 from rotorfit.models.parameters import unknown_name
 from rotorfit.units import units_of
-
-STORABLE: dict[str, type[Any]] = {kind.__name__: kind for kind in get_args(Experiment)}
-"""Experiments that can be stored column by column, by the name that goes into the file."""
 
 _UNITS = {
     "speed": "rad/s", "frequency": "rad/s", "force": "N", "force_x": "N", "force_y": "N", "load": "N",
@@ -32,63 +25,6 @@ _QUANTITIES = {
     "x": ("length",), "y": ("length",), "sigma": ("displacement", "tilt", "force"),
 }  # fmt: skip
 """Quantities that may be read in other units, by column."""
-
-_TYPES = {"Text": str, "Float": float, "ComplexArray": complex}
-
-
-def column_types(kind: type[Any]) -> dict[str, type]:
-    """Columns of an experiment class and whether they are text, real or complex."""
-    return {f.name: _TYPES[str(f.type)] for f in fields(kind) if f.name not in ("source", "attributes")}
-
-
-def build(kind: str, columns: Mapping[str, Any], attributes: Mapping[str, Any], source: str) -> Experiment:
-    """Make an experiment of stored columns.
-
-    Single values stand for all rows. ``sigma`` may be missing, which is unknown noise, and ``force_direction``, which
-    is a circular force. What is no column but a list of
-    the same length, or a single value, becomes an attribute; anything else is not of this experiment and left out.
-
-    Raises:
-        ValueError: unknown kind, missing columns, a column of the wrong type or length.
-    """
-    if kind not in STORABLE:
-        raise ValueError(f"{source}: {unknown_name('kind of experiment', kind, STORABLE)}")
-    types = column_types(STORABLE[kind])
-    optional = {"sigma": np.array(np.nan), "force_direction": np.array("circular")}
-    missing = [name for name in types if name not in columns and name not in optional]
-    if missing:
-        raise ValueError(
-            f"{source}: missing columns: {', '.join(missing)}. The file has: {', '.join(columns) or 'none'}"
-        )
-    given = {**optional, **columns}
-    arrays = {name: _convert(source, name, given[name], kind_of) for name, kind_of in types.items()}
-    size = max(array.size for array in arrays.values())
-    extra = {name: np.asarray(values) for name, values in columns.items() if name not in types}
-    extra = {name: values for name, values in extra.items() if values.shape in ((), (1,), (size,))}
-    try:
-        experiment: Experiment = STORABLE[kind](
-            **{name: _spread(values, size) for name, values in arrays.items()},
-            attributes={name: _spread(values, size) for name, values in (extra | dict(attributes)).items()},
-            source=source,
-        )
-    except ValueError as error:
-        raise ValueError(str(error) if str(error).startswith(source) else f"{source}: {error}") from error
-    return experiment
-
-
-def _spread(values: NDArray[Any], size: int) -> NDArray[Any]:
-    return np.broadcast_to(values, (size,)).copy() if values.size == 1 else values
-
-
-def _convert(source: str, name: str, values: Any, kind: type) -> NDArray[Any]:
-    array = np.asarray(values)
-    allowed = {str: "UO", float: "iuf", complex: "iufc"}[kind]
-    if array.dtype.kind not in allowed or array.ndim > 1:
-        what = {str: "text", float: "numbers", complex: "complex numbers"}[kind]
-        raise ValueError(
-            f"{source}: column {name!r} should be a list of {what}, it is of type {array.dtype} and shape {array.shape}"
-        )
-    return array.astype(kind)
 
 
 def write_netcdf(experiment: Experiment, path: str | Path) -> None:

@@ -1,0 +1,49 @@
+"""Data that cannot be observed, refused in words."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotorfit.data.experiments import Experiment
+from rotorfit.models import RotorModel
+from rotorfit.models.array_types import Float
+
+_CLEAR = 1.0 - 1e-6  # eccentricity above which a measured position is out of the clearance
+
+
+def check_clearance(eps: Float, model: RotorModel, what: str) -> None:
+    """Refuse motion beyond the clearance.
+
+    Args:
+        eps: eccentricities, NaN where not measured.
+        model: the rotor, for its clearance.
+        what: what has them, for the message.
+
+    Raises:
+        ValueError: one of them is beyond it.
+    """
+    largest = float(np.nanmax(eps, initial=0.0))
+    if largest > _CLEAR and model.clearance is not None:
+        raise ValueError(
+            f"{what} reach {largest * model.clearance * 1e6:.4g} um, the clearance is {model.clearance * 1e6:.4g} um; "
+            f"check clearance_um and the units of the data"
+        )
+
+
+def check_finite(test: Experiment, *columns: NDArray[np.generic]) -> None:
+    """Refuse rows that are not finite.
+
+    Args:
+        test: the test, for the message.
+        columns: its columns, a value each row.
+
+    Raises:
+        ValueError: some are not; names the first rows.
+    """
+    bad = np.zeros(len(test), dtype=bool)
+    for column in columns:
+        bad |= ~np.isfinite(column)
+    if bad.any():
+        rows = ", ".join(str(row + 1) for row in np.flatnonzero(bad)[:8])
+        raise ValueError(f"{test.source or test.title}: {bad.sum()} rows are not finite ({rows}); remove them")

@@ -1,0 +1,91 @@
+"""Static loads: positions of the shaft under forces that do not turn."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rotorfit.data.experiments import StaticTest
+from rotorfit.estimators.noise import noise_from_smoothness
+from rotorfit.estimators.nonlinear import OrbitResponses
+from rotorfit.estimators.observations import Block, Responses
+from rotorfit.models import RotorModel
+from rotorfit.models.array_types import Float, Index
+from rotorfit.models.journal import journal
+from rotorfit.observing.refusals import check_clearance, check_finite
+from rotorfit.observing.row_labels import numbered_labels, same_rows, spread_of_repeats
+
+
+def static_loads(model: RotorModel, test: StaticTest, group: Index) -> Block:
+    """Observations of a static test, with their noise.
+
+    Args:
+        model: the rotor.
+        test: what was measured.
+        group: parameter group of each row.
+    """
+    check_finite(test, test.load, test.displacement)
+    _check_planes(model, test)
+    if model.frame != "z":
+        raise ValueError(f"{model.name} keeps x and y apart; static loads need a model in complex coordinates")
+    count = len(test)
+    still = np.zeros(count)
+    force = np.zeros((count, len(model.coordinates)), dtype=complex)
+    for plane in test.force_planes:
+        at = test.load_plane == plane
+        force[at] = model.force_vector(plane, still[at], test.load[at])
+    coordinate = np.array([model.coordinate(plane, "z") for plane in test.plane.tolist()], dtype=np.intp)
+    names = [f"{run} / {plane} static" for run, plane in zip(test.run.tolist(), test.plane.tolist(), strict=True)]
+    label, labels = numbered_labels(names)
+    block = Responses(
+        model=model,
+        speed=test.speed,
+        frequency=still,
+        force=force,
+        group=group,
+        line=np.arange(count),
+        coordinate=coordinate,
+        measured=test.displacement,
+        sigma=_static_noise(test, label),
+        label=label,
+        labels=labels,
+        run=test.run,
+    )
+    if not model.eccentricity_dependent:
+        return block
+    seat = journal(model)
+    eps = np.where(coordinate == seat.at, np.abs(test.displacement) / seat.clearance, np.nan)
+    check_clearance(eps, model, "static positions")
+    loads = same_rows(test.run, test.speed, test.load_plane, test.load.real, test.load.imag)
+    for load in np.unique(loads[np.isnan(eps)]):  # other planes under a load share the journal's position
+        here = loads == load
+        if np.isfinite(eps[here]).any():
+            eps[here] = np.where(np.isnan(eps[here]), np.nanmean(eps[here]), eps[here])
+    sweep = same_rows(test.run, test.speed, test.load_plane, test.plane)
+    return OrbitResponses(block, eps, "nearest" if np.isfinite(eps).all() else "followed", sweep)
+
+
+def _static_noise(test: StaticTest, label: Index) -> Float:
+    """Noise given, else from repeated loads, else from the smoothness of the locus over the load."""
+    sigma = test.sigma.copy()
+    same = same_rows(label, test.speed, test.load_plane, test.load.real, test.load.imag)
+    for curve in np.unique(same_rows(label, test.speed)[np.isnan(sigma)]):
+        rows = np.flatnonzero(same_rows(label, test.speed) == curve)
+        spread = spread_of_repeats(test.displacement[rows], same[rows])
+        if spread is None:
+            order = rows[np.argsort(np.abs(test.load[rows]), kind="stable")]
+            try:
+                spread = float(noise_from_smoothness(np.abs(test.load[order]), test.displacement[order])[0])
+            except ValueError as reason:
+                raise ValueError(f"{test.source or 'static test'}, run {test.run[rows[0]]}: {reason}") from reason
+        sigma[rows] = np.where(np.isnan(sigma[rows]), spread, sigma[rows])
+    return sigma
+
+
+def _check_planes(model: RotorModel, test: StaticTest) -> None:
+    unknown = (set(test.planes) | set(test.force_planes)) - set(model.planes)
+    if unknown:
+        raise ValueError(
+            f"{test.source or 'static test'} has planes {', '.join(test.planes)} and load planes "
+            f"{', '.join(test.force_planes)}, the model {model.name} has {', '.join(model.planes)}. Map names with "
+            f"{type(model).__name__}(planes=(...)) or --planes"
+        )
