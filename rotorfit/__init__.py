@@ -42,6 +42,7 @@ if TYPE_CHECKING:  # `as` tells type checkers that these names are for users
     from rotorfit.fitting.result import Quantity as Quantity
     from rotorfit.io.files import read as read
     from rotorfit.io.files import write as write
+    from rotorfit.monitoring.crack import dated_anisotropy as dated_anisotropy
     from rotorfit.monitoring.observed_stiffness import ObservedStiffness as ObservedStiffness
     from rotorfit.monitoring.observed_stiffness import observed_stiffness as observed_stiffness
     from rotorfit.monitoring.trend import DatedValues as DatedValues
@@ -78,6 +79,7 @@ _HOME = {
     "campaign": "rotorfit.campaigns.campaign",
     "CoefficientTable": "rotorfit.data.experiments",
     "LineTest": "rotorfit.data.experiments",
+    "dated_anisotropy": "rotorfit.monitoring.crack",
     "shaft_lines": "rotorfit.recordings.shaft_lines",
     "ImpulseTest": "rotorfit.data.experiments",
     "RingDownTest": "rotorfit.data.experiments",

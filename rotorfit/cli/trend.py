@@ -14,7 +14,10 @@ from rotorfit.fitting.option_kinds import positive_word, two_numbers
 if TYPE_CHECKING:
     from rotorfit.monitoring.trend import MachineTrend, PlaceTrend
 
-DESCRIPTION = "follow the observed stiffness, mass and damping of dated tests of one machine and say what changed"
+DESCRIPTION = (
+    "follow the observed stiffness, mass and damping of dated tests of one machine, or dK/K of saved fits (.json) of "
+    "a shaft that is not round, and say what changed"
+)
 
 
 def add_options(to: argparse.ArgumentParser) -> None:
@@ -63,12 +66,23 @@ def _trend(options: argparse.Namespace) -> MachineTrend:
         limits = two_numbers(options.speed_range) if options.speed_range else None
     except ValueError as problem:
         raise ValueError(f"--speed-range {options.speed_range}: {problem}") from problem
+    if all(file.suffix == ".json" for file in options.files):
+        return _crack_monitor(options)
     tests = []
     for test in read_files(data_files(options), no_progress)[0]:
         if not isinstance(test, PerturbationTest):
             raise ValueError(f"{test.source}: a {test.title} has no observed stiffness: a synchronous test is needed")
         tests += observed_stiffness(test, speed_rpm=limits)
     return trend(tests, false_alarm=options.false_alarm)
+
+
+def _crack_monitor(options: argparse.Namespace) -> MachineTrend:
+    """Follow dK/K of saved fits."""
+    from rotorfit.fitting.fit_file import load_fit
+    from rotorfit.monitoring.crack import dated_anisotropy
+    from rotorfit.monitoring.trend import trend
+
+    return trend([dated_anisotropy(load_fit(file)) for file in options.files], false_alarm=options.false_alarm)
 
 
 def _rows(found: MachineTrend) -> list[list[Any]]:

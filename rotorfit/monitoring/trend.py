@@ -118,7 +118,10 @@ class PlaceTrend:
             for name, shift, level, e in zip(self.names, self.change.shift, self.change.before, error, strict=True)
         )
         since = f"a change between {self.dates[self.change.index - 1]} and {self.dates[self.change.index]}"
-        return [*words, f"{since} (p = {self.change.p_value:.2g}): {sizes}", *self._cause_sentences()]
+        told = f"{since} (p = {self.change.p_value:.2g}): {sizes}"
+        if self.names == ("dK/K",) and self.change.shift[0] > 0:
+            return [*words, told, "a turning anisotropy that grows is what a propagating crack makes"]
+        return [*words, told, *self._cause_sentences()]
 
     def _cause_sentences(self) -> list[str]:
         if not self.causes:

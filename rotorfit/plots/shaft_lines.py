@@ -11,6 +11,7 @@ import numpy as np
 from rotorfit.estimators.shaft_lines import LineResponses
 from rotorfit.models import AnisotropicShaft, eigenvalues, unstable_bands
 from rotorfit.models.array_types import ComplexArray, Float
+from rotorfit.models.combination_lines import line_order
 from rotorfit.plots.style import COLOURS, GREY, SMALL, colour_of, grid, legend_below, literal, prefix
 from rotorfit.units import RPM_PER_RAD_S
 
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
     from rotorfit.fitting.result import FitResult
 
 
+_FINE = 800  # points of a fitted line
 _UNSURE = 1.0
 """Error over amplitude beyond which a reading has no phase worth showing."""
 
@@ -35,6 +37,8 @@ class _Curve:
     measured: ComplexArray
     sigma: Float
     fitted: ComplexArray
+    fine: Float  # frequencies of the fitted line
+    line_fitted: ComplexArray
 
 
 def plot_lines(fit: FitResult) -> Figure:
@@ -84,20 +88,35 @@ def _curves(fit: FitResult) -> Iterator[_Curve]:
                 if here.size:
                     drive = np.abs(block.force[here])
                     parts = (block.measured[here] / drive, block.sigma[here] / drive, predicted[here] / drive)
-                    yield _Curve(direction, line, speed, block.frequency[here], *parts)
+                    fine, fitted = _fitted_line(fit, block, direction, here)
+                    yield _Curve(direction, line, speed, block.frequency[here], *parts, fine, fitted)
+
+
+def _fitted_line(
+    fit: FitResult, block: LineResponses, direction: str, rows: NDArray[np.intp]
+) -> tuple[Float, ComplexArray]:
+    """Fitted line per unit of force on a grid fine enough for sharp resonances."""
+    w = block.frequency[rows]
+    fine = np.linspace(w[0], w[-1], _FINE)
+    force = np.interp(fine, w, np.abs(block.force[rows])) * np.exp(1j * np.angle(block.force[rows[0]]))
+    theta = fit.thetas[int(block.reading_group[rows[0]])]
+    order = line_order(direction, str(block.line[rows[0]]))
+    speed = float(block.speed[rows[0]])
+    return fine, block.model.lines(theta, direction, order, fine, speed, force) / np.abs(force)
 
 
 def _draw(size: Any, phase: Any, curve: _Curve, factor: float, colour: str) -> None:
     rpm = curve.frequency * RPM_PER_RAD_S
     style = {"color": colour, "ms": 2.2, "lw": 0, "elinewidth": 0.5, "fmt": "o", "alpha": 0.7}
     size.errorbar(rpm, np.abs(curve.measured) * factor, curve.sigma * factor, **style)
-    size.plot(rpm, np.abs(curve.fitted) * factor, color="black", lw=0.9, zorder=3)
+    fine = curve.fine * RPM_PER_RAD_S
+    size.plot(fine, np.abs(curve.line_fitted) * factor, color="black", lw=0.9, zorder=3)
     sure = curve.sigma < _UNSURE * np.abs(curve.fitted)
     error = np.degrees(curve.sigma / np.abs(curve.fitted))
     phase.errorbar(rpm[sure], np.degrees(np.angle(curve.measured[sure])), error[sure], **style)
-    angle = np.degrees(np.angle(curve.fitted))
+    angle = np.degrees(np.angle(curve.line_fitted))
     jump = np.abs(np.diff(angle, prepend=angle[0])) > 180
-    phase.plot(rpm, np.where(jump, np.nan, angle), color="black", lw=0.9, zorder=3)
+    phase.plot(fine, np.where(jump, np.nan, angle), color="black", lw=0.9, zorder=3)
 
 
 def _legend(figure: Figure, speeds: list[float]) -> None:

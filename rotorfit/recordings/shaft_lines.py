@@ -81,9 +81,22 @@ def shaft_lines(records: Recording | Sequence[Recording], *, runout_um: float | 
         raise ValueError("no recordings: give at least one")
     if runout_um is not None and not (np.isfinite(runout_um) and runout_um >= 0):
         raise ValueError(f"runout_um is the size of the run-out, zero or more, not {runout_um}")
-    parts = [part for record in several for part in _lines_of(record, runout_um)]
+    parts = []
+    noted: dict[str, list[NDArray[Any]]] = {name: [] for name in several[0].attributes}
+    for record in several:
+        if record.attributes.keys() != noted.keys():
+            raise ValueError(
+                f"{record.name} has the attributes {', '.join(record.attributes) or 'none'}, {several[0].name} has "
+                f"{', '.join(noted) or 'none'}: give all recordings the same"
+            )
+        own = _lines_of(record, runout_um)
+        count = sum(part["run"].size for part in own)
+        for name, value in record.attributes.items():
+            noted[name].append(np.full(count, value))
+        parts += own
     columns: dict[str, Any] = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
-    return LineTest(source=", ".join(record.path.name for record in several), **columns)
+    attributes = {name: np.concatenate(values) for name, values in noted.items()}
+    return LineTest(source=", ".join(record.path.name for record in several), attributes=attributes, **columns)
 
 
 def _lines_of(record: Recording, runout_um: float | None) -> list[dict[str, NDArray[Any]]]:
