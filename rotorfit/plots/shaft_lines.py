@@ -10,7 +10,7 @@ import numpy as np
 
 from rotorfit.estimators.shaft_lines import LineResponses
 from rotorfit.models import AnisotropicShaft, eigenvalues, unstable_bands
-from rotorfit.models.array_types import ComplexArray, Float
+from rotorfit.models.array_types import ComplexArray, Float, Index
 from rotorfit.models.combination_lines import line_order
 from rotorfit.plots.style import COLOURS, GREY, SMALL, colour_of, grid, legend_below, literal, prefix
 from rotorfit.units import RPM_PER_RAD_S
@@ -93,7 +93,7 @@ def _curves(fit: FitResult) -> Iterator[_Curve]:
 
 
 def _fitted_line(
-    fit: FitResult, block: LineResponses, direction: str, rows: NDArray[np.intp]
+    fit: FitResult, block: LineResponses, direction: str, rows: Index
 ) -> tuple[Float, ComplexArray]:
     """Fitted line per unit of force on a grid fine enough for sharp resonances."""
     w = block.frequency[rows]
