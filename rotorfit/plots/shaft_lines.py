@@ -92,9 +92,7 @@ def _curves(fit: FitResult) -> Iterator[_Curve]:
                     yield _Curve(direction, line, speed, block.frequency[here], *parts, fine, fitted)
 
 
-def _fitted_line(
-    fit: FitResult, block: LineResponses, direction: str, rows: Index
-) -> tuple[Float, ComplexArray]:
+def _fitted_line(fit: FitResult, block: LineResponses, direction: str, rows: Index) -> tuple[Float, ComplexArray]:
     """Fitted line per unit of force on a grid fine enough for sharp resonances."""
     w = block.frequency[rows]
     fine = np.linspace(w[0], w[-1], _FINE)
