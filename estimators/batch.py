@@ -2,8 +2,8 @@
 
 Readings that differ by noise alone leave the Gauss-Newton matrix almost unchanged. One factorisation therefore
 serves all members, and each iteration costs one exact gradient, which the adjoint of the response gives for about two
-evaluations of
-the misfit. Convergence is linear with a small factor; members that converge slowly get a matrix of their own.
+evaluations of the misfit. Convergence is linear with a small factor; members that converge slowly get a matrix of
+their own.
 """
 
 from __future__ import annotations

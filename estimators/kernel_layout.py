@@ -22,8 +22,8 @@ class KernelLayout:
     """Plain arrays of all responses of a problem.
 
     A *node* is one dynamic stiffness matrix: a condition (parameter group and rotative speed) at one frequency.
-    Nodes that
-    were read in the same way form a *segment*; the readings of a segment form *entries*, each with one datum a node.
+    Nodes that were read in the same way form a *segment*; the readings of a segment form *entries*, each with one datum
+    a node.
 
     Attributes:
         group, speed: of each condition, shape ``(C,)``.

@@ -1,4 +1,4 @@
-"""A model's dynamic stiffness in symbols, read off its CasADi graph, for figures and reports."""
+"""A model's dynamic stiffness in symbols, read off its CasADi graph, in MathML for reports."""
 
 from __future__ import annotations
 
@@ -22,9 +22,6 @@ _LONGEST = 60
 
 _GREEK = {"lam": "λ", "lambda": "λ", "sigma": "σ", "beta": "β", "alpha": "α", "zeta": "ζ", "phi": "φ", "eps": "ε"}
 _GREEK |= {"epsilon": "ε", "Omega": "Ω", "omega": "ω", "kappa": "κ", "mu": "μ", "nu": "ν", "tau": "τ", "gamma": "γ"}
-_TEX = {"λ": r"\lambda", "σ": r"\sigma", "β": r"\beta", "α": r"\alpha", "ζ": r"\zeta", "φ": r"\varphi"}
-_TEX |= {"ε": r"\varepsilon", "Ω": r"\Omega", "ω": r"\omega", "κ": r"\kappa", "μ": r"\mu", "ν": r"\nu"}
-_TEX |= {"τ": r"\tau", "γ": r"\gamma"}
 
 
 @dataclass(frozen=True)
@@ -117,17 +114,6 @@ def split_symbol(name: str) -> tuple[str, str]:
     return letter, ",".join(part for part in (rest, *index.split("_")) if part)
 
 
-def symbol_tex(name: str) -> str:
-    """A parameter's symbol for matplotlib's mathtext; names that are no identifiers (atoms) upright."""
-    if not name.isidentifier():
-        return r"\mathrm{" + re.sub(r"[^A-Za-z0-9+\-*/().,]", "", name).replace("*", r"\cdot ") + "}"
-    letter, index = split_symbol(name)
-    shown = _TEX.get(letter, letter)
-    if not index:
-        return shown
-    return f"{shown}_{{{index}}}" if len(index) == 1 else rf"{shown}_{{\mathrm{{{index}}}}}"
-
-
 def symbol_mathml(name: str) -> str:
     """A parameter's symbol in MathML."""
     if not name.isidentifier():
@@ -137,85 +123,48 @@ def symbol_mathml(name: str) -> str:
     return mi if not index else f"<msub>{mi}<mtext>{escape(index)}</mtext></msub>"
 
 
-class _Tex:
-    symbol = staticmethod(symbol_tex)
-    minus, plus, join = "-", "+", r"\,"
-
-    @staticmethod
-    def power(base: str, exponent: int) -> str:
-        return base if exponent == 1 else f"{{{base}}}^{{{exponent}}}"
-
-    @staticmethod
-    def number(value: str) -> str:
-        return value
-
-    @staticmethod
-    def bracket(inner: str) -> str:
-        return f"({inner})"
+_MINUS, _PLUS, _TIMES = "<mo>−</mo>", "<mo>+</mo>", "<mo>&#x2062;</mo><mspace width='0.12em'/>"
 
 
-class _MathML:
-    symbol = staticmethod(symbol_mathml)
-    minus, plus, join = "<mo>−</mo>", "<mo>+</mo>", "<mo>&#x2062;</mo><mspace width='0.12em'/>"
-
-    @staticmethod
-    def power(base: str, exponent: int) -> str:
-        return base if exponent == 1 else f"<msup>{base}<mn>{exponent}</mn></msup>"
-
-    @staticmethod
-    def number(value: str) -> str:
-        return f"<mn>{value}</mn>"
-
-    @staticmethod
-    def bracket(inner: str) -> str:
-        return f"<mo>(</mo>{inner}<mo>)</mo>"
+def _power(base: str, exponent: int) -> str:
+    return base if exponent == 1 else f"<msup>{base}<mn>{exponent}</mn></msup>"
 
 
-_Writer = type[_Tex] | type[_MathML]
+def _number(value: str) -> str:
+    return f"<mn>{value}</mn>"
 
 
-def to_tex(part: Mapping[int, Polynomial], order: Sequence[str]) -> str:
-    """Polynomial in the frequency for matplotlib's mathtext, without the dollar signs.
+def to_mathml(part: Mapping[int, Polynomial], order: Sequence[str]) -> str:
+    """Polynomial in the frequency as a row of MathML elements.
 
     Args:
         part: ``direct`` or ``quadrature`` of an :class:`Entry`.
         order: names in the order in which terms are sorted, those of the model's parameters.
     """
-    return _write(part, order, _Tex)
-
-
-def to_mathml(part: Mapping[int, Polynomial], order: Sequence[str]) -> str:
-    """The same as a row of MathML elements."""
-    return _write(part, order, _MathML)
-
-
-def _write(part: Mapping[int, Polynomial], order: Sequence[str], writer: _Writer) -> str:
     if sum(len(polynomial) for polynomial in part.values()) > _LONGEST:
-        return writer.symbol("f")
+        return symbol_mathml("f")
     text = ""
-    for negative, body in _pieces(part, order, writer):
-        sign = writer.minus if negative else writer.plus if text else ""
+    for negative, body in _pieces(part, order):
+        sign = _MINUS if negative else _PLUS if text else ""
         text += sign + body
-    return text or writer.number("0")
+    return text or _number("0")
 
 
-def _pieces(part: Mapping[int, Polynomial], order: Sequence[str], writer: _Writer) -> Iterator[tuple[bool, str]]:
+def _pieces(part: Mapping[int, Polynomial], order: Sequence[str]) -> Iterator[tuple[bool, str]]:
     for power in sorted(part):
         terms = sorted(part[power].items(), key=lambda item: _rank(item[0], order))
         if power == 0:
             for monomial, value in terms:
-                yield value < 0, _term(monomial, abs(value), (), writer)
+                yield value < 0, _term(monomial, abs(value), ())
         elif len(terms) == 1:
-            yield terms[0][1] < 0, _term(terms[0][0], abs(terms[0][1]), ((power, "omega"),), writer)
+            yield terms[0][1] < 0, _term(terms[0][0], abs(terms[0][1]), ((power, "omega"),))
         else:
             negative = terms[0][1] < 0
             inner = ""
             for monomial, value in terms:
                 opposite = (value < 0) != negative
-                inner += (writer.minus if opposite else writer.plus if inner else "") + _term(
-                    monomial, abs(value), (), writer
-                )
-            yield negative, writer.bracket(inner) + writer.join + writer.power(writer.symbol("omega"), power)
+                inner += (_MINUS if opposite else _PLUS if inner else "") + _term(monomial, abs(value), ())
+            yield negative, f"<mo>(</mo>{inner}<mo>)</mo>" + _TIMES + _power(symbol_mathml("omega"), power)
 
 
 def _rank(monomial: Monomial, order: Sequence[str]) -> tuple[int, int, list[int]]:
@@ -224,11 +173,11 @@ def _rank(monomial: Monomial, order: Sequence[str]) -> tuple[int, int, list[int]
     return powers.get(SPEED, 0), sum(powers.values()), sorted(places)
 
 
-def _term(monomial: Monomial, value: float, more: Sequence[tuple[int, str]], writer: _Writer) -> str:
+def _term(monomial: Monomial, value: float, more: Sequence[tuple[int, str]]) -> str:
     # Omega comes last among the symbols, then the frequency.
     names = [item for item in monomial if item[0] != SPEED] + [item for item in monomial if item[0] == SPEED]
-    factors = [writer.power(writer.symbol(name), power) for name, power in names]
-    factors += [writer.power(writer.symbol(name), power) for power, name in more]
+    factors = [_power(symbol_mathml(name), power) for name, power in names]
+    factors += [_power(symbol_mathml(name), power) for power, name in more]
     if value != 1 or not factors:
-        factors.insert(0, writer.number(f"{value:g}"))
-    return writer.join.join(factors)
+        factors.insert(0, _number(f"{value:g}"))
+    return _TIMES.join(factors)

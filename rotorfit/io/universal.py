@@ -3,24 +3,19 @@
 Written here. Readings of one channel in one run at one speed are one FRF, response over force, abscissa ``|w|`` in Hz,
 ``z`` axis the rotative speed in rpm (order 1 in a synchronous test). A force along an axis is the single-point
 excitation of load case 0 with its reference direction; **load case 1 is a forward, 2 a backward circular force**, the s
-of eq. (2). Nodes number
-the planes, entity names and ID lines carry their names: line 2 the run, 3 the plane, 4 the force plane, 5 what the
-record holds. Response direction 1, 2 are x, y; rotations follow ``phi = theta_y - j theta_x``, so ``rx`` = dx/ds is
-direction 5 and ``ry`` = dy/ds is -4; 0 is the complex amplitude (``z``, ``rz``). What an FRF cannot hold follows as
-general functions with the same function number: the force, rows, exact frequencies, varying speeds, noise, numeric
-attributes.
+of eq. (2). Nodes number the planes, entity names and ID lines carry their names: line 2 the run, 3 the plane, 4 the
+force plane, 5 what the record holds. Response direction 1, 2 are x, y; rotations follow ``phi = theta_y - j theta_x``,
+so ``rx`` = dx/ds is direction 5 and ``ry`` = dy/ds is -4; 0 is the complex amplitude (``z``, ``rz``). What an FRF
+cannot hold follows as general functions with the same function number: the force, rows, exact frequencies, varying
+speeds, noise, numeric attributes.
 
-Read from others: FRFs of ordinary shaker or hammer tests. A circular force is the sum of two of them,
-``H_x F - j H_y F`` forward and ``H_x F + j H_y F`` backward, where both references x and y are there at a node; where
-one is missing, the test is one with a force along an axis.
+Files of others: :mod:`rotorfit.io.universal_foreign`.
 """
 
 from __future__ import annotations
 
 import re
-import warnings
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -28,19 +23,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotorfit.data.experiments import Experiment, PerturbationTest, perturbation_test
-from rotorfit.models.array_types import ComplexArray, Float
-from rotorfit.units import RAD_S_PER_RPM, UNITS
+from rotorfit.io.universal_foreign import AXES, DISPLACEMENT, FORCE, FREQUENCY, FRF, GENERAL, ORDER, SPEED, read_foreign
+from rotorfit.models.array_types import Float
+from rotorfit.units import RAD_S_PER_RPM
 
 _MARK = "rotorfit circular force test"
 _LINE = 80  # characters in an ID line
 _CODES = {"x": 1, "y": 2, "rx": 5, "ry": -4, "z": 0, "rz": 0}
-_DIRECTIONS = {1: ("x", 1.0), 2: ("y", 1.0), 5: ("rx", 1.0), 4: ("ry", -1.0)}
-"""Direction and sign of a positive UFF direction; a negative one turns the sign."""
-
-_DISPLACEMENT, _VELOCITY, _ACCELERATION, _FORCE, _FREQUENCY, _SPEED, _ORDER = 8, 11, 12, 13, 18, 19, 20
-_DERIVATIVES = {_DISPLACEMENT: 0, _VELOCITY: 1, _ACCELERATION: 2}
-_FRF, _GENERAL = 4, 0
-_AXES = {1: "x", 2: "y"}
 
 
 def write_uff(experiment: Experiment, path: str | Path) -> None:
@@ -108,24 +97,24 @@ def _records(
         "ref_ent_name": force_plane[:10], "ref_node": planes.index(force_plane) + 1,
         "ref_dir": 2 if part.force_direction[0] == "y" else 1,
         "orddenom_spec_data_type": 0,
-        "z_axis_spec_data_type": _ORDER if swept else _SPEED,
+        "z_axis_spec_data_type": ORDER if swept else SPEED,
         "z_axis_value": 1.0 if swept else float(part.speed[0]) / RAD_S_PER_RPM,
     }  # fmt: skip
     hertz = np.abs(part.frequency) / (2 * np.pi)
-    over_frequency = {**common, "abscissa_spec_data_type": _FREQUENCY, "abscissa_axis_units_lab": "Hz"}
-    frf = {"func_type": _FRF, "id5": f"frf {direction}", "ordinate_spec_data_type": _DISPLACEMENT}
+    over_frequency = {**common, "abscissa_spec_data_type": FREQUENCY, "abscissa_axis_units_lab": "Hz"}
+    frf = {"func_type": FRF, "id5": f"frf {direction}", "ordinate_spec_data_type": DISPLACEMENT}
     labels = {"ordinate_axis_units_lab": "rad" if direction[0] == "r" else "m", "orddenom_axis_units_lab": "N"}
     yield _function(
-        {**over_frequency, **frf, **labels, "orddenom_spec_data_type": _FORCE}, hertz, part.response / part.force
+        {**over_frequency, **frf, **labels, "orddenom_spec_data_type": FORCE}, hertz, part.response / part.force
     )
-    force = {"func_type": _GENERAL, "id5": "force", "ordinate_spec_data_type": _FORCE, "ordinate_axis_units_lab": "N"}
+    force = {"func_type": GENERAL, "id5": "force", "ordinate_spec_data_type": FORCE, "ordinate_axis_units_lab": "N"}
     yield _function({**over_frequency, **force}, hertz, part.force)
     further = {"row": rows.astype(float), "frequency": part.frequency, "speed": part.speed, "sigma": part.sigma}
     for name, values in (further | {f"attribute {name}": v for name, v in part.attributes.items()}).items():
         present = np.isfinite(values)
         if present.any() or name.startswith("attribute"):
             index = np.flatnonzero(present)
-            general = {"func_type": _GENERAL, "id5": name, "ordinate_spec_data_type": 0}
+            general = {"func_type": GENERAL, "id5": name, "ordinate_spec_data_type": 0}
             yield _function({**common, **general}, index.astype(float), values[present].astype(float))
 
 
@@ -169,7 +158,7 @@ def read_uff(path: str | Path, *, speed: float | None = None) -> PerturbationTes
     if functions[0]["id1"] == _MARK:
         return _read_own(functions, source)
     scales: dict[str, Any] = next((record for record in records if record.get("type") == 164), {})
-    return _read_foreign(functions, scales, speed, source)
+    return read_foreign(functions, scales, speed, source)
 
 
 def _read_own(functions: Sequence[dict[str, Any]], source: str) -> PerturbationTest:
@@ -216,7 +205,7 @@ def _own_series(roles: dict[str, dict[str, Any]], where: str) -> dict[str, Any]:
         "frequency": frequency,
         "force_plane": np.full(size, frf["id4"]),
         "force": force,
-        "force_direction": np.full(size, _AXES[abs(frf["ref_dir"])] if frf["load_case_id"] == 0 else "circular"),
+        "force_direction": np.full(size, AXES[abs(frf["ref_dir"])] if frf["load_case_id"] == 0 else "circular"),
         "plane": np.full(size, frf["id3"]),
         "direction": np.full(size, frf["id5"][4:]),
         "response": np.asarray(frf["data"]) * force,
@@ -224,166 +213,3 @@ def _own_series(roles: dict[str, dict[str, Any]], where: str) -> dict[str, Any]:
         "row": values("row", np.arange(size, dtype=float)),
         "attributes": {role[10:]: values(role, frequency) for role in roles if role.startswith("attribute ")},
     }
-
-
-@dataclass(frozen=True)
-class _Receptance:
-    """One FRF of a unidirectional test in SI units: response at a channel to a force along x or y."""
-
-    run: str
-    speed: float
-    plane: str
-    direction: str
-    force_plane: str
-    force_axis: str
-    frequency: Float
-    values: ComplexArray
-
-
-def _read_foreign(
-    functions: Sequence[dict[str, Any]], scales: dict[str, Any], speed: float | None, source: str
-) -> PerturbationTest:
-    frfs = [record for record in functions if record["func_type"] == _FRF]
-    if not frfs:
-        kinds = sorted({record["func_type"] for record in functions})
-        raise ValueError(f"{source} has functions of type {kinds} but no frequency response (type 4); nothing to read")
-    names = _plane_names(frfs)
-    receptances = [frf for frf in (_receptance(r, names, scales, speed, source) for r in frfs) if frf is not None]
-    by_run = _by_channel(receptances)
-    if _lonely(by_run):  # the second ID line may be a remark that differs between the two directions of force
-        by_run = _by_channel([replace(frf, run="") for frf in receptances])
-    if not by_run:
-        raise ValueError(f"{source} has no FRF to a force along x or y, and none is lateral; nothing to read")
-    alone = _lonely(by_run)  # planes without one of the two references: their force does not turn
-    parts = [pair for key, (x, y) in by_run.items() if key[2] not in alone for pair in zip(x, y, strict=True)]
-    rows = list(_circular(parts, source)) + list(_linear(frf for frf in receptances if frf.force_plane in alone))
-    joined: dict[str, Any] = {
-        name: np.concatenate(cells) for name, cells in zip(_COLUMNS, zip(*rows, strict=True), strict=True)
-    }
-    if not joined["frequency"].size:
-        raise ValueError(f"{source}: no readings at frequencies above zero")
-    return perturbation_test(**joined, force=1.0, source=source)
-
-
-def _by_channel(frfs: Sequence[_Receptance]) -> dict[tuple[Any, ...], tuple[list[_Receptance], list[_Receptance]]]:
-    """FRFs to forces along x and along y of each channel in each run; repeats in order of appearance."""
-    found: dict[tuple[Any, ...], tuple[list[_Receptance], list[_Receptance]]] = {}
-    for frf in frfs:
-        key = (frf.run, frf.speed, frf.force_plane, frf.plane, frf.direction)
-        found.setdefault(key, ([], []))["xy".index(frf.force_axis)].append(frf)
-    return found
-
-
-def _lonely(channels: dict[tuple[Any, ...], tuple[list[_Receptance], list[_Receptance]]]) -> set[str]:
-    """Planes of forces whose partner along the other axis is missing."""
-    return {key[2] for key, (x, y) in channels.items() if len(x) != len(y)}
-
-
-def _plane_names(records: Sequence[dict[str, Any]]) -> dict[int, str]:
-    """Entity names as names of planes where they tell the nodes apart, else the node numbers."""
-    pairs = {(r[f"{end}_node"], r[f"{end}_ent_name"].strip()) for r in records for end in ("rsp", "ref")}
-    names = dict(pairs)
-    distinct = len(pairs) == len(names) == len(set(names.values()))
-    usable = distinct and not {"", "NONE"} & {name.upper() for name in names.values()}
-    return names if usable else {node: str(node) for node in names}
-
-
-def _receptance(
-    record: dict[str, Any], names: dict[int, str], scales: dict[str, Any], speed: float | None, source: str
-) -> _Receptance | None:
-    """One FRF in SI units, None for directions along the shaft and torsion."""
-    what = f"{source}, FRF {record['rsp_node']}:{record['rsp_dir']} over {record['ref_node']}:{record['ref_dir']}"
-    if abs(record["rsp_dir"]) not in _DIRECTIONS or abs(record["ref_dir"]) not in (1, 2):
-        warnings.warn(f"{what} left out: not lateral (the shaft is taken along z)", stacklevel=2)
-        return None
-    if record["abscissa_spec_data_type"] not in (0, 1, _FREQUENCY, _SPEED):
-        kind = record["abscissa_spec_data_type"]
-        raise ValueError(f"{what}: the abscissa is of type {kind}; needed is frequency (18)")
-    w = _rate(record, "abscissa") * np.asarray(record["x"], dtype=float)
-    kind = record["ordinate_spec_data_type"]
-    if kind not in _DERIVATIVES or record["orddenom_spec_data_type"] not in (0, _FORCE):
-        raise ValueError(
-            f"{what}: the ordinate is of type {kind} over {record['orddenom_spec_data_type']}; needed is displacement "
-            "(8), velocity (11) or acceleration (12) over force (13)"
-        )
-    direction, sign = _DIRECTIONS[abs(record["rsp_dir"])]
-    sign *= np.sign(record["rsp_dir"]) * np.sign(record["ref_dir"])
-    angular = direction[0] == "r"
-    length = 1.0 if angular else _scale(record, "ordinate", _LENGTHS, 1 / scales.get("length", 1.0), what)
-    force = _scale(record, "orddenom", _FORCES, 1 / scales.get("force", 1.0), what)
-    keep = (w > 0) & np.isfinite(record["data"])  # velocity and acceleration say nothing at zero frequency
-    values = np.asarray(record["data"], dtype=complex)[keep] / (1j * w[keep]) ** _DERIVATIVES[kind]
-    return _Receptance(
-        run="" if record["id2"].upper() == "NONE" else record["id2"],
-        speed=_speed(record, speed, what),
-        plane=names[record["rsp_node"]],
-        direction=direction,
-        force_plane=names[record["ref_node"]],
-        force_axis=_AXES[abs(record["ref_dir"])],
-        frequency=w[keep],
-        values=values * (sign * length / force),
-    )
-
-
-_LENGTHS = {"m": 1.0, "mm": 1e-3, "um": 1e-6, "in": 0.0254, "mil": 25.4e-6, "g": 9.80665, "gn": 9.80665}
-_FORCES = {"n": 1.0, "kn": 1e3, "mn": 1e-3, "lbf": 4.4482216152605, "lb": 4.4482216152605}
-
-
-def _scale(record: dict[str, Any], axis: str, units: dict[str, float], default: float, what: str) -> float:
-    """Factor to SI from the label of an axis; ``mm/s^2`` counts as its length, time is always in seconds."""
-    label = str(record.get(f"{axis}_axis_units_lab", "")).strip()
-    word = label.strip("()[] ").split("/")[0].strip("()[] ").lower().replace("\u00b5", "u")
-    if word in ("", "none"):
-        return default
-    if word not in units:
-        warnings.warn(f"{what}: unit {label!r} is not known, taken as {default:g} SI units", stacklevel=2)
-        return default
-    return units[word]
-
-
-def _rate(record: dict[str, Any], axis: str) -> float:
-    """Factor to rad/s of an axis from its label, else from its type: rpm (19), anything else Hz."""
-    label = str(record.get(f"{axis}_axis_units_lab", "")).strip("()[] ").lower().replace("/", "_")
-    kind = "rpm" if record[f"{axis}_spec_data_type"] == _SPEED else "hz"
-    return UNITS["frequency"].get(label, UNITS["frequency"][kind])
-
-
-def _speed(record: dict[str, Any], speed: float | None, what: str) -> float:
-    if speed is not None:
-        return speed
-    kind = record["z_axis_spec_data_type"]
-    label = str(record.get("z_axis_axis_units_lab", "")).strip("()[] ").lower().replace("/", "_")
-    if kind not in (_FREQUENCY, _SPEED) and label not in UNITS["frequency"]:
-        raise ValueError(
-            f"{what}: no rotative speed on the z axis (type {kind}); give it, read(path, speed=...) in rad/s"
-        )
-    return float(record["z_axis_value"] * _rate(record, "z_axis"))
-
-
-def _circular(pairs: Sequence[tuple[_Receptance, _Receptance]], source: str) -> Iterator[_Cells]:
-    """Responses to a circular force of 1 N, eq. (2): ``Fx = 1``, ``Fy = -j`` forward and ``+j`` backward."""
-    for x, y in pairs:
-        same = x.frequency.shape == y.frequency.shape and np.allclose(x.frequency, y.frequency, rtol=1e-5, atol=0)
-        if not same:
-            raise ValueError(
-                f"{source}: the FRFs of {x.plane} {x.direction} to forces along x and y at {x.force_plane} have "
-                "different frequency lines; measure or export them on the same lines"
-            )
-        for sign, name in ((1.0, "fwd"), (-1.0, "bwd")):
-            yield _cells(x, name, "circular", sign * x.frequency, x.values - sign * 1j * y.values)
-
-
-def _linear(frfs: Iterable[_Receptance]) -> Iterator[_Cells]:
-    """Responses to a force of 1 N along an axis."""
-    for frf in frfs:
-        yield _cells(frf, frf.force_axis, frf.force_axis, frf.frequency, frf.values)
-
-
-_COLUMNS = ("run", "speed", "frequency", "force_plane", "force_direction", "plane", "direction", "response")
-_Cells = list[NDArray[Any]]
-
-
-def _cells(frf: _Receptance, name: str, along: str, frequency: Float, response: ComplexArray) -> _Cells:
-    run = f"{frf.run or 'frf'}-{frf.force_plane}-{name}"
-    row = (run, frf.speed, frequency, frf.force_plane, along, frf.plane, frf.direction, response)
-    return [np.broadcast_to(np.asarray(values), frequency.shape) for values in row]

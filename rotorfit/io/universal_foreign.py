@@ -1,0 +1,201 @@
+"""Universal files that others wrote: FRFs of ordinary shaker or hammer tests.
+
+A circular force is the sum of two of them, ``H_x F - j H_y F`` forward and ``H_x F + j H_y F`` backward, where both
+references x and y are there at a node; where one is missing, the test is one with a force along an axis.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotorfit.data.experiments import PerturbationTest, perturbation_test
+from rotorfit.models.array_types import ComplexArray, Float
+from rotorfit.units import UNITS
+
+DIRECTIONS = {1: ("x", 1.0), 2: ("y", 1.0), 5: ("rx", 1.0), 4: ("ry", -1.0)}
+"""Direction and sign of a positive UFF direction; a negative one turns the sign."""
+
+DISPLACEMENT, VELOCITY, ACCELERATION, FORCE, FREQUENCY, SPEED, ORDER = 8, 11, 12, 13, 18, 19, 20
+DERIVATIVES = {DISPLACEMENT: 0, VELOCITY: 1, ACCELERATION: 2}
+FRF, GENERAL = 4, 0
+AXES = {1: "x", 2: "y"}
+
+
+@dataclass(frozen=True)
+class _Receptance:
+    """One FRF of a unidirectional test in SI units: response at a channel to a force along x or y."""
+
+    run: str
+    speed: float
+    plane: str
+    direction: str
+    force_plane: str
+    force_axis: str
+    frequency: Float
+    values: ComplexArray
+
+
+def read_foreign(
+    functions: Sequence[dict[str, Any]], scales: dict[str, Any], speed: float | None, source: str
+) -> PerturbationTest:
+    """The test that FRFs of another program make.
+
+    Args:
+        functions: its functions at nodal DOF, as pyuff gives them.
+        scales: its units (dataset 164), empty without.
+        speed: rotative speed, rad/s, where the z axis does not give it.
+        source: name of the file, for messages.
+
+    Raises:
+        ValueError: no FRF in it, or FRFs that do not make a test.
+    """
+    frfs = [record for record in functions if record["func_type"] == FRF]
+    if not frfs:
+        kinds = sorted({record["func_type"] for record in functions})
+        raise ValueError(f"{source} has functions of type {kinds} but no frequency response (type 4); nothing to read")
+    names = _plane_names(frfs)
+    receptances = [frf for frf in (_receptance(r, names, scales, speed, source) for r in frfs) if frf is not None]
+    by_run = _by_channel(receptances)
+    if _lonely(by_run):  # the second ID line may be a remark that differs between the two directions of force
+        by_run = _by_channel([replace(frf, run="") for frf in receptances])
+    if not by_run:
+        raise ValueError(f"{source} has no FRF to a force along x or y, and none is lateral; nothing to read")
+    alone = _lonely(by_run)  # planes without one of the two references: their force does not turn
+    parts = [pair for key, (x, y) in by_run.items() if key[2] not in alone for pair in zip(x, y, strict=True)]
+    rows = list(_circular(parts, source)) + list(_linear(frf for frf in receptances if frf.force_plane in alone))
+    joined: dict[str, Any] = {
+        name: np.concatenate(cells) for name, cells in zip(_COLUMNS, zip(*rows, strict=True), strict=True)
+    }
+    if not joined["frequency"].size:
+        raise ValueError(f"{source}: no readings at frequencies above zero")
+    return perturbation_test(**joined, force=1.0, source=source)
+
+
+def _by_channel(frfs: Sequence[_Receptance]) -> dict[tuple[Any, ...], tuple[list[_Receptance], list[_Receptance]]]:
+    """FRFs to forces along x and along y of each channel in each run; repeats in order of appearance."""
+    found: dict[tuple[Any, ...], tuple[list[_Receptance], list[_Receptance]]] = {}
+    for frf in frfs:
+        key = (frf.run, frf.speed, frf.force_plane, frf.plane, frf.direction)
+        found.setdefault(key, ([], []))["xy".index(frf.force_axis)].append(frf)
+    return found
+
+
+def _lonely(channels: dict[tuple[Any, ...], tuple[list[_Receptance], list[_Receptance]]]) -> set[str]:
+    """Planes of forces whose partner along the other axis is missing."""
+    return {key[2] for key, (x, y) in channels.items() if len(x) != len(y)}
+
+
+def _plane_names(records: Sequence[dict[str, Any]]) -> dict[int, str]:
+    """Entity names as names of planes where they tell the nodes apart, else the node numbers."""
+    pairs = {(r[f"{end}_node"], r[f"{end}_ent_name"].strip()) for r in records for end in ("rsp", "ref")}
+    names = dict(pairs)
+    distinct = len(pairs) == len(names) == len(set(names.values()))
+    usable = distinct and not {"", "NONE"} & {name.upper() for name in names.values()}
+    return names if usable else {node: str(node) for node in names}
+
+
+def _receptance(
+    record: dict[str, Any], names: dict[int, str], scales: dict[str, Any], speed: float | None, source: str
+) -> _Receptance | None:
+    """One FRF in SI units, None for directions along the shaft and torsion."""
+    what = f"{source}, FRF {record['rsp_node']}:{record['rsp_dir']} over {record['ref_node']}:{record['ref_dir']}"
+    if abs(record["rsp_dir"]) not in DIRECTIONS or abs(record["ref_dir"]) not in (1, 2):
+        warnings.warn(f"{what} left out: not lateral (the shaft is taken along z)", stacklevel=2)
+        return None
+    if record["abscissa_spec_data_type"] not in (0, 1, FREQUENCY, SPEED):
+        kind = record["abscissa_spec_data_type"]
+        raise ValueError(f"{what}: the abscissa is of type {kind}; needed is frequency (18)")
+    w = _rate(record, "abscissa") * np.asarray(record["x"], dtype=float)
+    kind = record["ordinate_spec_data_type"]
+    if kind not in DERIVATIVES or record["orddenom_spec_data_type"] not in (0, FORCE):
+        raise ValueError(
+            f"{what}: the ordinate is of type {kind} over {record['orddenom_spec_data_type']}; needed is displacement "
+            "(8), velocity (11) or acceleration (12) over force (13)"
+        )
+    direction, sign = DIRECTIONS[abs(record["rsp_dir"])]
+    sign *= np.sign(record["rsp_dir"]) * np.sign(record["ref_dir"])
+    angular = direction[0] == "r"
+    length = 1.0 if angular else _scale(record, "ordinate", _LENGTHS, 1 / scales.get("length", 1.0), what)
+    force = _scale(record, "orddenom", _FORCES, 1 / scales.get("force", 1.0), what)
+    keep = (w > 0) & np.isfinite(record["data"])  # velocity and acceleration say nothing at zero frequency
+    values = np.asarray(record["data"], dtype=complex)[keep] / (1j * w[keep]) ** DERIVATIVES[kind]
+    return _Receptance(
+        run="" if record["id2"].upper() == "NONE" else record["id2"],
+        speed=_speed(record, speed, what),
+        plane=names[record["rsp_node"]],
+        direction=direction,
+        force_plane=names[record["ref_node"]],
+        force_axis=AXES[abs(record["ref_dir"])],
+        frequency=w[keep],
+        values=values * (sign * length / force),
+    )
+
+
+_LENGTHS = {"m": 1.0, "mm": 1e-3, "um": 1e-6, "in": 0.0254, "mil": 25.4e-6, "g": 9.80665, "gn": 9.80665}
+_FORCES = {"n": 1.0, "kn": 1e3, "mn": 1e-3, "lbf": 4.4482216152605, "lb": 4.4482216152605}
+
+
+def _scale(record: dict[str, Any], axis: str, units: dict[str, float], default: float, what: str) -> float:
+    """Factor to SI from the label of an axis; ``mm/s^2`` counts as its length, time is always in seconds."""
+    label = str(record.get(f"{axis}_axis_units_lab", "")).strip()
+    word = label.strip("()[] ").split("/")[0].strip("()[] ").lower().replace("\u00b5", "u")
+    if word in ("", "none"):
+        return default
+    if word not in units:
+        warnings.warn(f"{what}: unit {label!r} is not known, taken as {default:g} SI units", stacklevel=2)
+        return default
+    return units[word]
+
+
+def _rate(record: dict[str, Any], axis: str) -> float:
+    """Factor to rad/s of an axis from its label, else from its type: rpm (19), anything else Hz."""
+    label = str(record.get(f"{axis}_axis_units_lab", "")).strip("()[] ").lower().replace("/", "_")
+    kind = "rpm" if record[f"{axis}_spec_data_type"] == SPEED else "hz"
+    return UNITS["frequency"].get(label, UNITS["frequency"][kind])
+
+
+def _speed(record: dict[str, Any], speed: float | None, what: str) -> float:
+    if speed is not None:
+        return speed
+    kind = record["z_axis_spec_data_type"]
+    label = str(record.get("z_axis_axis_units_lab", "")).strip("()[] ").lower().replace("/", "_")
+    if kind not in (FREQUENCY, SPEED) and label not in UNITS["frequency"]:
+        raise ValueError(
+            f"{what}: no rotative speed on the z axis (type {kind}); give it, read(path, speed=...) in rad/s"
+        )
+    return float(record["z_axis_value"] * _rate(record, "z_axis"))
+
+
+def _circular(pairs: Sequence[tuple[_Receptance, _Receptance]], source: str) -> Iterator[_Cells]:
+    """Responses to a circular force of 1 N, eq. (2): ``Fx = 1``, ``Fy = -j`` forward and ``+j`` backward."""
+    for x, y in pairs:
+        same = x.frequency.shape == y.frequency.shape and np.allclose(x.frequency, y.frequency, rtol=1e-5, atol=0)
+        if not same:
+            raise ValueError(
+                f"{source}: the FRFs of {x.plane} {x.direction} to forces along x and y at {x.force_plane} have "
+                "different frequency lines; measure or export them on the same lines"
+            )
+        for sign, name in ((1.0, "fwd"), (-1.0, "bwd")):
+            yield _cells(x, name, "circular", sign * x.frequency, x.values - sign * 1j * y.values)
+
+
+def _linear(frfs: Iterable[_Receptance]) -> Iterator[_Cells]:
+    """Responses to a force of 1 N along an axis."""
+    for frf in frfs:
+        yield _cells(frf, frf.force_axis, frf.force_axis, frf.frequency, frf.values)
+
+
+_COLUMNS = ("run", "speed", "frequency", "force_plane", "force_direction", "plane", "direction", "response")
+_Cells = list[NDArray[Any]]
+
+
+def _cells(frf: _Receptance, name: str, along: str, frequency: Float, response: ComplexArray) -> _Cells:
+    run = f"{frf.run or 'frf'}-{frf.force_plane}-{name}"
+    row = (run, frf.speed, frequency, frf.force_plane, along, frf.plane, frf.direction, response)
+    return [np.broadcast_to(np.asarray(values), frequency.shape) for values in row]
