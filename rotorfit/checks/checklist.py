@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from rotorfit.checks.linear_force import linear_force
 from rotorfit.checks.orbits import NEAR_1X, orbits_of
+from rotorfit.checks.ramp import ramps
 from rotorfit.checks.scale import peak_to_peak
 from rotorfit.checks.signs import signs, wrong_direction
 from rotorfit.data.experiments import DisplacementTest, Experiment, PerturbationTest, plane_groups
@@ -27,7 +28,8 @@ def check(test: Experiment) -> list[Finding]:
     Recognised are readings that are not finite or doubled, forces of zero, implausible amplitudes, readings at 1x,
     gaps in the plan of the test (planes without force, one direction only, one frequency only), conjugated FRFs,
     responses in the wrong direction, forces along an axis given as circular, a reversed sense of rotation, peak-to-peak
-    amplitudes in some channels, start-ups without partner.
+    amplitudes in some channels, start-ups without partner, run-ups too fast to settle; said are the scatter between
+    mountings of weights and the number of modes that weights at dwell speeds show.
 
     Args:
         test: what was measured, SI units.
@@ -55,6 +57,7 @@ def _physics(test: PerturbationTest | DisplacementTest) -> Iterator[Finding]:
     if isinstance(test, PerturbationTest):
         yield from _planes(test)
         yield from _start_ups(test)
+        yield from ramps(test)
         orbits = orbits_of(test.select(test.force != 0), np.flatnonzero(test.force != 0))
         linear = list(linear_force(orbits))
         wrong = linear or list(wrong_direction(orbits))
@@ -91,7 +94,8 @@ def _numbers(test: Experiment) -> Iterator[Finding]:
     if (sigma <= 0).any():
         text = f"The noise sigma is not positive in {(sigma <= 0).sum()} rows; NaN stands for unknown noise."
         yield Finding("error", "sigma", text, _rows(sigma <= 0))
-    if isinstance(test, PerturbationTest) and (test.force == 0).any():
+    # Runs without a weight are what the others are compared with, where weights are solved together.
+    if isinstance(test, PerturbationTest) and (test.force == 0).any() and weighed(test) is None:
         text = f"The force is zero in {(test.force == 0).sum()} rows; remove them, they have no dynamic stiffness."
         yield Finding("error", "no-force", text, _rows(test.force == 0))
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from rotorfit.data.experiments import SYNCHRONOUS_TOLERANCE
 from rotorfit.estimators.correlated import CorrelatedResponses
 from rotorfit.estimators.nonlinear import OrbitResponses, responses_of
 from rotorfit.estimators.observations import Responses
@@ -104,9 +105,14 @@ def sweeps(fit: FitResult) -> tuple[list[Condition], list[Sweeps]]:
     return conditions, parts
 
 
+def _at_1x(base: Responses) -> bool:
+    """Whether all lines are at once-per-turn frequency, so that few dwell speeds are one curve as a start-up is."""
+    return bool(np.allclose(base.frequency, base.speed, rtol=SYNCHRONOUS_TOLERANCE, atol=0.0))
+
+
 def _keys(blocks: Sequence[Responses], *, nonlinear: bool) -> list[list[_Key]]:
     """What tells the lines of each block apart; equal speeds of several blocks have equal keys."""
-    swept = [np.unique(base.speed).size > SWEPT for base in blocks]
+    swept = [np.unique(base.speed).size > SWEPT or _at_1x(base) for base in blocks]
     steady = rounded(
         np.concatenate([np.zeros(0) if s else b.speed for s, b in zip(swept, blocks, strict=True)]), _ONE_SPEED
     )
