@@ -35,7 +35,7 @@ KINDS: dict[str, dict[str, float]] = {
 }
 """What mountings do to the readings, as arguments of ``campaign``."""
 
-TAIL = 1e-3
+TAIL = 1e-2
 """Chance that exact intervals fail a limit, over all of them together."""
 
 

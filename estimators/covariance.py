@@ -133,6 +133,30 @@ def score_scatter(problem: Problem, x: Float, r: ComplexArray, J: ComplexArray, 
     return np.asarray(scores.T @ scores + np.diag(prior_curvature(problem, x)))
 
 
+def weighing_error(problem: Problem, J: ComplexArray, covar: Float) -> Float:
+    """What errors of the weights themselves add to a covariance, shape ``(p, p)``, where few mountings tell them.
+
+    A channel whose scatter came out small by chance is weighed too much and believed too much: to first order each
+    adds ``A (I_c - I_c A I_c) A`` times the variance 2/nu of the logarithm of its variance, and the stated covariance
+    is too small by as much again (Kenward and Roger 1997; Meier 1953 for a weighted mean).
+
+    Args:
+        problem: the problem that was solved.
+        J: derivatives of the whitened residuals, shape ``(R, p)``.
+        covar: inverse curvature A, shape ``(p, p)``.
+    """
+    total, stop = np.zeros_like(covar), 0
+    for block in problem.blocks:
+        start, stop = stop, stop + block.measured.size
+        if not isinstance(block, CorrelatedResponses) or not math.isfinite(block.freedom):
+            continue
+        for channel in np.unique(block.base.coordinate):
+            rows = J[start:stop][block.base.coordinate == channel]
+            own = (rows.conj().T @ rows).real
+            total += 2 / block.freedom * (own - own @ covar @ own)
+    return np.asarray(2 * covar @ total @ covar)
+
+
 def _common_scatter(problem: Problem, x: Float, J: ComplexArray) -> Float | None:
     """Scatter of the cost's gradient where readings of one mounting err together, None where all are independent."""
     if not any(isinstance(block, CorrelatedResponses) for block in problem.blocks):

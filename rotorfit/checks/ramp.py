@@ -31,11 +31,11 @@ def ramps(test: PerturbationTest) -> Iterator[Finding]:
             late = rows[test.speed[rows] >= found.beats_from]
             rpm = RPM_PER_RAD_S
             text = (
-                f"{plane} {direction} of run {run} beats beyond its resonance, from {found.beats_from * rpm:.0f} rpm on: "
-                f"the speed changed by about {abs(found.rate) * rpm:.0f} rpm/s, too fast for the vibration to settle. "
-                f"Taken as settled the resonance comes out at {found.steady_wn * rpm:.0f} rpm, with the ramp fitted too "
-                f"at {found.wn * rpm:.0f} +- {found.wn_error * rpm:.1g} rpm. Leave out what beats, and run through the "
-                "resonance more slowly."
+                f"{plane} {direction} of run {run} beats beyond its resonance, from {found.beats_from * rpm:.0f} rpm "
+                f"on: the speed changed by about {abs(found.rate) * rpm:.0f} rpm/s, too fast for the vibration to "
+                f"settle. Taken as settled the resonance comes out at {found.steady_wn * rpm:.0f} rpm, with the ramp "
+                f"fitted too at {found.wn * rpm:.0f} +- {found.wn_error * rpm:.1g} rpm. Leave out what beats, and run "
+                "through the resonance more slowly."
             )
             yield Finding("warning", "ramp", text, tuple(int(row) for row in late))
             break  # one channel tells it for the run
