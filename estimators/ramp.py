@@ -13,7 +13,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
-from scipy.signal import find_peaks
 from scipy.special import wofz
 
 Float = NDArray[np.float64]
@@ -82,6 +81,8 @@ def find_beat(speed: Float, response: ComplexArray) -> tuple[float, float, float
     Returns:
         speed of the peak, speed of the first minimum beyond it, and the ramp's rate, rad/s^2; None without a beat.
     """
+    from scipy.signal import find_peaks  # loads much of SciPy, and few tests are run-ups
+
     size = np.abs(response)
     peak = int(np.argmax(size))
     least = peak + find_peaks(-size[peak:], prominence=_TURN * float(size[peak]))[0]

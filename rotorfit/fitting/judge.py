@@ -82,7 +82,8 @@ def judge(
     base = (*space.base, *space.nuisance)
     scattered, verdict = diagnose(space.model, names, base, x, root, scales)
     if sandwich is not None:
-        scattered = scattered @ sandwich @ scattered
+        weighing = covariance.weighing_error(problem, jacobian, scattered)
+        scattered = scattered @ sandwich @ scattered + weighing
     if estimate is not None:
         scattered = np.where(np.isfinite(estimate.covar), estimate.covar, np.nan)
     known = freedom_of(problem.blocks)
