@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rotorfit.fitting import options as option_table
-from rotorfit.fitting.option_kinds import pairs, two_numbers
+from rotorfit.fitting.option_kinds import count_word, pairs, two_numbers
 from rotorfit.fitting.options import Option
 from rotorfit.units import RAD_S_PER_RPM
 
@@ -54,6 +54,10 @@ def add_setup(to: argparse.ArgumentParser) -> None:
     to.add_argument(
         "--setup", type=Path, metavar="rig.toml", help="channels of the recordings; all files are recordings then"
     )
+    to.add_argument(
+        "--windows", type=count_word, metavar="TURNS",
+        help="vectors of recordings by windows of whole turns: for dwells and rotors that are not linear",
+    )  # fmt: skip
 
 
 def add_model(to: argparse.ArgumentParser, options: Sequence[Option] = option_table.MODEL) -> None:
@@ -118,7 +122,7 @@ def data_files(options: argparse.Namespace) -> tuple[DataFile | RecordingFiles, 
             "(--setup rig.toml)"
         )
     tests = tuple(DataFile(file, read) for file in options.files if file not in raw)
-    return (*tests, RecordingFiles(raw, options.setup)) if raw else tests
+    return (*tests, RecordingFiles(raw, options.setup, options.windows)) if raw else tests
 
 
 def given(options: argparse.Namespace, settings: Sequence[Option]) -> dict[str, Any]:

@@ -31,7 +31,7 @@ def run(options: argparse.Namespace) -> int:
     checked(lambda: check_target(options.out))  # before the work, which may take long
     progress = ProgressLine(enabled=not options.quiet and sys.stderr.isatty())
     try:
-        source = RecordingFiles(tuple(options.files), options.setup)
+        source = RecordingFiles(tuple(options.files), options.setup, options.windows)
         (test,), (findings,) = checked(lambda: read_files([source], progress))
     finally:
         progress.close()

@@ -52,10 +52,9 @@ def readings(record: Recording, found: LocalResponse, disturbance: Float) -> lis
     row = 0
     for plane in record.planes:
         if not is_pair(record, plane):
-            angle = float(next(probe.angle or 0.0 for probe in record.probes if probe.plane == plane))
             sigma = np.sqrt(variance[row] + disturbance[row] ** 2 / 2)
             listed.append(
-                Readings(plane=plane, direction=_axis(record, plane, angle), response=response[row], sigma=sigma)
+                Readings(plane=plane, direction=single_direction(record, plane), response=response[row], sigma=sigma)
             )
             row += 1
             continue
@@ -71,8 +70,17 @@ def readings(record: Recording, found: LocalResponse, disturbance: Float) -> lis
     return listed
 
 
-def _axis(record: Recording, plane: str, angle: float) -> str:
-    """Name of a single probe's direction."""
+def single_direction(record: Recording, plane: str) -> str:
+    """Name of the direction of a plane's only probe.
+
+    Args:
+        record: the recording.
+        plane: a plane with one probe.
+
+    Raises:
+        ValueError: the probe sits neither at x nor at y.
+    """
+    angle = float(next(probe.angle or 0.0 for probe in record.probes if probe.plane == plane))
     for axis, place in (("x", 0.0), ("y", np.pi / 2)):
         if abs(np.sin(angle - place)) < 1e-3 and np.cos(angle - place) > 0:
             return axis

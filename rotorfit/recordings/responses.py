@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -21,8 +22,10 @@ from rotorfit.estimators.local_response import LocalResponse, local_response
 from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.recordings.reduced_record import ReducedRecord, reduce_record
 from rotorfit.recordings.response_rows import readings, rows, time_at
+from rotorfit.recordings.window_responses import window_responses
 
 if TYPE_CHECKING:
+    from rotorfit.recordings.angle_track import AngleTrack
     from rotorfit.recordings.recording import Recording
     from rotorfit.recordings.setup import Force
 
@@ -35,6 +38,7 @@ DRIVEN = 3e-3
 def responses(
     records: Sequence[Recording] | Recording,
     *,
+    turns: int | None = None,
     on_finding: Report | None = None,
     progress: Callable[[str], None] | None = None,
 ) -> PerturbationTest:
@@ -42,6 +46,8 @@ def responses(
 
     Args:
         records: of one rig; see :func:`rotorfit.read_recording`.
+        turns: track by windows of so many whole turns of the drive instead; for dwells, slow sweeps and rotors that are
+            not linear. A sweep makes such vectors lag behind.
         on_finding: called with each thing that was found odd or that limits what the recordings say, for instance
             ``print``; what was found while reading is in ``record.findings``.
         progress: called with a few words before each stage.
@@ -68,8 +74,11 @@ def responses(
             )
         )  # fmt: skip
     if forces[0].reference == "perturbator":
-        test = join([_sweep(record, report, tell) for record in listed])
+        reduce = partial(_windows, turns=turns) if turns else _sweep
+        test = join([reduce(record, report, tell) for record in listed])
         return replace(test, speed=group_speeds(test.speed, test.frequency, test.run))
+    if turns:
+        return join([_windows(record, report, tell, turns=turns) for record in listed])
     planes = dict.fromkeys(force.plane for force in forces)
     groups = [[r for r, f in zip(listed, forces, strict=True) if f.plane == plane] for plane in planes]
     return join([_start_ups(group, report, tell) for group in groups])
@@ -97,10 +106,7 @@ def _same_kind(records: Sequence[Recording], forces: Sequence[Force]) -> None:
 def _sweep(record: Recording, report: Report, tell: Callable[[str], None]) -> PerturbationTest:
     """One record of a perturbator that sweeps."""
     tell(f"responses of {record.name}")
-    force = _force(record)
-    drive = record.perturbator_angle()
-    if drive is None:
-        raise ValueError(f"{record.name} has no phase reference of the perturbator; name its channel in [perturbator]")
+    force, drive = _force(record), _drive(record)
     reduced = reduce_record(record, drive, force.whirl)
     orders = reduced.orders()
     both = np.concatenate([orders, orders.conj()])
@@ -128,6 +134,23 @@ def _sweep(record: Recording, report: Report, tell: Callable[[str], None]) -> Pe
         force=force.mr * w**2 * np.exp(1j * force.angle),
         attributes=record.attributes,
     )
+
+
+def _windows(record: Recording, report: Report, tell: Callable[[str], None], *, turns: int) -> PerturbationTest:
+    """One record by windows of whole turns."""
+    tell(f"responses of {record.name}")
+    force = _force(record)
+    return window_responses(reduce_record(record, _drive(record), force.whirl), force, turns)
+
+
+def _drive(record: Recording) -> AngleTrack:
+    """The angle that the force is locked to."""
+    if _force(record).reference == "shaft":
+        return record.shaft_angle()
+    drive = record.perturbator_angle()
+    if drive is None:
+        raise ValueError(f"{record.name} has no phase reference of the perturbator; name its channel in [perturbator]")
+    return drive
 
 
 def without(z: ComplexArray, known: ComplexArray) -> ComplexArray:

@@ -29,6 +29,7 @@ class RecordingFiles:
 
     paths: tuple[Path, ...]
     setup: Path | None = None
+    windows: int | None = None
     lines: bool = False
     runout_um: float | None = None
 
@@ -65,7 +66,7 @@ class RecordingFiles:
             progress("finding combination lines")
             test = shaft_lines(records, runout_um=self.runout_um)
         else:
-            test = responses(records, on_finding=on_finding, progress=progress)
+            test = responses(records, turns=self.windows, on_finding=on_finding, progress=progress)
         for record in records:
             for finding in record.findings:
                 on_finding(finding)

@@ -1,0 +1,65 @@
+"""Responses of one recording by windows of whole turns, for dwells, slow sweeps and rotors that are not linear."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from rotorfit.estimators.tracking import track_windows
+from rotorfit.recordings.reduced_record import is_pair
+from rotorfit.recordings.response_rows import Readings, rows, single_direction
+
+if TYPE_CHECKING:
+    from rotorfit.data.experiments import PerturbationTest
+    from rotorfit.recordings.reduced_record import ReducedRecord
+    from rotorfit.recordings.setup import Force
+
+
+def window_responses(reduced: ReducedRecord, force: Force, turns: int) -> PerturbationTest:
+    """A reading of each probe for each window that no order of the shaft disturbs.
+
+    Args:
+        reduced: the record.
+        force: what drives it.
+        turns: of the drive in a window.
+
+    Raises:
+        ValueError: the record holds less than one window.
+    """
+    record, synchronous = reduced.record, force.reference == "shaft"
+    signals = np.array([reduced.motion[plane] for plane in record.planes])
+    angle = reduced.whirl * reduced.drive_angle
+    try:
+        found = track_windows(signals, angle, None if synchronous else reduced.shaft_angle, turns=turns)
+    except ValueError as problem:
+        raise ValueError(f"{record.name}: {problem}") from problem
+    w = reduced.drive_speed[found.centre]
+    newton = force.mr * w**2 * np.exp(1j * force.angle)
+    # phasors relative to exp(+j|w|t): what turns backward is conjugated
+    along = found.along if reduced.whirl > 0 else found.along.conj()
+    against = found.against.conj() if reduced.whirl > 0 else found.against
+    probes = []
+    for p, plane in enumerate(record.planes):
+        if not is_pair(record, plane):
+            axis, single = single_direction(record, plane), (along[p] + against[p]) / newton
+            probes.append(
+                Readings(plane=plane, direction=axis, response=single, sigma=2 * found.sigma[p] / np.abs(newton))
+            )
+            continue
+        sigma = np.sqrt(2) * found.sigma[p] / np.abs(newton)
+        for axis, phasor in (
+            ("x", along[p] + against[p]),
+            ("y", -1j * reduced.whirl * (along[p] - against[p])),
+        ):
+            probes.append(Readings(plane=plane, direction=axis, response=phasor / newton, sigma=sigma))
+    return rows(
+        probes,
+        found.clear,
+        run=record.name,
+        frequency=force.whirl * w,
+        speed=w if synchronous else reduced.shaft_speed,
+        force_plane=force.plane,
+        force=newton,
+        attributes=record.attributes,
+    )
