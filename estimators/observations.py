@@ -11,11 +11,8 @@ from numpy.typing import NDArray
 
 from rotorfit.estimators.response import displacement_to_force, respond
 from rotorfit.models import RotorModel
+from rotorfit.models.array_types import ComplexArray, Float, Index
 from rotorfit.models.shaft import KnownStiffness
-
-Float = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
-Index = NDArray[np.intp]
 
 
 class Block(Protocol):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-Float = NDArray[np.float64]
+from rotorfit.models.array_types import Float
 
 _AROUND = 40
 """Bins on each side of a line from which the level around it is taken."""

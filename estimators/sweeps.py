@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rotorfit.estimators.observations import Responses
-
-Index = NDArray[np.intp]
+from rotorfit.models.array_types import Index
 
 
 def force_plane(block: Responses) -> Index:

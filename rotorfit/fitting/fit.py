@@ -7,7 +7,6 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rotorfit.checks.checklist import check
 from rotorfit.data.experiments import Experiment
@@ -26,8 +25,7 @@ from rotorfit.fitting.problem_setup import as_tuple, build_problem, make_priors
 from rotorfit.fitting.result import FitResult
 from rotorfit.fitting.settings import FitSettings, PhaseOffsets
 from rotorfit.models import Modal, RotorModel
-
-Float = NDArray[np.float64]
+from rotorfit.models.array_types import Float
 
 DATA_ERROR = "error in the data: "
 """Beginning of the warnings of a result that tell what the check of the data found wrong."""

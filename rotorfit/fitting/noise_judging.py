@@ -13,8 +13,7 @@ from rotorfit.estimators.robust_covariance import line_scatter
 from rotorfit.fitting.noise_record import Noise, NoiseVerdict, is_run_effect
 from rotorfit.fitting.noise_search import lines_in, sweeps_in
 from rotorfit.fitting.settings import FitSettings
-
-Float = NDArray[np.float64]
+from rotorfit.models.array_types import Float
 
 MODEL_LIMITED = 2.0
 """redchi above which a result that has nothing else to go by says that the model, not the noise, limits the fit."""

@@ -28,8 +28,6 @@ from rotorfit.observing.circular import Grouping, group_rows
 from rotorfit.observing.influences import correlated
 from rotorfit.observing.observations import observe_any
 
-Float = NDArray[np.float64]
-
 
 def as_tuple(experiments: Experiment | Sequence[Experiment]) -> tuple[Experiment, ...]:
     """One experiment or several, as a tuple.
