@@ -36,11 +36,22 @@ _DISAGREE = 4.0  # spread of 32 means over its expectation, beyond all chance (c
 
 @dataclass(frozen=True)
 class SamplerProgress:
-    """State of a run: steps made, effective samples so far, longest autocorrelation time in steps."""
+    """State of a run.
+
+    Attributes:
+        steps: made so far.
+        ess: effective samples so far.
+        tau: longest autocorrelation time in steps.
+        done: share of what convergence asks for, effective samples and a resolved autocorrelation time, that is there;
+            below one until the run has converged.
+        waiting: what is short, in words.
+    """
 
     steps: int
     ess: float
     tau: float
+    done: float = 0.0
+    waiting: str = ""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -128,10 +139,23 @@ def sample(
         if checkpoint:
             _write(checkpoint, first_seed, learned, memory)
         if report:
-            report(SamplerProgress(memory.iteration, verdict.ess, float(verdict.tau.max())))
+            report(_progress(verdict, ess))
     if verdict is None:
         raise ValueError(f"max_steps is {max_steps}; at least one step is needed")
     return verdict
+
+
+def _progress(verdict: WalkerPaths, ess: float) -> SamplerProgress:
+    """How far a run is from what it must have to end."""
+    longest, kept = float(verdict.tau.max()), verdict.draws.shape[0]
+    samples, resolved = verdict.ess / ess, kept / (RESOLVED * longest) if np.isfinite(longest) else 0.0
+    if samples < resolved or samples < 1:
+        words = f"{min(verdict.ess, ess):.0f} of {ess:.0f} effective samples"
+    else:
+        needed = RESOLVED * longest
+        words = f"{min(kept, needed):.0f} of the {needed:.0f} steps that resolve the autocorrelation time"
+    done = 1.0 if verdict.converged else min(samples, resolved, 0.99)
+    return SamplerProgress(verdict.steps, verdict.ess, longest, done, words)
 
 
 def _should_learn(memory: Any, verdict: WalkerPaths, learned: int, max_steps: int) -> bool:

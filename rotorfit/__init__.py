@@ -105,6 +105,7 @@ _HOME = {
     "one_lam_test": "rotorfit.fitting.refine",
     "refine": "rotorfit.fitting.refine",
     "write_report": "rotorfit.report.write",
+    "write_campaign_report": "rotorfit.report.campaign",
     "FitResult": "rotorfit.fitting.result",
     "FittedParameter": "rotorfit.fitting.result",
     "Quantity": "rotorfit.fitting.result",

@@ -659,3 +659,57 @@ def test_commands_of_the_readme_run(run: Run, tmp_path: Path, monkeypatch: pytes
     for words in commands:
         code, _, err = run(*words)
         assert (code, err) == (0, ""), words
+
+
+# ---- around the work --------------------------------------------------------------------------
+
+
+def test_the_bare_command_prints_help(run: Run) -> None:
+    code, out, _ = run()
+    assert code == 0
+    assert out.startswith("usage: rotorfit")
+    assert "demo" in out
+
+
+@pytest.mark.parametrize("shell", ["bash", "zsh"])
+def test_a_shell_can_be_taught_the_words(run: Run, shell: str) -> None:
+    code, out, _ = run("completion", shell)
+    assert code == 0
+    for word in ("--phase-offsets", "simulate", "--figure-format"):
+        assert word in out
+
+
+def test_completion_without_its_library_says_what_to_install(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "shtab", None)
+    code, _, err = run("completion", "bash")
+    assert code == cli.BAD_INPUT
+    assert 'pip install "rotorfit[completion]"' in err
+
+
+def test_time_left_is_told_and_the_bar_is_full_only_at_the_end(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from rotorfit.cli import progress
+
+    clock = iter([0.0, 0.0, 0.0, 0.0, 10.0, 10.0, 30.0, 30.0])
+    monkeypatch.setattr(progress, "monotonic", lambda: next(clock))
+    line = cli.ProgressLine(enabled=True)
+    line("sampling", 0.0)
+    line("sampling", 0.25)  # a quarter in 10 s: 30 s more
+    line("sampling", 0.75)
+    shown = capsys.readouterr().err.split("\r\033[K")[1:]
+    assert [text.partition("...")[2].strip() for text in shown] == ["", "about 30 s left", "about 10 s left"]
+
+
+def test_sampling_counts_no_further_than_it_has_to(tmp_path: Path) -> None:
+    """The bar stood at 100 % while the autocorrelation time was not resolved, and counted 4285 of 1000 samples."""
+    import rotorfit as rf
+    from rotorfit.estimators.ensemble_sampler import RESOLVED
+
+    states = []
+    fit = rf.fit(rf.models.WhirlWhip(), rf.datasets.rig_open(), known={"K3": 6000.0})
+    fit.sample(seed=1, ess=50, progress=states.append)
+    assert states[-1].done == 1.0
+    assert all(0 <= state.done < 1 for state in states[:-1])
+    for state in states:
+        assert float(state.waiting.split()[0]) <= max(50, RESOLVED * state.tau + 1)

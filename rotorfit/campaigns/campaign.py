@@ -15,13 +15,16 @@ from numpy.typing import NDArray
 
 from rotorfit.campaigns.runs import Run, RunFit, Workers, fit_run, split_runs
 from rotorfit.campaigns.shared import fit_shared
-from rotorfit.campaigns.trends import Trend, trend_of, trend_table
+from rotorfit.campaigns.trends import Trend, trend_table, trends_of
 from rotorfit.data.experiments import Experiment
 from rotorfit.estimators.losses import LOSSES, Loss
 from rotorfit.estimators.parameter_space import parameter_space
+from rotorfit.fitting.digits import plus_minus, with_error
 from rotorfit.fitting.fit import fit as fit_model
+from rotorfit.fitting.notebook import text_html
 from rotorfit.fitting.result import FitResult, FittedParameter
 from rotorfit.fitting.settings import FitSettings
+from rotorfit.fitting.summary import natural
 from rotorfit.models import RotorModel
 from rotorfit.models.parameters import unknown_name
 from rotorfit.text_table import Wide, text_table
@@ -86,38 +89,44 @@ class Campaign:
         return run.params.get(name, self.shared.get(name) if run.params else None)
 
     def trends(
-        self, parameters: str | Sequence[str] | None = None, *, against: str, by: str | None = None
+        self, parameters: str | Sequence[str] | None = None, *, against: str | Sequence[str], by: str | None = None
     ) -> tuple[Trend, ...]:
-        """Parameters against an attribute of the runs, group by group, each with its weighted straight line.
+        """Parameters against attributes of the runs, group by group, each with its weighted straight line.
+
+        Runs that say nothing (:attr:`RunFit.silent`) are left out.
 
         Args:
             parameters: what to follow, by default K0, lam and D as far as they were fitted.
-            against: attribute with numbers.
+            against: attribute with numbers, or several: each trend is then the one with the others held.
             by: attribute that makes groups, for instance the kind of inlet.
 
         Raises:
             KeyError: no such attribute, or a parameter that was not fitted run by run.
-            ValueError: ``against`` holds text.
+            ValueError: ``against`` holds text, or several attributes that always change together.
         """
         names = self._followed(parameters)
-        for attribute in (against, by):
+        axes = (against,) if isinstance(against, str) else tuple(against)
+        for attribute in (*axes, by):
             if attribute is not None and attribute not in self.attributes:
                 raise KeyError(unknown_name("attribute of the runs", attribute, self.attributes))
-        texts = [run.attributes[against] for run in self.runs if isinstance(run.attributes.get(against), str)]
-        if texts:
-            raise ValueError(f"{against} holds text ({texts[0]!r}): trends need numbers; use by={against!r} for groups")
+        for axis in axes:
+            texts = [run.attributes[axis] for run in self.runs if isinstance(run.attributes.get(axis), str)]
+            if texts:
+                raise ValueError(f"{axis} holds text ({texts[0]!r}): trends need numbers, text makes groups (by)")
         found = []
         for name in names:
             groups: dict[str, list[RunFit]] = {}
             for run in self.runs:
                 parameter = run.params.get(name)
                 usable = parameter is not None and parameter.resolved and np.isfinite(parameter.stderr)
-                usable = usable and parameter is not None and parameter.stderr > 0
-                if usable and np.isfinite(float(run.attributes.get(against, np.nan))):
+                usable = usable and not run.silent and parameter is not None and parameter.stderr > 0
+                if usable and all(np.isfinite(float(run.attributes.get(axis, np.nan))) for axis in axes):
                     label = "" if by is None else _label(run.attributes.get(by, ""))
                     groups.setdefault(label, []).append(run)
             unit = self.model.parameter(name).unit
-            found += [trend_of(groups[group], name, unit, against, group) for group in sorted(groups)]
+            every = [[float(run.attributes[axis]) for axis in axes] for runs in groups.values() for run in runs]
+            for group in sorted(groups, key=natural):
+                found += trends_of(groups[group], name, unit, axes, group, np.mean(every, axis=0))
         return tuple(found)
 
     def _followed(self, parameters: str | Sequence[str] | None) -> tuple[str, ...]:
@@ -172,19 +181,23 @@ class Campaign:
                 continue
             for name in self.fitted:
                 p = run.params[name]
-                rows[-1] += [f"{p.value:.5g}", f"{p.stderr:.2g}"] if p.resolved else [Wide("not determined", 2)]
-            rows[-1] += [f"{run.redchi:.3g}", "" if run.success else run.message]
+                rows[-1] += [*with_error(p.value, p.stderr)] if p.resolved else [Wide("not determined", 2)]
+            rows[-1] += [f"{run.redchi:.3g}", run.remark]
         columns = ["<4", *[">14"] * len(shown), *[">12", ">10"] * len(self.fitted), ">9", "<1"]
         return "\n".join(text_table(rows, " ".join(columns)))
 
     def summary(
-        self, parameters: str | Sequence[str] | None = None, *, against: str | None = None, by: str | None = None
+        self,
+        parameters: str | Sequence[str] | None = None,
+        *,
+        against: str | Sequence[str] | None = None,
+        by: str | None = None,
     ) -> str:
         """The shared parameters, how the runs went, and with ``against`` the trends as for :meth:`trends`.
 
         Args:
             parameters: names whose trends are shown, by default K0, lam and D where fitted.
-            against: attribute that trends are shown against.
+            against: attribute, or attributes, that trends are shown against.
             by: attribute that makes groups.
         """
         done = [run for run in self.runs if run.params]
@@ -193,14 +206,22 @@ class Campaign:
             f"{self.model.name}: {len(done)} of {len(self.runs)} runs fitted"
             + (f", redchi {min(redchi):.3g} to {max(redchi):.3g}, median {np.median(redchi):.3g}" if redchi else "")
         ]
-        lines += [f"shared {p.name} = {p.value:.6g} +- {p.stderr:.2g} {p.unit}" for p in self.shared.values()]
-        lines += [f"{run.name}: {run.message}" for run in self.runs if not run.success]
+        lines += [f"shared {p.name} = {plus_minus(p.value, p.stderr)} {p.unit}" for p in self.shared.values()]
+        lines += [
+            f"{run.name}: {run.remark}" + ("; left out of trends" if run.silent else "")
+            for run in self.runs
+            if run.remark
+        ]
         if against is not None:
             lines += ["", trend_table(self.trends(parameters, against=against, by=by))]
         return "\n".join(lines)
 
     def __str__(self) -> str:
         return self.summary()
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows."""
+        return text_html(str(self))
 
     def to_csv(self, path: str | Path | None = None) -> str:
         """All runs as CSV: conditions, values, standard errors (``K0_stderr``), quality; also written to ``path``.
@@ -212,7 +233,7 @@ class Campaign:
         names = (*self.shared, *self.fitted)
         writer = csv.writer(text, lineterminator="\n")
         columns = [column for name in names for column in (name, f"{name}_stderr")]
-        writer.writerow(["run", *self.attributes, *columns, "redchi", "readings", "success", "message"])
+        writer.writerow(["run", *self.attributes, *columns, "redchi", "readings", "success", "message", "silent"])
         for run in self.runs:
             cells: list[Any] = []
             for name in names:
@@ -224,19 +245,19 @@ class Campaign:
                 if run.params
                 else ["", 0, False, run.message]
             )
-            writer.writerow([run.name, *conditions, *cells, *quality])
+            writer.writerow([run.name, *conditions, *cells, *quality, run.silent])
         if path is not None:
             Path(path).write_text(text.getvalue(), encoding="utf-8")
         return text.getvalue()
 
     def plot_trends(
-        self, parameters: str | Sequence[str] | None = None, *, against: str, by: str | None = None
+        self, parameters: str | Sequence[str] | None = None, *, against: str | Sequence[str], by: str | None = None
     ) -> Figure:
-        """Parameters with error bars and trend lines against an attribute; arguments as for :meth:`trends`.
+        """Parameters with error bars and trend lines against attributes; arguments as for :meth:`trends`.
 
         Args:
             parameters: names to show, by default K0, lam and D where fitted.
-            against: attribute on the horizontal axis, ``"oil_C"``.
+            against: attribute on the horizontal axis, ``"oil_C"``, or several, a column of panels each.
             by: attribute that makes groups, each with a line of its own.
         """
         from rotorfit.campaigns.trend_figure import plot_trends

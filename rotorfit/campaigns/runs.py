@@ -18,7 +18,7 @@ from rotorfit.estimators.covariance import bends, prior_curvature, score_scatter
 from rotorfit.estimators.schur import Curvature
 from rotorfit.fitting.fit import fit
 from rotorfit.fitting.problem_setup import as_tuple, build_problem
-from rotorfit.fitting.result import FittedParameter
+from rotorfit.fitting.result import FitResult, FittedParameter
 from rotorfit.fitting.settings import FitSettings
 from rotorfit.models import RotorModel
 
@@ -26,6 +26,7 @@ Float = NDArray[np.float64]
 T = TypeVar("T")
 
 _BATCH = 8  # runs sent to a worker at once: a tenth of a second of work, well above what sending costs
+_BY_CHANCE = 10.0  # fall of chi-squared a parameter that fitting noise does not reach
 _RETRIES = 2  # times that a batch is sent again before it is fitted here
 
 
@@ -52,6 +53,7 @@ class RunFit:
         success: whether the fit converged.
         message: how it ended, or why there is none.
         warnings: what there is to say about it.
+        silent: whether no motion at all would explain the readings as well as the fit does: a dead probe or force.
     """
 
     name: str
@@ -66,6 +68,14 @@ class RunFit:
     success: bool = False
     message: str = ""
     warnings: tuple[str, ...] = ()
+    silent: bool = False
+
+    @property
+    def remark(self) -> str:
+        """What there is to say against the run, empty where it is good."""
+        if self.silent:
+            return "says nothing: a model of no motion explains its readings as well as the fit"
+        return "" if self.success else self.message
 
 
 # ---- telling runs apart -----------------------------------------------------------------------------------------
@@ -148,7 +158,23 @@ def fit_run(model: RotorModel, run: Run, *, settings: FitSettings, start: Mappin
         success=found.success,
         message=found.message,
         warnings=found.warnings,
+        silent=_says_nothing(found),
     )
+
+
+def _says_nothing(found: FitResult) -> bool:
+    """Whether the fit lowers chi-squared by no more than fitting noise would.
+
+    Noise alone lowers it by one a parameter on average; a search along frequencies for the best of many resonances by
+    some times that, a rotor by as many times as there are readings.
+    """
+    measured = np.concatenate([block.measured / block.sigma for block in found.problem.blocks])
+    still = float(np.sum(np.abs(measured) ** 2))
+    missed = float(np.sum(np.abs(np.concatenate([
+        (predicted - block.measured) / block.sigma
+        for block, predicted in zip(found.problem.blocks, found.problem.predict(found.x), strict=True)
+    ])) ** 2))  # fmt: skip
+    return still - missed < _BY_CHANCE * max(1.0, found.redchi) * max(found.nvarys, 1)
 
 
 def curvature(model: RotorModel, run: Run, *, settings: FitSettings, at: Mapping[str, float]) -> Curvature | str:

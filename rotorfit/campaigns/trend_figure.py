@@ -3,21 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
 from rotorfit.campaigns.trends import Trend
-from rotorfit.plots.style import COLOURS, grid, legend_below, prefix
+from rotorfit.plots.style import GREY, colour_of, grid, legend_below, literal, prefix
 
 _MARKERS = ("o", "s", "^", "D", "v", "P")
+_UNSURE = 8.0  # standard errors over their median beyond which a run does not set the limits of a panel
 
 
 def plot_trends(trends: Sequence[Trend], by: str | None = None) -> Figure:
     """One panel a parameter, one colour and marker a group, the weighted line with its standard error as a band.
 
     Args:
-        trends: of one or several parameters against one attribute.
+        trends: of one or several parameters against one or several attributes.
         by: attribute that makes the groups, for the legend.
 
     Raises:
@@ -27,31 +30,52 @@ def plot_trends(trends: Sequence[Trend], by: str | None = None) -> Figure:
         raise ValueError("no run has a resolved value of these parameters: there is nothing to plot")
     parameters = list(dict.fromkeys(trend.parameter for trend in trends))
     groups = list(dict.fromkeys(trend.group for trend in trends))
-    against = trends[0].against
-    figure, axes = grid(len(parameters), 1, f"{', '.join(parameters)} against {against}", size=(6.0, 2.5))
-    handles = {}
-    for axis, parameter in zip(axes[:, 0], parameters, strict=True):
-        mine = [trend for trend in trends if trend.parameter == parameter]
-        factor, unit = (
-            (1.0, "1") if mine[0].unit == "1" else prefix(np.concatenate([t.value for t in mine]), mine[0].unit)
-        )
-        for trend in mine:
-            number = groups.index(trend.group)
-            colour, marker = COLOURS[number % len(COLOURS)], _MARKERS[number % len(_MARKERS)]
-            handles[trend.group] = axis.errorbar(
-                trend.x, trend.value * factor, trend.stderr * factor, fmt=marker, color=colour, markersize=4,
-                linewidth=1, capsize=2,
-            )  # fmt: skip
-            if np.isfinite(trend.slope.value):
-                x = np.linspace(trend.x[0], trend.x[-1], 50)
-                line = [trend.at(float(at)) for at in x]
-                middle = np.array([q.value for q in line]) * factor
-                error = np.array([q.stderr for q in line]) * factor
-                axis.plot(x, middle, color=colour, linewidth=1)
-                axis.fill_between(x, middle - error, middle + error, color=colour, alpha=0.2, linewidth=0)
-        axis.set_ylabel(parameter if unit == "1" else f"{parameter} ({unit})", fontsize=8)
-    axes[-1, 0].set_xlabel(against, fontsize=8)
-    if groups != [""]:
-        labels = [group if by is None else f"{by} {group}" for group in groups]
-        legend_below(figure, [handles[group] for group in groups], labels)
+    against = list(dict.fromkeys(trend.against for trend in trends))
+    title = f"{', '.join(parameters)} against {', '.join(against)}"
+    figure, axes = grid(len(parameters), len(against), title, size=(6.0, 2.3))
+    handles: dict[str, Any] = {}
+    beyond = 0
+    for row, parameter in enumerate(parameters):
+        for axis, name in zip(axes[row], against, strict=True):
+            mine = [trend for trend in trends if (trend.parameter, trend.against) == (parameter, name)]
+            unit, hidden = _panel(axis, mine, groups, handles)
+            beyond = max(beyond, hidden)
+        axes[row, 0].set_ylabel(literal(parameter if unit == "1" else f"{parameter} ({unit})"), fontsize=8)
+    for axis, name in zip(axes[-1], against, strict=True):
+        axis.set_xlabel(literal(name) + (", others held" if len(against) > 1 else ""), fontsize=8)
+    labels = [literal(group if by is None else f"{by} {group}") for group in groups] if groups != [""] else []
+    shown = [handles[group] for group in groups] if labels else []
+    shown += [Line2D([], [], color=GREY, lw=1), Line2D([], [], color=GREY, marker="o", ls="", ms=4)]
+    labels += ["line ± 1 standard error", "runs ± 1 standard error"]
+    if beyond:
+        shown.append(Line2D([], [], ls=""))
+        labels.append(f"{beyond} of the runs, far less certain, lie beyond the frame")
+    legend_below(figure, shown, labels)
     return figure
+
+
+def _panel(axis: Any, trends: Sequence[Trend], groups: Sequence[str], handles: dict[str, Any]) -> tuple[str, int]:
+    """One parameter against one attribute; returns its unit and the number of runs out of the frame."""
+    values = np.concatenate([t.value for t in trends])
+    errors = np.concatenate([t.stderr for t in trends])
+    sure = errors <= _UNSURE * np.median(errors)
+    factor, unit = (1.0, "1") if trends[0].unit == "1" else prefix(values[sure], trends[0].unit)
+    for trend in trends:
+        number = groups.index(trend.group)
+        colour, marker = colour_of(number, len(groups)), _MARKERS[number % len(_MARKERS)]
+        handles[trend.group] = axis.errorbar(
+            trend.x, trend.value * factor, trend.stderr * factor, fmt=marker, color=colour, markersize=4,
+            linewidth=1, capsize=2,
+        )  # fmt: skip
+        if np.isfinite(trend.slope.value):
+            x = np.linspace(trend.x[0], trend.x[-1], 50)
+            line = [trend.at(float(at)) for at in x]
+            middle = np.array([q.value for q in line]) * factor
+            error = np.array([q.stderr for q in line]) * factor
+            axis.plot(x, middle, color=colour, linewidth=1)
+            axis.fill_between(x, middle - error, middle + error, color=colour, alpha=0.2, linewidth=0)
+    low, high = (values - errors)[sure].min() * factor, (values + errors)[sure].max() * factor
+    margin = 0.08 * (high - low)
+    axis.set_ylim(low - margin, high + margin)
+    away = (values * factor < low - margin) | (values * factor > high + margin)
+    return unit, int(away.sum())

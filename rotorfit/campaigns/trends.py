@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from rotorfit.fitting.digits import plus_minus
 from rotorfit.fitting.result import Quantity
 from rotorfit.text_table import Wide, text_table
 
@@ -28,7 +29,7 @@ class Trend:
         against: attribute on the axis.
         group: value of the attribute that makes the group, empty without groups.
         x: attribute, shape ``(R,)``, ascending.
-        value, stderr: parameter and its standard error, shape ``(R,)``.
+        value, stderr: parameter and its standard error, shape ``(R,)``; of several attributes, less what the others do.
         runs: names of the runs.
         slope: change of the parameter per unit of the attribute, NaN with fewer than two conditions.
         scatter: chi-squared of the runs about the line over its degrees of freedom, NaN with fewer than three runs;
@@ -56,66 +57,92 @@ class Trend:
         return Quantity(float(basis @ self._coefficients), float(np.sqrt(variance)), self.unit)
 
 
-def trend_of(runs: Sequence[RunFit], parameter: str, unit: str, against: str, group: str) -> Trend:
-    """Weighted straight line through the runs of one group.
+def trends_of(
+    runs: Sequence[RunFit], parameter: str, unit: str, against: Sequence[str], group: str, centre: Float
+) -> list[Trend]:
+    """Weighted plane through the runs of one group, one trend for each attribute with the others held at ``centre``.
+
+    Values of a trend are those of the runs less what the other attributes' slopes say of them.
 
     Args:
-        runs: runs with a resolved value of the parameter and a number for the attribute.
+        runs: runs with a resolved value of the parameter and numbers for the attributes.
         parameter, unit: what is followed.
-        against: attribute with numbers.
+        against: attributes with numbers.
         group: label of the group.
+        centre: values of the attributes about which the plane is laid, shape ``(A,)``: the same for all groups.
     """
-    ordered = sorted(runs, key=lambda run: float(run.attributes[against]))
-    x = np.array([float(run.attributes[against]) for run in ordered])
-    value = np.array([run.params[parameter].value for run in ordered])
-    stderr = np.array([run.params[parameter].stderr for run in ordered])
-    weight = 1 / stderr**2
-    centre = float(np.sum(weight * x) / weight.sum())
-    columns = 2 if np.ptp(x) > 0 else 1
-    design = np.column_stack([np.ones_like(x), x - centre])[:, :columns] / stderr[:, None]
+    x = np.array([[float(run.attributes[name]) for name in against] for run in runs])
+    value = np.array([run.params[parameter].value for run in runs])
+    stderr = np.array([run.params[parameter].stderr for run in runs])
+    spread = np.ptp(x, axis=0)
+    moving = np.flatnonzero(spread > 0)
+    around = (x - centre)[:, moving] / spread[moving]
+    design = np.column_stack([np.ones(len(runs)), around]) / stderr[:, None]
+    if np.linalg.matrix_rank(design / np.linalg.norm(design, axis=0), tol=1e-6) < design.shape[1]:
+        if len(against) > 1:
+            raise ValueError(
+                f"the runs{f' with {group}' if group else ''} do not tell {', '.join(against)} apart: they change "
+                "together, or there are too few runs; give fewer of them"
+            )
+        moving, design = moving[:0], design[:, :1]
     coefficients, *_ = np.linalg.lstsq(design, value / stderr, rcond=None)
     covar = np.linalg.inv(design.T @ design)
-    free = x.size - columns
+    free = x.shape[0] - design.shape[1]
     scatter = float(np.sum((value / stderr - design @ coefficients) ** 2) / free) if free > 0 else float("nan")
     covar = covar * max(1.0, scatter if free > 0 else 1.0)
-    slope = Quantity(float("nan"), float("nan"), f"{unit} per {against}")
-    if columns == 2:
-        slope = Quantity(float(coefficients[1]), float(np.sqrt(covar[1, 1])), slope.unit)
-    names = tuple(run.name for run in ordered)
-    return Trend(
-        parameter=parameter,
-        unit=unit,
-        against=against,
-        group=group,
-        x=x,
-        value=value,
-        stderr=stderr,
-        runs=names,
-        slope=slope,
-        scatter=scatter,
-        _centre=centre,
-        _coefficients=coefficients,
-        _covar=covar,
-    )
+    size = np.concatenate([[1.0], 1 / spread[moving]])
+    coefficients, covar = coefficients * size, covar * np.outer(size, size)
+    slopes = np.zeros(len(against))
+    slopes[moving] = coefficients[1:]
+    found = []
+    for k, name in enumerate(against):
+        others = np.where(np.arange(len(against)) == k, 0.0, slopes)
+        place = moving.tolist().index(k) + 1 if k in moving else 0
+        chosen = [0, place] if place else [0]
+        slope = Quantity(float("nan"), float("nan"), f"{unit} per {name}")
+        if place:
+            slope = Quantity(float(coefficients[place]), float(np.sqrt(covar[place, place])), slope.unit)
+        order = np.argsort(x[:, k], kind="stable")
+        adjusted = value - (x - centre) @ others
+        found.append(
+            Trend(
+                parameter=parameter,
+                unit=unit,
+                against=name,
+                group=group,
+                x=x[order, k],
+                value=adjusted[order],
+                stderr=stderr[order],
+                runs=tuple(runs[i].name for i in order),
+                slope=slope,
+                scatter=scatter,
+                _centre=float(centre[k]),
+                _coefficients=coefficients[chosen],
+                _covar=covar[np.ix_(chosen, chosen)],
+            )
+        )
+    return found
 
 
 def trend_table(trends: Sequence[Trend]) -> str:
     """Slopes of all trends, and the groups of a parameter compared where they were all tested."""
     if not trends:
         return "no run has a resolved value"
-    rows: list[list[str | Wide]] = [["parameter", "group", "runs", "slope", "scatter", "at the middle"]]
-    for parameter in dict.fromkeys(t.parameter for t in trends):
-        mine = [t for t in trends if t.parameter == parameter]
+    names = list(dict.fromkeys(t.against for t in trends))
+    rows: list[list[str | Wide]] = [["parameter", "group", "against", "runs", "slope", "scatter", "at the middle"]]
+    for parameter, against in dict.fromkeys((t.parameter, t.against) for t in trends):
+        mine = [t for t in trends if (t.parameter, t.against) == (parameter, against)]
         middle = _middle(mine)
         for t in mine:
-            slope = _text(t.slope) if np.isfinite(t.slope.value) else "one condition"
+            slope = plus_minus(t.slope.value, t.slope.stderr) if np.isfinite(t.slope.value) else "one condition"
             scatter = f"{t.scatter:.2f}" if np.isfinite(t.scatter) else "-"
-            rows.append([parameter, t.group, str(t.x.size), slope, scatter, _text(t.at(middle))])
-        rows += [["", Wide(sentence, 5, remark=True)] for sentence in _comparisons(mine, middle)]
-    first = trends[0]
-    table = text_table(rows, "<10 <1 >6 >26 >9 >26")
+            at = t.at(middle)
+            rows.append([parameter, t.group, against, str(t.x.size), slope, scatter, plus_minus(at.value, at.stderr)])
+        rows += [["", Wide(sentence, 6, remark=True)] for sentence in _comparisons(mine, middle)]
+    table = text_table(rows, "<10 <1 <1 >6 >26 >9 >26")
+    held = ", each with the others held" if len(names) > 1 else ""
     return "\n".join(
-        [*table, f"slopes per {first.against}; scatter is chi-squared per degree of freedom about the line"]
+        [*table, f"slopes per {' and per '.join(names)}{held}; scatter is chi-squared per degree of freedom"]
     )
 
 
@@ -133,12 +160,9 @@ def _comparisons(trends: Sequence[Trend], middle: float) -> list[str]:
         for second in trends[i + 1 :]:
             a, b = first.at(middle), second.at(middle)
             error = float(np.hypot(a.stderr, b.stderr))
+            unit = "" if first.unit == "1" else f" {first.unit}"
             sentences.append(
                 f"{second.group} - {first.group} at {first.against} = {middle:.4g}: "
-                f"{b.value - a.value:.4g} +- {error:.2g} {first.unit} ({abs(b.value - a.value) / error:.1f} s.e.)"
+                f"{plus_minus(b.value - a.value, error)}{unit} ({abs(b.value - a.value) / error:.1f} s.e.)"
             )
     return sentences
-
-
-def _text(quantity: Quantity) -> str:
-    return f"{quantity.value:.5g} +- {quantity.stderr:.2g}"

@@ -23,6 +23,13 @@ def add_output(to: argparse.ArgumentParser) -> None:
     to.add_argument("--quiet", action="store_true", help="print neither progress nor tables")
 
 
+def add_figure_format(to: argparse.ArgumentParser) -> None:
+    """Format of the figures in the folder for results."""
+    to.add_argument(
+        "--figure-format", choices=("png", "pdf", "svg"), default="png", help="of the figures in --out [%(default)s]"
+    )
+
+
 def add_files(to: argparse.ArgumentParser) -> None:
     """Test files and how they are read."""
     to.add_argument(

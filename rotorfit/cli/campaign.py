@@ -10,7 +10,8 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rotorfit.cli.arguments import add_files, add_model, add_output, fit_study
+from rotorfit.cli.arguments import add_figure_format, add_files, add_model, add_output, fit_study
+from rotorfit.cli.progress import ProgressLine
 from rotorfit.fitting.option_kinds import words
 from rotorfit.fitting.options import CAMPAIGN
 
@@ -27,10 +28,13 @@ def add_options(to: argparse.ArgumentParser) -> None:
     """Options of the command."""
     add_files(to)
     add_model(to, CAMPAIGN)
-    to.add_argument("--out", type=Path, help="folder for runs.csv, summary.txt and trends.png")
+    to.add_argument("--out", type=Path, help="folder for runs.csv, summary.txt, report.html and trends.png")
+    add_figure_format(to)
     to.add_argument("--split", default="run", metavar="ATTRIBUTE", help="column that parts the runs [%(default)s]")
     to.add_argument("--shared", type=words, default=(), metavar="A,B", help="parameters with one value for all runs")
-    to.add_argument("--against", metavar="ATTRIBUTE", help="column that trends are shown against: pressure_psi")
+    to.add_argument(
+        "--against", type=words, metavar="A,B", help="columns that trends are shown against: pressure_psi,oil_C"
+    )
     to.add_argument("--by", metavar="ATTRIBUTE", help="column that makes groups: inlet")
     to.add_argument("--follow", type=words, metavar="A,B", help="parameters whose trends are shown [K0, lam, D]")
     to.add_argument("--jobs", type=int, default=1, metavar="N", help="processes to fit with [%(default)s]")
@@ -53,8 +57,11 @@ def run(options: argparse.Namespace) -> int:
     if options.json:
         print(json.dumps(_plain(found, options), indent=2))
     elif not options.quiet:
-        print(found.table(None if options.against is None else [a for a in (options.against, options.by) if a]))
+        print(found.table(None if options.against is None else [a for a in (*options.against, options.by) if a]))
         print(f"\n{text}" + (f"\n\nwritten to {options.out}" if options.out else ""))
+    silent = [one.name for one in found.runs if one.silent]
+    if silent:
+        print(f"rotorfit: left out of trends, since they say nothing: {', '.join(silent)}", file=sys.stderr)
     if not found.success:
         bad = [one.name for one in found.runs if not one.success]
         what = f"{len(bad)} of {len(found.runs)} runs" if bad else "the shared parameters"
@@ -75,6 +82,8 @@ def _campaign(options: argparse.Namespace) -> Campaign:
     check_model_name(study.model)
     tests, _ = read_files(study.files, no_progress)
     with ExitStack() as stack:
+        line = ProgressLine(enabled=not options.quiet and sys.stderr.isatty())
+        stack.callback(line.close)
         return campaign(
             build_model(study, tests),
             tests,
@@ -86,7 +95,7 @@ def _campaign(options: argparse.Namespace) -> Campaign:
             loss=study.loss,  # type: ignore[arg-type]
             start=study.start,
             executor=stack.enter_context(_processes(options.jobs)) if options.jobs > 1 else None,
-            progress=_progress if not options.quiet and sys.stderr.isatty() else None,
+            progress=lambda done, total: line(f"{done} of {total} runs", done / total),
         )
 
 
@@ -97,17 +106,17 @@ def _processes(count: int) -> Executor:
     return ProcessPoolExecutor(count, mp_context=get_context("spawn"))
 
 
-def _progress(done: int, total: int) -> None:
-    end = "\r\033[K" if done == total else ""
-    print(f"\r\033[K{done} of {total} runs{end}", end="", file=sys.stderr, flush=True)
-
-
 def _write(found: Campaign, text: str, folder: Path, options: argparse.Namespace) -> None:
+    from rotorfit.report.campaign import write_campaign_report
+
     found.to_csv(folder / "runs.csv")
     (folder / "summary.txt").write_text(f"{found.table()}\n\n{text}\n", encoding="utf-8")
     if options.against is not None and found.trends(options.follow, against=options.against, by=options.by):
         figure = found.plot_trends(options.follow, against=options.against, by=options.by)
-        figure.savefig(folder / "trends.png", dpi=150)
+        figure.savefig(folder / f"trends.{options.figure_format}", dpi=200)
+    write_campaign_report(
+        found, folder / "report.html", against=options.against, by=options.by, parameters=options.follow
+    )
 
 
 def _number(value: float) -> float | None:
@@ -131,6 +140,7 @@ def _plain(found: Campaign, options: argparse.Namespace) -> dict[str, Any]:
                 "params": {name: _estimate(p) for name, p in one.params.items() if p.vary},
                 "redchi": _number(one.redchi),
                 "success": one.success,
+                "silent": one.silent,
                 "message": one.message,
             }
             for one in found.runs

@@ -15,12 +15,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rotorfit.cli import campaign, laws, recordings, simulate, trend, vectors
-from rotorfit.cli.arguments import add_files, add_fit_options, add_output, data_files, fit_study
+from rotorfit.cli.arguments import add_figure_format, add_files, add_fit_options, add_output, data_files, fit_study
 from rotorfit.cli.errors import BAD_INPUT, DONE, INTERRUPTED, NOT_CONVERGED, BadInputError, checked, sentence
 from rotorfit.cli.progress import ProgressLine
 from rotorfit.version import __version__
 
 if TYPE_CHECKING:
+    from rotorfit.report.material import FigureFormat
     from rotorfit.studies.study import Outcome, Study
 
 
@@ -33,7 +34,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Returns:
         the exit code.
     """
-    options = _parser().parse_args(arguments)
+    parser = build_parser()
+    options = parser.parse_args(arguments)
+    if options.command is None:
+        parser.print_help()
+        return DONE
     try:
         code = int(options.command(options))
         sys.stdout.flush()
@@ -80,7 +85,7 @@ def _identify(study: Study, options: argparse.Namespace, rig: str = "") -> int:
 
     progress = ProgressLine(enabled=not options.quiet and sys.stderr.isatty())
     try:
-        outcome = _work(study, progress, rig)
+        outcome = _work(study, progress, rig, options.figure_format)
     except OSError as problem:  # the folder for the results
         raise BadInputError(sentence(problem)) from problem
     finally:
@@ -97,7 +102,7 @@ def _identify(study: Study, options: argparse.Namespace, rig: str = "") -> int:
     return DONE
 
 
-def _work(study: Study, progress: ProgressLine, rig: str) -> Outcome:
+def _work(study: Study, progress: ProgressLine, rig: str, figure_format: FigureFormat) -> Outcome:
     from rotorfit.studies.folder import complete_folder, kept_checkpoint, write_outcome
     from rotorfit.studies.study import run_study
 
@@ -105,7 +110,7 @@ def _work(study: Study, progress: ProgressLine, rig: str) -> Outcome:
     with complete_folder(study.out) if study.out else nullcontext() as folder, keep as checkpoint:
         outcome = checked(lambda: run_study(study, progress, checkpoint))
         if folder is not None:
-            write_outcome(outcome, folder, progress, rig)
+            write_outcome(outcome, folder, progress, rig, figure_format)
     return outcome
 
 
@@ -133,6 +138,15 @@ def _info(options: argparse.Namespace) -> int:
     return DONE
 
 
+def _completion(options: argparse.Namespace) -> int:
+    try:
+        import shtab
+    except ImportError as reason:
+        raise BadInputError('completion needs shtab: pip install "rotorfit[completion]"') from reason
+    print(shtab.complete(build_parser(), options.shell))
+    return DONE
+
+
 COMMANDS = {
     "demo": _demo,
     "fit": _fit,
@@ -146,13 +160,14 @@ COMMANDS = {
     "vectors": vectors.run,
     "models": _models,
     "info": _info,
+    "completion": _completion,
 }
 """What each word does."""
 
 _MODULES = (("campaign", campaign), ("compare-laws", laws), ("simulate", simulate), ("vectors", vectors))
 
 
-def _parser() -> argparse.ArgumentParser:
+def build_parser() -> argparse.ArgumentParser:
     """The words that the command line understands."""
     whole = argparse.ArgumentParser(
         prog="rotorfit",
@@ -161,7 +176,8 @@ def _parser() -> argparse.ArgumentParser:
         epilog="Exit codes: 0 done, 1 the data have an error or the fit or sampling did not converge, 2 bad input.",
     )
     whole.add_argument("--version", action="version", version=f"rotorfit {__version__}")
-    group = whole.add_subparsers(required=True, metavar="COMMAND")
+    whole.set_defaults(command=None)
+    group = whole.add_subparsers(metavar="COMMAND")
 
     def command(name: str, help: str) -> argparse.ArgumentParser:
         added = group.add_parser(name, help=help, description=help, allow_abbrev=False)
@@ -171,13 +187,16 @@ def _parser() -> argparse.ArgumentParser:
     demo = command("demo", "identify the bundled rig and compare with its truth")
     demo.add_argument("--from-volts", action="store_true", help="begin with the raw signals of bundled recordings")
     demo.add_argument("--out", type=Path, default=Path("rotorfit-demo"), help="folder for the results [%(default)s]")
+    add_figure_format(demo)
     add_output(demo)
     fit = command("fit", "fit a model to test files")
     add_fit_options(fit)
+    add_figure_format(fit)
     add_output(fit)
     run = command("run", "fit as a TOML file says")
     run.add_argument("study", type=Path, metavar="STUDY.toml", help="settings of a fit as TOML keys")
     run.add_argument("--out", type=Path, help="folder for the results, in place of the file's")
+    add_figure_format(run)
     add_output(run)
     for name, module in _MODULES:
         module.add_options(command(name, module.DESCRIPTION))
@@ -187,4 +206,6 @@ def _parser() -> argparse.ArgumentParser:
     models = command("models", "list the models and their parameters")
     models.add_argument("name", nargs="?", help="only this one")
     add_files(command("info", "say what a test file holds and what is odd about it"))
+    shell = command("completion", "print a script that completes rotorfit's words in a shell")
+    shell.add_argument("shell", choices=("bash", "zsh", "tcsh"), help="the shell; see docs/command-line.md")
     return whole

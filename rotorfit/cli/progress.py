@@ -6,20 +6,37 @@ import sys
 from time import monotonic
 
 _BAR = 24  # characters of the bar of progress
+_TELLS = 2.0  # seconds after which the time left is worth an estimate
+
+
+def _duration(seconds: float) -> str:
+    return f"{seconds:.0f} s" if seconds < 99 else f"{seconds / 60:.0f} min"
 
 
 class ProgressLine:
-    """One line on stderr: the stage at work, a bar where it is known how far it is, the seconds since the start."""
+    """One line on stderr: seconds since the start, stage at work, and a bar and the time left where these are known."""
 
     def __init__(self, *, enabled: bool) -> None:
         self._begin, self._enabled = monotonic(), enabled
+        self._since, self._share = self._begin, 0.0  # when the stage with a bar began, and how far it was last
 
     def __call__(self, stage: str, done: float | None = None) -> None:
         """Show a stage."""
         if self._enabled:
             seconds = monotonic() - self._begin
             bar = "" if done is None else f"[{'#' * round(_BAR * done):<{_BAR}}] {100 * done:3.0f} %  "
-            print(f"\r\033[K{seconds:5.1f} s  {bar}{stage} ...", end="", file=sys.stderr, flush=True)
+            left = "" if done is None else self._left(done)
+            print(f"\r\033[K{seconds:5.1f} s  {bar}{stage} ...{left}", end="", file=sys.stderr, flush=True)
+
+    def _left(self, done: float) -> str:
+        """Time left, once it can be told from what has been done."""
+        if done < self._share or done == 0:  # another stage has begun
+            self._since = monotonic()
+        self._share = done
+        spent = monotonic() - self._since
+        if spent < _TELLS or not 0 < done < 1:
+            return ""
+        return f" about {_duration(spent * (1 - done) / done)} left"
 
     def close(self) -> None:
         """Clear the line."""

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from rotorfit.estimators.problem import Problem
 from rotorfit.fitting.fit import fit as fit_model
 from rotorfit.fitting.fit import solve_again
+from rotorfit.fitting.notebook import text_html
 from rotorfit.fitting.problem_setup import with_levels
 from rotorfit.fitting.result import FitResult
 from rotorfit.models import BLOCKS, RotorModel
@@ -42,6 +43,10 @@ class Refinement:
 
     def __str__(self) -> str:
         return self.table()
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows."""
+        return text_html(str(self))
 
 
 def structure_name(model: RotorModel) -> str:

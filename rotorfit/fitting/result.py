@@ -512,6 +512,12 @@ class FitResult:
     def __str__(self) -> str:
         return self.summary()
 
+    def _repr_html_(self) -> str:
+        """What a notebook shows."""
+        from rotorfit.fitting.notebook import fit_html
+
+        return fit_html(self)
+
     def plot_dynamic_stiffness(self) -> Figure:
         """Direct and quadrature dynamic stiffness against signed frequency, data with error bars and fit.
 

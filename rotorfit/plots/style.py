@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from io import BytesIO
 from typing import Any
 
 import numpy as np
@@ -18,10 +19,19 @@ SMALL = 7
 """Smallest type, points."""
 
 
+class ShownFigure(Figure):
+    """A figure that a notebook shows without pyplot, which would keep every figure ever made."""
+
+    def _repr_png_(self) -> bytes:
+        stream = BytesIO()
+        self.savefig(stream, format="png", dpi=120)
+        return stream.getvalue()
+
+
 def grid(rows: int, columns: int, title: str, *, size: tuple[float, float] = (4.6, 2.3)) -> tuple[Figure, Any]:
     """An empty figure of axes, shape ``(rows, columns)``, ``size`` inches each where that does not exceed a page."""
     width, height = min(size[0] * columns, PAGE[0]), min(size[1] * rows + 0.5, PAGE[1])
-    figure = Figure(figsize=(width, height), layout="constrained")
+    figure = ShownFigure(figsize=(width, height), layout="constrained")
     if title:
         figure.suptitle(title, fontsize=10)
     axes = figure.subplots(rows, columns, squeeze=False)

@@ -147,8 +147,9 @@ def figure_sections(material: ReportInput) -> Iterator[Html]:
 
 def _picture(material: ReportInput, name: str, figure: Figure, caption: str) -> Html:
     """Draw a figure, keep the file, embed it."""
-    material.pictures[name] = drawn(figure)
-    return picture(material.pictures[name], caption, figure.get_figwidth())
+    png = drawn(figure)
+    material.pictures[name] = png if material.figure_format == "png" else drawn(figure, material.figure_format)
+    return picture(png, caption, figure.get_figwidth())
 
 
 def _quality(fit: FitResult) -> Iterator[Html]:

@@ -76,10 +76,10 @@ def table(
     )
 
 
-def drawn(figure: Figure) -> bytes:
-    """A figure as a PNG file, fine enough for the width of a page."""
+def drawn(figure: Figure, file_format: str = "png") -> bytes:
+    """A figure as a file, fine enough for the width of a page."""
     stream = BytesIO()
-    figure.savefig(stream, format="png", dpi=_DPI)
+    figure.savefig(stream, format=file_format, dpi=_DPI)
     return stream.getvalue()
 
 

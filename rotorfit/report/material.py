@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 from rotorfit.fitting.refine import Refinement
 from rotorfit.fitting.result import FitResult
@@ -19,6 +19,9 @@ LEVEL = 0.95
 """Probability of every interval in a report."""
 
 
+FigureFormat = Literal["png", "pdf", "svg"]
+
+
 @dataclass(frozen=True, kw_only=True)
 class ReportInput:
     """All that a report is written from; see :func:`write_report`."""
@@ -31,5 +34,6 @@ class ReportInput:
     bootstrap: Bootstrap | None = None
     shares: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     operating_speed: float | None = None
+    figure_format: FigureFormat = "png"
     pictures: dict[str, bytes] = field(default_factory=dict)
-    """PNG files by name, filled in as figures are drawn."""
+    """Files of that format by name, filled in as figures are drawn."""

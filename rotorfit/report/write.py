@@ -4,16 +4,14 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
-from datetime import datetime
-from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rotorfit.estimators.atomic_file import whole_file
 from rotorfit.fitting.refine import Refinement
 from rotorfit.fitting.result import FitResult
-from rotorfit.report.html import Html, element, join
-from rotorfit.report.material import LEVEL, ReportInput
+from rotorfit.report.html import Html
+from rotorfit.report.material import LEVEL, FigureFormat, ReportInput
+from rotorfit.report.page import page, write_whole
 
 if TYPE_CHECKING:
     from rotorfit.data.findings import Finding
@@ -35,6 +33,7 @@ def write_report(
     operating_speed: float | None = None,
     title: str | None = None,
     figures: str | os.PathLike[str] | None = None,
+    figure_format: FigureFormat = "png",
 ) -> Path:
     """Write the report of a fit as one self-contained HTML file, whole or not at all.
 
@@ -50,7 +49,8 @@ def write_report(
             calibration, if it has one.
         operating_speed: speed, rad/s, to which the stability margin refers beside the tested speeds.
         title: heading of the report.
-        figures: folder that is there, to which the figures are also written, each as a PNG file.
+        figures: folder that is there, to which the figures are also written, each as a file.
+        figure_format: of these files: png, pdf or svg.
 
     Returns:
         the path written.
@@ -78,13 +78,14 @@ def write_report(
         bootstrap=bootstrap,
         shares=_calibration_shares(fit) if shares is None else shares,
         operating_speed=operating_speed,
+        figure_format=figure_format,
     )
     _check(material)
     text = document(material, title or f"Rotor identification: {fit.model.name}")
     if figures is not None:
         for name, png in material.pictures.items():
-            _write(Path(figures) / f"{name}.png", png)
-    return _write(Path(path), text.encode())
+            write_whole(Path(figures) / f"{name}.{figure_format}", png)
+    return write_whole(Path(path), text.encode())
 
 
 def _calibration_shares(fit: FitResult) -> Mapping[str, tuple[float, float]]:
@@ -130,7 +131,6 @@ def document(material: ReportInput, title: str) -> Html:
     from rotorfit.report.parameters import identifiability_section, interval_section, parameter_section
     from rotorfit.report.reproduce import reproduce_section
     from rotorfit.report.verdict import verdict_section
-    from rotorfit.version import __version__
 
     sections = [
         verdict_section(material),
@@ -144,29 +144,5 @@ def document(material: ReportInput, title: str) -> Html:
         *figure_sections(material),
         reproduce_section(material),
     ]
-    style = (files("rotorfit.report") / "report.css").read_text(encoding="utf-8")
-    # No script, no network: a reader need not trust the file, nor the names in the data.
-    policy = "default-src 'none'; img-src data:; style-src 'unsafe-inline'"
-    head = element(
-        "head",
-        element("meta", charset="utf-8"),
-        element("meta", http_equiv="Content-Security-Policy", content=policy),
-        element("meta", name="viewport", content="width=device-width, initial-scale=1"),
-        element("title", title),
-        Html(f"<style>{style}</style>"),
-    )
     sources = ", ".join(dict.fromkeys(e.source or "data in memory" for e in material.fit.experiments))
-    when = datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %Z")
-    banner = element(
-        "header",
-        element("h1", title),
-        element("p", join([sources, f"rotorfit {__version__}", when], " · "), class_="byline"),
-    )
-    page = element("html", head, element("body", banner, element("main", *sections)), lang="en")
-    return Html("<!DOCTYPE html>\n" + page + "\n")
-
-
-def _write(path: Path, content: bytes) -> Path:
-    with whole_file(path) as draft:
-        draft.write_bytes(content)
-    return path
+    return page(title, sources, sections)

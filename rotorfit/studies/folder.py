@@ -25,6 +25,7 @@ from rotorfit.units import RPM_PER_RAD_S
 
 if TYPE_CHECKING:
     from rotorfit.data.findings import Finding
+    from rotorfit.report.material import FigureFormat
     from rotorfit.uncertainty.bootstrap import Bootstrap
     from rotorfit.uncertainty.posterior import Posterior
     from rotorfit.uncertainty.profile import Profile
@@ -79,7 +80,9 @@ def kept_checkpoint(out: Path) -> Iterator[Path]:
                 folder.rmdir()
 
 
-def write_outcome(outcome: Outcome, folder: Path, progress: StudyProgress, rig: str = "") -> None:
+def write_outcome(
+    outcome: Outcome, folder: Path, progress: StudyProgress, rig: str = "", figure_format: FigureFormat = "png"
+) -> None:
     """Write report, tables, figures and files that read back, of a study, into a folder.
 
     Args:
@@ -87,6 +90,7 @@ def write_outcome(outcome: Outcome, folder: Path, progress: StudyProgress, rig: 
         folder: an existing folder.
         progress: called with a few words for every step.
         rig: name of the data set whose truth is compared with.
+        figure_format: of the figures' files.
     """
     from rotorfit.report.write import write_report
 
@@ -113,6 +117,7 @@ def write_outcome(outcome: Outcome, folder: Path, progress: StudyProgress, rig: 
         profiles=outcome.profiles,
         bootstrap=outcome.bootstrap,
         figures=folder,
+        figure_format=figure_format,
     )
 
 

@@ -258,7 +258,7 @@ def _with_uncertainty(outcome: Outcome, progress: StudyProgress, checkpoint: Pat
         progress("sampling the posterior", 0.0)
 
         def report(state: SamplerProgress) -> None:
-            progress(f"{state.ess:.0f} of {study.ess:.0f} effective samples", min(state.ess / study.ess, 1.0))
+            progress(f"sampling the posterior: {state.waiting}", state.done)
 
         posterior = best.sample(
             seed=study.seed, ess=study.ess, max_steps=study.max_steps, checkpoint=checkpoint, progress=report

@@ -14,6 +14,7 @@ from rotorfit.estimators.batch import batch_fit
 from rotorfit.estimators.least_squares import Options
 from rotorfit.estimators.problem import Problem
 from rotorfit.fitting.digits import interval, with_error
+from rotorfit.fitting.notebook import text_html
 from rotorfit.fitting.result import FitResult
 from rotorfit.models.parameters import unknown_name
 from rotorfit.models.stability import threshold_speeds
@@ -118,6 +119,10 @@ class Bootstrap:
 
     def __str__(self) -> str:
         return self.summary()
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows."""
+        return text_html(str(self))
 
 
 def bootstrap(fit: FitResult, *, n: int = 500, seed: int = 0, accelerate: bool | None = None) -> Bootstrap:

@@ -15,6 +15,7 @@ from rotorfit.fitting.calibration import NUISANCE_KINDS, Calibration
 from rotorfit.fitting.digits import with_error
 from rotorfit.fitting.fit import solve_again
 from rotorfit.fitting.judge import inverse_curvature
+from rotorfit.fitting.notebook import text_html
 from rotorfit.fitting.problem_setup import build_problem
 from rotorfit.fitting.result import FitResult
 from rotorfit.models import threshold_speed
@@ -210,6 +211,10 @@ class Budget:
 
     def __str__(self) -> str:
         return self.summary()
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows."""
+        return text_html(str(self))
 
 
 def budget(fit: FitResult, calibration: Calibration) -> Budget:

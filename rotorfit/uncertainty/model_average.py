@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rotorfit.fitting.digits import with_error
+from rotorfit.fitting.notebook import text_html
 from rotorfit.fitting.result import FitResult
 from rotorfit.models.parameters import unknown_name
 from rotorfit.text_table import text_table
@@ -147,6 +148,10 @@ class ModelAverage:
 
     def __str__(self) -> str:
         return self.summary()
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows."""
+        return text_html(str(self))
 
 
 def sample_models(fits: Sequence[FitResult], **options: Any) -> ModelAverage:

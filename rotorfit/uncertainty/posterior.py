@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rotorfit.fitting.notebook import text_html
 from rotorfit.fitting.result import FitResult
 from rotorfit.models.stability import threshold_speeds
 from rotorfit.uncertainty.derived import Derived, Mode, StiffnessBand, modes
@@ -234,6 +235,10 @@ class Posterior:
     def __str__(self) -> str:
         return self.summary()
 
+    def _repr_html_(self) -> str:
+        """What a notebook shows."""
+        return text_html(str(self))
+
     def plot_corner(self) -> Figure:
         """Marginal and pairwise densities, the optimum of the fit marked."""
         from rotorfit.plots.responses import plot_corner
@@ -325,7 +330,7 @@ def sample(
     target = LogPosterior(fit.problem, level, inflation=inflation, accelerate=accelerate, work=work)
     count = walkers or max(FEW_WALKERS if target.batch.one_by_one else WALKERS, 2 * target.size)
     centre, covariance = target.laplace(fit.x)
-    report = _printer(ess) if progress is True else progress or None
+    report = _printer() if progress is True else progress or None
     try:
         chain = run(
             target,
@@ -414,9 +419,9 @@ def _better_optimum(target: LogPosterior, centre: Float, log_density: Float) -> 
     )
 
 
-def _printer(ess: float) -> Callable[[SamplerProgress], None]:
+def _printer() -> Callable[[SamplerProgress], None]:
     def show(state: SamplerProgress) -> None:
-        text = f"{state.steps} steps, {state.ess:.0f} of {ess:.0f} effective samples"
+        text = f"{state.steps} steps, {100 * state.done:.0f} %: {state.waiting}"
         print(f"\r{text:<60}", end="", file=sys.stderr, flush=True)
 
     return show

@@ -1,0 +1,48 @@
+"""The frame of a report: one HTML page with its style inside, no script and no network."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from datetime import datetime
+from importlib.resources import files
+from pathlib import Path
+
+from rotorfit.estimators.atomic_file import whole_file
+from rotorfit.report.html import Html, element, join
+from rotorfit.version import __version__
+
+
+def page(title: str, source: str, sections: Sequence[str]) -> Html:
+    """The whole page.
+
+    Args:
+        title: heading.
+        source: where the data come from, for the line below it.
+        sections: finished markup.
+    """
+    style = (files("rotorfit.report") / "report.css").read_text(encoding="utf-8")
+    # No script, no network: a reader need not trust the file, nor the names in the data.
+    policy = "default-src 'none'; img-src data:; style-src 'unsafe-inline'"
+    head = element(
+        "head",
+        element("meta", charset="utf-8"),
+        element("meta", http_equiv="Content-Security-Policy", content=policy),
+        element("meta", name="viewport", content="width=device-width, initial-scale=1"),
+        element("title", title),
+        Html(f"<style>{style}</style>"),
+    )
+    when = datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %Z")
+    banner = element(
+        "header",
+        element("h1", title),
+        element("p", join([source, f"rotorfit {__version__}", when], " · "), class_="byline"),
+    )
+    whole = element("html", head, element("body", banner, element("main", *sections)), lang="en")
+    return Html("<!DOCTYPE html>\n" + whole + "\n")
+
+
+def write_whole(path: Path, content: bytes) -> Path:
+    """Write a file whole or not at all."""
+    with whole_file(path) as draft:
+        draft.write_bytes(content)
+    return path

@@ -1,0 +1,81 @@
+"""What notebooks show: results as tables, figures as pictures, formats of the figures' files."""
+
+from __future__ import annotations
+
+from html.parser import HTMLParser
+from pathlib import Path
+
+import pytest
+
+import rotorfit as rf
+from rotorfit.cli.main import main
+
+
+class Cells(HTMLParser):
+    """Text of the cells of a table."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.cells: list[str] = []
+        self._open = False
+
+    def handle_starttag(self, tag: str, attrs: object) -> None:
+        self._open = tag in ("td", "th")
+        if self._open:
+            self.cells.append("")
+
+    def handle_data(self, data: str) -> None:
+        if self._open:
+            self.cells[-1] += data
+
+    def handle_endtag(self, tag: str) -> None:
+        self._open = False
+
+
+@pytest.fixture(scope="module")
+def fit() -> rf.FitResult:
+    return rf.fit(rf.models.WhirlWhip(), rf.datasets.rig_open())
+
+
+def test_a_result_shows_its_parameters(fit: rf.FitResult) -> None:
+    reader = Cells()
+    reader.feed(fit._repr_html_())
+    rows = [reader.cells[i : i + 5] for i in range(0, len(reader.cells), 5)]
+    assert rows[0] == ["parameter", "value", "standard error", "unit", "meaning"]
+    assert [row[0] for row in rows[1:]] == list(fit.params)
+    by_name = {row[0]: row for row in rows}
+    assert by_name["K0"][1] == "not determined"
+    assert by_name["D"][1:4] == ["448.37", "0.31", "N s/m"]
+    assert "threshold speed" in fit._repr_html_()
+
+
+def test_text_from_files_is_escaped() -> None:
+    """Names of groups come from the data."""
+    test = rf.datasets.rig_open()
+    from dataclasses import replace
+
+    import numpy as np
+
+    named = replace(test, attributes={"oil": np.full(len(test), "<b>32</b>")})
+    html = rf.fit(rf.models.WhirlWhip(), named, known={"K3": 6000.0}, per={"D": "oil"})._repr_html_()
+    assert "<b>" not in html
+    assert "&lt;b&gt;32" in html
+
+
+def test_figures_show_without_pyplot(fit: rf.FitResult) -> None:
+    picture = fit.plot_stability()._repr_png_()
+    assert picture.startswith(b"\x89PNG")
+    assert len(picture) > 5000
+
+
+@pytest.mark.parametrize(("name", "begin"), [("pdf", b"%PDF"), ("svg", b"<?xml")])
+def test_figures_are_written_as_asked(name: str, begin: bytes, tmp_path: Path) -> None:
+    file, rig = tmp_path / "rig.csv", rf.datasets.rig_open()
+    rf.write(rig.select(rig.speed == rig.speed[0]), file)
+    words = ["fit", str(file), "--model", "whirl-whip", "--known", "K3=6000", "--quiet"]
+    assert main([*words, "--out", str(tmp_path / "out"), "--figure-format", name]) == 0
+    found = sorted(p.name for p in (tmp_path / "out").glob(f"*.{name}"))
+    assert "bode." + name in found
+    assert not list((tmp_path / "out").glob("*.png"))
+    assert (tmp_path / "out" / f"bode.{name}").read_bytes().startswith(begin)
+    assert "data:image/png" in (tmp_path / "out" / "report.html").read_text()
