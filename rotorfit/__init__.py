@@ -54,6 +54,7 @@ if TYPE_CHECKING:  # `as` tells type checkers that these names are for users
     from rotorfit.recordings.responses import responses as responses
     from rotorfit.recordings.setup import RigSetup as RigSetup
     from rotorfit.recordings.shaft_lines import shaft_lines as shaft_lines
+    from rotorfit.report.campaign import write_campaign_report as write_campaign_report
     from rotorfit.report.write import write_report as write_report
     from rotorfit.simulation.instruments import Instruments as Instruments
     from rotorfit.simulation.recordings import simulate_recordings as simulate_recordings
