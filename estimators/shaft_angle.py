@@ -1,16 +1,20 @@
 """Angle, speed and acceleration of a shaft from its pulses, smoothed as much as the pulses jitter and no more.
 
 The angle is a quintic spline whose third derivative is penalised, so that a steadily accelerating shaft costs nothing:
-`sum_k (theta_k - theta(t_k))^2/(theta' sigma_t)^2 + penalty int theta'''^2 dt` (P-splines; Eilers and Marx 1996). Seen
-as a model, the jerk is white noise and the pulse times scatter by ``sigma_t``; the ratio of the two is what restricted
-maximum likelihood says (Wahba 1985), from the pulses alone. Knots are doubled until the penalty, not they, smooths.
+`sum_k (theta_k - theta(t_k))^2/sigma_k^2 + penalty int theta'''^2 dt` (P-splines; Eilers and Marx 1996). Seen as a
+model, the jerk is white noise and the pulses scatter by ``sigma_k``; the ratio of the two is what restricted maximum
+likelihood says (Wahba 1985), from the pulses alone. Knots are added until the penalty, not they, smooths.
+
+Pulses scatter in time where the sampling rounds a sharp edge, and in angle where noise meets an edge that extends over
+some angle: `sigma_k^2 ~ (1 - blur)(theta'/typical)^2 + blur`, where restricted likelihood chooses ``blur`` too.
 
 Several pulses a turn carry the same errors of spacing every turn: a pattern with zero mean, estimated with the spline.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,14 +29,18 @@ Index = NDArray[np.intp]
 
 DEGREE = 5
 MOST_KNOTS = 200_000
-_GROUP = 60
-"""Pulses whose scatter is pooled: known to 1/sqrt(2 * 60) = 9 %."""
+_AT_ONCE = 100_000  # pulses turned into equations at once
 _OUTLYING = 7.0
 """Robust standard deviations beyond which a pulse is taken for noise: never once in a million Gaussian ones."""
 _ROUNDING = 1e-9
 """Share of the record's length below which a pulse is never late: what is left of pulses without any jitter."""
 _SMOOTH_ENOUGH = 3.0
 """log10 of the penalty beyond which the spline is smoother than its knots would force it to be."""
+
+_LEVERAGES = 64
+"""Pulses at which it is computed how far the smooth angle is better known than they are."""
+_BLURS = (0.0, 0.03, 0.2, 1.0)
+"""Share of the scatter at the typical speed that goes with the angle rather than with time, to choose from."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -42,11 +50,10 @@ class SmoothAngle:
     Attributes:
         spline: the angle, rad, over time, s.
         begin, end: times of the first and the last pulse used, s.
-        jitter: standard deviation of a pulse's time about the smooth angle, s.
-        share: variance of the smooth angle over that of one pulse, mean over the pulses.
-        spread: mean over the pulses of the speed to the power -7/6, see :meth:`stderr`.
-        scatter: standard deviation of the angle of single pulses about the smooth angle, rad, over time, s, shape
-            ``(2, S)``: times and values.
+        jitter: standard deviation of a pulse's time about the smooth angle at the typical speed, s.
+        typical: median speed of the pulses, rad/s.
+        blur: share of that variance that goes with the angle rather than with time.
+        shares: variance of the smooth angle over that of one pulse, at times ``share_t`` (s), shape ``(S,)`` both.
         pattern: how far each pulse of a turn is ahead of even spacing, rad, shape ``(P,)``; zeros for one pulse a turn.
         outlying: times of pulses left out because they are far from the smooth angle, s.
         pulses: number of pulses used.
@@ -56,12 +63,18 @@ class SmoothAngle:
     begin: float
     end: float
     jitter: float
-    share: float
-    spread: float
-    scatter: Float
+    typical: float
+    blur: float
+    shares: Float
+    share_t: Float
     pattern: Float
     outlying: Float
     pulses: int
+
+    @property
+    def share(self) -> float:
+        """Mean of the shares over the pulses: what the spline takes of their number is this times :attr:`pulses`."""
+        return float(np.mean(self.shares))
 
     def angle(self, t: Float) -> Float:
         """Angle, rad, at times, s; zero at the first pulse's nominal position."""
@@ -76,15 +89,13 @@ class SmoothAngle:
         return np.asarray(self.spline(t, nu=2))
 
     def stderr(self, t: Float) -> Float:
-        """Standard error of the angle, rad, between the first and the last pulse.
+        """Standard error of the angle, rad, between the first and the last pulse."""
+        return np.asarray(self.scatter(t) * np.sqrt(np.interp(t, self.share_t, self.shares)))
 
-        It is the scatter of the pulses around the time times the root of the share of it that the spline keeps. Pulses
-        come at a rate that grows with the speed W and are weighted by ``1/W^2``, so that information comes at the rate
-        1/W; a spline whose third derivative is penalised averages over a time that goes with the sixth root of W
-        (Silverman 1984): the share goes with ``W^(-7/6)``, and its mean is that of the spline's degrees of freedom.
-        """
-        share = self.share / self.spread * np.abs(self.speed(t)) ** (-7 / 6)
-        return np.asarray(np.interp(t, *self.scatter) * np.sqrt(np.minimum(share, 1.0)))
+    def scatter(self, t: Float) -> Float:
+        """Standard deviation of a single pulse's angle, rad, at times, s."""
+        size = self.jitter * self.typical
+        return np.asarray(size * np.sqrt((1 - self.blur) * (self.speed(t) / self.typical) ** 2 + self.blur))
 
 
 def smooth_angle(
@@ -110,38 +121,45 @@ def smooth_angle(
     for _ in range(4):
         fit = _fit(pulses.times[keep], pulses.numbers[keep], step, duration, pulses_per_turn)
         tooth = fit.pattern[pulses.numbers % pulses_per_turn]
-        late = (step * pulses.numbers + tooth - fit.angle(pulses.times)) / fit.speed(pulses.times)
-        scale = 1.4826 * float(np.median(np.abs(late[keep])))
-        near = np.abs(late) <= max(_OUTLYING * scale, resolution, _ROUNDING * duration)
+        off = step * pulses.numbers + tooth - fit.angle(pulses.times)
+        scatter = fit.scatter(pulses.times)
+        scale = 1.4826 * float(np.median(np.abs(off[keep] / scatter[keep])))  # outliers have widened the scatter
+        allowed = max(resolution, _ROUNDING * duration) * np.abs(fit.speed(pulses.times))
+        near = np.abs(off) <= np.maximum(_OUTLYING * scale * scatter, allowed)
         if np.array_equal(near, keep) or near.sum() < max(4, pulses.times.size // 2):
             break
         keep = near
-    return SmoothAngle(**{**vars(fit), "outlying": pulses.times[~keep]})
+    return replace(fit, outlying=pulses.times[~keep])
 
 
 def _fit(times: Float, numbers: Index, step: float, duration: float, per_turn: int) -> SmoothAngle:
-    gap = np.diff(times)
-    slope: Float = np.interp(times, (times[1:] + times[:-1]) / 2, step * np.diff(numbers) / gap)
-    weight = np.asarray((np.median(slope) / slope) ** 2, dtype=float)
-    size, best = 32, None
-    while True:
-        problem = _Problem.build(
-            times, np.asarray(step * numbers, dtype=float), weight, duration, min(size, MOST_KNOTS), numbers % per_turn
-        )
-        log_penalty = float(minimize_scalar(problem.criterion, bounds=(-4.0, 12.0), method="bounded").x)
-        best = problem.solve(log_penalty)
-        if log_penalty > _SMOOTH_ENOUGH or size >= min(times.size, MOST_KNOTS):
-            break
-        size *= 2
-    spline = BSpline(problem.knots, best.coefficients + problem.trend, DEGREE, extrapolate=True)
-    off = step * numbers + best.pattern[numbers % per_turn] - spline(times)
-    groups = np.array_split(np.arange(times.size), max(times.size // _GROUP, 1))
-    left = 1 - min(best.freedom / times.size, 0.9)
-    scatter = [[times[group].mean(), np.sqrt(np.mean(off[group] ** 2) / left)] for group in groups]
+    slope: Float = np.interp(times, (times[1:] + times[:-1]) / 2, step * np.diff(numbers) / np.diff(times))
+    typical = float(np.median(slope))
+
+    def problem(size: int, blur: float) -> tuple[_Problem, float, float]:
+        """The problem on some knots, its best penalty and what the likelihood says of it."""
+        weight = 1 / ((1 - blur) * (slope / typical) ** 2 + blur)
+        angle = np.asarray(step * numbers, dtype=float)
+        posed = _Problem.build(times, angle, weight, duration, size, numbers % per_turn)
+        found = minimize_scalar(posed.criterion, bounds=(-4.0, 12.0), method="bounded")
+        return posed, float(found.x), float(found.fun) - float(np.log(weight).sum())
+
+    blur = 0.0
+    low, high = np.quantile(slope, [0.05, 0.95])
+    if high > 1.5 * low:  # at one speed the two cannot be told from each other
+        blur = min(_BLURS, key=lambda each: problem(min(512, times.size), each)[2])
+    size = min(32, MOST_KNOTS)
+    posed, log_penalty, _ = problem(size, blur)
+    while log_penalty <= _SMOOTH_ENOUGH and size < min(times.size, MOST_KNOTS):
+        size = min(4 * size, MOST_KNOTS)
+        posed, log_penalty, _ = problem(size, blur)
+    best = posed.solve(log_penalty)
+    rows = np.unique(np.linspace(0, times.size - 1, _LEVERAGES).astype(int))
+    share = posed.leverages(log_penalty, times[rows]) / ((1 - blur) * (slope[rows] / typical) ** 2 + blur)
     return SmoothAngle(
-        spline=spline, begin=float(times[0]), end=float(times[-1]), jitter=float(best.sigma / np.median(slope)),
-        share=best.freedom / times.size, spread=float(np.mean(slope ** (-7 / 6))), scatter=np.array(scatter).T,
-        pattern=best.pattern, outlying=np.zeros(0), pulses=times.size,
+        spline=BSpline(posed.knots, best.coefficients + posed.trend, DEGREE, extrapolate=True), begin=float(times[0]),
+        end=float(times[-1]), jitter=float(best.sigma / typical), typical=typical, blur=blur,
+        shares=share, share_t=times[rows], pattern=best.pattern, outlying=np.zeros(0), pulses=times.size,
     )  # fmt: skip
 
 
@@ -150,7 +168,6 @@ class _Solution:
     coefficients: Float
     pattern: Float
     sigma: float  # of one pulse's angle at the median speed, rad
-    freedom: float  # of the spline
     criterion: float
 
 
@@ -175,25 +192,28 @@ class _Problem:
         knots = np.asarray(h * np.arange(-DEGREE, pieces + DEGREE + 1), dtype=float)
         m = pieces + DEGREE
         quadratic = np.polynomial.Polynomial.fit(times, angle, 2, w=np.sqrt(weight))
-        greville = np.array([knots[1 + i : 1 + i + DEGREE] for i in range(m)])
-        trend = _blossom(quadratic, greville)
+        trend = _blossom(quadratic, np.lib.stride_tricks.sliding_window_view(knots[1:-1], DEGREE))
         y = angle - quadratic(times)
-        design = BSpline.design_matrix(times, knots, DEGREE, extrapolate=True).tocsr()
-        values = design.data.reshape(-1, DEGREE + 1)
-        first = design.indices.reshape(-1, DEGREE + 1)[:, 0]
-        normal = np.zeros((DEGREE + 1, m))
-        for i in range(DEGREE + 1):
-            for k in range(i, DEGREE + 1):
-                product = weight * values[:, i] * values[:, k]
-                normal[DEGREE - (k - i)] += np.bincount(first + k, product, m)
         per_turn = int(tooth.max()) + 1
-        contrast = np.vstack([np.eye(per_turn - 1), -np.ones((1, per_turn - 1))])  # sums to zero
-        indicator = contrast[tooth] * -1.0  # angle = spline - pattern
+        contrast = np.vstack(
+            [-np.eye(per_turn - 1), np.ones((1, per_turn - 1))]
+        )  # sums to zero; angle = spline - pattern
+        normal, right = np.zeros((DEGREE + 1, m)), np.zeros(m)
+        cross, teeth = np.zeros((m, per_turn - 1)), np.zeros((per_turn - 1, per_turn - 1))
+        teeth_right = np.zeros(per_turn - 1)
+        for begin in range(0, times.size, _AT_ONCE):
+            part = slice(begin, begin + _AT_ONCE)
+            design = BSpline.design_matrix(times[part], knots, DEGREE, extrapolate=True).tocsr()
+            _add_normal(normal, design, weight[part])
+            indicator = contrast[tooth[part]]
+            weighted = weight[part, None] * indicator
+            right += design.T @ (weight[part] * y[part])
+            cross += design.T @ weighted
+            teeth += indicator.T @ weighted
+            teeth_right += weighted.T @ y[part]
         return cls(
-            knots=knots, trend=trend, normal=normal, penalty=_third_differences(m), right=design.T @ (weight * y),
-            squares=float(weight @ y**2), cross=np.asarray(design.T @ (weight[:, None] * indicator)),
-            teeth=indicator.T @ (weight[:, None] * indicator), teeth_right=indicator.T @ (weight * y),
-            size=times.size,
+            knots=knots, trend=trend, normal=normal, penalty=_third_differences(m), right=right,
+            squares=float(weight @ y**2), cross=cross, teeth=teeth, teeth_right=teeth_right, size=times.size,
         )  # fmt: skip
 
     def criterion(self, log_penalty: float) -> float:
@@ -202,10 +222,7 @@ class _Problem:
 
     def solve(self, log_penalty: float) -> _Solution:
         penalty = 10.0**log_penalty
-        whole = self.normal.copy()
-        whole[-4:] += penalty * self.penalty
-        whole[-1] += 1e-13 * whole[-1].max()  # columns without a pulse and hardly a penalty
-        factor = cholesky_banded(whole)
+        factor = self._factor(log_penalty)
         m, teeth = self.right.size, self.teeth_right.size
         spline_part = cho_solve_banded((factor, False), self.right)
         determinant = 2 * float(np.log(factor[-1]).sum())
@@ -221,20 +238,31 @@ class _Problem:
             determinant += float(np.linalg.slogdet(schur)[1])
         free = max(self.size - 3 - teeth, 1)
         variance = max(self.squares - fitted, 1e-30) / free
-        freedom = self._freedom(factor, penalty)
         return _Solution(
             coefficients=spline_part, pattern=np.concatenate([pattern, [-pattern.sum()]]),
-            sigma=float(np.sqrt(variance)), freedom=freedom,
-            criterion=free * np.log(variance) + determinant - (m - 3) * np.log(penalty),
+            sigma=float(np.sqrt(variance)), criterion=free * np.log(variance) + determinant - (m - 3) * np.log(penalty),
         )  # fmt: skip
 
-    def _freedom(self, factor: Float, penalty: float) -> float:
-        """Trace of the smoother, by the derivative of the log-determinant over the log of the penalty."""
-        more = self.normal.copy()
-        more[-4:] += penalty * np.exp(1e-3) * self.penalty
-        more[-1] += 1e-13 * more[-1].max()
-        change = 2 * float(np.log(cholesky_banded(more)[-1]).sum() - np.log(factor[-1]).sum())
-        return float(np.clip(self.right.size - change / 1e-3, 3.0, self.size))
+    def leverages(self, log_penalty: float, times: Float) -> Float:
+        """Variance of the spline at some times over that of a pulse of weight one; the pattern's share left out."""
+        rows = BSpline.design_matrix(times, self.knots, DEGREE, extrapolate=True).toarray()
+        return np.asarray(np.sum(rows.T * cho_solve_banded((self._factor(log_penalty), False), rows.T), axis=0))
+
+    def _factor(self, log_penalty: float) -> Float:
+        whole = self.normal.copy()
+        whole[-4:] += 10.0**log_penalty * self.penalty
+        whole[-1] += 1e-13 * whole[-1].max()  # columns without a pulse and hardly a penalty
+        return np.asarray(cholesky_banded(whole))
+
+
+def _add_normal(normal: Float, design: Any, weight: Float) -> None:
+    """Add ``B^T W B`` of some pulses in upper banded storage."""
+    values = design.data.reshape(-1, DEGREE + 1)
+    first = design.indices.reshape(-1, DEGREE + 1)[:, 0]
+    for i in range(DEGREE + 1):
+        for k in range(i, DEGREE + 1):
+            product = weight * values[:, i] * values[:, k]
+            normal[DEGREE - (k - i)] += np.bincount(first + k, product, normal.shape[1])
 
 
 def _third_differences(m: int) -> Float:

@@ -101,6 +101,19 @@ def test_angle_is_smoothed_as_much_as_the_pulses_jitter(jitter: float) -> None:
     assert np.abs(smooth.speed(inner) - speed(inner)).max() < 0.05 + 2e3 * jitter
 
 
+def test_scatter_in_angle_is_told_from_scatter_in_time() -> None:
+    """Noise on an edge that extends over some angle scatters the angle alike at all speeds; sampling scatters times."""
+    exact = pulse_times(20.0)
+    rng = np.random.default_rng(8)
+    noise = rng.normal(size=exact.size)
+    in_angle = smooth_angle(number_pulses(exact + 1e-3 / speed(exact) * noise), duration=20.0)
+    in_time = smooth_angle(number_pulses(exact + 5e-6 * noise), duration=20.0)
+    assert in_angle.blur == 1.0
+    assert in_time.blur < 0.1
+    np.testing.assert_allclose(in_angle.scatter(np.array([1.0, 19.0])), 1e-3, rtol=0.15)
+    np.testing.assert_allclose(in_time.scatter(np.array([19.0])) / speed(np.array([19.0])), 5e-6, rtol=0.15)
+
+
 def test_pattern_of_a_wheel_is_taken_out() -> None:
     """36 teeth, each off its place by up to half a degree, every turn alike."""
     rng = np.random.default_rng(4)
