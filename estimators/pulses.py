@@ -23,6 +23,8 @@ _PEAK = 15
 """Bins that the noise of a level fills, a few hundredths of the jump."""
 _SHORT = 0.6
 """Interval, in expected ones, below which one of its two edges is one too many."""
+_BOUNCE = 0.2
+"""The same below which it is the second one: a mark that chatters does so after its edge."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -176,13 +178,12 @@ def number_pulses(times: Float) -> NumberedPulses:
     intervals = np.diff(kept)
     count = np.ones(intervals.size, dtype=np.intp)
     for _ in range(8):
-        turn = median_filter(intervals / count, 5, mode="mirror")
+        turn = _expected(intervals / count)
         counted = np.maximum(np.rint(intervals / turn).astype(np.intp), 1)
         if np.array_equal(counted, count):
             break
         count = counted
-    count = _steadily(kept, count)
-    uneven = np.abs(intervals / (count * median_filter(intervals / count, 5, mode="mirror")) - 1) > 0.35
+    uneven = np.abs(intervals / (count * _expected(intervals / count)) - 1) > 0.35
     if extra.size > kept.size or np.mean(uneven) > 0.2:
         raise ValueError(
             f"no regular pulses: {times.size} edges, {extra.size} of them too close to others, and {np.sum(uneven)} of "
@@ -195,24 +196,23 @@ def number_pulses(times: Float) -> NumberedPulses:
     )  # fmt: skip
 
 
-def _steadily(times: Float, count: Index) -> Index:
-    """Counts in which intervals of an evenly accelerating shaft are not taken for gaps.
+def _expected(intervals: Float) -> Float:
+    """What an interval should be by its two neighbours on both sides: the median of the five.
 
-    A sweep that begins slowly has a first turn twice as long as the second. The speed over a doubtful interval is
-    compared with what a straight line through the speeds of the four undoubted intervals nearest to it says.
+    Beyond the ends they are continued as those of a constant acceleration, whose speeds squared go straight with the
+    count: the first turns of a start are long, not signs of missing pulses.
     """
-    middle, intervals = (times[1:] + times[:-1]) / 2, np.diff(times)
-    sure = np.flatnonzero(count == 1)
-    better = count.copy()
-    if sure.size < 4:
-        return better
-    for gap in np.flatnonzero(count > 1):
-        near = sure[np.argsort(np.abs(middle[sure] - middle[gap]), kind="stable")[:4]]
-        slope, level = np.polyfit(middle[near] - middle[gap], 1 / intervals[near], 1)
-        turns = level * intervals[gap]
-        if slope * (middle[gap] - middle[near].mean()) < 0 and turns > 0.3:  # it was slower there
-            better[gap] = min(max(round(turns), 1), count[gap])
-    return better
+    first, last = _continued(intervals[:7])[::-1], _continued(intervals[:-8:-1])
+    return np.asarray(median_filter(np.concatenate([first, intervals, last]), 5)[2:-2])
+
+
+def _continued(intervals: Float) -> Float:
+    """Two intervals before the given ones, the nearer first."""
+    squared = intervals**-2.0
+    count = np.arange(squared.size)
+    slope = float(np.median(np.diff(squared))) if squared.size > 1 else 0.0
+    at_first = float(np.median(squared - slope * count))
+    return np.asarray(np.maximum(at_first - slope * np.array([1.0, 2.0]), 0.2 * float(squared.min())) ** -0.5)
 
 
 def _without_extra(times: Float) -> tuple[Float, Float]:
@@ -226,6 +226,11 @@ def _without_extra(times: Float) -> tuple[Float, Float]:
         short = np.flatnonzero(intervals < _SHORT * turn)
         if not short.size:
             break
+        bounce = short[intervals[short] < _BOUNCE * turn[short]]
+        if bounce.size:
+            extra = np.concatenate([extra, kept[bounce + 1]])
+            kept = np.delete(kept, bounce + 1)
+            continue
         out = np.where(_bend(intervals, short, -1) < _bend(intervals, short, 1), short, short + 1)
         out = out[np.concatenate([[True], np.diff(out) > 2])]  # neighbours of one left out are judged again
         extra = np.concatenate([extra, kept[out]])

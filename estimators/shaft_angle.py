@@ -5,8 +5,8 @@ The angle is a quintic spline whose third derivative is penalised, so that a ste
 model, the jerk is white noise and the pulses scatter by ``sigma_k``; the ratio of the two is what restricted maximum
 likelihood says (Wahba 1985), from the pulses alone. Knots are added until the penalty, not they, smooths.
 
-Pulses scatter in time where the sampling rounds a sharp edge, and in angle where noise meets an edge that extends over
-some angle: `sigma_k^2 ~ (1 - blur)(theta'/typical)^2 + blur`, where restricted likelihood chooses ``blur`` too.
+Pulses scatter in time where the sampling rounds a sharp edge, in angle where noise meets an edge that extends over some
+angle, and from one to the other as the speed changes: ``sigma_k`` is pooled over neighbours and the fit repeated.
 
 Several pulses a turn carry the same errors of spacing every turn: a pattern with zero mean, estimated with the spline.
 """
@@ -39,8 +39,8 @@ _SMOOTH_ENOUGH = 3.0
 
 _LEVERAGES = 64
 """Pulses at which it is computed how far the smooth angle is better known than they are."""
-_BLURS = (0.0, 0.03, 0.2, 1.0)
-"""Share of the scatter at the typical speed that goes with the angle rather than with time, to choose from."""
+_GROUP = 60
+"""Pulses whose scatter is pooled: known to 1/sqrt(2 * 60) = 9 %."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -50,9 +50,8 @@ class SmoothAngle:
     Attributes:
         spline: the angle, rad, over time, s.
         begin, end: times of the first and the last pulse used, s.
-        jitter: standard deviation of a pulse's time about the smooth angle at the typical speed, s.
-        typical: median speed of the pulses, rad/s.
-        blur: share of that variance that goes with the angle rather than with time.
+        jitter: typical standard deviation of a pulse's time about the smooth angle, s.
+        groups: times (s) and standard deviations of a pulse's angle about the smooth angle (rad) at them, ``(2, G)``.
         shares: variance of the smooth angle over that of one pulse, at times ``share_t`` (s), shape ``(S,)`` both.
         pattern: how far each pulse of a turn is ahead of even spacing, rad, shape ``(P,)``; zeros for one pulse a turn.
         outlying: times of pulses left out because they are far from the smooth angle, s.
@@ -63,8 +62,7 @@ class SmoothAngle:
     begin: float
     end: float
     jitter: float
-    typical: float
-    blur: float
+    groups: Float
     shares: Float
     share_t: Float
     pattern: Float
@@ -94,8 +92,7 @@ class SmoothAngle:
 
     def scatter(self, t: Float) -> Float:
         """Standard deviation of a single pulse's angle, rad, at times, s."""
-        size = self.jitter * self.typical
-        return np.asarray(size * np.sqrt((1 - self.blur) * (self.speed(t) / self.typical) ** 2 + self.blur))
+        return np.asarray(np.exp(np.interp(t, self.groups[0], np.log(self.groups[1]))))
 
 
 def smooth_angle(
@@ -134,33 +131,48 @@ def smooth_angle(
 
 def _fit(times: Float, numbers: Index, step: float, duration: float, per_turn: int) -> SmoothAngle:
     slope: Float = np.interp(times, (times[1:] + times[:-1]) / 2, step * np.diff(numbers) / np.diff(times))
-    typical = float(np.median(slope))
-
-    def problem(size: int, blur: float) -> tuple[_Problem, float, float]:
-        """The problem on some knots, its best penalty and what the likelihood says of it."""
-        weight = 1 / ((1 - blur) * (slope / typical) ** 2 + blur)
-        angle = np.asarray(step * numbers, dtype=float)
-        posed = _Problem.build(times, angle, weight, duration, size, numbers % per_turn)
-        found = minimize_scalar(posed.criterion, bounds=(-4.0, 12.0), method="bounded")
-        return posed, float(found.x), float(found.fun) - float(np.log(weight).sum())
-
-    blur = 0.0
-    low, high = np.quantile(slope, [0.05, 0.95])
-    if high > 1.5 * low:  # at one speed the two cannot be told from each other
-        blur = min(_BLURS, key=lambda each: problem(min(512, times.size), each)[2])
-    size = min(32, MOST_KNOTS)
-    posed, log_penalty, _ = problem(size, blur)
-    while log_penalty <= _SMOOTH_ENOUGH and size < min(times.size, MOST_KNOTS):
-        size = min(4 * size, MOST_KNOTS)
-        posed, log_penalty, _ = problem(size, blur)
-    best = posed.solve(log_penalty)
-    rows = np.unique(np.linspace(0, times.size - 1, _LEVERAGES).astype(int))
-    share = posed.leverages(log_penalty, times[rows]) / ((1 - blur) * (slope[rows] / typical) ** 2 + blur)
+    angle = np.asarray(step * numbers, dtype=float)
+    tooth = numbers % per_turn
+    relative = slope / float(np.median(slope))  # a first guess: all pulses scatter alike in time
+    for _ in range(2):
+        size = 32
+        posed, log_penalty = _posed(times, angle, relative**-2, duration, size, tooth)
+        while log_penalty <= _SMOOTH_ENOUGH and size < min(times.size, MOST_KNOTS):
+            size = min(4 * size, MOST_KNOTS)
+            posed, log_penalty = _posed(times, angle, relative**-2, duration, size, tooth)
+        best = posed.solve(log_penalty)
+        spline = BSpline(posed.knots, best.coefficients + posed.trend, DEGREE, extrapolate=True)
+        rows = np.unique(np.linspace(0, times.size - 1, _LEVERAGES).astype(int))
+        shares = np.minimum(posed.leverages(log_penalty, times[rows]) / relative[rows] ** 2, 1.0)
+        off = (angle + best.pattern[tooth] - spline(times)) / best.sigma
+        left = 1 - np.interp(times, times[rows], np.minimum(shares, 0.95))
+        factor = _pooled(times, (off / relative) ** 2, left)
+        if best.sigma < _ROUNDING * duration * float(slope.max()):
+            break  # pulses without any jitter: what is left is rounding
+        relative = relative * np.sqrt(factor)
+    scatter = np.maximum(best.sigma, 1e-300) * relative
+    at = np.unique(np.linspace(0, times.size - 1, max(2 * times.size // _GROUP, 2)).astype(int))
     return SmoothAngle(
-        spline=BSpline(posed.knots, best.coefficients + posed.trend, DEGREE, extrapolate=True), begin=float(times[0]),
-        end=float(times[-1]), jitter=float(best.sigma / typical), typical=typical, blur=blur,
-        shares=share, share_t=times[rows], pattern=best.pattern, outlying=np.zeros(0), pulses=times.size,
+        spline=spline, begin=float(times[0]), end=float(times[-1]), jitter=float(np.median(scatter / slope)),
+        groups=np.stack([times[at], scatter[at]]), shares=shares / factor[rows], share_t=times[rows],
+        pattern=best.pattern, outlying=np.zeros(0), pulses=times.size,
     )  # fmt: skip
+
+
+def _posed(
+    times: Float, angle: Float, weight: Float, duration: float, size: int, tooth: Index
+) -> tuple[_Problem, float]:
+    """The problem on some knots and the log10 of its best penalty."""
+    posed = _Problem.build(times, angle, weight, duration, size, tooth)
+    return posed, float(minimize_scalar(posed.criterion, bounds=(-4.0, 12.0), method="bounded").x)
+
+
+def _pooled(times: Float, squares: Float, left: Float) -> Float:
+    """Squares over what the spline has left of them, by groups of neighbouring pulses, straight lines in between."""
+    groups = np.array_split(np.arange(times.size), max(times.size // _GROUP, 1))
+    means = np.array([squares[group].sum() / left[group].sum() for group in groups])
+    floor = max(1e-4 * float(means.max()), 1e-30)
+    return np.asarray(np.interp(times, [float(times[group].mean()) for group in groups], np.maximum(means, floor)))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -74,10 +74,23 @@ def test_missing_and_double_pulses_are_told_apart_and_the_count_holds() -> None:
     np.testing.assert_array_equal(pulses.numbers, np.delete(np.arange(times.size), gone))
 
 
-def test_start_from_rest_is_counted() -> None:
-    """The first turns of a constant acceleration from rest shorten by 1.30, 1.19, 1.13 ...; none is missing."""
-    pulses = number_pulses(np.sqrt(np.arange(1.0, 60.0)))
+@pytest.mark.parametrize("first", [1.0, 0.5, 0.2, 0.05])
+@pytest.mark.parametrize("direction", [1, -1])
+def test_start_from_rest_is_counted(first: float, direction: int) -> None:
+    """Turns of a constant acceleration from rest shorten fast, the first by 1.3 to 2.2 times; none is missing."""
+    times = np.sqrt(np.arange(first, 60.0))
+    pulses = number_pulses(times if direction > 0 else (times[-1] - times)[::-1])
     assert pulses.missing.size == pulses.extra.size == 0
+    seen = np.sort(np.append(np.delete(times, [6, 20, 21]), times[[10, 30]] + 0.01))
+    mended = number_pulses(seen if direction > 0 else (times[-1] - seen)[::-1])
+    numbers = np.delete(np.arange(times.size), [6, 20, 21])
+    np.testing.assert_array_equal(mended.numbers, numbers if direction > 0 else (numbers[-1] - numbers)[::-1])
+
+
+def test_a_mark_that_chatters_every_turn_counts_once() -> None:
+    times = pulse_times(20.0)
+    seen = np.sort(np.concatenate([times, times + 0.002]))
+    np.testing.assert_array_equal(number_pulses(seen).times, times)
 
 
 @pytest.mark.parametrize("jitter", [0.0, 1e-5, 1e-4])
@@ -108,10 +121,8 @@ def test_scatter_in_angle_is_told_from_scatter_in_time() -> None:
     noise = rng.normal(size=exact.size)
     in_angle = smooth_angle(number_pulses(exact + 1e-3 / speed(exact) * noise), duration=20.0)
     in_time = smooth_angle(number_pulses(exact + 5e-6 * noise), duration=20.0)
-    assert in_angle.blur == 1.0
-    assert in_time.blur < 0.1
-    np.testing.assert_allclose(in_angle.scatter(np.array([1.0, 19.0])), 1e-3, rtol=0.15)
-    np.testing.assert_allclose(in_time.scatter(np.array([19.0])) / speed(np.array([19.0])), 5e-6, rtol=0.15)
+    np.testing.assert_allclose(in_angle.scatter(np.array([3.0, 18.0])), 1e-3, rtol=0.25)  # 60 pulses: 9 % each
+    np.testing.assert_allclose(in_time.scatter(np.array([3.0, 18.0])) / speed(np.array([3.0, 18.0])), 5e-6, rtol=0.25)
 
 
 def test_pattern_of_a_wheel_is_taken_out() -> None:
