@@ -239,9 +239,12 @@ def _message(
     if pair is not None:
         sign, kind = pair
         return f"{names[chosen[0]]} {sign} {names[chosen[1]]} only as a {kind}: fix one or give a prior."
-    conventional = [(names[i], model.parameter(base[i]).nominal) for i in chosen]
+    own = [i for i in chosen if base[i] in model.parameter_names]  # the others are angles and gains of the data
+    conventional = [(names[i], model.parameter(base[i]).nominal) for i in own]
     offered = [f"fix {name} (for instance at {value:g}) or another of them" for name, value in conventional if value]
     way_out = f"{offered[0]}, or give a prior" if offered else "fix one of them or give a prior"
+    if len(own) < len(chosen) and own and not offered:
+        way_out = f"fix {' or '.join(names[i] for i in own[:3])}, or give a prior"
     return f"{', '.join(names[i] for i in chosen)} only in combination, along one direction: {way_out}."
 
 
@@ -251,7 +254,8 @@ def _pair(
     """Whether two parameters are open only as their sum, difference, product or ratio."""
     a, b = chosen
     tolerance = 1e-3
-    if model.parameter(base[a]).unit == model.parameter(base[b]).unit:
+    units = [model.parameter(base[i]).unit if base[i] in model.parameter_names else None for i in chosen]
+    if units[0] is not None and units[0] == units[1]:
         if abs(moves[a] + moves[b]) < tolerance * abs(moves[a]):
             return "+", "sum"
         if abs(moves[a] - moves[b]) < tolerance * abs(moves[a]):

@@ -192,3 +192,27 @@ def test_a_common_datum_is_found_by_other_models_too() -> None:
 def test_what_phase_offsets_can_be_is_said() -> None:
     with pytest.raises(ValueError, match="'common'"):
         rf.fit(rf.models.WhirlWhip(), rf.datasets.rig_open(), phase_offsets="all")  # type: ignore[arg-type]
+
+
+def test_one_speed_leaves_damping_and_datum_in_combination_and_says_so() -> None:
+    test = campaign(np.random.default_rng(2))
+    fit = rf.fit(rf.models.Modal(("disk1", "disk2")), test.select(test.speed < 1100 * RPM), phase_offsets="common")
+    assert {"datum", "zeta", "wn", "M"} <= set(fit.identifiability.unresolved)
+    assert "zeta, datum only in combination, along one direction: fix zeta, or give a prior" in str(fit.identifiability)
+    assert "common datum angle, by which responses lead forces: not determined by these data" in fit.summary()
+
+
+@pytest.mark.parametrize(
+    ("weights", "repeats", "message"),
+    [
+        ((("none", 0.0), ("disk1", 0.0)), 1, "give a column sigma_um, repeat the runs"),
+        ((("disk1", 0.0),), 3, "a second angle, another weight, or a run without one"),
+    ],
+    ids=["nothing tells the noise", "repeats alone"],
+)
+def test_campaigns_that_tell_nothing_are_refused_in_words(
+    weights: tuple[tuple[str, float], ...], repeats: int, message: str
+) -> None:
+    test = campaign(np.random.default_rng(2), weights=weights, repeats=repeats)
+    with pytest.raises(ValueError, match=message):
+        rf.fit(rf.models.Modal(("disk1", "disk2")), test, phase_offsets="common")

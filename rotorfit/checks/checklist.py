@@ -16,7 +16,7 @@ from rotorfit.checks.signs import signs, wrong_direction
 from rotorfit.data.experiments import DisplacementTest, Experiment, PerturbationTest, plane_groups
 from rotorfit.data.findings import Finding, listed
 from rotorfit.data.synchronous import DIFFERENCED
-from rotorfit.data.weights import weighed
+from rotorfit.data.weights import Influences, weighed
 
 LARGEST, SUSPECT, SMALLEST = 0.05, 5e-3, 1e-10
 """Displacements, m: impossible, larger than any clearance in use, and smaller than any probe resolves."""
@@ -95,7 +95,7 @@ def _numbers(test: Experiment) -> Iterator[Finding]:
         text = f"The noise sigma is not positive in {(sigma <= 0).sum()} rows; NaN stands for unknown noise."
         yield Finding("error", "sigma", text, _rows(sigma <= 0))
     # Runs without a weight are what the others are compared with, where weights are solved together.
-    if isinstance(test, PerturbationTest) and (test.force == 0).any() and weighed(test) is None:
+    if isinstance(test, PerturbationTest) and (test.force == 0).any() and _solved(test) is None:
         text = f"The force is zero in {(test.force == 0).sum()} rows; remove them, they have no dynamic stiffness."
         yield Finding("error", "no-force", text, _rows(test.force == 0))
 
@@ -149,7 +149,7 @@ def _frequencies(test: PerturbationTest | DisplacementTest) -> Iterator[Finding]
         )
         yield Finding("warning", "one-direction", text)
     single = [run for run in test.runs if np.unique(np.round(test.frequency[test.run == run], 6)).size == 1]
-    if single and not (isinstance(test, PerturbationTest) and weighed(test) is not None):
+    if single and not (isinstance(test, PerturbationTest) and _solved(test) is not None):
         text = f"Runs with one frequency only: {listed(single)}; they cannot show how dynamic stiffness varies with it."
         yield Finding("warning", "single-frequency", text, _rows(np.isin(test.run, single)))
 
@@ -173,10 +173,18 @@ def _planes(test: PerturbationTest) -> Iterator[Finding]:
         yield Finding("warning", "unconnected-planes", text)
 
 
+def _solved(test: PerturbationTest) -> Influences | None:
+    """Influences of weights at dwell speeds, None where there are none to solve for."""
+    try:
+        return weighed(test)
+    except ValueError:  # a fit says why; what else is odd about the test is worth knowing
+        return None
+
+
 def _start_ups(test: PerturbationTest) -> Iterator[Finding]:
     if not test.synchronous:
         return
-    found = weighed(test)
+    found = _solved(test)
     if found is not None:
         none = _rows(np.zeros(len(test), dtype=bool))
         yield Finding("note", "mountings", f"Weights are solved together: {'; '.join(found.remarks)}.", none)

@@ -27,6 +27,9 @@ from rotorfit.models.array_types import ComplexArray, Float, Index
 MOUNTING = "mounting"
 """Column, and attribute, that names the mounting of each row."""
 
+SHORTEST_SWEEP = 6
+"""Speeds of a run from which on its noise can be told from its smoothness."""
+
 LARGEST_DWELLS = 8
 """Speeds of a run up to which it dwelt at them; more are a start-up, which is differenced sample by sample."""
 
@@ -138,7 +141,7 @@ def influence(test: PerturbationTest) -> Influences:
     try:
         solved = solve_influence(readings)
     except UndeterminedError as reason:
-        raise ValueError(f"{name}: {reason}") from reason
+        raise UndeterminedError(f"{name}: {reason}") from reason
     weight = np.array([np.median(np.abs(column[column != 0])) for column in readings.unbalance.T])
     rows = _as_test(test, solved, channels, planes, weight)
     return Influences(
@@ -166,13 +169,33 @@ def differenced(test: PerturbationTest) -> PerturbationTest:
 
 
 def weighed(experiment: Experiment) -> Influences | None:
-    """Influences of an experiment that has to be solved for them before it can be fitted, None of all others."""
+    """Influences of an experiment that has to be solved for them before it can be fitted, None of all others.
+
+    Args:
+        experiment: any.
+
+    Raises:
+        ValueError: weights at a few speeds that determine nothing, or readings whose noise nothing tells.
+    """
     if not isinstance(experiment, PerturbationTest) or not unsolved(experiment):
         return None
     try:
-        return influence(experiment)
-    except ValueError:  # weights that determine nothing: a check says so, and a fit takes the readings as they are
-        return None
+        found = influence(experiment)
+    except UndeterminedError:
+        if _noise_is_known(experiment):
+            return None  # a check says what the readings contain, and a fit takes them as they are
+        raise
+    if np.isnan(found.test.sigma).any():
+        raise ValueError(
+            f"{experiment.source or 'the test'}: neither repeats nor more mountings than unknowns tell the noise of "
+            "the readings; give a column sigma_um, repeat the runs (A-1, A-2), or mount the weight at one angle more"
+        )
+    return found
+
+
+def _noise_is_known(test: PerturbationTest) -> bool:
+    """Whether single runs can be fitted as they are: their noise is given, or they are long enough to tell it."""
+    return bool(np.isfinite(test.sigma).all()) or np.unique(_dwell(test.speed)).size >= SHORTEST_SWEEP
 
 
 def unsolved(test: PerturbationTest) -> bool:
