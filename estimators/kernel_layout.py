@@ -157,66 +157,82 @@ def layout(problem: Problem) -> KernelLayout | None:
 
 
 def _sorted(rows: dict[str, NDArray[np.generic]], problem: Problem, size: int) -> KernelLayout:
-    force, reading = rows["force"].astype(complex), np.asarray(rows["reading"], dtype=np.intp)
-    drive = force[np.arange(reading.size), np.argmax(np.abs(force), axis=1)]
-    safe = np.where(drive == 0, 1.0, drive)
-    unit = np.round((force / safe[:, None]).view(float).reshape(reading.size, 2 * size), 12) + 0.0
-    directions, direction = np.unique(unit, axis=0, return_inverse=True)
-    coordinate = np.asarray(rows["coordinate"], dtype=np.intp)
-    group = np.asarray(rows["group"], dtype=np.intp)
-    factored = problem.space.model.functions.has_probe_factors
-    nuisance = np.ascontiguousarray(rows["nuisance"].astype(complex)).view(float).reshape(reading.size, -1)
-    gain_rows = np.column_stack(
-        [nuisance, group if factored else 0 * group, coordinate if factored else 0 * coordinate]
+    """Readings in the order of the kernels.
+
+    Readings x at the frequencies 1, 2, 3 and y at 1 and 3 become two segments::
+
+        node       1   2   3        segment 0: nodes 1, 3, entries x, y: data x1 x3 y1 y3
+        read as    xy  x   xy       segment 1: node 2,     entry x:      datum x2
+    """
+    group, coordinate, channel, reading = (
+        np.asarray(rows[name], dtype=np.intp) for name in ("group", "coordinate", "channel", "reading")
     )
-    gains, gain = np.unique(gain_rows, axis=0, return_inverse=True)
-    conditions, condition = np.unique(np.column_stack([group, rows["speed"]]), axis=0, return_inverse=True)
-    condition, direction, gain = (a.reshape(-1).astype(np.intp) for a in (condition, direction, gain))
     w = np.asarray(rows["w"], dtype=float)
-    node = _codes(np.column_stack([condition, w]))
-    key = _codes(np.column_stack([coordinate, direction, gain, rows["channel"]]).astype(np.intp))
-    key = _codes(np.column_stack([_occurrence(_codes(np.column_stack([node, key]))), key]))
-    # Generated code reads few entries a node: one with very many readings counts as several.
-    rank = np.empty(reading.size, dtype=np.intp)
-    order = np.lexsort([key, node])
-    rank[order] = _occurrence(node[order])
-    if size <= LARGEST_UNROLLED:
-        node = _codes(np.column_stack([rank // MOST_ENTRIES, node]))
-    order = np.lexsort([key, node])
-    starts = np.flatnonzero(np.diff(np.append(-1, node[order])))
-    patterns: dict[tuple[int, ...], int] = {}
-    of_node = np.array(
-        [
-            patterns.setdefault((int(condition[order[a]]), *key[order[a:b]].tolist()), len(patterns))
-            for a, b in zip(starts, np.append(starts[1:], reading.size), strict=True)
-        ]
-    )
-    segment = of_node[node]
+    directions, direction, drive = _directions(rows["force"].astype(complex))
+    gains, gain = _gains(problem, rows["nuisance"].astype(complex), group, coordinate)
+    conditions, condition = np.unique(np.column_stack([group, rows["speed"]]), axis=0, return_inverse=True)
+    condition = condition.reshape(-1).astype(np.intp)
+    node, key = _nodes(condition, w, np.column_stack([coordinate, direction, gain, channel]), size)
+    segment = _segment_of(condition, node, key)
     order = np.lexsort([node, key, segment])
     return KernelLayout(
         **_segments(segment[order], key[order], node[order], condition[order]),
         group=conditions[:, 0].astype(np.intp),
         speed=conditions[:, 1].astype(float),
         frequency=_node_values(segment[order], node[order], w[order]),
-        **_entries(
-            segment[order],
-            key[order],
-            [
-                coordinate[order],
-                direction[order],
-                gain[order],
-                np.asarray(rows["channel"], dtype=np.intp)[order],
-            ],
-        ),
+        **_entries(segment[order], key[order], [part[order] for part in (coordinate, direction, gain, channel)]),
         directions=np.ascontiguousarray(directions).view(complex).reshape(-1, size),
         nuisance=np.ascontiguousarray(gains[:, :-2]).view(complex).reshape(gains.shape[0], -1),
         gain_group=gains[:, -2].astype(np.intp),
         gain_coordinate=gains[:, -1].astype(np.intp),
         reading=reading[order],
-        drive=safe[order],
+        drive=drive[order],
         sigma=np.asarray(rows["sigma"], dtype=float)[order],
         measured=rows["measured"].astype(complex)[order],
     )
+
+
+def _directions(force: ComplexArray) -> tuple[Float, Index, ComplexArray]:
+    """Distinct force directions, real and imaginary parts in turn, that of each reading, and its largest component."""
+    drive = force[np.arange(len(force)), np.argmax(np.abs(force), axis=1)]
+    drive = np.where(drive == 0, 1.0, drive)
+    unit = np.round((force / drive[:, None]).view(float).reshape(len(force), -1), 12) + 0.0
+    directions, number = np.unique(unit, axis=0, return_inverse=True)
+    return directions, number.reshape(-1).astype(np.intp), drive
+
+
+def _gains(problem: Problem, nuisance: ComplexArray, group: Index, coordinate: Index) -> tuple[Float, Index]:
+    """Distinct gains, as sensitivities to the nuisance entries, group and coordinate, and that of each reading."""
+    factored = problem.space.model.functions.has_probe_factors
+    parts = np.ascontiguousarray(nuisance).view(float).reshape(group.size, -1)
+    rows = np.column_stack([parts, group if factored else 0 * group, coordinate if factored else 0 * coordinate])
+    gains, number = np.unique(rows, axis=0, return_inverse=True)
+    return gains, number.reshape(-1).astype(np.intp)
+
+
+def _nodes(condition: Index, w: Float, read: Index, size: int) -> tuple[Index, Index]:
+    """Node of each reading, and a key of how it was read; repeats of a reading at a node have keys of their own."""
+    node, key = _codes(np.column_stack([condition, w])), _codes(read)
+    key = _codes(np.column_stack([_occurrence(_codes(np.column_stack([node, key]))), key]))
+    if size > LARGEST_UNROLLED:
+        return node, key
+    # Generated code reads few entries a node: one with very many readings counts as several.
+    rank = np.empty(w.size, dtype=np.intp)
+    order = np.lexsort([key, node])
+    rank[order] = _occurrence(node[order])
+    return _codes(np.column_stack([rank // MOST_ENTRIES, node])), key
+
+
+def _segment_of(condition: Index, node: Index, key: Index) -> Index:
+    """Segment of each reading: nodes of one condition that were read by the same keys."""
+    order = np.lexsort([key, node])
+    starts = np.flatnonzero(np.diff(np.append(-1, node[order])))
+    patterns: dict[tuple[int, ...], int] = {}
+    of_node = [
+        patterns.setdefault((int(condition[order[a]]), *key[order[a:b]].tolist()), len(patterns))
+        for a, b in zip(starts, np.append(starts[1:], node.size), strict=True)
+    ]
+    return np.array(of_node, dtype=np.intp)[node]
 
 
 def _entry_starts(segment: Index, key: Index) -> Index:

@@ -19,6 +19,13 @@ TURN = 0.25
 BETTER = 0.5
 """Share of the misfit that is left when one direction of whirl is halved, if that is the explanation."""
 
+_NEAR_TWO = 0.12  # departure of the median ratio from two, octaves (about 9 %)
+_ALIKE = 0.3  # octaves between the quartiles of ratios that one factor explains
+_JUMP = 0.15  # departure of a jump across zero frequency from two, octaves: about twice what its own error may be
+_KNOWN = 0.08  # standard deviation of a jump, octaves, up to which it is well determined
+_FEWEST = 8  # ratios from which quartiles, or a line, say anything
+_NEAR_ZERO = 0.5, 0.2  # shares of the speed, and of the highest frequency, within which w counts as near zero
+
 
 def peak_to_peak(orbits: Orbits) -> Iterator[Finding]:
     """Ratios of two between readings that should agree: x and y, forward and backward at w -> 0, H_ab and H_ba."""
@@ -39,7 +46,7 @@ def peak_to_peak(orbits: Orbits) -> Iterator[Finding]:
             continue
         for (force_plane, plane), some in orbits.groups("force_plane", "plane"):
             here = np.intersect1d(some, at)
-            if abs(abs(_jump_at_zero(orbits, here)) - 1) < 0.15:
+            if abs(abs(_jump_at_zero(orbits, here)) - 1) < _JUMP:
                 where = f"at {plane} under a force at {force_plane} ({rpm})"
                 yield _twice(
                     f"Forward and backward responses {where} differ by a factor of two near zero", orbits, here
@@ -66,10 +73,10 @@ def _log_ratio(a: NDArray[Any], b: NDArray[Any]) -> Float:
 
 def _is_two(logs: Float) -> bool:
     """Whether ratios are two (or a half) throughout; anisotropy and noise spread them."""
-    if logs.size < 8:
+    if logs.size < _FEWEST:
         return False
     low, middle, high = np.percentile(logs, [25, 50, 75])
-    return bool(abs(abs(middle) - 1) < 0.12 and high - low < 0.3)
+    return bool(abs(abs(middle) - 1) < _NEAR_TWO and high - low < _ALIKE)
 
 
 def _turns(orbits: Orbits, at: Index) -> bool:
@@ -129,9 +136,9 @@ def _jump_at_zero(orbits: Orbits, at: Index) -> float:
     H is smooth across w = 0, so the logarithm of forward over backward is odd in w: any constant in it is a jump.
     """
     w = np.abs(orbits.frequency[at])
-    limit = np.maximum(0.5 * np.abs(orbits.speed[at]), 0.2 * w.max(initial=0.0))
+    limit = np.maximum(_NEAR_ZERO[0] * np.abs(orbits.speed[at]), _NEAR_ZERO[1] * w.max(initial=0.0))
     both = mirrored(orbits, at[(w < limit) & (np.abs(orbits.right[at]) > 0)])
-    if len(both) < 8:
+    if len(both) < _FEWEST:
         return 0.0
     forward, backward = np.array(both).T
     h = orbits.right / orbits.force
@@ -143,4 +150,4 @@ def _jump_at_zero(orbits: Orbits, at: Index) -> float:
     solution, *_ = np.linalg.lstsq(scaled, log * weight, rcond=None)
     residual = (log - design @ solution) * weight
     variance = float(residual @ residual) / (w.size - 3) * np.linalg.pinv(scaled.T @ scaled)[0, 0]
-    return float(solution[0]) if np.sqrt(variance) < 0.08 else 0.0
+    return float(solution[0]) if np.sqrt(variance) < _KNOWN else 0.0

@@ -26,6 +26,10 @@ SMALL_SINE = 0.1
 SLOW = (0.1, 0.2, 0.3, 0.5)
 """Fractions of the speed below which whirl may be slower than the fluid; the largest is more than any lam."""
 
+_MOSTLY = 0.8  # share of the energy against the force that is an error; short of that it may be strong anisotropy
+_WORTH_A_NOTE = 0.02  # share of the energy against the force, noise taken out, that an isotropic model would miss
+_MONOTONIC = 0.8  # rank correlation with frequency from which quadrature falls throughout
+
 
 def wrong_direction(orbits: Orbits) -> Iterator[Finding]:
     """Responses against the direction of the force: nearly all of them an error, a steady part of them a note."""
@@ -37,7 +41,7 @@ def wrong_direction(orbits: Orbits) -> Iterator[Finding]:
             right, wrong = (float(np.sum(np.abs(part[paired]) ** 2)) for part in (orbits.right, orbits.wrong))
             share[key] = wrong / (right + wrong) if right + wrong > 0 else 0.0
             steady[key] = max(wrong - _jumps(orbits, paired), 0.0) / (right + wrong) if right + wrong > 0 else 0.0
-    bad = {key for key, part in share.items() if part > 0.8}  # short of that it may be strong anisotropy
+    bad = {key for key, part in share.items() if part > _MOSTLY}
     if bad:
         runs = list(dict.fromkeys(run for run, _ in bad))
         planes = list(dict.fromkeys(plane for _, plane in share if any(plane == p for _, p in bad)))
@@ -56,7 +60,7 @@ def wrong_direction(orbits: Orbits) -> Iterator[Finding]:
         )
         yield Finding("error", "wrong-direction", text, orbits.rows_of(np.flatnonzero(hit)))
     largest = max((part for key, part in steady.items() if key not in bad), default=0.0)
-    if largest > 0.02:
+    if largest > _WORTH_A_NOTE:
         text = (
             f"Up to {largest:.0%} of the response is against the direction of the force: anisotropy, probes that "
             "differ, or a force that does not turn (force_direction). Compare with the model Anisotropic before "
@@ -122,7 +126,7 @@ def _falls(orbits: Orbits, kappa: ComplexArray, at: Index) -> bool:
     """
     w = orbits.frequency[at]
     one_plane = np.unique(orbits.plane).size == 1
-    return (one_plane or bool((w > 0).any() and (w < 0).any())) and _rank_correlation(w, kappa[at].imag) < -0.8
+    return (one_plane or bool((w > 0).any() and (w < 0).any())) and _rank_correlation(w, kappa[at].imag) < -_MONOTONIC
 
 
 def _reversed(orbits: Orbits, kappa: ComplexArray, at: Index) -> Iterator[Finding]:
