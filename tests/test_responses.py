@@ -233,3 +233,26 @@ def test_recordings_from_the_command_line(tmp_path: Path, capsys: pytest.Capture
     ):
         assert main([*command, *words]) == 2
         assert said in capsys.readouterr().err
+
+
+def test_awkward_recordings_are_mended_and_give_the_same_rig(tmp_path: Path) -> None:
+    """Probes at +-45 degrees, hum, three missing and four double pulses and a clipped channel, all at once."""
+    awkward = rf.Instruments(
+        sample_rate=4096.0, probe_angles=(-45.0, 45.0), hum=0.02, lost=3, doubled=4, clipped="disk_X"
+    )
+    paths = rf.simulate_recordings(RIG, VALUES, tmp_path, speed_rpm=1480.0, duration=10.0, instruments=awkward, seed=3)
+    records, found = [rf.read_recording(path) for path in paths], []
+    test = rf.responses(records, on_finding=found.append)
+    assert {"probe-left-out"} <= {finding.code for finding in found}
+    for record in records:
+        said = {finding.code: finding.message for finding in record.findings}
+        assert {"hum", "pulses-missing", "pulses-double", "channel-clipped"} <= set(said), record.name
+        assert "3 pulses missing" in said["pulses-missing"]
+        assert "4 edges too close" in said["pulses-double"]
+        assert "disk_X" in said["channel-clipped"]
+    assert not ((test.plane == "disk") & (test.direction == "y")).any()  # one probe stands for a circular orbit
+    fit = rf.fit(RIG, test, known={"K3": 6e3})
+    assert 0.8 < fit.redchi < 1.25
+    for name in ("Md", "K1", "K2", "D", "lam"):
+        assert abs(fit.params[name].value - VALUES[name]) < 4 * fit.params[name].stderr, name
+    assert fit.params["lam"].value == pytest.approx(0.475, rel=1e-3)

@@ -129,7 +129,7 @@ def probe_findings(record: Signals, found: Mapping[str, ChannelStatistics]) -> I
     coupled = []
     for probe in record.probes:
         each, where = found[probe.channel], f"{record.name}, channel {probe.channel}"
-        if each.deviation <= max(each.step, 1e-5) or each.deviation < 0.01 * largest:
+        if _dead(each, largest):
             yield Finding(
                 "error", "channel-dead",
                 f"{where} is dead: it stays at {each.mean:.3f} V and moves by {each.deviation * 1e3:.2g} mV rms, the "
@@ -156,6 +156,20 @@ def probe_findings(record: Signals, found: Mapping[str, ChannelStatistics]) -> I
             f"{record.name}: {listed(coupled)}: no gap voltage (mean below 0.25 V): AC-coupled? There is no shaft "
             "centreline and no eccentricity, and whether the probe is in its linear range cannot be seen.",
         )  # fmt: skip
+
+
+def _dead(each: ChannelStatistics, largest: float) -> bool:
+    return each.deviation <= max(each.step, 1e-5) or each.deviation < 0.01 * largest
+
+
+def spoiled(found: Mapping[str, ChannelStatistics]) -> tuple[str, ...]:
+    """Channels of probes that are dead or clipped, so that no response can be had of them.
+
+    Args:
+        found: statistics of the probes' channels.
+    """
+    largest = max((each.deviation for each in found.values()), default=0.0)
+    return tuple(name for name, each in found.items() if each.clipped or _dead(each, largest))
 
 
 def _out_of_range(probe: Probe, each: ChannelStatistics, where: str) -> Iterator[Finding]:

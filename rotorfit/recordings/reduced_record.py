@@ -168,7 +168,11 @@ def reduce_record(record: Recording, drive: AngleTrack, whirl: int) -> ReducedRe
         probes = [probe for probe in record.probes if probe.plane == plane]
         along = np.stack([_towards(record, probe, reduced)[part] for probe in probes])
         along -= along.mean(axis=1, keepdims=True)
-        motion[plane] = np.asarray(record._mixing(plane) @ along if len(probes) > 1 else along[0], dtype=complex)
+        if len(probes) > 1:
+            x, y = record.resolved(plane, along)
+            motion[plane] = np.asarray(x + 1j * y)
+        else:
+            motion[plane] = along[0].astype(complex)
     return ReducedRecord(
         record=record,
         drive=drive,

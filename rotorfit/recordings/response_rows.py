@@ -35,7 +35,7 @@ class Readings:
     sigma: Float
 
 
-def readings(record: Recording, found: LocalResponse, disturbance: Float) -> list[Readings]:
+def readings(record: Recording, whirl: int, found: LocalResponse, disturbance: Float) -> list[Readings]:
     """Responses to the first force, probe by probe.
 
     The noise of x and of y is each one's own, widened together where the orbit's component in the direction of the
@@ -43,6 +43,7 @@ def readings(record: Recording, found: LocalResponse, disturbance: Float) -> lis
 
     Args:
         record: where the probes are.
+        whirl: +1 where the force turns with the shaft, -1 against it.
         found: outputs in the order of :meth:`ReducedRecord.outputs`.
         disturbance: standard deviation, real and imaginary part together, of what the error of the angle that the force
             is locked to adds to each output, shape ``(P, L)``.
@@ -53,9 +54,8 @@ def readings(record: Recording, found: LocalResponse, disturbance: Float) -> lis
     for plane in record.planes:
         if not is_pair(record, plane):
             sigma = np.sqrt(variance[row] + disturbance[row] ** 2 / 2)
-            listed.append(
-                Readings(plane=plane, direction=single_direction(record, plane), response=response[row], sigma=sigma)
-            )
+            axis, factor = single_direction(record, plane, whirl)
+            listed.append(Readings(plane=plane, direction=axis, response=factor * response[row], sigma=sigma))
             row += 1
             continue
         right = variance[row] + disturbance[row] ** 2 / 2
@@ -70,24 +70,22 @@ def readings(record: Recording, found: LocalResponse, disturbance: Float) -> lis
     return listed
 
 
-def single_direction(record: Recording, plane: str) -> str:
-    """Name of the direction of a plane's only probe.
+def single_direction(record: Recording, plane: str, whirl: int) -> tuple[str, complex]:
+    """Direction of a plane's only probe, and the factor that makes a phasor there of what it reads.
+
+    A probe that sits neither along x nor along y gives the x of a circular orbit in the direction of the force; a fit
+    takes any single probe so.
 
     Args:
         record: the recording.
         plane: a plane with one probe.
-
-    Raises:
-        ValueError: the probe sits neither at x nor at y.
+        whirl: +1 where the force turns with the shaft, -1 against it.
     """
-    angle = float(next(probe.angle or 0.0 for probe in record.probes if probe.plane == plane))
+    angle = record.rig.rotation * float(next(probe.angle or 0.0 for probe in record.probes if probe.plane == plane))
     for axis, place in (("x", 0.0), ("y", np.pi / 2)):
-        if abs(np.sin(angle - place)) < 1e-3 and np.cos(angle - place) > 0:
-            return axis
-    raise ValueError(
-        f"{record.name}: the only probe of {plane} sits at {np.degrees(angle):g} degrees; a single probe has to be at "
-        "0 (x) or 90 degrees (y): give its angle from itself"
-    )
+        if abs(np.sin(angle - place)) < 1e-3:
+            return axis, complex(np.sign(np.cos(angle - place)))
+    return "x", complex(np.exp(1j * whirl * angle))
 
 
 def rows(

@@ -20,6 +20,7 @@ from rotorfit.data.findings import Finding
 from rotorfit.data.synchronous import DIFFERENCED, group_speeds, join
 from rotorfit.estimators.local_response import LocalResponse, local_response
 from rotorfit.models.array_types import ComplexArray, Float
+from rotorfit.recordings.quality import spoiled
 from rotorfit.recordings.reduced_record import ReducedRecord, reduce_record
 from rotorfit.recordings.response_rows import readings, rows, time_at
 from rotorfit.recordings.window_responses import window_responses
@@ -64,6 +65,7 @@ def responses(
         raise ValueError("no recordings given")
     report = on_finding or (lambda finding: None)
     tell = progress or (lambda stage: None)
+    listed = [_usable(record, report) for record in listed]
     forces = [_force(record) for record in listed]
     _same_kind(listed, forces)
     if not all(force.datum_known for force in forces):
@@ -82,6 +84,18 @@ def responses(
     planes = dict.fromkeys(force.plane for force in forces)
     groups = [[r for r, f in zip(listed, forces, strict=True) if f.plane == plane] for plane in planes]
     return join([_start_ups(group, report, tell) for group in groups])
+
+
+def _usable(record: Recording, report: Report) -> Recording:
+    """The recording without probes that are dead or clipped."""
+    lost = spoiled(record.statistics)
+    if not lost:
+        return record
+    kept = tuple(probe for probe in record.probes if probe.channel not in lost)
+    if not kept:
+        raise ValueError(f"{record.name}: all probes are dead or clipped: {', '.join(lost)}")
+    report(Finding("warning", "probe-left-out", f"{record.name}: {', '.join(lost)} left out: dead or clipped."))
+    return replace(record, rig=replace(record.rig, probes=kept))
 
 
 def _force(record: Recording) -> Force:
@@ -125,7 +139,7 @@ def _sweep(record: Recording, report: Report, tell: Callable[[str], None]) -> Pe
             )
         )  # fmt: skip
     return rows(
-        readings(record, found, np.abs(found.response[0]) * drive.stderr(time_at(reduced, w))),
+        readings(record, force.whirl, found, np.abs(found.response[0]) * drive.stderr(time_at(reduced, w))),
         driven & apart,
         run=record.name,
         frequency=force.whirl * w,
@@ -211,7 +225,7 @@ def _start_ups(records: list[Recording], report: Report, tell: Callable[[str], N
     scale = np.array([1.0, 1 / np.abs(reference)])[: found.response.shape[0]]
     moved = np.sqrt(np.sum(np.abs(found.response * scale[:, None, None]) ** 2, axis=0))
     return rows(
-        readings(records[0], found, moved * errors),
+        readings(records[0], 1, found, moved * errors),
         _driven(found),
         run=" minus ".join(record.name for record in records),
         frequency=w,

@@ -42,10 +42,9 @@ def window_responses(reduced: ReducedRecord, force: Force, turns: int) -> Pertur
     probes = []
     for p, plane in enumerate(record.planes):
         if not is_pair(record, plane):
-            axis, single = single_direction(record, plane), (along[p] + against[p]) / newton
-            probes.append(
-                Readings(plane=plane, direction=axis, response=single, sigma=2 * found.sigma[p] / np.abs(newton))
-            )
+            axis, factor = single_direction(record, plane, reduced.whirl)
+            single, sigma = factor * (along[p] + against[p]) / newton, 2 * found.sigma[p] / np.abs(newton)
+            probes.append(Readings(plane=plane, direction=axis, response=single, sigma=sigma))
             continue
         sigma = np.sqrt(2) * found.sigma[p] / np.abs(newton)
         for axis, phasor in (
