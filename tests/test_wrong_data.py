@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from linear_tests import linear_test
-from slips import exchanged, lag_as_lead, thinned
+from slips import exchanged, lag_as_lead, thinned, turned
 from synthetic import TYPICAL
 
 import rotorfit as rf
@@ -24,13 +24,14 @@ SLIPS: dict[str, Slip] = {
     "lag entered as lead": lag_as_lead,
     "exchanged probes": exchanged,
     "negative forces": lambda test: replace(test, force=-test.force),
+    "45-degree probes": lambda test: turned(test, 45.0),
     "unsigned frequencies": lambda test: replace(test, frequency=np.abs(test.frequency)),
 }
 
 
 @pytest.fixture(scope="module")
 def rig() -> PerturbationTest:
-    return thinned(rf.datasets.rig_open(), 6)
+    return thinned(rf.datasets.rig_open(), 2)
 
 
 @pytest.mark.parametrize("slip", SLIPS)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from rotorfit.checks.linear_force import linear_force
 from rotorfit.checks.orbits import NEAR_1X, orbits_of
+from rotorfit.checks.probes import turned_probes, uneven_probes
 from rotorfit.checks.ramp import ramps
 from rotorfit.checks.scale import peak_to_peak
 from rotorfit.checks.signs import signs, wrong_direction
@@ -62,9 +63,13 @@ def _physics(test: PerturbationTest | DisplacementTest) -> Iterator[Finding]:
         linear = list(linear_force(orbits))
         wrong = linear or list(wrong_direction(orbits))
         yield from wrong
-        if not linear:
-            yield from peak_to_peak(orbits)
-        if not any(finding.severity == "error" for finding in wrong):  # else the right component is only a residue
+        twice = [] if linear else list(peak_to_peak(orbits))
+        yield from twice
+        turned = [] if wrong else list(turned_probes(orbits))
+        yield from turned
+        if not wrong and not twice:
+            yield from uneven_probes(orbits)
+        if not wrong and not turned:  # else the right component is only a residue
             yield from signs(orbits)
 
 

@@ -9,11 +9,12 @@ rotation moves the drive of the fluid to the backward side.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 
 from rotorfit.checks.orbits import ENOUGH, NEAR_1X, Orbits, mirrored
+from rotorfit.checks.probes import pose_in_words
 from rotorfit.data.findings import Finding, listed
 from rotorfit.models.array_types import ComplexArray, Float, Index
 
@@ -27,20 +28,17 @@ SLOW = (0.1, 0.2, 0.3, 0.5)
 """Fractions of the speed below which whirl may be slower than the fluid; the largest is more than any lam."""
 
 _MOSTLY = 0.8  # share of the energy against the force that is an error; short of that it may be strong anisotropy
-_WORTH_A_NOTE = 0.02  # share of the energy against the force, noise taken out, that an isotropic model would miss
 _MONOTONIC = 0.8  # rank correlation with frequency from which quadrature falls throughout
 
 
 def wrong_direction(orbits: Orbits) -> Iterator[Finding]:
-    """Responses against the direction of the force: nearly all of them an error, a steady part of them a note."""
+    """Responses nearly all of which are against the direction of the force."""
     share: dict[tuple[str, ...], float] = {}
-    steady: dict[tuple[str, ...], float] = {}
     for key, at in orbits.groups("run", "plane"):
         paired = at[np.isfinite(orbits.wrong[at])]
         if paired.size:
             right, wrong = (float(np.sum(np.abs(part[paired]) ** 2)) for part in (orbits.right, orbits.wrong))
             share[key] = wrong / (right + wrong) if right + wrong > 0 else 0.0
-            steady[key] = max(wrong - _jumps(orbits, paired), 0.0) / (right + wrong) if right + wrong > 0 else 0.0
     bad = {key for key, part in share.items() if part > _MOSTLY}
     if bad:
         runs = list(dict.fromkeys(run for run, _ in bad))
@@ -54,28 +52,20 @@ def wrong_direction(orbits: Orbits) -> Iterator[Finding]:
             if len(planes) < len({plane for _, plane in share})
             else "the sign of the frequency in these runs, or phases given as lag"
         )
+        whole = tuple(dict.fromkeys(plane for _, plane in bad)) if _whole(bad, share) else ()
+        if named := pose_in_words(orbits, whole) if whole else "":
+            cause = f"{cause}. A trial fit says: {named}"
         text = (
             f"The rotor answers mostly against the direction of the force, in "
             f"{'all runs' if everywhere else listed(runs)}. Check {cause}."
         )
         yield Finding("error", "wrong-direction", text, orbits.rows_of(np.flatnonzero(hit)))
-    largest = max((part for key, part in steady.items() if key not in bad), default=0.0)
-    if largest > _WORTH_A_NOTE:
-        text = (
-            f"Up to {largest:.0%} of the response is against the direction of the force: anisotropy, probes that "
-            "differ, or a force that does not turn (force_direction). Compare with the model Anisotropic before "
-            "trusting an isotropic one."
-        )
-        yield Finding("note", "anisotropy", text)
 
 
-def _jumps(orbits: Orbits, at: Index) -> float:
-    """Power in the wrong direction that jumps from line to line, as noise does; zero where lines are few."""
-    if at.size < ENOUGH:
-        return 0.0
-    at = at[np.argsort(orbits.frequency[at], kind="stable")]
-    wrong = orbits.wrong[at] * orbits.force[at] / np.abs(orbits.force[at])  # a mirror image turns against the force
-    return float(np.mean(np.abs(np.diff(wrong)) ** 2)) * at.size / 2
+def _whole(bad: set[tuple[str, ...]], every: Mapping[tuple[str, ...], float]) -> bool:
+    """Whether planes answer so in all of their runs, as wrong probes do, and not in some, as a wrong frequency does."""
+    planes = {plane for _, plane in bad}
+    return all(key in bad for key in every if key[1] in planes)
 
 
 def _established(values: Float) -> float:

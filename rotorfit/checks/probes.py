@@ -1,0 +1,401 @@
+"""What pairs of probes give away: a wrong gain, a mounting angle, an exchange; and anisotropy beyond the noise.
+
+On an isotropic rotor y follows x by 90 degrees in the direction of the force, ``Y = -j X`` forward and ``Y = +j X``
+backward, at every frequency. A wrong gain multiplies one side by one number; anisotropy, whose shares change across
+resonances, does not. A turn of both probes by an angle a leaves the orbits circular and multiplies every response by
+``exp(-ja)``: it is found where the whole dynamic stiffness is measured (eq. 7), because inertia is real.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import islice
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+
+from rotorfit.checks.orbits import ENOUGH, Orbits
+from rotorfit.data.findings import Finding, listed
+from rotorfit.estimators.noise import noise_from_smoothness
+from rotorfit.models.array_types import ComplexArray, Float, Index
+
+AGREES = 1.5
+"""Misfit over noise below which a statement explains the readings: the estimate of the noise is uncertain itself."""
+
+ESTABLISHED = 8.0
+"""Departures from what is expected, over their standard error, that are no accident among many planes."""
+
+SMALLEST_GAIN = 0.03
+"""Departure of the gains' ratio from one that is worth a warning: it moves parameters by half of it."""
+
+DYNAMIC = 6.0
+"""Ratio of largest to smallest response across a band in which anisotropy could not look like a constant gain."""
+
+CLEAR = 6.0
+"""Turn over its error beyond which it is there."""
+
+CIRCULAR = 0.2
+"""Part of the orbits against the force, of amplitude, beyond which they are no circles."""
+
+MOST_LINES = 80
+"""Frequencies that the search for turned probes looks at."""
+
+MOST_SPEEDS = 3
+"""Rotative speeds that it looks at."""
+
+SMALLEST_TURN = 15.0
+"""Turn of a pair of probes, degrees, beyond which it is no matter of calibration."""
+
+
+def uneven_probes(orbits: Orbits) -> Iterator[Finding]:
+    """Planes where x and y differ by more than their noise: by one factor, or as on an anisotropic rotor."""
+    pairs = {plane: _pair(orbits, at) for (plane,), at in orbits.groups("plane")}
+    told = {plane: pair for plane, pair in pairs.items() if pair is not None}
+    good = [plane for plane, pair in told.items() if pair.even]
+    uneven = []
+    for plane, pair in told.items():
+        if pair.even:
+            continue
+        if pair.constant and abs(pair.ratio - 1) >= SMALLEST_GAIN and (pair.dynamic or good):
+            yield _gain(plane, pair)
+        elif not pair.constant or abs(pair.ratio - 1) >= SMALLEST_GAIN:
+            uneven.append(plane)
+    if uneven:
+        part = max(told[plane].share for plane in uneven)
+        static = [plane for plane in uneven if told[plane].constant]
+        doubt = (
+            f" At {listed(static)} one factor explains it, which a wrong gain and an anisotropic stiffness share as "
+            "long as no resonance lies in the band: these data cannot tell."
+            if static
+            else ""
+        )
+        text = (
+            f"Up to {part:.2g} % of the response at {listed(uneven)} is against the direction of the force and no "
+            f"noise: anisotropy, probes that differ, or a force that does not turn (force_direction).{doubt} Compare "
+            "with the model Anisotropic before trusting an isotropic one."
+        )
+        yield Finding("note", "anisotropy", text)
+
+
+@dataclass(frozen=True)
+class _Pair:
+    """How y follows x at one plane.
+
+    Attributes:
+        even: as on an isotropic rotor, to within the noise.
+        constant: by one factor at all frequencies, to within the noise.
+        ratio: that factor, forward, complex; 1 for a perfect pair.
+        mirrored: whether the factor of backward orbits is its conjugate, a mounting angle, rather than the same.
+        share: part of the response's power against the force, %.
+        dynamic: the band holds enough dynamics to tell a gain from an anisotropic stiffness.
+        rows: rows of the test.
+    """
+
+    even: bool
+    constant: bool
+    ratio: complex
+    mirrored: bool
+    share: float
+    dynamic: bool
+    rows: tuple[int, ...]
+
+
+def _pair(orbits: Orbits, at: Index) -> _Pair | None:
+    at = at[np.isfinite(orbits.wrong[at]) & (np.abs(orbits.x[at]) > 0)]
+    if at.size < ENOUGH:
+        return None
+    powers = [_power(part[at]) for part in (orbits.wrong, orbits.right)]
+    share = powers[0] / sum(powers)
+    if share > 0.5:  # that is the other check's business
+        return None
+    backward = orbits.frequency[at] < 0
+    expected = np.where(backward, 1j, -1j) * orbits.x[at]
+    seen = orbits.y[at]
+    if _plainly_even(orbits, at, expected, seen):
+        return _Pair(True, False, 1.0, False, 100 * share, False, ())
+    noise = _noise(orbits, at)
+    known = np.isfinite(noise).all(axis=1)
+    at, noise, backward, expected, seen = (part[known] for part in (at, noise, backward, expected, seen))
+    if at.size < ENOUGH:
+        return None
+    even = _misfit(expected, seen, noise, 1.0)
+    sides = {side: _ratio(expected[some], seen[some], noise[some]) for side, some in _sides(backward)}
+    ratio, error = sides.get(False, sides.get(True, (1.0 + 0j, 1.0)))
+    if False not in sides:
+        ratio = ratio.conjugate()
+    mirrored = False
+    if len(sides) == 2:
+        back = sides[True][0]
+        mirrored = abs(back - ratio.conjugate()) < abs(back - ratio)
+    of_line = np.where(backward & mirrored, np.conj(ratio), ratio)
+    constant = _misfit(expected, seen, noise, of_line)
+    size = np.abs(orbits.right[at] / orbits.force[at])
+    clear = size[np.abs(orbits.x[at]) > 10 * noise[:, 0]]
+    certain = abs(ratio - 1) > ESTABLISHED * error
+    return _Pair(
+        even=even < AGREES**2 and not (certain and constant < AGREES**2 and abs(ratio - 1) >= SMALLEST_GAIN),
+        constant=constant < AGREES**2 and certain,
+        ratio=ratio,
+        mirrored=mirrored,
+        share=100 * share,
+        dynamic=clear.size >= ENOUGH and bool(clear.max() > DYNAMIC * clear.min()),
+        rows=orbits.rows_of(at),
+    )
+
+
+def _plainly_even(orbits: Orbits, at: Index, expected: ComplexArray, seen: ComplexArray) -> bool:
+    """Whether what departs from an isotropic rotor jumps from line to line, as noise does, sweep by sweep."""
+    numbers = [np.unique(column[at], return_inverse=True)[1] for column in (orbits.run, orbits.force_plane)]
+    sweep = np.column_stack([*numbers, np.sign(orbits.frequency[at])])
+    for key in np.unique(sweep, axis=0):
+        rows = np.flatnonzero((sweep == key).all(axis=1))
+        rows = rows[np.argsort(orbits.frequency[at[rows]], kind="stable")]
+        u, rest = expected[rows], seen[rows] - expected[rows]
+        slope = np.vdot(u, rest) / np.vdot(u, u)  # what one factor more explains
+        jumps = np.abs(np.diff(rest - slope * u)) ** 2 / 2
+        level = float(np.mean(jumps)) if rows.size > 1 else 0.0
+        certain = abs(slope) > ESTABLISHED * np.sqrt(level / np.vdot(u, u).real)
+        if _power(rest) > AGREES**2 * level * rows.size or (certain and abs(slope) >= SMALLEST_GAIN):
+            return False
+    return True
+
+
+def _sides(backward: NDArray[np.bool_]) -> Iterator[tuple[bool, NDArray[np.bool_]]]:
+    for side in (False, True):
+        if (backward == side).any():
+            yield side, backward == side
+
+
+def _noise(orbits: Orbits, at: Index) -> Float:
+    """Noise of x and of y at each orbit, from the smoothness of their sweeps, NaN where those are too short."""
+    noise = np.full((at.size, 2), np.nan)
+    place = {int(i): k for k, i in enumerate(at.tolist())}
+    speeds = orbits.speed if np.unique(orbits.speed[at]).size <= ENOUGH else np.zeros(orbits.speed.size)
+    sweeps: dict[tuple[str, float, str, bool], list[int]] = {}
+    for i in at.tolist():
+        key = (str(orbits.run[i]), float(speeds[i]), str(orbits.force_plane[i]), bool(orbits.frequency[i] < 0))
+        sweeps.setdefault(key, []).append(i)
+    for rows in sweeps.values():
+        if len(rows) >= ENOUGH:
+            w = np.abs(orbits.frequency[rows])
+            where = [place[i] for i in rows]
+            for k, readings in enumerate((orbits.x[rows], orbits.y[rows])):
+                noise[where, k] = noise_from_smoothness(w, readings)
+    return noise
+
+
+def _misfit(expected: ComplexArray, seen: ComplexArray, noise: Float, ratio: complex | ComplexArray) -> float:
+    """Mean square of ``seen - ratio expected`` over its noise, 1 for noise alone."""
+    variance = noise[:, 1] ** 2 + np.abs(ratio) ** 2 * noise[:, 0] ** 2
+    return float(np.mean(np.abs(seen - ratio * expected) ** 2 / (2 * variance)))
+
+
+def _ratio(expected: ComplexArray, seen: ComplexArray, noise: Float) -> tuple[complex, float]:
+    """Ratio of two noisy readings and its standard error; the noise's own power is taken out of the denominator."""
+    ratio, power = 1.0 + 0j, 1.0
+    for _ in range(5):
+        weight = 1 / (noise[:, 1] ** 2 + abs(ratio) ** 2 * noise[:, 0] ** 2)
+        power = float(np.sum(weight * (np.abs(expected) ** 2 - 2 * noise[:, 0] ** 2)))
+        if power <= 0:
+            return 1.0 + 0j, np.inf
+        ratio = complex(np.sum(weight * expected.conj() * seen) / power)
+    return ratio, float(np.sqrt(2 / power))
+
+
+def _gain(plane: str, pair: _Pair) -> Finding:
+    g, phase = abs(pair.ratio), np.degrees(np.angle(pair.ratio))
+    factor = abs(1 + pair.ratio) / 2
+    share = 100 * (1 - 1 / factor)
+    if abs(np.radians(phase)) > abs(g - 1) and pair.mirrored:
+        what = f"The probes at {plane} are {90 - phase:.1f} degrees apart instead of 90, at every frequency"
+        cure = f"give their angles, probe_angles, {plane} at 0 and {90 - phase:.1f}"
+    elif abs(np.radians(phase)) > abs(g - 1):
+        what = f"The y probe at {plane} is {phase:+.1f} degrees off in phase against the x probe, at every frequency"
+        cure = "correct it with a complex gain or a delay (gains, delays)"
+    else:
+        what = f"The y probe at {plane} reads {g:.3g} times what the x probe does, at every frequency"
+        cure = f"if x is right, divide y by it: gains, {plane}.y = {g:.3g}; if y is right, {plane}.x = {1 / g:.3g}"
+    effect = (
+        f"Every stiffness, damping and mass that is seen there (K, D, M, Mf) comes out some {abs(share):.2g} % too "
+        f"{'small' if share > 0 else 'large'}; lam, a ratio, hardly changes"
+        if abs(share) >= 1
+        else "Stiffness, damping and mass hardly change, quadrature parts and small cross terms do"
+    )
+    return Finding("warning", "probe-gain", f"{what}, as no rotor does. {effect}. Find out which probe is wrong: "
+                   f"{cure}.", pair.rows)  # fmt: skip
+
+
+# ---- turned, exchanged and inverted pairs ------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class _Pose:
+    """How a pair of probes stands: turned by an angle, its error, degrees, and whether the damping seen is positive."""
+
+    turn: float
+    error: float
+    damped: bool
+
+
+def turned_probes(orbits: Orbits) -> Iterator[Finding]:
+    """Pairs of probes that sit at another angle than they are said to."""
+    paired = np.isfinite(orbits.wrong)
+    if not paired.any() or _power(orbits.wrong[paired]) > CIRCULAR**2 * _power(orbits.right[paired]):
+        return  # anisotropic, of which inertia as seen by circular orbits says nothing
+    found = {
+        plane: pose
+        for plane, pose in poses(orbits, ()).items()
+        if abs(pose.turn) > max(SMALLEST_TURN, CLEAR * pose.error)
+    }
+    for plane, pose in found.items():
+        a = pose.turn
+        what = (
+            f"The pair of probes at {plane} is inverted, both x and y, or the force there has the wrong sign"
+            if abs(abs(a) - 180) < SMALLEST_TURN
+            else f"The probes at {plane} read as if they sat at {a:.0f} and {a + 90:.0f} degrees instead of 0 and 90"
+        )
+        text = (
+            f"{what}: with any other angle the rotor's inertia would not be real. Give their angles (probe_angles), or "
+            "check the angle of the force. Stiffness and damping are mixed by it: D, lam and K0 are all wrong."
+        )
+        yield Finding("error", "probe-angle", text, orbits.rows_of(np.flatnonzero(orbits.plane == plane)))
+
+
+def _power(amplitude: ComplexArray) -> float:
+    return float(np.sum(np.abs(amplitude) ** 2))
+
+
+def pose_in_words(orbits: Orbits, mirrored: tuple[str, ...]) -> str:
+    """What is wrong with pairs of probes whose orbits turn the wrong way round; empty where that is not known."""
+    found = poses(orbits, mirrored)
+    words = []
+    for plane in mirrored:
+        if plane not in found:
+            return ""
+        pose = found[plane]
+        nearest = min((0, 90, 180, -90), key=lambda a, turn=pose.turn: abs((turn - a + 180) % 360 - 180))  # type: ignore[misc]
+        if abs((pose.turn - nearest + 180) % 360 - 180) > SMALLEST_TURN:
+            return ""
+        if nearest == 0 and not pose.damped:
+            words.append("lag")
+        else:
+            words.append(
+                {0: "y inverted", 90: "x and y exchanged", 180: "x inverted"}.get(
+                    nearest, "x and y exchanged, both inverted"
+                )
+            )
+    if words and set(words) == {"lag"}:
+        return "phases of lag were given as lead (use phase_lag_deg and force_phase_lag_deg)"
+    return "; ".join(f"at {plane} {word}" for plane, word in zip(mirrored, words, strict=True) if word != "lag")
+
+
+def poses(orbits: Orbits, mirrored: tuple[str, ...]) -> dict[str, _Pose]:
+    """Turn of every pair of probes that is certain: that which makes the inertia of eq. (7) real and positive.
+
+    Args:
+        orbits: orbits of a test.
+        mirrored: planes whose orbits turn the wrong way round, and are turned back first.
+    """
+    found: dict[str, list[tuple[float, float, bool]]] = {}
+    turned = np.isin(orbits.plane, mirrored)
+    amplitude = np.where(turned, orbits.wrong.conj(), orbits.right)
+    for _, at in islice(orbits.groups("speed"), MOST_SPEEDS):
+        for plane, turn, error, damped in _inertia(orbits, amplitude, at):
+            found.setdefault(plane, []).append((turn, error, damped))
+    result = {}
+    for plane, values in found.items():
+        turns, errors = np.array([v[0] for v in values]), np.maximum([v[1] for v in values], 0.1)
+        weight = errors**-2
+        apart = (turns - turns[np.argmin(errors)] + 180) % 360 - 180
+        error = float(np.sum(weight) ** -0.5)
+        turn = float(turns[np.argmin(errors)] + np.sum(weight * apart) / np.sum(weight))
+        agree = (np.abs(apart) < SMALLEST_TURN + CLEAR * errors).all()
+        if agree and error < SMALLEST_TURN / 2:
+            result[plane] = _Pose((turn + 180) % 360 - 180, error, values[int(np.argmin(errors))][2])
+    return result
+
+
+def _inertia(orbits: Orbits, amplitude: ComplexArray, at: Index) -> Iterator[tuple[str, float, float, bool]]:
+    """Plane, turn of its probes and its error, degrees, and sign of its damping, from ``kappa = a + b w + c w^2``."""
+    planes = sorted(set(orbits.plane[at].tolist()))
+    lines: dict[float, dict[tuple[str, str], int]] = {}
+    columns = (orbits.plane[at], orbits.force_plane[at], np.round(orbits.frequency[at], 6), at)
+    for plane, force_plane, w, i in zip(*[column.tolist() for column in columns], strict=True):
+        lines.setdefault(w, {})[plane, force_plane] = i
+    wanted = [(plane, force_plane) for plane in planes for force_plane in planes]
+    whole = {w: [cells[pair] for pair in wanted] for w, cells in lines.items() if set(wanted) <= set(cells)}
+    if len(whole) < ENOUGH:
+        return
+    w = np.array(sorted(whole))
+    index = np.array([whole[line] for line in w.tolist()])
+    H = (amplitude[index] / orbits.force[index]).reshape(w.size, len(planes), len(planes))
+    regular = np.isfinite(H).all(axis=(1, 2))
+    regular[regular] = np.linalg.cond(H[regular]) < 1 / np.sqrt(np.finfo(float).eps)
+    if regular.sum() < ENOUGH:
+        return
+    some = np.flatnonzero(regular)[:: max(1, int(regular.sum()) // MOST_LINES)]
+    found = _polynomial(w[some] / np.abs(w).max(), H[some])
+    if found is None:
+        return
+    terms, values, errors = found
+    for q, plane in enumerate(planes):
+        inertia, damping = terms.index((q, q, 2)), terms.index((q, q, 1))
+        turn = -values[inertia] / abs(values[inertia])
+        error = errors[inertia] / abs(values[inertia])
+        for k in range(len(planes)):  # coupling is real as well, and better known, but may have either sign
+            i = terms.index((k, q, 0))
+            if k != q and errors[i] / abs(values[i]) < error < 1:
+                error = errors[i] / abs(values[i])
+                turn = values[i] / abs(values[i]) * np.sign((values[i] / turn).real)
+        damped = (values[damping] / turn).imag > 0
+        yield plane, float(np.degrees(np.angle(turn))), float(np.degrees(error)), bool(damped)
+
+
+def _polynomial(u: Float, H: ComplexArray) -> tuple[list[tuple[int, int, int]], ComplexArray, Float] | None:
+    """Polynomials ``kappa(u)`` whose inverse is H: row, column and power of each term, its factor and that one's error.
+
+    The diagonal is quadratic in u, the rest constant: a chain of lumped masses, dampers and springs, each complex.
+    """
+    n = H.shape[1]
+    terms = [(q, k, power) for q in range(n) for k in range(n) for power in range(3 if q == k else 1)]
+    kappa = np.linalg.inv(H)
+    weight = 1 / np.linalg.norm(kappa, axis=(1, 2)) ** 2  # d kappa = -kappa dH kappa
+    start = []
+    for q, k in dict.fromkeys((q, k) for q, k, _ in terms):
+        design = u[:, None] ** np.arange(3 if q == k else 1) * weight[:, None]
+        start += np.linalg.lstsq(design.astype(complex), kappa[:, q, k] * weight, rcond=None)[0].tolist()
+    scale = np.abs(H).max()
+
+    def parts(values: Float) -> tuple[ComplexArray, ComplexArray]:
+        given = values[::2] + 1j * values[1::2]
+        model = np.zeros(H.shape, dtype=complex)
+        for (q, k, power), value in zip(terms, given, strict=True):
+            model[:, q, k] += value * u**power
+        return np.linalg.inv(model), given
+
+    def residuals(values: Float) -> Float:
+        return np.asarray(((parts(values)[0] - H) / scale).ravel().view(float))
+
+    def jacobian(values: Float) -> Float:
+        G = parts(values)[0]
+        columns = []
+        for q, k, power in terms:
+            slope = -G[:, :, q, None] * G[:, None, k, :] * (u**power)[:, None, None] / scale
+            columns += [slope.ravel().view(float), (1j * slope).ravel().view(float)]
+        return np.stack(columns, axis=1)
+
+    try:
+        solved = least_squares(
+            residuals, np.array(start).view(float), jac=jacobian, x_scale="jac", ftol=1e-4, xtol=1e-4, max_nfev=30
+        )
+    except (ValueError, np.linalg.LinAlgError):  # a singular matrix on the way: no verdict
+        return None
+    if not solved.success:
+        return None
+    values = solved.x[::2] + 1j * solved.x[1::2]
+    variance = 2 * solved.cost / max(solved.fun.size - solved.x.size, 1)
+    covariance = np.linalg.pinv(solved.jac.T @ solved.jac) * variance
+    errors = np.sqrt(np.maximum(np.diag(covariance), 0.0).reshape(-1, 2).mean(axis=1))
+    return terms, values, errors

@@ -1,0 +1,119 @@
+"""Probes with a wrong gain, another angle, exchanged or inverted: named, with what they bias; no word on clean rigs."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from clean_rigs import clean_test
+from slips import exchanged, lag_as_lead, mixed, thinned, turned
+
+import rotorfit as rf
+from rotorfit.data.experiments import PerturbationTest
+from rotorfit.data.findings import Finding
+
+
+@pytest.fixture(scope="module")
+def rig() -> PerturbationTest:
+    return rf.datasets.rig_open()
+
+
+def only(test: PerturbationTest, code: str) -> list[Finding]:
+    return [finding for finding in rf.check(test) if finding.code == code]
+
+
+@pytest.mark.parametrize(("direction", "factor"), [("y", 1.3), ("x", 0.8), ("y", 1.06)])
+def test_a_wrong_gain_is_named_with_its_factor(rig: PerturbationTest, direction: str, factor: float) -> None:
+    matrix = [[factor, 0], [0, 1]] if direction == "x" else [[1, 0], [0, factor]]
+    found = only(mixed(rig, matrix, ["journal"]), "probe-gain")
+    assert len(found) == 1
+    ratio = factor if direction == "y" else 1 / factor
+    assert f"The y probe at journal reads {ratio:.3g} times what the x probe does" in found[0].message
+    assert f"journal.y = {ratio:.3g}" in found[0].message
+    assert all(rig.plane[list(found[0].rows)] == "journal")
+
+
+def test_what_a_gain_is_said_to_bias_is_what_it_biases(rig: PerturbationTest) -> None:
+    """30 % too much in one probe of a pair is 15 % in the orbit: 13 % too little in every coefficient, not in lam."""
+    wrong = mixed(thinned(rig, 3), [[1, 0], [0, 1.3]])
+    fits = [rf.fit(rf.models.WhirlWhip(), test, known={"K3": 0.0}) for test in (thinned(rig, 3), wrong)]
+    share = {name: fits[1].params[name].value / fits[0].params[name].value for name in ("K2", "D", "Md", "lam")}
+    for name in ("K2", "D", "Md"):
+        assert share[name] == pytest.approx(1 / 1.15, rel=5e-3), name
+    assert share["lam"] == pytest.approx(1.0, rel=5e-3)
+    found = only(wrong, "probe-gain")
+    assert all("(K, D, M, Mf) comes out some 13 % too small; lam, a ratio, hardly changes" in f.message for f in found)
+
+
+def test_an_angle_between_the_probes_is_told_from_a_gain(rig: PerturbationTest) -> None:
+    a = np.radians(100.0)
+    found = only(mixed(rig, [[1, 0], [np.cos(a), np.sin(a)]], ["disk"]), "probe-gain")
+    assert len(found) == 1
+    assert "The probes at disk are 100.0 degrees apart instead of 90" in found[0].message
+
+
+@pytest.mark.parametrize(
+    ("slip", "words"),
+    [
+        (exchanged, "at journal x and y exchanged"),
+        (lambda t: exchanged(t, ["journal"]), "A trial fit says: at journal x and y exchanged"),
+        (lambda t: mixed(t, [[1, 0], [0, -1]], ["journal"]), "A trial fit says: at journal y inverted"),
+        (lambda t: mixed(t, [[-1, 0], [0, 1]], ["disk"]), "A trial fit says: at disk x inverted"),
+        (lag_as_lead, "A trial fit says: phases of lag were given as lead"),
+    ],
+)
+def test_mirrored_orbits_are_named_by_a_trial_fit(rig: PerturbationTest, slip, words: str) -> None:
+    found = only(slip(rig), "wrong-direction")
+    assert len(found) == 1
+    assert words in found[0].message
+
+
+@pytest.mark.parametrize("angle", [45.0, -45.0, 90.0])
+def test_a_pair_at_another_angle_is_an_error(rig: PerturbationTest, angle: float) -> None:
+    found = only(turned(rig, angle), "probe-angle")
+    assert found
+    assert all(finding.severity == "error" for finding in found)
+    said = float(found[0].message.split("sat at ")[1].split()[0])
+    assert said == pytest.approx(angle, abs=5.0)  # the shaft of this rig is no chain of two masses
+
+
+def test_negative_forces_are_an_error(rig: PerturbationTest) -> None:
+    found = only(turned(rig, 180.0), "probe-angle")
+    assert any("or the force there has the wrong sign" in finding.message for finding in found)
+
+
+@pytest.mark.parametrize("name", ["one-mode", "whirl-whip", "two-disk", "overhung", "anisotropic"])
+def test_clean_rigs_are_left_alone(name: str) -> None:
+    """Isotropic ones without a word on their probes, anisotropic ones with a note that says what it may be."""
+    for seed in range(25):
+        codes = {finding.code for finding in rf.check(clean_test(name, 1000 + seed))}
+        assert not codes & {"probe-gain", "probe-angle", "wrong-direction"}, (name, seed)
+        assert name == "anisotropic" or "anisotropy" not in codes, (name, seed)
+
+
+def test_anisotropy_below_two_percent_of_energy_is_seen() -> None:
+    """kx and ky 10 % apart: what a fixed share of the energy would pass is many times the noise."""
+    model = rf.models.Anisotropic()
+    values = {
+        "Kxx": 1e4, "Kyy": 1.1e4, "Kxy": 0.0, "Kyx": 0.0, "Dxx": 200.0, "Dyy": 200.0, "Dxy": 0.0, "Dyx": 0.0,
+        "Mxx": 1.0, "Mxy": 0.0, "Myx": 0.0, "Myy": 1.0,
+    }  # fmt: skip
+    from synthetic import circular_test
+
+    w = np.linspace(20.0, 250.0, 60)
+    test = circular_test(
+        model, model.vector(values), speeds=(100.0,), frequency=np.r_[-w[::-1], w], noise=0.003, seed=1
+    )
+    assert [finding.severity for finding in only(test, "anisotropy")] == ["note"]
+
+
+def test_a_static_band_cannot_tell_a_gain_from_an_anisotropic_stiffness() -> None:
+    model = rf.models.OneMode()
+    from synthetic import TYPICAL, circular_test
+
+    w = np.linspace(2.0, 20.0, 60)  # far below any resonance
+    test = circular_test(
+        model, model.vector(TYPICAL["one-mode"]), speeds=(100.0,), frequency=np.r_[-w[::-1], w], noise=0.003, seed=1
+    )
+    found = only(mixed(test, [[1, 0], [0, 1.2]]), "anisotropy")
+    assert len(found) == 1
+    assert "these data cannot tell" in found[0].message
