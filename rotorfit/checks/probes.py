@@ -117,7 +117,8 @@ def _pair(orbits: Orbits, at: Index) -> _Pair | None:
         return _Pair(True, False, 1.0, False, 100 * share, False, ())
     noise = _noise(orbits, at)
     known = np.isfinite(noise).all(axis=1)
-    at, noise, backward, expected, seen = (part[known] for part in (at, noise, backward, expected, seen))
+    at, noise, backward = at[known], noise[known], backward[known]
+    expected, seen = expected[known], seen[known]
     if at.size < ENOUGH:
         return None
     even = _misfit(expected, seen, noise, 1.0)
@@ -342,11 +343,13 @@ def _inertia(orbits: Orbits, amplitude: ComplexArray, at: Index) -> Iterator[tup
     terms, values, errors = found
     for q, plane in enumerate(planes):
         inertia, damping = terms.index((q, q, 2)), terms.index((q, q, 1))
+        if values[inertia] == 0:
+            continue
         turn = -values[inertia] / abs(values[inertia])
         error = errors[inertia] / abs(values[inertia])
         for k in range(len(planes)):  # coupling is real as well, and better known, but may have either sign
             i = terms.index((k, q, 0))
-            if k != q and errors[i] / abs(values[i]) < error < 1:
+            if k != q and values[i] != 0 and errors[i] / abs(values[i]) < error < 1:
                 error = errors[i] / abs(values[i])
                 turn = values[i] / abs(values[i]) * np.sign((values[i] / turn).real)
         damped = (values[damping] / turn).imag > 0
@@ -368,18 +371,18 @@ def _polynomial(u: Float, H: ComplexArray) -> tuple[list[tuple[int, int, int]], 
         start += np.linalg.lstsq(design.astype(complex), kappa[:, q, k] * weight, rcond=None)[0].tolist()
     scale = np.abs(H).max()
 
-    def parts(values: Float) -> tuple[ComplexArray, ComplexArray]:
+    def response(values: Float) -> ComplexArray:
         given = values[::2] + 1j * values[1::2]
         model = np.zeros(H.shape, dtype=complex)
         for (q, k, power), value in zip(terms, given, strict=True):
             model[:, q, k] += value * u**power
-        return np.linalg.inv(model), given
+        return np.asarray(np.linalg.inv(model))
 
     def residuals(values: Float) -> Float:
-        return np.asarray(((parts(values)[0] - H) / scale).ravel().view(float))
+        return np.asarray(((response(values) - H) / scale).ravel().view(float))
 
     def jacobian(values: Float) -> Float:
-        G = parts(values)[0]
+        G = response(values)
         columns = []
         for q, k, power in terms:
             slope = -G[:, :, q, None] * G[:, None, k, :] * (u**power)[:, None, None] / scale
