@@ -100,14 +100,14 @@ class Influences:
         """Table of residual vectors and influences with standard errors, um and um/(g mm), degrees of lead."""
         size = len(self.planes)
         errors = np.sqrt(np.real(np.diag(self.solved.covariance))).reshape(-1, size)
-        head = f"{'probe':<14}{'rpm':>8}{'residual':>18}" + "".join(f"{plane:>26}" for plane in self.planes)
-        lines = [head, f"{'':<22}{'um 0-pk':>18}" + f"{'um/(g mm)':>26}" * size]
+        head = f"{'probe':<14}{'rpm':>8}{'residual':>18}" + "".join(f"{plane:>18}{'':<11}" for plane in self.planes)
+        lines = [head, f"{'':<22}{'um 0-pk':>18}" + f"{'um/(g mm)':>18}{'':<11}" * size]
         for cell, (channel, dwell) in enumerate(zip(self.solved.channel, self.solved.dwell, strict=True)):
             speed = self.solved.speed[dwell] * 30 / np.pi
             line = f"{' '.join(self.channels[channel]):<14}{speed:>8.0f}" + _polar(self.solved.residual[cell] * 1e6, 18)
             for value, error in zip(self.solved.influence[cell], errors[cell], strict=True):
-                line += _polar(value, 18) + f" +-{error:.2g}"[:8].ljust(8)
-            lines.append(line)
+                line += _polar(value, 18) + f" +- {error:.1g}".ljust(11)
+            lines.append(line.rstrip())
         seen = [] if self.modes is None else [str(self.modes)]
         return "\n".join([*lines, *self.remarks, *seen])
 
