@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 from synthetic import circular_test
 
+import rotorfit
 import rotorfit as rf
 from rotorfit.cli import main as cli
 from rotorfit.report import figures as report_figures
@@ -650,6 +651,7 @@ def test_accuracy_in_the_readme_is_what_the_demo_prints(run: Run, tmp_path: Path
 def test_commands_of_the_readme_run(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "rig.csv").write_bytes(Path(RIG).read_bytes())
+    (tmp_path / "rk4_sync.csv").write_bytes(Path(rotorfit.datasets.path("rk4_sync.csv")).read_bytes())
     for block in readme_blocks("toml"):
         (tmp_path / "study.toml").write_text(block, encoding="utf-8")
     commands = [
