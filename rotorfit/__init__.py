@@ -34,6 +34,7 @@ if TYPE_CHECKING:  # `as` tells type checkers that these names are for users
     from rotorfit.fitting.law_fit import fit_law as fit_law
     from rotorfit.fitting.law_ranking import LawComparison as LawComparison
     from rotorfit.fitting.law_ranking import compare_laws as compare_laws
+    from rotorfit.fitting.modes_to_disks import two_disk_from_modes as two_disk_from_modes
     from rotorfit.fitting.refine import Refinement as Refinement
     from rotorfit.fitting.refine import one_lam_test as one_lam_test
     from rotorfit.fitting.refine import refine as refine
@@ -105,6 +106,7 @@ _HOME = {
     "Refinement": "rotorfit.fitting.refine",
     "one_lam_test": "rotorfit.fitting.refine",
     "refine": "rotorfit.fitting.refine",
+    "two_disk_from_modes": "rotorfit.fitting.modes_to_disks",
     "write_report": "rotorfit.report.write",
     "write_campaign_report": "rotorfit.report.campaign",
     "FitResult": "rotorfit.fitting.result",

@@ -108,3 +108,46 @@ def test_only_what_is_forced_and_measured_has_parameters() -> None:
 def test_wrong_options_are_refused_in_words(options: dict[str, object], message: str) -> None:
     with pytest.raises(ValueError, match=message):
         rf.models.Modal(**options)  # type: ignore[arg-type]
+
+
+# ---- from two modes to two disks (eq. 23) ------------------------------------------------------------------------
+
+
+def test_published_modes_give_the_published_damping() -> None:
+    """Modal masses, frequencies, dampings and shapes of the paper; D is rounded to 0.1, shapes to two digits."""
+    from rotorfit.fitting.modes_to_disks import disk_values
+
+    model = rf.models.Modal(("inboard", "outboard"), modes=2, gains="plane")
+    values = {
+        "M1": 1.5, "wn1": np.sqrt(41000 / 1.5), "zeta1": 14.9 / (2 * np.sqrt(41000 * 1.5)), "phi1_outboard": 0.99,
+        "M2": 1.43, "wn2": np.sqrt(279000 / 1.43), "zeta2": 40.4 / (2 * np.sqrt(279000 * 1.43)), "phi2_outboard": -0.94,
+        "g1_outboard": 1.0, "g1_outboard_im": 0.0, "g2_outboard": 1.0, "g2_outboard_im": 0.0,
+    }  # fmt: skip
+    found = disk_values(model, model.vector(values))
+    for name, published in {"D11": 14.2, "D22": 14.8, "D12": 7.0, "D21": 7.0}.items():
+        assert found[name] == pytest.approx(published, abs=0.15)
+    assert found["M1"] == pytest.approx(0.73, abs=0.01)
+    assert found["M2"] == pytest.approx(0.79, abs=0.01)
+    assert abs(found["M12"]) < 0.01
+    assert found["K2"] == pytest.approx(63700, rel=0.02)
+
+
+def test_two_modes_of_start_ups_give_the_disks() -> None:
+    """Start-ups of a simulated two-disk rotor through both resonances, fitted as two modes and turned into disks."""
+    test, truth = rf.datasets.two_disk(), rf.datasets.truth("two_disk")
+    fit = rf.fit(rf.models.Modal(("inboard", "outboard"), modes=2, gains="plane"), test)
+    assert fit.success
+    found = rf.two_disk_from_modes(fit)
+    direct = rf.fit(rf.models.TwoDisk(), test)
+    for name in ("M1", "M2", "K1", "K2", "K3", "D11", "D12", "D22"):
+        # real participations: damping that couples the modes a little is left out, a percent of the widths
+        assert found[name].value == pytest.approx(direct.params[name].value, rel=0.03), name
+        assert found[name].stderr < 0.05 * abs(found[name].value)
+    assert abs(found["M12"].value) < 4 * found["M12"].stderr + 0.01
+    assert truth
+
+
+def test_other_models_have_no_modes_to_turn_into_disks() -> None:
+    fit = rf.fit(rf.models.TwoDisk(), rf.datasets.two_disk())
+    with pytest.raises(ValueError, match="needs a fit of Modal with two modes"):
+        rf.two_disk_from_modes(fit)

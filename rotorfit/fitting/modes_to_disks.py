@@ -1,0 +1,79 @@
+"""From two modes to the matrices of a two-disk rotor (eq. 23), errors carried along."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rotorfit.estimators.parameter_space import ParameterSpace
+from rotorfit.fitting.result import FitResult, Quantity
+from rotorfit.models import Modal
+from rotorfit.models.array_types import Float
+
+_STEP = 1e-6  # relative step of central differences: errors of 1e-10 of smooth functions
+
+UNITS = {"M": "kg", "K": "N/m", "D": "N s/m"}
+
+
+def two_disk_from_modes(fit: FitResult) -> dict[str, Quantity]:
+    """Masses, stiffnesses and dampings of a two-disk rotor (eq. 19) from its two modes.
+
+    With the mode shapes as columns, ``phi = [[1, 1], [phi1, phi2]]``, and modal masses, stiffnesses and dampings on
+    diagonals, ``M = phi^-T M_m phi^-1`` and so for K and D (eq. 23). Shapes are those of the participations of forces.
+
+    Args:
+        fit: of a ``Modal`` of two modes whose two planes, both forced, are the disks.
+
+    Returns:
+        ``M1, M2, K1, K2, K3, D11, D12, D21, D22`` of :class:`rotorfit.models.TwoDisk`, the off-diagonal mass ``M12``,
+        which lumped disks do not have, and standard errors by the delta method.
+
+    Raises:
+        ValueError: another model, or modes of one shape.
+    """
+    model = fit.model
+    if not isinstance(model, Modal) or model.modes != 2 or len(model.planes) != 2 or model.apart:
+        raise ValueError("eq. (23) needs a fit of Modal with two modes at two planes, x and y not apart")
+    if len(model.force_planes) != 2:
+        raise ValueError("eq. (23) needs a participation of both planes: force both")
+    space: ParameterSpace = fit.problem.space
+    theta = np.asarray(space.theta(fit.x)[0])
+    slopes = _gradients(model, theta)
+    values = disk_values(model, theta)
+    return {name: fit.propagate(value, slopes[name], UNITS[name[0]]) for name, value in values.items()}
+
+
+def disk_values(model: Modal, theta: Float) -> dict[str, float]:
+    """Entries of the two-disk rotor's matrices from the parameters of two modes, shape ``(P,)``.
+
+    Args:
+        model: of two modes at two planes.
+        theta: its parameters.
+
+    Raises:
+        ValueError: modes of one shape, which no two disks have.
+    """
+    p = dict(zip(model.parameter_names, theta.tolist(), strict=True))
+    second = model.planes[1]
+    shapes = np.array([[1.0, 1.0], [p[f"phi1_{second}"], p[f"phi2_{second}"]]])
+    if abs(np.linalg.det(shapes)) < 1e-9 * np.abs(shapes).max():
+        raise ValueError("the two modes have one shape: no two disks vibrate so")
+    back = np.linalg.inv(shapes)
+    mass, wn, zeta = (np.array([p[f"{letter}{i}"] for i in (1, 2)]) for letter in ("M", "wn", "zeta"))
+    M, K, D = (back.T @ np.diag(modal) @ back for modal in (mass, mass * wn**2, 2 * mass * zeta * wn))
+    return {
+        "M1": float(M[0, 0]), "M2": float(M[1, 1]), "M12": float(M[0, 1]),
+        "K1": float(K[0, 0] + K[0, 1]), "K2": float(-K[0, 1]), "K3": float(K[1, 1] + K[0, 1]),
+        "D11": float(D[0, 0]), "D12": float(-D[0, 1]), "D21": float(-D[1, 0]), "D22": float(D[1, 1]),
+    }  # fmt: skip
+
+
+def _gradients(model: Modal, theta: Float) -> dict[str, Float]:
+    """Derivatives of :func:`disk_values` by the parameters, shape ``(P,)`` each."""
+    found = {name: np.zeros(theta.size) for name in disk_values(model, theta)}
+    for i, value in enumerate(theta.tolist()):
+        step = np.zeros(theta.size)
+        step[i] = _STEP * max(abs(value), 1e-3)
+        above, below = disk_values(model, theta + step), disk_values(model, theta - step)
+        for name, slope in found.items():
+            slope[i] = (above[name] - below[name]) / (2 * step[i])
+    return found
