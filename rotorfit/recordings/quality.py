@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rotorfit.data.findings import Finding, listed
 from rotorfit.estimators.spectral_lines import mains_hum, turning_power
-from rotorfit.models.array_types import Float
 from rotorfit.recordings.angle_track import AngleTrack
 from rotorfit.recordings.setup import Probe
 from rotorfit.recordings.signals import Signals
@@ -59,26 +59,31 @@ def statistics(record: Signals, name: str) -> ChannelStatistics:
         record: the recording.
         name: of the channel.
     """
+    factor, offset = record.rig.scales[name]
+    integers = record.raw.channels[name].full_count is not None
     total = squares = 0.0
-    step = abs(record.rig.scales[name][0]) if record.raw.channels[name].full_count is not None else np.inf
-    bottom, top = _Extreme(sign=-1.0), _Extreme(sign=1.0)
-    for piece in record.pieces(name):
-        total += float(piece.sum())
-        squares += float(piece @ piece)
+    step = 1.0 if integers else np.inf  # in counts, or in what the file stores
+    bottom, top = _Extreme(highest=False), _Extreme(highest=True)
+    for piece in record.stored_pieces(name):
+        values = piece.astype(float)
+        total += float(values.sum())
+        squares += float(values @ values)
         if not np.isfinite(step):
-            differences = np.abs(np.diff(piece[:4096]))
+            differences = np.abs(np.diff(values[:4096]))
             step = float(differences[differences > 0].min(initial=np.inf))
         bottom.see(piece, step)
         top.see(piece, step)
     mean = total / record.size
+    if factor < 0:
+        bottom, top = top, bottom
     return ChannelStatistics(
-        mean=mean,
-        deviation=float(np.sqrt(max(squares / record.size - mean**2, 0.0))),
-        low=-bottom.value,
-        high=top.value,
+        mean=mean * factor + offset,
+        deviation=float(np.sqrt(max(squares / record.size - mean**2, 0.0))) * abs(factor),
+        low=bottom.value * factor + offset,
+        high=top.value * factor + offset,
         flat_low=bottom.stretches,
         flat_high=top.stretches,
-        step=step if np.isfinite(step) else 0.0,
+        step=step * abs(factor) if np.isfinite(step) else 0.0,
         at_low=bottom.samples / record.size,
         at_high=top.samples / record.size,
     )
@@ -86,36 +91,35 @@ def statistics(record: Signals, name: str) -> ChannelStatistics:
 
 @dataclass
 class _Extreme:
-    """The highest voltage so far (of the signal times the sign), how often the signal stayed there and how long."""
+    """The highest or lowest stored value so far, how often the signal stayed there and how long."""
 
-    sign: float
-    value: float = -np.inf
+    highest: bool
+    value: float = np.nan
     stretches: int = 0
     samples: int = 0
 
-    def see(self, piece: Float, step: float) -> None:
-        values = self.sign * piece
-        highest = float(values.max())
-        if highest > self.value:
-            self.value, self.stretches, self.samples = highest, 0, 0
-        if highest == self.value:
-            at = values == highest
-            self.stretches += _entered(values, at, step)
+    def see(self, piece: NDArray[Any], step: float) -> None:
+        extreme = piece.max() if self.highest else piece.min()
+        beyond = extreme > self.value if self.highest else extreme < self.value
+        if beyond or np.isnan(self.value):
+            self.value, self.stretches, self.samples = float(extreme), 0, 0
+        if extreme == self.value:
+            at = piece == extreme
+            self.stretches += _entered(piece, at, step)
             self.samples += int(at.sum())
 
 
-def _entered(values: Float, at: NDArray[np.bool_], step: float) -> int:
+def _entered(piece: NDArray[Any], at: NDArray[np.bool_], step: float) -> int:
     """Stretches of three and more samples at the extreme that begin or end with a jump of several counts.
 
     The crest of a slow and quiet signal stays on one count too, but comes there count by count.
     """
     edges = np.flatnonzero(np.diff(np.concatenate([[False], at, [False]]).astype(np.int8)))
     begin, end = edges[::2], edges[1::2]
-    long = end - begin >= 3
-    before = values[np.maximum(begin - 1, 0)]
-    after = values[np.minimum(end, values.size - 1)]
-    jump = np.maximum(values[begin] - before, values[begin] - after) if begin.size else np.zeros(0)
-    return int(np.sum(long & (jump > 4 * step)))
+    here = piece[begin].astype(float)
+    before, after = piece[np.maximum(begin - 1, 0)], piece[np.minimum(end, piece.size - 1)]
+    jump = np.maximum(np.abs(here - before), np.abs(here - after))
+    return int(np.sum((end - begin >= 3) & (jump > 4 * step)))
 
 
 def probe_findings(record: Signals, found: Mapping[str, ChannelStatistics]) -> Iterator[Finding]:

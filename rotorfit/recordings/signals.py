@@ -20,6 +20,11 @@ PIECE = 1 << 20
 """Samples read at once where a channel is gone through from end to end: 8 MB in double precision."""
 
 
+def _wide(piece: NDArray[Any]) -> type:
+    """Type in which a piece is added up without overflow or loss."""
+    return np.float64 if piece.dtype.kind == "f" else np.int64
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Signals:
     """Volts and motions of one run.
@@ -103,6 +108,15 @@ class Signals:
             raise ValueError(f"{self.name}: {unknown_name('channel', name, self.rig.scales)}")
         first, last, _ = slice(start, stop).indices(self.size)
         factor, offset = self.rig.scales[name]
+        volts = self._stored(name, first, last) * factor
+        return np.asarray(volts + offset if offset else volts, dtype=float)
+
+    def _stored(self, name: str, first: int, last: int) -> NDArray[Any]:
+        """Samples as the file stores them, counts or volts.
+
+        Raises:
+            ValueError: one of them is not a number.
+        """
         counts = self.raw.channels[name].samples(first, last)
         if counts.dtype.kind == "f" and not np.isfinite(counts).all():
             at = first + int(np.flatnonzero(~np.isfinite(counts))[0])
@@ -110,8 +124,16 @@ class Signals:
                 f"{self.name}: channel {name} is {counts[at - first]} at sample {at} ({at / self.sample_rate:.4f} s); "
                 "cut the recording there or leave the channel out"
             )
-        volts = counts * factor
-        return np.asarray(volts + offset if offset else volts, dtype=float)
+        return counts
+
+    def stored_pieces(self, name: str) -> Iterator[NDArray[Any]]:
+        """A channel in consecutive pieces as the file stores it, for what can be computed quicker in counts.
+
+        Args:
+            name: of the channel; its scale and offset are ``rig.scales[name]``.
+        """
+        for start in range(0, self.size, PIECE):
+            yield self._stored(name, start, min(start + PIECE, self.size))
 
     def pieces(self, name: str) -> Iterator[Float]:
         """A channel in consecutive pieces, V.
@@ -160,7 +182,9 @@ class Signals:
         """
         means = self.__dict__.setdefault("_means", {})
         if name not in means:
-            means[name] = sum(float(piece.sum()) for piece in self.pieces(name)) / self.size
+            factor, offset = self.rig.scales[name]
+            total = sum(float(piece.sum(dtype=_wide(piece))) for piece in self.stored_pieces(name))
+            means[name] = total / self.size * factor + offset
         return float(means[name])
 
     def _probes_of(self, plane: str) -> tuple[Probe, ...]:

@@ -241,14 +241,14 @@ def spectrum(record: Signals, plane: str, start: float, stop: float | None) -> t
     Args:
         record: the recording.
         plane: one of its planes.
-        start, stop: s; by default all, of a long recording the first 4 million samples.
+        start, stop: s; by default all, of a long recording the first million samples.
 
     Raises:
         ValueError: no such plane, or a stretch that is empty.
     """
     first = round(max(start, 0.0) * record.sample_rate)
     last = record.size if stop is None else min(round(stop * record.sample_rate), record.size)
-    last = min(last, first + (1 << 22))
+    last = min(last, first + (1 << 20))
     if last - first < 16:
         end = "the end" if stop is None else f"{stop:g} s"
         raise ValueError(f"{record.name}: no samples from {start:g} s to {end}")
