@@ -319,3 +319,43 @@ def test_setups_with_a_slip_are_refused(tmp_path: Path, change: tuple[str, str],
     assert change[0] in SETUP
     with pytest.raises(ValueError, match=words):
         rf.read_recording(path, setup_file(tmp_path, SETUP.replace(*change)))
+
+
+# ---- a perturbator without a mark -------------------------------------------------------------------
+
+
+def steady(t: Float, hertz: float, wander: float = 0.0) -> dict[str, Float]:
+    """A backward perturbation at one frequency, beside the shaft's own motion."""
+    phase = 2 * np.pi * hertz * t + wander * np.sin(2 * np.pi * 0.3 * t)
+    z = 30e-6 * np.exp(1j * shaft_angle(t)) + 20e-6 * np.exp(-1j * (phase + 0.7))
+    rng = np.random.default_rng(3)
+    probes = {"disk_X": z.real, "disk_Y": z.imag}
+    return {name: -10 + 7870 * part + 3e-3 * rng.normal(size=t.size) for name, part in probes.items()}
+
+
+UNMARKED = SETUP.replace('channel = "keyphasor_perturbator"', "steady = true").replace('"forward"', '"backward"')
+
+
+def test_a_steady_perturbation_without_a_mark_is_found_in_the_motion(tmp_path: Path) -> None:
+    channels = {**steady(TIME, 33.217), "keyphasor_shaft": CHANNELS["keyphasor_shaft"]}
+    record = rf.read_recording(write_hdf5(tmp_path / "run.h5", channels, {}), setup_file(tmp_path, UNMARKED))
+    track = record.perturbator_angle()
+    assert track is not None
+    # 0.54 um of noise in z against 20 um over 4 s: sqrt(6)/(2 pi T) (s/A)/sqrt(N) = 2e-5 Hz
+    np.testing.assert_allclose(track.speed(TIME[::1000]) / (2 * np.pi), 33.217, atol=1.5e-4)
+    assert record.force is not None
+    assert not record.force.datum_known
+    assert [finding.code for finding in record.findings] == ["steady-perturbation"]
+    assert "33.217" in record.findings[0].message
+
+
+def test_a_perturbation_that_wanders_needs_a_mark(tmp_path: Path) -> None:
+    shaft = {"keyphasor_shaft": CHANNELS["keyphasor_shaft"]}
+    setup = setup_file(tmp_path, UNMARKED)
+    wandering = write_hdf5(tmp_path / "run.h5", {**steady(TIME, 33.2, wander=1.5), **shaft}, {})
+    with pytest.raises(ValueError, match="is not steady"):
+        rf.read_recording(wandering, setup).perturbator_angle()
+    with pytest.raises(ValueError, match="no line stands out"):
+        rf.read_recording(
+            write_hdf5(tmp_path / "still.h5", {**steady(TIME, 0.0), **shaft}, {}), setup
+        ).perturbator_angle()

@@ -10,6 +10,7 @@ import numpy as np
 from rotorfit.data.findings import Finding, listed
 from rotorfit.estimators.pulses import NumberedPulses, PulseLevels, find_edges, find_levels, number_pulses
 from rotorfit.estimators.shaft_angle import SmoothAngle, smooth_angle
+from rotorfit.estimators.steady_frequency import steady_angle
 from rotorfit.models.array_types import Float
 from rotorfit.recordings.setup import Reference
 from rotorfit.recordings.signals import Signals
@@ -179,3 +180,38 @@ def _wheel(where: str, smooth: SmoothAngle, per_turn: int) -> Finding:
 
 def _times(times: Float) -> str:
     return listed([f"{t:.3f} s" for t in times])
+
+
+def steady_track(record: Signals, shaft: AngleTrack | None, whirl: int) -> AngleTrack:
+    """The angle of a perturbator that has no mark and runs at one frequency, from the motion of the first two planes.
+
+    Args:
+        record: the recording.
+        shaft: the shaft's angle, whose orders are not taken for the perturbation; None without.
+        whirl: +1 forward, -1 backward.
+
+    Raises:
+        ValueError: no line stands out, or it is not steady.
+    """
+    stop = min(record.size, 1 << 21)
+    planes = record.planes[:2]
+    if not planes:
+        raise ValueError(f"{record.name} has no probes to find the frequency of the perturbation from")
+    z = max(
+        (np.asarray(record.motion(plane, 0, stop), dtype=complex) for plane in planes), key=lambda m: float(np.std(m))
+    )
+    turning = (
+        0.0 if shaft is None else float(np.mean(shaft.speed(np.linspace(shaft.begin, shaft.end, 200)))) / (2 * np.pi)
+    )
+    orders = [k * turning for k in range(-10, 11)] if turning else [0.0]
+    try:
+        smooth = steady_angle(z, record.sample_rate, whirl, orders)
+    except ValueError as problem:
+        raise ValueError(f"{record.name}, perturbator without a mark: {problem}") from problem
+    hertz = float(smooth.speed(np.array([0.0]))[0]) / (2 * np.pi)
+    said = Finding(
+        "note", "steady-perturbation",
+        f"{record.name}: the perturbator has no mark; it runs at {hertz:.4f} Hz by the motion. Its phase counts from "
+        'the start of the recording: fit with phase_offsets="common" or True.',
+    )  # fmt: skip
+    return AngleTrack(smooth=smooth, pulses=np.zeros(0), findings=(said,))

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotorfit.data.findings import Finding
-from rotorfit.recordings.angle_track import AngleTrack, track
+from rotorfit.recordings.angle_track import AngleTrack, steady_track, track
 from rotorfit.recordings.files import open_raw
 from rotorfit.recordings.quality import (
     ChannelStatistics,
@@ -66,8 +66,10 @@ class Recording(Signals):
     def perturbator_angle(self) -> AngleTrack | None:
         """Angle of the perturbator from its mark, growing whichever way it turns; None without a mark.
 
+        Of one that the setup says is ``steady`` and has no mark, frequency from the motion and angle zero at the start.
+
         Raises:
-            ValueError: no pulses on its channel.
+            ValueError: no pulses on its channel, or no steady line in the motion.
         """
         return None if self.rig.perturbator is None else self._perturbator
 
@@ -77,7 +79,11 @@ class Recording(Signals):
 
     @cached_property
     def _perturbator(self) -> AngleTrack:
-        return track(self, self.rig.perturbator)  # type: ignore[arg-type]
+        reference = self.rig.perturbator
+        if reference is not None and reference.channel is None:
+            shaft = None if self.rig.shaft is None else self._shaft
+            return steady_track(self, shaft, 1 if self.force is None else self.force.whirl)
+        return track(self, reference)  # type: ignore[arg-type]
 
     @cached_property
     def twist(self) -> NDArray[np.float64]:

@@ -125,7 +125,7 @@ def complete(raw: RawFile, setup: RigSetup | None) -> Rig:
     source = setup.source if setup is not None and setup.source else "the setup"
     probes = tuple(_complete_probe(raw, probe, whole, source) for probe in whole.probes or ())
     shaft, perturbator = (_reference(r) for r in (whole.shaft, whole.perturbator))
-    force = _force(raw, whole.force, perturbator is not None, tuple(dict.fromkeys(probe.plane for probe in probes)))
+    force = _force(raw, whole.force, perturbator, tuple(dict.fromkeys(probe.plane for probe in probes)))
     twist = given.twist if given is not None and given.twist is not None and given.twist.wheel else whole.twist
     if twist is not None:
         _check_twist(twist, raw.name)
@@ -177,12 +177,14 @@ def _complete_probe(raw: RawFile, probe: Probe, setup: RigSetup, source: str) ->
 
 
 def _reference(reference: Reference | None) -> Reference | None:
-    if reference is None or reference.channel is None:
+    if reference is None or (reference.channel is None and not reference.steady):
         return None
     return replace(reference, pulses_per_turn=reference.pulses_per_turn or 1)
 
 
-def _force(raw: RawFile, force: ForceSetup | None, perturbator: bool, planes: tuple[str, ...]) -> Force | None:
+def _force(
+    raw: RawFile, force: ForceSetup | None, perturbator: Reference | None, planes: tuple[str, ...]
+) -> Force | None:
     if force is None:
         return None
     channels = (force.channel_x or "", force.channel_y or "")
@@ -197,15 +199,16 @@ def _force(raw: RawFile, force: ForceSetup | None, perturbator: bool, planes: tu
         )  # fmt: skip
     if force.mr is None:
         return None
-    if perturbator and force.whirl is None:
+    if perturbator is not None and force.whirl is None:
         raise ValueError(f'{raw.name}: nothing says which way the perturbator turns; give whirl = "forward" in [force]')
     plane = force.plane if force.plane is not None or len(planes) != 1 else planes[0]
     if plane is None:
         raise ValueError(f"{raw.name}: nothing says in which plane the force acts; give plane in [force]")
     angle = force.angle if force.angle is not None else force.hole_angle
+    marked = perturbator is None or perturbator.channel is not None
     return Force(
-        plane=plane, mr=force.mr, angle=angle or 0.0, datum_known=force.angle is not None,
-        whirl=force.whirl or 1, reference="perturbator" if perturbator else "shaft",
+        plane=plane, mr=force.mr, angle=angle or 0.0, datum_known=force.angle is not None and marked,
+        whirl=force.whirl or 1, reference="shaft" if perturbator is None else "perturbator",
     )  # fmt: skip
 
 

@@ -83,6 +83,12 @@ def _count(where: str, value: Any) -> int:
     return value
 
 
+def _truth(where: str, value: Any) -> bool:
+    if not isinstance(value, bool):
+        raise ValueError(f"{where} must be true or false, got {value!r}")
+    return value
+
+
 _DEGREE = math.pi / 180
 _PROBE: dict[str, tuple[str, Reader]] = {
     "plane": ("plane", _word),
@@ -97,6 +103,7 @@ _REFERENCE: dict[str, tuple[str, Reader]] = {
     "level_V": ("level", _number),
     "pulses_per_turn": ("pulses_per_turn", _count),
 }
+_PERTURBATOR: dict[str, tuple[str, Reader]] = {**_REFERENCE, "steady": ("steady", _truth)}
 _FORCE: dict[str, tuple[str, Reader]] = {
     "plane": ("plane", _word),
     **_in_units("mr", "mr", UNITS["unbalance"], _positive),
@@ -175,7 +182,9 @@ def setup_of(content: Mapping[str, Any], source: str) -> RigSetup:
         speed=setup.speed,
         sensitivity=setup.sensitivity,
         shaft=_record(Reference, _REFERENCE, _table(content, "shaft", source), f"{source}, [shaft]"),
-        perturbator=_record(Reference, _REFERENCE, _table(content, "perturbator", source), f"{source}, [perturbator]"),
+        perturbator=_record(
+            Reference, _PERTURBATOR, _table(content, "perturbator", source), f"{source}, [perturbator]"
+        ),
         probes=_probes(content, source),
         force=force or setup.force,
         twist=_record(Twist, _TWIST, _table(content, "twist", source), f"{source}, [twist]"),

@@ -41,12 +41,14 @@ class Reference:
         edge: ``"falling"`` or ``"rising"``, the edge that is angle zero; None: found from the signal.
         level: voltage at which the edge is timed; None: half way.
         pulses_per_turn: 1 unless given.
+        steady: whether a perturbator without a mark runs at one frequency, which is then found from the motion.
     """
 
     channel: str | None = None
     edge: str | None = None
     level: float | None = None
     pulses_per_turn: int | None = None
+    steady: bool | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
