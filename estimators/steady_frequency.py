@@ -56,7 +56,7 @@ def steady_angle(
     scatter = float(np.std(phase - np.polyval(line, middle)))
     if scatter > _STEADY:
         raise ValueError(
-            f"the perturbation near {abs(frequency[peak]):.3f} Hz is not steady (its phase wanders by {scatter:.2f} rad): "
+            f"the line at {abs(frequency[peak]):.3f} Hz is not steady, its phase wanders by {scatter:.2f} rad; "
             "a swept perturbation needs a mark"
         )
     speed = direction * (2 * np.pi * float(frequency[peak]) + float(line[0]))
