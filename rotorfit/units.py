@@ -6,6 +6,7 @@ Everything inside rotorfit is SI with 0-peak amplitudes; only readers, writers a
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 
 from rotorfit.models.parameters import unknown_name
 
@@ -27,7 +28,7 @@ UNITS: dict[str, dict[str, float]] = {
     "length": _LENGTH,
     "displacement": _amplitudes(_LENGTH),
     "tilt": _amplitudes(_ANGLE),
-    "force": {"n": 1.0, "mn": 1e-3, "kn": 1e3, "lbf": 4.4482216152605, "kgf": 9.80665},
+    "force": {"n": 1.0, "mN": 1e-3, "kn": 1e3, "MN": 1e6, "lbf": 4.4482216152605, "kgf": 9.80665},
     "unbalance": {
         "kg_m": 1.0,
         "kg_mm": 1e-3,
@@ -39,7 +40,8 @@ UNITS: dict[str, dict[str, float]] = {
     },
     "phase": {"deg": math.pi / 180, "rad": 1.0, "lag_deg": -math.pi / 180, "lag_rad": -1.0},
 }
-"""Factor to SI (rad/s, m, rad, N, kg m; amplitudes 0-peak, phases lead) by quantity and unit, units in lower case."""
+"""Factor to SI (rad/s, m, rad, N, kg m; amplitudes 0-peak, phases lead) by quantity and unit, units in lower case
+but for those that only their case tells apart."""
 
 
 def si_factor(quantity: str, unit: str) -> float:
@@ -47,17 +49,41 @@ def si_factor(quantity: str, unit: str) -> float:
 
     Args:
         quantity: a key of :data:`UNITS`.
-        unit: as in column names: ``rpm``, ``um_pp``, ``g_mm``, ``lag_deg``; upper and lower case are the same.
+        unit: as in column names: ``rpm``, ``um_pp``, ``g_mm``, ``lag_deg``; upper and lower case are the same but for
+            milli (``mN``) and mega (``MN``).
 
     Raises:
-        ValueError: unknown quantity or unit; the message lists those there are.
+        ValueError: unknown quantity or unit; the message lists those there are. Or a unit that its case leaves open.
     """
     if quantity not in UNITS:
         raise ValueError(unknown_name("quantity", quantity, UNITS))
     units = UNITS[quantity]
-    if unit.lower() not in units:
+    factor = find_unit(unit, units)
+    if factor is None:
         raise ValueError(unknown_name(f"unit of {quantity}", unit, units))
-    return units[unit.lower()]
+    return factor
+
+
+def find_unit(unit: str, units: Mapping[str, float]) -> float | None:
+    """Factor of a unit however it is spelled, ``None`` for one that the table does not have.
+
+    Args:
+        unit: as someone wrote it.
+        units: factors by unit, such as a value of :data:`UNITS`.
+
+    Raises:
+        ValueError: the case leaves open whether milli or mega is meant.
+    """
+    spelled = unit.replace("\u00b5", "u").replace("\u03bc", "u")
+    if spelled in units:
+        return units[spelled]
+    same = [known for known in units if known.lower() == spelled.lower()]
+    if len(same) > 1:
+        raise ValueError(f"unit {unit!r} may be {' or '.join(same)}: m is milli and M is mega, write the one meant")
+    base = spelled.partition("_")[0]
+    if same and base[:1] == "M" and base[1:].islower() and same[0][1:] in units:
+        raise ValueError(f"unit {unit!r} begins with M, which is mega; milli is {same[0]!r}")
+    return units[same[0]] if same else None
 
 
 def units_of(*quantities: str) -> dict[str, float]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+import warnings
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -16,6 +17,7 @@ from numpy.typing import NDArray
 from synthetic import TYPICAL, circular_test, covering_frequencies
 
 import rotorfit as rf
+from rotorfit.cli import main as cli
 from rotorfit.data.experiments import DisplacementTest, Experiment, PerturbationTest, perturbation_test
 from rotorfit.models import OneMode, Overhung, WhirlWhip
 
@@ -309,9 +311,21 @@ def test_a_reference_along_one_axis_is_a_force_that_does_not_turn(tmp_path: Path
         assert fit.params[name].value == pytest.approx(both.params[name].value, rel=1e-4)
 
 
+def test_the_command_line_warns_once_and_in_a_sentence(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    axial = [analyser(W + 0j, 3, axis) for axis in (1, 2, 1, 2, 1)]
+    path = written(tmp_path / "t.uff", [*shaker_test(), *axial])
+    with warnings.catch_warnings():
+        warnings.simplefilter("default")
+        assert cli.main(["info", str(path)]) == 0
+    told = capsys.readouterr().err.strip().splitlines()
+    assert len(told) == 1
+    assert told[0].startswith("rotorfit: t.uff: left out, not lateral")
+    assert told[0].endswith("and 2 more")
+
+
 def test_axial_directions_are_left_out_with_a_warning(tmp_path: Path) -> None:
     path = written(tmp_path / "t.uff", [*shaker_test(), analyser(W + 0j, 3, 1)])
-    with pytest.warns(UserWarning, match="7:3 over 7:1 left out: not lateral"):
+    with pytest.warns(UserWarning, match=r"left out, not lateral .*: FRF 7:3 over 7:1"):
         assert_one_mode(rf.read(path))
 
 

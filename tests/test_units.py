@@ -31,6 +31,19 @@ def test_factors_agree_with_the_definitions_of_the_units(quantity, unit, factor)
     assert si_factor(quantity, unit) == pytest.approx(factor, rel=1e-14)
 
 
+@pytest.mark.parametrize(("unit", "factor"), [("MN", 1e6), ("mN", 1e-3), ("KN", 1e3), ("n", 1.0), ("µm_pp", 0.5e-6)])
+def test_mega_is_not_milli_and_other_cases_do_not_matter(unit, factor):
+    assert si_factor("displacement" if "m_pp" in unit else "force", unit) == pytest.approx(factor, rel=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("quantity", "unit"), [("force", "mn"), ("force", "Mn"), ("displacement", "Mm"), ("tilt", "Mrad")]
+)
+def test_a_unit_that_its_case_leaves_open_is_refused(quantity, unit):
+    with pytest.raises(ValueError, match=r"M is mega|begins with M, which is mega"):
+        si_factor(quantity, unit)
+
+
 def test_an_unknown_unit_names_the_nearest():
     with pytest.raises(ValueError, match=r"unknown unit of frequency 'rpn', did you mean 'rpm'\?.*rad_s"):
         si_factor("frequency", "rpn")

@@ -101,6 +101,11 @@ def split_runs(experiments: Experiment | Sequence[Experiment], split: str | None
     return tuple(_distinct(runs))
 
 
+def _mean(values: NDArray[np.number[Any]]) -> float:
+    """Mean of a condition; one value throughout stays as it was told, to the last digit."""
+    return float(values[0] if np.ptp(values) == 0 else np.mean(values))
+
+
 def _conditions(experiment: Experiment) -> dict[str, float | str]:
     names = [name for name in ("speed_rpm", *experiment.attributes) if name != "run"]
     found: dict[str, float | str] = {}
@@ -108,7 +113,7 @@ def _conditions(experiment: Experiment) -> dict[str, float | str]:
         values = experiment.attribute(name)
         if np.issubdtype(values.dtype, np.number):
             finite = values[np.isfinite(values)]
-            found[name] = float(np.mean(finite)) if finite.size else float("nan")
+            found[name] = _mean(finite) if finite.size else float("nan")
         else:
             found[name] = " / ".join(dict.fromkeys(str(value) for value in values.tolist()))
     return found

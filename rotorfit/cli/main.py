@@ -8,11 +8,12 @@ from __future__ import annotations
 import argparse
 import os
 import sys
+import warnings
 from collections.abc import Sequence
 from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from rotorfit.cli import campaign, laws, recordings, simulate, trend, vectors
 from rotorfit.cli.arguments import add_figure_format, add_files, add_fit_options, add_output, data_files, fit_study
@@ -39,6 +40,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if options.command is None:
         parser.print_help()
         return DONE
+    with warnings.catch_warnings():
+        warnings.showwarning = _show_warning
+        return _carry_out(options)
+
+
+def _show_warning(message: Warning | str, *_: Any, **__: Any) -> None:
+    """A warning as a sentence, without the file and line of the program that it comes from."""
+    print(f"rotorfit: {message}", file=sys.stderr)
+
+
+def _carry_out(options: argparse.Namespace) -> int:
+    """Do what the words say; what goes wrong becomes a sentence and an exit code."""
     try:
         code = int(options.command(options))
         sys.stdout.flush()

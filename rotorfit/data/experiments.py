@@ -56,8 +56,14 @@ class _Rows:
         rpm = np.unique(np.round(self.speed * RPM_PER_RAD_S, 3))
         speeds = ", ".join(f"{s:g}" for s in rpm) if rpm.size <= 4 else f"{rpm[0]:g} to {rpm[-1]:g}"
         places = f", at {', '.join(self.planes)}" if self.planes else ""
-        size = f"{len(self)} readings in {len(self.runs)} runs"
-        return f"<{type(self).__name__} {self.source or 'from arrays'}: {size}{places}, {speeds or 'no'} rpm>"
+        source = self.source or "from arrays"
+        return f"<{type(self).__name__} {source}: {self.size_in_words}{places}, {speeds or 'no'} rpm>"
+
+    @property
+    def size_in_words(self) -> str:
+        """How many readings in how many runs."""
+        rows, runs = len(self), len(self.runs)
+        return f"{rows} reading{'s' * (rows != 1)} in {runs} run{'s' * (runs != 1)}"
 
     def _columns(self) -> list[str]:
         return [f.name for f in fields(self) if f.name not in ("source", "attributes")]

@@ -231,7 +231,11 @@ def _warnings(
                 f"the squared residuals of most readings are {typical:.2g} times those of the noise: not outliers but "
                 "the model limits this fit, and parameters may be biased; try rf.refine(fit) (--refine)"
             )
-    found += [f"{p.name} rests on its bound at {p.value:.6g} {p.unit}" for p in params.values() if p.at_bound]
+    found += [
+        f"{p.name} rests on its bound at {p.value:.6g}{'' if p.unit == '1' else ' ' + p.unit}"
+        for p in params.values()
+        if p.at_bound
+    ]
     return found + _instability(problem, x)
 
 

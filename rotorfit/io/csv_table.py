@@ -17,7 +17,7 @@ from rotorfit.data.experiments import Text
 from rotorfit.io.sampling import time_factor
 from rotorfit.models.array_types import Float
 from rotorfit.models.parameters import unknown_name
-from rotorfit.units import UNITS, units_of
+from rotorfit.units import UNITS, find_unit, units_of
 
 PERTURBATION_COLUMNS = (
     "run, speed_rpm, frequency_rpm, force_plane, force_N (or mr_g_mm), force_phase_deg, plane, direction, "
@@ -61,11 +61,24 @@ class Table:
 
     def find(self, prefix: str, units: Mapping[str, float], wanted: str = "") -> dict[str, float]:
         """Columns ``prefix_unit`` with their factors to SI; without any, ``wanted`` goes on the list of the missing."""
-        found = {name: units[name[len(prefix) + 1 :]] for name in self.cells if _is_quantity(name, prefix, units)}
+        found: dict[str, float] = {}
+        for name in self.cells:
+            factor = self._factor(name, prefix, units)
+            if factor is not None:
+                found[name] = factor
         self.used |= set(found)
         if not found and wanted:
             self.missing.append(wanted)
         return found
+
+    def _factor(self, name: str, prefix: str, units: Mapping[str, float]) -> float | None:
+        """Factor to SI of a column that is a quantity in a known unit."""
+        if not name.startswith(prefix + "_"):
+            return None
+        try:
+            return find_unit(self.names[name][len(prefix) + 1 :], units)
+        except ValueError as reason:
+            raise ValueError(f"{self.source}: column {self.names[name]!r}: {reason}") from reason
 
     def one(self, prefix: str, units: Mapping[str, float], wanted: str = "") -> tuple[str, float] | None:
         """The only column ``prefix_unit``.
@@ -140,6 +153,11 @@ class Table:
         for name in extra:
             prefix = next((p for p in _PREFIXES if name.startswith(p + "_")), None)
             near = difflib.get_close_matches(name, ["sigma_um", "probe_radius_mm"], n=1, cutoff=0.85)
+            if prefix and self._factor(name, prefix, _PREFIXES[prefix]) is not None:
+                raise ValueError(
+                    f"{self.source}: column {self.names[name]!r} has no place in this test. Known: {known}. If it is "
+                    "an attribute of the test, give it another name"
+                )
             if prefix or near:
                 tail = unknown_name("unit", name[len(prefix) + 1 :], _PREFIXES[prefix]) if prefix else ""
                 raise ValueError(
@@ -162,10 +180,6 @@ class Table:
             name: np.array(cells, dtype=str) if (values := numbers[name]) is None else values
             for name, cells in extra.items()
         }
-
-
-def _is_quantity(name: str, prefix: str, units: Mapping[str, float]) -> bool:
-    return name.startswith(prefix + "_") and name[len(prefix) + 1 :] in units
 
 
 def _floats(cells: Sequence[str]) -> Float | None:

@@ -193,6 +193,8 @@ def _format(path: str | Path) -> str:
             f"{name} is a recording of raw signals, not of vectors: give a setup of the rig, --setup rig.toml "
             f"(`rotorfit template {name}` makes one to fill in), or use rf.read_recording"
         )
+    if suffix not in SUFFIXES and Path(path).is_dir():
+        raise ValueError(f"{path} is a folder; name a file in it, with one of the suffixes {', '.join(SUFFIXES)}")
     if suffix not in SUFFIXES:
         raise ValueError(f"{Path(path).name}: {unknown_name('suffix', suffix, SUFFIXES)}")
     return SUFFIXES[suffix]

@@ -8,7 +8,7 @@ from typing import Any
 from rotorfit.data.experiments import Experiment
 from rotorfit.io.columns import build, column_types
 from rotorfit.models.parameters import unknown_name
-from rotorfit.units import units_of
+from rotorfit.units import find_unit, units_of
 
 _UNITS = {
     "speed": "rad/s", "frequency": "rad/s", "force": "N", "force_x": "N", "force_y": "N", "load": "N",
@@ -102,7 +102,10 @@ def _factor(source: str, variable: Any) -> float:
     if column not in _QUANTITIES:
         raise ValueError(f"{source}: variable {name!r} is in {label!r}; needed is {_UNITS[column]!r}")
     units = units_of(*_QUANTITIES[column])
-    unit = label.partition(",")[0].strip().lower().replace("/", "_").replace("\u00b5", "u").replace("\u03bc", "u")
-    if unit not in units:
+    try:
+        factor = find_unit(label.partition(",")[0].strip().replace("/", "_"), units)
+    except ValueError as reason:
+        raise ValueError(f"{source}: variable {name!r}: {reason}") from reason
+    if factor is None:
         raise ValueError(f"{source}: variable {name!r}: {unknown_name('unit', label, units)}")
-    return units[unit]
+    return factor

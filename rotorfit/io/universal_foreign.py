@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from rotorfit.data.experiments import PerturbationTest, perturbation_test
 from rotorfit.models.array_types import ComplexArray, Float
-from rotorfit.units import UNITS
+from rotorfit.units import UNITS, find_unit
 
 DIRECTIONS = {1: ("x", 1.0), 2: ("y", 1.0), 5: ("rx", 1.0), 4: ("ry", -1.0)}
 """Direction and sign of a positive UFF direction; a negative one turns the sign."""
@@ -60,7 +60,10 @@ def read_foreign(
         kinds = sorted({record["func_type"] for record in functions})
         raise ValueError(f"{source} has functions of type {kinds} but no frequency response (type 4); nothing to read")
     names = _plane_names(frfs)
-    receptances = [frf for frf in (_receptance(r, names, scales, speed, source) for r in frfs) if frf is not None]
+    notes: list[str] = []
+    found = [_receptance(record, names, scales, speed, source, notes) for record in frfs]
+    receptances = [frf for frf in found if frf is not None]
+    _tell(source, notes)
     by_run = _by_channel(receptances)
     if _lonely(by_run):  # the second ID line may be a remark that differs between the two directions of force
         by_run = _by_channel([replace(frf, run="") for frf in receptances])
@@ -100,13 +103,29 @@ def _plane_names(records: Sequence[dict[str, Any]]) -> dict[int, str]:
     return names if usable else {node: str(node) for node in names}
 
 
+def _tell(source: str, notes: Sequence[str]) -> None:
+    """One warning for each kind of note, which names the first of the functions concerned."""
+    kinds: dict[str, list[str]] = {}
+    for note in notes:
+        what, _, where = note.rpartition(": ")
+        kinds.setdefault(what, []).append(where)
+    for what, places in kinds.items():
+        more = f" and {len(places) - 3} more" if len(places) > 3 else ""
+        warnings.warn(f"{source}: {what}: {', '.join(places[:3])}{more}", stacklevel=2)
+
+
 def _receptance(
-    record: dict[str, Any], names: dict[int, str], scales: dict[str, Any], speed: float | None, source: str
+    record: dict[str, Any],
+    names: dict[int, str],
+    scales: dict[str, Any],
+    speed: float | None,
+    source: str,
+    notes: list[str],
 ) -> _Receptance | None:
-    """One FRF in SI units, None for directions along the shaft and torsion."""
+    """One FRF in SI units, None for directions along the shaft and torsion; what is worth a word goes to ``notes``."""
     what = f"{source}, FRF {record['rsp_node']}:{record['rsp_dir']} over {record['ref_node']}:{record['ref_dir']}"
     if abs(record["rsp_dir"]) not in DIRECTIONS or abs(record["ref_dir"]) not in (1, 2):
-        warnings.warn(f"{what} left out: not lateral (the shaft is taken along z)", stacklevel=2)
+        notes.append(f"left out, not lateral (the shaft is taken along z): {what.partition(', ')[2]}")
         return None
     if record["abscissa_spec_data_type"] not in (0, 1, FREQUENCY, SPEED):
         kind = record["abscissa_spec_data_type"]
@@ -121,8 +140,8 @@ def _receptance(
     direction, sign = DIRECTIONS[abs(record["rsp_dir"])]
     sign *= np.sign(record["rsp_dir"]) * np.sign(record["ref_dir"])
     angular = direction[0] == "r"
-    length = 1.0 if angular else _scale(record, "ordinate", _LENGTHS, 1 / scales.get("length", 1.0), what)
-    force = _scale(record, "orddenom", _FORCES, 1 / scales.get("force", 1.0), what)
+    length = 1.0 if angular else _scale(record, "ordinate", _LENGTHS, 1 / scales.get("length", 1.0), what, notes)
+    force = _scale(record, "orddenom", _FORCES, 1 / scales.get("force", 1.0), what, notes)
     keep = (w > 0) & np.isfinite(record["data"])  # velocity and acceleration say nothing at zero frequency
     values = np.asarray(record["data"], dtype=complex)[keep] / (1j * w[keep]) ** DERIVATIVES[kind]
     return _Receptance(
@@ -138,19 +157,25 @@ def _receptance(
 
 
 _LENGTHS = {"m": 1.0, "mm": 1e-3, "um": 1e-6, "in": 0.0254, "mil": 25.4e-6, "g": 9.80665, "gn": 9.80665}
-_FORCES = {"n": 1.0, "kn": 1e3, "mn": 1e-3, "lbf": 4.4482216152605, "lb": 4.4482216152605}
+_FORCES = {**UNITS["force"], "lb": 4.4482216152605}
 
 
-def _scale(record: dict[str, Any], axis: str, units: dict[str, float], default: float, what: str) -> float:
+def _scale(
+    record: dict[str, Any], axis: str, units: dict[str, float], default: float, what: str, notes: list[str]
+) -> float:
     """Factor to SI from the label of an axis; ``mm/s^2`` counts as its length, time is always in seconds."""
     label = str(record.get(f"{axis}_axis_units_lab", "")).strip()
-    word = label.strip("()[] ").split("/")[0].strip("()[] ").lower().replace("\u00b5", "u")
-    if word in ("", "none"):
+    word = label.strip("()[] ").split("/")[0].strip("()[] ")
+    if word.lower() in ("", "none"):
         return default
-    if word not in units:
-        warnings.warn(f"{what}: unit {label!r} is not known, taken as {default:g} SI units", stacklevel=2)
+    try:
+        factor = find_unit(word, units)
+    except ValueError as reason:
+        raise ValueError(f"{what}: {reason}") from reason
+    if factor is None:
+        notes.append(f"unit {label!r} is not known, taken as {default:g} SI units: {what.partition(', ')[2]}")
         return default
-    return units[word]
+    return factor
 
 
 def _rate(record: dict[str, Any], axis: str) -> float:

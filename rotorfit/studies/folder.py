@@ -220,7 +220,7 @@ def describe_test(test: Experiment, findings: Sequence[Finding]) -> str:
     elif test.planes:
         lines.append(f"  measured at  {', '.join(test.planes)}")
     lines = [
-        f"{test.source or 'data'}: {kind}, {len(test)} readings in {len(test.runs)} run{'s' * (len(test.runs) > 1)}",
+        f"{test.source or 'data'}: {kind}, {test.size_in_words}",
         *lines,
         f"  speed        {span}",
     ]
