@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
+from rotorfit.estimators.observations import Responses
 from rotorfit.estimators.problem import Problem
-from rotorfit.estimators.shaft_lines import LineResponses
+from rotorfit.estimators.shaft_lines import LineResponses, PairResponses
+from rotorfit.models import Turning
 from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.models.combination_lines import Order
 
@@ -17,6 +21,50 @@ _ROUNDS = 4
 def has_lines(problem: Problem) -> bool:
     """Whether spectral lines are among what is fitted."""
     return any(isinstance(block, LineResponses) for block in problem.blocks)
+
+
+def round_part(problem: Problem) -> Problem | None:
+    """The problem of a rotor with a turning element as if it were round, from its motion at w; None of others.
+
+    What is fitted besides comes last, so that the start of this problem is the beginning of that of the whole one.
+    """
+    space = problem.space
+    if not isinstance(space.model, Turning):
+        return None
+    pairs = [block for block in problem.blocks if isinstance(block, PairResponses)]
+    kept = [i for i, name in enumerate(space.base) if name not in ("dKc", "dKs")]
+    if len(pairs) < len(problem.blocks) or not kept or not all((block.line == "w").any() for block in pairs):
+        return None
+    round_space = replace(
+        space,
+        model=space.model.base,
+        names=tuple(space.names[i] for i in kept),
+        base=tuple(space.base[i] for i in kept),
+        template=space.template[:, :-2],
+        index=space.index[:, :-2],
+        lower=space.lower[: len(kept)],
+        upper=space.upper[: len(kept)],
+        nuisance=(),
+    )
+    blocks = tuple(_taken_for_round(space.model, block) for block in pairs)
+    priors = tuple(prior for prior in problem.priors if prior.entry < len(kept))
+    return replace(problem, space=round_space, blocks=blocks, priors=priors, factors=())
+
+
+def _taken_for_round(model: Turning, block: PairResponses) -> Responses:
+    base, n = block.base, len(model.coordinates)
+    rows = np.flatnonzero(block.line == "w")
+    lines, line = np.unique(base.line[rows], return_inverse=True)
+    return replace(
+        base,
+        model=model.base,
+        speed=base.speed[lines],
+        frequency=(base.frequency + base.speed)[lines],
+        force=base.force[lines, :n],
+        group=base.group[lines],
+        line=line.reshape(-1).astype(np.intp),
+        **{name: getattr(base, name)[rows] for name in ("coordinate", "measured", "sigma", "label", "run")},
+    )
 
 
 def line_start(problem: Problem) -> Float:

@@ -26,7 +26,7 @@ from rotorfit.estimators.observations import Block, Responses
 from rotorfit.estimators.parameter_space import DATUM, ParameterSpace
 from rotorfit.estimators.priors import Prior
 from rotorfit.estimators.problem import Problem
-from rotorfit.estimators.shaft_line_starts import has_lines, line_start
+from rotorfit.estimators.shaft_line_starts import has_lines, line_start, round_part
 from rotorfit.models import Modal
 from rotorfit.models.array_types import Float
 from rotorfit.models.parameters import unknown_name
@@ -124,6 +124,10 @@ def _guess(problem: Problem) -> tuple[Float, tuple[str, ...]]:
     """
     if has_lines(problem):
         return line_start(problem), ()
+    as_if_round = round_part(problem)
+    if as_if_round is not None:
+        found, notes = _guess(as_if_round)
+        return np.concatenate([found, np.zeros(len(problem.space.names) - found.size)]), notes
     if not is_plain_linear(problem):
         return _nonlinear_guess(problem)
     try:

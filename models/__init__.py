@@ -20,6 +20,7 @@ from rotorfit.models.shaft import ROSS_4, ROSS_6
 from rotorfit.models.stability import Threshold, eigenvalues, threshold_speed
 from rotorfit.models.structure import BLOCKS
 from rotorfit.models.turning import TurningFrame, unstable_bands
+from rotorfit.models.turning_element import Turning
 from rotorfit.models.two_disk import TwoDisk
 from rotorfit.models.whirl_whip import WhirlWhip
 
@@ -52,6 +53,7 @@ __all__ = [
     "Parameter",
     "RotorModel",
     "Threshold",
+    "Turning",
     "TurningFrame",
     "TwoDisk",
     "WhirlWhip",

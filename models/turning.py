@@ -14,8 +14,10 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rotorfit.models.complexes import Complex, J
-from rotorfit.models.model import Matrix, RotorModel
+from rotorfit.models.array_types import ComplexArray, Float
+from rotorfit.models.complexes import Complex, J, Number
+from rotorfit.models.model import Coordinate, Matrix, RotorModel
+from rotorfit.models.shaft import KnownStiffness
 
 IMAGE = "*"
 """What follows the name of a plane in the name of its image's coordinate."""
@@ -31,7 +33,7 @@ class TurningFrame(RotorModel):
         base: model in complex coordinates with a ``turning_stiffness``.
 
     Raises:
-        ValueError: the model keeps x and y apart, or its matrices are condensed from a known structure.
+        ValueError: the model keeps x and y apart.
     """
 
     name: ClassVar[str] = "turning-frame"
@@ -39,15 +41,33 @@ class TurningFrame(RotorModel):
     def __init__(self, base: RotorModel) -> None:
         if base.frame != "z":
             raise ValueError(f"{base.name} keeps x and y apart; turning coordinates need complex ones, z = x + jy")
-        if base.shaft is not None:
-            raise ValueError(f"{base.name} has no polynomial equation of motion to be written in turning coordinates")
-        self.base = base
+        self.base, self.shaft = base, base.shaft
         self.planes = (*base.planes, *(plane + IMAGE for plane in base.planes))
         self.parameters = base.parameters
 
     def options(self) -> dict[str, Any]:
         """See :meth:`RotorModel.options`."""
         return {"base": self.base}
+
+    @property
+    def coordinates(self) -> tuple[Coordinate, ...]:
+        """Those of the model, then their images."""
+        own = self.base.coordinates
+        return (*own, *(Coordinate(c.plane + IMAGE, c.axis) for c in own))
+
+    def probe_factors(self, p: Any) -> Sequence[Number]:
+        """A probe's factor, and its conjugate for the image's conjugate."""
+        own = [Complex.of(factor) for factor in self.base.probe_factors(p)]
+        return [*own, *(factor.conj() for factor in own)]
+
+    def known_stiffness(self, theta: Float, s: ComplexArray, speed: Float) -> KnownStiffness:
+        """A known structure at ``s + j Om`` and, conjugated, at ``conj(s) + j Om`` for the image."""
+        shift = 1j * np.asarray(speed)
+        ahead = self.base.known_stiffness(theta, s + shift, speed)
+        behind = self.base.known_stiffness(theta, np.conj(s) + shift, speed)
+        return KnownStiffness(
+            _beside(ahead.values, behind.values.conj()), ahead.inputs, _beside(ahead.slopes, behind.slopes.conj())
+        )
 
     def equation(self, p: Any, speed: Any, eccentricity: Any) -> Sequence[Matrix]:
         """Powers of ``s`` in ``sum C_k (s + j Om)^k`` and, for the image, ``sum conj(C_k) (s - j Om)^k``."""
@@ -60,6 +80,14 @@ class TurningFrame(RotorModel):
         nothing = delta * 0.0
         off = [delta, *[nothing] * (len(powers) - 1)]
         return [Complex.block([[a, d], [d.conj(), b]]) for a, b, d in zip(ahead, behind, off, strict=True)]
+
+
+def _beside(one: ComplexArray, other: ComplexArray) -> ComplexArray:
+    """Matrices along the diagonal of larger ones."""
+    n = one.shape[-1]
+    whole = np.zeros((*one.shape[:-2], 2 * n, 2 * n), dtype=complex)
+    whole[..., :n, :n], whole[..., n:, n:] = one, other
+    return whole
 
 
 def _shifted(powers: Sequence[Complex], shift: Complex) -> list[Complex]:
@@ -104,7 +132,7 @@ def unstable_bands(model: RotorModel, theta: ArrayLike, max_speed: float) -> lis
 
     def determinant(speed: float) -> float:
         """Real, because the image's rows are the conjugates of the others."""
-        kappa = frame.coefficients(values, speed)[0]
+        kappa = frame.dynamic_stiffness(values, 0.0, speed)
         return float(np.linalg.det(kappa / np.abs(kappa).max()).real)
 
     speeds = [0.0, *np.linspace(0.0, max_speed, _GRID)[1:].tolist()]

@@ -33,7 +33,7 @@ class TurningAnisotropy:
 
     Attributes:
         dK: half the difference of the two lateral stiffnesses, N/m.
-        ratio: dK/K.
+        ratio: dK/K, NaN for models without one K.
         angle: direction of the greater stiffness ahead of the Keyphasor mark, rad, between -pi/2 and pi/2; its standard
             error is infinite where dK may be zero.
         interval: of dK, N/m.
@@ -55,11 +55,16 @@ class TurningAnisotropy:
         return self.interval[0] > 0
 
     def __str__(self) -> str:
-        low, high = (100 * value for value in self.ratio_interval)
-        if not math.isfinite(high):
+        if not math.isfinite(self.interval[1]):
             return "not determined by these data"
+        if not math.isfinite(self.ratio.value):
+            low, high = self.interval
+            return self._with_angle(f"dK = {self.dK} ({self.level:.0%} interval {low:.5g} to {high:.5g} N/m)")
+        low, high = (100 * value for value in self.ratio_interval)
         share = f"dK/K = {100 * self.ratio.value:.4g} % ({self.level:.0%} interval {low:.4g} to {high:.4g} %)"
-        size = f"dK = {self.dK}, {share}"
+        return self._with_angle(f"dK = {self.dK}, {share}")
+
+    def _with_angle(self, size: str) -> str:
         if not self.significant:
             return f"{size}: a round shaft is not ruled out"
         degrees = math.degrees(self.angle.value), math.degrees(self.angle.stderr)
@@ -87,7 +92,7 @@ def turning_anisotropy(
     if not 0 < level < 1:
         raise ValueError(f"level {level} is a probability, between 0 and 1")
     theta = dict(zip(names, fit.theta(at).tolist(), strict=True))
-    v, K = np.array([theta["dKc"], theta["dKs"]]), theta["K"]
+    v, K = np.array([theta["dKc"], theta["dKs"]]), theta.get("K", math.nan)
     covar = _covariance(fit, at)
     over_K = np.column_stack([np.eye(2) / K, -v / K**2])
     size = float(np.hypot(*v))
@@ -111,7 +116,7 @@ def turning_anisotropy(
         ratio=Quantity(size / K, math.sqrt(max(float(along @ share @ along), 0.0)), "1"),
         angle=Quantity(0.5 * math.atan2(v[1], v[0]), turn, "rad"),
         interval=interval,
-        ratio_interval=magnitude_interval(v / K, share, level),
+        ratio_interval=magnitude_interval(v / K, share, level) if math.isfinite(K) else (math.nan, math.nan),
         level=level,
     )
 
@@ -119,7 +124,8 @@ def turning_anisotropy(
 def _covariance(fit: FitResult, at: Mapping[str, Any] | None) -> Float:
     """Covariance of dKc, dKs and K; known ones have none, those that the data leave open an infinite one."""
     index = fit.problem.space.index[fit.group(at)]
-    entries = [int(index[fit.model.parameter_names.index(name)]) for name in ("dKc", "dKs", "K")]
+    names = fit.model.parameter_names
+    entries = [int(index[names.index(name)]) if name in names else -1 for name in ("dKc", "dKs", "K")]
     covar = np.zeros((3, 3))
     for i, a in enumerate(entries):
         for k, b in enumerate(entries):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from rotorfit.fitting.result import FitResult
 from rotorfit.monitoring.trend import DatedValues
 
@@ -11,10 +13,10 @@ RATIO = "dK/K"
 
 
 def dated_anisotropy(fit: FitResult, date: str = "") -> DatedValues:
-    """dK/K of a fit as a value to follow: a crack that propagates makes it grow.
+    """dK/K of a fit, or dK where there is no one K, as a value to follow: a crack that propagates makes it grow.
 
     Args:
-        fit: of a model with the parameters dKc, dKs and K, such as :class:`rotorfit.models.AnisotropicShaft`.
+        fit: of a model with the parameters dKc and dKs, such as :class:`rotorfit.models.AnisotropicShaft`.
         date: ISO 8601; by default the attribute ``date`` of the test, and empty without one.
 
     Raises:
@@ -26,13 +28,14 @@ def dated_anisotropy(fit: FitResult, date: str = "") -> DatedValues:
     sources = [experiment.source for experiment in fit.experiments if experiment.source]
     where = ", ".join(sources) or "the fit"
     found = fit.turning_anisotropy()
-    error = found.ratio.stderr
-    if not error < float("inf"):
+    whole = math.isfinite(found.ratio.value)
+    name, value = (RATIO, found.ratio) if whole else ("dK", found.dK)
+    if not found.dK.stderr < math.inf:
         raise ValueError(f"{where} does not determine dK/K: the image at 2 Om - w, or the 2x line, was not measured")
     return DatedValues(
         date=date or _date_of(fit, where),
-        values={RATIO: (found.ratio.value, error)},
-        units={RATIO: "1"},
+        values={name: (value.value, value.stderr)},
+        units={name: value.unit},
         place=PLACE,
         source=where,
     )

@@ -119,7 +119,7 @@ class PlaceTrend:
         )
         since = f"a change between {self.dates[self.change.index - 1]} and {self.dates[self.change.index]}"
         told = f"{since} (p = {self.change.p_value:.2g}): {sizes}"
-        if self.names == ("dK/K",) and self.change.shift[0] > 0:
+        if self.names[0] in ("dK/K", "dK") and self.change.shift[0] > 0:
             return [*words, told, "a turning anisotropy that grows is what a propagating crack makes"]
         return [*words, told, *self._cause_sentences()]
 

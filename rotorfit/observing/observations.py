@@ -16,7 +16,7 @@ from rotorfit.data.experiments import (
 )
 from rotorfit.estimators.nonlinear import OrbitResponses
 from rotorfit.estimators.observations import Block, Responses
-from rotorfit.models import AnisotropicShaft, RotorModel
+from rotorfit.models import AnisotropicShaft, RotorModel, Turning
 from rotorfit.models.array_types import Index
 from rotorfit.models.journal import journal
 from rotorfit.observing.circular import observe
@@ -65,6 +65,11 @@ def observe_any(model: RotorModel, experiment: Experiment, group: Index) -> Bloc
 def _forced(model: RotorModel, test: PerturbationTest, group: Index) -> Block:
     if isinstance(model, AnisotropicShaft):
         return main_lines(model, observe(model, test, group))
+    if isinstance(model, Turning):
+        raise ValueError(
+            f"{test.source or 'experiment'}: a turning element shows in the images at 2 Om - w; give a LineTest with "
+            "them, or fit the model without its turning element"
+        )
     if not model.eccentricity_dependent:
         return observe(model, test, group)
     if test.linear.any():

@@ -6,17 +6,17 @@ import numpy as np
 
 from rotorfit.data.experiments import LineTest
 from rotorfit.estimators.observations import Responses
-from rotorfit.estimators.shaft_lines import LineResponses
-from rotorfit.models import AnisotropicShaft, RotorModel
+from rotorfit.estimators.shaft_lines import LineResponses, PairResponses
+from rotorfit.models import AnisotropicShaft, RotorModel, Turning
 from rotorfit.models.array_types import Index
 from rotorfit.models.combination_lines import line_order
 
 
-def lines_of_test(model: RotorModel, test: LineTest, group: Index) -> LineResponses:
+def lines_of_test(model: RotorModel, test: LineTest, group: Index) -> LineResponses | PairResponses:
     """Observations of a line test.
 
     Args:
-        model: the shaft.
+        model: the shaft, or a rotor with a turning element.
         test: what was measured.
         group: parameter group of each row.
 
@@ -25,17 +25,20 @@ def lines_of_test(model: RotorModel, test: LineTest, group: Index) -> LineRespon
             without noise.
     """
     where = test.source or test.title
-    if not isinstance(model, AnisotropicShaft):
-        raise ValueError(f"{where} has combination lines, which {model.name} does not have; use AnisotropicShaft")
+    if not isinstance(model, AnisotropicShaft | Turning):
+        raise ValueError(
+            f"{where} has combination lines, which {model.name} does not have; use AnisotropicShaft, or "
+            f"Turning({type(model).__name__}(...))"
+        )
     planes = sorted({*test.planes, *test.force_planes} - set(model.planes))
     if planes:
         raise ValueError(
             f"{where} has the plane {', '.join(planes)}, {model.name} has {', '.join(model.planes)}; map the name with "
-            f"AnisotropicShaft(planes=({planes[0]!r},))"
+            f"{type(model).__name__}(planes=({planes[0]!r},))"
         )
     for direction, line in dict.fromkeys(zip(test.direction.tolist(), test.line.tolist(), strict=True)):
         line_order(direction, line)
-    if model.torsion is None and (test.direction == "twist").any():
+    if isinstance(model, AnisotropicShaft) and model.torsion is None and (test.direction == "twist").any():
         raise ValueError(f"{where} has readings of the twist, the model has none; use AnisotropicShaft() with torsion")
     columns = (test.speed, test.frequency, test.force, test.response)
     bad = ~np.logical_and.reduce([np.isfinite(column) for column in columns])
@@ -48,6 +51,8 @@ def lines_of_test(model: RotorModel, test: LineTest, group: Index) -> LineRespon
     titles = [f"{run} / {'twist' if way == 'twist' else plane} {line}" for run, plane, way, line in names]
     labels = tuple(dict.fromkeys(titles))
     number = {title: i for i, title in enumerate(labels)}
+    if isinstance(model, Turning):
+        return _pairs(model, test, group, np.array([number[title] for title in titles], dtype=np.intp), labels)
     return LineResponses(
         model=model,
         speed=test.speed,
@@ -62,6 +67,49 @@ def lines_of_test(model: RotorModel, test: LineTest, group: Index) -> LineRespon
         labels=labels,
         run=test.run,
     )
+
+
+def _pairs(model: Turning, test: LineTest, group: Index, label: Index, labels: tuple[str, ...]) -> PairResponses:
+    """Readings at w and 2 Om - w as responses in turning coordinates."""
+    others = sorted(
+        {f"{d} {name}" for d, name in zip(test.direction.tolist(), test.line.tolist(), strict=True)} - _PAIR
+    )
+    if others:
+        raise ValueError(
+            f"{test.source or test.title} has the lines {', '.join(others)}; a rotor with a turning element has "
+            "z w and z 2Om-w: select those rows"
+        )
+    force = np.where(test.frequency < 0, test.force.conj(), test.force)
+    condition = [test.run, test.speed, test.frequency, test.force_plane, force.real, force.imag, group]
+    codes = np.column_stack([np.unique(column, return_inverse=True)[1].reshape(-1) for column in condition])
+    _, first, line = np.unique(codes, axis=0, return_index=True, return_inverse=True)
+    order = np.argsort(line.reshape(-1), kind="stable")  # readings of a line stand together
+    rows = test.select(order)
+    n = len(model.coordinates)
+    drive = np.zeros((first.size, 2 * n), dtype=complex)
+    places = [model.coordinate(plane, "z") for plane in test.force_plane[first].tolist()]
+    drive[np.arange(first.size), places] = force[first]
+    image = rows.line != "w"
+    coordinate = np.array([model.coordinate(plane, "z") for plane in rows.plane.tolist()], dtype=np.intp)
+    base = Responses(
+        model=model.turning,
+        speed=test.speed[first],
+        frequency=(test.frequency - test.speed)[first],
+        force=drive,
+        group=group[first],
+        line=line.reshape(-1)[order].astype(np.intp),
+        coordinate=coordinate + n * image,
+        measured=np.where(image, rows.response.conj(), rows.response),
+        sigma=rows.sigma,
+        label=label[order],
+        labels=labels,
+        run=rows.run,
+    )
+    columns = {"speed": rows.speed, "frequency": rows.frequency, "force": force[order]}
+    return PairResponses(base=base, **columns, direction=rows.direction, line=rows.line)
+
+
+_PAIR = {"z w", "z 2Om-w"}
 
 
 def main_lines(model: AnisotropicShaft, base: Responses) -> LineResponses:

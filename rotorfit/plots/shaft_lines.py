@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rotorfit.estimators.shaft_lines import LineResponses
-from rotorfit.models import AnisotropicShaft, eigenvalues, unstable_bands
+from rotorfit.estimators.shaft_lines import LineResponses, PairResponses
+from rotorfit.models import AnisotropicShaft, Turning, eigenvalues, unstable_bands
 from rotorfit.models.array_types import ComplexArray, Float, Index
 from rotorfit.models.combination_lines import line_order
 from rotorfit.plots.style import COLOURS, GREY, SMALL, colour_of, grid, legend_below, literal, prefix
@@ -30,8 +30,8 @@ _UNSURE = 1.0
 class _Curve:
     """One line of one signal at one speed per unit of force, frequencies ascending."""
 
-    direction: str
-    line: str
+    title: str
+    unit: str
     speed: float
     frequency: Float
     measured: ComplexArray
@@ -53,16 +53,15 @@ def plot_lines(fit: FitResult) -> Figure:
     curves = list(_curves(fit))
     if not curves:
         raise ValueError("this fit has no spectral lines under a force to plot")
-    kinds = list(dict.fromkeys((c.direction, c.line) for c in curves))
+    kinds = list(dict.fromkeys(c.title for c in curves))
     speeds = sorted({c.speed for c in curves})
     figure, axes = grid(len(kinds), 2, "Lines of the shaft per unit of force", size=(3.54, 1.9))
     for (size, phase), kind in zip(axes, kinds, strict=True):
-        own = [c for c in curves if (c.direction, c.line) == kind]
-        unit = "rad/N" if kind[0] == "twist" else "m/N"
-        factor, name = prefix(np.concatenate([np.abs(c.fitted) for c in own]), unit)
+        own = [c for c in curves if c.title == kind]
+        factor, name = prefix(np.concatenate([np.abs(c.fitted) for c in own]), own[0].unit)
         for curve in own:
             _draw(size, phase, curve, factor, colour_of(speeds.index(curve.speed), len(speeds)))
-        size.set_ylabel(f"{'twist' if kind[0] == 'twist' else 'motion'} at {kind[1]}\n{name}", fontsize=SMALL)
+        size.set_ylabel(f"{literal(kind)}\n{name}", fontsize=SMALL)
         size.set_yscale("log")
         top = max(float(np.abs(c.fitted).max()) for c in own) * factor
         low = min(float(np.abs(c.fitted).min()) for c in own) * factor
@@ -78,29 +77,54 @@ def plot_lines(fit: FitResult) -> Figure:
 
 def _curves(fit: FitResult) -> Iterator[_Curve]:
     for block, predicted in zip(fit.problem.blocks, fit.problem.predict(fit.x), strict=True):
-        if not isinstance(block, LineResponses):
+        if not isinstance(block, LineResponses | PairResponses):
             continue
-        for direction, _, rows in block.kinds():
-            line = str(block.line[rows[0]])
+        for title, rows in _kinds(block):
             for speed in np.unique(np.round(block.speed[rows], 3)).tolist():
                 here = rows[(np.round(block.speed[rows], 3) == speed) & (block.force[rows] != 0)]
                 here = here[np.argsort(block.frequency[here])]
                 if here.size:
                     drive = np.abs(block.force[here])
                     parts = (block.measured[here] / drive, block.sigma[here] / drive, predicted[here] / drive)
-                    fine, fitted = _fitted_line(fit, block, direction, here)
-                    yield _Curve(direction, line, speed, block.frequency[here], *parts, fine, fitted)
+                    fine, fitted = _fitted_line(fit, block, here)
+                    unit = "rad/N" if block.direction[rows[0]] == "twist" else "m/N"
+                    yield _Curve(title, unit, speed, block.frequency[here], *parts, fine, fitted)
 
 
-def _fitted_line(fit: FitResult, block: LineResponses, direction: str, rows: Index) -> tuple[Float, ComplexArray]:
+def _kinds(block: LineResponses | PairResponses) -> Iterator[tuple[str, Index]]:
+    """Title of each kind of line, with its readings."""
+    if isinstance(block, LineResponses):
+        for direction, _, rows in block.kinds():
+            yield f"{'twist' if direction == 'twist' else 'motion'} at {block.line[rows[0]]}", rows
+        return
+    planes, n = block.base.model.planes, len(block.base.model.planes) // 2
+    forced = np.argmax(np.abs(block.base.force), axis=1)[block.base.line]
+    for place, drive in np.unique(np.column_stack([block.base.coordinate, forced]), axis=0).tolist():
+        rows = np.flatnonzero((block.base.coordinate == place) & (forced == drive))
+        yield f"{planes[place % n]} at {block.line[rows[0]]}\nforce at {planes[drive]}", rows
+
+
+def _fitted_line(fit: FitResult, block: LineResponses | PairResponses, rows: Index) -> tuple[Float, ComplexArray]:
     """Fitted line per unit of force on a grid fine enough for sharp resonances."""
     w = block.frequency[rows]
     fine = np.linspace(w[0], w[-1], _FINE)
+    if isinstance(block, PairResponses):
+        return fine, _fitted_pair(fit, block, rows, fine)
     force = np.interp(fine, w, np.abs(block.force[rows])) * np.exp(1j * np.angle(block.force[rows[0]]))
     theta = fit.thetas[int(block.reading_group[rows[0]])]
+    direction, speed = str(block.direction[rows[0]]), float(block.speed[rows[0]])
     order = line_order(direction, str(block.line[rows[0]]))
-    speed = float(block.speed[rows[0]])
     return fine, block.model.lines(theta, direction, order, fine, speed, force) / np.abs(force)
+
+
+def _fitted_pair(fit: FitResult, block: PairResponses, rows: Index, fine: Float) -> ComplexArray:
+    first = int(rows[0])
+    speed, theta = float(block.speed[first]), fit.thetas[int(block.reading_group[first])]
+    drive = block.base.force[block.base.line[first]] / np.abs(block.force[first])
+    response = block.base.model.receptance(theta, fine - speed, speed)[:, block.base.coordinate[first]] @ drive
+    factors = block.base.model.functions.factors(theta)
+    found = response * factors[block.base.coordinate[first]]
+    return np.asarray(found if block.line[first] == "w" else found.conj())
 
 
 def _draw(size: Any, phase: Any, curve: _Curve, factor: float, colour: str) -> None:
@@ -129,13 +153,13 @@ def plot_turning_stability(fit: FitResult) -> Figure:
     """Growth rate and whirl frequency of a shaft that is not round against rotative speed, unstable bands shaded.
 
     Args:
-        fit: a fit of an :class:`~rotorfit.models.AnisotropicShaft`; one parameter group.
+        fit: a fit of a model with a turning stiffness; one parameter group.
 
     Raises:
         ValueError: another model.
     """
     model, theta = fit.model, fit.theta()
-    if not isinstance(model, AnisotropicShaft):
+    if not isinstance(model, AnisotropicShaft | Turning):
         raise ValueError(f"{model.name} does not turn its stiffness: see plot_stability")
     critical = float(np.abs(eigenvalues(model, theta, 0.0)).max())
     tested = sorted({float(v) for e in fit.experiments for v in np.round(np.unique(e.speed), 2).tolist()})

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rotorfit.estimators.nonlinear import responses_of
-from rotorfit.models import AnisotropicShaft, eigenvalues
+from rotorfit.models import AnisotropicShaft, Turning, eigenvalues
 from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.plots.journal import CONFIDENCE, group_label
 from rotorfit.plots.shaft_lines import plot_turning_stability
@@ -36,7 +36,7 @@ def plot_stability(fit: FitResult, *, group: int = 0) -> Figure:
         fit: the fit.
         group: parameter group, where parameters were fitted per attribute; its label is in the title.
     """
-    if isinstance(fit.model, AnisotropicShaft):
+    if isinstance(fit.model, AnisotropicShaft | Turning) and fit.model.shaft is None:
         return plot_turning_stability(fit)
     theta = fit.thetas[group]
     onset = fit.threshold_of(group) if fit.model.speed_dependent else None

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotorfit.estimators.nonlinear import OrbitResponses, responses_of
-from rotorfit.estimators.shaft_lines import LineResponses
+from rotorfit.estimators.shaft_lines import LineResponses, PairResponses
 from rotorfit.estimators.small_motion import FreeVibrations
 from rotorfit.plots import responses as plots
 from rotorfit.plots.shaft_lines import plot_lines
@@ -93,7 +93,7 @@ FIGURES: tuple[Kind, ...] = (
         "Spectral lines",
         plot_lines,
         "Lines per unit of force. Points: measured ± σ. Lines: fit. A line at w has its image at 2 Om − w.",
-        lambda block: isinstance(block, LineResponses) and bool(block.force.any()),
+        lambda block: isinstance(block, LineResponses | PairResponses) and bool(block.force.any()),
     ),
     Kind(
         "Fluid against eccentricity",

@@ -1,0 +1,112 @@
+"""An element of a rotor with two stiffnesses that turn with it: a keyed or cracked piece of shaft in a lumped model."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import cached_property
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from rotorfit.models.array_types import ComplexArray, Float
+from rotorfit.models.complexes import Complex, Number
+from rotorfit.models.model import CoefficientJacobian, Coordinate, Matrix, RotorModel
+from rotorfit.models.parameters import Parameter, unknown_name
+from rotorfit.models.shaft import KnownStiffness
+from rotorfit.models.turning import TurningFrame
+
+
+class Turning(RotorModel):
+    """A model one of whose elements has two lateral stiffnesses that turn with it, dK more and dK less than the mean.
+
+    Its parameters are those of the model, then ``dKc = dK cos 2g`` and ``dKs = dK sin 2g``, g the angle of the stiff
+    direction ahead of the Keyphasor mark.
+
+    Args:
+        base: the model: one mode, whirl and whip, a chain, a known structure and others in complex coordinates.
+        element: what the element is between: two planes, or one plane and the ground; by default the first plane and
+            the ground.
+
+    Raises:
+        ValueError: a model in x and y or with a law of eccentricity, or planes that it does not have.
+    """
+
+    name: ClassVar[str] = "turning"
+
+    def __init__(self, base: RotorModel, element: str | Sequence[str] | None = None) -> None:
+        ends = (base.planes[0],) if element is None else (element,) if isinstance(element, str) else tuple(element)
+        if base.frame != "z":
+            raise ValueError(
+                f"{base.name} keeps x and y apart; a turning element needs complex coordinates, z = x + jy"
+            )
+        if base.eccentricity_dependent:
+            raise ValueError(f"{base.name} changes with eccentricity; a turning element needs a linear model, law=None")
+        for plane in ends:
+            if plane not in base.planes:
+                raise ValueError(unknown_name(f"plane of {base.name}", plane, base.planes))
+        if not 1 <= len(set(ends)) == len(ends) <= 2:
+            raise ValueError(f"an element is between two planes, or a plane and the ground; got {', '.join(ends)}")
+        self.base, self.element = base, ends
+        self.planes, self.clearance, self.shaft = base.planes, base.clearance, base.shaft
+        self.caveats = base.caveats
+        self.parameters = (
+            *base.parameters,
+            Parameter("dKc", "N/m", f"turning anisotropy, dK cos 2g, at {' to '.join(ends)}", scale=1e3),
+            Parameter("dKs", "N/m", f"turning anisotropy, dK sin 2g, at {' to '.join(ends)}", scale=1e3),
+        )
+
+    def options(self) -> dict[str, Any]:
+        """See :meth:`RotorModel.options`."""
+        return {"base": self.base, "element": self.element}
+
+    @property
+    def coordinates(self) -> tuple[Coordinate, ...]:
+        """Those of the model."""
+        return self.base.coordinates
+
+    def equation(self, p: Any, speed: Any, eccentricity: Any) -> Sequence[Matrix]:
+        """The round part: that of the model."""
+        return self.base.equation(p, speed, eccentricity)
+
+    def probe_factors(self, p: Any) -> Sequence[Number]:
+        """See :meth:`RotorModel.probe_factors`."""
+        return self.base.probe_factors(p)
+
+    def turning_stiffness(self, p: Any) -> Matrix:
+        """``dK exp(2jg)`` times the square of the element's stretch."""
+        stretch = [0.0] * len(self.coordinates)
+        for plane, sign in zip(self.element, (1.0, -1.0), strict=False):
+            stretch[self.coordinate(plane, "z")] = sign
+        delta = Complex(p.dKc, p.dKs)
+        return [[delta * (a * b) for b in stretch] for a in stretch]
+
+    @cached_property
+    def turning(self) -> TurningFrame:
+        """The equations in turning coordinates, where their coefficients are constant."""
+        return TurningFrame(self)
+
+    @property
+    def speed_dependent(self) -> bool:
+        """In turning coordinates always."""
+        return True
+
+    def known_stiffness(self, theta: Float, s: ComplexArray, speed: Float) -> KnownStiffness:
+        """See :meth:`RotorModel.known_stiffness`."""
+        return self.base.known_stiffness(np.asarray(theta)[..., :-2], s, speed)
+
+    def motion(self, theta: ArrayLike, speed: ArrayLike) -> ComplexArray:
+        """Free motion in turning coordinates; of a known structure that of the round shaft in fixed ones."""
+        if self.shaft is not None:
+            return self.base.motion(np.asarray(theta)[..., :-2], speed)
+        return self.turning.coefficients(theta, speed)
+
+    def motion_jacobian(self, theta: ArrayLike, speed: float) -> CoefficientJacobian:
+        """See :meth:`RotorModel.motion_jacobian`."""
+        if self.shaft is None:
+            return self.turning.motion_jacobian(theta, speed)
+        found = self.base.motion_jacobian(np.asarray(theta)[:-2], speed)
+        last = len(self.base.parameters)  # speed and eccentricity come after the parameters, two of which are new
+        inputs = np.where(found.inputs >= last, found.inputs + 2, found.inputs)
+        return replace(found, inputs=inputs)
