@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,8 @@ from recorded import RATE, volts, write_hdf5
 
 import rotorfit as rf
 from rotorfit.cli.main import main
+from rotorfit.recordings.rig_toml import setup_of
+from rotorfit.recordings.setup import ForceSetup
 from rotorfit.recordings.template import template
 
 
@@ -53,6 +56,17 @@ def test_raw_signals_given_to_fit_are_told_what_to_do(tmp_path: Path, capsys: py
     assert "rotorfit template raw.csv > rig.toml" in said
     assert main(["fit", str(tmp_path / "a.h5"), "--model", "whirl-whip"]) == 2
     assert "a recording of raw signals" in capsys.readouterr().err
+
+
+def test_the_setup_of_the_documents_is_one() -> None:
+    page = (Path(__file__).parent.parent / "docs" / "volts.md").read_text(encoding="utf-8")
+    setup = setup_of(tomllib.loads(page.partition("```toml\n")[2].partition("```")[0]), "rig.toml")
+    assert setup.of_file("disk-bwd.h5").force == ForceSetup(
+        plane="disk", mr=pytest.approx(2e-5), angle=np.radians(-120.0), whirl=-1
+    )
+    assert setup.of_file("other.h5").force == ForceSetup(
+        plane="disk", mr=pytest.approx(2e-5), angle=np.radians(33.0), whirl=1
+    )
 
 
 def test_template_from_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

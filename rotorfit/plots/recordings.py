@@ -292,7 +292,7 @@ def _order_lines(axis: Any, cascade: Cascade, position: Float, edge: float) -> N
         if shown.size:
             place = (inside[shown[-1]], position[order][shown[-1]])
             style = {"fontsize": 8, "color": colour, "ha": "center", "zorder": 999}
-            axis.annotate(label, place, (0, 4), textcoords="offset points", **style)
+            axis.annotate(label, place, (0, 14 if "w" in label else 4), textcoords="offset points", **style)
 
 
 def plot_speed(tracks: Sequence[SpeedTrack], name: str) -> Figure:
