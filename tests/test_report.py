@@ -264,6 +264,21 @@ def test_what_the_data_leave_open_has_no_number(tmp_path: Path) -> None:
 
 
 @pytest.mark.usefixtures("sketched")
+def test_the_verdict_tells_the_misfit_of_the_responses(plain: FitResult, ladder: rf.Refinement, tmp_path: Path) -> None:
+    """The words, the span of the responses and what is said of the noise agree with each other."""
+    for name in ("refined", "plain"):
+        (tmp_path / name).mkdir()
+    refined = report_of(ladder.best, tmp_path / "refined" / "report.html", refinement=ladder).text
+    sizes = sorted(r.redchi for r in ladder.best.responses)
+    assert f"by response {sizes[0]:.2g} to {sizes[-1]:.2g}" in refined
+    assert "never from the residuals" not in refined
+    assert ("follow the residuals of each response instead" in refined) == bool(ladder.best.settings.levels)
+    assert "the residuals of the fit have no part in it" in report_of(plain, tmp_path / "plain" / "report.html").text
+    # one threshold: that of the chosen row is that of the verdict
+    value = f"{ladder.best.threshold_speed().value * 30 / np.pi:.2f}"
+    assert refined.count(value) >= 3
+
+
 def test_a_failed_fit_says_so_first(tmp_path: Path) -> None:
     start = {"K1": 100.0, "K2": 100.0, "Md": 0.1, "Mb": 5.0, "D": 1.0}
     fit = rf.fit(rf.models.WhirlWhip(), rf.datasets.rig_open(), known={"K3": 6000.0}, start=start, max_iterations=1)

@@ -38,12 +38,18 @@ def data_section(material: ReportInput) -> Html:
         content.append(table(["source", "severity", "finding"], [[s, f.severity, f.message] for s, f in found]))
     else:
         content.append(paragraph("The check of the data found nothing to remark on."))
+    weights = (
+        " Misfit over noise (redchi) refers to it. Weights and standard errors of this structure, the best of a "
+        "refinement, follow the residuals of each response instead, which show its own noise better."
+        if fit.settings.levels
+        else " Weights, misfit over noise (redchi) and standard errors refer to it; the residuals of the fit have no "
+        "part in it."
+    )
     content.append(
         paragraph(
             f"{fit.ndata} real data (two for each complex reading) and {fit.nvarys} fitted values. The noise was taken "
             "from the sigma given with the data, else estimated without a model from repeated sweeps, from the "
-            "component against the direction of the force, or from the smoothness of the responses; never from the "
-            "residuals of the fit."
+            f"component against the direction of the force, or from the smoothness of the responses.{weights}"
         )
     )
     return section("Test and data", *content)
@@ -147,7 +153,9 @@ def refinement_section(material: ReportInput) -> Html:
         "whole, one after the other, while the Bayesian information criterion fell."
     )
     if ladder.best.settings.levels:
-        words += " The chosen model was then fitted with the noise of each response as its residuals show it."
+        words += (
+            " The chosen model was then fitted again, each response weighted by its residuals; its row is that fit."
+        )
     if material.fit is not ladder.best:
         words += " This report is not of the chosen model."
     head = ["structure", "fitted values", "redchi", "BIC", "threshold, rpm", ""]

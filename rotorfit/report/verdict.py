@@ -76,13 +76,23 @@ def _headline(material: ReportInput) -> Iterator[str]:
             "limits the result."
         )
     elif fit.problem.loss == "linear":
-        yield f"The model explains the data to within their noise (redchi {plain(fit.redchi, 3)})."
+        yield f"The model explains the data to within their noise (redchi {plain(fit.redchi, 3)}{_by_response(fit)})."
         yield from ([] if fit.noise is None else (sentence(words) for words in fit.noise.notable))
     else:
         yield f"Outliers were given less weight ({fit.problem.loss} loss)."
     unresolved = len(fit.identifiability.unresolved)
     if unresolved:
         yield f"The data leave {unresolved} of {fit.nvarys} fitted values undetermined; they are named below."
+
+
+def _by_response(fit: FitResult) -> str:
+    """How the misfit varies between responses, in words; the worst by name if it is missed."""
+    sizes = {r.name: r.redchi for r in fit.responses if math.isfinite(r.redchi)}
+    if len(sizes) < 2:
+        return ""
+    worst = max(sizes, key=lambda name: sizes[name])
+    words = f"; by response {plain(min(sizes.values()), 2)} to {plain(sizes[worst], 2)}"
+    return f"{words}, but not {worst}" if sizes[worst] > MODEL_LIMITED else words
 
 
 def _stability_words(material: ReportInput) -> Iterator[str]:
@@ -211,7 +221,10 @@ def _quality_card(fit: FitResult) -> Html:
         else fit.noise.verdict.value
     )
     worst = max((r.nrmse for r in fit.responses), default=math.nan)
-    lines = [verdict, *([f"largest rms error of a response {plain(100 * worst, 2)} %"] if math.isfinite(worst) else [])]
+    lines = [
+        verdict + _by_response(fit),
+        *([f"largest rms error of a response {plain(100 * worst, 2)} %"] if math.isfinite(worst) else []),
+    ]
     return _card("Misfit over noise (redchi)", plain(fit.redchi, 3), *lines, bad=limited)
 
 
