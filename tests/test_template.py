@@ -54,8 +54,11 @@ def test_raw_signals_given_to_fit_are_told_what_to_do(tmp_path: Path, capsys: py
     said = capsys.readouterr().err
     assert "raw.csv looks like raw signals (200 samples of time_s, disk_X)" in said
     assert "rotorfit template raw.csv > rig.toml" in said
-    assert main(["fit", str(tmp_path / "a.h5"), "--model", "whirl-whip"]) == 2
-    assert "a recording of raw signals" in capsys.readouterr().err
+    bare = write_hdf5(tmp_path / "a.h5", volts(), {})
+    assert main(["fit", str(bare), "--model", "whirl-whip"]) == 2
+    assert "rotorfit template a.h5 > rig.toml" in capsys.readouterr().err
+    with pytest.raises(ValueError, match="a recording of raw signals"):
+        rf.read(bare)
 
 
 def test_the_setup_of_the_documents_is_one() -> None:
