@@ -8,6 +8,7 @@ from rotorfit.models.anisotropic_shaft import AnisotropicShaft
 from rotorfit.models.chain import Chain
 from rotorfit.models.chain_match import ChainFromModes, chain_from_modes
 from rotorfit.models.fluid import FluidForce, fluid_force
+from rotorfit.models.harmonic_set import HarmonicSet, harmonic_set
 from rotorfit.models.known_structure import KnownStructure
 from rotorfit.models.lanczos import chain_modes
 from rotorfit.models.laws import LAWS, Constant, EvenPolynomial, Law, MonotoneSpline, Muszynska
@@ -43,6 +44,7 @@ __all__ = [
     "Coordinate",
     "EvenPolynomial",
     "FluidForce",
+    "HarmonicSet",
     "KnownStructure",
     "Law",
     "Modal",
@@ -61,6 +63,7 @@ __all__ = [
     "chain_modes",
     "eigenvalues",
     "fluid_force",
+    "harmonic_set",
     "threshold_speed",
     "unstable_bands",
 ]
