@@ -236,7 +236,7 @@ def test_everything_at_once_in_the_order_of_the_options(rig: PerturbationTest, t
         ({"probe_angles": {"disk": (45, 225)}}, "probes at 45 and 225 degrees of disk see the same direction"),
         ({"probe_angles": {"disk": (45, np.nan)}}, "disk needs two angles"),
         ({"probe_angles": {"disk": 45}}, "two angles"),
-        ({"speed": 100.0}, r"speed is an option of universal files; t\.nc holds the speed"),
+        ({"speed": 100.0}, r"speed is an option of universal files, which t\.nc is not"),
         ({"speed_tolerance": -0.1}, "speed_tolerance"),
     ],
 )

@@ -54,6 +54,18 @@ def add_files(to: argparse.ArgumentParser) -> None:
         help="subtract each channel's mean reading below this speed (synchronous tests)",
     )
     to.add_argument("--speed", type=float, metavar="RPM", help="rotative speed, for universal files without it")
+    to.add_argument(
+        "--axes", metavar="AB", help="which directions of a universal file are x and y: yz for a shaft along its x [xy]"
+    )
+    to.add_argument("--sheet", metavar="NAME", help="sheet of an Excel file [the first]")
+    rows = "readings by attribute (run, speed_rpm, plane, a column of the file): a value, or a range of numbers LO:HI"
+    to.add_argument(
+        "--where", action="append", default=[], metavar="NAME=VALUE", help=f"only {rows}; again for a further value"
+    )
+    to.add_argument("--exclude", action="append", default=[], metavar="NAME=VALUE", help=f"leave out {rows}")
+    to.add_argument(
+        "--drop-near-1x", type=float, metavar="PERCENT", help="leave out readings this close to the running speed"
+    )
 
 
 def add_setup(to: argparse.ArgumentParser) -> None:
@@ -122,14 +134,53 @@ def data_files(options: argparse.Namespace) -> tuple[DataFile | RecordingFiles, 
         read["slow_roll_below_rpm"] = options.slow_roll_below
     if options.speed is not None:
         read["speed"] = options.speed * RAD_S_PER_RPM
+    for name in ("axes", "sheet"):
+        if getattr(options, name):
+            read[name] = getattr(options, name)
+    for name in ("where", "exclude"):
+        if getattr(options, name):
+            read[name] = chosen(f"--{name}", getattr(options, name))
+    if options.drop_near_1x is not None:
+        read["drop_near_1x"] = options.drop_near_1x / 100
     raw = tuple(file for file in options.files if options.setup or file.suffix.lower() in ALWAYS_RAW)
     if raw and read:
         raise ValueError(
             f"{raw[0].name} is a recording: what --probe-angles, --slow-roll-below and --speed say stands in its setup "
-            "(--setup rig.toml)"
+            "(--setup rig.toml); --axes, --sheet, --where, --exclude and --drop-near-1x are for files of vectors"
         )
     tests = tuple(DataFile(file, read) for file in options.files if file not in raw)
     return (*tests, RecordingFiles(raw, options.setup, options.windows)) if raw else tests
+
+
+def chosen(option: str, words: Sequence[str]) -> dict[str, Any]:
+    """Values of attributes: ``NAME=VALUE`` as often as there are values, or one range ``NAME=LO:HI``.
+
+    Args:
+        option: its name, for messages.
+        words: as given.
+
+    Raises:
+        ValueError: not of that form.
+    """
+    found: dict[str, Any] = {}
+    for word in words:
+        name, equals, value = word.partition("=")
+        if not equals or not name or not value:
+            raise ValueError(f"{option} takes NAME=VALUE or NAME=LO:HI, got {word!r}")
+        low, colon, high = value.partition(":")
+        try:
+            ends = (float(low or "-inf"), float(high or "inf")) if colon else None
+        except ValueError:
+            ends = None  # a colon in a name
+        if ends is not None:
+            if name in found:
+                raise ValueError(f"{option} {name} is given twice, one of them a range; give one range")
+            found[name] = ends
+        elif isinstance(found.get(name), tuple):
+            raise ValueError(f"{option} {name} is given twice, one of them a range; give one range")
+        else:
+            found.setdefault(name, []).append(value)
+    return found
 
 
 def given(options: argparse.Namespace, settings: Sequence[Option]) -> dict[str, Any]:

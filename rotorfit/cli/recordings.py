@@ -11,20 +11,22 @@ from typing import TYPE_CHECKING
 
 from rotorfit.cli.errors import DONE, checked
 from rotorfit.cli.progress import ProgressLine
+from rotorfit.io.templates import example, kinds
+from rotorfit.models.parameters import unknown_name
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from rotorfit.recordings.recording import Recording
 
-TEMPLATE = "print a setup, rig.toml, to fill in for a recording of raw signals"
+TEMPLATE = "print an example file with comments, or a setup, rig.toml, to fill in for a recording of raw signals"
 LOOK = "say what recordings of raw signals hold and what is odd about them, and draw it"
 FORMATS = "recording (.h5 .tdms .mat .wav .uff .csv .parquet)"
 
 
 def add_template_options(to: argparse.ArgumentParser) -> None:
     """Options of ``rotorfit template``."""
-    to.add_argument("file", type=Path, metavar="FILE", help=FORMATS)
+    to.add_argument("what", metavar="KIND|FILE", help=f"{', '.join(kinds())}; or a {FORMATS}")
 
 
 def add_look_options(to: argparse.ArgumentParser) -> None:
@@ -38,11 +40,19 @@ def add_look_options(to: argparse.ArgumentParser) -> None:
 
 
 def run_template(options: argparse.Namespace) -> int:
-    """Print the setup."""
+    """Print the example or the setup."""
+    sys.stdout.write(checked(lambda: _template(options.what)))
+    return DONE
+
+
+def _template(what: str) -> str:
+    if what in kinds():
+        return example(what)
+    if not Path(what).exists():
+        raise ValueError(f"{unknown_name('kind of file', what, kinds())}; nor is there a recording of that name")
     from rotorfit.recordings.template import template
 
-    sys.stdout.write(checked(lambda: template(options.file)))
-    return DONE
+    return template(Path(what))
 
 
 def run_look(options: argparse.Namespace) -> int:

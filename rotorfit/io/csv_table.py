@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import csv
 import difflib
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -14,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotorfit.data.experiments import Text
+from rotorfit.io.cells import read_cells
 from rotorfit.io.sampling import time_factor
 from rotorfit.models.array_types import Float
 from rotorfit.models.parameters import unknown_name
@@ -195,36 +194,26 @@ def _suggest(name: str) -> str:
     return f"{name!r} (did you mean {near[0]!r}?)" if near else repr(name)
 
 
-def read_table(path: str | Path) -> Table:
-    """Split a CSV file (comma, semicolon or tab) into columns of text.
+def read_table(path: str | Path, sheet: str | None = None) -> Table:
+    """Columns of text of a CSV file (comma, semicolon or tab) or of a sheet of an Excel file.
+
+    Args:
+        path: the file.
+        sheet: name of the sheet, by default the first.
 
     Raises:
         ValueError: the file is empty, has no rows, repeats a column, or a row is not as long as the header.
         FileNotFoundError: no such file.
     """
     source = Path(path).name
-    try:
-        lines = re.split(r"\r\n|\r|\n", Path(path).read_text(encoding="utf-8-sig"))
-    except UnicodeDecodeError as error:
-        raise ValueError(
-            f"{source} is not UTF-8 text ({error.reason} at byte {error.start}); save it as CSV UTF-8"
-        ) from error
-    numbered = [(i, line) for i, line in enumerate(lines, 1) if line.strip() and not line.lstrip().startswith("#")]
-    if not numbered:
+    found = read_cells(Path(path), sheet)
+    if found is None:
         raise ValueError(f"{source} is empty; a tidy CSV has a header and rows. Known columns: {PERTURBATION_COLUMNS}")
-    delimiter = max(",;\t", key=numbered[0][1].count)
-    try:
-        header, *rows = csv.reader((line for _, line in numbered), delimiter=delimiter, strict=True)
-    except csv.Error as error:
-        raise ValueError(f"{source} is not a readable CSV: {error}") from error
-    where = [i for i, _ in numbered[1:]]
-    if not rows:
-        raise ValueError(f"{source} has one line, {numbered[0][1][:80]!r}, and no rows below it; nothing to read")
-    for number, row in zip(where, rows, strict=False):
-        if len(row) != len(header):
-            raise ValueError(f"{source}: line {number} has {len(row)} cells, the header has {len(header)} columns")
-    names = {name.strip().replace("µ", "u").replace("μ", "u").lower(): name.strip() for name in header}
+    header = found.header
+    if not found.rows:
+        raise ValueError(f"{source} has one line, {','.join(header)[:80]!r}, and no rows below it; nothing to read")
+    names = {name.replace("µ", "u").replace("μ", "u").lower(): name for name in header}
     if len(names) < len(header) or "" in names:
         raise ValueError(f"{source}: every column needs a name of its own, the header is {', '.join(header)}")
-    columns = [[cell.strip() for cell in column] for column in zip(*rows, strict=True)]
-    return Table(source, dict(zip(names, columns, strict=True)), where, names)
+    columns = [list(column) for column in zip(*found.rows, strict=True)]
+    return Table(source, dict(zip(names, columns, strict=True)), found.lines, names)

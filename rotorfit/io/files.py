@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from rotorfit.data.experiments import DisplacementTest, Experiment, PerturbationTest
+from rotorfit.data.findings import Finding
 from rotorfit.data.probes import (
     Channel,
     check_channels,
@@ -17,9 +18,11 @@ from rotorfit.data.probes import (
     resolve_probe_angles,
     subtract_measured_slow_roll,
 )
+from rotorfit.data.selection import Wanted, selected
 from rotorfit.data.synchronous import SPEED_TOLERANCE, group_speeds
 from rotorfit.data.weights import differenced
 from rotorfit.estimators.atomic_file import whole_file
+from rotorfit.io.cells import EXCEL
 from rotorfit.models.parameters import unknown_name
 from rotorfit.units import RAD_S_PER_RPM
 
@@ -42,11 +45,20 @@ def read(
     difference: bool = True,
     speed: float | None = None,
     speed_tolerance: float = SPEED_TOLERANCE,
+    sheet: str | None = None,
+    columns: Mapping[str, str] | None = None,
+    constants: Mapping[str, str | float] | None = None,
+    axes: str = "xy",
+    where: Mapping[str, Wanted] | None = None,
+    exclude: Mapping[str, Wanted] | None = None,
+    drop_near_1x: float = 0.0,
+    on_finding: Callable[[Finding], None] | None = None,
 ) -> Experiment:
-    """Read a test: tidy CSV (.csv, .tsv, .txt), universal file (.uff, .unv), netCDF (.nc) or MAT 5 (.mat).
+    """Read a test: CSV (.csv, .tsv, .txt), Excel (.xlsx), universal file (.uff, .unv), netCDF (.nc) or MAT 5 (.mat).
 
-    Corrections are applied in the order of the arguments, before synchronous runs are differenced. Units of a CSV are
-    in its column names; what is read is SI.
+    Corrections are applied in the order of the arguments, before synchronous runs are differenced; a selection comes
+    first of all. Units of a table are in its column names; what is read is SI. A table is tidy (a row a reading) or
+    wide (a column a probe: ``journal_x_um``, ``journal_x_lag_deg``).
 
     Args:
         path: the file.
@@ -61,6 +73,12 @@ def read(
             them together, see :func:`rotorfit.influence`.
         speed: rotative speed, rad/s, for universal files that do not hold it.
         speed_tolerance: fraction within which speeds are the same, :func:`~rotorfit.data.synchronous.group_speeds`.
+        sheet: name of the sheet of an Excel file, by default the first.
+        columns: columns of a table under the names that rotorfit knows, ``{"Ampl. 1X": "journal_x_um_pp"}``.
+        constants: columns that a table does not have, with one value throughout, ``{"force_plane": "journal"}``.
+        axes: which directions of a universal file are x and y; ``"yz"`` for a shaft along its x axis.
+        where, exclude, drop_near_1x: readings to keep, :func:`rotorfit.data.selection.selected`.
+        on_finding: called with what was left out of a table, such as empty readings; by default it is warned of.
 
     Raises:
         ValueError: what in the file or in an option is wrong, where, and what is allowed.
@@ -75,19 +93,35 @@ def read(
         raise ValueError(f"speed_tolerance is a fraction of the speed, 0 to 1; got {speed_tolerance!r}")
     if speed is not None and not np.isfinite(speed):
         raise ValueError(f"speed must be a finite number, rad/s; got {speed!r}")
-    test = _read_raw(path, speed, speed_tolerance)
-    options = {
+    table = {"sheet": sheet, "columns": columns, "constants": constants, "on_finding": on_finding}
+    test = _read_raw(path, {"speed": speed, "axes": axes}, table, speed_tolerance)
+    test = selected(test, where=where, exclude=exclude, drop_near_1x=drop_near_1x)
+    options: dict[str, Any] = {
         "gains": gains,
         "delays": delays,
         "slow_roll": slow_roll,
         "slow_roll_below_rpm": slow_roll_below_rpm,
         "probe_angles": probe_angles,
     }
-    given = [name for name, value in options.items() if value is not None]
-    if not isinstance(test, PerturbationTest):
-        if given:
-            raise ValueError(f"{', '.join(given)} correct probe readings; {test.source} is a {type(test).__name__}")
-        return test
+    given = {name: value for name, value in options.items() if value is not None}
+    if isinstance(test, PerturbationTest):
+        test = _corrected(test, **given)
+        return differenced(test) if difference and test.synchronous else test
+    if given:
+        raise ValueError(f"{', '.join(given)} correct probe readings; {test.source} is a {type(test).__name__}")
+    return test
+
+
+def _corrected(
+    test: PerturbationTest,
+    *,
+    gains: Mapping[Channel, complex] | None = None,
+    delays: Mapping[Channel, float] | None = None,
+    slow_roll: Mapping[Channel, complex] | None = None,
+    slow_roll_below_rpm: float | None = None,
+    probe_angles: Mapping[str, tuple[float, float]] | None = None,
+) -> PerturbationTest:
+    """Probe readings with their corrections, in the order of the arguments; see :func:`read`."""
     if gains or delays:
         test = correct_channels(test, gains or {}, delays or {})
     if slow_roll is not None and slow_roll_below_rpm is not None:
@@ -99,23 +133,29 @@ def read(
         test = test.subtract_slow_roll(slow_roll)
     if slow_roll_below_rpm is not None:
         test = subtract_measured_slow_roll(test, slow_roll_below_rpm * RAD_S_PER_RPM)
-    if probe_angles:
-        test = resolve_probe_angles(test, probe_angles)
-    return differenced(test) if difference and test.synchronous else test
+    return resolve_probe_angles(test, probe_angles) if probe_angles else test
 
 
-def _read_raw(path: str | Path, speed: float | None, speed_tolerance: float) -> Experiment:
+_READERS = {"csv": "tables (CSV and Excel)", "uff": "universal files"}
+
+
+def _read_raw(
+    path: str | Path, universal: Mapping[str, Any], table: Mapping[str, Any], speed_tolerance: float
+) -> Experiment:
+    """Read a file with the options of its format; those of another format are refused."""
     kind = _format(path)
-    if speed is not None and kind != "uff":
-        raise ValueError(f"speed is an option of universal files; {Path(path).name} holds the speed of every reading")
+    for of, options in (("uff", {**universal, "axes": universal["axes"] != "xy"}), ("csv", {**table, "on_finding": 0})):
+        name = next((name for name, value in options.items() if value), None)
+        if name and kind != of:
+            raise ValueError(f"{name} is an option of {_READERS[of]}, which {Path(path).name} is not")
     if kind == "csv":
         from rotorfit.io.tidy_csv import read_csv
 
-        return read_csv(path, speed_tolerance=speed_tolerance)
+        return read_csv(path, speed_tolerance=speed_tolerance, **table)
     if kind == "uff":
         from rotorfit.io.universal import read_uff
 
-        test: Experiment = read_uff(path, speed=speed)
+        test: Experiment = read_uff(path, **universal)
     elif kind == "netcdf":
         from rotorfit.io.netcdf import read_netcdf
 
@@ -162,6 +202,8 @@ def check_target(path: str | Path) -> Path:
     """
     target = Path(path)
     _format(target)
+    if target.suffix.lower() in EXCEL:
+        raise ValueError(f"{target.name}: Excel files are read, not written; write .csv, which Excel opens")
     if not target.parent.is_dir():
         raise FileNotFoundError(f"cannot write {target}: there is no folder {target.parent}")
     return target
@@ -193,6 +235,8 @@ def _format(path: str | Path) -> str:
             f"{name} is a recording of raw signals, not of vectors: give a setup of the rig, --setup rig.toml "
             f"(`rotorfit template {name}` makes one to fill in), or use rf.read_recording"
         )
+    if suffix in EXCEL:
+        return "csv"
     if suffix not in SUFFIXES and Path(path).is_dir():
         raise ValueError(f"{path} is a folder; name a file in it, with one of the suffixes {', '.join(SUFFIXES)}")
     if suffix not in SUFFIXES:

@@ -6,11 +6,14 @@ unbalance ``mr_g_mm`` (force m r w^2), in place of amplitude and phase ``real_um
 ``probe_radius_mm`` and ``force_direction`` (``circular``, or ``x``, ``y``: along an axis) are optional. Slopes
 (direction ``rx`` = dx/ds, ``ry`` = dy/ds) have columns of their own, ``amplitude_urad`` and so on, or are readings of
 an axial probe at ``probe_radius_mm``, positive when a positive slope gives a positive reading. Columns that are none of
-these become test attributes. Columns of the other experiments: :mod:`rotorfit.io.csv_kinds`.
+these become test attributes. Left out, ``run`` is one for each forced plane and speed, ``plane`` the journal,
+``force_plane`` the only plane; empty readings are skipped. Wide tables, a column a probe: :mod:`rotorfit.io.wide`.
+Columns of the other experiments: :mod:`rotorfit.io.csv_kinds`.
 """
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
@@ -27,9 +30,12 @@ from rotorfit.data.experiments import (
     Text,
     plane_groups,
 )
+from rotorfit.data.findings import Finding
 from rotorfit.data.synchronous import SPEED_TOLERANCE, group_speeds
 from rotorfit.io.csv_kinds import BUILDERS, columns_of
 from rotorfit.io.csv_table import MOTION, PERTURBATION_COLUMNS, Table, read_table
+from rotorfit.io.left_out import completed, without_empty
+from rotorfit.io.wide import is_wide, renamed, tidy, with_constants
 from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.models.parameters import unknown_name
 from rotorfit.units import UNITS, si_factor, units_of
@@ -40,23 +46,49 @@ DISPLACEMENT_COLUMNS = (
 )
 
 
-def read_csv(path: str | Path, *, speed_tolerance: float = SPEED_TOLERANCE) -> Experiment:
-    """Read a tidy CSV; the columns tell which experiment it is.
+def read_csv(
+    path: str | Path,
+    *,
+    speed_tolerance: float = SPEED_TOLERANCE,
+    sheet: str | None = None,
+    columns: Mapping[str, str] | None = None,
+    constants: Mapping[str, str | float] | None = None,
+    on_finding: Callable[[Finding], None] | None = None,
+) -> Experiment:
+    """Read a tidy or wide CSV, or a sheet of an Excel file; the columns tell which experiment it is.
 
     Args:
         path: the file.
         speed_tolerance: see :func:`group_speeds`.
+        sheet, columns, constants: see :func:`rotorfit.read`.
+        on_finding: called with what was left out.
 
     Raises:
         ValueError: what is wrong, in which line and column, and what is allowed.
         FileNotFoundError: no such file.
     """
-    table = read_table(path)
+    table = read_table(path, sheet)
+    if columns:
+        table = renamed(table, columns)
+    if constants:
+        table = with_constants(table, constants)
+    if is_wide(table):
+        table = tidy(table)
     # A perturbation test may have attributes named like the marks of the others.
     kinds = _KINDS if {"force_plane", "direction"} & set(table.cells) else (*_KINDS, *BUILDERS)
     build = next((b for mark, b in kinds if any(name.startswith(mark) for name in table.cells)), _perturbation)
+    if build in (_perturbation, _displacement):
+        table, found = without_empty(table)
+        for finding in found:
+            (on_finding or _warn)(finding)
+        if "direction" in table.cells or build is _displacement:
+            table = completed(table, forced=build is _perturbation)
     with np.errstate(over="ignore", invalid="ignore"):  # what overflows is refused below, by name
         return build(table, speed_tolerance)
+
+
+def _warn(finding: Finding) -> None:
+    warnings.warn(finding.message, stacklevel=4)
 
 
 def _perturbation(table: Table, speed_tolerance: float) -> PerturbationTest:

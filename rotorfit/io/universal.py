@@ -23,7 +23,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotorfit.data.experiments import Experiment, PerturbationTest, perturbation_test
-from rotorfit.io.universal_foreign import AXES, DISPLACEMENT, FORCE, FREQUENCY, FRF, GENERAL, ORDER, SPEED, read_foreign
+from rotorfit.io.universal_foreign import (
+    AXES,
+    DISPLACEMENT,
+    FORCE,
+    FREQUENCY,
+    FRF,
+    GENERAL,
+    ORDER,
+    SPEED,
+    read_foreign,
+    turned,
+)
 from rotorfit.models.array_types import Float
 from rotorfit.units import RAD_S_PER_RPM
 
@@ -127,7 +138,7 @@ def _function(record: dict[str, Any], x: Float, y: NDArray[Any]) -> dict[str, An
     return {**record, "x": np.array([x[0], x[0] + 1.0]), "data": y, "abscissa_spacing": 1}
 
 
-def read_uff(path: str | Path, *, speed: float | None = None) -> PerturbationTest:
+def read_uff(path: str | Path, *, speed: float | None = None, axes: str = "xy") -> PerturbationTest:
     """Read a universal file: one of ours, or FRFs of unidirectional tests with references x and y.
 
     Receptance, mobility and accelerance (ordinate displacement, velocity, acceleration) all become receptance. Units
@@ -136,6 +147,7 @@ def read_uff(path: str | Path, *, speed: float | None = None) -> PerturbationTes
     Args:
         path: the file.
         speed: rotative speed, rad/s, where the z axis does not give it.
+        axes: which of the file's directions are x and y, the shaft standing along the third: ``"yz"`` for one along x.
 
     Raises:
         ValueError: not a universal file, no FRF in it, or one that does not make a circular force; says what is
@@ -156,9 +168,11 @@ def read_uff(path: str | Path, *, speed: float | None = None) -> PerturbationTes
     if not functions:
         raise ValueError(f"{source} has no function at nodal DOF (dataset 58); nothing to read")
     if functions[0]["id1"] == _MARK:
+        if axes != "xy":
+            raise ValueError(f"{source} was written by rotorfit with its own x and y: leave axes out (--axes)")
         return _read_own(functions, source)
     scales: dict[str, Any] = next((record for record in records if record.get("type") == 164), {})
-    return read_foreign(functions, scales, speed, source)
+    return read_foreign(turned(functions, axes), scales, speed, source)
 
 
 def _read_own(functions: Sequence[dict[str, Any]], source: str) -> PerturbationTest:

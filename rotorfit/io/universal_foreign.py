@@ -41,6 +41,30 @@ class _Receptance:
     values: ComplexArray
 
 
+def turned(functions: Sequence[dict[str, Any]], axes: str) -> list[dict[str, Any]]:
+    """Functions with their directions as if the shaft stood along z.
+
+    Args:
+        functions: as pyuff gives them.
+        axes: the two directions of the file that are x and y, ``"yz"`` for a shaft along x; it points along their
+            cross product, so that turning about x and y keeps its sense.
+
+    Raises:
+        ValueError: not two different axes.
+    """
+    if len(axes) != 2 or len(set(axes.lower()) & set("xyz")) != 2:
+        raise ValueError(f"axes are the two directions of the file that are x and y, such as 'yz'; got {axes!r}")
+    first, second = ("xyz".index(axis) + 1 for axis in axes.lower())
+    third = 6 - first - second
+    new = {first: 1, second: 2, third: 3}
+    new |= {old + 3: place + 3 for old, place in new.items()}
+    keys = ("rsp_dir", "ref_dir")
+    return [
+        {**f, **{key: int(np.sign(f[key])) * new.get(abs(f[key]), abs(f[key])) for key in keys if key in f}}
+        for f in functions
+    ]
+
+
 def read_foreign(
     functions: Sequence[dict[str, Any]], scales: dict[str, Any], speed: float | None, source: str
 ) -> PerturbationTest:
@@ -68,7 +92,10 @@ def read_foreign(
     if _lonely(by_run):  # the second ID line may be a remark that differs between the two directions of force
         by_run = _by_channel([replace(frf, run="") for frf in receptances])
     if not by_run:
-        raise ValueError(f"{source} has no FRF to a force along x or y, and none is lateral; nothing to read")
+        raise ValueError(
+            f"{source} has no FRF to a force along x or y that is lateral; nothing to read. Where the shaft is not "
+            "along z, say which directions are x and y (axes, --axes yz)"
+        )
     alone = _lonely(by_run)  # planes without one of the two references: their force does not turn
     parts = [pair for key, (x, y) in by_run.items() if key[2] not in alone for pair in zip(x, y, strict=True)]
     rows = list(_circular(parts, source)) + list(_linear(frf for frf in receptances if frf.force_plane in alone))
@@ -125,7 +152,8 @@ def _receptance(
     """One FRF in SI units, None for directions along the shaft and torsion; what is worth a word goes to ``notes``."""
     what = f"{source}, FRF {record['rsp_node']}:{record['rsp_dir']} over {record['ref_node']}:{record['ref_dir']}"
     if abs(record["rsp_dir"]) not in DIRECTIONS or abs(record["ref_dir"]) not in (1, 2):
-        notes.append(f"left out, not lateral (the shaft is taken along z): {what.partition(', ')[2]}")
+        words = "left out, not lateral (where the shaft is not along z: axes, --axes)"
+        notes.append(f"{words}: {what.partition(', ')[2]}")
         return None
     if record["abscissa_spec_data_type"] not in (0, 1, FREQUENCY, SPEED):
         kind = record["abscissa_spec_data_type"]

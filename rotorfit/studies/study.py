@@ -57,11 +57,11 @@ class DataFile:
         """Read the test.
 
         Args:
-            on_finding: called with what was found odd while reading: nothing in a file of responses.
+            on_finding: called with what was found odd while reading.
             progress: called with a few words.
         """
         progress(f"reading {self.path.name}")
-        return read(self.path, **self.options)
+        return read(self.path, **{"on_finding": on_finding, **self.options})
 
 
 @dataclass(frozen=True, kw_only=True)

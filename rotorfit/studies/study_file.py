@@ -95,6 +95,34 @@ def _speed(key: str, value: Any) -> float:
     return number(key, value) * RAD_S_PER_RPM
 
 
+def _selection(key: str, value: Any) -> dict[str, Any]:
+    """Values by attribute: one, a list of them, or a range ``{from = 40, to = 60}`` with either end left out."""
+    found: dict[str, Any] = {}
+    if not isinstance(value, dict):
+        raise ValueError(f'{key} must be a table such as {{run = ["a", "b"], oil_C = {{from = 40, to = 60}}}}')
+    for name, item in value.items():
+        if isinstance(item, dict):
+            _refuse_unknown(item, ("from", "to"))
+            low, high = (
+                number(f"{key}.{name}.{end}", item.get(end, far)) if end in item else far
+                for end, far in (("from", -math.inf), ("to", math.inf))
+            )
+            found[name] = (low, high)
+        elif isinstance(item, list) and item and all(isinstance(one, str | int | float) for one in item):
+            found[name] = list(item)
+        elif isinstance(item, str | int | float) and not isinstance(item, bool):
+            found[name] = item
+        else:
+            raise ValueError(f"{key}.{name} must be a value, a list of values or a range {{from, to}}, got {item!r}")
+    return found
+
+
+def _constants(key: str, value: Any) -> dict[str, str | float]:
+    if not isinstance(value, dict) or not all(isinstance(one, str | int | float) for one in value.values()):
+        raise ValueError(f'{key} must be a table such as {{force_plane = "journal", speed_rpm = 1500}}, got {value!r}')
+    return dict(value)
+
+
 _READ_KEYS: dict[str, tuple[str, Parser]] = {
     "gains": ("gains", _channels(_polar)),
     "delays_s": ("delays", _channels(number)),
@@ -104,6 +132,13 @@ _READ_KEYS: dict[str, tuple[str, Parser]] = {
     "difference": ("difference", flag),
     "speed_rpm": ("speed", _speed),
     "speed_tolerance": ("speed_tolerance", number),
+    "sheet": ("sheet", text),
+    "columns": ("columns", table(text)),
+    "constants": ("constants", _constants),
+    "axes": ("axes", text),
+    "where": ("where", _selection),
+    "exclude": ("exclude", _selection),
+    "drop_near_1x": ("drop_near_1x", number),
 }
 """Keys beside ``path`` in a file's table: option of :func:`rotorfit.read`, and what its value must be."""
 

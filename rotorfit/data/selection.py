@@ -1,0 +1,92 @@
+"""Rows of an experiment by what is known of them: runs, conditions, nearness to the running speed."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, TypeVar, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotorfit.data.experiments import Experiment, PerturbationTest
+from rotorfit.models.parameters import unknown_name
+
+Wanted = str | float | tuple[float, float] | Sequence[str] | Sequence[float]
+"""A value, several of them, or a range (low, high) as a tuple of two numbers."""
+Test = TypeVar("Test", bound=Experiment)
+
+
+def selected(
+    test: Test,
+    *,
+    where: Mapping[str, Wanted] | None = None,
+    exclude: Mapping[str, Wanted] | None = None,
+    drop_near_1x: float = 0.0,
+) -> Test:
+    """Readings that fit.
+
+    Args:
+        test: the experiment.
+        where: values that attributes must have, ``{"oil_C": (40, 60), "run": ["a", "b"]}``; ``run``, ``speed_rpm`` and,
+            where the test has them, ``plane``, ``direction`` and ``force_plane`` count as attributes.
+        exclude: values that they must not have; a reading goes if any of these is true of it.
+        drop_near_1x: readings whose frequency is within this fraction of the rotative speed are left out: run-out and
+            unbalance stand there. Not for synchronous tests, which are nothing else.
+
+    Raises:
+        ValueError: unknown attributes, values that no reading has, or nothing left.
+    """
+    keep = np.ones(len(test), dtype=bool)
+    for name, wanted in (where or {}).items():
+        keep &= _matches(test, name, wanted)
+    for name, unwanted in (exclude or {}).items():
+        keep &= ~_matches(test, name, unwanted)
+    if drop_near_1x:
+        keep &= ~_near_1x(test, drop_near_1x)
+    if not keep.any():
+        raise ValueError(f"{test.source or 'the test'}: no reading is left after the selection (of {len(test)})")
+    return test if keep.all() else cast(Test, test.select(keep))
+
+
+def _values(test: Experiment, name: str) -> NDArray[Any]:
+    own = [n for n in ("plane", "direction", "force_plane") if hasattr(test, n)]
+    known = ["run", "speed_rpm", *own, *test.attributes]
+    if name not in known:
+        raise ValueError(f"{test.source or 'the test'}: {unknown_name('attribute', name, known)}")
+    return np.asarray(getattr(test, name)) if name in own else np.asarray(test.attribute(name))
+
+
+def _matches(test: Experiment, name: str, wanted: Wanted) -> NDArray[np.bool_]:
+    values = _values(test, name)
+    numeric = np.issubdtype(values.dtype, np.number)
+    if isinstance(wanted, tuple) and len(wanted) == 2 and not any(isinstance(end, str) for end in wanted):
+        if not numeric:
+            raise ValueError(f"{name} holds text: give its values, not a range")
+        low, high = (float(end) for end in wanted)
+        return np.asarray((values >= low) & (values <= high))
+    several = [wanted] if isinstance(wanted, str | float | int) else list(wanted)
+    found = np.zeros(len(test), dtype=bool)
+    for one in several:
+        if numeric:
+            try:
+                number = float(str(one))
+            except ValueError:
+                raise ValueError(f"{name} holds numbers, not {one!r}") from None
+            hit = np.isclose(values.astype(float), number, rtol=1e-6)
+        else:
+            hit = np.asarray(values == str(one))
+        if not hit.any():
+            distinct = [str(v) for v in dict.fromkeys(values.tolist())]
+            raise ValueError(f"{test.source or 'the test'}: {unknown_name(name, str(one), distinct[:40])}")
+        found |= hit
+    return found
+
+
+def _near_1x(test: Experiment, share: float) -> NDArray[np.bool_]:
+    if not isinstance(test, PerturbationTest) or test.synchronous:
+        raise ValueError(
+            f"{test.source or 'the test'}: readings near 1x can be dropped from nonsynchronous perturbation tests only"
+        )
+    if not 0 < share < 1:
+        raise ValueError(f"nearness to 1x is a fraction of the speed, above 0 and below 1; got {share:g}")
+    return np.asarray(np.abs(np.abs(test.frequency) - test.speed) < share * test.speed)

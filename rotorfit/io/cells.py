@@ -1,0 +1,155 @@
+"""Cells of tables as laboratories save them: text of several encodings and separators, and sheets of Excel."""
+
+from __future__ import annotations
+
+import codecs
+import csv
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from rotorfit.models.parameters import unknown_name
+
+EXCEL = (".xlsx", ".xlsm")
+_MARKS = (
+    (codecs.BOM_UTF8, "utf-8-sig"),
+    (codecs.BOM_UTF16_LE, "utf-16"),
+    (codecs.BOM_UTF16_BE, "utf-16"),
+)
+"""Bytes at the beginning of a file that tell its encoding."""
+_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?|[+-]?\d+,")
+_POINT = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Cells:
+    """A table as it stands in a file.
+
+    Attributes:
+        header: names of the columns.
+        rows: cells of each row, stripped of blanks, as many as there are columns.
+        lines: line of the file, or row of the sheet, of each row.
+    """
+
+    header: Sequence[str]
+    rows: Sequence[Sequence[str]]
+    lines: Sequence[int]
+
+
+def read_cells(path: Path, sheet: str | None = None) -> Cells | None:
+    """Header and rows of a text file or a sheet; None where there is nothing.
+
+    Comment lines (``#``), blank lines and empty columns at the end are left out. Numbers with decimal commas are
+    written with points.
+
+    Args:
+        path: a text file with commas, semicolons or tabs between the cells, or an Excel file.
+        sheet: name of the sheet, by default the first.
+
+    Raises:
+        ValueError: not such a file, unknown sheet, or a row that is not as long as the header; openpyxl is missing.
+    """
+    if path.suffix.lower() in EXCEL:
+        found = list(_sheet(path, sheet))
+    elif sheet is not None:
+        raise ValueError(f"a sheet is an option of Excel files ({', '.join(EXCEL)}); {path.name} is a text file")
+    else:
+        found = list(_text_rows(path))
+    if not found:
+        return None
+    (_, header), *rest = found
+    width = max((i + 1 for i, name in enumerate(header) if name), default=0)
+    kept = [(line, row) for line, row in rest if any(row)]
+    for line, row in kept:
+        if len(row) < width or any(row[width:]):
+            size = max((i + 1 for i, cell in enumerate(row) if cell), default=0) if len(row) > width else len(row)
+            raise ValueError(f"{path.name}: line {line} has {size} cells, the header has {width} columns")
+    rows = [row[:width] for _, row in kept]
+    columns = [_pointed(list(column), path.name, name) for column, name in zip(zip(*rows, strict=True), header)]  # noqa: B905 - the header may have empty names at its end
+    return Cells(header=header[:width], rows=list(zip(*columns, strict=True)), lines=[line for line, _ in kept])
+
+
+def _decoded(path: Path) -> str:
+    """Text in UTF-8, UTF-16 or, as old programs save it, Windows' Western code page."""
+    raw = path.read_bytes()
+    encoding = next((name for mark, name in _MARKS if raw.startswith(mark)), "")
+    if not encoding and raw[:400].count(0) > len(raw[:400]) // 4:  # UTF-16 without its mark: every other byte is zero
+        encoding = "utf-16-le" if raw[1:2] == b"\0" else "utf-16-be"
+    try:
+        return raw.decode(encoding or "utf-8")
+    except UnicodeDecodeError as error:
+        if encoding or b"\0" in raw:
+            raise ValueError(f"{path.name} is not text: {error.reason} at byte {error.start}") from error
+    try:
+        return raw.decode("cp1252")
+    except UnicodeDecodeError as error:
+        raise ValueError(
+            f"{path.name} is neither UTF-8 nor Windows-1252 text (byte {error.start}); save it as CSV UTF-8"
+        ) from error
+
+
+def _text_rows(path: Path) -> Iterator[tuple[int, list[str]]]:
+    lines = re.split(r"\r\n|\r|\n", _decoded(path))
+    numbered = [(i, line) for i, line in enumerate(lines, 1) if line.strip() and not line.lstrip().startswith("#")]
+    delimiter = ""
+    if numbered and re.fullmatch(r"sep=.", numbered[0][1].strip()):  # written by Excel
+        delimiter = numbered.pop(0)[1].strip()[4]
+    if not numbered:
+        return
+    delimiter = delimiter or max(",;\t", key=numbered[0][1].count)
+    try:
+        rows = list(csv.reader((line for _, line in numbered), delimiter=delimiter, strict=True))
+    except csv.Error as error:
+        raise ValueError(f"{path.name} is not a readable CSV: {error}") from error
+    for (line, _), row in zip(numbered, rows, strict=False):
+        yield line, [cell.strip() for cell in row]
+
+
+def _sheet(path: Path, sheet: str | None) -> Iterator[tuple[int, list[str]]]:
+    try:
+        from openpyxl import load_workbook
+        from openpyxl.utils.exceptions import InvalidFileException
+    except ImportError as reason:
+        raise ValueError(f'{path.name}: Excel files need openpyxl: pip install "rotorfit[excel]"') from reason
+    from zipfile import BadZipFile
+
+    try:
+        book = load_workbook(path, read_only=True, data_only=True)
+    except (BadZipFile, InvalidFileException, KeyError) as reason:
+        raise ValueError(f"{path.name} is not a readable Excel file: {reason}") from reason
+    try:
+        if sheet is not None and sheet not in book.sheetnames:
+            raise ValueError(f"{path.name}: {unknown_name('sheet', sheet, book.sheetnames)}")
+        rows = book[sheet or book.sheetnames[0]].iter_rows(values_only=True)
+        for line, row in enumerate(rows, 1):
+            cells = [_shown(value) for value in row]
+            if any(cells) and not cells[0].startswith("#"):
+                yield line, cells
+    finally:
+        book.close()
+
+
+def _shown(value: Any) -> str:
+    """A cell of a sheet as text; a whole number that Excel holds as a float keeps no point."""
+    if value is None:
+        return ""
+    if isinstance(value, float):
+        return f"{value:.17g}"
+    return str(value).strip()
+
+
+def _pointed(cells: list[str], source: str, name: str) -> list[str]:
+    """Cells of a column of numbers with decimal commas, with points; other columns as they are."""
+    with_comma = [bool(_COMMA.fullmatch(cell)) for cell in cells]
+    if not any(with_comma) or not all(
+        comma or not cell or _POINT.fullmatch(cell) for cell, comma in zip(cells, with_comma, strict=True)
+    ):
+        return cells
+    if any("." in cell for cell in cells):
+        raise ValueError(
+            f"{source}: column {name!r} has decimal points and decimal commas "
+            f"({next(c for c in cells if '.' in c)}, {cells[with_comma.index(True)]}); use one of them"
+        )
+    return [cell.replace(",", ".") for cell in cells]

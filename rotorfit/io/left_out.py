@@ -1,0 +1,87 @@
+"""What a table may leave out: empty readings, the name of the run, the plane where there is only one."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from rotorfit.data.findings import Finding
+from rotorfit.io.csv_table import MOTION, Table
+from rotorfit.units import RPM_PER_RAD_S, UNITS
+
+_EMPTY = ("", "nan", "n/a", "na", "-", "--")
+"""How a reading that was not taken is written."""
+
+
+def without_empty(table: Table) -> tuple[Table, list[Finding]]:
+    """The table without the rows whose reading was not taken, and how many these are.
+
+    A reading is empty where none of its amplitudes (or its real or imaginary part) or where its phase has a number.
+    """
+    found = table.find
+    lengths = [list(found(prefix, MOTION)) for prefix in ("amplitude", "real", "imag")]
+    needed = [names for names in (*lengths, list(found("phase", UNITS["phase"]))) if names]
+    table.used.clear()
+    if not needed:
+        return table, []
+    empty = np.array([
+        any(all(table.cells[name][row].lower() in _EMPTY for name in names) for names in needed)
+        for row in range(len(table.lines))
+    ])  # fmt: skip
+    if not empty.any() or empty.all():
+        return table, []
+    lines = [table.lines[i] for i in np.flatnonzero(empty).tolist()]
+    distinct = list(dict.fromkeys(lines))
+    where = ", ".join(map(str, distinct[:5])) + (", ..." if len(distinct) > 5 else "")
+    words = (
+        f"{table.source}: {empty.sum()} of {empty.size} readings are empty and were skipped "
+        f"(line{'s' * (len(distinct) > 1)} {where})"
+    )
+    return _kept(table, np.flatnonzero(~empty).tolist()), [Finding("note", "empty", words)]
+
+
+def _kept(table: Table, rows: Sequence[int]) -> Table:
+    cells = {name: [values[i] for i in rows] for name, values in table.cells.items()}
+    return replace(table, cells=cells, lines=[table.lines[i] for i in rows])
+
+
+def completed(table: Table, *, forced: bool) -> Table:
+    """The table with the columns that may be left out: ``plane``, ``force_plane``, ``run``.
+
+    A plane left out is the journal; the force acts at the only plane that there is; without runs, each plane that is
+    forced at each speed is one.
+
+    Args:
+        table: as it is read.
+        forced: whether the test has forced planes; else the runs are told by the planes that are moved.
+    """
+    cells, names = dict(table.cells), dict(table.names)
+    count = len(table.lines)
+
+    def add(name: str, values: Sequence[str]) -> None:
+        cells[name], names[name] = list(values), name
+
+    if "plane" not in cells:
+        add("plane", ["journal"] * count)
+    planes = set(cells["plane"])
+    if forced and "force_plane" not in cells and len(planes) == 1:
+        add("force_plane", cells["plane"])
+    by = "force_plane" if forced else "plane"
+    if "run" not in cells and by in cells:
+        add("run", _runs(table, cells[by]))
+    return replace(table, cells=cells, names=names)
+
+
+def _runs(table: Table, forced: Sequence[str]) -> list[str]:
+    """Names of runs: the plane that is forced, and the speed where there are several that are held."""
+    columns = table.find("speed", UNITS["frequency"])
+    table.used -= set(columns)
+    speeds: Sequence[str] = [""] * len(forced)
+    if len(columns) == 1:
+        values = table.number(next(iter(columns.items())))
+        distinct = np.unique(np.round(values * RPM_PER_RAD_S))
+        if 1 < distinct.size <= max(8, len(forced) // 40):
+            speeds = [f" {value:.0f} rpm" for value in np.round(values * RPM_PER_RAD_S)]
+    return [f"{plane}{speed}" for plane, speed in zip(forced, speeds, strict=True)]

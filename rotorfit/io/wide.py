@@ -1,0 +1,135 @@
+"""Wide tables, one row a frequency and a column a probe: turned into the tidy table of one row a reading.
+
+Columns are recognised by ``<plane>_<x|y>_<unit>`` (amplitude) with ``<plane>_<x|y>_lag_deg`` or ``_deg``, or by
+``<plane>_<x|y>_real_<unit>`` and ``_imag_<unit>``; z (already combined), rx and ry as well. All other columns are
+repeated for each probe.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from rotorfit.io.csv_table import MOTION, Table
+from rotorfit.units import UNITS
+
+_CHANNEL = re.compile(r"(?P<plane>.+)_(?P<direction>rx|ry|x|y|z)_(?P<rest>.+)")
+_NOT_PLANES = ("force", "load", "sigma")
+
+
+@dataclass(frozen=True)
+class _Column:
+    """A column of one probe: its name in the table, the tidy column that it becomes, and the factor to its unit."""
+
+    name: str
+    tidy: str
+    factor: float
+
+
+def is_wide(table: Table) -> bool:
+    """Whether the readings stand in a column a probe."""
+    return not {"plane", "direction"} & set(table.cells) and bool(_channels(table))
+
+
+def tidy(table: Table) -> Table:
+    """The same readings, one a row.
+
+    Raises:
+        ValueError: a probe has an amplitude without a phase, or the other way round.
+    """
+    channels = _channels(table)
+    for (plane, direction), columns in channels.items():
+        kinds = sorted(column.tidy.split("_")[0] for column in columns)
+        if kinds not in (["amplitude", "phase"], ["imag", "real"]):
+            have = ", ".join(table.names[column.name] for column in columns)
+            raise ValueError(
+                f"{table.source}: probe {plane} {direction} has {have}; it needs an amplitude and a phase "
+                f"({plane}_{direction}_um and {plane}_{direction}_lag_deg or _deg), or _real_um and _imag_um"
+            )
+    taken = {column.name for columns in channels.values() for column in columns}
+    rows, count = len(table.lines), len(channels)
+    cells = {name: list(np.repeat(values, count)) for name, values in table.cells.items() if name not in taken}
+    cells["plane"] = [plane for plane, _ in channels] * rows
+    cells["direction"] = [direction for _, direction in channels] * rows
+    for k, columns in enumerate(channels.values()):
+        for column in columns:
+            target = cells.setdefault(column.tidy, [""] * (rows * count))
+            target[k::count] = _converted(table, column)
+    lines = np.repeat(np.asarray(table.lines), count).tolist()
+    names = {name: table.names.get(name, name) for name in cells}
+    return replace(table, cells=cells, lines=lines, names=names, used=set(), missing=[])
+
+
+def _channels(table: Table) -> dict[tuple[str, str], list[_Column]]:
+    found: dict[tuple[str, str], list[_Column]] = {}
+    for name in table.cells:
+        match = _CHANNEL.fullmatch(name)
+        if match is None or match["plane"].split("_")[0] in _NOT_PLANES:
+            continue
+        column = _column(name, match["direction"], match["rest"])
+        if column is not None:
+            # The plane as the file spells it.
+            plane = table.names[name][: len(match["plane"])]
+            found.setdefault((plane, match["direction"]), []).append(column)
+    return {key: columns for key, columns in found.items() if any(not c.tidy.startswith("phase") for c in columns)}
+
+
+def _column(name: str, direction: str, rest: str) -> _Column | None:
+    tilt = direction.startswith("r")
+    tidy_unit = "urad" if tilt else "um"
+    for prefix in ("real", "imag", "amplitude"):
+        unit = rest.removeprefix(f"{prefix}_")
+        if unit in MOTION and (unit != rest or prefix == "amplitude"):
+            return _Column(name, f"{prefix}_{tidy_unit}", MOTION[unit] * 1e6)
+    unit = rest.removeprefix("phase_")
+    if unit in UNITS["phase"]:
+        return _Column(name, "phase_deg", UNITS["phase"][unit] / UNITS["phase"]["deg"])
+    return None
+
+
+def _converted(table: Table, column: _Column) -> list[str]:
+    values = table.number((column.name, column.factor), blank=True)
+    return ["" if np.isnan(value) else repr(float(value)) for value in values]
+
+
+def renamed(table: Table, columns: Mapping[str, str]) -> Table:
+    """The table with columns under the names that rotorfit knows.
+
+    Args:
+        table: as it stands in the file.
+        columns: name in the file to name in rotorfit, ``{"Ampl. 1X": "journal_x_um_pp"}``.
+
+    Raises:
+        ValueError: a column that the file does not have, or two columns of one name.
+    """
+    spelled = {name.lower(): name for name in table.names.values()} | {name: name for name in table.names.values()}
+    by_key = {spelling: key for key, spelling in table.names.items()}
+    new = {}
+    for given, name in columns.items():
+        if given not in by_key and given.lower() not in spelled:
+            raise ValueError(
+                f"{table.source} has no column {given!r} to call {name!r}; it has {', '.join(table.names.values())}"
+            )
+        new[by_key[spelled.get(given, spelled.get(given.lower(), given))]] = name
+    cells = {new.get(key, key).lower(): values for key, values in table.cells.items()}
+    if len(cells) < len(table.cells):
+        raise ValueError(f"{table.source}: two columns would have the same name after renaming: {', '.join(columns)}")
+    names = {new.get(key, key).lower(): new.get(key, name) for key, name in table.names.items()}
+    return replace(table, cells=cells, names=names)
+
+
+def with_constants(table: Table, values: Mapping[str, str | float]) -> Table:
+    """The table with columns that have one value throughout, for what a file does not say of itself.
+
+    Raises:
+        ValueError: a column that the file has already.
+    """
+    taken = [name for name in values if name.lower() in table.cells]
+    if taken:
+        raise ValueError(f"{table.source} has a column {taken[0]!r} of its own; no constant may take its place")
+    cells = {name.lower(): [str(value)] * len(table.lines) for name, value in values.items()}
+    names = {name.lower(): name for name in values}
+    return replace(table, cells={**table.cells, **cells}, names={**table.names, **names})
