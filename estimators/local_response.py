@@ -35,7 +35,7 @@ DEGREE = 2
 SPARE = 3
 """Lines of a narrowest band beyond its unknowns."""
 
-MOST_BANDS = 1024
+MOST_BANDS = 512
 """Narrowest bands of a record; longer records have wider ones."""
 
 SEEN = 3e-3

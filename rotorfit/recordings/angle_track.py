@@ -15,7 +15,7 @@ from rotorfit.models.array_types import Float
 from rotorfit.recordings.setup import Reference
 from rotorfit.recordings.signals import Signals
 
-_SAMPLED = 40
+_SAMPLED = 12
 """Pieces of a channel from which the levels of its pulses are found."""
 _PIECE = 1 << 16
 

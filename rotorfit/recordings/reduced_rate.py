@@ -68,15 +68,15 @@ class ReducedRate:
     @cached_property
     def _filter(self) -> Float:
         """Filter as a matrix (factor, blocks): column b holds what the b-th block of samples counts."""
-        from scipy.signal import firwin, kaiserord
-
         if self.factor == 1:
             return np.ones((1, 1))
-        top = self.rate / RATE_OVER_TOP  # at least the band's own; from there the filter falls to rate - top
-        length, beta = kaiserord(ATTENUATION, (self.rate - 2 * top) / (self.full_rate / 2))
-        half = -(-length // (2 * self.factor))
-        taps = firwin(2 * half * self.factor + 1, self.rate / 2, window=("kaiser", beta), fs=self.full_rate)
-        return np.asarray(np.pad(taps, (0, self.factor - 1)).reshape(-1, self.factor).T)
+        fall = self.rate - 2 * self.rate / RATE_OVER_TOP  # from the top of the band to what folds back onto it, Hz
+        beta = 0.1102 * (ATTENUATION - 8.7)  # Kaiser's formulas
+        length = (ATTENUATION - 7.95) / (2.285 * 2 * np.pi * fall / self.full_rate)
+        half = -(-int(length + 1) // (2 * self.factor))
+        place = np.arange(-half * self.factor, half * self.factor + 1) / self.factor
+        taps = np.sinc(place) * np.kaiser(place.size, beta)
+        return np.asarray(np.pad(taps / taps.sum(), (0, self.factor - 1)).reshape(-1, self.factor).T)
 
     @property
     def _half(self) -> int:
