@@ -131,7 +131,8 @@ def main() -> int:
         found = {job: timed(job, path) for job in JOBS}
     real = options.minutes * 60
     rows = [
-        [job, f"{one['seconds']:.2f}", f"{real / one['seconds']:.0f}", f"{one['memory']:.0f}"] for job, one in found.items()
+        [job, f"{one['seconds']:.2f}", f"{real / one['seconds']:.0f}", f"{one['memory']:.0f}"]
+        for job, one in found.items()
     ]
     text = "\n".join(
         [

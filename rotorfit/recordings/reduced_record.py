@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -19,6 +20,9 @@ if TYPE_CHECKING:
 
 ORDERS = 5
 """Highest order of the shaft that is taken out, in both directions."""
+
+_PIECE = 1 << 15
+"""Samples at the reduced rate worked on at once."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -68,59 +72,84 @@ class ReducedRecord:
             return 0.0
         return float((self.shaft_angle[-1] - self.shaft_angle[0]) / (self.time[-1] - self.time[0]))
 
-    def orders(self, first: int = 1) -> ComplexArray:
-        """``exp(j n theta)`` for the orders n from the first to the fifth that reach into the band, ``(M, N)``."""
+    def orders(self, first: int = 1) -> list[int]:
+        """Orders of the shaft, from the first to the fifth, that reach into the band.
+
+        Args:
+            first: the first to ask for.
+        """
         if self.shaft_angle is None:
-            return np.zeros((0, self.time.size), complex)
+            return []
         slowest = float(np.diff(self.shaft_angle).min()) * self.rate
-        present = [n for n in range(first, ORDERS + 1) if n * slowest < self.band[1] * 1.1]
-        return np.array([np.exp(1j * n * self.shaft_angle) for n in present]).reshape(-1, self.time.size)
-
-    def spectrum(self, signals: ComplexArray) -> ComplexArray:
-        """Spectra at the frequencies of :attr:`lines`, times the sampling interval, shape ``(..., K)``."""
-        from scipy.fft import fft
-
-        return np.asarray(fft(signals)[..., : self.time.size // 2] / self.rate)
+        return [n for n in range(first, ORDERS + 1) if n * slowest < self.band[1] * 1.1]
 
     @property
     def lines(self) -> Float:
-        """Frequencies from zero up, rad/s, shape ``(K,)``."""
+        """Frequencies of the spectra, from zero to the end of the band, rad/s, shape ``(K,)``."""
         step = 2 * np.pi * self.rate / self.time.size
-        return np.asarray(step * np.arange(self.time.size // 2), dtype=float)
+        return np.asarray(step * np.arange(min(int(1.02 * self.band[1] / step) + 2, self.time.size // 2)), dtype=float)
 
-    def outputs(self, motion: dict[str, ComplexArray]) -> ComplexArray:
-        """Spectra of what is measured, seen turning with the drive: ``(P, K)``.
-
-        Four for a plane with two probes: the orbit's component in the direction of the force, that in the other one,
-        and the phasors of x and of y, relative to ``exp(+j|w|t)``. One for a plane with one probe: its phasor.
+    def spectrum(self, signal: ComplexArray) -> ComplexArray:
+        """Spectrum of one signal, times the sampling interval, shape ``(K,)``.
 
         Args:
-            motion: as :attr:`motion`.
+            signal: shape ``(N,)``.
         """
-        found = []
-        for plane, z in motion.items():
-            plus, minus = self.spectrum(z), self.spectrum(z.conj())
-            if not is_pair(self.record, plane):
-                found += [2 * plus]
-                continue
-            x, y = plus + minus, (plus - minus) / 1j
-            found += [plus, minus, x, y] if self.whirl > 0 else [minus, plus, x, y]
-        return np.array(found)
+        from scipy.fft import fft
 
-    def spectra(self, motion: dict[str, ComplexArray], weights: ComplexArray, others: ComplexArray) -> RecordSpectra:
+        return np.asarray(fft(signal)[: self.lines.size] / self.rate)
+
+    def spectra(self, weights: ComplexArray, orders: Sequence[int]) -> RecordSpectra:
         """All spectra of the record.
 
+        The outputs are, for a plane with two probes: the orbit's component in the direction of the force, that in the
+        other one, and the phasors of x and of y, relative to ``exp(+j|w|t)``; for a plane with one probe its phasor.
+
         Args:
-            motion: as :attr:`motion`, with or without the orders.
             weights: unbalance times ``exp(j heavy spot)`` of each force, kg m, shape ``(J,)``.
-            others: further inputs in time, shape ``(M, N)``.
+            orders: of the shaft, as further inputs.
         """
+        outputs: list[ComplexArray] = []
+        for plane, z in self.motion.items():
+            plus, minus = self.spectrum(z), self.spectrum(z.conj())
+            if not is_pair(self.record, plane):
+                outputs.append(2 * plus)
+                continue
+            along, against = (plus, minus) if self.whirl > 0 else (minus, plus)
+            outputs += [along, against, plus + minus, (plus - minus) / 1j]
+        others = [
+            self.spectrum(np.exp(1j * n * angle)) for angle in [self.shaft_angle] if angle is not None for n in orders
+        ]
         return RecordSpectra(
             frequency=self.lines,
-            outputs=self.outputs(motion),
+            outputs=np.array(outputs),
             forces=weights[:, None] * self.spectrum(self.unit_force),
-            others=self.spectrum(others),
+            others=np.array(others, dtype=complex).reshape(len(others), self.lines.size),
         )
+
+    def without_orders(self) -> ReducedRecord:
+        """The record less what least squares finds of the shaft's orders in it, in both directions.
+
+        Piece by piece, so that hours need no more memory than the motion itself.
+        """
+        angle = self.shaft_angle
+        if angle is None:
+            return self
+        powers = np.array([sign * n for n in self.orders() for sign in (1, -1)] + [0])
+        pieces = [slice(a, a + _PIECE) for a in range(0, angle.size, _PIECE)]
+        normal = np.zeros((powers.size, powers.size), dtype=complex)
+        right = np.zeros((powers.size, len(self.motion)), dtype=complex)
+        for piece in pieces:
+            basis = np.exp(1j * powers[:, None] * angle[piece])
+            normal += basis.conj() @ basis.T
+            right += basis.conj() @ np.array([z[piece] for z in self.motion.values()]).T
+        amplitude = np.linalg.solve(normal, right)
+        left = {plane: z.copy() for plane, z in self.motion.items()}
+        for piece in pieces:
+            found = amplitude.T @ np.exp(1j * powers[:, None] * angle[piece])
+            for z, part in zip(left.values(), found, strict=True):
+                z[piece] -= part
+        return replace(self, motion=left)
 
 
 def is_pair(record: Recording, plane: str) -> bool:

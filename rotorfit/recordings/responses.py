@@ -19,7 +19,7 @@ from rotorfit.data.experiments import PerturbationTest
 from rotorfit.data.findings import Finding
 from rotorfit.data.synchronous import DIFFERENCED, group_speeds, join
 from rotorfit.estimators.local_response import LocalResponse, local_response
-from rotorfit.models.array_types import ComplexArray, Float
+from rotorfit.models.array_types import Float
 from rotorfit.recordings.quality import spoiled
 from rotorfit.recordings.reduced_record import ReducedRecord, reduce_record
 from rotorfit.recordings.response_rows import readings, rows, time_at
@@ -122,11 +122,8 @@ def _sweep(record: Recording, report: Report, tell: Callable[[str], None]) -> Pe
     tell(f"responses of {record.name}")
     force, drive = _force(record), _drive(record)
     reduced = reduce_record(record, drive, force.whirl)
-    orders = reduced.orders()
-    both = np.concatenate([orders, orders.conj()])
-    motion = {plane: without(z, both) for plane, z in reduced.motion.items()}
     weight = np.array([force.mr * np.exp(1j * force.angle)])
-    found = local_response([reduced.spectra(motion, weight, orders)], *reduced.band)
+    found = local_response([reduced.without_orders().spectra(weight, reduced.orders())], *reduced.band)
     w = found.frequency
     driven = _driven(found)
     apart = _apart_from_orders(reduced, w)
@@ -167,18 +164,6 @@ def _drive(record: Recording) -> AngleTrack:
     return drive
 
 
-def without(z: ComplexArray, known: ComplexArray) -> ComplexArray:
-    """A signal less its mean and what least squares finds of other signals in it.
-
-    Args:
-        z: shape ``(N,)``.
-        known: shape ``(M, N)``.
-    """
-    basis = np.concatenate([np.ones((1, z.size)), known])
-    amplitude = np.linalg.solve(basis.conj() @ basis.T, basis.conj() @ z)
-    return np.asarray(z - amplitude @ basis)
-
-
 def _driven(found: LocalResponse) -> NDArray[np.bool_]:
     """Whether the force says enough at each node, its growth with the square of the frequency aside.
 
@@ -214,7 +199,7 @@ def _start_ups(records: list[Recording], report: Report, tell: Callable[[str], N
             )
         )  # fmt: skip
     drives = [np.array([weight, 1.0]) if differenced else np.array([weight]) for weight in weights]
-    spectra = [r.spectra(r.motion, drive, r.orders(2)) for r, drive in zip(reduced, drives, strict=True)]
+    spectra = [r.spectra(drive, r.orders(2)) for r, drive in zip(reduced, drives, strict=True)]
     low = max(r.band[0] for r in reduced)
     high = min(r.band[1] for r in reduced)
     found = local_response(spectra, low, high)
