@@ -134,16 +134,20 @@ def main() -> int:
         [job, f"{one['seconds']:.2f}", f"{real / one['seconds']:.0f}", f"{one['memory']:.0f}"]
         for job, one in found.items()
     ]
+    command = f"--minutes {options.minutes:g} --compression {options.compression}"
     text = "\n".join(
         [
-            "# From volts to vectors: throughput", "",
+            "# From volts to vectors: throughput",
+            "",
             f"16 channels at 25.6 kHz, {options.minutes:g} minutes, 16-bit counts, compression {options.compression} "
-            f"({size:.0f} MB). Processor time of one thread; memory is the largest of the process, Python and libraries included.", "",
-            *table(["", "seconds", "times real time", "memory, MB"], rows), "",
-            f"`python benchmarks/recording_throughput.py --minutes {options.minutes:g} --compression {options.compression}`. "
-            + environment("numpy", "scipy", "h5py"),
+            f"({size:.0f} MB). Processor time of one thread; memory is the largest of the process, Python and all "
+            "libraries included.",
+            "",
+            *table(["", "seconds", "times real time", "memory, MB"], rows),
+            "",
+            f"`python benchmarks/recording_throughput.py {command}`. {environment('numpy', 'scipy', 'h5py')}",
         ]
-    )  # fmt: skip
+    )
     print(text)
     name = "recording_throughput" + ("" if options.compression == "none" else f"_{options.compression}")
     (RESULTS / f"{name}.md").write_text(text + "\n", encoding="utf-8")
