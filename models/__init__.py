@@ -15,6 +15,7 @@ from rotorfit.models.laws import LAWS, Constant, EvenPolynomial, Law, MonotoneSp
 from rotorfit.models.modal import Modal
 from rotorfit.models.model import Coordinate, RotorModel
 from rotorfit.models.one_mode import OneMode
+from rotorfit.models.orthotropic import Orthotropic
 from rotorfit.models.overhung import Overhung
 from rotorfit.models.parameters import Parameter
 from rotorfit.models.shaft import ROSS_4, ROSS_6
@@ -51,6 +52,7 @@ __all__ = [
     "MonotoneSpline",
     "Muszynska",
     "OneMode",
+    "Orthotropic",
     "Overhung",
     "Parameter",
     "RotorModel",

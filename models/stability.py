@@ -22,7 +22,7 @@ class Threshold:
 
     Attributes:
         speed: threshold speed Omega_ST, rad/s.
-        whirl_frequency: frequency of the self-excited vibration at onset, rad/s, signed.
+        whirl_frequency: frequency of the self-excited vibration at onset, rad/s, signed in complex coordinates.
         gradient: derivative of the threshold speed with respect to the parameter vector, shape ``(P,)``.
     """
 
@@ -159,7 +159,9 @@ def threshold_speed(
     s = s[np.isfinite(s) & (np.abs(s) <= band)]
     critical = complex(s[np.argmax(s.real)])
     by_speed, by_theta = eigenvalue_gradient(model, theta, onset, critical) if onset > 0 else (1.0, theta * np.nan)
-    return Threshold(onset, critical.imag, np.asarray(-by_theta.real / complex(by_speed).real))
+    # With x and y apart the eigenvalues are pairs of either sign: which of them was met first says nothing.
+    whirl = critical.imag if model.frame == "z" else abs(critical.imag)
+    return Threshold(onset, whirl, np.asarray(-by_theta.real / complex(by_speed).real))
 
 
 def _limits(model: RotorModel, theta: Float, band: float) -> tuple[float, float]:

@@ -9,7 +9,7 @@ import pytest
 from scipy import stats
 
 from rotorfit.cli.arguments import fit_study
-from rotorfit.cli.main import _parser
+from rotorfit.cli.main import build_parser
 from rotorfit.fitting.options import CAMPAIGN, FIT, LAW_RANKING, command_words
 from rotorfit.studies.study import Study
 
@@ -17,6 +17,7 @@ SETTINGS = {
     "planes": ("rotor", "seal"),
     "blocks": ("gyroscopic",),
     "two_lam": True,
+    "orthotropic": ("seal",),
     "law": "muszynska",
     "clearance_um": 127.25,
     "known": {"K3": 6000.0, "sigma": None},
@@ -25,6 +26,9 @@ SETTINGS = {
     "start": {"D": 400.0},
     "per": {"D": "oil_C"},
     "runout_um": 0.5,
+    "modes": 2,
+    "gains": "plane",
+    "apart": True,
     "loss": "huber",
     "phase_offsets": True,
     "refine": True,
@@ -49,7 +53,7 @@ def test_what_is_written_as_words_is_read_as_the_same_setting(option) -> None:
     value = SETTINGS[option.name]
     words = command_words({option.name: value})
     assert words is not None
-    study = fit_study(_parser().parse_args(["fit", "rig.csv", "--model", "whirl-whip", *words]))
+    study = fit_study(build_parser().parse_args(["fit", "rig.csv", "--model", "whirl-whip", *words]))
     found = getattr(study, option.name)
     if option.name == "priors":
         assert (found["Mf"].mean(), found["Mf"].std()) == pytest.approx((0.4, 0.1))
@@ -66,8 +70,8 @@ def test_a_setting_that_words_cannot_say_is_not_half_said() -> None:
 
 def test_a_campaign_takes_no_setting_of_a_single_fit() -> None:
     words = ["campaign", "rig.csv", "--model", "one-mode"]
-    study = fit_study(_parser().parse_args(words), CAMPAIGN)
+    study = fit_study(build_parser().parse_args(words), CAMPAIGN)
     assert study == Study(files=study.files, model="one-mode")
     assert study.files[0].path == Path("rig.csv")
     with pytest.raises(SystemExit):
-        _parser().parse_args([*words, "--bootstrap", "5"])
+        build_parser().parse_args([*words, "--bootstrap", "5"])

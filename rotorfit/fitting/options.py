@@ -57,6 +57,7 @@ MODEL = (
     Option(name="planes", kind=TEXTS, metavar="A,B", help="the data's plane names, in the model's order"),
     Option(name="blocks", kind=TEXTS, metavar="A,B", help="structural blocks to include"),
     Option(name="two_lam", kind=FLAG, help="lam_D and lam_M of their own in place of one lam"),
+    Option(name="orthotropic", kind=TEXTS, metavar="A,B", help="planes whose supports differ in two directions"),
 )
 LAW = (
     Option(name="law", kind=TEXT, metavar="NAME", help="law of eccentricity: muszynska, even-polynomial, ..."),

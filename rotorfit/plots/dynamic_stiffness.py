@@ -248,9 +248,10 @@ def _limits(
     for axis, shown in groups:
         low, high = float(shown.min()), float(shown.max())
         reach = max(high - low, 0.25 * max(abs(low), abs(high)))
-        if reach < 1e-6 * factor * size:
+        if reach <= 1e-6 * factor * size:
             spread = [np.abs(c.imag if axis is pair[1] else c.real) for c in points]
             reach = 4 * factor * float(np.median(np.concatenate(spread))) if spread else factor * size
+        reach = reach or 1.0  # an entry that the model does not have, and no data to compare with
         axis.set_ylim(low - 0.25 * reach, high + 0.25 * reach)
 
 

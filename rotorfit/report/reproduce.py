@@ -13,7 +13,7 @@ import numpy as np
 from rotorfit.data.experiments import Experiment, LineTest
 from rotorfit.fitting.options import command_words
 from rotorfit.fitting.result import FitResult
-from rotorfit.models import LAWS, MODELS, Law
+from rotorfit.models import LAWS, MODELS, Law, Orthotropic, RotorModel
 from rotorfit.report.html import Html, element, paragraph
 from rotorfit.report.parts import section, sentence
 
@@ -72,9 +72,7 @@ def _calls(material: ReportInput) -> Iterator[str]:
     if settings.priors:
         yield "import scipy.stats"
     sources = [_source(experiment) for experiment in fit.experiments]
-    options = ", ".join(f"{name}={_shown(value)}" for name, value in _own_options(fit).items())
-    home = "rf.models." if MODELS.get(fit.model.name) is type(fit.model) else ""
-    yield f"model = {home}{type(fit.model).__name__}({options})"
+    yield f"model = {_shown(fit.model)}"
     yield f"experiments = [{', '.join(sources)}]"
     parts = []
     for name in ("known", "bounds", "per"):
@@ -100,13 +98,13 @@ def _calls(material: ReportInput) -> Iterator[str]:
         yield f"posterior = fit.sample({', '.join(f'{name}={value!r}' for name, value in asked.items())})"
 
 
-def _own_options(fit: FitResult) -> dict[str, Any]:
-    """Options of the model that are not those it has by default."""
+def _own_options(model: RotorModel) -> dict[str, Any]:
+    """Options of a model that are not those it has by default."""
     try:
-        usual = type(fit.model)().options()
+        usual = type(model)().options()
     except TypeError:  # a model that cannot be made without arguments
         usual = {}
-    given = fit.model.options()
+    given = model.options()
     return {name: value for name, value in given.items() if name not in usual or _shown(value) != _shown(usual[name])}
 
 
@@ -116,6 +114,10 @@ def _shown(value: Any) -> str:
         return "{" + ", ".join(f"{k!r}: {_shown(v)}" for k, v in value.items()) + "}"
     if isinstance(value, np.ndarray):
         return f"<array {' × '.join(map(str, value.shape))}>"
+    if isinstance(value, RotorModel):
+        options = ", ".join(f"{name}={_shown(option)}" for name, option in _own_options(value).items())
+        home = "rf.models." if type(value).__module__.startswith("rotorfit.models.") else ""
+        return f"{home}{type(value).__name__}({options})"
     if isinstance(value, Law):
         return f"rf.models.{value!r}"
     return repr(tuple(value) if isinstance(value, list) else value)
@@ -132,11 +134,13 @@ def _distribution(prior: Any) -> str:
 def _command(material: ReportInput) -> str:
     """The call of the command line, empty where it cannot say what was asked for."""
     fit, refined = _origin(material)
-    settings, options = fit.settings, _own_options(fit)
+    settings = fit.settings
+    model, supports = (fit.model.base, fit.model.at) if isinstance(fit.model, Orthotropic) else (fit.model, ())
+    options = _own_options(model)
     calibrated = vars(settings.calibration) if settings.calibration else {}
     expressible = (
         fit.method == "least squares"
-        and fit.model.name in MODELS
+        and model.name in MODELS
         and all(e.source for e in fit.experiments)
         and set(options) <= {"planes", "blocks", "two_lam", "law", "clearance_um", "modes", "gains", "apart"}
         and ("law" not in options or options["law"] in [law() for law in LAWS.values()])
@@ -145,6 +149,7 @@ def _command(material: ReportInput) -> str:
         return ""
     asked = {
         **options,
+        "orthotropic": supports,
         "law": options["law"].name if "law" in options else "",
         "known": settings.known,
         "bounds": settings.bounds,
@@ -161,7 +166,7 @@ def _command(material: ReportInput) -> str:
     if words is None:
         return ""
     files = [e.source for e in fit.experiments]
-    return shlex.join(["rotorfit", "fit", *files, "--model", fit.model.name, *words, "--out", "results/"])
+    return shlex.join(["rotorfit", "fit", *files, "--model", model.name, *words, "--out", "results/"])
 
 
 def _draws(material: ReportInput) -> dict[str, Any]:

@@ -15,7 +15,7 @@ from rotorfit.fitting.refine import Refinement, refine
 from rotorfit.fitting.result import FitResult
 from rotorfit.fitting.settings import PhaseOffsets
 from rotorfit.io.files import read
-from rotorfit.models import LAWS, MODELS, AnisotropicShaft, Modal, RotorModel
+from rotorfit.models import LAWS, MODELS, AnisotropicShaft, Modal, Orthotropic, RotorModel
 from rotorfit.models.parameters import unknown_name
 from rotorfit.studies.modal_options import modal_options
 from rotorfit.studies.recording_files import RecordingFiles
@@ -74,6 +74,7 @@ class Study:
         out: folder for the results, nothing is written without one.
         planes: plane names of the data in the model's order, by default the model's own.
         blocks, two_lam: options of the model.
+        orthotropic: planes whose supports differ in two directions, see :class:`rotorfit.models.Orthotropic`.
         modes, gains, apart: options of the model modal; by default (0, empty) one mode, gains as the data need them.
         law: name of a law of eccentricity, a key of :data:`rotorfit.models.LAWS`, for models that carry a fluid.
         clearance_um: radial clearance at the fluid, micrometres; needed by a law.
@@ -94,6 +95,7 @@ class Study:
     planes: tuple[str, ...] = ()
     blocks: tuple[str, ...] = ()
     two_lam: bool = False
+    orthotropic: tuple[str, ...] = ()
     modes: int = 0
     gains: str = ""
     apart: bool = False
@@ -307,4 +309,5 @@ def build_model(study: Study, experiments: Sequence[Experiment]) -> RotorModel:
         options["law"] = LAWS[study.law]()
     if study.clearance_um is not None:
         options["clearance_um"] = study.clearance_um
-    return MODELS[study.model]().variant(**options)
+    model = MODELS[study.model]().variant(**options)
+    return Orthotropic(model, study.orthotropic) if study.orthotropic else model
