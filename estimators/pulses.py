@@ -7,7 +7,7 @@ interpolated at the level half way between the two voltages; a hysteresis keeps 
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -194,6 +194,35 @@ def number_pulses(times: Float) -> NumberedPulses:
         times=kept, numbers=np.concatenate([[0], np.cumsum(count)]), missing=kept[gaps], missing_count=count[gaps] - 1,
         extra=extra,
     )  # fmt: skip
+
+
+def from_index(pulses: NumberedPulses, per_turn: int) -> tuple[NumberedPulses, int]:
+    """Count from the index of a wheel, the gap of teeth that are missing at the same place of every turn.
+
+    Args:
+        pulses: of a tooth wheel.
+        per_turn: pulses a turn, those that the gap leaves out included.
+
+    Returns:
+        the pulses, counted so that the first tooth after the gap is a multiple of ``per_turn`` and without the gap
+        among the missing; and how many teeth the gap leaves out. Without such a gap, the pulses as they were and zero.
+    """
+    turns = int(pulses.numbers[-1]) // per_turn
+    if turns < 4 or pulses.missing.size < 0.8 * turns:
+        return pulses, 0
+    before = pulses.numbers[np.searchsorted(pulses.times, pulses.missing)] % per_turn
+    place = int(np.bincount(before).argmax())
+    at_index = before == place
+    if at_index.sum() < 0.8 * turns:
+        return pulses, 0
+    size = int(np.median(pulses.missing_count[at_index]))
+    counted = replace(
+        pulses,
+        numbers=pulses.numbers + (-(place + size + 1)) % per_turn,
+        missing=pulses.missing[~at_index],
+        missing_count=pulses.missing_count[~at_index],
+    )
+    return counted, size
 
 
 def _expected(intervals: Float) -> Float:

@@ -132,7 +132,7 @@ def smooth_angle(
 def _fit(times: Float, numbers: Index, step: float, duration: float, per_turn: int) -> SmoothAngle:
     slope: Float = np.interp(times, (times[1:] + times[:-1]) / 2, step * np.diff(numbers) / np.diff(times))
     angle = np.asarray(step * numbers, dtype=float)
-    tooth = numbers % per_turn
+    present, tooth = np.unique(numbers % per_turn, return_inverse=True)  # a wheel with an index gap has not all teeth
     relative = slope / float(np.median(slope))  # a first guess: all pulses scatter alike in time
     for _ in range(2):
         size = 32
@@ -151,11 +151,13 @@ def _fit(times: Float, numbers: Index, step: float, duration: float, per_turn: i
             break  # pulses without any jitter: what is left is rounding
         relative = relative * np.sqrt(factor)
     scatter = np.maximum(best.sigma, 1e-300) * relative
+    pattern = np.zeros(per_turn)
+    pattern[present] = best.pattern
     at = np.unique(np.linspace(0, times.size - 1, max(2 * times.size // _GROUP, 2)).astype(int))
     return SmoothAngle(
         spline=spline, begin=float(times[0]), end=float(times[-1]), jitter=float(np.median(scatter / slope)),
         groups=np.stack([times[at], scatter[at]]), shares=shares / factor[rows], share_t=times[rows],
-        pattern=best.pattern, outlying=np.zeros(0), pulses=times.size,
+        pattern=pattern, outlying=np.zeros(0), pulses=times.size,
     )  # fmt: skip
 
 

@@ -69,7 +69,7 @@ def test_mains_hum_is_said_with_its_frequency(tmp_path: Path) -> None:
     hum = {name: v + 0.1 * np.cos(2 * np.pi * 50.0 * t) for name, v in channels.items() if name.startswith("disk")}
     found = codes(tmp_path, {**channels, **hum})
     assert set(found) == {"hum"}
-    assert "50 Hz in disk_X, disk_Y, up to 1" in found["hum"]
+    assert "50 Hz, seen in disk_X, disk_Y with up to 1" in found["hum"]
 
 
 def test_missing_and_double_pulses_are_said_by_time_and_the_angle_holds(tmp_path: Path) -> None:

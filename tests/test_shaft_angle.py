@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 
-from rotorfit.estimators.pulses import find_edges, find_levels, number_pulses
+from rotorfit.estimators.pulses import find_edges, find_levels, from_index, number_pulses
 from rotorfit.estimators.shaft_angle import smooth_angle
 
 Float = NDArray[np.float64]
@@ -142,6 +142,23 @@ def test_pattern_of_a_wheel_is_taken_out() -> None:
     inner = np.linspace(1, 10, 500)
     offset = smooth.angle(inner) - turning(inner)
     assert np.ptp(offset) < 1e-3
+
+
+def test_a_wheel_with_an_index_gap_counts_from_it() -> None:
+    """60 teeth less 2: whatever the record begins with, angle zero is the tooth after the gap."""
+    count = np.arange(17, 60 * 40)
+    kept = count[~np.isin(count % 60, (58, 59))]
+    seen = 1.0 + kept / 60 / 25.0  # 25 turns a second
+    pulses, gap = from_index(number_pulses(np.delete(seen, 700)), 60)
+    assert gap == 2
+    assert pulses.numbers[0] % 60 == 17
+    np.testing.assert_array_equal(pulses.missing_count, [1])
+    smooth = smooth_angle(pulses, duration=3.0, pulses_per_turn=60)
+    t = np.linspace(1.4, 2.5, 100)
+    np.testing.assert_allclose(np.exp(1j * smooth.angle(t)), np.exp(50j * np.pi * (t - 1.0)), atol=1e-6)
+    whole, none = from_index(number_pulses(1.0 + count / 1500), 60)
+    assert none == 0
+    assert whole.numbers[0] == 0
 
 
 def test_pulses_off_their_place_are_left_out_and_named() -> None:

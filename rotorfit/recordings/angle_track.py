@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rotorfit.data.findings import Finding, listed
-from rotorfit.estimators.pulses import NumberedPulses, PulseLevels, find_edges, find_levels, number_pulses
+from rotorfit.estimators.pulses import NumberedPulses, PulseLevels, find_edges, find_levels, from_index, number_pulses
 from rotorfit.estimators.shaft_angle import SmoothAngle, smooth_angle
 from rotorfit.estimators.steady_frequency import steady_angle
 from rotorfit.models.array_types import Float
@@ -102,7 +102,7 @@ def track(record: Signals, reference: Reference) -> AngleTrack:
     try:
         levels = find_levels(_sample(record, channel), edge=reference.edge or "", level=reference.level)
         times = find_edges(record.pieces(channel), levels) / record.sample_rate
-        pulses = number_pulses(times)
+        pulses, gap = from_index(number_pulses(times), per_turn) if per_turn > 1 else (number_pulses(times), 0)
         smooth = smooth_angle(
             pulses, duration=record.duration, pulses_per_turn=per_turn, resolution=1 / record.sample_rate
         )
@@ -110,7 +110,7 @@ def track(record: Signals, reference: Reference) -> AngleTrack:
         raise ValueError(f"{where}: {problem}") from problem
     findings = [*_edge(where, reference, levels), *_mended(where, pulses, smooth), *_ends(where, record, smooth)]
     if per_turn > 1:
-        findings.append(_wheel(where, smooth, per_turn))
+        findings.append(_wheel(where, smooth, per_turn, gap))
     used = pulses.times[~np.isin(pulses.times, smooth.outlying)]
     return AngleTrack(smooth=smooth, pulses=used, pulses_per_turn=per_turn, levels=levels, findings=tuple(findings))
 
@@ -169,12 +169,15 @@ def _ends(where: str, record: Signals, smooth: SmoothAngle) -> Iterator[Finding]
             )
 
 
-def _wheel(where: str, smooth: SmoothAngle, per_turn: int) -> Finding:
-    degrees = np.degrees(smooth.pattern)
+def _wheel(where: str, smooth: SmoothAngle, per_turn: int, gap: int) -> Finding:
+    degrees = np.abs(np.degrees(smooth.pattern)).max()
+    zero = "the record's first pulse, which differs from record to record"
+    if gap:
+        zero = f"the first tooth after the gap of {gap} that every turn has"
     return Finding(
         "note", "tooth-pattern",
-        f"{where}: spacing of the {per_turn} pulses a turn is off by up to {np.abs(degrees).max():.3f} degrees; the "
-        "pattern was taken out. Angle zero is the record's first pulse, which differs from record to record.",
+        f"{where}: spacing of the {per_turn} pulses a turn is off by up to {degrees:.3f} degrees; the pattern is taken "
+        f"out. Angle zero is {zero}.",
     )  # fmt: skip
 
 

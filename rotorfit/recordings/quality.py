@@ -282,7 +282,7 @@ def hum_findings(record: Signals, shaft: AngleTrack | None) -> Iterator[Finding]
         worst = max(amplitude for _, amplitude in seen)
         yield Finding(
             "warning", "hum",
-            f"{record.name}: mains hum at {frequency:g} Hz in {listed([channel for channel, _ in seen])}, up to "
+            f"{record.name}: mains hum at {frequency:g} Hz, seen in {listed([name for name, _ in seen])} with up to "
             f"{abs(worst) * 1e6:.3g} µm: lines of the response at that frequency are spoiled.",
         )  # fmt: skip
 
