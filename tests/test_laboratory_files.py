@@ -348,3 +348,44 @@ def test_the_template_of_a_study_runs(tmp_path, capsys):
 def test_unknown_templates_list_those_there_are(capsys):
     assert main(["template", "perturbations"]) == 2
     assert "did you mean 'perturbation'" in capsys.readouterr().err
+
+
+# ---- words ----------------------------------------------------------------------------------------------------------
+
+
+def test_findings_name_lines_of_the_file(tmp_path, capsys):
+    """Readings at 1x, below a comment and a header, with one empty reading above them."""
+    rig = rf.datasets.rig_open()
+    rig = rig.select((rig.speed == rig.speed[0]) & (np.abs(rig.frequency) < 250))
+    at = int(np.flatnonzero((rig.plane == "disk") & (rig.frequency > 80))[0])
+    rig = replace(rig, frequency=np.where(rig.frequency == rig.frequency[at], rig.speed[at], rig.frequency))
+    path = tmp_path / "rig.csv"
+    rf.write(rig, path)
+    lines = path.read_text().splitlines()
+    head = lines[1].split(",")
+    cells = lines[2].split(",")
+    cells[head.index("amplitude_um")] = cells[head.index("phase_deg")] = ""
+    path.write_text("\n".join([lines[0], "# a remark", lines[1], ",".join(cells), *lines[3:]]) + "\n")
+    assert main(["info", str(path)]) == 0
+    out = capsys.readouterr().out
+    finding = next(line for line in out.splitlines() if "Lines" in line)
+    first = int(finding.partition("Lines ")[2].split(",")[0].split("-")[0].rstrip("."))
+    row = dict(zip(head, path.read_text().splitlines()[first - 1].split(","), strict=True))
+    assert float(row["frequency_rpm"]) == pytest.approx(float(row["speed_rpm"]))
+    assert "read(..." not in out
+
+
+def test_messages_on_the_command_line_speak_of_options():
+    from rotorfit.studies.wording import spoken
+
+    assert spoken("may be biased; try rf.refine(fit) (--refine)") == "may be biased; try --refine"
+    said = spoken("a.uff: no rotative speed on the z axis (type 0); give it, read(path, speed=...) in rad/s")
+    assert said.endswith("give it, --speed RPM")
+    said = spoken("2 modes, but 1. Fit rf.models.Modal(('a', 'b'), modes=1) (--model modal), measure nearer")
+    assert said == "2 modes, but 1. Fit --model modal --modes 1, measure nearer"
+    said = spoken("(`rotorfit template a.h5` makes one to fill in), or use rf.read_recording")
+    assert said == "(`rotorfit template a.h5` makes one to fill in)"
+    words = "sample a refined fit instead, rf.refine(fit).best.sample() or fit.sample(refine=True), or average over "
+    said = spoken(f"{words}structures, rf.sample_models(rf.refine(fit).steps)")
+    assert said == "sample a refined fit instead, --refine"
+    assert spoken("say which directions are x and y (axes, --axes yz)").endswith("x and y --axes yz")

@@ -19,6 +19,7 @@ from rotorfit.cli import campaign, laws, recordings, simulate, trend, vectors
 from rotorfit.cli.arguments import add_figure_format, add_files, add_fit_options, add_output, data_files, fit_study
 from rotorfit.cli.errors import BAD_INPUT, DONE, INTERRUPTED, NOT_CONVERGED, BadInputError, checked, sentence
 from rotorfit.cli.progress import ProgressLine
+from rotorfit.studies.wording import spoken
 from rotorfit.version import __version__
 
 if TYPE_CHECKING:
@@ -60,7 +61,7 @@ def _carry_out(options: argparse.Namespace) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # nor may the last flush complain
         return DONE
     except BadInputError as problem:
-        print(f"rotorfit: {problem}", file=sys.stderr)
+        print(f"rotorfit: {spoken(str(problem))}", file=sys.stderr)
         return BAD_INPUT
     except KeyboardInterrupt as stop:
         print(f"rotorfit: interrupted, {stop.args[0] if stop.args else 'nothing was written'}", file=sys.stderr)

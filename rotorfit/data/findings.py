@@ -18,26 +18,29 @@ class Finding:
         code: short name of the kind of finding, for programs.
         message: what, where and what to do.
         rows: rows of the experiment concerned, for ``select``; empty if it is about the test as a whole.
+        lines: lines of the file that these rows stand in, where they are known.
     """
 
     severity: Literal["error", "warning", "note"]
     code: str
     message: str
     rows: tuple[int, ...] = ()
+    lines: tuple[int, ...] = ()
 
     def __str__(self) -> str:
-        return f"{self.severity} [{self.code}] {self.message}{_places(self.rows)}"
+        places = _places("Lines", self.lines) if self.lines else _places("Readings", [row + 1 for row in self.rows])
+        return f"{self.severity} [{self.code}] {self.message}{places}"
 
 
-def _places(rows: Sequence[int]) -> str:
-    """Rows in a few words, counted from 1 as people count the rows of a table."""
-    if not rows:
+def _places(what: str, places: Sequence[int]) -> str:
+    """Numbers in a few words, counted from 1 as people count."""
+    if not places:
         return ""
-    numbers = np.array(rows) + 1
+    numbers = np.unique(places)
     ranges = np.split(numbers, np.flatnonzero(np.diff(numbers) != 1) + 1)
     words = [f"{part[0]}" if part.size == 1 else f"{part[0]}-{part[-1]}" for part in ranges[:6]]
     more = f", ... ({numbers.size} in all)" if len(ranges) > 6 else ""
-    return f" Rows {', '.join(words)}{more}."
+    return f" {what} {', '.join(words)}{more}."
 
 
 def listed(names: Sequence[str]) -> str:

@@ -227,6 +227,12 @@ def _writer(kind: str) -> Callable[[Any, Path], None]:
     return write_mat
 
 
+def table_suffix(path: str | Path) -> bool:
+    """Whether a file is a table, CSV or Excel, by its suffix."""
+    suffix = Path(path).suffix.lower()
+    return suffix in EXCEL or SUFFIXES.get(suffix) == "csv"
+
+
 def _format(path: str | Path) -> str:
     suffix = Path(path).suffix.lower()
     if suffix in RECORDINGS:

@@ -87,6 +87,24 @@ def read_csv(
         return build(table, speed_tolerance)
 
 
+def lines_of(
+    path: str | Path,
+    *,
+    sheet: str | None = None,
+    columns: Mapping[str, str] | None = None,
+    constants: Mapping[str, str | float] | None = None,
+) -> list[int]:
+    """Line of the file, or row of the sheet, of each reading that :func:`read_csv` finds there.
+
+    Args:
+        path, sheet, columns, constants: as there.
+    """
+    table = read_table(path, sheet)
+    table = renamed(table, columns) if columns else table
+    table = with_constants(table, constants) if constants else table
+    return list(without_empty(tidy(table) if is_wide(table) else table)[0].lines)
+
+
 def _warn(finding: Finding) -> None:
     warnings.warn(finding.message, stacklevel=4)
 

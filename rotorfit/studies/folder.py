@@ -20,6 +20,7 @@ from rotorfit.data.experiments import Experiment, PerturbationTest
 from rotorfit.fitting.digits import interval, plus_minus, with_error
 from rotorfit.fitting.result import FitResult, FittedParameter
 from rotorfit.studies.study import Outcome, StudyProgress
+from rotorfit.studies.wording import spoken
 from rotorfit.text_table import text_table
 from rotorfit.uncertainty.budget import Budget
 from rotorfit.units import RPM_PER_RAD_S
@@ -204,7 +205,7 @@ def summary(outcome: Outcome, rig: str = "") -> str:
         parts.append(f"threshold speed, 95 % of the posterior: {ends} rpm")
     if rig:
         parts.append(truth_table(outcome, rig))
-    return "\n\n".join(parts)
+    return spoken("\n\n".join(parts))
 
 
 def describe_test(test: Experiment, findings: Sequence[Finding]) -> str:
@@ -231,7 +232,7 @@ def describe_test(test: Experiment, findings: Sequence[Finding]) -> str:
     if test.attributes:
         lines.append(f"  attributes   {', '.join(test.attributes)}")
     lines += [f"  check: {finding}" for finding in findings] or ["  check: nothing found"]
-    return "\n".join(lines)
+    return spoken("\n".join(lines))
 
 
 def _channels(test: PerturbationTest) -> list[str]:

@@ -14,7 +14,8 @@ from rotorfit.fitting.fit import closed_form, fit
 from rotorfit.fitting.refine import Refinement, refine
 from rotorfit.fitting.result import FitResult
 from rotorfit.fitting.settings import PhaseOffsets
-from rotorfit.io.files import read
+from rotorfit.io.files import read, table_suffix
+from rotorfit.io.tidy_csv import lines_of
 from rotorfit.models import LAWS, MODELS, AnisotropicShaft, Modal, Orthotropic, RotorModel
 from rotorfit.models.parameters import unknown_name
 from rotorfit.studies.modal_options import modal_options
@@ -239,9 +240,21 @@ def read_files(
         found: list[Finding] = []
         experiments.append(file.read(found.append, progress))
         found += check(experiments[-1])
+        found = _with_lines(found, file, len(experiments[-1]))
         order = ("error", "warning", "note")
         findings.append(tuple(sorted(found, key=lambda finding: order.index(finding.severity))))
     return tuple(experiments), tuple(findings)
+
+
+def _with_lines(findings: list[Finding], file: DataFile | RecordingFiles, count: int) -> list[Finding]:
+    """Findings with the lines of the file that their rows stand in, where each row is a line of a table."""
+    if not isinstance(file, DataFile) or not any(f.rows for f in findings) or not table_suffix(file.path):
+        return findings
+    options = {name: file.options[name] for name in ("sheet", "columns", "constants") if name in file.options}
+    lines = lines_of(file.path, **options)
+    if len(lines) != count:  # runs were differenced, or rows chosen
+        return findings
+    return [replace(f, lines=tuple(lines[row] for row in f.rows)) for f in findings]
 
 
 def _with_uncertainty(outcome: Outcome, progress: StudyProgress, checkpoint: Path | None) -> Outcome:

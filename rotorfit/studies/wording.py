@@ -1,0 +1,26 @@
+"""Messages of the library in the words of the command line."""
+
+from __future__ import annotations
+
+import re
+
+_SPOKEN = (
+    (r"rf\.refine\(fit\) \(--refine\)", "--refine"),
+    (r"the slow roll, read\(\.\.\., slow_roll=\.\.\.\), or", "the slow roll (--slow-roll-below RPM), or"),
+    (r"give it, read\(path, speed=\.\.\.\) in rad/s", "give it, --speed RPM"),
+    (r"free a default with known=\{name: None\}", "free a default with --known NAME=free"),
+    (r"use rf\.fit\(model, experiments\)", "use `rotorfit fit`"),
+    (r"sample a refined fit instead, rf\.refine\(fit\)\.best\.sample\(\).*?\(rf\.refine\(fit\)\.steps\)",
+     "sample a refined fit instead, --refine"),
+    (r"Fit rf\.models\.Modal\(.*?modes=(\d+)\) \(--model modal\)", r"Fit --model modal --modes \1"),
+    (r",? or (?:use )?rf\.read_recording(?:\([^)]*\))?", ""),
+    (r"\(?\baxes, (--axes(?: yz)?)\)?", r"\1"),
+)  # fmt: skip
+"""What a message says in Python, as a pattern, and with options."""
+
+
+def spoken(text: str) -> str:
+    """A message, or several, with options where it names functions and arguments of Python."""
+    for python, option in _SPOKEN:
+        text = re.sub(python, option, text)
+    return text
