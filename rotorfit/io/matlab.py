@@ -1,7 +1,14 @@
-"""MATLAB files of version 5: one variable a column, SI units, complex as complex, text as cell arrays."""
+"""MATLAB files of version 5: one variable a column, SI units, complex as complex, text as cell arrays.
+
+Read are also variables with the names of the tidy CSV (``speed_rpm``, ``amplitude_um`` ..., whose end is the unit); a
+struct whose fields are such variables, of either naming; and a struct array, or a cell array of structs, whose elements
+are rows or runs: their fields are put one after the other, single values standing for all rows of their element.
+"""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotorfit.data.experiments import Experiment
+from rotorfit.data.synchronous import SPEED_TOLERANCE
 from rotorfit.io.columns import build, column_types
+from rotorfit.io.csv_table import Table
+from rotorfit.io.tidy_csv import experiment_of
 
 
 def write_mat(experiment: Experiment, path: str | Path) -> None:
@@ -33,10 +43,10 @@ def write_mat(experiment: Experiment, path: str | Path) -> None:
 
 
 def read_mat(path: str | Path) -> Experiment:
-    """Read an experiment written by :func:`write_mat`, or by MATLAB with the same variables.
+    """Read an experiment written by :func:`write_mat`, or by MATLAB with the variables that the module names.
 
     Raises:
-        ValueError: not a MAT file of version 5, or one without the variables of an experiment.
+        ValueError: not a MAT file of version 5, or one without the variables of an experiment, or with several structs.
         FileNotFoundError: no such file.
     """
     from scipy.io import loadmat
@@ -49,7 +59,9 @@ def read_mat(path: str | Path) -> Experiment:
         raise ValueError(f"{source} is a MAT file of version 7.3; save it with save(name, ..., '-v7')") from error
     except Exception as error:  # whatever the parser raises on a damaged file
         raise ValueError(f"{source} is not a readable MAT file (version 5): {error}") from error
-    columns = {name: _column(values) for name, values in content.items() if not name.startswith("__")}
+    columns = _columns({name: values for name, values in content.items() if not name.startswith("__")}, source)
+    if "speed" not in columns and any(name.lower().startswith("speed_") for name in columns):
+        return experiment_of(_table(columns, source), SPEED_TOLERANCE)
     names = columns.pop("attribute_names", np.array([], dtype=str)).tolist()
     numbered = [f"attribute_{number}" for number in range(1, len(names) + 1)]
     lost = [name for name in numbered if name not in columns]
@@ -58,6 +70,70 @@ def read_mat(path: str | Path) -> Experiment:
     attributes = {name: columns.pop(stored) for name, stored in zip(names, numbered, strict=True)}
     kind = columns.pop("kind", np.array(["PerturbationTest"]))
     return build(str(kind[0]) if kind.size else "", columns, attributes, source)
+
+
+def _columns(content: Mapping[str, Any], source: str) -> dict[str, NDArray[Any]]:
+    """Variables of a file, or the fields of its struct, as flat arrays."""
+    structs = {name: elements for name, values in content.items() if (elements := _elements(values))}
+    if not structs:
+        return {name: _column(values) for name, values in content.items()}
+    if len(structs) > 1:
+        raise ValueError(f"{source} has several structs, {', '.join(structs)}; save the one of the test alone")
+    name, elements = next(iter(structs.items()))
+    parts = []
+    for number, element in enumerate(elements, 1):
+        where = f"{source}: struct {name}{f'({number})' if len(elements) > 1 else ''}"
+        parts.append(_fields(element, where))
+        if list(parts[-1]) != list(parts[0]):
+            raise ValueError(f"{where} has the fields {', '.join(parts[-1])}, the first has {', '.join(parts[0])}")
+    if len(parts) == 1:
+        return parts[0]
+    return {field: np.concatenate([part[field] for part in parts]) for field in parts[0]}
+
+
+def _elements(values: Any) -> list[Any]:
+    """Elements of a struct array or of a cell array of structs; none if it is neither."""
+    array = np.asarray(values)
+    if array.dtype.names:
+        return list(array.reshape(-1))
+    cells = array.reshape(-1).tolist() if array.dtype.kind == "O" else []
+    inner = [_elements(cell) if isinstance(cell, np.ndarray) else [] for cell in cells]
+    return [element for elements in inner for element in elements] if inner and all(inner) else []
+
+
+def _fields(element: Any, where: str) -> dict[str, NDArray[Any]]:
+    """Fields of one element, single values and one word spread over its rows."""
+    fields = {}
+    for name in element.dtype.names:
+        if _elements(element[name]):
+            raise ValueError(f"{where}: field {name} is a struct itself; save it as fields of one struct")
+        fields[name] = _column(element[name])
+    rows = max(values.size for values in fields.values())
+    uneven = {name: values.size for name, values in fields.items() if values.size not in (1, rows)}
+    if uneven:
+        raise ValueError(f"{where}: fields have 1 or {rows} values, but {', '.join(uneven)} {list(uneven.values())}")
+    return {name: np.repeat(values, rows) if values.size == 1 else values for name, values in fields.items()}
+
+
+def _table(columns: Mapping[str, NDArray[Any]], source: str) -> Table:
+    """Columns named as in a tidy CSV as its table, to the last bit."""
+    kept = {name: values for name, values in columns.items() if name not in ("kind", "attribute_names")}
+    rows = max(values.size for values in kept.values())
+    cells = {}
+    for name, values in kept.items():
+        if values.dtype.kind == "c":
+            raise ValueError(f"{source}: {name} is complex; give real_um and imag_um, or amplitude and phase")
+        words = [_cell(value) for value in values.tolist()]
+        if len(words) not in (1, rows):
+            raise ValueError(f"{source}: {name} has {len(words)} values, other columns have {rows}")
+        cells[name.lower()] = words * rows if len(words) == 1 else words
+    return Table(source, cells, list(range(1, rows + 1)), {name.lower(): name for name in kept})
+
+
+def _cell(value: Any) -> str:
+    if isinstance(value, str):
+        return value
+    return "" if math.isnan(value) else repr(float(value))
 
 
 def _stored(values: NDArray[Any]) -> NDArray[Any]:

@@ -74,6 +74,19 @@ def read_csv(
         table = with_constants(table, constants)
     if is_wide(table):
         table = tidy(table)
+    return experiment_of(table, speed_tolerance)
+
+
+def experiment_of(table: Table, speed_tolerance: float) -> Experiment:
+    """The experiment that a table holds; its columns tell which.
+
+    Args:
+        table: columns of text.
+        speed_tolerance: see :func:`group_speeds`.
+
+    Raises:
+        ValueError: what is wrong, in which line and column, and what is allowed.
+    """
     # A perturbation test may have attributes named like the marks of the others.
     kinds = _KINDS if {"force_plane", "direction"} & set(table.cells) else (*_KINDS, *BUILDERS)
     build = next((b for mark, b in kinds if any(name.startswith(mark) for name in table.cells)), _perturbation)
