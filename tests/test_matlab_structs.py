@@ -100,7 +100,7 @@ def test_a_struct_in_the_names_of_our_own_files(tmp_path: Path) -> None:
         ({"a": RUNS[0] | {"plane": {"deep": 1.0}}}, "field plane is a struct itself"),
         ({"a": RUNS[0] | {"phase_deg": np.arange(3.0)}}, "fields have 1 or 7 values, but phase_deg"),
         ({"a": RUNS[0] | {"response": 1j * W}}, "response is complex"),
-        ({"a": {k: v for k, v in RUNS[0].items() if k != "plane"}}, "missing columns: plane"),
+        ({"a": {k: v for k, v in RUNS[0].items() if k != "amplitude_um"}}, "missing columns: amplitude_um"),
         ({"a": cell([])}, "missing columns"),
     ],
 )

@@ -74,15 +74,18 @@ def read_csv(
         table = with_constants(table, constants)
     if is_wide(table):
         table = tidy(table)
-    return experiment_of(table, speed_tolerance)
+    return experiment_of(table, speed_tolerance, on_finding)
 
 
-def experiment_of(table: Table, speed_tolerance: float) -> Experiment:
+def experiment_of(
+    table: Table, speed_tolerance: float, on_finding: Callable[[Finding], None] | None = None
+) -> Experiment:
     """The experiment that a table holds; its columns tell which.
 
     Args:
         table: columns of text.
         speed_tolerance: see :func:`group_speeds`.
+        on_finding: called with what was left out.
 
     Raises:
         ValueError: what is wrong, in which line and column, and what is allowed.
