@@ -29,6 +29,7 @@ class CorrelatedResponses:
         correlation: what the fit is weighted by, unit diagonal, shape ``(R, R)``, Hermitian.
         covariance: of the readings over sigma, shape ``(R, R)``, Hermitian; of real and imaginary parts each.
         freedom: degrees of freedom behind ``covariance``.
+        weight_freedom: those behind the weight of each channel.
         remarks: sentences on where the errors come from.
     """
 
@@ -36,6 +37,7 @@ class CorrelatedResponses:
     correlation: ComplexArray
     covariance: ComplexArray
     freedom: float
+    weight_freedom: float
     remarks: tuple[str, ...] = ()
 
     @property
@@ -95,10 +97,10 @@ class CorrelatedResponses:
         return np.asarray((vectors / np.sqrt(values)) @ vectors.conj().T)
 
     @cached_property
-    def root(self) -> ComplexArray:
-        """Root of the correlation: noise over sigma as drawn from independent numbers, shape ``(R, R)``."""
-        values, vectors = np.linalg.eigh(self.correlation)
-        return np.asarray((vectors * np.sqrt(values)) @ vectors.conj().T)
+    def spread(self) -> ComplexArray:
+        """Root of the covariance: noise over sigma as drawn from independent numbers, shape ``(R, R)``."""
+        values, vectors = np.linalg.eigh(self.covariance)
+        return np.asarray((vectors * np.sqrt(np.maximum(values, 0.0))) @ vectors.conj().T)
 
     @cached_property
     def scatter(self) -> ComplexArray:

@@ -153,7 +153,7 @@ def weighing_error(problem: Problem, J: ComplexArray, covar: Float) -> Float:
         for channel in np.unique(block.base.coordinate):
             rows = J[start:stop][block.base.coordinate == channel]
             own = (rows.conj().T @ rows).real
-            total += 2 / block.freedom * (own - own @ covar @ own)
+            total += 2 / block.weight_freedom * (own - own @ covar @ own)
     return np.asarray(2 * covar @ total @ covar)
 
 

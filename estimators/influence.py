@@ -65,6 +65,7 @@ class Influence:
         mounting, repeat: standard deviations between mountings and between repeats in each cell, shape ``(C,)``, NaN
             where they cannot be told.
         freedom: real degrees of freedom behind the error bars, infinite where the noise was given.
+        weight_freedom: those behind the weight of each channel in ``working``.
         correlation: correlation between the speeds of one channel in ``working``.
         left_out: cells (channel, dwell) whose weights do not determine an influence.
     """
@@ -79,6 +80,7 @@ class Influence:
     mounting: Float
     repeat: Float
     freedom: float
+    weight_freedom: float
     correlation: float
     left_out: tuple[tuple[int, int], ...]
 
@@ -134,6 +136,7 @@ def _assembled(
     between = scatter(cells) if told else np.diag(size**2).astype(complex)
     alike = _correlation(between, channel) if told else 0.0
     same = channel[:, None] == channel
+    size = _pooled(size, channel, dwell)
     assumed = np.outer(size, size) * np.where(np.eye(len(cells)) > 0, 1.0, alike * same)
     planes = len(cells[0].beta) - 1
     kept = np.tile(np.arange(planes + 1) > 0, len(cells))
@@ -149,9 +152,22 @@ def _assembled(
         mounting=np.sqrt([cell.mounting for cell in cells]),
         repeat=np.sqrt([cell.repeat for cell in cells]),
         freedom=freedom,
+        weight_freedom=freedom * speed.size / (1 + (speed.size - 1) * alike**2),
         correlation=alike,
         left_out=tuple(left_out),
     )
+
+
+def _pooled(size: Float, channel: Index, dwell: Index) -> Float:
+    """Standard deviations of the cells as a factor of the channel times one of the dwell.
+
+    Weights from a cell's own few mountings would follow chance; a channel that scatters does so at every speed.
+    """
+    if not (size > 0).all():
+        return size
+    columns = np.hstack([channel[:, None] == np.unique(channel), dwell[:, None] == np.unique(dwell)]).astype(float)
+    level = np.linalg.lstsq(columns, np.log(size**2), rcond=None)[0]
+    return np.asarray(np.exp(columns @ level / 2))
 
 
 def _means(value: ComplexArray, mounting: Index, size: int) -> tuple[ComplexArray, Float]:

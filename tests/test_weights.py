@@ -155,6 +155,26 @@ def test_a_fit_of_weights_is_saved_and_read_again(rk4_fit: rf.FitResult, tmp_pat
     assert again.remarks == rk4_fit.remarks
 
 
+def test_other_intervals_agree_with_those_of_the_mountings(rk4_fit: rf.FitResult) -> None:
+    low, high = rk4_fit.interval("wn")
+    profile = rk4_fit.profile("wn", points=5)
+    # the profile bends with the model, by a tenth of the interval
+    assert profile.lower == pytest.approx(low, abs=0.15 * (high - low))
+    assert profile.upper == pytest.approx(high, abs=0.15 * (high - low))
+    drawn = rk4_fit.bootstrap(n=200, seed=1)
+    # spread of 200 draws: within 5 %, three of them; errors of the weights, which bootstrap leaves out, are 6 % here
+    assert drawn.stderr["wn"] == pytest.approx(rk4_fit.params["wn"].stderr, rel=0.25)
+    with pytest.raises(ValueError, match="few mountings of weights tell the noise"):
+        rk4_fit.sample(seed=1)
+
+
+def test_the_report_tells_of_mountings_and_datum(rk4_fit: rf.FitResult, tmp_path) -> None:  # type: ignore[no-untyped-def]
+    rf.write_report(rk4_fit, tmp_path / "report.html")
+    text = (tmp_path / "report.html").read_text(encoding="utf-8")
+    for words in ("Mounting the weight again moves vectors", "Common datum angle", "degrees of freedom", "common"):
+        assert words in text, words
+
+
 # ---- error bars -----------------------------------------------------------------------------------------------------
 
 

@@ -34,6 +34,7 @@ def correlated(base: Responses, influences: Influences) -> CorrelatedResponses:
         correlation=working / scale,
         covariance=covariance / scale,
         freedom=solved.freedom,
+        weight_freedom=solved.weight_freedom,
         remarks=influences.remarks,
     )
 

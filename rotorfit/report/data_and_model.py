@@ -23,6 +23,16 @@ _WRITTEN_OUT = 4
 """Coordinates up to which the dynamic stiffness matrix is written out."""
 
 
+_FROM_READINGS = (
+    "The noise was taken from the sigma given with the data, else estimated without a model from repeated sweeps, from "
+    "the component against the direction of the force, or from the smoothness of the responses."
+)
+_FROM_MOUNTINGS = (
+    "All weights were solved together, speed by speed, for what each plane's weight adds to each reading; the noise is "
+    "that of mountings and repeats about this, estimated by restricted maximum likelihood."
+)
+
+
 def data_section(material: ReportInput) -> Html:
     """The experiments and what the check of the data found."""
     fit = material.fit
@@ -47,9 +57,9 @@ def data_section(material: ReportInput) -> Html:
     )
     content.append(
         paragraph(
-            f"{fit.ndata} real data (two for each complex reading) and {fit.nvarys} fitted values. The noise was taken "
-            "from the sigma given with the data, else estimated without a model from repeated sweeps, from the "
-            f"component against the direction of the force, or from the smoothness of the responses.{weights}"
+            f"{fit.ndata} real data (two for each complex reading) and {fit.nvarys} fitted values. "
+            + (_FROM_MOUNTINGS if fit.remarks else _FROM_READINGS)
+            + weights
         )
     )
     return section("Test and data", *content)

@@ -6,8 +6,9 @@ import math
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
+from rotorfit.estimators.correlated import quantile
 from rotorfit.fitting.result import FittedParameter
-from rotorfit.fitting.summary import combined, in_order, notable_correlations
+from rotorfit.fitting.summary import combined, in_order, interval_lines, notable_correlations
 from rotorfit.models import RotorModel
 from rotorfit.report.html import Html, bullets, paragraph, table
 from rotorfit.report.numbers import NORMAL_95, interval, plain, with_error
@@ -39,6 +40,7 @@ def parameter_section(material: ReportInput) -> Html:
         notes.append("They follow the residuals of each response, where these exceed the noise.")
     if fit.settings.calibration is not None:
         notes.append("They hold the uncertainty of the calibration too; see the budget.")
+    notes += [sentence(line) for line in (*interval_lines(fit), *fit.remarks)]
     rows = [_row(p, fit.model, starts.get(p.name, "")) for p in in_order(fit.params.values())]
     return section("Parameters", table(head, rows, numeric=(1, 2, 3, 5), whole=(4,)), note(*notes))
 
@@ -68,7 +70,13 @@ def interval_section(material: ReportInput) -> Html:
     if not rows:
         return Html("")
     head = ["", "Laplace", "profile likelihood", "posterior", "bootstrap", "random share", "systematic share", "unit"]
+    degrees = material.fit.freedom
     words = ["Laplace: estimate ± 1.96 standard errors, right where the errors are normal."]
+    if math.isfinite(degrees):
+        words = [
+            f"Laplace: estimate ± {quantile(0.95, degrees):.3g} standard errors, Student's t with {degrees:.0f} "
+            "degrees of freedom, because few mountings tell the noise."
+        ]
     if material.profiles:
         words.append(
             "Profile likelihood: where the best misfit at a fixed value of the parameter has risen by the 95 % point "
@@ -95,7 +103,7 @@ def _shown(p: FittedParameter) -> bool:
 
 
 def _interval_row(material: ReportInput, p: FittedParameter, profile: Profile | None) -> list[str]:
-    laplace = interval(p.value - NORMAL_95 * p.stderr, p.value + NORMAL_95 * p.stderr)
+    laplace = interval(*p.interval())
     shares = material.shares.get(p.name)
     posterior, simulated = material.posterior, material.bootstrap
     return [

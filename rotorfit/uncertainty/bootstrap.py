@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotorfit.estimators.batch import batch_fit
+from rotorfit.estimators.correlated import CorrelatedResponses
 from rotorfit.estimators.least_squares import Options
 from rotorfit.estimators.problem import Problem
 from rotorfit.fitting.digits import interval, with_error
@@ -183,6 +184,12 @@ def _simulate(fit: FitResult, truth: Float, rng: np.random.Generator) -> Complex
     problem: Problem = fit.problem
     same = bool((truth == truth[0]).all())
     exact = np.array([np.concatenate(problem.predict(x)) for x in (truth[:1] if same else truth)])
+    shape = (len(truth), exact.shape[1])
+    noise = rng.standard_normal(shape) + 1j * rng.standard_normal(shape)
+    stop = 0
+    for block in problem.blocks:
+        start, stop = stop, stop + block.measured.size
+        if isinstance(block, CorrelatedResponses):
+            noise[:, start:stop] = noise[:, start:stop] @ block.spread.T
     sigma = np.concatenate([block.sigma for block in problem.blocks]) * math.sqrt(fit.widening)
-    shape = (len(truth), sigma.size)
-    return np.asarray(exact + sigma * (rng.standard_normal(shape) + 1j * rng.standard_normal(shape)))
+    return np.asarray(exact + sigma * noise)

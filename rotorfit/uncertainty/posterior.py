@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rotorfit.estimators.correlated import freedom_of
 from rotorfit.fitting.notebook import text_html
 from rotorfit.fitting.result import FitResult
 from rotorfit.models.stability import threshold_speeds
@@ -322,6 +323,12 @@ def sample(
     if fit.method != "least squares" or not fit.success:
         state = "a closed form" if fit.method != "least squares" else f"a fit that did not converge ({fit.message})"
         raise ValueError(f"this is {state}: walkers start from the optimum of rf.fit")
+    if np.isfinite(freedom_of(fit.problem.blocks)):
+        raise ValueError(
+            "few mountings of weights tell the noise of these data, and their readings err together: a likelihood that "
+            "takes the noise as known would give intervals that are too narrow. Use params[...].interval(), which is "
+            "Student's t, or profile"
+        )
     level: Noise = noise or ("marginal" if fit.settings.loss == "linear" else "fixed")
     limited = fit.model_limited
     inflation = fit.widening if limited and level == "fixed" else 1.0

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from rotorfit.estimators.correlated import freedom_of, quantile
 from rotorfit.estimators.least_squares import minimise
 from rotorfit.estimators.log_posterior import box
 from rotorfit.estimators.problem import Problem
@@ -83,7 +84,8 @@ def profile(
 
     The value is held, all the others are fitted again, and the ends are where chi-squared has risen by the quantile of
     its distribution with one degree of freedom, times redchi where that exceeds one (as ``stderr`` is widened; priors
-    keep their weight). With a robust loss the rise is scaled to agree with ``stderr`` for small changes.
+    keep their weight). With a robust loss, and where readings of one mounting err together, the rise is scaled to agree
+    with ``stderr`` for small changes.
 
     Args:
         fit: the result.
@@ -96,15 +98,14 @@ def profile(
         KeyError: no such parameter.
         ValueError: a known parameter, a level outside 0 to 1, or a rotor without a threshold.
     """
-    from scipy.stats import chi2
-
     if not 0 < level < 1:
         raise ValueError(f"level is {level}; it must be between 0 and 1, for instance 0.95")
     if points < 3:
         raise ValueError(f"points is {points}; a curve needs at least 3")
     problem, x, scale = _settled(fit, name)
     value, unit, curve, step, reach = _curve(fit, problem, x, name, at)
-    goal = float(chi2.ppf(level, 1)) * scale
+    freedom = fit.params[name].freedom if name in fit.params else math.inf
+    goal = quantile(level, freedom) ** 2 * scale  # of chi-squared, or of F where few data tell the noise
     ends = [
         curve.end(side, goal, math.sqrt(goal) * step, limit, bound)
         for side, (limit, bound) in zip((-1, 1), reach, strict=True)
@@ -129,7 +130,7 @@ def _settled(fit: FitResult, name: str) -> tuple[Problem, Float, float]:
     problem, x = fit.problem, fit.x
     if fit.method == "closed form":
         raise ValueError("a closed form is not a minimum, so it has no profile; use the result of rf.fit")
-    if problem.loss != "linear":
+    if problem.loss != "linear" or math.isfinite(freedom_of(problem.blocks)):
         return problem, x, _robust_scale(fit, name)
     if fit.widening == 1:
         return problem, x, 1.0
