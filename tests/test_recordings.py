@@ -291,13 +291,28 @@ def test_text_that_is_no_table_is_refused(tmp_path: Path) -> None:
     for text, words in (
         ("time_s,disk_X\n" + rows + "\n0.1,", "after line"),
         ("time_s,disk_X\n" + rows + "\n0.2,1.0", "not evenly spaced"),
-        ("time_s;disk_X\n" + rows.replace(",", ";").replace(".", ","), "write decimals with a point"),
+        ("time_s,disk_X\n" + rows + "\n0.1,x", "after line"),
+        ("time_s,disk_X\n0.1,x\n", "line 2 holds what is not a number"),
         ("", "is empty"),
         ("time_s,disk_X\n", "holds no signals"),
     ):
         path.write_text(text)
         with pytest.raises(ValueError, match=words):
             rf.read_recording(path)
+
+
+@pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16", "cp1252"])
+def test_text_as_analysers_write_it(tmp_path: Path, encoding: str) -> None:
+    """Decimal commas, semicolons, a line for Excel, a row of units, and more rows than are read at once."""
+    t = np.arange(150_000) / 1000
+    lines = [f"{a:.3f};{b:.4f}".replace(".", ",") for a, b in zip(t, np.sin(t) - 9, strict=True)]
+    path = tmp_path / "run.csv"
+    path.write_text("sep=;\n# oil_C = 41.5\nTime [s];disk_µ_X\ns;V\n" + "\n".join(lines) + "\n", encoding=encoding)
+    text = '[[probe]]\nplane = "disk"\nchannel = "disk_µ_X"\nangle_deg = 0\nsensitivity_V_per_mm = 1.0\n'
+    record = rf.read_recording(path, setup_file(tmp_path, text))
+    assert record.sample_rate == pytest.approx(1000.0)
+    assert record.attributes == {"oil_C": 41.5}
+    np.testing.assert_allclose(record.channel("disk_µ_X"), np.sin(t) - 9, atol=1e-4)
 
 
 @pytest.mark.parametrize(

@@ -48,7 +48,7 @@ def run_template(options: argparse.Namespace) -> int:
 def _template(what: str) -> str:
     if what in kinds():
         return example(what)
-    if not Path(what).exists():
+    if not Path(what).exists() and not Path(what).suffix:
         raise ValueError(f"{unknown_name('kind of file', what, kinds())}; nor is there a recording of that name")
     from rotorfit.recordings.template import template
 

@@ -71,12 +71,22 @@ def read_cells(path: Path, sheet: str | None = None) -> Cells | None:
     return Cells(header=header[:width], rows=list(zip(*columns, strict=True)), lines=[line for line, _ in kept])
 
 
-def _decoded(path: Path) -> str:
-    """Text in UTF-8, UTF-16 or, as old programs save it, Windows' Western code page."""
-    raw = path.read_bytes()
+def marked_encoding(raw: bytes) -> str:
+    """Encoding that the first bytes of a text tell; empty where they do not: UTF-8 or an older one.
+
+    Args:
+        raw: the text's bytes, some hundreds of them suffice.
+    """
     encoding = next((name for mark, name in _MARKS if raw.startswith(mark)), "")
     if not encoding and raw[:400].count(0) > len(raw[:400]) // 4:  # UTF-16 without its mark: every other byte is zero
         encoding = "utf-16-le" if raw[1:2] == b"\0" else "utf-16-be"
+    return encoding
+
+
+def _decoded(path: Path) -> str:
+    """Text in UTF-8, UTF-16 or, as old programs save it, Windows' Western code page."""
+    raw = path.read_bytes()
+    encoding = marked_encoding(raw)
     try:
         return raw.decode(encoding or "utf-8")
     except UnicodeDecodeError as error:
