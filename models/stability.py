@@ -13,6 +13,7 @@ from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.models.model import RotorModel
 
 _SCAN, _SCAN_STEP = 600, 60  # speeds searched for an onset, and how many at once
+_CAME_IN = 1e-6  # growth over frequency at an onset beyond which an eigenvalue did not become unstable there
 _ROUND_OFF = 1e-13  # real part that an undamped eigenvalue may show, as a fraction of the largest eigenvalue
 
 
@@ -127,7 +128,8 @@ def threshold_speed(
         max_speed: highest speed searched, rad/s; by default 30 times the highest finite natural frequency in band.
 
     Returns:
-        the threshold, or ``None`` if the rotor is stable up to ``max_speed``.
+        the threshold, or ``None`` if no eigenvalue within the band becomes unstable up to ``max_speed``. With a finite
+        band that does not say that the rotor is stable: its onset may lie beyond.
     """
     from scipy.optimize import brentq
 
@@ -158,6 +160,8 @@ def threshold_speed(
     s = eigenvalues(model, theta, onset)
     s = s[np.isfinite(s) & (np.abs(s) <= band)]
     critical = complex(s[np.argmax(s.real)])
+    if onset > 0 and critical.real > _CAME_IN * abs(critical):
+        return None  # it entered the band already unstable, so its onset lies beyond
     by_speed, by_theta = eigenvalue_gradient(model, theta, onset, critical) if onset > 0 else (1.0, theta * np.nan)
     # With x and y apart the eigenvalues are pairs of either sign: which of them was met first says nothing.
     whirl = critical.imag if model.frame == "z" else abs(critical.imag)

@@ -24,7 +24,7 @@ from rotorfit.fitting.noise_record import Noise, NoiseVerdict, is_run_effect
 from rotorfit.fitting.problem_setup import with_levels
 from rotorfit.fitting.result import FitResult, FittedParameter, ResponseQuality
 from rotorfit.fitting.settings import FitSettings
-from rotorfit.models import Modal
+from rotorfit.models import BLOCKS, Modal, RotorModel
 from rotorfit.models.stability import growth_rate
 from rotorfit.units import RPM_PER_RAD_S
 
@@ -210,9 +210,7 @@ def _warnings(
     if is_misfit(noise, misfit):
         where = f". It misses most: {', '.join(noise.places)}" if noise is not None and noise.places else ""
         wider = "each response as its residuals ask" if levelled else f"{np.sqrt(redchi):.2g}"
-        advice = "bring the shaft's matrices (KnownStructure)" if levelled else "try rf.refine(fit) (--refine)"
-        if isinstance(problem.space.model, Modal):
-            advice = "modes left out do so, or supports that differ in x and y (apart)"
+        advice = _advice(problem.space.model, levelled)
         found.append(
             f"redchi is {redchi:.3g}: the model, not the noise, limits this fit. Standard errors are widened by "
             f"{wider}, but parameters may be biased beyond them; {advice}{where}"
@@ -229,7 +227,7 @@ def _warnings(
         if typical > MODEL_LIMITED:
             found.append(
                 f"the squared residuals of most readings are {typical:.2g} times those of the noise: not outliers but "
-                "the model limits this fit, and parameters may be biased; try rf.refine(fit) (--refine)"
+                f"the model limits this fit, and parameters may be biased; {_advice(problem.space.model, levelled)}"
             )
     found += [
         f"{p.name} rests on its bound at {p.value:.6g}{'' if p.unit == '1' else ' ' + p.unit}"
@@ -237,6 +235,17 @@ def _warnings(
         if p.at_bound
     ]
     return found + _instability(problem, x)
+
+
+def _advice(model: RotorModel, levelled: bool) -> str:
+    """What may help a fit that its model limits: blocks between planes only where there are several, and some left."""
+    if isinstance(model, Modal):
+        return "modes left out do so, or supports that differ in x and y (apart)"
+    if not hasattr(model, "blocks"):
+        return f"{model.name} has no structural blocks to add; a model of more planes may explain them"
+    if levelled or len(model.blocks) == len(BLOCKS):
+        return "bring the shaft's matrices (KnownStructure)"
+    return "try rf.refine(fit) (--refine)"
 
 
 def _instability(problem: Problem, x: Float) -> list[str]:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +15,8 @@ from rotorfit.fitting.fit import solve_again
 from rotorfit.fitting.notebook import text_html
 from rotorfit.fitting.problem_setup import with_levels
 from rotorfit.fitting.result import FitResult
-from rotorfit.models import BLOCKS, RotorModel
+from rotorfit.fitting.settings import Onset
+from rotorfit.models import BLOCKS, RotorModel, threshold_speed
 from rotorfit.text_table import text_table
 
 Float = NDArray[np.float64]
@@ -32,11 +34,16 @@ class Refinement:
     steps: tuple[FitResult, ...]
     best: FitResult
 
+    @property
+    def rungs(self) -> tuple[FitResult, ...]:
+        """The steps, the chosen one as it was fitted at last, so that its numbers are those of ``best``."""
+        return tuple(self.best if step.model is self.best.model else step for step in self.steps)
+
     def table(self) -> str:
         """The ladder as a table, the chosen model marked."""
         rows = [["structure", "fitted", "redchi", "BIC", ""]]
-        for step in self.steps:
-            mark = "<- chosen" if step.model is self.best.model else ""
+        for step in self.rungs:
+            mark = "<- chosen" if step is self.best else ""
             numbers = str(step.nvarys), f"{step.redchi:.4g}", f"{step.bic:.1f}"
             rows.append([structure_name(step.model), *numbers, mark])
         return "\n".join(text_table(rows, "<44 >7 >10 >12 <1"))
@@ -56,7 +63,7 @@ def structure_name(model: RotorModel) -> str:
 
 
 def refine(fit: FitResult) -> Refinement:
-    """Add the structural blocks whole and nested (coupling mass, gyroscopic, out-of-band) while BIC falls.
+    """Add the structural blocks whole and nested, one rung after the other, and choose the rung of lowest BIC.
 
     What misfit is left is noise: the chosen model is fitted once more with the noise level of each response as its
     residuals have it, so that a response that the model misses, or whose noise was estimated too small, weighs less.
@@ -79,16 +86,40 @@ def refine(fit: FitResult) -> Refinement:
     if fit.identifiability.unresolved:
         raise ValueError(f"resolve the parameters of the plain model before adding to it. {fit.identifiability}")
     steps = [fit]
-    best = fit
-    while len(best.model.blocks) < len(BLOCKS):  # type: ignore[attr-defined]
-        blocks = BLOCKS[: len(best.model.blocks) + 1]  # type: ignore[attr-defined]
-        step = refit(best, best.model.variant(blocks=blocks))
-        steps.append(step)
-        if not step.success or step.bic >= best.bic:
-            break
-        best = step
-    return Refinement(tuple(steps), level_noise(best))
+    for count in range(len(fit.model.blocks) + 1, len(BLOCKS) + 1):
+        begin = next(step for step in reversed(steps) if step.success or step is fit)
+        steps.append(refit(begin, begin.model.variant(blocks=BLOCKS[:count])))
+    # Every rung is tried: a block that brings nothing by itself may be what the next one needs.
+    best = min((step for step in steps if step.success or step is fit), key=lambda step: step.bic)
+    chosen = level_noise(best)
+    found = _rung_onsets(steps, best)
+    return Refinement(tuple(steps), replace(chosen, settings=replace(chosen.settings, onsets=found)))
 
+
+def _rung_onsets(steps: Sequence[FitResult], best: FitResult) -> tuple[Onset, ...]:
+    """Threshold speeds by group of the best rung that holds beyond the tested band, and how far its neighbours are."""
+    whole = [step for step in steps if step.model.order <= 2 and (step.success or step is best)]
+    if not best.model.speed_dependent or not whole:
+        return ()
+    place = min(range(len(whole)), key=lambda number: whole[number].bic)
+    mine, beside = whole[place], [*whole[max(place - 1, 0) : place], *whole[place + 1 : place + 2]]
+    found = []
+    for group in range(len(best.thetas)):
+        onset = mine.threshold_of(group)
+        others = [abs(step.threshold_of(group).value - onset.value) for step in beside]
+        whirl = threshold_speed(mine.model, mine.thetas[group])
+        found.append(
+            Onset(
+                speed=onset.value,
+                stderr=onset.stderr,
+                difference=max(others, default=0.0),
+                whirl_ratio=math.nan if whirl is None else whirl.whirl_ratio,
+            )
+        )
+    return tuple(found)
+
+
+_NEAR_NOISE = 1.5  # redchi up to which the misfit left is taken for noise that was estimated too small
 
 _FEWEST = 30  # readings of a response from which their scatter gives a level within 10 %
 
@@ -96,14 +127,17 @@ _LOWEST = 1e-3  # level below which exact data, not noise, are in hand
 
 
 def level_noise(fit: FitResult) -> FitResult:
-    """The fit with the noise level of each response as its residuals have it; robust fits are left as they are.
+    """The fit with the noise level of each response as its residuals have it.
+
+    Robust fits are left as they are, and so are those that the model limits: what a model misses is no noise, and
+    weighing by it moves results that were right.
 
     Alternates between levels and fit, which climbs their joint likelihood. Responses of few readings keep their level.
 
     Args:
         fit: the result to draw.
     """
-    if fit.settings.loss != "linear":
+    if fit.settings.loss != "linear" or fit.model_limited or (fit.noise is None and fit.redchi > _NEAR_NOISE):
         return fit
     plain = with_levels(fit.problem, fit.settings.levels, -1)
     for _ in range(5):

@@ -24,6 +24,7 @@ from rotorfit.fitting.settings import FitSettings
 from rotorfit.models import RotorModel, eigenvalues, threshold_speed
 from rotorfit.models.parameters import unknown_name
 from rotorfit.models.stability import eigenvalue_gradient
+from rotorfit.units import RPM_PER_RAD_S
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -308,7 +309,7 @@ class FitResult:
         """Rotative speed at which the rotor becomes unstable, rad/s, with its standard error.
 
         The value is NaN where the fitted rotor is stable at every speed searched; the standard error is infinite where
-        the data do not tell.
+        the data do not tell, or where only frequencies of the tested band could be searched (:meth:`onset_note`).
 
         Args:
             at: group of parameters, where some were fitted per attribute.
@@ -338,9 +339,42 @@ class FitResult:
         """
         theta = self.thetas[group]
         onset = threshold_speed(self.model, theta, band=self.stability_band)
+        rung = self.settings.onsets[group] if self.settings.onsets else None
+        if onset is None and math.isfinite(self.stability_band):
+            # Terms that hold in the tested band only say nothing of an onset beyond it.
+            if rung is None or not math.isfinite(rung.speed):
+                return Quantity(math.nan, math.inf, "rad/s")
+            return Quantity(rung.speed, math.hypot(rung.stderr, rung.difference), "rad/s", self.freedom)
         if onset is None:
             return Quantity(math.nan, self._growth_error(group), "rad/s")
-        return self._propagate(onset.speed, onset.gradient, "rad/s", group)
+        found = self._propagate(onset.speed, onset.gradient, "rad/s", group)
+        if rung is None or abs(onset.whirl_frequency) <= self.band:
+            return found
+        return Quantity(found.value, math.hypot(found.stderr, rung.difference), "rad/s", found.freedom)
+
+    def onset_note(self, group: int = 0) -> str:
+        """What limits the threshold speed of a parameter group; empty where its whirl lies in the tested band.
+
+        Args:
+            group: its number, from 0.
+        """
+        if not self.model.speed_dependent or not math.isfinite(self.band):
+            return ""
+        onset = threshold_speed(self.model, self.thetas[group], band=self.stability_band)
+        if onset is None and math.isfinite(self.stability_band):
+            if math.isnan(self.threshold_of(group).value):
+                return "any onset lies outside the tested band of frequencies, which was not searched"
+            return (
+                "the onset lies outside the tested band of frequencies: it is that of the model without terms that "
+                "hold in the band only, its error the difference between the models of the ladder included"
+            )
+        if onset is None or abs(onset.whirl_frequency) <= self.band:
+            return ""
+        words = f"the whirl at onset ({abs(onset.whirl_frequency) * RPM_PER_RAD_S:.0f} cycles a minute) lies above the "
+        error = "its error includes the difference between the models of the ladder"
+        alone = "refine (--refine) would tell how much this depends on the model"
+        known = error if self.settings.onsets else alone if hasattr(self.model, "blocks") else "the model extrapolates"
+        return f"{words}tested frequencies ({self.band * RPM_PER_RAD_S:.0f}): {known}"
 
     def _growth_error(self, group: int) -> float:
         """Infinite where undetermined parameters, such as lam of tests at rest, move the least stable mode, or NaN."""
@@ -365,6 +399,8 @@ class FitResult:
                 per attribute.
         """
         onset = threshold_speed(self.model, self.theta(at), band=self.stability_band)
+        if onset is None and math.isfinite(self.stability_band) and self.settings.onsets:
+            return self.settings.onsets[self.group(at)].whirl_ratio
         return math.nan if onset is None else onset.whirl_ratio
 
     def natural_frequencies(self, speed: float, at: Mapping[str, Any] | None = None) -> list[tuple[Quantity, Quantity]]:

@@ -27,13 +27,31 @@ def check_phase_offsets(given: object) -> None:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Onset:
+    """Onset of instability as a ladder of models tells it.
+
+    Attributes:
+        speed: threshold speed, rad/s.
+        stderr: its standard error by the rung itself, rad/s.
+        difference: from it to the rungs beside it, rad/s; an error of its own where the onset is extrapolated.
+        whirl_ratio: whirl frequency at onset over threshold speed.
+    """
+
+    speed: float
+    stderr: float
+    difference: float
+    whirl_ratio: float
+
+
+@dataclass(frozen=True, kw_only=True)
 class FitSettings:
     """What the user asked for; see :func:`rotorfit.fit`.
 
     ``calibration`` holds the uncertainties that enter as nuisance entries. ``levels`` are factors on the noise by
     response, which :func:`rotorfit.refine` reads off the residuals once the structure explains the data. ``noise`` is
     what the fit found in its residuals where these are noise of another shape than the data alone show, or where runs
-    differ.
+    differ. ``onsets`` are the threshold speeds, group by group, of the models without terms that hold in the tested
+    band only; :func:`rotorfit.refine` takes them from the other rungs of its ladder.
     """
 
     known: Mapping[str, float | None] = field(default_factory=dict)
@@ -43,6 +61,7 @@ class FitSettings:
     loss: Loss = "linear"
     phase_offsets: PhaseOffsets = False
     levels: Mapping[str, float] = field(default_factory=dict)
+    onsets: tuple[Onset, ...] = ()
     calibration: Calibration | None = None
     noise: FoundNoise | None = None
 

@@ -161,8 +161,9 @@ def _stability_lines(fit: FitResult) -> list[str]:
     if not fit.model.speed_dependent or fit.problem.space.index.shape[0] > 1:
         return []
     onset = fit.threshold_speed()
+    note = fit.onset_note()
     if np.isinf(onset.stderr):
-        return ["threshold speed: not determined by these data"]
+        return [f"threshold speed: not determined by these data{': ' + note if note else ''}"]
     if np.isnan(onset.value):
         return ["threshold speed: none found, stable at every speed searched"]
     if onset.value == 0:
@@ -174,4 +175,4 @@ def _stability_lines(fit: FitResult) -> list[str]:
         percent = 100 * (onset.value / highest - 1)
         line += f"; {abs(percent):.3g} % {'above' if percent >= 0 else 'below'} the highest tested speed"
         line += f" ({highest * RPM_PER_RAD_S:.0f} rpm)" + (": extrapolated" if percent > 0 else "")
-    return [line]
+    return [line] + [f"  {note}"] * bool(note)

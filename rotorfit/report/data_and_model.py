@@ -154,13 +154,13 @@ def refinement_section(material: ReportInput) -> Html:
     rows = [
         [
             structure_name(step.model), str(step.nvarys), plain(step.redchi, 4), f"{step.bic:.1f}",
-            _threshold_cell(step), "chosen" if step.model is ladder.best.model else "",
+            _threshold_cell(step), "chosen" if step is ladder.best else "",
         ]
-        for step in ladder.steps
+        for step in ladder.rungs
     ]  # fmt: skip
     words = (
         "Structural blocks that a lumped model leaves out (coupling mass, gyroscopic, out-of-band modes) were added "
-        "whole, one after the other, while the Bayesian information criterion fell."
+        "whole, one after the other. The rung of the lowest Bayesian information criterion is chosen."
     )
     if ladder.best.settings.levels:
         words += (

@@ -105,11 +105,13 @@ def _stability_words(material: ReportInput) -> Iterator[str]:
         yield "The rotor is stable at every tested speed."
     if not found and any(math.isinf(onset.stderr) for onset, _, _ in onsets):
         yield "These data do not determine whether or at which speed it becomes unstable."
+        yield from (sentence(note) for note in {fit.onset_note(group) for _, _, group in onsets} if note)
         return
     if not found:
         yield "No threshold of instability was found at any speed searched."
         return
     lowest, label = min(found, key=lambda item: item[0].value)
+    note = fit.onset_note(next(group for onset, _, group in onsets if onset is lowest))
     where = f" ({label})" if label else ""
     if lowest.value == 0:
         yield f"It is unstable from standstill on{where}."
@@ -123,6 +125,8 @@ def _stability_words(material: ReportInput) -> Iterator[str]:
         for what, speed in _reference_speeds(material)
     )
     yield f"It becomes unstable at {value} ± {error} rpm{where}{', ' + margins if margins else ''}."
+    if note:
+        yield sentence(note)
 
 
 def _unstable(fit: FitResult, group: int) -> bool:
@@ -175,7 +179,8 @@ def _stability_cards(material: ReportInput) -> Iterator[Html]:
         name = "Threshold of instability" + (f", {label}" if label else "")
         onset = fit.threshold_of(group)
         if math.isinf(onset.stderr):
-            yield _card(name, "not determined", "these data leave the threshold speed open", bad=True)
+            why = fit.onset_note(group) or "these data leave the threshold speed open"
+            yield _card(name, "not determined", why, bad=True)
         elif math.isnan(onset.value):
             yield _card(name, "none found", "the fitted rotor is stable at every speed searched")
         else:

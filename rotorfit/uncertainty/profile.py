@@ -170,6 +170,8 @@ def _curve(
 
         value, slope = speed(x)
         if not math.isfinite(value):
+            if math.isfinite(fit.stability_band):
+                raise ValueError(f"there is no threshold to profile: {fit.onset_note(group)}")
             raise ValueError("the fitted rotor is stable at every speed searched: there is no threshold to profile")
         variance = float(slope @ covar @ slope)
         direction = covar @ slope / variance if variance > 0 else np.zeros_like(x)

@@ -1,0 +1,49 @@
+"""A threshold that the tested band cannot show is never called absent."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from fe_rigs import K3, TYPICAL, Rig
+
+import rotorfit as rf
+from rotorfit.models import WhirlWhip
+from rotorfit.models.structure import BLOCKS
+
+RPM = np.pi / 30
+SPEEDS = RPM * np.array([900.0, 1800.0])
+
+
+@pytest.fixture(scope="module")
+def short():
+    """A campaign whose band ends a tenth below the whirl at onset (some 127 rad/s)."""
+    rig = Rig(**TYPICAL)
+    return rig, rig.campaign(SPEEDS, 4, top=114.0)
+
+
+def test_a_band_that_ends_below_the_onset_does_not_say_stable(short):
+    """With the w^4 block only roots in the tested band count: none unstable there says nothing of the rotor."""
+    fit = rf.fit(WhirlWhip(blocks=BLOCKS), short[1], known={"K3": K3})
+    onset = fit.threshold_speed()
+    assert np.isnan(onset.value)
+    assert np.isinf(onset.stderr)
+    assert "stable at every" not in fit.summary()
+    assert "outside the tested band of frequencies, which was not searched" in fit.summary()
+
+
+def test_a_ladder_lends_its_threshold_to_the_rung_that_cannot_tell(short):
+    """The rungs of second order hold beyond the band; how far they differ is part of the error."""
+    rig, test = short
+    ladder = rf.refine(rf.fit(WhirlWhip(), test, known={"K3": K3}))
+    assert len(ladder.steps) == 1 + len(BLOCKS)
+    top = rf.refine(ladder.steps[-1]).best  # no rung of second order: nothing to lend
+    assert np.isinf(top.threshold_speed().stderr)
+    onset = ladder.best.threshold_speed()
+    assert onset.stderr >= ladder.best.settings.onsets[0].difference
+    assert abs(onset.value - rig.threshold()) < 3 * onset.stderr
+    assert "above the tested frequencies" in ladder.best.summary()
+
+
+def test_a_plain_fit_says_that_its_onset_is_extrapolated_in_frequency(short):
+    fit = rf.fit(WhirlWhip(), short[1], known={"K3": K3})
+    assert "refine (--refine) would tell" in fit.summary()
