@@ -96,6 +96,14 @@ def _check_finite(experiment: PerturbationTest) -> None:
         raise ValueError(f"{name}: the noise sigma must be positive and finite, or NaN if unknown ({_places(bad)})")
     if not experiment.force.any():
         raise ValueError(f"{name}: every force is zero, so the responses say nothing of the rotor; check its column")
+    still = experiment.force == 0
+    if still.any():
+        runs = ", ".join(dict.fromkeys(experiment.run[still].tolist()))
+        raise ValueError(
+            f"{name}: the force is zero in {still.sum()} readings of {runs}. A reference run without a weight is "
+            "subtracted where runs dwell at a few speeds; from start-ups subtract it first and give the differences, "
+            "or repeat each weight at 180 degrees (eq. 20). Any other reading without a force is to be removed"
+        )
     for plane, direction in dict.fromkeys(zip(experiment.plane.tolist(), experiment.direction.tolist(), strict=True)):
         channel = (experiment.plane == plane) & (experiment.direction == direction)
         if not experiment.response[channel].any():
