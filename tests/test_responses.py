@@ -256,3 +256,22 @@ def test_awkward_recordings_are_mended_and_give_the_same_rig(tmp_path: Path) -> 
     for name in ("Md", "K1", "K2", "D", "lam"):
         assert abs(fit.params[name].value - VALUES[name]) < 4 * fit.params[name].stderr, name
     assert fit.params["lam"].value == pytest.approx(0.475, rel=1e-3)
+
+
+def test_measured_forces_that_turn_and_that_do_not(tmp_path: Path) -> None:
+    """A magnetic bearing's force: forward, backward and along x, 12 s each; one fit of all three."""
+    paths = rf.simulate_recordings(
+        RIG, VALUES, tmp_path, "measured-force", planes="journal", duration=12.0, instruments=SLOW, seed=4
+    )
+    test = rf.responses([rf.read_recording(path, tmp_path / "rig.toml") for path in paths])
+    assert list(dict.fromkeys(test.force_direction.tolist())) == ["circular", "x"]
+    turning = test.select(test.force_direction == "circular")
+    assert {run: np.sign(turning.frequency[turning.run == run][0]) for run in turning.runs} == {
+        "journal-forward": 1.0, "journal-backward": -1.0,
+    }  # fmt: skip
+    for name, ratio in over_sigma(RIG, VALUES, turning).items():
+        assert 0.8 < np.sqrt(np.mean(ratio**2)) < 1.3, name
+    fit = rf.fit(RIG, test, known={"K3": 6e3, "sigma": 1.0})
+    assert 0.8 < fit.redchi < 1.25
+    for name in ("Mb", "K0", "D", "lam", "Mf"):
+        assert abs(fit.params[name].value - VALUES[name]) < 4 * fit.params[name].stderr, name

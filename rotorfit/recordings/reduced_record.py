@@ -22,7 +22,13 @@ ORDERS = 5
 """Highest order of the shaft that is taken out, in both directions."""
 
 _PIECE = 1 << 15
-"""Samples at the reduced rate worked on at once."""
+"""Samples worked on at once."""
+
+_OUTSIDE = 1e-3
+"""Share of a measured force's power left out at either end of its band."""
+
+_ONE_SIDED = 0.02
+"""Power in one direction over that in the other below which a measured force is taken for one of one direction."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -31,39 +37,29 @@ class ReducedRecord:
 
     Attributes:
         record: the recording.
-        drive: angle that the force is locked to.
+        drive: angle that the force is locked to; None for a force that was measured.
         whirl: +1 where the force turns with the shaft, -1 against it.
+        band: lowest and highest frequency of the force, rad/s.
+        unit_force: what the response is referred to, as seen from x turning with the force: of one kg m with its heavy
+            spot at the mark, ``(phi'^2 - j phi'') exp(j phi)``, or the measured force, N, shape ``(N,)``.
         rate: samples a second, Hz.
         time: from the start of the recording, s, shape ``(N,)``.
         motion: of each plane, m: ``x + jy``, or the reading of a single probe in the real part.
-        drive_angle, drive_speed, drive_acceleration: of the drive, rad, rad/s, rad/s^2, shape ``(N,)``.
+        drive_angle, drive_speed: of the drive, rad and rad/s, shape ``(N,)``; empty without one.
         shaft_angle: rad, shape ``(N,)``; None without a reference of the shaft.
     """
 
     record: Recording
-    drive: AngleTrack
+    drive: AngleTrack | None
     whirl: int
+    band: tuple[float, float]
+    unit_force: ComplexArray
     rate: float
     time: Float
     motion: dict[str, ComplexArray]
     drive_angle: Float
     drive_speed: Float
-    drive_acceleration: Float
     shaft_angle: Float | None
-
-    @property
-    def band(self) -> tuple[float, float]:
-        """Lowest and highest frequency of the drive, rad/s."""
-        return float(self.drive_speed.min()), float(self.drive_speed.max())
-
-    @property
-    def unit_force(self) -> ComplexArray:
-        """Force of one kg m with its heavy spot at the mark, as seen from x turning with the drive, N.
-
-        ``(phi'^2 - j phi'') exp(j phi)``; for a force that turns backward this is the complex conjugate of Fx + j Fy.
-        """
-        rate = self.drive_speed**2 - 1j * self.drive_acceleration
-        return np.asarray(rate * np.exp(1j * self.drive_angle))
 
     @property
     def shaft_speed(self) -> float:
@@ -173,25 +169,114 @@ def reduce_record(record: Recording, drive: AngleTrack, whirl: int) -> ReducedRe
     Raises:
         ValueError: the sampling rate is too low for the band, or no time is left between the pulses.
     """
-    from scipy.fft import prev_fast_len
-
     shaft = record.shaft_angle() if record.rig.shaft is not None else None
     begin = max(track.begin for track in (drive, shaft) if track is not None)
     end = min(track.end for track in (drive, shaft) if track is not None)
-    at = np.linspace(begin, end, 20_001)
-    fastest = float(drive.speed(at).max())
+    fastest = float(drive.speed(np.linspace(begin, end, 20_001)).max())
+    reduced, part = _reduced_times(record, shaft, fastest, begin, end)
+    time = reduced.time[part]
+    angle, speed = drive.angle(time), drive.speed(time)
+    return ReducedRecord(
+        record=record,
+        drive=drive,
+        whirl=whirl,
+        band=(float(speed.min()), float(speed.max())),
+        unit_force=np.asarray((speed**2 - 1j * drive.acceleration(time)) * np.exp(1j * angle)),
+        rate=reduced.rate,
+        time=time,
+        motion=_motion(record, reduced, part),
+        drive_angle=angle,
+        drive_speed=speed,
+        shaft_angle=None if shaft is None else shaft.angle(time),
+    )
+
+
+def reduce_measured(record: Recording) -> tuple[ReducedRecord, str]:
+    """Bring a recording with a measured force to the rate that the force needs.
+
+    Args:
+        record: the recording.
+
+    Returns:
+        the record, and how the force acts: ``circular``, ``x`` or ``y``.
+
+    Raises:
+        ValueError: the force acts along both axes without turning, or nothing was measured of it.
+    """
+    shaft = record.shaft_angle() if record.rig.shaft is not None else None
+    begin, end = (shaft.begin, shaft.end) if shaft is not None else (0.0, record.duration)
+    low, high = _force_band(record)
+    reduced, part = _reduced_times(record, shaft, high, begin, end)
+    force = np.asarray(reduced.reduce(record.force_signal), dtype=complex)[part]
+    direction, whirl = _how_it_acts(record, force - force.mean())
+    # of a force along an axis, F exp(jwt), the half at +w counts: its spectrum is that of twice the signal
+    seen = {"circular": force if whirl > 0 else force.conj(), "x": 2 * force.real, "y": 2 * force.imag}[direction]
+    return ReducedRecord(
+        record=record,
+        drive=None,
+        whirl=whirl,
+        band=(low, high),
+        unit_force=np.asarray(seen - seen.mean(), dtype=complex),
+        rate=reduced.rate,
+        time=reduced.time[part],
+        motion=_motion(record, reduced, part),
+        drive_angle=np.zeros(0),
+        drive_speed=np.zeros(0),
+        shaft_angle=None if shaft is None else shaft.angle(reduced.time[part]),
+    ), direction
+
+
+def _force_band(record: Recording) -> tuple[float, float]:
+    """Frequencies, rad/s, between which all but two thousandths of the measured force's power lies."""
+    size = min(_PIECE, record.size)
+    starts = np.linspace(0, record.size - size, min(record.size // size * 2, 100)).astype(int)
+    power = np.zeros(size)
+    for start in starts.tolist():
+        force = record.force_signal(start, start + size)
+        power += np.abs(np.fft.fft((force - force.mean()) * np.hanning(size))) ** 2
+    one_sided = power[1 : size // 2] + power[: size // 2 : -1]
+    share = np.cumsum(one_sided) / max(float(one_sided.sum()), 1e-300)
+    step = 2 * np.pi * record.sample_rate / size
+    ends = np.searchsorted(share, [_OUTSIDE, 1 - _OUTSIDE]) + 1.0
+    if not one_sided.any():
+        raise ValueError(f"{record.name}: the measured force is constant; is its channel the right one?")
+    return float(ends[0] * step), float(ends[1] * step)
+
+
+def _how_it_acts(record: Recording, force: ComplexArray) -> tuple[str, int]:
+    along_x, along_y = float(np.mean(force.real**2)), float(np.mean(force.imag**2))
+    if min(along_x, along_y) < _ONE_SIDED * max(along_x, along_y):
+        return ("x", 1) if along_x > along_y else ("y", 1)
+    power = np.abs(np.fft.fft(force)) ** 2
+    forward, backward = float(power[1 : force.size // 2].sum()), float(power[force.size // 2 :].sum())
+    if min(forward, backward) < _ONE_SIDED * max(forward, backward):
+        return "circular", 1 if forward > backward else -1
+    raise ValueError(
+        f"{record.name}: the measured force neither turns one way nor acts along x or y alone; record sweeps of one "
+        "kind at a time"
+    )
+
+
+def _reduced_times(
+    record: Recording, shaft: AngleTrack | None, fastest: float, begin: float, end: float
+) -> tuple[ReducedRate, slice]:
+    """The rate that a band and the orders in it need, and the samples at that rate between two times."""
+    from scipy.fft import prev_fast_len
+
     top = fastest
     if shaft is not None:
-        speed = shaft.speed(at)
+        speed = shaft.speed(np.linspace(begin, end, 20_001))
         reach = [n * float(speed.max()) for n in range(1, ORDERS + 1) if n * speed.min() < 1.1 * fastest]
         top = max([top, *reach])
     reduced = ReducedRate.for_band(1.02 * top / (2 * np.pi), record.sample_rate, record.size)
-    time = reduced.time
-    inside = np.flatnonzero((time >= begin) & (time <= end))
+    inside = np.flatnonzero((reduced.time >= begin) & (reduced.time <= end))
     if inside.size < 32:
         raise ValueError(f"{record.name}: the pulses leave {max(end - begin, 0):.3g} s of the recording, too little")
-    part = slice(int(inside[0]), int(inside[0]) + int(prev_fast_len(inside.size)))
-    time = time[part]
+    return reduced, slice(int(inside[0]), int(inside[0]) + int(prev_fast_len(inside.size)))
+
+
+def _motion(record: Recording, reduced: ReducedRate, part: slice) -> dict[str, ComplexArray]:
+    """Motion of each plane about its mean."""
     motion = {}
     for plane in record.planes:
         probes = [probe for probe in record.probes if probe.plane == plane]
@@ -202,18 +287,7 @@ def reduce_record(record: Recording, drive: AngleTrack, whirl: int) -> ReducedRe
             motion[plane] = np.asarray(x + 1j * y)
         else:
             motion[plane] = along[0].astype(complex)
-    return ReducedRecord(
-        record=record,
-        drive=drive,
-        whirl=whirl,
-        rate=reduced.rate,
-        time=time,
-        motion=motion,
-        drive_angle=drive.angle(time),
-        drive_speed=drive.speed(time),
-        drive_acceleration=drive.acceleration(time),
-        shaft_angle=None if shaft is None else shaft.angle(time),
-    )
+    return motion
 
 
 def _towards(record: Recording, probe: Probe, reduced: ReducedRate) -> Float:

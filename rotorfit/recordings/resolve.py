@@ -122,6 +122,8 @@ def complete(raw: RawFile, setup: RigSetup | None) -> Rig:
     whole = own if given is None else prefer(given, own)
     if given is not None and given.probes:
         whole = replace(whole, probes=tuple(_with_own_angle(probe, own) for probe in given.probes))
+    measured = {whole.force.channel_x, whole.force.channel_y} if whole.force is not None else set()
+    whole = replace(whole, probes=tuple(p for p in whole.probes or () if p.channel not in measured))
     source = setup.source if setup is not None and setup.source else "the setup"
     probes = tuple(_complete_probe(raw, probe, whole, source) for probe in whole.probes or ())
     shaft, perturbator = (_reference(r) for r in (whole.shaft, whole.perturbator))

@@ -98,6 +98,7 @@ def rows(
     force_plane: str,
     force: ComplexArray,
     attributes: Mapping[str, float | str],
+    force_direction: str = "circular",
 ) -> PerturbationTest:
     """A test of one run.
 
@@ -110,6 +111,7 @@ def rows(
         force_plane: where the force acts.
         force: at each line, N.
         attributes: of the whole run.
+        force_direction: ``circular``, ``x`` or ``y``.
     """
     speeds = np.broadcast_to(speed, frequency.shape)
     names = [(probe.plane, probe.direction) for probe in probes for _ in range(int(kept.sum()))]
@@ -128,6 +130,7 @@ def rows(
         response=np.concatenate([(probe.response * force)[kept] for probe in probes]),
         sigma=np.concatenate([(probe.sigma * np.abs(force))[kept] for probe in probes]),
         attributes={name: np.full(len(names), value) for name, value in attributes.items()},
+        force_direction=force_direction,
         source=run,
     )
 

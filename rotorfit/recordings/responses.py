@@ -21,7 +21,7 @@ from rotorfit.data.synchronous import DIFFERENCED, group_speeds, join
 from rotorfit.estimators.local_response import LocalResponse, local_response
 from rotorfit.models.array_types import Float
 from rotorfit.recordings.quality import spoiled
-from rotorfit.recordings.reduced_record import ReducedRecord, reduce_record
+from rotorfit.recordings.reduced_record import ReducedRecord, reduce_measured, reduce_record
 from rotorfit.recordings.response_rows import readings, rows, time_at
 from rotorfit.recordings.window_responses import window_responses
 
@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from rotorfit.recordings.recording import Recording
     from rotorfit.recordings.setup import Force
 
+_KINDS = {"perturbator": "a perturbator", "shaft": "the shaft itself", "": "a measured force"}
 Report = Callable[[Finding], None]
 
 DRIVEN = 3e-3
@@ -75,6 +76,11 @@ def responses(
                 'phase_offsets="common" (--phase-offsets common), one angle for all runs.',
             )
         )  # fmt: skip
+    if forces[0].measured:
+        if turns:
+            raise ValueError("windows of whole turns need a force that turns with a mark; this one was measured")
+        test = join([_measured(record, report, tell) for record in listed])
+        return replace(test, speed=group_speeds(test.speed, test.frequency, test.run))
     if forces[0].reference == "perturbator":
         reduce = partial(_windows, turns=turns) if turns else _sweep
         test = join([reduce(record, report, tell) for record in listed])
@@ -103,17 +109,16 @@ def _force(record: Recording) -> Force:
         raise ValueError(
             f"{record.name}: nothing says what drives the rotor; give plane, mr_kg_m and whirl in [force] of the setup"
         )
-    if record.force.measured:
-        raise ValueError(f"{record.name}: responses to a measured force are not implemented")
     return record.force
 
 
 def _same_kind(records: Sequence[Recording], forces: Sequence[Force]) -> None:
-    kinds = {force.reference: record.name for record, force in zip(records, forces, strict=True)}
+    kinds = {_KINDS[force.reference]: record.name for record, force in zip(records, forces, strict=True)}
     if len(kinds) > 1:
+        (one, first), (other, second), *_ = kinds.items()
         raise ValueError(
-            f"{kinds['perturbator']} is driven by a perturbator, {kinds['shaft']} by the shaft itself: two kinds of "
-            "tests, call responses for each and give a list of both to fit"
+            f"{first} is driven by {one}, {second} by {other}: two kinds of tests, call responses for each and give a "
+            "list of both to fit"
         )
 
 
@@ -125,19 +130,9 @@ def _sweep(record: Recording, report: Report, tell: Callable[[str], None]) -> Pe
     weight = np.array([force.mr * np.exp(1j * force.angle)])
     found = local_response([reduced.without_orders().spectra(weight, reduced.orders())], *reduced.band)
     w = found.frequency
-    driven = _driven(found)
-    apart = _apart_from_orders(reduced, w)
-    lost = int(np.sum(driven & ~apart))
-    if lost:
-        report(
-            Finding(
-                "note", "lines-at-orders", f"{record.name}: {lost} of {driven.sum()} lines left out: closer to an "
-                f"order of the shaft than {reduced.time[-1] - reduced.time[0]:.3g} s can separate.",
-            )
-        )  # fmt: skip
     return rows(
         readings(record, force.whirl, found, np.abs(found.response[0]) * drive.stderr(time_at(reduced, w))),
-        driven & apart,
+        _clear(reduced, found, 4, report),
         run=record.name,
         frequency=force.whirl * w,
         speed=reduced.shaft_speed,
@@ -145,6 +140,43 @@ def _sweep(record: Recording, report: Report, tell: Callable[[str], None]) -> Pe
         force=force.mr * w**2 * np.exp(1j * force.angle),
         attributes=record.attributes,
     )
+
+
+def _measured(record: Recording, report: Report, tell: Callable[[str], None]) -> PerturbationTest:
+    """One record of a force that was measured: magnetic bearing, load cells, shaker."""
+    tell(f"responses of {record.name}")
+    force = _force(record)
+    reduced, direction = reduce_measured(record)
+    found = local_response(
+        [reduced.without_orders().spectra(np.ones(1, dtype=complex), reduced.orders())], *reduced.band
+    )
+    size = float(np.sqrt(np.mean(np.abs(reduced.unit_force) ** 2)))
+    return rows(
+        readings(record, reduced.whirl, found, np.zeros(found.noise.shape)),
+        _clear(reduced, found, 0, report),
+        run=record.name,
+        frequency=reduced.whirl * found.frequency,
+        speed=reduced.shaft_speed or record.speed or 0.0,
+        force_plane=force.plane,
+        force=np.full(found.frequency.size, size, dtype=complex),
+        attributes=record.attributes,
+        force_direction=direction,
+    )
+
+
+def _clear(reduced: ReducedRecord, found: LocalResponse, power: int, report: Report) -> NDArray[np.bool_]:
+    """Lines where the force says enough and that no order of the shaft is too near to."""
+    driven = _driven(found, power)
+    apart = _apart_from_orders(reduced, found.frequency)
+    lost = int(np.sum(driven & ~apart))
+    if lost:
+        report(
+            Finding(
+                "note", "lines-at-orders", f"{reduced.record.name}: {lost} of {driven.sum()} lines left out: closer to "
+                f"an order of the shaft than {reduced.time[-1] - reduced.time[0]:.3g} s can separate.",
+            )
+        )  # fmt: skip
+    return driven & apart
 
 
 def _windows(record: Recording, report: Report, tell: Callable[[str], None], *, turns: int) -> PerturbationTest:
@@ -164,13 +196,13 @@ def _drive(record: Recording) -> AngleTrack:
     return drive
 
 
-def _driven(found: LocalResponse) -> NDArray[np.bool_]:
-    """Whether the force says enough at each node, its growth with the square of the frequency aside.
+def _driven(found: LocalResponse, power: int) -> NDArray[np.bool_]:
+    """Whether the force says enough at each node, its growth with a power of the frequency aside.
 
     Where a sweep begins and ends its spectrum falls off and cannot be told from the transient. Chosen by the force, not
     by what was measured, so that nothing is selected.
     """
-    information = (found.noise[0] / found.sigma[0, 0]) ** 2 / found.width / found.frequency**4
+    information = (found.noise[0] / found.sigma[0, 0]) ** 2 / found.width / found.frequency**power
     return np.asarray(information > DRIVEN * np.median(information))
 
 
@@ -206,12 +238,14 @@ def _start_ups(records: list[Recording], report: Report, tell: Callable[[str], N
     w = found.frequency
     reference = weights[np.argmax(np.abs(weights))]
     # a shaft angle that is off turns all of a record's motion, that of the residual unbalance too
-    errors = np.sqrt(np.sum([r.drive.stderr(time_at(r, w)) ** 2 for r in reduced], axis=0)) / len(records)
+    angles = [record.shaft_angle() for record in records]
+    errors = [angle.stderr(time_at(r, w)) ** 2 for angle, r in zip(angles, reduced, strict=True)]
+    error = np.sqrt(np.sum(errors, axis=0)) / len(records)
     scale = np.array([1.0, 1 / np.abs(reference)])[: found.response.shape[0]]
     moved = np.sqrt(np.sum(np.abs(found.response * scale[:, None, None]) ** 2, axis=0))
     return rows(
-        readings(records[0], 1, found, moved * errors),
-        _driven(found),
+        readings(records[0], 1, found, moved * error),
+        _driven(found, 4),
         run=" minus ".join(record.name for record in records),
         frequency=w,
         speed=w,

@@ -185,11 +185,61 @@ def _synchronous(
             )
 
 
+def _measured_force(
+    rig: _Rig,
+    *,
+    speed_rpm: float = 1500.0,
+    sweep_rpm: tuple[float, float] = (300.0, 5000.0),
+    duration: float = 20.0,
+    force: float = 2.0,
+    planes: str | Sequence[str] | None = None,
+    directions: Sequence[str] = ("forward", "backward", "x"),
+) -> Iterator[Played]:
+    """A magnetic bearing or a shaker whose force is measured: turning sweeps, and sweeps along x or y."""
+    sweep = Sweep(first=sweep_rpm[0] * RPM, last=sweep_rpm[1] * RPM, duration=duration)
+    time = rig.instruments.time(duration)
+    rig.virtual.decay(speed_rpm * RPM)
+    for plane, direction in product(some_planes(rig.virtual.model, planes), directions):
+        if direction not in _ACTS:
+            raise ValueError(f"directions are {', '.join(_ACTS)}, got {direction!r}")
+        acts = partial(_ACTS[direction], force, sweep)
+        newton = acts(time)
+        yield Played(
+            name=f"{plane}-{direction}",
+            motion=rig.path(lambda t: np.full(np.shape(t), speed_rpm * RPM), acts, plane, time.size),
+            shaft=wandering_angle(time, speed_rpm * RPM, rig.instruments.wander, rig.rng),
+            signals={"force_X": FORCE_SENSITIVITY * newton.real, "force_Y": FORCE_SENSITIVITY * newton.imag},
+            attributes={"speed_rpm": speed_rpm, "force_plane": plane},
+        )
+
+
+FORCE_SENSITIVITY = 0.1
+"""Of the channels of a measured force, V/N."""
+_ACTS: Mapping[str, Callable[[float, Sweep, Float], ComplexArray]] = {
+    "forward": lambda size, sweep, t: size * np.exp(1j * sweep.angle(t)),
+    "backward": lambda size, sweep, t: size * np.exp(-1j * sweep.angle(t)),
+    "x": lambda size, sweep, t: np.asarray(size * np.cos(sweep.angle(t)), dtype=complex),
+    "y": lambda size, sweep, t: 1j * size * np.cos(sweep.angle(t)),
+}
+
+
+def _setup(kind: str) -> str:
+    """What the files of a kind do not say themselves, as ``rig.toml``."""
+    said = '# the files say the rest themselves\nrotation = "ccw"\n'
+    if kind != "measured-force":
+        return said
+    return f'{said}[force]\nchannel_x = "force_X"\nchannel_y = "force_Y"\nsensitivity_V_per_N = {FORCE_SENSITIVITY}\n'
+
+
 def _turning(sweep: Sweep, weight: complex, t: Float) -> ComplexArray:
     return weight * sweep.force(t, 0.0)
 
 
-RECORDED: Mapping[str, Callable[..., Iterator[Played]]] = {"perturbation": _perturbation, "synchronous": _synchronous}
+RECORDED: Mapping[str, Callable[..., Iterator[Played]]] = {
+    "perturbation": _perturbation,
+    "synchronous": _synchronous,
+    "measured-force": _measured_force,
+}
 """Kinds of tests that are recorded."""
 
 
@@ -210,6 +260,9 @@ def simulate_recordings(
 
     - ``perturbation``: speed_rpm, sweep_rpm (first and last), duration, unbalance, planes, directions
     - ``synchronous``: speed_rpm (first and last), duration, unbalance, planes, hole_zero_deg
+    - ``measured-force``: speed_rpm, sweep_rpm, duration, force, planes, directions (forward, backward, x, y)
+
+    A ``rig.toml`` beside the files says what they do not.
 
     Args:
         model: the rotor.
@@ -236,4 +289,5 @@ def simulate_recordings(
     place.mkdir(parents=True, exist_ok=True)
     rng = np.random.default_rng(seed)
     rig = _Rig(VirtualRig(model, model.vector(params), 0.0, 1e-6, rng), instruments or Instruments(), residual)
+    (place / "rig.toml").write_text(_setup(kind), encoding="utf-8")
     return [record(played, rig.instruments, place, rng) for played in RECORDED[kind](rig, **options)]
