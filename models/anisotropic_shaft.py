@@ -56,6 +56,7 @@ class AnisotropicShaft(RotorModel):
     """
 
     name: ClassVar[str] = "anisotropic-shaft"
+    turns = True
 
     def __init__(self, planes: Sequence[str] = ("disk",), *, torsion: Torsion = "modal") -> None:
         if torsion is not None and torsion not in _TORSION:

@@ -68,6 +68,7 @@ class RotorModel(ABC):
     clearance: float | None = None
     caveats: tuple[str, ...] = ()  # sentences that belong beside the numbers of this model
     shaft: Shaft | None = None  # a structure whose matrices are known
+    turns: bool = False  # free motion (see motion) is written in turning coordinates, each motion with its image
 
     @abstractmethod
     def equation(self, p: Any, speed: Any, eccentricity: Any) -> Sequence[Matrix]:

@@ -88,6 +88,20 @@ def eigenvalues(model: RotorModel, theta: ArrayLike, speed: ArrayLike) -> Comple
     return np.asarray(np.take_along_axis(s, np.argsort(s.imag, axis=-1), axis=-1))
 
 
+def is_image(model: RotorModel, theta: ArrayLike, speed: float, s: complex) -> bool:
+    """Whether an eigenvalue in turning coordinates is that of a motion's image rather than of the motion itself.
+
+    Where motion and image grow together, between the edges of an unstable band, neither is.
+    """
+    if not model.turns:
+        return False
+    coefficients = model.motion(theta, speed)
+    kappa = np.einsum("k,kij->ij", s ** np.arange(model.order + 1), coefficients)
+    shape = np.linalg.svd(kappa)[2][-1]
+    n = shape.size // 2
+    return bool(np.linalg.norm(shape[:n]) < (1 - 1e-6) * np.linalg.norm(shape[n:]))
+
+
 def growth_rate(model: RotorModel, theta: ArrayLike, speed: ArrayLike, band: float = math.inf) -> Float:
     """Largest real part of the eigenvalues with ``|s| <= band``, 1/s; positive means unstable."""
     s = eigenvalues(model, theta, speed)
@@ -165,6 +179,7 @@ def threshold_speed(
     by_speed, by_theta = eigenvalue_gradient(model, theta, onset, critical) if onset > 0 else (1.0, theta * np.nan)
     # With x and y apart the eigenvalues are pairs of either sign: which of them was met first says nothing.
     whirl = critical.imag if model.frame == "z" else abs(critical.imag)
+    whirl += onset if model.turns else 0.0
     return Threshold(onset, whirl, np.asarray(-by_theta.real / complex(by_speed).real))
 
 
@@ -226,6 +241,8 @@ def threshold_speeds(model: RotorModel, theta: ArrayLike, *, band: float = math.
     s = eigenvalues(model, theta[found], onset[found])
     growth = np.where(np.isfinite(s) & (np.abs(s) <= band), s.real, -np.inf)
     whirl[found] = np.take_along_axis(s.imag, growth.argmax(axis=-1)[:, None], axis=-1)[:, 0]
+    if model.turns:
+        whirl[found] += onset[found]
     return onset, whirl
 
 

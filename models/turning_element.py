@@ -51,6 +51,7 @@ class Turning(RotorModel):
         self.base, self.element = base, ends
         self.planes, self.clearance, self.shaft = base.planes, base.clearance, base.shaft
         self.caveats = base.caveats
+        self.turns = base.shaft is None
         self.parameters = (
             *base.parameters,
             Parameter("dKc", "N/m", f"turning anisotropy, dK cos 2g, at {' to '.join(ends)}", scale=1e3),

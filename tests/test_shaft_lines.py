@@ -163,3 +163,36 @@ def round_test():
         run="a", speed=SPEED, frequency=W, force_plane="journal", force=FORCE, plane="journal", direction="z",
         response=response, sigma=1e-8,
     )  # fmt: skip
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".nc"])
+def test_line_tests_are_written_and_read_again(tmp_path, suffix):
+    model = rf.models.AnisotropicShaft()
+    test = line_test(model, VALUES | TORSION, ALL, np.random.default_rng(3), steady=("1x",))
+    rf.write(test, tmp_path / f"lines{suffix}")
+    again = rf.read(tmp_path / f"lines{suffix}")
+    for name in ("run", "force_plane", "plane", "direction", "line"):
+        assert (getattr(again, name) == getattr(test, name)).all()
+    for name in ("speed", "frequency", "force", "response", "sigma"):
+        assert getattr(again, name) == pytest.approx(getattr(test, name), rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "sentence"),
+    [
+        ("sweep,", ",", "is blank"),
+        (",w-Om,", ",w-5Om,", "unknown line of the twist 'w-5Om'"),
+        (",twist,", ",tw,", "'tw' unknown; allowed: z, twist"),
+        ("frequency_rpm", "frequency_xyz", "frequency_rpm"),
+        ("real_um", "real_volts", "real"),
+    ],
+)
+def test_damaged_files_of_lines_are_refused_in_words(tmp_path, old, new, sentence):
+    model = rf.models.AnisotropicShaft()
+    test = line_test(model, VALUES | TORSION, ALL, np.random.default_rng(3))
+    rf.write(test, tmp_path / "lines.csv")
+    text = (tmp_path / "lines.csv").read_text()
+    assert old in text
+    (tmp_path / "bad.csv").write_text(text.replace(old, new, 1))
+    with pytest.raises(ValueError, match=sentence):
+        rf.fit(model, rf.read(tmp_path / "bad.csv"), known={"J": 2e-4})

@@ -141,3 +141,13 @@ def test_elements_and_data_that_make_no_sense_are_refused_in_words():
     test = line_test(CHAIN, CHAIN.vector(VALUES), 1e-7)
     with pytest.raises(ValueError, match="shows in the images at 2 Om - w"):
         rf.fit(CHAIN, perturbation(test))
+
+
+def test_natural_frequencies_are_those_of_the_motion_in_fixed_coordinates():
+    fit = rf.fit(CHAIN, line_test(CHAIN, CHAIN.vector(VALUES), 2e-7))
+    found = [frequency.value for frequency, _ in fit.natural_frequencies(SPEED)]
+    M, _, K, _ = matrices()
+    round_shaft = np.sqrt(np.linalg.eigvals(np.linalg.solve(M, K)).real)
+    # dK^2 moves them by dK^2/(K kappa(2 Om - w)), below 1 %.
+    assert np.sort(found) == pytest.approx(np.sort([*round_shaft, *-round_shaft]), rel=0.02)
+    assert fit.whirl_ratio() == pytest.approx(1.0)  # between the edges it runs away at once per turn

@@ -23,7 +23,7 @@ from rotorfit.fitting.noise_record import Noise
 from rotorfit.fitting.settings import FitSettings
 from rotorfit.models import RotorModel, eigenvalues, threshold_speed
 from rotorfit.models.parameters import unknown_name
-from rotorfit.models.stability import eigenvalue_gradient
+from rotorfit.models.stability import eigenvalue_gradient, is_image
 from rotorfit.units import RPM_PER_RAD_S
 
 if TYPE_CHECKING:
@@ -417,17 +417,19 @@ class FitResult:
         """
         theta = self.theta(at)
         modes = []
-        for s in eigenvalues(self.model, theta, speed):
-            if not np.isfinite(s) or abs(s) > self.stability_band:
+        back = 1j * speed if self.model.turns else 0.0  # from turning coordinates
+        for found in eigenvalues(self.model, theta, speed).tolist():
+            if not np.isfinite(found) or abs(found) > self.stability_band or is_image(self.model, theta, speed, found):
                 continue
-            _, by_theta = eigenvalue_gradient(self.model, theta, speed, complex(s))
+            _, by_theta = eigenvalue_gradient(self.model, theta, speed, found)
+            s = found + back
             size = abs(s)
             # zeta = -Re s / |s|
             slope = -by_theta.real / size + s.real * (s.real * by_theta.real + s.imag * by_theta.imag) / size**3
             modes.append(
                 (
-                    self.propagate(float(s.imag), by_theta.imag, "rad/s", at),
-                    self.propagate(float(-s.real / size), slope, "1", at),
+                    self.propagate(s.imag, by_theta.imag, "rad/s", at),
+                    self.propagate(-s.real / size, slope, "1", at),
                 )
             )
         return modes

@@ -26,6 +26,7 @@ from rotorfit.data.experiments import (
     FORCE_DIRECTIONS,
     DisplacementTest,
     Experiment,
+    LineTest,
     PerturbationTest,
     Text,
     plane_groups,
@@ -35,6 +36,7 @@ from rotorfit.data.synchronous import SPEED_TOLERANCE, group_speeds
 from rotorfit.io.csv_kinds import BUILDERS, columns_of
 from rotorfit.io.csv_table import MOTION, PERTURBATION_COLUMNS, Table, read_table
 from rotorfit.io.left_out import completed, without_empty
+from rotorfit.io.line_csv import line_columns, line_test
 from rotorfit.io.wide import is_wide, renamed, tidy, with_constants
 from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.models.parameters import unknown_name
@@ -91,6 +93,8 @@ def experiment_of(
         ValueError: what is wrong, in which line and column, and what is allowed.
     """
     # A perturbation test may have attributes named like the marks of the others.
+    if {"line", "force_plane", "direction"} <= set(table.cells):
+        return line_test(table, speed_tolerance)
     kinds = _KINDS if {"force_plane", "direction"} & set(table.cells) else (*_KINDS, *BUILDERS)
     build = next((b for mark, b in kinds if any(name.startswith(mark) for name in table.cells)), _perturbation)
     if build in (_perturbation, _displacement):
@@ -362,6 +366,8 @@ def write_csv(experiment: Experiment, path: str | Path) -> None:
         columns = _perturbation_columns(experiment)
     elif isinstance(experiment, DisplacementTest):
         columns = _displacement_columns(experiment)
+    elif isinstance(experiment, LineTest):
+        columns = line_columns(experiment)
     else:
         columns = columns_of(experiment)
     taken = set(columns) & set(experiment.attributes)

@@ -1,0 +1,98 @@
+"""Tidy CSV files of spectral lines: one row is one line of one signal."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotorfit.data.experiments import LineTest
+from rotorfit.data.synchronous import group_speeds
+from rotorfit.models.array_types import Float
+from rotorfit.units import UNITS, si_factor
+
+if TYPE_CHECKING:
+    from rotorfit.io.csv_table import Table
+
+LINE_COLUMNS = (
+    "run, speed_rpm, frequency_rpm, force_plane, force_N, force_phase_deg, plane, direction (z or twist), line (w, "
+    "2Om-w, 1x, w-Om, ...), real_um, imag_um, sigma_um of motion, real_urad, imag_urad, sigma_urad of twist; further "
+    "columns are attributes"
+)
+_PARTS = ("real", "imag", "sigma")
+_TURNS = {"urad": 1e-6, "mrad": 1e-3, "rad": 1.0}
+
+
+def line_test(table: Table, speed_tolerance: float) -> LineTest:
+    """Build a line test; columns: :data:`LINE_COLUMNS`.
+
+    Args:
+        table: the file.
+        speed_tolerance: within which speeds are one, see :func:`rotorfit.read`.
+
+    Raises:
+        ValueError: what is wrong, in which line and column, and what is allowed.
+    """
+    text = [table.text(name) for name in ("run", "force_plane", "plane", "direction", "line")]
+    columns = {
+        "speed": table.one("speed", UNITS["frequency"], "speed_rpm"),
+        "frequency": table.one("frequency", UNITS["frequency"], "frequency_rpm"),
+        "force": table.one("force", UNITS["force"], "force_N"),
+        "phase": table.one("force_phase", UNITS["phase"], "force_phase_deg"),
+    }
+    motion = {part: table.one(part, UNITS["length"], f"{part}_um") for part in _PARTS}
+    twist = {part: table.one(part, _TURNS) for part in _PARTS}
+    table.check_columns(LINE_COLUMNS)
+    run, force_plane, plane, direction, line = (table.words(name) for name in text)
+    wrong = np.flatnonzero(~np.isin(direction, ("z", "twist")))
+    if wrong.size:
+        row = int(wrong[0])
+        raise ValueError(f"{table.where(row, 'direction')}: {direction[row]!r} unknown; allowed: z, twist")
+    v = {name: table.number(column) for name, column in columns.items() if column is not None}
+    parts = {part: _either(table, direction == "twist", motion[part], twist[part], part) for part in _PARTS}
+    return LineTest(
+        run=run, speed=group_speeds(v["speed"], np.zeros(run.size), run, speed_tolerance), frequency=v["frequency"],
+        force_plane=force_plane, force=v["force"] * np.exp(1j * v["phase"]), plane=plane, direction=direction,
+        line=line, response=parts["real"] + 1j * parts["imag"], sigma=parts["sigma"], attributes=table.attributes(),
+        source=table.source,
+    )  # fmt: skip
+
+
+def _either(
+    table: Table,
+    twisting: NDArray[np.bool_],
+    motion: tuple[str, float] | None,
+    twist: tuple[str, float] | None,
+    part: str,
+) -> Float:
+    """A quantity that stands in the column of motion or of twist, each row in its own."""
+    blank = np.full(twisting.size, np.nan)
+    columns = [blank if c is None else table.number(c, blank=True) for c in (motion, twist)]
+    values = np.where(twisting, columns[1], columns[0])
+    if np.isnan(values).any() and part != "sigma":
+        row = int(np.flatnonzero(np.isnan(values))[0])
+        wanted = f"{part}_urad" if twisting[row] else f"{part}_um"
+        raise ValueError(f"{table.source}: line {table.lines[row]} has no {wanted}")
+    return values
+
+
+def line_columns(test: LineTest) -> dict[str, NDArray[Any]]:
+    """Columns of a CSV file by name, in rpm, um, urad, N and degrees.
+
+    Args:
+        test: the lines.
+    """
+    rpm = si_factor("frequency", "rpm")
+    twisting = test.direction == "twist"
+    found: dict[str, NDArray[Any]] = {
+        "run": test.run, "speed_rpm": test.speed / rpm, "frequency_rpm": test.frequency / rpm,
+        "force_plane": test.force_plane, "force_N": np.abs(test.force),
+        "force_phase_deg": np.degrees(np.angle(test.force)), "plane": test.plane, "direction": test.direction,
+        "line": test.line,
+    }  # fmt: skip
+    values = {"real": test.response.real, "imag": test.response.imag, "sigma": test.sigma}
+    for unit, rows in (("um", ~twisting), ("urad", twisting)):
+        if rows.any():
+            found |= {f"{name}_{unit}": np.where(rows, v * 1e6, np.nan) for name, v in values.items()}
+    return found
