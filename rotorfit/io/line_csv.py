@@ -48,7 +48,7 @@ def line_test(table: Table, speed_tolerance: float) -> LineTest:
     wrong = np.flatnonzero(~np.isin(direction, ("z", "twist")))
     if wrong.size:
         row = int(wrong[0])
-        raise ValueError(f"{table.where(row, 'direction')}: {direction[row]!r} unknown; allowed: z, twist")
+        raise ValueError(f"{table.where(row, 'direction')}: {str(direction[row])!r} unknown; allowed: z, twist")
     v = {name: table.number(column) for name, column in columns.items() if column is not None}
     parts = {part: _either(table, direction == "twist", motion[part], twist[part], part) for part in _PARTS}
     return LineTest(
