@@ -4,6 +4,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+import rotorfit as rf
 from rotorfit import datasets  # noqa: F401 - the package has to be importable
 from rotorfit.data.experiments import perturbation_test
 from rotorfit.data.synchronous import DIFFERENCED, difference_synchronous, group_speeds
@@ -164,3 +165,35 @@ def test_speed_groups_do_not_touch_synchronous_runs_and_settle_at_once():
     grouped = group_speeds(speed, frequency, run)
     np.testing.assert_allclose(grouped, [100.2, 100.2, 100.2, 100.0, 100.1, 300.0])
     np.testing.assert_array_equal(group_speeds(grouped, frequency, run), grouped)
+
+
+def test_start_ups_are_compared_with_a_reference_run_without_a_weight() -> None:
+    """Residual unbalance drops out; the reference is sampled at other speeds than the run with the weight."""
+    model = rf.models.TwoDisk()
+    truth = rf.datasets.truth("two_disk")
+    (d11, d12), (d21, d22) = truth["D"]
+    theta = model.vector(
+        {name: truth[name] for name in ("M1", "M2", "K1", "K2", "K3")}
+        | {"D11": d11, "D12": -d12, "D21": -d21, "D22": d22}
+    )
+    parts = []
+    for run, speed, mr in (("trial", np.linspace(60, 200, 90), 2e-5), ("bare", np.linspace(55, 205, 101), 0.0)):
+        H = model.receptance(theta, speed, 0.0)[:, 0, 0]
+        response = H * speed**2 * (mr * np.exp(0.4j) + 6e-5j) + 3e-6
+        parts.append((run, speed, mr * np.exp(0.4j) * speed**2, response))
+    test = rf.perturbation_test(
+        run=np.concatenate([[run] * s.size for run, s, _, _ in parts]),
+        speed=np.concatenate([s for _, s, _, _ in parts]),
+        frequency=np.concatenate([s for _, s, _, _ in parts]),
+        force_plane="inboard",
+        force=np.concatenate([f for _, _, f, _ in parts]),
+        plane="inboard",
+        direction="z",
+        response=np.concatenate([r for _, _, _, r in parts]),
+    )
+    net = rf.difference_synchronous(test)
+    assert net.runs == ("trial minus bare",)
+    assert not (net.force == 0).any()
+    expected = model.receptance(theta, net.speed, 0.0)[:, 0, 0] * net.force
+    # a cubic spline through steps of 1.5 rad/s across a resonance 10 rad/s wide: some 1e-4 of the reference's peak
+    np.testing.assert_allclose(net.response, expected, atol=1e-3 * np.abs(test.response).max())

@@ -65,6 +65,9 @@ def difference_synchronous(test: PerturbationTest) -> PerturbationTest:
     not across gaps. The noise of the difference is ``sqrt(sigma1^2 + sigma2^2)``. Numeric attributes are averaged
     over the pair.
 
+    A start-up without an opposite one is compared with a reference run, one without a weight (force zero), if there is
+    one; several may be compared with the same, whose noise they then share.
+
     Runs without a partner, and readings that only one run of a pair has, stay as they are; the attribute
     :data:`DIFFERENCED` tells them apart. Rows differenced before are left alone, so doing it twice changes nothing.
 
@@ -90,6 +93,15 @@ def difference_synchronous(test: PerturbationTest) -> PerturbationTest:
             if len(part):
                 parts.append(part)
                 left[a] = left[b] = False
+    spent = np.zeros(len(test), dtype=bool)
+    for first, second in _with_reference(test, left & ~done):
+        for a, b in _channels(test, first, second):
+            part = _difference(test.select(a), test.select(b))
+            if len(part):
+                parts.append(part)
+                left[a] = False
+                spent[b] = True
+    left &= ~spent
     if not parts:
         return test
     marked = dict(test.attributes) | {DIFFERENCED: done.astype(float)}
@@ -115,6 +127,18 @@ def _pairs(test: PerturbationTest, rows: NDArray[np.bool_]) -> Iterator[tuple[ND
                 free.remove(other)
                 yield np.array(runs[key]), np.array(runs[other])
                 break
+
+
+def _with_reference(test: PerturbationTest, rows: NDArray[np.bool_]) -> Iterator[tuple[NDArray[Any], NDArray[Any]]]:
+    """Rows of each run with a weight beside those of the first run without one."""
+    bare = rows & (test.force == 0) & (test.speed != 0) & ~test.linear
+    if not bare.any():
+        return
+    reference = np.flatnonzero(bare & (test.run == test.run[np.argmax(bare)]))
+    for run in test.runs:
+        loaded = np.flatnonzero(rows & (test.run == run) & (test.force != 0) & (test.speed != 0) & ~test.linear)
+        if loaded.size:
+            yield loaded, reference
 
 
 def _merge(degrees: list[float]) -> list[float]:
@@ -146,7 +170,10 @@ def _difference(a: PerturbationTest, b: PerturbationTest) -> PerturbationTest:
         a = a.select(inside)
         position = a.speed
         force = _at(position, b.speed, b.force / b.speed**2) * position**2  # m r exp(j delta) hardly varies
-        response = _at(position, b.speed, b.response / b.force, smooth=True) * force
+        # What hardly varies is interpolated: response over force, and of a run without a weight over speed squared.
+        law = b.force if b.force.all() else b.speed**2
+        here = force if b.force.all() else position**2
+        response = _at(position, b.speed, b.response / law, smooth=True) * here
         sigma = _at(position, b.speed, b.sigma).real
     attributes = {name: _shared(values, b, name, position) for name, values in a.attributes.items()}
     runs = [f"{one} minus {two}" for one, two in zip(a.run, [str(b.run[0])] * len(a), strict=True)]
