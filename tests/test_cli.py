@@ -302,7 +302,8 @@ ROW = "a,1000,{},journal,0.1,0,journal,z,12.5,-30\n"
         ("nan.csv", HEAD + ROW.format("nan"), "finite"),
         ("words.csv", HEAD + ROW.format("fast"), "'fast' is not a number"),
         ("binary.csv", "\x00\x01\x02", "binary.csv"),
-        ("rig.xlsx", "PK", "unknown suffix '.xlsx'"),
+        ("rig.xls", "PK", "unknown suffix '.xls'"),
+        ("rig.xlsx", "PK", "not a readable Excel file"),
     ],
 )
 def test_bad_files_are_one_sentence(run: Run, tmp_path: Path, name: str, text: str, expected: str) -> None:
