@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.models.model import RotorModel
+from rotorfit.models.turning import unstable_bands
 
 _SCAN, _SCAN_STEP = 600, 60  # speeds searched for an onset, and how many at once
 _CAME_IN = 1e-6  # growth over frequency at an onset beyond which an eigenvalue did not become unstable there
@@ -153,12 +154,15 @@ def threshold_speed(
     highest, round_off = _limits(model, theta, band)
     max_speed = highest if max_speed is None else max_speed
     speeds = np.geomspace(max_speed * 1e-4, max_speed, _SCAN)
+    if model.turns:  # bands of instability narrower than the steps of the search
+        middles = [(low + high) / 2 for low, high in unstable_bands(model, theta, max_speed)]
+        speeds = np.sort(np.concatenate([speeds, middles]))
 
     def rate(speed: float) -> float:
         return float(growth_rate(model, theta, speed, band)) - round_off
 
     first = -1
-    for start in range(0, _SCAN, _SCAN_STEP):
+    for start in range(0, speeds.size, _SCAN_STEP):
         rates = growth_rate(model, theta, speeds[start : start + _SCAN_STEP], band) - round_off
         if (rates > 0).any():
             first = start + int(np.argmax(rates > 0))
@@ -174,12 +178,13 @@ def threshold_speed(
     s = eigenvalues(model, theta, onset)
     s = s[np.isfinite(s) & (np.abs(s) <= band)]
     critical = complex(s[np.argmax(s.real)])
-    if onset > 0 and critical.real > _CAME_IN * abs(critical):
+    turned = onset if model.turns else 0.0
+    if onset > 0 and critical.real > _CAME_IN * abs(critical + 1j * turned):
         return None  # it entered the band already unstable, so its onset lies beyond
     by_speed, by_theta = eigenvalue_gradient(model, theta, onset, critical) if onset > 0 else (1.0, theta * np.nan)
     # With x and y apart the eigenvalues are pairs of either sign: which of them was met first says nothing.
     whirl = critical.imag if model.frame == "z" else abs(critical.imag)
-    whirl += onset if model.turns else 0.0
+    whirl += turned
     return Threshold(onset, whirl, np.asarray(-by_theta.real / complex(by_speed).real))
 
 

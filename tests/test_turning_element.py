@@ -151,3 +151,13 @@ def test_natural_frequencies_are_those_of_the_motion_in_fixed_coordinates():
     # dK^2 moves them by dK^2/(K kappa(2 Om - w)), below 1 %.
     assert np.sort(found) == pytest.approx(np.sort([*round_shaft, *-round_shaft]), rel=0.02)
     assert fit.whirl_ratio() == pytest.approx(1.0)  # between the edges it runs away at once per turn
+
+
+def test_a_band_narrower_than_the_steps_of_a_search_is_the_threshold():
+    shaft = rf.models.AnisotropicShaft(torsion=None)
+    thin = {"M": 1.0, "D": 1e-3, "K": 4e4, "dKc": 4.0, "dKs": 0.0, "ec": 0.0, "es": 0.0, "Px": 0.0, "Py": 0.0}
+    theta = shaft.vector(thin)
+    onset = rf.models.threshold_speed(shaft, theta)
+    # |K - M Om^2 + j Om D|^2 = dK^2
+    assert onset.speed == pytest.approx(np.sqrt(4e4 - np.sqrt(4.0**2 - (1e-3 * 200.0) ** 2)), rel=1e-6)
+    assert onset.whirl_ratio == pytest.approx(1.0)
