@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from typing import Any, Literal
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,6 +40,16 @@ def check(test: Experiment) -> list[Finding]:
         >>> [finding.code for finding in rf.check(rig) if finding.severity == "error"]
         []
     """
+    if test not in _FOUND:
+        _FOUND[test] = tuple(_check(test))
+    return list(_FOUND[test])
+
+
+_FOUND: WeakKeyDictionary[Experiment, tuple[Finding, ...]] = WeakKeyDictionary()
+"""Findings of the experiments in use, which do not change: every fit of the same data asks for them again."""
+
+
+def _check(test: Experiment) -> list[Finding]:
     findings = list(_numbers(test))
     finite = np.flatnonzero(_finite(test))
     if isinstance(test, PerturbationTest | DisplacementTest) and finite.size:
