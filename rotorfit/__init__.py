@@ -53,6 +53,7 @@ if TYPE_CHECKING:  # `as` tells type checkers that these names are for users
     from rotorfit.recordings.recording import Recording as Recording
     from rotorfit.recordings.recording import read_recording as read_recording
     from rotorfit.recordings.responses import responses as responses
+    from rotorfit.recordings.ring_downs import ring_downs as ring_downs
     from rotorfit.recordings.setup import RigSetup as RigSetup
     from rotorfit.recordings.shaft_lines import shaft_lines as shaft_lines
     from rotorfit.report.campaign import write_campaign_report as write_campaign_report
@@ -102,6 +103,7 @@ _HOME = {
     "Recording": "rotorfit.recordings.recording",
     "read_recording": "rotorfit.recordings.recording",
     "responses": "rotorfit.recordings.responses",
+    "ring_downs": "rotorfit.recordings.ring_downs",
     "RigSetup": "rotorfit.recordings.setup",
     "Refinement": "rotorfit.fitting.refine",
     "one_lam_test": "rotorfit.fitting.refine",

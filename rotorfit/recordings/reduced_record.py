@@ -184,7 +184,7 @@ def reduce_record(record: Recording, drive: AngleTrack, whirl: int) -> ReducedRe
         unit_force=np.asarray((speed**2 - 1j * drive.acceleration(time)) * np.exp(1j * angle)),
         rate=reduced.rate,
         time=time,
-        motion=_motion(record, reduced, part),
+        motion={plane: motion_at(record, reduced, part, plane) for plane in record.planes},
         drive_angle=angle,
         drive_speed=speed,
         shaft_angle=None if shaft is None else shaft.angle(time),
@@ -219,7 +219,7 @@ def reduce_measured(record: Recording) -> tuple[ReducedRecord, str]:
         unit_force=np.asarray(seen - seen.mean(), dtype=complex),
         rate=reduced.rate,
         time=reduced.time[part],
-        motion=_motion(record, reduced, part),
+        motion={plane: motion_at(record, reduced, part, plane) for plane in record.planes},
         drive_angle=np.zeros(0),
         drive_speed=np.zeros(0),
         shaft_angle=None if shaft is None else shaft.angle(reduced.time[part]),
@@ -275,19 +275,22 @@ def _reduced_times(
     return reduced, slice(int(inside[0]), int(inside[0]) + int(prev_fast_len(inside.size)))
 
 
-def _motion(record: Recording, reduced: ReducedRate, part: slice) -> dict[str, ComplexArray]:
-    """Motion of each plane about its mean."""
-    motion = {}
-    for plane in record.planes:
-        probes = [probe for probe in record.probes if probe.plane == plane]
-        along = np.stack([_towards(record, probe, reduced)[part] for probe in probes])
-        along -= along.mean(axis=1, keepdims=True)
-        if len(probes) > 1:
-            x, y = record.resolved(plane, along)
-            motion[plane] = np.asarray(x + 1j * y)
-        else:
-            motion[plane] = along[0].astype(complex)
-    return motion
+def motion_at(record: Recording, reduced: ReducedRate, part: slice, plane: str) -> ComplexArray:
+    """Motion of one plane about its mean: ``x + jy``, or the reading of a single probe in the real part, m.
+
+    Args:
+        record: the recording.
+        reduced: the rate.
+        part: of the samples at that rate.
+        plane: one of the recording's planes.
+    """
+    probes = [probe for probe in record.probes if probe.plane == plane]
+    along = np.stack([_towards(record, probe, reduced)[part] for probe in probes])
+    along -= along.mean(axis=1, keepdims=True)
+    if len(probes) == 1:
+        return np.asarray(along[0], dtype=complex)
+    x, y = record.resolved(plane, along)
+    return np.asarray(x + 1j * y)
 
 
 def _towards(record: Recording, probe: Probe, reduced: ReducedRate) -> Float:

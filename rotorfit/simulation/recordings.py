@@ -213,6 +213,40 @@ def _measured_force(
         )
 
 
+def _impulse(
+    rig: _Rig,
+    *,
+    speed_rpm: ArrayLike = 1500.0,
+    impulse: float = 0.02,
+    plane: str | None = None,
+    blows: int = 4,
+    apart: float = 2.0,
+) -> Iterator[Played]:
+    """Blows of a hammer, half sines of 2 ms."""
+    where = plane or rig.virtual.model.planes[-1]
+    time = rig.instruments.time(apart * (blows + 1))
+    at, length = apart * np.arange(1, blows + 1), 2e-3
+
+    def force(t: Float) -> ComplexArray:
+        into = (t[:, None] - at) / length
+        pulse = np.where((into > 0) & (into < 1), np.sin(np.pi * into), 0.0).sum(axis=1)
+        return np.asarray(impulse * np.pi / (2 * length) * pulse, dtype=complex)
+
+    for rpm in np.atleast_1d(np.asarray(speed_rpm, dtype=float)).tolist():
+        rig.virtual.decay(rpm * RPM)
+        speed = partial(_steady, rpm * RPM)
+        yield Played(
+            name=f"{where}-blows-{rpm:g}",
+            motion=rig.path(speed, force, where, time.size),
+            shaft=wandering_angle(time, rpm * RPM, rig.instruments.wander, rig.rng),
+            attributes={"speed_rpm": rpm},
+        )
+
+
+def _steady(speed: float, t: Float) -> Float:
+    return np.full(np.shape(t), speed)
+
+
 FORCE_SENSITIVITY = 0.1
 """Of the channels of a measured force, V/N."""
 _ACTS: Mapping[str, Callable[[float, Sweep, Float], ComplexArray]] = {
@@ -239,6 +273,7 @@ RECORDED: Mapping[str, Callable[..., Iterator[Played]]] = {
     "perturbation": _perturbation,
     "synchronous": _synchronous,
     "measured-force": _measured_force,
+    "impulse": _impulse,
 }
 """Kinds of tests that are recorded."""
 
@@ -261,6 +296,7 @@ def simulate_recordings(
     - ``perturbation``: speed_rpm, sweep_rpm (first and last), duration, unbalance, planes, directions
     - ``synchronous``: speed_rpm (first and last), duration, unbalance, planes, hole_zero_deg
     - ``measured-force``: speed_rpm, sweep_rpm, duration, force, planes, directions (forward, backward, x, y)
+    - ``impulse``: speed_rpm, impulse (N s), plane, blows, apart (s)
 
     A ``rig.toml`` beside the files says what they do not.
 
