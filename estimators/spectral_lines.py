@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -53,20 +55,54 @@ def mains_hum(signal: Float, rate: float, harmonics: int = 5) -> list[tuple[floa
     Returns:
         frequency (Hz) and amplitude (0-peak, in the unit of the signal) of each line found.
     """
+    places = [(order * mains, order * 0.05) for mains in (50.0, 60.0) for order in range(1, harmonics + 1, 2)]
+    # the mains' frequency wanders by some hundredths of a hertz
+    return [line for line in _standing_out(signal, rate, places) if line is not None]
+
+
+def folded_orders(signal: Float, rate: float, turning: float, spread: float) -> list[tuple[int, float, float]]:
+    """Orders of a shaft above half the sampling rate that stand where sampling folds them to.
+
+    Only up to the sixtieth order and once folded, and not where the place is that of another order.
+
+    Args:
+        signal: shape ``(N,)``.
+        rate: samples a second, Hz.
+        turning: speed of the shaft, Hz, steady.
+        spread: how far it wanders to either side, Hz.
+
+    Returns:
+        order, frequency of the line (Hz) and amplitude of each found.
+    """
+    orders = [n for n in range(int(rate / 2 / turning) + 1, 61) if n * turning < 0.98 * rate]
+    margin = 8 * rate / signal.size
+    orders = [n for n in orders if _off_orders(rate - n * turning, turning) > margin + 2 * n * spread]
+    found = _standing_out(signal, rate, [(rate - n * turning, n * spread) for n in orders])
+    return [(n, *line) for n, line in zip(orders, found, strict=True) if line is not None]
+
+
+def _off_orders(frequency: float, turning: float) -> float:
+    """Distance of a frequency from the nearest multiple of another, in its unit."""
+    return abs(frequency - turning * round(frequency / turning))
+
+
+def _standing_out(
+    signal: Float, rate: float, places: Sequence[tuple[float, float]]
+) -> list[tuple[float, float] | None]:
+    """Frequency and amplitude of the line at each place, a frequency and how far the line may be off (Hz); or None."""
     window = np.hanning(signal.size)
     spectrum = np.abs(np.fft.rfft((signal - signal.mean()) * window)) / (window.sum() / 2)
     step = rate / signal.size
-    found = []
-    for mains in (50.0, 60.0):
-        for order in range(1, harmonics + 1, 2):
-            at = round(order * mains / step)
-            wide = max(3, round(order * 0.05 / step))  # the mains' frequency wanders by some hundredths of a hertz
-            if at - wide - _AROUND < 1 or at + wide + _AROUND >= spectrum.size:
-                continue
-            peak = at - wide + int(np.argmax(spectrum[at - wide : at + wide + 1]))
-            around = np.concatenate([spectrum[at - wide - _AROUND : at - wide], spectrum[at + wide + 1 :][:_AROUND]])
-            if spectrum[peak] ** 2 > _STANDS_OUT * np.median(around**2):
-                found.append((peak * step, float(spectrum[peak])))
+    found: list[tuple[float, float] | None] = []
+    for frequency, off in places:
+        at, wide = round(frequency / step), max(3, round(off / step))
+        if at - wide - _AROUND < 1 or at + wide + _AROUND >= spectrum.size:
+            found.append(None)
+            continue
+        peak = at - wide + int(np.argmax(spectrum[at - wide : at + wide + 1]))
+        around = np.concatenate([spectrum[at - wide - _AROUND : at - wide], spectrum[at + wide + 1 :][:_AROUND]])
+        out = spectrum[peak] ** 2 > _STANDS_OUT * np.median(around**2)
+        found.append((peak * step, float(spectrum[peak])) if out else None)
     return found
 
 

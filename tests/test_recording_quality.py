@@ -72,6 +72,21 @@ def test_mains_hum_is_said_with_its_frequency(tmp_path: Path) -> None:
     assert "50 Hz, seen in disk_X, disk_Y with up to 1" in found["hum"]
 
 
+def test_an_order_above_half_the_sampling_rate_is_named_where_it_folds_to(tmp_path: Path) -> None:
+    """Sampled at 800 Hz, order 25 of a shaft at 20.3 Hz, 507.5 Hz, appears at 292.5 Hz."""
+    rate, turning = 800.0, 20.3
+    t = np.arange(8 * 800) / rate
+    angle = 2 * np.pi * turning * t
+    for size, expected in ((0.0, set()), (1e-6, {"aliasing"})):
+        z = 30e-6 * np.exp(1j * angle) + size * np.exp(25j * angle)
+        noise = 3e-3 * np.random.default_rng(1).normal(size=(2, t.size))
+        channels = {"disk_X": -10 + 7870 * z.real + noise[0], "disk_Y": -10 + 7870 * z.imag + noise[1]}
+        channels["keyphasor_shaft"] = notch(angle)
+        found = codes(tmp_path, channels, sample_rate_hz=rate, speed_rpm=turning * 60)
+        assert set(found) == expected
+    assert "line at 292.50 Hz in disk_X, disk_Y is order 25" in found["aliasing"]
+
+
 def test_missing_and_double_pulses_are_said_by_time_and_the_angle_holds(tmp_path: Path) -> None:
     channels = volts()
     t = np.arange(channels["disk_X"].size) / RATE

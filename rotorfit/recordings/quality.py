@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotorfit.data.findings import Finding, listed
-from rotorfit.estimators.spectral_lines import mains_hum, turning_power
+from rotorfit.estimators.spectral_lines import folded_orders, mains_hum, turning_power
 from rotorfit.recordings.angle_track import AngleTrack
 from rotorfit.recordings.setup import Probe
 from rotorfit.recordings.signals import Signals
@@ -284,6 +284,33 @@ def hum_findings(record: Signals, shaft: AngleTrack | None) -> Iterator[Finding]
             "warning", "hum",
             f"{record.name}: mains hum at {frequency:g} Hz, seen in {listed([name for name, _ in seen])} with up to "
             f"{abs(worst) * 1e6:.3g} µm: lines of the response at that frequency are spoiled.",
+        )  # fmt: skip
+
+
+def folding_findings(record: Signals, shaft: AngleTrack) -> Iterator[Finding]:
+    """Orders of a steady shaft above half the sampling rate that appear at another frequency.
+
+    Args:
+        record: the recording.
+        shaft: its angle.
+    """
+    size = min(record.size, _LOOKED_AT)
+    speeds = np.abs(shaft.speed(np.linspace(shaft.begin, min(size / record.sample_rate, shaft.end), 50))) / (2 * np.pi)
+    turning, spread = float(speeds.mean()), float(np.ptp(speeds)) / 2
+    if turning <= 0 or spread > 1e-3 * turning or 60 * turning < record.sample_rate / 2:
+        return
+    seen: dict[int, list[tuple[str, float]]] = {}
+    for probe in record.probes:
+        for order, frequency, _ in folded_orders(
+            record.displacement(probe, 0, size), record.sample_rate, turning, spread
+        ):
+            seen.setdefault(order, []).append((probe.channel, frequency))
+    for order, lines in seen.items():
+        yield Finding(
+            "warning", "aliasing",
+            f"{record.name}: the line at {lines[0][1]:.2f} Hz in {listed([name for name, _ in lines])} is order "
+            f"{order} of the shaft ({order * turning:.1f} Hz) folded by sampling at {record.sample_rate:g} Hz: measure with an "
+            "anti-aliasing filter or sample faster.",
         )  # fmt: skip
 
 

@@ -20,6 +20,7 @@ from rotorfit.recordings.files import open_raw
 from rotorfit.recordings.quality import (
     ChannelStatistics,
     direction_findings,
+    folding_findings,
     hum_findings,
     probe_findings,
     speed_findings,
@@ -101,7 +102,7 @@ class Recording(Signals):
         shaft = None if self.rig.shaft is None else self._shaft
         perturbator = self.perturbator_angle()
         found += [finding for angle in (shaft, perturbator) if angle is not None for finding in angle.findings]
-        found += [] if shaft is None else speed_findings(self, shaft)
+        found += [] if shaft is None else [*speed_findings(self, shaft), *folding_findings(self, shaft)]
         found += probe_findings(self, self.statistics)
         found += direction_findings(self, shaft, perturbator)
         found += hum_findings(self, shaft)
