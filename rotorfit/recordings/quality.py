@@ -309,7 +309,7 @@ def folding_findings(record: Signals, shaft: AngleTrack) -> Iterator[Finding]:
         yield Finding(
             "warning", "aliasing",
             f"{record.name}: the line at {lines[0][1]:.2f} Hz in {listed([name for name, _ in lines])} is order "
-            f"{order} of the shaft ({order * turning:.1f} Hz) folded by sampling at {record.sample_rate:g} Hz: measure with an "
+            f"{order} of the shaft ({order * turning:.1f} Hz) folded by sampling at {record.sample_rate:g} Hz: use an "
             "anti-aliasing filter or sample faster.",
         )  # fmt: skip
 
