@@ -99,7 +99,7 @@ class World:
 
 
 DEGREE = np.pi / 180
-BETWEEN = {"constant": 0.005}
+BETWEEN = {"constant": 0.0035}
 WORLDS: dict[str, World] = {
     "ideal: constant noise, told": World(constant=0.005, told=True, ideal=True),
     "ideal: constant noise, x and y": World(constant=0.005, ideal=True),

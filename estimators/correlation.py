@@ -45,8 +45,8 @@ def memory(r: ComplexArray, own: ComplexArray, outer: Float, sweeps: Sequence[In
     power = float(np.mean(np.abs(r) ** 2)) / 2
     total = float(sum(np.sum(np.abs(r[rows]) ** 2) for rows in sweeps))
     # A fit takes its share of every reading and makes neighbours oppose one another a little.
-    share = np.concatenate([_paired(own[rows], own[rows], outer) for rows in sweeps]) if sweeps else np.zeros(0)
-    total += power * float(share.sum())
+    moved = own @ outer
+    total += power * sum(_paired(moved[rows], own[rows]) for rows in sweeps)
     found: list[float] = []
     z = 0.0
     for lag in range(1, max(1, min(_LAGS, shortest // 3)) + 1):
@@ -54,7 +54,7 @@ def memory(r: ComplexArray, own: ComplexArray, outer: Float, sweeps: Sequence[In
         for rows in sweeps:
             if rows.size > lag:
                 products.append((r[rows[lag:]] * r[rows[:-lag]].conj()).real)
-                brought += float(_paired(own[rows[lag:]], own[rows[:-lag]], outer).sum())
+                brought += _paired(moved[rows[lag:]], own[rows[:-lag]])
         product = np.concatenate(products) if products else np.zeros(1)
         amount = float(product.sum()) + power * brought
         chance = float(np.sqrt(np.sum(product**2)))
@@ -67,9 +67,9 @@ def memory(r: ComplexArray, own: ComplexArray, outer: Float, sweeps: Sequence[In
     return Memory(first=found[0] if found else 0.0, z=z, lags=tuple(found) if z > 2 else ())
 
 
-def _paired(a: ComplexArray, b: ComplexArray, outer: Float) -> Float:
-    """Covariance, over the noise's variance, that a fit brings between readings; real and imaginary part together."""
-    return np.asarray(np.einsum("rp,pq,rq->r", a, outer, b.conj()).real)
+def _paired(moved: ComplexArray, own: ComplexArray) -> float:
+    """Covariance, over the noise's variance, that a fit brings between pairs of readings, in sum."""
+    return float(np.vdot(own, moved).real)
 
 
 def scatter(own: ComplexArray, sweeps: Sequence[Index], lags: Sequence[float]) -> Float:

@@ -110,8 +110,21 @@ def _local_variances(w: Float, y: ComplexArray, poles: int) -> Float:
     return np.asarray(np.sum(np.abs(miss) ** 2, axis=1) / (2 * (w.shape[1] - basis.shape[2])))
 
 
+def deviations_of_repeats(sweeps: ComplexArray) -> ComplexArray:
+    """Samples of the noise from repeated sweeps, of its own size, shape ``(n_repeats, L)``.
+
+    Each sweep's gain and phase against the mean are taken out: a force or a mark that is set anew is no noise.
+    """
+    mean = sweeps.mean(axis=0)
+    count, lines = sweeps.shape
+    if lines < 3:  # nothing would be left
+        return np.asarray((sweeps - mean) * np.sqrt(count / (count - 1)))
+    power = float(np.sum(np.abs(mean) ** 2))
+    factor = sweeps @ mean.conj() / power if power > 0 else np.ones(len(sweeps))
+    left = sweeps - factor[:, None] * mean
+    return np.asarray(left * np.sqrt(count * lines / ((count - 1) * (lines - 1))))
+
+
 def noise_from_repeats(sweeps: ComplexArray) -> float:
     """Standard deviation of real and imaginary part from repeated sweeps, shape ``(n_repeats, L)``, pooled."""
-    deviation = sweeps - sweeps.mean(axis=0)
-    freedom = 2 * (sweeps.shape[0] - 1) * sweeps.shape[1]
-    return float(np.sqrt(np.sum(np.abs(deviation) ** 2) / freedom))
+    return float(np.sqrt(np.mean(np.abs(deviations_of_repeats(sweeps)) ** 2) / 2))

@@ -37,12 +37,14 @@ class Shape:
         a: constant part, in units of the readings.
         b: part that is proportional to the prediction.
         log_likelihood: restricted, up to a constant of the readings.
+        along: what ``size2`` is of, in words.
     """
 
     rows: Index
     a: float
     b: float
     log_likelihood: float
+    along: str
 
     def variance(self, size2: Float) -> Float:
         """Variance of the real and of the imaginary part at squared amplitudes of all readings, shape ``(R,)``."""
@@ -60,7 +62,7 @@ def likelihood(power: Float, weight: Float, variance: Float) -> float:
     return -float(np.sum(weight * (np.log(variance) + power / variance)))
 
 
-def fit_shape(rows: Index, power: Float, weight: Float, size2: Float) -> Shape:
+def fit_shape(rows: Index, power: Float, weight: Float, size2: Float, *, along: str = "") -> Shape:
     """Constant and proportional noise of a group by restricted likelihood.
 
     For a given ratio of the two, the level has a closed form; the ratio is looked for on a grid, which no start can
@@ -69,7 +71,8 @@ def fit_shape(rows: Index, power: Float, weight: Float, size2: Float) -> Shape:
     Args:
         rows: readings of the group.
         power, weight: see :func:`likelihood`, of all readings, shape ``(R,)``.
-        size2: squared modulus of all predictions, shape ``(R,)``.
+        size2: square of what the noise may grow with, the modulus of predictions for one, shape ``(R,)``.
+        along: that in words.
     """
     p, w, q = power[rows], weight[rows], size2[rows]
     mean = float(np.mean(q))
@@ -100,20 +103,21 @@ def fit_shape(rows: Index, power: Float, weight: Float, size2: Float) -> Shape:
         a=float(np.sqrt((1 - share) * own)),
         b=float(np.sqrt(proportional)),
         log_likelihood=float(found[best]),
+        along=along,
     )
 
 
-def fit_shapes(sweeps: Sequence[Index], power: Float, weight: Float, size2: Float) -> list[Shape]:
+def fit_shapes(sweeps: Sequence[Index], power: Float, weight: Float, size2: Float, *, along: str = "") -> list[Shape]:
     """Noise of sweeps of one probe: one for all, or one each where the data refuse to pool them.
 
     Args:
         sweeps: readings of each sweep.
-        power, weight, size2: see :func:`fit_shape`.
+        power, weight, size2, along: see :func:`fit_shape`.
     """
-    pooled = fit_shape(np.concatenate(sweeps), power, weight, size2)
+    pooled = fit_shape(np.concatenate(sweeps), power, weight, size2, along=along)
     if len(sweeps) == 1 or min(rows.size for rows in sweeps) < _FEWEST:
         return [pooled]
-    apart = [fit_shape(rows, power, weight, size2) for rows in sweeps]
+    apart = [fit_shape(rows, power, weight, size2, along=along) for rows in sweeps]
     gain = 2 * (sum(shape.log_likelihood for shape in apart) - pooled.log_likelihood)
     # 2 gammainccinv(k/2, p) is the point that chi-squared with k degrees of freedom exceeds with probability p.
     return apart if gain > 2 * gammainccinv(len(sweeps) - 1, _POOLED) else [pooled]

@@ -181,9 +181,9 @@ class Solved:
     def leverage(self, J: ComplexArray, Z: ComplexArray, runs: Sequence[Index]) -> Float:
         """Share of each reading that its own fit follows, mean of real and imaginary part, shape ``(R,)``."""
         own = self.projected(J, Z, runs)
-        found = np.einsum("rp,pq,rq->r", own, self.outer, own.conj()).real
+        found = np.sum(own @ self.outer * own.conj(), axis=1).real
         for rows, inner in zip(runs, self.inner, strict=True):
-            found[rows] += np.einsum("rk,kl,rl->r", Z[rows], inner, Z[rows].conj()).real
+            found[rows] += np.sum(Z[rows] @ inner * Z[rows].conj(), axis=1).real
         return np.asarray(found / 2)
 
 
@@ -248,13 +248,13 @@ def _one(model: MixedModel, variance: Float, kind: int) -> Float:
     most = np.log(_LARGEST)
     if least >= most:
         return variance
-    grid = np.linspace(least, most, 9)
+    grid = np.linspace(least, most, 7)
     values = [model.log_likelihood(at(v)) for v in grid]
     best = int(np.argmax(values))
     if best == 0:
         return variance
     found = minimize_scalar(
-        lambda v: -model.log_likelihood(at(v)), bounds=(grid[best - 1], grid[min(best + 1, 8)]), method="bounded",
+        lambda v: -model.log_likelihood(at(v)), bounds=(grid[best - 1], grid[min(best + 1, 6)]), method="bounded",
         options={"xatol": 0.02},
     )  # fmt: skip
     return at(float(found.x))

@@ -12,7 +12,7 @@ from rotorfit.checks.checklist import check
 from rotorfit.data.experiments import Experiment
 from rotorfit.estimators.closed_form import ClosedFormError
 from rotorfit.estimators.closed_form import closed_form as solve_closed_form
-from rotorfit.estimators.least_squares import Options, Solution, minimise
+from rotorfit.estimators.least_squares import Options, Solution, Status, minimise
 from rotorfit.estimators.losses import Loss
 from rotorfit.estimators.problem import Problem
 from rotorfit.estimators.shaft_line_starts import has_lines
@@ -88,7 +88,9 @@ def fit(
     solution = _solve(problem, begin, Options(max_iterations=max_iterations))
     notes = (*data_errors(as_tuple(experiments)), *notes)
     noise = None
-    finding = study_noise(problem, solution.x) if loss == "linear" and solution.success else None
+    singular = solution.status is Status.SINGULAR  # a minimum along a whole line is one
+    studied = loss == "linear" and (solution.success or singular)
+    finding = study_noise(problem, solution.x, singular=singular) if studied else None
     if finding is not None:
         noise = finding.record
     if finding is not None and finding.found is not None:

@@ -18,7 +18,7 @@ import numpy as np
 from rotorfit.estimators.atomic_file import whole_file
 from rotorfit.estimators.problem import Problem
 from rotorfit.fitting.json_values import UserDefinedError, decode, encode
-from rotorfit.fitting.noise_problem import without_noise
+from rotorfit.fitting.noise_problem import estimate_before, without_noise
 from rotorfit.fitting.noise_record import is_run_effect
 from rotorfit.fitting.problem_setup import build_problem, with_levels
 from rotorfit.fitting.result import FitResult
@@ -153,7 +153,8 @@ def _check(fit: FitResult, problem: Problem, what: str) -> None:
         raise ValueError(f"{what} has fitted {', '.join(fitted)}, but its settings make {', '.join(names)}")
     given = problem if fit.settings.noise is None else without_noise(problem, fit.settings.noise)
     given = with_levels(given, fit.settings.levels, -1)
-    chisqr = float(np.sum(np.abs(given.residuals(fit.x[: given.space.size])) ** 2))
+    before = estimate_before(fit.settings.noise, fit.x, given.space.size)
+    chisqr = float(np.sum(np.abs(given.residuals(before)) ** 2))
     if not np.isclose(chisqr, fit.chisqr, rtol=_AGREEMENT, atol=1e-12 * problem.n_data):
         raise ValueError(
             f"{what} has chi-squared {fit.chisqr:.9g}, but its model, data and settings give {chisqr:.9g}: the problem "

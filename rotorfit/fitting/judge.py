@@ -19,7 +19,7 @@ from rotorfit.estimators.parameter_space import DATUM
 from rotorfit.estimators.problem import Problem
 from rotorfit.fitting.calibration import NUISANCE_KINDS
 from rotorfit.fitting.noise_judging import MODEL_LIMITED, as_residuals_ask, is_misfit, noise_warnings, with_shares
-from rotorfit.fitting.noise_problem import without_noise
+from rotorfit.fitting.noise_problem import estimate_before, without_noise
 from rotorfit.fitting.noise_record import Noise, NoiseVerdict, is_run_effect
 from rotorfit.fitting.problem_setup import with_levels
 from rotorfit.fitting.result import FitResult, FittedParameter, ResponseQuality
@@ -71,7 +71,8 @@ def judge(
     given = problem if settings.noise is None else without_noise(problem, settings.noise)
     given = with_levels(given, settings.levels, -1)  # goodness of fit refers to the noise of the data
     count = given.space.size
-    whitened = residuals if given is problem else given.residuals(x[:count])
+    before = estimate_before(settings.noise, x, count)
+    whitened = residuals if given is problem else given.residuals(before)
     # A nuisance entry with a prior brings the datum that pays for it.
     paid = sum(prior.entry >= len(space.names) for prior in given.priors)
     chisqr, nfree = float(np.sum(np.abs(whitened) ** 2)), problem.n_data - count + paid
@@ -124,7 +125,7 @@ def judge(
         success=success,
         message=solution.message if solution is not None else "closed form, no iteration",
         nfev=solution.n_evaluations if solution is not None else 0,
-        responses=_qualities(given, x[:count]),
+        responses=_qualities(given, before),
         identifiability=verdict,
         warnings=tuple(warnings),
         noise=noise,

@@ -36,8 +36,14 @@ class Finding:
     start: dict[str, float]
 
 
-def study_noise(problem: Problem, x: Float) -> Finding | None:
-    """Tell noise, differences of runs and misfit apart at the optimum of a linear loss; nothing for other data."""
+def study_noise(problem: Problem, x: Float, *, singular: bool = False) -> Finding | None:
+    """Tell noise, differences of runs and misfit apart at the optimum of a linear loss; nothing for other data.
+
+    Args:
+        problem: what was solved.
+        x: its solution, shape ``(p,)``.
+        singular: the optimum is a whole line, along which no step means anything.
+    """
     data = residuals_of(problem, x)
     if data is None or not data.sweeps:
         return None
@@ -57,9 +63,11 @@ def study_noise(problem: Problem, x: Float) -> Finding | None:
         )
     )
     changed = bool(effects) or search.verdict is NoiseVerdict.SHAPED
-    found = FoundNoise(factors=_by_block(problem, search.sigma / data.sigma), effects=effects) if changed else None
+    factors = _by_block(problem, search.sigma / data.sigma)
+    found = FoundNoise(factors=factors, effects=effects, before=x) if changed else None
     names = (*problem.space.names, *problem.space.nuisance)
-    start = {names[entry]: float(x[entry] + step) for entry, step in zip(data.kept, search.solved.step, strict=True)}
+    steps = np.zeros(data.kept.size) if singular else search.solved.step
+    start = {names[entry]: float(x[entry] + step) for entry, step in zip(data.kept, steps, strict=True)}
     for effect in effects:
         kind = data.kinds.index("run_phase" if effect.kind == "phase" else effect.kind)
         own = search.solved.own[:, search.chosen.index(kind)]
@@ -132,7 +140,12 @@ _WORDS = {
 def _levels(problem: Problem, search: Search) -> tuple[ResponseNoise, ...]:
     labels = np.concatenate([np.array(block.labels)[block.label] for block in problem.blocks])
     return tuple(
-        ResponseNoise(responses=tuple(dict.fromkeys(labels[shape.rows].tolist())), constant=shape.a, share=shape.b)
+        ResponseNoise(
+            responses=tuple(dict.fromkeys(labels[shape.rows].tolist())),
+            constant=shape.a,
+            share=shape.b,
+            along=shape.along,
+        )
         for shape in search.shapes
     )
 

@@ -10,6 +10,7 @@ import numpy as np
 from rotorfit.estimators.priors import Prior
 from rotorfit.estimators.problem import Problem
 from rotorfit.fitting.noise_record import RUN_KINDS, FoundNoise
+from rotorfit.models.array_types import Float
 
 
 def with_noise(problem: Problem, noise: FoundNoise) -> Problem:
@@ -47,6 +48,17 @@ def normal(sd: float) -> Any:
     from scipy.stats import norm
 
     return norm(0.0, sd)
+
+
+def estimate_before(noise: FoundNoise | None, x: Float, count: int) -> Float:
+    """The estimate that goodness of fit refers to, shape ``(count,)``.
+
+    Args:
+        noise: what a fit found.
+        x: its own estimate, shape ``(p,)``.
+        count: size of the problem without that noise; another one, of a calibration, has no estimate of its own.
+    """
+    return noise.before if noise is not None and noise.before.size == count else x[:count]
 
 
 def without_noise(problem: Problem, noise: FoundNoise) -> Problem:

@@ -68,10 +68,12 @@ class FoundNoise:
     Attributes:
         factors: for each block, factor on the noise of its readings as given or found in the data, shape ``(R,)``.
         effects: what differs from run to run.
+        before: the estimate that the noise of the data alone gave, to which goodness of fit refers.
     """
 
     factors: tuple[Float, ...]
     effects: tuple[RunEffect, ...] = ()
+    before: Float
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -81,12 +83,14 @@ class ResponseNoise:
     Attributes:
         responses: their names.
         constant: in the unit of the readings.
-        share: relative to the response.
+        share: relative to the response, or to what ``along`` says.
+        along: what the share is of.
     """
 
     responses: tuple[str, ...]
     constant: float
     share: float
+    along: str
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -31,6 +31,7 @@ _GAIN = 12.0
 """Twice the gain in log likelihood, for each probe, from which noise by residuals replaces that of the data alone."""
 _AGREES = 1.5
 """Squared residuals over those of the noise up to which the two are of one size."""
+RESPONSE, SPEED = "of the response", "of the speed, as it moves the response"
 _MOST_RUNS = 200
 _FEWEST = 3  # readings of a run that can tell something of it
 _FLUID = ("K0", "D", "lam", "lam_D")
@@ -71,9 +72,12 @@ class Residuals:
         return [sweep for sweeps in self.channels for sweep in sweeps]
 
     @property
-    def size2(self) -> Float:
-        """Squared modulus of the predictions."""
-        return np.asarray(np.abs(self.y) ** 2)
+    def along(self) -> dict[str, Float]:
+        """Squares of what noise may grow with: the response, as by a force that jitters, or its change by the speed."""
+        found = {RESPONSE: np.asarray(np.abs(self.y) ** 2)}
+        if "run_lam" in self.kinds:
+            found[SPEED] = np.asarray(np.abs(self.Z[:, self.kinds.index("run_lam")] * self.sigma) ** 2)
+        return found
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -212,12 +216,19 @@ def _leave(data: Residuals, sigma: Float, kinds: Sequence[int], variance: Float)
     return _Left(solved=solved, left=left, own=own, power=power, weight=weight)
 
 
-def _shapes(data: Residuals, found: _Left) -> tuple[list[Shape], Float]:
+def _shapes(data: Residuals, found: _Left, along: dict[str, Float]) -> tuple[list[Shape], Float]:
     """Noise of all probes by restricted likelihood, and sigma of each reading."""
-    shapes = [shape for sweeps in data.channels for shape in fit_shapes(sweeps, found.power, found.weight, data.size2)]
+    shapes: list[Shape] = []
+    for sweeps in data.channels:
+        trials = {
+            name: fit_shapes(sweeps, found.power, found.weight, size2, along=name) for name, size2 in along.items()
+        }
+        gains = {name: sum(shape.log_likelihood for shape in trial) for name, trial in trials.items()}
+        best = max(gains, key=lambda name: gains[name])
+        shapes += trials[best if 2 * (gains[best] - gains[RESPONSE]) > _GAIN else RESPONSE]
     sigma = np.empty(data.r.size)
     for shape in shapes:
-        sigma[shape.rows] = np.sqrt(shape.variance(data.size2))
+        sigma[shape.rows] = np.sqrt(shape.variance(along[shape.along]))
     return shapes, sigma
 
 
@@ -264,14 +275,15 @@ def search_noise(data: Residuals, *, forced: Sequence[int] = ()) -> Search:
     if data.kinds:
         within = _leave(data, data.sigma, range(data.free), np.full(data.free, np.inf))
         sigma = _taken(data, within)
-        model = _model(data, sigma * _slow(data, within, sigma))
-        variance = select_effects(model, level=_SURE, forced=forced)
+        slow = _slow(data, within, sigma)
+        if slow == 1 or within.redchi(data.sigma) < _AGREES:  # else the model misses within every run
+            variance = select_effects(_model(data, sigma * slow), level=_SURE, forced=forced)
     chosen = np.flatnonzero(variance).tolist()
     found = _leave(data, data.sigma, chosen, variance[chosen])
     for _ in range(2):
         sigma = _taken(data, found)
         found = _leave(data, sigma, chosen, variance[chosen])
-    shapes, other = _shapes(data, found)
+    shapes, other = _shapes(data, found, data.along)
     remembered = memory(found.left, found.own, found.solved.outer, data.sweeps)
     follows = remembered.first > _SHORT and remembered.z > _CLEARLY
     ratio = found.redchi(data.sigma)
@@ -287,7 +299,9 @@ def search_noise(data: Residuals, *, forced: Sequence[int] = ()) -> Search:
         other = data.sigma * (np.sqrt(max(1.0, ratio)) if chosen else 1.0)
         shapes = []
     if verdict is NoiseVerdict.MISFIT:
-        variance, chosen = np.zeros_like(variance), []
+        variance, chosen = np.zeros_like(variance), []  # what runs seem to differ by may be the model's
+        found = _leave(data, sigma, chosen, variance[chosen])
+        remembered = memory(found.left, found.own, found.solved.outer, data.sweeps)
     freedom = _model(data, other).part(chosen).freedom(variance[chosen]) if chosen else np.zeros(0)
     return Search(
         data=data, verdict=verdict, memory=remembered, shapes=shapes, sigma=other, variance=variance, freedom=freedom,
@@ -299,7 +313,7 @@ def _taken(data: Residuals, found: _Left) -> Float:
     """Noise by which readings are weighed on the way: as told, but not less than residuals ask; else by their shape."""
     if data.told:
         return np.asarray(data.sigma * np.sqrt(max(1.0, found.redchi(data.sigma))))
-    return _shapes(data, found)[1]
+    return _shapes(data, found, {RESPONSE: data.along[RESPONSE]})[1]
 
 
 def _slow(data: Residuals, within: _Left, sigma: Float) -> float:

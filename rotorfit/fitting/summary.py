@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from rotorfit.fitting.result import FitResult, FittedParameter
 
 _NOTABLE_CORRELATION = 0.9
+_FEW = 15  # degrees of freedom below which 1.96 standard errors are well short of a 95 % interval
 
 
 _MEANT: dict[str, tuple[str, Callable[[float, float], tuple[float, float, float]]]] = {
@@ -78,8 +79,14 @@ def noise_lines(fit: FitResult) -> list[str]:
     for level in noise.levels:
         more = f" and {len(level.responses) - 3} more" if level.responses[3:] else ""
         where = ", ".join(level.responses[:3]) + more
-        lines.append(f"  {where}: {level.constant:.2g} (rms), and {100 * level.share:.2g} % of the response")
-    return lines + [f"  {sentence}" for sentence in noise.sentences if sentence not in fit.warnings]
+        lines.append(f"  {where}: {level.constant:.2g} (rms), and {100 * level.share:.2g} % {level.along}")
+    lines += [f"  {sentence}" for sentence in noise.sentences if sentence not in fit.warnings]
+    few = [p for p in fit.params.values() if p.vary and p.resolved and p.freedom < _FEW]
+    for p in few:
+        low, high = p.interval(0.95)
+        how = f"(Student's t, {p.freedom:.2g} degrees of freedom)"
+        lines.append(f"  {p.name}: 95 % interval {low:.6g} to {high:.6g} {p.unit} {how}")
+    return lines
 
 
 def parameter_table(fit: FitResult) -> list[str]:

@@ -288,8 +288,20 @@ def _assemble(
         told=not gaps.any(),
     )
     if gaps.any():
-        sigma[gaps] = estimate_noise(block, wrong, test.synchronous)[gaps]
+        sigma[gaps] = estimate_noise(block, wrong, test.synchronous, _conditions(test)[first][line])[gaps]
     return block
+
+
+def _conditions(test: PerturbationTest) -> Index:
+    """Number of the conditions of each row: attributes that one run has one value of, the number of a repeat aside."""
+    run = _numbers(test.run)
+    codes = [np.zeros(len(test), dtype=np.intp)]
+    for name, values in test.attributes.items():
+        number = _numbers(np.asarray(values).astype(str))
+        steady = np.unique(np.column_stack([run, number]), axis=0).shape[0] == np.unique(run).size
+        if steady and not name.startswith("repeat"):
+            codes.append(number)
+    return unique_rows(np.column_stack(codes))[1]
 
 
 def _observe_displacement(model: RotorModel, test: DisplacementTest, group: Index) -> Responses:

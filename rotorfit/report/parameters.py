@@ -11,7 +11,7 @@ from rotorfit.fitting.result import FittedParameter
 from rotorfit.fitting.summary import combined, in_order, interval_lines, notable_correlations
 from rotorfit.models import RotorModel
 from rotorfit.report.html import Html, bullets, paragraph, table
-from rotorfit.report.numbers import NORMAL_95, interval, plain, with_error
+from rotorfit.report.numbers import interval, plain, with_error
 from rotorfit.report.parts import at_of, groups_of, note, section, sentence, symbol, threshold_interval, unit_shown
 from rotorfit.uncertainty.profile import THRESHOLD
 from rotorfit.units import RPM_PER_RAD_S
@@ -38,6 +38,9 @@ def parameter_section(material: ReportInput) -> Html:
         )
     elif fit.settings.levels:
         notes.append("They follow the residuals of each response, where these exceed the noise.")
+    if fit.noise is not None:
+        notes.append(sentence(f"noise: {fit.noise.verdict.value}"))
+        notes += [sentence(words) for words in fit.noise.sentences]
     if fit.settings.calibration is not None:
         notes.append("They hold the uncertainty of the calibration too; see the budget.")
     notes += [sentence(line) for line in (*interval_lines(fit), *fit.remarks)]
@@ -71,7 +74,10 @@ def interval_section(material: ReportInput) -> Html:
         return Html("")
     head = ["", "Laplace", "profile likelihood", "posterior", "bootstrap", "random share", "systematic share", "unit"]
     degrees = material.fit.freedom
-    words = ["Laplace: estimate ± 1.96 standard errors, right where the errors are normal."]
+    words = [
+        "Laplace: estimate ± 1.96 standard errors, or the quantile of Student's t where they rest on few runs or "
+        "readings; right where the errors are normal."
+    ]
     if math.isfinite(degrees):
         words = [
             f"Laplace: estimate ± {quantile(0.95, degrees):.3g} standard errors, Student's t with {degrees:.0f} "
@@ -124,10 +130,10 @@ def _threshold_rows(material: ReportInput, profile: Profile | None) -> Iterator[
     for label, group in groups_of(fit):
         onset = fit.threshold_of(group)
         if math.isfinite(onset.value) and math.isfinite(onset.stderr):
-            half = NORMAL_95 * onset.stderr
+            low, high = onset.interval(0.95)
             yield [
                 "threshold speed" + (f", {label}" if label else ""),
-                interval((onset.value - half) * RPM_PER_RAD_S, (onset.value + half) * RPM_PER_RAD_S),
+                interval(low * RPM_PER_RAD_S, high * RPM_PER_RAD_S),
                 # A profile does not say which group it belongs to.
                 interval(profile.lower * RPM_PER_RAD_S, profile.upper * RPM_PER_RAD_S)
                 if profile is not None and not label

@@ -13,7 +13,7 @@ from rotorfit.fitting.noise_judging import MODEL_LIMITED
 from rotorfit.fitting.result import FitResult, Quantity
 from rotorfit.models.stability import growth_rate
 from rotorfit.report.html import Html, bullets, element, join
-from rotorfit.report.numbers import NORMAL_95, interval, plain, with_error
+from rotorfit.report.numbers import interval, plain, with_error
 from rotorfit.report.parts import at_of, groups_of, section, sentence, tested_speeds, threshold_interval
 from rotorfit.units import RPM_PER_RAD_S
 
@@ -199,7 +199,7 @@ def _stability_cards(material: ReportInput) -> Iterator[Html]:
 
 
 def _threshold_intervals(material: ReportInput, onset: Quantity, group: int) -> Iterator[str]:
-    low, high = (RPM_PER_RAD_S * (onset.value + sign * NORMAL_95 * onset.stderr) for sign in (-1, 1))
+    low, high = (RPM_PER_RAD_S * end for end in onset.interval(0.95))
     yield f"95 % Laplace {interval(low, high)} rpm"
     posterior = threshold_interval(material.posterior, at_of(material.fit, group))
     if posterior:
@@ -208,7 +208,8 @@ def _threshold_intervals(material: ReportInput, onset: Quantity, group: int) -> 
 
 def _margins(material: ReportInput, onset: Quantity) -> Iterator[str]:
     for what, speed in _reference_speeds(material):
-        value, half = with_error(abs(100 * (onset.value / speed - 1)), 100 * NORMAL_95 * onset.stderr / speed)
+        half_width = onset.interval(0.95)[1] - onset.value
+        value, half = with_error(abs(100 * (onset.value / speed - 1)), 100 * half_width / speed)
         yield f"{value} ± {half} % (95 %) {_side(onset, speed)} the {what}"
 
 
