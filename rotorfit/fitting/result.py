@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from rotorfit.fitting.anisotropy import TurningAnisotropy
+    from rotorfit.fitting.assumption_table import Assumptions
     from rotorfit.fitting.calibration import Uncertainty
     from rotorfit.uncertainty.bootstrap import Bootstrap
     from rotorfit.uncertainty.budget import Budget
@@ -445,6 +446,22 @@ class FitResult:
         from rotorfit.fitting.anisotropy import turning_anisotropy
 
         return turning_anisotropy(self, level=level, at=at)
+
+    def assumptions(self) -> Assumptions:
+        """What the numbers rest on: terms left out of the model and values taken as known, tested where the data can.
+
+        For each: the score test, and how far it would move the results. No fit is repeated.
+
+        Raises:
+            ValueError: parameters were fitted per attribute.
+
+        Example:
+            >>> fit.assumptions()["K3"].tested  # K0 takes up all of it
+            False
+        """
+        from rotorfit.fitting.assumptions import assumptions_of
+
+        return assumptions_of(self)
 
     # ---- other measures of uncertainty, imported when asked for ------------------------------------------------------
 

@@ -12,6 +12,7 @@ from rotorfit.fitting.fit import DATA_ERROR
 from rotorfit.fitting.noise_judging import MODEL_LIMITED
 from rotorfit.fitting.result import FitResult, Quantity
 from rotorfit.models.stability import growth_rate
+from rotorfit.report.assumptions import found_assumptions
 from rotorfit.report.html import Html, bullets, element, join
 from rotorfit.report.numbers import interval, plain, with_error
 from rotorfit.report.parts import at_of, groups_of, section, sentence, tested_speeds, threshold_interval
@@ -37,6 +38,7 @@ def verdict_section(material: ReportInput) -> Html:
     warnings[:0] = [f"{DATA_ERROR}{message}" for message in errors]
     if not fit.success and not any(fit.message in w for w in warnings):
         warnings.insert(0, f"the optimisation did not converge: {fit.message}")
+    warnings += found_assumptions(material).words[1:]
     if fit.identifiability.unresolved:
         warnings.append("not determined by these data: " + ", ".join(fit.identifiability.unresolved))
     if material.posterior is not None and not material.posterior.converged:

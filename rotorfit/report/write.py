@@ -125,6 +125,7 @@ def _check(material: ReportInput) -> None:
 
 def document(material: ReportInput, title: str) -> Html:
     """The whole page."""
+    from rotorfit.report.assumptions import assumptions_section
     from rotorfit.report.budget import budget_section
     from rotorfit.report.data_and_model import data_section, model_section, refinement_section
     from rotorfit.report.figures import figure_sections
@@ -138,6 +139,7 @@ def document(material: ReportInput, title: str) -> Html:
         interval_section(material),
         budget_section(material),
         identifiability_section(material),
+        assumptions_section(material),
         data_section(material),
         model_section(material),
         refinement_section(material),

@@ -1,0 +1,80 @@
+"""What terms that a model leaves out would do to its predictions, reading by reading."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from rotorfit.estimators.correlated import whiten
+from rotorfit.estimators.nonlinear import OrbitResponses, responses_of
+from rotorfit.estimators.observations import Block, Responses
+from rotorfit.estimators.problem import Problem
+from rotorfit.estimators.response import dynamic_stiffness, inverse
+from rotorfit.models.array_types import ComplexArray, Float
+from rotorfit.models.left_out import LeftOut
+
+
+@dataclass(frozen=True, kw_only=True)
+class Offset:
+    """A probe or a force that is not at its plane, but a share of the way towards another.
+
+    Attributes:
+        kind: "probe" or "force".
+        at, towards: coordinates.
+    """
+
+    kind: str
+    at: int
+    towards: int
+
+
+def whitened_columns(problem: Problem, x: Float, terms: list[LeftOut | Offset | int]) -> ComplexArray:
+    """Derivatives of the whitened residuals by terms left out, shape ``(R, T)``.
+
+    Args:
+        problem: the problem.
+        x: fitted vector, shape ``(p,)``.
+        terms: terms of the equation of motion, offsets, or places of known parameters in the model's vector.
+    """
+    theta = problem.space.theta(x)
+    parts = []
+    for number, block in enumerate(problem.blocks):
+        changes = np.array([_change(block, theta, term) for term in terms]).reshape(len(terms), block.measured.size)
+        if problem.factors and problem.factors[number] is not None:
+            nuisance = np.asarray(problem.factors[number]) @ x[len(problem.space.names) :]
+            changes = changes * np.exp(nuisance)
+        parts.append(whiten(block, changes).T)
+    return np.concatenate(parts)
+
+
+def is_linear(block: Block) -> bool:
+    """Whether a block holds responses of a linear rotor to circular forces, which left-out terms act on."""
+    base = responses_of(block)
+    return isinstance(base, Responses) and not isinstance(block, OrbitResponses) and not base.imposed
+
+
+def _change(block: Block, theta: Float, term: LeftOut | Offset | int) -> ComplexArray:
+    if isinstance(term, int):
+        return block.predict_jacobian(theta)[1][:, term]
+    base = responses_of(block)
+    if base is None or not is_linear(block):
+        return np.zeros(block.measured.size, dtype=complex)
+    H = inverse(dynamic_stiffness(base, theta))
+    line, read = base.line, base.coordinate
+    amplitude = np.einsum("lij,lj->li", H, base.force)
+    if isinstance(term, LeftOut):
+        factor = term.factor(base.s, base.speed)
+        pressed = np.zeros_like(amplitude)
+        for i, j, weight in term.entries:
+            pressed[:, i] += weight * factor * amplitude[:, j]
+        change = -np.einsum("lij,lj->li", H, pressed)[line, read]
+    elif term.kind == "probe":
+        change = np.where(read == term.at, amplitude[line, term.towards] - amplitude[line, term.at], 0.0)
+    else:
+        moved = base.force[:, term.at, None] * (H[:, :, term.towards] - H[:, :, term.at])
+        change = moved[line, read]
+    functions = base.model.functions
+    if functions.has_probe_factors:
+        change = change * functions.factors(theta)[base.reading_group, read]
+    return np.asarray(change)

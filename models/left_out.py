@@ -1,0 +1,143 @@
+"""Terms that the equation of motion of a model may lack, as additions to its dynamic stiffness at the planes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from rotorfit.models.array_types import ComplexArray, Float
+from rotorfit.models.model import RotorModel
+from rotorfit.models.stability import Threshold, eigenvalue_gradient
+
+
+@dataclass(frozen=True, kw_only=True)
+class LeftOut:
+    """A term ``t (a + b Om) s^k E`` that adds to kappa, linear in its size t.
+
+    Attributes:
+        name: symbol and planes.
+        meaning: in words.
+        unit: SI unit of its size.
+        entries: row, column and factor of each nonzero of E.
+        power: k.
+        constant, by_speed: a and b; b is complex, as for gyroscopic terms.
+        more: further powers with factors of their own, ``(k, a, b)``.
+    """
+
+    name: str
+    meaning: str
+    unit: str
+    entries: tuple[tuple[int, int, float], ...]
+    power: int
+    constant: complex = 0.0
+    by_speed: complex = 0.0
+    more: tuple[tuple[int, complex, complex], ...] = ()
+
+    def factor(self, s: ComplexArray, speed: Float) -> ComplexArray:
+        """What multiplies E, broadcasting.
+
+        Args:
+            s: j w, rad/s.
+            speed: rotative speed, rad/s.
+        """
+        parts = ((self.power, self.constant, self.by_speed), *self.more)
+        return np.asarray(sum((a + b * speed) * s**k for k, a, b in parts), dtype=complex)
+
+
+def terms_left_out(model: RotorModel) -> tuple[LeftOut, ...]:
+    """Passive structure between and at the planes of an isotropic rotor that a model has no parameter for.
+
+    Symmetric coupling damping and mass, gyroscopic terms and their next order in frequency, internal damping of the
+    shaft, external damping where the fluid acts; empty for models with x and y apart.
+
+    Args:
+        model: the rotor.
+    """
+    if model.frame != "z" or any(c.axis != "z" for c in model.coordinates):
+        return ()
+    planes, blocks = [c.plane for c in model.coordinates], getattr(model, "blocks", ())
+    found = []
+    for i, first in enumerate(planes):
+        for j in range(i, min(i + 2, len(planes))):
+            both = ((i, i, 1.0),) if i == j else ((i, j, 1.0), (j, i, 1.0))
+            where = f"[{first}]" if i == j else f"[{first}, {planes[j]}]"
+            if i != j and "coupling_mass" not in blocks:
+                found.append(_term("m", where, "coupling mass", "kg", both, 2))
+            if i != j:
+                found.append(_term("c", where, "coupling damping", "N s/m", both, 1))
+                twist = ((i, i, 1.0), (j, j, 1.0), (i, j, -1.0), (j, i, -1.0))
+                internal = _term("ci", where, "internal damping of the shaft", "N s/m", twist, 1)
+                found.append(_with(internal, more=((0, 0.0, -1j),)))
+            if "gyroscopic" not in blocks:
+                found.append(_term("g", where, "gyroscopic effect", "kg", both, 1, by_speed=-1j))
+            if len(planes) > 1:
+                found.append(_term("h", where, "gyroscopic effect, w^3", "kg s^2", both, 3, by_speed=1j))
+                if "out_of_band" not in blocks:
+                    found.append(_term("q", where, "modes above the band, w^4", "kg s^2", both, 4))
+    for i in fluid_coordinates(model):
+        found.append(_term("Ds", f"[{planes[i]}]", "external damping where the fluid acts", "N s/m", ((i, i, 1.0),), 1))
+    return tuple(found)
+
+
+def _term(
+    symbol: str,
+    where: str,
+    meaning: str,
+    unit: str,
+    entries: tuple[tuple[int, int, float], ...],
+    power: int,
+    by_speed: complex = 0.0,
+) -> LeftOut:
+    return LeftOut(
+        name=symbol + where,
+        meaning=meaning,
+        unit=unit,
+        entries=entries,
+        power=power,
+        constant=0.0 if by_speed else 1.0,
+        by_speed=by_speed,
+    )
+
+
+def _with(term: LeftOut, *, more: tuple[tuple[int, complex, complex], ...]) -> LeftOut:
+    return LeftOut(**{**term.__dict__, "more": more})
+
+
+def fluid_coordinates(model: RotorModel) -> list[int]:
+    """Coordinates at which fluid damping D acts and no external damping of the model's own.
+
+    Args:
+        model: the rotor.
+    """
+    names = model.parameter_names
+    if "D" not in names:
+        return []
+    jacobian = model.functions.jacobian(model.vector({q.name: 1.0 for q in model.parameters}), 1.0, 0.0)
+    damping = (jacobian.powers == 1) & (jacobian.rows == jacobian.columns)
+    at = {name: set(jacobian.rows[damping & (jacobian.inputs == k)].tolist()) for k, name in enumerate(names)}
+    external = set().union(*(rows for name, rows in at.items() if name.startswith("Ds")))
+    return sorted(at["D"] - external)
+
+
+def onset_shift(model: RotorModel, theta: Float, onset: Threshold, term: LeftOut) -> float:
+    """Change of the threshold speed by one unit of a left-out term, rad/s, the parameters held.
+
+    Args:
+        model: the rotor.
+        theta: parameter vector, shape ``(P,)``.
+        onset: its threshold.
+        term: the term.
+    """
+    s = 1j * onset.whirl_frequency
+    coefficients = model.motion(theta, onset.speed)
+    powers = s ** np.arange(model.order + 1)
+    left, _, right = np.linalg.svd(np.einsum("k,kij->ij", powers, coefficients))
+    u, v = left[:, -1].conj(), right[-1].conj()
+    slope = np.einsum("k,kij->ij", np.arange(1, model.order + 1) * powers[:-1], coefficients[1:])
+    at = np.arange(u.size) if model.shaft is None else model.shaft.at
+    factor = term.factor(np.asarray(s), np.asarray(onset.speed))
+    pressed = sum(weight * u[at[i]] * v[at[j]] for i, j, weight in term.entries) * factor
+    by_term = -pressed / (u @ slope @ v)
+    by_speed, _ = eigenvalue_gradient(model, theta, onset.speed, s)
+    return float(-complex(by_term).real / by_speed.real)

@@ -1,0 +1,137 @@
+"""What the numbers of a fit rest on, as records and a table."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from html import escape
+
+from rotorfit.text_table import text_table
+from rotorfit.units import RPM_PER_RAD_S
+
+THRESHOLD = "threshold speed"
+_NOTHING = 1e-3  # of a standard error: a shift below it is shown as none
+_MISSING = 4.0  # standard errors at which the data ask for a term; a dozen are tested at once
+
+
+@dataclass(frozen=True, kw_only=True)
+class Assumption:
+    """A term that the model leaves out, or a value that it takes as known.
+
+    Attributes:
+        name: symbol and planes, or the known parameter.
+        meaning: in words.
+        unit: of its size.
+        estimate, stderr: size that the residuals ask for, and its standard error, infinite where parameters take it up.
+        plausible: a size that it may well have.
+        shifts: change of each result by one unit of it, SI; the threshold speed in rad/s. Standard errors of results
+            are in ``errors``.
+        errors: standard errors of the results.
+    """
+
+    name: str
+    meaning: str
+    unit: str
+    estimate: float
+    stderr: float
+    plausible: float
+    shifts: Mapping[str, float]
+    errors: Mapping[str, float]
+
+    @property
+    def tested(self) -> bool:
+        """Whether the data tell the term better than what it may well be."""
+        return self.stderr < self.plausible
+
+    @property
+    def z(self) -> float:
+        """Score test: size over standard error, normal with unit variance if the term is not there; NaN untested."""
+        return self.estimate / self.stderr if self.tested else math.nan
+
+    @property
+    def size(self) -> float:
+        """Size by which the table's shifts go: what the residuals ask for where they tell, else the plausible one."""
+        return self.estimate if self.tested else self.plausible
+
+    @property
+    def missing(self) -> bool:
+        """Whether the data ask for the term, or for something like it."""
+        return self.tested and abs(self.z) > _MISSING
+
+    @property
+    def weight(self) -> float:
+        """Largest shift of a result by :attr:`size`, in standard errors of that result."""
+        ratios = [abs(self.shifts[n] * self.size) / e for n, e in self.errors.items() if 0 < e < math.inf]
+        return max(ratios, default=0.0)
+
+
+@dataclass(frozen=True)
+class Assumptions:
+    """Assumptions of a fit, those first that the data refuse, then by how much they would move results."""
+
+    entries: tuple[Assumption, ...]
+
+    @property
+    def missing(self) -> tuple[Assumption, ...]:
+        """Terms that the data ask for; several like each other may stand for one that is missing."""
+        return tuple(entry for entry in self.entries if entry.missing)
+
+    def __getitem__(self, name: str) -> Assumption:
+        for entry in self.entries:
+            if entry.name == name:
+                return entry
+        raise KeyError(f"no assumption {name!r}; there are {', '.join(entry.name for entry in self.entries)}")
+
+    def rows(self) -> list[list[str]]:
+        """The table, head first: term, score test, size, and the shift of each result by that size."""
+        results = list(self.entries[0].shifts) if self.entries else []
+        rows = [["left out or taken as known", "z", "size", *(_titled(name) for name in results), "s.e."]]
+        for entry in self.entries:
+            shifts = [_shown(name, entry.shifts[name] * entry.size, entry.errors[name]) for name in results]
+            test = f"{entry.z:+.1f}" if entry.tested else "not determined"
+            unit = "" if entry.unit == "1" else f" {entry.unit}"
+            rows.append(
+                [f"{entry.name}, {entry.meaning}", test, f"{entry.size:.2g}{unit}", *shifts, f"{entry.weight:.2g}"]
+            )
+        return rows
+
+    @property
+    def words(self) -> tuple[str, ...]:
+        """How to read the table, and what structure is missing."""
+        return tuple(_words(self))
+
+    def __str__(self) -> str:
+        if not self.entries:
+            return "nothing is known of what this model leaves out"
+        rows = self.rows()
+        lines = text_table(rows, "<58 >15 >14 " + " ".join([">12"] * (len(rows[0]) - 4)) + " >7")
+        return "\n".join([*lines, *self.words])
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows."""
+        return f"<pre>{escape(str(self))}</pre>"
+
+
+def _titled(name: str) -> str:
+    return "threshold, rpm" if name == THRESHOLD else name
+
+
+def _shown(name: str, shift: float, error: float) -> str:
+    if not math.isfinite(error):
+        return "open"
+    if abs(shift) < _NOTHING * error:
+        return "0"
+    return f"{shift * (RPM_PER_RAD_S if name == THRESHOLD else 1.0):+.2g}"
+
+
+def _words(found: Assumptions) -> list[str]:
+    words = [
+        "z: size that the residuals ask for over its standard error; beyond it, what results change by if the term has "
+        "the size shown (that asked for, or a plausible one where the data cannot tell), and the largest change in "
+        "standard errors."
+    ]
+    if found.missing:
+        names = ", ".join(f"{entry.meaning} {entry.name} (z {entry.z:+.1f})" for entry in found.missing[:3])
+        words.append(f"The data ask for structure that the model lacks: {names}, or something like it.")
+    return words

@@ -1,0 +1,137 @@
+"""What each number rests on: terms left out of the model, tested by the data or not, and how they move results."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from rotorfit.estimators.covariance import prior_curvature
+from rotorfit.estimators.left_out_columns import Offset, is_linear, whitened_columns
+from rotorfit.estimators.losses import robust_weights
+from rotorfit.estimators.nonlinear import responses_of
+from rotorfit.estimators.score_tests import score_tests
+from rotorfit.fitting.assumption_table import THRESHOLD, Assumption, Assumptions
+from rotorfit.fitting.result import FitResult
+from rotorfit.models import Threshold, threshold_speed
+from rotorfit.models.array_types import Float
+from rotorfit.models.left_out import LeftOut, onset_shift, terms_left_out
+
+_RESULTS = ("K0", "D", "lam", "lam_D", "lam_M", "Mf")
+_SHARE = 0.01  # of what is there already: how large a term that nobody thought of may well be
+_OFFSET = 0.02  # of the way to the next plane, by which a probe or a force may well be off
+
+
+def assumptions_of(fit: FitResult) -> Assumptions:
+    """Score tests of terms left out of the model and of values taken as known; see :meth:`FitResult.assumptions`.
+
+    Args:
+        fit: the fit.
+
+    Raises:
+        ValueError: parameters were fitted per attribute, which these tests do not know.
+    """
+    if len(fit.thetas) > 1:
+        raise ValueError(
+            "assumptions are tested where all tests share their parameters; these were fitted per attribute"
+        )
+    problem = fit.problem
+    terms: list[LeftOut | Offset | int] = [*_structure(fit), *_offsets(fit), *_known(fit)]
+    if not terms:
+        return Assumptions(())
+    residuals, jacobian = problem.jacobian(fit.x)
+    columns = whitened_columns(problem, fit.x, terms)
+    root = np.sqrt(robust_weights(problem.loss, np.abs(residuals) ** 2)[1])
+    scores = score_tests(
+        residuals * root, jacobian * root[:, None], columns * root[:, None], prior_curvature(problem, fit.x)
+    )
+    onset = threshold_speed(fit.model, fit.theta(), band=fit.stability_band) if fit.model.speed_dependent else None
+    errors = {name: fit.params[name].stderr for name in _RESULTS if name in fit.var_names}
+    if not errors:
+        errors = {name: fit.params[name].stderr for name in fit.problem.space.names[:4]}
+    if onset is not None and onset.speed > 0:
+        errors[THRESHOLD] = fit.threshold_of(0).stderr
+    entries = []
+    for number, term in enumerate(terms):
+        name, meaning, unit, plausible = _described(fit, term)
+        entries.append(
+            Assumption(
+                name=name,
+                meaning=meaning,
+                unit=unit,
+                estimate=float(scores.estimate[number]),
+                stderr=float(scores.stderr[number]) * math.sqrt(fit.widening),
+                plausible=plausible,
+                shifts={
+                    result: float(scores.shift[number, fit.var_names.index(result)])
+                    if result != THRESHOLD
+                    else _onset_change(fit, onset, term, scores.shift[number])
+                    for result in errors
+                },
+                errors=errors,
+            )
+        )
+    return Assumptions(tuple(sorted(entries, key=lambda e: (not e.missing, -abs(e.z) if e.missing else -e.weight))))
+
+
+def _onset_change(fit: FitResult, onset: Threshold | None, term: LeftOut | Offset | int, shift: Float) -> float:
+    if onset is None:
+        return math.nan
+    change = float(fit.problem.space.pull_back(np.asarray(onset.gradient), 0) @ shift)
+    if isinstance(term, LeftOut):
+        return change + onset_shift(fit.model, fit.theta(), onset, term)
+    return change + (float(onset.gradient[term]) if isinstance(term, int) else 0.0)
+
+
+def _structure(fit: FitResult) -> list[LeftOut]:
+    """Terms of the equation of motion, for responses of a linear rotor."""
+    return list(terms_left_out(fit.model)) if any(map(is_linear, fit.problem.blocks)) else []
+
+
+def _offsets(fit: FitResult) -> list[Offset]:
+    """Probes and forces that are not at their planes, towards the next plane."""
+    size = len(fit.model.coordinates)
+    blocks = [responses_of(block) for block in fit.problem.blocks if is_linear(block)]
+    if size < 2 or fit.model.frame != "z":
+        return []
+    read = {int(k) for base in blocks if base is not None for k in np.unique(base.coordinate)}
+    driven = {int(k) for base in blocks if base is not None for k in np.flatnonzero(np.abs(base.force).any(axis=0))}
+    return [
+        Offset(kind=kind, at=at, towards=at + 1 if at + 1 < size else at - 1)
+        for kind, places in (("probe", read), ("force", driven))
+        for at in sorted(places)
+    ]
+
+
+def _known(fit: FitResult) -> list[int]:
+    """Places of known parameters that are not zero."""
+    place = fit.model.parameter_names.index
+    return [
+        place(p.name) for p in fit.params.values() if not p.vary and p.value and p.name in fit.model.parameter_names
+    ]
+
+
+def _described(fit: FitResult, term: LeftOut | Offset | int) -> tuple[str, str, str, float]:
+    """Name, meaning, unit and plausible size."""
+    if isinstance(term, int):
+        p = fit.params[fit.model.parameter_names[term]]
+        return p.name, f"{p.meaning}, taken as known", p.unit, _SHARE * abs(p.value)
+    if isinstance(term, Offset):
+        planes = [c.plane for c in fit.model.coordinates]
+        where = f"{term.kind}[{planes[term.at]}]"
+        return where, f"offset towards {planes[term.towards]}", "1", _OFFSET
+    stiffness, frequency, speed = _levels(fit)
+    level = stiffness / frequency**term.power / (speed if term.by_speed else 1.0)
+    if term.name.startswith("Ds") and "D" in fit.params:
+        level = max(level, abs(fit.params["D"].value))
+    return term.name, term.meaning, term.unit, _SHARE * level
+
+
+def _levels(fit: FitResult) -> tuple[float, float, float]:
+    """Typical dynamic stiffness of the tests, highest frequency and speed: N/m, rad/s, rad/s."""
+    blocks = [base for base in map(responses_of, fit.problem.blocks) if base is not None]
+    force = np.concatenate([np.abs(b.force).max(axis=1)[b.line] for b in blocks])
+    size = np.concatenate([np.abs(b.measured) for b in blocks])
+    stiffness = float(np.median(force[size > 0] / size[size > 0]))
+    frequency = max(float(np.abs(b.frequency).max()) for b in blocks)
+    return stiffness, frequency, max([1.0, *(float(b.speed.max()) for b in blocks)])

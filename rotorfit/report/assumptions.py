@@ -1,0 +1,35 @@
+"""Section of the report on what its numbers rest on: terms left out of the model and values taken as known."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from rotorfit.fitting.assumption_table import Assumptions
+from rotorfit.fitting.assumptions import assumptions_of
+from rotorfit.report.html import Html, table
+from rotorfit.report.parts import note, section
+
+if TYPE_CHECKING:
+    from rotorfit.report.material import ReportInput
+
+
+def found_assumptions(material: ReportInput) -> Assumptions:
+    """Assumptions of the fit, none where it failed or parameters were fitted per attribute.
+
+    Args:
+        material: what the report is made of.
+    """
+    fit = material.fit
+    shared = len(fit.thetas) == 1 and fit.success
+    return assumptions_of(fit) if shared else Assumptions(())
+
+
+def assumptions_section(material: ReportInput) -> Html:
+    """Score tests of what the model leaves out, and the shift of each result."""
+    found = found_assumptions(material)
+    if not found.entries:
+        return Html("")
+    head, *rows = found.rows()
+    return section(
+        "What these numbers rest on", table(head, rows, numeric=range(1, len(head))), *map(note, found.words)
+    )

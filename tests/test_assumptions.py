@@ -1,0 +1,141 @@
+"""Score tests of what a model leaves out, against fits that have it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+import rotorfit as rf
+from rotorfit.estimators.left_out_columns import whitened_columns
+from rotorfit.estimators.score_tests import score_tests
+from rotorfit.fitting.assumption_table import THRESHOLD
+from rotorfit.models import WhirlWhip, threshold_speed
+from rotorfit.models.complexes import Complex, J
+from rotorfit.models.left_out import onset_shift, terms_left_out
+from rotorfit.models.parameters import Parameter
+
+
+@pytest.fixture(scope="module")
+def rig():
+    return rf.datasets.rig_open()
+
+
+@pytest.fixture(scope="module")
+def plain(rig):
+    return rf.fit(WhirlWhip(), rig, known={"K3": 6000.0})
+
+
+def refitted(rig, name, size):
+    """Fits with a term of known size on either side of zero: what one unit of it does to results."""
+    model, known = WhirlWhip(blocks=("coupling_mass",)), {"K3": 6000.0}
+    known |= {name: known.get(name, 0.0)}
+    pair = []
+    for sign in (1, -1):
+        values = {"m12": 0.0} | known
+        values[name] += sign * size
+        pair.append(rf.fit(model, rig, known=values))
+    up, down = pair
+    slopes = {n: (up.params[n].value - down.params[n].value) / (2 * size) for n in ("K0", "D", "lam", "Mf")}
+    return slopes | {THRESHOLD: (up.threshold_speed().value - down.threshold_speed().value) / (2 * size)}
+
+
+@pytest.mark.parametrize(("name", "parameter", "size"), [("m[disk, journal]", "m12", 2e-4), ("K3", "K3", 20.0)])
+def test_shifts_are_those_of_fits_with_the_term(rig, plain, name, parameter, size):
+    """One unit of the term, from two more fits; Gauss-Newton leaves out curvature times residual, a per cent here."""
+    shifts = plain.assumptions()[name].shifts
+    # The plain model misses this rig by ten times the noise, and so Gauss-Newton by a share of that.
+    for result, slope in refitted(rig, parameter, size).items():
+        scale = {"K0": 1e4, "D": 450.0, "lam": 0.475, "Mf": 0.35, THRESHOLD: 280.0}[result] * 1e-5 / size
+        assert shifts[result] == pytest.approx(slope, rel=0.1, abs=scale), result
+
+
+def test_the_coupling_mass_that_this_shaft_has_is_asked_for_and_its_size_foretold(rig, plain):
+    found = plain.assumptions()
+    term = found["m[disk, journal]"]
+    assert term in found.missing
+    assert found.entries[0] is term  # of all, it explains most
+    wide = rf.fit(WhirlWhip(blocks=("coupling_mass",)), rig, known={"K3": 6000.0})
+    assert term.estimate == pytest.approx(wide.params["m12"].value, rel=0.1)
+
+
+def test_external_damping_at_the_journal_cannot_be_told_from_the_fluid(plain):
+    """D takes it up: D + Ds and D lam are what is seen, so D falls by one and lam rises by lam/D for each N s/m."""
+    term = plain.assumptions()["Ds[journal]"]
+    assert not term.tested
+    assert np.isnan(term.z)
+    assert term.shifts["D"] == pytest.approx(-1, abs=0.02)
+    ratio = plain.params["lam"].value / plain.params["D"].value
+    assert term.shifts["lam"] == pytest.approx(ratio, rel=0.02)
+
+
+def test_refined_the_model_lacks_nothing(plain):
+    assert not rf.refine(plain).best.assumptions().missing
+
+
+class Damped(WhirlWhip):
+    """Eq. (18) with coupling damping, internal damping and a w^3 gyroscopic term."""
+
+    extra = ("c", "ci", "h")
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.parameters = (*self.parameters, *(Parameter(name, "N s/m", "added") for name in self.extra))
+
+    def equation(self, p: Any, speed: Any, eccentricity: Any) -> list[Complex]:
+        K, C, M = (
+            Complex.matrix(m) if not isinstance(m, Complex) else m for m in super().equation(p, speed, eccentricity)
+        )
+        cross, twist = Complex.matrix([[0.0, 1.0], [1.0, 0.0]]), Complex.matrix([[1.0, -1.0], [-1.0, 1.0]])
+        K = K - J * (twist * (p.ci * speed))
+        return [K, C + cross * p.c + twist * p.ci, M, J * (cross * (p.h * speed))]
+
+
+NAMES = {"c": "c[disk, journal]", "ci": "ci[disk, journal]", "h": "h[disk, journal]"}
+
+
+@pytest.mark.parametrize("extra", sorted(NAMES))
+def test_columns_and_onsets_are_those_of_an_equation_with_the_term(plain, extra):
+    """The same term written into the equation of motion and differentiated by CasADi."""
+    model, theta = Damped(), np.concatenate([plain.theta(), np.zeros(3)])
+    term = next(t for t in terms_left_out(plain.model) if t.name == NAMES[extra])
+    place = model.parameter_names.index(extra)
+    (block,) = plain.problem.blocks
+    own = type(block)(**{f: getattr(block, f) for f in block.__dataclass_fields__} | {"model": model})
+    column = own.predict_jacobian(theta[None])[1][:, place] / block.sigma
+    assert whitened_columns(plain.problem, plain.x, [term])[:, 0] == pytest.approx(column, rel=1e-9, abs=1e-12)
+    onset = threshold_speed(plain.model, plain.theta())
+    step = 1e-3 if extra != "h" else 1e-10
+    band = 2 * abs(onset.whirl_frequency)  # s^3 brings roots far above
+    ends = [
+        threshold_speed(model, theta + sign * step * np.eye(theta.size)[place], band=band).speed for sign in (1, -1)
+    ]
+    assert onset_shift(plain.model, plain.theta(), onset, term) == pytest.approx(
+        (ends[0] - ends[1]) / (2 * step), rel=1e-4
+    )
+
+
+def test_scores_are_normal_where_nothing_is_left_out():
+    """Linear model, noise alone: z has unit variance, also beside a column that parameters take up entirely."""
+    rng = np.random.default_rng(2)
+    J = rng.normal(size=(40, 3)) + 1j * rng.normal(size=(40, 3))
+    c = np.column_stack([rng.normal(size=40) + 1j * rng.normal(size=40), J @ [1.0, -2.0, 0.5]])
+    z = []
+    for _ in range(2000):
+        noise = rng.normal(size=40) + 1j * rng.normal(size=40)
+        both_real = np.concatenate([J.real, J.imag])
+        x = np.linalg.lstsq(both_real, -np.concatenate([noise.real, noise.imag]), rcond=None)[0]
+        scores = score_tests(noise + J @ x, J, c, np.zeros(3))
+        z.append(scores.estimate[0] / scores.stderr[0])
+    assert np.isnan(scores.estimate[1])
+    assert np.isinf(scores.stderr[1])
+    assert scores.shift[1] == pytest.approx([-1.0, 2.0, -0.5], rel=1e-9)
+    assert np.std(z) == pytest.approx(1.0, abs=4 / np.sqrt(4000))
+    assert abs(np.mean(z)) < 4 / np.sqrt(2000)
+
+
+def test_parameters_of_their_own_for_each_test_are_refused_in_words(rig):
+    fit = rf.fit(WhirlWhip(), rig, known={"K3": 6000.0}, per={"D": "speed_rpm"})
+    with pytest.raises(ValueError, match="fitted per attribute"):
+        fit.assumptions()
