@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rotorfit.data.findings import Finding, listed
 from rotorfit.estimators.spectral_lines import folded_orders, mains_hum, turning_power
 from rotorfit.recordings.angle_track import AngleTrack
+from rotorfit.recordings.channel_statistics import ChannelStatistics
 from rotorfit.recordings.setup import Probe
 from rotorfit.recordings.signals import Signals
 from rotorfit.units import RPM_PER_RAD_S
@@ -22,104 +20,6 @@ _USUAL_RANGE = (-18.0, -2.0)
 """Linear range of an eddy-current probe on -24 V, V, taken where the setup gives none."""
 _MOSTLY = 4.0
 """Power ratio from which a motion counts as mostly in one direction: twice the amplitude."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class ChannelStatistics:
-    """One pass over a channel.
-
-    Attributes:
-        mean, deviation, low, high: V.
-        flat_low, flat_high: stretches of at least three equal samples at the lowest and at the highest voltage that the
-            signal enters with a jump.
-        step: smallest difference between samples, V: one count.
-        at_low, at_high: share of the samples at the extremes.
-    """
-
-    mean: float
-    deviation: float
-    low: float
-    high: float
-    flat_low: int
-    flat_high: int
-    step: float
-    at_low: float
-    at_high: float
-
-    @property
-    def clipped(self) -> bool:
-        """Whether the signal stays at one of its extremes again and again."""
-        return max(self.flat_low, self.flat_high) >= 3
-
-
-def statistics(record: Signals, name: str) -> ChannelStatistics:
-    """Go through a channel once.
-
-    Args:
-        record: the recording.
-        name: of the channel.
-    """
-    factor, offset = record.rig.scales[name]
-    integers = record.raw.channels[name].full_count is not None
-    total = squares = 0.0
-    step = 1.0 if integers else np.inf  # in counts, or in what the file stores
-    bottom, top = _Extreme(highest=False), _Extreme(highest=True)
-    for piece in record.stored_pieces(name):
-        values = piece.astype(float)
-        total += float(values.sum())
-        squares += float(values @ values)
-        if not np.isfinite(step):
-            differences = np.abs(np.diff(values[:4096]))
-            step = float(differences[differences > 0].min(initial=np.inf))
-        bottom.see(piece, step)
-        top.see(piece, step)
-    mean = total / record.size
-    if factor < 0:
-        bottom, top = top, bottom
-    return ChannelStatistics(
-        mean=mean * factor + offset,
-        deviation=float(np.sqrt(max(squares / record.size - mean**2, 0.0))) * abs(factor),
-        low=bottom.value * factor + offset,
-        high=top.value * factor + offset,
-        flat_low=bottom.stretches,
-        flat_high=top.stretches,
-        step=step * abs(factor) if np.isfinite(step) else 0.0,
-        at_low=bottom.samples / record.size,
-        at_high=top.samples / record.size,
-    )
-
-
-@dataclass
-class _Extreme:
-    """The highest or lowest stored value so far, how often the signal stayed there and how long."""
-
-    highest: bool
-    value: float = np.nan
-    stretches: int = 0
-    samples: int = 0
-
-    def see(self, piece: NDArray[Any], step: float) -> None:
-        extreme = piece.max() if self.highest else piece.min()
-        beyond = extreme > self.value if self.highest else extreme < self.value
-        if beyond or np.isnan(self.value):
-            self.value, self.stretches, self.samples = float(extreme), 0, 0
-        if extreme == self.value:
-            at = piece == extreme
-            self.stretches += _entered(piece, at, step)
-            self.samples += int(at.sum())
-
-
-def _entered(piece: NDArray[Any], at: NDArray[np.bool_], step: float) -> int:
-    """Stretches of three and more samples at the extreme that begin or end with a jump of several counts.
-
-    The crest of a slow and quiet signal stays on one count too, but comes there count by count.
-    """
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], at, [False]]).astype(np.int8)))
-    begin, end = edges[::2], edges[1::2]
-    here = piece[begin].astype(float)
-    before, after = piece[np.maximum(begin - 1, 0)], piece[np.minimum(end, piece.size - 1)]
-    jump = np.maximum(np.abs(here - before), np.abs(here - after))
-    return int(np.sum((end - begin >= 3) & (jump > 4 * step)))
 
 
 def probe_findings(record: Signals, found: Mapping[str, ChannelStatistics]) -> Iterator[Finding]:

@@ -16,15 +16,14 @@ from numpy.typing import NDArray
 
 from rotorfit.data.findings import Finding
 from rotorfit.recordings.angle_track import AngleTrack, steady_track, track
+from rotorfit.recordings.channel_statistics import ChannelStatistics, statistics
 from rotorfit.recordings.files import open_raw
 from rotorfit.recordings.quality import (
-    ChannelStatistics,
     direction_findings,
     folding_findings,
     hum_findings,
     probe_findings,
     speed_findings,
-    statistics,
 )
 from rotorfit.recordings.resolve import complete
 from rotorfit.recordings.rig_toml import read_setup
