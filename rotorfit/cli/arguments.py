@@ -124,7 +124,8 @@ def data_files(options: argparse.Namespace) -> tuple[DataFile | RecordingFiles, 
     Raises:
         ValueError: options that cannot be understood.
     """
-    from rotorfit.studies.recording_files import ALWAYS_RAW, RecordingFiles
+    from rotorfit.recordings.files import ALWAYS_RAW
+    from rotorfit.studies.recording_files import RecordingFiles
     from rotorfit.studies.study import DataFile
 
     read: dict[str, Any] = {}

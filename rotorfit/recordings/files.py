@@ -15,6 +15,9 @@ FORMATS = {
 }  # fmt: skip
 """Module by suffix."""
 
+ALWAYS_RAW = (".h5", ".hdf5", ".hdf", ".tdms", ".wav", ".parquet")
+"""Suffixes of files that hold raw signals whether a setup is given or not."""
+
 
 def open_raw(path: str | Path) -> RawFile:
     """What a file of raw signals holds; samples are read later.

@@ -66,7 +66,15 @@ def responses(
         raise ValueError("no recordings given")
     report = on_finding or (lambda finding: None)
     tell = progress or (lambda stage: None)
-    listed = [_usable(record, report) for record in listed]
+    setup = listed[0].setup.source if listed[0].setup is not None else ""
+    source = ", ".join(record.path.name for record in listed) + (f" with {setup}" if setup else "")
+    return replace(_reduced([_usable(record, report) for record in listed], turns, report, tell), source=source)
+
+
+def _reduced(
+    listed: list[Recording], turns: int | None, report: Report, tell: Callable[[str], None]
+) -> PerturbationTest:
+    """The responses of all recordings, by what drives them."""
     forces = [_force(record) for record in listed]
     _same_kind(listed, forces)
     if not all(force.datum_known for force in forces):

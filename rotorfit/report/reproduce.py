@@ -6,6 +6,7 @@ import platform
 import shlex
 from collections.abc import Iterator, Mapping
 from importlib.metadata import version
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,6 +15,7 @@ from rotorfit.data.experiments import Experiment, LineTest
 from rotorfit.fitting.options import command_words
 from rotorfit.fitting.result import FitResult
 from rotorfit.models import LAWS, MODELS, Law, Orthotropic, RotorModel
+from rotorfit.recordings.files import ALWAYS_RAW
 from rotorfit.report.html import Html, element, paragraph
 from rotorfit.report.parts import section, sentence
 
@@ -62,7 +64,19 @@ def _source(experiment: Experiment) -> str:
     if isinstance(experiment, LineTest):
         records = ", ".join(f'rf.read_recording({name!r}, "rig.toml")' for name in experiment.source.split(", "))
         return f"rf.shaft_lines([{records}])"
-    return f"rf.read({experiment.source!r})"
+    recorded = _recorded(experiment.source)
+    if recorded is None:
+        return f"rf.read({experiment.source!r})"
+    files, setup = recorded
+    rest = f", {setup!r}" if setup else ""
+    return f"rf.responses([{', '.join(f'rf.read_recording({name!r}{rest})' for name in files)}])"
+
+
+def _recorded(source: str) -> tuple[list[str], str] | None:
+    """Files of recordings and their setup, None for a file of responses; the source is written by ``rf.responses``."""
+    names, _, setup = source.partition(" with ")
+    files = names.split(", ")
+    return (files, setup) if all(Path(name).suffix.lower() in ALWAYS_RAW for name in files) or setup else None
 
 
 def _calls(material: ReportInput) -> Iterator[str]:
@@ -165,7 +179,10 @@ def _command(material: ReportInput) -> str:
     words = command_words(asked)
     if words is None:
         return ""
-    files = [e.source for e in fit.experiments]
+    files: list[str] = []
+    for experiment in fit.experiments:
+        names, setup = _recorded(experiment.source) or ([experiment.source], "")
+        files += [*names, *(["--setup", setup] if setup else [])]
     return shlex.join(["rotorfit", "fit", *files, "--model", model.name, *words, "--out", "results/"])
 
 

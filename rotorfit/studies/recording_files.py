@@ -12,9 +12,6 @@ from rotorfit.data.experiments import LineTest, PerturbationTest
 if TYPE_CHECKING:
     from rotorfit.data.findings import Finding
 
-ALWAYS_RAW = (".h5", ".hdf5", ".hdf", ".tdms", ".wav", ".parquet")
-"""Suffixes of files that hold raw signals; those of other suffixes do where a setup is given."""
-
 
 @dataclass(frozen=True)
 class RecordingFiles:
