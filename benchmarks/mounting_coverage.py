@@ -107,7 +107,7 @@ def main() -> int:
     rows = [row for kind in KINDS for row in study(kind, options.campaigns, options.seed)]
     write_csv(rows, RESULTS / "mounting_coverage.csv")
     problems = outside(rows, options.campaigns)
-    verdict = "; ".join(problems) if problems else "All coverage is within sampling error."
+    verdict = "Outside sampling error: " + "; ".join(problems) if problems else "All coverage is within sampling error."
     head = [field.name for field in fields(Row)]
     cells = [[f"{v:.3g}" if isinstance(v, float) else v for v in vars(row).values()] for row in rows]
     lines = [

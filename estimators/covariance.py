@@ -136,9 +136,10 @@ def score_scatter(problem: Problem, x: Float, r: ComplexArray, J: ComplexArray, 
 def weighing_error(problem: Problem, J: ComplexArray, covar: Float) -> Float:
     """What errors of the weights themselves add to a covariance, shape ``(p, p)``, where few mountings tell them.
 
-    A channel whose scatter came out small by chance is weighed too much and believed too much: to first order each
-    adds ``A (I_c - I_c A I_c) A`` times the variance 2/nu of the logarithm of its variance, and the stated covariance
-    is too small by as much again (Kenward and Roger 1997; Meier 1953 for a weighted mean).
+    A channel whose scatter came out small by chance is weighed too much: to first order each adds
+    ``A (I_c - I_c A I_c) A`` times the variance 2/nu of the logarithm of its variance (Kenward and Roger 1997; Meier
+    1953 for a weighted mean). Their second such term, for a covariance that is the weights' own inverse, is left out:
+    here the covariance comes from the scatter itself (benchmarks/mounting_coverage.py).
 
     Args:
         problem: the problem that was solved.
@@ -154,7 +155,7 @@ def weighing_error(problem: Problem, J: ComplexArray, covar: Float) -> Float:
             rows = J[start:stop][block.base.coordinate == channel]
             own = (rows.conj().T @ rows).real
             total += 2 / block.weight_freedom * (own - own @ covar @ own)
-    return np.asarray(2 * covar @ total @ covar)
+    return np.asarray(covar @ total @ covar)
 
 
 def _common_scatter(problem: Problem, x: Float, J: ComplexArray) -> Float | None:

@@ -24,7 +24,7 @@ from rotorfit.estimators.mounting import (
 )
 from rotorfit.models.array_types import ComplexArray, Float, Index
 
-_CLOSE = 0.95  # largest correlation between speeds that weights are built on
+_CLOSE = 0.7  # largest correlation between speeds that weights are built on: beyond, they follow the chance in it
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

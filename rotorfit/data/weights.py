@@ -1,12 +1,7 @@
-"""Runs with trial weights: which of them are one mounting, and what they determine together.
-
-Runs named ``A005-1``, ``A005-2`` are repeats of one mounting: the weight stayed where it was. A column ``mounting``
-says so for any other names. A run that neither tells counts as a mounting of its own.
-"""
+"""Weights at dwell speeds solved together: residual vectors, influences, and the scatter between mountings."""
 
 from __future__ import annotations
 
-import re
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -14,27 +9,11 @@ from typing import Any
 import numpy as np
 
 from rotorfit.data.experiments import Experiment, PerturbationTest
-from rotorfit.data.synchronous import (
-    DIFFERENCED,
-    OPPOSITE_TOLERANCE,
-    SPEED_TOLERANCE,
-    difference_synchronous,
-)
+from rotorfit.data.mountings import MOUNTING, SHORTEST_SWEEP, dwell_number, dwells, mountings, tells_mountings
+from rotorfit.data.synchronous import DIFFERENCED, difference_synchronous
 from rotorfit.estimators.influence import Influence, Readings, UndeterminedError, solve_influence
 from rotorfit.estimators.modes_seen import ModesSeen, modes_seen
-from rotorfit.models.array_types import ComplexArray, Float, Index
-
-MOUNTING = "mounting"
-"""Column, and attribute, that names the mounting of each row."""
-
-SHORTEST_SWEEP = 6
-"""Speeds of a run from which on its noise can be told from its smoothness."""
-
-LARGEST_DWELLS = 8
-"""Speeds of a run up to which it dwelt at them; more are a start-up, which is differenced sample by sample."""
-
-_REPEAT = re.compile(r"(.+)-\d+")
-_SAME_WEIGHT = 0.02  # relative difference of mass-radius products that are one weight, written down twice
+from rotorfit.models.array_types import ComplexArray, Float
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -151,7 +130,7 @@ def influence(test: PerturbationTest) -> Influences:
         planes=planes,
         mountings=mountings,
         weight=weight,
-        by_name=_tells_mountings(test),
+        by_name=tells_mountings(test),
     )
 
 
@@ -197,7 +176,7 @@ def weighed(experiment: Experiment) -> Influences | None:
 
 def _noise_is_known(test: PerturbationTest) -> bool:
     """Whether single runs can be fitted as they are: their noise is given, or they are long enough to tell it."""
-    return bool(np.isfinite(test.sigma).all()) or np.unique(_dwell(test.speed)).size >= SHORTEST_SWEEP
+    return bool(np.isfinite(test.sigma).all()) or np.unique(dwell_number(test.speed)).size >= SHORTEST_SWEEP
 
 
 def unsolved(test: PerturbationTest) -> bool:
@@ -206,61 +185,6 @@ def unsolved(test: PerturbationTest) -> bool:
         return False
     finite = np.isfinite(test.response).all() and np.isfinite(test.force).all()
     return bool(finite and (test.speed > 0).all())
-
-
-def dwells(test: PerturbationTest) -> bool:
-    """Whether every run of a test has at most :data:`LARGEST_DWELLS` speeds."""
-    number = _dwell(test.speed)
-    return all(np.unique(number[test.run == run]).size <= LARGEST_DWELLS for run in test.runs)
-
-
-def _dwell(speed: Float) -> Index:
-    """Number of the dwell speed of each reading: neighbours within the tolerance of constant speeds are one."""
-    values, inverse = np.unique(speed, return_inverse=True)
-    steps = np.diff(values) > SPEED_TOLERANCE * values[1:]
-    return np.asarray(np.concatenate([[0], np.cumsum(steps)])[inverse.reshape(-1)], dtype=np.intp)
-
-
-def _tells_mountings(test: PerturbationTest) -> bool:
-    return MOUNTING in test.attributes or any(_REPEAT.fullmatch(run) for run in test.runs)
-
-
-def mountings(test: PerturbationTest) -> list[str]:
-    """Name of the mounting of each row: the column, else the name of the run without the number of the repeat.
-
-    Runs whose weights differ are never one mounting, whatever their names.
-
-    Raises:
-        ValueError: one mounting in the column has two different weights.
-    """
-    given = MOUNTING in test.attributes
-    if given:
-        names = [str(value) for value in test.attributes[MOUNTING].tolist()]
-    else:
-        found = [(run, _REPEAT.fullmatch(run)) for run in test.run.tolist()]
-        names = [run if match is None else match[1] for run, match in found]
-    weight = test.force / test.speed**2
-    result: list[str] = []
-    seen: dict[str, list[tuple[str, complex]]] = {}
-    for name, plane, u in zip(names, test.force_plane.tolist(), weight.tolist(), strict=True):
-        kinds = seen.setdefault(name, [])
-        place = next((i for i, (at, v) in enumerate(kinds) if at == plane and _same(u, v)), len(kinds))
-        if place == len(kinds):
-            kinds.append((plane, u))
-        if place and given:
-            raise ValueError(
-                f"{test.source or 'the test'}: mounting {name} has different weights; a weight that was moved is "
-                "another mounting"
-            )
-        result.append(name if not place else f"{name} ({place + 1})")
-    return result
-
-
-def _same(u: complex, v: complex) -> bool:
-    if u == 0 or v == 0:
-        return u == v
-    turned = abs(float(np.angle(u / v)))
-    return abs(abs(u) - abs(v)) <= _SAME_WEIGHT * abs(v) and turned <= OPPOSITE_TOLERANCE
 
 
 def _readings(
@@ -288,7 +212,7 @@ def _readings(
         speed=test.speed,
         mounting=mounting,
         channel=np.array([channels.index(pair) for pair in pairs], dtype=np.intp),
-        dwell=_dwell(test.speed),
+        dwell=dwell_number(test.speed),
         unbalance=unbalance,
         sigma=test.sigma,
     )
