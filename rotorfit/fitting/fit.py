@@ -56,7 +56,8 @@ def fit(
         per: parameters that take one value for each value of a test attribute, ``{"D": "speed_rpm"}``.
         loss: "linear", or "soft_l1", "huber", "cauchy" against outliers.
         start: start values that replace those of the closed form.
-        phase_offsets: fit an offset of the phase reference for every run but the first; "common": one angle ``datum``
+        phase_offsets: fit an offset of the phase reference for every run but the first, or for every run about their
+            mean where their scatter tells how far the first one's may be off; "common": one angle ``datum``
             between all forces and all responses, where weight holes, Keyphasor and probes have no common zero. It is
             positive where responses lead.
         calibration: uncertainties of probes, force and phase reference, which then count in ``stderr``.
