@@ -167,7 +167,7 @@ def test_report_of_the_rig_says_what_the_fit_says(plain: FitResult, tmp_path: Pa
     assert (
         f"{100 * (onset.value / plain.speeds.max() - 1):.1f} % above the highest tested speed (2000 rpm)" in page.shown
     )
-    assert "only roughly (redchi 10.2)" in page.shown
+    assert "only roughly (redchi 10.6)" in page.shown
     assert "try rf.refine(fit)" in page.shown
     for title in (
         "Verdict", "Parameters", "95 % intervals", "Identifiability", "Test and data", "Model", "Dynamic stiffness",
