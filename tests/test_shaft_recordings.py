@@ -118,7 +118,10 @@ def test_the_command_line_goes_from_volts_to_the_anisotropy(backward, setup, tmp
     assert "no closed form: combination lines have none" in said
     assert "turning anisotropy: dK = 200" in said
     assert rf.load_fit(tmp_path / "out" / "fit.json").params["J"].value == 2e-4
-    assert main([*words, "--runout-um", "0.2", "--quiet"]) == 0
+    assert main([*words, "--runout-um", "0.2", "--quiet", "--out", str(tmp_path / "more")]) == 0
+    page = (tmp_path / "more" / "report.html").read_text()
+    assert "fit backward.h5 --setup rig.toml --model anisotropic-shaft --runout-um 0.2" in page
+    assert "runout_um=0.2)" in page
 
 
 @pytest.mark.parametrize(

@@ -84,19 +84,23 @@ def shaft_lines(records: Recording | Sequence[Recording], *, runout_um: float | 
     parts = []
     noted: dict[str, list[NDArray[Any]]] = {name: [] for name in several[0].attributes}
     for record in several:
-        if record.attributes.keys() != noted.keys():
+        if record.attributes.keys() != several[0].attributes.keys():
             raise ValueError(
                 f"{record.name} has the attributes {', '.join(record.attributes) or 'none'}, {several[0].name} has "
-                f"{', '.join(noted) or 'none'}: give all recordings the same"
+                f"{', '.join(several[0].attributes) or 'none'}: give all recordings the same"
             )
         own = _lines_of(record, runout_um)
         count = sum(part["run"].size for part in own)
+        if runout_um is not None:
+            noted.setdefault("runout_um", []).append(np.full(count, runout_um))
         for name, value in record.attributes.items():
             noted[name].append(np.full(count, value))
         parts += own
     columns: dict[str, Any] = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
     attributes = {name: np.concatenate(values) for name, values in noted.items()}
-    return LineTest(source=", ".join(record.path.name for record in several), attributes=attributes, **columns)
+    setup = several[0].setup.source if several[0].setup is not None else ""
+    source = ", ".join(record.path.name for record in several) + (f" with {setup}" if setup else "")
+    return LineTest(source=source, attributes=attributes, **columns)
 
 
 def _lines_of(record: Recording, runout_um: float | None) -> list[dict[str, NDArray[Any]]]:

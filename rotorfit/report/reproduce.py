@@ -61,15 +61,16 @@ def _source(experiment: Experiment) -> str:
     """How an experiment came about."""
     if not experiment.source:
         return "data_in_memory"
-    if isinstance(experiment, LineTest):
-        records = ", ".join(f'rf.read_recording({name!r}, "rig.toml")' for name in experiment.source.split(", "))
-        return f"rf.shaft_lines([{records}])"
     recorded = _recorded(experiment.source)
     if recorded is None:
         return f"rf.read({experiment.source!r})"
     files, setup = recorded
     rest = f", {setup!r}" if setup else ""
-    return f"rf.responses([{', '.join(f'rf.read_recording({name!r}{rest})' for name in files)}])"
+    records = f"[{', '.join(f'rf.read_recording({name!r}{rest})' for name in files)}]"
+    if not isinstance(experiment, LineTest):
+        return f"rf.responses({records})"
+    runout = _runout(experiment)
+    return f"rf.shaft_lines({records}{'' if runout is None else f', runout_um={runout:g}'})"
 
 
 def _recorded(source: str) -> tuple[list[str], str] | None:
@@ -77,6 +78,12 @@ def _recorded(source: str) -> tuple[list[str], str] | None:
     names, _, setup = source.partition(" with ")
     files = names.split(", ")
     return (files, setup) if all(Path(name).suffix.lower() in ALWAYS_RAW for name in files) or setup else None
+
+
+def _runout(experiment: Experiment) -> float | None:
+    """Run-out that lines of a recorded shaft were made with."""
+    values = experiment.attributes.get("runout_um") if isinstance(experiment, LineTest) else None
+    return None if values is None else float(values[0])
 
 
 def _calls(material: ReportInput) -> Iterator[str]:
@@ -162,6 +169,7 @@ def _command(material: ReportInput) -> str:
     if not expressible:
         return ""
     asked = {
+        "runout_um": next((r for r in map(_runout, fit.experiments) if r is not None), None),
         **options,
         "orthotropic": supports,
         "law": options["law"].name if "law" in options else "",
