@@ -37,6 +37,8 @@ _ROUNDING = 1e-9
 _SMOOTH_ENOUGH = 3.0
 """log10 of the penalty beyond which the spline is smoother than its knots would force it to be."""
 
+_FEWEST = 128
+"""Pieces of the spline to begin with."""
 _LEVERAGES = 64
 """Pulses at which it is computed how far the smooth angle is better known than they are."""
 _GROUP = 60
@@ -135,7 +137,7 @@ def _fit(times: Float, numbers: Index, step: float, duration: float, per_turn: i
     present, tooth = np.unique(numbers % per_turn, return_inverse=True)  # a wheel with an index gap has not all teeth
     relative = slope / float(np.median(slope))  # a first guess: all pulses scatter alike in time
     for _ in range(2):
-        size = 32
+        size = _FEWEST
         posed, log_penalty = _posed(times, angle, relative**-2, duration, size, tooth)
         while log_penalty <= _SMOOTH_ENOUGH and size < min(times.size, MOST_KNOTS):
             size = min(4 * size, MOST_KNOTS)
@@ -166,7 +168,10 @@ def _posed(
 ) -> tuple[_Problem, float]:
     """The problem on some knots and the log10 of its best penalty."""
     posed = _Problem.build(times, angle, weight, duration, size, tooth)
-    return posed, float(minimize_scalar(posed.criterion, bounds=(-4.0, 12.0), method="bounded").x)
+    grid = np.linspace(-4.0, 12.0, 17)  # the criterion has a second minimum where an uneven sweep passes for jitter
+    best = int(np.argmin([posed.criterion(log_penalty) for log_penalty in grid]))
+    bounds = (grid[max(best - 1, 0)], grid[min(best + 1, grid.size - 1)])
+    return posed, float(minimize_scalar(posed.criterion, bounds=bounds, method="bounded").x)
 
 
 def _pooled(times: Float, squares: Float, left: Float) -> Float:

@@ -198,3 +198,18 @@ def test_a_sweep_that_begins_slowly_has_no_missing_pulses() -> None:
     gone = number_pulses(np.delete(times, [0, 7]))
     assert gone.missing_count.tolist() == [1]
     assert gone.missing[0] == pytest.approx(times[6])
+
+
+def test_an_uneven_sweep_is_not_taken_for_jitter() -> None:
+    """A speed that swings by 1 rad/s seven times in a sweep of 10 s: one record in fifty lost it to smoothing."""
+    rng = np.random.default_rng(0)
+    for _ in range(20):
+        slope, size, rate, mark = 51.7, 1.03, 4.59, float(rng.uniform(-np.pi, np.pi))
+        t = np.linspace(0, 10, 200_001)
+        angle = 6.28 * t + slope * t**2 / 2 - size / rate * (np.cos(rate * t) - 1) + mark
+        passed = np.arange(np.ceil(angle[0] / (2 * np.pi)), np.floor(angle[-1] / (2 * np.pi)))
+        times = np.interp(2 * np.pi * passed, angle, t) + 4e-6 * rng.standard_normal(passed.size)
+        smooth = smooth_angle(number_pulses(times), duration=10.0)
+        inside = t[(t > 1) & (t < 9)]
+        off = smooth.angle(inside) - np.interp(inside, t, angle)
+        assert np.ptp(off) < 0.01
