@@ -64,17 +64,18 @@ def terms_left_out(model: RotorModel) -> tuple[LeftOut, ...]:
             where = f"[{first}]" if i == j else f"[{first}, {planes[j]}]"
             if i != j and "coupling_mass" not in blocks:
                 found.append(_term("m", where, "coupling mass", "kg", both, 2))
-            if i != j:
+            if i != j and "coupling_damping" not in blocks:
                 found.append(_term("c", where, "coupling damping", "N s/m", both, 1))
+            if i != j:
                 twist = ((i, i, 1.0), (j, j, 1.0), (i, j, -1.0), (j, i, -1.0))
                 internal = _term("ci", where, "internal damping of the shaft", "N s/m", twist, 1)
                 found.append(_with(internal, more=((0, 0.0, -1j),)))
             if "gyroscopic" not in blocks:
                 found.append(_term("g", where, "gyroscopic effect", "kg", both, 1, by_speed=-1j))
-            if len(planes) > 1:
+            if len(planes) > 1 and "gyroscopic_out_of_band" not in blocks:
                 found.append(_term("h", where, "gyroscopic effect, w^3", "kg s^2", both, 3, by_speed=1j))
-                if "out_of_band" not in blocks:
-                    found.append(_term("q", where, "modes above the band, w^4", "kg s^2", both, 4))
+            if len(planes) > 1 and "out_of_band" not in blocks:
+                found.append(_term("q", where, "modes above the band, w^4", "kg s^2", both, 4))
     for i in fluid_coordinates(model):
         found.append(_term("Ds", f"[{planes[i]}]", "external damping where the fluid acts", "N s/m", ((i, i, 1.0),), 1))
     return tuple(found)

@@ -35,7 +35,7 @@ def test_a_ladder_lends_its_threshold_to_the_rung_that_cannot_tell(short):
     """The rungs of second order hold beyond the band; how far they differ is part of the error."""
     rig, test = short
     ladder = rf.refine(rf.fit(WhirlWhip(), test, known={"K3": K3}))
-    assert len(ladder.steps) == 1 + len(BLOCKS)
+    assert len(ladder.steps) >= 1 + len(BLOCKS)
     top = rf.refine(ladder.steps[-1]).best  # no rung of second order: nothing to lend
     assert np.isinf(top.threshold_speed().stderr)
     onset = ladder.best.threshold_speed()

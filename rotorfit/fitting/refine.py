@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,6 +17,7 @@ from rotorfit.fitting.problem_setup import with_levels
 from rotorfit.fitting.result import FitResult
 from rotorfit.fitting.settings import Onset
 from rotorfit.models import BLOCKS, RotorModel, threshold_speed
+from rotorfit.models.structure import check_blocks
 from rotorfit.text_table import text_table
 
 Float = NDArray[np.float64]
@@ -63,7 +64,7 @@ def structure_name(model: RotorModel) -> str:
 
 
 def refine(fit: FitResult) -> Refinement:
-    """Add the structural blocks whole and nested, one rung after the other, and choose the rung of lowest BIC.
+    """Try every structural block, whole, beside those that lowered BIC so far, and choose the rung of lowest BIC.
 
     What misfit is left is noise: the chosen model is fitted once more with the noise level of each response as its
     residuals have it, so that a response that the model misses, or whose noise was estimated too small, weighs less.
@@ -86,14 +87,25 @@ def refine(fit: FitResult) -> Refinement:
     if fit.identifiability.unresolved:
         raise ValueError(f"resolve the parameters of the plain model before adding to it. {fit.identifiability}")
     steps = [fit]
-    for count in range(len(fit.model.blocks) + 1, len(BLOCKS) + 1):
-        begin = next(step for step in reversed(steps) if step.success or step is fit)
-        steps.append(refit(begin, begin.model.variant(blocks=BLOCKS[:count])))
-    # Every rung is tried: a block that brings nothing by itself may be what the next one needs.
-    best = min((step for step in steps if step.success or step is fit), key=lambda step: step.bic)
+    best = fit
+    for block in BLOCKS:
+        # Every block is tried, also after one that brings nothing.
+        if block not in best.model.blocks:  # type: ignore[attr-defined]
+            best = _better(best, _with_blocks(best, {*best.model.blocks, block}, steps))  # type: ignore[attr-defined]
+    if not any(step.model.blocks == BLOCKS for step in steps):  # type: ignore[attr-defined]
+        best = _better(best, _with_blocks(best, BLOCKS, steps))  # and those that only pay together
     chosen = level_noise(best)
     found = _rung_onsets(steps, best)
     return Refinement(tuple(steps), replace(chosen, settings=replace(chosen.settings, onsets=found)))
+
+
+def _with_blocks(fit: FitResult, blocks: Iterable[str], steps: list[FitResult]) -> FitResult:
+    steps.append(refit(fit, fit.model.variant(blocks=check_blocks(tuple(blocks)))))
+    return steps[-1]
+
+
+def _better(best: FitResult, step: FitResult) -> FitResult:
+    return step if step.success and step.bic < best.bic else best
 
 
 def _rung_onsets(steps: Sequence[FitResult], best: FitResult) -> tuple[Onset, ...]:

@@ -159,8 +159,9 @@ def refinement_section(material: ReportInput) -> Html:
         for step in ladder.rungs
     ]  # fmt: skip
     words = (
-        "Structural blocks that a lumped model leaves out (coupling mass, gyroscopic, out-of-band modes) were added "
-        "whole, one after the other. The rung of the lowest Bayesian information criterion is chosen."
+        "Structural blocks that a lumped model leaves out (coupling mass, gyroscopic, coupling damping, out-of-band "
+        "modes) were tried whole, each beside those that paid. The rung of the lowest Bayesian "
+        "information criterion is chosen."
     )
     if ladder.best.settings.levels:
         words += (

@@ -59,7 +59,7 @@ class Motion:
         if self.model.order != 2:
             raise ValueError(
                 f"{self.model.name} has an equation of motion of order {self.model.order}; one of order 2 can be "
-                f"integrated in time. Leave the out_of_band block out"
+                f"integrated in time. Leave the out_of_band blocks out"
             )
         if self.model.shaft is not None:
             raise ValueError(
