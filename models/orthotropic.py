@@ -66,6 +66,11 @@ class Orthotropic(RotorModel):
             raise ValueError(f"{base.name} has tilts, whose supports are not modelled in two directions")
         if base.eccentricity_dependent:
             raise ValueError(f"{base.name} has a law of eccentricity; orbits on an orthotropic support are not circles")
+        if base.turns:
+            raise ValueError(
+                f"{base.name} has a stiffness that turns, which with supports that do not makes many lines: "
+                "rf.models.harmonic_set predicts them"
+            )
         if base.shaft is not None:
             raise ValueError(f"{base.name} has a known structure, which is condensed in complex coordinates only")
         if any(not ca.SX(factor.im).is_zero() for factor in base.symbolic[4]):
