@@ -18,8 +18,8 @@ def two_disk_from_modes(fit: FitResult) -> dict[str, Quantity]:
     """Masses, stiffnesses and dampings of a two-disk rotor (eq. 19) from its two modes.
 
     With the mode shapes as columns, ``phi = [[1, 1], [phi1, phi2]]``, and modal masses, stiffnesses and dampings on
-    diagonals, ``M = phi^-T M_m phi^-1`` and so for K and D (eq. 23). Shapes are those of the participations of forces. Damping
-    that couples the modes is left out, as in the paper; the standard errors of D do not count that.
+    diagonals, ``M = phi^-T M_m phi^-1`` and so for K and D (eq. 23). Shapes are those of the participations of forces.
+    Damping that couples the modes is left out, as in the paper; the standard errors of D do not count that.
 
     Args:
         fit: of a ``Modal`` of two modes whose two planes, both forced, are the disks.
