@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -394,7 +395,10 @@ def test_info_prints_findings(
     assert cli.main(["info", str(tmp_path / "t.csv")]) == 0
     printed = " ".join(capsys.readouterr().out.split())
     for finding in check(test):
-        assert " ".join(str(finding).split()) in printed
+        assert " ".join(f"{finding.severity} [{finding.code}] {finding.message}".split()) in printed
+    lines = (tmp_path / "t.csv").read_text(encoding="utf-8").splitlines()
+    for first, last in re.findall(r"Lines (\d+)-(\d+)", printed):  # of the file, its header and comments counted
+        assert 1 < int(first) <= int(last) <= len(lines)
     assert f"[{code}]" in printed
 
 

@@ -70,7 +70,7 @@ def test_version_and_licence() -> None:
 
 def test_declared_pythons() -> None:
     declared = [c for c in PYPROJECT["project"]["classifiers"] if re.match(r"Programming Language :: Python :: 3\.", c)]
-    assert [c.rpartition(".")[2] for c in declared] == ["11", "12", "13", "14"]
+    assert [c.rpartition(".")[2] for c in declared] == ["11", "13"]  # those on which .ci/run runs the tests
     assert PYPROJECT["project"]["requires-python"] == ">=3.11"
 
 

@@ -12,8 +12,8 @@ import numpy as np
 
 from rotorfit.data.experiments import Experiment
 from rotorfit.estimators.closed_form import ClosedFormError
-from rotorfit.fitting.fit import fit
-from rotorfit.fitting.problem_setup import as_tuple
+from rotorfit.fitting.fit import fit, solve_again
+from rotorfit.fitting.problem_setup import as_tuple, build_problem
 from rotorfit.fitting.result import FitResult
 from rotorfit.models import Constant, EvenPolynomial, MonotoneSpline, Muszynska, RotorModel
 from rotorfit.models.laws import Law
@@ -204,6 +204,9 @@ def _try(
     mine = {name: value for name, value in known.items() if name in model.parameter_names}
     try:
         result = fit(model, experiments, known=mine, **options)
+        if result.settings.noise is not None:  # laws are compared by one likelihood, with the noise that the data tell
+            plain = replace(result.settings, noise=None)
+            result = solve_again(replace(result, settings=plain), build_problem(model, experiments, plain))
     except (ValueError, ClosedFormError, np.linalg.LinAlgError) as reason:
         return LawFit(law=law, fit=None, reason=str(reason), count=0, aic=np.inf, bic=np.inf)
     if not result.success:
