@@ -429,4 +429,4 @@ def test_results_and_experiments_print_short():
     rig = rf.datasets.rig_open()
     assert repr(rig) == "<PerturbationTest rig_open.csv: 4032 readings in 8 runs, at disk, journal, 1000, 2000 rpm>"
     fit = rf.fit(WhirlWhip(), rig, known={"K3": 6000.0})
-    assert repr(fit).startswith("<FitResult whirl-whip, least squares: 10 values from 4032 data, redchi 10.15, conv")
+    assert repr(fit).startswith("<FitResult whirl-whip, least squares: 10 values from 4032 data, redchi 10.63, conv")
