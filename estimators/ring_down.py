@@ -1,7 +1,9 @@
 """Frequency and damping of the modes in a record of free vibration, with their errors.
 
 The matrix pencil (Hua & Sarkar 1990) gives the exponentials without iteration; least squares on the record, linear in
-the amplitudes, refines them. The number of exponentials is chosen by BIC.
+the amplitudes, refines them. The number of exponentials is chosen by BIC. Steady vibration at known frequencies, as of
+unbalance, is linear in its amplitudes too: it joins the sum, and is taken out before the pencil, which would call it a
+mode.
 """
 
 from __future__ import annotations
@@ -18,6 +20,7 @@ _PENCIL = 120  # longest window of the pencil: longer ones cost more and gain no
 _SHORTEST = 0.05  # ratio of successive samples of a decay that is seen at all
 _GROWTH = 1e6  # growth over the record beyond which an exponential is no motion of a rotor
 _APART = 0.1  # relative shift in frequency of the two modes that are looked for in the place of one
+_HARDLY = 0.05  # of a frequency: distance from it, decay included, at which a mode may be steady vibration
 _ROWS = 1500  # windows of the pencil
 
 
@@ -32,6 +35,7 @@ class Decay:
         energy: share of each mode in the record.
         sigma: standard deviation of each mode's eigenvalue.
         bic: for the choice of the order.
+        steady: frequencies of the undamped vibration in the sum, rad/s.
     """
 
     s: ComplexArray
@@ -40,33 +44,48 @@ class Decay:
     energy: Float
     sigma: Float
     bic: float
+    steady: Float
 
 
-def decay_of(time: Float, signals: Float, modes: int) -> Decay | None:
+def decay_of(time: Float, signals: Float, modes: int, steady: Float | None = None) -> Decay | None:
     """The sum of decaying vibrations that a record holds, of the order that BIC prefers.
 
     Args:
         time: equal steps from zero, s, shape ``(n,)``.
         signals: x and y, shape ``(2, n)``.
         modes: vibrating modes that the sum has at least.
+        steady: frequencies of vibration that does not decay, rad/s, such as those of the shaft's turning.
 
     Returns:
         the sum, None where no sum of so many modes is found.
     """
-    found = list(_decays(time, signals, modes))
+    found = list(_decays(time, signals, modes, np.zeros(0)))
+    if steady is not None and any(_is_steady(decay, steady) for decay in found):
+        found += _decays(time, signals, modes, steady)
     # Forward and backward whirl of a nearly centred rotor lie so close that the pencil, in noise, sees one mode.
     doubled = [(d.s[:, None] + 1j * d.s.imag[:, None] * np.array([-_APART, _APART])).ravel() for d in found]
-    found += [_refine(time, signals, s, d.real) for d, s in zip(found, doubled, strict=True) if 0 < s.size <= 2 * modes]
+    found += [
+        _refine(time, signals, s, d.real, d.steady)
+        for d, s in zip(found, doubled, strict=True)
+        if 0 < s.size <= 2 * modes
+    ]
     candidates = [decay for decay in found if decay.s.size >= modes]
     return min(candidates, key=lambda decay: decay.bic) if candidates else None
 
 
-def _decays(time: Float, signals: Float, modes: int) -> Iterator[Decay]:
+def _is_steady(decay: Decay, steady: Float) -> bool:
+    """Whether a sum has steady vibration among its modes."""
+    return bool((np.abs(decay.s[:, None] - 1j * steady) < _HARDLY * steady).any())
+
+
+def _decays(time: Float, signals: Float, modes: int, steady: Float) -> Iterator[Decay]:
     """Fits of several orders; poles of the pencil decide how many of them vibrate."""
     step = float(time[-1] / (time.size - 1))
     top = min(2 * (modes + _EXTRA) + 1, time.size // 4)
+    waves = _basis(time, np.zeros(0, dtype=complex), np.zeros(0), steady)[:, :-1]
+    moving = signals - (waves @ np.linalg.lstsq(waves, signals.T, rcond=None)[0]).T if steady.size else signals
     for count in range(2 * modes, top + 1):
-        ratio = _pencil(signals, count)
+        ratio = _pencil(moving, count)
         size = np.abs(ratio) ** (time.size - 1)
         if (np.abs(ratio) < _SHORTEST).any() or (size > _GROWTH).any():
             continue  # more exponentials than the record holds: the rest of them are noise
@@ -75,7 +94,8 @@ def _decays(time: Float, signals: Float, modes: int) -> Iterator[Decay]:
         real = np.asarray(s[np.abs(s.imag) <= 1e-9 / step].real, dtype=float)
         if vibrating.size >= modes and 2 * vibrating.size + real.size == count:
             # The real exponential nearest to a constant is the constant. A centred journal has none, or noise for it.
-            yield _refine(time, signals, vibrating, np.delete(real, np.argmin(np.abs(real))) if real.size else real)
+            real = np.delete(real, np.argmin(np.abs(real))) if real.size else real
+            yield _refine(time, signals, vibrating, real, steady)
 
 
 def _pencil(signals: Float, count: int) -> ComplexArray:
@@ -89,16 +109,15 @@ def _pencil(signals: Float, count: int) -> ComplexArray:
     return np.asarray(np.linalg.eigvals(np.linalg.lstsq(V[:-1], V[1:], rcond=None)[0]).astype(complex))
 
 
-def _basis(time: Float, s: ComplexArray, real: Float) -> Float:
-    """Columns of the sum: cosine and sine of each mode, the real decays, the constant."""
+def _basis(time: Float, s: ComplexArray, real: Float, steady: Float) -> Float:
+    """Columns of the sum: cosine and sine of each mode, the real decays, the steady vibration, the constant."""
     largest = 2 * np.log(_GROWTH) / time[-1]  # keeps trial points of the search finite
     wave = np.exp(np.outer(time, np.minimum(s.real, largest) + 1j * s.imag))
-    return np.column_stack(
-        [wave.real, wave.imag, np.exp(np.outer(time, np.minimum(real, largest))), np.ones(time.size)]
-    )
+    decays, turning = np.exp(np.outer(time, np.minimum(real, largest))), np.outer(time, steady)
+    return np.column_stack([wave.real, wave.imag, decays, np.cos(turning), np.sin(turning), np.ones(time.size)])
 
 
-def _refine(time: Float, signals: Float, s: ComplexArray, real: Float) -> Decay:
+def _refine(time: Float, signals: Float, s: ComplexArray, real: Float, steady: Float) -> Decay:
     """Least squares in the eigenvalues, the amplitudes projected out (Kaufman 1975)."""
     from scipy.optimize import least_squares
 
@@ -110,7 +129,7 @@ def _refine(time: Float, signals: Float, s: ComplexArray, real: Float) -> Decay:
         return s, np.asarray(u[2 * m :] * scale)
 
     def project(u: Float) -> tuple[Float, Float, Float]:
-        basis = _basis(time, *parts(u))
+        basis = _basis(time, *parts(u), steady)
         q, r = np.linalg.qr(basis)
         inner = q.T @ signals.T
         amplitudes = np.linalg.lstsq(r, inner, rcond=None)[0]
@@ -121,11 +140,12 @@ def _refine(time: Float, signals: Float, s: ComplexArray, real: Float) -> Decay:
 
     def slopes(u: Float) -> Float:
         q, amplitudes, _ = project(u)
-        basis = _basis(time, *parts(u))
-        cosine, sine, decay = basis[:, :m], basis[:, m : 2 * m], basis[:, 2 * m : -1]
+        basis = _basis(time, *parts(u), steady)
+        last = 2 * m + real.size
+        cosine, sine, decay = basis[:, :m], basis[:, m : 2 * m], basis[:, 2 * m : last]
         columns = []
         for axis in range(2):
-            a, b, d = amplitudes[:m, axis], amplitudes[m : 2 * m, axis], amplitudes[2 * m : -1, axis]
+            a, b, d = amplitudes[:m, axis], amplitudes[m : 2 * m, axis], amplitudes[2 * m : last, axis]
             by = np.column_stack([a * cosine + b * sine, -a * sine + b * cosine, d * decay]) * time[:, None] * scale
             columns.append(-(by - q @ (q.T @ by)) / level)
         return np.concatenate(columns)
@@ -140,7 +160,7 @@ def _refine(time: Float, signals: Float, s: ComplexArray, real: Float) -> Decay:
     # What the record does not determine must weigh nothing: no pseudo-inverse, which would call it exact.
     least = np.finfo(float).eps * size[0]
     spread = np.sum((directions.T / np.maximum(size, least)) ** 2, axis=1) * variance * scale**2
-    energy = np.sum((_basis(time, s, np.zeros(0))[:, : 2 * m] ** 2).mean(axis=0).reshape(2, m), axis=0)
+    energy = np.sum((_basis(time, s, np.zeros(0), np.zeros(0))[:, : 2 * m] ** 2).mean(axis=0).reshape(2, m), axis=0)
     energy = energy * np.sum(amplitudes[: 2 * m].reshape(2, m, 2) ** 2, axis=(0, 2))
     step = float(time[-1] / (time.size - 1))
     sigma = np.sqrt((spread[:m] + spread[m : 2 * m]) / 2)
@@ -155,4 +175,5 @@ def _refine(time: Float, signals: Float, s: ComplexArray, real: Float) -> Decay:
         energy=energy[good],
         sigma=np.maximum(sigma, floor)[good],
         bic=bic if resolved else np.inf,
+        steady=steady,
     )

@@ -74,6 +74,8 @@ def terms_left_out(model: RotorModel) -> tuple[LeftOut, ...]:
                 found.append(_term("g", where, "gyroscopic effect", "kg", both, 1, by_speed=-1j))
             if len(planes) > 1 and "gyroscopic_out_of_band" not in blocks:
                 found.append(_term("h", where, "gyroscopic effect, w^3", "kg s^2", both, 3, by_speed=1j))
+            if len(planes) > 1:
+                found.append(_term("d", where, "damping that changes with frequency, w^3", "kg s", both, 3))
             if len(planes) > 1 and "out_of_band" not in blocks:
                 found.append(_term("q", where, "modes above the band, w^4", "kg s^2", both, 4))
     for i in fluid_coordinates(model):

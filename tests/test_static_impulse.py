@@ -207,6 +207,29 @@ def test_ring_down_gives_the_eigenvalue() -> None:
     assert test.frequency_ratio[0] == pytest.approx(0.46, rel=0.35)
 
 
+def test_unbalance_in_a_ring_down_is_not_its_mode() -> None:
+    """1x and 2x as large as the free vibration: linear in their amplitudes, they leave the mode and its error right."""
+    exact = whirl(LIGHT, 180.0, 0.3)
+    squares = []
+    for seed in range(20):
+        record = ring_down(LIGHT, eccentricities=(0.3,), seed=seed)
+        size = 0.5 * np.ptp(record.x)
+        turning = np.exp(1j * (180.0 * record.time + 0.4)) + 0.3 * np.exp(2j * 180.0 * record.time)
+        spoiled = replace(record, x=record.x + size * turning.real, y=record.y + size * turning.imag)
+        test = rf.ring_down_modes(spoiled)
+        squares.append(abs(complex(test.eigenvalue[0]) - exact) ** 2 / test.sigma[0] ** 2)
+    low, high = chi2.ppf([1e-4, 1 - 1e-4], 40)
+    assert low < sum(squares) < high
+
+
+def test_unbalance_alone_is_refused_as_a_mode() -> None:
+    record = ring_down(LIGHT, eccentricities=(0.3,))
+    wave = 1e-5 * np.exp(180.0j * record.time)
+    noise = np.random.default_rng(3).normal(size=(2, record.time.size)) * 1e-8
+    with pytest.raises(ValueError, match=r"that is unbalance, not a mode|noise only"):
+        rf.ring_down_modes(replace(record, x=wave.real + noise[0], y=wave.imag + noise[1]))
+
+
 def test_ring_down_without_noise_is_exact() -> None:
     test = rf.ring_down_modes(ring_down(LIGHT, noise=0.0, eccentricities=(0.3,)))
     assert abs(complex(test.eigenvalue[0]) - whirl(LIGHT, 180.0, 0.3)) < 1e-6

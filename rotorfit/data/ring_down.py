@@ -8,12 +8,16 @@ from numpy.typing import NDArray
 from rotorfit.data.experiments import ImpulseTest, RingDownTest
 from rotorfit.estimators.ring_down import Decay, decay_of
 
+_FEWEST_TURNS = 2.0  # of the shaft in a record that can tell vibration at its speed from a mode's
+_UNDAMPED = 1e-4  # of the speed: decay and distance from it that count as none
+
 
 def ring_down_modes(test: RingDownTest, *, modes: int = 1) -> ImpulseTest:
     """Reduce records of free vibration to eigenvalues, the strongest modes of each.
 
-    Records begin after the impulse has ended. Noise is taken as white; its level, and from it the standard deviation
-    of the eigenvalues, is what the sum of exponentials leaves of the record.
+    Records begin after the impulse has ended. Steady vibration at one and two times the speed, left by unbalance, joins
+    the sum where the record asks for it; what does not decay at these frequencies is no mode. Noise is taken as white;
+    its level, and from it the standard deviation of the eigenvalues, is what the sum leaves of the record.
 
     Args:
         test: the records.
@@ -23,7 +27,8 @@ def ring_down_modes(test: RingDownTest, *, modes: int = 1) -> ImpulseTest:
         an impulse test, a row for each mode of each record.
 
     Raises:
-        ValueError: unequal sampling, a record that is too short or has too few modes.
+        ValueError: unequal sampling, a record that is too short or has too few modes, or a strongest mode that is the
+            turning of the shaft.
     """
     rows: list[tuple[int, Decay, int]] = []
     for run in test.runs:
@@ -56,7 +61,17 @@ def _analyse(test: RingDownTest, rows: NDArray[np.intp], run: str, modes: int) -
         raise ValueError(f"{where}: x and y do not move")
     if np.ptp(test.speed[rows]) > 1e-3 * abs(float(test.speed[rows[0]])):
         raise ValueError(f"{where}: the speed changes within the record")
-    found = decay_of(time, signals, modes)
+    speed = abs(float(test.speed[rows[0]]))
+    turns = speed * time[-1] / (2 * np.pi)
+    orders = speed * np.array([k for k in (1, 2) if 2 * k * speed * steps.mean() < 2 * np.pi])
+    found = decay_of(time, signals, modes, orders if turns > _FEWEST_TURNS else None)
     if found is None:
         raise ValueError(f"{where}: fewer than {modes} vibrating mode(s) found; the record may hold noise only")
+    for k in np.argsort(-found.energy)[:modes].tolist():
+        s, sigma = found.s[k], max(float(found.sigma[k]), _UNDAMPED * speed)
+        if speed > 0 and any(abs(s.imag - order) < 4 * sigma and abs(s.real) < 4 * sigma for order in orders):
+            raise ValueError(
+                f"{where}: the vibration found at {s.imag / speed:.4g} times the speed does not decay (damping ratio "
+                f"{-s.real / abs(s):.1g}): that is unbalance, not a mode. Take the 1x out, or give longer records"
+            )
     return found
