@@ -659,9 +659,15 @@ def test_commands_of_the_readme_run(run: Run, tmp_path: Path, monkeypatch: pytes
         line.split()[1:] for block in readme_blocks("sh") for line in block.splitlines() if line.startswith("rotorfit ")
     ]
     assert {words[0] for words in commands} >= {"info", "models", "fit", "run"}
+    for name in ("disk-fwd", "journal-fwd"):
+        recording = Path(rotorfit.datasets.path(f"volts_{name}.h5"))
+        (tmp_path / f"{name}.h5").write_bytes(recording.read_bytes())
     for words in commands:
-        code, _, err = run(*words)
+        redirected = words[-2] == ">"
+        code, out, err = run(*(words[:-2] if redirected else words))
         assert (code, err) == (0, ""), words
+        if redirected:
+            (tmp_path / words[-1]).write_text(out, encoding="utf-8")
 
 
 # ---- around the work --------------------------------------------------------------------------

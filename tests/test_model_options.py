@@ -34,7 +34,12 @@ def variants(name: str) -> list[dict[str, Any]]:
         found += [{**fluid, "law": law(), "clearance_um": CLEARANCE_UM} for law in LAWS.values()]
     if name == "modal":
         names = ("a", "b", "c")
-        found += [{"apart": True}, {"planes": names, "force_planes": ("a",)}, {"planes": names, "probe_planes": ("b",)}]
+        found += [
+            {"apart": True},
+            {"gains": "plane"},
+            {"planes": names, "force_planes": ("a",)},
+            {"planes": names, "probe_planes": ("b",)},
+        ]
     for option, values in {"coupling_mass": (True,), "modes": (2,), "torsion": ("stiffness", None)}.items():
         if option in options:
             found += [{option: value} for value in values]

@@ -21,4 +21,7 @@ def test_errors_of_nonlinear_fits_to_integrated_data_are_as_stated_and_linear_fi
     assert worse.min() > 1000.0
     linear = next(row for row in rows if row.fit == "linear, all levels" and row.parameter == "lam")
     assert linear.covered == 0.0
-    assert np.abs(linear.bias) > 100.0
+    # Its stated errors hold what differs between the levels of the force, so the bias is a few of them, not hundreds;
+    # that the fluid is not linear is said by redchi.
+    assert linear.redchi > 100.0
+    assert np.abs(linear.bias) > 2.0
