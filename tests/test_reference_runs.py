@@ -1,4 +1,4 @@
-"""A reference run and runs with a trial weight, as balancing records them: start-ups end in a sentence."""
+"""A reference run and runs with a trial weight, as balancing records them, are start-ups that can be fitted."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import rotorfit as rf
 from rotorfit.cli import main as cli
 
 
-def test_a_start_up_without_weight_beside_those_with_one_ends_in_a_sentence(
+def test_a_start_up_without_weight_takes_the_residual_unbalance_out_of_those_with_one(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     model = rf.models.TwoDisk()
@@ -30,7 +30,9 @@ def test_a_start_up_without_weight_beside_those_with_one_ends_in_a_sentence(
                 rows.setdefault(name, []).append(np.broadcast_to(np.asarray(cell), speed.shape))
     test = rf.perturbation_test(**{name: np.concatenate(parts) for name, parts in rows.items()}, source="trial")  # type: ignore[arg-type]
     rf.write(test, tmp_path / "trial.csv")
-    assert cli.main(["fit", str(tmp_path / "trial.csv"), "--model", "two-disk", "--quiet"]) == 2
-    told = capsys.readouterr().err.strip().splitlines()
-    assert len(told) == 1
-    assert "trial.csv: the force is zero in 80 readings of ref. A reference run without a weight" in told[0]
+    assert cli.main(["fit", str(tmp_path / "trial.csv"), "--model", "two-disk", "--quiet"]) == 0
+    assert capsys.readouterr().err == ""
+    fit = rf.fit(model, rf.read(tmp_path / "trial.csv"))
+    for name, parameter in fit.params.items():
+        # the readings are exact but for the digits of the file: nothing of the residual unbalance is left in them
+        assert parameter.value == pytest.approx(TYPICAL["two-disk"][name], rel=1e-4), name
