@@ -319,6 +319,10 @@ def test_a_fit_cut_short_is_a_result_that_says_so():
     )
     assert not fit.success
     assert "did not converge" in fit.warnings[0]
+    # Its curvature tells nothing of the error: no bars.
+    row = next(line for line in fit.summary().splitlines() if line.startswith("lam "))
+    assert row.split()[2] == "-"
+    assert "threshold speed: not stated" in fit.summary()
     assert np.isfinite(fit.x).all()
 
 

@@ -47,3 +47,13 @@ def test_a_ladder_lends_its_threshold_to_the_rung_that_cannot_tell(short):
 def test_a_plain_fit_says_that_its_onset_is_extrapolated_in_frequency(short):
     fit = rf.fit(WhirlWhip(), short[1], known={"K3": K3})
     assert "refine (--refine) would tell" in fit.summary()
+
+
+def test_an_onset_far_above_the_tested_speeds_has_the_difference_between_rungs_as_an_error():
+    """Tested to 500 rpm, unstable near 2650: what grows with speed was hardly seen."""
+    rig = Rig(**TYPICAL)
+    ladder = rf.refine(rf.fit(WhirlWhip(), rig.campaign(RPM * np.array([300.0, 500.0]), 4), known={"K3": K3}))
+    onset = ladder.best.threshold_speed()
+    assert onset.stderr >= ladder.best.settings.onsets[0].difference
+    assert abs(onset.value - rig.threshold()) < 2.5 * onset.stderr
+    assert "times above the highest tested speed" in ladder.best.summary()

@@ -38,6 +38,8 @@ if TYPE_CHECKING:
     from rotorfit.uncertainty.profile import Profile
 
 
+_FAR = 3.0  # onset over the highest tested speed from which it is called far
+
 Float = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 
@@ -349,9 +351,13 @@ class FitResult:
         if onset is None:
             return Quantity(math.nan, self._growth_error(group), "rad/s")
         found = self._propagate(onset.speed, onset.gradient, "rad/s", group)
-        if rung is None or abs(onset.whirl_frequency) <= self.band:
+        if rung is None or not (abs(onset.whirl_frequency) > self.band or self._is_far(onset.speed)):
             return found
         return Quantity(found.value, math.hypot(found.stderr, rung.difference), "rad/s", found.freedom)
+
+    def _is_far(self, speed: float) -> bool:
+        """Whether a speed lies so far above the tested ones that what grows with speed is hardly seen in the data."""
+        return speed > _FAR * float(self.speeds.max(initial=0.0)) > 0
 
     def onset_note(self, group: int = 0) -> str:
         """What limits the threshold speed of a parameter group; empty where its whirl lies in the tested band.
@@ -369,10 +375,13 @@ class FitResult:
                 "the onset lies outside the tested band of frequencies: it is that of the model without terms that "
                 "hold in the band only, its error the difference between the models of the ladder included"
             )
+        error = "its error includes the difference between the models of the ladder"
+        if onset is not None and abs(onset.whirl_frequency) <= self.band and self._is_far(onset.speed):
+            far = f"the onset lies {onset.speed / float(self.speeds.max()):.1f} times above the highest tested speed"
+            return f"{far}: {error if self.settings.onsets else 'terms that grow with speed are hardly seen there'}"
         if onset is None or abs(onset.whirl_frequency) <= self.band:
             return ""
         words = f"the whirl at onset ({abs(onset.whirl_frequency) * RPM_PER_RAD_S:.0f} cycles a minute) lies above the "
-        error = "its error includes the difference between the models of the ladder"
         alone = "refine (--refine) would tell how much this depends on the model"
         known = error if self.settings.onsets else alone if hasattr(self.model, "blocks") else "the model extrapolates"
         return f"{words}tested frequencies ({self.band * RPM_PER_RAD_S:.0f}): {known}"

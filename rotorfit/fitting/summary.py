@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterable
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -62,7 +63,7 @@ def fit_summary(fit: FitResult) -> str:
     pairs = notable_correlations(fit)
     if pairs:
         lines.append("correlations: " + ", ".join(f"{a}-{b} {r:+.2f}" for a, b, r in pairs))
-    lines += _stability_lines(fit)
+    lines += _stability_lines(fit) if fit.success else ["threshold speed: not stated, as the fit did not converge"]
     lines += interval_lines(fit)
     lines += [f"errors: {remark}" for remark in fit.remarks]
     lines += [f"note: {caveat}" for caveat in fit.model.caveats]
@@ -91,9 +92,11 @@ def noise_lines(fit: FitResult) -> list[str]:
 
 def parameter_table(fit: FitResult) -> list[str]:
     """Lines of the parameter table; a parameter that the data do not determine shows no number."""
-    both = any(p.stderr > p.stderr_noise * 1.01 for p in fit.params.values() if p.vary and p.resolved)
+    both = fit.success and any(p.stderr > p.stderr_noise * 1.01 for p in fit.params.values() if p.vary and p.resolved)
     rows: list[list[str | Wide]] = [["parameter", "value", "stderr", *(["noise only"] * both), "start", "unit", ""]]
-    rows += [_row(p, both) for p in in_order(fit.params.values())]
+    # Where the search stalled the curvature tells nothing of the error.
+    shown = fit.params.values() if fit.success else [replace(p, stderr=np.inf) for p in fit.params.values()]
+    rows += [_row(p, both) for p in in_order(shown)]
     return text_table(rows, "<22 >14 >12 >12 >14 <1 <1" if both else "<22 >14 >12 >14 <1 <1")
 
 
