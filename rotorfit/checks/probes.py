@@ -63,7 +63,8 @@ def uneven_probes(orbits: Orbits) -> Iterator[Finding]:
         elif not pair.constant or abs(pair.ratio - 1) >= SMALLEST_GAIN:
             uneven.append(plane)
     if uneven:
-        part = max(told[plane].share for plane in uneven)
+        power = max(told[plane].share for plane in uneven) / 100
+        part = 100 * (power / (1 - power)) ** 0.5  # share is below one half
         static = [plane for plane in uneven if told[plane].constant]
         doubt = (
             f" At {listed(static)} one factor explains it, which a wrong gain and an anisotropic stiffness share as "
@@ -72,9 +73,9 @@ def uneven_probes(orbits: Orbits) -> Iterator[Finding]:
             else ""
         )
         text = (
-            f"Up to {part:.2g} % of the response at {listed(uneven)} is against the direction of the force and no "
-            f"noise: anisotropy, probes that differ, or a force that does not turn (force_direction).{doubt} Compare "
-            "with the model Anisotropic before trusting an isotropic one."
+            f"At {listed(uneven)} the motion against the direction of the force has up to {part:.2g} % of the "
+            "amplitude of that along it, and is no noise: anisotropy, probes that differ, or a force that does not turn "
+            f"(force_direction).{doubt} Compare with the model Anisotropic before trusting an isotropic one."
         )
         yield Finding("note", "anisotropy", text)
 
