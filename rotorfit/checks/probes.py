@@ -74,8 +74,8 @@ def uneven_probes(orbits: Orbits) -> Iterator[Finding]:
         )
         text = (
             f"At {listed(uneven)} the motion against the direction of the force has up to {part:.2g} % of the "
-            "amplitude of that along it, and is no noise: anisotropy, probes that differ, or a force that does not turn "
-            f"(force_direction).{doubt} Compare with the model Anisotropic before trusting an isotropic one."
+            "amplitude of that along it, and is no noise: anisotropy, probes that differ, or a force that does not "
+            f"turn (force_direction).{doubt} Compare with the model Anisotropic before trusting an isotropic one."
         )
         yield Finding("note", "anisotropy", text)
 
