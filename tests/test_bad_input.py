@@ -377,6 +377,7 @@ def test_any_text_is_a_test_or_is_refused_in_a_sentence(tmp_path_factory: pytest
     assert not message or (message.startswith("t.csv") and len(message.split()) >= 5)
 
 
+@pytest.mark.filterwarnings("ignore:.*readings are empty")
 @settings(max_examples=100, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(text=tables())
 def test_any_table_is_solved_or_refused_in_a_sentence(tmp_path_factory: pytest.TempPathFactory, text: str) -> None:
