@@ -11,13 +11,11 @@ from typing import Any
 import emcee
 import h5py
 import numpy as np
-from numpy.typing import NDArray
 
 from rotorfit.estimators.atomic_file import whole_file
 from rotorfit.estimators.log_posterior import LogPosterior
 from rotorfit.estimators.proposals import mixture
-
-Float = NDArray[np.float64]
+from rotorfit.models.array_types import Float
 
 CHUNK = 100
 """Steps between looks at the chain (and checkpoints) at first; later a fifth of the chain's length."""

@@ -10,13 +10,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import gammainccinv
 
 from rotorfit.estimators.noise import FLOOR
-
-Float = NDArray[np.float64]
-Index = NDArray[np.intp]
+from rotorfit.models.array_types import Float, Index
 
 _RATIOS = np.concatenate([[0.0], np.logspace(-2.5, 4.5, 22), [np.inf]])
 """Tried ratios of the proportional to the constant share of the variance, at the mean square amplitude."""

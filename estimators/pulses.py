@@ -10,11 +10,9 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import median_filter, percentile_filter
 
-Float = NDArray[np.float64]
-Index = NDArray[np.intp]
+from rotorfit.models.array_types import Float, Index
 
 NOISE_ALONE = 3.3
 """Distance of the two voltages over their scatter: Gaussian noise cut in two has 2.7, a sine 4.1, a pulse more."""

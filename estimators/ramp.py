@@ -11,12 +11,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.special import wofz
 
-Float = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
+from rotorfit.models.array_types import ComplexArray, Float
 
 _LEAST = 20  # samples that the fit of seven numbers needs at least
 _TURN = 0.04  # rise on both sides of a minimum, as a fraction of the peak, that makes it one

@@ -17,15 +17,12 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import BSpline
 from scipy.linalg import cho_solve_banded, cholesky_banded
 from scipy.optimize import minimize_scalar
 
 from rotorfit.estimators.pulses import NumberedPulses
-
-Float = NDArray[np.float64]
-Index = NDArray[np.intp]
+from rotorfit.models.array_types import Float, Index
 
 DEGREE = 5
 MOST_KNOTS = 200_000

@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rotorfit.campaigns.runs import Run, RunFit, Workers, fit_run, split_runs
 from rotorfit.campaigns.shared import fit_shared
@@ -26,13 +25,13 @@ from rotorfit.fitting.result import FitResult, FittedParameter
 from rotorfit.fitting.settings import FitSettings
 from rotorfit.fitting.summary import natural
 from rotorfit.models import RotorModel
+from rotorfit.models.array_types import Float
 from rotorfit.models.parameters import unknown_name
 from rotorfit.text_table import Wide, text_table
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-Float = NDArray[np.float64]
 
 _FLUID = ("K0", "lam", "lam_D", "D")  # what the source follows in a campaign, where the model has it
 

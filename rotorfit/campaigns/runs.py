@@ -21,8 +21,8 @@ from rotorfit.fitting.problem_setup import as_tuple, build_problem
 from rotorfit.fitting.result import FitResult, FittedParameter
 from rotorfit.fitting.settings import FitSettings
 from rotorfit.models import RotorModel
+from rotorfit.models.array_types import Float
 
-Float = NDArray[np.float64]
 T = TypeVar("T")
 
 _BATCH = 8  # runs sent to a worker at once: a tenth of a second of work, well above what sending costs

@@ -7,16 +7,14 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rotorfit.fitting.digits import plus_minus
 from rotorfit.fitting.result import Quantity
+from rotorfit.models.array_types import Float
 from rotorfit.text_table import Wide, text_table
 
 if TYPE_CHECKING:
     from rotorfit.campaigns.runs import RunFit
-
-Float = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rotorfit.data.experiments import Experiment
 from rotorfit.estimators import covariance
@@ -25,10 +24,9 @@ from rotorfit.fitting.problem_setup import with_levels
 from rotorfit.fitting.result import FitResult, FittedParameter, ResponseQuality
 from rotorfit.fitting.settings import FitSettings
 from rotorfit.models import BLOCKS, Modal, RotorModel
+from rotorfit.models.array_types import Float
 from rotorfit.models.stability import growth_rate
 from rotorfit.units import RPM_PER_RAD_S
-
-Float = NDArray[np.float64]
 
 _MEANING = {
     "phase": ("rad", "offset of the phase reference"),

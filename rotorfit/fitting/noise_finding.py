@@ -12,8 +12,8 @@ from rotorfit.estimators.nonlinear import responses_of
 from rotorfit.estimators.problem import Problem
 from rotorfit.fitting.noise_record import FoundNoise, Noise, NoiseVerdict, ResponseNoise, RunEffect
 from rotorfit.fitting.noise_search import Search, offset_entries, residuals_of, search_noise, turn_of
+from rotorfit.models.array_types import Float
 
-Float = NDArray[np.float64]
 _Number = TypeVar("_Number", np.float64, np.complex128)
 
 _WINDOW = 5  # lines over which residuals are averaged to see where the model misses

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rotorfit.estimators.correlated import CorrelatedResponses
 from rotorfit.estimators.correlation import Memory, memory
@@ -16,10 +15,7 @@ from rotorfit.estimators.problem import Problem
 from rotorfit.estimators.run_effects import MixedModel, Solved, select_effects
 from rotorfit.estimators.sweeps import force_plane, sweeps_of
 from rotorfit.fitting.noise_record import NoiseVerdict
-
-Float = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
-Index = NDArray[np.intp]
+from rotorfit.models.array_types import ComplexArray, Float, Index
 
 _CLEARLY = 4.0
 """Standard deviations from which memory along the sweeps is more than chance."""

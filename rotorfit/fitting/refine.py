@@ -7,7 +7,6 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rotorfit.estimators.problem import Problem
 from rotorfit.fitting.fit import fit as fit_model
@@ -17,10 +16,9 @@ from rotorfit.fitting.problem_setup import with_levels
 from rotorfit.fitting.result import FitResult
 from rotorfit.fitting.settings import Onset
 from rotorfit.models import BLOCKS, RotorModel, threshold_speed
+from rotorfit.models.array_types import Float
 from rotorfit.models.structure import check_blocks
 from rotorfit.text_table import text_table
-
-Float = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rotorfit.data.experiments import Experiment
 from rotorfit.estimators.correlated import CorrelatedResponses, freedom_of, quantile
@@ -22,6 +21,7 @@ from rotorfit.fitting.noise_judging import is_misfit
 from rotorfit.fitting.noise_record import Noise
 from rotorfit.fitting.settings import FitSettings
 from rotorfit.models import RotorModel, eigenvalues, threshold_speed
+from rotorfit.models.array_types import Float
 from rotorfit.models.parameters import unknown_name
 from rotorfit.models.stability import eigenvalue_gradient, is_image
 from rotorfit.units import RPM_PER_RAD_S
@@ -39,9 +39,6 @@ if TYPE_CHECKING:
 
 
 _FAR = 3.0  # onset over the highest tested speed from which it is called far
-
-Float = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 
 @dataclass(frozen=True, kw_only=True)

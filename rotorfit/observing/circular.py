@@ -15,10 +15,7 @@ from rotorfit.estimators.observations import Responses
 from rotorfit.estimators.row_keys import unique_rows
 from rotorfit.estimators.sweep_noise import estimate_noise
 from rotorfit.models import RotorModel
-
-Float = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
-Index = NDArray[np.intp]
+from rotorfit.models.array_types import ComplexArray, Float, Index
 
 
 @dataclass(frozen=True)

@@ -8,13 +8,13 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rotorfit.data.experiments import SYNCHRONOUS_TOLERANCE
 from rotorfit.estimators.correlated import CorrelatedResponses
 from rotorfit.estimators.nonlinear import OrbitResponses, responses_of
 from rotorfit.estimators.observations import Responses
 from rotorfit.fitting.summary import natural
+from rotorfit.models.array_types import ComplexArray, Float, Index
 from rotorfit.plots.journal import group_label, half_width
 from rotorfit.plots.style import colour_of, literal
 from rotorfit.units import RPM_PER_RAD_S
@@ -22,9 +22,6 @@ from rotorfit.units import RPM_PER_RAD_S
 if TYPE_CHECKING:
     from rotorfit.fitting.result import FitResult
 
-Float = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
-Index = NDArray[np.intp]
 
 SWEPT = 12
 """Distinct speeds of a block beyond which the speed is swept, as in a start-up."""

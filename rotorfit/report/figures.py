@@ -8,11 +8,11 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rotorfit.estimators.nonlinear import OrbitResponses, responses_of
 from rotorfit.estimators.shaft_lines import LineResponses, PairResponses
 from rotorfit.estimators.small_motion import FreeVibrations
+from rotorfit.models.array_types import Float
 from rotorfit.plots import responses as plots
 from rotorfit.plots.shaft_lines import plot_lines
 from rotorfit.report.html import Html, drawn, element, join, paragraph, picture, table
@@ -27,7 +27,6 @@ if TYPE_CHECKING:
     from rotorfit.report.material import ReportInput
     from rotorfit.uncertainty.posterior import Posterior
 
-Float = NDArray[np.float64]
 
 _CORNER = 8
 """Parameters a corner plot can show on a page."""

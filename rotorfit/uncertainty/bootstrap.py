@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rotorfit.estimators.batch import batch_fit
 from rotorfit.estimators.correlated import CorrelatedResponses
@@ -17,13 +16,11 @@ from rotorfit.estimators.problem import Problem
 from rotorfit.fitting.digits import interval, with_error
 from rotorfit.fitting.notebook import text_html
 from rotorfit.fitting.result import FitResult
+from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.models.parameters import unknown_name
 from rotorfit.models.stability import threshold_speeds
 from rotorfit.text_table import Wide, text_table
 from rotorfit.uncertainty.derived import Derived
-
-Float = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 # Data without a minimum nearby are common where the noise is large; what runs away need not be followed far. At a bound
 # Gauss-Newton may stall: the exact Hessian then finishes.

@@ -9,7 +9,6 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rotorfit.fitting.calibration import NUISANCE_KINDS, Calibration
 from rotorfit.fitting.digits import with_error
@@ -19,10 +18,9 @@ from rotorfit.fitting.notebook import text_html
 from rotorfit.fitting.problem_setup import build_problem
 from rotorfit.fitting.result import FitResult
 from rotorfit.models import threshold_speed
+from rotorfit.models.array_types import Float
 from rotorfit.text_table import Wide, text_table
 from rotorfit.units import RPM_PER_RAD_S
-
-Float = NDArray[np.float64]
 
 PRIORS = "priors"
 _NOTHING = 1e-4  # share of the combined uncertainty that a table shows as zero

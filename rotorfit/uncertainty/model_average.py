@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from rotorfit.fitting.digits import with_error
 from rotorfit.fitting.notebook import text_html
@@ -16,8 +16,6 @@ from rotorfit.models.parameters import unknown_name
 from rotorfit.text_table import text_table
 from rotorfit.uncertainty.derived import Derived, StiffnessBand
 from rotorfit.uncertainty.posterior import Posterior, sample
-
-Float = NDArray[np.float64]
 
 NEGLIGIBLE = 0.002
 """Weight below which a model is not sampled: its draws could not move a 99 % interval."""

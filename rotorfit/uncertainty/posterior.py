@@ -11,11 +11,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from rotorfit.estimators.correlated import freedom_of
 from rotorfit.fitting.notebook import text_html
 from rotorfit.fitting.result import FitResult
+from rotorfit.models.array_types import Float
 from rotorfit.models.stability import threshold_speeds
 from rotorfit.uncertainty.derived import Derived, Mode, StiffnessBand, modes
 
@@ -25,7 +26,6 @@ if TYPE_CHECKING:
     from rotorfit.estimators.ensemble_sampler import SamplerProgress
     from rotorfit.estimators.log_posterior import LogPosterior, Noise
 
-Float = NDArray[np.float64]
 
 WALKERS = 128
 """Walkers by default, enough to keep vectorised likelihoods busy; more where there are many parameters."""
