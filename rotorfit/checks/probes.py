@@ -208,8 +208,8 @@ def _ratio(expected: ComplexArray, seen: ComplexArray, noise: Float) -> tuple[co
 
 def _gain(plane: str, pair: _Pair) -> Finding:
     g, phase = abs(pair.ratio), np.degrees(np.angle(pair.ratio))
-    factor = abs(1 + pair.ratio) / 2
-    share = 100 * (1 - 1 / factor)
+    # Motion is seen (1 + ratio)/2 times as large where x is right, that over the ratio where y is.
+    if_x, if_y = (1 - 1 / factor for factor in (abs(1 + pair.ratio) / 2, abs(1 + 1 / pair.ratio) / 2))
     if abs(np.radians(phase)) > abs(g - 1) and pair.mirrored:
         what = f"The probes at {plane} are {90 - phase:.1f} degrees apart instead of 90, at every frequency"
         cure = f"give their angles, probe_angles, {plane} at 0 and {90 - phase:.1f}"
@@ -220,13 +220,17 @@ def _gain(plane: str, pair: _Pair) -> Finding:
         what = f"The y probe at {plane} reads {g:.3g} times what the x probe does, at every frequency"
         cure = f"if x is right, divide y by it: gains, {plane}.y = {g:.3g}; if y is right, {plane}.x = {1 / g:.3g}"
     effect = (
-        f"Every stiffness, damping and mass that is seen there (K, D, M, Mf) comes out some {abs(share):.2g} % too "
-        f"{'small' if share > 0 else 'large'}; lam, a ratio, hardly changes"
-        if abs(share) >= 1
+        "Every stiffness, damping and mass that is seen there (K, D, M, Mf) comes out some "
+        f"{_bias(if_x)} if the y probe is wrong, {_bias(if_y)} if the x probe is; lam, a ratio, hardly changes"
+        if max(abs(if_x), abs(if_y)) >= 0.01
         else "Stiffness, damping and mass hardly change, quadrature parts and small cross terms do"
     )
     return Finding("warning", "probe-gain", f"{what}, as no rotor does. {effect}. Find out which probe is wrong: "
                    f"{cure}.", pair.rows)  # fmt: skip
+
+
+def _bias(share: float) -> str:
+    return f"{100 * abs(share):.2g} % too {'small' if share > 0 else 'large'}"
 
 
 # ---- turned, exchanged and inverted pairs ------------------------------------------------------------------------
