@@ -58,6 +58,20 @@ def add_files(to: argparse.ArgumentParser) -> None:
         "--axes", metavar="AB", help="which directions of a universal file are x and y: yz for a shaft along its x [xy]"
     )
     to.add_argument("--sheet", metavar="NAME", help="sheet of an Excel file [the first]")
+    to.add_argument(
+        "--constant",
+        action="append",
+        default=[],
+        metavar="COLUMN=VALUE",
+        help="column that a table does not have, with one value throughout: force_plane=disk, mr_g_mm=30",
+    )
+    to.add_argument(
+        "--column",
+        action="append",
+        default=[],
+        metavar="NAME=COLUMN",
+        help="a column of a table (in a machine's export: a channel) under the name that rotorfit knows",
+    )
     rows = "readings by attribute (run, speed_rpm, plane, a column of the file): a value, or a range of numbers LO:HI"
     to.add_argument(
         "--where", action="append", default=[], metavar="NAME=VALUE", help=f"only {rows}; again for a further value"
@@ -138,6 +152,10 @@ def data_files(options: argparse.Namespace) -> tuple[DataFile | RecordingFiles, 
     for name in ("axes", "sheet"):
         if getattr(options, name):
             read[name] = getattr(options, name)
+    if options.constant:
+        read["constants"] = pairs("--constant", options.constant, str)
+    if options.column:
+        read["columns"] = pairs("--column", options.column, str)
     for name in ("where", "exclude"):
         if getattr(options, name):
             read[name] = chosen(f"--{name}", getattr(options, name))
@@ -147,7 +165,8 @@ def data_files(options: argparse.Namespace) -> tuple[DataFile | RecordingFiles, 
     if raw and read:
         raise ValueError(
             f"{raw[0].name} is a recording: what --probe-angles, --slow-roll-below and --speed say stands in its setup "
-            "(--setup rig.toml); --axes, --sheet, --where, --exclude and --drop-near-1x are for files of vectors"
+            "(--setup rig.toml); --axes, --sheet, --constant, --column, --where, --exclude and --drop-near-1x are for "
+            "files of vectors"
         )
     tests = tuple(DataFile(file, read) for file in options.files if file not in raw)
     return (*tests, RecordingFiles(raw, options.setup, options.windows)) if raw else tests

@@ -83,8 +83,15 @@ def marked_encoding(raw: bytes) -> str:
     return encoding
 
 
-def _decoded(path: Path) -> str:
-    """Text in UTF-8, UTF-16 or, as old programs save it, Windows' Western code page."""
+def decoded(path: Path) -> str:
+    """Text in UTF-8, UTF-16 or, as old programs save it, Windows' Western code page.
+
+    Args:
+        path: the file.
+
+    Raises:
+        ValueError: it is not such text.
+    """
     raw = path.read_bytes()
     encoding = marked_encoding(raw)
     try:
@@ -101,7 +108,7 @@ def _decoded(path: Path) -> str:
 
 
 def _text_rows(path: Path) -> Iterator[tuple[int, list[str]]]:
-    lines = re.split(r"\r\n|\r|\n", _decoded(path))
+    lines = re.split(r"\r\n|\r|\n", decoded(path))
     numbered = [(i, line) for i, line in enumerate(lines, 1) if line.strip() and not line.lstrip().startswith("#")]
     delimiter = ""
     if numbered and re.fullmatch(r"sep=.", numbered[0][1].strip()):  # written by Excel

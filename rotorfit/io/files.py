@@ -58,7 +58,7 @@ def read(
 
     Corrections are applied in the order of the arguments, before synchronous runs are differenced; a selection comes
     first of all. Units of a table are in its column names; what is read is SI. A table is tidy (a row a reading) or
-    wide (a column a probe: ``journal_x_um``, ``journal_x_lag_deg``).
+    wide (a column a probe: ``journal_x_um``, ``journal_x_lag_deg``), or an export of a condition-monitoring system.
 
     Args:
         path: the file.
@@ -74,7 +74,8 @@ def read(
         speed: rotative speed, rad/s, for universal files that do not hold it.
         speed_tolerance: fraction within which speeds are the same, :func:`~rotorfit.data.synchronous.group_speeds`.
         sheet: name of the sheet of an Excel file, by default the first.
-        columns: columns of a table under the names that rotorfit knows, ``{"Ampl. 1X": "journal_x_um_pp"}``.
+        columns: columns of a table under the names that rotorfit knows, ``{"Ampl. 1X": "journal_x_um_pp"}``; in a
+            sample table of a condition-monitoring system its channels, ``{"Gearbox": "gear_x"}``.
         constants: columns that a table does not have, with one value throughout, ``{"force_plane": "journal"}``.
         axes: which directions of a universal file are x and y; ``"yz"`` for a shaft along its x axis.
         where, exclude, drop_near_1x: readings to keep, :func:`rotorfit.data.selection.selected`.

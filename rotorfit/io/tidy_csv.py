@@ -8,7 +8,8 @@ unbalance ``mr_g_mm`` (force m r w^2), in place of amplitude and phase ``real_um
 an axial probe at ``probe_radius_mm``, positive when a positive slope gives a positive reading. Columns that are none of
 these become test attributes. Left out, ``run`` is one for each forced plane and speed, ``plane`` the journal,
 ``force_plane`` the only plane; empty readings are skipped. Wide tables, a column a probe: :mod:`rotorfit.io.wide`.
-Columns of the other experiments: :mod:`rotorfit.io.csv_kinds`.
+Columns of the other experiments: :mod:`rotorfit.io.csv_kinds`. Exports of condition-monitoring systems:
+:mod:`rotorfit.io.machine_tables`.
 """
 
 from __future__ import annotations
@@ -37,6 +38,14 @@ from rotorfit.io.csv_kinds import BUILDERS, columns_of
 from rotorfit.io.csv_table import MOTION, PERTURBATION_COLUMNS, Table, read_table
 from rotorfit.io.left_out import completed, without_empty
 from rotorfit.io.line_csv import line_columns, line_test
+from rotorfit.io.machine_tables import (
+    BODE_HEADER,
+    bode_table,
+    is_sample_table,
+    sample_table,
+    with_weight,
+    without_weight_finding,
+)
 from rotorfit.io.wide import is_wide, renamed, tidy, with_constants
 from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.models.parameters import unknown_name
@@ -69,13 +78,9 @@ def read_csv(
         ValueError: what is wrong, in which line and column, and what is allowed.
         FileNotFoundError: no such file.
     """
-    table = read_table(path, sheet)
-    if columns:
-        table = renamed(table, columns)
-    if constants:
-        table = with_constants(table, constants)
-    if is_wide(table):
-        table = tidy(table)
+    table, found = _opened(path, sheet, columns or {}, constants or {})
+    for finding in found:
+        (on_finding or _warn)(finding)
     return experiment_of(table, speed_tolerance, on_finding)
 
 
@@ -119,10 +124,29 @@ def lines_of(
     Args:
         path, sheet, columns, constants: as there.
     """
-    table = read_table(path, sheet)
-    table = renamed(table, columns) if columns else table
+    table, _ = _opened(path, sheet, columns or {}, constants or {})
+    return list(without_empty(table)[0].lines)
+
+
+def _opened(
+    path: str | Path, sheet: str | None, columns: Mapping[str, str], constants: Mapping[str, str | float]
+) -> tuple[Table, list[Finding]]:
+    """The tidy table of a file, whatever its layout, and what was left out of it."""
+    found: list[Finding] = []
+    samples = sheet is None and is_sample_table(Path(path))
+    bode = False
+    if samples:
+        table, found = sample_table(Path(path), columns)
+    else:
+        table = read_table(path, sheet)
+        bode = set(BODE_HEADER) <= set(table.cells)
+        table = renamed(table, columns) if columns else table
+    if bode:
+        table, found = bode_table(table, {"plane", "direction"} <= set(constants))
     table = with_constants(table, constants) if constants else table
-    return list(without_empty(tidy(table) if is_wide(table) else table)[0].lines)
+    if samples or bode:
+        return with_weight(table), found + without_weight_finding(table)
+    return (tidy(table) if is_wide(table) else table), found
 
 
 def _warn(finding: Finding) -> None:
