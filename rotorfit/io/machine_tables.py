@@ -310,7 +310,7 @@ def with_weight(table: Table) -> Table:
         table: readings with the constants that the user gives.
 
     Raises:
-        ValueError: a weight without its plane, where there are several.
+        ValueError: a weight without its angle, or without its plane where there are several.
     """
     cells, names, count = dict(table.cells), dict(table.names), len(table.lines)
     planes = list(dict.fromkeys(cells["plane"])) if "plane" in cells else []
@@ -323,6 +323,11 @@ def with_weight(table: Table) -> Table:
     weighted = any(name.startswith(_WEIGHT) and not name.startswith("force_plane") for name in cells)
     if not weighted:
         added |= {"mr_g_mm": ["0"] * count, "force_phase_deg": ["0"] * count}
+    elif not any(name.startswith("force_phase_") for name in cells):
+        raise ValueError(
+            f"{table.source}: the angle of the weight is not told; add force_phase_deg to the constants, degrees of "
+            "lead from the Keyphasor's mark"
+        )
     if "force_plane" not in cells and planes:
         if weighted and len(planes) > 1:
             raise ValueError(
