@@ -77,6 +77,17 @@ def test_what_is_left_out_is_said_with_its_mark_and_line(tmp_path):
     assert "export.txt holds no weight, so its run is a reference run" in words
 
 
+def test_probes_that_are_not_at_right_angles_are_noticed(tmp_path):
+    found = []
+    rf.read(written(tmp_path / "right.txt", export()), on_finding=found.append)
+    assert "probe-angles" not in [finding.code for finding in found]
+    path = written(tmp_path / "askew.txt", export().replace("45°|Left", "30°|Left"))
+    rf.read(path, on_finding=found.append)
+    (note,) = (finding.message for finding in found if finding.code == "probe-angles")
+    assert "BRG1 sit at 45° Right and 30° Left, 75 degrees apart and not 90" in note
+    assert '"BRG1=0:75"' in note
+
+
 @QUIET
 def test_a_weight_is_a_constant_of_the_file(tmp_path):
     path = written(tmp_path / "export.txt", export())

@@ -39,13 +39,15 @@ Row = tuple[int, Mapping[str, str]]
 
 @dataclass(frozen=True, kw_only=True)
 class _Channel:
-    """A channel of a sample table, with its units as the file writes them."""
+    """A channel of a sample table, with its units as the file writes them, and where its probe sits."""
 
     name: str
     machine: str
     amplitude: str
     phase: str
     speed: str
+    angle: str
+    side: str
 
 
 def is_sample_table(path: Path) -> bool:
@@ -89,6 +91,7 @@ def sample_table(path: Path, channels: Mapping[str, str]) -> tuple[Table, list[F
         words = f"{source}: channels that measure no displacement were left out: {', '.join(others)}"
         found.append(Finding("note", "channels", words))
     places = _places(source, moving, channels)
+    found += _askew(source, {place: named[name] for name, place in places.items()})
     several = len({named[name].machine for name in moving}) > 1
     rows: list[Row] = []
     for channel, (line, cells) in readings:
@@ -127,6 +130,7 @@ def _samples(source: str, text: str) -> Iterator[tuple[_Channel, Row]]:
             channels[key] = _Channel(
                 name=row["Channel Name"], machine=row.get("Machine Name", ""), amplitude=row["Amp Unit"],
                 phase=row.get("Phase Unit", "deg"), speed=row.get("Speed Units(P)", "rpm"),
+                angle=row.get("Angle", ""), side=row.get("Direction", ""),
             )  # fmt: skip
         elif key in channels:
             yield channels[key], (line, row)
@@ -220,6 +224,25 @@ def _places(source: str, names: Sequence[str], given: Mapping[str, str]) -> dict
             f"{found[twice[0]][1]}; name them apart by columns, {{{twice[0]!r}: 'brg1_x'}}"
         )
     return found
+
+
+def _askew(source: str, probes: Mapping[tuple[str, str], _Channel]) -> Iterator[Finding]:
+    """Notes on pairs of probes that do not sit at right angles, as their angles right and left of the top say."""
+    for plane in dict.fromkeys(plane for plane, _ in probes):
+        pair = [probes[plane, axis] for axis in "xy" if (plane, axis) in probes]
+        sides = [{"right": 1.0, "left": -1.0}.get(probe.side.lower()) for probe in pair]
+        matches = [_NUMBER.fullmatch(probe.angle) for probe in pair]
+        angles = [side * float(m[1]) for side, m in zip(sides, matches, strict=True) if side is not None and m]
+        if len(angles) < 2:
+            continue
+        apart = abs((angles[1] - angles[0] + 180) % 360 - 180)
+        if abs(apart - 90) > 1:
+            where = " and ".join(f"{probe.angle} {probe.side}" for probe in pair)
+            words = (
+                f"{source}: the probes x and y of {plane} sit at {where}, {apart:g} degrees apart and not 90; unless "
+                f'you have, give --probe-angles "{plane}=0:{apart:g}" (probe_angles), which puts X along the x probe'
+            )
+            yield Finding("note", "probe-angles", words)
 
 
 def bode_table(table: Table, plane_given: bool) -> tuple[Table, list[Finding]]:
