@@ -133,6 +133,10 @@ def test_names_that_do_not_tell_are_refused_until_they_are_given(tmp_path):
 def test_machines_of_one_file_are_told_apart(tmp_path):
     path = written(tmp_path / "export.txt", export(machines=("TURBINE", "PUMP")))
     assert set(rf.read(path).planes) == {"TURBINE BRG1", "PUMP BRG1"}
+    path = written(tmp_path / "same.txt", export(("1X", "1X"), machines=("TURBINE", "PUMP")))
+    test = rf.read(path)
+    np.testing.assert_allclose(test.select(test.plane == "TURBINE 1").response, X, rtol=1e-7)
+    np.testing.assert_allclose(test.select(test.plane == "PUMP 1").response, Y, rtol=1e-7)
 
 
 @QUIET
@@ -156,6 +160,7 @@ def test_a_day_that_is_ambiguous_is_no_date(tmp_path):
         (lambda text: text.replace("1|BRG1X|0|", "1|BRG9X|0|"), "line 10: no block of channels .* 'BRG9X'"),
         (lambda text: text.replace("1|BRG1X|0|DT-T|", "1|BRG1X|0|"), "line 10 has 16 cells, its header has 17"),
         (lambda text: text.replace(" V|", "BMA|").replace("DT-T", "").replace("|mil pp|", "|V pp|"), "none of its 8"),
+        (lambda text: text.replace("BRG1Y", "BRG1X"), "channels 1 and 2 are both called 'BRG1X'"),
         (lambda text: text.replace("BRG1Y", "BRG1 X"), "channels BRG1X, BRG1 X are all of plane BRG1, direction x"),
     ],
 )

@@ -10,239 +10,25 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from rotorfit.data.findings import Finding
-from rotorfit.io.cells import EXCEL, decoded, marked_encoding
 from rotorfit.io.csv_table import Table
-from rotorfit.units import UNITS, find_unit
 
-CHANNEL_HEADER = ("CH#", "Channel Name", "Amp Unit")
-"""Columns that a block of channels has to have; further ones are used where they are there."""
-SAMPLE_HEADER = ("CH#", "Channel Name", "Speed(P)", "1XAmplitude", "1X Phase")
-"""The same for a block of samples."""
 BODE_HEADER = ("x-axis value", "y-axis value", "phase")
 
-_NUMBER = re.compile(r"([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(?:°|deg\b)?\s*([^\d.,+-].*|)")
+NUMBER = re.compile(r"([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(?:°|deg\b)?\s*([^\d.,+-].*|)")
+"""A number, and the mark behind it."""
 _VALID = ("", "v")
 """What may follow a number that holds, in lower case; anything else marks a reading as one not to be relied on."""
-_SEPARATED = re.compile(r"(?P<plane>.*[^A-Za-z])(?P<axis>[XYxy])")
-_JOINED = re.compile(r"(?P<plane>.*[A-Za-z])(?P<axis>[XY])")
+SEPARATED = re.compile(r"(?P<plane>.*[^A-Za-z])(?P<axis>[XYxy])")
+"""Plane and axis in the name of a channel, ``Brg 1 X``."""
 _WEIGHT = ("force_", "mr_")
-_MONTHS = ("jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct", "nov", "dec")
 
 Row = tuple[int, Mapping[str, str]]
 """Line of the file, and its cells by column."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class _Channel:
-    """A channel of a sample table, with its units as the file writes them, and where its probe sits."""
-
-    name: str
-    machine: str
-    amplitude: str
-    phase: str
-    speed: str
-    angle: str
-    side: str
-
-
-def is_sample_table(path: Path) -> bool:
-    """Whether a text file has, near its beginning, the header of a block of channels or samples.
-
-    Args:
-        path: the file.
-    """
-    if path.suffix.lower() in EXCEL:
-        return False
-    with path.open("rb") as file:
-        head = file.read(20_000)
-    text = head.decode(marked_encoding(head) or "utf-8", errors="replace")
-    return re.search(r"(?im)^\s*ch#\s*\|\s*channel name\s*\|", text) is not None
-
-
-def sample_table(path: Path, channels: Mapping[str, str]) -> tuple[Table, list[Finding]]:
-    """Readings of a sample table, and what was left out of them.
-
-    Args:
-        path: the file.
-        channels: ``plane_x`` or ``plane_y`` by channel name, for names that do not tell.
-
-    Raises:
-        ValueError: a block lacks a column, a unit is unknown, or a name of a channel does not tell plane and direction.
-    """
-    source = path.name
-    readings = list(_samples(source, decoded(path)))
-    if not readings:
-        raise ValueError(f"{source} has no samples: no row follows a header {'|'.join(SAMPLE_HEADER)}")
-    named = {channel.name: channel for channel, _ in readings}
-    unknown = [name for name in channels if name not in named]
-    if unknown:
-        raise ValueError(f"{source} has no channel {unknown[0]!r}; its channels are {', '.join(named)}")
-    moving = [name for name, channel in named.items() if _length(source, channel) is not None]
-    others = [f"{name} ({named[name].amplitude or 'no unit'})" for name in named if name not in moving]
-    if not moving:
-        raise ValueError(f"{source} has no channel that measures a displacement: {', '.join(others)}")
-    found = []
-    if others:
-        words = f"{source}: channels that measure no displacement were left out: {', '.join(others)}"
-        found.append(Finding("note", "channels", words))
-    places = _places(source, moving, channels)
-    found += _askew(source, {place: named[name] for name, place in places.items()})
-    several = len({named[name].machine for name in moving}) > 1
-    rows: list[Row] = []
-    for channel, (line, cells) in readings:
-        if channel.name in places:
-            plane, axis = places[channel.name]
-            rows.append(
-                (line, _reading(source, channel, cells, f"{channel.machine} {plane}" if several else plane, axis))
-            )
-    day = next((day for _, row in rows if (day := _day(row["timestamp"]))), "")
-    rows = [(line, {**row, "date": day} if day else row) for line, row in rows]
-    return _checked(source, rows, "amplitude_um", "phase_lag_deg", "speed_rpm", found)
-
-
-def _samples(source: str, text: str) -> Iterator[tuple[_Channel, Row]]:
-    """Rows of all blocks of samples, each with its channel as the block before it describes it."""
-    channels: dict[tuple[str, str], _Channel] = {}
-    header: list[str] = []
-    for line, content in enumerate(re.split(r"\r\n|\r|\n", text), 1):
-        cells = [cell.strip() for cell in content.split("|")]
-        if len(cells) < len(CHANNEL_HEADER) or not any(cells):
-            continue
-        if cells[0].lower() == "ch#":
-            header = cells
-            wanted = SAMPLE_HEADER if "Sample#" in header else CHANNEL_HEADER
-            missing = [name for name in wanted if name not in header]
-            if missing:
-                raise ValueError(f"{source}: line {line}: the header has no column {', '.join(missing)}")
-            continue
-        if not header:
-            continue
-        if len(cells) != len(header) or (cells[-1] and not header[-1]):
-            raise ValueError(f"{source}: line {line} has {len(cells)} cells, its header has {len(header)} columns")
-        row = dict(zip(header, cells, strict=False))
-        key = (row["CH#"], row["Channel Name"])
-        if "Sample#" not in header:
-            channels[key] = _Channel(
-                name=row["Channel Name"], machine=row.get("Machine Name", ""), amplitude=row["Amp Unit"],
-                phase=row.get("Phase Unit", "deg"), speed=row.get("Speed Units(P)", "rpm"),
-                angle=row.get("Angle", ""), side=row.get("Direction", ""),
-            )  # fmt: skip
-        elif key in channels:
-            yield channels[key], (line, row)
-        else:
-            raise ValueError(
-                f"{source}: line {line}: no block of channels ({'|'.join(CHANNEL_HEADER)}) describes channel "
-                f"{key[0]} {key[1]!r} before its samples, so its unit is not known; export it with the channels"
-            )
-
-
-def _reading(source: str, channel: _Channel, cells: Mapping[str, str], plane: str, axis: str) -> dict[str, str]:
-    """A sample as a row of a tidy table; marks stay behind their numbers."""
-    to_um = (_length(source, channel) or 0.0) * 1e6
-    to_deg = _factor(source, channel, "phase", f"lag_{_unit(channel.phase)}") / UNITS["phase"]["lag_deg"]
-    to_rpm = _factor(source, channel, "frequency", _unit(channel.speed)) / UNITS["frequency"]["rpm"]
-    return {
-        "plane": plane,
-        "direction": axis,
-        "speed_rpm": _scaled(cells["Speed(P)"], to_rpm),
-        "amplitude_um": _scaled(cells["1XAmplitude"], to_um),
-        "phase_lag_deg": _scaled(cells["1X Phase"], to_deg),
-        "sample": cells["Sample#"],
-        "sample_cause": cells.get("Sample Cause", ""),
-        "timestamp": cells.get("Date", ""),
-        "avg_gap": cells.get("Avg Gap", ""),
-    }
-
-
-def _scaled(cell: str, factor: float) -> str:
-    match = _NUMBER.fullmatch(cell)
-    return f"{float(match[1]) * factor!r} {match[2]}".strip() if match else cell
-
-
-def _unit(cell: str) -> str:
-    """A unit as column names write it: ``mil_pp`` for ``Mils Pk-Pk``."""
-    words = cell.replace("µ", "u").replace("μ", "u").replace("°", "deg").lower().split()
-    same = {
-        "mils": "mil", "micron": "um", "microns": "um", "p-p": "pp", "pk-pk": "pp", "0-pk": "pk", "0-p": "pk",
-        "degree": "deg", "degrees": "deg",
-    }  # fmt: skip
-    return "_".join(same.get(word, word) for word in words if word != "lag")
-
-
-def _length(source: str, channel: _Channel) -> float | None:
-    """Factor to m, 0-peak; None for a channel that measures something else."""
-    unit = _unit(channel.amplitude)
-    if unit in UNITS["length"]:
-        raise ValueError(
-            f"{source}: channel {channel.name}: the Amp Unit {channel.amplitude!r} does not say whether amplitudes are "
-            f"peak to peak; write {channel.amplitude} pp, {channel.amplitude} pk or {channel.amplitude} rms there"
-        )
-    return find_unit(unit, UNITS["displacement"])
-
-
-def _factor(source: str, channel: _Channel, quantity: str, unit: str) -> float:
-    factor = find_unit(unit, UNITS[quantity])
-    if factor is None:
-        given, known = (channel.phase, "deg, rad") if quantity == "phase" else (channel.speed, "rpm, cpm, Hz")
-        raise ValueError(f"{source}: channel {channel.name}: unknown unit {given!r}; known: {known}")
-    return factor
-
-
-def _places(source: str, names: Sequence[str], given: Mapping[str, str]) -> dict[str, tuple[str, str]]:
-    """Plane and direction of each channel.
-
-    Raises:
-        ValueError: names that do not tell, or two that tell the same.
-    """
-    found: dict[str, tuple[str, str]] = {}
-    stems = {(m["plane"], m["axis"]) for name in names if (m := _JOINED.fullmatch(name))}
-    for name in names:
-        match = _SEPARATED.fullmatch(given.get(name, name))
-        joined = _JOINED.fullmatch(name)
-        if match is None and joined and {(joined["plane"], axis) for axis in "XY"} <= stems:
-            match = joined
-        plane = match["plane"].strip(" _-.:") if match else ""
-        if match and plane:
-            found[name] = (plane, match["axis"].lower())
-    lost = [name for name in names if name not in found]
-    if lost:
-        raise ValueError(
-            f"{source}: the names of these channels do not tell plane and direction: {', '.join(lost)} (of "
-            f"{', '.join(names)}); say them by columns, {{{lost[0]!r}: 'brg1_x'}}, on the command line --column "
-            f'"{lost[0]}=brg1_x"'
-        )
-    taken = Counter(found.values())
-    twice = [name for name in found if taken[found[name]] > 1]
-    if twice:
-        raise ValueError(
-            f"{source}: channels {', '.join(twice)} are all of plane {found[twice[0]][0]}, direction "
-            f"{found[twice[0]][1]}; name them apart by columns, {{{twice[0]!r}: 'brg1_x'}}"
-        )
-    return found
-
-
-def _askew(source: str, probes: Mapping[tuple[str, str], _Channel]) -> Iterator[Finding]:
-    """Notes on pairs of probes that do not sit at right angles, as their angles right and left of the top say."""
-    for plane in dict.fromkeys(plane for plane, _ in probes):
-        pair = [probes[plane, axis] for axis in "xy" if (plane, axis) in probes]
-        sides = [{"right": 1.0, "left": -1.0}.get(probe.side.lower()) for probe in pair]
-        matches = [_NUMBER.fullmatch(probe.angle) for probe in pair]
-        angles = [side * float(m[1]) for side, m in zip(sides, matches, strict=True) if side is not None and m]
-        if len(angles) < 2:
-            continue
-        apart = abs((angles[1] - angles[0] + 180) % 360 - 180)
-        if abs(apart - 90) > 1:
-            where = " and ".join(f"{probe.angle} {probe.side}" for probe in pair)
-            words = (
-                f"{source}: the probes x and y of {plane} sit at {where}, {apart:g} degrees apart and not 90; unless "
-                f'you have, give --probe-angles "{plane}=0:{apart:g}" (probe_angles), which puts X along the x probe'
-            )
-            yield Finding("note", "probe-angles", words)
 
 
 def bode_table(table: Table, plane_given: bool) -> tuple[Table, list[Finding]]:
@@ -265,7 +51,7 @@ def bode_table(table: Table, plane_given: bool) -> tuple[Table, list[Finding]]:
         )
     count = len(table.lines)
     if not plane_given:
-        match = _SEPARATED.fullmatch(Path(table.source).stem)
+        match = SEPARATED.fullmatch(Path(table.source).stem)
         if match is None or not match["plane"].strip(" _-.:"):
             raise ValueError(
                 f"{table.source} is a Bode table of one channel and does not say which: give constants "
@@ -282,20 +68,30 @@ def bode_table(table: Table, plane_given: bool) -> tuple[Table, list[Finding]]:
         (line, dict(zip(columns, cells, strict=True)))
         for line, cells in zip(table.lines, zip(*columns.values(), strict=True), strict=True)
     ]
-    return _checked(table.source, rows, names[0], names[1], names[2], [])
+    return checked(table.source, rows, names[0], names[1], names[2], [])
 
 
-def _checked(
+def checked(
     source: str, rows: Sequence[Row], amplitude: str, phase: str, speed: str, found: list[Finding]
 ) -> tuple[Table, list[Finding]]:
-    """The table of the readings whose numbers hold, and findings on those that were left out."""
+    """The table of the readings whose numbers hold, and findings on those that were left out.
+
+    Args:
+        source: name of the file, for messages.
+        rows: readings as they are written, marks behind their numbers.
+        amplitude, phase, speed: names of these columns.
+        found: findings so far.
+
+    Raises:
+        ValueError: a cell is no number, or no reading holds.
+    """
     kept: list[Row] = []
     reasons: Counter[str] = Counter()
     lines = []
     for line, row in rows:
         reason, cells = "", dict(row)
         for name, what in ((speed, "speed"), (amplitude, "amplitude"), (phase, "phase")):
-            match = _NUMBER.fullmatch(row[name])
+            match = NUMBER.fullmatch(row[name])
             if match is None and re.search(r"\d", row[name]):
                 hint = "; write decimals with a point" if "," in row[name] else ""
                 raise ValueError(f"{source}: line {line}: the {what} {row[name]!r} is not a number{hint}")
@@ -374,13 +170,3 @@ def without_weight_finding(table: Table) -> list[Finding]:
         "{'force_plane': ..., 'mr_g_mm': ..., 'force_phase_deg': ...} (--constant mr_g_mm=30 and so on)"
     )
     return [Finding("note", "no-weight", words)]
-
-
-def _day(stamp: str) -> str:
-    """Day of a time stamp as ISO 8601; empty where it cannot be told, such as 03/04/2025."""
-    if match := re.match(r"(\d{4})-(\d{2})-(\d{2})\b", stamp):
-        return match[0]
-    match = re.match(r"(\d{1,2})[ -]?([A-Za-z]{3})[ -]?(\d{4})\b", stamp)
-    if match is None or match[2].lower() not in _MONTHS:
-        return ""
-    return f"{match[3]}-{_MONTHS.index(match[2].lower()) + 1:02d}-{int(match[1]):02d}"

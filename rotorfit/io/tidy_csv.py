@@ -38,14 +38,8 @@ from rotorfit.io.csv_kinds import BUILDERS, columns_of
 from rotorfit.io.csv_table import MOTION, PERTURBATION_COLUMNS, Table, read_table
 from rotorfit.io.left_out import completed, without_empty
 from rotorfit.io.line_csv import line_columns, line_test
-from rotorfit.io.machine_tables import (
-    BODE_HEADER,
-    bode_table,
-    is_sample_table,
-    sample_table,
-    with_weight,
-    without_weight_finding,
-)
+from rotorfit.io.machine_samples import is_sample_table, sample_table
+from rotorfit.io.machine_tables import BODE_HEADER, bode_table, with_weight, without_weight_finding
 from rotorfit.io.wide import is_wide, renamed, tidy, with_constants
 from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.models.parameters import unknown_name
