@@ -45,7 +45,8 @@ def test_a_result_shows_its_parameters(fit: rf.FitResult) -> None:
     assert [row[0] for row in rows[1:]] == list(fit.params)
     by_name = {row[0]: row for row in rows}
     assert by_name["K0"][1] == "not determined"
-    assert by_name["D"][1:4] == ["448.37", "0.31", "N s/m"]
+    D = fit.params["D"]
+    assert by_name["D"][1:4] == [f"{D.value:.2f}", f"{D.stderr:.2f}", "N s/m"]  # two digits of the error
     assert "threshold speed" in fit._repr_html_()
 
 
