@@ -22,6 +22,7 @@ if TYPE_CHECKING:  # `as` tells type checkers that these names are for users
     from rotorfit.data.experiments import StaticTest as StaticTest
     from rotorfit.data.experiments import perturbation_test as perturbation_test
     from rotorfit.data.findings import Finding as Finding
+    from rotorfit.data.joined import join_runs as join_runs
     from rotorfit.data.ring_down import ring_down_modes as ring_down_modes
     from rotorfit.data.synchronous import difference_synchronous as difference_synchronous
     from rotorfit.data.weights import Influences as Influences
@@ -71,6 +72,7 @@ if TYPE_CHECKING:  # `as` tells type checkers that these names are for users
     from rotorfit.uncertainty.profile import Profile as Profile
 
 _HOME = {
+    "join_runs": "rotorfit.data.joined",
     "ObservedStiffness": "rotorfit.monitoring.observed_stiffness",
     "observed_stiffness": "rotorfit.monitoring.observed_stiffness",
     "DatedValues": "rotorfit.monitoring.trend",

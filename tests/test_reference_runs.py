@@ -36,3 +36,37 @@ def test_a_start_up_without_weight_takes_the_residual_unbalance_out_of_those_wit
     for name, parameter in fit.params.items():
         # the readings are exact but for the digits of the file: nothing of the residual unbalance is left in them
         assert parameter.value == pytest.approx(TYPICAL["two-disk"][name], rel=1e-4), name
+
+
+def test_a_reference_run_and_a_trial_run_in_two_files_are_one_test(tmp_path: Path) -> None:
+    """As monitoring systems export them: either file alone is refused or shows the residual unbalance only."""
+    model = rf.models.TwoDisk()
+    speed = np.linspace(60.0, 420.0, 40)
+    H = model.receptance(model.vector(TYPICAL["two-disk"]), speed, speed)
+    residual = model.force_vector("outboard", speed, 8e-6 * speed**2 * np.exp(0.7j))
+    tests = []
+    for plane, weight in (("inboard", 0.0), ("inboard", 2e-5), ("outboard", 2e-5)):
+        force = weight * speed**2 + 0j
+        motion = np.einsum("lij,lj->li", H, model.force_vector(plane, speed, force) + residual)
+        test = rf.perturbation_test(
+            run="1", speed=np.tile(speed, 2), frequency=np.tile(speed, 2), force_plane=plane, force=np.tile(force, 2),
+            plane=np.repeat(model.planes, speed.size), direction="z", response=motion.T.ravel(), sigma=1e-8,
+        )  # fmt: skip
+        file = tmp_path / f"{plane}-{weight:g}.csv"
+        rf.write(test, file)
+        tests.append(rf.read(file, difference=False))
+    whole = rf.join_runs(tests)
+    assert sorted(set(whole.run.tolist())) == [
+        "1 (inboard-2e-05) minus 1 (inboard-0)",
+        "1 (outboard-2e-05) minus 1 (inboard-0)",
+    ]
+    fit = rf.fit(model, whole)
+    for name, parameter in fit.params.items():
+        assert parameter.value == pytest.approx(TYPICAL["two-disk"][name], rel=1e-4), name
+
+
+def test_what_cannot_be_joined_is_refused() -> None:
+    with pytest.raises(ValueError, match="no tests to join"):
+        rf.join_runs([])
+    with pytest.raises(TypeError, match="not a CoefficientTable"):
+        rf.join_runs([rf.datasets.seal_muszynska_tum()])  # type: ignore[list-item]

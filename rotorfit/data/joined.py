@@ -1,0 +1,52 @@
+"""Runs of one test that stand in several files: a run without a trial weight in one, runs with it in others."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from rotorfit.data.experiments import PerturbationTest
+from rotorfit.data.synchronous import join
+from rotorfit.data.weights import differenced
+
+
+def join_runs(tests: Sequence[PerturbationTest], *, difference: bool = True) -> PerturbationTest:
+    """One test of the runs of several, differenced as :func:`rotorfit.read` does with runs of one file.
+
+    Balancing records the run without a trial weight and the run with it in two files; alone, neither says anything of
+    the rotor. Runs of the same name in several files are told apart by the name of their file. Attributes that only
+    some of the tests have are left out.
+
+    Args:
+        tests: of the same machine; of files read with ``difference=False``.
+        difference: difference the runs of a synchronous test, see :func:`rotorfit.difference_synchronous`.
+
+    Raises:
+        TypeError: something else than perturbation tests.
+        ValueError: no test at all.
+
+    Example:
+        >>> one, other = (rig.select(rig.force_plane == plane) for plane in ("disk", "journal"))
+        >>> len(rf.join_runs([one, other])) == len(rig)
+        True
+    """
+    for test in tests:
+        if not isinstance(test, PerturbationTest):
+            raise TypeError(f"runs of perturbation tests can be joined, not a {type(test).__name__}")
+    if not tests:
+        raise ValueError("there are no tests to join")
+    shared = set.intersection(*(set(test.attributes) for test in tests))
+    taken = Counter(run for test in tests for run in set(test.run.tolist()))
+    parts = []
+    for number, test in enumerate(tests):
+        where = Path(test.source).stem or f"test {number + 1}"
+        run = np.array([f"{name} ({where})" if taken[name] > 1 else name for name in test.run.tolist()])
+        attributes = {name: values for name, values in test.attributes.items() if name in shared}
+        source = ", ".join(dict.fromkeys(t.source for t in tests if t.source))
+        parts.append(replace(test, run=run, attributes=attributes, source=source))
+    whole = join(parts)
+    return differenced(whole) if difference and whole.synchronous else whole
