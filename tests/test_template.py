@@ -21,8 +21,8 @@ def test_a_recording_that_says_all_gets_a_template_that_reads_at_once(tmp_path: 
     setup = tmp_path / "rig.toml"
     setup.write_text(template(path))
     with_setup, without = rf.read_recording(path, setup), rf.read_recording(path)
-    assert with_setup.force == without.force
-    assert with_setup.probes == without.probes
+    assert repr(with_setup.force) == repr(without.force)  # NaN stands for what is not given
+    assert repr(with_setup.probes) == repr(without.probes)
     # and with every comment taken away it says the same itself
     keys = ("#", "sample", "speed", "[force", "plane", "mr_", "angle", "whirl", "sens", "pulses")
     filled = [
@@ -30,7 +30,7 @@ def test_a_recording_that_says_all_gets_a_template_that_reads_at_once(tmp_path: 
     ]
     setup.write_text("\n".join(filled))
     bare = write_hdf5(tmp_path / "bare.h5", volts(), {})
-    assert rf.read_recording(bare, setup).force == without.force
+    assert repr(rf.read_recording(bare, setup).force) == repr(without.force)
 
 
 def test_a_template_to_fill_in_is_refused_until_it_is(tmp_path: Path) -> None:
