@@ -32,7 +32,7 @@ def round_part(problem: Problem) -> Problem | None:
     if not isinstance(space.model, Turning):
         return None
     pairs = [block for block in problem.blocks if isinstance(block, PairResponses)]
-    kept = [i for i, name in enumerate(space.base) if name not in ("dKc", "dKs")]
+    kept = [i for i, name in enumerate(space.base) if name not in ("dK_cos", "dK_sin")]
     if len(pairs) < len(problem.blocks) or not kept or not all((block.line == "w").any() for block in pairs):
         return None
     round_space = replace(
@@ -72,7 +72,7 @@ def line_start(problem: Problem) -> Float:
     space = problem.space
     model = space.model
     values = {name: model.parameter(name).scale for name in model.parameter_names}
-    values |= dict.fromkeys(("dKc", "dKs", "ec", "es", "Px", "Py"), 0.0)
+    values |= dict.fromkeys(("dK_cos", "dK_sin", "ec", "es", "Px", "Py"), 0.0)
     known = np.asarray((space.index < 0).all(axis=0)).tolist()
     template = dict(zip(model.parameter_names, space.template[0].tolist(), strict=True))
     fixed = {name: template[name] for name, is_known in zip(model.parameter_names, known, strict=True) if is_known}
@@ -116,7 +116,7 @@ def _kappa(values: dict[str, float], w: Float) -> ComplexArray:
 
 
 def _delta(values: dict[str, float]) -> complex:
-    return complex(values["dKc"], values["dKs"])
+    return complex(values["dK_cos"], values["dK_sin"])
 
 
 def _round_part(readings: _Readings, values: dict[str, float]) -> dict[str, float]:
@@ -141,7 +141,7 @@ def _image(readings: _Readings, values: dict[str, float]) -> dict[str, float]:
     w, speed, force, response, sigma = found
     share = -(force / _kappa(values, w)).conj() / _kappa(values, 2 * speed - w)
     c, s = _solve(np.array([share, 1j * share]), response, 1 / sigma).tolist()
-    return {"dKc": c, "dKs": s}
+    return {"dK_cos": c, "dK_sin": s}
 
 
 def _unbalance(readings: _Readings, values: dict[str, float]) -> dict[str, float]:

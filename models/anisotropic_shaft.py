@@ -44,10 +44,10 @@ _TORSION = {
 class AnisotropicShaft(RotorModel):
     """A disk on a shaft with two lateral stiffnesses, K + dK and K - dK, that turn with it, and twist.
 
-    The anisotropy enters as ``dKc = dK cos 2g`` and ``dKs = dK sin 2g``, which have a meaning for a round shaft too,
-    where the angle g of the stiff direction has none; :meth:`anisotropy` makes dK and g of them, :meth:`components` the
-    other way round. So do ``ec``, ``es`` (eccentricity along the Keyphasor mark and ahead of it) and ``Px``, ``Py``
-    (side load).
+    The anisotropy enters as ``dK_cos = dK cos 2g`` and ``dK_sin = dK sin 2g``, which have a meaning for a round shaft
+    too, where the angle g of the stiff direction has none; :meth:`anisotropy` makes dK and g of them,
+    :meth:`components` the other way round. So do ``ec``, ``es`` (eccentricity along the Keyphasor mark and ahead of it)
+    and ``Px``, ``Py`` (side load).
 
     Args:
         planes: name of the disk's plane.
@@ -68,8 +68,8 @@ class AnisotropicShaft(RotorModel):
             Parameter("M", "kg", "mass of the disk", scale=1.0, lower=0.0),
             Parameter("D", "N s/m", "external damping", scale=10.0),
             Parameter("K", "N/m", "mean lateral stiffness", scale=1e4),
-            Parameter("dKc", "N/m", "turning anisotropy, dK cos 2g", scale=1e3),
-            Parameter("dKs", "N/m", "turning anisotropy, dK sin 2g", scale=1e3),
+            Parameter("dK_cos", "N/m", "turning anisotropy, dK cos 2g", scale=1e3),
+            Parameter("dK_sin", "N/m", "turning anisotropy, dK sin 2g", scale=1e3),
             Parameter("ec", "m", "eccentricity along the Keyphasor mark", scale=1e-4),
             Parameter("es", "m", "eccentricity ahead of the Keyphasor mark", scale=1e-4),
             Parameter("Px", "N", "side load in x", scale=10.0),
@@ -88,7 +88,7 @@ class AnisotropicShaft(RotorModel):
 
     def turning_stiffness(self, p: Any) -> Matrix:
         """See :meth:`RotorModel.turning_stiffness`."""
-        return [[Complex(p.dKc, p.dKs)]]
+        return [[Complex(p.dK_cos, p.dK_sin)]]
 
     # ---- free motion: Floquet exponents ---------------------------------------------------------------------------
 
@@ -166,13 +166,13 @@ class AnisotropicShaft(RotorModel):
 
     @staticmethod
     def components(dK: float, angle: float) -> dict[str, float]:
-        """``dKc`` and ``dKs`` of an anisotropy dK, N/m, whose stiff direction is ``angle`` rad ahead of the mark."""
-        return {"dKc": dK * math.cos(2 * angle), "dKs": dK * math.sin(2 * angle)}
+        """``dK_cos`` and ``dK_sin`` of dK, N/m, with the stiff direction ``angle`` rad ahead of the mark."""
+        return {"dK_cos": dK * math.cos(2 * angle), "dK_sin": dK * math.sin(2 * angle)}
 
     def anisotropy(self, theta: ArrayLike) -> tuple[NDArray[np.float64], Float]:
         """Turning anisotropy dK, N/m, and angle g of the stiff direction, rad in (-pi/2, pi/2]."""
         vectors = np.asarray(theta, dtype=float)
-        c, s = (vectors[..., self.parameter_names.index(name)] for name in ("dKc", "dKs"))
+        c, s = (vectors[..., self.parameter_names.index(name)] for name in ("dK_cos", "dK_sin"))
         return np.hypot(c, s), np.arctan2(s, c) / 2
 
 
@@ -190,7 +190,7 @@ def _line_graphs(torsion: Torsion) -> tuple[ca.SX, Lines, Lines]:
         M=p["M"],
         D=p["D"],
         K=p["K"],
-        delta=Complex(p["dKc"], p["dKs"]),
+        delta=Complex(p["dK_cos"], p["dK_sin"]),
         eps=Complex(p["ec"], p["es"]),
         side=Complex(p["Px"], p["Py"]),
         **{name: p.get(name, 0.0) for name in ("J", "kt", "ct")},

@@ -83,7 +83,7 @@ def harmonic_set(
         frequency: w, rad/s, signed and not zero.
         speed: Om, rad/s.
         force: complex amplitude at w by plane, N.
-        support: by plane ``dKs exp(2jh)``, N/m: half the difference of the support's two stiffnesses, h the direction
+        support: by plane ``dK exp(2jh)``, N/m, dK half the difference of the support's two stiffnesses, h the direction
             of the greater one from x.
         tolerance: change of the lines, over the largest, at which no more are added.
         most: largest N.

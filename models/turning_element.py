@@ -21,8 +21,8 @@ from rotorfit.models.turning import TurningFrame
 class Turning(RotorModel):
     """A model one of whose elements has two lateral stiffnesses that turn with it, dK more and dK less than the mean.
 
-    Its parameters are those of the model, then ``dKc = dK cos 2g`` and ``dKs = dK sin 2g``, g the angle of the stiff
-    direction ahead of the Keyphasor mark.
+    Its parameters are those of the model, then ``dK_cos = dK cos 2g`` and ``dK_sin = dK sin 2g``, g the angle of the
+    stiff direction ahead of the Keyphasor mark.
 
     Args:
         base: the model: one mode, whirl and whip, a chain, a known structure and others in complex coordinates.
@@ -54,8 +54,8 @@ class Turning(RotorModel):
         self.turns = base.shaft is None
         self.parameters = (
             *base.parameters,
-            Parameter("dKc", "N/m", f"turning anisotropy, dK cos 2g, at {' to '.join(ends)}", scale=1e3),
-            Parameter("dKs", "N/m", f"turning anisotropy, dK sin 2g, at {' to '.join(ends)}", scale=1e3),
+            Parameter("dK_cos", "N/m", f"turning anisotropy, dK cos 2g, at {' to '.join(ends)}", scale=1e3),
+            Parameter("dK_sin", "N/m", f"turning anisotropy, dK sin 2g, at {' to '.join(ends)}", scale=1e3),
         )
 
     def options(self) -> dict[str, Any]:
@@ -80,7 +80,7 @@ class Turning(RotorModel):
         stretch = [0.0] * len(self.coordinates)
         for plane, sign in zip(self.element, (1.0, -1.0), strict=False):
             stretch[self.coordinate(plane, "z")] = sign
-        delta = Complex(p.dKc, p.dKs)
+        delta = Complex(p.dK_cos, p.dK_sin)
         return [[delta * (a * b) for b in stretch] for a in stretch]
 
     @cached_property

@@ -64,7 +64,7 @@ def test_lines_with_twist_under_a_side_load_miss_less_than_the_lines_left_out():
 def jacobi_energy(model, values, motion, crack=None):
     """Energy in turning coordinates (kinetic + potential - Om times angular momentum), constant without forces."""
     p = values
-    delta, eps = complex(p["dKc"], p["dKs"]), complex(p["ec"], p["es"])
+    delta, eps = complex(p["dK_cos"], p["dK_sin"]), complex(p["ec"], p["es"])
     theta = SPEED * motion.time + motion.twist
     turn, spin = np.exp(1j * theta), SPEED + motion.twist_rate
     centre, speed = motion.z + eps * turn, motion.velocity + 1j * spin * eps * turn
@@ -92,7 +92,7 @@ def test_energy_is_conserved_without_damping_and_forces(crack):
 
 def test_a_round_shaft_answers_as_one_mode_does_and_has_no_image():
     shaft, mode = AnisotropicShaft(torsion=None), OneMode()
-    theta = shaft.vector(ROUND | {"dKc": 0.0, "dKs": 0.0})
+    theta = shaft.vector(ROUND | {"dK_cos": 0.0, "dK_sin": 0.0})
     w = np.linspace(-300.0, 300.0, 41)
     known = mode.vector({"M": 1.0, "K": 4e4, "Ds": 14.0, "K0": 0.0, "D": 0.0, "lam": 0.0, "Mf": 0.0})
     expected = 2.5 * mode.receptance(known, w, SPEED)[:, 0, 0]
@@ -181,7 +181,7 @@ def test_a_heavy_shaft_peaks_at_twice_its_speed_where_that_is_half_the_critical_
 def test_a_crack_that_stays_open_is_an_anisotropy_of_half_its_stiffness():
     model = AnisotropicShaft(torsion=None)
     crack, time = Crack(stiffness=1500.0, angle=0.4), np.linspace(0.0, 0.05, 50)
-    loaded = ROUND | {"dKc": 0.0, "dKs": 0.0, "ec": 0.0, "es": 0.0, "Px": 0.0, "Py": 0.0}
+    loaded = ROUND | {"dK_cos": 0.0, "dK_sin": 0.0, "ec": 0.0, "es": 0.0, "Px": 0.0, "Py": 0.0}
     far = 1e-2 * np.exp(0.4j)
     along = {"force": lambda t: 4e4 * 1e-2 * np.exp(1j * (SPEED * t + 0.4)), "start": (far, 1j * SPEED * far, 0.0, 0.0)}
     cracked = shaft_motion(model, loaded, SPEED, time, crack=crack, tolerance=1e-11, **along)

@@ -10,7 +10,8 @@ from rotorfit.models import Chain, Turning, harmonic_set
 SPEED, W = 130.0, -190.0
 CHAIN = Turning(Chain(2), ("mass-1", "mass-2"))
 VALUES = {
-    "M1": 0.8, "M2": 0.6, "K1": 2e4, "K2": 3e4, "K3": 2.5e4, "Ds1": 16.0, "Ds2": 19.0, "dKc": 1500.0, "dKs": -2500.0,
+    "M1": 0.8, "M2": 0.6, "K1": 2e4, "K2": 3e4, "K3": 2.5e4, "Ds1": 16.0, "Ds2": 19.0, "dK_cos": 1500.0,
+    "dK_sin": -2500.0,
 }  # fmt: skip
 SUPPORT = {"mass-1": 1200.0 * np.exp(0.8j), "mass-2": -900.0}
 FORCE = {"mass-1": 1.0 + 0.5j}
@@ -21,7 +22,7 @@ def test_the_truncated_set_is_the_motion_in_time():
     v = VALUES
     K = np.array([[v["K1"] + v["K2"], -v["K2"]], [-v["K2"], v["K2"] + v["K3"]]])
     M, D = np.array([v["M1"], v["M2"]]), np.array([v["Ds1"], v["Ds2"]])
-    turning = complex(v["dKc"], v["dKs"]) * np.array([[1.0, -1.0], [-1.0, 1.0]])
+    turning = complex(v["dK_cos"], v["dK_sin"]) * np.array([[1.0, -1.0], [-1.0, 1.0]])
     still = np.diag([SUPPORT["mass-1"], SUPPORT["mass-2"]])
 
     def slope(t, state):

@@ -76,7 +76,7 @@ def test_what_the_lines_do_not_tell_is_said():
 def test_a_round_shaft_is_called_round_in_19_of_20_tests():
     model = rf.models.AnisotropicShaft(torsion=None)
     known = {"ec": 0.0, "es": 0.0, "Px": 0.0, "Py": 0.0}
-    round_shaft = {"M": 1.0, "D": 14.0, "K": 4e4, "dKc": 0.0, "dKs": 0.0} | known
+    round_shaft = {"M": 1.0, "D": 14.0, "K": 4e4, "dK_cos": 0.0, "dK_sin": 0.0} | known
     rng, covered = np.random.default_rng(1), 0
     for _ in range(200):
         fit = rf.fit(model, line_test(model, round_shaft, ALL[:2], rng), known=known)

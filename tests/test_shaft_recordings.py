@@ -78,7 +78,7 @@ def test_1x_and_2x_tell_what_else_is_left_open(backward, setup):
 
 
 def test_a_record_without_perturbation_and_with_a_crack_breathes(tmp_path, setup):
-    heavy = TRUTH | {"dKc": 0.0, "dKs": 0.0, "ec": 0.0, "Py": -40.0}
+    heavy = TRUTH | {"dK_cos": 0.0, "dK_sin": 0.0, "ec": 0.0, "Py": -40.0}
     lines = {}
     for name, crack in (("sound", None), ("cracked", Crack(stiffness=4000.0))):
         path = record_shaft(tmp_path / f"{name}.h5", SHAFT, heavy, SPEED, 4.0, crack=crack)

@@ -74,7 +74,7 @@ class TurningAnisotropy:
 def turning_anisotropy(
     fit: FitResult, *, level: float = 0.95, at: Mapping[str, Any] | None = None
 ) -> TurningAnisotropy:
-    """Turning anisotropy of a fit with the parameters dKc, dKs and K.
+    """Turning anisotropy of a fit with the parameters dK_cos, dK_sin and K.
 
     Args:
         fit: the result.
@@ -87,12 +87,12 @@ def turning_anisotropy(
     from rotorfit.fitting.result import Quantity
 
     names = fit.model.parameter_names
-    if "dKc" not in names or "dKs" not in names:
-        raise ValueError(f"{fit.model.name} has no turning anisotropy dKc, dKs")
+    if "dK_cos" not in names or "dK_sin" not in names:
+        raise ValueError(f"{fit.model.name} has no turning anisotropy dK_cos, dK_sin")
     if not 0 < level < 1:
         raise ValueError(f"level {level} is a probability, between 0 and 1")
     theta = dict(zip(names, fit.theta(at).tolist(), strict=True))
-    v, K = np.array([theta["dKc"], theta["dKs"]]), theta.get("K", math.nan)
+    v, K = np.array([theta["dK_cos"], theta["dK_sin"]]), theta.get("K", math.nan)
     covar = _covariance(fit, at)
     over_K = np.column_stack([np.eye(2) / K, -v / K**2])
     size = float(np.hypot(*v))
@@ -122,10 +122,10 @@ def turning_anisotropy(
 
 
 def _covariance(fit: FitResult, at: Mapping[str, Any] | None) -> Float:
-    """Covariance of dKc, dKs and K; known ones have none, those that the data leave open an infinite one."""
+    """Covariance of dK_cos, dK_sin and K; known ones have none, those that the data leave open an infinite one."""
     index = fit.problem.space.index[fit.group(at)]
     names = fit.model.parameter_names
-    entries = [int(index[names.index(name)]) if name in names else -1 for name in ("dKc", "dKs", "K")]
+    entries = [int(index[names.index(name)]) if name in names else -1 for name in ("dK_cos", "dK_sin", "K")]
     covar = np.zeros((3, 3))
     for i, a in enumerate(entries):
         for k, b in enumerate(entries):

@@ -166,7 +166,7 @@ def _turning_lines(fit: FitResult) -> list[str]:
 
 
 def _stability_lines(fit: FitResult) -> list[str]:
-    if "dKc" in fit.model.parameter_names and fit.problem.space.index.shape[0] == 1:
+    if "dK_cos" in fit.model.parameter_names and fit.problem.space.index.shape[0] == 1:
         return _turning_lines(fit)
     if not fit.model.speed_dependent or fit.problem.space.index.shape[0] > 1:
         return []

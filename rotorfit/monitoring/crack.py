@@ -16,7 +16,7 @@ def dated_anisotropy(fit: FitResult, date: str = "") -> DatedValues:
     """dK/K of a fit, or dK where there is no one K, as a value to follow: a crack that propagates makes it grow.
 
     Args:
-        fit: of a model with the parameters dKc and dKs, such as :class:`rotorfit.models.AnisotropicShaft`.
+        fit: of a model with the parameters dK_cos and dK_sin, such as :class:`rotorfit.models.AnisotropicShaft`.
         date: ISO 8601; by default the attribute ``date`` of the test, and empty without one.
 
     Raises:

@@ -139,7 +139,7 @@ def _equations(
 ) -> Callable[[float, Float], list[float]]:
     p = dict(zip(model.parameter_names, model.vector(values).tolist(), strict=True))
     M, D, K = p["M"], p["D"], p["K"]
-    delta, eps, side = complex(p["dKc"], p["dKs"]), complex(p["ec"], p["es"]), complex(p["Px"], p["Py"])
+    delta, eps, side = complex(p["dK_cos"], p["dK_sin"]), complex(p["ec"], p["es"]), complex(p["Px"], p["Py"])
     inertia, kt, ct = torsion_constants(model, p)
 
     def slope(t: float, state: Float) -> list[float]:
