@@ -12,6 +12,7 @@ import numpy as np
 
 from rotorfit.models import RotorModel
 from rotorfit.models.array_types import Float, Index
+from rotorfit.models.parameters import bare_name
 
 DATUM = "datum"
 """Nuisance entry of the common datum angle: by how much responses lead forces beyond what the rotor does."""
@@ -125,7 +126,7 @@ def parameter_space(
         ValueError: contradictory bounds, a known value outside the limits, or nothing left to fit.
     """
     for name in [*known, *bounds, *groups[0]]:
-        model.parameter(name.partition("[")[0])
+        model.parameter(bare_name(name))
     fixed = {q.name: q.default for q in model.parameters if q.default is not None} | dict(known)
     fixed = {name: value for name, value in fixed.items() if value is not None}
     _check_known(model, fixed, bounds, groups[0])
@@ -168,7 +169,7 @@ def _check_known(
     per: Mapping[str, str],
 ) -> None:
     for name, given in fixed.items():
-        parameter = model.parameter(name.partition("[")[0])
+        parameter = model.parameter(bare_name(name))
         if not (isinstance(given, Real) and np.isfinite(value := float(given))):
             raise ValueError(f"known {name} = {given!r} is not a finite number")
         if not parameter.lower <= value <= parameter.upper:
@@ -186,7 +187,7 @@ def _check_known(
 
 
 def _limits(model: RotorModel, name: str, bounds: Mapping[str, tuple[float, float]]) -> tuple[float, float]:
-    parameter = model.parameter(name.partition("[")[0])
+    parameter = model.parameter(bare_name(name))
     pair = bounds.get(name, bounds.get(parameter.name, (parameter.lower, parameter.upper)))
     if np.shape(pair) != (2,) or not all(isinstance(value, Real) for value in pair):
         raise ValueError(f"bounds of {name} must be two numbers, lower and upper (inf is one), got {pair!r}")

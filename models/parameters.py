@@ -38,6 +38,11 @@ class Parameter:
             raise ValueError(f"parameter {self.name}: lower limit {self.lower} is not below upper {self.upper}")
 
 
+def bare_name(name: str) -> str:
+    """Name of a parameter without its group: ``K0`` of ``K0[speed_rpm=1000]``."""
+    return name.partition("[")[0]
+
+
 def unknown_name(kind: str, name: str, allowed: Iterable[str]) -> str:
     """Sentence for an error: the unknown name, the nearest known one, and all that is allowed."""
     allowed = list(allowed)

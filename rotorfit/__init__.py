@@ -36,12 +36,12 @@ if TYPE_CHECKING:  # `as` tells type checkers that these names are for users
     from rotorfit.fitting.law_ranking import LawComparison as LawComparison
     from rotorfit.fitting.law_ranking import compare_laws as compare_laws
     from rotorfit.fitting.modes_to_disks import two_disk_from_modes as two_disk_from_modes
+    from rotorfit.fitting.quantities import FittedParameter as FittedParameter
+    from rotorfit.fitting.quantities import Quantity as Quantity
     from rotorfit.fitting.refine import Refinement as Refinement
     from rotorfit.fitting.refine import one_lam_test as one_lam_test
     from rotorfit.fitting.refine import refine as refine
     from rotorfit.fitting.result import FitResult as FitResult
-    from rotorfit.fitting.result import FittedParameter as FittedParameter
-    from rotorfit.fitting.result import Quantity as Quantity
     from rotorfit.io.files import read as read
     from rotorfit.io.files import write as write
     from rotorfit.monitoring.crack import dated_anisotropy as dated_anisotropy

@@ -21,7 +21,8 @@ from rotorfit.estimators.parameter_space import parameter_space
 from rotorfit.fitting.digits import plus_minus, with_error
 from rotorfit.fitting.fit import fit as fit_model
 from rotorfit.fitting.notebook import text_html
-from rotorfit.fitting.result import FitResult, FittedParameter
+from rotorfit.fitting.quantities import FittedParameter
+from rotorfit.fitting.result import FitResult
 from rotorfit.fitting.settings import FitSettings
 from rotorfit.fitting.summary import natural
 from rotorfit.models import RotorModel

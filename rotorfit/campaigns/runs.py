@@ -18,7 +18,8 @@ from rotorfit.estimators.covariance import bends, prior_curvature, score_scatter
 from rotorfit.estimators.schur import Curvature
 from rotorfit.fitting.fit import fit
 from rotorfit.fitting.problem_setup import as_tuple, build_problem
-from rotorfit.fitting.result import FitResult, FittedParameter
+from rotorfit.fitting.quantities import FittedParameter
+from rotorfit.fitting.result import FitResult
 from rotorfit.fitting.settings import FitSettings
 from rotorfit.models import RotorModel
 from rotorfit.models.array_types import Float

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rotorfit.fitting.digits import plus_minus
-from rotorfit.fitting.result import Quantity
+from rotorfit.fitting.quantities import Quantity
 from rotorfit.models.array_types import Float
 from rotorfit.text_table import Wide, text_table
 

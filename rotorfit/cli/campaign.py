@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from concurrent.futures import Executor
 
     from rotorfit.campaigns.campaign import Campaign
-    from rotorfit.fitting.result import FittedParameter
+    from rotorfit.fitting.quantities import FittedParameter
 
 DESCRIPTION = "fit every run of a campaign and show how the parameters change with its conditions"
 

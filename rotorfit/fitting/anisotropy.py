@@ -20,7 +20,8 @@ import numpy as np
 from rotorfit.models.array_types import Float
 
 if TYPE_CHECKING:
-    from rotorfit.fitting.result import FitResult, Quantity
+    from rotorfit.fitting.quantities import Quantity
+    from rotorfit.fitting.result import FitResult
 
 
 _FAR = 12.0
@@ -84,7 +85,7 @@ def turning_anisotropy(
     Raises:
         ValueError: the model has no turning anisotropy, or a level outside 0 to 1.
     """
-    from rotorfit.fitting.result import Quantity
+    from rotorfit.fitting.quantities import Quantity
 
     names = fit.model.parameter_names
     if "dK_cos" not in names or "dK_sin" not in names:

@@ -21,10 +21,12 @@ from rotorfit.fitting.noise_judging import MODEL_LIMITED, as_residuals_ask, is_m
 from rotorfit.fitting.noise_problem import estimate_before, without_noise
 from rotorfit.fitting.noise_record import Noise, NoiseVerdict, is_run_effect
 from rotorfit.fitting.problem_setup import with_levels
-from rotorfit.fitting.result import FitResult, FittedParameter, ResponseQuality
+from rotorfit.fitting.quantities import FittedParameter, ResponseQuality
+from rotorfit.fitting.result import FitResult
 from rotorfit.fitting.settings import FitSettings
 from rotorfit.models import BLOCKS, Modal, RotorModel
 from rotorfit.models.array_types import Float
+from rotorfit.models.parameters import bare_name
 from rotorfit.models.stability import growth_rate
 from rotorfit.units import RPM_PER_RAD_S
 
@@ -155,7 +157,7 @@ def _parameters(
             continue
         known_to_model = i < len(space.names)
         meta = space.model.parameter(space.base[i]) if known_to_model else None
-        unit, meaning = (meta.unit, meta.meaning) if meta else _MEANING[name.partition("[")[0]]
+        unit, meaning = (meta.unit, meta.meaning) if meta else _MEANING[bare_name(name)]
         resolved = name not in unresolved
         span = max(abs(float(x[i])), 1e-12)
         at_bound = bool(min(x[i] - space.lower[i], space.upper[i] - x[i]) <= 1e-7 * span)
@@ -192,7 +194,7 @@ def _parameters(
             )
     order = {name: i for i, name in enumerate(space.model.parameter_names)}
     last = len(order)
-    return dict(sorted(entries.items(), key=lambda item: order.get(item[0].partition("[")[0], last)))
+    return dict(sorted(entries.items(), key=lambda item: order.get(bare_name(item[0]), last)))
 
 
 def _warnings(

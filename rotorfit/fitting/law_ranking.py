@@ -17,7 +17,7 @@ from rotorfit.fitting.problem_setup import as_tuple, build_problem
 from rotorfit.fitting.result import FitResult
 from rotorfit.models import Constant, EvenPolynomial, MonotoneSpline, Muszynska, RotorModel
 from rotorfit.models.laws import Law
-from rotorfit.models.parameters import unknown_name
+from rotorfit.models.parameters import bare_name, unknown_name
 from rotorfit.observing.observations import observe_any
 from rotorfit.text_table import Wide, text_table
 
@@ -189,7 +189,7 @@ def _stiffness_support(entry: LawFit) -> float:
     """Wald statistic of a radial stiffness that does not change, less twice the parameters that this would save."""
     names = _stiffening(entry.law)
     result = _fit_of(entry)
-    places = [i for i, name in enumerate(result.var_names) if name.partition("[")[0] in names]
+    places = [i for i, name in enumerate(result.var_names) if bare_name(name) in names]
     resolved = all(result.params[result.var_names[i]].resolved for i in places)
     if not places or not resolved:
         return float("nan")

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from rotorfit.estimators.parameter_space import ParameterSpace
-from rotorfit.fitting.result import FitResult, Quantity
+from rotorfit.fitting.quantities import Quantity
+from rotorfit.fitting.result import FitResult
 from rotorfit.models import Modal
 from rotorfit.models.array_types import Float
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 from rotorfit.models.array_types import ComplexArray, Float
+from rotorfit.models.parameters import bare_name
 
 RUN_KINDS = {
     "run_force": ("1", "relative error of the force in this run"),
@@ -20,7 +21,7 @@ RUN_KINDS = {
 
 def is_run_effect(name: str) -> bool:
     """Whether an entry of the fitted vector stands for what differs from run to run; such are no parameters."""
-    return name.partition("[")[0] in RUN_KINDS
+    return bare_name(name) in RUN_KINDS
 
 
 class NoiseVerdict(StrEnum):

@@ -9,7 +9,8 @@ from rotorfit.fitting.digits import with_error
 from rotorfit.fitting.summary import in_order
 
 if TYPE_CHECKING:
-    from rotorfit.fitting.result import FitResult, FittedParameter
+    from rotorfit.fitting.quantities import FittedParameter
+    from rotorfit.fitting.result import FitResult
 
 _HEAD = ("parameter", "value", "standard error", "unit", "meaning")
 

@@ -17,6 +17,7 @@ from rotorfit.fitting.result import FitResult
 from rotorfit.fitting.settings import Onset
 from rotorfit.models import BLOCKS, RotorModel, threshold_speed
 from rotorfit.models.array_types import Float
+from rotorfit.models.parameters import bare_name
 from rotorfit.models.structure import check_blocks
 from rotorfit.text_table import text_table
 
@@ -181,7 +182,7 @@ def refit(fit: FitResult, model: RotorModel, extra_known: Mapping[str, float] | 
     """
     settings = fit.settings
     start = {name: p.value for name, p in fit.params.items() if p.vary and name in _names(model, fit)}
-    block_start = {q.name: 0.0 for q in model.parameters if q.name not in {b.partition("[")[0] for b in fit.params}}
+    block_start = {q.name: 0.0 for q in model.parameters if q.name not in {bare_name(b) for b in fit.params}}
     known = {k: v for k, v in {**settings.known, **(extra_known or {})}.items() if k in model.parameter_names}
     return fit_model(
         model,
@@ -198,7 +199,7 @@ def refit(fit: FitResult, model: RotorModel, extra_known: Mapping[str, float] | 
 
 
 def _names(model: RotorModel, fit: FitResult) -> set[str]:
-    return {name for name in fit.params if name.partition("[")[0] in model.parameter_names}
+    return {name for name in fit.params if bare_name(name) in model.parameter_names}
 
 
 @dataclass(frozen=True, kw_only=True)

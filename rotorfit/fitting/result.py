@@ -11,20 +11,18 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rotorfit.data.experiments import Experiment
-from rotorfit.estimators.correlated import CorrelatedResponses, freedom_of, quantile
+from rotorfit.estimators.correlated import CorrelatedResponses, freedom_of
 from rotorfit.estimators.covariance import widening
 from rotorfit.estimators.identifiability import Identifiability
 from rotorfit.estimators.nonlinear import responses_of
 from rotorfit.estimators.problem import Problem
-from rotorfit.fitting.digits import plus_minus
 from rotorfit.fitting.noise_judging import is_misfit
 from rotorfit.fitting.noise_record import Noise
+from rotorfit.fitting.quantities import FittedParameter, Quantity, ResponseQuality
 from rotorfit.fitting.settings import FitSettings
-from rotorfit.models import RotorModel, eigenvalues, threshold_speed
+from rotorfit.models import RotorModel, threshold_speed
 from rotorfit.models.array_types import Float
 from rotorfit.models.parameters import unknown_name
-from rotorfit.models.stability import eigenvalue_gradient, is_image
-from rotorfit.units import RPM_PER_RAD_S
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -36,104 +34,6 @@ if TYPE_CHECKING:
     from rotorfit.uncertainty.budget import Budget
     from rotorfit.uncertainty.posterior import Posterior
     from rotorfit.uncertainty.profile import Profile
-
-
-_FAR = 3.0  # onset over the highest tested speed from which it is called far
-
-
-@dataclass(frozen=True, kw_only=True)
-class FittedParameter:
-    """One parameter of a result.
-
-    Attributes:
-        name: name, with the group in brackets where it was fitted per attribute.
-        value: estimate or known value, SI.
-        stderr: standard error, widened by sqrt(redchi) where the model, not the noise, limits the fit; zero for known
-            parameters, infinite where the data do not determine the parameter.
-        stderr_noise: standard error from the noise alone.
-        init_value: start of the optimisation.
-        unit: SI unit.
-        meaning: a few words.
-        min, max: bounds.
-        vary: whether it was fitted.
-        resolved: whether the data determine it.
-        at_bound: the estimate rests on a bound, so its error bar is not symmetric.
-        freedom: degrees of freedom of ``stderr``, few where it rests on differences between few runs.
-    """
-
-    name: str
-    value: float
-    stderr: float
-    stderr_noise: float
-    init_value: float
-    unit: str
-    meaning: str
-    min: float
-    max: float
-    vary: bool
-    resolved: bool = True
-    at_bound: bool = False
-    freedom: float = math.inf
-
-    def interval(self, level: float = 0.95) -> tuple[float, float]:
-        """Confidence interval by Student's t with the degrees of freedom of ``stderr``.
-
-        Args:
-            level: probability that such intervals hold the truth.
-        """
-        return _interval(self.value, self.stderr, self.freedom, level)
-
-
-@dataclass(frozen=True)
-class Quantity:
-    """A derived quantity and its standard error (infinite where the data do not determine it).
-
-    ``freedom`` and :meth:`interval` are as those of :class:`FittedParameter`.
-    """
-
-    value: float
-    stderr: float
-    unit: str
-    freedom: float = math.inf
-
-    def interval(self, level: float = 0.95) -> tuple[float, float]:
-        """Confidence interval by Student's t with the degrees of freedom of ``stderr``.
-
-        Args:
-            level: probability that such intervals hold the truth.
-        """
-        return _interval(self.value, self.stderr, self.freedom, level)
-
-    def __str__(self) -> str:
-        if not math.isfinite(self.stderr):
-            return "not determined by these data"
-        return f"{plus_minus(self.value, self.stderr)} {self.unit}"
-
-
-def _interval(value: float, stderr: float, freedom: float, level: float) -> tuple[float, float]:
-    if not 0 < level < 1:
-        raise ValueError(f"level is {level!r}; an interval has a probability between 0 and 1")
-    half = stderr * quantile(level, freedom)
-    return value - half, value + half
-
-
-@dataclass(frozen=True, kw_only=True)
-class ResponseQuality:
-    """Agreement of one measured response with the fit.
-
-    Attributes:
-        name: run and channel.
-        nrmse: rms residual over rms response.
-        frac: frequency response assurance criterion, 1 for responses of equal shape.
-        redchi: mean squared whitened residual, 1 for noise alone.
-        count: number of readings.
-    """
-
-    name: str
-    nrmse: float
-    frac: float
-    redchi: float
-    count: int
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
@@ -294,9 +194,17 @@ class FitResult:
             unit: its unit.
             at: group of parameters it belongs to.
         """
-        return self._propagate(value, gradient, unit, self.group(at))
+        return self.propagate_in(self.group(at), value, gradient, unit)
 
-    def _propagate(self, value: float, gradient: Float, unit: str, group: int) -> Quantity:
+    def propagate_in(self, group: int, value: float, gradient: Float, unit: str) -> Quantity:
+        """As :meth:`propagate`, for the parameter group with a given number.
+
+        Args:
+            group: its number, from 0.
+            value: the quantity.
+            gradient: its derivative by the model parameters, shape ``(P,)``.
+            unit: its unit.
+        """
         slope = self.problem.space.pull_back(np.asarray(gradient), group)
         null = self.identifiability.null_space
         leak = float(np.abs(slope[: null.shape[0]] @ null).max(initial=0.0)) if null.size else 0.0
@@ -337,24 +245,9 @@ class FitResult:
         Args:
             group: its number, from 0.
         """
-        theta = self.thetas[group]
-        onset = threshold_speed(self.model, theta, band=self.stability_band)
-        rung = self.settings.onsets[group] if self.settings.onsets else None
-        if onset is None and math.isfinite(self.stability_band):
-            # Terms that hold in the tested band only say nothing of an onset beyond it.
-            if rung is None or not math.isfinite(rung.speed):
-                return Quantity(math.nan, math.inf, "rad/s")
-            return Quantity(rung.speed, math.hypot(rung.stderr, rung.difference), "rad/s", self.freedom)
-        if onset is None:
-            return Quantity(math.nan, self._growth_error(group), "rad/s")
-        found = self._propagate(onset.speed, onset.gradient, "rad/s", group)
-        if rung is None or not (abs(onset.whirl_frequency) > self.band or self._is_far(onset.speed)):
-            return found
-        return Quantity(found.value, math.hypot(found.stderr, rung.difference), "rad/s", found.freedom)
+        from rotorfit.fitting.onset import onset_of
 
-    def _is_far(self, speed: float) -> bool:
-        """Whether a speed lies so far above the tested ones that what grows with speed is hardly seen in the data."""
-        return speed > _FAR * float(self.speeds.max(initial=0.0)) > 0
+        return onset_of(self, group)
 
     def onset_note(self, group: int = 0) -> str:
         """What limits the threshold speed of a parameter group; empty where its whirl lies in the tested band.
@@ -362,41 +255,9 @@ class FitResult:
         Args:
             group: its number, from 0.
         """
-        if not self.model.speed_dependent or not math.isfinite(self.band):
-            return ""
-        onset = threshold_speed(self.model, self.thetas[group], band=self.stability_band)
-        if onset is None and math.isfinite(self.stability_band):
-            if math.isnan(self.threshold_of(group).value):
-                return "any onset lies outside the tested band of frequencies, which was not searched"
-            return (
-                "the onset lies outside the tested band of frequencies: it is that of the model without terms that "
-                "hold in the band only, its error the difference between the models of the ladder included"
-            )
-        error = "its error includes the difference between the models of the ladder"
-        if onset is not None and abs(onset.whirl_frequency) <= self.band and self._is_far(onset.speed):
-            far = f"the onset lies {onset.speed / float(self.speeds.max()):.1f} times above the highest tested speed"
-            return f"{far}: {error if self.settings.onsets else 'terms that grow with speed are hardly seen there'}"
-        if onset is None or abs(onset.whirl_frequency) <= self.band:
-            return ""
-        words = f"the whirl at onset ({abs(onset.whirl_frequency) * RPM_PER_RAD_S:.0f} cycles a minute) lies above the "
-        alone = "refine (--refine) would tell how much this depends on the model"
-        known = error if self.settings.onsets else alone if hasattr(self.model, "blocks") else "the model extrapolates"
-        return f"{words}tested frequencies ({self.band * RPM_PER_RAD_S:.0f}): {known}"
+        from rotorfit.fitting.onset import onset_note
 
-    def _growth_error(self, group: int) -> float:
-        """Infinite where undetermined parameters, such as lam of tests at rest, move the least stable mode, or NaN."""
-        theta = self.thetas[group]
-        if not self.model.speed_dependent:
-            return math.nan
-        s = eigenvalues(self.model, theta, 0.0)
-        speed = float(np.abs(s[np.isfinite(s) & (np.abs(s) <= self.stability_band)]).max(initial=0.0))
-        s = eigenvalues(self.model, theta, speed)
-        s = s[np.isfinite(s) & (np.abs(s) <= self.stability_band) & (np.abs(s) > 0)]
-        if not s.size:
-            return math.nan
-        least = complex(s[np.argmax(s.real)])
-        _, by_theta = eigenvalue_gradient(self.model, theta, speed, least)
-        return math.nan if math.isfinite(self._propagate(abs(least), by_theta.real, "1/s", group).stderr) else math.inf
+        return onset_note(self, group)
 
     def whirl_ratio(self, at: Mapping[str, Any] | None = None) -> float:
         """Frequency of the self-excited whirl at onset over the threshold speed, NaN without a threshold.
@@ -422,24 +283,9 @@ class FitResult:
             >>> [round(frequency.value) for frequency, damping in fit.natural_frequencies(speed=150.0)][-1] > 0
             True
         """
-        theta = self.theta(at)
-        modes = []
-        back = 1j * speed if self.model.turns else 0.0  # from turning coordinates
-        for found in eigenvalues(self.model, theta, speed).tolist():
-            if not np.isfinite(found) or abs(found) > self.stability_band or is_image(self.model, theta, speed, found):
-                continue
-            _, by_theta = eigenvalue_gradient(self.model, theta, speed, found)
-            s = found + back
-            size = abs(s)
-            # zeta = -Re s / |s|
-            slope = -by_theta.real / size + s.real * (s.real * by_theta.real + s.imag * by_theta.imag) / size**3
-            modes.append(
-                (
-                    self.propagate(s.imag, by_theta.imag, "rad/s", at),
-                    self.propagate(-s.real / size, slope, "1", at),
-                )
-            )
-        return modes
+        from rotorfit.fitting.modes import natural_frequencies
+
+        return natural_frequencies(self, speed, at)
 
     def turning_anisotropy(self, *, level: float = 0.95, at: Mapping[str, Any] | None = None) -> TurningAnisotropy:
         """dK, dK/K and the stiff direction of a shaft that is not round; see rotorfit.fitting.anisotropy.

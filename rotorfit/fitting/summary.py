@@ -13,12 +13,14 @@ from rotorfit.estimators.parameter_space import DATUM
 from rotorfit.fitting.digits import plus_minus, with_error
 from rotorfit.fitting.noise_record import NoiseVerdict, is_run_effect
 from rotorfit.models import eigenvalues, unstable_bands
+from rotorfit.models.parameters import bare_name
 from rotorfit.text_table import Wide, text_table
 from rotorfit.units import RPM_PER_RAD_S
 
 if TYPE_CHECKING:
     from rotorfit.estimators.identifiability import Combination
-    from rotorfit.fitting.result import FitResult, FittedParameter
+    from rotorfit.fitting.quantities import FittedParameter
+    from rotorfit.fitting.result import FitResult
 
 _NOTABLE_CORRELATION = 0.9
 _FEW = 15  # degrees of freedom below which 1.96 standard errors are well short of a 95 % interval
@@ -103,8 +105,8 @@ def parameter_table(fit: FitResult) -> list[str]:
 def in_order(params: Iterable[FittedParameter]) -> list[FittedParameter]:
     """Parameters as they come, but those of one name by the numbers of their groups: 500 rpm before 1000 rpm."""
     every = list(params)
-    place = {p.name.partition("[")[0]: -i for i, p in reversed(list(enumerate(every)))}
-    return sorted(every, key=lambda p: (-place[p.name.partition("[")[0]], natural(p.name)))
+    place = {bare_name(p.name): -i for i, p in reversed(list(enumerate(every)))}
+    return sorted(every, key=lambda p: (-place[bare_name(p.name)], natural(p.name)))
 
 
 def natural(text: str) -> tuple[tuple[int, float, str], ...]:

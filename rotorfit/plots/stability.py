@@ -17,7 +17,8 @@ from rotorfit.units import RPM_PER_RAD_S
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from rotorfit.fitting.result import FitResult, Quantity
+    from rotorfit.fitting.quantities import Quantity
+    from rotorfit.fitting.result import FitResult
 
 
 _THRESHOLD = COLOURS[1]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+from rotorfit.models.parameters import bare_name
 from rotorfit.report.html import Html, element, join, table
 from rotorfit.report.numbers import plain, with_error
 from rotorfit.report.parts import note, section, symbol, unit_shown
@@ -62,7 +63,7 @@ def _calibration(material: ReportInput) -> list[Html]:
     assumed = {prior.entry: float(prior.distribution.std()) for prior in fit.problem.priors}
     rows = []
     for entry, name in enumerate(fit.var_names):
-        kind = name.partition("[")[0]
+        kind = bare_name(name)
         if kind not in NUISANCE_KINDS or entry not in assumed:
             continue
         p = fit.params[name]

@@ -13,6 +13,7 @@ from rotorfit.estimators.nonlinear import OrbitResponses, responses_of
 from rotorfit.estimators.shaft_lines import LineResponses, PairResponses
 from rotorfit.estimators.small_motion import FreeVibrations
 from rotorfit.models.array_types import Float
+from rotorfit.models.parameters import bare_name
 from rotorfit.plots import responses as plots
 from rotorfit.plots.shaft_lines import plot_lines
 from rotorfit.report.html import Html, drawn, element, join, paragraph, picture, table
@@ -238,5 +239,5 @@ def _corner_columns(names: list[str], samples: Float) -> list[int]:
     if len(names) <= _CORNER:
         return list(range(len(names)))
     together = np.abs(np.corrcoef(samples, rowvar=False)) - np.eye(len(names))
-    rank = [(name.partition("[")[0] not in _FIRST, -together[i].max()) for i, name in enumerate(names)]
+    rank = [(bare_name(name) not in _FIRST, -together[i].max()) for i, name in enumerate(names)]
     return sorted(sorted(range(len(names)), key=lambda i: rank[i])[:_CORNER])

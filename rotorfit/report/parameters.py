@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from rotorfit.estimators.correlated import quantile
-from rotorfit.fitting.result import FittedParameter
+from rotorfit.fitting.quantities import FittedParameter
 from rotorfit.fitting.summary import combined, in_order, interval_lines, notable_correlations
 from rotorfit.models import RotorModel
 from rotorfit.report.html import Html, bullets, paragraph, table

@@ -10,7 +10,9 @@ import numpy as np
 
 from rotorfit.fitting.fit import DATA_ERROR
 from rotorfit.fitting.noise_judging import MODEL_LIMITED
-from rotorfit.fitting.result import FitResult, Quantity
+from rotorfit.fitting.quantities import Quantity
+from rotorfit.fitting.result import FitResult
+from rotorfit.models.parameters import bare_name
 from rotorfit.models.stability import growth_rate
 from rotorfit.report.assumptions import found_assumptions
 from rotorfit.report.html import Html, bullets, element, join
@@ -239,7 +241,7 @@ def _quality_card(fit: FitResult) -> Html:
 def _fluid_cards(fit: FitResult) -> Iterator[Html]:
     """Cards of the fluid's parameters, or of the first ones of a model without a fluid."""
     fitted = [p for p in fit.params.values() if p.vary and p.name in fit.problem.space.names]
-    wanted = [p for p in fitted if p.name.partition("[")[0] in _FLUID]
+    wanted = [p for p in fitted if bare_name(p.name) in _FLUID]
     for p in (wanted or fitted)[:_CARDS]:
         name = f"{p.name}, {p.meaning}"
         if not p.resolved:

@@ -18,7 +18,8 @@ import numpy as np
 from rotorfit import datasets
 from rotorfit.data.experiments import Experiment, PerturbationTest
 from rotorfit.fitting.digits import interval, plus_minus, with_error
-from rotorfit.fitting.result import FitResult, FittedParameter
+from rotorfit.fitting.quantities import FittedParameter
+from rotorfit.fitting.result import FitResult
 from rotorfit.studies.study import Outcome, StudyProgress
 from rotorfit.studies.wording import spoken
 from rotorfit.text_table import text_table

@@ -19,6 +19,7 @@ from rotorfit.fitting.problem_setup import build_problem
 from rotorfit.fitting.result import FitResult
 from rotorfit.models import threshold_speed
 from rotorfit.models.array_types import Float
+from rotorfit.models.parameters import bare_name
 from rotorfit.text_table import Wide, text_table
 from rotorfit.units import RPM_PER_RAD_S
 
@@ -196,7 +197,7 @@ class Budget:
         sd = {prior.entry: float(prior.distribution.std()) for prior in self.fit.problem.priors}
         for name in names:
             i = self.fit.var_names.index(name)
-            kind = name.partition("[")[0]
+            kind = bare_name(name)
             if i not in sd or kind not in NUISANCE_KINDS:
                 continue
             p = self.fit.params[name]

@@ -18,7 +18,7 @@ from rotorfit.fitting.digits import interval, with_error
 from rotorfit.fitting.result import FitResult
 from rotorfit.models import threshold_speed
 from rotorfit.models.array_types import Float
-from rotorfit.models.parameters import unknown_name
+from rotorfit.models.parameters import bare_name, unknown_name
 from rotorfit.units import RPM_PER_RAD_S
 
 if TYPE_CHECKING:
@@ -186,7 +186,7 @@ def _curve(
     error = math.sqrt(max(float(covar[i, i]), 0.0)) if p.resolved else 0.0
     direction = covar[:, i] / covar[i, i] if error > 0 else np.zeros_like(x)
     lower, upper = box(problem)
-    typical = problem.space.model.parameter(name.partition("[")[0]).scale if i < len(problem.space.names) else 0.1
+    typical = problem.space.model.parameter(bare_name(name)).scale if i < len(problem.space.names) else 0.1
     size = max(abs(float(x[i])), typical)
     scale = np.maximum(np.abs(x), 1e-6 * size)
     curve = Curve(hold_entry(problem, i, scale), float(x[i]), x, problem.cost(x), direction)

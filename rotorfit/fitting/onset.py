@@ -1,0 +1,92 @@
+"""Threshold speed of a fitted rotor: where it becomes unstable, how sure that is, and what it depends on."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from rotorfit.fitting.quantities import Quantity
+from rotorfit.models import eigenvalues, threshold_speed
+from rotorfit.models.stability import eigenvalue_gradient
+from rotorfit.units import RPM_PER_RAD_S
+
+if TYPE_CHECKING:
+    from rotorfit.fitting.result import FitResult
+
+_FAR = 3.0  # onset over the highest tested speed from which it is called far
+
+
+def onset_of(fit: FitResult, group: int) -> Quantity:
+    """Threshold speed of one parameter group, rad/s; NaN where stable, infinitely uncertain where the data do not tell.
+
+    Args:
+        fit: a result.
+        group: number of the parameter group, from 0.
+    """
+    theta = fit.thetas[group]
+    onset = threshold_speed(fit.model, theta, band=fit.stability_band)
+    rung = fit.settings.onsets[group] if fit.settings.onsets else None
+    if onset is None and math.isfinite(fit.stability_band):
+        # Terms that hold in the tested band only say nothing of an onset beyond it.
+        if rung is None or not math.isfinite(rung.speed):
+            return Quantity(math.nan, math.inf, "rad/s")
+        return Quantity(rung.speed, math.hypot(rung.stderr, rung.difference), "rad/s", fit.freedom)
+    if onset is None:
+        return Quantity(math.nan, _growth_error(fit, group), "rad/s")
+    found = fit.propagate_in(group, onset.speed, onset.gradient, "rad/s")
+    if rung is None or not (abs(onset.whirl_frequency) > fit.band or _is_far(fit, onset.speed)):
+        return found
+    return Quantity(found.value, math.hypot(found.stderr, rung.difference), "rad/s", found.freedom)
+
+
+def _is_far(fit: FitResult, speed: float) -> bool:
+    """Whether a speed lies so far above the tested ones that what grows with speed is hardly seen in the data."""
+    return speed > _FAR * float(fit.speeds.max(initial=0.0)) > 0
+
+
+def onset_note(fit: FitResult, group: int) -> str:
+    """What limits the threshold speed of a parameter group; empty where its whirl lies in the tested band.
+
+    Args:
+        fit: a result.
+        group: number of the parameter group, from 0.
+    """
+    if not fit.model.speed_dependent or not math.isfinite(fit.band):
+        return ""
+    onset = threshold_speed(fit.model, fit.thetas[group], band=fit.stability_band)
+    if onset is None and math.isfinite(fit.stability_band):
+        if math.isnan(onset_of(fit, group).value):
+            return "any onset lies outside the tested band of frequencies, which was not searched"
+        return (
+            "the onset lies outside the tested band of frequencies: it is that of the model without terms that "
+            "hold in the band only, its error the difference between the models of the ladder included"
+        )
+    error = "its error includes the difference between the models of the ladder"
+    if onset is not None and abs(onset.whirl_frequency) <= fit.band and _is_far(fit, onset.speed):
+        far = f"the onset lies {onset.speed / float(fit.speeds.max()):.1f} times above the highest tested speed"
+        return f"{far}: {error if fit.settings.onsets else 'terms that grow with speed are hardly seen there'}"
+    if onset is None or abs(onset.whirl_frequency) <= fit.band:
+        return ""
+    words = f"the whirl at onset ({abs(onset.whirl_frequency) * RPM_PER_RAD_S:.0f} cycles a minute) lies above the "
+    alone = "refine (--refine) would tell how much this depends on the model"
+    known = error if fit.settings.onsets else alone if hasattr(fit.model, "blocks") else "the model extrapolates"
+    return f"{words}tested frequencies ({fit.band * RPM_PER_RAD_S:.0f}): {known}"
+
+
+def _growth_error(fit: FitResult, group: int) -> float:
+    """Infinite where undetermined parameters, such as lam of tests at rest, move the least stable mode, or NaN."""
+    theta, model, band = fit.thetas[group], fit.model, fit.stability_band
+    if not model.speed_dependent:
+        return math.nan
+    s = eigenvalues(model, theta, 0.0)
+    speed = float(np.abs(s[np.isfinite(s) & (np.abs(s) <= band)]).max(initial=0.0))
+    s = eigenvalues(model, theta, speed)
+    s = s[np.isfinite(s) & (np.abs(s) <= band) & (np.abs(s) > 0)]
+    if not s.size:
+        return math.nan
+    least = complex(s[np.argmax(s.real)])
+    _, by_theta = eigenvalue_gradient(model, theta, speed, least)
+    error = fit.propagate_in(group, abs(least), by_theta.real, "1/s").stderr
+    return math.nan if math.isfinite(error) else math.inf

@@ -1,0 +1,104 @@
+"""One number of a result with its error: a fitted parameter, a derived quantity, the agreement of one response."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from rotorfit.estimators.correlated import quantile
+from rotorfit.fitting.digits import plus_minus
+
+
+@dataclass(frozen=True, kw_only=True)
+class FittedParameter:
+    """One parameter of a result.
+
+    Attributes:
+        name: name, with the group in brackets where it was fitted per attribute.
+        value: estimate or known value, SI.
+        stderr: standard error, widened by sqrt(redchi) where the model, not the noise, limits the fit; zero for known
+            parameters, infinite where the data do not determine the parameter.
+        stderr_noise: standard error from the noise alone.
+        init_value: start of the optimisation.
+        unit: SI unit.
+        meaning: a few words.
+        min, max: bounds.
+        vary: whether it was fitted.
+        resolved: whether the data determine it.
+        at_bound: the estimate rests on a bound, so its error bar is not symmetric.
+        freedom: degrees of freedom of ``stderr``, few where it rests on differences between few runs.
+    """
+
+    name: str
+    value: float
+    stderr: float
+    stderr_noise: float
+    init_value: float
+    unit: str
+    meaning: str
+    min: float
+    max: float
+    vary: bool
+    resolved: bool = True
+    at_bound: bool = False
+    freedom: float = math.inf
+
+    def interval(self, level: float = 0.95) -> tuple[float, float]:
+        """Confidence interval by Student's t with the degrees of freedom of ``stderr``.
+
+        Args:
+            level: probability that such intervals hold the truth.
+        """
+        return _interval(self.value, self.stderr, self.freedom, level)
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A derived quantity and its standard error (infinite where the data do not determine it).
+
+    ``freedom`` and :meth:`interval` are as those of :class:`FittedParameter`.
+    """
+
+    value: float
+    stderr: float
+    unit: str
+    freedom: float = math.inf
+
+    def interval(self, level: float = 0.95) -> tuple[float, float]:
+        """Confidence interval by Student's t with the degrees of freedom of ``stderr``.
+
+        Args:
+            level: probability that such intervals hold the truth.
+        """
+        return _interval(self.value, self.stderr, self.freedom, level)
+
+    def __str__(self) -> str:
+        if not math.isfinite(self.stderr):
+            return "not determined by these data"
+        return f"{plus_minus(self.value, self.stderr)} {self.unit}"
+
+
+def _interval(value: float, stderr: float, freedom: float, level: float) -> tuple[float, float]:
+    if not 0 < level < 1:
+        raise ValueError(f"level is {level!r}; an interval has a probability between 0 and 1")
+    half = stderr * quantile(level, freedom)
+    return value - half, value + half
+
+
+@dataclass(frozen=True, kw_only=True)
+class ResponseQuality:
+    """Agreement of one measured response with the fit.
+
+    Attributes:
+        name: run and channel.
+        nrmse: rms residual over rms response.
+        frac: frequency response assurance criterion, 1 for responses of equal shape.
+        redchi: mean squared whitened residual, 1 for noise alone.
+        count: number of readings.
+    """
+
+    name: str
+    nrmse: float
+    frac: float
+    redchi: float
+    count: int
