@@ -4,21 +4,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
-from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import ndtri, stdtrit
 
-from rotorfit.estimators.observations import Block, Responses
-from rotorfit.models import RotorModel
-from rotorfit.models.array_types import ComplexArray, Float, Index
+from rotorfit.estimators.observations import Block, OnResponses
+from rotorfit.models.array_types import ComplexArray, Float
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class CorrelatedResponses:
+class CorrelatedResponses(OnResponses):
     """Responses to circular forces with correlated errors.
 
     The fit is weighted by ``correlation``, a structure simple enough to be estimated from few mountings; error bars
@@ -33,47 +30,11 @@ class CorrelatedResponses:
         remarks: sentences on where the errors come from.
     """
 
-    base: Responses
     correlation: ComplexArray
     covariance: ComplexArray
     freedom: float
     weight_freedom: float
     remarks: tuple[str, ...] = ()
-
-    @property
-    def model(self) -> RotorModel:
-        """The rotor."""
-        return self.base.model
-
-    @property
-    def measured(self) -> ComplexArray:
-        """See :class:`~rotorfit.estimators.observations.Block`."""
-        return self.base.measured
-
-    @property
-    def sigma(self) -> Float:
-        """See :class:`~rotorfit.estimators.observations.Block`."""
-        return self.base.sigma
-
-    @property
-    def label(self) -> Index:
-        """See :class:`~rotorfit.estimators.observations.Block`."""
-        return self.base.label
-
-    @property
-    def labels(self) -> tuple[str, ...]:
-        """See :class:`~rotorfit.estimators.observations.Block`."""
-        return self.base.labels
-
-    @property
-    def run(self) -> NDArray[np.str_]:
-        """See :class:`~rotorfit.estimators.observations.Block`."""
-        return self.base.run
-
-    @property
-    def reading_group(self) -> Index:
-        """See :class:`~rotorfit.estimators.observations.Block`."""
-        return self.base.reading_group
 
     def predict(self, theta: Float) -> ComplexArray:
         """See :class:`~rotorfit.estimators.observations.Block`."""
@@ -82,10 +43,6 @@ class CorrelatedResponses:
     def predict_jacobian(self, theta: Float) -> tuple[ComplexArray, ComplexArray]:
         """See :class:`~rotorfit.estimators.observations.Block`."""
         return self.base.predict_jacobian(theta)
-
-    def with_noise(self, factor: Float) -> Self:
-        """See :class:`~rotorfit.estimators.observations.Block`."""
-        return replace(self, base=self.base.with_noise(factor))
 
     @cached_property
     def mixing(self) -> ComplexArray:

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import Literal, Self
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rotorfit.estimators.correlated import CorrelatedResponses
-from rotorfit.estimators.observations import Responses
+from rotorfit.estimators.observations import OnResponses, Responses
 from rotorfit.estimators.response import dynamic_stiffness, inverse
 from rotorfit.models import RotorModel
 from rotorfit.models.array_types import ComplexArray, Float, Index
@@ -53,7 +53,7 @@ class _State:
 
 
 @dataclass(frozen=True, eq=False)
-class OrbitResponses:
+class OrbitResponses(OnResponses):
     """Centred orbits under circular forces, or displacements under constant loads (w = 0), of a nonlinear rotor.
 
     The journal's eccentricity solves ``kappa(w, |A_b|) A = F``; see :mod:`rotorfit.models.orbits`.
@@ -67,54 +67,14 @@ class OrbitResponses:
         sweep: number of the sweep of each line, for ``followed``; lines are in the sweep's order.
     """
 
-    base: Responses
     eccentricity: Float
     mode: OrbitBranch
     sweep: Index
 
     @property
-    def model(self) -> RotorModel:
-        """The rotor."""
-        return self.base.model
-
-    @property
-    def measured(self) -> ComplexArray:
-        """See :class:`~rotorfit.estimators.observations.Block`."""
-        return self.base.measured
-
-    @property
-    def sigma(self) -> Float:
-        """See :class:`~rotorfit.estimators.observations.Block`."""
-        return self.base.sigma
-
-    @property
-    def label(self) -> Index:
-        """See :class:`~rotorfit.estimators.observations.Block`."""
-        return self.base.label
-
-    @property
-    def labels(self) -> tuple[str, ...]:
-        """See :class:`~rotorfit.estimators.observations.Block`."""
-        return self.base.labels
-
-    @property
-    def run(self) -> NDArray[np.str_]:
-        """See :class:`~rotorfit.estimators.observations.Block`."""
-        return self.base.run
-
-    @property
-    def reading_group(self) -> Index:
-        """See :class:`~rotorfit.estimators.observations.Block`."""
-        return self.base.reading_group
-
-    @property
     def journal(self) -> Journal:
         """Where the eccentricity enters."""
         return journal(self.model)
-
-    def with_noise(self, factor: Float) -> Self:
-        """See :meth:`~rotorfit.estimators.observations.Block.with_noise`."""
-        return replace(self, base=self.base.with_noise(factor))
 
     def frozen(self) -> OrbitResponses:
         """The same with the measured eccentricities taken as given: explicit, a good place to start a fit from.

@@ -179,3 +179,53 @@ class Responses:
         amplitude[self.line, self.coordinate] = self.measured
         sigma[self.line, self.coordinate] = self.sigma
         return amplitude, sigma
+
+
+@dataclass(frozen=True, eq=False)
+class OnResponses:
+    """Observations that are responses seen in another way: their labels, runs and noise are those of the responses.
+
+    Attributes:
+        base: the readings as of a linear rotor.
+    """
+
+    base: Responses
+
+    @property
+    def model(self) -> RotorModel:
+        """The rotor."""
+        return self.base.model
+
+    @property
+    def measured(self) -> ComplexArray:
+        """See :class:`Block`."""
+        return self.base.measured
+
+    @property
+    def sigma(self) -> Float:
+        """See :class:`Block`."""
+        return self.base.sigma
+
+    @property
+    def label(self) -> Index:
+        """See :class:`Block`."""
+        return self.base.label
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """See :class:`Block`."""
+        return self.base.labels
+
+    @property
+    def run(self) -> NDArray[np.str_]:
+        """See :class:`Block`."""
+        return self.base.run
+
+    @property
+    def reading_group(self) -> Index:
+        """See :class:`Block`."""
+        return self.base.reading_group
+
+    def with_noise(self, factor: Float) -> Self:
+        """See :class:`Block`."""
+        return replace(self, base=self.base.with_noise(factor))

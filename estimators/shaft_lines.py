@@ -9,7 +9,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from rotorfit.estimators.observations import Responses
+from rotorfit.estimators.observations import OnResponses
 from rotorfit.models import AnisotropicShaft
 from rotorfit.models.array_types import ComplexArray, Float, Index
 from rotorfit.models.combination_lines import Order, line_order
@@ -78,7 +78,7 @@ class LineResponses:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class PairResponses:
+class PairResponses(OnResponses):
     """Motion at w and at the images 2 Om - w of a rotor with a turning element, one a reading, all of shape ``(R,)``.
 
     In turning coordinates they are ordinary responses: the vector (A, conj(B)) at w - Om.
@@ -91,7 +91,6 @@ class PairResponses:
         line: ``w`` or ``2Om-w``.
     """
 
-    base: Responses
     speed: Float
     frequency: Float
     force: ComplexArray
@@ -102,31 +101,6 @@ class PairResponses:
     def measured(self) -> ComplexArray:
         """See :class:`~rotorfit.estimators.observations.Block`."""
         return self._turned_back(self.base.measured)
-
-    @property
-    def sigma(self) -> Float:
-        """See :class:`~rotorfit.estimators.observations.Block`."""
-        return self.base.sigma
-
-    @property
-    def label(self) -> Index:
-        """See :class:`~rotorfit.estimators.observations.Block`."""
-        return self.base.label
-
-    @property
-    def labels(self) -> tuple[str, ...]:
-        """See :class:`~rotorfit.estimators.observations.Block`."""
-        return self.base.labels
-
-    @property
-    def run(self) -> Text:
-        """See :class:`~rotorfit.estimators.observations.Block`."""
-        return self.base.run
-
-    @property
-    def reading_group(self) -> Index:
-        """See :class:`~rotorfit.estimators.observations.Block`."""
-        return self.base.reading_group
 
     def _turned_back(self, values: ComplexArray) -> ComplexArray:
         image = (self.line != "w").reshape(-1, *[1] * (values.ndim - 1))
@@ -140,7 +114,3 @@ class PairResponses:
         """See :meth:`~rotorfit.estimators.observations.Block.predict_jacobian`."""
         predicted, jacobian = self.base.predict_jacobian(theta)
         return self._turned_back(predicted), self._turned_back(jacobian)
-
-    def with_noise(self, factor: Float) -> Self:
-        """See :meth:`~rotorfit.estimators.observations.Block.with_noise`."""
-        return replace(self, base=self.base.with_noise(factor))
