@@ -107,9 +107,21 @@ def channels(problem: Problem) -> tuple[tuple[str, ...], Index, list[Index]]:
     return tuple(names), counts.astype(np.intp), numbers
 
 
+def _distinct(rows: NDArray[np.float64] | Index) -> tuple[Index, Index]:
+    """First place of each distinct row, ascending by row, and the number of that row for each one.
+
+    As ``np.unique(axis=0)``, which compares rows as records and takes ten times as long.
+    """
+    order = np.lexsort(rows.T[::-1])
+    change = np.append(True, (rows[order[1:]] != rows[order[:-1]]).any(axis=1))
+    number = np.empty(len(rows), dtype=np.intp)
+    number[order] = np.cumsum(change) - 1
+    return order[change], number
+
+
 def _codes(columns: NDArray[np.float64] | Index) -> Index:
     """Number rows by equality."""
-    return np.unique(columns, axis=0, return_inverse=True)[1].reshape(-1).astype(np.intp)
+    return _distinct(columns)[1]
 
 
 def _occurrence(codes: Index) -> Index:
@@ -170,15 +182,14 @@ def _sorted(rows: dict[str, NDArray[np.generic]], problem: Problem, size: int) -
     w = np.asarray(rows["w"], dtype=float)
     directions, direction, drive = _directions(rows["force"].astype(complex))
     gains, gain = _gains(problem, rows["nuisance"].astype(complex), group, coordinate)
-    conditions, condition = np.unique(np.column_stack([group, rows["speed"]]), axis=0, return_inverse=True)
-    condition = condition.reshape(-1).astype(np.intp)
+    conditions, condition = _distinct(np.column_stack([group, np.asarray(rows["speed"], dtype=float)]))
     node, key = _nodes(condition, w, np.column_stack([coordinate, direction, gain, channel]), size)
     segment = _segment_of(condition, node, key)
     order = np.lexsort([node, key, segment])
     return KernelLayout(
         **_segments(segment[order], key[order], node[order], condition[order]),
-        group=conditions[:, 0].astype(np.intp),
-        speed=conditions[:, 1].astype(float),
+        group=group[conditions],
+        speed=np.asarray(rows["speed"], dtype=float)[conditions],
         frequency=_node_values(segment[order], node[order], w[order]),
         **_entries(segment[order], key[order], [part[order] for part in (coordinate, direction, gain, channel)]),
         directions=np.ascontiguousarray(directions).view(complex).reshape(-1, size),
@@ -197,8 +208,8 @@ def _directions(force: ComplexArray) -> tuple[Float, Index, ComplexArray]:
     drive = force[np.arange(len(force)), np.argmax(np.abs(force), axis=1)]
     drive = np.where(drive == 0, 1.0, drive)
     unit = np.round((force / drive[:, None]).view(float).reshape(len(force), -1), 12) + 0.0
-    directions, number = np.unique(unit, axis=0, return_inverse=True)
-    return directions, number.reshape(-1).astype(np.intp), drive
+    directions, number = _distinct(unit)
+    return unit[directions], number, drive
 
 
 def _gains(problem: Problem, nuisance: ComplexArray, group: Index, coordinate: Index) -> tuple[Float, Index]:
@@ -206,8 +217,8 @@ def _gains(problem: Problem, nuisance: ComplexArray, group: Index, coordinate: I
     factored = problem.space.model.functions.has_probe_factors
     parts = np.ascontiguousarray(nuisance).view(float).reshape(group.size, -1)
     rows = np.column_stack([parts, group if factored else 0 * group, coordinate if factored else 0 * coordinate])
-    gains, number = np.unique(rows, axis=0, return_inverse=True)
-    return gains, number.reshape(-1).astype(np.intp)
+    gains, number = _distinct(rows)
+    return rows[gains], number
 
 
 def _nodes(condition: Index, w: Float, read: Index, size: int) -> tuple[Index, Index]:
@@ -254,8 +265,7 @@ def _segments(segment: Index, key: Index, node: Index, condition: Index) -> dict
 
 
 def _node_values(segment: Index, node: Index, w: Float) -> Float:
-    _, first = np.unique(np.column_stack([segment, node]), axis=0, return_index=True)
-    return np.asarray(w[first])
+    return np.asarray(w[_distinct(np.column_stack([segment, node]))[0]])
 
 
 def _entries(segment: Index, key: Index, columns: list[Index]) -> dict[str, Index]:

@@ -7,18 +7,22 @@ from typing import Any
 
 import emcee
 import numpy as np
-from scipy.stats import multivariate_t
+from scipy.special import gammaln
 
 from rotorfit.models.array_types import Float
 
 DEGREES_OF_FREEDOM = 5.0
 """Tails of the independence proposal, heavy enough to reach the arms of a curved posterior."""
-CLOSE = 12.0
-"""The same where the proposal resembles the posterior: still heavier than that of more than a dozen readings."""
+LIGHTER = (12.0, 50.0)
+"""The same where the proposal resembles the posterior: that of few readings with noise of unknown level is Student's t
+itself, that of hundreds is normal. Tails stay heavier than the posterior's, so that walkers leave every place."""
 
 ALIKE = 0.6
 """Efficiency of importance sampling beyond which the proposal is taken to resemble the posterior."""
+MOST = 0.9
+"""Share of independence proposals at most: the rest keeps a chain moving where 512 draws have seen nothing."""
 _LOOKS = 512  # draws that the efficiency is estimated from
+_NULL = 1e-10  # of the largest variance: no spread in that direction (as SciPy's multivariate distributions)
 
 
 class IndependenceMove(emcee.moves.MHMove):  # type: ignore[misc]
@@ -34,42 +38,79 @@ class IndependenceMove(emcee.moves.MHMove):  # type: ignore[misc]
     """
 
     def __init__(self, centre: Float, covariance: Float, df: float = DEGREES_OF_FREEDOM) -> None:
-        # Drawn in units of the standard deviations, where the matrix is well scaled.
-        self.centre, self.size = centre, np.sqrt(np.diag(covariance))
-        shape = covariance / np.outer(self.size, self.size)
-        self.proposal: Any = multivariate_t(np.zeros(centre.size), shape, df=df, allow_singular=True)
+        # Factored in units of the standard deviations, where the matrix is well scaled.
+        self.centre, self.df = centre, df
+        size = np.sqrt(np.diag(covariance))
+        power, basis = np.linalg.eigh(covariance / np.outer(size, size))
+        spread = power > _NULL * power[-1]
+        root = np.sqrt(power[spread])
+        self._colour = (size[:, None] * basis[:, spread] * root).T
+        self._whiten = basis[:, spread] / root / size[:, None]
         super().__init__(self.draw, centre.size)
 
     def draw(self, coords: Float, random: np.random.RandomState) -> tuple[Float, Float]:
         """Proposed positions and log Hastings factors."""
-        whitened = np.reshape(self.proposal.rvs(coords.shape[0], random_state=random), coords.shape)
-        density = self.proposal.logpdf(np.concatenate([(coords - self.centre) / self.size, whitened]))
-        return self.centre + whitened * self.size, density[: coords.shape[0]] - density[coords.shape[0] :]
+        white = self.white(coords.shape[0], random)
+        here = (coords - self.centre) @ self._whiten
+        return self.place(white), self.log_density(here) - self.log_density(white)
 
-    def efficiency(self, log_density: Callable[[Float], Float]) -> float:
-        """Effective share of draws from the proposal as importance samples, one where it is the posterior itself."""
-        random = np.random.RandomState(0)  # the same answer when a run is resumed
-        drawn, factor = self.draw(np.broadcast_to(self.centre, (_LOOKS, self.centre.size)), random)
-        log_weight = log_density(drawn) + factor
-        best = log_weight.max()
-        if not np.isfinite(best):
-            return 0.0
-        weight = np.exp(log_weight - best)
-        return float(weight.sum() ** 2 / (weight @ weight) / _LOOKS)
+    def white(self, count: int, random: np.random.RandomState) -> Float:
+        """Draws in units of the spread along each direction that has one, shape ``(count, rank)``."""
+        normal = random.standard_normal((count, self._colour.shape[0]))
+        return np.asarray(normal / np.sqrt(random.chisquare(self.df, count) / self.df)[:, None])
+
+    def place(self, white: Float) -> Float:
+        """Positions of such draws, shape ``(count, p)``."""
+        return np.asarray(self.centre + white @ self._colour)
+
+    def log_density(self, white: Float) -> Float:
+        """Log density of such draws, shape ``(count,)``; the same constant is left out for all tails."""
+        rank, square = white.shape[1], np.einsum("wi,wi->w", white, white)
+        norm = gammaln((self.df + rank) / 2) - gammaln(self.df / 2) - rank / 2 * np.log(self.df)
+        return np.asarray(norm - 0.5 * (self.df + rank) * np.log1p(square / self.df))
 
 
-def mixture(log_density: Callable[[Float], Float], centre: Float, covariance: Float) -> list[tuple[Any, float]]:
-    """Independence proposals mixed with moves that need no picture: differential evolution and stretch.
+def best_proposal(
+    log_density: Callable[[Float], Float], centre: Float, covariance: Float
+) -> tuple[IndependenceMove, float]:
+    """The proposal whose tails suit the posterior best, and how much it resembles it.
 
-    Independence proposals get 80 % where they resemble the posterior, and half where they do not and walkers have to
-    be carried.
+    The measure is the efficiency of importance sampling, ``E(w)^2 / E(w^2)`` with weights ``w = p / q``: one where the
+    proposal is the posterior itself. The same draws, from the heaviest tails, judge all.
 
     Args:
         log_density: of vectors of shape ``(W, p)``.
         centre, covariance: picture of the posterior.
     """
-    independence, share = IndependenceMove(centre, covariance, CLOSE), 0.8
-    if independence.efficiency(log_density) < ALIKE:
+    heavy = IndependenceMove(centre, covariance)
+    white = heavy.white(_LOOKS, np.random.RandomState(0))  # the same answer when a run is resumed
+    value, drawn = log_density(heavy.place(white)), heavy.log_density(white)
+    best = value.max()
+    if not np.isfinite(best):
+        return heavy, 0.0
+    posterior, proposed = np.exp(value - best), np.exp(drawn)
+    mean = (posterior / proposed).mean()
+    moves = [heavy, *(IndependenceMove(centre, covariance, df) for df in LIGHTER)]
+    efficiency = [
+        float(mean**2 / (posterior**2 / (proposed * np.exp(move.log_density(white)))).mean()) for move in moves
+    ]
+    first = int(np.argmax(efficiency))
+    return moves[first], efficiency[first]
+
+
+def mixture(log_density: Callable[[Float], Float], centre: Float, covariance: Float) -> list[tuple[Any, float]]:
+    """Independence proposals mixed with moves that need no picture: differential evolution and stretch.
+
+    Independence proposals get the larger a share the more they resemble the posterior, and half where they do not and
+    walkers have to be carried.
+
+    Args:
+        log_density: of vectors of shape ``(W, p)``.
+        centre, covariance: picture of the posterior.
+    """
+    independence, efficiency = best_proposal(log_density, centre, covariance)
+    share = min(efficiency, MOST)
+    if efficiency < ALIKE:
         independence, share = IndependenceMove(centre, covariance), 0.5
     return [
         (independence, share),

@@ -6,14 +6,17 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
+import emcee
 import numpy as np
 import pytest
 from scipy import stats
 
+from rotorfit.estimators.autocorrelation import autocorrelation_time
 from rotorfit.estimators.ensemble_sampler import sample
 from rotorfit.estimators.least_squares import minimise
 from rotorfit.estimators.log_posterior import LogPosterior
 from rotorfit.estimators.priors import LogPriors, Prior
+from rotorfit.estimators.proposals import IndependenceMove, best_proposal
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -93,6 +96,55 @@ def test_curved_posterior_needs_the_mixture():
     assert mixture.sd_off < 4 / np.sqrt(mixture.ess)
     assert not alone.converged
     assert alone.sd_off > 0.1
+
+
+def test_autocorrelation_time_is_that_of_emcee():
+    """Against emcee's own estimate, walker by walker; and 1 / (1 - rho) - 1/2 doubled of a first-order process."""
+    rng = np.random.default_rng(0)
+    noise = rng.normal(size=(3000, 20, 2))
+    chain = np.empty_like(noise)
+    chain[0] = noise[0]
+    for n, rho in enumerate((0.0, 0.8)):
+        for i in range(1, 3000):
+            chain[i, :, n] = rho * chain[i - 1, :, n] + noise[i, :, n]
+    found = autocorrelation_time(chain)
+    np.testing.assert_allclose(found, np.maximum(emcee.autocorr.integrated_time(chain, tol=0), 1.0), rtol=1e-9)
+    # Sokal 1997: relative variance of the estimate 2 (2 W + 1) / N with W = 5 tau, over all walkers; three of them.
+    np.testing.assert_allclose(found, [1.0, 9.0], rtol=3 * np.sqrt(2 * 91 / 60_000))
+    chain[:, :, 0] = 1.0
+    assert np.isposinf(autocorrelation_time(chain)[0])
+
+
+@pytest.mark.parametrize(("df", "chosen"), [(3.0, 5.0), (12.0, 12.0), (np.inf, 50.0)])
+def test_tails_of_the_proposals_suit_the_posterior(df, chosen):
+    """Student's t of several degrees of freedom as posterior, scaled and correlated."""
+    centre, size, shape = np.array([5e3, 0.48]), np.array([2e3, 1e-4]), np.array([[1.0, 0.6], [0.6, 1.0]])
+    law = stats.multivariate_t(np.zeros(2), shape, df=df)
+    move, efficiency = best_proposal(lambda x: law.logpdf((x - centre) / size), centre, shape * np.outer(size, size))
+    assert move.df == chosen
+    # Of 512 draws with weights of relative variance 1/e - 1; and the exact one by quadrature over the radius:
+    r2 = np.linspace(0, 4000, 400_001)
+    p, q = (np.where(np.isinf(d), np.exp(-r2 / 2), (1 + r2 / (1 if np.isinf(d) else d)) ** (-(d + 2) / 2))
+            for d in (df, chosen))  # fmt: skip
+    exact = p.sum() ** 2 / (q.sum() * np.where(p > 0, p**2 / q, 0.0).sum())
+    assert abs(efficiency - exact) < 4 * np.sqrt((1 / exact - 1 + 0.1) / 512)
+
+
+def test_independent_proposals_leave_a_posterior_of_any_scale_unchanged():
+    """One step from exact draws of a correlated normal with a variance of zero across gives exact draws again."""
+    mix = np.array([[2e3, 0.0], [1e-5, 3e-5], [1e3, 0.0]])  # the third entry follows the first
+    centre = np.array([5e3, 0.48, -2e3])
+    random = np.random.RandomState(3)
+    start = random.standard_normal((40_000, 2))
+    move = IndependenceMove(centre, mix @ mix.T, 5.0)
+    proposed, factor = move.draw(centre + start @ mix.T, random)
+    white = np.linalg.lstsq(mix, (proposed - centre).T, rcond=None)[0].T
+    np.testing.assert_allclose(centre + white @ mix.T, proposed, rtol=1e-9)
+    accepted = np.log(random.uniform(size=len(start))) < 0.5 * ((start**2).sum(1) - (white**2).sum(1)) + factor
+    after = np.where(accepted[:, None], white, start)
+    for x in after.T:
+        assert stats.kstest(x, "norm").pvalue > 1e-4
+    assert 0.6 < accepted.mean() < 0.95
 
 
 def test_priors_together_are_priors_one_by_one():
