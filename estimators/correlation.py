@@ -42,21 +42,21 @@ def memory(r: ComplexArray, own: ComplexArray, outer: Float, sweeps: Sequence[In
         sweeps: readings of each sweep in the order of frequency.
     """
     shortest = min((rows.size for rows in sweeps), default=0)
+    order = np.concatenate(sweeps) if sweeps else np.zeros(0, dtype=np.intp)
+    number = np.repeat(np.arange(len(sweeps)), [rows.size for rows in sweeps])
+    along = r[order]
+    ours = np.ascontiguousarray(own.T[:, order]).view(float)
     power = float(np.mean(np.abs(r) ** 2)) / 2
-    total = float(sum(np.sum(np.abs(r[rows]) ** 2) for rows in sweeps))
     # A fit takes its share of every reading and makes neighbours oppose one another a little.
-    moved = own @ outer
-    total += power * sum(_paired(moved[rows], own[rows]) for rows in sweeps)
+    moved = power * (outer @ ours)
+    total = float(np.vdot(along, along).real) + float(np.vdot(ours, moved))
     found: list[float] = []
     z = 0.0
     for lag in range(1, max(1, min(_LAGS, shortest // 3)) + 1):
-        products, brought = [], 0.0
-        for rows in sweeps:
-            if rows.size > lag:
-                products.append((r[rows[lag:]] * r[rows[:-lag]].conj()).real)
-                brought += _paired(moved[rows[lag:]], own[rows[:-lag]])
-        product = np.concatenate(products) if products else np.zeros(1)
-        amount = float(product.sum()) + power * brought
+        same = number[lag:] == number[:-lag]
+        product = (along[lag:] * along[:-lag].conj()).real[same]
+        brought = np.einsum("kr,kr->r", moved[:, 2 * lag :], ours[:, : -2 * lag]).reshape(-1, 2).sum(axis=1)
+        amount = float(product.sum()) + float(brought[same].sum())
         chance = float(np.sqrt(np.sum(product**2)))
         if lag == 1:
             z = amount / chance if chance > 0 else 0.0
@@ -65,11 +65,6 @@ def memory(r: ComplexArray, own: ComplexArray, outer: Float, sweeps: Sequence[In
             break
         found.append(amount / total)
     return Memory(first=found[0] if found else 0.0, z=z, lags=tuple(found) if z > 2 else ())
-
-
-def _paired(moved: ComplexArray, own: ComplexArray) -> float:
-    """Covariance, over the noise's variance, that a fit brings between pairs of readings, in sum."""
-    return float(np.vdot(own, moved).real)
 
 
 def scatter(own: ComplexArray, sweeps: Sequence[Index], lags: Sequence[float]) -> Float:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Protocol, Self
+from typing import Any, Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -126,6 +127,11 @@ class Responses:
         return np.asarray(self.s[self.line] ** np.arange(self.model.order + 1)[:, None])
 
     @cached_property
+    def layout_notes(self) -> dict[Any, Any]:
+        """What others worked out of the layout and keep here."""
+        return {}
+
+    @cached_property
     def condition_readings(self) -> list[Index]:
         """Readings of each distinct (group, speed) pair."""
         number = self.condition[0][self.line]
@@ -169,8 +175,10 @@ class Responses:
         return predicted, np.asarray(jacobian)
 
     def with_noise(self, factor: Float) -> Self:
-        """See :meth:`Block.with_noise`."""
-        return replace(self, sigma=self.sigma * factor)
+        """See :meth:`Block.with_noise`; what was worked out of the layout, which does not change, goes along."""
+        found = copy(self)
+        object.__setattr__(found, "sigma", self.sigma * factor)
+        return found
 
     def amplitudes(self) -> tuple[ComplexArray, Float]:
         """Measured amplitude and sigma of every coordinate in every line, shape ``(L, n)``, NaN where there is none."""

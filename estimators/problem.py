@@ -57,7 +57,25 @@ class Problem:
         return np.concatenate([whiten(block, predicted - block.measured) for predicted, block in pairs])
 
     def jacobian(self, x: Float) -> tuple[ComplexArray, ComplexArray]:
-        """Whitened residuals and their derivatives, shapes ``(R,)`` and ``(R, p)``."""
+        """Whitened residuals and their derivatives, shapes ``(R,)`` and ``(R, p)``, not to be written to.
+
+        What was asked for last is kept, unless it is large: the search ends where the residuals are then studied and
+        the result is judged.
+        """
+        key = x.tobytes()
+        if key not in self._last:
+            found = self._jacobian(x)
+            if found[0].size > _PIECE:
+                return found
+            self._last.clear()
+            self._last[key] = found
+        return self._last[key]
+
+    @cached_property
+    def _last(self) -> dict[bytes, tuple[ComplexArray, ComplexArray]]:
+        return {}
+
+    def _jacobian(self, x: Float) -> tuple[ComplexArray, ComplexArray]:
         theta = self.space.theta(x)
         count = self.n_data // 2
         residuals = np.empty(count, dtype=complex)
@@ -77,6 +95,7 @@ class Problem:
             if isinstance(block, CorrelatedResponses):
                 part[:] = whiten(block, part) * block.sigma
         rows.view(float)[:] *= self._weight
+        residuals.flags.writeable = rows.flags.writeable = False
         return residuals, rows.T
 
     @cached_property
@@ -105,6 +124,8 @@ class Problem:
     @cached_property
     def _pieces(self) -> tuple[Problem, ...]:
         """The problem in pieces that fit the processor's cache; derivatives of millions of readings fit no memory."""
+        if self.n_data <= 2 * _PIECE:
+            return (self,)
         pieces: list[Problem] = []
         for number, block in enumerate(self.blocks):
             parts = block.split(_PIECE) if isinstance(block, Responses) else [block]

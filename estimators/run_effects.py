@@ -54,14 +54,13 @@ class MixedModel:
             prior: curvature of the priors of the fitted values, shape ``(p,)``.
         """
         k, p = Z.shape[1], J.shape[1]
-        gram = np.array([(Z[rows].conj().T @ Z[rows]).real for rows in runs]).reshape(len(runs), k, k)
-        cross = np.array([(Z[rows].conj().T @ J[rows]).real for rows in runs]).reshape(len(runs), k, p)
-        moment = np.array([(Z[rows].conj().T @ r[rows]).real for rows in runs]).reshape(len(runs), k)
-        information = (J.conj().T @ J).real + np.diag(prior)
-        gradient = (J.conj().T @ r).real
+        stacked = np.concatenate([real_rows(Z), real_rows(J), r.view(float)[None]])
+        whole = stacked @ stacked.T
+        square = np.array([part @ part.T for part in (_of_run(stacked, rows) for rows in runs)])
+        square = square.reshape(len(runs), k + p + 1, k + p + 1)
         return cls(
-            gram=gram, cross=cross, moment=moment, information=information, gradient=gradient,
-            square=float(np.vdot(r, r).real),
+            gram=square[:, :k, :k], cross=square[:, :k, k:-1], moment=square[:, :k, -1],
+            information=whole[k:-1, k:-1] + np.diag(prior), gradient=whole[k:-1, -1], square=float(whole[-1, -1]),
         )  # fmt: skip
 
     def part(self, kinds: Sequence[int]) -> MixedModel:
@@ -88,6 +87,8 @@ class MixedModel:
 
     def solve(self, variance: Float) -> Solved:
         """Step to the optimum with effects of given variances, and what remains of the square."""
+        if not variance.size:
+            return self._alone()
         inner = self.inner(variance)
         onto = inner @ self.cross
         matrix = self.information - np.einsum("ikp,ikq->pq", self.cross, onto)
@@ -99,6 +100,15 @@ class MixedModel:
             self.square - float(np.einsum("ik,ikl,il->", self.moment, inner, self.moment)) - slope @ outer @ slope
         )
         return Solved(inner=inner, onto=onto, outer=outer, matrix=matrix, step=step, own=own, square=float(quadratic))
+
+    def _alone(self) -> Solved:
+        """The step where no effects are looked for."""
+        outer, count = _inverse(self.information), len(self.gram)
+        step = -outer @ self.gradient
+        return Solved(
+            inner=np.zeros((count, 0, 0)), onto=np.zeros((count, 0, self.rows)), outer=outer, matrix=self.information,
+            step=step, own=np.zeros((count, 0)), square=self.square + float(self.gradient @ step),
+        )  # fmt: skip
 
     def log_likelihood(self, variance: Float) -> float:
         """Restricted log likelihood of finite variances of the effects, up to a constant."""
@@ -164,27 +174,68 @@ class Solved:
     own: Float
     square: float
 
-    def residuals(self, r: ComplexArray, J: ComplexArray, Z: ComplexArray, runs: Sequence[Index]) -> ComplexArray:
-        """Residuals after the step, effects taken out."""
-        left = r + J @ self.step
-        for rows, own in zip(runs, self.own, strict=True):
-            left[rows] += Z[rows] @ own
-        return left
+    def rest(self, r: ComplexArray, J: ComplexArray, Z: ComplexArray, runs: Sequence[Index]) -> Rest:
+        """What the step and the effects leave; arguments as for :meth:`MixedModel.of`."""
+        count = r.size
+        left = r.view(float) + self.step @ real_rows(J)
+        own, leverage = real_rows(J), np.zeros(count)
+        if Z.shape[1]:
+            own, effects = own.copy(), real_rows(Z)
+            for rows, value, onto, inner in zip(runs, self.own, self.onto, self.inner, strict=True):
+                mine = _of_run(effects, rows)
+                columns = _columns(rows)
+                left[columns] += value @ mine
+                own[:, columns] -= onto.T @ mine
+                leverage[_span(rows)] = _powers(inner @ mine, mine)
+        leverage += _powers(self.outer @ own, own)
+        return Rest(residuals=left.view(complex), own=own.view(complex).T, leverage=leverage / 2)
 
-    def projected(self, J: ComplexArray, Z: ComplexArray, runs: Sequence[Index]) -> ComplexArray:
-        """Sensitivities to the fitted values less what the effects of each run follow, shape ``(R, p)``."""
-        left = J.copy()
-        for rows, onto in zip(runs, self.onto, strict=True):
-            left[rows] -= Z[rows] @ onto
-        return left
 
-    def leverage(self, J: ComplexArray, Z: ComplexArray, runs: Sequence[Index]) -> Float:
-        """Share of each reading that its own fit follows, mean of real and imaginary part, shape ``(R,)``."""
-        own = self.projected(J, Z, runs)
-        found = np.sum(own @ self.outer * own.conj(), axis=1).real
-        for rows, inner in zip(runs, self.inner, strict=True):
-            found[rows] += np.sum(Z[rows] @ inner * Z[rows].conj(), axis=1).real
-        return np.asarray(found / 2)
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Rest:
+    """What a mixed model leaves of residuals and sensitivities.
+
+    Attributes:
+        residuals: after the step, effects taken out, shape ``(R,)``.
+        own: sensitivities to the fitted values less what the effects of each run follow, shape ``(R, p)``.
+        leverage: share of each reading that its own fit follows, mean of real and imaginary part, shape ``(R,)``.
+    """
+
+    residuals: ComplexArray
+    own: ComplexArray
+    leverage: Float
+
+
+def real_rows(columns: ComplexArray) -> Float:
+    """Columns of complex numbers as rows of their parts, shape ``(k, 2 R)``: products of real numbers are enough.
+
+    Args:
+        columns: shape ``(R, k)``; where their transpose lies in one piece nothing is copied.
+    """
+    return np.ascontiguousarray(columns.T).view(float)
+
+
+def _powers(left: Float, right: Float) -> Float:
+    """Sum over rows, and over both parts of each reading, of the products of two arrays of shape ``(k, 2 R)``."""
+    return np.asarray(np.einsum("kr,kr->r", left, right).reshape(-1, 2).sum(axis=1))
+
+
+def _span(rows: Index) -> slice | Index:
+    """Readings that follow one another as a slice, which copies nothing."""
+    together = rows.size > 0 and int(rows[-1]) - int(rows[0]) + 1 == rows.size
+    return slice(int(rows[0]), int(rows[-1]) + 1) if together else rows
+
+
+def _columns(rows: Index) -> slice | Index:
+    """Places of both parts of some readings, in ascending order, among those of all."""
+    span = _span(rows)
+    if isinstance(span, slice):
+        return slice(2 * span.start, 2 * span.stop)
+    return np.asarray((2 * rows[:, None] + np.arange(2)).reshape(-1))
+
+
+def _of_run(stacked: Float, rows: Index) -> Float:
+    return stacked[:, _columns(rows)]
 
 
 def select_effects(model: MixedModel, *, level: float, forced: Sequence[int] = ()) -> Float:
@@ -277,8 +328,11 @@ def _scale(matrix: Float) -> Float:
 def _inverse(matrix: Float, null: float = 1e-12) -> Float:
     """Inverse of symmetric matrices, shape ``(..., k, k)``; directions without information are left out."""
     scale = _scale(matrix)
-    equal = matrix / scale[..., :, None] / scale[..., None, :]
-    return np.asarray(np.linalg.pinv(equal, rcond=null, hermitian=True) / scale[..., :, None] / scale[..., None, :])
+    over = 1 / (scale[..., :, None] * scale[..., None, :])
+    power, basis = np.linalg.eigh(matrix * over)
+    kept = power > null * power[..., -1:]
+    weight = np.divide(1.0, power, out=np.zeros_like(power), where=kept)
+    return np.asarray(((basis * weight[..., None, :]) @ np.swapaxes(basis, -1, -2)) * over)
 
 
 def _log_det(matrix: Float) -> float:

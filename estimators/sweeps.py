@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from rotorfit.estimators.observations import Responses
-from rotorfit.models.array_types import Index
+from rotorfit.models.array_types import Float, Index
 
 
 def force_plane(block: Responses) -> Index:
     """Coordinate that the force of each reading acts at, shape ``(R,)``."""
-    return np.asarray(np.argmax(np.abs(block.force[block.line]), axis=1))
+    return np.asarray(np.argmax(np.abs(block.force), axis=1))[block.line]
 
 
 def sweeps_of(block: Responses, *, synchronous: bool = False) -> list[Index]:
@@ -22,22 +22,34 @@ def sweeps_of(block: Responses, *, synchronous: bool = False) -> list[Index]:
         block: the readings.
         synchronous: the frequency is the speed, so that a sweep runs over speeds.
     """
+    kept = block.layout_notes
+    if ("sweeps", synchronous) not in kept:
+        kept["sweeps", synchronous] = _sweeps(block, synchronous)
+    return list(kept["sweeps", synchronous])
+
+
+def _sweeps(block: Responses, synchronous: bool) -> list[Index]:
     w = block.frequency[block.line]
-    speed = np.zeros_like(w) if synchronous else np.round(block.speed[block.line], 6)
-    keys = np.column_stack([block.label, np.unique(speed, return_inverse=True)[1], w < 0, force_plane(block)])
-    place = np.round(block.speed[block.line] if synchronous else w, 9)
-    again = _occurrence(np.column_stack([keys, np.unique(place, return_inverse=True)[1]]))
-    _, number = np.unique(np.column_stack([keys, again]), axis=0, return_inverse=True)
-    order = np.lexsort([w, number.reshape(-1)])
-    return np.split(order, np.cumsum(np.bincount(number.reshape(-1)))[:-1])
+    place = block.speed[block.line] if synchronous else w
+    speed = np.zeros_like(block.speed) if synchronous else np.round(block.speed, 6)
+    at = np.unique(speed, return_inverse=True)[1].reshape(-1)[block.line]
+    key = np.ravel_multi_index(
+        (block.label, at, (w < 0).astype(np.intp), force_plane(block)),
+        (int(block.label.max(initial=0)) + 1, int(at.max(initial=0)) + 1, 2, block.force.shape[1]),
+    )
+    again = _occurrence(key, np.round(place, 9))
+    if again.any():
+        key = key * (int(again.max()) + 1) + again
+    order = np.lexsort([w, key])
+    return np.split(order, np.flatnonzero(np.diff(key[order])) + 1) if order.size else []
 
 
-def _occurrence(keys: Index) -> Index:
-    """How often a row's key came before, shape ``(R,)``."""
-    _, same = np.unique(keys, axis=0, return_inverse=True)
-    same = same.reshape(-1)
-    order = np.argsort(same, kind="stable")
-    count = np.bincount(same)
-    found = np.empty(same.size, dtype=np.intp)
-    found[order] = np.arange(same.size) - np.repeat(np.cumsum(count) - count, count)
+def _occurrence(key: Index, place: Float) -> Index:
+    """How often a row's key and place came before, shape ``(R,)``."""
+    order = np.lexsort([place, key])
+    new = np.ones(key.size, dtype=bool)
+    new[1:] = (np.diff(key[order]) != 0) | (np.diff(place[order]) != 0)
+    first = np.flatnonzero(new)
+    found = np.empty(key.size, dtype=np.intp)
+    found[order] = np.arange(key.size) - first[np.cumsum(new) - 1]
     return found

@@ -9,7 +9,7 @@ rotation moves the drive of the fluid to the backward side.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 
 import numpy as np
 
@@ -39,7 +39,7 @@ def wrong_direction(orbits: Orbits) -> Iterator[Finding]:
         if paired.size:
             right, wrong = (float(np.sum(np.abs(part[paired]) ** 2)) for part in (orbits.right, orbits.wrong))
             share[key] = wrong / (right + wrong) if right + wrong > 0 else 0.0
-    bad = {key for key, part in share.items() if part > _MOSTLY}
+    bad = dict.fromkeys(key for key, part in share.items() if part > _MOSTLY)
     if bad:
         runs = list(dict.fromkeys(run for run, _ in bad))
         planes = list(dict.fromkeys(plane for _, plane in share if any(plane == p for _, p in bad)))
@@ -62,7 +62,7 @@ def wrong_direction(orbits: Orbits) -> Iterator[Finding]:
         yield Finding("error", "wrong-direction", text, orbits.rows_of(np.flatnonzero(hit)))
 
 
-def _whole(bad: set[tuple[str, ...]], every: Mapping[tuple[str, ...], float]) -> bool:
+def _whole(bad: Collection[tuple[str, ...]], every: Mapping[tuple[str, ...], float]) -> bool:
     """Whether planes answer so in all of their runs, as wrong probes do, and not in some, as a wrong frequency does."""
     planes = {plane for _, plane in bad}
     return all(key in bad for key in every if key[1] in planes)

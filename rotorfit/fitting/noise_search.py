@@ -9,7 +9,7 @@ import numpy as np
 
 from rotorfit.estimators.correlated import CorrelatedResponses
 from rotorfit.estimators.correlation import Memory, memory
-from rotorfit.estimators.noise_levels import Shape, fit_shapes, likelihood
+from rotorfit.estimators.noise_levels import Shape, fit_probes, likelihood
 from rotorfit.estimators.nonlinear import responses_of
 from rotorfit.estimators.problem import Problem
 from rotorfit.estimators.run_effects import MixedModel, Solved, select_effects
@@ -122,7 +122,7 @@ def residuals_of(problem: Problem, x: Float) -> Residuals | None:
     kinds, Z = _effects(problem, x, y / sigma, J) if runs else ((), np.zeros((r.size, 0), dtype=complex))
     kept = np.arange(x.size)
     if offsets and kinds:  # offsets of the phase reference are effects of runs, of unknown size
-        column = Z[:, kinds.index("run_phase")]
+        column, r = Z[:, kinds.index("run_phase")], r.copy()
         for entry, run in offsets.items():
             own = rows[runs.index(run)]
             r[own] -= column[own] * x[entry]
@@ -204,21 +204,21 @@ def _leave(data: Residuals, sigma: Float, kinds: Sequence[int], variance: Float)
     scale = sigma / data.sigma
     r, J, Z = data.r / scale, data.J / scale[:, None], data.Z[:, list(kinds)] / scale[:, None]
     solved = MixedModel.of(r, J, Z, data.rows, data.prior).solve(variance)
-    left = solved.residuals(r, J, Z, data.rows)
-    own = solved.projected(J, Z, data.rows)
+    rest = solved.rest(r, J, Z, data.rows)
     # A reading that alone determines something has no residual to judge by.
-    weight = np.clip(1 - solved.leverage(J, Z, data.rows), 0.02, 1.0)
-    power = np.abs(left) ** 2 / 2 * sigma**2 / weight
-    return _Left(solved=solved, left=left, own=own, power=power, weight=weight)
+    weight = np.clip(1 - rest.leverage, 0.02, 1.0)
+    power = np.abs(rest.residuals) ** 2 / 2 * sigma**2 / weight
+    return _Left(solved=solved, left=rest.residuals, own=rest.own, power=power, weight=weight)
 
 
 def _shapes(data: Residuals, found: _Left, along: dict[str, Float]) -> tuple[list[Shape], Float]:
     """Noise of all probes by restricted likelihood, and sigma of each reading."""
     shapes: list[Shape] = []
-    for sweeps in data.channels:
-        trials = {
-            name: fit_shapes(sweeps, found.power, found.weight, size2, along=name) for name, size2 in along.items()
-        }
+    every = {
+        name: fit_probes(data.channels, found.power, found.weight, size2, along=name) for name, size2 in along.items()
+    }
+    for probe in range(len(data.channels)):
+        trials = {name: probes[probe] for name, probes in every.items()}
         gains = {name: sum(shape.log_likelihood for shape in trial) for name, trial in trials.items()}
         best = max(gains, key=lambda name: gains[name])
         shapes += trials[best if 2 * (gains[best] - gains[RESPONSE]) > _GAIN else RESPONSE]
@@ -279,7 +279,7 @@ def search_noise(data: Residuals, *, forced: Sequence[int] = ()) -> Search:
     for _ in range(2):
         sigma = _taken(data, found)
         found = _leave(data, sigma, chosen, variance[chosen])
-    shapes, other = _shapes(data, found, data.along)
+    shapes, other = ([], sigma) if data.told else _shapes(data, found, data.along)
     remembered = memory(found.left, found.own, found.solved.outer, data.sweeps)
     follows = remembered.first > _SHORT and remembered.z > _CLEARLY
     ratio = found.redchi(data.sigma)
