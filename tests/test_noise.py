@@ -8,7 +8,8 @@ from synthetic import TYPICAL, circular_test, covering_frequencies
 
 from rotorfit.estimators.noise import FLOOR, noise_from_repeats, noise_from_samples, noise_from_smoothness
 from rotorfit.models import OneMode
-from rotorfit.observing.circular import group_rows, observe
+from rotorfit.observing.circular import observe
+from rotorfit.observing.grouping import group_rows
 
 
 def complex_normal(rng, *shape):

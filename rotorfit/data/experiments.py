@@ -44,7 +44,7 @@ class _Rows:
     @property
     def planes(self) -> tuple[str, ...]:
         """Measured planes in order of appearance, none for experiments that name no plane."""
-        return ()
+        return tuple(dict.fromkeys(getattr(self, "plane", np.zeros(0)).tolist()))
 
     @property
     def frequencies(self) -> Float:
@@ -64,6 +64,9 @@ class _Rows:
         """How many readings in how many runs."""
         rows, runs = len(self), len(self.runs)
         return f"{rows} reading{'s' * (rows != 1)} in {runs} run{'s' * (runs != 1)}"
+
+    def __post_init__(self) -> None:
+        self._check_lengths()
 
     def _columns(self) -> list[str]:
         return [f.name for f in fields(self) if f.name not in ("source", "attributes")]
@@ -137,7 +140,7 @@ class PerturbationTest(_Rows):
     def __post_init__(self) -> None:
         if not self.force_direction.size:
             object.__setattr__(self, "force_direction", np.full(len(self.run), "circular"))
-        self._check_lengths()
+        super().__post_init__()
         for name, allowed in (("direction", DIRECTIONS), ("force_direction", FORCE_DIRECTIONS)):
             unknown = sorted(set(getattr(self, name).tolist()) - set(allowed))
             if unknown:
@@ -162,11 +165,6 @@ class PerturbationTest(_Rows):
     def linear(self) -> NDArray[np.bool_]:
         """Rows whose force acts along an axis and does not turn, shape ``(R,)``."""
         return np.asarray(self.force_direction != "circular")
-
-    @property
-    def planes(self) -> tuple[str, ...]:
-        """Measured planes in order of appearance."""
-        return tuple(dict.fromkeys(self.plane.tolist()))
 
     @property
     def force_planes(self) -> tuple[str, ...]:
@@ -236,14 +234,6 @@ class DisplacementTest(_Rows):
     force_y: ComplexArray
     sigma: Float
 
-    def __post_init__(self) -> None:
-        self._check_lengths()
-
-    @property
-    def planes(self) -> tuple[str, ...]:
-        """Planes in order of appearance."""
-        return tuple(dict.fromkeys(self.plane.tolist()))
-
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class StaticTest(_Rows):
@@ -268,14 +258,6 @@ class StaticTest(_Rows):
     plane: Text
     displacement: ComplexArray
     sigma: Float
-
-    def __post_init__(self) -> None:
-        self._check_lengths()
-
-    @property
-    def planes(self) -> tuple[str, ...]:
-        """Measured planes in order of appearance."""
-        return tuple(dict.fromkeys(self.plane.tolist()))
 
     @property
     def force_planes(self) -> tuple[str, ...]:
@@ -310,7 +292,7 @@ class ImpulseTest(_Rows):
     sigma: Float
 
     def __post_init__(self) -> None:
-        self._check_lengths()
+        super().__post_init__()
         bad = np.abs(self.damping_ratio) >= 1
         if bad.any():
             raise ValueError(
@@ -353,9 +335,6 @@ class RingDownTest(_Rows):
     y: Float
     eccentricity: Float
 
-    def __post_init__(self) -> None:
-        self._check_lengths()
-
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class CoefficientTable(_Rows):
@@ -385,9 +364,6 @@ class CoefficientTable(_Rows):
     cxy: Float
     mxx: Float
     sigma: Float
-
-    def __post_init__(self) -> None:
-        self._check_lengths()
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
@@ -425,15 +401,10 @@ class LineTest(_Rows):
     sigma: Float
 
     def __post_init__(self) -> None:
-        self._check_lengths()
+        super().__post_init__()
         unknown = sorted(set(self.direction.tolist()) - {"z", "twist"})
         if unknown:
             raise ValueError(f"{self.source or 'the test'}: direction {unknown} unknown; allowed: z, twist")
-
-    @property
-    def planes(self) -> tuple[str, ...]:
-        """Measured planes in order of appearance."""
-        return tuple(dict.fromkeys(self.plane.tolist()))
 
     @property
     def force_planes(self) -> tuple[str, ...]:

@@ -24,7 +24,7 @@ from rotorfit.fitting.noise_problem import normal, with_noise
 from rotorfit.fitting.settings import FitSettings, PhaseOffsets, check_phase_offsets
 from rotorfit.models import Modal, RotorModel
 from rotorfit.models.parameters import unknown_name
-from rotorfit.observing.circular import Grouping, group_rows
+from rotorfit.observing.grouping import Grouping, group_rows
 from rotorfit.observing.influences import correlated
 from rotorfit.observing.observations import observe_any
 

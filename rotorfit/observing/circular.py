@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -16,41 +15,6 @@ from rotorfit.estimators.row_keys import unique_rows
 from rotorfit.estimators.sweep_noise import estimate_noise
 from rotorfit.models import RotorModel
 from rotorfit.models.array_types import ComplexArray, Float, Index
-
-
-@dataclass(frozen=True)
-class Grouping:
-    """Which rows share one parameter vector.
-
-    Attributes:
-        suffixes: for each group the suffix of each ``per`` parameter, ``{"D": "speed_rpm=1000"}``.
-        rows: for each experiment, the group of each of its rows.
-    """
-
-    suffixes: tuple[Mapping[str, str], ...]
-    rows: tuple[Index, ...]
-
-
-def group_rows(experiments: Sequence[Experiment], per: Mapping[str, str]) -> Grouping:
-    """Group rows by the distinct values of the attributes named in ``per`` (parameter name to attribute).
-
-    Raises:
-        KeyError: an experiment lacks the attribute.
-    """
-    if not per:
-        return Grouping(({},), tuple(np.zeros(len(experiment), dtype=np.intp) for experiment in experiments))
-    seen: dict[tuple[str, ...], int] = {}
-    rows = []
-    for experiment in experiments:
-        keys = [[_label(attribute, v) for v in experiment.attribute(attribute).tolist()] for attribute in per.values()]
-        tuples = zip(*keys, strict=True)
-        rows.append(np.array([seen.setdefault(key, len(seen)) for key in tuples], dtype=np.intp))
-    suffixes = tuple(dict(zip(per, key, strict=True)) for key in seen)
-    return Grouping(suffixes, tuple(rows))
-
-
-def _label(attribute: str, value: Any) -> str:
-    return f"{attribute}={value:.10g}" if isinstance(value, (int, float)) else f"{attribute}={value}"
 
 
 def observe(model: RotorModel, experiment: Experiment, group: Index) -> Responses:
