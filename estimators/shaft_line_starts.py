@@ -10,10 +10,13 @@ from numpy.typing import NDArray
 from rotorfit.estimators.observations import Responses
 from rotorfit.estimators.problem import Problem
 from rotorfit.estimators.shaft_lines import LineResponses, PairResponses
+from rotorfit.estimators.start_up_lines import shaft_of_lines
 from rotorfit.models import Turning
 from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.models.combination_lines import Order
 
+_FEWEST = 8
+"""Speeds of a start-up from which its lines are solved for the whole shaft."""
 _ROUNDS = 4
 """Rounds of reweighting: an equation error is weighed by the stiffness that it was multiplied with."""
 
@@ -73,11 +76,12 @@ def line_start(problem: Problem) -> Float:
     model = space.model
     values = {name: model.parameter(name).scale for name in model.parameter_names}
     values |= dict.fromkeys(("dK_cos", "dK_sin", "ec", "es", "Px", "Py"), 0.0)
+    values |= dict.fromkeys([name for name in values if name[:2] in ("R1", "R2")], 0.0)
     known = np.asarray((space.index < 0).all(axis=0)).tolist()
     template = dict(zip(model.parameter_names, space.template[0].tolist(), strict=True))
     fixed = {name: template[name] for name, is_known in zip(model.parameter_names, known, strict=True) if is_known}
     readings = _Readings([block for block in problem.blocks if isinstance(block, LineResponses)])
-    for step in (_round_part, _image, _unbalance, _side_load, _torsion):
+    for step in (_round_part, _image, _steady, _torsion):
         values |= step(readings, values | fixed)
         values |= fixed
     return np.array([values[name] for name in space.base])
@@ -133,6 +137,28 @@ def _round_part(readings: _Readings, values: dict[str, float]) -> dict[str, floa
     return {"K": K, "D": D, "M": abs(M)}
 
 
+def _start_up(readings: _Readings, values: dict[str, float]) -> dict[str, float]:
+    """The shaft from 1x and 2x over many speeds, in proportion to its mass, the sag taken for constant."""
+    once, twice = readings.of("z", (0, 0)), readings.of("z", (0, 1))
+    if once is None or twice is None or min(np.unique(once[1]).size, np.unique(twice[1]).size) < _FEWEST:
+        return {}
+    w = np.concatenate([once[1], 2 * twice[1]])
+    first = np.arange(w.size) < once[1].size
+    U, sigma = (np.concatenate([once[i], twice[i]]) for i in (3, 4))
+    partner = np.where(first, U.conj(), 0.0)
+    try:
+        found, R1, R2 = shaft_of_lines(w, first, U, partner, sigma, runout="R1c" in values)
+    except ValueError:  # noise; the start need not be good
+        return {}
+    M, delta, load, eps = values["M"], found.delta, found.side, found.eps
+    scaled = {
+        "K": found.k, "D": found.d, "dK_cos": delta.real, "dK_sin": delta.imag, "Px": load.real, "Py": load.imag
+    }  # fmt: skip
+    lengths = {"ec": eps.real, "es": eps.imag}
+    lengths |= {"R1c": R1.real, "R1s": R1.imag, "R2c": R2.real, "R2s": R2.imag} if "R1c" in values else {}
+    return {name: M * v for name, v in scaled.items()} | lengths
+
+
 def _image(readings: _Readings, values: dict[str, float]) -> dict[str, float]:
     """``kappa(2 Om - w) B + delta conj(A) = 0``."""
     found = readings.of("z", (-1, 0))
@@ -142,6 +168,15 @@ def _image(readings: _Readings, values: dict[str, float]) -> dict[str, float]:
     share = -(force / _kappa(values, w)).conj() / _kappa(values, 2 * speed - w)
     c, s = _solve(np.array([share, 1j * share]), response, 1 / sigma).tolist()
     return {"dK_cos": c, "dK_sin": s}
+
+
+def _steady(readings: _Readings, values: dict[str, float]) -> dict[str, float]:
+    """What 1x and 2x tell: over a start-up the whole shaft, at a few speeds eccentricity and side load."""
+    found = _start_up(readings, values)
+    if found:
+        return found
+    found = _unbalance(readings, values)
+    return found | _side_load(readings, values | found)
 
 
 def _unbalance(readings: _Readings, values: dict[str, float]) -> dict[str, float]:

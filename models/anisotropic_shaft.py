@@ -41,6 +41,14 @@ _TORSION = {
 }
 
 
+_RUNOUT = (
+    Parameter("R1c", "m", "run-out at 1x along the Keyphasor mark", scale=1e-5),
+    Parameter("R1s", "m", "run-out at 1x ahead of the Keyphasor mark", scale=1e-5),
+    Parameter("R2c", "m", "run-out at 2x along the Keyphasor mark", scale=1e-5),
+    Parameter("R2s", "m", "run-out at 2x ahead of the Keyphasor mark", scale=1e-5),
+)
+
+
 class AnisotropicShaft(RotorModel):
     """A disk on a shaft with two lateral stiffnesses, K + dK and K - dK, that turn with it, and twist.
 
@@ -53,16 +61,17 @@ class AnisotropicShaft(RotorModel):
         planes: name of the disk's plane.
         torsion: how stiffness and damping of the twist are told, "modal" (nu_t, zeta_t) or "stiffness" (kt, ct), or
             ``None`` for a shaft that does not twist.
+        runout: whether the readings at 1x and 2x hold run-out, to be fitted; the start-ups of a shaft tell it.
     """
 
     name: ClassVar[str] = "anisotropic-shaft"
     turns = True
 
-    def __init__(self, planes: Sequence[str] = ("disk",), *, torsion: Torsion = "modal") -> None:
+    def __init__(self, planes: Sequence[str] = ("disk",), *, torsion: Torsion = "modal", runout: bool = False) -> None:
         if torsion is not None and torsion not in _TORSION:
             raise ValueError(unknown_name("torsion", torsion, _TORSION))
         self.planes = one_per_coordinate(planes, 1, self.name)
-        self.torsion = torsion
+        self.torsion, self.runout = torsion, runout
         twist = (Parameter("J", "kg m^2", "polar inertia of the disk", scale=1e-3, lower=0.0),) if torsion else ()
         self.parameters = (
             Parameter("M", "kg", "mass of the disk", scale=1.0, lower=0.0),
@@ -76,11 +85,12 @@ class AnisotropicShaft(RotorModel):
             Parameter("Py", "N", "side load in y", scale=10.0),
             *twist,
             *(_TORSION[torsion] if torsion else ()),
+            *(_RUNOUT if runout else ()),
         )
 
     def options(self) -> dict[str, Any]:
         """See :meth:`RotorModel.options`."""
-        return {"planes": self.planes, "torsion": self.torsion}
+        return {"planes": self.planes, "torsion": self.torsion, "runout": self.runout}
 
     def equation(self, p: Any, speed: Any, eccentricity: Any) -> Sequence[Matrix]:
         """The round part of the shaft; what turns is in :meth:`turning_stiffness`."""
@@ -160,7 +170,7 @@ class AnisotropicShaft(RotorModel):
             raise ValueError(f"{self.name} has no line of orders {order} in the direction {direction}")
         if direction == "twist" and self.torsion is None:
             raise ValueError(f"{self.name} with torsion=None does not twist: leave readings of the twist out")
-        return _line_function(self.torsion, direction, order, jacobian)
+        return _line_function(self.torsion, self.runout, direction, order, jacobian)
 
     # ---- the anisotropy in other words -----------------------------------------------------------------------------
 
@@ -177,9 +187,9 @@ class AnisotropicShaft(RotorModel):
 
 
 @lru_cache(maxsize=8)
-def _line_graphs(torsion: Torsion) -> tuple[ca.SX, Lines, Lines]:
+def _line_graphs(torsion: Torsion, runout: bool) -> tuple[ca.SX, Lines, Lines]:
     """Inputs (parameters, w, Om, real and imaginary part of the force) and all lines as expressions of them."""
-    names = AnisotropicShaft(torsion=torsion).parameter_names
+    names = AnisotropicShaft(torsion=torsion, runout=runout).parameter_names
     x = ca.SX.sym("x", len(names) + 4)
     p = {name: x[i] for i, name in enumerate(names)}
     if torsion == "modal":
@@ -198,13 +208,17 @@ def _line_graphs(torsion: Torsion) -> tuple[ca.SX, Lines, Lines]:
         frequency=frequency,
         force=Complex(re, im),
     )
-    return x, *solve_lines(values, twisting=torsion is not None)
+    lateral, twist = solve_lines(values, twisting=torsion is not None)
+    for place, name in (((0, 0), "R1"), ((0, 1), "R2")):
+        if runout:  # seen by the probes alone
+            lateral[place] = lateral[place] + Complex(p[f"{name}c"], p[f"{name}s"])
+    return x, lateral, twist
 
 
 @lru_cache(maxsize=64)
-def _line_function(torsion: Torsion, direction: str, order: Order, jacobian: bool) -> ArrayFunction:
+def _line_function(torsion: Torsion, runout: bool, direction: str, order: Order, jacobian: bool) -> ArrayFunction:
     """Real parts of a line and its derivatives, then the imaginary parts."""
-    x, lateral, twist = _line_graphs(torsion)
+    x, lateral, twist = _line_graphs(torsion, runout)
     line = (twist if direction == "twist" else lateral).get(order, Complex(0.0))
     parts = []
     for part in (line.re, line.im):

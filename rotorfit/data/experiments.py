@@ -388,6 +388,7 @@ class LineTest(_Rows):
     """
 
     title: ClassVar[str] = "line test"
+    START_UP: ClassVar[int] = 5  # speeds of a line without force from which it was read over a start-up
 
     run: Text
     speed: Float

@@ -1,4 +1,4 @@
-"""Spectral lines of a shaft that is not round against the perturbation frequency, and its stability."""
+"""Spectral lines of a shaft that is not round against perturbation frequency or speed, and its stability."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from rotorfit.data.experiments import LineTest
 from rotorfit.estimators.shaft_lines import LineResponses, PairResponses
 from rotorfit.models import AnisotropicShaft, Turning, eigenvalues, unstable_bands
 from rotorfit.models.array_types import ComplexArray, Float, Index
@@ -24,11 +25,16 @@ if TYPE_CHECKING:
 _FINE = 800  # points of a fitted line
 _UNSURE = 1.0
 """Error over amplitude beyond which a reading has no phase worth showing."""
+_MARKED = 30
+"""Tested speeds that are marked one by one; of more the lowest and the highest."""
 
 
 @dataclass(frozen=True, eq=False)
 class _Curve:
-    """One line of one signal at one speed per unit of force, frequencies ascending."""
+    """One line of one signal at one speed per unit of force, frequencies ascending.
+
+    Lines of a start-up have the rotative speed in place of the frequency, and no one speed (NaN).
+    """
 
     title: str
     unit: str
@@ -44,6 +50,8 @@ class _Curve:
 def plot_lines(fit: FitResult) -> Figure:
     """Amplitude and phase of each line per unit of force against the signed perturbation frequency, data and fit.
 
+    Lines 1x and 2x of start-ups are drawn as they are, against speed.
+
     Args:
         fit: a fit to spectral lines.
 
@@ -52,15 +60,17 @@ def plot_lines(fit: FitResult) -> Figure:
     """
     curves = list(_curves(fit))
     if not curves:
-        raise ValueError("this fit has no spectral lines under a force to plot")
+        raise ValueError("this fit has no spectral lines under a force or of a start-up to plot")
     kinds = list(dict.fromkeys(c.title for c in curves))
-    speeds = sorted({c.speed for c in curves})
-    figure, axes = grid(len(kinds), 2, "Lines of the shaft per unit of force", size=(3.54, 1.9))
+    speeds = sorted({c.speed for c in curves if not np.isnan(c.speed)})
+    per_force = ", per unit of force" if speeds else ""
+    figure, axes = grid(len(kinds), 2, f"Lines of the shaft{per_force}", size=(3.54, 1.9))
     for (size, phase), kind in zip(axes, kinds, strict=True):
         own = [c for c in curves if c.title == kind]
         factor, name = prefix(np.concatenate([np.abs(c.fitted) for c in own]), own[0].unit)
         for curve in own:
-            _draw(size, phase, curve, factor, colour_of(speeds.index(curve.speed), len(speeds)))
+            colour = GREY if np.isnan(curve.speed) else colour_of(speeds.index(curve.speed), len(speeds))
+            _draw(size, phase, curve, factor, colour)
         size.set_ylabel(f"{literal(kind)}\n{name}", fontsize=SMALL)
         size.set_yscale("log")
         top = max(float(np.abs(c.fitted).max()) for c in own) * factor
@@ -69,10 +79,14 @@ def plot_lines(fit: FitResult) -> Figure:
         phase.set_ylabel("phase, deg", fontsize=SMALL)
         phase.set_ylim(-190, 190)
         phase.set_yticks([-180, -90, 0, 90, 180])
-    for axis in axes[-1]:
-        axis.set_xlabel("perturbation frequency w, rpm (negative: backward)", fontsize=SMALL)
-    _legend(figure, speeds)
+        if np.isnan(own[0].speed) or kind == [c.title for c in curves if not np.isnan(c.speed)][-1]:
+            for axis in (size, phase):
+                axis.set_xlabel(_RUNNING if np.isnan(own[0].speed) else _PERTURBED, fontsize=SMALL)
+    _legend(figure, speeds, len(kinds) > len({c.title for c in curves if not np.isnan(c.speed)}))
     return figure
+
+
+_PERTURBED, _RUNNING = "perturbation frequency w, rpm (negative: backward)", "rotative speed, rpm"
 
 
 def _curves(fit: FitResult) -> Iterator[_Curve]:
@@ -80,6 +94,9 @@ def _curves(fit: FitResult) -> Iterator[_Curve]:
         if not isinstance(block, LineResponses | PairResponses):
             continue
         for title, rows in _kinds(block):
+            still = rows[block.force[rows] == 0]
+            if isinstance(block, LineResponses) and np.unique(block.speed[still]).size >= LineTest.START_UP:
+                yield _run_up(fit, block, title, still[np.argsort(block.speed[still])], predicted)
             for speed in np.unique(np.round(block.speed[rows], 3)).tolist():
                 here = rows[(np.round(block.speed[rows], 3) == speed) & (block.force[rows] != 0)]
                 here = here[np.argsort(block.frequency[here])]
@@ -89,6 +106,31 @@ def _curves(fit: FitResult) -> Iterator[_Curve]:
                     fine, fitted = _fitted_line(fit, block, here)
                     unit = "rad/N" if block.direction[rows[0]] == "twist" else "m/N"
                     yield _Curve(title, unit, speed, block.frequency[here], *parts, fine, fitted)
+
+
+def _run_up(fit: FitResult, block: LineResponses, title: str, rows: Index, predicted: ComplexArray) -> _Curve:
+    """A line without force against speed."""
+    first = int(rows[0])
+    speed, direction = block.speed[rows], str(block.direction[first])
+    fine = np.linspace(speed[0], speed[-1], _FINE)
+    return _Curve(
+        f"{title}\nstart-up",
+        "rad" if direction == "twist" else "m",
+        np.nan,
+        speed,
+        block.measured[rows],
+        block.sigma[rows],
+        predicted[rows],
+        fine,
+        block.model.lines(
+            fit.thetas[int(block.reading_group[first])],
+            direction,
+            line_order(direction, str(block.line[first])),
+            0.0,
+            fine,
+            0.0,
+        ),
+    )
 
 
 def _kinds(block: LineResponses | PairResponses) -> Iterator[tuple[str, Index]]:
@@ -141,11 +183,14 @@ def _draw(size: Any, phase: Any, curve: _Curve, factor: float, colour: str) -> N
     phase.plot(fine, np.where(jump, np.nan, angle), color="black", lw=0.9, zorder=3)
 
 
-def _legend(figure: Figure, speeds: list[float]) -> None:
+def _legend(figure: Figure, speeds: list[float], run_up: bool) -> None:
     from matplotlib.lines import Line2D
 
     points = [Line2D([], [], color=colour_of(i, len(speeds)), marker="o", ms=3, ls="") for i in range(len(speeds))]
     words = [f"measured ± σ at {speed * RPM_PER_RAD_S:.4g} rpm" for speed in speeds]
+    if run_up:
+        points.append(Line2D([], [], color=GREY, marker="o", ms=3, ls=""))
+        words.append("measured ± σ, start-up")
     legend_below(figure, [*points, Line2D([], [], color="black", lw=0.9)], [*words, "fit"])
 
 
@@ -164,6 +209,7 @@ def plot_turning_stability(fit: FitResult) -> Figure:
     critical = float(np.abs(eigenvalues(model, theta, 0.0)).max())
     tested = sorted({float(v) for e in fit.experiments for v in np.round(np.unique(e.speed), 2).tolist()})
     top = 1.15 * max(1.5 * critical, *tested)
+    tested = tested if len(tested) <= _MARKED else [tested[0], tested[-1]]
     bands = unstable_bands(model, theta, top)
     edges = [speed for band in bands for speed in band]
     speeds = np.unique(np.concatenate([np.linspace(0.0, top, 600), *(v * np.linspace(0.99, 1.01, 41) for v in edges)]))

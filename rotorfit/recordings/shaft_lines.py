@@ -17,9 +17,12 @@ from numpy.typing import NDArray
 
 from rotorfit.data.experiments import LineTest
 from rotorfit.estimators.local_response import RecordSpectra, local_response
+from rotorfit.estimators.start_up_lines import StartUp, start_up_lines
 from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.models.combination_lines import LATERAL, TWIST, Order
 from rotorfit.recordings.recording import Recording
+from rotorfit.recordings.reduced_record import is_pair, reduce_record
+from rotorfit.recordings.response_rows import time_at
 
 _ORDERS = range(-4, 5)
 """Orders of the shaft taken out of every signal: run-out, unbalance, sag."""
@@ -29,6 +32,8 @@ _WORTHLESS = 10.0
 """Times the median error beyond which a reading is left out, in bands that the drive hardly reached."""
 _NEAR = 40
 """Spectral lines to each side of an order that tell its noise."""
+_CHANGES = 1.2
+"""Highest speed over the lowest from which a recording without a perturbator is a start-up."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -62,16 +67,18 @@ class _Swept:
 
 
 def shaft_lines(records: Recording | Sequence[Recording], *, runout_um: float | None = None) -> LineTest:
-    """Spectral lines of swept perturbation tests of a shaft that is not round.
+    """Spectral lines of swept perturbation tests, start-ups and shutdowns of a shaft that is not round.
 
     Args:
-        records: recordings of one rig with the marks of shaft and perturbator, the motion of one plane in x and y, and
-            as far as measured the twist.
-        runout_um: plausible size of the run-out of the shaft at 1x and 2x, micrometres 0-peak. It becomes the error of
-            the lines 1x and 2x, which tell eccentricity and side load; by default these are left out.
+        records: recordings of one rig with the motion of one plane in x and y: swept perturbation tests with the marks
+            of shaft and perturbator and as far as measured the twist, start-ups and shutdowns with the shaft's mark.
+        runout_um: plausible size of the run-out of the shaft at 1x and 2x, micrometres 0-peak. In perturbation tests it
+            becomes the error of the lines 1x and 2x, which tell eccentricity and side load; by default these are left
+            out. Over the speeds of a start-up run-out is told apart, see ``AnisotropicShaft(runout=True)``.
 
     Returns:
-        lines ``w`` and ``2Om-w`` of the motion, ``w-Om`` and ``w-2Om`` of the twist, with their noise.
+        lines ``w`` and ``2Om-w`` of the motion, ``w-Om`` and ``w-2Om`` of the twist, and of start-ups ``1x`` and
+        ``2x`` at steady speeds, with their noise.
 
     Raises:
         ValueError: a recording without what this needs; the message says what.
@@ -79,6 +86,7 @@ def shaft_lines(records: Recording | Sequence[Recording], *, runout_um: float | 
     several = (records,) if isinstance(records, Recording) else tuple(records)
     if not several:
         raise ValueError("no recordings: give at least one")
+    _same_weight(several)
     if runout_um is not None and not (np.isfinite(runout_um) and runout_um >= 0):
         raise ValueError(f"runout_um is the size of the run-out, zero or more, not {runout_um}")
     parts = []
@@ -89,7 +97,7 @@ def shaft_lines(records: Recording | Sequence[Recording], *, runout_um: float | 
                 f"{record.name} has the attributes {', '.join(record.attributes) or 'none'}, {several[0].name} has "
                 f"{', '.join(several[0].attributes) or 'none'}: give all recordings the same"
             )
-        own = _lines_of(record, runout_um)
+        own = _start_up(record) if _is_start_up(record) else _lines_of(record, runout_um)
         count = sum(part["run"].size for part in own)
         if runout_um is not None:
             noted.setdefault("runout_um", []).append(np.full(count, runout_um))
@@ -120,6 +128,80 @@ def _lines_of(record: Recording, runout_um: float | None) -> list[dict[str, NDAr
     return _with_angle_errors(swept, found)
 
 
+def _is_start_up(record: Recording) -> bool:
+    """Whether nothing but the shaft itself drives a recording, and its speed changes."""
+    if record.rig.perturbator is not None or (record.force is not None and record.force.measured):
+        return False
+    shaft = record.shaft_angle()
+    speed = shaft.speed(np.linspace(shaft.begin, shaft.end, 1001))
+    return bool(speed.max() > _CHANGES * speed.min())
+
+
+def _same_weight(records: Sequence[Recording]) -> None:
+    """Refuse start-ups with different weights: they have different eccentricities.
+
+    Raises:
+        ValueError: names two of them.
+    """
+    weights: dict[complex, str] = {}
+    for record in records:
+        if _is_start_up(record):
+            force = record.force
+            weights.setdefault(0.0 if force is None else force.mr * complex(np.exp(1j * force.angle)), record.name)
+    if len(weights) > 1:
+        one, other, *_ = weights.values()
+        raise ValueError(f"{one} and {other} are start-ups with different weights, so with eccentricities of their own")
+
+
+def _start_up(record: Recording) -> list[dict[str, NDArray[Any]]]:
+    """Lines 1x and 2x against speed.
+
+    Raises:
+        ValueError: several planes of which none is named, one probe, or a motion that gives no stable shaft.
+    """
+    plane = record.planes[0] if record.force is None else record.force.plane
+    if record.force is None and len(record.planes) > 1:
+        raise ValueError(
+            f"{record.name} has the planes {', '.join(record.planes)}; name that of the disk as plane in [force]"
+        )
+    if not is_pair(record, plane):
+        raise ValueError(f"{record.name}: {plane} has one probe; 1x and 2x of a start-up need motion in x and in y")
+    shaft = record.shaft_angle()
+    reduced = reduce_record(record, shaft, 1)
+    run = StartUp(
+        rate=reduced.rate,
+        angle=reduced.drive_angle,
+        speed=reduced.drive_speed,
+        acceleration=shaft.acceleration(reduced.time),
+        motion=reduced.motion[plane],
+    )
+    try:
+        lines = start_up_lines(run)
+    except ValueError as problem:
+        raise ValueError(f"{record.name}: {problem}") from problem
+    parts = []
+    for order, found in lines.items():
+        known = found.sigma[0, 0] <= _WORTHLESS * np.median(found.sigma)
+        speed, response, sigma = (x[known] for x in (found.frequency / order, found.response[0, 0], found.sigma[0, 0]))
+        turned = order * np.abs(response) * shaft.stderr(time_at(reduced, speed))
+        none = np.zeros(speed.size)
+        parts.append(
+            {
+                "run": np.full(speed.size, record.name),
+                "speed": speed,
+                "frequency": none,
+                "force_plane": np.full(speed.size, plane),
+                "force": none.astype(complex),
+                "plane": np.full(speed.size, plane),
+                "direction": np.full(speed.size, "z"),
+                "line": np.full(speed.size, f"{order}x"),
+                "response": response,
+                "sigma": np.hypot(sigma, turned),
+            }
+        )
+    return parts
+
+
 def _swept(record: Recording) -> _Swept:
     """Angles and force of a recording.
 
@@ -130,7 +212,7 @@ def _swept(record: Recording) -> _Swept:
     if force is None or force.measured or perturbator is None:
         raise ValueError(
             f"{record.name}: combination lines need a perturbator with a mark: name its channel in [perturbator], and "
-            "its unbalance mr_kg_m and whirl in [force]"
+            "its unbalance mr_kg_m and whirl in [force]; or a start-up, whose speed changes"
         )
     time = np.arange(record.size) / record.sample_rate
     shaft = record.shaft_angle()

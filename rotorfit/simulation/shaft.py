@@ -63,6 +63,38 @@ class Perturbation:
 
 
 @dataclass(frozen=True, kw_only=True)
+class RunUp:
+    """A motor whose speed changes evenly: a start-up, or a shutdown where the last speed is the lower one.
+
+    Attributes:
+        first, last: speed at the begin and at the end, rad/s, positive.
+        duration: s.
+    """
+
+    first: float
+    last: float
+    duration: float
+
+    @property
+    def acceleration(self) -> float:
+        """rad/s^2."""
+        return (self.last - self.first) / self.duration
+
+    def angle(self, time: Float) -> Float:
+        """Angle of the shaft's mark at the motor end, rad.
+
+        Args:
+            time: s.
+        """
+        return np.asarray(self.first * time + self.acceleration / 2 * time**2)
+
+
+def steady(speed: float) -> RunUp:
+    """A motor that turns evenly, speed in rad/s."""
+    return RunUp(first=speed, last=speed, duration=1.0)
+
+
+@dataclass(frozen=True, kw_only=True)
 class ShaftMotion:
     """Motion of the shaft in time.
 
@@ -84,7 +116,7 @@ class ShaftMotion:
 def shaft_motion(
     model: AnisotropicShaft,
     values: dict[str, float],
-    speed: float,
+    speed: float | RunUp,
     time: Float,
     *,
     force: Callable[[float], complex] | None = None,
@@ -97,7 +129,7 @@ def shaft_motion(
     Args:
         model: the shaft.
         values: its parameters by name, SI units.
-        speed: rotative speed of the motor end, rad/s.
+        speed: rotative speed of the motor end, rad/s, or how it changes.
         time: instants of the result, ascending, s.
         force: force at an instant, N, side load apart.
         start: displacement, velocity, twist and its rate at the first instant.
@@ -113,10 +145,11 @@ def shaft_motion(
     instants = np.asarray(time, dtype=float)
     if instants.ndim != 1 or instants.size < 2 or not (np.diff(instants) > 0).all():
         raise ValueError("time must be at least two ascending instants, s")
-    slope = _equations(model, values, speed, force, crack)
+    motor = speed if isinstance(speed, RunUp) else steady(speed)
+    slope = _equations(model, values, motor, force, crack)
     z, v, phi, rate = start
     begin = np.array([np.real(z), np.imag(z), np.real(v), np.imag(v), phi, rate])
-    fast = max(abs(speed), np.sqrt(values["K"] / values["M"]), values.get("nu_t", 0.0), 1.0)
+    fast = max(abs(motor.first), abs(motor.last), np.sqrt(values["K"] / values["M"]), values.get("nu_t", 0.0), 1.0)
     small = 1e-6 * tolerance * np.array([1.0, 1.0, fast, fast, 1.0, fast])
     found = solve_ivp(
         slope, (instants[0], instants[-1]), begin, method="DOP853", t_eval=instants, rtol=max(tolerance, 1e-13),
@@ -133,7 +166,7 @@ def shaft_motion(
 def _equations(
     model: AnisotropicShaft,
     values: dict[str, float],
-    speed: float,
+    motor: RunUp,
     force: Callable[[float], complex] | None,
     crack: Crack | None,
 ) -> Callable[[float, Float], list[float]]:
@@ -141,14 +174,16 @@ def _equations(
     M, D, K = p["M"], p["D"], p["K"]
     delta, eps, side = complex(p["dK_cos"], p["dK_sin"]), complex(p["ec"], p["es"]), complex(p["Px"], p["Py"])
     inertia, kt, ct = torsion_constants(model, p)
+    rise = motor.acceleration
 
     def slope(t: float, state: Float) -> list[float]:
         x, y, vx, vy, phi, rate = state.tolist()
         z, v = complex(x, y), complex(vx, vy)
-        turn = complex(np.exp(1j * (speed * t + phi)))
+        motor_speed, motor_angle = motor.first + rise * t, (motor.first + rise / 2 * t) * t
+        turn = complex(np.exp(1j * (motor_angle + phi)))
         pull = delta * turn * turn * z.conjugate()
         load = side + (force(t) if force is not None else 0.0)
-        R = M * eps * (speed + rate) ** 2 * turn + load - D * v - K * z - pull
+        R = M * eps * (motor_speed + rate) ** 2 * turn + load - D * v - K * z - pull
         torque = (delta * (z.conjugate() * turn) ** 2).imag - ct * rate - kt * phi
         if crack is not None:
             axis = turn * complex(np.exp(1j * crack.angle))
@@ -156,10 +191,10 @@ def _equations(
             opening = crack.stiffness * max(u.real, 0.0)
             R += opening * axis
             torque += opening * u.imag
-        # M z'' = R - j M eps phi'' turn, put into the twist's equation, leaves J phi'' alone.
-        angular = (torque - (eps.conjugate() * turn.conjugate() * R).imag) / inertia if inertia else 0.0
+        # M z'' = R - j M eps theta'' turn, put into the twist's equation, leaves J theta'' alone.
+        angular = (torque - (eps.conjugate() * turn.conjugate() * R).imag) / inertia if inertia else rise
         a = R / M - 1j * eps * turn * angular
-        return [vx, vy, a.real, a.imag, rate, angular]
+        return [vx, vy, a.real, a.imag, rate, angular - rise]
 
     return slope
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from rotorfit.models import AnisotropicShaft
 from rotorfit.models.array_types import Float
-from rotorfit.simulation.shaft import Crack, Perturbation, shaft_motion
+from rotorfit.simulation.shaft import Crack, Perturbation, RunUp, shaft_motion, steady
 
 _NOTCH = 0.75
 """Width of the notch that a Keyphasor sees, rad, its ramps included."""
@@ -46,7 +46,7 @@ def record_shaft(
     path: str | os.PathLike[str],
     model: AnisotropicShaft,
     values: Mapping[str, float],
-    speed: float,
+    speed: float | RunUp,
     duration: float,
     *,
     perturbation: Perturbation | None = None,
@@ -63,7 +63,7 @@ def record_shaft(
         path: file to write.
         model: the shaft.
         values: its parameters by name, SI units.
-        speed: rotative speed, rad/s.
+        speed: rotative speed, rad/s, or how it changes.
         duration: s.
         perturbation: what perturbs it, if anything.
         acquisition: how the signals are taken.
@@ -77,20 +77,25 @@ def record_shaft(
     from h5py import File
 
     how = acquisition or Acquisition()
-    for name, number in (("speed", speed), ("duration", duration), ("sample_rate", how.sample_rate)):
+    motor = speed if isinstance(speed, RunUp) else steady(speed)
+    for name, number in (
+        ("speed", min(motor.first, motor.last)),
+        ("duration", duration),
+        ("sample_rate", how.sample_rate),
+    ):
         if not (np.isfinite(number) and number > 0):
             raise ValueError(f"{name} must be positive, got {number}")
     time = np.arange(round(duration * how.sample_rate)) / how.sample_rate
     force = None if perturbation is None else lambda t: complex(perturbation.force(t, duration))
-    motion = shaft_motion(
-        model, dict(values), speed, time, force=force, start=_steady(model, values, speed), crack=crack, tolerance=1e-9
-    )
-    seen = motion.z + how.runout * np.exp(1j * (speed * time))
+    start = _steady(model, values, motor.first)
+    motion = shaft_motion(model, dict(values), motor, time, force=force, start=start, crack=crack, tolerance=1e-9)
+    turn = motor.angle(time)
+    seen = motion.z + how.runout * np.exp(1j * turn)
     plane = model.planes[0]
     signals = {
         f"{plane}_X": how.gap + how.sensitivity * seen.real,
         f"{plane}_Y": how.gap + how.sensitivity * seen.imag,
-        "keyphasor_shaft": _notch(speed * time),
+        "keyphasor_shaft": _notch(turn),
     }
     if model.torsion is not None:
         signals["twist"] = how.twist_sensitivity * motion.twist
@@ -100,7 +105,7 @@ def record_shaft(
     target = Path(path)
     part = target.with_name(target.name + ".part")
     with File(part, "w") as file:
-        file.attrs.update(_attributes(how, perturbation, speed))
+        file.attrs.update(_attributes(how, perturbation, motor))
         for name, volts in signals.items():
             counts = np.clip(np.round((volts + how.noise * rng.normal(size=time.size)) / _STEP), -(2**15), 2**15 - 1)
             file.create_dataset(name, data=counts.astype(np.int16), compression="gzip").attrs["volts_per_count"] = _STEP
@@ -126,15 +131,16 @@ def _notch(angle: Float) -> Float:
     return np.asarray(-2.0 - 6.0 * (down - up))
 
 
-def _attributes(how: Acquisition, perturbation: Perturbation | None, speed: float) -> dict[str, float | str]:
+def _attributes(how: Acquisition, perturbation: Perturbation | None, motor: RunUp) -> dict[str, float | str]:
     found: dict[str, float | str] = {
         "sample_rate_hz": how.sample_rate,
         "sensitivity_V_per_mm": how.sensitivity / 1e3,
         "probe_angle_deg_X": 0.0,
         "probe_angle_deg_Y": 90.0,
         "twist_V_per_rad": how.twist_sensitivity,
-        "speed_rpm": speed * 30 / np.pi,
     }
+    if not motor.acceleration:
+        found["speed_rpm"] = motor.first * 30 / np.pi
     if perturbation is not None:
         found |= {
             "mr_kg_m": perturbation.mr,

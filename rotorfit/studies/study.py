@@ -295,6 +295,14 @@ def _has_twist(experiment: Experiment) -> bool:
     return isinstance(experiment, LineTest) and bool((experiment.direction == "twist").any())
 
 
+def _has_start_up(experiment: Experiment) -> bool:
+    """Whether 1x and 2x were read over the speeds of a start-up, where run-out shows."""
+    if not isinstance(experiment, LineTest):
+        return False
+    speeds = [set(experiment.speed[experiment.line == line].tolist()) for line in ("1x", "2x")]
+    return min(map(len, speeds)) >= LineTest.START_UP
+
+
 def build_model(study: Study, experiments: Sequence[Experiment]) -> RotorModel:
     """The model of a study.
 
@@ -309,6 +317,8 @@ def build_model(study: Study, experiments: Sequence[Experiment]) -> RotorModel:
         options["planes"] = tuple(dict.fromkeys(plane for experiment in experiments for plane in experiment.planes))
     if study.model == AnisotropicShaft.name and not any(_has_twist(experiment) for experiment in experiments):
         options["torsion"] = None
+    if study.model == AnisotropicShaft.name and any(_has_start_up(experiment) for experiment in experiments):
+        options["runout"] = True
     if study.model == Modal.name:
         options |= modal_options(study.planes, experiments)
     options |= {name: given for name in ("modes", "gains", "apart") if (given := getattr(study, name))}
