@@ -1,7 +1,8 @@
 """Frequency and damping of the modes in a record of free vibration, with their errors.
 
 The matrix pencil (Hua & Sarkar 1990) gives the exponentials without iteration; least squares on the record, linear in
-the amplitudes, refines them. The number of exponentials is chosen by BIC. Steady vibration at known frequencies, as of
+the amplitudes, refines them. The number of exponentials is chosen by BIC. Noise that a filter has passed follows itself
+from sample to sample: errors count the correlation of what the sum leaves. Steady vibration at known frequencies, as of
 unbalance, is linear in its amplitudes too: it joins the sum, and is taken out before the pencil, which would call it a
 mode.
 """
@@ -22,6 +23,9 @@ _GROWTH = 1e6  # growth over the record beyond which an exponential is no motion
 _APART = 0.1  # relative shift in frequency of the two modes that are looked for in the place of one
 _HARDLY = 0.05  # of a frequency: distance from it, decay included, at which a mode may be steady vibration
 _ROWS = 1500  # windows of the pencil
+_CHANCE = 2.0  # standard deviations of a correlation of white noise
+_ROUNDS = 4  # in which correlations and what the sum takes up of the noise settle
+_LEAST = 0.01  # of the variance in white noise, to which a filter may bring that of an eigenvalue down
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -159,7 +163,12 @@ def _refine(time: Float, signals: Float, s: ComplexArray, real: Float, steady: F
     _, size, directions = np.linalg.svd(found.jac, full_matrices=False)
     # What the record does not determine must weigh nothing: no pseudo-inverse, which would call it exact.
     least = np.finfo(float).eps * size[0]
-    spread = np.sum((directions.T / np.maximum(size, least)) ** 2, axis=1) * variance * scale**2
+    root = directions.T / np.maximum(size, least)
+    gain = found.jac @ root @ root.T  # of the noise into the eigenvalues
+    linear = np.kron(np.eye(2), np.linalg.qr(_basis(time, s, real, steady))[0])
+    own = np.column_stack([np.linalg.qr(found.jac)[0], linear])  # what the sum takes up of the noise
+    power, lags = _noise(rest, own.reshape(2, time.size, -1))
+    spread = _scatter(gain.reshape(2, time.size, -1), lags) * power * scale**2
     energy = np.sum((_basis(time, s, np.zeros(0), np.zeros(0))[:, : 2 * m] ** 2).mean(axis=0).reshape(2, m), axis=0)
     energy = energy * np.sum(amplitudes[: 2 * m].reshape(2, m, 2) ** 2, axis=(0, 2))
     step = float(time[-1] / (time.size - 1))
@@ -177,3 +186,52 @@ def _refine(time: Float, signals: Float, s: ComplexArray, real: Float, steady: F
         bic=bic if resolved else np.inf,
         steady=steady,
     )
+
+
+def _noise(rest: Float, own: Float) -> tuple[float, Float]:
+    """Variance of the noise and its correlations at distances 0, 1, ... up to the first that chance explains.
+
+    What is left of noise lacks what the sum took up, which is the more the longer its memory: repeated a few times.
+
+    Args:
+        rest: what the sum leaves, shape ``(n, 2)``.
+        own: orthonormal columns that span what the sum takes up, signal by signal, shape ``(2, n, p)``.
+    """
+    lags, variance = np.ones(1), 0.0
+    for _ in range(_ROUNDS):
+        follows = own + sum(v * (_later(own, k) + _earlier(own, k)) for k, v in enumerate(lags[1:].tolist(), start=1))
+        other = follows - own @ np.einsum("atp,atq->pq", own, follows) / 2
+        taken = 2 * float(np.sum(own * other))
+        variance = float(np.sum(rest**2)) / max(rest.size - taken, 1.0)
+        found = [1.0]
+        for lag in range(1, len(rest) // 4):
+            taken = float(np.sum(own[:, lag:] * other[:, :-lag]) + np.sum(other[:, lag:] * own[:, :-lag]))
+            value = (float(np.sum(rest[lag:] * rest[:-lag])) / max(variance, 1e-300) + taken) / rest.size
+            if value < _CHANCE / np.sqrt(rest.size):
+                break
+            found.append(value)
+        lags = np.array(found)
+    return variance, lags
+
+
+def _later(columns: Float, lag: int) -> Float:
+    return np.concatenate([np.zeros_like(columns[:, :lag]), columns[:, :-lag]], axis=1)
+
+
+def _earlier(columns: Float, lag: int) -> Float:
+    return np.concatenate([columns[:, lag:], np.zeros_like(columns[:, :lag])], axis=1)
+
+
+def _scatter(gain: Float, lags: Float) -> Float:
+    """Variance of ``gain.T @ noise``, entry by entry, for noise of unit variance with given correlations along time.
+
+    Args:
+        gain: shape ``(2, n, p)``, signal by signal.
+        lags: correlations at distances 0, 1, ...
+    """
+    white = np.sum(gain**2, axis=(0, 1))
+    total = white
+    for lag, value in enumerate(lags[1:].tolist(), start=1):
+        total = total + 2 * value * np.sum(gain[:, lag:] * gain[:, :-lag], axis=(0, 1))
+    # Correlations that are cut off need not be those of any noise.
+    return np.asarray(np.maximum(total, _LEAST * white))

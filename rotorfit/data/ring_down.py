@@ -16,8 +16,8 @@ def ring_down_modes(test: RingDownTest, *, modes: int = 1) -> ImpulseTest:
     """Reduce records of free vibration to eigenvalues, the strongest modes of each.
 
     Records begin after the impulse has ended. Steady vibration at one and two times the speed, left by unbalance, joins
-    the sum where the record asks for it; what does not decay at these frequencies is no mode. Noise is taken as white;
-    its level, and from it the standard deviation of the eigenvalues, is what the sum leaves of the record.
+    the sum where the record asks for it; what does not decay at these frequencies is no mode. Noise is what the sum
+    leaves of the record: its level and its correlation from sample to sample give the errors of the eigenvalues.
 
     Args:
         test: the records.
