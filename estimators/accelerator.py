@@ -8,9 +8,10 @@ import os
 import sys
 from collections.abc import Callable
 from functools import cache
+from importlib.metadata import version
 from pathlib import Path
 from types import ModuleType
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -62,6 +63,31 @@ def _write_once(path: Path, text: str) -> bool:
     return True
 
 
+State = Literal["loaded", "stored", "new"]
+"""Whether kernels are in this process, as machine code on disk, or have to be compiled."""
+
+
+def state_of(source: str, kernel: str) -> State:
+    """What it takes to use a kernel of a generated module; numba is not imported.
+
+    Args:
+        source: the module's text.
+        kernel: name of the function, "sums" or "slopes".
+    """
+    name = _module_name(source)
+    if name in sys.modules and getattr(getattr(sys.modules[name], kernel), "signatures", True):
+        return "loaded"
+    directory = cache_directory()
+    # numba writes machine code beside the text; it looks itself whether it is for this processor.
+    stored = directory is not None and any((directory / "__pycache__").glob(f"{name}.{kernel}-*.nbc"))
+    return "stored" if stored else "new"
+
+
+def _module_name(source: str) -> str:
+    text = f"{version('numba')}\n{np.__version__}\n{source}"
+    return f"rotorfit_kernel_{hashlib.sha256(text.encode()).hexdigest()[:32]}"
+
+
 @cache
 def compile_kernels(source: str) -> dict[str, Kernel]:
     """Compile the functions that a generated module decorates as ``outer``.
@@ -75,8 +101,7 @@ def compile_kernels(source: str) -> dict[str, Kernel]:
     import numba
 
     directory = cache_directory()
-    digest = hashlib.sha256(f"{numba.__version__}\n{np.__version__}\n{source}".encode()).hexdigest()
-    name = f"rotorfit_kernel_{digest[:32]}"
+    name = _module_name(source)
     path = (directory or Path()) / f"{name}.py"
     stored = directory is not None and _write_once(path, source)
     kernels: dict[str, Kernel] = {}

@@ -31,6 +31,7 @@ TOLERANCE = 1e-8
 _ROUND_OFF = 1e-5  # remaining step at which failure to shrink further is round-off
 _SLOW = 0.3  # shrinkage of the remaining step above which a member gets a matrix of its own
 _ITERATIONS = 60
+_EVALUATIONS = 5  # a member's gradients until it has converged, typically
 _DEFAULTS = Options()
 
 
@@ -140,7 +141,7 @@ def batch_fit(
     if x.shape not in ((p,), (measured.shape[0], p)):
         raise ValueError(f"start has shape {x.shape}; ({p},) or ({measured.shape[0]}, {p}) is needed")
     x = np.clip(np.broadcast_to(x, (measured.shape[0], p)), problem.space.lower, problem.space.upper)
-    batch = Batch(problem, accelerate=accelerate, work=16 * measured.shape[0])
+    batch = Batch(problem, accelerate=accelerate, work=_EVALUATIONS * measured.shape[0], gradients=True)
     readings = batch.readings(measured)
 
     def evaluate(points: Float, members: Index) -> tuple[Float, Float]:

@@ -15,8 +15,11 @@ from rotorfit.estimators.losses import robust_weights
 from rotorfit.estimators.problem import Problem
 from rotorfit.models.array_types import ComplexArray, Float, Index
 
-PAYS = 4e7
-"""Readings to evaluate (vectors times readings) beyond which compiling is quicker than NumPy, a second or two of it."""
+PAYS: dict[accelerator.State, float] = {"loaded": 5e5, "stored": 1e7, "new": 4e7}
+"""Readings to evaluate (vectors times readings) beyond which kernels are quicker than NumPy's 0.05 microseconds: the
+time to generate their source, to load numba and machine code as well, to compile as well."""
+GRADIENT = 5.0
+"""NumPy's time for a gradient over that of a misfit."""
 _CHUNK = 60_000  # readings that NumPy holds at once, so that arrays stay in cache
 
 
@@ -47,20 +50,29 @@ class Batch:
         problem: the problem; a linear loss or a robust one.
         accelerate: compile with numba; by default if it is installed and the work asked for pays for it.
         work: how many vectors will be evaluated, roughly.
+        gradients: whether what will be evaluated is :meth:`cost_and_gradient` rather than :meth:`sums`.
 
     Raises:
         ImportError: ``accelerate`` is true and numba is not installed.
     """
 
-    def __init__(self, problem: Problem, *, accelerate: bool | None = None, work: float = np.inf) -> None:
+    def __init__(
+        self, problem: Problem, *, accelerate: bool | None = None, work: float = np.inf, gradients: bool = False
+    ) -> None:
         self.problem = problem
         self.layout: KernelLayout | None = layout(problem)
         self.channel_names, self.channel_counts, self._channel_of = channels(problem)
         self._others = [i for i, block in enumerate(problem.blocks) if not is_plain(block)]
         unrolled = len(problem.space.model.coordinates) <= codegen.LARGEST_UNROLLED
-        pays = accelerator.available() and work * problem.n_data / 2 > PAYS
-        wanted = pays if accelerate is None else accelerate
-        self.compiled = bool(wanted and unrolled and self.layout is not None)
+        possible = unrolled and self.layout is not None
+        self.compiled = bool(possible and (self._pays(work, gradients) if accelerate is None else accelerate))
+
+    def _pays(self, work: float, gradients: bool) -> bool:
+        """Whether kernels, with what it takes to have them, are quicker than NumPy."""
+        readings = work * self.problem.n_data / 2 * (GRADIENT if gradients else 1.0)
+        if readings <= PAYS["loaded"] or not accelerator.available():
+            return False
+        return readings > PAYS[accelerator.state_of(self._source, "slopes" if gradients else "sums")]
 
     @property
     def one_by_one(self) -> bool:
@@ -298,7 +310,11 @@ class Batch:
 
     @cached_property
     def _kernels(self) -> dict[str, accelerator.Kernel]:
-        return accelerator.compile_kernels(codegen.source(self.problem.space.model, self._patterns[0]))
+        return accelerator.compile_kernels(self._source)
+
+    @cached_property
+    def _source(self) -> str:
+        return codegen.source(self.problem.space.model, self._patterns[0])
 
     @cached_property
     def _fixed(self) -> tuple[Any, ...]:

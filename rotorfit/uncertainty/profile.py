@@ -13,12 +13,13 @@ from rotorfit.estimators.correlated import freedom_of, quantile
 from rotorfit.estimators.least_squares import minimise
 from rotorfit.estimators.log_posterior import box
 from rotorfit.estimators.problem import Problem
-from rotorfit.estimators.profile_curve import Curve, End, hold_entry, hold_quantity, limits
+from rotorfit.estimators.profile_curve import Curve, End, ValueAndGradient, hold_entry, hold_quantity, limits
 from rotorfit.fitting.digits import interval, with_error
 from rotorfit.fitting.result import FitResult
 from rotorfit.models import threshold_speed
 from rotorfit.models.array_types import Float
 from rotorfit.models.parameters import bare_name, unknown_name
+from rotorfit.models.stability import Threshold, threshold_speed_near
 from rotorfit.units import RPM_PER_RAD_S
 
 if TYPE_CHECKING:
@@ -162,12 +163,7 @@ def _curve(
     if name == THRESHOLD:
         group = fit.group(at)
 
-        def speed(vector: Float) -> tuple[float, Float]:
-            onset = threshold_speed(fit.model, problem.space.theta(vector)[group], band=fit.stability_band)
-            if onset is None:
-                return math.inf, np.zeros_like(vector)
-            return onset.speed, problem.space.pull_back(onset.gradient, group)
-
+        speed = _speed(fit, group)
         value, slope = speed(x)
         if not math.isfinite(value):
             if math.isfinite(fit.stability_band):
@@ -191,6 +187,23 @@ def _curve(
     scale = np.maximum(np.abs(x), 1e-6 * size)
     curve = Curve(hold_entry(problem, i, scale), float(x[i]), x, problem.cost(x), direction)
     return float(x[i]), p.unit, curve, *_reach(lower[i], upper[i], float(x[i]), size, error)
+
+
+def _speed(fit: FitResult, group: int) -> ValueAndGradient:
+    """Threshold speed of a fitted vector and its gradient, each found from the one before."""
+    space, model, band = fit.problem.space, fit.model, fit.stability_band
+    last: Threshold | None = None
+
+    def speed(vector: Float) -> tuple[float, Float]:
+        nonlocal last
+        theta = space.theta(vector)[group]
+        found = threshold_speed_near(model, theta, last, band=band) if last else None
+        last = found or threshold_speed(model, theta, band=band)
+        if last is None:
+            return math.inf, np.zeros_like(vector)
+        return last.speed, space.pull_back(last.gradient, group)
+
+    return speed
 
 
 def _reach(
