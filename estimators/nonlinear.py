@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -11,39 +11,25 @@ from numpy.typing import NDArray
 
 from rotorfit.estimators.correlated import CorrelatedResponses
 from rotorfit.estimators.observations import OnResponses, Responses
-from rotorfit.estimators.response import dynamic_stiffness, inverse
-from rotorfit.models import RotorModel
+from rotorfit.estimators.response import inverse
 from rotorfit.models.array_types import ComplexArray, Float, Index
 from rotorfit.models.journal import Journal, journal
-from rotorfit.models.orbits import LARGEST_ECCENTRICITY, OrbitEquation, followed_roots, nearest_roots
+from rotorfit.models.line_stiffness import known_structure, line_stiffness
+from rotorfit.models.orbits import LARGEST_ECCENTRICITY, OrbitEquation, followed_roots, nearest_orbits
+from rotorfit.models.shaft import KnownStiffness
 
 OrbitBranch = Literal["nearest", "followed", "given"]
 
 
-def entries(
-    model: RotorModel, theta: Float, speed: Float, eps: Float
-) -> Iterator[tuple[int, int, int, Index, ComplexArray]]:
-    """Derivatives of the coefficients, gathered by the place (power, row, column) they change.
-
-    Yields power, row, column, the inputs and the values, shape ``(inputs, L)``.
-    """
-    jacobian = model.functions.jacobian(theta, speed, eps)
-    places = np.column_stack([jacobian.powers, jacobian.rows, jacobian.columns])
-    distinct, place = np.unique(places, axis=0, return_inverse=True)
-    for number, (power, row, column) in enumerate(distinct.tolist()):
-        chosen = np.flatnonzero(place.reshape(-1) == number)
-        yield power, row, column, jacobian.inputs[chosen], jacobian.values[:, chosen].T
-
-
 @dataclass(frozen=True, eq=False)
 class _State:
-    """Orbits at a parameter vector.
+    """Orbits at parameter vectors, lines along the last axis.
 
     Attributes:
-        theta: parameter vector of each line, shape ``(L, P)``.
-        eps: journal's eccentricity, shape ``(L,)``.
-        H: receptance at that eccentricity, shape ``(L, n, n)``.
-        amplitude: response of every coordinate, shape ``(L, n)``.
+        theta: parameter vector of each line, shape ``(..., L or 1, P)``.
+        eps: journal's eccentricity, shape ``(..., L)``.
+        H: receptance at that eccentricity, shape ``(n, n, ..., L)``.
+        amplitude: response of every coordinate, shape ``(n, ..., L)``.
     """
 
     theta: Float
@@ -88,42 +74,66 @@ class OrbitResponses(OnResponses):
         return OrbitResponses(self.base.lines(keep), self.eccentricity[keep], self.mode, self.sweep[keep])
 
     def orbits(self, theta: Float) -> Float:
-        """Eccentricity of the journal in each line, shape ``(L,)``; theta of shape ``(G, P)``."""
+        """Eccentricity of the journal in each line, shape ``(..., L)``; theta of shape ``(..., G, P)``."""
         return self._state(theta).eps
 
     def _state(self, theta: Float) -> _State:
         base, seat = self.base, self.journal
-        at, vectors = seat.at, theta[base.group]
-        H = inverse(dynamic_stiffness(base, theta))
-        centred = np.einsum("lij,lj->li", H, base.force)
-        if self.mode == "given":
-            eps = np.clip(self.eccentricity, 0.0, LARGEST_ECCENTRICITY)
-        else:
-            equation = OrbitEquation(
-                theta=vectors,
-                s=base.s,
-                speed=base.speed,
-                drive=centred[:, at] / seat.clearance,
-                receptance=H[:, at, at],
-            )
-            if self.mode == "nearest":
-                eps = nearest_roots(seat, equation, self.eccentricity)
-            else:
-                eps = followed_roots(seat, equation, self.sweep)
-        delta, _ = seat.change(vectors, base.s, base.speed, eps)
-        # Only the entry (b, b) of kappa changes: a rank-one change of its inverse.
-        gain = (delta / (1.0 + delta * H[:, at, at]))[:, None]
-        column, row = H[:, :, at], H[:, at, :]
-        return _State(
-            vectors, eps, H - (gain * column)[:, :, None] * row[:, None], centred - gain * column * centred[:, [at]]
+        at = seat.at
+        # Lines of one group share a vector, which broadcasts: what depends on parameters alone is computed once.
+        vectors = theta if theta.shape[-2] == 1 else theta[..., base.group, :]
+        H = self._centred(vectors)
+        centred = np.zeros(H.shape[1:], dtype=complex)
+        for column in np.flatnonzero(base.force.any(axis=0)).tolist():
+            centred += H[:, column] * base.force[:, column]
+        equation = OrbitEquation(
+            theta=vectors,
+            s=base.s,
+            speed=base.speed,
+            drive=centred[at] / seat.clearance,
+            receptance=H[at, at],
         )
+        if self.mode == "nearest":
+            eps, delta = nearest_orbits(seat, equation, self.eccentricity)
+        else:
+            if self.mode == "followed":
+                eps = followed_roots(seat, equation, self.sweep)
+            else:
+                eps = np.broadcast_to(np.clip(self.eccentricity, 0.0, LARGEST_ECCENTRICITY), equation.shape)
+            delta = equation.change(seat, eps)
+        # Only the entry (b, b) of kappa changes: a rank-one change of its inverse.
+        gain = delta / (1.0 + delta * H[at, at])
+        column, row = gain * H[:, at], H[at]
+        return _State(vectors, eps, H - column[:, None] * row, centred - column * centred[at])
+
+    def _centred(self, vectors: Float) -> ComplexArray:
+        """Receptance of the rotor with its journal in the centre, shape ``(n, n, ..., L)``."""
+        base = self.base
+        kappa = line_stiffness(self.model).values(vectors, base.s.imag, base.speed, 0.0)
+        if self.model.shaft is not None:
+            kappa = kappa + known_structure(self.model, vectors, base.s, base.speed).values
+        return inverse_of_lines(kappa)
 
     def predict(self, theta: Float) -> ComplexArray:
-        """See :meth:`~rotorfit.estimators.observations.Block.predict`."""
-        state, line, coordinate = self._state(theta), self.base.line, self.base.coordinate
+        """See :meth:`~rotorfit.estimators.observations.Block.predict`; of vectors ``(..., G, P)``, ``(..., R)``."""
+        state = self._state(theta)
         if self.base.imposed:
-            return np.asarray(self.base.force[line, coordinate] / state.H[line, coordinate, coordinate])
-        return np.asarray(state.amplitude[line, coordinate])
+            coordinates = range(state.H.shape[0])
+            return self._read([self.base.force[:, i] / state.H[i, i] for i in coordinates])
+        return self._read(list(state.amplitude))
+
+    def _read(self, values: list[ComplexArray]) -> ComplexArray:
+        """Readings, shape ``(..., R)``, of what every coordinate does, shape ``(..., L)`` each."""
+        line, coordinate = self.base.line, self.base.coordinate
+        if len(values) == 1:
+            return values[0] if self._line_by_line else values[0][..., line]
+        return np.asarray(
+            np.stack(values, axis=-2).reshape(*values[0].shape[:-1], -1)[..., coordinate * self.base.s.size + line]
+        )
+
+    @cached_property
+    def _line_by_line(self) -> bool:
+        return np.array_equal(self.base.line, np.arange(self.base.s.size))
 
     def predict_jacobian(self, theta: Float) -> tuple[ComplexArray, ComplexArray]:
         """See :meth:`~rotorfit.estimators.observations.Block.predict_jacobian`.
@@ -131,52 +141,72 @@ class OrbitResponses(OnResponses):
         By the implicit function theorem ``d eps = (d|A_b| / clearance) / (1 - d|A_b|/d eps / clearance)``, the
         derivatives on the right those at fixed eccentricity.
         """
-        state, line, coordinate = self._state(theta), self.base.line, self.base.coordinate
-        if self.base.imposed:
-            drive = state.H[line, coordinate, coordinate]
-            predicted = self.base.force[line, coordinate] / drive
-            slopes, _ = self._slopes(state, line, state.H[line, coordinate], state.H[line, :, coordinate])
-            return predicted, slopes * (-predicted / drive)[:, None]
-        slopes, by_eps = self._slopes(state, line, state.H[line, coordinate], state.amplitude[line])
-        if self.mode != "given":
-            slopes += by_eps[:, None] * self._orbit_slopes(state)[line]
-        return np.asarray(state.amplitude[line, coordinate]), slopes
+        state, base, count = self._state(theta), self.base, theta.shape[-1]
+        coordinates = range(state.H.shape[0])
+        if base.imposed:
+            values = [base.force[:, i] / state.H[i, i] for i in coordinates]
+            right = [state.H[:, i] for i in coordinates]
+            outer = [-value / state.H[i, i] for i, value in enumerate(values)]
+        else:
+            values, right = list(state.amplitude), [state.amplitude] * len(coordinates)
+        by_kappa = line_stiffness(self.model).slopes(state.theta, base.s.imag, base.speed, state.eps)
+        known = None if self.model.shaft is None else known_structure(self.model, state.theta, base.s, base.speed)
+        slopes = [self._slopes(state.H[i], by_kappa, known, right[i], count) for i in coordinates]
+        if base.imposed:
+            slopes = [slope * factor for slope, factor in zip(slopes, outer, strict=True)]
+        elif self.mode != "given":
+            orbit = self._orbit_slopes(state, slopes[self.journal.at])
+            for slope in slopes:
+                slope[:count] += slope[count] * orbit
+        by_theta = [slope[:count] for slope in slopes]
+        return self._read(values), np.moveaxis(self._read(by_theta), 0, -1)
 
-    def _orbit_slopes(self, state: _State) -> Float:
-        """Derivatives of the eccentricities by the parameters, shape ``(L, P)``; zero where the orbit fills the gap."""
-        seat = self.journal
-        every = np.arange(state.eps.size)
-        slopes, by_eps = self._slopes(state, every, state.H[:, seat.at], state.amplitude)
-        moving = state.amplitude[:, seat.at]
-        size = np.abs(moving)
-        pointer = np.divide(moving.conj(), size * seat.clearance, out=np.zeros_like(moving), where=size > 0)
-        loop = 1.0 - (pointer * by_eps).real
-        free = (state.eps < LARGEST_ECCENTRICITY) & (loop != 0)
-        loop = np.where(free, loop, 1.0)
-        return np.where(free[:, None], (pointer[:, None] * slopes).real / loop[:, None], 0.0)
-
-    def _slopes(
-        self, state: _State, line: Index, left: ComplexArray, right: ComplexArray
-    ) -> tuple[ComplexArray, ComplexArray]:
-        """``-left dkappa right`` by the parameters and by eccentricity, shapes ``(Q, P)`` and ``(Q,)``.
+    def _orbit_slopes(self, state: _State, slopes: ComplexArray) -> Float:
+        """Derivatives of the eccentricities by the parameters, shape ``(P, ..., L)``; zero where the orbit fills the
+        gap.
 
         Args:
             state: orbits.
-            line: line of each row, shape ``(Q,)``.
-            left, right: vectors of each row, shape ``(Q, n)``.
+            slopes: derivatives of the journal's amplitude by the parameters and the eccentricity.
         """
-        base, count = self.base, state.theta.shape[1]
-        total = np.zeros((count + 2, line.size), dtype=complex)
-        s = base.s[line]
-        for power, row, column, inputs, values in entries(self.model, state.theta, base.speed, state.eps):
-            product = left[:, row] * right[:, column] * s**power if power else left[:, row] * right[:, column]
-            for place, value in zip(inputs.tolist(), values, strict=True):
-                total[place] -= product * value[line]
-        if self.model.shaft is not None:
-            known = self.model.known_stiffness(state.theta, base.s, base.speed)
+        seat, moving = self.journal, state.amplitude[self.journal.at]
+        size = np.abs(moving)
+        pointer = np.divide(moving.conj(), size * seat.clearance, out=np.zeros_like(moving), where=size > 0)
+        loop = 1.0 - (pointer * slopes[-1]).real
+        free = (state.eps < LARGEST_ECCENTRICITY) & (loop != 0)
+        pointer /= np.where(free, loop, np.inf)
+        return np.asarray((pointer * slopes[:-1]).real)
+
+    def _slopes(
+        self, left: ComplexArray, by_kappa: ComplexArray, known: KnownStiffness | None, right: ComplexArray, count: int
+    ) -> ComplexArray:
+        """``-left dkappa right`` by the parameters and, last, by eccentricity, shape ``(P + 1, ..., L)``.
+
+        Args:
+            left, right: vectors of each line, shape ``(n, ..., L)``.
+            by_kappa: derivatives of the stiffness, see :class:`~rotorfit.models.line_stiffness.LineStiffness`.
+            known: the known structure's.
+            count: number of parameters.
+        """
+        graph = line_stiffness(self.model)
+        total = np.zeros((count + 1, *left.shape[1:]), dtype=complex)
+        products: dict[tuple[int, int], ComplexArray] = {}
+        for value, place, row, column in zip(by_kappa, graph.inputs, graph.rows, graph.columns, strict=True):
+            if (row, column) not in products:
+                products[row, column] = left[row] * right[column]
+            total[place] -= products[row, column] * value
+        if known is not None:
             for place, slope in zip(known.inputs.tolist(), known.slopes, strict=True):
-                total[place] -= np.einsum("qi,qij,qj->q", left, slope[line], right)
-        return total[:count].T, total[count + 1]
+                total[place] -= np.einsum("i...,ij...,j...->...", left, slope, right)
+        return total
+
+
+def inverse_of_lines(kappa: ComplexArray) -> ComplexArray:
+    """Inverse of matrices of shape ``(n, n, ..., L)``, lines along the last axis."""
+    if kappa.shape[0] == 1:
+        return np.asarray(1.0 / kappa)
+    flat = inverse(np.moveaxis(kappa.reshape(*kappa.shape[:2], -1), -1, 0))
+    return np.moveaxis(flat, 0, -1).reshape(kappa.shape)
 
 
 def responses_of(block: object) -> Responses | None:

@@ -8,10 +8,11 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from rotorfit.estimators.nonlinear import entries
+from rotorfit.estimators.nonlinear import inverse_of_lines
 from rotorfit.models import RotorModel
 from rotorfit.models.array_types import ComplexArray, Float, Index
 from rotorfit.models.journal import journal
+from rotorfit.models.line_stiffness import known_structure, line_stiffness
 from rotorfit.models.off_centre import coupled_stiffness, off_centre_eigenvalues, off_centre_gradient
 
 
@@ -53,64 +54,69 @@ class OffCentreResponses:
         """Group of each reading."""
         return self.group[self.line]
 
-    def _solve(self, theta: Float) -> tuple[ComplexArray, ComplexArray]:
-        """Receptance of (A, conj(B)), shape ``(L, 2n, 2n)``, and these amplitudes, shape ``(L, 2n)``."""
-        stiffness = coupled_stiffness(
-            self.model, theta[self.group], self.frequency, self.speed, self.eccentricity, self.attitude
-        )
+    def _solve(self, theta: Float) -> tuple[Float, ComplexArray, ComplexArray]:
+        """Parameter vectors of the lines, receptance of (A, conj(B)) and these amplitudes, lines along the last axis.
+
+        Shapes ``(..., L or 1, P)``, ``(2n, 2n, ..., L)`` and ``(2n, ..., L)``.
+        """
+        vectors = theta if theta.shape[-2] == 1 else theta[..., self.group, :]
+        stiffness = coupled_stiffness(self.model, vectors, self.frequency, self.speed, self.eccentricity, self.attitude)
         back = (self.frequency < 0)[:, None]
         drive = np.concatenate([np.where(back, 0.0, self.force), np.where(back, self.force.conj(), 0.0)], axis=1)
-        H = np.linalg.inv(stiffness)
-        return np.asarray(H), np.einsum("lij,lj->li", H, drive)
+        H = inverse_of_lines(np.moveaxis(stiffness, (-2, -1), (0, 1)))
+        return vectors, H, np.einsum("ij...l,lj->i...l", H, drive)
 
     def _read(self, pairs: ComplexArray) -> ComplexArray:
-        """Probe phasors ``X = A + conj(B)``, ``Y = -j (A - conj(B))`` from (A, conj(B)) of each line along axis 1."""
-        n = pairs.shape[1] // 2
-        A, B = pairs[self.line, self.coordinate], pairs[self.line, n + self.coordinate]
+        """Probe phasors ``X = A + conj(B)``, ``Y = -j (A - conj(B))`` of (A, conj(B)) of each line.
+
+        Args:
+            pairs: shape ``(2n, ..., L)``; readings come along the last axis.
+        """
+        n = pairs.shape[0] // 2
+        A, B = pairs[self.coordinate, ..., self.line], pairs[n + self.coordinate, ..., self.line]
         vertical = self.vertical.reshape(-1, *[1] * (A.ndim - 1))
-        return np.asarray(np.where(vertical, -1j * (A - B), A + B))
+        return np.moveaxis(np.where(vertical, -1j * (A - B), A + B), 0, -1)
 
     def with_noise(self, factor: Float) -> Self:
         """See :meth:`~rotorfit.estimators.observations.Block.with_noise`."""
         return replace(self, sigma=self.sigma * factor)
 
     def predict(self, theta: Float) -> ComplexArray:
-        """See :meth:`~rotorfit.estimators.observations.Block.predict`."""
-        return self._read(self._solve(theta)[1])
+        """See :meth:`~rotorfit.estimators.observations.Block.predict`; of vectors ``(..., G, P)``, ``(..., R)``."""
+        return self._read(self._solve(theta)[2])
 
     def predict_jacobian(self, theta: Float) -> tuple[ComplexArray, ComplexArray]:
         """See :meth:`~rotorfit.estimators.observations.Block.predict_jacobian`."""
-        H, amplitude = self._solve(theta)
-        left = self._read(H)
-        right = amplitude[self.line]
-        vectors, n = theta[self.group], self.force.shape[1]
-        total = np.zeros((theta.shape[1] + 2, self.line.size), dtype=complex)
-        s = 1j * np.abs(self.frequency)[self.line]
-        for power, row, column, inputs, values in entries(self.model, vectors, self.speed, self.eccentricity):
-            ahead = left[:, row] * right[:, column] * s**power
-            behind = left[:, n + row] * right[:, n + column] * s**power
-            for place, value in zip(inputs.tolist(), values, strict=True):
-                total[place] -= ahead * value[self.line] + behind * value.conj()[self.line]
-        slopes = total[: theta.shape[1]]
+        vectors, H, amplitude = self._solve(theta)
+        n, count = amplitude.shape[0] // 2, theta.shape[-1]
+        left, right = self._read(H), amplitude[..., self.line]
+        total = np.zeros((count, *right.shape[1:]), dtype=complex)
+        w, graph = np.abs(self.frequency), line_stiffness(self.model)
+        slopes = [graph.slopes(vectors, sense * w, self.speed, self.eccentricity)[..., self.line] for sense in (1, -1)]
+        for place, row, column, ahead, behind in zip(graph.inputs, graph.rows, graph.columns, *slopes, strict=True):
+            if place < count:  # the eccentricity is held
+                total[place] -= left[row] * right[column] * ahead
+                total[place] -= left[n + row] * right[n + column] * behind.conj()
         if self.model.shaft is not None:
-            self._known(vectors, left, right, slopes)
+            self._known(vectors, left, right, total)
         seat = journal(self.model)
         turn = np.exp(2j * self.attitude[self.line])
-        ahead, behind = right[:, seat.at], right[:, n + seat.at]
-        by_coupling = left[:, seat.at] * (ahead + turn * behind)
-        by_conjugate = left[:, n + seat.at] * (turn.conj() * ahead + behind)
-        coupling = seat.coupling_jacobian(vectors, self.speed, self.eccentricity)[:, self.line]
-        slopes -= by_coupling * coupling + by_conjugate * coupling.conj()
-        return self._read(amplitude), slopes.T
+        ahead, behind = right[seat.at], right[n + seat.at]
+        by_coupling = left[seat.at] * (ahead + turn * behind)
+        by_conjugate = left[n + seat.at] * (turn.conj() * ahead + behind)
+        coupling = seat.coupling_jacobian(vectors, self.speed, self.eccentricity)[..., self.line]
+        total -= by_coupling * coupling + by_conjugate * coupling.conj()
+        return self._read(amplitude), np.moveaxis(total, 0, -1)
 
-    def _known(self, vectors: Float, left: ComplexArray, right: ComplexArray, slopes: ComplexArray) -> None:
+    def _known(self, vectors: Float, left: ComplexArray, right: ComplexArray, total: ComplexArray) -> None:
         """Add what the scale factors of a known structure change."""
-        n, w = self.force.shape[1], np.abs(self.frequency)
-        ahead = self.model.known_stiffness(vectors, 1j * w, self.speed)
-        behind = self.model.known_stiffness(vectors, -1j * w, self.speed)
+        n, w = left.shape[0] // 2, np.abs(self.frequency)
+        ahead = known_structure(self.model, vectors, 1j * w, self.speed)
+        behind = known_structure(self.model, vectors, -1j * w, self.speed)
         for place, forward, backward in zip(ahead.inputs.tolist(), ahead.slopes, behind.slopes, strict=True):
-            slopes[place] -= np.einsum("ri,rij,rj->r", left[:, :n], forward[self.line], right[:, :n])
-            slopes[place] -= np.einsum("ri,rij,rj->r", left[:, n:], backward[self.line].conj(), right[:, n:])
+            product = "i...,ij...,j...->..."
+            total[place] -= np.einsum(product, left[:n], forward[..., self.line], right[:n])
+            total[place] -= np.einsum(product, left[n:], backward[..., self.line].conj(), right[n:])
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -142,13 +148,12 @@ class FreeVibrations:
     def predict(self, theta: Float) -> ComplexArray:
         """See :meth:`~rotorfit.estimators.observations.Block.predict`."""
         found = self._spectra(theta)
-        distance = np.abs(found - self.measured[:, None])
-        nearest = np.nanargmin(distance, axis=1)
-        return np.asarray(found[np.arange(nearest.size), nearest])
+        nearest = np.nanargmin(np.abs(found - self.measured[:, None]), axis=-1)
+        return np.asarray(np.take_along_axis(found, nearest[..., None], axis=-1)[..., 0])
 
     def _spectra(self, theta: Float) -> ComplexArray:
-        """Eigenvalues of every line along axis 1."""
-        vectors = theta[self.reading_group]
+        """Eigenvalues of every line along the last axis."""
+        vectors = theta[..., self.reading_group, :]
         if self.model.shaft is None:
             return off_centre_eigenvalues(self.model, vectors, self.speed, self.eccentricity)
         lines = zip(vectors, self.speed.tolist(), self.eccentricity.tolist(), strict=True)
@@ -157,4 +162,4 @@ class FreeVibrations:
     def predict_jacobian(self, theta: Float) -> tuple[ComplexArray, ComplexArray]:
         """See :meth:`~rotorfit.estimators.observations.Block.predict_jacobian`."""
         s = self.predict(theta)
-        return s, off_centre_gradient(self.model, theta[self.reading_group], self.speed, self.eccentricity, s)
+        return s, off_centre_gradient(self.model, theta[..., self.reading_group, :], self.speed, self.eccentricity, s)

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.models.compiled import array_function
+from rotorfit.models.line_stiffness import arguments, at_frequency
 from rotorfit.models.model import RotorModel
 
 
@@ -37,40 +38,53 @@ class Journal:
         self.clearance = model.clearance
         entries = [part for m in matrices for part in (m.re[self.at, self.at], m.im[self.at, self.at])]
         drive = ca.densify(ca.vertcat(*entries))
-        change = drive - ca.substitute(drive, eccentricity, 0.0)
+        change = _change(drive, eccentricity)
         slope = ca.jacobian(drive, eccentricity)
         # F = C0(|z|/c) z has the derivative C0 + coupling (1 + exp(2 j phi) conj) by z, phi being the direction of z.
         coupling = ca.densify(slope[:2] * eccentricity / 2)
         inputs = ca.vertcat(theta, speed, eccentricity)
-        self._change = array_function(ca.Function("change", [inputs], [ca.densify(ca.vertcat(change, slope))]))
+        self._coefficient_change = array_function(ca.Function("change", [inputs], [ca.cse(change)]))
         self._coupling = array_function(ca.Function("coupling", [inputs], [coupling]))
         by_theta = ca.densify(ca.jacobian(coupling, theta))
         self._coupling_jacobian = array_function(ca.Function("coupling_jacobian", [inputs], [by_theta]))
+        self.graph = _excess_graph(theta, speed, eccentricity, change)
+        self._excess = array_function(self.graph)
 
-    def change(
-        self, theta: ArrayLike, s: ArrayLike, speed: ArrayLike, eccentricity: ArrayLike
-    ) -> tuple[ComplexArray, ComplexArray]:
-        """Change of the drive-point stiffness against the centred journal, and its slope in eccentricity, N/m.
+    def excess(
+        self,
+        theta: ArrayLike,
+        w: ArrayLike,
+        speed: ArrayLike,
+        drive: ArrayLike,
+        receptance: ComplexArray,
+        eccentricity: ArrayLike,
+    ) -> Float:
+        """Predicted minus assumed eccentricity of centred orbits, and what the rotor's response follows from.
 
         Args:
             theta: parameter vectors, shape ``(..., P)``.
-            s: j w, shape broadcasting with ``theta[..., 0]``; so the others.
+            w: variable of ``s = j w``, rad/s, shape broadcasting with ``theta[..., 0]``; so the others.
             speed: rotative speed, rad/s.
+            drive: modulus of the journal's response of the centred rotor over clearance.
+            receptance: drive-point receptance of the centred rotor at the journal, m/N.
             eccentricity: orbit radius over clearance.
+
+        Returns:
+            the excess, its slope in eccentricity, real and imaginary part of the change of the drive-point stiffness
+            against the centred journal, and of that one's slope, N/m, shape ``(6, ...)``.
         """
-        flat = self._change(_arguments(theta, speed, eccentricity))
-        half = flat.shape[0] // 2
-        values = flat[:half:2] + 1j * flat[1:half:2], flat[half::2] + 1j * flat[half + 1 :: 2]
-        return _polynomial(values[0], s), _polynomial(values[1], s)
+        return self._excess(arguments(theta, speed, eccentricity, w, drive, receptance.real, receptance.imag))
 
     def coefficient_change(self, theta: ArrayLike, speed: ArrayLike, eccentricity: ArrayLike) -> ComplexArray:
         """Change of the journal's coefficients by powers of s against the centred journal, shape ``(order + 1, ...)``.
 
-        Arguments as for :meth:`change`.
+        Args:
+            theta: parameter vectors, shape ``(..., P)``.
+            speed: rotative speed, rad/s, shape broadcasting with ``theta[..., 0]``; so the other.
+            eccentricity: orbit radius over clearance.
         """
-        flat = self._change(_arguments(theta, speed, eccentricity))
-        half = flat.shape[0] // 2
-        return np.asarray(flat[:half:2] + 1j * flat[1:half:2])
+        flat = self._coefficient_change(arguments(theta, speed, eccentricity))
+        return np.asarray(flat[0::2] + 1j * flat[1::2])
 
     def coupling(self, theta: ArrayLike, speed: ArrayLike, eccentricity: ArrayLike) -> ComplexArray:
         """Half the eccentricity times the slope of the static stiffness, N/m.
@@ -78,12 +92,12 @@ class Journal:
         About an equilibrium at an angle phi a small displacement ``dz`` of the journal changes the force by
         ``C0 dz + coupling (dz + exp(2 j phi) conj(dz))``.
         """
-        flat = self._coupling(_arguments(theta, speed, eccentricity))
+        flat = self._coupling(arguments(theta, speed, eccentricity))
         return np.asarray(flat[0] + 1j * flat[1])
 
     def coupling_jacobian(self, theta: ArrayLike, speed: ArrayLike, eccentricity: ArrayLike) -> ComplexArray:
         """Derivatives of :meth:`coupling` by the parameters, shape ``(P, ...)``."""
-        flat = self._coupling_jacobian(_arguments(theta, speed, eccentricity))
+        flat = self._coupling_jacobian(arguments(theta, speed, eccentricity))
         return np.asarray(flat[0::2] + 1j * flat[1::2])
 
 
@@ -110,13 +124,24 @@ def _coordinate(model: RotorModel) -> int:
     return int(next(iter(places))[0])
 
 
-def _arguments(theta: ArrayLike, speed: ArrayLike, eccentricity: ArrayLike) -> list[Float]:
-    theta = np.asarray(theta, dtype=float)
-    return [*np.moveaxis(theta, -1, 0), np.asarray(speed, dtype=float), np.asarray(eccentricity, dtype=float)]
+def _change(drive: ca.SX, eccentricity: ca.SX) -> ca.SX:
+    """What changes against the centred journal; exactly zero for what does not."""
+    centred = ca.substitute(drive, eccentricity, 0.0)
+    parts = [drive[i] - centred[i] if ca.depends_on(drive[i], eccentricity) else 0.0 for i in range(drive.numel())]
+    return ca.densify(ca.vertcat(*parts))
 
 
-def _polynomial(coefficients: ComplexArray, s: ArrayLike) -> ComplexArray:
-    total = np.asarray(coefficients[-1])
-    for coefficient in coefficients[-2::-1]:
-        total = total * np.asarray(s) + coefficient
-    return np.asarray(total)
+def _excess_graph(theta: ca.SX, speed: ca.SX, eccentricity: ca.SX, change: ca.SX) -> ca.Function:
+    """What :meth:`Journal.excess` evaluates, inputs in its order but the eccentricity behind the speed."""
+    w, drive, h_re, h_im = (ca.SX.sym(name) for name in ("w", "drive", "h_re", "h_im"))
+    powers = range(change.numel() // 2)
+    re, im = at_frequency([(change[2 * k], change[2 * k + 1]) for k in powers], w)
+    by_eps = [ca.jacobian(part, eccentricity) for part in (re, im)]
+    # ratio = 1 + h Delta, size = drive / |ratio|, its slope -size Re(h Delta' / ratio)
+    ratio_re, ratio_im = 1 + h_re * re - h_im * im, h_re * im + h_im * re
+    over = 1 / (ratio_re**2 + ratio_im**2)
+    size = drive * ca.sqrt(over)
+    turn_re, turn_im = h_re * by_eps[0] - h_im * by_eps[1], h_re * by_eps[1] + h_im * by_eps[0]
+    growth = -size * (turn_re * ratio_re + turn_im * ratio_im) * over
+    results = ca.densify(ca.vertcat(size - eccentricity, growth - 1, re, im, *by_eps))
+    return ca.Function("excess", [ca.vertcat(theta, speed, eccentricity, w, drive, h_re, h_im)], [ca.cse(results)])

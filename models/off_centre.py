@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 
 from rotorfit.models.array_types import ComplexArray, Float, Index
 from rotorfit.models.journal import journal
+from rotorfit.models.line_stiffness import known_structure, line_stiffness
 from rotorfit.models.model import CoefficientJacobian, RotorModel
 from rotorfit.models.orbits import OrbitEquation, all_roots
 from rotorfit.models.stability import Threshold, companion
@@ -87,35 +88,41 @@ def coupled_stiffness(
 
     Args:
         model: the rotor.
-        theta: parameter vectors, shape ``(P,)`` or ``(L, P)``.
+        theta: parameter vectors, shape ``(P,)`` or ``(..., L or 1, P)``.
         frequency: ``|w|``, rad/s, shape ``(L,)``; so the others, or scalars.
         speed: rotative speed, rad/s.
         eccentricity: static eccentricity of the journal.
         attitude: direction of its displacement, rad.
 
     Returns:
-        shape ``(L, 2n, 2n)``; a force ``F exp(jwt) + G exp(-jwt)`` stands as (F, conj(G)) on the other side.
+        shape ``(..., L, 2n, 2n)``, stored with the lines along the last axis; a force ``F exp(jwt) + G exp(-jwt)``
+        stands as (F, conj(G)) on the other side.
     """
     w, speed, eps, phi = np.broadcast_arrays(*np.atleast_1d(np.abs(frequency), speed, eccentricity, attitude))
-    forward = model.dynamic_stiffness(theta, w, speed, eps)
-    backward = model.dynamic_stiffness(theta, -w, speed, eps).conj()
-    n = forward.shape[-1]
-    total = np.zeros((w.size, 2 * n, 2 * n), dtype=complex)
-    total[:, :n, :n], total[:, n:, n:] = forward, backward
+    theta = np.asarray(theta, dtype=float)
+    graph = line_stiffness(model)
+    forward = graph.values(theta, w, speed, eps)
+    backward = graph.values(theta, -w, speed, eps).conj()
+    if model.shaft is not None:
+        forward = forward + known_structure(model, theta, 1j * w, speed).values
+        backward = backward + known_structure(model, theta, -1j * w, speed).values.conj()
+    n = forward.shape[0]
+    total = np.zeros((2 * n, 2 * n, *forward.shape[2:]), dtype=complex)
+    total[:n, :n], total[n:, n:] = forward, backward
     if model.eccentricity_dependent:
         seat = journal(model)
         _couple(total, seat.coupling(theta, speed, eps), np.asarray(phi), seat.at)
-    return total
+    return np.moveaxis(total, (0, 1), (-2, -1))
 
 
 def _couple(total: ComplexArray, N: ComplexArray, attitude: Float, at: int) -> None:
-    """Add the coupling of forward and backward motion at the journal to matrices of shape ``(L, 2n, 2n)``."""
-    other = at + total.shape[-1] // 2
+    """Add the coupling of forward and backward motion at the journal to matrices of shape ``(2n, 2n, ..., L)``."""
+    other = at + total.shape[0] // 2
     turn = np.exp(2j * attitude)
-    total[:, at, at] += N
-    total[:, at, other] += N * turn
-    total[:, other, at] += (N * turn).conj()
-    total[:, other, other] += N.conj()
+    total[at, at] += N
+    total[at, other] += N * turn
+    total[other, at] += (N * turn).conj()
+    total[other, other] += N.conj()
 
 
 def _seats(model: RotorModel) -> Index:

@@ -8,7 +8,8 @@ the centred rotor. There may be several roots; jumps are changes from one to ano
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
+from functools import cached_property
 from typing import Self
 
 import numpy as np
@@ -20,7 +21,9 @@ from rotorfit.models.journal import Journal
 LARGEST_ECCENTRICITY = 1.0 - 1e-9
 """Largest eccentricity searched: at 1 the journal touches."""
 
-_NEWTON = 12  # Newton steps from a measured eccentricity; those that need more are searched for
+_STRIDES = 3  # Newton steps from a measured eccentricity that all lines take together
+_SETTLED = 1e-7  # last step whose square is round-off: convergence is quadratic
+_NEWTON = 12  # Newton steps of a line that needs more; if these do not do, its roots are searched for
 _CLOSE = 0.05  # a root this close to its target, with no sign change between, needs no search for others
 _GRID = 129  # eccentricities at which a search looks for sign changes
 _BISECTIONS = 52
@@ -28,7 +31,7 @@ _BISECTIONS = 52
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class OrbitEquation:
-    """The scalar equation of many lines, all arrays of shape ``(L,)`` but theta, ``(L, P)``.
+    """The scalar equation of many lines, all arrays of shape ``(..., L)`` but theta, ``(..., L or 1, P)``.
 
     Attributes:
         theta: parameter vectors.
@@ -44,31 +47,98 @@ class OrbitEquation:
     drive: ComplexArray
     receptance: ComplexArray
 
-    def select(self, lines: Index) -> Self:
-        """The equation of some lines."""
-        return type(self)(**{f.name: getattr(self, f.name)[lines] for f in fields(self)})
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Shape of the roots."""
+        return np.broadcast_shapes(
+            self.theta.shape[:-1], self.s.shape, self.speed.shape, self.drive.shape, self.receptance.shape
+        )
+
+    @cached_property
+    def _size(self) -> Float:
+        return np.abs(self.drive)
+
+    def select(self, lines: Index | tuple[Index, ...]) -> Self:
+        """The equation of some lines, in one row."""
+        shape = self.shape
+        return type(self)(
+            theta=np.broadcast_to(self.theta, (*shape, self.theta.shape[-1]))[lines],
+            s=np.broadcast_to(self.s, shape)[lines],
+            speed=np.broadcast_to(self.speed, shape)[lines],
+            drive=np.broadcast_to(self.drive, shape)[lines],
+            receptance=np.broadcast_to(self.receptance, shape)[lines],
+        )
+
+    def at(self, journal: Journal, eccentricity: Float) -> Float:
+        """See :meth:`~rotorfit.models.journal.Journal.excess`; arguments as for :meth:`excess`."""
+        extra = (...,) + (None,) * (eccentricity.ndim - len(self.shape))
+        w, speed, size = (values[extra] for values in (self.s.imag, self.speed, self._size))
+        return journal.excess(self.theta[(*extra, slice(None))], w, speed, size, self.receptance[extra], eccentricity)
+
+    def change(self, journal: Journal, eccentricity: Float) -> ComplexArray:
+        """Change of the drive-point stiffness against the centred journal, N/m; arguments as for :meth:`excess`."""
+        found = self.at(journal, eccentricity)
+        return np.asarray(found[2] + 1j * found[3])
 
     def excess(self, journal: Journal, eccentricity: Float) -> tuple[Float, Float]:
         """Predicted minus assumed eccentricity, and its slope.
 
         Args:
             journal: the model's journal.
-            eccentricity: shape ``(L,)``, or ``(L, G)`` for several at each line.
+            eccentricity: shape ``(..., L)``, or ``(..., L, G)`` for several at each line.
         """
-        extra = (slice(None),) + (None,) * (eccentricity.ndim - 1)
-        theta = self.theta[(*extra, slice(None))]
-        delta, slope = journal.change(theta, self.s[extra], self.speed[extra], eccentricity)
-        ratio = 1.0 + self.receptance[extra] * delta
-        size = np.abs(self.drive[extra] / ratio)
-        growth = -size * (self.receptance[extra] * slope / ratio).real
-        return size - eccentricity, growth - 1.0
+        found = self.at(journal, eccentricity)
+        return found[0], found[1]
 
 
 def nearest_roots(journal: Journal, equation: OrbitEquation, target: Float) -> Float:
-    """Root nearest to a target for each line, shape ``(L,)``.
+    """Root nearest to a target for each line, shape ``(..., L)``; arguments as for :func:`nearest_orbits`."""
+    return nearest_orbits(journal, equation, target)[0]
+
+
+def nearest_orbits(journal: Journal, equation: OrbitEquation, target: Float) -> tuple[Float, ComplexArray]:
+    """Root nearest to a target for each line, and the change of the drive-point stiffness there, shape ``(..., L)``.
 
     Where the orbit would pass the clearance there is no root and the answer is :data:`LARGEST_ECCENTRICITY`.
+
+    Args:
+        journal: the model's journal.
+        equation: its equation.
+        target: eccentricity of each line, shape ``(L,)``.
     """
+    found, change, certain = _strides(journal, equation, target)
+    if not certain.all():
+        rest = np.nonzero(~certain)
+        part, aim = equation.select(rest), np.broadcast_to(target, found.shape)[rest]
+        found[rest] = _nearest_one_by_one(journal, part, aim)
+        change[rest] = part.change(journal, found[rest])
+    return found, change
+
+
+def _strides(journal: Journal, equation: OrbitEquation, target: Float) -> tuple[Float, ComplexArray, NDArray[np.bool_]]:
+    """A few Newton steps of all lines together, and where they surely lead to the nearest root.
+
+    Between the target and the root the slope of the excess changes by some amount, and beyond the target, where
+    another root as near would be, by about as much again. There is none where the slope is twice that change.
+    """
+    eps = np.clip(target, 0.0, LARGEST_ECCENTRICITY)
+    with np.errstate(all="ignore"):  # lines without a root are searched
+        here = equation.at(journal, eps)
+        first = here[1]
+        for _ in range(_STRIDES - 1):
+            eps = np.clip(eps - here[0] / here[1], 0.0, LARGEST_ECCENTRICITY)
+            here = equation.at(journal, eps)
+        step = here[0] / here[1]
+        eps = eps - step
+        settled = (np.abs(step) < _SETTLED) & (eps >= 0) & (eps < LARGEST_ECCENTRICITY)
+        alone = (np.abs(eps - target) <= _CLOSE) & (first < -2 * np.abs(here[1] - first))
+        change = np.empty(eps.shape, dtype=complex)
+        change.real, change.imag = here[2] - here[4] * step, here[3] - here[5] * step
+    return eps, change, settled & alone
+
+
+def _nearest_one_by_one(journal: Journal, equation: OrbitEquation, target: Float) -> Float:
+    """Nearest roots of lines that may have several, shape ``(L,)``."""
     found, settled = _newton(journal, equation, target)
     close = settled & (np.abs(found - target) <= _CLOSE) & _only_root_near(journal, equation, target, found)
     rest = np.flatnonzero(~close)

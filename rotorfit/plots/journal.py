@@ -8,12 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rotorfit.estimators.nonlinear import OrbitResponses, entries, responses_of
+from rotorfit.estimators.nonlinear import OrbitResponses, responses_of
 from rotorfit.fitting.result import FitResult
 from rotorfit.fitting.summary import natural
 from rotorfit.models import RotorModel
 from rotorfit.models.array_types import ComplexArray, Float, Index
 from rotorfit.models.journal import journal
+from rotorfit.models.line_stiffness import line_stiffness
 
 CONFIDENCE = 1.96
 """Half-width of a 95 % band in standard errors."""
@@ -100,18 +101,16 @@ def drive_stiffness(
     Returns:
         N/m, shape ``(E,)``, and ``(E, P)``.
     """
-    at, count = journal(model).at, theta.size
-    s, speeds = np.broadcast_to(s, eccentricity.shape), np.full(eccentricity.size, speed)
-    H = model.receptance(np.tile(theta, (eccentricity.size, 1)), s.imag, speeds, eccentricity)
+    at, graph = journal(model).at, line_stiffness(model)
+    w, speeds = np.broadcast_to(s, eccentricity.shape).imag, np.full(eccentricity.size, speed)
+    H = model.receptance(np.tile(theta, (eccentricity.size, 1)), w, speeds, eccentricity)
     value = 1 / H[:, at, at]
-    slope = np.zeros((count + 2, eccentricity.size), dtype=complex)
-    vectors = np.tile(theta, (eccentricity.size, 1))
-    for power, row, column, inputs, values in entries(model, vectors, speeds, eccentricity):
+    slope = np.zeros((theta.size + 1, eccentricity.size), dtype=complex)
+    by_kappa = graph.slopes(theta, w, speeds, eccentricity)
+    for place, row, column, part in zip(graph.inputs, graph.rows, graph.columns, by_kappa, strict=True):
         # d(1/H_bb) = H_b. dkappa H_.b / H_bb^2
-        weight = H[:, at, row] * H[:, column, at] * value**2 * s**power
-        for place, part in zip(inputs.tolist(), values, strict=True):
-            slope[place] += weight * part
-    return np.asarray(value), slope[:count].T
+        slope[place] += H[:, at, row] * H[:, column, at] * value**2 * part
+    return np.asarray(value), slope[:-1].T
 
 
 def half_width(fit: FitResult, group: int, slope: Float) -> Float:
