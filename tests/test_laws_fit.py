@@ -199,6 +199,18 @@ def test_orbits_beyond_the_clearance_are_refused(swept: Experiment) -> None:
         rf.fit(OneMode(law=Muszynska(), clearance_um=50.0), swept)
 
 
+def test_one_reading_beyond_the_clearance_does_not_refuse_the_others(model: OneMode, swept: Experiment) -> None:
+    """The fit is that of the data without this line, and says so."""
+    response, row = swept.response.copy(), len(swept) // 2
+    response[row] *= 1.5 * model.clearance / abs(response[row])
+    fit = rf.fit(model, replace(swept, response=response), known={"Ds": 8.0})
+    (words,) = [w for w in fit.warnings if "beyond the clearance" in w]
+    assert "1 of " in words
+    assert f"{swept.run[row]}, {swept.frequency[row]:.4g} rad/s" in words
+    without = rf.fit(model, swept.select(np.arange(len(swept)) != row), known={"Ds": 8.0})
+    assert fit.x == pytest.approx(without.x, rel=1e-9)
+
+
 def test_off_centre_perturbation(model: OneMode) -> None:
     tests = [off_centre(ONE_MODE, eps=eps, speed=speed) for eps in (0.3, 0.6) for speed in (100.0, 180.0)]
     fit = rf.fit(model, tests, known={"Ds": 8.0})
