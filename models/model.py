@@ -19,7 +19,7 @@ from rotorfit.models.complexes import Complex, Number
 from rotorfit.models.parameters import Parameter, unknown_name
 
 if TYPE_CHECKING:
-    from rotorfit.models.shaft import KnownStiffness, Shaft
+    from rotorfit.models.shaft import KnownStiffness, SeenShaft
 
 Matrix = Complex | Sequence[Sequence[Number]]
 
@@ -67,7 +67,7 @@ class RotorModel(ABC):
     parameters: tuple[Parameter, ...]
     clearance: float | None = None
     caveats: tuple[str, ...] = ()  # sentences that belong beside the numbers of this model
-    shaft: Shaft | None = None  # a structure whose matrices are known
+    shaft: SeenShaft | None = None  # a structure whose matrices are known
     turns: bool = False  # free motion (see motion) is written in turning coordinates, each motion with its image
 
     @abstractmethod

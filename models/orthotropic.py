@@ -2,7 +2,8 @@
 
 In complex coordinates such a support adds ``d exp(2jh) conj(z)`` to the force: it couples a motion at w with one at -w,
 so x and y have to be kept apart. A round rotor's coefficient ``a + jb`` of z is the block ``[[a, -b], [b, a]]`` of x
-and y; the support adds ``d [[cos 2h, sin 2h], [sin 2h, -cos 2h]]``, which no round rotor has.
+and y; the support adds ``d [[cos 2h, sin 2h], [sin 2h, -cos 2h]]``, which no round rotor has. The condensed stiffness
+of a known structure is ``kappa(s) = a(s) + j b(s)`` too; a and b follow from kappa at s and at its conjugate.
 """
 
 from __future__ import annotations
@@ -11,10 +12,14 @@ from collections.abc import Sequence
 from typing import Any, ClassVar, Literal, Self
 
 import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike
 
+from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.models.complexes import Complex, Number
-from rotorfit.models.model import Matrix, RotorModel
+from rotorfit.models.model import CoefficientJacobian, Matrix, RotorModel
 from rotorfit.models.parameters import Parameter, unknown_name
+from rotorfit.models.shaft import KnownStiffness, ShaftApart
 
 
 class Orthotropic(RotorModel):
@@ -57,6 +62,11 @@ class Orthotropic(RotorModel):
         if taken:
             raise ValueError(f"{base.name} has parameters of its own called {', '.join(sorted(taken))}")
         self.parameters = (*base.parameters, *own)
+        if base.shaft is not None:
+            size = base.motion(np.ones(len(base.parameters)), 0.0).shape[-1]
+            self.shaft = ShaftApart(
+                at=np.concatenate([base.shaft.at, base.shaft.at + size]), has_mass=base.shaft.has_mass
+            )
 
     def _check(self) -> None:
         base = self.base
@@ -71,8 +81,6 @@ class Orthotropic(RotorModel):
                 f"{base.name} has a stiffness that turns, which with supports that do not makes many lines: "
                 "rf.models.harmonic_set predicts them"
             )
-        if base.shaft is not None:
-            raise ValueError(f"{base.name} has a known structure, which is condensed in complex coordinates only")
         if any(not ca.SX(factor.im).is_zero() for factor in base.symbolic[4]):
             raise ValueError(f"{base.name} has complex probe factors, which turn x into y")
 
@@ -147,6 +155,60 @@ class Orthotropic(RotorModel):
                 addition[node, node + count] = addition[node + count, node] = cross
                 powers[power] = powers[power] + Complex(addition)
         return powers
+
+    # ---- a known structure ------------------------------------------------------------------------------------------
+
+    def _round(self, theta: ArrayLike) -> Float:
+        """Parameters of the rotor itself."""
+        return np.asarray(theta, dtype=float)[..., : len(self.base.parameters)]
+
+    def known_stiffness(self, theta: Float, s: ComplexArray, speed: Float) -> KnownStiffness:
+        """See :meth:`RotorModel.known_stiffness`."""
+        ahead = self.base.known_stiffness(self._round(theta), s, speed)
+        behind = self.base.known_stiffness(self._round(theta), s.conj(), speed)
+        values = _numbers_apart(ahead.values, behind.values.conj())
+        return KnownStiffness(values, ahead.inputs, _numbers_apart(ahead.slopes, behind.slopes.conj()))
+
+    def motion(self, theta: ArrayLike, speed: ArrayLike) -> ComplexArray:
+        """See :meth:`RotorModel.motion`: of a known structure x of all its coordinates, then y."""
+        if self.shaft is None:
+            return self.coefficients(theta, speed)
+        whole = self.base.motion(self._round(theta), speed)
+        own = self.base.coefficients(self._round(theta), speed)
+        support = self.coefficients(theta, speed) - _numbers_apart(own, own.conj())
+        shape = np.broadcast_shapes(whole.shape[:-2], support.shape[:-2])
+        total = _numbers_apart(whole, whole.conj())
+        total = np.array(np.broadcast_to(total, (*shape, *total.shape[-2:])))
+        total[..., self.shaft.at[:, None], self.shaft.at] += support
+        return total
+
+    def motion_jacobian(self, theta: ArrayLike, speed: float) -> CoefficientJacobian:
+        """See :meth:`RotorModel.motion_jacobian`."""
+        added = self.functions.jacobian(theta, speed)
+        if self.shaft is None:
+            return added
+        count = len(self.base.parameters)
+        given = self.base.motion_jacobian(self._round(theta), speed)
+        half = self.base.motion(self._round(theta), speed).shape[-1]
+        inputs = np.where(given.inputs >= count, given.inputs + len(self.parameters) - count, given.inputs)
+        own = (added.inputs >= count) & (added.inputs < len(self.parameters))
+        rows, columns = given.rows, given.columns
+        real, imaginary = given.values.real.astype(complex), given.values.imag.astype(complex)
+        support_rows, support_columns = self.shaft.at[added.rows[own]], self.shaft.at[added.columns[own]]
+        return CoefficientJacobian(
+            inputs=np.concatenate([*[inputs] * 4, added.inputs[own]]),
+            powers=np.concatenate([*[given.powers] * 4, added.powers[own]]),
+            rows=np.concatenate([rows, rows + half, rows, rows + half, support_rows]),
+            columns=np.concatenate([columns, columns + half, columns + half, columns, support_columns]),
+            values=np.concatenate([real, real, -imaginary, imaginary, added.values[own]]),
+        )
+
+
+def _numbers_apart(ahead: ComplexArray, behind: ComplexArray) -> ComplexArray:
+    """Matrices for x and y, shape ``(..., 2n, 2n)``, of those for z at s and, conjugated, at the conjugate of s."""
+    even, odd = (ahead + behind) / 2, (ahead - behind) / 2j
+    top = np.concatenate([even, -odd], axis=-1)
+    return np.concatenate([top, np.concatenate([odd, even], axis=-1)], axis=-2)
 
 
 def _apart(matrix: Complex) -> Complex:

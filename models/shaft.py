@@ -6,7 +6,7 @@ from collections import OrderedDict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from hashlib import blake2b
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -149,6 +149,33 @@ class KnownStiffness:
     values: ComplexArray
     inputs: Index
     slopes: ComplexArray
+
+
+class SeenShaft(Protocol):
+    """What free motion asks of a known structure.
+
+    Attributes:
+        at: coordinates of the structure that a model sees, in the order of the model's own, shape ``(n,)``.
+        has_mass: whether every coordinate has inertia of its own.
+    """
+
+    @property
+    def at(self) -> Index:
+        """Coordinates seen."""
+        ...
+
+    @property
+    def has_mass(self) -> bool:
+        """Whether every coordinate has inertia."""
+        ...
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ShaftApart:
+    """A known structure with x and y apart, all x first; see :class:`SeenShaft`."""
+
+    at: Index
+    has_mass: bool
 
 
 class Shaft:

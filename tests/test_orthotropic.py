@@ -9,6 +9,7 @@ from fe_rigs import DISK, JOURNAL, RPM, TYPICAL, Rig
 import rotorfit as rf
 from rotorfit.cli.main import main
 from rotorfit.fitting.fit_file import fit_from_json, fit_to_json
+from rotorfit.models.stability import eigenvalue_gradient, growth_rate
 
 K3X, K3Y = 6000.0, 16000.0
 
@@ -89,6 +90,56 @@ def test_a_finite_element_rig_gives_its_support_and_its_fluid(rig: OrthotropicRi
     onset = refined.threshold_speed()
     assert abs(onset.value - rig.threshold()) < 4 * onset.stderr
     assert 0 < refined.whirl_ratio() < 1  # eigenvalues of x and y come in pairs of either sign
+
+
+@pytest.fixture(scope="module")
+def known(rig: OrthotropicRig) -> rf.models.Orthotropic:
+    """The rig with its shaft known: round part with the mean stiffness of the support."""
+    shaft = rf.models.KnownStructure(
+        rig.M, None, rig.G, rig.K, planes={"disk": DISK, "journal": JOURNAL}, fluid="journal", damping="disk"
+    )
+    return rf.models.Orthotropic(shaft, at="journal")
+
+
+KNOWN_TRUTH = {name: TYPICAL[name] for name in ("Ds", "K0", "D", "lam", "Mf")} | {"dKs": K3X - K3Y, "dDs": 0.0}
+
+
+def test_a_known_shaft_on_such_a_support_is_the_finite_elements_themselves(rig, known) -> None:
+    """Growth of free motion, its and its slopes."""
+    theta = known.vector(KNOWN_TRUTH)
+    for speed in (150.0, 330.0):
+        # 232 eigenvalues up to 1e6 rad/s of two formulations: round-off 1e-16 of the greatest.
+        assert growth_rate(known, theta, speed) == pytest.approx(rig.growth(speed), abs=1e-6)
+    s = rf.models.eigenvalues(known, theta, 330.0)
+    least = s[np.argmax(s.real)]
+    by_speed, by_theta = eigenvalue_gradient(known, theta, 330.0, least)
+    for k, name in enumerate((*known.parameter_names, "speed")):
+        step = 1e-3 * max(abs(np.append(theta, 330.0)[k]), 1.0)
+        ends = []
+        for sign in (1, -1):
+            moved = np.append(theta, 330.0)
+            moved[k] += sign * step
+            found = rf.models.eigenvalues(known, moved[:-1], float(moved[-1]))
+            ends.append(found[np.argmin(np.abs(found - least))])
+        slope = (ends[0] - ends[1]) / (2 * step)
+        assert np.append(by_theta, by_speed)[k] == pytest.approx(slope, rel=1e-3, abs=1e-7), name
+
+
+def test_a_known_shaft_is_fitted_forward_and_backward_with_its_support(rig, known, tmp_path) -> None:
+    fit = rf.fit(known, rig.tests(RPM * np.array([1000.0, 2000.0]), seed=1, lines=30))
+    assert 0.9 < fit.redchi < 1.1
+    for name, truth in KNOWN_TRUTH.items():
+        assert abs(fit.params[name].value - truth) < 4 * fit.params[name].stderr, name
+    onset = fit.threshold_speed()
+    assert abs(onset.value - rig.threshold()) < 4 * onset.stderr
+    fit.save(tmp_path / "fit.json")
+    loaded = rf.load_fit(tmp_path / "fit.json")
+    assert loaded.x.tolist() == fit.x.tolist()
+    assert loaded.model.known_stiffness(fit.theta(), np.array([50j]), np.array([100.0])).values.shape == (1, 4, 4)
+    found = fit.params["dKs"]
+    low, high = fit.sample(seed=1, walkers=16, max_steps=60).interval("dKs", 0.68)  # rough: so few steps leave 20 %
+    assert abs((low + high) / 2 - found.value) < found.stderr
+    assert (high - low) / 2 == pytest.approx(found.stderr, rel=0.5)
 
 
 def test_a_round_support_reduces_to_the_rotor_itself() -> None:
