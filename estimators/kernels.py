@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from rotorfit.estimators import accelerator, codegen
-from rotorfit.estimators.correlated import whiten
+from rotorfit.estimators.block_misfit import BlockMisfit, takes_many
 from rotorfit.estimators.kernel_layout import KernelLayout, channels, is_plain, layout
 from rotorfit.estimators.losses import robust_weights
 from rotorfit.estimators.problem import Problem
@@ -77,7 +77,7 @@ class Batch:
     @property
     def one_by_one(self) -> bool:
         """Whether some observations are evaluated vector by vector, so that many vectors at once save nothing."""
-        return bool(self._others)
+        return not all(takes_many(self.problem.blocks[i]) for i in self._others)
 
     # ---- gains: nuisance entries and probe factors -------------------------------------------------------------------
 
@@ -138,7 +138,8 @@ class Batch:
         out = np.zeros((x.shape[0], len(self.channel_names)))
         if self.layout is not None and x.size:
             (self._compiled_sums if self.compiled else self._array_sums)(x, out)
-        self._other_sums(x, out)
+        for rest in self._rest:
+            rest.add_sums(x, out)
         return out
 
     def readings(self, measured: ComplexArray) -> Readings:
@@ -172,7 +173,8 @@ class Batch:
                 self._compiled_slopes(x, re, im, cost, gradient)
             else:
                 self._array_slopes(x, re + 1j * im, cost, gradient)
-        self._other_slopes(x, None if readings is None else readings.measured, cost, gradient)
+        for rest in self._rest:
+            rest.add_slopes(x, None if readings is None else readings.measured, cost, gradient)
         return cost, gradient
 
     @property
@@ -182,40 +184,23 @@ class Batch:
         return self.layout
 
     @cached_property
-    def _other_problems(self) -> list[tuple[Problem, slice, Index]]:
-        """Blocks of other kinds, each as a problem of its own, with its readings and their channels."""
+    def _rest(self) -> list[BlockMisfit]:
+        """Blocks without a kernel."""
         problem, stops = self.problem, np.cumsum([0] + [block.measured.size for block in self.problem.blocks])
         return [
-            (
-                Problem(
+            BlockMisfit(
+                problem=Problem(
                     space=problem.space,
                     blocks=(problem.blocks[i],),
                     loss=problem.loss,
                     priors=(),
                     factors=problem.factors[i : i + 1],
                 ),
-                slice(stops[i], stops[i + 1]),
-                self._channel_of[i],
+                readings=slice(stops[i], stops[i + 1]),
+                channel=self._channel_of[i],
             )
             for i in self._others
         ]
-
-    def _other_sums(self, x: Float, out: Float) -> None:
-        for problem, _, channel in self._other_problems:
-            for m in range(x.shape[0]):
-                rho, _ = robust_weights(problem.loss, np.abs(problem.residuals(x[m])) ** 2)
-                out[m] += np.bincount(channel, rho, minlength=out.shape[1])
-
-    def _other_slopes(self, x: Float, measured: ComplexArray | None, cost: Float, gradient: Float) -> None:
-        for problem, rows, _ in self._other_problems:
-            block = problem.blocks[0]
-            for m in range(x.shape[0]):
-                residual, jacobian = problem.jacobian(x[m])
-                if measured is not None:
-                    residual = residual + whiten(block, block.measured - measured[m, rows])
-                rho, weight = robust_weights(problem.loss, np.abs(residual) ** 2)
-                cost[m] += rho.sum() / 2
-                gradient[m] += ((weight * residual).conj() @ jacobian).real
 
     # ---- NumPy -------------------------------------------------------------------------------------------------------
 

@@ -199,7 +199,16 @@ def followed_roots(journal: Journal, equation: OrbitEquation, sweep: Index) -> F
         journal: the model's journal.
         equation: its equation, lines in the order of the sweep.
         sweep: number of the sweep of each line, shape ``(L,)``.
+
+    Returns:
+        shape ``(..., L)``.
     """
+    shape = equation.shape
+    if len(shape) > 1:  # every vector's sweeps are its own
+        flat = equation.select(tuple(place.ravel() for place in np.indices(shape)))
+        vectors = int(np.prod(shape[:-1]))
+        own = np.arange(vectors)[:, None] * (sweep.max() + 1) + sweep
+        return followed_roots(journal, flat, own.ravel()).reshape(shape)
     roots = all_roots(journal, equation)
     eps = np.zeros(sweep.size)
     last: dict[int, float] = {}

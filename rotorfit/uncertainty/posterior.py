@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 WALKERS = 128
 """Walkers by default, enough to keep vectorised likelihoods busy; more where there are many parameters."""
 FEW_WALKERS = 32
-"""The same where the likelihood is evaluated vector by vector, as with laws of eccentricity."""
+"""The same where the likelihood is evaluated vector by vector, as with the matrices of a whole shaft."""
 DERIVED_DRAWS = 2000
 """Draws from which derived quantities are computed, evenly spaced over the chain; a quantile of so many is within a
 twentieth of a standard deviation."""
