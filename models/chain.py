@@ -26,8 +26,7 @@ class Chain(RotorModel):
         n: number of masses, 1 to 20; by default that of ``planes``, else two.
         planes: names of the masses' planes in their order along the shaft, by default ``mass-1`` to ``mass-n``.
         fluid: plane at which the fluid force of eq. (13) acts, none by default.
-        blocks: structural blocks to allow for (``coupling_mass``, ``gyroscopic``, ``coupling_damping``,
-            ``out_of_band``, ``gyroscopic_out_of_band``).
+        blocks: structural blocks to allow for, of ``rf.models.BLOCKS``.
         two_lam: let damping and inertia of the fluid turn at ratios of their own, lam_D and lam_M.
         law: how the fluid changes with eccentricity, for instance ``rf.models.Muszynska()``.
         clearance_um: radial clearance at the fluid, micrometres; needed by a law.

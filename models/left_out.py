@@ -66,21 +66,34 @@ def terms_left_out(model: RotorModel) -> tuple[LeftOut, ...]:
                 found.append(_term("m", where, "coupling mass", "kg", both, 2))
             if i != j and "coupling_damping" not in blocks:
                 found.append(_term("c", where, "coupling damping", "N s/m", both, 1))
-            if i != j:
+            if i != j and "internal_damping" not in blocks:
                 twist = ((i, i, 1.0), (j, j, 1.0), (i, j, -1.0), (j, i, -1.0))
                 internal = _term("ci", where, "internal damping of the shaft", "N s/m", twist, 1)
                 found.append(_with(internal, more=((0, 0.0, -1j),)))
             if "gyroscopic" not in blocks:
                 found.append(_term("g", where, "gyroscopic effect", "kg", both, 1, by_speed=-1j))
-            if len(planes) > 1 and "gyroscopic_out_of_band" not in blocks:
-                found.append(_term("h", where, "gyroscopic effect, w^3", "kg s^2", both, 3, by_speed=1j))
             if len(planes) > 1:
-                found.append(_term("d", where, "damping that changes with frequency, w^3", "kg s", both, 3))
-            if len(planes) > 1 and "out_of_band" not in blocks:
-                found.append(_term("q", where, "modes above the band, w^4", "kg s^2", both, 4))
+                found += [_beyond(block, block in blocks, where, both) for block in _BEYOND]
     for i in fluid_coordinates(model):
         found.append(_term("Ds", f"[{planes[i]}]", "external damping where the fluid acts", "N s/m", ((i, i, 1.0),), 1))
     return tuple(found)
+
+
+_BEYOND = {
+    "gyroscopic_out_of_band": ("h", 3, "gyroscopic effect", ("kg s^2", "kg s^4")),
+    "damping_out_of_band": ("d", 3, "damping that changes with frequency", ("kg s", "kg s^3")),
+    "out_of_band": ("q", 4, "modes above the band", ("kg s^2", "kg s^4")),
+}
+"""Blocks that begin an expansion in the square of the frequency: symbol, power of the first term, meaning, units."""
+
+
+def _beyond(block: str, there: bool, where: str, entries: tuple[tuple[int, int, float], ...]) -> LeftOut:
+    """The first term of an expansion in the square of the frequency that a model lacks."""
+    symbol, power, meaning, units = _BEYOND[block]
+    power += 2 * there
+    name = f"{symbol}{power}" if there else symbol
+    turning = 1j * (-1) ** there if symbol == "h" else 0.0
+    return _term(name, where, f"{meaning}, w^{power}", units[there], entries, power, by_speed=turning)
 
 
 def _term(

@@ -3,7 +3,8 @@
 Condensing a shaft to a few planes leaves coupling between them that is symmetric when the shaft is passive and
 isotropic:
 a coupling mass, a gyroscopic matrix, damping between planes where a support or a further disk is damped, and above all
-modes in band terms in w^4 and, gyroscopic, in w^3. Whole blocks go in or stay out.
+modes in band terms in w^4 and, gyroscopic or damped, in w^3. Damping inside the shaft turns with it. Whole blocks go in
+or stay out.
 """
 
 from __future__ import annotations
@@ -14,12 +15,15 @@ from typing import Any
 from rotorfit.models.complexes import Complex, J
 from rotorfit.models.parameters import Parameter, unknown_name
 
-BLOCKS = ("coupling_mass", "gyroscopic", "coupling_damping", "out_of_band", "gyroscopic_out_of_band")
+BLOCKS = (
+    "coupling_mass", "gyroscopic", "coupling_damping", "internal_damping",
+    "out_of_band", "gyroscopic_out_of_band", "damping_out_of_band",
+)  # fmt: skip
 """Names of the blocks, in the order in which a refinement adds them."""
 
-_SYMBOL = dict(zip(BLOCKS, ("m", "g", "c", "q", "h"), strict=True))
-_UNIT = dict(zip(BLOCKS, ("kg", "kg", "N s/m", "kg s^2", "kg s^2"), strict=True))
-_SCALE = dict(zip(BLOCKS, (0.05, 0.01, 1.0, 1e-8, 1e-8), strict=True))
+_SYMBOL = dict(zip(BLOCKS, ("m", "g", "c", "ci", "q", "h", "d"), strict=True))
+_UNIT = dict(zip(BLOCKS, ("kg", "kg", "N s/m", "N s/m", "kg s^2", "kg s^2", "kg s"), strict=True))
+_SCALE = dict(zip(BLOCKS, (0.05, 0.01, 1.0, 0.1, 1e-8, 1e-8, 1e-6), strict=True))
 _BETWEEN = ("coupling_mass", "coupling_damping")  # the planes' own masses and dampers are parameters of the models
 
 
@@ -37,16 +41,16 @@ def check_blocks(blocks: Sequence[str]) -> tuple[str, ...]:
 
 def _entries(block: str, size: int) -> list[tuple[int, int, str]]:
     separator = "" if size < 10 else "_"
-    return [
-        (row, column, f"{_SYMBOL[block]}{row + 1}{separator}{column + 1}")
-        for row in range(size)
-        for column in range(row, size)
-        if row != column or block not in _BETWEEN
-    ]
+    pairs = [(row, column) for row in range(size) for column in range(row, size)]
+    if block in _BETWEEN:
+        pairs = [(row, column) for row, column in pairs if row != column]
+    if block == "internal_damping":  # sections of the shaft: from the first bearing, and from plane to plane
+        pairs = [(0, 0), *((row, row + 1) for row in range(size - 1))]
+    return [(row, column, f"{_SYMBOL[block]}{row + 1}{separator}{column + 1}") for row, column in pairs]
 
 
 def block_parameters(blocks: Sequence[str], size: int) -> tuple[Parameter, ...]:
-    """Parameters of the blocks between ``size`` planes, for instance m12; g11, g12, g22; c12; q11, q12, q22."""
+    """Parameters of the blocks between ``size`` planes, for instance m12; g11, g12, g22; c12; ci11, ci12; q11, ..."""
     return tuple(
         Parameter(name, _UNIT[block], f"{block.replace('_', ' ')} between planes", scale=_SCALE[block])
         for block in blocks
@@ -55,13 +59,21 @@ def block_parameters(blocks: Sequence[str], size: int) -> tuple[Parameter, ...]:
 
 
 def add_blocks(matrices: Sequence[Any], blocks: Sequence[str], p: Any, speed: Any) -> list[Complex]:
-    """Add ``-w^2 m``, ``+w Om g``, ``+j w c``, ``+w^4 q`` and ``+w^3 Om h`` to coefficients by powers of s = j w."""
+    """Add blocks to coefficients by powers of s = j w.
+
+    They are ``-w^2 m``, ``+w Om g``, ``+j w c``, ``+j (w - Om) ci``, ``+w^4 q``, ``+w^3 Om h`` and ``-j w^3 d``.
+    """
     result = [Complex.matrix(m) if not isinstance(m, Complex) else m for m in matrices]
     size = result[0].shape[0]
     for block in blocks:
         values: list[list[Any]] = [[0.0] * size for _ in range(size)]
         for row, column, name in _entries(block, size):
-            values[row][column] = values[column][row] = getattr(p, name)
+            value = getattr(p, name)
+            if block == "internal_damping" and row != column:  # a section resists what its ends do apart
+                values[row][row] = values[row][row] + value
+                values[column][column] = values[column][column] + value
+                value = -value
+            values[row][column] = values[column][row] = value if row != column else values[row][row] + value
         addition = Complex.matrix(values)
         if block == "coupling_mass":
             result[2] = result[2] + addition
@@ -69,9 +81,13 @@ def add_blocks(matrices: Sequence[Any], blocks: Sequence[str], p: Any, speed: An
             result[1] = result[1] - J * (addition * speed)
         elif block == "coupling_damping":
             result[1] = result[1] + addition
+        elif block == "internal_damping":
+            result[1] = result[1] + addition
+            result[0] = result[0] - J * (addition * speed)
         else:
             power = 4 if block == "out_of_band" else 3
             while len(result) <= power:
                 result.append(Complex.matrix([[0.0] * size for _ in range(size)]))
-            result[power] = result[power] + (addition if power == 4 else J * (addition * speed))
+            turning = block == "gyroscopic_out_of_band"
+            result[power] = result[power] + (J * (addition * speed) if turning else addition)
     return result

@@ -18,8 +18,7 @@ class WhirlWhip(RotorModel):
 
     Args:
         planes: names of the disk plane and the journal plane.
-        blocks: structural blocks to allow for (``coupling_mass``, ``gyroscopic``, ``coupling_damping``,
-            ``out_of_band``, ``gyroscopic_out_of_band``).
+        blocks: structural blocks to allow for, of ``rf.models.BLOCKS``.
         two_lam: let damping and inertia turn at ratios of their own, lam_D and lam_M.
         law: how the fluid changes with the journal's eccentricity, for instance ``rf.models.Muszynska()``.
         clearance_um: radial clearance of the bearing, micrometres; needed by a law.

@@ -378,7 +378,7 @@ def rig(rig_fit):
 
 def test_refined_intervals_contain_the_truth(rig):
     assert rig.converged
-    assert "structure chosen by BIC: + coupling mass" in rig.treatment
+    assert "structure chosen by AIC: + coupling mass" in rig.treatment
     rpm = 30 / np.pi
     low, high = rig.threshold_speed().interval(0.99)
     assert low * rpm < 2656.7 < high * rpm

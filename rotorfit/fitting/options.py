@@ -104,7 +104,7 @@ PHASE_OFFSETS = Option(
     metavar="common",
     help="fit a phase reference offset for every run but the first; common: one angle between forces and responses",
 )
-REFINE = Option(name="refine", kind=FLAG, help="add structural blocks while the data ask for them (BIC)")
+REFINE = Option(name="refine", kind=FLAG, help="add structural blocks while the data ask for them (AIC)")
 UNCERTAINTY = (
     Option(
         name="calibration",

@@ -28,7 +28,7 @@ class Refinement:
 
     Attributes:
         steps: results from the plainest model to the richest tried.
-        best: the result with the lowest BIC, each response with the noise level of its residuals.
+        best: the result with the lowest AIC, each response with the noise level of its residuals.
     """
 
     steps: tuple[FitResult, ...]
@@ -41,10 +41,10 @@ class Refinement:
 
     def table(self) -> str:
         """The ladder as a table, the chosen model marked."""
-        rows = [["structure", "fitted", "redchi", "BIC", ""]]
+        rows = [["structure", "fitted", "redchi", "AIC", ""]]
         for step in self.rungs:
             mark = "<- chosen" if step is self.best else ""
-            numbers = str(step.nvarys), f"{step.redchi:.4g}", f"{step.bic:.1f}"
+            numbers = str(step.nvarys), f"{step.redchi:.4g}", f"{step.aic:.1f}"
             rows.append([structure_name(step.model), *numbers, mark])
         return "\n".join(text_table(rows, "<44 >7 >10 >12 <1"))
 
@@ -63,7 +63,11 @@ def structure_name(model: RotorModel) -> str:
 
 
 def refine(fit: FitResult) -> Refinement:
-    """Try every structural block, whole, beside those that lowered BIC so far, and choose the rung of lowest BIC.
+    """Try every structural block, whole, beside those that lowered AIC so far, and choose the rung of lowest AIC.
+
+    No rung is the rotor itself: BIC, which looks for the true one, ends the ladder while what is left out still moves
+    lam by more than its error; AIC (Akaike 1974) takes a
+    block in while that pays.
 
     What misfit is left is noise: the chosen model is fitted once more with the noise level of each response as its
     residuals have it, so that a response that the model misses, or whose noise was estimated too small, weighs less.
@@ -104,7 +108,7 @@ def _with_blocks(fit: FitResult, blocks: Iterable[str], steps: list[FitResult]) 
 
 
 def _better(best: FitResult, step: FitResult) -> FitResult:
-    return step if step.success and step.bic < best.bic else best
+    return step if step.success and step.aic < best.aic and not step.identifiability.unresolved else best
 
 
 def _rung_onsets(steps: Sequence[FitResult], best: FitResult) -> tuple[Onset, ...]:
@@ -112,7 +116,7 @@ def _rung_onsets(steps: Sequence[FitResult], best: FitResult) -> tuple[Onset, ..
     whole = [step for step in steps if step.model.order <= 2 and (step.success or step is best)]
     if not best.model.speed_dependent or not whole:
         return ()
-    place = min(range(len(whole)), key=lambda number: whole[number].bic)
+    place = min(range(len(whole)), key=lambda number: whole[number].aic)
     mine, beside = whole[place], [*whole[max(place - 1, 0) : place], *whole[place + 1 : place + 2]]
     found = []
     for group in range(len(best.thetas)):

@@ -153,14 +153,14 @@ def refinement_section(material: ReportInput) -> Html:
         return Html("")
     rows = [
         [
-            structure_name(step.model), str(step.nvarys), plain(step.redchi, 4), f"{step.bic:.1f}",
+            structure_name(step.model), str(step.nvarys), plain(step.redchi, 4), f"{step.aic:.1f}",
             _threshold_cell(step), "chosen" if step is ladder.best else "",
         ]
         for step in ladder.rungs
     ]  # fmt: skip
     words = (
-        "Structural blocks that a lumped model leaves out (coupling mass, gyroscopic, coupling damping, out-of-band "
-        "modes) were tried whole, each beside those that paid. The rung of the lowest Bayesian "
+        "Structural blocks that a lumped model leaves out (coupling mass, gyroscopic, damping between and within, "
+        "out-of-band modes) were tried whole, each beside those that paid. The rung of the lowest Akaike "
         "information criterion is chosen."
     )
     if ladder.best.settings.levels:
@@ -169,7 +169,7 @@ def refinement_section(material: ReportInput) -> Html:
         )
     if material.fit is not ladder.best:
         words += " This report is not of the chosen model."
-    head = ["structure", "fitted values", "redchi", "BIC", "threshold, rpm", ""]
+    head = ["structure", "fitted values", "redchi", "AIC", "threshold, rpm", ""]
     return section("Structural refinement", paragraph(words), table(head, rows, numeric=(1, 2, 3, 4)))
 
 

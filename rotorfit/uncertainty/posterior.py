@@ -299,7 +299,7 @@ def sample(
         noise: level of the noise in each channel: "marginal" (default: unknown and integrated out, so that a channel
             that the model misses widens by itself), "sampled" (the same, its logarithm sampled too) or "fixed" (as
             given with the data, the only one for a robust loss; widened by redchi where the model limits the fit).
-        refine: first add the structural blocks that BIC asks for, see :func:`rotorfit.refine`.
+        refine: first add the structural blocks that AIC asks for, see :func:`rotorfit.refine`.
         checkpoint: HDF5 file to write at every look at the chain; a run that was stopped continues from it.
         progress: print a line of progress to stderr, or a function that is called with steps, effective samples and
             autocorrelation time.
@@ -377,7 +377,7 @@ def _refined(fit: FitResult) -> tuple[FitResult, str]:
 
     ladder = refine(fit)
     tried = ", ".join(structure_name(step.model) for step in ladder.steps)
-    return ladder.best, f"structure chosen by BIC: {structure_name(ladder.best.model)} (of: {tried}); "
+    return ladder.best, f"structure chosen by AIC: {structure_name(ladder.best.model)} (of: {tried}); "
 
 
 def _treatment(fit: FitResult, target: LogPosterior, centre: Float) -> str:
