@@ -57,6 +57,7 @@ if TYPE_CHECKING:  # `as` tells type checkers that these names are for users
     from rotorfit.recordings.ring_downs import ring_downs as ring_downs
     from rotorfit.recordings.setup import RigSetup as RigSetup
     from rotorfit.recordings.shaft_lines import shaft_lines as shaft_lines
+    from rotorfit.recordings.static_positions import static_positions as static_positions
     from rotorfit.report.campaign import write_campaign_report as write_campaign_report
     from rotorfit.report.write import write_report as write_report
     from rotorfit.simulation.instruments import Instruments as Instruments
@@ -86,6 +87,7 @@ _HOME = {
     "LineTest": "rotorfit.data.experiments",
     "dated_anisotropy": "rotorfit.monitoring.crack",
     "shaft_lines": "rotorfit.recordings.shaft_lines",
+    "static_positions": "rotorfit.recordings.static_positions",
     "ImpulseTest": "rotorfit.data.experiments",
     "RingDownTest": "rotorfit.data.experiments",
     "StaticTest": "rotorfit.data.experiments",

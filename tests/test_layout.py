@@ -22,7 +22,7 @@ HEAVY = ("matplotlib", "emcee", "xarray", "arviz", "numba", "scipy.stats", "h5py
 FLOORS = (
     ("models",),
     ("estimators",),
-    ("version", "units", "text_table"),
+    ("version", "units", "text_table", "executors"),
     ("data",),
     ("io", "observing"),
     ("datasets", "checks", "simulation", "recordings"),
@@ -33,7 +33,7 @@ FLOORS = (
     ("studies",),
     ("cli",),
 )
-"""Rooms from the ground up; ``version`` and ``units`` are files. Imports go down, and none between rooms of a floor."""
+"""Rooms from the ground up; the third floor's are files. Imports go down, and none between rooms of a floor."""
 UPWARD = ("rotorfit.fitting.result", "rotorfit.recordings.recording")
 """Their one-line convenience methods (plots, profile, sample, ...) import upwards when called, as pandas does."""
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pickle
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import Executor, Future, as_completed
+from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
 from functools import lru_cache, partial
 from typing import Any, TypeVar
@@ -16,6 +16,7 @@ from rotorfit.data.experiments import Experiment
 from rotorfit.estimators.closed_form import ClosedFormError
 from rotorfit.estimators.covariance import bends, prior_curvature, score_scatter
 from rotorfit.estimators.schur import Curvature
+from rotorfit.executors import carry_out
 from rotorfit.fitting.fit import fit
 from rotorfit.fitting.problem_setup import as_tuple, build_problem
 from rotorfit.fitting.quantities import FittedParameter
@@ -28,7 +29,6 @@ T = TypeVar("T")
 
 _BATCH = 8  # runs sent to a worker at once: a tenth of a second of work, well above what sending costs
 _BY_CHANCE = 10.0  # fall of chi-squared a parameter that fitting noise does not reach
-_RETRIES = 2  # times that a batch is sent again before it is fitted here
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,6 +77,9 @@ class RunFit:
         if self.silent:
             return "says nothing: a model of no motion explains its readings as well as the fit"
         return "" if self.success else self.message
+
+
+Batch = Sequence[tuple[Run, Mapping[str, Any]]]
 
 
 # ---- telling runs apart -----------------------------------------------------------------------------------------
@@ -231,51 +234,25 @@ class Workers:
     def __call__(self, work: Callable[..., T], runs: Sequence[Run], options: Sequence[Mapping[str, Any]]) -> list[T]:
         """``work(model, run, **options)`` for every run, in their order.
 
-        A batch whose worker was lost is sent again, and fitted here in the end: no run is lost.
+        A batch whose worker was lost is not: see :func:`~rotorfit.executors.carry_out`.
         """
-        results: dict[int, T] = {}
+        results: list[T] = []
         if self.executor is None:
-            for number, (run, option) in enumerate(zip(runs, options, strict=True)):
-                results[number] = work(self.model, run, **option)
+            for run, option in zip(runs, options, strict=True):
+                results.append(work(self.model, run, **option))
                 self._report(len(results), len(runs))
-            return list(results.values())
-        send = partial(_work_batch, _packed(self.model), work)
-        batches = [range(i, min(i + _BATCH, len(runs))) for i in range(0, len(runs), _BATCH)]
-        for _ in range(1 + _RETRIES):
-            batches = self._round(send, batches, runs, options, results)
-            if not batches:
-                break
-        for number in (number for batch in batches for number in batch):
-            results[number] = work(self.model, runs[number], **options[number])
-            self._report(len(results), len(runs))
-        return [results[number] for number in range(len(runs))]
+            return results
+        count = 0
 
-    def _round(
-        self,
-        send: Callable[..., list[T]],
-        batches: Sequence[range],
-        runs: Sequence[Run],
-        options: Sequence[Mapping[str, Any]],
-        results: dict[int, T],
-    ) -> list[range]:
-        """Send batches; returns those that came to nothing."""
-        waiting: dict[Future[list[T]], range] = {}
-        lost: list[range] = []
-        for batch in batches:
-            try:
-                future = self.executor.submit(send, [runs[i] for i in batch], [options[i] for i in batch])  # type: ignore[union-attr]
-            except RuntimeError:  # an executor that lost its workers, or was shut down, takes nothing more
-                lost.append(batch)
-            else:
-                waiting[future] = batch
-        for future in as_completed(waiting):
-            batch = waiting[future]
-            if future.cancelled() or future.exception() is not None:
-                lost.append(batch)  # an error of the work itself will show when it is done here
-                continue
-            results |= dict(zip(batch, future.result(), strict=True))
-            self._report(len(results), len(runs))
-        return sorted(lost, key=lambda batch: batch.start)
+        def report(batch: Batch) -> None:
+            nonlocal count
+            count += len(batch)
+            self._report(count, len(runs))
+
+        pairs = list(zip(runs, options, strict=True))
+        batches = [pairs[i : i + _BATCH] for i in range(0, len(pairs), _BATCH)]
+        found = carry_out(partial(_work_batch, _packed(self.model), work), batches, self.executor, report)
+        return [result for batch in found for result in batch]
 
     def _report(self, done: int, total: int) -> None:
         if self.progress is not None:
@@ -299,8 +276,6 @@ def _unpacked(model: bytes) -> RotorModel:
     return found
 
 
-def _work_batch(
-    packed: bytes, work: Callable[..., T], runs: Sequence[Run], options: Sequence[Mapping[str, Any]]
-) -> list[T]:
+def _work_batch(packed: bytes, work: Callable[..., T], batch: Batch) -> list[T]:
     model = _unpacked(packed)
-    return [work(model, run, **option) for run, option in zip(runs, options, strict=True)]
+    return [work(model, run, **option) for run, option in batch]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,6 +14,8 @@ from rotorfit.fitting.options import Option
 from rotorfit.units import RAD_S_PER_RPM
 
 if TYPE_CHECKING:
+    from concurrent.futures import Executor
+
     from rotorfit.studies.recording_files import RecordingFiles
     from rotorfit.studies.study import DataFile, Study
 
@@ -89,8 +92,34 @@ def add_setup(to: argparse.ArgumentParser) -> None:
     )
     to.add_argument(
         "--windows", type=count_word, metavar="TURNS",
-        help="vectors of recordings by windows of whole turns: for dwells and rotors that are not linear",
+        help="vectors of recordings by windows of whole turns: for rotors that are not linear",
     )  # fmt: skip
+
+
+def add_jobs(to: argparse.ArgumentParser, what: str) -> None:
+    """Number of processes.
+
+    Args:
+        to: the command.
+        what: it does with them, in words.
+    """
+    to.add_argument("--jobs", type=int, default=1, metavar="N", help=f"processes to {what} with [%(default)s]")
+
+
+def processes(count: int) -> AbstractContextManager[Executor | None]:
+    """An executor of so many processes; None within for one.
+
+    Raises:
+        ValueError: less than one.
+    """
+    if count < 1:
+        raise ValueError(f"--jobs takes a number of processes from 1, got {count}")
+    if count == 1:
+        return nullcontext()
+    from concurrent.futures import ProcessPoolExecutor
+    from multiprocessing import get_context
+
+    return ProcessPoolExecutor(count, mp_context=get_context("spawn"))
 
 
 def add_model(to: argparse.ArgumentParser, options: Sequence[Option] = option_table.MODEL) -> None:

@@ -10,14 +10,12 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rotorfit.cli.arguments import add_figure_format, add_files, add_model, add_output, fit_study
+from rotorfit.cli.arguments import add_figure_format, add_files, add_jobs, add_model, add_output, fit_study, processes
 from rotorfit.cli.progress import ProgressLine
 from rotorfit.fitting.option_kinds import words
 from rotorfit.fitting.options import CAMPAIGN
 
 if TYPE_CHECKING:
-    from concurrent.futures import Executor
-
     from rotorfit.campaigns.campaign import Campaign
     from rotorfit.fitting.quantities import FittedParameter
 
@@ -37,7 +35,7 @@ def add_options(to: argparse.ArgumentParser) -> None:
     )
     to.add_argument("--by", metavar="ATTRIBUTE", help="column that makes groups: inlet")
     to.add_argument("--follow", type=words, metavar="A,B", help="parameters whose trends are shown [K0, lam, D]")
-    to.add_argument("--jobs", type=int, default=1, metavar="N", help="processes to fit with [%(default)s]")
+    add_jobs(to, "reduce recordings and fit")
     add_output(to)
 
 
@@ -74,14 +72,13 @@ def _campaign(options: argparse.Namespace) -> Campaign:
     from rotorfit.campaigns.campaign import campaign
     from rotorfit.studies.study import build_model, check_model_name, no_progress, read_files
 
-    if options.jobs < 1:
-        raise ValueError(f"--jobs takes a number of processes from 1, got {options.jobs}")
     if options.against is None and (options.by or options.follow):
         raise ValueError("--by and --follow shape the trends: say --against what")
     study = fit_study(options, CAMPAIGN)
     check_model_name(study.model)
-    tests, _ = read_files(study.files, no_progress)
     with ExitStack() as stack:
+        executor = stack.enter_context(processes(options.jobs))
+        tests, _ = read_files(study.files, no_progress, executor)
         line = ProgressLine(enabled=not options.quiet and sys.stderr.isatty())
         stack.callback(line.close)
         return campaign(
@@ -94,16 +91,9 @@ def _campaign(options: argparse.Namespace) -> Campaign:
             priors=study.priors,
             loss=study.loss,  # type: ignore[arg-type]
             start=study.start,
-            executor=stack.enter_context(_processes(options.jobs)) if options.jobs > 1 else None,
+            executor=executor,
             progress=lambda done, total: line(f"{done} of {total} runs", done / total),
         )
-
-
-def _processes(count: int) -> Executor:
-    from concurrent.futures import ProcessPoolExecutor
-    from multiprocessing import get_context
-
-    return ProcessPoolExecutor(count, mp_context=get_context("spawn"))
 
 
 def _write(found: Campaign, text: str, folder: Path, options: argparse.Namespace) -> None:

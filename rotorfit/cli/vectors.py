@@ -6,7 +6,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from rotorfit.cli.arguments import add_setup
+from rotorfit.cli.arguments import add_jobs, add_setup, processes
 
 DESCRIPTION = "turn recordings of raw signals into vectors: responses with their noise, in a tidy CSV"
 
@@ -16,25 +16,32 @@ def add_options(to: argparse.ArgumentParser) -> None:
     to.add_argument("files", nargs="+", type=Path, metavar="FILE", help="recordings (.h5 .tdms .mat .wav .uff .csv)")
     add_setup(to)
     to.add_argument("--out", type=Path, required=True, metavar="FILE", help="file to write (.csv .uff .nc .mat)")
+    add_jobs(to, "reduce recordings")
     to.add_argument("--quiet", action="store_true", help="neither progress nor what was found")
 
 
 def run(options: argparse.Namespace) -> int:
     """Do what the command line says; returns the exit code."""
-    from rotorfit.cli.errors import DONE, checked
+    from rotorfit.cli.errors import DONE, BadInputError, checked
     from rotorfit.cli.progress import ProgressLine
     from rotorfit.io.files import check_target, write
     from rotorfit.studies.folder import describe_test
     from rotorfit.studies.recording_files import RecordingFiles
     from rotorfit.studies.study import read_files
 
+    executor = checked(lambda: processes(options.jobs))
     checked(lambda: check_target(options.out))  # before the work, which may take long
     progress = ProgressLine(enabled=not options.quiet and sys.stderr.isatty())
     try:
         source = RecordingFiles(tuple(options.files), options.setup, options.windows)
-        (test,), (findings,) = checked(lambda: read_files([source], progress))
+        with executor as workers:
+            tests, found = checked(lambda: read_files([source], progress, workers))
     finally:
         progress.close()
+    if len(tests) > 1:
+        kinds = " and ".join(test.title for test in tests)
+        raise BadInputError(f"the recordings are a {kinds}: a file holds one kind of test, give those of one kind")
+    (test,), (findings,) = tests, found
     checked(lambda: write(test, options.out))
     if not options.quiet:
         print(f"{describe_test(test, findings)}\n\nwritten to {options.out}")

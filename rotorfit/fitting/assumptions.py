@@ -84,8 +84,12 @@ def _onset_change(fit: FitResult, onset: Threshold | None, term: LeftOut | Offse
 
 
 def _structure(fit: FitResult) -> list[LeftOut]:
-    """Terms of the equation of motion, for responses of a linear rotor."""
-    return list(terms_left_out(fit.model)) if any(map(is_linear, fit.problem.blocks)) else []
+    """Terms of the equation of motion, for responses of a linear rotor; constant loads alone see no inertia."""
+    linear = [responses_of(block) for block in fit.problem.blocks if is_linear(block)]
+    if not linear:
+        return []
+    moving = any(base is not None and base.frequency.any() for base in linear)
+    return [term for term in terms_left_out(fit.model) if moving or term.power == 0]
 
 
 def _offsets(fit: FitResult) -> list[Offset]:

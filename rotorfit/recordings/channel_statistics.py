@@ -38,6 +38,11 @@ class ChannelStatistics:
         """Whether the signal stays at one of its extremes again and again."""
         return max(self.flat_low, self.flat_high) >= 3
 
+    @property
+    def without_gap(self) -> bool:
+        """Whether the mean voltage is too near to zero to be a probe's gap: AC-coupled."""
+        return abs(self.mean) < max(0.25, 0.05 * self.deviation)
+
 
 def statistics(record: Signals, name: str) -> ChannelStatistics:
     """Go through a channel once.

@@ -50,7 +50,7 @@ def probe_findings(record: Signals, found: Mapping[str, ChannelStatistics]) -> I
                 f"{where} is clipped at {limit} ({share:.1%} of the samples): amplitudes there are too small. Set the "
                 "input range wider and measure again, or leave the probe out.",
             )  # fmt: skip
-        if abs(each.mean) < max(0.25, 0.05 * each.deviation):
+        if each.without_gap:
             coupled.append(probe.channel)
         elif not each.clipped:
             yield from _out_of_range(probe, each, where)

@@ -12,7 +12,19 @@ from rotorfit.data.findings import Finding
 from rotorfit.models.parameters import unknown_name
 from rotorfit.recordings.raw_file import RawChannel, RawFile
 from rotorfit.recordings.rig_toml import flat_setup
-from rotorfit.recordings.setup import Force, ForceSetup, Probe, Reference, RigSetup, Scale, Twist, prefer
+from rotorfit.recordings.setup import (
+    Force,
+    ForceSetup,
+    ImpulseSetup,
+    Load,
+    LoadSetup,
+    Probe,
+    Reference,
+    RigSetup,
+    Scale,
+    Twist,
+    prefer,
+)
 
 _PROBE_NAME = re.compile(r"(?i)^(.+?)[ _.\-]?([xy])$")
 _REFERENCE_NAME = re.compile(r"(?i)keyph|tacho|kph|trigger")
@@ -34,6 +46,8 @@ class Rig:
         probes: with angle (rad) and sensitivity (V/m).
         shaft, perturbator: phase references, None where there are none.
         force: what drives the rotor; None where neither file nor setup says.
+        load: constant load; None where neither file nor setup says.
+        impulse: that the rotor is struck or released.
         twist: channel of torsion.
         scales: factor to volts and offset by channel.
         speed: nominal rotative speed, rad/s.
@@ -48,6 +62,8 @@ class Rig:
     shaft: Reference | None
     perturbator: Reference | None
     force: Force | None
+    load: Load | None
+    impulse: ImpulseSetup | None
     twist: Twist | None
     scales: dict[str, tuple[float, float]]
     speed: float | None
@@ -126,8 +142,10 @@ def complete(raw: RawFile, setup: RigSetup | None) -> Rig:
     whole = replace(whole, probes=tuple(p for p in whole.probes or () if p.channel not in measured))
     source = setup.source if setup is not None and setup.source else "the setup"
     probes = tuple(_complete_probe(raw, probe, whole, source) for probe in whole.probes or ())
-    shaft, perturbator = (_reference(r) for r in (whole.shaft, whole.perturbator))
-    force = _force(raw, whole.force, perturbator, tuple(dict.fromkeys(probe.plane for probe in probes)))
+    # a shaft that stands still passes no mark
+    shaft, perturbator = (_reference(r) for r in (whole.shaft if whole.speed != 0 else None, whole.perturbator))
+    planes = tuple(dict.fromkeys(probe.plane for probe in probes))
+    force = _force(raw, whole.force, perturbator, planes)
     twist = given.twist if given is not None and given.twist is not None and given.twist.wheel else whole.twist
     if twist is not None:
         _check_twist(twist, raw.name)
@@ -149,6 +167,8 @@ def complete(raw: RawFile, setup: RigSetup | None) -> Rig:
         shaft=shaft,
         perturbator=perturbator,
         force=force,
+        load=_load(raw, whole.load, planes, whole.rotation or 1),
+        impulse=whole.impulse,
         twist=twist,
         scales={channel.name: _scale(raw, channel, whole) for channel in used},
         speed=whole.speed,
@@ -212,6 +232,21 @@ def _force(
         plane=plane, mr=force.mr, angle=angle or 0.0, datum_known=force.angle is not None and marked,
         whirl=force.whirl or 1, reference="shaft" if perturbator is None else "perturbator",
     )  # fmt: skip
+
+
+def _load(raw: RawFile, load: LoadSetup | None, planes: tuple[str, ...], rotation: int) -> Load | None:
+    if load is None:
+        return None
+    plane = load.plane if load.plane is not None or len(planes) != 1 else planes[0]
+    lacking = [
+        name
+        for name, value in (("plane", plane), ("N", load.size), ("angle_deg", 0.0 if load.size == 0 else load.angle))
+        if value is None
+    ]
+    if lacking or plane is None:
+        raise ValueError(f"{raw.name}: the constant load needs its {', '.join(lacking)} in [load]")
+    newton = float(load.size or 0.0) * complex(np.exp(1j * rotation * float(load.angle or 0.0)))
+    return Load(plane=plane, newton=newton)
 
 
 def _rate(raw: RawFile, used: list[RawChannel], setup: RigSetup) -> float:

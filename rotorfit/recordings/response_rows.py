@@ -146,3 +146,18 @@ def time_at(reduced: ReducedRecord, frequency: Float) -> Float:
     ascending = np.maximum.accumulate(speed) if speed[-1] >= speed[0] else np.minimum.accumulate(speed)[::-1]
     time = reduced.time if speed[-1] >= speed[0] else reduced.time[::-1]
     return time[np.clip(np.searchsorted(ascending, frequency), 0, time.size - 1)]
+
+
+def apart_from_orders(reduced: ReducedRecord, w: Float) -> NDArray[np.bool_]:
+    """Whether lines are further from every order than the record can separate, its own wander of speed added.
+
+    Args:
+        reduced: the record.
+        w: frequency of the lines, rad/s, unsigned, shape ``(L,)``.
+    """
+    if reduced.shaft_angle is None:
+        return np.ones(w.size, dtype=bool)
+    wander = float(np.std(np.diff(reduced.shaft_angle)) * reduced.rate)
+    order = np.maximum(np.rint(w / reduced.shaft_speed), 1)
+    resolution = 2 * np.pi / (reduced.time[-1] - reduced.time[0])
+    return np.asarray(np.abs(w - order * reduced.shaft_speed) > resolution + order * wander)

@@ -8,48 +8,65 @@ method is in :mod:`rotorfit.estimators.local_response`.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
-from functools import partial
-from typing import TYPE_CHECKING
-
-import numpy as np
-from numpy.typing import NDArray
+from concurrent.futures import Executor
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, NamedTuple
 
 from rotorfit.data.experiments import PerturbationTest
-from rotorfit.data.findings import Finding
-from rotorfit.data.synchronous import DIFFERENCED, group_speeds, join
-from rotorfit.estimators.local_response import LocalResponse, local_response
-from rotorfit.models.array_types import Float
+from rotorfit.data.findings import Finding, listed
+from rotorfit.data.synchronous import group_speeds, join
+from rotorfit.executors import carry_out
 from rotorfit.recordings.quality import spoiled
-from rotorfit.recordings.reduced_record import ReducedRecord, reduce_measured, reduce_record
-from rotorfit.recordings.response_rows import readings, rows, time_at
-from rotorfit.recordings.window_responses import window_responses
+from rotorfit.recordings.reductions import Report, force_of, reduced_responses
+from rotorfit.recordings.signals import source_of
 
 if TYPE_CHECKING:
-    from rotorfit.recordings.angle_track import AngleTrack
     from rotorfit.recordings.recording import Recording
-    from rotorfit.recordings.setup import Force
 
 _KINDS = {"perturbator": "a perturbator", "shaft": "the shaft itself", "": "a measured force"}
-Report = Callable[[Finding], None]
 
-DRIVEN = 3e-3
-"""Information of a line over that of the median line below which it is left out: 18 times the median error."""
+
+class Reduced(NamedTuple):
+    """What came of recordings that were reduced together: their test, and what was found odd on the way."""
+
+    test: PerturbationTest
+    findings: tuple[Finding, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Job:
+    """Recordings that are reduced together: one of a perturbator or a measured force, or start-ups with one weight.
+
+    Attributes:
+        records: the recordings.
+        turns: of a window; None: no windows.
+        checked: whether what the recordings themselves show to be odd is told as well.
+    """
+
+    records: tuple[Recording, ...]
+    turns: int | None
+    checked: bool
 
 
 def responses(
     records: Sequence[Recording] | Recording,
     *,
     turns: int | None = None,
+    executor: Executor | None = None,
     on_finding: Report | None = None,
     progress: Callable[[str], None] | None = None,
 ) -> PerturbationTest:
     """Responses of a rotor to the force that turns with a perturbator or with the shaft itself.
 
+    Where the frequency dwells, at one speed or at several in turn, each dwell gives a line; where it sweeps, lines are
+    as many as the resonances need.
+
     Args:
         records: of one rig; see :func:`rotorfit.read_recording`.
-        turns: track by windows of so many whole turns of the drive instead; for dwells, slow sweeps and rotors that are
-            not linear. A sweep makes such vectors lag behind.
+        turns: track by windows of so many whole turns of the drive instead; for slow sweeps and rotors that are not
+            linear. A sweep makes such vectors lag behind.
+        executor: any ``concurrent.futures`` executor, also Dask's ``client.get_executor()``, that reduces recordings
+            beside each other; by default one after the other in this process. What a lost worker had is done again.
         on_finding: called with each thing that was found odd or that limits what the recordings say, for instance
             ``print``; what was found while reading is in ``record.findings``.
         progress: called with a few words before each stage.
@@ -62,42 +79,82 @@ def responses(
         ValueError: a recording whose force is not known, or that is too short for what was swept.
     """
     listed = list(records) if isinstance(records, Sequence) else [records]
-    if not listed:
-        raise ValueError("no recordings given")
     report = on_finding or (lambda finding: None)
-    tell = progress or (lambda stage: None)
-    setup = listed[0].setup.source if listed[0].setup is not None else ""
-    source = ", ".join(record.path.name for record in listed) + (f" with {setup}" if setup else "")
-    return replace(_reduced([_usable(record, report) for record in listed], turns, report, tell), source=source)
+    return checked_responses(
+        listed, turns=turns, executor=executor, on_finding=report, progress=progress, checked=False
+    )
 
 
-def _reduced(
-    listed: list[Recording], turns: int | None, report: Report, tell: Callable[[str], None]
+def checked_responses(
+    records: Sequence[Recording],
+    *,
+    turns: int | None,
+    executor: Executor | None,
+    on_finding: Report,
+    progress: Callable[[str], None] | None,
+    checked: bool = True,
 ) -> PerturbationTest:
-    """The responses of all recordings, by what drives them."""
-    forces = [_force(record) for record in listed]
-    _same_kind(listed, forces)
+    """As :func:`responses`, with what the recordings themselves show to be odd told as well.
+
+    Args:
+        records, turns, executor, on_finding, progress: see there.
+        checked: whether to look for it.
+
+    Raises:
+        ValueError: see there.
+    """
+    if not records:
+        raise ValueError("no recordings given")
+    tell = progress or (lambda stage: None)
+    forces = [force_of(record) for record in records]
+    _same_kind(records)
     if not all(force.datum_known for force in forces):
-        report(
-            Finding(
-                "note", "phase-datum", "the angle between weight and mark is not known; fit with "
-                'phase_offsets="common" (--phase-offsets common), one angle for all runs.',
-            )
+        on_finding(_datum_finding(records))
+    if forces[0].measured and turns:
+        raise ValueError("windows of whole turns need a force that turns with a mark; this one was measured")
+    together: dict[object, list[Recording]] = {}
+    start_ups = forces[0].reference == "shaft"
+    for number, (record, force) in enumerate(zip(records, forces, strict=True)):
+        together.setdefault(force.plane if start_ups and not turns else number, []).append(record)
+    jobs = [_Job(records=tuple(group), turns=turns, checked=checked) for group in together.values()]
+    if executor is None:
+        reduced = carry_out(lambda job: _reduced(job, tell), jobs, None, lambda job: None)
+    else:
+        tell(f"responses of {len(records)} recordings")
+        reduced = carry_out(
+            _reduced, jobs, executor, lambda job: tell(f"reduced {', '.join(r.name for r in job.records)}")
+        )
+    for each in reduced:
+        for finding in each.findings:
+            on_finding(finding)
+    test = join([each.test for each in reduced])
+    if not start_ups:
+        test = replace(test, speed=group_speeds(test.speed, test.frequency, test.run))
+    return replace(test, source=source_of(records))
+
+
+def _datum_finding(records: Sequence[Recording]) -> Finding:
+    unmarked = [r.name for r in records if r.rig.perturbator is not None and r.rig.perturbator.channel is None]
+    if len(unmarked) > 1:
+        return Finding(
+            "error", "phase-datum", f"{listed(unmarked)} have no mark of the perturbator: the phases of each count "
+            "from a datum of its own that nothing tells, so that a fit cannot take them together. Give it a mark.",
         )  # fmt: skip
-    if forces[0].measured:
-        if turns:
-            raise ValueError("windows of whole turns need a force that turns with a mark; this one was measured")
-        test = join([_measured(record, report, tell) for record in listed])
-        return replace(test, speed=group_speeds(test.speed, test.frequency, test.run))
-    if forces[0].reference == "perturbator":
-        reduce = partial(_windows, turns=turns) if turns else _sweep
-        test = join([reduce(record, report, tell) for record in listed])
-        return replace(test, speed=group_speeds(test.speed, test.frequency, test.run))
-    if turns:
-        return join([_windows(record, report, tell, turns=turns) for record in listed])
-    planes = dict.fromkeys(force.plane for force in forces)
-    groups = [[r for r, f in zip(listed, forces, strict=True) if f.plane == plane] for plane in planes]
-    return join([_start_ups(group, report, tell) for group in groups])
+    return Finding(
+        "note", "phase-datum", "the angle between weight and mark is not known; fit with "
+        'phase_offsets="common" (--phase-offsets common), one angle for all runs.',
+    )  # fmt: skip
+
+
+def _reduced(job: _Job, tell: Callable[[str], None] = lambda stage: None) -> Reduced:
+    """The responses of recordings that belong together."""
+    found: list[Finding] = []
+    report = found.append
+    tell(f"responses of {', '.join(record.name for record in job.records)}")
+    usable = [_usable(record, report) for record in job.records]
+    test = reduced_responses(usable, job.turns, report)
+    own = [finding for record in job.records for finding in record.findings] if job.checked else []
+    return Reduced(test, (*found, *own))
 
 
 def _usable(record: Recording, report: Report) -> Recording:
@@ -112,152 +169,23 @@ def _usable(record: Recording, report: Report) -> Recording:
     return replace(record, rig=replace(record.rig, probes=kept))
 
 
-def _force(record: Recording) -> Force:
-    if record.force is None:
-        raise ValueError(
-            f"{record.name}: nothing says what drives the rotor; give plane, mr_kg_m and whirl in [force] of the setup"
-        )
-    return record.force
+def driven_by(record: Recording) -> str:
+    """What drives the rotor of a recording whose force is known, in words.
+
+    Args:
+        record: the recording.
+
+    Raises:
+        ValueError: the force is not known.
+    """
+    return _KINDS[force_of(record).reference]
 
 
-def _same_kind(records: Sequence[Recording], forces: Sequence[Force]) -> None:
-    kinds = {_KINDS[force.reference]: record.name for record, force in zip(records, forces, strict=True)}
+def _same_kind(records: Sequence[Recording]) -> None:
+    kinds = {driven_by(record): record.name for record in records}
     if len(kinds) > 1:
         (one, first), (other, second), *_ = kinds.items()
         raise ValueError(
             f"{first} is driven by {one}, {second} by {other}: two kinds of tests, call responses for each and give a "
             "list of both to fit"
         )
-
-
-def _sweep(record: Recording, report: Report, tell: Callable[[str], None]) -> PerturbationTest:
-    """One record of a perturbator that sweeps."""
-    tell(f"responses of {record.name}")
-    force, drive = _force(record), _drive(record)
-    reduced = reduce_record(record, drive, force.whirl)
-    weight = np.array([force.mr * np.exp(1j * force.angle)])
-    found = local_response([reduced.without_orders().spectra(weight, reduced.orders())], *reduced.band)
-    w = found.frequency
-    return rows(
-        readings(record, force.whirl, found, np.abs(found.response[0]) * drive.stderr(time_at(reduced, w))),
-        _clear(reduced, found, 4, report),
-        run=record.name,
-        frequency=force.whirl * w,
-        speed=reduced.shaft_speed,
-        force_plane=force.plane,
-        force=force.mr * w**2 * np.exp(1j * force.angle),
-        attributes=record.attributes,
-    )
-
-
-def _measured(record: Recording, report: Report, tell: Callable[[str], None]) -> PerturbationTest:
-    """One record of a force that was measured: magnetic bearing, load cells, shaker."""
-    tell(f"responses of {record.name}")
-    force = _force(record)
-    reduced, direction = reduce_measured(record)
-    found = local_response(
-        [reduced.without_orders().spectra(np.ones(1, dtype=complex), reduced.orders())], *reduced.band
-    )
-    size = float(np.sqrt(np.mean(np.abs(reduced.unit_force) ** 2)))
-    return rows(
-        readings(record, reduced.whirl, found, np.zeros(found.noise.shape)),
-        _clear(reduced, found, 0, report),
-        run=record.name,
-        frequency=reduced.whirl * found.frequency,
-        speed=reduced.shaft_speed or record.speed or 0.0,
-        force_plane=force.plane,
-        force=np.full(found.frequency.size, size, dtype=complex),
-        attributes=record.attributes,
-        force_direction=direction,
-    )
-
-
-def _clear(reduced: ReducedRecord, found: LocalResponse, power: int, report: Report) -> NDArray[np.bool_]:
-    """Lines where the force says enough and that no order of the shaft is too near to."""
-    driven = _driven(found, power)
-    apart = _apart_from_orders(reduced, found.frequency)
-    lost = int(np.sum(driven & ~apart))
-    if lost:
-        report(
-            Finding(
-                "note", "lines-at-orders", f"{reduced.record.name}: {lost} of {driven.sum()} lines left out: closer to "
-                f"an order of the shaft than {reduced.time[-1] - reduced.time[0]:.3g} s can separate.",
-            )
-        )  # fmt: skip
-    return driven & apart
-
-
-def _windows(record: Recording, report: Report, tell: Callable[[str], None], *, turns: int) -> PerturbationTest:
-    """One record by windows of whole turns."""
-    tell(f"responses of {record.name}")
-    force = _force(record)
-    return window_responses(reduce_record(record, _drive(record), force.whirl), force, turns)
-
-
-def _drive(record: Recording) -> AngleTrack:
-    """The angle that the force is locked to."""
-    if _force(record).reference == "shaft":
-        return record.shaft_angle()
-    drive = record.perturbator_angle()
-    if drive is None:
-        raise ValueError(f"{record.name} has no phase reference of the perturbator; name its channel in [perturbator]")
-    return drive
-
-
-def _driven(found: LocalResponse, power: int) -> NDArray[np.bool_]:
-    """Whether the force says enough at each node, its growth with a power of the frequency aside.
-
-    Where a sweep begins and ends its spectrum falls off and cannot be told from the transient. Chosen by the force, not
-    by what was measured, so that nothing is selected.
-    """
-    information = (found.noise[0] / found.sigma[0, 0]) ** 2 / found.width / found.frequency**power
-    return np.asarray(information > DRIVEN * np.median(information))
-
-
-def _apart_from_orders(reduced: ReducedRecord, w: Float) -> NDArray[np.bool_]:
-    """Whether lines are further from every order than the record can separate, its own wander of speed added."""
-    if reduced.shaft_angle is None:
-        return np.ones(w.size, dtype=bool)
-    wander = float(np.std(np.diff(reduced.shaft_angle)) * reduced.rate)
-    order = np.maximum(np.rint(w / reduced.shaft_speed), 1)
-    resolution = 2 * np.pi / (reduced.time[-1] - reduced.time[0])
-    return np.asarray(np.abs(w - order * reduced.shaft_speed) > resolution + order * wander)
-
-
-def _start_ups(records: list[Recording], report: Report, tell: Callable[[str], None]) -> PerturbationTest:
-    """Start-ups with the weight in one plane: the response to it, apart from what all of them share."""
-    tell(f"responses of {', '.join(record.name for record in records)}")
-    forces = [_force(record) for record in records]
-    reduced = [reduce_record(record, record.shaft_angle(), 1) for record in records]
-    weights = np.array([force.mr * np.exp(1j * force.angle) for force in forces])
-    differenced = np.ptp(weights.real) + np.ptp(weights.imag) > 1e-6 * np.abs(weights).max()
-    if not differenced:
-        report(
-            Finding(
-                "warning", "not-differenced", f"{', '.join(r.name for r in records)}: no second run with the weight "
-                "elsewhere or taken off, so residual unbalance, bow and run-out are in the response.",
-            )
-        )  # fmt: skip
-    drives = [np.array([weight, 1.0]) if differenced else np.array([weight]) for weight in weights]
-    spectra = [r.spectra(drive, r.orders(2)) for r, drive in zip(reduced, drives, strict=True)]
-    low = max(r.band[0] for r in reduced)
-    high = min(r.band[1] for r in reduced)
-    found = local_response(spectra, low, high)
-    w = found.frequency
-    reference = weights[np.argmax(np.abs(weights))]
-    # a shaft angle that is off turns all of a record's motion, that of the residual unbalance too
-    angles = [record.shaft_angle() for record in records]
-    errors = [angle.stderr(time_at(r, w)) ** 2 for angle, r in zip(angles, reduced, strict=True)]
-    error = np.sqrt(np.sum(errors, axis=0)) / len(records)
-    scale = np.array([1.0, 1 / np.abs(reference)])[: found.response.shape[0]]
-    moved = np.sqrt(np.sum(np.abs(found.response * scale[:, None, None]) ** 2, axis=0))
-    return rows(
-        readings(records[0], 1, found, moved * error),
-        _driven(found, 4),
-        run=" minus ".join(record.name for record in records),
-        frequency=w,
-        speed=w,
-        force_plane=forces[0].plane,
-        force=reference * w**2,
-        attributes={**records[0].attributes, DIFFERENCED: float(differenced)},
-    )

@@ -13,7 +13,16 @@ from pathlib import Path
 from typing import Any
 
 from rotorfit.models.parameters import unknown_name
-from rotorfit.recordings.setup import ForceSetup, Probe, Reference, RigSetup, Scale, Twist
+from rotorfit.recordings.setup import (
+    ForceSetup,
+    ImpulseSetup,
+    LoadSetup,
+    Probe,
+    Reference,
+    RigSetup,
+    Scale,
+    Twist,
+)
 from rotorfit.units import RAD_S_PER_RPM, UNITS
 
 SENSITIVITIES = {
@@ -89,12 +98,19 @@ def _truth(where: str, value: Any) -> bool:
     return value
 
 
+def _size(where: str, value: Any) -> float:
+    if _number(where, value) < 0:
+        raise ValueError(f"{where} must not be negative, got {value!r}; its direction is another key")
+    return float(value)
+
+
 _DEGREE = math.pi / 180
 _PROBE: dict[str, tuple[str, Reader]] = {
     "plane": ("plane", _word),
     "channel": ("channel", _word),
     "angle_deg": ("angle", _scaled(_number, _DEGREE)),
     "linear_range_V": ("linear_range", _range),
+    "centre_V": ("centre", _number),
     **_in_units("sensitivity", "sensitivity", SENSITIVITIES, _sensitivity),
 }
 _REFERENCE: dict[str, tuple[str, Reader]] = {
@@ -113,6 +129,16 @@ _FORCE: dict[str, tuple[str, Reader]] = {
     "channel_x": ("channel_x", _word),
     "channel_y": ("channel_y", _word),
     **_in_units("sensitivity", "sensitivity", _FORCE_SENSITIVITIES, _sensitivity),
+}
+_LOAD: dict[str, tuple[str, Reader]] = {
+    "plane": ("plane", _word),
+    "N": ("size", _size),
+    "lbf": ("size", _scaled(_size, UNITS["force"]["lbf"])),
+    "angle_deg": ("angle", _scaled(_number, _DEGREE)),
+}
+_IMPULSE: dict[str, tuple[str, Reader]] = {
+    "plane": ("plane", _word),
+    "highest_hz": ("highest", _scaled(_positive, 2 * math.pi)),
 }
 _TWIST: dict[str, tuple[str, Reader]] = {
     "channel": ("channel", _word),
@@ -135,7 +161,13 @@ _FLAT_FORCE: dict[str, tuple[str, Reader]] = {
     "weight_angle_deg": ("hole_angle", _scaled(_number, _DEGREE)),
     "whirl": ("whirl", _choice(_WHIRL)),
 }
-_TABLES = ("shaft", "perturbator", "probe", "force", "twist", "channel", "attributes", "run")
+_FLAT_LOAD: dict[str, tuple[str, Reader]] = {
+    "load_plane": ("plane", _word),
+    "load_N": ("size", _size),
+    "load_deg": ("angle", _scaled(_number, _DEGREE)),
+}
+_FLAT_IMPULSE: dict[str, tuple[str, Reader]] = {"impulse_plane": ("plane", _word)}
+_TABLES = ("shaft", "perturbator", "probe", "force", "load", "impulse", "twist", "channel", "attributes", "run")
 _CHANNEL: dict[str, tuple[str, Reader]] = {
     "volts_per_count": ("volts_per_count", _sensitivity),
     "full_scale_V": ("full_scale", _positive),
@@ -167,7 +199,7 @@ def setup_of(content: Mapping[str, Any], source: str) -> RigSetup:
     Raises:
         ValueError: see :func:`read_setup`.
     """
-    known = [*_TOP, *_FLAT_FORCE, *_TABLES]
+    known = [*_TOP, *_FLAT_FORCE, *_FLAT_LOAD, *_FLAT_IMPULSE, *_TABLES]
     for key in content:
         if key not in known:
             raise ValueError(f"{source}: {unknown_name('key', key, known)}")
@@ -176,6 +208,8 @@ def setup_of(content: Mapping[str, Any], source: str) -> RigSetup:
     force = _record(ForceSetup, _FORCE, _table(content, "force", source), f"{source}, [force]")
     if force is not None and setup.force is not None:
         raise ValueError(f"{source}: the force is described by a table [force] and by keys of the top level; keep one")
+    load = _record(LoadSetup, _LOAD, _table(content, "load", source), f"{source}, [load]")
+    impulse = _record(ImpulseSetup, _IMPULSE, _table(content, "impulse", source), f"{source}, [impulse]")
     return RigSetup(
         rotation=setup.rotation,
         sample_rate=setup.sample_rate,
@@ -187,6 +221,8 @@ def setup_of(content: Mapping[str, Any], source: str) -> RigSetup:
         ),
         probes=_probes(content, source),
         force=force or setup.force,
+        load=load or setup.load,
+        impulse=impulse or setup.impulse,
         twist=_record(Twist, _TWIST, _table(content, "twist", source), f"{source}, [twist]"),
         scales=_scales(content, source),
         attributes=_attributes(_table(content, "attributes", source) or {}, source),
@@ -206,11 +242,19 @@ def flat_setup(values: Mapping[str, Any], source: str) -> RigSetup:
         ValueError: an attribute of ours with a value that is not allowed.
     """
     top = {key: value for key, value in values.items() if key in _TOP}
-    force = {key: value for key, value in values.items() if key in _FLAT_FORCE}
-    rest = {key: value for key, value in values.items() if key not in top and key not in force}
-    plain = {key: value for key, value in rest.items() if isinstance(value, int | float | str)}
-    said = _fields(_TOP, top, source)
-    return RigSetup(**said, force=_record(ForceSetup, _FLAT_FORCE, force or None, source), attributes=plain)
+    force, load, impulse = (
+        {key: value for key, value in values.items() if key in flat} or None
+        for flat in (_FLAT_FORCE, _FLAT_LOAD, _FLAT_IMPULSE)
+    )
+    used = {*top, *(force or ()), *(load or ()), *(impulse or ())}
+    plain = {k: v for k, v in values.items() if k not in used and isinstance(v, int | float | str)}
+    return RigSetup(
+        **_fields(_TOP, top, source),
+        force=_record(ForceSetup, _FLAT_FORCE, force, source),
+        load=_record(LoadSetup, _FLAT_LOAD, load, source),
+        impulse=_record(ImpulseSetup, _FLAT_IMPULSE, impulse, source),
+        attributes=plain,
+    )
 
 
 def _table(content: Mapping[str, Any], name: str, source: str) -> Mapping[str, Any] | None:

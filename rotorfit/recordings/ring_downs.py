@@ -6,18 +6,25 @@ from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rotorfit.data.experiments import RingDownTest
 from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.models.parameters import unknown_name
 from rotorfit.recordings.reduced_rate import ReducedRate
 from rotorfit.recordings.reduced_record import ORDERS, is_pair, motion_at
+from rotorfit.recordings.rest_positions import rest_positions
+from rotorfit.recordings.signals import source_of
 
 if TYPE_CHECKING:
     from rotorfit.recordings.recording import Recording
 
+HIGHEST_HZ = 200.0
+"""Frequency above which nothing is of interest unless said otherwise, Hz."""
 QUIET = 0.02
 """Time over which the motion is averaged to see a blow, s."""
+AROUND = 0.5
+"""Time about each instant whose median position is where the shaft rests, s."""
 STANDS_OUT = 6.0
 """A blow begins where that average exceeds so many times its median."""
 CONTACT = 0.01
@@ -28,8 +35,8 @@ def ring_downs(
     records: Sequence[Recording] | Recording,
     *,
     plane: str | None = None,
-    highest_hz: float = 200.0,
-    position: complex = 0.0,
+    highest_hz: float | None = None,
+    position: complex | None = None,
 ) -> RingDownTest:
     """Records of free vibration after each blow or release, for fits and :func:`rotorfit.ring_down_modes`.
 
@@ -38,9 +45,10 @@ def ring_downs(
 
     Args:
         records: recordings in which the rotor is struck or released, any number of times.
-        plane: of the probes, by default the only one, or the journal.
-        highest_hz: frequency above which nothing is of interest.
-        position: where the journal rests, ``x + jy`` from the bearing's centre, m; the recording alone does not tell.
+        plane: of the probes, by default that of ``[impulse]``, the only one, or the journal.
+        highest_hz: frequency above which nothing is of interest, by default that of ``[impulse]``, or 200.
+        position: where the journal rests, ``x + jy`` from the bearing's centre, m; by default what gap voltages tell
+            where the setup says ``centre_V`` of the probes, else the centre.
 
     Raises:
         ValueError: no blow stands out, no such plane, or a plane with one probe.
@@ -50,23 +58,41 @@ def ring_downs(
     runs: list[str] = []
     for record in listed:
         where = _plane(record, plane)
-        for number, (speed, time, z) in enumerate(_blows(record, where, highest_hz), start=1):
+        mean = _mean_position(record, where)
+        for number, (speed, time, z, settled) in enumerate(
+            _blows(record, where, _highest(record, highest_hz)), start=1
+        ):
             runs += [f"{record.name}, blow {number}"] * time.size
-            for name, values in zip(columns, (np.full(time.size, speed), time, z.real, z.imag), strict=True):
+            at = z + (position if position is not None else 0.0 if mean is None else mean + settled)
+            for name, values in zip(columns, (np.full(time.size, speed), time, at.real, at.imag), strict=True):
                 columns[name].append(values)
     speed_of, instant, x, y = (np.concatenate(parts) for parts in columns.values())
     return RingDownTest(
         run=np.array(runs),
         speed=speed_of,
         time=instant,
-        x=x + position.real,
-        y=y + position.imag,
+        x=x,
+        y=y,
         eccentricity=np.full(len(runs), np.nan),
-        source=", ".join(record.name for record in listed),
+        source=source_of(listed),
     )
 
 
+def _highest(record: Recording, asked: float | None) -> float:
+    said = record.rig.impulse.highest if record.rig.impulse is not None else None
+    return asked if asked is not None else HIGHEST_HZ if said is None else said / (2 * np.pi)
+
+
+def _mean_position(record: Recording, plane: str) -> complex | None:
+    """Mean position from the bearing's centre, m, where the setup says what voltages belong to that."""
+    if any(probe.centre is None for probe in record.probes if probe.plane == plane):
+        return None
+    return next((complex(rest.z.mean()) for rest in rest_positions(record)[0] if rest.plane == plane), None)
+
+
 def _plane(record: Recording, asked: str | None) -> str:
+    said = record.rig.impulse.plane if record.rig.impulse is not None else None
+    asked = asked or said
     found = asked or ("journal" if "journal" in record.planes else record.planes[0])
     if found not in record.planes:
         raise ValueError(f"{record.name}: {unknown_name('plane', found, record.planes)}")
@@ -77,8 +103,11 @@ def _plane(record: Recording, asked: str | None) -> str:
     return found
 
 
-def _blows(record: Recording, plane: str, highest_hz: float) -> Iterator[tuple[float, Float, ComplexArray]]:
-    """Speed, times from the beginning of each blow and motion without the shaft's orders."""
+def _blows(record: Recording, plane: str, highest_hz: float) -> Iterator[tuple[float, Float, ComplexArray, complex]]:
+    """Speed, times from each blow, motion without the shaft's orders about where it settles, and that place.
+
+    The place counts from the mean position over the recording.
+    """
     shaft = record.shaft_angle()
     reduced = ReducedRate.for_band(highest_hz, record.sample_rate, record.size)
     inside = np.flatnonzero((reduced.time >= shaft.begin) & (reduced.time <= shaft.end))
@@ -86,23 +115,42 @@ def _blows(record: Recording, plane: str, highest_hz: float) -> Iterator[tuple[f
     time, rate = reduced.time[part], reduced.rate
     angle = shaft.angle(time)
     z = motion_at(record, reduced, part, plane)
-    orders = np.exp(1j * np.arange(-ORDERS, ORDERS + 1)[:, None] * angle).T
-    quiet = np.ones(time.size, dtype=bool)
+    turning = [n for n in range(-ORDERS, ORDERS + 1) if n]
+    orders = np.exp(1j * np.array(turning)[:, None] * angle).T
+    width = max(int(QUIET * rate), 1)
+    quiet, level = np.ones(time.size, dtype=bool), np.zeros(time.size, dtype=complex)
     for _ in range(3):  # blows disturb the orders, and orders hide blows
-        left = z - orders @ np.linalg.lstsq(orders[quiet], z[quiet], rcond=None)[0]
-        width = max(int(QUIET * rate), 1)
-        size = np.sqrt(np.convolve(np.abs(left) ** 2, np.ones(width) / width, mode="same"))
+        left = z - orders @ np.linalg.lstsq(orders[quiet], (z - level)[quiet], rcond=None)[0]
+        level = _level(left, int(AROUND * rate))
+        size = np.sqrt(np.convolve(np.abs(left - level) ** 2, np.ones(width) / width, mode="same"))
         noise = float(np.median(size[quiet]))
         quiet = size < 3 * noise
     loud = size > STANDS_OUT * noise
-    begins = np.flatnonzero(loud[1:] & ~loud[:-1]) + 1
-    begins = begins[np.concatenate([[True], np.diff(begins) > 5 * width])] if begins.size else begins
-    if not begins.size:
+    begins = _after_quiet(np.flatnonzero(loud[1:] & ~loud[:-1]) + 1, quiet)
+    if not begins:
         raise ValueError(f"{record.name}: no blow stands out of the motion of {plane}")
     speed = float(np.mean(shaft.speed(time)))
     for begin, following in zip(begins, [*begins[1:], time.size], strict=True):
-        first = begin + int(CONTACT * rate) + width // 2
+        first, end = begin + int(CONTACT * rate) + width // 2, following - width
         calm = np.flatnonzero(size[first:following] < 1.5 * noise)
-        last = min(first + (int(calm[0]) if calm.size else following - first), following - width)
+        last = min(first + (int(calm[0]) if calm.size else following - first), end)
+        settled = complex(np.mean(left[last:end] if end - last > 5 * width else level[first:following]))
         if last - first > 16:
-            yield speed, time[first:last] - time[first], left[first:last]
+            yield speed, time[first:last] - time[first], left[first:last] - settled, settled
+
+
+def _after_quiet(rises: NDArray[np.intp], quiet: NDArray[np.bool_]) -> list[int]:
+    """Those before which it was quiet: a motion that dies out may rise again."""
+    begins: list[int] = []
+    for rise in rises.tolist():
+        if not begins or quiet[begins[-1] : rise].any():
+            begins.append(rise)
+    return begins
+
+
+def _level(values: ComplexArray, width: int) -> ComplexArray:
+    """Running median: it follows where the shaft rests, jumps with a release and does not see vibration."""
+    from scipy.ndimage import median_filter
+
+    parts = (median_filter(part, max(width, 1), mode="nearest") for part in (values.real, values.imag))
+    return np.asarray(sum(factor * part for factor, part in zip((1, 1j), parts, strict=True)))

@@ -23,6 +23,7 @@ class Probe:
         angle: where it sits, rad, counter-clockwise from x.
         sensitivity: V/m; positive: the signal rises as the target approaches.
         linear_range: voltages between which it is linear, V, the lower first; None: not known.
+        centre: voltage while the shaft is in the centre of its bearing, V; None: not known.
     """
 
     plane: str
@@ -30,6 +31,7 @@ class Probe:
     angle: float | None = None
     sensitivity: float | None = None
     linear_range: tuple[float, float] | None = None
+    centre: float | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -73,6 +75,34 @@ class ForceSetup:
     channel_x: str | None = None
     channel_y: str | None = None
     sensitivity: float | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class LoadSetup:
+    """A constant load on the turning shaft.
+
+    Attributes:
+        plane: where it acts.
+        size: N; zero: a recording without load, that positions may count from.
+        angle: its direction, rad, from x counter-clockwise.
+    """
+
+    plane: str | None = None
+    size: float | None = None
+    angle: float | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class ImpulseSetup:
+    """Blows or releases, after which the shaft vibrates freely.
+
+    Attributes:
+        plane: of the probes to look at.
+        highest: frequency above which nothing is of interest, rad/s.
+    """
+
+    plane: str | None = None
+    highest: float | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -120,6 +150,8 @@ class RigSetup:
         perturbator: that of the perturbator; not there in a start-up, where the shaft's own mark is the reference.
         probes: all displacement probes.
         force: what drives the rotor.
+        load: constant load on it.
+        impulse: that it is struck or released.
         twist: channel of torsion.
         sensitivity: of probes that have none of their own, V/m.
         scales: of channels that hold counts, by channel.
@@ -135,6 +167,8 @@ class RigSetup:
     perturbator: Reference | None = None
     probes: tuple[Probe, ...] | None = None
     force: ForceSetup | None = None
+    load: LoadSetup | None = None
+    impulse: ImpulseSetup | None = None
     twist: Twist | None = None
     sensitivity: float | None = None
     scales: Mapping[str, Scale] = field(default_factory=dict)
@@ -198,3 +232,16 @@ class Force:
     def measured(self) -> bool:
         """Whether the force was measured rather than computed from a turning mass."""
         return any(self.channels)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Load:
+    """Constant load of one recording.
+
+    Attributes:
+        plane: where it acts.
+        newton: ``Px + j Py``, y 90 degrees ahead of x as the shaft turns; zero: none.
+    """
+
+    plane: str
+    newton: complex

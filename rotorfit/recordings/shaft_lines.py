@@ -23,6 +23,7 @@ from rotorfit.models.combination_lines import LATERAL, TWIST, Order
 from rotorfit.recordings.recording import Recording
 from rotorfit.recordings.reduced_record import is_pair, reduce_record
 from rotorfit.recordings.response_rows import time_at
+from rotorfit.recordings.signals import source_of
 
 _ORDERS = range(-4, 5)
 """Orders of the shaft taken out of every signal: run-out, unbalance, sag."""
@@ -106,9 +107,7 @@ def shaft_lines(records: Recording | Sequence[Recording], *, runout_um: float | 
         parts += own
     columns: dict[str, Any] = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
     attributes = {name: np.concatenate(values) for name, values in noted.items()}
-    setup = several[0].setup.source if several[0].setup is not None else ""
-    source = ", ".join(record.path.name for record in several) + (f" with {setup}" if setup else "")
-    return LineTest(source=source, attributes=attributes, **columns)
+    return LineTest(source=source_of(several), attributes=attributes, **columns)
 
 
 def _lines_of(record: Recording, runout_um: float | None) -> list[dict[str, NDArray[Any]]]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -23,6 +23,16 @@ PIECE = 1 << 20
 def _wide(piece: NDArray[Any]) -> type:
     """Type in which a piece is added up without overflow or loss."""
     return np.float64 if piece.dtype.kind == "f" else np.int64
+
+
+def source_of(records: Sequence[Signals]) -> str:
+    """Where a test came from: the files of its recordings and their setup.
+
+    Args:
+        records: at least one.
+    """
+    setup = records[0].setup.source if records[0].setup is not None else ""
+    return ", ".join(record.path.name for record in records) + (f" with {setup}" if setup else "")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -204,6 +214,15 @@ class Signals:
         """
         mixing = self._mixing(plane)
         return np.stack([mixing.real @ along, mixing.imag @ along])
+
+    def resolved_variance(self, plane: str, along: Float) -> Float:
+        """Variance of x and of y, their mean, of those of the readings along the probes of a plane.
+
+        Args:
+            plane: with at least two probes.
+            along: variances, shape ``(probes, ...)``.
+        """
+        return np.asarray(np.tensordot(np.abs(self._mixing(plane)) ** 2, along, 1) / 2)
 
     def _mixing(self, plane: str) -> NDArray[np.complex128]:
         """Row that makes ``x + jy`` of the motions along the probes: least squares for more than two probes."""

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rotorfit.data.experiments import Experiment, LineTest
+from rotorfit.data.experiments import Experiment, LineTest, RingDownTest, StaticTest
 from rotorfit.fitting.options import command_words
 from rotorfit.fitting.result import FitResult
 from rotorfit.models import LAWS, MODELS, Law, Orthotropic, RotorModel
@@ -68,9 +68,13 @@ def _source(experiment: Experiment) -> str:
     rest = f", {setup!r}" if setup else ""
     records = f"[{', '.join(f'rf.read_recording({name!r}{rest})' for name in files)}]"
     if not isinstance(experiment, LineTest):
-        return f"rf.responses({records})"
+        return f"rf.{_REDUCED.get(type(experiment), 'responses')}({records})"
     runout = _runout(experiment)
     return f"rf.shaft_lines({records}{'' if runout is None else f', runout_um={runout:g}'})"
+
+
+_REDUCED: Mapping[type, str] = {StaticTest: "static_positions", RingDownTest: "ring_downs"}
+"""What reduces recordings to experiments, where it is not ``rf.responses``."""
 
 
 def _recorded(source: str) -> tuple[list[str], str] | None:

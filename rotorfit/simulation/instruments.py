@@ -28,6 +28,7 @@ class Instruments:
         runout: amplitude of run-out at 1x, 2x, ..., m, in an arbitrary direction for each plane.
         hum, hum_hz: amplitude of mains hum in all channels, V, and its frequency.
         wander: standard deviation of the rotative speed over the speed, slow.
+        force_sensitivity, force_noise: of the channels of a measured force, V/N, and their noise, N.
         probe_angles: of the probes named X and Y, degrees.
         lost, doubled: Keyphasor pulses of the shaft that are missing and that are there twice.
         clipped: channel that saturates, "" for none.
@@ -45,6 +46,8 @@ class Instruments:
     hum: float = 0.0
     hum_hz: float = 50.0
     wander: float = 2e-4
+    force_sensitivity: float = 0.1
+    force_noise: float = 0.03
     probe_angles: tuple[float, float] = (0.0, 90.0)
     lost: int = 0
     doubled: int = 0
@@ -69,7 +72,7 @@ class Played:
         motion: of each plane, ``x + jy``, m, shape ``(T,)``.
         shaft: angle of the shaft, rad, shape ``(T,)``.
         perturbator: angle of the perturbator, growing whichever way it turns; None without.
-        signals: further channels, V.
+        forces: measured forces by channel, N.
         attributes: of the file.
     """
 
@@ -77,7 +80,7 @@ class Played:
     motion: Mapping[str, ComplexArray]
     shaft: Float
     perturbator: Float | None = None
-    signals: Mapping[str, Float] = field(default_factory=dict)
+    forces: Mapping[str, Float] = field(default_factory=dict)
     attributes: Mapping[str, str | float] = field(default_factory=dict)
 
 
@@ -102,8 +105,10 @@ def record(played: Played, instruments: Instruments, folder: Path, rng: np.rando
         for axis, degrees in zip("XY", instruments.probe_angles, strict=True):
             towards = np.real(seen * np.exp(-1j * np.radians(degrees)))
             channels[f"{plane}_{axis}"] = instruments.gap + instruments.sensitivity * towards
-    channels |= played.signals
     channels = {name: _disturbed(name, clean, time, instruments, rng) for name, clean in channels.items()}
+    for name, newton in played.forces.items():
+        measured = newton + instruments.force_noise * rng.standard_normal(newton.size)
+        channels[name] = _disturbed(name, instruments.force_sensitivity * measured, time, instruments, rng, noise=0.0)
     channels["keyphasor_shaft"] = _keyphasor(played.shaft, instruments, rng, mishaps=True)
     if played.perturbator is not None:
         channels["keyphasor_perturbator"] = _keyphasor(played.perturbator, instruments, rng, mishaps=False)
@@ -129,10 +134,13 @@ def record(played: Played, instruments: Instruments, folder: Path, rng: np.rando
     return path
 
 
-def _disturbed(name: str, clean: Float, time: Float, instruments: Instruments, rng: np.random.Generator) -> Float:
+def _disturbed(
+    name: str, clean: Float, time: Float, instruments: Instruments, rng: np.random.Generator, noise: float | None = None
+) -> Float:
     """A channel with hum and noise, as the recorder takes it."""
+    size = instruments.noise if noise is None else noise
     hum = instruments.hum * np.cos(2 * np.pi * instruments.hum_hz * time + rng.uniform(0, 2 * np.pi))
-    volts = clean + hum + instruments.noise * rng.standard_normal(time.size)
+    volts = clean + hum + size * rng.standard_normal(time.size)
     if instruments.ac_coupled:
         volts -= volts.mean()
     return np.clip(volts, *np.quantile(volts, [0.03, 0.97])) if name == instruments.clipped else np.asarray(volts)

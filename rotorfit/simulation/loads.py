@@ -34,7 +34,7 @@ def static_load(
     """
     speeds, loads = np.atleast_1d(np.asarray(speed_rpm, dtype=float)) * RAD_S_PER_RPM, positive("load", load)
     turned = loads * np.exp(1j * np.radians(load_deg))
-    rests = [_rest(rig, speed, turned, plane) for speed in speeds.tolist()]
+    rests = [rest_under(rig, speed, turned, plane) for speed in speeds.tolist()]
     planes = [number for number, c in enumerate(rig.model.coordinates) if c.axis == "z"]
     cases = list(product(range(speeds.size), planes, range(loads.size)))
     exact = np.array([rests[i][k, c] for i, c, k in cases])
@@ -49,8 +49,15 @@ def static_load(
     )  # fmt: skip
 
 
-def _rest(rig: VirtualRig, speed: float, loads: ComplexArray, plane: str | None) -> ComplexArray:
-    """Equilibria under several loads at one speed, shape ``(loads, n)``."""
+def rest_under(rig: VirtualRig, speed: float, loads: ComplexArray, plane: str | None) -> ComplexArray:
+    """Equilibria under several loads at one speed, shape ``(loads, n)``.
+
+    Args:
+        rig: the virtual rig.
+        speed: rad/s.
+        loads: complex, N.
+        plane: where they act, by default at the journal.
+    """
     vectors = np.array([rig.load(newton, plane) for newton in loads.tolist()])
     decay = np.array([rig.decay(speed, vector) for vector in vectors])
     return rest_position(rig.motion(np.full(loads.size, speed)), vectors, decay, tolerance=rig.tolerance)
@@ -92,7 +99,7 @@ def impulse(
         turned = newton * np.exp(1j * np.radians(load_deg))
         rest = np.zeros(blow.size, dtype=complex)
         if newton:
-            rest = _rest(rig, speed, np.array([turned]), plane)[0]
+            rest = rest_under(rig, speed, np.array([turned]), plane)[0]
         time, z = _record(rig, speed, rig.load(turned, plane), rest, blow, duration, sampling_hz)
         size = rig.noise * float(np.sqrt(np.mean(np.abs(z - rest[rig.seat]) ** 2)))
         z = rig.noisy(z, np.full(z.size, size))

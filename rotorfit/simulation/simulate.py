@@ -91,13 +91,18 @@ def simulate(
     return SIMULATED[kind](rig, **options)
 
 
-def check_options(kind: str, options: Mapping[str, Any]) -> None:
-    """Refuse options that a kind of experiment, a key of :data:`SIMULATED`, does not have, or lacks.
+def check_options(kind: str, options: Mapping[str, Any], kinds: Mapping[str, Callable[..., Any]] = SIMULATED) -> None:
+    """Refuse options that a kind of experiment does not have, or lacks.
+
+    Args:
+        kind: a key of ``kinds``.
+        options: those given.
+        kinds: functions of a virtual rig and their options.
 
     Raises:
         TypeError: names them and the kind's options.
     """
-    allowed = {name: p for name, p in inspect.signature(SIMULATED[kind]).parameters.items() if name != "rig"}
+    allowed = {name: p for name, p in inspect.signature(kinds[kind]).parameters.items() if name != "rig"}
     unknown = [name for name in options if name not in allowed]
     missing = [name for name, p in allowed.items() if p.default is p.empty and name not in options]
     if unknown or missing:

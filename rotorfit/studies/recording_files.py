@@ -1,4 +1,4 @@
-"""Files of raw signals as the data of a study: all of them together are one test."""
+"""Files of raw signals as the data of a study: those of one kind of test together are one experiment."""
 
 from __future__ import annotations
 
@@ -7,9 +7,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rotorfit.data.experiments import LineTest, PerturbationTest
-
 if TYPE_CHECKING:
+    from concurrent.futures import Executor
+
+    from rotorfit.data.experiments import Experiment
     from rotorfit.data.findings import Finding
 
 
@@ -36,20 +37,24 @@ class RecordingFiles:
         return self.paths[0]
 
     def read(
-        self, on_finding: Callable[[Finding], None], progress: Callable[[str], None]
-    ) -> PerturbationTest | LineTest:
-        """Read the recordings and reduce them to responses.
+        self,
+        on_finding: Callable[[Finding], None],
+        progress: Callable[[str], None],
+        executor: Executor | None = None,
+    ) -> tuple[Experiment, ...]:
+        """Read the recordings and reduce them, each kind of test to an experiment.
 
         Args:
             on_finding: called with all that was found odd.
             progress: called with a few words for each file.
+            executor: reduces files beside each other.
 
         Raises:
             ValueError: what is wrong in a file or in the setup.
             OSError: a file that cannot be read.
         """
+        from rotorfit.recordings.recorded_tests import recorded_tests
         from rotorfit.recordings.recording import read_recording
-        from rotorfit.recordings.responses import responses
         from rotorfit.recordings.rig_toml import read_setup
         from rotorfit.recordings.shaft_lines import shaft_lines
 
@@ -58,13 +63,13 @@ class RecordingFiles:
         for path in self.paths:
             progress(f"opening {path.name}")
             records.append(read_recording(path, setup))
-        test: PerturbationTest | LineTest
-        if self.lines:
-            progress("finding combination lines")
-            test = shaft_lines(records, runout_um=self.runout_um)
-        else:
-            test = responses(records, turns=self.windows, on_finding=on_finding, progress=progress)
+        if not self.lines:
+            return recorded_tests(
+                records, turns=self.windows, executor=executor, on_finding=on_finding, progress=progress
+            )
+        progress("finding combination lines")
+        test = shaft_lines(records, runout_um=self.runout_um)
         for record in records:
             for finding in record.findings:
                 on_finding(finding)
-        return test
+        return (test,)

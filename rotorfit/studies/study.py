@@ -22,6 +22,8 @@ from rotorfit.studies.modal_options import modal_options
 from rotorfit.studies.recording_files import RecordingFiles
 
 if TYPE_CHECKING:
+    from concurrent.futures import Executor
+
     from rotorfit.data.findings import Finding
     from rotorfit.estimators.ensemble_sampler import SamplerProgress
     from rotorfit.uncertainty.bootstrap import Bootstrap
@@ -221,13 +223,14 @@ def _for_model(study: Study, file: DataFile | RecordingFiles) -> DataFile | Reco
 
 
 def read_files(
-    files: Sequence[DataFile | RecordingFiles], progress: StudyProgress
+    files: Sequence[DataFile | RecordingFiles], progress: StudyProgress, executor: Executor | None = None
 ) -> tuple[tuple[Experiment, ...], tuple[tuple[Finding, ...], ...]]:
     """The tests, and what was found odd in each, errors first.
 
     Args:
         files: test files and recordings.
         progress: called for each file.
+        executor: reduces recordings beside each other.
 
     Raises:
         OSError: a file that cannot be read.
@@ -235,14 +238,21 @@ def read_files(
     """
     from rotorfit.checks.checklist import check
 
-    experiments, findings = [], []
+    experiments: list[Experiment] = []
+    findings: list[tuple[Finding, ...]] = []
     for file in files:
         found: list[Finding] = []
-        experiments.append(file.read(found.append, progress))
-        found += check(experiments[-1])
-        found = _with_lines(found, file, len(experiments[-1]))
-        order = ("error", "warning", "note")
-        findings.append(tuple(sorted(found, key=lambda finding: order.index(finding.severity))))
+        if isinstance(file, RecordingFiles):
+            tests = file.read(found.append, progress, executor)
+        else:
+            tests = (file.read(found.append, progress),)
+        for test in tests:
+            found += check(test)
+            found = _with_lines(found, file, len(test))
+            order = ("error", "warning", "note")
+            findings.append(tuple(sorted(found, key=lambda finding: order.index(finding.severity))))
+            found = []  # what was found odd in recordings of several kinds is told with the first
+        experiments += tests
     return tuple(experiments), tuple(findings)
 
 

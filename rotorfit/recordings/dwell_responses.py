@@ -1,0 +1,103 @@
+"""Responses of recordings in which a perturbator, or the shaft itself, dwells at one frequency after the other."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.fft import prev_fast_len
+
+from rotorfit.estimators.dwells import DwellResponse, dwell_response, dwells
+from rotorfit.estimators.local_response import LocalResponse
+from rotorfit.recordings.response_rows import apart_from_orders, readings, rows
+
+if TYPE_CHECKING:
+    from rotorfit.data.experiments import PerturbationTest
+    from rotorfit.recordings.reduced_record import ReducedRecord
+    from rotorfit.recordings.setup import Force
+
+
+def dwells_of(reduced: ReducedRecord) -> list[ReducedRecord]:
+    """The parts of a record in which its drive dwells; none where it sweeps.
+
+    Args:
+        reduced: the record.
+    """
+    found = []
+    for part in dwells(reduced.time, reduced.drive_angle, reduced.drive_speed):
+        whole = slice(part.start, part.start + int(prev_fast_len(part.stop - part.start)))
+        speed = reduced.drive_speed[whole]
+        found.append(
+            replace(
+                reduced,
+                band=(float(speed.min()), float(speed.max())),
+                unit_force=reduced.unit_force[whole],
+                time=reduced.time[whole],
+                motion={plane: z[whole] for plane, z in reduced.motion.items()},
+                drive_angle=reduced.drive_angle[whole],
+                drive_speed=speed,
+                shaft_angle=None if reduced.shaft_angle is None else reduced.shaft_angle[whole],
+            )
+        )
+    return found
+
+
+def dwell_responses(
+    reduced: ReducedRecord, parts: Sequence[ReducedRecord], force: Force
+) -> tuple[PerturbationTest, NDArray[np.bool_]]:
+    """A line for each dwell that no order of the shaft lies on, and which dwells these are.
+
+    Args:
+        reduced: the record.
+        parts: its dwells.
+        force: what drives it.
+
+    Raises:
+        ValueError: a dwell of few turns.
+    """
+    record, synchronous = reduced.record, force.reference == "shaft"
+    weight = np.array([force.mr * np.exp(1j * force.angle)])
+    found: list[DwellResponse] = []
+    for part in parts:
+        wider = replace(part, band=(part.band[0], part.band[1] + 20 * 2 * np.pi / float(np.ptp(part.time))))
+        try:
+            found.append(dwell_response(wider.spectra(weight, wider.orders(2 if synchronous else 1)), _speed(part)))
+        except ValueError as problem:
+            raise ValueError(f"{record.name}: {problem}") from problem
+    speeds = np.array([_speed(part) for part in parts])
+    order = np.argsort(speeds, kind="stable")
+    response, sigma, noise = (np.array([each[k] for each in found]).T[:, order] for k in range(3))
+    w = speeds[order]
+    clear = np.array([synchronous or apart_from_orders(p, np.array([_speed(p)]))[0] for p in parts], dtype=bool)[order]
+    error = np.array([_angle_error(part) for part in parts])[order]
+    local = LocalResponse(
+        frequency=w, response=response[None], sigma=sigma[None], noise=noise, width=np.zeros(w.size), residual=()
+    )
+    test = rows(
+        readings(record, reduced.whirl, local, np.abs(response) * error),
+        clear,
+        run=record.name,
+        frequency=force.whirl * w,
+        speed=w if synchronous else reduced.shaft_speed,
+        force_plane=force.plane,
+        force=force.mr * w**2 * np.exp(1j * force.angle),
+        attributes=record.attributes,
+    )
+    return test, clear
+
+
+def _speed(part: ReducedRecord) -> float:
+    """Mean speed of the drive."""
+    return float((part.drive_angle[-1] - part.drive_angle[0]) / (part.time[-1] - part.time[0]))
+
+
+def _angle_error(part: ReducedRecord) -> float:
+    """Standard error of the drive's angle, averaged over a dwell, rad; none without a mark, whose datum is free."""
+    if part.drive is None or part.drive.levels is None:
+        return 0.0
+    pulses = int(np.sum((part.drive.pulses >= part.time[0]) & (part.drive.pulses <= part.time[-1])))
+    independent = max(pulses * part.drive.smooth.share, 1.0)  # values that the smooth angle has in the dwell
+    return float(np.sqrt(np.mean(part.drive.stderr(part.time) ** 2) / independent))

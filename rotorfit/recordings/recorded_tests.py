@@ -1,0 +1,84 @@
+"""From recordings of any kinds of tests to the experiments that a fit takes, by what the recordings say."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from concurrent.futures import Executor
+from typing import TYPE_CHECKING
+
+from rotorfit.data.experiments import Experiment
+from rotorfit.data.findings import Finding
+from rotorfit.executors import carry_out
+from rotorfit.recordings.reductions import Report
+from rotorfit.recordings.responses import checked_responses, driven_by
+from rotorfit.recordings.ring_downs import ring_downs
+from rotorfit.recordings.static_positions import static_positions
+
+if TYPE_CHECKING:
+    from rotorfit.recordings.recording import Recording
+
+BLOWS, LOADS = "blows", "constant loads"
+
+
+def kind_of(record: Recording) -> str:
+    """What kind of test a recording is of: blows, constant loads, or what drives the rotor.
+
+    Args:
+        record: the recording.
+
+    Raises:
+        ValueError: nothing says.
+    """
+    if record.force is not None:
+        return driven_by(record)
+    if record.rig.impulse is not None:
+        return BLOWS
+    if record.rig.load is not None:
+        return LOADS
+    raise ValueError(
+        f"{record.name}: nothing says what drives the rotor: give plane, mr_kg_m and whirl in [force] of the setup, a "
+        "constant load in [load], or [impulse] for blows and releases"
+    )
+
+
+def recorded_tests(
+    records: Sequence[Recording],
+    *,
+    turns: int | None = None,
+    executor: Executor | None = None,
+    on_finding: Report | None = None,
+    progress: Callable[[str], None] | None = None,
+) -> tuple[Experiment, ...]:
+    """One experiment for each kind of test that there is among recordings.
+
+    Args:
+        records: of one rig.
+        turns, executor: see :func:`rotorfit.responses`.
+        on_finding: called with each thing that was found odd, what the recordings themselves show included.
+        progress: called with a few words before each stage.
+
+    Raises:
+        ValueError: what is wrong with a recording.
+    """
+    if not records:
+        raise ValueError("no recordings given")
+    report = on_finding or (lambda finding: None)
+    tell = progress or (lambda stage: None)
+    kinds: dict[str, list[Recording]] = {}
+    for record in records:
+        kinds.setdefault(kind_of(record), []).append(record)
+    tests: list[Experiment] = []
+    for kind, same in kinds.items():
+        if kind not in (BLOWS, LOADS):
+            tests.append(checked_responses(same, turns=turns, executor=executor, on_finding=report, progress=progress))
+            continue
+        tell(f"{kind}: {', '.join(record.name for record in same)}")
+        tests.append(ring_downs(same) if kind == BLOWS else static_positions(same, on_finding=report))
+        for findings in carry_out(_findings, same, executor, lambda record: None):
+            for finding in findings:
+                report(finding)
+    return tuple(tests)
+
+
+def _findings(record: Recording) -> tuple[Finding, ...]:
+    return record.findings

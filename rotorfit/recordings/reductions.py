@@ -1,0 +1,202 @@
+"""Responses of one recording, or of start-ups that belong together: swept, dwelling, driven by a measured force."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotorfit.data.experiments import PerturbationTest
+from rotorfit.data.findings import Finding
+from rotorfit.data.synchronous import DIFFERENCED
+from rotorfit.estimators.local_response import LocalResponse, local_response
+from rotorfit.recordings.dwell_responses import dwell_responses, dwells_of
+from rotorfit.recordings.reduced_record import ReducedRecord, reduce_measured, reduce_record
+from rotorfit.recordings.response_rows import apart_from_orders, readings, rows, time_at
+from rotorfit.recordings.window_responses import window_responses
+
+if TYPE_CHECKING:
+    from rotorfit.recordings.angle_track import AngleTrack
+    from rotorfit.recordings.recording import Recording
+    from rotorfit.recordings.setup import Force
+
+Report = Callable[[Finding], None]
+
+DRIVEN = 3e-3
+"""Information of a line over that of the median line below which it is left out: 18 times the median error."""
+
+
+def reduced_responses(records: Sequence[Recording], turns: int | None, report: Report) -> PerturbationTest:
+    """The responses of a record, or of start-ups with the weight in one plane.
+
+    Args:
+        records: all driven alike.
+        turns: of a window; None: no windows.
+        report: called with what was found odd.
+
+    Raises:
+        ValueError: too short for what was swept, or a mark that is missing.
+    """
+    force = force_of(records[0])
+    if force.measured:
+        return _measured(records[0], report)
+    if turns:
+        return window_responses(_reduce(records[0]), force, turns)
+    return _perturbed(records[0], report) if force.reference == "perturbator" else _start_ups(records, report)
+
+
+def force_of(record: Recording) -> Force:
+    """What drives the rotor of a recording.
+
+    Args:
+        record: the recording.
+
+    Raises:
+        ValueError: nothing says.
+    """
+    if record.force is None:
+        raise ValueError(
+            f"{record.name}: nothing says what drives the rotor; give plane, mr_kg_m and whirl in [force] of the setup"
+        )
+    return record.force
+
+
+def _reduce(record: Recording) -> ReducedRecord:
+    """A recording whose force is locked to a mark, at the rate that it needs."""
+    force = force_of(record)
+    return reduce_record(record, _drive(record), force.whirl)
+
+
+def _perturbed(record: Recording, report: Report) -> PerturbationTest:
+    """One record of a perturbator that dwells or sweeps."""
+    reduced = _reduce(record)
+    parts = dwells_of(reduced)
+    if not parts:
+        return _sweep(reduced, report)
+    test, clear = dwell_responses(reduced, parts, force_of(record))
+    if not clear.any():
+        raise ValueError(
+            f"{record.name}: the perturbation dwells closer to an order of the shaft than the recording can separate"
+        )
+    _say_lost(record, int(np.sum(~clear)), clear.size, float(np.ptp(parts[0].time)), report)
+    return test
+
+
+def _sweep(reduced: ReducedRecord, report: Report) -> PerturbationTest:
+    """One record of a perturbator that sweeps."""
+    record = reduced.record
+    force, drive = force_of(record), _drive(record)
+    weight = np.array([force.mr * np.exp(1j * force.angle)])
+    found = local_response([reduced.without_orders().spectra(weight, reduced.orders())], *reduced.band)
+    w = found.frequency
+    return rows(
+        readings(record, force.whirl, found, np.abs(found.response[0]) * drive.stderr(time_at(reduced, w))),
+        _clear(reduced, found, 4, report),
+        run=record.name,
+        frequency=force.whirl * w,
+        speed=reduced.shaft_speed,
+        force_plane=force.plane,
+        force=force.mr * w**2 * np.exp(1j * force.angle),
+        attributes=record.attributes,
+    )
+
+
+def _measured(record: Recording, report: Report) -> PerturbationTest:
+    """One record of a force that was measured: magnetic bearing, load cells, shaker."""
+    force = force_of(record)
+    reduced, direction = reduce_measured(record)
+    found = local_response(
+        [reduced.without_orders().spectra(np.ones(1, dtype=complex), reduced.orders())], *reduced.band
+    )
+    size = float(np.sqrt(np.mean(np.abs(reduced.unit_force) ** 2)))
+    return rows(
+        readings(record, reduced.whirl, found, np.zeros(found.noise.shape)),
+        _clear(reduced, found, 0, report),
+        run=record.name,
+        frequency=reduced.whirl * found.frequency,
+        speed=reduced.shaft_speed or record.speed or 0.0,
+        force_plane=force.plane,
+        force=np.full(found.frequency.size, size, dtype=complex),
+        attributes=record.attributes,
+        force_direction=direction,
+    )
+
+
+def _clear(reduced: ReducedRecord, found: LocalResponse, power: int, report: Report) -> NDArray[np.bool_]:
+    """Lines where the force says enough and that no order of the shaft is too near to."""
+    driven = _driven(found, power)
+    apart = apart_from_orders(reduced, found.frequency)
+    _say_lost(
+        reduced.record, int(np.sum(driven & ~apart)), int(driven.sum()), reduced.time[-1] - reduced.time[0], report
+    )
+    return driven & apart
+
+
+def _say_lost(record: Recording, lost: int, count: int, seconds: float, report: Report) -> None:
+    if lost:
+        report(
+            Finding(
+                "note", "lines-at-orders", f"{record.name}: {lost} of {count} lines left out: closer to "
+                f"an order of the shaft than {seconds:.3g} s can separate.",
+            )
+        )  # fmt: skip
+
+
+def _drive(record: Recording) -> AngleTrack:
+    """The angle that the force is locked to."""
+    if force_of(record).reference == "shaft":
+        return record.shaft_angle()
+    drive = record.perturbator_angle()
+    if drive is None:
+        raise ValueError(f"{record.name} has no phase reference of the perturbator; name its channel in [perturbator]")
+    return drive
+
+
+def _driven(found: LocalResponse, power: int) -> NDArray[np.bool_]:
+    """Whether the force says enough at each node, its growth with a power of the frequency aside.
+
+    Where a sweep begins and ends its spectrum falls off and cannot be told from the transient. Chosen by the force, not
+    by what was measured, so that nothing is selected.
+    """
+    information = (found.noise[0] / found.sigma[0, 0]) ** 2 / found.width / found.frequency**power
+    return np.asarray(information > DRIVEN * np.median(information))
+
+
+def _start_ups(records: Sequence[Recording], report: Report) -> PerturbationTest:
+    """Start-ups with the weight in one plane: the response to it, apart from what all of them share."""
+    forces = [force_of(record) for record in records]
+    reduced = [reduce_record(record, record.shaft_angle(), 1) for record in records]
+    weights = np.array([force.mr * np.exp(1j * force.angle) for force in forces])
+    differenced = np.ptp(weights.real) + np.ptp(weights.imag) > 1e-6 * np.abs(weights).max()
+    if not differenced:
+        report(
+            Finding(
+                "warning", "not-differenced", f"{', '.join(r.name for r in records)}: no second run with the weight "
+                "elsewhere or taken off, so residual unbalance, bow and run-out are in the response.",
+            )
+        )  # fmt: skip
+    drives = [np.array([weight, 1.0]) if differenced else np.array([weight]) for weight in weights]
+    spectra = [r.spectra(drive, r.orders(2)) for r, drive in zip(reduced, drives, strict=True)]
+    low = max(r.band[0] for r in reduced)
+    high = min(r.band[1] for r in reduced)
+    found = local_response(spectra, low, high)
+    w = found.frequency
+    reference = weights[np.argmax(np.abs(weights))]
+    # a shaft angle that is off turns all of a record's motion, that of the residual unbalance too
+    angles = [record.shaft_angle() for record in records]
+    errors = [angle.stderr(time_at(r, w)) ** 2 for angle, r in zip(angles, reduced, strict=True)]
+    error = np.sqrt(np.sum(errors, axis=0)) / len(records)
+    scale = np.array([1.0, 1 / np.abs(reference)])[: found.response.shape[0]]
+    moved = np.sqrt(np.sum(np.abs(found.response * scale[:, None, None]) ** 2, axis=0))
+    return rows(
+        readings(records[0], 1, found, moved * error),
+        _driven(found, 4),
+        run=" minus ".join(record.name for record in records),
+        frequency=w,
+        speed=w,
+        force_plane=forces[0].plane,
+        force=reference * w**2,
+        attributes={**records[0].attributes, DIFFERENCED: float(differenced)},
+    )

@@ -1,0 +1,151 @@
+"""Where a loaded shaft rests, from recordings under constant loads: static-load records for a fit."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotorfit.data.experiments import StaticTest
+from rotorfit.data.findings import Finding
+from rotorfit.recordings.reductions import Report
+from rotorfit.recordings.rest_positions import STEADY, Rest, rest_positions
+from rotorfit.recordings.signals import source_of
+from rotorfit.units import RPM_PER_RAD_S
+
+if TYPE_CHECKING:
+    from rotorfit.recordings.recording import Recording
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Zero:
+    """Where a plane is without load.
+
+    Attributes:
+        z: m.
+        variance: of x and of y, m^2.
+        repeat: variance from one recording to the next beyond what each tells of itself, m^2.
+    """
+
+    z: complex = 0.0
+    variance: float = 0.0
+    repeat: float = 0.0
+
+
+def static_positions(records: Sequence[Recording] | Recording, *, on_finding: Report | None = None) -> StaticTest:
+    """Positions of a shaft under constant loads, from the mean voltages of its probes, for fits.
+
+    A recording of one speed gives one position a plane, one whose speed changes twenty. Positions count from the centre
+    of the bearing where the setup says ``centre_V`` of the probes, else from where the shaft rests in the recordings
+    without load (``N = 0``): of the same speed, or of the nearest one.
+
+    Positions that count from the same recordings share the error of these. Each gets that variance as many times as
+    there are such positions, so that together they know no more than those recordings do. Where these were repeated at
+    a speed, their scatter is that of every position.
+
+    Args:
+        records: of one rig, DC-coupled, with their loads in ``[load]``.
+        on_finding: called with each thing that was found odd.
+
+    Raises:
+        ValueError: a recording without load, gap voltages or a second probe, or nothing to count positions from.
+    """
+    listed = list(records) if isinstance(records, Sequence) else [records]
+    if not listed:
+        raise ValueError("no recordings given")
+    report = on_finding or (lambda finding: None)
+    rests: list[Rest] = []
+    for record in listed:
+        load_of(record)
+        found, left_out = rest_positions(record)
+        rests += found
+        for why in left_out:
+            report(Finding("warning", "plane-left-out", f"{record.name}: {why}: no static position of that plane."))
+    loaded = [rest for rest in rests if load_of(rest.record)]
+    if not loaded:
+        raise ValueError(f"{listed[0].name}: none of the recordings has a load above zero; give N in [load]")
+    zeros = _zeros(loaded, [rest for rest in rests if not load_of(rest.record)], report)
+    return _test(loaded, zeros, source_of(listed))
+
+
+def load_of(record: Recording) -> complex:
+    """Constant load of a recording, N.
+
+    Args:
+        record: the recording.
+
+    Raises:
+        ValueError: nothing says what it is.
+    """
+    if record.rig.load is None:
+        lacking = "give plane, N and angle_deg in [load], N = 0 where there is none"
+        raise ValueError(f"{record.name}: nothing says what constant load acts; {lacking}")
+    return record.rig.load.newton
+
+
+def _zeros(loaded: Sequence[Rest], unloaded: Sequence[Rest], report: Report) -> list[_Zero]:
+    """For each rest the place that it counts from; the same object for those that share it."""
+    made: dict[tuple[str, float], _Zero] = {}
+    found = []
+    for rest in loaded:
+        if rest.from_centre:
+            found.append(made.setdefault(("", 0.0), _Zero()))
+            continue
+        own = [other for other in unloaded if other.plane == rest.plane]
+        if not own:
+            raise ValueError(
+                f"{rest.record.name}: nothing to count the position of {rest.plane} from: give centre_V of its probes "
+                "in [[probe]], or record it without load too, N = 0 in [load]"
+            )
+        if rest.speed.size > 1 or any(other.speed.size > 1 for other in own):
+            raise ValueError(
+                f"{rest.record.name}: the speed changes, in it or in the recordings without load; positions at many "
+                "speeds need centre_V of the probes in [[probe]]"
+            )
+        at = float(rest.speed[0])
+        nearest = min((float(other.speed[0]) for other in own), key=lambda speed: abs(speed - at))
+        if abs(nearest - at) > STEADY * max(abs(nearest), abs(at)):
+            message = (
+                f"{rest.record.name}: no recording without load at {at * RPM_PER_RAD_S:.0f} rpm; its position counts "
+                f"from that at {nearest * RPM_PER_RAD_S:.0f} rpm, and what the speed moves the shaft by is in it."
+            )
+            report(Finding("warning", "unloaded-elsewhere", message))
+        found.append(made.setdefault((rest.plane, round(nearest, 6)), _zero(own, nearest)))
+    return found
+
+
+def _zero(unloaded: Sequence[Rest], speed: float) -> _Zero:
+    """Mean of the positions without load at about a speed."""
+    near = [rest for rest in unloaded if abs(float(rest.speed[0]) - speed) <= STEADY * max(abs(speed), 1e-9)]
+    z = np.array([rest.z[0] for rest in near])
+    own = float(np.mean([rest.variance[0] for rest in near]))
+    scatter = float(np.sum(np.abs(z - z.mean()) ** 2) / (2 * (z.size - 1))) if z.size > 1 else 0.0
+    return _Zero(z=complex(z.mean()), variance=max(own, scatter) / z.size, repeat=max(scatter - own, 0.0))
+
+
+def _test(loaded: Sequence[Rest], zeros: Sequence[_Zero], source: str) -> StaticTest:
+    sizes = [rest.z.size for rest in loaded]
+    sharing = [sum(size for size, other in zip(sizes, zeros, strict=True) if other is zero) for zero in zeros]
+    sigma = [
+        np.sqrt(rest.variance + zero.repeat + count * zero.variance)
+        for rest, zero, count in zip(loaded, zeros, sharing, strict=True)
+    ]
+    names = dict.fromkeys(name for rest in loaded for name in rest.record.attributes)
+
+    def each(values: Sequence[Any]) -> NDArray[Any]:
+        return np.repeat(np.array(values), sizes)
+
+    return StaticTest(
+        run=each([rest.record.name for rest in loaded]),
+        speed=np.concatenate([rest.speed for rest in loaded]),
+        load_plane=each([rest.record.rig.load.plane for rest in loaded if rest.record.rig.load is not None]),
+        load=each([load_of(rest.record) for rest in loaded]),
+        plane=each([rest.plane for rest in loaded]),
+        displacement=np.concatenate([rest.z - zero.z for rest, zero in zip(loaded, zeros, strict=True)]),
+        sigma=np.concatenate(sigma),
+        attributes={name: each([rest.record.attributes.get(name, np.nan) for rest in loaded]) for name in names},
+        source=source,
+    )

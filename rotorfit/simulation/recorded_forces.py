@@ -1,0 +1,156 @@
+"""Recorded tests with forces that turn or swing: sweeps, dwells, start-ups and forces that are measured."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from functools import partial
+from itertools import product
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from rotorfit.models.array_types import ComplexArray, Float
+from rotorfit.simulation.instruments import Played
+from rotorfit.simulation.recorded_rig import RecordedRig, constant
+from rotorfit.simulation.rig import some_planes
+from rotorfit.simulation.turning_speeds import Dwells, Sweep, Turning
+from rotorfit.units import RAD_S_PER_RPM as RPM
+
+_ACTS: Mapping[str, Callable[[float, Sweep, Float], ComplexArray]] = {
+    "forward": lambda size, sweep, t: size * np.exp(1j * sweep.angle(t)),
+    "backward": lambda size, sweep, t: size * np.exp(-1j * sweep.angle(t)),
+    "x": lambda size, sweep, t: np.asarray(size * np.cos(sweep.angle(t)), dtype=complex),
+    "y": lambda size, sweep, t: 1j * size * np.cos(sweep.angle(t)),
+}
+
+
+def perturbation(
+    rig: RecordedRig,
+    *,
+    speed_rpm: ArrayLike = 1500.0,
+    sweep_rpm: tuple[float, float] = (60.0, 5000.0),
+    duration: float = 30.0,
+    unbalance: float = 2e-5,
+    planes: str | Sequence[str] | None = None,
+    directions: Sequence[str] = ("forward", "backward"),
+) -> Iterator[Played]:
+    """A perturbator is swept at constant rotative speed, in each plane and direction."""
+    chosen = some_planes(rig.virtual.model, planes)
+    sweep = Sweep(first=sweep_rpm[0] * RPM, last=sweep_rpm[1] * RPM, duration=duration)
+    for rpm in np.atleast_1d(np.asarray(speed_rpm, dtype=float)).tolist():
+        rig.virtual.decay(rpm * RPM)  # refuses an unstable rotor
+        for plane, direction in product(chosen, directions):
+            yield _perturbed(rig, sweep, duration, rpm, plane, direction, unbalance)
+
+
+def dwell(
+    rig: RecordedRig,
+    *,
+    frequency_rpm: ArrayLike,
+    speed_rpm: ArrayLike = 1500.0,
+    duration: float = 6.0,
+    unbalance: float = 2e-5,
+    planes: str | Sequence[str] | None = None,
+    directions: Sequence[str] = ("forward", "backward"),
+    mark: bool = True,
+) -> Iterator[Played]:
+    """A perturbator dwells at one frequency after the other; without a mark each dwell is a recording of its own."""
+    steps = np.abs(np.atleast_1d(np.asarray(frequency_rpm, dtype=float))) * RPM
+    runs = [steps] if mark else np.split(steps, steps.size)
+    for rpm in np.atleast_1d(np.asarray(speed_rpm, dtype=float)).tolist():
+        rig.virtual.decay(rpm * RPM)
+        for plane, direction, run in product(some_planes(rig.virtual.model, planes), directions, runs):
+            turning = Dwells.at(run, duration)
+            played = _perturbed(rig, turning, turning.duration, rpm, plane, direction, unbalance)
+            if mark:
+                yield replace(played, name=f"{played.name}-dwells")
+                continue
+            said = {k: v for k, v in played.attributes.items() if k != "heavy_spot_deg_ahead_of_mark"}
+            name = f"{played.name}-at-{run[0] / RPM:g}"
+            yield replace(played, name=name, perturbator=None, attributes=said)
+
+
+def _perturbed(
+    rig: RecordedRig, turning: Turning, duration: float, rpm: float, plane: str, direction: str, unbalance: float
+) -> Played:
+    """One run of a perturbator; where its mark and its heavy spot are is left to chance."""
+    if direction not in ("forward", "backward"):
+        raise ValueError(f"directions are forward and backward, got {direction!r}")
+    spot, mark = (float(angle) for angle in rig.rng.uniform(-np.pi, np.pi, 2))
+    time = rig.instruments.time(duration)
+
+    def force(t: Float) -> ComplexArray:
+        turned = unbalance * turning.force(t, spot + mark)
+        return turned if direction == "forward" else turned.conj()
+
+    return Played(
+        name=f"{plane}-{'fwd' if direction == 'forward' else 'bwd'}-{rpm:g}",
+        motion=rig.path(constant(rpm * RPM), force, plane, time.size),
+        shaft=rig.shaft(time, rpm * RPM),
+        perturbator=turning.angle(time) + mark,
+        attributes={
+            "force_plane": plane, "whirl": direction, "mr_kg_m": unbalance, "speed_rpm": rpm,
+            "heavy_spot_deg_ahead_of_mark": float(np.degrees(spot)),
+        },
+    )  # fmt: skip
+
+
+def synchronous(
+    rig: RecordedRig,
+    *,
+    speed_rpm: tuple[float, float] = (250.0, 6000.0),
+    duration: float = 30.0,
+    unbalance: float = 1.5e-5,
+    planes: str | Sequence[str] | None = None,
+    hole_zero_deg: float = 25.0,
+) -> Iterator[Played]:
+    """Start-ups with a weight in one of the planes at opposite places of the pattern of holes."""
+    time = rig.instruments.time(duration)
+    places = {plane: rig.residual * np.exp(2j * np.pi * rig.rng.uniform()) for plane in rig.virtual.model.planes}
+    for plane in some_planes(rig.virtual.model, planes):
+        for hole in (0.0, 180.0):
+            sweep = Sweep(
+                first=speed_rpm[0] * RPM,
+                last=speed_rpm[1] * RPM * float(rig.rng.uniform(0.99, 1.01)),
+                duration=duration,
+            )
+            weight = unbalance * np.exp(1j * np.radians(hole + hole_zero_deg)) + places[plane]
+            yield Played(
+                name=f"{plane}-{hole:g}",
+                motion=rig.path(sweep.speed, partial(_turning, sweep, weight), plane, time.size),
+                shaft=sweep.angle(time),
+                attributes={"weight_plane": plane, "weight_angle_deg": hole, "mr_kg_m": unbalance},
+            )
+
+
+def measured_force(
+    rig: RecordedRig,
+    *,
+    speed_rpm: float = 1500.0,
+    sweep_rpm: tuple[float, float] = (300.0, 5000.0),
+    duration: float = 20.0,
+    force: float = 2.0,
+    planes: str | Sequence[str] | None = None,
+    directions: Sequence[str] = ("forward", "backward", "x"),
+) -> Iterator[Played]:
+    """A magnetic bearing or a shaker whose force is measured: turning sweeps, and sweeps along x or y."""
+    sweep = Sweep(first=sweep_rpm[0] * RPM, last=sweep_rpm[1] * RPM, duration=duration)
+    time = rig.instruments.time(duration)
+    rig.virtual.decay(speed_rpm * RPM)
+    for plane, direction in product(some_planes(rig.virtual.model, planes), directions):
+        if direction not in _ACTS:
+            raise ValueError(f"directions are {', '.join(_ACTS)}, got {direction!r}")
+        acts = partial(_ACTS[direction], force, sweep)
+        newton = acts(time)
+        yield Played(
+            name=f"{plane}-{direction}",
+            motion=rig.path(constant(speed_rpm * RPM), acts, plane, time.size),
+            shaft=rig.shaft(time, speed_rpm * RPM),
+            forces={"force_X": newton.real, "force_Y": newton.imag},
+            attributes={"speed_rpm": speed_rpm, "force_plane": plane},
+        )
+
+
+def _turning(sweep: Sweep, weight: complex, t: Float) -> ComplexArray:
+    return weight * sweep.force(t, 0.0)

@@ -1,0 +1,143 @@
+"""Recorded tests with constant loads and blows: static positions, hammers with and without a load cell, releases."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from rotorfit.models.array_types import ComplexArray, Float
+from rotorfit.simulation.instruments import Played
+from rotorfit.simulation.loads import rest_under
+from rotorfit.simulation.recorded_rig import Force, RecordedRig, constant
+from rotorfit.units import RAD_S_PER_RPM as RPM
+
+_BLOW = 2e-3
+"""Length of a blow, s."""
+
+
+def impulse(
+    rig: RecordedRig,
+    *,
+    speed_rpm: ArrayLike = 1500.0,
+    impulse: float = 0.02,
+    plane: str | None = None,
+    blows: int = 4,
+    apart: float = 2.0,
+) -> Iterator[Played]:
+    """Blows of a hammer, half sines of 2 ms."""
+    where = plane or rig.virtual.model.planes[-1]
+    time, force = rig.instruments.time(apart * (blows + 1)), _blows(impulse, blows, apart, rig.rng)
+    for rpm in _speeds(rig, speed_rpm):
+        yield Played(
+            name=f"{where}-blows-{rpm:g}",
+            motion=rig.path(constant(rpm * RPM), force, where, time.size),
+            shaft=rig.shaft(time, rpm * RPM),
+            attributes={"speed_rpm": rpm, "impulse_plane": where},
+        )
+
+
+def hammer(
+    rig: RecordedRig,
+    *,
+    speed_rpm: ArrayLike = 1500.0,
+    impulse: float = 0.05,
+    plane: str | None = None,
+    blows: int = 12,
+    apart: float = 2.0,
+) -> Iterator[Played]:
+    """Blows along x of a hammer whose force is measured."""
+    where = plane or rig.virtual.model.planes[-1]
+    time, force = rig.instruments.time(apart * (blows + 1)), _blows(impulse, blows, apart, rig.rng)
+    for rpm in _speeds(rig, speed_rpm):
+        yield Played(
+            name=f"{where}-hammer-{rpm:g}",
+            motion=rig.path(constant(rpm * RPM), force, where, time.size),
+            shaft=rig.shaft(time, rpm * RPM),
+            forces={"force_X": force(time).real},
+            attributes={"speed_rpm": rpm, "force_plane": where},
+        )
+
+
+def release(
+    rig: RecordedRig,
+    *,
+    speed_rpm: ArrayLike = 1500.0,
+    load: float = 5.0,
+    load_deg: float = -90.0,
+    plane: str | None = None,
+    duration: float = 4.0,
+) -> Iterator[Played]:
+    """A constant load that is let go in the middle of the recording."""
+    where = plane or rig.virtual.model.planes[-1]
+    time, newton = rig.instruments.time(duration), load * np.exp(1j * np.radians(load_deg))
+
+    def gone(t: Float) -> ComplexArray:
+        return np.where(t > duration / 2, -newton, 0.0)
+
+    for rpm in _speeds(rig, speed_rpm):
+        moved = rig.path(constant(rpm * RPM), gone, where, time.size)
+        rest = _rest(rig, rpm, newton, where)
+        yield Played(
+            name=f"{where}-release-{rpm:g}",
+            motion={each: z + rest[each] for each, z in moved.items()},
+            shaft=rig.shaft(time, rpm * RPM),
+            attributes={"speed_rpm": rpm, "impulse_plane": where},
+        )
+
+
+def static_load(
+    rig: RecordedRig,
+    *,
+    load: ArrayLike,
+    speed_rpm: ArrayLike = 1500.0,
+    load_deg: float = -90.0,
+    plane: str | None = None,
+    duration: float = 4.0,
+) -> Iterator[Played]:
+    """Where the shaft rests under constant loads, and at each speed without one."""
+    where = plane or rig.virtual.model.coordinates[rig.virtual.seat].plane
+    time = rig.instruments.time(duration)
+    loads = [0.0, *np.atleast_1d(np.asarray(load, dtype=float)).tolist()]
+    for rpm in np.atleast_1d(np.asarray(speed_rpm, dtype=float)).tolist():
+        for size in loads:
+            rest = _rest(rig, rpm, size * np.exp(1j * np.radians(load_deg)), where)
+            yield Played(
+                name=f"{where}-{size:g}N-{rpm:g}",
+                motion={plane: np.full(time.size, z) for plane, z in rest.items()},
+                shaft=rig.shaft(time, rpm * RPM),
+                attributes={"speed_rpm": rpm, "load_plane": where, "load_N": size, "load_deg": load_deg},
+            )
+
+
+def _speeds(rig: RecordedRig, speed_rpm: ArrayLike) -> Iterator[float]:
+    """Speeds, rpm, at which the rotor is stable."""
+    rig.need_linear()
+    for rpm in np.atleast_1d(np.asarray(speed_rpm, dtype=float)).tolist():
+        rig.virtual.decay(rpm * RPM)
+        yield rpm
+
+
+def _blows(size: float, blows: int, apart: float, rng: np.random.Generator) -> Force:
+    """Half sines of so many N s along x, not quite evenly spaced."""
+    at = apart * (np.arange(1, blows + 1) + rng.uniform(-0.1, 0.1, blows))
+
+    def force(t: Float) -> ComplexArray:
+        into = (t[:, None] - at) / _BLOW
+        pulse = np.where((into > 0) & (into < 1), np.sin(np.pi * into), 0.0).sum(axis=1)
+        return np.asarray(size * np.pi / (2 * _BLOW) * pulse, dtype=complex)
+
+    return force
+
+
+def _rest(rig: RecordedRig, rpm: float, newton: complex, plane: str) -> dict[str, complex]:
+    """Position of each plane under a constant load, m."""
+    model, virtual, speed = rig.virtual.model, rig.virtual, rpm * RPM
+    virtual.need_circular("constant loads")
+    if model.eccentricity_dependent and newton:
+        z = rest_under(virtual, speed, np.array([newton]), plane)[0]
+    else:
+        virtual.decay(speed)
+        z = model.receptance(virtual.theta, np.zeros(1), np.array([speed]))[0] @ virtual.load(newton, plane)
+    return {c.plane: complex(z[i]) for i, c in enumerate(model.coordinates) if c.axis == "z"}

@@ -1,0 +1,107 @@
+"""A virtual rig whose motion is recorded: a linear rotor integrated in time, with its instruments."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from rotorfit.models import RotorModel
+from rotorfit.models.array_types import ComplexArray, Float
+from rotorfit.simulation.instruments import Instruments, wandering_angle
+from rotorfit.simulation.linear_path import linear_path
+from rotorfit.simulation.rig import VirtualRig
+
+Force = Callable[[Float], ComplexArray]
+
+
+def constant(speed: float) -> Callable[[Float], Float]:
+    """One speed at all times.
+
+    Args:
+        speed: rad/s.
+    """
+    return lambda t: np.full(np.shape(t), speed)
+
+
+@dataclass(frozen=True, eq=False)
+class RecordedRig:
+    """A rotor with its instruments.
+
+    Attributes:
+        virtual: the rotor.
+        instruments: what measures it.
+        residual: unbalance of the rotor itself, kg m.
+    """
+
+    virtual: VirtualRig
+    instruments: Instruments
+    residual: float
+
+    def path(
+        self, speed: Callable[[Float], Float], force: Callable[[Float], ComplexArray], plane: str, count: int
+    ) -> dict[str, ComplexArray]:
+        """Motion of each plane under a force at one of them.
+
+        Args:
+            speed: rotative speed, rad/s, of times.
+            force: ``Fx + j Fy``, N, of times.
+            plane: where it acts.
+            count: number of samples.
+        """
+        self.need_linear()
+        model, theta = self.virtual.model, self.virtual.theta
+        along = _along(model, plane)
+
+        def forces(t: Float) -> ComplexArray:
+            return along(force(t))
+
+        path = linear_path(model, theta, speed=speed, force=forces, rate=self.instruments.sample_rate, count=count)
+        path = path * model.functions.factors(theta)
+        if model.frame == "z":
+            return {c.plane: path[:, i] for i, c in enumerate(model.coordinates) if c.axis == "z"}
+        axes = {(c.plane, c.axis): path[:, i].real for i, c in enumerate(model.coordinates)}
+        return {plane: axes[plane, "x"] + 1j * axes[plane, "y"] for plane in model.planes}
+
+    def need_linear(self) -> None:
+        """Refuse a rotor whose motion depends on its eccentricity.
+
+        Raises:
+            ValueError: it does.
+        """
+        if self.virtual.model.eccentricity_dependent:
+            raise ValueError(
+                f"{self.virtual.model.name} with a law of eccentricity: of such rotors recordings under constant loads "
+                "are simulated only (static-load), other tests of linear rotors"
+            )
+
+    def shaft(self, time: Float, speed: float) -> Float:
+        """Angle of the shaft at a speed that wanders as the instruments say, rad.
+
+        Args:
+            time: s.
+            speed: mean, rad/s.
+        """
+        return wandering_angle(time, speed, self.instruments.wander, self.rng)
+
+    @property
+    def rng(self) -> np.random.Generator:
+        """Source of noise and chance."""
+        return self.virtual.rng
+
+
+def _along(model: RotorModel, plane: str) -> Callable[[ComplexArray], ComplexArray]:
+    """From a force ``Fx + j Fy`` in time to generalised forces, shape ``(T, n)``."""
+    vector = np.zeros(len(model.coordinates), dtype=complex)
+    if model.frame == "z":
+        vector[model.coordinate(plane, "z")] = 1.0
+        return lambda f: f[:, None] * vector
+    x, y = model.coordinate(plane, "x"), model.coordinate(plane, "y")
+
+    def apart(f: ComplexArray) -> ComplexArray:
+        both = np.zeros((f.size, vector.size), dtype=complex)
+        both[:, x], both[:, y] = f.real, f.imag
+        return both
+
+    return apart

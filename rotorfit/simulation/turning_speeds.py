@@ -1,0 +1,120 @@
+"""Angles of what turns in a recorded test: swept, or dwelling at one frequency after the other."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from rotorfit.models.array_types import ComplexArray, Float
+
+RAMP = 1.0
+"""Time in which a perturbator goes from one dwell to the next, s."""
+
+
+class Turning(Protocol):
+    """Angle, speed and acceleration over time."""
+
+    def angle(self, t: Float) -> Float:
+        """rad."""
+
+    def speed(self, t: Float) -> Float:
+        """rad/s."""
+
+    def acceleration(self, t: Float) -> Float:
+        """rad/s^2."""
+
+    def force(self, t: Float, heavy_spot: float) -> ComplexArray:
+        """Force of one kg m as seen from x turning with it, N."""
+        turned = np.exp(1j * (self.angle(t) + heavy_spot))
+        return np.asarray((self.speed(t) ** 2 - 1j * self.acceleration(t)) * turned)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sweep(Turning):
+    """Angle of a perturbator or shaft that is swept, not quite evenly.
+
+    Attributes:
+        first, last: speed at both ends, rad/s.
+        duration: s.
+        uneven: amplitude of the unevenness of the speed over the range swept.
+    """
+
+    first: float
+    last: float
+    duration: float
+    uneven: float = 2e-3
+
+    @property
+    def _slope(self) -> float:
+        return (self.last - self.first) / self.duration
+
+    @property
+    def _wave(self) -> tuple[float, float]:
+        return abs(self.last - self.first) * self.uneven, 2 * np.pi * 7.3 / self.duration
+
+    def angle(self, t: Float) -> Float:
+        """rad."""
+        size, rate = self._wave
+        return np.asarray(self.first * t + self._slope * t**2 / 2 - size / rate * (np.cos(rate * t) - 1))
+
+    def speed(self, t: Float) -> Float:
+        """rad/s."""
+        size, rate = self._wave
+        return np.asarray(self.first + self._slope * t + size * np.sin(rate * t))
+
+    def acceleration(self, t: Float) -> Float:
+        """rad/s^2."""
+        size, rate = self._wave
+        return np.asarray(self._slope + size * rate * np.cos(rate * t))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Dwells(Turning):
+    """Angle of a perturbator that dwells at one speed after the other, with even ramps of :data:`RAMP` between.
+
+    Attributes:
+        speeds: of each dwell, rad/s, shape ``(D,)``.
+        each: how long it lasts, s.
+    """
+
+    speeds: Float
+    each: float
+
+    @classmethod
+    def at(cls, speeds: Sequence[float], each: float) -> Dwells:
+        """Dwells at speeds, rad/s, of so many seconds."""
+        return cls(speeds=np.asarray(speeds, dtype=float), each=each)
+
+    @property
+    def duration(self) -> float:
+        """Of all, ramps included, s."""
+        return self.speeds.size * self.each + (self.speeds.size - 1) * RAMP
+
+    def _corners(self) -> tuple[Float, Float, Float]:
+        """Times and speeds at which a dwell begins or ends, and the angles there."""
+        begin = np.arange(self.speeds.size) * (self.each + RAMP)
+        time = np.stack([begin, begin + self.each], axis=1).ravel()
+        speed = np.repeat(self.speeds, 2)
+        angle = np.concatenate([[0.0], np.cumsum((speed[1:] + speed[:-1]) / 2 * np.diff(time))])
+        return time, speed, angle
+
+    def speed(self, t: Float) -> Float:
+        """rad/s."""
+        time, speed, _ = self._corners()
+        return np.interp(t, time, speed)
+
+    def acceleration(self, t: Float) -> Float:
+        """rad/s^2."""
+        time, speed, _ = self._corners()
+        slope = np.append(np.diff(speed) / np.diff(time), 0.0)
+        return np.asarray(slope[np.clip(np.searchsorted(time, t, side="right") - 1, 0, slope.size - 1)])
+
+    def angle(self, t: Float) -> Float:
+        """rad."""
+        time, speed, angle = self._corners()
+        at = np.clip(np.searchsorted(time, t, side="right") - 1, 0, time.size - 1)
+        into = t - time[at]
+        return np.asarray(angle[at] + speed[at] * into + self.acceleration(t) * into**2 / 2)
