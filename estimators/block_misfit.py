@@ -102,3 +102,41 @@ class BlockMisfit:
     @cached_property
     def _factors(self) -> ComplexArray | None:
         return self.problem.factors[0] if self.problem.factors else None
+
+
+def alone(problem: Problem, number: int) -> Problem:
+    """One block of a problem as a problem of its own, without priors."""
+    return Problem(
+        space=problem.space,
+        blocks=(problem.blocks[number],),
+        loss=problem.loss,
+        priors=(),
+        factors=problem.factors[number : number + 1],
+    )
+
+
+def normal_equations(problem: Problem, x: Float) -> tuple[Float, Float, Float]:
+    """Cost, gradient and Gauss-Newton matrix of vectors ``(W, p)`` of a problem of one block without priors.
+
+    Returns:
+        shapes ``(W,)``, ``(W, p)`` and ``(W, p, p)``.
+    """
+    block, space = problem.blocks[0], problem.space
+    if not takes_many(block):
+        cost, slope, matrix = zip(*(problem.gauss_newton(row) for row in x), strict=True)
+        return np.array(cost), np.array(slope), np.array(matrix)
+    predicted, by_theta = block.predict_jacobian(space.theta(x))
+    rows = np.zeros((len(x), space.size, block.measured.size), dtype=complex)
+    for group, index in enumerate(space.index):
+        free, mine = np.flatnonzero(index >= 0), np.flatnonzero(block.reading_group == group)
+        rows[:, index[free][:, None], mine] += np.swapaxes(by_theta[:, mine][..., free], 1, 2)
+    factors = problem.factors[0] if problem.factors else None
+    if factors is not None:
+        gain = np.exp(x[:, len(space.names) :] @ factors.T)
+        predicted, rows = predicted * gain, rows * gain[:, None]
+        rows[:, len(space.names) :] = factors.T * predicted[:, None]
+    residual, rows = (predicted - block.measured) / block.sigma, rows / block.sigma
+    rho, weight = robust_weights(problem.loss, residual.real**2 + residual.imag**2)
+    root = np.sqrt(weight)
+    real, miss = (rows * root[:, None]).view(float), np.ascontiguousarray(residual * root).view(float)
+    return rho.sum(axis=1) / 2, np.einsum("wpr,wr->wp", real, miss), real @ np.swapaxes(real, 1, 2)

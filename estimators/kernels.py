@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from rotorfit.estimators import accelerator, codegen
-from rotorfit.estimators.block_misfit import BlockMisfit, takes_many
+from rotorfit.estimators.block_misfit import BlockMisfit, alone, takes_many
 from rotorfit.estimators.kernel_layout import KernelLayout, channels, is_plain, layout
 from rotorfit.estimators.losses import robust_weights
 from rotorfit.estimators.problem import Problem
@@ -189,13 +189,7 @@ class Batch:
         problem, stops = self.problem, np.cumsum([0] + [block.measured.size for block in self.problem.blocks])
         return [
             BlockMisfit(
-                problem=Problem(
-                    space=problem.space,
-                    blocks=(problem.blocks[i],),
-                    loss=problem.loss,
-                    priors=(),
-                    factors=problem.factors[i : i + 1],
-                ),
+                problem=alone(problem, i),
                 readings=slice(stops[i], stops[i + 1]),
                 channel=self._channel_of[i],
             )

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
 
 from rotorfit.estimators.closed_form import ClosedFormError, closed_forms
-from rotorfit.estimators.least_squares import Solution
 from rotorfit.estimators.nonlinear import OrbitResponses
 from rotorfit.estimators.observations import Block, Responses
 from rotorfit.estimators.parameter_space import ParameterSpace
@@ -17,10 +16,7 @@ from rotorfit.estimators.small_motion import FreeVibrations, OffCentreResponses
 from rotorfit.models import Constant, Law
 from rotorfit.models.array_types import Float
 
-ShortFit = Callable[[Problem, Float], Solution]
-
 _SMALL = 0.3  # eccentricity up to which the linear rotor is taken to hold for a start
-_TRIED = 4  # starts from which a short optimisation is tried
 _SHARES = (1.0, 0.4, 1.6)  # of K0 in the sum with springs beside it, which a linear test cannot tell
 
 
@@ -123,14 +119,3 @@ def _with_law(space: ParameterSpace, reduced: ParameterSpace, x: Float, law: Law
                 for name, base in zip(space.names, space.base, strict=True)
             ]
         )
-
-
-def best_start(problem: Problem, starts: list[Float], short_fit: ShortFit) -> Float:
-    """Where a short optimisation gets furthest from the most promising starts."""
-    promising = sorted(starts, key=lambda start: _cost(problem, start))[:_TRIED]
-    return min((short_fit(problem, start) for start in promising), key=lambda found: found.cost).x
-
-
-def _cost(problem: Problem, x: Float) -> float:
-    cost = problem.cost(x)
-    return cost if np.isfinite(cost) else np.inf

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from numbers import Real
 
@@ -15,8 +15,6 @@ from rotorfit.estimators.losses import LOSS_SCALE
 from rotorfit.estimators.modal_start import modal_start
 from rotorfit.estimators.nonlinear import responses_of
 from rotorfit.estimators.nonlinear_starts import (
-    ShortFit,
-    best_start,
     explicit_with_sense,
     frozen,
     is_plain_linear,
@@ -24,9 +22,9 @@ from rotorfit.estimators.nonlinear_starts import (
 )
 from rotorfit.estimators.observations import Block, Responses
 from rotorfit.estimators.parameter_space import DATUM, ParameterSpace
-from rotorfit.estimators.priors import Prior
 from rotorfit.estimators.problem import Problem
 from rotorfit.estimators.shaft_line_starts import has_lines, line_start, round_part
+from rotorfit.estimators.short_fits import ShortFits, short_fits
 from rotorfit.models import Modal
 from rotorfit.models.array_types import Float
 from rotorfit.models.parameters import unknown_name
@@ -36,7 +34,8 @@ _ROBUST_ROUNDS = 8
 _MULTISTARTS = 24
 _ANGLES = 12  # datum angles tried where no model of modes tells it: one is within 15 degrees
 _EXPLICIT_MISFIT = 4.0  # mean squared misfit that noise in measured eccentricities may leave
-_LOOSE = 100.0  # multiples of a parameter's size by which a first fit may move it
+_TRIED = 4  # linear starts from which a short fit is tried
+_TOGETHER = 8  # random starts fitted together
 _SHORT = Options(max_iterations=40)
 
 
@@ -152,10 +151,12 @@ def _nonlinear_guess(problem: Problem) -> tuple[Float, tuple[str, ...]]:
     starts = [_full(problem, x) for x in linear_starts(problem, _PASSES)]
     found: Solution | None = None
     if starts:
-        found = _short_fit(problem, _inside_full(problem, best_start(explicit, starts, _quick_fit)))
+        promising = np.array(sorted(starts, key=lambda start: _cost(explicit, start))[:_TRIED])
+        ends = _short_fits(explicit, promising)
+        found = _short_fit(problem, _inside_full(problem, ends.x[np.argmin(ends.cost)]))
         if _explains(problem, found.x[:size]):
             return found.x[:size], ()
-    random = _full(problem, _multistart(explicit_with_sense(explicit), _quick_fit, _EXPLICIT_MISFIT))
+    random = _full(problem, _explicit_multistart(explicit_with_sense(explicit)))
     if found is not None and found.cost <= _cost(problem, random):
         return found.x[:size], ()
     return random[:size], (f"no closed form explains these data; the best of {_MULTISTARTS} random starts was taken",)
@@ -207,34 +208,43 @@ def _inside(values: Float, space: ParameterSpace) -> Float:
     return np.asarray(np.clip(values, lower + margin, upper - margin))
 
 
-def _multistart(problem: Problem, attempt: ShortFit | None = None, enough: float = 0.0) -> Float:
-    """Best short fit of several starts spread over a decade around typical values, where there is no closed form.
-
-    The first with less than ``enough`` squared misfit for each datum will do.
-    """
-    attempt = attempt or _short_fit
+def _multistart(problem: Problem) -> Float:
+    """Best short fit of several starts spread over a decade around typical values, where there is no closed form."""
     space = problem.space
-    rng = np.random.default_rng(0)
-    scale = np.array([space.model.parameter(name).scale for name in space.base])
-    best: Solution | None = None
-    for _ in range(_MULTISTARTS):
-        found = attempt(problem, _full(problem, scale * np.exp(rng.normal(0.0, 0.8, scale.size))))
-        if best is None or found.cost < best.cost:
-            best = found
-        if 2 * best.cost < enough * problem.n_data:
+    fits = [_short_fit(problem, start) for start in _random_starts(problem)]
+    return np.asarray(min(fits, key=lambda found: found.cost).x[: len(space.names)])
+
+
+def _explicit_multistart(problem: Problem) -> Float:
+    """The same for explicit observations, many at once; the first that the data hardly contradict will do."""
+    starts = np.array(list(_random_starts(problem)))
+    best, least = starts[0], np.inf
+    for group in np.split(starts, range(_TOGETHER, len(starts), _TOGETHER)):
+        ends = _short_fits(problem, group)
+        if ends.cost.min() < least:
+            best, least = ends.x[np.argmin(ends.cost)], float(ends.cost.min())
+        if 2 * least < _EXPLICIT_MISFIT * problem.n_data:
             break
-    return np.asarray(best.x[: len(space.names)]) if best is not None else scale
+    return np.asarray(best[: len(problem.space.names)])
 
 
-def _quick_fit(problem: Problem, start: Float) -> Solution:
-    """A short fit held loosely at its start, so that what the data leave open does not drift to absurd sizes."""
-    from scipy.stats import norm
+def _random_starts(problem: Problem) -> Iterator[Float]:
+    rng = np.random.default_rng(0)
+    scale = _typical(problem)
+    for _ in range(_MULTISTARTS):
+        yield _full(problem, scale * np.exp(rng.normal(0.0, 0.8, scale.size)))
 
+
+def _typical(problem: Problem) -> Float:
+    return np.array([problem.space.model.parameter(name).scale for name in problem.space.base])
+
+
+def _short_fits(problem: Problem, starts: Float) -> ShortFits:
+    """Short fits held loosely at their starts."""
+    sizes = np.abs(starts) + (starts == 0)
     count = len(problem.space.names)
-    size = np.maximum(np.abs(start[:count]), [problem.space.model.parameter(n).scale for n in problem.space.base])
-    held = tuple(Prior(i, norm(value, _LOOSE * size[i])) for i, value in enumerate(start[:count].tolist()))
-    problem = replace(problem, priors=(*problem.priors, *held))
-    return _short_fit(problem, start, Options(max_iterations=25, hessian="gauss-newton"))
+    sizes[:, :count] = np.maximum(np.abs(starts[:, :count]), _typical(problem))
+    return short_fits(problem, starts, sizes)
 
 
 def _short_fit(problem: Problem, start: Float, options: Options = _SHORT) -> Solution:
