@@ -7,12 +7,12 @@ equation in which it is the only unknown. Both steps are read off the model's ow
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from hashlib import blake2b
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rotorfit.estimators.lumped import Lumped, LumpedStructure, lumped_coefficients
 from rotorfit.estimators.observations import Block, Responses
@@ -30,13 +30,25 @@ class ClosedForm:
 
     Attributes:
         x: estimate, shape ``(p,)``.
-        covar: covariance from the propagated noise, shape ``(p, p)``, NaN where unweighted.
+        root: derivatives of the lumped coefficients by the parameters, and the information on those; None where
+            unweighted.
+        open: entries that were taken at their conventional value.
         notes: what had to be assumed, in words.
     """
 
     x: Float
-    covar: Float
+    root: tuple[Float, Float] | None
+    open: tuple[int, ...] = ()
     notes: tuple[str, ...] = ()
+
+    @property
+    def covar(self) -> Float:
+        """Covariance from the propagated noise, shape ``(p, p)``, NaN where unweighted."""
+        size = self.x.size - len(self.open)
+        found = np.full((size, size), np.nan) if self.root is None else _covariance(*self.root)
+        for entry in self.open:
+            found = np.insert(np.insert(found, entry, 0.0, axis=0), entry, 0.0, axis=1)
+        return found
 
 
 class ClosedFormError(ValueError):
@@ -67,9 +79,20 @@ def closed_form(
 
 
 def closed_forms(
-    space: ParameterSpace, blocks: tuple[Block, ...], *, weighted: bool = True, passes: tuple[int, ...]
+    space: ParameterSpace,
+    blocks: tuple[Block, ...],
+    *,
+    weighted: bool = True,
+    passes: tuple[int, ...],
+    enough: Callable[[Float], bool] | None = None,
 ) -> list[ClosedForm]:
-    """Closed forms after several numbers of passes, at the cost of the last; see :func:`closed_form`."""
+    """Closed forms after several numbers of passes, at the cost of the last; see :func:`closed_form`.
+
+    Args:
+        space, blocks, weighted: as there.
+        passes: numbers of passes, ascending.
+        enough: whether an estimate is so good that further passes are not worth their time.
+    """
     chosen = [complete_lines(block) for block in blocks if isinstance(block, Responses)]
     chosen = [block for block in chosen if block.speed.size]
     if not chosen:
@@ -79,19 +102,23 @@ def closed_forms(
         )
     lumped = lumped_coefficients(LumpedStructure.of(space, chosen))
     if not _determined(space, lumped, chosen):
-        return _with_convention(space, blocks, weighted, passes)
+        return _with_convention(space, blocks, weighted, passes, enough)
     typical = _typical_theta(space)
     if weighted:
         pieces = [(number, piece) for number, block in enumerate(chosen) for piece in block.split(_PIECE)]
-        return _weighted(space, lumped, [_Equations(lumped, *piece, typical) for piece in pieces], passes)
+        return _weighted(space, lumped, [_Equations(lumped, *piece, typical) for piece in pieces], passes, enough)
     equations = [_Equations(lumped, number, block, typical) for number, block in enumerate(chosen)]
     solution = _solve([e.stiffness_balance() for e in equations])
     x, notes = _parameters(space, lumped, lumped.offset + lumped.spread @ solution, None)
-    return [ClosedForm(x, np.full((x.size, x.size), np.nan), notes)] * len(passes)
+    return [ClosedForm(x, None, notes=notes)] * len(passes)
 
 
 def _weighted(
-    space: ParameterSpace, lumped: Lumped, equations: list[_Equations], passes: tuple[int, ...]
+    space: ParameterSpace,
+    lumped: Lumped,
+    equations: list[_Equations],
+    passes: tuple[int, ...],
+    enough: Callable[[Float], bool] | None,
 ) -> list[ClosedForm]:
     found: dict[int, ClosedForm] = {}
     solution = _solve([_triangle(e.force_balance(e.amplitude, e.force_weight())) for e in equations])
@@ -119,9 +146,9 @@ def _weighted(
         settled = number > 1 and bool(np.all(np.abs(solution - before) <= _SETTLED * np.abs(solution)))
         if settled or number in passes:
             x, notes = _parameters(space, lumped, lumped.offset + lumped.spread @ solution, information)
-            covar = _covariance(lumped.linearise(x)[1][lumped.basis], information)
-            found[number] = ClosedForm(x, covar, notes)
-        if settled:
+            root = lumped.linearise(x)[1][lumped.basis], information
+            found[number] = ClosedForm(x, root, notes=notes)
+        if settled or (number in found and enough is not None and enough(found[number].x)):
             break
     return [found.get(number, found[max(found)]) for number in passes]
 
@@ -169,7 +196,11 @@ def _is_determined(space: ParameterSpace, lumped: Lumped, blocks: list[Responses
 
 
 def _with_convention(
-    space: ParameterSpace, blocks: tuple[Block, ...], weighted: bool, passes: tuple[int, ...]
+    space: ParameterSpace,
+    blocks: tuple[Block, ...],
+    weighted: bool,
+    passes: tuple[int, ...],
+    enough: Callable[[Float], bool] | None,
 ) -> list[ClosedForm]:
     """Closed form with one more parameter at its conventional value, where the data leave a combination open."""
     for entry, base in enumerate(space.base):
@@ -188,34 +219,28 @@ def _with_convention(
             upper=space.upper[keep],
         )
         note = f"{space.names[entry]} taken as {nominal:g}: these data leave it open"
+        whole = partial(np.insert, obj=entry, values=nominal)
+        better = None if enough is None else partial(_with_entry, enough, whole)
         return [
-            ClosedForm(
-                np.insert(found.x, entry, nominal),
-                np.insert(np.insert(found.covar, entry, 0.0, axis=0), entry, 0.0, axis=1),
-                (note, *found.notes),
-            )
-            for found in closed_forms(reduced, blocks, weighted=weighted, passes=passes)
+            replace(found, x=whole(found.x), open=(*found.open, entry), notes=(note, *found.notes))
+            for found in closed_forms(reduced, blocks, weighted=weighted, passes=passes, enough=better)
         ]
     raise ClosedFormError(
         "these data do not determine the lumped coefficients of the model: fix parameters or give start values"
     )
 
 
+def _with_entry(enough: Callable[[Float], bool], whole: Callable[[Float], Float], x: Float) -> bool:
+    return enough(whole(x))
+
+
 def complete_lines(block: Responses) -> Responses:
     """The lines of a block that have a reading at every coordinate."""
     if block.imposed and len(block.model.coordinates) > 1:
-        return replace(block, **_line_subset(block, np.zeros(block.speed.size, dtype=bool)))
+        return block.lines(np.zeros(block.speed.size, dtype=bool))
     needed = 1 if block.imposed else len(block.model.coordinates)
-    count = np.bincount(block.line, minlength=block.speed.size)
-    return replace(block, **_line_subset(block, count == needed))
-
-
-def _line_subset(block: Responses, keep: NDArray[np.bool_]) -> dict[str, Any]:
-    readings = keep[block.line]
-    number = np.cumsum(keep) - 1
-    parts: dict[str, Any] = {name: getattr(block, name)[keep] for name in ("speed", "frequency", "force", "group")}
-    parts |= {n: getattr(block, n)[readings] for n in ("coordinate", "measured", "sigma", "label", "run")}
-    return parts | {"line": number[block.line[readings]]}
+    whole = np.bincount(block.line, minlength=block.speed.size) == needed
+    return block if whole.all() else block.lines(whole)
 
 
 # ---- linear least squares ----------------------------------------------------------------------------
@@ -268,15 +293,15 @@ class _Equations:
         """Amplitudes with a receptance, shape ``(L, n)``; imposed ones are what they are."""
         return self.block.force if self.block.imposed else np.asarray(np.einsum("lij,lj->li", H, self.block.force))
 
-    def force_weight(self) -> ComplexArray:
-        """Weights that bring all lines to a force of one."""
-        return np.asarray(np.eye(self.force.shape[1]) / np.abs(self.force).max(axis=1)[:, None, None] + 0j)
+    def force_weight(self) -> Float:
+        """Weight of each line that brings it to a force of one, shape ``(L,)``."""
+        return np.asarray(1 / np.abs(self.force).max(axis=1))
 
     def response_weight(self, H: ComplexArray) -> ComplexArray:
         """Weights that turn the force error into the response error over its noise, independent between readings."""
         return np.asarray((np.eye(1) + 0j if self.block.imposed else H) / self.sigma[:, :, None])
 
-    def force_balance(self, amplitude: ComplexArray, weight: ComplexArray) -> Float:
+    def force_balance(self, amplitude: ComplexArray, weight: ComplexArray | Float) -> Float:
         """Columns ``weight kappa A`` over ``weight F``, one an equation, shape ``(B + 1, 2 L n)``."""
         return _weigh(self._sides(amplitude, self.force), weight)
 
@@ -305,10 +330,7 @@ class _Equations:
             return self.force_balance(self.amplitude, self.force_weight())
         stiffness = stiffness_matrices(self.block)
         if stiffness.kappa.size == 0:
-            equal = np.broadcast_to(
-                np.eye(self.force.shape[1], dtype=complex), (*self.force.shape, self.force.shape[1])
-            )
-            return self.force_balance(self.amplitude, equal)
+            return self.force_balance(self.amplitude, np.ones(len(self.force)))
         systems = []
         for column in range(stiffness.kappa.shape[-1]):
             unit = np.zeros_like(self.amplitude)
@@ -319,13 +341,22 @@ class _Equations:
         return np.concatenate(systems, axis=1)
 
 
-def _weigh(sides: ComplexArray, weight: ComplexArray) -> Float:
-    """Sides of equations, shape ``(n, C, L)``, mixed by weights of shape ``(L, n, n)``: real, shape ``(C, 2 L n)``."""
+def _weigh(sides: ComplexArray, weight: ComplexArray | Float) -> Float:
+    """Sides of equations, shape ``(n, C, L)``, mixed by weights of shape ``(L, n, n)``: real, shape ``(C, 2 L n)``.
+
+    Weights of shape ``(L,)`` are those of whole lines.
+    """
     n, rows, count = sides.shape
-    mixed = np.zeros((rows, n, count), dtype=complex)
+    mixed = np.empty((rows, n, count), dtype=complex)
+    product = np.empty((rows, count), dtype=complex)
     for i in range(n):
-        for j in range(n):
-            mixed[:, i] += sides[j] * weight[:, i, j]
+        if weight.ndim == 1:
+            np.multiply(sides[i], weight, out=mixed[:, i])
+            continue
+        np.multiply(sides[0], weight[:, i, 0], out=mixed[:, i])
+        for j in range(1, n):
+            np.multiply(sides[j], weight[:, i, j], out=product)
+            mixed[:, i] += product
     return _one_a_column(mixed)
 
 

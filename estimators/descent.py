@@ -11,6 +11,9 @@ from scipy.linalg.lapack import dposv
 from rotorfit.estimators.objective import HessianKind, Matrix, Objective, Options, Status, Vector
 
 HANDOVER = 1e-3  # relative offset, its square the relative excess cost, at which refinement takes over
+_NEAR = 0.5  # relative offset from which Gauss-Newton steps without a line search are tried first
+_APPROACHES = 6  # such steps
+_SLOW = 0.3  # share of the offset that one of them may leave
 _CHANGE_WEIGHT = 100.0  # a relative change of the parameters must be this much smaller than an offset
 _REFINEMENTS = 8
 _SINGULAR = 1e-13  # eigenvalue of the Gauss-Newton matrix, unit diagonal, that counts as zero
@@ -217,6 +220,21 @@ class Minimisation:
             return True
         slow = cost > 0.9 * cost_then and offset > 0.1 * offset_then
         return slow and self.kind == "gauss-newton" and self.options.hessian == "auto"
+
+    def approach(self) -> None:
+        """Undamped Gauss-Newton steps from the best point while each lowers the cost and most of the offset."""
+        for _ in range(_APPROACHES):
+            before = self.best
+            if not HANDOVER < before.offset <= _NEAR or self.kind == "exact" or self.exhausted():
+                return
+            point = self.evaluate(np.clip(before.point.u + before.step, self.low, self.high))
+            self.n_iterations += 1
+            if point is None or point.cost > before.point.cost:
+                return
+            candidate = self.assess(point)
+            self.keep(candidate)
+            if candidate.offset > _SLOW * before.offset:
+                return
 
     def refine(self) -> None:
         """Undamped Newton steps from the best point while each pays; exact Hessian once the first is slow."""

@@ -140,7 +140,8 @@ def _descend(run: Minimisation) -> Status:
         return Status.INFEASIBLE_START
     run.reference = first.cost
     run.best = run.assess(first)
-    if run.best.offset <= HANDOVER:  # a start as good as the point where Ipopt would hand over
+    run.approach()
+    if run.best.offset <= HANDOVER:  # as good as the point where Ipopt would hand over
         run.refine()
         if run.status() is Status.CONVERGED:
             return Status.CONVERGED

@@ -6,9 +6,10 @@ model's graph once for each model and kind of test, and kept: identifying again 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from functools import lru_cache
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -94,24 +95,24 @@ class Lumped:
         determined: verdicts on tests of this layout that were judged before, by a digest of their conditions.
     """
 
-    def __init__(self, x: ca.SX, expressions: ca.SX, place: Place, scale: Float) -> None:
-        self.place = place
+    def __init__(self, graph: _Graph, speeds: Sequence[float], scale: Float) -> None:
+        told = np.array([*speeds, np.nan])  # the last one is that of all speeds
+        self.place = replace(graph.place, speed=told[graph.place.speed.astype(np.intp)])
         self.size = scale.size
-        jacobian = ca.jacobian(expressions, x)
-        self._rows, self._columns = (np.asarray(part, dtype=np.intp) for part in jacobian.sparsity().get_triplet())
-        # As an array function: calls of CasADi's own spend most of their time on converting matrices.
-        self._function = array_function(ca.Function("lumped", [x], [ca.densify(expressions), jacobian]))
+        self._function, self._speeds = graph.function, list(speeds)
+        self._rows, self._columns = graph.rows, graph.columns
         self._kind = self._dependence(scale)
         self.basis, self.spread, self.offset = _independent(self, scale)
         self._back = np.linalg.pinv(self.spread)
         self.determined: dict[bytes, bool] = {}
 
     def _evaluate(self, x: Float) -> tuple[Float, Float]:
-        found = self._function(x.tolist())
+        """Coefficients and their nonzero derivatives, shapes ``(E, ...)``, of vectors of shape ``(p, ...)``."""
+        found = self._function([*(x.tolist() if x.ndim == 1 else x), *self._speeds])
         return found[: self.place.row.size], found[self.place.row.size :]
 
     def values(self, x: Float) -> Float:
-        """Coefficients, shape ``(E,)``."""
+        """Coefficients, shape ``(E, ...)``, of one vector or of many, shape ``(p, ...)``."""
         return self._evaluate(x)[0]
 
     def linearise(self, x: Float) -> tuple[Float, Float]:
@@ -186,20 +187,51 @@ class Lumped:
 @lru_cache(maxsize=32)
 def lumped_coefficients(layout: LumpedStructure) -> Lumped:
     """Lumped coefficients of a model in some blocks of observations."""
-    model = layout.model
+    speeds = [speed for groups in layout.speeds for _, own in groups for speed in own]
+    kinds = tuple(tuple((group, len(own), any(own)) for group, own in groups) for groups in layout.speeds)
+    scale = np.array([layout.model.parameter(name).scale for name in layout.base])
+    return Lumped(_graph_of(layout.model, layout.template, layout.index, kinds, len(layout.names)), speeds, scale)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Graph:
+    """Expressions of lumped coefficients, the speeds among their variables: runs that differ in speed share one.
+
+    Attributes:
+        function: coefficients, then their nonzero derivatives, of fitted values and speeds.
+        rows, columns: coefficient and fitted value of each derivative.
+        place: where they enter, ``speed`` being the running number of the speed, -1 for all.
+    """
+
+    function: Callable[[Sequence[Any]], Float]
+    rows: Index
+    columns: Index
+    place: Place
+
+
+@lru_cache(maxsize=32)
+def _graph_of(
+    model: RotorModel,
+    template: tuple[tuple[float, ...], ...],
+    index: tuple[tuple[int, ...], ...],
+    kinds: tuple[tuple[tuple[int, int, bool], ...], ...],
+    size: int,
+) -> _Graph:
+    """Expressions for known values, free entries, and for each block its groups, their speeds and whether any turns."""
     n = len(model.coordinates)
-    x = ca.SX.sym("x", len(layout.names))
+    x = ca.SX.sym("x", size)
     speed = ca.SX.sym("speed")
-    rows: list[tuple[int, int, int, int, int, complex, int, float]] = []
+    speeds = ca.SX.sym("speeds", sum(count for groups in kinds for _, count, _ in groups))
+    rows: list[tuple[int, int, int, int, int, complex, int, int]] = []
     expressions: list[ca.SX] = []
-    for number, groups in enumerate(layout.speeds):
-        for group, speeds in groups:
-            theta = [
-                x[k] if k >= 0 else value for k, value in zip(layout.index[group], layout.template[group], strict=True)
-            ]
+    first = 0
+    for number, groups in enumerate(kinds):
+        for group, count, turns in groups:
+            theta = [x[k] if k >= 0 else value for k, value in zip(index[group], template[group], strict=True)]
             inputs = ca.vertcat(*theta, speed, 0.0)
             flat = model.functions.graph(inputs)
             factors = model.functions.factor_graph(inputs)
+            own = [(first + k, speeds[first + k]) for k in range(count)]
             for entry in range(flat.numel()):
                 power, rest = divmod(entry, 2 * n * n)
                 imaginary, place = divmod(rest, n * n)
@@ -208,9 +240,10 @@ def lumped_coefficients(layout: LumpedStructure) -> Lumped:
                 if flat[entry].is_zero():
                     continue
                 expression = ca.simplify(flat[entry] / factors[2 * column])
-                for degree, at, part in _speed_parts(expression, speed, speeds):
+                for degree, at, part in _speed_parts(expression, speed, own, turns):
                     expressions.append(part)
                     rows.append((number, group, row, column, power, unit, degree, at))
+            first += count
     block_, group_, row_, column_, power_, unit_, degree_, speed_ = (np.array(c) for c in zip(*rows, strict=True))
     where = Place(
         block=block_,
@@ -222,28 +255,44 @@ def lumped_coefficients(layout: LumpedStructure) -> Lumped:
         speed_power=degree_,
         speed=speed_.astype(float),
     )
-    scale = np.array([model.parameter(name).scale for name in layout.base])
-    return Lumped(x, ca.vertcat(*expressions), where, scale)
+    values = ca.vertcat(*expressions)
+    jacobian = ca.jacobian(values, x)
+    found_rows, columns = (np.asarray(part, dtype=np.intp) for part in jacobian.sparsity().get_triplet())
+    # As an array function: calls of CasADi's own spend most of their time on converting matrices.
+    function = array_function(ca.Function("lumped", [x, speeds], [ca.densify(values), jacobian]))
+    return _Graph(function=function, rows=found_rows, columns=columns, place=where)
 
 
-def _speed_parts(expression: ca.SX, speed: ca.SX, speeds: tuple[float, ...]) -> list[tuple[int, float, ca.SX]]:
-    """Split a coefficient by powers of the speed, or by speed where too few speeds were tested for that."""
-    if not any(speeds):  # a rotor at rest: terms with the speed say nothing
+def _speed_parts(
+    expression: ca.SX, speed: ca.SX, speeds: Sequence[tuple[int, ca.SX]], turns: bool
+) -> list[tuple[int, int, ca.SX]]:
+    """Split a coefficient by powers of the speed, or by speed where too few speeds were tested for that.
+
+    Args:
+        expression: the coefficient.
+        speed: its symbol of the speed.
+        speeds: running numbers and symbols of the tested speeds.
+        turns: whether any of them is not zero.
+
+    Returns:
+        power of the speed, running number of the speed or -1 for all, and expression of each part.
+    """
+    if not turns:  # a rotor at rest: terms with the speed say nothing
         expression = ca.simplify(ca.substitute(expression, speed, ca.SX(0.0)))
     if not ca.depends_on(expression, speed):
-        return [] if expression.is_zero() else [(0, np.nan, expression)]
+        return [] if expression.is_zero() else [(0, -1, expression)]
     parts, derivative, factorial = [], expression, 1.0
     for degree in range(_SPEED_TERMS):
         part = ca.simplify(ca.substitute(derivative, speed, ca.SX(0.0)) / factorial)
         if not part.is_zero():
-            parts.append((degree, np.nan, part))
+            parts.append((degree, -1, part))
         derivative = ca.simplify(ca.jacobian(derivative, speed))
         factorial *= degree + 1
         if derivative.is_zero() or not derivative.nnz():
             if len(parts) <= len(speeds):
                 return parts
             break
-    return [(0, v, ca.substitute(expression, speed, ca.SX(v))) for v in speeds]
+    return [(0, number, ca.substitute(expression, speed, own)) for number, own in speeds]
 
 
 def _independent(lumped: Lumped, scale: Float) -> tuple[Index, Float, Float]:
@@ -265,7 +314,7 @@ def _independent(lumped: Lumped, scale: Float) -> tuple[Index, Float, Float]:
         norm = np.linalg.norm(slopes, axis=1)
         if norm.all() and np.linalg.svd(slopes / norm[:, None], compute_uv=False)[-1] > _DEPENDENT:
             return np.arange(count), np.eye(count), np.zeros(count)
-    values = np.array([lumped.values(sample) for sample in samples])
+    values = np.ascontiguousarray(lumped.values(samples.T).T)
     centre = values.mean(axis=0)
     spread = values - centre
     norm = np.linalg.norm(spread, axis=0)

@@ -160,7 +160,19 @@ class Problem:
         return misfit, stacked @ r.view(float), stacked @ stacked.T
 
     def gauss_newton(self, x: Float) -> tuple[float, Float, Float]:
-        """Cost, gradient and Gauss-Newton matrix."""
+        """Cost, gradient and Gauss-Newton matrix, not to be written to; what was asked for last is kept."""
+        key = x.tobytes()
+        if key not in self._last_normal:
+            found = self._gauss_newton(x)
+            self._last_normal.clear()
+            self._last_normal[key] = found
+        return self._last_normal[key]
+
+    @cached_property
+    def _last_normal(self) -> dict[bytes, tuple[float, Float, Float]]:
+        return {}
+
+    def _gauss_newton(self, x: Float) -> tuple[float, Float, Float]:
         cost, gradient, matrix = self._pieces[0]._misfit_derivatives(x)
         for piece in self._pieces[1:]:
             more, slope, curvature = piece._misfit_derivatives(x)

@@ -18,3 +18,57 @@ def unique_rows(codes: NDArray[Any]) -> tuple[Index, Index]:
             codes = np.ravel_multi_index(tuple(codes.T), tuple(width))
     _, first, number = np.unique(codes, axis=0, return_index=True, return_inverse=True)
     return first, number.reshape(-1)
+
+
+def numbers(column: NDArray[Any]) -> Index:
+    """Number of each entry among the distinct ones, which follow no order; equal entries that follow one another in
+    long stretches, as names of runs do, are compared with their neighbours only.
+
+    Args:
+        column: numbers, none of them NaN, or text.
+    """
+    if not column.size:
+        return np.zeros(0, dtype=np.intp)
+    begins = np.flatnonzero(np.concatenate([[True], column[1:] != column[:-1]]))
+    if begins.size == 1:
+        return np.zeros(column.size, dtype=np.intp)
+    if 2 * begins.size > column.size:
+        return _distinct(column)
+    return np.repeat(_distinct(column[begins]), np.diff(begins, append=column.size))
+
+
+def _distinct(column: NDArray[Any]) -> Index:
+    if column.dtype.kind != "U":
+        return np.unique(column, return_inverse=True)[1].reshape(-1)
+    place: dict[str, int] = {}
+    return np.array([place.setdefault(word, len(place)) for word in column.tolist()], dtype=np.intp)
+
+
+def in_order(keys: Index) -> tuple[Index, Index]:
+    """First occurrence of each distinct key, in the order of the rows, and the number of each row's key among them.
+
+    Args:
+        keys: a number for each row.
+    """
+    _, first, number = np.unique(keys, return_index=True, return_inverse=True)
+    rank = np.argsort(np.argsort(first))
+    return np.sort(first), rank[number.reshape(-1)]
+
+
+def combined(*columns: Index) -> Index:
+    """One number for each row that is equal where all columns are.
+
+    Args:
+        columns: numbers of each row, from zero on.
+    """
+    key: Index = np.zeros(columns[0].shape, dtype=np.intp)
+    width = 1
+    for column in columns:
+        own = int(column.max(initial=0)) + 1
+        if width * own >= np.iinfo(np.intp).max // 2:  # too many digits: number what there is so far
+            key = np.unique(key, return_inverse=True)[1].reshape(-1)
+            width = int(key.max(initial=0)) + 1
+        if own > 1:
+            key = key * own + column
+            width *= own
+    return key

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
+from functools import partial
 from numbers import Real
 
 import numpy as np
@@ -23,6 +24,7 @@ from rotorfit.estimators.nonlinear_starts import (
 from rotorfit.estimators.observations import Block, Responses
 from rotorfit.estimators.parameter_space import DATUM, ParameterSpace
 from rotorfit.estimators.problem import Problem
+from rotorfit.estimators.row_keys import unique_rows
 from rotorfit.estimators.shaft_line_starts import has_lines, line_start, round_part
 from rotorfit.estimators.short_fits import ShortFits, short_fits
 from rotorfit.models import Modal
@@ -30,6 +32,7 @@ from rotorfit.models.array_types import Float
 from rotorfit.models.parameters import unknown_name
 
 _PASSES = (2, 4, 6, 8, 12, 16, 24, 32, 64)  # passes after which closed forms are looked at; good data settle in four
+_FEW_READINGS = 1000  # readings that a start takes at least; more with many readings, which tell a worse one apart
 _ROBUST_ROUNDS = 8
 _MULTISTARTS = 24
 _ANGLES = 12  # datum angles tried where no model of modes tells it: one is within 15 degrees
@@ -129,15 +132,45 @@ def _guess(problem: Problem) -> tuple[Float, tuple[str, ...]]:
         return np.concatenate([found, np.zeros(len(problem.space.names) - found.size)]), notes
     if not is_plain_linear(problem):
         return _nonlinear_guess(problem)
+    few = _few_lines(problem)
+    if few is not None:
+        found, notes = _guess(few)
+        if _explains(problem, found):
+            return found, notes
     try:
         blocks = problem.blocks if problem.loss == "linear" else _discount_outliers(problem)
-        candidates = list(dict.fromkeys(closed_forms(problem.space, blocks, passes=_PASSES)))
+        enough = partial(_settled, problem)
+        candidates = list(dict.fromkeys(closed_forms(problem.space, blocks, passes=_PASSES, enough=enough)))
     except ClosedFormError as reason:
         return _multistart(problem), (f"no closed form ({reason}); the best of {_MULTISTARTS} random starts was taken",)
-    best = min(candidates, key=lambda estimate: _cost(problem, estimate.x))
+    best = candidates[0]
+    if len(candidates) > 1:
+        best = min(candidates, key=lambda estimate: _cost(problem, estimate.x))
     if not _explains(problem, best.x):
         best = min(candidates, key=lambda estimate: _short_fit(problem, _full(problem, estimate.x)).cost)
     return best.x, best.notes
+
+
+def _few_lines(problem: Problem) -> Problem | None:
+    """The problem with every so many of its lines, where it has more than a start needs."""
+    wanted = max(_FEW_READINGS, int(problem.space.size * np.sqrt(problem.n_data)))
+    step = problem.n_data // (2 * wanted)
+    responses = [block for block in problem.blocks if isinstance(block, Responses)]
+    if step < 2 or problem.factors or len(responses) < len(problem.blocks):
+        return None
+    return replace(problem, blocks=tuple(_every(block, step) for block in responses))
+
+
+def _every(block: Responses, step: int) -> Responses:
+    """Every so many lines of each speed, group, force plane and sense of whirl, from one end to the other."""
+    codes = np.column_stack([block.condition[0], np.argmax(np.abs(block.force), axis=1), block.frequency < 0])
+    _, number = unique_rows(codes)
+    order = np.lexsort([block.frequency, number])
+    size = np.bincount(number)
+    rank = np.arange(order.size) - np.repeat(np.cumsum(size) - size, size)
+    keep = np.zeros(order.size, dtype=bool)
+    keep[order] = (rank % step == step // 2) | (np.repeat(size, size) < 2 * step)
+    return block.lines(keep)
 
 
 def _nonlinear_guess(problem: Problem) -> tuple[Float, tuple[str, ...]]:
@@ -167,8 +200,25 @@ def _inside_full(problem: Problem, x: Float) -> Float:
 
 
 def _explains(problem: Problem, values: Float) -> bool:
-    """Whether the misfit is what the noise makes it, to six standard deviations of chi-squared."""
-    return bool(2 * _cost(problem, values) < problem.n_data + 6 * np.sqrt(2 * problem.n_data))
+    """Whether the misfit is what the noise makes it, to six standard deviations of chi-squared.
+
+    The derivatives that come with it are those that the search asks for first.
+    """
+    cost = problem.gauss_newton(_full(problem, values))[0]
+    return bool(2 * cost < problem.n_data + 6 * np.sqrt(2 * problem.n_data))
+
+
+def _settled(problem: Problem, values: Float) -> bool:
+    """Whether values explain the data and a step to the optimum would be short of a standard error."""
+    _, gradient, matrix = problem.gauss_newton(_full(problem, values))
+    size = np.sqrt(np.diag(matrix))
+    if not (_explains(problem, values) and np.all(size > 0)):
+        return False
+    try:
+        step = np.linalg.solve(matrix / np.outer(size, size), gradient / size)
+    except np.linalg.LinAlgError:
+        return False
+    return bool(0 <= step @ (gradient / size) < 1)
 
 
 def _discount_outliers(problem: Problem) -> tuple[Block, ...]:

@@ -16,9 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from rotorfit.checks.orbits import ENOUGH, Orbits
+from rotorfit.checks.orbits import ENOUGH, Orbits, complete_matrices
 from rotorfit.data.findings import Finding, listed
 from rotorfit.estimators.noise import noise_from_smoothness
+from rotorfit.estimators.row_keys import combined, in_order, numbers
 from rotorfit.models.array_types import ComplexArray, Float, Index
 
 AGREES = 1.5
@@ -149,11 +150,13 @@ def _pair(orbits: Orbits, at: Index) -> _Pair | None:
 
 def _plainly_even(orbits: Orbits, at: Index, expected: ComplexArray, seen: ComplexArray) -> bool:
     """Whether what departs from an isotropic rotor jumps from line to line, as noise does, sweep by sweep."""
-    numbers = [np.unique(column[at], return_inverse=True)[1] for column in (orbits.run, orbits.force_plane)]
-    sweep = np.column_stack([*numbers, np.sign(orbits.frequency[at])])
-    for key in np.unique(sweep, axis=0):
-        rows = np.flatnonzero((sweep == key).all(axis=1))
-        rows = rows[np.argsort(orbits.frequency[at[rows]], kind="stable")]
+    first, sweep = in_order(
+        combined(
+            numbers(orbits.run[at]), numbers(orbits.force_plane[at]), np.sign(orbits.frequency[at]).astype(int) + 1
+        )
+    )
+    order = np.lexsort([orbits.frequency[at], sweep])
+    for rows in np.split(order, np.cumsum(np.bincount(sweep, minlength=first.size))[:-1]):
         u, rest = expected[rows], seen[rows] - expected[rows]
         slope = np.vdot(u, rest) / np.vdot(u, u)  # what one factor more explains
         jumps = np.abs(np.diff(rest - slope * u)) ** 2 / 2
@@ -248,6 +251,8 @@ class _Pose:
 def turned_probes(orbits: Orbits) -> Iterator[Finding]:
     """Pairs of probes that sit at another angle than they are said to."""
     paired = np.isfinite(orbits.wrong)
+    if _surely_straight(orbits):
+        return
     if not paired.any() or _power(orbits.wrong[paired]) > CIRCULAR**2 * _power(orbits.right[paired]):
         return  # anisotropic, of which inertia as seen by circular orbits says nothing
     found = {
@@ -267,6 +272,15 @@ def turned_probes(orbits: Orbits) -> Iterator[Finding]:
             "check the angle of the force. Stiffness and damping are mixed by it: D, lam and K0 are all wrong."
         )
         yield Finding("error", "probe-angle", text, orbits.rows_of(np.flatnonzero(orbits.plane == plane)))
+
+
+def _surely_straight(orbits: Orbits) -> bool:
+    """Whether straight lines through the dynamic stiffness show every pair far from turned: no trial is needed."""
+    return all(
+        abs((turn + 180) % 360 - 180) + CLEAR * error < SMALLEST_TURN / 2
+        for _, at in islice(orbits.groups("speed"), MOST_SPEEDS)
+        for _, turn, error, _ in _inertia(orbits, orbits.right, at, trial=False)
+    )
 
 
 def _power(amplitude: ComplexArray) -> float:
@@ -323,26 +337,27 @@ def poses(orbits: Orbits, mirrored: tuple[str, ...]) -> dict[str, _Pose]:
     return result
 
 
-def _inertia(orbits: Orbits, amplitude: ComplexArray, at: Index) -> Iterator[tuple[str, float, float, bool]]:
-    """Plane, turn of its probes and its error, degrees, and sign of its damping, from ``kappa = a + b w + c w^2``."""
-    planes = sorted(set(orbits.plane[at].tolist()))
-    lines: dict[float, dict[tuple[str, str], int]] = {}
-    columns = (orbits.plane[at], orbits.force_plane[at], np.round(orbits.frequency[at], 6), at)
-    for plane, force_plane, w, i in zip(*[column.tolist() for column in columns], strict=True):
-        lines.setdefault(w, {})[plane, force_plane] = i
-    wanted = [(plane, force_plane) for plane in planes for force_plane in planes]
-    whole = {w: [cells[pair] for pair in wanted] for w, cells in lines.items() if set(wanted) <= set(cells)}
-    if len(whole) < ENOUGH:
+def _inertia(
+    orbits: Orbits, amplitude: ComplexArray, at: Index, *, trial: bool = True
+) -> Iterator[tuple[str, float, float, bool]]:
+    """Plane, turn of its probes and its error, degrees, and sign of its damping, from ``kappa = a + b w + c w^2``.
+
+    Args:
+        orbits, amplitude: all orbits, and their amplitudes.
+        at: those of one speed.
+        trial: fit responses, as noisy data need; otherwise draw straight lines through the dynamic stiffness.
+    """
+    planes, w, index = complete_matrices(orbits, at)
+    if w.size < ENOUGH:
         return
-    w = np.array(sorted(whole))
-    index = np.array([whole[line] for line in w.tolist()])
     H = (amplitude[index] / orbits.force[index]).reshape(w.size, len(planes), len(planes))
-    regular = np.isfinite(H).all(axis=(1, 2))
+    regular = np.asarray(np.isfinite(H).all(axis=(1, 2)))
     regular[regular] = np.linalg.cond(H[regular]) < 1 / np.sqrt(np.finfo(float).eps)
     if regular.sum() < ENOUGH:
         return
     some = np.flatnonzero(regular)[:: max(1, int(regular.sum()) // MOST_LINES)]
-    found = _polynomial(w[some] / np.abs(w).max(), H[some])
+    u = w[some] / np.abs(w).max()
+    found = _polynomial(u, H[some]) if trial else _straight_lines(u, H[some])
     if found is None:
         return
     terms, values, errors = found
@@ -366,14 +381,7 @@ def _polynomial(u: Float, H: ComplexArray) -> tuple[list[tuple[int, int, int]], 
 
     The diagonal is quadratic in u, the rest constant: a chain of lumped masses, dampers and springs, each complex.
     """
-    n = H.shape[1]
-    terms = [(q, k, power) for q in range(n) for k in range(n) for power in range(3 if q == k else 1)]
-    kappa = np.linalg.inv(H)
-    weight = 1 / np.linalg.norm(kappa, axis=(1, 2)) ** 2  # d kappa = -kappa dH kappa
-    start = []
-    for q, k in dict.fromkeys((q, k) for q, k, _ in terms):
-        design = u[:, None] ** np.arange(3 if q == k else 1) * weight[:, None]
-        start += np.linalg.lstsq(design.astype(complex), kappa[:, q, k] * weight, rcond=None)[0].tolist()
+    terms, start, _ = _straight_lines(u, H)
     scale = np.abs(H).max()
 
     def response(values: Float) -> ComplexArray:
@@ -396,7 +404,7 @@ def _polynomial(u: Float, H: ComplexArray) -> tuple[list[tuple[int, int, int]], 
 
     try:
         solved = least_squares(
-            residuals, np.array(start).view(float), jac=jacobian, x_scale="jac", ftol=1e-4, xtol=1e-4, max_nfev=30
+            residuals, start.view(float), jac=jacobian, x_scale="jac", ftol=1e-4, xtol=1e-4, max_nfev=30
         )
     except (ValueError, np.linalg.LinAlgError):  # a singular matrix on the way: no verdict
         return None
@@ -407,3 +415,24 @@ def _polynomial(u: Float, H: ComplexArray) -> tuple[list[tuple[int, int, int]], 
     covariance = np.linalg.pinv(solved.jac.T @ solved.jac) * variance
     errors = np.sqrt(np.maximum(np.diag(covariance), 0.0).reshape(-1, 2).mean(axis=1))
     return terms, values, errors
+
+
+def _straight_lines(u: Float, H: ComplexArray) -> tuple[list[tuple[int, int, int]], ComplexArray, Float]:
+    """What :func:`_polynomial` answers by linear least squares on the inverse of each response matrix."""
+    n = H.shape[1]
+    kappa = np.linalg.inv(H)
+    weight = 1 / np.linalg.norm(kappa, axis=(1, 2)) ** 2  # d kappa = -kappa dH kappa
+    terms: list[tuple[int, int, int]] = []
+    values, errors = [], []
+    for q in range(n):
+        for k in range(n):
+            count = 3 if q == k else 1
+            design = u[:, None] ** np.arange(count) * weight[:, None]
+            inverse = np.linalg.pinv(design.T @ design)
+            solution = inverse @ (design.T @ (kappa[:, q, k] * weight))
+            miss = kappa[:, q, k] * weight - design @ solution
+            variance = _power(miss) / (2 * max(u.size - count, 1))
+            terms += [(q, k, power) for power in range(count)]
+            values.append(solution)
+            errors.append(np.sqrt(np.maximum(np.diag(inverse), 0.0) * variance))
+    return terms, np.concatenate(values), np.concatenate(errors)

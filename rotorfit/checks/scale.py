@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rotorfit.checks.orbits import ENOUGH, Orbits, mirrored
+from rotorfit.checks.orbits import ENOUGH, Orbits, complete_matrices, mirrored
 from rotorfit.data.findings import Finding
 from rotorfit.models.array_types import ComplexArray, Float, Index
 from rotorfit.units import RPM_PER_RAD_S
@@ -93,18 +93,10 @@ def _transfer(orbits: Orbits, force_plane: str, plane: str) -> dict[tuple[float,
 
 def _stiffness_matrices(orbits: Orbits, at: Index) -> tuple[Float, ComplexArray, Float] | None:
     """Frequencies, matrices of eq. (7) and their weights; None unless each measured plane was forced, either way."""
-    planes = sorted(set(orbits.plane[at].tolist()))
-    lines: dict[float, dict[tuple[str, str], int]] = {}
-    columns = (orbits.plane[at], orbits.force_plane[at], np.round(orbits.frequency[at], 6), at)
-    for plane, force_plane, w, i in zip(*[column.tolist() for column in columns], strict=True):
-        lines.setdefault(w, {})[plane, force_plane] = i
-    wanted = [(plane, force_plane) for plane in planes for force_plane in planes]
-    whole = {w: [found[pair] for pair in wanted] for w, found in lines.items() if set(wanted) <= set(found)}
-    w = np.array(sorted(whole))
-    if not w.size:
-        return None
-    indices = np.array([whole[line] for line in w.tolist()])
+    planes, w, indices = complete_matrices(orbits, at)
     n = len(planes)
+    if min((w < 0).sum(), (w > 0).sum()) < ENOUGH:
+        return None
     h = (orbits.right[indices] / orbits.force[indices]).reshape(-1, n, n)
     regular = np.linalg.cond(h) < 1 / np.sqrt(np.finfo(float).eps)
     if min((w[regular] < 0).sum(), (w[regular] > 0).sum()) < ENOUGH:
@@ -140,7 +132,7 @@ def _jump_at_zero(orbits: Orbits, at: Index) -> float:
     both = mirrored(orbits, at[(w < limit) & (np.abs(orbits.right[at]) > 0)])
     if len(both) < _FEWEST:
         return 0.0
-    forward, backward = np.array(both).T
+    forward, backward = both.T
     h = orbits.right / orbits.force
     log = np.log2(np.abs(h[forward]) / np.abs(h[backward]))
     w = orbits.frequency[forward] / orbits.frequency[forward].max()

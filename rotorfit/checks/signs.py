@@ -128,7 +128,13 @@ def _reversed(orbits: Orbits, kappa: ComplexArray, at: Index) -> Iterator[Findin
     ratio = orbits.frequency[at] / np.where(orbits.speed[at] == 0, np.nan, np.abs(orbits.speed[at]))
     backward = [at[(ratio < 0) & (ratio > -limit)] for limit in SLOW]
     scores = [(_established(power[some]), some) for some in backward]
-    scores += [_even_quadrature(orbits, kappa, at[np.abs(ratio) < limit]) for limit in SLOW]
+    drive = np.zeros(orbits.right.size, dtype=bool)
+    drive[at] = True
+    groups = [some[drive[some]] for _, some in orbits.groups("plane", "force_plane", "speed")]
+    pairs = np.concatenate([mirrored(orbits, some) for some in groups])
+    slow = np.abs(orbits.frequency[pairs[:, 0]]) / np.where(orbits.speed[pairs[:, 0]] == 0, np.nan,
+                                                            np.abs(orbits.speed[pairs[:, 0]]))  # fmt: skip
+    scores += [_even_quadrature(orbits, kappa, pairs[slow < limit]) for limit in SLOW]
     score, hit = max(scores, key=lambda pair: pair[0])
     if score > CERTAIN:
         text = (
@@ -139,12 +145,10 @@ def _reversed(orbits: Orbits, kappa: ComplexArray, at: Index) -> Iterator[Findin
         yield Finding("error", "reversed-rotation", text, orbits.rows_of(hit))
 
 
-def _even_quadrature(orbits: Orbits, kappa: ComplexArray, slow: Index) -> tuple[float, Index]:
+def _even_quadrature(orbits: Orbits, kappa: ComplexArray, pairs: Index) -> tuple[float, Index]:
     """How certain it is that the part of Im kappa even in w, ``-D lam Omega`` in eq. (13), is positive, and where."""
-    pairs = np.array([pair for _, some in orbits.groups("plane", "force_plane", "speed")
-                      for pair in mirrored(orbits, some[np.isin(some, slow)])], dtype=np.intp)  # fmt: skip
     if not pairs.size:
-        return 0.0, slow
+        return 0.0, pairs
     forward, backward = pairs.T
     even = kappa[forward].imag + kappa[backward].imag
     noise = np.hypot(  # of kappa = F / A, up to a common factor

@@ -9,6 +9,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from rotorfit.estimators.row_keys import combined, in_order, numbers
 from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.units import RPM_PER_RAD_S
 
@@ -490,7 +491,8 @@ def plane_groups(test: PerturbationTest) -> list[list[str]]:
         test: the runs.
     """
     groups: list[set[str]] = []
-    for pair in dict.fromkeys(zip(test.force_plane.tolist(), test.plane.tolist(), strict=True)):
+    first, _ = in_order(combined(numbers(test.force_plane), numbers(test.plane)))
+    for pair in zip(test.force_plane[first].tolist(), test.plane[first].tolist(), strict=True):
         joined = set(pair).union(*[group for group in groups if group & set(pair)])
         groups = [group for group in groups if not group & joined] + [joined]
     return [sorted(group) for group in groups]

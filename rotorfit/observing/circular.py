@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +10,7 @@ from numpy.typing import NDArray
 from rotorfit.data.experiments import DisplacementTest, Experiment, PerturbationTest
 from rotorfit.data.linear_force import whirl_parts
 from rotorfit.estimators.observations import Responses
-from rotorfit.estimators.row_keys import unique_rows
+from rotorfit.estimators.row_keys import combined, in_order, numbers
 from rotorfit.estimators.sweep_noise import estimate_noise
 from rotorfit.models import RotorModel
 from rotorfit.models.array_types import ComplexArray, Float, Index
@@ -65,12 +64,13 @@ def _check_finite(experiment: PerturbationTest) -> None:
             "subtracted where runs dwell at a few speeds; from start-ups subtract it first and give the differences, "
             "or repeat each weight at 180 degrees (eq. 20). Any other reading without a force is to be removed"
         )
-    for plane, direction in dict.fromkeys(zip(experiment.plane.tolist(), experiment.direction.tolist(), strict=True)):
-        channel = (experiment.plane == plane) & (experiment.direction == direction)
-        if not experiment.response[channel].any():
+    first, channel = in_order(combined(numbers(experiment.plane), numbers(experiment.direction)))
+    alive = np.bincount(channel, weights=experiment.response != 0)
+    for row, some in zip(first.tolist(), alive.tolist(), strict=True):
+        if not some:
             raise ValueError(
-                f"{name}: every reading of {plane} {direction} is zero: a probe that was not connected? Remove them, "
-                "for instance with test.select(...)"
+                f"{name}: every reading of {experiment.plane[row]} {experiment.direction[row]} is zero: a probe that "
+                "was not connected? Remove them, for instance with test.select(...)"
             )
 
 
@@ -90,11 +90,6 @@ def _check_planes(model: RotorModel, experiment: PerturbationTest) -> None:
         )
 
 
-def _numbers(keys: NDArray[Any]) -> Index:
-    """Number of each row's key among the sorted distinct ones."""
-    return np.unique(keys, return_inverse=True)[1].reshape(-1)
-
-
 def _lines(experiment: PerturbationTest, coordinate: Index, slot: Index) -> tuple[Index, Index]:
     """Line of each row, and first row of each line; repeats of a reading within a run go to lines of their own."""
     columns = (
@@ -106,30 +101,28 @@ def _lines(experiment: PerturbationTest, coordinate: Index, slot: Index) -> tupl
         experiment.force.imag,
         experiment.force_direction,
     )
-    codes = np.column_stack([_numbers(column) for column in columns])
-    first, line = unique_rows(codes)
-    reading = np.column_stack([line, coordinate, slot])
-    _, same = unique_rows(reading)
+    first, line = in_order(combined(*[numbers(column) for column in columns]))
+    reading = combined(line, coordinate, slot)
+    if not reading.size or np.bincount(reading).max() == 1:
+        return line, first
+    _, same = in_order(reading)
     order = np.argsort(same, kind="stable")
     starts = np.r_[0, np.flatnonzero(np.diff(same[order])) + 1]
     occurrence = np.empty(same.size, dtype=np.intp)
     occurrence[order] = np.arange(same.size) - np.repeat(starts, np.diff(np.r_[starts, same.size]))
-    first, line = unique_rows(np.column_stack([occurrence, line]))
-    rank = np.argsort(np.argsort(first))  # lines in the order of the file
-    return rank[line], np.sort(first)
+    first, line = in_order(combined(occurrence, line))
+    return line, first
 
 
 def lines_of(model: RotorModel, test: PerturbationTest) -> Index:
     """First row of each line of a test that holds readings of one direction only, in the order of its lines."""
-    axis = np.where(np.char.startswith(test.direction, "r"), "r", "z")
-    return _lines(test, _coordinates(model, test.plane, axis), np.zeros(len(test), dtype=np.intp))[1]
+    coordinate = _by_kind(test, lambda plane, direction: model.coordinate(plane, direction[:-1] or "z"))
+    return _lines(test, coordinate, np.zeros(len(test), dtype=np.intp))[1]
 
 
 def _observe_isotropic(model: RotorModel, test: PerturbationTest, group: Index) -> Responses:
-    tilt = np.char.startswith(test.direction, "r")
-    axis = np.where(tilt, "r", "z")
-    coordinate = _coordinates(model, test.plane, axis)
-    slot = np.char.endswith(test.direction, "y") + 2 * np.char.endswith(test.direction, "z")
+    coordinate = _by_kind(test, lambda plane, direction: model.coordinate(plane, direction[:-1] or "z"))
+    slot = _by_kind(test, lambda _, direction: "xyz".index(direction[-1]))
     line, first = _lines(test, coordinate, slot)
     n = len(model.coordinates)
     values = np.full((first.size, n, 3), np.nan, dtype=complex)
@@ -177,17 +170,19 @@ def directional(values: ComplexArray, sigmas: Float, frequency: Float) -> tuple[
     return right, wrong, sigma
 
 
-def _coordinates(model: RotorModel, plane: NDArray[np.str_], axis: NDArray[np.str_]) -> Index:
-    pairs = {(p, a) for p, a in zip(plane.tolist(), axis.tolist(), strict=True)}
-    lookup = {pair: model.coordinate(*pair) for pair in pairs}
-    return np.array([lookup[pair] for pair in zip(plane.tolist(), axis.tolist(), strict=True)], dtype=np.intp)
+def _by_kind(test: PerturbationTest | DisplacementTest, number: Callable[[str, str], int]) -> Index:
+    """A number for each row that its plane and its direction tell."""
+    direction = getattr(test, "direction", np.full(len(test), "z"))
+    first, kind = in_order(combined(numbers(test.plane), numbers(direction)))
+    pairs = zip(test.plane[first].tolist(), direction[first].tolist(), strict=True)
+    return np.array([number(*pair) for pair in pairs], dtype=np.intp)[kind]
 
 
 def _observe_xy(model: RotorModel, test: PerturbationTest, group: Index) -> Responses:
     other = sorted(set(test.direction.tolist()) - {"x", "y"})
     if other:
         raise ValueError(f"{model.name} keeps x and y apart; readings in direction {', '.join(other)} do not fit it")
-    coordinate = _coordinates(model, test.plane, test.direction)
+    coordinate = _by_kind(test, model.coordinate)
     line, first = _lines(test, coordinate, np.zeros(len(test), dtype=np.intp))
     order = np.lexsort([coordinate, line])
     readings = np.column_stack([line, coordinate])[order]
@@ -223,15 +218,14 @@ def _assemble(
     force = np.zeros((first.size, len(model.coordinates)), dtype=complex)
     planes = test.force_plane[first]
     along = test.force_direction[first]
-    for plane, axis in dict.fromkeys(zip(planes.tolist(), along.tolist(), strict=True)):
-        at = (planes == plane) & (along == axis)
+    begin, kind = in_order(combined(numbers(planes), numbers(along)))
+    for number, start in enumerate(begin.tolist()):
+        at, plane, axis = kind == number, str(planes[start]), str(along[start])
         force[at] = model.force_vector(plane, frequency[at], test.force[first][at], axis)
     line, coordinate = readings[:, 0], readings[:, 1]
     run = test.run[first][line]
-    names = [f"{r} / {channel_names[c]}" for r, c in zip(run.tolist(), coordinate.tolist(), strict=True)]
-    labels = tuple(dict.fromkeys(names))
-    number = {name: i for i, name in enumerate(labels)}
-    label = np.array([number[name] for name in names], dtype=np.intp)
+    begin, label = in_order(combined(numbers(run), coordinate))
+    labels = tuple(f"{run[i]} / {channel_names[coordinate[i]]}" for i in begin.tolist())
     gaps = np.isnan(sigma)
     block = Responses(
         model=model,
@@ -255,14 +249,14 @@ def _assemble(
 
 def _conditions(test: PerturbationTest) -> Index:
     """Number of the conditions of each row: attributes that one run has one value of, the number of a repeat aside."""
-    run = _numbers(test.run)
-    codes = [np.zeros(len(test), dtype=np.intp)]
+    run, codes = numbers(test.run), [np.zeros(len(test), dtype=np.intp)]
     for name, values in test.attributes.items():
-        number = _numbers(np.asarray(values).astype(str))
-        steady = np.unique(np.column_stack([run, number]), axis=0).shape[0] == np.unique(run).size
-        if steady and not name.startswith("repeat"):
+        if name.startswith("repeat"):
+            continue
+        number = numbers(np.asarray(values).astype(str) if values.dtype.kind != "U" else values)
+        if in_order(combined(run, number))[0].size == int(run.max()) + 1:
             codes.append(number)
-    return unique_rows(np.column_stack(codes))[1]
+    return in_order(combined(*codes))[1]
 
 
 def _observe_displacement(model: RotorModel, test: DisplacementTest, group: Index) -> Responses:
@@ -275,8 +269,7 @@ def _observe_displacement(model: RotorModel, test: DisplacementTest, group: Inde
             f"{', '.join(model.planes)}. Map names with {type(model).__name__}(planes=(...)) or --planes"
         )
     count = len(test)
-    axis = np.full(count, "z")
-    coordinate = _coordinates(model, test.plane, axis)
+    coordinate = _by_kind(test, model.coordinate)
     values = np.stack([test.force_x, test.force_y, np.full(count, np.nan, dtype=complex)], axis=-1)
     sigmas = np.stack([test.sigma, test.sigma, np.full(count, np.nan)], axis=-1)
     right, wrong, sigma = directional(values, sigmas, test.frequency)
