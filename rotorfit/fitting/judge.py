@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -100,12 +101,14 @@ def judge(
     deviance = float(robust_weights(problem.loss, np.abs(whitened) ** 2)[0].sum())
     freedom = min(known, float(nfree)) if widening > 1 and np.isfinite(known) else known
     degrees = [freedom if noise is None else noise.degrees(row) for row in np.eye(space.size)]
-    params = _parameters(problem, x, begin, scattered, covar, degrees, verdict.unresolved)
-    warnings = [*notes, *_warnings(problem, x, redchi, params, bool(settings.levels), noise)]
     # A minimum along a whole line is one: the identifiability verdict names the line.
     success = solution is None or solution.success or solution.status is Status.SINGULAR
+    params = _parameters(problem, x, begin, scattered, covar, degrees, verdict.unresolved)
+    if not success:  # where a search stalled the curvature tells nothing of the error
+        params = {n: replace(p, stderr=np.nan, stderr_noise=np.nan) if p.vary else p for n, p in params.items()}
+    warnings = [*notes, *_warnings(problem, x, redchi, params, bool(settings.levels), noise)]
     if solution is not None and not success:
-        warnings.insert(0, f"the optimisation did not converge: {solution.message}")
+        warnings.insert(0, f"the optimisation did not converge, so that nothing has an error: {solution.message}")
     return FitResult(
         model=space.model,
         experiments=experiments,

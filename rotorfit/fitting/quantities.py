@@ -17,7 +17,7 @@ class FittedParameter:
         name: name, with the group in brackets where it was fitted per attribute.
         value: estimate or known value, SI.
         stderr: standard error, widened by sqrt(redchi) where the model, not the noise, limits the fit; zero for known
-            parameters, infinite where the data do not determine the parameter.
+            parameters, infinite where the data do not determine the parameter, NaN where the search did not converge.
         stderr_noise: standard error from the noise alone.
         init_value: start of the optimisation.
         unit: SI unit.
@@ -54,7 +54,7 @@ class FittedParameter:
 
 @dataclass(frozen=True)
 class Quantity:
-    """A derived quantity and its standard error (infinite where the data do not determine it).
+    """A derived quantity and its standard error, infinite where the data do not determine it, NaN for a stalled fit.
 
     ``freedom`` and :meth:`interval` are as those of :class:`FittedParameter`.
     """

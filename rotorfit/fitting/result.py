@@ -210,6 +210,8 @@ class FitResult:
         leak = float(np.abs(slope[: null.shape[0]] @ null).max(initial=0.0)) if null.size else 0.0
         if leak > 1e-4 * abs(value):  # a change by the parameters' own size that no datum notices
             return Quantity(value, math.inf, unit)
+        if not self.success:
+            return Quantity(value, math.nan, unit)
         freedom = self.freedom if self.noise is None else self.noise.degrees(slope)
         return Quantity(value, math.sqrt(max(float(slope @ self.covar @ slope), 0.0)), unit, freedom)
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterable
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -94,11 +93,9 @@ def noise_lines(fit: FitResult) -> list[str]:
 
 def parameter_table(fit: FitResult) -> list[str]:
     """Lines of the parameter table; a parameter that the data do not determine shows no number."""
-    both = fit.success and any(p.stderr > p.stderr_noise * 1.01 for p in fit.params.values() if p.vary and p.resolved)
+    both = any(p.stderr > p.stderr_noise * 1.01 for p in fit.params.values() if p.vary and p.resolved)
     rows: list[list[str | Wide]] = [["parameter", "value", "stderr", *(["noise only"] * both), "start", "unit", ""]]
-    # Where the search stalled the curvature tells nothing of the error.
-    shown = fit.params.values() if fit.success else [replace(p, stderr=np.inf) for p in fit.params.values()]
-    rows += [_row(p, both) for p in in_order(shown)]
+    rows += [_row(p, both) for p in in_order(fit.params.values())]
     return text_table(rows, "<22 >14 >12 >12 >14 <1 <1" if both else "<22 >14 >12 >14 <1 <1")
 
 

@@ -31,7 +31,9 @@ def parameter_section(material: ReportInput) -> Html:
     start = "closed-form start" if fit.method == "least squares" else "start"
     head = ["parameter", "value", "standard error", "from noise alone", "unit", start, "meaning", ""]
     notes = ["Errors are one standard deviation."]
-    if fit.widening > 1.01:
+    if not fit.success:
+        notes = ["The search did not converge: nothing here has an error."]
+    elif fit.widening > 1.01:
         notes.append(
             f"They are those from the noise times √redchi = {plain(math.sqrt(fit.redchi), 3)}, because the residuals "
             "exceed the noise."
