@@ -37,7 +37,11 @@ _SMOOTH_ENOUGH = 3.0
 _FEWEST = 128
 """Pieces of the spline to begin with."""
 _LEVERAGES = 64
-"""Pulses at which it is computed how far the smooth angle is better known than they are."""
+"""Pulses at least at which it is computed how far the smooth angle is better known than they are."""
+_FEW = 32
+"""Times at which it is computed at once."""
+_ENDS = 16
+"""Pulses at either end at each of which it is: where a sweep begins they are far apart."""
 _GROUP = 60
 """Pulses whose scatter is pooled: known to 1/sqrt(2 * 60) = 9 %."""
 
@@ -51,7 +55,8 @@ class SmoothAngle:
         begin, end: times of the first and the last pulse used, s.
         jitter: typical standard deviation of a pulse's time about the smooth angle, s.
         groups: times (s) and standard deviations of a pulse's angle about the smooth angle (rad) at them, ``(2, G)``.
-        shares: variance of the smooth angle over that of one pulse, at times ``share_t`` (s), shape ``(S,)`` both.
+        shares: variance of the smooth angle over that of one pulse, at times ``share_t`` (s), shape ``(S,)`` both;
+            above one between pulses that are far apart.
         pattern: how far each pulse of a turn is ahead of even spacing, rad, shape ``(P,)``; zeros for one pulse a turn.
         outlying: times of pulses left out because they are far from the smooth angle, s.
         pulses: number of pulses used.
@@ -71,7 +76,8 @@ class SmoothAngle:
     @property
     def share(self) -> float:
         """Mean of the shares over the pulses: what the spline takes of their number is this times :attr:`pulses`."""
-        return float(np.mean(self.shares))
+        angle = self.angle(self.share_t)
+        return float(np.trapezoid(np.minimum(self.shares, 1.0), angle) / (angle[-1] - angle[0]))
 
     def angle(self, t: Float) -> Float:
         """Angle, rad, at times, s; zero at the first pulse's nominal position."""
@@ -132,7 +138,9 @@ def _fit(times: Float, numbers: Index, step: float, duration: float, per_turn: i
     slope: Float = np.interp(times, (times[1:] + times[:-1]) / 2, step * np.diff(numbers) / np.diff(times))
     angle = np.asarray(step * numbers, dtype=float)
     present, tooth = np.unique(numbers % per_turn, return_inverse=True)  # a wheel with an index gap has not all teeth
-    relative = slope / float(np.median(slope))  # a first guess: all pulses scatter alike in time
+    speed = slope / float(np.median(slope))
+    relative = speed  # a first guess: all pulses scatter alike in time
+    rows = _looked_at(times.size)
     for _ in range(2):
         size = _FEWEST
         posed, log_penalty = _posed(times, angle, relative**-2, duration, size, tooth)
@@ -141,23 +149,46 @@ def _fit(times: Float, numbers: Index, step: float, duration: float, per_turn: i
             posed, log_penalty = _posed(times, angle, relative**-2, duration, size, tooth)
         best = posed.solve(log_penalty)
         spline = BSpline(posed.knots, best.coefficients + posed.trend, DEGREE, extrapolate=True)
-        rows = np.unique(np.linspace(0, times.size - 1, _LEVERAGES).astype(int))
-        shares = np.minimum(posed.leverages(log_penalty, times[rows]) / relative[rows] ** 2, 1.0)
-        off = (angle + best.pattern[tooth] - spline(times)) / best.sigma
-        left = 1 - np.interp(times, times[rows], np.minimum(shares, 0.95))
-        factor = _pooled(times, (off / relative) ** 2, left)
+        shares = np.minimum(posed.leverages(log_penalty, times[rows]) / relative[rows] ** 2, 0.95)
         if best.sigma < _ROUNDING * duration * float(slope.max()):
             break  # pulses without any jitter: what is left is rounding
-        relative = relative * np.sqrt(factor)
+        off = (angle + best.pattern[tooth] - spline(times)) / best.sigma
+        relative = _scatter(times, speed, off**2, 1 - np.interp(times, times[rows], shares))
     scatter = np.maximum(best.sigma, 1e-300) * relative
     pattern = np.zeros(per_turn)
     pattern[present] = best.pattern
-    at = np.unique(np.linspace(0, times.size - 1, max(2 * times.size // _GROUP, 2)).astype(int))
+    told = np.union1d(rows, np.linspace(0, times.size - 1, max(2 * times.size // _GROUP, 2)).astype(int))
+    # between pulses that are far apart the angle is less well known than at them
+    at = np.union1d(times[rows], (times[rows[:-1]] + times[rows[:-1] + 1]) / 2)
     return SmoothAngle(
         spline=spline, begin=float(times[0]), end=float(times[-1]), jitter=float(np.median(scatter / slope)),
-        groups=np.stack([times[at], scatter[at]]), shares=shares / factor[rows], share_t=times[rows],
+        groups=np.stack([times[told], scatter[told]]),
+        shares=posed.leverages(log_penalty, at) / np.interp(at, times, relative) ** 2, share_t=at,
         pattern=pattern, outlying=np.zeros(0), pulses=times.size,
     )  # fmt: skip
+
+
+def _looked_at(count: int) -> Index:
+    """Pulses at which it is computed how well the smooth angle is known: spread over all, every one near the ends."""
+    spread = np.linspace(0, count - 1, _LEVERAGES).astype(int)
+    ends = np.arange(min(_ENDS, count))
+    return np.unique(np.concatenate([ends, spread, count - 1 - ends]))
+
+
+def _scatter(times: Float, speed: Float, squares: Float, left: Float) -> Float:
+    """Standard deviation of each pulse's angle, from the squares that the spline has left a share of.
+
+    The likeliest mixture of scatter in angle and scatter in time, pooled over neighbours for what is neither.
+    """
+    shares = np.array([0.0, 0.01, 0.03, 0.1, 0.3, 0.6, 0.85, 0.95, 0.99, 1.0])
+    best, least = speed**2, np.inf
+    for share in shares.tolist():
+        variance = (1 - share) + share * speed**2
+        variance = variance * float(np.sum(squares / variance) / np.sum(left))
+        cost = float(np.sum(left * np.log(variance)))
+        if cost < least:
+            best, least = variance, cost
+    return np.asarray(np.sqrt(best * _pooled(times, squares / best, left)))
 
 
 def _posed(
@@ -261,8 +292,11 @@ class _Problem:
 
     def leverages(self, log_penalty: float, times: Float) -> Float:
         """Variance of the spline at some times over that of a pulse of weight one; the pattern's share left out."""
-        rows = BSpline.design_matrix(times, self.knots, DEGREE, extrapolate=True).toarray()
-        return np.asarray(np.sum(rows.T * cho_solve_banded((self._factor(log_penalty), False), rows.T), axis=0))
+        factor, found = self._factor(log_penalty), []
+        for part in np.array_split(times, -(-times.size // _FEW)):  # rows as long as the knots are many
+            rows = BSpline.design_matrix(part, self.knots, DEGREE, extrapolate=True).toarray().T
+            found.append(np.sum(rows * cho_solve_banded((factor, False), rows), axis=0))
+        return np.concatenate(found)
 
     def _factor(self, log_penalty: float) -> Float:
         whole = self.normal.copy()
