@@ -11,7 +11,7 @@ from rotorfit.estimators.observations import Responses
 from rotorfit.estimators.problem import Problem
 from rotorfit.estimators.shaft_lines import LineResponses, PairResponses
 from rotorfit.estimators.start_up_lines import shaft_of_lines
-from rotorfit.models import Turning
+from rotorfit.models import Turning, TurningOnSupports
 from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.models.combination_lines import Order
 
@@ -35,7 +35,7 @@ def round_part(problem: Problem) -> Problem | None:
     if not isinstance(space.model, Turning):
         return None
     pairs = [block for block in problem.blocks if isinstance(block, PairResponses)]
-    kept = [i for i, name in enumerate(space.base) if name not in ("dK_cos", "dK_sin")]
+    kept = [i for i, name in enumerate(space.base) if name in space.model.base.parameter_names]
     if len(pairs) < len(problem.blocks) or not kept or not all((block.line == "w").any() for block in pairs):
         return None
     round_space = replace(
@@ -43,8 +43,8 @@ def round_part(problem: Problem) -> Problem | None:
         model=space.model.base,
         names=tuple(space.names[i] for i in kept),
         base=tuple(space.base[i] for i in kept),
-        template=space.template[:, :-2],
-        index=space.index[:, :-2],
+        template=space.template[:, : len(space.model.base.parameters)],
+        index=space.index[:, : len(space.model.base.parameters)],
         lower=space.lower[: len(kept)],
         upper=space.upper[: len(kept)],
         nuisance=(),
@@ -52,6 +52,27 @@ def round_part(problem: Problem) -> Problem | None:
     blocks = tuple(_taken_for_round(space.model, block) for block in pairs)
     priors = tuple(prior for prior in problem.priors if prior.entry < len(kept))
     return replace(problem, space=round_space, blocks=blocks, priors=priors, factors=())
+
+
+def support_starts(problem: Problem, start: Float) -> list[Float]:
+    """Starts with supports that differ by a typical amount, where the model has such: at none nothing tells direction.
+
+    Args:
+        problem: what is fitted.
+        start: of the rotor in round supports, shape ``(p,)``.
+    """
+    space = problem.space
+    at = {kind: [i for i, base in enumerate(space.base) if base.startswith(kind)] for kind in ("dKs", "angle_s")}
+    if not isinstance(space.model, TurningOnSupports) or not at["dKs"]:
+        return [start]
+    starts = []
+    for sign in (1.0, -1.0):
+        for angle in (0.0, np.pi / 4) if at["angle_s"] else (0.0,):
+            moved = start.copy()
+            moved[at["dKs"]] = [sign * space.model.parameter(space.base[i]).scale for i in at["dKs"]]
+            moved[at["angle_s"]] = angle
+            starts.append(moved)
+    return starts
 
 
 def _taken_for_round(model: Turning, block: PairResponses) -> Responses:

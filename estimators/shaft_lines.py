@@ -13,6 +13,7 @@ from rotorfit.estimators.observations import OnResponses
 from rotorfit.models import AnisotropicShaft
 from rotorfit.models.array_types import ComplexArray, Float, Index
 from rotorfit.models.combination_lines import Order, line_order
+from rotorfit.models.turning_on_supports import LinesFrame
 
 Text = NDArray[np.str_]
 
@@ -77,18 +78,27 @@ class LineResponses:
         return replace(self, sigma=self.sigma * factor)
 
 
+def is_image_line(line: Text) -> NDArray[np.bool_]:
+    """Whether lines are images, whose frequency falls as w rises: ``2Om-w``, ``-w``.
+
+    Args:
+        line: names.
+    """
+    return np.asarray(np.char.find(line, "-w") >= 0)
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class PairResponses(OnResponses):
-    """Motion at w and at the images 2 Om - w of a rotor with a turning element, one a reading, all of shape ``(R,)``.
+    """Lines of a rotor with a turning element, such as w and the image 2 Om - w, one a reading, all of shape ``(R,)``.
 
-    In turning coordinates they are ordinary responses: the vector (A, conj(B)) at w - Om.
+    In turning coordinates they are ordinary responses: the vector (A, conj(B), ...) at w - Om.
 
     Attributes:
         base: the same readings in turning coordinates, images conjugated.
         speed, frequency: Om and w, rad/s.
         force: complex amplitude of the force at w, N.
         direction: ``z``.
-        line: ``w`` or ``2Om-w``.
+        line: ``w``, ``2Om-w``, on supports that differ in two directions ``-w`` and others.
     """
 
     speed: Float
@@ -102,8 +112,23 @@ class PairResponses(OnResponses):
         """See :class:`~rotorfit.estimators.observations.Block`."""
         return self._turned_back(self.base.measured)
 
+    def cut_off(self, theta: Float) -> Float:
+        """What lines that the model leaves out would change, m, shape ``(R,)``: with two more on either side.
+
+        Args:
+            theta: parameter vectors of the groups, shape ``(G, P)``.
+        """
+        frame = self.base.model
+        if not isinstance(frame, LinesFrame):
+            return np.zeros(self.measured.size)
+        finer = frame.rotor.variant(terms=frame.rotor.terms + 2).turning
+        lacking = len(finer.coordinates) - len(frame.coordinates)
+        force = np.pad(self.base.force, ((0, 0), (0, lacking)))
+        more = replace(self.base, model=finer, force=force).predict(theta)
+        return np.asarray(np.abs(more - self.base.predict(theta)))
+
     def _turned_back(self, values: ComplexArray) -> ComplexArray:
-        image = (self.line != "w").reshape(-1, *[1] * (values.ndim - 1))
+        image = is_image_line(self.line).reshape(-1, *[1] * (values.ndim - 1))
         return np.where(image, values.conj(), values)
 
     def predict(self, theta: Float) -> ComplexArray:

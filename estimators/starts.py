@@ -25,7 +25,7 @@ from rotorfit.estimators.observations import Block, Responses
 from rotorfit.estimators.parameter_space import DATUM, ParameterSpace
 from rotorfit.estimators.problem import Problem
 from rotorfit.estimators.row_keys import unique_rows
-from rotorfit.estimators.shaft_line_starts import has_lines, line_start, round_part
+from rotorfit.estimators.shaft_line_starts import has_lines, line_start, round_part, support_starts
 from rotorfit.estimators.short_fits import ShortFits, short_fits
 from rotorfit.models import Modal
 from rotorfit.models.array_types import Float
@@ -128,8 +128,7 @@ def _guess(problem: Problem) -> tuple[Float, tuple[str, ...]]:
         return line_start(problem), ()
     as_if_round = round_part(problem)
     if as_if_round is not None:
-        found, notes = _guess(as_if_round)
-        return np.concatenate([found, np.zeros(len(problem.space.names) - found.size)]), notes
+        return _from_round(problem, *_guess(as_if_round))
     if not is_plain_linear(problem):
         return _nonlinear_guess(problem)
     few = _few_lines(problem)
@@ -171,6 +170,16 @@ def _every(block: Responses, step: int) -> Responses:
     keep = np.zeros(order.size, dtype=bool)
     keep[order] = (rank % step == step // 2) | (np.repeat(size, size) < 2 * step)
     return block.lines(keep)
+
+
+def _from_round(problem: Problem, found: Float, notes: tuple[str, ...]) -> tuple[Float, tuple[str, ...]]:
+    """Start of a rotor with a turning element from that of the round one."""
+    whole = np.concatenate([found, np.zeros(len(problem.space.names) - found.size)])
+    starts = support_starts(problem, whole)
+    if len(starts) == 1:
+        return whole, notes
+    fits = [_short_fit(problem, _full(problem, start)) for start in starts]
+    return min(fits, key=lambda fit: fit.cost).x[: whole.size], notes
 
 
 def _nonlinear_guess(problem: Problem) -> tuple[Float, tuple[str, ...]]:

@@ -23,6 +23,7 @@ from rotorfit.models.stability import Threshold, eigenvalues, threshold_speed
 from rotorfit.models.structure import BLOCKS
 from rotorfit.models.turning import TurningFrame, unstable_bands
 from rotorfit.models.turning_element import Turning
+from rotorfit.models.turning_on_supports import TurningOnSupports
 from rotorfit.models.two_disk import TwoDisk
 from rotorfit.models.whirl_whip import WhirlWhip
 
@@ -59,6 +60,7 @@ __all__ = [
     "Threshold",
     "Turning",
     "TurningFrame",
+    "TurningOnSupports",
     "TwoDisk",
     "WhirlWhip",
     "chain_from_modes",

@@ -57,7 +57,7 @@ class Orthotropic(RotorModel):
         if len(set(self.at)) < len(self.at):
             raise ValueError(f"at names a plane twice: {', '.join(self.at)}")
         self.caveats = base.caveats
-        own = [parameter for i, plane in enumerate(self.at) for parameter in self._support(i, plane)]
+        own = support_parameters(self.at)
         taken = {parameter.name for parameter in own} & set(base.parameter_names)
         if taken:
             raise ValueError(f"{base.name} has parameters of its own called {', '.join(sorted(taken))}")
@@ -79,29 +79,10 @@ class Orthotropic(RotorModel):
         if base.turns:
             raise ValueError(
                 f"{base.name} has a stiffness that turns, which with supports that do not makes many lines: "
-                "rf.models.harmonic_set predicts them"
+                "rf.models.TurningOnSupports(Turning(...)) has them"
             )
         if any(not ca.SX(factor.im).is_zero() for factor in base.symbolic[4]):
             raise ValueError(f"{base.name} has complex probe factors, which turn x into y")
-
-    def _symbol(self, kind: str, support: int) -> str:
-        return kind if len(self.at) == 1 else f"{kind}_{support + 1}"
-
-    def _support(self, i: int, plane: str) -> tuple[Parameter, ...]:
-        return (
-            Parameter(
-                self._symbol("dKs", i), "N/m", f"support stiffness along its direction minus across, {plane}", scale=5e3
-            ),
-            Parameter(
-                self._symbol("dDs", i),
-                "N s/m",
-                f"support damping along its direction minus across, {plane}",
-                scale=10.0,
-            ),
-            Parameter(
-                self._symbol("angle_s", i), "rad", f"direction of the support from x, {plane}", scale=0.5, default=0.0
-            ),
-        )
 
     @property
     def blocks(self) -> tuple[str, ...]:
@@ -146,9 +127,9 @@ class Orthotropic(RotorModel):
         count = len(self.planes)
         for i, plane in enumerate(self.at):
             node = self.base.planes.index(plane)
-            angle = getattr(p, self._symbol("angle_s", i))
+            angle = getattr(p, support_symbol("angle_s", i, self.at))
             for power, kind in ((0, "dKs"), (1, "dDs")):
-                half = 0.5 * getattr(p, self._symbol(kind, i))
+                half = 0.5 * getattr(p, support_symbol(kind, i, self.at))
                 straight, cross = half * ca.cos(2 * angle), half * ca.sin(2 * angle)
                 addition = ca.SX(2 * count, 2 * count)
                 addition[node, node], addition[node + count, node + count] = straight, -straight
@@ -214,3 +195,32 @@ def _numbers_apart(ahead: ComplexArray, behind: ComplexArray) -> ComplexArray:
 def _apart(matrix: Complex) -> Complex:
     """The real matrix for x and y of a complex one for z = x + jy."""
     return Complex(ca.vertcat(ca.horzcat(matrix.re, -matrix.im), ca.horzcat(matrix.im, matrix.re)))
+
+
+def support_symbol(kind: str, support: int, at: Sequence[str]) -> str:
+    """Name of a support's parameter: numbered where there are several supports.
+
+    Args:
+        kind: ``dKs``, ``dDs`` or ``angle_s``.
+        support: its place in ``at``.
+        at: planes with such supports.
+    """
+    return kind if len(at) == 1 else f"{kind}_{support + 1}"
+
+
+def support_parameters(at: Sequence[str]) -> list[Parameter]:
+    """Parameters of supports that differ in two directions.
+
+    Args:
+        at: their planes.
+    """
+    kinds = (
+        ("dKs", "N/m", "support stiffness along its direction minus across", 5e3, None),
+        ("dDs", "N s/m", "support damping along its direction minus across", 10.0, None),
+        ("angle_s", "rad", "direction of the support from x", 0.5, 0.0),
+    )
+    return [
+        Parameter(support_symbol(kind, i, at), unit, f"{meaning}, {plane}", scale=scale, default=default)
+        for i, plane in enumerate(at)
+        for kind, unit, meaning, scale, default in kinds
+    ]

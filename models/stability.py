@@ -93,7 +93,7 @@ def eigenvalues(model: RotorModel, theta: ArrayLike, speed: ArrayLike) -> Comple
 
 
 def is_image(model: RotorModel, theta: ArrayLike, speed: float, s: complex) -> bool:
-    """Whether an eigenvalue in turning coordinates is that of a motion's image rather than of the motion itself.
+    """Whether an eigenvalue in turning coordinates is that of another line, such as the image, of a motion.
 
     Where motion and image grow together, between the edges of an unstable band, neither is.
     """
@@ -102,8 +102,8 @@ def is_image(model: RotorModel, theta: ArrayLike, speed: float, s: complex) -> b
     coefficients = model.motion(theta, speed)
     kappa = np.einsum("k,kij->ij", s ** np.arange(model.order + 1), coefficients)
     shape = np.linalg.svd(kappa)[2][-1]
-    n = shape.size // 2
-    return bool(np.linalg.norm(shape[:n]) < (1 - 1e-6) * np.linalg.norm(shape[n:]))
+    lines = np.linalg.norm(shape.reshape(-1, len(model.coordinates)), axis=1)
+    return bool(lines[0] < (1 - 1e-6) * lines[1:].max())
 
 
 def growth_rate(model: RotorModel, theta: ArrayLike, speed: ArrayLike, band: float = math.inf) -> Float:
@@ -131,6 +131,34 @@ def eigenvalue_gradient(model: RotorModel, theta: ArrayLike, speed: float, s: co
     np.add.at(total, jacobian.inputs, entries)
     total /= -(u @ slope @ v)
     return complex(total[-2]), total[:-2]
+
+
+def growing_bands(model: RotorModel, theta: ArrayLike, max_speed: float) -> list[tuple[float, float]]:
+    """Ranges of rotative speed in which free motion grows, of any model.
+
+    Args:
+        model: the rotor.
+        theta: parameter vector, shape ``(P,)``.
+        max_speed: highest speed searched, rad/s, at evenly spaced speeds: narrower bands are passed over.
+
+    Returns:
+        lower and upper edge of each, rad/s, ascending; the last may end at ``max_speed``.
+    """
+    from scipy.optimize import brentq
+
+    values = np.asarray(theta, dtype=float)
+
+    def rate(speed: float) -> float:
+        return float(growth_rate(model, values, speed))
+
+    speeds = np.linspace(max_speed / _SCAN, max_speed, _SCAN)
+    grows = np.concatenate([growth_rate(model, values, part) > 0 for part in np.array_split(speeds, 10)])
+    edges = [
+        float(brentq(rate, speeds[i], speeds[i + 1], xtol=1e-12 * max_speed))
+        for i in np.flatnonzero(grows[1:] != grows[:-1]).tolist()
+    ]
+    edges = [*([0.0] if grows[0] else []), *edges, *([max_speed] if grows[-1] else [])]
+    return list(zip(edges[::2], edges[1::2], strict=True))
 
 
 def threshold_speed(

@@ -66,7 +66,7 @@ class TurningFrame(RotorModel):
         ahead = self.base.known_stiffness(theta, s + shift, speed)
         behind = self.base.known_stiffness(theta, np.conj(s) + shift, speed)
         return KnownStiffness(
-            _beside(ahead.values, behind.values.conj()), ahead.inputs, _beside(ahead.slopes, behind.slopes.conj())
+            beside([ahead.values, behind.values.conj()]), ahead.inputs, beside([ahead.slopes, behind.slopes.conj()])
         )
 
     def equation(self, p: Any, speed: Any, eccentricity: Any) -> Sequence[Matrix]:
@@ -75,23 +75,33 @@ class TurningFrame(RotorModel):
         powers = [m if isinstance(m, Complex) else Complex.matrix(m) for m in given]
         turning = self.base.turning_stiffness(p)
         delta = turning if isinstance(turning, Complex) else Complex.matrix(turning)
-        ahead = _shifted(powers, J * speed)
-        behind = _shifted([matrix.conj() for matrix in powers], -J * speed)
+        ahead = shifted(powers, J * speed)
+        behind = shifted([matrix.conj() for matrix in powers], -J * speed)
         nothing = delta * 0.0
         off = [delta, *[nothing] * (len(powers) - 1)]
         return [Complex.block([[a, d], [d.conj(), b]]) for a, b, d in zip(ahead, behind, off, strict=True)]
 
 
-def _beside(one: ComplexArray, other: ComplexArray) -> ComplexArray:
-    """Matrices along the diagonal of larger ones."""
-    n = one.shape[-1]
-    whole = np.zeros((*one.shape[:-2], 2 * n, 2 * n), dtype=complex)
-    whole[..., :n, :n], whole[..., n:, n:] = one, other
+def beside(parts: Sequence[ComplexArray]) -> ComplexArray:
+    """Square matrices of one size along the diagonal of larger ones.
+
+    Args:
+        parts: shape ``(..., n, n)`` each.
+    """
+    n, count = parts[0].shape[-1], len(parts)
+    whole = np.zeros((*parts[0].shape[:-2], n * count, n * count), dtype=complex)
+    for i, part in enumerate(parts):
+        whole[..., i * n : (i + 1) * n, i * n : (i + 1) * n] = part
     return whole
 
 
-def _shifted(powers: Sequence[Complex], shift: Complex) -> list[Complex]:
-    """Coefficients of ``sum C_k (s + shift)^k`` by powers of s."""
+def shifted(powers: Sequence[Complex], shift: Complex) -> list[Complex]:
+    """Coefficients of ``sum C_k (s + shift)^k`` by powers of s.
+
+    Args:
+        powers: the matrices C_k.
+        shift: what is added to s.
+    """
     result = []
     for low in range(len(powers)):
         total = powers[low]

@@ -89,25 +89,34 @@ class Turning(RotorModel):
         return TurningFrame(self)
 
     @property
+    def line_places(self) -> dict[str, int]:
+        """Lines that can be read, by name, with their place among those of :attr:`turning`."""
+        return {"w": 0, "2Om-w": 1}
+
+    @property
     def speed_dependent(self) -> bool:
         """In turning coordinates always."""
         return True
 
+    def _round(self, theta: ArrayLike) -> Float:
+        """Parameters of the round rotor."""
+        return np.asarray(theta, dtype=float)[..., : len(self.base.parameters)]
+
     def known_stiffness(self, theta: Float, s: ComplexArray, speed: Float) -> KnownStiffness:
         """See :meth:`RotorModel.known_stiffness`."""
-        return self.base.known_stiffness(np.asarray(theta)[..., :-2], s, speed)
+        return self.base.known_stiffness(self._round(theta), s, speed)
 
     def motion(self, theta: ArrayLike, speed: ArrayLike) -> ComplexArray:
         """Free motion in turning coordinates; of a known structure that of the round shaft in fixed ones."""
         if self.shaft is not None:
-            return self.base.motion(np.asarray(theta)[..., :-2], speed)
+            return self.base.motion(self._round(theta), speed)
         return self.turning.coefficients(theta, speed)
 
     def motion_jacobian(self, theta: ArrayLike, speed: float) -> CoefficientJacobian:
         """See :meth:`RotorModel.motion_jacobian`."""
         if self.shaft is None:
             return self.turning.motion_jacobian(theta, speed)
-        found = self.base.motion_jacobian(np.asarray(theta)[:-2], speed)
-        last = len(self.base.parameters)  # speed and eccentricity come after the parameters, two of which are new
-        inputs = np.where(found.inputs >= last, found.inputs + 2, found.inputs)
+        found = self.base.motion_jacobian(self._round(theta), speed)
+        last = len(self.base.parameters)  # speed and eccentricity come after the parameters
+        inputs = np.where(found.inputs >= last, found.inputs + len(self.parameters) - last, found.inputs)
         return replace(found, inputs=inputs)

@@ -138,7 +138,7 @@ def test_elements_and_data_that_make_no_sense_are_refused_in_words():
     with pytest.raises(ValueError, match="between two planes, or a plane and the ground"):
         Turning(Chain(2), ("mass-1", "mass-1"))
     for turning in (CHAIN, rf.models.AnisotropicShaft()):
-        with pytest.raises(ValueError, match="harmonic_set predicts them"):
+        with pytest.raises(ValueError, match=r"TurningOnSupports\(Turning\(...\)\) has them"):
             rf.models.Orthotropic(turning)
     with pytest.raises(ValueError, match="changes with eccentricity"):
         Turning(OneMode(law=rf.models.Muszynska(), clearance_um=200.0))

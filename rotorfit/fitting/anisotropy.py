@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from rotorfit.estimators.shaft_lines import PairResponses
 from rotorfit.models.array_types import Float
 
 if TYPE_CHECKING:
@@ -190,3 +191,21 @@ def _critical_table(level: float) -> tuple[Float, Float]:
     lengths = np.linspace(0.0, _FAR, 121)
     found = [float(brentq(missed, 1e-6, 20.0, args=(length,))) for length in lengths[:-1].tolist()]
     return lengths, np.array([*found, float(norm.ppf((1 + level) / 2))])
+
+
+def lines_cut_off(fit: FitResult) -> tuple[float, float]:
+    """What lines that a :class:`~rotorfit.models.TurningOnSupports` leaves out change in those that were fitted.
+
+    Args:
+        fit: the result.
+
+    Returns:
+        greatest change over the greatest reading, and over the noise of its own reading.
+    """
+    size = share = 0.0
+    for block in fit.problem.blocks:
+        if isinstance(block, PairResponses):
+            change = block.cut_off(fit.thetas)
+            size = max(size, float(change.max() / np.abs(block.measured).max()))
+            share = max(share, float((change / block.sigma).max()))
+    return size, share

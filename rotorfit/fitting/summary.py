@@ -9,10 +9,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rotorfit.estimators.parameter_space import DATUM
+from rotorfit.fitting.anisotropy import lines_cut_off
 from rotorfit.fitting.digits import plus_minus, with_error
 from rotorfit.fitting.noise_record import NoiseVerdict, is_run_effect
-from rotorfit.models import eigenvalues, unstable_bands
+from rotorfit.models import TurningOnSupports, eigenvalues, unstable_bands
 from rotorfit.models.parameters import bare_name
+from rotorfit.models.stability import growing_bands
 from rotorfit.text_table import Wide, text_table
 from rotorfit.units import RPM_PER_RAD_S
 
@@ -159,8 +161,15 @@ def _turning_lines(fit: FitResult) -> list[str]:
     found = [f"turning anisotropy: {fit.turning_anisotropy()}"]
     theta = fit.theta()
     top = 3 * float(np.abs(eigenvalues(fit.model, theta, 0.0)).max())
-    bands = RPM_PER_RAD_S * np.asarray(unstable_bands(fit.model, theta, top)).reshape(-1, 2)
+    search = growing_bands if isinstance(fit.model, TurningOnSupports) else unstable_bands
+    bands = RPM_PER_RAD_S * np.asarray(search(fit.model, theta, top)).reshape(-1, 2)
     shown = [f"{low:.1f} to {high:.1f} rpm" for low, high in bands.tolist()]
+    if isinstance(fit.model, TurningOnSupports):
+        size, share = lines_cut_off(fit)
+        found.append(
+            f"lines left out change those fitted by {size:.1g} of the largest at most, {share:.1g} of a standard "
+            f"deviation (terms={fit.model.terms})"
+        )
     return [*found, "unstable by turning anisotropy: " + (", ".join(shown) or "at no speed, it is damped")]
 
 

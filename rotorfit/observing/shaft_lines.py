@@ -6,8 +6,8 @@ import numpy as np
 
 from rotorfit.data.experiments import LineTest
 from rotorfit.estimators.observations import Responses
-from rotorfit.estimators.shaft_lines import LineResponses, PairResponses
-from rotorfit.models import AnisotropicShaft, RotorModel, Turning
+from rotorfit.estimators.shaft_lines import LineResponses, PairResponses, is_image_line
+from rotorfit.models import AnisotropicShaft, RotorModel, Turning, TurningOnSupports
 from rotorfit.models.array_types import Index
 from rotorfit.models.combination_lines import line_order
 
@@ -36,8 +36,9 @@ def lines_of_test(model: RotorModel, test: LineTest, group: Index) -> LineRespon
             f"{where} has the plane {', '.join(planes)}, {model.name} has {', '.join(model.planes)}; map the name with "
             f"{type(model).__name__}(planes=({planes[0]!r},))"
         )
-    for direction, line in dict.fromkeys(zip(test.direction.tolist(), test.line.tolist(), strict=True)):
-        line_order(direction, line)
+    if isinstance(model, AnisotropicShaft):
+        for direction, line in dict.fromkeys(zip(test.direction.tolist(), test.line.tolist(), strict=True)):
+            line_order(direction, line)
     if isinstance(model, AnisotropicShaft) and model.torsion is None and (test.direction == "twist").any():
         raise ValueError(f"{where} has readings of the twist, the model has none; use AnisotropicShaft() with torsion")
     columns = (test.speed, test.frequency, test.force, test.response)
@@ -70,14 +71,16 @@ def lines_of_test(model: RotorModel, test: LineTest, group: Index) -> LineRespon
 
 
 def _pairs(model: Turning, test: LineTest, group: Index, label: Index, labels: tuple[str, ...]) -> PairResponses:
-    """Readings at w and 2 Om - w as responses in turning coordinates."""
+    """Readings at w, 2 Om - w and others as responses in turning coordinates."""
+    known = [f"z {name}" for name in model.line_places]
     others = sorted(
-        {f"{d} {name}" for d, name in zip(test.direction.tolist(), test.line.tolist(), strict=True)} - _PAIR
+        {f"{d} {name}" for d, name in zip(test.direction.tolist(), test.line.tolist(), strict=True)} - {*known}
     )
     if others:
+        kind = "" if isinstance(model, TurningOnSupports) else " in round supports"
         raise ValueError(
-            f"{test.source or test.title} has the lines {', '.join(others)}; a rotor with a turning element has "
-            "z w and z 2Om-w: select those rows"
+            f"{test.source or test.title} has the lines {', '.join(others)}; a rotor with a turning element{kind} has "
+            f"{', '.join(known[:-1])} and {known[-1]}: select those rows"
         )
     force = np.where(test.frequency < 0, test.force.conj(), test.force)
     condition = [test.run, test.speed, test.frequency, test.force_plane, force.real, force.imag, group]
@@ -86,10 +89,11 @@ def _pairs(model: Turning, test: LineTest, group: Index, label: Index, labels: t
     order = np.argsort(line.reshape(-1), kind="stable")  # readings of a line stand together
     rows = test.select(order)
     n = len(model.coordinates)
-    drive = np.zeros((first.size, 2 * n), dtype=complex)
+    drive = np.zeros((first.size, len(model.turning.coordinates)), dtype=complex)
     places = [model.coordinate(plane, "z") for plane in test.force_plane[first].tolist()]
     drive[np.arange(first.size), places] = force[first]
-    image = rows.line != "w"
+    image = is_image_line(rows.line)
+    place = np.array([model.line_places[name] for name in rows.line.tolist()], dtype=np.intp)
     coordinate = np.array([model.coordinate(plane, "z") for plane in rows.plane.tolist()], dtype=np.intp)
     base = Responses(
         model=model.turning,
@@ -98,7 +102,7 @@ def _pairs(model: Turning, test: LineTest, group: Index, label: Index, labels: t
         force=drive,
         group=group[first],
         line=line.reshape(-1)[order].astype(np.intp),
-        coordinate=coordinate + n * image,
+        coordinate=coordinate + n * place,
         measured=np.where(image, rows.response.conj(), rows.response),
         sigma=rows.sigma,
         label=label[order],
@@ -107,9 +111,6 @@ def _pairs(model: Turning, test: LineTest, group: Index, label: Index, labels: t
     )
     columns = {"speed": rows.speed, "frequency": rows.frequency, "force": force[order]}
     return PairResponses(base=base, **columns, direction=rows.direction, line=rows.line)
-
-
-_PAIR = {"z w", "z 2Om-w"}
 
 
 def main_lines(model: AnisotropicShaft, base: Responses) -> LineResponses:

@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rotorfit.data.experiments import LineTest
-from rotorfit.estimators.shaft_lines import LineResponses, PairResponses
-from rotorfit.models import AnisotropicShaft, Turning, eigenvalues, unstable_bands
+from rotorfit.estimators.shaft_lines import LineResponses, PairResponses, is_image_line
+from rotorfit.models import AnisotropicShaft, Turning, TurningOnSupports, eigenvalues, unstable_bands
 from rotorfit.models.array_types import ComplexArray, Float, Index
 from rotorfit.models.combination_lines import line_order
+from rotorfit.models.stability import growing_bands
 from rotorfit.plots.style import COLOURS, GREY, SMALL, colour_of, grid, legend_below, literal, prefix
 from rotorfit.units import RPM_PER_RAD_S
 
@@ -93,7 +94,7 @@ def _curves(fit: FitResult) -> Iterator[_Curve]:
     for block, predicted in zip(fit.problem.blocks, fit.problem.predict(fit.x), strict=True):
         if not isinstance(block, LineResponses | PairResponses):
             continue
-        for title, rows in _kinds(block):
+        for title, rows in _kinds(fit, block):
             still = rows[block.force[rows] == 0]
             if isinstance(block, LineResponses) and np.unique(block.speed[still]).size >= LineTest.START_UP:
                 yield _run_up(fit, block, title, still[np.argsort(block.speed[still])], predicted)
@@ -133,13 +134,13 @@ def _run_up(fit: FitResult, block: LineResponses, title: str, rows: Index, predi
     )
 
 
-def _kinds(block: LineResponses | PairResponses) -> Iterator[tuple[str, Index]]:
+def _kinds(fit: FitResult, block: LineResponses | PairResponses) -> Iterator[tuple[str, Index]]:
     """Title of each kind of line, with its readings."""
     if isinstance(block, LineResponses):
         for direction, _, rows in block.kinds():
             yield f"{'twist' if direction == 'twist' else 'motion'} at {block.line[rows[0]]}", rows
         return
-    planes, n = block.base.model.planes, len(block.base.model.planes) // 2
+    planes, n = fit.model.planes, len(fit.model.planes)
     forced = np.argmax(np.abs(block.base.force), axis=1)[block.base.line]
     for place, drive in np.unique(np.column_stack([block.base.coordinate, forced]), axis=0).tolist():
         rows = np.flatnonzero((block.base.coordinate == place) & (forced == drive))
@@ -166,7 +167,7 @@ def _fitted_pair(fit: FitResult, block: PairResponses, rows: Index, fine: Float)
     response = block.base.model.receptance(theta, fine - speed, speed)[:, block.base.coordinate[first]] @ drive
     factors = block.base.model.functions.factors(theta)
     found = response * factors[block.base.coordinate[first]]
-    return np.asarray(found if block.line[first] == "w" else found.conj())
+    return np.asarray(found.conj() if is_image_line(block.line)[first] else found)
 
 
 def _draw(size: Any, phase: Any, curve: _Curve, factor: float, colour: str) -> None:
@@ -210,7 +211,7 @@ def plot_turning_stability(fit: FitResult) -> Figure:
     tested = sorted({float(v) for e in fit.experiments for v in np.round(np.unique(e.speed), 2).tolist()})
     top = 1.15 * max(1.5 * critical, *tested)
     tested = tested if len(tested) <= _MARKED else [tested[0], tested[-1]]
-    bands = unstable_bands(model, theta, top)
+    bands = (growing_bands if isinstance(model, TurningOnSupports) else unstable_bands)(model, theta, top)
     edges = [speed for band in bands for speed in band]
     speeds = np.unique(np.concatenate([np.linspace(0.0, top, 600), *(v * np.linspace(0.99, 1.01, 41) for v in edges)]))
     s = eigenvalues(model, np.broadcast_to(theta, (speeds.size, theta.size)), speeds)
