@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TypeAlias
 
 import numpy as np
 
@@ -11,6 +13,7 @@ from rotorfit.estimators.nonlinear import OrbitResponses, responses_of
 from rotorfit.estimators.observations import Block, Responses
 from rotorfit.estimators.problem import Problem
 from rotorfit.estimators.response import dynamic_stiffness, inverse
+from rotorfit.estimators.small_motion import OffCentreResponses
 from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.models.left_out import LeftOut
 
@@ -29,13 +32,24 @@ class Offset:
     towards: int
 
 
-def whitened_columns(problem: Problem, x: Float, terms: list[LeftOut | Offset | int]) -> ComplexArray:
+@dataclass(frozen=True)
+class Clearance:
+    """The radial clearance that a model with a law of eccentricity takes as known; its size is a share of it."""
+
+
+Term: TypeAlias = LeftOut | Offset | Clearance | int
+"""A term of the equation of motion, an offset, the clearance, or the place of a known parameter of the model."""
+
+_STEP = 1e-4  # share of the clearance for a central difference: truncated at 1e-8, rounded at 1e-12
+
+
+def whitened_columns(problem: Problem, x: Float, terms: Sequence[Term]) -> ComplexArray:
     """Derivatives of the whitened residuals by terms left out, shape ``(R, T)``.
 
     Args:
         problem: the problem.
         x: fitted vector, shape ``(p,)``.
-        terms: terms of the equation of motion, offsets, or places of known parameters in the model's vector.
+        terms: what is left out or taken as known.
     """
     theta = problem.space.theta(x)
     parts = []
@@ -54,9 +68,23 @@ def is_linear(block: Block) -> bool:
     return isinstance(base, Responses) and not isinstance(block, OrbitResponses) and not base.imposed
 
 
-def _change(block: Block, theta: Float, term: LeftOut | Offset | int) -> ComplexArray:
+def _resized(block: Block, factor: float) -> Block:
+    """A block in a bearing of another clearance, positions in metres kept; eccentricities that were given stay."""
+    if not isinstance(block, OrbitResponses | OffCentreResponses):
+        return block
+    model = block.model.variant(clearance_um=1e6 * factor * (block.model.clearance or 0.0))
+    eccentricity = block.eccentricity / factor
+    if isinstance(block, OrbitResponses):
+        return replace(block, base=replace(block.base, model=model), eccentricity=eccentricity)
+    return replace(block, model=model, eccentricity=eccentricity)
+
+
+def _change(block: Block, theta: Float, term: Term) -> ComplexArray:
     if isinstance(term, int):
         return block.predict_jacobian(theta)[1][:, term]
+    if isinstance(term, Clearance):
+        up, down = (_resized(block, 1 + sign * _STEP).predict(theta) for sign in (1, -1))
+        return np.asarray((up - down) / (2 * _STEP))
     base = responses_of(block)
     if base is None or not is_linear(block):
         return np.zeros(block.measured.size, dtype=complex)

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
+from fe_rigs import K3, TYPICAL, Rig
 
 import rotorfit as rf
 from rotorfit.estimators.left_out_columns import whitened_columns
@@ -13,6 +15,7 @@ from rotorfit.estimators.score_tests import score_tests
 from rotorfit.fitting.assumption_table import THRESHOLD
 from rotorfit.models import WhirlWhip, threshold_speed
 from rotorfit.models.complexes import Complex, J
+from rotorfit.models.laws import Muszynska
 from rotorfit.models.left_out import onset_shift, terms_left_out
 from rotorfit.models.parameters import Parameter
 
@@ -133,6 +136,41 @@ def test_scores_are_normal_where_nothing_is_left_out():
     assert scores.shift[1] == pytest.approx([-1.0, 2.0, -0.5], rel=1e-9)
     assert np.std(z) == pytest.approx(1.0, abs=4 / np.sqrt(4000))
     assert abs(np.mean(z)) < 4 / np.sqrt(2000)
+
+
+def test_an_uncertainty_given_for_a_term_enters_the_results(plain):
+    """D and external damping at the journal are known as their sum only: what the one may be, the other may be off."""
+    found = plain.assumptions({"Ds[journal]": 0.5})
+    assert found.systematic("D") == pytest.approx(0.5, rel=0.025)  # the fluid's inertia tells D a little
+    assert found.combined("D") == pytest.approx(np.hypot(plain.params["D"].stderr, 0.5), rel=0.025)
+    assert "standard errors (systematic share)" in str(found)
+    assert plain.assumptions().systematic("D") == 0
+    with pytest.raises(KeyError, match="no assumption 'Ds'"):
+        plain.assumptions({"Ds": 2.0})
+    with pytest.raises(ValueError, match="it is positive"):
+        plain.assumptions({"Ds[journal]": 0.0})
+
+
+def test_a_journal_that_rests_off_centre_shows_the_fluid_of_that_eccentricity(plain):
+    """The centred fluid, taken to eps = 0.05 by the law with n = 1 and b = 1/2, is the fitted one."""
+    term, eps = plain.assumptions()["rest[journal]"], 0.05
+    assert not term.tested
+    fluid = Muszynska().at(SimpleNamespace(K0=1.0, D=1.0, n_K=1.0, n_D=1.0, b=0.5), eps)
+    for name, factor in (("D", fluid.D), ("lam", fluid.ratio)):
+        fitted = plain.params[name].value
+        assert (fitted + eps * term.shifts[name]) * float(factor) == pytest.approx(fitted, rel=1e-9)
+
+
+def test_coupling_damping_says_that_a_damper_may_act_at_the_journal():
+    rig = Rig(**TYPICAL)
+    rig.K[0, 0] += 2e5 - 5e7  # the rigid bearing on a spring and a damper
+    rig.C[0, 0] += 60.0
+    model = WhirlWhip(blocks=("coupling_mass", "gyroscopic", "coupling_damping"))
+    fit = rf.fit(model, rig.campaign(np.array([94.0, 188.0]), 3), known={"K3": K3})
+    term = fit.assumptions()["Ds[journal]"]
+    assert term.implied
+    assert term.plausible >= abs(fit.params["c12"].value)
+    assert "There is coupling damping" in str(fit.assumptions())
 
 
 def test_parameters_of_their_own_for_each_test_are_refused_in_words(rig):

@@ -211,6 +211,17 @@ def test_one_reading_beyond_the_clearance_does_not_refuse_the_others(model: OneM
     assert fit.x == pytest.approx(without.x, rel=1e-9)
 
 
+def test_what_the_clearance_moves_is_that_of_a_fit_with_another(fitted: FitResult, swept: Experiment) -> None:
+    """Half a percent: what is of second order moves some hundredths of the shift."""
+    share = 0.005
+    wider = OneMode(law=Muszynska(), clearance_um=CLEARANCE_UM * (1 + share))
+    again = rf.fit(wider, swept, known={"Ds": 8.0})
+    term = fitted.assumptions()["clearance"]
+    for name in ("n_K", "n_D"):
+        moved = again.params[name].value - fitted.params[name].value
+        assert share * term.shifts[name] == pytest.approx(moved, rel=0.05)
+
+
 def test_off_centre_perturbation(model: OneMode) -> None:
     tests = [off_centre(ONE_MODE, eps=eps, speed=speed) for eps in (0.3, 0.6) for speed in (100.0, 180.0)]
     fit = rf.fit(model, tests, known={"Ds": 8.0})

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from html import escape
 
 from rotorfit.text_table import text_table
@@ -28,6 +28,8 @@ class Assumption:
         shifts: change of each result by one unit of it, SI; the threshold speed in rad/s. Standard errors of results
             are in ``errors``.
         errors: standard errors of the results.
+        implied: something that was fitted says that the term is there, though not how large it is.
+        prior: standard uncertainty that was given for it, NaN for none.
     """
 
     name: str
@@ -38,6 +40,15 @@ class Assumption:
     plausible: float
     shifts: Mapping[str, float]
     errors: Mapping[str, float]
+    implied: bool = False
+    prior: float = math.nan
+
+    @property
+    def left(self) -> float:
+        """Standard uncertainty that prior and data together leave of the term; zero without a prior."""
+        if math.isnan(self.prior):
+            return 0.0
+        return self.prior / math.hypot(1.0, self.prior / self.stderr)
 
     @property
     def tested(self) -> bool:
@@ -52,6 +63,8 @@ class Assumption:
     @property
     def size(self) -> float:
         """Size by which the table's shifts go: what the residuals ask for where they tell, else the plausible one."""
+        if not math.isnan(self.prior) and not self.tested:
+            return self.prior
         return self.estimate if self.tested else self.plausible
 
     @property
@@ -82,6 +95,37 @@ class Assumptions:
             if entry.name == name:
                 return entry
         raise KeyError(f"no assumption {name!r}; there are {', '.join(entry.name for entry in self.entries)}")
+
+    def with_priors(self, priors: Mapping[str, float]) -> Assumptions:
+        """With standard uncertainties given for some terms.
+
+        Args:
+            priors: by name in the table.
+
+        Raises:
+            KeyError: there is no such term.
+            ValueError: an uncertainty that is not positive.
+        """
+        for name, size in priors.items():
+            if not (0 < size < math.inf):
+                raise ValueError(f"the uncertainty of {self[name].name} is {size}; it is positive")
+        return Assumptions(tuple(replace(e, prior=priors.get(e.name, math.nan)) for e in self.entries))
+
+    def systematic(self, result: str) -> float:
+        """Standard uncertainty of a result by the terms that were given one, each on its own.
+
+        Args:
+            result: name of a column of the table, ``"lam"`` or ``"threshold speed"``; SI.
+        """
+        return math.hypot(*(entry.shifts[result] * entry.left for entry in self.entries if entry.left))
+
+    def combined(self, result: str) -> float:
+        """Standard error of a result by the fit and :meth:`systematic` together.
+
+        Args:
+            result: see there.
+        """
+        return math.hypot(self.entries[0].errors[result], self.systematic(result))
 
     def rows(self) -> list[list[str]]:
         """The table, head first: term, score test, size, and the shift of each result by that size."""
@@ -134,4 +178,19 @@ def _words(found: Assumptions) -> list[str]:
     if found.missing:
         names = ", ".join(f"{entry.meaning} {entry.name} (z {entry.z:+.1f})" for entry in found.missing[:3])
         words.append(f"The data ask for structure that the model lacks: {names}, or something like it.")
+    words += [
+        f"There is coupling damping: a damper somewhere, which acts at the journal too, perhaps as strongly. These "
+        f"data cannot tell {entry.name} from D and lam; see its row."
+        for entry in found.entries
+        if entry.implied and not entry.tested
+    ]
+    if any(entry.left for entry in found.entries):
+        results = list(found.entries[0].shifts)
+        shares = (f"{_titled(n)} {_share(found, n)}" for n in results if math.isfinite(found.combined(n)))
+        words.append(f"With the uncertainties given, standard errors (systematic share): {', '.join(shares)}.")
     return words
+
+
+def _share(found: Assumptions, name: str) -> str:
+    factor = RPM_PER_RAD_S if name == THRESHOLD else 1.0
+    return f"{factor * found.combined(name):.2g} ({factor * found.systematic(name):.2g})"

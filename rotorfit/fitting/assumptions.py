@@ -3,40 +3,49 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 
 import numpy as np
 
 from rotorfit.estimators.covariance import prior_curvature
-from rotorfit.estimators.left_out_columns import Offset, is_linear, whitened_columns
+from rotorfit.estimators.left_out_columns import Clearance, Offset, Term, is_linear, whitened_columns
 from rotorfit.estimators.losses import robust_weights
-from rotorfit.estimators.nonlinear import responses_of
+from rotorfit.estimators.nonlinear import OrbitResponses, responses_of
 from rotorfit.estimators.score_tests import score_tests
+from rotorfit.estimators.small_motion import OffCentreResponses
 from rotorfit.fitting.assumption_table import THRESHOLD, Assumption, Assumptions
 from rotorfit.fitting.result import FitResult
 from rotorfit.models import Threshold, threshold_speed
 from rotorfit.models.array_types import Float
-from rotorfit.models.left_out import LeftOut, onset_shift, terms_left_out
+from rotorfit.models.laws import Muszynska
+from rotorfit.models.left_out import LeftOut, fluid_coordinates, onset_shift, terms_left_out
+from rotorfit.models.structure import block_parameters
 
-_RESULTS = ("K0", "D", "lam", "lam_D", "lam_M", "Mf")
+_RESULTS = ("K0", "D", "lam", "lam_D", "lam_M", "Mf", "n_K", "n_D", "b")
 _SHARE = 0.01  # of what is there already: how large a term that nobody thought of may well be
 _OFFSET = 0.02  # of the way to the next plane, by which a probe or a force may well be off
+_CLEARANCE = 0.02  # of the clearance, which heat and wear change
+_REST = 0.05  # eccentricity at which a journal that is taken as centred may well rest
+_CLEARLY = 4.0  # standard errors from zero at which a fitted coupling damping says that there is a damper
 
 
-def assumptions_of(fit: FitResult) -> Assumptions:
+def assumptions_of(fit: FitResult, priors: Mapping[str, float] | None = None) -> Assumptions:
     """Score tests of terms left out of the model and of values taken as known; see :meth:`FitResult.assumptions`.
 
     Args:
         fit: the fit.
+        priors: standard uncertainty of terms by their names in the table.
 
     Raises:
         ValueError: parameters were fitted per attribute, which these tests do not know.
+        KeyError: a prior for what is not in the table.
     """
     if len(fit.thetas) > 1:
         raise ValueError(
             "assumptions are tested where all tests share their parameters; these were fitted per attribute"
         )
     problem = fit.problem
-    terms: list[LeftOut | Offset | int] = [*_structure(fit), *_offsets(fit), *_known(fit)]
+    terms: list[Term] = [*_structure(fit), *_offsets(fit), *_clearance(fit), *_known(fit)]
     if not terms:
         return Assumptions(())
     residuals, jacobian = problem.jacobian(fit.x)
@@ -69,12 +78,15 @@ def assumptions_of(fit: FitResult) -> Assumptions:
                     for result in errors
                 },
                 errors=errors,
+                implied=name.startswith("Ds[") and _coupled(fit) > 0,
             )
         )
-    return Assumptions(tuple(sorted(entries, key=lambda e: (not e.missing, -abs(e.z) if e.missing else -e.weight))))
+    entries += _resting(fit, onset, errors)
+    found = Assumptions(tuple(sorted(entries, key=lambda e: (not e.missing, -abs(e.z) if e.missing else -e.weight))))
+    return found.with_priors(priors) if priors else found
 
 
-def _onset_change(fit: FitResult, onset: Threshold | None, term: LeftOut | Offset | int, shift: Float) -> float:
+def _onset_change(fit: FitResult, onset: Threshold | None, term: Term, shift: Float) -> float:
     if onset is None:
         return math.nan
     change = float(fit.problem.space.pull_back(np.asarray(onset.gradient), 0) @ shift)
@@ -107,6 +119,45 @@ def _offsets(fit: FitResult) -> list[Offset]:
     ]
 
 
+def _clearance(fit: FitResult) -> list[Clearance]:
+    """The clearance, where positions are divided by it."""
+    divided = any(isinstance(block, OrbitResponses | OffCentreResponses) for block in fit.problem.blocks)
+    return [Clearance()] if divided and fit.model.clearance else []
+
+
+def _resting(fit: FitResult, onset: Threshold | None, errors: Mapping[str, float]) -> list[Assumption]:
+    """A journal that rests off centre, which responses to circular forces hardly show, by a typical law.
+
+    What was fitted then is the fluid at that eccentricity; it changes to that of the centred journal.
+    """
+    model = fit.model
+    if model.eccentricity_dependent or not fluid_coordinates(model) or not any(map(is_linear, fit.problem.blocks)):
+        return []
+    law = Muszynska().start(1.0, 1.0)
+    factors = {"K0": (1 - _REST**2) ** law["n_K"], "D": (1 - _REST**2) ** law["n_D"]}
+    factors |= dict.fromkeys(("lam", "lam_D", "lam_M"), (1 - _REST) ** -law["b"])
+    values = dict(zip(model.parameter_names, fit.theta().tolist(), strict=True))
+    change = {name: values[name] * (factor - 1) / _REST for name, factor in factors.items() if name in values}
+    shifts = {name: change.get(name, 0.0) for name in errors}
+    if onset is not None and THRESHOLD in errors:
+        shifts[THRESHOLD] = sum(
+            float(onset.gradient[model.parameter_names.index(name)]) * size for name, size in change.items()
+        )
+    plane = model.coordinates[fluid_coordinates(model)[0]].plane
+    return [
+        Assumption(
+            name=f"rest[{plane}]",
+            meaning="eccentricity of the journal at rest, taken as centred",
+            unit="1",
+            estimate=math.nan,
+            stderr=math.inf,
+            plausible=_REST,
+            shifts=shifts,
+            errors=errors,
+        )
+    ]
+
+
 def _known(fit: FitResult) -> list[int]:
     """Places of known parameters that are not zero."""
     place = fit.model.parameter_names.index
@@ -115,11 +166,13 @@ def _known(fit: FitResult) -> list[int]:
     ]
 
 
-def _described(fit: FitResult, term: LeftOut | Offset | int) -> tuple[str, str, str, float]:
+def _described(fit: FitResult, term: Term) -> tuple[str, str, str, float]:
     """Name, meaning, unit and plausible size."""
     if isinstance(term, int):
         p = fit.params[fit.model.parameter_names[term]]
         return p.name, f"{p.meaning}, taken as known", p.unit, _SHARE * abs(p.value)
+    if isinstance(term, Clearance):
+        return "clearance", "radial clearance, taken as known, as a share of it", "1", _CLEARANCE
     if isinstance(term, Offset):
         planes = [c.plane for c in fit.model.coordinates]
         where = f"{term.kind}[{planes[term.at]}]"
@@ -128,7 +181,17 @@ def _described(fit: FitResult, term: LeftOut | Offset | int) -> tuple[str, str, 
     level = stiffness / frequency**term.power / (speed if term.by_speed else 1.0)
     if term.name.startswith("Ds") and "D" in fit.params:
         level = max(level, abs(fit.params["D"].value))
+        if _coupled(fit):  # what acts between the planes acts at the journal too, about as much
+            return term.name, term.meaning, term.unit, max(_SHARE * level, _coupled(fit))
     return term.name, term.meaning, term.unit, _SHARE * level
+
+
+def _coupled(fit: FitResult) -> float:
+    """Largest coupling damping that the fit is sure of, N s/m."""
+    if "coupling_damping" not in getattr(fit.model, "blocks", ()):
+        return 0.0
+    found = [fit.params[p.name] for p in block_parameters(("coupling_damping",), len(fit.model.planes))]
+    return max((abs(p.value) for p in found if p.vary and abs(p.value) > _CLEARLY * p.stderr), default=0.0)
 
 
 def _levels(fit: FitResult) -> tuple[float, float, float]:

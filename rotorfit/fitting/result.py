@@ -301,13 +301,18 @@ class FitResult:
 
         return turning_anisotropy(self, level=level, at=at)
 
-    def assumptions(self) -> Assumptions:
+    def assumptions(self, priors: Mapping[str, float] | None = None) -> Assumptions:
         """What the numbers rest on: terms left out of the model and values taken as known, tested where the data can.
 
         For each: the score test, and how far it would move the results. No fit is repeated.
 
+        Args:
+            priors: standard uncertainty of some of the terms, ``{"Ds[journal]": 2.0}``, in the table's units; it enters
+                the results as a systematic share.
+
         Raises:
-            ValueError: parameters were fitted per attribute.
+            ValueError: parameters were fitted per attribute, or an uncertainty that is not positive.
+            KeyError: a prior for what is not in the table.
 
         Example:
             >>> fit.assumptions()["K3"].tested  # K0 takes up all of it
@@ -315,7 +320,7 @@ class FitResult:
         """
         from rotorfit.fitting.assumptions import assumptions_of
 
-        return assumptions_of(self)
+        return assumptions_of(self, priors)
 
     # ---- other measures of uncertainty, imported when asked for ------------------------------------------------------
 
