@@ -107,8 +107,9 @@ class Assumptions:
             ValueError: an uncertainty that is not positive.
         """
         for name, size in priors.items():
-            if not (0 < size < math.inf):
-                raise ValueError(f"the uncertainty of {self[name].name} is {size}; it is positive")
+            entry = self[name]
+            if not 0 < size < math.inf:
+                raise ValueError(f"the uncertainty of {entry.name} is {size}; it is positive")
         return Assumptions(tuple(replace(e, prior=priors.get(e.name, math.nan)) for e in self.entries))
 
     def systematic(self, result: str) -> float:
