@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from rotorfit.fitting.calibration import Uncertainty
     from rotorfit.uncertainty.bootstrap import Bootstrap
     from rotorfit.uncertainty.budget import Budget
+    from rotorfit.uncertainty.jackknife import Jackknife
     from rotorfit.uncertainty.posterior import Posterior
     from rotorfit.uncertainty.profile import Profile
 
@@ -323,6 +324,20 @@ class FitResult:
         return assumptions_of(self, priors)
 
     # ---- other measures of uncertainty, imported when asked for ------------------------------------------------------
+
+    def jackknife(self) -> Jackknife:
+        """Errors from leaving out run after run, which assume nothing of how runs differ; no fit is repeated.
+
+        Raises:
+            ValueError: fewer than three runs, weights put on anew, or a fit that did not converge.
+
+        Example:
+            >>> fit.jackknife().parameter("lam").stderr < 0.05
+            True
+        """
+        from rotorfit.uncertainty.jackknife import jackknife
+
+        return jackknife(self)
 
     def profile(
         self, name: str, *, level: float = 0.95, points: int = 21, at: Mapping[str, Any] | None = None

@@ -85,12 +85,25 @@ def noise_lines(fit: FitResult) -> list[str]:
         where = ", ".join(level.responses[:3]) + more
         lines.append(f"  {where}: {level.constant:.2g} (rms), and {100 * level.share:.2g} % {level.along}")
     lines += [f"  {sentence}" for sentence in noise.sentences if sentence not in fit.warnings]
+    lines += _without_runs(fit)
     few = [p for p in fit.params.values() if p.vary and p.resolved and p.freedom < _FEW]
     for p in few:
         low, high = p.interval(0.95)
         how = f"(Student's t, {p.freedom:.2g} degrees of freedom)"
         lines.append(f"  {p.name}: 95 % interval {low:.6g} to {high:.6g} {p.unit} {how}")
     return lines
+
+
+def _without_runs(fit: FitResult) -> list[str]:
+    """Errors from leaving out runs, beside the random effect of a fit that found runs to differ."""
+    effects = fit.settings.noise is not None and bool(fit.settings.noise.effects)
+    if not (effects and fit.success and len({name for b in fit.problem.blocks for name in b.run.tolist()}) > 2):
+        return []
+    found = fit.jackknife()
+    names = [name for name in fit.problem.space.names if fit.params[name].resolved]
+    errors = {name: found.parameter(name).stderr for name in names}
+    shown = [f"{name} {error:.2g}" for name, error in errors.items() if np.isfinite(error)]
+    return [f"  standard errors from leaving out runs one by one: {', '.join(shown)}"] if shown else []
 
 
 def parameter_table(fit: FitResult) -> list[str]:

@@ -1,0 +1,147 @@
+"""What results change by when a run is left out: errors that assume nothing of how runs differ."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from rotorfit.estimators.correlated import CorrelatedResponses
+from rotorfit.estimators.covariance import prior_curvature
+from rotorfit.estimators.losses import robust_weights
+from rotorfit.fitting.digits import interval, with_error
+from rotorfit.fitting.notebook import text_html
+from rotorfit.fitting.quantities import Quantity
+from rotorfit.fitting.result import FitResult
+from rotorfit.models import threshold_speed
+from rotorfit.models.array_types import Float
+from rotorfit.models.parameters import unknown_name
+from rotorfit.text_table import text_table
+
+_FEWEST = 3  # runs of which any two still tell something of the third
+_ROUND_OFF = 1e-13  # of the largest eigenvalue of a curvature of unit diagonal
+_OPEN = 100.0  # times by which an error grows without a run that alone determines the quantity
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Jackknife:
+    """Estimates without each run in turn (Efron 1982), one Gauss-Newton step from those with all.
+
+    Attributes:
+        fit: the fit of all runs.
+        runs: those left out.
+        changes: of the fitted vector, one row a run, shape ``(G, p)``.
+        growth: error without a run over that with all, shape ``(G, p)``.
+    """
+
+    fit: FitResult
+    runs: tuple[str, ...]
+    changes: Float
+    growth: Float
+
+    @property
+    def freedom(self) -> int:
+        """Degrees of freedom of the standard errors: one less than runs."""
+        return len(self.runs) - 1
+
+    def parameter(self, name: str) -> Quantity:
+        """A fitted parameter; infinitely uncertain where one run alone determines it.
+
+        Args:
+            name: of a fitted parameter, ``"lam"``.
+
+        Raises:
+            KeyError: no such parameter was fitted.
+        """
+        if name not in self.fit.var_names:
+            raise KeyError(unknown_name("fitted parameter", name, self.fit.problem.space.names))
+        p, place = self.fit.params[name], self.fit.var_names.index(name)
+        if not p.resolved or (self.growth[:, place] > _OPEN).any():
+            return Quantity(p.value, math.inf, p.unit, self.freedom)
+        return self._spread(p.value, np.eye(self.fit.x.size)[place], p.unit)
+
+    def threshold_speed(self, at: Mapping[str, Any] | None = None) -> Quantity:
+        """Threshold speed, rad/s; NaN where the fitted rotor is stable at every speed searched.
+
+        Args:
+            at: group of parameters, where some were fitted per attribute.
+        """
+        fit, group = self.fit, self.fit.group(at)
+        onset = threshold_speed(fit.model, fit.thetas[group], band=fit.stability_band)
+        if onset is None or not math.isfinite(fit.threshold_of(group).stderr):
+            return Quantity(math.nan if onset is None else onset.speed, math.inf, "rad/s", self.freedom)
+        slope = fit.problem.space.pull_back(onset.gradient, group)
+        if (self.growth[:, slope != 0] > _OPEN).any():
+            return Quantity(onset.speed, math.inf, "rad/s", self.freedom)
+        return self._spread(onset.speed, slope, "rad/s")
+
+    def _spread(self, value: float, slope: Float, unit: str) -> Quantity:
+        moved = self.changes @ slope
+        variance = (1 - 1 / len(moved)) * float(np.sum((moved - moved.mean()) ** 2))
+        return Quantity(value, math.sqrt(variance), unit, self.freedom)
+
+    def table(self) -> str:
+        """Parameters with their errors from leaving runs out, beside those of the fit."""
+        low_high = f"95 % (t, {self.freedom} d.o.f.)"
+        rows = [["parameter", "value", "jackknife", "stderr", low_high, "unit"]]
+        for name in self.fit.problem.space.names:
+            found, p = self.parameter(name), self.fit.params[name]
+            known = math.isfinite(found.stderr)
+            shown = interval(*found.interval()) if known else "rests on one run" if p.resolved else "not determined"
+            rows.append([name, *with_error(found.value, found.stderr), f"{p.stderr:.2g}", shown, p.unit])
+        return "\n".join(text_table(rows, "<22 >14 >12 >12 >28 <1"))
+
+    def __str__(self) -> str:
+        return self.table()
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows."""
+        return text_html(str(self))
+
+
+def _inverse(matrix: Float) -> Float:
+    """Inverse of a curvature; what it leaves open is uncertain without bound, but not beyond the computer's."""
+    size, directions = np.linalg.eigh(matrix)
+    return np.asarray((directions / np.maximum(size, _ROUND_OFF * size.max())) @ directions.T)
+
+
+def jackknife(fit: FitResult) -> Jackknife:
+    """Leave out run after run; see :meth:`FitResult.jackknife`.
+
+    Args:
+        fit: the fit of all runs.
+
+    Raises:
+        ValueError: fewer than three runs, weights put on anew (whose mountings are counted already), or a fit that did
+            not converge.
+    """
+    problem = fit.problem
+    if not fit.success:
+        raise ValueError("the fit did not converge: what a run changes is not known")
+    if any(isinstance(block, CorrelatedResponses) for block in problem.blocks):
+        raise ValueError(
+            "the errors of this fit count mountings of weights already; runs of one mounting share its error"
+        )
+    run = np.concatenate([block.run for block in problem.blocks])
+    runs = tuple(dict.fromkeys(run.tolist()))
+    if len(runs) < _FEWEST:
+        raise ValueError(f"{len(runs)} runs: what differs from run to run cannot be known from fewer than {_FEWEST}")
+    residuals, jacobian = problem.jacobian(fit.x)
+    root = np.sqrt(robust_weights(problem.loss, np.abs(residuals) ** 2)[1])
+    r, J = residuals * root, jacobian * root[:, None]
+    scale = np.sqrt(np.maximum(np.sum(np.abs(J) ** 2, axis=0), 1e-300))
+    J = J / scale
+    prior = np.diag(prior_curvature(problem, fit.x) / scale**2)
+    whole = (J.conj().T @ J).real + prior
+    error = np.sqrt(np.diag(_inverse(whole)))
+    changes, growth = [], []
+    for name in runs:
+        rows = run == name
+        rest = _inverse(whole - (J[rows].conj().T @ J[rows]).real)
+        # The slope of the others' cost is minus that of this run's: all together they are at their minimum.
+        changes.append(rest @ (J[rows].conj().T @ r[rows]).real / scale)
+        growth.append(np.sqrt(np.diag(rest)) / error)
+    return Jackknife(fit=fit, runs=runs, changes=np.array(changes), growth=np.array(growth))
