@@ -169,11 +169,12 @@ def hold_entry(problem: Problem, entry: int, scale: Float) -> Held:
         low, high = lower.copy(), upper.copy()
         low[entry] = high[entry] = value
         begin = np.clip(start, low, high)
+        cost, polished = _polish(problem, np.delete(np.arange(begin.size), entry), begin, low, high)
+        if cost is not None:
+            return cost, polished, True
         if not math.isfinite(problem.cost(begin)):
             return math.inf, begin, True
-        cost, begin = _polish(problem, np.delete(np.arange(begin.size), entry), begin, low, high)
-        if cost is not None:
-            return cost, begin, True
+        begin = polished
         found = minimise(problem, begin, lower=low, upper=high, scale=scale, options=_OPTIONS)
         return found.cost, found.x, found.status in (Status.CONVERGED, Status.SINGULAR)
 

@@ -17,7 +17,7 @@ _SCAN, _SCAN_STEP = 600, 60  # speeds searched for an onset, and how many at onc
 _CAME_IN = 1e-6  # growth over frequency at an onset beyond which an eigenvalue did not become unstable there
 _NEWTON = 12  # steps to a neighbour's threshold at most
 _LONGEST = 0.3  # step, as a fraction of the speed, beyond which the rotors are not much alike
-_SETTLED = 1e-11  # and up to which the threshold is found
+_SETTLED = 1e-6  # and up to which it leads to the threshold: errors are squared from one to the next
 _ROUND_OFF = 1e-13  # real part that an undamped eigenvalue may show, as a fraction of the largest eigenvalue
 
 
@@ -241,10 +241,9 @@ def threshold_speed_near(
         step = -mine.real / rise if rise > 0 else np.nan
         if not abs(step) < _LONGEST * speed:
             return None
-        if abs(step) <= _SETTLED * speed:
-            first = s.real.max() <= mine.real + _CAME_IN * abs(mine)
-            return _threshold_at(model, theta, speed, band) if first else None
         speed, near = speed + step, mine
+        if abs(step) <= _SETTLED * speed:
+            return _threshold_at(model, theta, speed, band)
     return None
 
 

@@ -68,9 +68,9 @@ if TYPE_CHECKING:  # `as` tells type checkers that these names are for users
     from rotorfit.uncertainty.model_average import ModelAverage as ModelAverage
     from rotorfit.uncertainty.model_average import sample_models as sample_models
     from rotorfit.uncertainty.posterior import Posterior as Posterior
-    from rotorfit.uncertainty.posterior import sample as sample
     from rotorfit.uncertainty.posterior_file import load_posterior as load_posterior
     from rotorfit.uncertainty.profile import Profile as Profile
+    from rotorfit.uncertainty.sampling import sample as sample
 
 _HOME = {
     "join_runs": "rotorfit.data.joined",
@@ -100,7 +100,7 @@ _HOME = {
     "ModelAverage": "rotorfit.uncertainty.model_average",
     "sample_models": "rotorfit.uncertainty.model_average",
     "Posterior": "rotorfit.uncertainty.posterior",
-    "sample": "rotorfit.uncertainty.posterior",
+    "sample": "rotorfit.uncertainty.sampling",
     "load_posterior": "rotorfit.uncertainty.posterior_file",
     "read": "rotorfit.io.files",
     "write": "rotorfit.io.files",

@@ -7,6 +7,7 @@ import pytest
 from fe_rigs import K3, TYPICAL, Rig
 
 import rotorfit as rf
+from rotorfit.fitting.digits import interval
 from rotorfit.models import WhirlWhip
 from rotorfit.models.structure import BLOCKS
 
@@ -21,6 +22,11 @@ def short():
     return rig, rig.campaign(SPEEDS, 4, top=114.0)
 
 
+@pytest.fixture(scope="module")
+def ladder(short):
+    return rf.refine(rf.fit(WhirlWhip(), short[1], known={"K3": K3}))
+
+
 def test_a_band_that_ends_below_the_onset_does_not_say_stable(short):
     """With the w^4 block only roots in the tested band count: none unstable there says nothing of the rotor."""
     fit = rf.fit(WhirlWhip(blocks=BLOCKS), short[1], known={"K3": K3})
@@ -31,10 +37,9 @@ def test_a_band_that_ends_below_the_onset_does_not_say_stable(short):
     assert "outside the tested band of frequencies, which was not searched" in fit.summary()
 
 
-def test_a_ladder_lends_its_threshold_to_the_rung_that_cannot_tell(short):
+def test_a_ladder_lends_its_threshold_to_the_rung_that_cannot_tell(short, ladder):
     """The rungs of second order hold beyond the band; how far they differ is part of the error."""
-    rig, test = short
-    ladder = rf.refine(rf.fit(WhirlWhip(), test, known={"K3": K3}))
+    rig, _ = short
     assert len(ladder.steps) >= 1 + len(BLOCKS)
     high = next(s for s in ladder.steps if s.model.order > 2 and not s.identifiability.unresolved)
     top = rf.refine(high).best  # no rung of second order: nothing to lend
@@ -58,3 +63,20 @@ def test_an_onset_far_above_the_tested_speeds_has_the_difference_between_rungs_a
     assert onset.stderr >= ladder.best.settings.onsets[0].difference
     assert abs(onset.value - rig.threshold()) < 2.5 * onset.stderr
     assert "times above the highest tested speed" in ladder.best.summary()
+
+
+def test_draws_of_a_threshold_follow_the_rules_of_the_fit(short, ladder):
+    """Not stable where the band was not searched, and as uncertain as the rungs of the ladder differ."""
+    top = rf.fit(WhirlWhip(blocks=BLOCKS), short[1], known={"K3": K3})
+    onset = top.bootstrap(n=4).threshold_speed()
+    assert np.isnan(onset.samples).all()
+    assert "outside the tested band" in onset.note
+    assert interval(*onset.interval()) == "not determined"
+
+    best = ladder.best
+    onset, delta = best.bootstrap(n=60).threshold_speed(), best.threshold_speed()
+    # The standard deviation of 60 normal draws is within 3 / sqrt(120) of the spread; draws found in the band at its
+    # very edge scatter by the rungs' difference alone.
+    assert onset.stderr > (1 - 3 / np.sqrt(120)) * best.settings.onsets[0].difference
+    assert abs(onset.value - short[0].threshold()) < 3 * delta.stderr
+    assert "difference between the models of the ladder" in str(onset)

@@ -39,7 +39,9 @@ def plus_minus(value: float, error: float) -> str:
 
 
 def interval(low: float, high: float) -> str:
-    """An interval, to the second digit of a quarter of its width, about the standard error."""
+    """An interval, to the second digit of a quarter of its width, about the standard error; words where it is NaN."""
+    if math.isnan(low) or math.isnan(high):
+        return "not determined"
     width = (high - low) / 4
     if not width > 0 or math.isinf(width):
         return f"[{low:.6g}, {high:.6g}]"

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from rotorfit.fitting.quantities import Quantity
 from rotorfit.models import eigenvalues, threshold_speed
@@ -36,14 +37,25 @@ def onset_of(fit: FitResult, group: int) -> Quantity:
     if onset is None:
         return Quantity(math.nan, _growth_error(fit, group), "rad/s")
     found = fit.propagate_in(group, onset.speed, onset.gradient, "rad/s")
-    if rung is None or not (abs(onset.whirl_frequency) > fit.band or _is_far(fit, onset.speed)):
+    if rung is None or not is_extrapolated(fit, onset.speed, onset.whirl_frequency):
         return found
     return Quantity(found.value, math.hypot(found.stderr, rung.difference), "rad/s", found.freedom)
 
 
-def _is_far(fit: FitResult, speed: float) -> bool:
+def is_extrapolated(fit: FitResult, speed: ArrayLike, whirl: ArrayLike) -> Any:
+    """Whether onsets lie beyond what was tested, so that they depend on the structure of the model.
+
+    Args:
+        fit: a result.
+        speed, whirl: threshold speeds and whirl frequencies at onset, rad/s, numbers or arrays.
+    """
+    return (np.abs(whirl) > fit.band) | _is_far(fit, speed)
+
+
+def _is_far(fit: FitResult, speed: ArrayLike) -> Any:
     """Whether a speed lies so far above the tested ones that what grows with speed is hardly seen in the data."""
-    return speed > _FAR * float(fit.speeds.max(initial=0.0)) > 0
+    highest = float(fit.speeds.max(initial=0.0))
+    return (np.asarray(speed) > _FAR * highest) & (highest > 0)
 
 
 def onset_note(fit: FitResult, group: int) -> str:

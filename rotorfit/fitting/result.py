@@ -426,7 +426,7 @@ class FitResult:
             >>> low < high
             True
         """
-        from rotorfit.uncertainty.posterior import sample
+        from rotorfit.uncertainty.sampling import sample
 
         return sample(self, **options)
 

@@ -10,13 +10,13 @@ import numpy as np
 
 from rotorfit.estimators.nonlinear import responses_of
 from rotorfit.models.array_types import ComplexArray, Float
-from rotorfit.plots.chains import plot_corner, plot_traces
 from rotorfit.plots.dynamic_stiffness import draw_dynamic_stiffness
 from rotorfit.plots.eccentricity import plot_law, plot_nonlinear_stiffness
 from rotorfit.plots.stability import plot_stability
 from rotorfit.plots.static_and_impulse import plot_static_locus, plot_static_stiffness, plot_velocity_ratio
 from rotorfit.plots.style import GREY, SMALL, grid, legend_below, literal
 from rotorfit.plots.sweeps import Condition, Curve, curves
+from rotorfit.plots.uncertainty import plot_corner, plot_traces
 from rotorfit.units import RPM_PER_RAD_S
 
 if TYPE_CHECKING:

@@ -201,9 +201,10 @@ def summary(outcome: Outcome, rig: str = "") -> str:
         parts.append("profile likelihoods\n" + "\n".join(map(str, outcome.profiles)))
     parts += [str(more) for more in (outcome.bootstrap, outcome.posterior) if more is not None]
     if outcome.posterior is not None and best.model.speed_dependent and len(best.problem.space.index) == 1:
-        low, high = outcome.posterior.threshold_speed().interval(0.95)
-        ends = interval(float(low) * RPM_PER_RAD_S, float(high) * RPM_PER_RAD_S)
-        parts.append(f"threshold speed, 95 % of the posterior: {ends} rpm")
+        onset = outcome.posterior.threshold_speed()
+        ends = interval(*(float(end) * RPM_PER_RAD_S for end in onset.interval(0.95)))
+        note = f"; {onset.note}" if onset.note else ""
+        parts.append(f"threshold speed in rpm, 95 % of the posterior: {ends}{note}")
     if rig:
         parts.append(truth_table(outcome, rig))
     return spoken("\n\n".join(parts))

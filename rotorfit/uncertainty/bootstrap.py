@@ -14,13 +14,12 @@ from rotorfit.estimators.correlated import CorrelatedResponses
 from rotorfit.estimators.least_squares import Options
 from rotorfit.estimators.problem import Problem
 from rotorfit.fitting.digits import interval, with_error
-from rotorfit.fitting.notebook import text_html
 from rotorfit.fitting.result import FitResult
 from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.models.parameters import unknown_name
-from rotorfit.models.stability import threshold_speeds
 from rotorfit.text_table import Wide, text_table
-from rotorfit.uncertainty.derived import Derived
+from rotorfit.uncertainty.derived import Derived, Draws
+from rotorfit.uncertainty.onsets import onsets_of
 
 # Data without a minimum nearby are common where the noise is large; what runs away need not be followed far. At a bound
 # Gauss-Newton may stall: the exact Hessian then finishes.
@@ -29,7 +28,7 @@ _AT_ONCE = 4_000_000  # readings simulated and fitted in one go
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Bootstrap:
+class Bootstrap(Draws):
     """Estimates from simulated data.
 
     Attributes:
@@ -85,11 +84,10 @@ class Bootstrap:
         """
         if name in self.names and not self.fit.params[name].resolved:
             return -math.inf, math.inf
-        low, high = self.parameter(name).interval(probability)
-        return float(low), float(high)
+        return super().interval(name, probability)
 
     def threshold_speed(self, at: Mapping[str, Any] | None = None) -> Derived:
-        """Threshold speed of every estimate, rad/s; infinite for rotors that are always stable.
+        """Threshold speed of every estimate, rad/s, see :class:`~rotorfit.uncertainty.onsets.Onsets`.
 
         Args:
             at: values of attributes that name one group, ``{"speed_rpm": 1000}``; needed where parameters were fitted
@@ -97,8 +95,8 @@ class Bootstrap:
         """
         space = self.fit.problem.space
         theta = np.asarray(space.theta(self.samples)[:, self.fit.group(at)])
-        onset, _ = threshold_speeds(self.fit.model, theta, band=self.fit.stability_band)
-        return Derived("threshold speed", "rad/s", onset)
+        found = onsets_of(self.fit, theta, self.fit.group(at), self.seed)
+        return Derived("threshold speed", "rad/s", found.speed, found.note)
 
     def summary(self) -> str:
         """Table of estimates, spreads and intervals beside the standard errors of the fit."""
@@ -114,13 +112,6 @@ class Bootstrap:
             rows.append([name, value, error, f"{spread:.2g}", f"{bias:.2g}", interval(low, high), p.unit])
         head = f"parametric bootstrap: {len(self.samples)} simulated data sets, {self.failures} fits failed"
         return "\n".join([head, *text_table(rows, "<22 >14 >12 >12 >12 >28 <1"), self.message])
-
-    def __str__(self) -> str:
-        return self.summary()
-
-    def _repr_html_(self) -> str:
-        """What a notebook shows."""
-        return text_html(str(self))
 
 
 def bootstrap(fit: FitResult, *, n: int = 500, seed: int = 0, accelerate: bool | None = None) -> Bootstrap:

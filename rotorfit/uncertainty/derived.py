@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from rotorfit.fitting.digits import interval, with_error
+from rotorfit.fitting.notebook import text_html
 from rotorfit.models import RotorModel, eigenvalues
 from rotorfit.models.array_types import ComplexArray, Float
 
@@ -20,11 +22,13 @@ class Derived:
         name: what it is.
         unit: SI unit.
         samples: shape ``(N, ...)``; infinite or NaN for draws that have no such value.
+        note: what limits it, in words; empty where there is nothing.
     """
 
     name: str
     unit: str
     samples: Float
+    note: str = ""
 
     @property
     def value(self) -> Any:
@@ -69,7 +73,37 @@ class Derived:
         if np.ndim(self.samples) > 1:
             return f"{self.name}: {self.samples.shape[0]} draws of shape {self.samples.shape[1:]} {self.unit}"
         ends = interval(*(float(end) for end in self.interval()))
-        return f"{self.name}: {with_error(float(self.value), float(self.stderr))[0]} {ends} {self.unit}"
+        text = f"{self.name}: {with_error(float(self.value), float(self.stderr))[0]} {ends} {self.unit}"
+        return f"{text}; {self.note}" if self.note else text
+
+
+class Draws(ABC):
+    """What consists of draws of parameters: a posterior, an average of posteriors, a bootstrap."""
+
+    @abstractmethod
+    def parameter(self, name: str) -> Derived:
+        """One parameter with its spread."""
+
+    @abstractmethod
+    def summary(self) -> str:
+        """Table for a terminal."""
+
+    def interval(self, name: str, probability: float = 0.95) -> tuple[float, float]:
+        """Central interval of one entry, equal shares of the rest on both sides.
+
+        Args:
+            name: of a fitted parameter or nuisance entry, ``"lam"``.
+            probability: share of the distribution inside, between 0 and 1.
+        """
+        low, high = self.parameter(name).interval(probability)
+        return float(low), float(high)
+
+    def __str__(self) -> str:
+        return self.summary()
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows."""
+        return text_html(str(self))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -10,19 +10,19 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rotorfit.fitting.digits import with_error
-from rotorfit.fitting.notebook import text_html
 from rotorfit.fitting.result import FitResult
 from rotorfit.models.parameters import unknown_name
 from rotorfit.text_table import text_table
-from rotorfit.uncertainty.derived import Derived, StiffnessBand
-from rotorfit.uncertainty.posterior import Posterior, sample
+from rotorfit.uncertainty.derived import Derived, Draws, StiffnessBand
+from rotorfit.uncertainty.posterior import Posterior
+from rotorfit.uncertainty.sampling import sample
 
 NEGLIGIBLE = 0.002
 """Weight below which a model is not sampled: its draws could not move a 99 % interval."""
 
 
 @dataclass(frozen=True, eq=False)
-class ModelAverage:
+class ModelAverage(Draws):
     """Posteriors of several models of the same data, weighted by ``exp(-BIC / 2)``.
 
     BIC approximates the probability of a model given the data (Schwarz 1978), all models being as likely beforehand.
@@ -58,16 +58,6 @@ class ModelAverage:
         if name not in self.names:
             raise KeyError(unknown_name("parameter that all models share", name, self.names))
         return self._mixed(lambda posterior: posterior.parameter(name))
-
-    def interval(self, name: str, probability: float = 0.95) -> tuple[float, float]:
-        """Central interval of a shared parameter.
-
-        Args:
-            name: of a fitted parameter or nuisance entry, ``"lam"``.
-            probability: share of the distribution inside, between 0 and 1.
-        """
-        low, high = self.parameter(name).interval(probability)
-        return float(low), float(high)
 
     def threshold_speed(self, at: Mapping[str, Any] | None = None) -> Derived:
         """See :meth:`Posterior.threshold_speed`.
@@ -125,7 +115,8 @@ class ModelAverage:
             size = len(part.samples)
             wanted = min(size, max(1, round(count * weight)))
             chosen.append(part.samples[np.linspace(0, size - 1, wanted).astype(np.intp)])
-        return Derived(parts[0].name, parts[0].unit, np.concatenate(chosen))
+        notes = dict.fromkeys(part.note for part in parts if part.note)
+        return Derived(parts[0].name, parts[0].unit, np.concatenate(chosen), "; ".join(notes))
 
     def summary(self) -> str:
         """Table of the models with their weights and of the parameters that they share."""
@@ -143,13 +134,6 @@ class ModelAverage:
             middle, *ends = (with_error(float(v), d.stderr)[0] for v in (d.value, low, high))
             rows.append([name, middle, f"{d.stderr:.2g}", *ends, d.unit])
         return "\n".join([*text_table(models, "<58 >12 >9 <1"), "", *text_table(rows, "<22 >13 >10 >13 >13 <1")])
-
-    def __str__(self) -> str:
-        return self.summary()
-
-    def _repr_html_(self) -> str:
-        """What a notebook shows."""
-        return text_html(str(self))
 
 
 def sample_models(fits: Sequence[FitResult], **options: Any) -> ModelAverage:

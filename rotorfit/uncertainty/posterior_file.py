@@ -161,18 +161,18 @@ def load_posterior(path: str | os.PathLike[str], fit: FitResult) -> Posterior:
         raise ValueError(f"{path.name} was not written by rotorfit's Posterior.save")
     variables = sorted(draws.data_vars.values(), key=lambda v: int(v.attrs["position"]))
     posterior = Posterior(
-        fit,
-        tuple(str(v.attrs["parameter"]) for v in variables),
-        np.stack([v.values.T for v in variables], axis=-1),
-        np.ascontiguousarray(stats["lp"].values.T),
-        stats["acceptance_rate"].values,
-        np.array([float(v.attrs["autocorrelation_time"]) for v in variables]),
-        int(header["burn_in"]),
-        bool(header["converged"]),
-        str(header["message"]),
-        str(header["treatment"]),
-        int(header["seed"]),
-        SampleSettings(**json.loads(header["settings"])),
+        fit=fit,
+        names=tuple(str(v.attrs["parameter"]) for v in variables),
+        chain=np.stack([v.values.T for v in variables], axis=-1),
+        log_density=np.ascontiguousarray(stats["lp"].values.T),
+        acceptance=stats["acceptance_rate"].values,
+        tau=np.array([float(v.attrs["autocorrelation_time"]) for v in variables]),
+        burn_in=int(header["burn_in"]),
+        converged=bool(header["converged"]),
+        message=str(header["message"]),
+        treatment=str(header["treatment"]),
+        seed=int(header["seed"]),
+        settings=SampleSettings(**json.loads(header["settings"])),
     )
     _check(posterior, path.name)
     return posterior

@@ -44,6 +44,7 @@ class Profile:
             its square root is linear for a linear model.
         message: what is to be known of the ends, empty if there is nothing.
         stderr: its standard error, for comparison; infinite where the data do not determine it, NaN if not given.
+        freedom: degrees of freedom behind that standard error.
     """
 
     name: str
@@ -56,20 +57,40 @@ class Profile:
     rise: Float
     message: str
     stderr: float = math.nan
+    freedom: float = math.inf
 
     @property
     def interval(self) -> tuple[float, float]:
         """Lower and upper end."""
         return self.lower, self.upper
 
+    @property
+    def goal(self) -> float:
+        """Rise at the ends of the interval: quantile of chi-squared, of F where few differences tell the noise."""
+        return quantile(self.level, self.freedom) ** 2
+
     def plot(self) -> Figure:
         """The curve with the level and the ends, beside the parabola that the standard error stands for."""
-        from rotorfit.uncertainty.plot_profile import plot_profile
+        from rotorfit.plots.uncertainty import plot_profile
 
-        return plot_profile(self)
+        factor, unit = self._shown
+        return plot_profile(
+            self.values * factor,
+            self.rise,
+            label=self.name.replace("_", " ") + ("" if unit == "1" else f" ({unit})"),
+            estimate=self.value * factor,
+            stderr=self.stderr * factor,
+            goal=self.goal,
+            ends=[end * factor for end in self.interval],
+        )
+
+    @property
+    def _shown(self) -> tuple[float, str]:
+        """Factor and unit for readers: speeds in rpm, as the summary has them."""
+        return (RPM_PER_RAD_S, "rpm") if self.unit == "rad/s" else (1.0, self.unit)
 
     def __str__(self) -> str:
-        factor, unit = (RPM_PER_RAD_S, "rpm") if self.unit == "rad/s" else (1.0, self.unit)  # as the summary has it
+        factor, unit = self._shown
         value, ends = (
             with_error(factor * self.value, factor * self.stderr)[0],
             interval(factor * self.lower, factor * self.upper),
@@ -105,8 +126,8 @@ def profile(
         raise ValueError(f"points is {points}; a curve needs at least 3")
     problem, x, scale = _settled(fit, name)
     value, unit, curve, step, reach = _curve(fit, problem, x, name, at)
-    freedom = fit.params[name].freedom if name in fit.params else math.inf
-    goal = quantile(level, freedom) ** 2 * scale  # of chi-squared, or of F where few data tell the noise
+    known = fit.threshold_speed(at) if name == THRESHOLD else fit.params[name]
+    goal = quantile(level, known.freedom) ** 2 * scale
     ends = [
         curve.end(side, goal, math.sqrt(goal) * step, limit, bound)
         for side, (limit, bound) in zip((-1, 1), reach, strict=True)
@@ -121,8 +142,9 @@ def profile(
         upper=ends[1].value,
         values=values,
         rise=rise / scale,
-        message=_message(curve, ends, scale, unit, goal),
-        stderr=fit.threshold_speed(at).stderr if name == THRESHOLD else fit.params[name].stderr,
+        message=_message(curve, ends, scale, unit, goal, _beyond_tests(fit, at) if name == THRESHOLD else ""),
+        stderr=known.stderr,
+        freedom=known.freedom,
     )
 
 
@@ -230,7 +252,20 @@ def _grid(curve: Curve, value: float, ends: list[End], points: int) -> tuple[Flo
     return values, np.array([rises[v] for v in values.tolist()])
 
 
-def _message(curve: Curve, ends: list[End], scale: float, unit: str, goal: float) -> str:
+def _beyond_tests(fit: FitResult, at: Mapping[str, Any] | None) -> str:
+    """What to say of a threshold beyond what was tested: an interval of one model knows nothing of its neighbours."""
+    group = fit.group(at)
+    note = fit.onset_note(group)
+    if not note or not fit.settings.onsets:
+        return note
+    difference = fit.settings.onsets[group].difference * RPM_PER_RAD_S
+    return (
+        f"the onset lies beyond the tests, and the interval is that of this model alone: the models beside it on the "
+        f"ladder differ by {difference:.2g} rpm, which the standard error includes"
+    )
+
+
+def _message(curve: Curve, ends: list[End], scale: float, unit: str, goal: float, beyond: str) -> str:
     unit = "" if unit == "1" else f" {unit}"
     parts = []
     for word, end in zip(("below", "above"), ends, strict=True):
@@ -249,4 +284,4 @@ def _message(curve: Curve, ends: list[End], scale: float, unit: str, goal: float
             f"chi-squared falls {-curve.lowest / scale:.3g} below that of the fit on the way: the fit did not end in "
             "the lowest minimum, fit again from other start values"
         )
-    return "; ".join(parts)
+    return "; ".join([*parts, *([beyond] if beyond else [])])

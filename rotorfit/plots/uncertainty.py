@@ -1,4 +1,4 @@
-"""Figures of posterior samples, from plain arrays."""
+"""Figures of what the data leave open, from plain arrays: samples of a posterior, the profile of a parameter."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rotorfit.models.array_types import Float
-from rotorfit.plots.style import COLOURS, SMALL, grid, literal
+from rotorfit.plots.style import COLOURS, GREY, SMALL, grid, literal
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -84,4 +84,34 @@ def plot_traces(chain: Float, names: Sequence[str]) -> Figure:
         axes[i, 0].set_ylabel(literal(name), fontsize=7, rotation=0, ha="right", va="center")
         axes[i, 0].tick_params(labelsize=SMALL, labelbottom=i == len(names) - 1)
     axes[-1, 0].set_xlabel("step", fontsize=8)
+    return figure
+
+
+def plot_profile(
+    values: Float, rise: Float, *, label: str, estimate: float, stderr: float, goal: float, ends: Sequence[float]
+) -> Figure:
+    """Rise of chi-squared when a parameter is held at other values, beside the parabola of its standard error.
+
+    Args:
+        values: of the parameter, shape ``(N,)``.
+        rise: of chi-squared in units of the noise, shape ``(N,)``.
+        label: of the parameter, with its unit.
+        estimate, stderr: value at the minimum and its standard error; no parabola where that is not finite.
+        goal: rise that ends the interval.
+        ends: of the interval; those that are not finite are left out.
+    """
+    figure, axes = grid(1, 1, "", size=(3.45, 2.5))  # two of them side by side in a report
+    axis = axes[0, 0]
+    axis.plot(values, rise, color=COLOURS[0], marker=".", ms=4, lw=1.3, label="profile")
+    if np.isfinite(stderr) and stderr > 0:
+        x = np.linspace(values[0], values[-1], 200)
+        axis.plot(x, ((x - estimate) / stderr) ** 2, color=GREY, ls="--", lw=1.0, label="standard error")
+    axis.axhline(goal, color=COLOURS[1], lw=0.9, label="level of the interval")
+    for end in ends:
+        if np.isfinite(end):
+            axis.axvline(end, color=COLOURS[1], lw=0.9, ls=":")
+    axis.set_ylim(0, 1.15 * max(goal, float(rise[np.isfinite(rise)].max(initial=0.0))))
+    axis.set_xlabel(literal(label), fontsize=8)
+    axis.set_ylabel("rise of chi-squared", fontsize=8)
+    axis.legend(fontsize=7, frameon=False, loc="upper center")
     return figure

@@ -1,0 +1,60 @@
+"""Threshold speeds of many draws, by the rules of the fit's own: what lies beyond the tests is told as that."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from rotorfit.fitting.onset import is_extrapolated
+from rotorfit.fitting.result import FitResult
+from rotorfit.models.array_types import Float
+from rotorfit.models.stability import threshold_speeds
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Onsets:
+    """Onset of instability of each draw.
+
+    Attributes:
+        speed: rad/s, shape ``(N,)``: infinite for rotors that are stable at every speed searched, and for those whose
+            onset lies outside a band that limits the search; NaN where the fit itself cannot tell.
+        whirl_ratio: frequency of the whirl over the speed, NaN without an onset, shape ``(N,)``.
+        note: what limits the numbers, in words; empty where there is nothing.
+    """
+
+    speed: Float
+    whirl_ratio: Float
+    note: str
+
+
+def onsets_of(fit: FitResult, theta: Float, group: int, seed: int) -> Onsets:
+    """Threshold speeds of draws of one parameter group.
+
+    After refinement the ladder's rungs differ by more than the draws of one rung do, where the onset lies beyond the
+    tested speeds or frequencies. As in :meth:`~rotorfit.FitResult.threshold_speed` that difference is an error of the
+    result: extrapolated draws are scattered by it, and those whose onset lies outside the band of a model that holds in
+    the band only are drawn from the onset of the rung that holds beyond.
+
+    Args:
+        fit: the result that the draws belong to.
+        theta: model parameter vectors, shape ``(N, P)``.
+        group: number of the parameter group.
+        seed: of the scatter.
+    """
+    speed, whirl = threshold_speeds(fit.model, theta, band=fit.stability_band)
+    ratio = whirl / np.where(speed > 0, speed, np.nan)
+    found = np.isfinite(speed)
+    rung = fit.settings.onsets[group] if fit.settings.onsets else None
+    limited = math.isfinite(fit.stability_band)
+    if limited and rung is None and math.isnan(fit.threshold_of(group).value):
+        speed = np.full_like(speed, np.nan)
+    if rung is not None:
+        normal = np.random.default_rng(seed).standard_normal(speed.size)
+        beyond = found & is_extrapolated(fit, speed, whirl)
+        speed[beyond] += rung.difference * normal[beyond]
+        if limited and math.isfinite(rung.speed):
+            speed[~found] = rung.speed + math.hypot(rung.stderr, rung.difference) * normal[~found]
+            ratio[~found] = rung.whirl_ratio
+    return Onsets(speed=speed, whirl_ratio=ratio, note=fit.onset_note(group))

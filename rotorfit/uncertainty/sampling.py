@@ -1,0 +1,207 @@
+"""A posterior sampled: from a fit to draws that are enough and independent enough, and what was assumed on the way."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rotorfit.estimators import ensemble_sampler
+from rotorfit.estimators.correlated import freedom_of
+from rotorfit.estimators.ensemble_sampler import SamplerProgress
+from rotorfit.estimators.log_posterior import LogPosterior, Noise
+from rotorfit.fitting.refine import refine as refine_fit
+from rotorfit.fitting.refine import structure_name
+from rotorfit.fitting.result import FitResult
+from rotorfit.models.array_types import Float
+from rotorfit.uncertainty.posterior import Posterior, SampleSettings
+
+WALKERS = 128
+"""Walkers by default, enough to keep vectorised likelihoods busy; more where there are many parameters."""
+FEW_WALKERS = 32
+"""The same where the likelihood is evaluated vector by vector, as with the matrices of a whole shaft."""
+_HIGHER = 0.5  # excess of the log density over that at the optimum that is more than an optimum's inaccuracy
+_TYPICAL_STEPS = 400  # of a well-behaved posterior, to judge whether compiling pays
+
+
+def sample(
+    fit: FitResult,
+    *,
+    seed: int | None = None,
+    walkers: int | None = None,
+    ess: float = 4000,
+    max_steps: int = 20_000,
+    noise: Noise | None = None,
+    refine: bool = False,
+    checkpoint: str | os.PathLike[str] | None = None,
+    progress: bool | Callable[[SamplerProgress], None] = False,
+    moves: Sequence[tuple[Any, float]] | None = None,
+    accelerate: bool | None = None,
+) -> Posterior:
+    """Sample the posterior of a fit with emcee until enough effective samples are there.
+
+    Known values, bounds, priors, ``per`` and loss are those of the fit; without a prior a parameter's density is flat
+    between its bounds.
+
+    Args:
+        fit: result of :func:`rotorfit.fit`.
+        seed: of the random numbers; by default one is drawn, and kept in the result.
+        walkers: even number of walkers, by default 128 (32 where the likelihood is evaluated vector by
+            vector) or twice the number of entries.
+        ess: effective samples to reach.
+        max_steps: steps after which to stop in any case; the result then says that it is not converged.
+        noise: level of the noise in each channel: "marginal" (default: unknown and integrated out, so that a channel
+            that the model misses widens by itself), "sampled" (the same, its logarithm sampled too) or "fixed" (as
+            given with the data, the only one for a robust loss; widened by redchi where the model limits the fit).
+        refine: first add the structural blocks that AIC asks for, see :func:`rotorfit.refine`.
+        checkpoint: HDF5 file to write at every look at the chain; a run that was stopped continues from it.
+        progress: print a line of progress to stderr, or a function that is called with steps, effective samples and
+            autocorrelation time.
+        moves: emcee moves with weights, by default independence proposals from the normal approximation mixed with
+            emcee's DE and stretch moves.
+        accelerate: compile the likelihood with numba; by default where it is installed and pays.
+
+    Returns:
+        the draws; :attr:`Posterior.converged` and :attr:`Posterior.message` say how the run ended.
+
+    Raises:
+        ValueError: a closed-form result or a fit that did not converge, an unknown noise treatment or one that the loss
+            rules out, a posterior without limits in some direction, too few walkers, a checkpoint of another run.
+    """
+    structure = ""
+    if refine:
+        fit, structure = _refined(fit)
+    _refuse_unsampled(fit)
+    target = _target(fit, noise, accelerate, max(ess, (walkers or WALKERS) * _TYPICAL_STEPS))
+    count = walkers or max(FEW_WALKERS if target.batch.one_by_one else WALKERS, 2 * target.size)
+    centre, covariance = target.laplace(fit.x)
+    try:
+        paths = ensemble_sampler.sample(
+            target,
+            centre,
+            covariance,
+            walkers=count,
+            ess=ess,
+            max_steps=max_steps,
+            seed=seed,
+            checkpoint=None if checkpoint is None else Path(checkpoint),
+            report=_printer() if progress is True else progress or None,
+            moves=list(moves) if moves else None,
+        )
+    finally:
+        if progress is True:
+            print(file=sys.stderr)
+    return Posterior(
+        fit=fit,
+        names=target.names,
+        chain=paths.draws,
+        log_density=paths.log_density,
+        acceptance=paths.acceptance,
+        tau=paths.tau,
+        burn_in=paths.burn_in,
+        converged=paths.converged,
+        message=paths.message,
+        treatment=structure + _treatment(fit, target, centre) + _better_optimum(target, centre, paths.log_density),
+        seed=paths.seed,
+        settings=SampleSettings(
+            noise=target.noise,
+            inflation=target.inflation,
+            walkers=count,
+            ess=ess,
+            max_steps=max_steps,
+            steps=paths.steps,
+        ),
+    )
+
+
+def _refined(fit: FitResult) -> tuple[FitResult, str]:
+    """The fit with the structure that AIC asks for, and a sentence on it."""
+    ladder = refine_fit(fit)
+    tried = ", ".join(structure_name(step.model) for step in ladder.steps)
+    return ladder.best, f"structure chosen by AIC: {structure_name(ladder.best.model)} (of: {tried}); "
+
+
+def _refuse_unsampled(fit: FitResult) -> None:
+    """Refuse what has no optimum to start from, or no likelihood.
+
+    Raises:
+        ValueError: see :func:`sample`.
+    """
+    if fit.method != "least squares" or not fit.success:
+        state = "a closed form" if fit.method != "least squares" else f"a fit that did not converge ({fit.message})"
+        raise ValueError(f"this is {state}: walkers start from the optimum of rf.fit")
+    if np.isfinite(freedom_of(fit.problem.blocks)):
+        raise ValueError(
+            "few mountings of weights tell the noise of these data, and their readings err together: their covariance "
+            "has too small a rank for a likelihood, and one that takes the noise as known would give intervals that "
+            "are too narrow. Use params[...].interval(), which is Student's t, or profile"
+        )
+
+
+def _target(fit: FitResult, noise: Noise | None, accelerate: bool | None, work: float) -> LogPosterior:
+    """The density to sample: noise of unknown level unless the loss has a scale of its own."""
+    level: Noise = noise or ("marginal" if fit.settings.loss == "linear" else "fixed")
+    inflation = fit.widening if fit.model_limited and level == "fixed" else 1.0
+    return LogPosterior(fit.problem, level, inflation=inflation, accelerate=accelerate, work=work)
+
+
+def _treatment(fit: FitResult, target: LogPosterior, centre: Float) -> str:
+    """What was done about noise and model-form error."""
+    if not fit.model_limited:
+        return _noise_words(fit, target, centre)
+    if fit.settings.levels:
+        advice = "bring the shaft's matrices (KnownStructure)"
+    elif hasattr(fit.model, "blocks"):
+        advice = (
+            "sample a refined fit instead, rf.refine(fit).best.sample() or fit.sample(refine=True), or "
+            "average over structures, rf.sample_models(rf.refine(fit).steps)"
+        )
+    else:
+        advice = "a richer model is needed"
+    return (
+        f"{_noise_words(fit, target, centre)}. redchi is {fit.redchi:.3g}: the model, not the noise, limits the fit. "
+        f"That widens the intervals, but parameters may be biased beyond them: {advice}"
+    )
+
+
+def _noise_words(fit: FitResult, target: LogPosterior, centre: Float) -> str:
+    """What was taken for the level of the noise."""
+    if target.noise == "fixed":
+        if fit.settings.levels:
+            return "noise of each response at the level of the residuals of the refined fit"
+        if fit.settings.loss != "linear":
+            return f"noise as given with the data, {fit.settings.loss} loss"
+        if target.inflation == 1.0:
+            return "noise as given with the data"
+        return f"noise as given with the data, standard deviations widened by {np.sqrt(target.inflation):.3g}"
+    parameters = centre[None, : target.problem.space.size]
+    level = np.sqrt((target.batch.sums(parameters)[0] + 1.0) / target.counts)
+    level *= [fit.settings.levels.get(name, 1.0) for name in target.batch.channel_names]
+    how = "integrated out" if target.noise == "marginal" else "sampled"
+    return (
+        f"noise level of each channel unknown and {how}; at the optimum {level.min():.3g} to {level.max():.3g} "
+        "times the noise given with the data"
+    )
+
+
+def _better_optimum(target: LogPosterior, centre: Float, log_density: Float) -> str:
+    """What to say where draws are denser than the optimum that the walkers started from can be."""
+    lead = float(log_density.max() - target(centre[None])[0])
+    if not lead > _HIGHER:
+        return ""
+    return (
+        f". The log density of the best draw is {lead:.3g} above that of the optimum found from the fit: the fit did "
+        "not end in the lowest minimum, fit again with start at the medians of these draws"
+    )
+
+
+def _printer() -> Callable[[SamplerProgress], None]:
+    def show(state: SamplerProgress) -> None:
+        text = f"{state.steps} steps, {100 * state.done:.0f} %: {state.waiting}"
+        print(f"\r{text:<60}", end="", file=sys.stderr, flush=True)
+
+    return show
