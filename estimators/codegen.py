@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import casadi as ca
 
@@ -254,7 +255,8 @@ def _calls(count: int, kind: str, results: str) -> str:
     )
 
 
-def source(model: RotorModel, patterns: Sequence[Pattern]) -> str:
+@lru_cache(maxsize=16)
+def source(model: RotorModel, patterns: tuple[Pattern, ...]) -> str:
     """Source of a module that defines ``sums`` and ``slopes`` for a model read in the given ways.
 
     The source expects ``np`` and the decorators ``inner`` and ``outer`` in its namespace.

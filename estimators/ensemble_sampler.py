@@ -13,7 +13,6 @@ import h5py
 import numpy as np
 
 from rotorfit.estimators.atomic_file import whole_file
-from rotorfit.estimators.autocorrelation import autocorrelation_time
 from rotorfit.estimators.log_posterior import LogPosterior
 from rotorfit.estimators.proposals import mixture
 from rotorfit.models.array_types import Float
@@ -29,7 +28,9 @@ LEARN = 500
 whenever the chain has doubled; what was drawn until then is burn-in, so that the proposals of the draws kept are
 fixed."""
 
-_LISTENED = 32  # walkers enough to estimate the autocorrelation time from
+_LISTENED = 32  # walkers enough to tell whether their means differ
+_TIMED = 16  # of them enough to estimate the autocorrelation time from
+_DISAGREE = 4.0  # spread of 32 means over its expectation, beyond all chance (chi-squared over 31: p < 1e-12)
 
 
 @dataclass(frozen=True)
@@ -81,16 +82,6 @@ class WalkerPaths:
     seed: int
 
 
-class _Ensemble(emcee.EnsembleSampler):  # type: ignore[misc]
-    """emcee's sampler for a density that takes all walkers at once and returns finite numbers or minus infinity.
-
-    emcee looks at the answer walker by walker, which takes as long as a compiled likelihood.
-    """
-
-    def compute_log_prob(self, coords: Float) -> tuple[Float, None]:
-        return self.log_prob_fn(coords), None
-
-
 def sample(
     target: LogPosterior,
     centre: Float,
@@ -138,7 +129,7 @@ def sample(
     mixed = moves or mixture(target, *(_picture(memory, learned) if learned else (centre, covariance)))
     while memory.iteration < max_steps and not (verdict and verdict.converged):
         count = min(max(CHUNK, memory.iteration // 5), max_steps - memory.iteration)
-        sampler = _Ensemble(walkers, target.size, target, moves=mixed, backend=memory)
+        sampler = emcee.EnsembleSampler(walkers, target.size, target, moves=mixed, backend=memory, vectorize=True)
         state = sampler.run_mcmc(state, count, skip_initial_state_check=True)
         verdict = _assess(memory, ess, first_seed, learned)
         if not moves and _should_learn(memory, verdict, learned, max_steps):
@@ -204,7 +195,7 @@ def _assess(memory: Any, ess: float, seed: int, learned: int) -> WalkerPaths:
     """Autocorrelation time after burn-in, and what follows from it."""
     chain = memory.get_chain()
     steps, walkers, _ = chain.shape
-    tau = autocorrelation_time(chain[max(steps // 4, learned) :, :: max(1, walkers // _LISTENED)])
+    tau = _tau(chain[max(steps // 4, learned) :, :: max(1, walkers // _LISTENED)])
     longest = float(tau.max())
     burn_in = int(min(max(10.0, 5 * longest), steps // 2)) if np.isfinite(longest) else steps // 2
     burn_in = max(burn_in, learned)
@@ -232,6 +223,26 @@ def _assess(memory: Any, ess: float, seed: int, learned: int) -> WalkerPaths:
         message=message,
         seed=seed,
     )
+
+
+def _tau(chain: Float) -> Float:
+    """Integrated autocorrelation time of each entry, infinite where nothing moves.
+
+    emcee measures each walker from its own mean, so walkers that are stuck in places of their own look well mixed:
+    where their means differ by much more than that time allows, the time that explains the difference takes its place.
+    """
+    still = np.ptp(chain, axis=0).max(axis=0) == 0
+    tau = np.full(chain.shape[2], np.inf)
+    if (~still).any():
+        # Centred and scaled, so that products keep their digits.
+        moving = chain[:, :, ~still]
+        moving = (moving - moving.mean(axis=(0, 1))) / moving.std(axis=(0, 1))
+        timed = moving[:, :: max(1, moving.shape[1] // _TIMED)]
+        with np.errstate(invalid="ignore"):  # a walker that never moves: NaN here, infinite below
+            inner = emcee.autocorr.integrated_time(timed, tol=0, has_walkers=True)
+        between = chain.shape[0] * moving.mean(axis=0).var(axis=0, ddof=1)
+        tau[~still] = np.where(between > _DISAGREE * np.maximum(inner, 1.0), between, inner)
+    return np.where(np.isfinite(tau), np.maximum(tau, 1.0), np.inf)
 
 
 # ---- checkpoints -----------------------------------------------------------------------------------------------------

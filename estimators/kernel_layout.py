@@ -110,13 +110,13 @@ def channels(problem: Problem) -> tuple[tuple[str, ...], Index, list[Index]]:
 def _distinct(rows: NDArray[np.float64] | Index) -> tuple[Index, Index]:
     """First place of each distinct row, ascending by row, and the number of that row for each one.
 
-    As ``np.unique(axis=0)``, which compares rows as records and takes ten times as long.
+    Column by column: rows as records, ``np.unique(axis=0)``, take several times as long to sort as numbers.
     """
-    order = np.lexsort(rows.T[::-1])
-    change = np.append(True, (rows[order[1:]] != rows[order[:-1]]).any(axis=1))
-    number = np.empty(len(rows), dtype=np.intp)
-    number[order] = np.cumsum(change) - 1
-    return order[change], number
+    number = np.zeros(len(rows), dtype=np.intp)
+    for column in rows.T:
+        values, own = np.unique(column, return_inverse=True)
+        number = np.unique(number * values.size + own, return_inverse=True)[1]
+    return np.unique(number, return_index=True)[1], number
 
 
 def _codes(columns: NDArray[np.float64] | Index) -> Index:

@@ -7,7 +7,7 @@ from typing import Any
 
 import emcee
 import numpy as np
-from scipy.special import gammaln
+from scipy.stats import multivariate_t
 
 from rotorfit.models.array_types import Float
 
@@ -21,8 +21,8 @@ ALIKE = 0.6
 """Efficiency of importance sampling beyond which the proposal is taken to resemble the posterior."""
 MOST = 0.9
 """Share of independence proposals at most: the rest keeps a chain moving where 512 draws have seen nothing."""
+_NULL = 1e-10  # of the largest variance: no spread in that direction
 _LOOKS = 512  # draws that the efficiency is estimated from
-_NULL = 1e-10  # of the largest variance: no spread in that direction (as SciPy's multivariate distributions)
 
 
 class IndependenceMove(emcee.moves.MHMove):  # type: ignore[misc]
@@ -38,36 +38,32 @@ class IndependenceMove(emcee.moves.MHMove):  # type: ignore[misc]
     """
 
     def __init__(self, centre: Float, covariance: Float, df: float = DEGREES_OF_FREEDOM) -> None:
-        # Factored in units of the standard deviations, where the matrix is well scaled.
-        self.centre, self.df = centre, df
+        # In units of the standard deviations, where the matrix is well scaled, and along directions that have a spread:
+        # SciPy's density of a singular t distribution counts the others too.
         size = np.sqrt(np.diag(covariance))
         power, basis = np.linalg.eigh(covariance / np.outer(size, size))
         spread = power > _NULL * power[-1]
         root = np.sqrt(power[spread])
+        self.centre, self.df = centre, df
         self._colour = (size[:, None] * basis[:, spread] * root).T
         self._whiten = basis[:, spread] / root / size[:, None]
+        self.proposal: Any = multivariate_t(np.zeros(root.size), np.eye(root.size), df=df)
         super().__init__(self.draw, centre.size)
 
     def draw(self, coords: Float, random: np.random.RandomState) -> tuple[Float, Float]:
         """Proposed positions and log Hastings factors."""
-        white = self.white(coords.shape[0], random)
+        white = self.white(len(coords), random)
         here = (coords - self.centre) @ self._whiten
-        return self.place(white), self.log_density(here) - self.log_density(white)
+        density = self.proposal.logpdf(np.concatenate([here, white]))
+        return self.place(white), density[: len(coords)] - density[len(coords) :]
 
     def white(self, count: int, random: np.random.RandomState) -> Float:
         """Draws in units of the spread along each direction that has one, shape ``(count, rank)``."""
-        normal = random.standard_normal((count, self._colour.shape[0]))
-        return np.asarray(normal / np.sqrt(random.chisquare(self.df, count) / self.df)[:, None])
+        return np.reshape(self.proposal.rvs(count, random_state=random), (count, -1))
 
     def place(self, white: Float) -> Float:
         """Positions of such draws, shape ``(count, p)``."""
         return np.asarray(self.centre + white @ self._colour)
-
-    def log_density(self, white: Float) -> Float:
-        """Log density of such draws, shape ``(count,)``; the same constant is left out for all tails."""
-        rank, square = white.shape[1], np.einsum("wi,wi->w", white, white)
-        norm = gammaln((self.df + rank) / 2) - gammaln(self.df / 2) - rank / 2 * np.log(self.df)
-        return np.asarray(norm - 0.5 * (self.df + rank) * np.log1p(square / self.df))
 
 
 def best_proposal(
@@ -83,17 +79,16 @@ def best_proposal(
         centre, covariance: picture of the posterior.
     """
     heavy = IndependenceMove(centre, covariance)
-    white = heavy.white(_LOOKS, np.random.RandomState(0))  # the same answer when a run is resumed
-    value, drawn = log_density(heavy.place(white)), heavy.log_density(white)
-    best = value.max()
-    if not np.isfinite(best):
-        return heavy, 0.0
-    posterior, proposed = np.exp(value - best), np.exp(drawn)
-    mean = (posterior / proposed).mean()
     moves = [heavy, *(IndependenceMove(centre, covariance, df) for df in LIGHTER)]
-    efficiency = [
-        float(mean**2 / (posterior**2 / (proposed * np.exp(move.log_density(white)))).mean()) for move in moves
-    ]
+    random = np.random.RandomState(0)  # the same answer when a run is resumed
+    drawn = heavy.white(_LOOKS, random)
+    value = log_density(heavy.place(drawn))
+    if not np.isfinite(value.max()):
+        return heavy, 0.0
+    posterior = np.exp(value - value.max())
+    proposed = [np.exp(move.proposal.logpdf(drawn)) for move in moves]
+    mean = (posterior / proposed[0]).mean()
+    efficiency = [float(mean**2 / (posterior**2 / (proposed[0] * one)).mean()) for one in proposed]
     first = int(np.argmax(efficiency))
     return moves[first], efficiency[first]
 

@@ -16,8 +16,8 @@ from rotorfit.models.turning import unstable_bands
 _SCAN, _SCAN_STEP = 600, 60  # speeds searched for an onset, and how many at once
 _CAME_IN = 1e-6  # growth over frequency at an onset beyond which an eigenvalue did not become unstable there
 _NEWTON = 12  # steps to a neighbour's threshold at most
-_LONGEST = 0.3  # step, as a fraction of the speed, beyond which the rotors are not much alike
-_SETTLED = 1e-6  # and up to which it leads to the threshold: errors are squared from one to the next
+_SETTLED = 1e-6  # last step, as a fraction of the speed: Newton's error is its square
+_UNLIKE = 0.3  # change of the threshold beyond which the rotors are not much alike
 _ROUND_OFF = 1e-13  # real part that an undamped eigenvalue may show, as a fraction of the largest eigenvalue
 
 
@@ -227,24 +227,28 @@ def threshold_speed_near(
         the threshold, as exact as that of :func:`threshold_speed`, which searches all speeds and takes some ten times
         as long; ``None`` if this way does not find it.
     """
+    from scipy.optimize import root_scalar
+
     theta = np.asarray(theta, dtype=float)
     if model.turns or (model.shaft is not None) or not other.speed > 0:  # bands, undamped modes, no mode to follow
         return None
-    speed, near = other.speed, 1j * other.whirl_frequency
-    for _ in range(_NEWTON):
+    near = 1j * other.whirl_frequency
+
+    def rate(speed: float) -> tuple[float, float]:
+        nonlocal near
         s = eigenvalues(model, theta, speed)
         s = s[np.isfinite(s) & (np.abs(s) <= band)]
         if not s.size:
-            return None
-        mine = complex(s[np.argmin(np.abs(s - near))])
-        rise = eigenvalue_gradient(model, theta, speed, mine)[0].real
-        step = -mine.real / rise if rise > 0 else np.nan
-        if not abs(step) < _LONGEST * speed:
-            return None
-        speed, near = speed + step, mine
-        if abs(step) <= _SETTLED * speed:
-            return _threshold_at(model, theta, speed, band)
-    return None
+            return math.nan, math.nan
+        near = complex(s[np.argmin(np.abs(s - near))])
+        return near.real, eigenvalue_gradient(model, theta, speed, near)[0].real
+
+    if not rate(other.speed)[1] > 0:
+        return None
+    found = root_scalar(rate, x0=other.speed, fprime=True, method="newton", maxiter=_NEWTON, rtol=_SETTLED)
+    if not (found.converged and abs(found.root / other.speed - 1) < _UNLIKE and rate(found.root)[1] > 0):
+        return None
+    return _threshold_at(model, theta, float(found.root), band)
 
 
 def _threshold_at(model: RotorModel, theta: Float, onset: float, band: float) -> Threshold | None:

@@ -6,12 +6,10 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
-import emcee
 import numpy as np
 import pytest
 from scipy import stats
 
-from rotorfit.estimators.autocorrelation import autocorrelation_time
 from rotorfit.estimators.ensemble_sampler import sample
 from rotorfit.estimators.least_squares import minimise
 from rotorfit.estimators.log_posterior import LogPosterior
@@ -96,23 +94,6 @@ def test_curved_posterior_needs_the_mixture():
     assert mixture.sd_off < 4 / np.sqrt(mixture.ess)
     assert not alone.converged
     assert alone.sd_off > 0.1
-
-
-def test_autocorrelation_time_is_that_of_emcee():
-    """Against emcee's own estimate, walker by walker; and 1 / (1 - rho) - 1/2 doubled of a first-order process."""
-    rng = np.random.default_rng(0)
-    noise = rng.normal(size=(3000, 20, 2))
-    chain = np.empty_like(noise)
-    chain[0] = noise[0]
-    for n, rho in enumerate((0.0, 0.8)):
-        for i in range(1, 3000):
-            chain[i, :, n] = rho * chain[i - 1, :, n] + noise[i, :, n]
-    found = autocorrelation_time(chain)
-    np.testing.assert_allclose(found, np.maximum(emcee.autocorr.integrated_time(chain, tol=0), 1.0), rtol=1e-9)
-    # Sokal 1997: relative variance of the estimate 2 (2 W + 1) / N with W = 5 tau, over all walkers; three of them.
-    np.testing.assert_allclose(found, [1.0, 9.0], rtol=3 * np.sqrt(2 * 91 / 60_000))
-    chain[:, :, 0] = 1.0
-    assert np.isposinf(autocorrelation_time(chain)[0])
 
 
 @pytest.mark.parametrize(("df", "chosen"), [(3.0, 5.0), (12.0, 12.0), (np.inf, 50.0)])
