@@ -115,6 +115,20 @@ def alone(problem: Problem, number: int) -> Problem:
     )
 
 
+def costs(problem: Problem, x: Float) -> Float:
+    """Cost of vectors ``(W, p)`` of a problem, infinite where undefined."""
+    total = np.zeros((len(x), 1))
+    with np.errstate(all="ignore"):  # a start may well be absurd
+        for number, block in enumerate(problem.blocks):
+            channel = np.zeros(block.measured.size, dtype=np.intp)
+            part = BlockMisfit(problem=alone(problem, number), readings=slice(0, None), channel=channel)
+            part.add_sums(x, total)
+    cost = total[:, 0] / 2
+    for prior in problem.priors:
+        cost += [prior.terms(float(value))[0] for value in x[:, prior.entry]]
+    return np.where(np.isfinite(cost), cost, np.inf)
+
+
 def normal_equations(problem: Problem, x: Float) -> tuple[Float, Float, Float]:
     """Cost, gradient and Gauss-Newton matrix of vectors ``(W, p)`` of a problem of one block without priors.
 
@@ -126,17 +140,26 @@ def normal_equations(problem: Problem, x: Float) -> tuple[Float, Float, Float]:
         cost, slope, matrix = zip(*(problem.gauss_newton(row) for row in x), strict=True)
         return np.array(cost), np.array(slope), np.array(matrix)
     predicted, by_theta = block.predict_jacobian(space.theta(x))
+    along = np.swapaxes(by_theta, 1, 2)  # readings last, as they are stored
     rows = np.zeros((len(x), space.size, block.measured.size), dtype=complex)
     for group, index in enumerate(space.index):
-        free, mine = np.flatnonzero(index >= 0), np.flatnonzero(block.reading_group == group)
-        rows[:, index[free][:, None], mine] += np.swapaxes(by_theta[:, mine][..., free], 1, 2)
+        free = np.flatnonzero(index >= 0)
+        mine = slice(None) if len(space.index) == 1 else np.flatnonzero(block.reading_group == group)
+        for place in free.tolist():
+            rows[:, index[place], mine] += along[:, place, mine]
     factors = problem.factors[0] if problem.factors else None
     if factors is not None:
         gain = np.exp(x[:, len(space.names) :] @ factors.T)
-        predicted, rows = predicted * gain, rows * gain[:, None]
+        predicted = predicted * gain
+        rows *= gain[:, None]
         rows[:, len(space.names) :] = factors.T * predicted[:, None]
-    residual, rows = (predicted - block.measured) / block.sigma, rows / block.sigma
-    rho, weight = robust_weights(problem.loss, residual.real**2 + residual.imag**2)
-    root = np.sqrt(weight)
-    real, miss = (rows * root[:, None]).view(float), np.ascontiguousarray(residual * root).view(float)
-    return rho.sum(axis=1) / 2, np.einsum("wpr,wr->wp", real, miss), real @ np.swapaxes(real, 1, 2)
+    scale = 1 / block.sigma
+    miss = (predicted - block.measured) * scale
+    rho, weight = robust_weights(problem.loss, miss.real**2 + miss.imag**2)
+    if problem.loss != "linear":
+        root = np.sqrt(weight)
+        rows, miss = rows * root[:, None], miss * root
+    real = rows.view(float)
+    real *= np.repeat(scale, 2)
+    slope = real @ np.ascontiguousarray(miss).view(float)[:, :, None]
+    return rho.sum(axis=1) / 2, slope[..., 0], real @ np.swapaxes(real, 1, 2)

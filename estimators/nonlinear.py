@@ -82,37 +82,57 @@ class OrbitResponses(OnResponses):
         at = seat.at
         # Lines of one group share a vector, which broadcasts: what depends on parameters alone is computed once.
         vectors = theta if theta.shape[-2] == 1 else theta[..., base.group, :]
-        H = self._centred(vectors)
-        centred = np.zeros(H.shape[1:], dtype=complex)
-        for column in np.flatnonzero(base.force.any(axis=0)).tolist():
-            centred += H[:, column] * base.force[:, column]
+        if self.mode == "given":
+            eps = np.clip(self.eccentricity, 0.0, LARGEST_ECCENTRICITY)
+            H = self._receptance(vectors, eps)
+            return _State(vectors, np.broadcast_to(eps, H.shape[2:]), H, self._forced(H))
+        H = self._receptance(vectors, 0.0)
+        centred = self._forced(H)
         equation = OrbitEquation(
             theta=vectors,
             s=base.s,
-            speed=base.speed,
+            speed=self._speed,
             drive=centred[at] / seat.clearance,
             receptance=H[at, at],
         )
         if self.mode == "nearest":
             eps, delta = nearest_orbits(seat, equation, self.eccentricity)
         else:
-            if self.mode == "followed":
-                eps = followed_roots(seat, equation, self.sweep)
-            else:
-                eps = np.broadcast_to(np.clip(self.eccentricity, 0.0, LARGEST_ECCENTRICITY), equation.shape)
+            eps = followed_roots(seat, equation, self.sweep)
             delta = equation.change(seat, eps)
         # Only the entry (b, b) of kappa changes: a rank-one change of its inverse.
         gain = delta / (1.0 + delta * H[at, at])
         column, row = gain * H[:, at], H[at]
         return _State(vectors, eps, H - column[:, None] * row, centred - column * centred[at])
 
-    def _centred(self, vectors: Float) -> ComplexArray:
-        """Receptance of the rotor with its journal in the centre, shape ``(n, n, ..., L)``."""
+    @cached_property
+    def _speed(self) -> Float:
+        """Rotative speed of the lines, a single number where all have the same."""
+        speed = self.base.speed
+        return np.asarray(speed[0]) if np.ptp(speed) == 0 else speed
+
+    @cached_property
+    def _frequency(self) -> Float:
+        return np.ascontiguousarray(self.base.s.imag)
+
+    def _receptance(self, vectors: Float, eccentricity: Float | float) -> ComplexArray:
+        """Receptance of the rotor with its journal at an eccentricity, shape ``(n, n, ..., L)``."""
         base = self.base
-        kappa = line_stiffness(self.model).values(vectors, base.s.imag, base.speed, 0.0)
+        kappa = line_stiffness(self.model).values(vectors, self._frequency, self._speed, eccentricity)
         if self.model.shaft is not None:
             kappa = kappa + known_structure(self.model, vectors, base.s, base.speed).values
         return inverse_of_lines(kappa)
+
+    def _forced(self, H: ComplexArray) -> ComplexArray:
+        """Response to the forces, shape ``(n, ..., L)``."""
+        force = self.base.force
+        columns = np.flatnonzero(force.any(axis=0)).tolist()
+        if not columns:
+            return np.zeros(H.shape[1:], dtype=complex)
+        total = H[:, columns[0]] * force[:, columns[0]]
+        for column in columns[1:]:
+            total += H[:, column] * force[:, column]
+        return total
 
     def predict(self, theta: Float) -> ComplexArray:
         """See :meth:`~rotorfit.estimators.observations.Block.predict`; of vectors ``(..., G, P)``, ``(..., R)``."""
@@ -149,7 +169,7 @@ class OrbitResponses(OnResponses):
             outer = [-value / state.H[i, i] for i, value in enumerate(values)]
         else:
             values, right = list(state.amplitude), [state.amplitude] * len(coordinates)
-        by_kappa = line_stiffness(self.model).slopes(state.theta, base.s.imag, base.speed, state.eps)
+        by_kappa = line_stiffness(self.model).slopes(state.theta, self._frequency, self._speed, state.eps)
         known = None if self.model.shaft is None else known_structure(self.model, state.theta, base.s, base.speed)
         slopes = [self._slopes(state.H[i], by_kappa, known, right[i], count) for i in coordinates]
         if base.imposed:

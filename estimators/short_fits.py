@@ -13,12 +13,12 @@ from numpy.typing import NDArray
 
 from rotorfit.estimators.block_misfit import alone, normal_equations
 from rotorfit.estimators.problem import Problem
-from rotorfit.models.array_types import Float
+from rotorfit.models.array_types import Float, Index
 
 LOOSE = 100.0
 """Multiples of a parameter's size by which a short fit may move it, so that what the data leave open does not drift."""
-_ITERATIONS = 40
-_SETTLED = 1e-4  # fall of the cost that the next step promises, relative to the cost, at which a fit has settled
+_ITERATIONS = 25
+_SETTLED = 1e-3  # fall of the cost that the next step promises, relative to the cost, at which a fit has settled
 _FIRST_DAMPING = 1e-3
 _LARGEST_DAMPING = 1e10
 
@@ -45,10 +45,10 @@ class _Points:
     slope: Float
     matrix: Float
 
-    def take(self, better: NDArray[np.bool_], other: _Points) -> None:
-        """Move on where another point is better."""
+    def move(self, members: Index, other: _Points, rows: NDArray[np.bool_]) -> None:
+        """Move some of the fits to other points, given by their rows."""
         for name in ("x", "cost", "slope", "matrix"):
-            getattr(self, name)[better] = getattr(other, name)[better]
+            getattr(self, name)[members] = getattr(other, name)[rows]
 
 
 class _Costs:
@@ -58,7 +58,7 @@ class _Costs:
         self._parts = [alone(problem, number) for number in range(len(problem.blocks))]
         self._priors, self._starts, self._sizes = problem.priors, starts, sizes
 
-    def at(self, x: Float, members: NDArray[np.intp]) -> _Points:
+    def at(self, x: Float, members: Index) -> _Points:
         """Points of some of the fits at vectors ``(len(members), p)``."""
         sizes = self._sizes[members]
         cost = np.zeros(len(x))
@@ -95,30 +95,28 @@ def short_fits(problem: Problem, starts: Float, sizes: Float) -> ShortFits:
         here = costs.at(starts.copy(), np.arange(len(starts)))
         active = np.flatnonzero(np.isfinite(here.cost))
         for _ in range(_ITERATIONS):
+            step, promise = _steps(here, active, sizes, damping, lower, upper)
+            going = (promise > _SETTLED * here.cost[active]) & (damping[active] < _LARGEST_DAMPING)
+            active, step = active[going], step[going]
             if not active.size:
                 break
-            now = _Points(here.x[active], here.cost[active], here.slope[active], here.matrix[active])
-            step, promise = _steps(now, sizes[active], damping[active], lower, upper)
-            trial = costs.at(np.clip(now.x + step, lower, upper), active)
-            better = trial.cost < now.cost
-            now.take(better, trial)
-            here.x[active], here.cost[active], here.slope[active], here.matrix[active] = (
-                now.x, now.cost, now.slope, now.matrix,
-            )  # fmt: skip
+            trial = costs.at(np.clip(here.x[active] + step, lower, upper), active)
+            better = trial.cost < here.cost[active]
+            here.move(active[better], trial, better)
             damping[active] = np.where(better, damping[active] / 10, np.maximum(10 * damping[active], _FIRST_DAMPING))
-            settled = (promise <= _SETTLED * now.cost) | (damping[active] > _LARGEST_DAMPING)
-            active = active[~settled]
     return ShortFits(here.x, here.cost)
 
 
-def _steps(now: _Points, sizes: Float, damping: Float, lower: Float, upper: Float) -> tuple[Float, Float]:
+def _steps(
+    here: _Points, active: Index, sizes: Float, damping: Float, lower: Float, upper: Float
+) -> tuple[Float, Float]:
     """Damped Gauss-Newton steps, entries at a bound and pressed on held, and the fall of the cost that they promise."""
-    held = ((now.x <= lower) & (now.slope > 0)) | ((now.x >= upper) & (now.slope < 0))
-    every = np.arange(now.x.shape[1])
-    slope = np.where(held, 0.0, now.slope)
-    matrix = np.where(held[:, :, None] | held[:, None, :], 0.0, now.matrix)
-    diagonal = matrix[:, every, every]
-    matrix[:, every, every] = diagonal * (1 + damping[:, None]) + held
+    x, slope = here.x[active], here.slope[active]
+    held = ((x <= lower) & (slope > 0)) | ((x >= upper) & (slope < 0))
+    every = np.arange(x.shape[1])
+    slope = np.where(held, 0.0, slope)
+    matrix = np.where(held[:, :, None] | held[:, None, :], 0.0, here.matrix[active])
+    matrix[:, every, every] *= 1 + damping[active, None]
+    matrix[:, every, every] += held
     step = -np.linalg.solve(matrix, slope[..., None])[..., 0]
-    promise = -(slope * step).sum(axis=1) / 2
-    return step * sizes, promise
+    return step * sizes[active], -(slope * step).sum(axis=1) / 2

@@ -9,6 +9,7 @@ from numbers import Real
 
 import numpy as np
 
+from rotorfit.estimators.block_misfit import costs
 from rotorfit.estimators.closed_form import ClosedFormError, closed_form, closed_forms
 from rotorfit.estimators.correlated import CorrelatedResponses
 from rotorfit.estimators.least_squares import Options, Solution, minimise
@@ -38,8 +39,10 @@ _MULTISTARTS = 24
 _ANGLES = 12  # datum angles tried where no model of modes tells it: one is within 15 degrees
 _EXPLICIT_MISFIT = 4.0  # mean squared misfit that noise in measured eccentricities may leave
 _TRIED = 4  # linear starts from which a short fit is tried
+_SAME = 1e-3  # relative difference of starts that are one
 _TOGETHER = 8  # random starts fitted together
 _SHORT = Options(max_iterations=40)
+_ROUGH = Options(max_iterations=40, tolerance=1e-3, acceptable=1e-3)
 
 
 def start_vector(problem: Problem, given: Mapping[str, float]) -> tuple[Float, tuple[str, ...]]:
@@ -77,7 +80,10 @@ def _guess_with_datum(problem: Problem) -> tuple[Float, float, tuple[str, ...]]:
         found, datum = modal_start(model, blocks)
         typical = np.array([found.get(name, model.parameter(name).scale) for name in space.base])
         return typical, datum if DATUM in space.nuisance else 0.0, ()
-    plain = replace(problem, blocks=tuple(b.base if isinstance(b, CorrelatedResponses) else b for b in problem.blocks))
+    plain = problem  # the same object where nothing changes: it keeps what it evaluated last
+    if any(isinstance(block, CorrelatedResponses) for block in problem.blocks):
+        without = (b.base if isinstance(b, CorrelatedResponses) else b for b in problem.blocks)
+        plain = replace(problem, blocks=tuple(without))
     if DATUM not in space.nuisance:
         guess, notes = _guess(plain)
         return guess, 0.0, notes
@@ -193,10 +199,10 @@ def _nonlinear_guess(problem: Problem) -> tuple[Float, tuple[str, ...]]:
     starts = [_full(problem, x) for x in linear_starts(problem, _PASSES)]
     found: Solution | None = None
     if starts:
-        promising = np.array(sorted(starts, key=lambda start: _cost(explicit, start))[:_TRIED])
-        ends = _short_fits(explicit, promising)
-        found = _short_fit(problem, _inside_full(problem, ends.x[np.argmin(ends.cost)]))
-        if _explains(problem, found.x[:size]):
+        apart = _apart(np.array(starts))
+        ends = _short_fits(explicit, apart[np.argsort(costs(explicit, apart), kind="stable")[:_TRIED]])
+        found = _short_fit(problem, _inside_full(problem, ends.x[np.argmin(ends.cost)]), _ROUGH)
+        if _is_noise(problem, found.cost):
             return found.x[:size], ()
     random = _full(problem, _explicit_multistart(explicit_with_sense(explicit)))
     if found is not None and found.cost <= _cost(problem, random):
@@ -204,16 +210,30 @@ def _nonlinear_guess(problem: Problem) -> tuple[Float, tuple[str, ...]]:
     return random[:size], (f"no closed form explains these data; the best of {_MULTISTARTS} random starts was taken",)
 
 
+def _apart(starts: Float) -> Float:
+    """The starts that differ: once they have settled, further passes of a closed form bring nothing new."""
+    kept: list[Float] = []
+    for start in starts:
+        size = np.abs(start) + np.finfo(float).tiny
+        if not any((np.abs(start - other) <= _SAME * size).all() for other in kept):
+            kept.append(start)
+    return np.array(kept)
+
+
 def _inside_full(problem: Problem, x: Float) -> Float:
     return _full(problem, x[: len(problem.space.names)])
 
 
 def _explains(problem: Problem, values: Float) -> bool:
-    """Whether the misfit is what the noise makes it, to six standard deviations of chi-squared.
+    """Whether the misfit is what the noise makes it.
 
     The derivatives that come with it are those that the search asks for first.
     """
-    cost = problem.gauss_newton(_full(problem, values))[0]
+    return _is_noise(problem, problem.gauss_newton(_full(problem, values))[0])
+
+
+def _is_noise(problem: Problem, cost: float) -> bool:
+    """Whether a cost is what the noise makes it, to six standard deviations of chi-squared."""
     return bool(2 * cost < problem.n_data + 6 * np.sqrt(2 * problem.n_data))
 
 

@@ -36,10 +36,15 @@ def at_frequency(coefficients: list[tuple[Any, Any]], w: Any) -> tuple[Any, Any]
     return re, im
 
 
-def arguments(theta: ArrayLike, *others: ArrayLike) -> list[Float]:
-    """Parameter vectors, shape ``(..., P)``, parameter by parameter, and what else a compiled graph takes."""
+def arguments(theta: ArrayLike, *others: ArrayLike) -> list[Any]:
+    """Parameter vectors, shape ``(..., P)``, parameter by parameter, and what else a compiled graph takes.
+
+    A single vector is passed as numbers, whose arithmetic costs a fraction of that of arrays of one element.
+    """
     theta = np.asarray(theta, dtype=float)
-    return [*np.moveaxis(theta, -1, 0), *(np.asarray(other, dtype=float) for other in others)]
+    single = theta.ndim < 3 and theta.size == theta.shape[-1]
+    parameters = theta.ravel() if single else np.moveaxis(theta, -1, 0)
+    return [*parameters, *(np.asarray(other, dtype=float)[()] for other in others)]
 
 
 class LineStiffness:

@@ -31,7 +31,9 @@ _BISECTIONS = 52
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class OrbitEquation:
-    """The scalar equation of many lines, all arrays of shape ``(..., L)`` but theta, ``(..., L or 1, P)``.
+    """The scalar equation of many lines, all arrays of shape ``(..., L)``, or smaller ones that broadcast to it.
+
+    theta has one more axis, ``(..., L or 1, P)``.
 
     Attributes:
         theta: parameter vectors.
@@ -47,7 +49,7 @@ class OrbitEquation:
     drive: ComplexArray
     receptance: ComplexArray
 
-    @property
+    @cached_property
     def shape(self) -> tuple[int, ...]:
         """Shape of the roots."""
         return np.broadcast_shapes(
@@ -57,6 +59,10 @@ class OrbitEquation:
     @cached_property
     def _size(self) -> Float:
         return np.abs(self.drive)
+
+    @cached_property
+    def _frequency(self) -> Float:
+        return self.s.imag
 
     def select(self, lines: Index | tuple[Index, ...]) -> Self:
         """The equation of some lines, in one row."""
@@ -72,7 +78,7 @@ class OrbitEquation:
     def at(self, journal: Journal, eccentricity: Float) -> Float:
         """See :meth:`~rotorfit.models.journal.Journal.excess`; arguments as for :meth:`excess`."""
         extra = (...,) + (None,) * (eccentricity.ndim - len(self.shape))
-        w, speed, size = (values[extra] for values in (self.s.imag, self.speed, self._size))
+        w, speed, size = (values[extra] for values in (self._frequency, self.speed, self._size))
         return journal.excess(self.theta[(*extra, slice(None))], w, speed, size, self.receptance[extra], eccentricity)
 
     def change(self, journal: Journal, eccentricity: Float) -> ComplexArray:
@@ -174,9 +180,14 @@ def _only_root_near(journal: Journal, equation: OrbitEquation, target: Float, fo
 
 
 def all_roots(journal: Journal, equation: OrbitEquation) -> list[Float]:
-    """All eccentricities that solve each line's equation, ascending, to the resolution of a grid of 129 points."""
+    """All eccentricities that solve each line's equation, ascending, to the resolution of a grid of 129 points.
+
+    Args:
+        journal: the model's journal.
+        equation: its equation, of shape ``(L,)``.
+    """
     grid = np.linspace(0.0, LARGEST_ECCENTRICITY, _GRID)
-    value, _ = equation.excess(journal, np.broadcast_to(grid, (equation.speed.size, _GRID)))
+    value, _ = equation.excess(journal, np.broadcast_to(grid, (*equation.shape, _GRID)))
     line, cell = np.nonzero((value[:, :-1] >= 0) != (value[:, 1:] >= 0))
     low, high = grid[cell], grid[cell + 1]
     part = equation.select(line.astype(np.intp))
@@ -186,7 +197,7 @@ def all_roots(journal: Journal, equation: OrbitEquation) -> list[Float]:
         positive = part.excess(journal, middle)[0] >= 0
         left = positive == falling
         low, high = np.where(left, middle, low), np.where(left, high, middle)
-    roots = [0.5 * (low + high)[line == number] for number in range(equation.speed.size)]
+    roots = [0.5 * (low + high)[line == number] for number in range(equation.shape[0])]
     return [found if found.size else np.array([LARGEST_ECCENTRICITY]) for found in roots]
 
 
