@@ -6,9 +6,9 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
+from statistics import NormalDist
 
 import numpy as np
-from scipy.special import ndtri, stdtrit
 
 from rotorfit.estimators.observations import Block, OnResponses
 from rotorfit.models.array_types import ComplexArray, Float
@@ -79,4 +79,8 @@ def freedom_of(blocks: Iterable[Block]) -> float:
 def quantile(level: float, freedom: float) -> float:
     """Standard errors on either side of an estimate that make an interval of a level; Student's t for few mountings."""
     reach = (1 + level) / 2
-    return float(stdtrit(freedom, reach)) if math.isfinite(freedom) else float(ndtri(reach))
+    if not math.isfinite(freedom):
+        return NormalDist().inv_cdf(reach)
+    from scipy.special import stdtrit  # late: loading it takes longer than a fit
+
+    return float(stdtrit(freedom, reach))

@@ -6,7 +6,6 @@ import math
 from functools import cache
 
 import numpy as np
-from scipy.special import fdtri
 
 from rotorfit.estimators.correlated import CorrelatedResponses
 from rotorfit.estimators.identifiability import covariance as inverse
@@ -38,6 +37,8 @@ def widening(redchi: float, loss: Loss, *, levelled: bool = False, nfree: int = 
     if loss != "linear" or levelled:
         return 1.0
     if math.isfinite(freedom) and nfree > 0:
+        from scipy.special import fdtri  # late: loading it takes longer than a fit
+
         return redchi if redchi > float(fdtri(nfree, freedom, 1 - _CHANCE)) else 1.0
     return max(1.0, redchi)
 

@@ -6,7 +6,6 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg.lapack import dposv
 
 from rotorfit.estimators.objective import HessianKind, Matrix, Objective, Options, Status, Vector
 
@@ -59,8 +58,12 @@ def _box_step(gradient: Vector, matrix: Matrix, low: Vector, high: Vector) -> Ve
 
 def _solve(matrix: Matrix, right: Vector) -> Vector:
     """Solution of a symmetric system; of smallest norm when the matrix is not positive definite."""
-    _, solution, info = dposv(matrix, right)
-    if info == 0 and math.isfinite(float(solution.sum())):
+    try:  # positive definite? LAPACK's dposv does both at once, but importing it from SciPy takes as long as a fit
+        np.linalg.cholesky(matrix)
+        solution = np.linalg.solve(matrix, right)
+    except np.linalg.LinAlgError:
+        solution = np.full_like(right, np.nan)
+    if math.isfinite(float(solution.sum())):
         return np.asarray(solution)
     # Unit diagonal first, so that what counts as singular does not depend on the units.
     scale = 1 / np.sqrt(np.where(np.diag(matrix) > 0, np.diag(matrix), 1.0))

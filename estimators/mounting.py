@@ -11,7 +11,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import minimize_scalar
 
 from rotorfit.models.array_types import ComplexArray, Float
 
@@ -120,6 +119,8 @@ def _restricted(y: ComplexArray, X: ComplexArray, within: Float) -> float:
         miss = y - X @ (_weights(X, variance) @ y)
         determinant = np.linalg.slogdet(X.conj().T / variance @ X)[1]
         return float(2 * np.log(variance).sum() + 2 * determinant + np.sum(np.abs(miss) ** 2 / variance))
+
+    from scipy.optimize import minimize_scalar  # loads much of SciPy, and few tests tell of mountings
 
     found = minimize_scalar(
         lambda u: minus_twice(scale * 10**u), bounds=(-_DECADES / 2, _DECADES / 2), options={"xatol": 1e-6}

@@ -10,7 +10,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import gammainccinv
 
 from rotorfit.estimators.noise import FLOOR
 from rotorfit.models.array_types import Float, Index
@@ -99,6 +98,8 @@ def fit_probes(
         probes: sweeps of each.
         power, weight, size2, along: see :func:`fit_shape`.
     """
+    from scipy.special import gammainccinv  # late: loading it takes longer than a fit
+
     pooled = _fit_many([np.concatenate(sweeps) for sweeps in probes], power, weight, size2, along)
     several = [len(sweeps) > 1 and min(rows.size for rows in sweeps) >= _FEWEST for sweeps in probes]
     wanted = [rows for sweeps, apart in zip(probes, several, strict=True) if apart for rows in sweeps]

@@ -11,8 +11,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import least_squares
-from scipy.special import wofz
 
 from rotorfit.models.array_types import ComplexArray, Float
 
@@ -53,6 +51,8 @@ def ramp_response(speed: Float, wn: float, zeta: float, rate: float) -> ComplexA
         zeta: damping ratio, below one.
         rate: change of the speed, rad/s^2, not zero.
     """
+    from scipy.special import wofz  # takes long to import, and few tests are run-ups
+
     s = wn * (-zeta + np.array([1j, -1j]) * np.sqrt(1 - zeta**2))
     root = np.sqrt(-0.5j * rate)
     parts = [0.5 * np.sqrt(np.pi) / root * wofz(0.5j * (1j * speed - pole) / root) for pole in s]
@@ -145,6 +145,8 @@ def _solve(
         start: natural frequency, damping ratio, and whatever else the shape takes.
         shape: response by speed and these numbers.
     """
+
+    from scipy.optimize import least_squares  # takes long to import, and few tests are run-ups
 
     def miss(u: Float) -> Float:
         basis = np.column_stack([shape(w, u * start), np.ones(w.size)])

@@ -11,7 +11,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import gammaincc, gammainccinv
 
 from rotorfit.models.array_types import ComplexArray, Float, Index
 
@@ -122,6 +121,8 @@ class MixedModel:
 
         The sum of squared scores is a mixture of chi-squared, matched in mean and variance.
         """
+        from scipy.special import gammaincc  # late: loading it takes longer than a fit
+
         outer = _inverse(self.information)
         found = []
         for kind in range(self.gram.shape[1]):
@@ -258,6 +259,8 @@ def select_effects(model: MixedModel, *, level: float, forced: Sequence[int] = (
         variance[chosen] = _best(model.part(chosen), np.zeros(len(chosen)))
     if not chosen and model.score_p_values().min() * count > level:
         return variance
+    from scipy.special import gammainccinv  # late: loading it takes longer than a fit
+
     least = 2 * float(gammainccinv(0.5, min(2 * level / count, 1.0)))  # a variance on its bound: half the chance
     base = _restricted(model, variance)
     while len(chosen) < count:

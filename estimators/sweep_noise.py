@@ -6,7 +6,6 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
-from scipy.special import fdtrc
 
 from rotorfit.estimators.noise import FLOOR, deviations_of_repeats, noise_from_samples, noise_from_smoothness
 from rotorfit.estimators.observations import Responses
@@ -98,6 +97,8 @@ def _agree(power: Sequence[float], freedom: Sequence[int]) -> bool:
     high, low = int(np.argmax(power)), int(np.argmin(power))
     if high == low or min(freedom) < _FEWEST or power[low] <= 0:
         return True
+    from scipy.special import fdtrc  # late: loading it takes longer than a fit
+
     return bool(2 * fdtrc(freedom[high], freedom[low], power[high] / power[low]) > _APART)
 
 

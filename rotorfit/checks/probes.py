@@ -14,7 +14,6 @@ from itertools import islice
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import least_squares
 
 from rotorfit.checks.orbits import ENOUGH, Orbits, complete_matrices
 from rotorfit.data.findings import Finding, listed
@@ -401,6 +400,8 @@ def _polynomial(u: Float, H: ComplexArray) -> tuple[list[tuple[int, int, int]], 
             slope = -G[:, :, q, None] * G[:, None, k, :] * (u**power)[:, None, None] / scale
             columns += [slope.ravel().view(float), (1j * slope).ravel().view(float)]
         return np.stack(columns, axis=1)
+
+    from scipy.optimize import least_squares  # late: loading it takes longer than a fit
 
     try:
         solved = least_squares(
