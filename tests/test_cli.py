@@ -38,7 +38,7 @@ Run = Callable[..., tuple[int, str, str]]
 @pytest.fixture
 def sketched(monkeypatch: pytest.MonkeyPatch) -> None:
     """Leave the figures' pixels out, which take most of the time, where a test is about something else."""
-    monkeypatch.setattr(report_figures, "drawn", lambda figure: b"\x89PNG")
+    monkeypatch.setattr(report_figures, "picture_of", lambda figure: b"\x89PNG")
 
 
 @pytest.fixture

@@ -129,7 +129,7 @@ def sketched(monkeypatch: pytest.MonkeyPatch) -> None:
     dot = base64.b64decode(
         "iVBORw0KGgoAAAANSUhEUgAAAAEAAAABCAYAAAAfFcSJAAAADUlEQVR42mNkYPhfDwAChwGA60e6kgAAAABJRU5ErkJggg=="
     )
-    monkeypatch.setattr(rotorfit.report.figures, "drawn", lambda figure: dot)
+    monkeypatch.setattr(rotorfit.report.figures, "picture_of", lambda figure: dot)
 
 
 def normal_draws(fit: FitResult, **changes: Any) -> rf.Posterior:

@@ -42,7 +42,7 @@ def test_the_verdict_names_the_error_first_and_the_exit_code_is_one(
     capsys: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(report_figures, "drawn", lambda figure: b"\x89PNG")
+    monkeypatch.setattr(report_figures, "picture_of", lambda figure: b"\x89PNG")
     rf.write(SLIPS[slip](rig), tmp_path / "t.csv")
     out = tmp_path / "out"
     words = ["fit", tmp_path / "t.csv", "--model", "whirl-whip", "--known", "K3=6000", "--out", out]

@@ -16,6 +16,7 @@ from rotorfit.plots.stability import plot_stability
 from rotorfit.plots.static_and_impulse import plot_static_locus, plot_static_stiffness, plot_velocity_ratio
 from rotorfit.plots.style import GREY, SMALL, grid, legend_below, literal
 from rotorfit.plots.sweeps import Condition, Curve, curves
+from rotorfit.plots.ticks import plain_powers
 from rotorfit.plots.uncertainty import plot_corner, plot_traces
 from rotorfit.units import RPM_PER_RAD_S
 
@@ -114,6 +115,7 @@ def plot_bode(fit: FitResult) -> Figure:
         phase.set_yticks([-180, -90, 0, 90, 180])
         phase.set_ylim(-190, 190)
     for pair, (amplitude, _) in panels.axes.items():
+        plain_powers(amplitude.yaxis)
         _amplitude_limits(amplitude, [c for c in found if (c.coordinate, c.force_plane) == pair], fit)
     for axis in panels.bottom:
         axis.set_xlabel(_frequency_label(found), fontsize=8)
@@ -262,7 +264,8 @@ def plot_residuals(fit: FitResult) -> Figure:
 
 def _histogram(axis: Any, values: Float) -> None:
     reach = max(4.0, min(float(np.quantile(np.abs(values), 0.99)) * 1.2, 40.0))
-    axis.hist(np.clip(values, -reach, reach), bins=61, range=(-reach, reach), density=True, color="0.75")
+    height, edges = np.histogram(np.clip(values, -reach, reach), bins=61, range=(-reach, reach), density=True)
+    axis.stairs(height, edges, fill=True, color="0.75")
     u = np.linspace(-reach, reach, 400)
     axis.plot(u, np.exp(-(u**2) / 2) / np.sqrt(2 * np.pi), color="#D55E00", lw=1.2)
     axis.set_xlabel("residual / noise (line: noise alone)", fontsize=8)

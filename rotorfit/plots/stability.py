@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from rotorfit.estimators.matching import cheapest_rows
 from rotorfit.estimators.nonlinear import responses_of
 from rotorfit.models import AnisotropicShaft, Turning, eigenvalues
 from rotorfit.models.array_types import ComplexArray, Float
@@ -165,11 +166,9 @@ def _highest_speed(fit: FitResult, onset: float) -> float:
 
 def _tracked(s: ComplexArray) -> ComplexArray:
     """Order the eigenvalues of each speed so that every column follows one mode."""
-    from scipy.optimize import linear_sum_assignment
-
     ordered = s.copy()
     for k in range(1, len(s)):
         guess = ordered[k - 1] if k == 1 else 2 * ordered[k - 1] - ordered[k - 2]
-        distance = np.nan_to_num(np.abs(guess[:, None] - s[k][None, :]), nan=1e12)
-        ordered[k] = s[k][linear_sum_assignment(distance)[1]]
+        distance = np.nan_to_num(np.abs(s[k][:, None] - guess), nan=1e12)
+        ordered[k] = s[k][cheapest_rows(distance)]
     return ordered

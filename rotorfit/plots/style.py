@@ -10,6 +10,9 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from rotorfit.plots.layout import PanelLayout
+from rotorfit.plots.ticks import few_ticks
+
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00")
 """Okabe and Ito's palette: told apart by colour-blind readers and in grey."""
 GREY = "#666666"
@@ -31,11 +34,13 @@ class ShownFigure(Figure):
 def grid(rows: int, columns: int, title: str, *, size: tuple[float, float] = (4.6, 2.3)) -> tuple[Figure, Any]:
     """An empty figure of axes, shape ``(rows, columns)``, ``size`` inches each where that does not exceed a page."""
     width, height = min(size[0] * columns, PAGE[0]), min(size[1] * rows + 0.5, PAGE[1])
-    figure = ShownFigure(figsize=(width, height), layout="constrained")
+    figure = ShownFigure(figsize=(width, height), layout=PanelLayout())
     if title:
         figure.suptitle(title, fontsize=10)
     axes = figure.subplots(rows, columns, squeeze=False)
     for axis in axes.flat:
+        few_ticks(axis.xaxis)
+        few_ticks(axis.yaxis)
         axis.tick_params(labelsize=SMALL)
         axis.grid(color="0.9", linewidth=0.6)
         axis.set_axisbelow(True)

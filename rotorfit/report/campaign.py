@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rotorfit.fitting.digits import plus_minus
-from rotorfit.report.html import Html, bullets, drawn, paragraph, picture, table
+from rotorfit.report.html import Html, bullets, paragraph, picture, table
 from rotorfit.report.numbers import plain, with_error
 from rotorfit.report.page import page, write_whole
 from rotorfit.report.parts import note, section, sentence, symbol, unit_shown
@@ -45,13 +45,15 @@ def write_campaign_report(
     if against is not None:
         trends = campaign.trends(parameters, against=against, by=by)
         if trends:
+            from rotorfit.plots.layout import picture_of
+
             figure = campaign.plot_trends(parameters, against=against, by=by)
             caption = "Runs and weighted straight lines, each with one standard error."
             words = "Scatter: chi-squared per degree of freedom about the line; far above 1, more than this matters."
             sections.append(
                 section(
                     "Trends",
-                    picture(drawn(figure), caption, figure.get_figwidth()),
+                    picture(picture_of(figure), caption, figure.get_figwidth()),
                     _trend_table(campaign, trends),
                     note(words),
                 )

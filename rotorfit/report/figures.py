@@ -15,8 +15,9 @@ from rotorfit.estimators.small_motion import FreeVibrations
 from rotorfit.models.array_types import Float
 from rotorfit.models.parameters import bare_name
 from rotorfit.plots import responses as plots
+from rotorfit.plots.layout import picture_of
 from rotorfit.plots.shaft_lines import plot_lines
-from rotorfit.report.html import Html, drawn, element, join, paragraph, picture, table
+from rotorfit.report.html import Html, element, join, paragraph, picture, table
 from rotorfit.report.numbers import plain, with_error
 from rotorfit.report.parts import at_of, groups_of, note, section, sentence, symbol
 from rotorfit.units import RPM_PER_RAD_S
@@ -147,8 +148,8 @@ def figure_sections(material: ReportInput) -> Iterator[Html]:
 
 def _picture(material: ReportInput, name: str, figure: Figure, caption: str) -> Html:
     """Draw a figure, keep the file, embed it."""
-    png = drawn(figure)
-    material.pictures[name] = png if material.figure_format == "png" else drawn(figure, material.figure_format)
+    png = picture_of(figure)
+    material.pictures[name] = png if material.figure_format == "png" else picture_of(figure, material.figure_format)
     return picture(png, caption, figure.get_figwidth())
 
 

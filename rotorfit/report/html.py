@@ -5,17 +5,10 @@ from __future__ import annotations
 import base64
 from collections.abc import Iterable, Sequence
 from html import escape
-from io import BytesIO
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 _SHORT = 8
 """Rows of a table that is not broken between pages."""
 _VOID = ("img", "meta", "br")
-_DPI = 200.0
-"""Resolution of a picture."""
 
 
 class Html(str):
@@ -74,13 +67,6 @@ def table(
         ),
         class_="table short" if len(body) <= _SHORT else "table",
     )
-
-
-def drawn(figure: Figure, file_format: str = "png") -> bytes:
-    """A figure as a file, fine enough for the width of a page."""
-    stream = BytesIO()
-    figure.savefig(stream, format=file_format, dpi=_DPI)
-    return stream.getvalue()
 
 
 def picture(png: bytes, caption: str, inches: float) -> Html:

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from rotorfit.estimators.matching import cheapest_rows
 from rotorfit.fitting.digits import interval, with_error
 from rotorfit.fitting.notebook import text_html
 from rotorfit.models import RotorModel, eigenvalues
@@ -184,12 +185,7 @@ def _null_vector(coefficients: ComplexArray, s: Any) -> ComplexArray:
 
 def _matched(s: ComplexArray, reference: ComplexArray) -> ComplexArray:
     """Eigenvalues of each draw in the order of the reference, each used once, shape ``(N, modes)``."""
-    from scipy.optimize import linear_sum_assignment
-
     distance = np.abs(s[:, :, None] - reference)
     distance = np.where(np.isfinite(distance), distance, 1e300)
-    order = np.empty((s.shape[0], reference.size), dtype=np.intp)
-    for number, cost in enumerate(distance):
-        rows, columns = linear_sum_assignment(cost)
-        order[number, columns] = rows
+    order = np.array([cheapest_rows(cost) for cost in distance])
     return np.asarray(np.take_along_axis(s, order, axis=1))
