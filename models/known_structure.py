@@ -23,8 +23,8 @@ class KnownStructure(RotorModel):
 
     The lumped models share the stiffness out between K0 and the shaft and have a few modes only; with the shaft's own
     matrices, from finite elements, both errors are gone. The matrices are condensed exactly to the planes, so that a
-    fit costs no more than that of a lumped model, unless a scale factor is fitted. The stability is that of the whole
-    shaft.
+    fit costs no more than that of a lumped model; with scale factors they are reduced, to an error that the summary of
+    a fit states. The stability is that of the whole shaft.
 
     ``KnownStructure(rotor.M(), rotor.C(0), rotor.G(), rotor.K(0), planes={"disk": 7, "journal": 14}, fluid="journal",
     dofs=rf.models.ROSS_6)`` takes a rotor of the ROSS package, its fluid bearing left out.

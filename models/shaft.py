@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rotorfit.models.array_types import ComplexArray, Float, Index
 from rotorfit.models.parameters import unknown_name
+from rotorfit.models.reduction import ACCEPTED, Reduction, Terms
 
 MATRICES = ("M", "C", "G", "K")
 DOFS = ("z", "r", "x", "y", "alpha", "beta", "axial", "torsion")
@@ -23,8 +24,10 @@ ROSS_6 = ("x", "y", "axial", "alpha", "beta", "torsion")
 
 _ISOTROPIC = 1e-8  # of the largest entry of its kind: round-off of an assembly
 _MASSLESS = 1e12  # condition of the mass matrix, unit diagonal, beyond which some motion has no inertia
-_LINES = 256  # lines condensed at once
 _KEPT = 24  # condensed structures kept
+_LARGE = 40  # coordinates from which a structure with scale factors is reduced
+_MANY = 32  # lines from which that is worth its while
+_RANGE = 0.2  # range of the logarithm of a scale factor for which one reduction holds
 
 
 @dataclass(frozen=True, eq=False)
@@ -188,19 +191,21 @@ class Shaft:
 
     Attributes:
         has_mass: whether every coordinate has inertia of its own.
+        terms: all of it as a sum of matrices.
     """
 
     def __init__(self, matrices: StructureMatrices, parts: Sequence[StructureMatrices], at: Index) -> None:
         self.matrices = matrices
         self.parts = tuple(parts)
         self.at = at
-        self._inner = np.setdiff1d(np.arange(len(matrices.K)), at)
+        self.terms = Terms.of(matrices, parts, at)
         inertia = np.abs(np.diag(matrices.M))
         self.has_mass = bool(inertia.all())
         if self.has_mass:
             unit = 1 / np.sqrt(inertia)
             self.has_mass = bool(np.linalg.cond(unit[:, None] * matrices.M * unit) < _MASSLESS)
         self._kept: OrderedDict[bytes, tuple[ComplexArray, ComplexArray]] = OrderedDict()
+        self._reductions: OrderedDict[bytes, Reduction | None] = OrderedDict()
 
     def coefficients(self, scales: Float, speed: ArrayLike) -> ComplexArray:
         """Coefficients of s^0, s^1, s^2 of all coordinates.
@@ -218,10 +223,11 @@ class Shaft:
         return total
 
     def condensed(self, s: ComplexArray, speed: Float, scales: Float) -> tuple[ComplexArray, ComplexArray]:
-        """Exact dynamic stiffness between the coordinates seen, the others being free of force.
+        """Dynamic stiffness between the coordinates seen, the others being free of force.
 
-        ``kappa_pp - kappa_pi inv(kappa_ii) kappa_ip``, p the coordinates seen, i the others. It is kept, because it
-        does not change in a fit as long as the scale factors do not.
+        Exact where the structure has no scale factors, or few coordinates, or where few lines are asked for; else of a
+        reduced structure whose error is below :data:`~rotorfit.models.reduction.ENOUGH`. It is kept, because it does
+        not change in a fit as long as the scale factors do not.
 
         Args:
             s: j w of each line, shape ``(L,)``.
@@ -238,37 +244,43 @@ class Shaft:
         if key in self._kept:
             self._kept.move_to_end(key)
             return self._kept[key]
-        chunks = [slice(i, i + _LINES) for i in range(0, s.size, _LINES)]
-        pieces = [self._condense(s[chunk], speed[chunk], scales[chunk]) for chunk in chunks]
-        n = self.at.size
-        values = np.concatenate([np.empty((0, n, n), dtype=complex), *(piece[0] for piece in pieces)])
-        slopes = np.concatenate(
-            [np.empty((len(self.parts), 0, n, n), dtype=complex), *(piece[1] for piece in pieces)], axis=1
-        )
-        self._kept[key] = values, slopes
+        self._kept[key] = found = self._condense(s, speed, scales)
         if len(self._kept) > _KEPT:
             self._kept.popitem(last=False)
-        return values, slopes
+        return found
 
     def _condense(self, s: ComplexArray, speed: Float, scales: Float) -> tuple[ComplexArray, ComplexArray]:
-        powers = s[:, None, None, None] ** np.arange(3)[:, None, None]
-        kappa = np.sum(powers * self.coefficients(scales, speed), axis=1)
-        p, i = self.at, self._inner
-        inner, side, foot = kappa[:, i[:, None], i], kappa[:, i[:, None], p], kappa[:, p[:, None], i]
-        n = p.size
-        right = np.zeros((s.size, len(kappa[0]), n), dtype=complex)
-        right[:, p] = np.eye(n)
-        right[:, i] = -np.linalg.solve(inner, side)
-        values = kappa[:, p[:, None], p] + foot @ right[:, i]
+        if not self.parts or self.terms.size < _LARGE or s.size < _MANY or not (scales > 0).all():
+            return self.terms.condense(s, speed, scales)
+        n = self.at.size
+        values = np.empty((s.size, n, n), dtype=complex)
         slopes = np.empty((len(self.parts), s.size, n, n), dtype=complex)
-        if self.parts:
-            left = np.zeros_like(right)
-            left[:, p] = np.eye(n)
-            left[:, i] = -np.linalg.solve(np.swapaxes(inner, 1, 2), np.swapaxes(foot, 1, 2))
-            for number, part in enumerate(self.parts):
-                change = np.sum(powers * part.coefficients(speed), axis=1)
-                slopes[number] = np.swapaxes(left, 1, 2) @ change @ right
+        ranges, place = np.unique(np.round(np.log(scales) / _RANGE).astype(int), axis=0, return_inverse=True)
+        for number, steps in enumerate(ranges):
+            lines = np.flatnonzero(place.reshape(-1) == number)
+            terms = self._reduced(s[lines], speed[lines], steps) if lines.size >= _MANY else self.terms
+            values[lines], slopes[:, lines] = terms.condense(s[lines], speed[lines], scales[lines])
         return values, slopes
 
+    def _reduced(self, s: ComplexArray, speed: Float, steps: Index) -> Terms:
+        """The structure reduced for these lines and a range of scale factors; itself where that would not be exact."""
+        key = blake2b(b"".join(np.ascontiguousarray(part).tobytes() for part in (s, speed, steps))).digest()
+        if key not in self._reductions:
+            try:
+                limits = np.exp((steps + np.array([[-0.5], [0.5]])) * _RANGE)
+                self._reductions[key] = Reduction(self.terms, s, speed, limits)
+            except np.linalg.LinAlgError:  # no energy to measure by, or a resonance: then as it is
+                self._reductions[key] = None
+        self._reductions.move_to_end(key)
+        if len(self._reductions) > _KEPT:
+            self._reductions.popitem(last=False)
+        found = self._reductions[key]
+        return self.terms if found is None or found.error > ACCEPTED else found.small
+
+    @property
+    def reductions(self) -> tuple[Reduction, ...]:
+        """Reduced structures in use."""
+        return tuple(r for r in self._reductions.values() if r is not None and r.error <= ACCEPTED)
+
     def __getstate__(self) -> dict[str, Any]:
-        return {**self.__dict__, "_kept": OrderedDict()}
+        return {**self.__dict__, "_kept": OrderedDict(), "_reductions": OrderedDict()}

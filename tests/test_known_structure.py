@@ -14,7 +14,9 @@ from synthetic import circular_test
 import rotorfit as rf
 from rotorfit.fitting.problem_setup import build_problem
 from rotorfit.fitting.settings import FitSettings
+from rotorfit.fitting.structure_error import structure_error
 from rotorfit.models import KnownStructure, WhirlWhip, eigenvalues, threshold_speed
+from rotorfit.models.reduction import ENOUGH
 from rotorfit.models.shaft import complex_matrices
 from rotorfit.models.stability import eigenvalue_gradient, growth_rate
 
@@ -417,3 +419,85 @@ def test_impossible_structures(options, message):
 def test_lumped_models_have_no_structure():
     with pytest.raises(TypeError, match="no known structure"):
         WhirlWhip().known_stiffness(np.zeros(11), np.zeros(1, dtype=complex), np.zeros(1))
+
+
+# ---- reduced, with factors to fit ---------------------------------------------------------------------------
+
+
+def fine_rig(elements=60, damping=0.0):
+    """The rig with more elements, and a factor on the shaft's stiffness and on its damping."""
+    K, M, G = shaft(TRUTH["L"], elements, TRUTH["d"], 2.11e11, 8.12e10, 7810.0)
+    alone = {"K": K.copy(), "C": damping * K}
+    planes = {plane: node * elements // TRUTH["nel"] for plane, node in PLANES.items()}
+    for plane, mass in (("disk", TRUTH["m_disk"]), ("journal", TRUTH["m_jrn"])):
+        M[2 * planes[plane], 2 * planes[plane]] += mass
+    G[2 * planes["disk"] + 1, 2 * planes["disk"] + 1] += 7.5e-4
+    K[0, 0] += 5e7
+    K[2 * planes["journal"], 2 * planes["journal"]] += TRUTH["K3"]
+    return KnownStructure(
+        M, damping * alone["K"], G, K, planes=planes, fluid="journal", damping="disk", scales={"E_scale": alone}
+    )
+
+
+@pytest.mark.parametrize("damping", [0.0, 2e-5])
+def test_a_reduced_structure_is_the_whole_one_over_the_range_of_its_factor(damping):
+    """Against solutions of all 122 coordinates: one line at a time is condensed exactly."""
+    model = fine_rig(damping=damping)
+    w = np.concatenate([np.linspace(-700, -20, 60), np.linspace(20, 700, 60)])
+    speeds = np.where(np.arange(w.size) % 2, 100.0, 200.0)
+    for factor in (0.905, 0.97, 1.0, 1.1, 1.3):
+        theta = model.vector(FITTED | {"E_scale": factor})
+        reduced = model.known_stiffness(theta, 1j * w, speeds)
+        for i in range(0, w.size, 17):
+            exact = model.known_stiffness(theta, 1j * w[i : i + 1], speeds[i : i + 1])
+            size = np.abs(exact.values).max()
+            # The estimate asks for 1e-7 over a range of 0.2 of the factor: its derivative errs by ten times that.
+            np.testing.assert_allclose(reduced.values[i], exact.values[0], rtol=0, atol=ENOUGH * size)
+            slope = np.abs(exact.slopes).max()
+            np.testing.assert_allclose(reduced.slopes[0, i], exact.slopes[0, 0], rtol=0, atol=10 * ENOUGH * slope)
+    assert {r.size for r in model.shaft.reductions} <= set(range(6, 30))
+    assert max(r.error for r in model.shaft.reductions) <= ENOUGH
+
+
+def test_estimated_error_bounds_that_of_a_poor_basis(monkeypatch):
+    """Few solutions, and those left out that are nearly combinations of others: the estimate says what is missing."""
+    from rotorfit.models import reduction
+
+    model = fine_rig(damping=2e-5)
+    w = np.linspace(20, 700, 60)
+    speeds = np.full(w.size, 150.0)
+    scales = np.full((w.size, 1), 1.1)
+    exact = model.shaft.terms.condense(1j * w, speeds, scales)[0]
+    size = np.abs(exact).max(axis=(1, 2))
+    for dropped in (0.3, 0.1, 0.03):
+        monkeypatch.setattr(reduction, "_SAME", dropped)
+        poor = reduction.Reduction(model.shaft.terms, 1j * w, speeds, np.array([[0.9], [1.1]]))
+        found = poor.small.condense(1j * w, speeds, scales)[0]
+        error = (np.abs(found - exact).max(axis=(1, 2)) / size).max()
+        assert ENOUGH < error <= poor.error
+        assert poor.error <= 1e4 * error  # the sizes of two vectors stand for their product
+
+
+def test_a_fit_with_a_factor_states_its_reduction():
+    """The factor is found, and the fit says what the reduction did to its predictions."""
+    model = fine_rig(elements=28)
+    truth = model.vector(FITTED | {"E_scale": 0.97})
+    w = np.concatenate([np.linspace(-500, -20, 20), np.linspace(20, 500, 20)])
+    rng = np.random.default_rng(3)
+    readings = {name: [] for name in ("force_plane", "plane", "response", "sigma", "frequency")}
+    for column, force_plane in enumerate(model.planes):
+        for row, plane in enumerate(model.planes):
+            z = 10.0 * model.receptance(truth, w, 200.0)[:, row, column]
+            sigma = 0.01 * np.sqrt(np.mean(np.abs(z) ** 2))
+            noise = sigma * (rng.normal(size=w.size) + 1j * rng.normal(size=w.size))
+            values = {"force_plane": force_plane, "plane": plane, "response": z + noise, "sigma": sigma, "frequency": w}
+            for name, value in values.items():
+                readings[name].append(np.broadcast_to(value, w.shape))
+    data = {name: np.concatenate(parts) for name, parts in readings.items()}
+    test = rf.perturbation_test(**data, run=data["force_plane"], speed=200.0, force=10.0, direction="z")
+    free = rf.fit(model, test, known={"E_scale": None})
+    assert abs(free.params["E_scale"].value - 0.97) < 3.5 * free.params["E_scale"].stderr
+    assert "the structure's 58 coordinates were reduced to" in free.summary()
+    stated = structure_error(free)
+    assert stated.over_noise < 1e-3  # 1e-7 of the stiffness, times resonances of Q 100, over noise of 1e-2
+    assert stated.estimate < ENOUGH

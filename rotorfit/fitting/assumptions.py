@@ -15,7 +15,7 @@ from rotorfit.estimators.score_tests import score_tests
 from rotorfit.estimators.small_motion import OffCentreResponses
 from rotorfit.fitting.assumption_table import THRESHOLD, Assumption, Assumptions
 from rotorfit.fitting.result import FitResult
-from rotorfit.models import Threshold, threshold_speed
+from rotorfit.models import Threshold
 from rotorfit.models.array_types import Float
 from rotorfit.models.laws import Muszynska
 from rotorfit.models.left_out import LeftOut, fluid_coordinates, onset_shift, terms_left_out
@@ -54,7 +54,7 @@ def assumptions_of(fit: FitResult, priors: Mapping[str, float] | None = None) ->
     scores = score_tests(
         residuals * root, jacobian * root[:, None], columns * root[:, None], prior_curvature(problem, fit.x)
     )
-    onset = threshold_speed(fit.model, fit.theta(), band=fit.stability_band) if fit.model.speed_dependent else None
+    onset = fit.onset(0) if fit.model.speed_dependent else None
     errors = {name: fit.params[name].stderr for name in _RESULTS if name in fit.var_names}
     if not errors:
         errors = {name: fit.params[name].stderr for name in fit.problem.space.names[:4]}

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rotorfit.fitting.quantities import Quantity
-from rotorfit.models import eigenvalues, threshold_speed
+from rotorfit.models import eigenvalues
 from rotorfit.models.stability import eigenvalue_gradient
 from rotorfit.units import RPM_PER_RAD_S
 
@@ -26,8 +26,7 @@ def onset_of(fit: FitResult, group: int) -> Quantity:
         fit: a result.
         group: number of the parameter group, from 0.
     """
-    theta = fit.thetas[group]
-    onset = threshold_speed(fit.model, theta, band=fit.stability_band)
+    onset = fit.onset(group)
     rung = fit.settings.onsets[group] if fit.settings.onsets else None
     if onset is None and math.isfinite(fit.stability_band):
         # Terms that hold in the tested band only say nothing of an onset beyond it.
@@ -67,7 +66,7 @@ def onset_note(fit: FitResult, group: int) -> str:
     """
     if not fit.model.speed_dependent or not math.isfinite(fit.band):
         return ""
-    onset = threshold_speed(fit.model, fit.thetas[group], band=fit.stability_band)
+    onset = fit.onset(group)
     if onset is None and math.isfinite(fit.stability_band):
         if math.isnan(onset_of(fit, group).value):
             return "any onset lies outside the tested band of frequencies, which was not searched"

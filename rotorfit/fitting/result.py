@@ -6,6 +6,7 @@ import math
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -20,7 +21,7 @@ from rotorfit.fitting.noise_judging import is_misfit
 from rotorfit.fitting.noise_record import Noise
 from rotorfit.fitting.quantities import FittedParameter, Quantity, ResponseQuality
 from rotorfit.fitting.settings import FitSettings
-from rotorfit.models import RotorModel, threshold_speed
+from rotorfit.models import RotorModel, Threshold, threshold_speed
 from rotorfit.models.array_types import Float
 from rotorfit.models.parameters import unknown_name
 
@@ -252,6 +253,20 @@ class FitResult:
 
         return onset_of(self, group)
 
+    def onset(self, group: int) -> Threshold | None:
+        """Where a parameter group becomes unstable, searched once: of a large known structure that takes seconds.
+
+        Args:
+            group: its number, from 0.
+        """
+        if group not in self._onsets:
+            self._onsets[group] = threshold_speed(self.model, self.thetas[group], band=self.stability_band)
+        return self._onsets[group]
+
+    @cached_property
+    def _onsets(self) -> dict[int, Threshold | None]:
+        return {}
+
     def onset_note(self, group: int = 0) -> str:
         """What limits the threshold speed of a parameter group; empty where its whirl lies in the tested band.
 
@@ -269,7 +284,7 @@ class FitResult:
             at: values of attributes that name one group, ``{"speed_rpm": 1000}``; needed where parameters were fitted
                 per attribute.
         """
-        onset = threshold_speed(self.model, self.theta(at), band=self.stability_band)
+        onset = self.onset(self.group(at))
         if onset is None and math.isfinite(self.stability_band) and self.settings.onsets:
             return self.settings.onsets[self.group(at)].whirl_ratio
         return math.nan if onset is None else onset.whirl_ratio

@@ -12,6 +12,7 @@ from rotorfit.estimators.parameter_space import DATUM
 from rotorfit.fitting.anisotropy import lines_cut_off
 from rotorfit.fitting.digits import plus_minus, with_error
 from rotorfit.fitting.noise_record import NoiseVerdict, is_run_effect
+from rotorfit.fitting.structure_error import structure_error
 from rotorfit.models import TurningOnSupports, eigenvalues, unstable_bands
 from rotorfit.models.parameters import bare_name
 from rotorfit.models.stability import growing_bands
@@ -69,7 +70,8 @@ def fit_summary(fit: FitResult) -> str:
     lines += _stability_lines(fit) if fit.success else ["threshold speed: not stated, as the fit did not converge"]
     lines += interval_lines(fit)
     lines += [f"errors: {remark}" for remark in fit.remarks]
-    lines += [f"note: {caveat}" for caveat in fit.model.caveats]
+    reduced = structure_error(fit)
+    lines += [f"note: {caveat}" for caveat in (*fit.model.caveats, *([str(reduced)] if reduced else []))]
     lines += [f"warning: {message}" for message in fit.warnings]
     return "\n".join(lines)
 

@@ -12,6 +12,7 @@ from rotorfit.fitting.fit import DATA_ERROR
 from rotorfit.fitting.noise_judging import MODEL_LIMITED
 from rotorfit.fitting.quantities import Quantity
 from rotorfit.fitting.result import FitResult
+from rotorfit.fitting.structure_error import structure_error
 from rotorfit.models.parameters import bare_name
 from rotorfit.models.stability import growth_rate
 from rotorfit.report.assumptions import found_assumptions
@@ -47,8 +48,10 @@ def verdict_section(material: ReportInput) -> Html:
         warnings.append(f"posterior: {material.posterior.message}")
     if warnings:
         content.append(bullets((sentence(w) for w in warnings), class_="warnings"))
-    if fit.model.caveats:
-        content.append(bullets((sentence(c) for c in fit.model.caveats), class_="note"))
+    reduced = structure_error(fit)
+    caveats = [*fit.model.caveats, *([str(reduced)] if reduced else [])]
+    if caveats:
+        content.append(bullets((sentence(c) for c in caveats), class_="note"))
     return section("Verdict", *content)
 
 

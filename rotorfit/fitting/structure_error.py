@@ -1,0 +1,80 @@
+"""What reducing a known structure with scale factors costs a fit in accuracy, against the noise of its readings."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from rotorfit.estimators.nonlinear import OrbitResponses, responses_of
+from rotorfit.estimators.observations import Responses
+from rotorfit.models.shaft import Shaft
+
+if TYPE_CHECKING:
+    from rotorfit.fitting.result import FitResult
+
+_CHECKED = 8  # lines of each experiment: few enough to be condensed exactly
+
+
+@dataclass(frozen=True, kw_only=True)
+class StructureError:
+    """Reduction of a known structure in a fit.
+
+    Attributes:
+        coordinates: of the structure.
+        kept: of the reduced structures, the largest.
+        estimate: largest error of the stiffness at the planes over its largest entry at the line, estimated from the
+            residuals of the equations at every line.
+        over_noise: largest change of a prediction, over the noise of its reading, at lines that were also condensed
+            exactly; so is the round-off of that.
+        checked: these lines.
+    """
+
+    coordinates: int
+    kept: int
+    estimate: float
+    over_noise: float
+    checked: int
+
+    def __str__(self) -> str:
+        return (
+            f"the structure's {self.coordinates} coordinates were reduced to {self.kept}; estimated error of the "
+            f"stiffness at the planes {self.estimate:.1e} of it; against exact condensation, predictions at "
+            f"{self.checked} lines change by at most {self.over_noise:.1e} of the noise"
+        )
+
+
+def structure_error(fit: FitResult) -> StructureError | None:
+    """Error of the reduced structure in a fit; None where there is no structure, or none was reduced.
+
+    Args:
+        fit: a result.
+    """
+    model = fit.model
+    while hasattr(model, "base"):  # the same structure on other supports, or on a shaft that is not round
+        model = model.base
+    shaft = model.shaft
+    if not isinstance(shaft, Shaft) or not shaft.parts:
+        return None
+    worst, checked, theta = 0.0, 0, fit.thetas
+    for block in fit.problem.blocks:
+        base = responses_of(block)
+        if base is None or not isinstance(block, Responses | OrbitResponses):
+            continue
+        some = np.unique(np.linspace(0, base.frequency.size - 1, _CHECKED).astype(int))
+        keep = np.zeros(base.frequency.size, dtype=bool)
+        keep[some] = True
+        rows = keep[base.line]
+        change = block.predict(theta)[rows] - block.lines(keep).predict(theta)
+        worst, checked = max(worst, float(np.abs(change / base.sigma[rows]).max())), checked + some.size
+    used = shaft.reductions
+    if not used:
+        return None
+    return StructureError(
+        coordinates=shaft.terms.size,
+        kept=max(r.size for r in used),
+        estimate=max(r.error for r in used),
+        over_noise=worst,
+        checked=checked,
+    )
