@@ -58,12 +58,14 @@ class RecordSpectra:
         outputs: shape ``(P, K)``.
         forces: shape ``(J, K)``.
         others: inputs to which the response is constant within a band, shape ``(M, K)``.
+        force_noise: ``E |N|^2`` of the noise of each line of the forces where they were measured.
     """
 
     frequency: Float
     outputs: ComplexArray
     forces: ComplexArray
     others: ComplexArray
+    force_noise: float = 0.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -229,7 +231,9 @@ def _solver(
         measured = np.hstack([r.outputs[:, part] for r, part in zip(records, lines, strict=True)]).T
         scale = np.linalg.norm(matrix, axis=0)
         q, r = np.linalg.qr(matrix / scale)
-        inverse = np.linalg.inv(r)[:known] / scale[:known, None]
+        noise = [np.sqrt(r.force_noise) * p for r, p in zip(records, powers, strict=True)]
+        solving = _without_noise(r, np.vstack(noise), scale[:known]) if records[0].force_noise else np.linalg.inv(r)
+        inverse = solving[:known] / scale[:known, None]
         projected = q.conj().T @ measured
         weight = np.concatenate(
             [np.abs(r.forces[0, part] * p[:, 0]) ** 2 for r, part, p in zip(records, lines, powers, strict=True)]
@@ -240,12 +244,33 @@ def _solver(
             node=middle + half * node,
             response=(at_node @ projected).swapaxes(1, 2),
             leverage=np.sum(np.abs(at_node) ** 2, axis=2),
-            residual=(measured - q @ projected).T,
+            residual=(measured - q @ (r @ (solving @ projected))).T,
             unknowns=matrix.shape[1],
             lines=lines,
         )
 
     return solve
+
+
+def _without_noise(r: ComplexArray, noise: ComplexArray, scale: Float) -> ComplexArray:
+    """What turns ``q^H Z`` into unknowns where the forces were measured with noise.
+
+    Least squares would take the power of the noise for that of the force and find responses too small. What the noise
+    adds to the normal equations on average is taken out of them (errors in variables), at most half of any direction.
+
+    Args:
+        r: of the scaled columns.
+        noise: of the columns of one force, shape ``(N, degree + 1)``.
+        scale: of the columns of all forces.
+    """
+    size = noise.shape[1]
+    extra = np.zeros_like(r)
+    for first in range(0, scale.size, size):
+        part = slice(first, first + size)
+        extra[part, part] = (noise / scale[part]).conj().T @ (noise / scale[part])
+    inverse = np.linalg.inv(r)
+    worst = float(np.linalg.eigvalsh(inverse.conj().T @ extra @ inverse)[-1])
+    return np.asarray(np.linalg.solve(r.conj().T @ r - min(1.0, 0.5 / worst) * extra, r.conj().T))
 
 
 def _basis(position: Float, degree: int, pole: complex) -> ComplexArray:

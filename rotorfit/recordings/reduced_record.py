@@ -24,12 +24,6 @@ ORDERS = 5
 _PIECE = 1 << 15
 """Samples worked on at once."""
 
-_OUTSIDE = 1e-3
-"""Share of a measured force's power left out at either end of its band."""
-
-_ONE_SIDED = 0.02
-"""Power in one direction over that in the other below which a measured force is taken for one of one direction."""
-
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ReducedRecord:
@@ -173,7 +167,7 @@ def reduce_record(record: Recording, drive: AngleTrack, whirl: int) -> ReducedRe
     begin = max(track.begin for track in (drive, shaft) if track is not None)
     end = min(track.end for track in (drive, shaft) if track is not None)
     fastest = float(drive.speed(np.linspace(begin, end, 20_001)).max())
-    reduced, part = _reduced_times(record, shaft, fastest, begin, end)
+    reduced, part = reduced_times(record, shaft, fastest, begin, end)
     time = reduced.time[part]
     angle, speed = drive.angle(time), drive.speed(time)
     return ReducedRecord(
@@ -191,76 +185,20 @@ def reduce_record(record: Recording, drive: AngleTrack, whirl: int) -> ReducedRe
     )
 
 
-def reduce_measured(record: Recording) -> tuple[ReducedRecord, str]:
-    """Bring a recording with a measured force to the rate that the force needs.
+def reduced_times(
+    record: Recording, shaft: AngleTrack | None, fastest: float, begin: float, end: float
+) -> tuple[ReducedRate, slice]:
+    """The rate that a band and the orders in it need, and the samples at that rate between two times.
 
     Args:
         record: the recording.
-
-    Returns:
-        the record, and how the force acts: ``circular``, ``x`` or ``y``.
+        shaft: angle of its shaft.
+        fastest: highest frequency of the drive, rad/s.
+        begin, end: the times, s.
 
     Raises:
-        ValueError: the force acts along both axes without turning, or nothing was measured of it.
+        ValueError: the recording is sampled too slowly for the band, or nothing is left between the times.
     """
-    shaft = record.shaft_angle() if record.rig.shaft is not None else None
-    begin, end = (shaft.begin, shaft.end) if shaft is not None else (0.0, record.duration)
-    low, high = _force_band(record)
-    reduced, part = _reduced_times(record, shaft, high, begin, end)
-    force = np.asarray(reduced.reduce(record.force_signal), dtype=complex)[part]
-    direction, whirl = _how_it_acts(record, force - force.mean())
-    # of a force along an axis, F exp(jwt), the half at +w counts: its spectrum is that of twice the signal
-    seen = {"circular": force if whirl > 0 else force.conj(), "x": 2 * force.real, "y": 2 * force.imag}[direction]
-    return ReducedRecord(
-        record=record,
-        drive=None,
-        whirl=whirl,
-        band=(low, high),
-        unit_force=np.asarray(seen - seen.mean(), dtype=complex),
-        rate=reduced.rate,
-        time=reduced.time[part],
-        motion={plane: motion_at(record, reduced, part, plane) for plane in record.planes},
-        drive_angle=np.zeros(0),
-        drive_speed=np.zeros(0),
-        shaft_angle=None if shaft is None else shaft.angle(reduced.time[part]),
-    ), direction
-
-
-def _force_band(record: Recording) -> tuple[float, float]:
-    """Frequencies, rad/s, between which all but two thousandths of the measured force's power lies."""
-    size = min(_PIECE, record.size)
-    starts = np.linspace(0, record.size - size, min(record.size // size * 2, 100)).astype(int)
-    power = np.zeros(size)
-    for start in starts.tolist():
-        force = record.force_signal(start, start + size)
-        power += np.abs(np.fft.fft((force - force.mean()) * np.hanning(size))) ** 2
-    one_sided = power[1 : size // 2] + power[: size // 2 : -1]
-    share = np.cumsum(one_sided) / max(float(one_sided.sum()), 1e-300)
-    step = 2 * np.pi * record.sample_rate / size
-    ends = np.searchsorted(share, [_OUTSIDE, 1 - _OUTSIDE]) + 1.0
-    if not one_sided.any():
-        raise ValueError(f"{record.name}: the measured force is constant; is its channel the right one?")
-    return float(ends[0] * step), float(ends[1] * step)
-
-
-def _how_it_acts(record: Recording, force: ComplexArray) -> tuple[str, int]:
-    along_x, along_y = float(np.mean(force.real**2)), float(np.mean(force.imag**2))
-    if min(along_x, along_y) < _ONE_SIDED * max(along_x, along_y):
-        return ("x", 1) if along_x > along_y else ("y", 1)
-    power = np.abs(np.fft.fft(force)) ** 2
-    forward, backward = float(power[1 : force.size // 2].sum()), float(power[force.size // 2 :].sum())
-    if min(forward, backward) < _ONE_SIDED * max(forward, backward):
-        return "circular", 1 if forward > backward else -1
-    raise ValueError(
-        f"{record.name}: the measured force neither turns one way nor acts along x or y alone; record sweeps of one "
-        "kind at a time"
-    )
-
-
-def _reduced_times(
-    record: Recording, shaft: AngleTrack | None, fastest: float, begin: float, end: float
-) -> tuple[ReducedRate, slice]:
-    """The rate that a band and the orders in it need, and the samples at that rate between two times."""
     from scipy.fft import prev_fast_len
 
     top = fastest

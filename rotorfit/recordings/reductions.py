@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,7 +14,8 @@ from rotorfit.data.findings import Finding
 from rotorfit.data.synchronous import DIFFERENCED
 from rotorfit.estimators.local_response import LocalResponse, local_response
 from rotorfit.recordings.dwell_responses import dwell_responses, dwells_of
-from rotorfit.recordings.reduced_record import ReducedRecord, reduce_measured, reduce_record
+from rotorfit.recordings.measured_force import clear_of_noise, reduce_measured
+from rotorfit.recordings.reduced_record import ReducedRecord, reduce_record
 from rotorfit.recordings.response_rows import apart_from_orders, readings, rows, time_at
 from rotorfit.recordings.window_responses import window_responses
 
@@ -104,16 +106,22 @@ def _sweep(reduced: ReducedRecord, report: Report) -> PerturbationTest:
 
 
 def _measured(record: Recording, report: Report) -> PerturbationTest:
-    """One record of a force that was measured: magnetic bearing, load cells, shaker."""
+    """One record of a force that was measured: magnetic bearing, load cells, shaker, hammer.
+
+    What the noise of its channels does to the motion that they predict is left over by the local fits, and so in sigma.
+    """
     force = force_of(record)
-    reduced, direction = reduce_measured(record)
-    found = local_response(
-        [reduced.without_orders().spectra(np.ones(1, dtype=complex), reduced.orders())], *reduced.band
-    )
+    reduced, direction, density = reduce_measured(record)
+    noise = density * reduced.time.size / reduced.rate  # of a line of the spectrum
+    spectra = reduced.without_orders().spectra(np.ones(1, dtype=complex), reduced.orders())
+    found = local_response([replace(spectra, force_noise=noise)], *reduced.band)
+    clear = _clear(reduced, found, 0, report) & clear_of_noise(found, reduced, noise)
+    if not clear.any():
+        raise ValueError(f"{record.name}: the measured force does not stand out of the noise of its channels")
     size = float(np.sqrt(np.mean(np.abs(reduced.unit_force) ** 2)))
     return rows(
         readings(record, reduced.whirl, found, np.zeros(found.noise.shape)),
-        _clear(reduced, found, 0, report),
+        clear,
         run=record.name,
         frequency=reduced.whirl * found.frequency,
         speed=reduced.shaft_speed or record.speed or 0.0,

@@ -13,8 +13,8 @@ from rotorfit.simulation.loads import rest_under
 from rotorfit.simulation.recorded_rig import Force, RecordedRig, constant
 from rotorfit.units import RAD_S_PER_RPM as RPM
 
-_BLOW = 2e-3
-"""Length of a blow, s."""
+_BLOW = 4e-3
+"""Length of a blow, s: long enough that a recorder without a filter sees all of it."""
 
 
 def impulse(
@@ -26,7 +26,7 @@ def impulse(
     blows: int = 4,
     apart: float = 2.0,
 ) -> Iterator[Played]:
-    """Blows of a hammer, half sines of 2 ms."""
+    """Blows of a hammer, 4 ms each."""
     where = plane or rig.virtual.model.planes[-1]
     time, force = rig.instruments.time(apart * (blows + 1)), _blows(impulse, blows, apart, rig.rng)
     for rpm in _speeds(rig, speed_rpm):
@@ -120,13 +120,13 @@ def _speeds(rig: RecordedRig, speed_rpm: ArrayLike) -> Iterator[float]:
 
 
 def _blows(size: float, blows: int, apart: float, rng: np.random.Generator) -> Force:
-    """Half sines of so many N s along x, not quite evenly spaced."""
+    """Smooth blows of so many N s along x, not quite evenly spaced."""
     at = apart * (np.arange(1, blows + 1) + rng.uniform(-0.1, 0.1, blows))
 
     def force(t: Float) -> ComplexArray:
         into = (t[:, None] - at) / _BLOW
-        pulse = np.where((into > 0) & (into < 1), np.sin(np.pi * into), 0.0).sum(axis=1)
-        return np.asarray(size * np.pi / (2 * _BLOW) * pulse, dtype=complex)
+        pulse = np.where((into > 0) & (into < 1), 1 - np.cos(2 * np.pi * into), 0.0).sum(axis=1)
+        return np.asarray(size / _BLOW * pulse, dtype=complex)
 
     return force
 

@@ -1,0 +1,182 @@
+"""Recordings of forces that were measured: their band, how they act, and the noise of their channels."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotorfit.models.array_types import ComplexArray, Float
+from rotorfit.recordings.reduced_record import ReducedRecord, motion_at, reduced_times
+
+if TYPE_CHECKING:
+    from rotorfit.estimators.local_response import LocalResponse
+    from rotorfit.recordings.recording import Recording
+
+_LONG, _SHORT = 2.0, 0.25
+"""Length of the windows of the force's spectrum in which its band and its noise are looked for, s."""
+
+_FEWEST = 8
+"""Windows that tell the noise."""
+
+_PIECES = 200
+"""Windows at most, spread over a long recording."""
+
+_OUTSIDE = 1e-3
+"""Share of a measured force's power left out at either end of its band."""
+
+_ONE_SIDED = 0.02
+"""Power in one direction over that in the other below which a measured force is taken for one of one direction."""
+
+_BESIDE = 9
+"""Lines of the spectrum whose mean power is held against the noise."""
+
+_KNOWN = 0.2
+"""How well the power of the noise is known, a share of it."""
+
+_CLEAR = 0.1
+"""Noise of the force over the force, in power, beyond which a line says nothing that could be trusted."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class MeasuredForce:
+    """What the channels of a force show before responses are made of them.
+
+    Attributes:
+        low, high: frequencies, rad/s, between which all but two thousandths of its power lie.
+        noise_x, noise_y: density of the noise of each channel, N^2 s, one-sided spectra taken as two-sided.
+    """
+
+    low: float
+    high: float
+    noise_x: float
+    noise_y: float
+
+    def noise_of(self, direction: str) -> float:
+        """Density of the noise of the force that responses are referred to, N^2 s.
+
+        Args:
+            direction: ``circular``, ``x`` or ``y``.
+        """
+        return {"circular": self.noise_x + self.noise_y, "x": 4 * self.noise_x, "y": 4 * self.noise_y}[direction]
+
+
+def look_at_force(record: Recording) -> MeasuredForce:
+    """Band and noise of a measured force.
+
+    The noise is taken for white: a force that is swept or that strikes is at each frequency only for a while, so that
+    the median over time of the power there is that of the noise, and the level that of most lines.
+
+    Args:
+        record: the recording.
+
+    Raises:
+        ValueError: the force is constant.
+    """
+    noise = _noise(record)
+    power, step = _powers(record, _LONG)
+    mean = power.mean(axis=0).sum(axis=0)
+    if not mean.any():
+        raise ValueError(f"{record.name}: the measured force is constant; is its channel the right one?")
+    floor = float(noise.sum())
+    beside = np.convolve(mean, np.ones(_BESIDE) / _BESIDE, mode="same")
+    loud = beside > (1 + 6 / np.sqrt(_BESIDE * len(power))) * floor
+    share = np.cumsum(np.where(loud, np.maximum(mean - floor, 0.0), 0.0))
+    ends = np.searchsorted(share, np.array([_OUTSIDE, 1 - _OUTSIDE]) * share[-1]) + 1.0
+    if not share[-1]:
+        raise ValueError(f"{record.name}: the measured force does not stand out of the noise of its channels")
+    return MeasuredForce(
+        low=float(ends[0] * step), high=float(ends[1] * step), noise_x=float(noise[0]), noise_y=float(noise[1])
+    )
+
+
+def _noise(record: Recording) -> Float:
+    """Density of the noise of the two channels, N^2 s, shape ``(2,)``; zero of a recording too short to tell it."""
+    power, _ = _powers(record, _SHORT)
+    if len(power) < _FEWEST:
+        return np.zeros(2)
+    return np.asarray(np.median(np.median(power, axis=0) / np.log(2), axis=1))  # noise is exponentially distributed
+
+
+def _powers(record: Recording, length: float) -> tuple[Float, float]:
+    """Density of the power of both channels in windows, N^2 s, shape ``(windows, 2, lines)``; rad/s between lines."""
+    size = min(1 << round(np.log2(length * record.sample_rate)), record.size)
+    starts = np.linspace(0, record.size - size, min(max(record.size // size * 2, 1), _PIECES)).astype(int)
+    window = np.hanning(size)
+    found = []
+    for start in starts.tolist():
+        force = record.force_signal(start, start + size)
+        parts = np.stack([force.real, force.imag])
+        spectrum = np.fft.rfft((parts - parts.mean(axis=1, keepdims=True)) * window)
+        found.append(np.abs(spectrum[:, 1 : size // 2]) ** 2)
+    scale = float(np.sum(window**2)) * record.sample_rate
+    return np.array(found) / scale, 2 * np.pi * record.sample_rate / size
+
+
+def reduce_measured(record: Recording) -> tuple[ReducedRecord, str, float]:
+    """Bring a recording with a measured force to the rate that the force needs.
+
+    Args:
+        record: the recording.
+
+    Returns:
+        the record, how the force acts: ``circular``, ``x`` or ``y``, and the density of its noise, N^2 s.
+
+    Raises:
+        ValueError: the force acts along both axes without turning, or nothing was measured of it.
+    """
+    shaft = record.shaft_angle() if record.rig.shaft is not None else None
+    begin, end = (shaft.begin, shaft.end) if shaft is not None else (0.0, record.duration)
+    force_seen = look_at_force(record)
+    reduced, part = reduced_times(record, shaft, force_seen.high, begin, end)
+    force = np.asarray(reduced.reduce(record.force_signal), dtype=complex)[part]
+    direction, whirl = _how_it_acts(record, force - force.mean(), reduced.rate, force_seen)
+    # of a force along an axis, F exp(jwt), the half at +w counts: its spectrum is that of twice the signal
+    seen = {"circular": force if whirl > 0 else force.conj(), "x": 2 * force.real, "y": 2 * force.imag}[direction]
+    made = ReducedRecord(
+        record=record,
+        drive=None,
+        whirl=whirl,
+        band=(force_seen.low, force_seen.high),
+        unit_force=np.asarray(seen - seen.mean(), dtype=complex),
+        rate=reduced.rate,
+        time=reduced.time[part],
+        motion={plane: motion_at(record, reduced, part, plane) for plane in record.planes},
+        drive_angle=np.zeros(0),
+        drive_speed=np.zeros(0),
+        shaft_angle=None if shaft is None else shaft.angle(reduced.time[part]),
+    )
+    return made, direction, force_seen.noise_of(direction)
+
+
+def _how_it_acts(record: Recording, force: ComplexArray, rate: float, seen: MeasuredForce) -> tuple[str, int]:
+    """Along which axis the force acts, or which way it turns, by its power in the band above the noise."""
+    spectra = np.fft.fft(np.stack([force, force.real, force.imag]))
+    w = 2 * np.pi * np.fft.fftfreq(force.size, 1 / rate)
+    inside = (np.abs(w) >= seen.low) & (np.abs(w) <= seen.high)
+    noise = np.array([seen.noise_x, seen.noise_y]) * rate * force.size * int(inside.sum())
+    along_x, along_y = np.sum(np.abs(spectra[1:, inside]) ** 2, axis=1) - noise
+    if min(along_x, along_y) < _ONE_SIDED * max(along_x, along_y) + _KNOWN * noise.max():
+        return ("x", 1) if along_x > along_y else ("y", 1)
+    ways = [float(np.sum(np.abs(spectra[0, inside & (sign * w > 0)]) ** 2)) - noise.sum() / 2 for sign in (1, -1)]
+    if min(ways) < _ONE_SIDED * max(ways) + _KNOWN * noise.sum():
+        return "circular", 1 if ways[0] > ways[1] else -1
+    raise ValueError(
+        f"{record.name}: the measured force neither turns one way nor acts along x or y alone; record sweeps of one "
+        "kind at a time"
+    )
+
+
+def clear_of_noise(found: LocalResponse, reduced: ReducedRecord, noise: float) -> NDArray[np.bool_]:
+    """Lines at which a measured force stands out of its noise, shape ``(L,)``.
+
+    Args:
+        found: the responses.
+        reduced: the record.
+        noise: ``E |N|^2`` of a line of the force's spectrum.
+    """
+    power = np.abs(reduced.spectrum(reduced.unit_force)) ** 2
+    near = [np.abs(reduced.lines - w) <= half for w, half in zip(found.frequency, found.width / 2, strict=True)]
+    return np.array([noise < _CLEAR * np.mean(power[lines]) for lines in near], dtype=bool)
