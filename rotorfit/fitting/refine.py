@@ -69,6 +69,8 @@ def refine(fit: FitResult) -> Refinement:
     lam by more than its error; AIC (Akaike 1974) takes a
     block in while that pays.
 
+    The errors of parameters that all rungs share count the doubt between rungs.
+
     What misfit is left is noise: the chosen model is fitted once more with the noise level of each response as its
     residuals have it, so that a response that the model misses, or whose noise was estimated too small, weighs less.
     Goodness of fit (redchi, AIC, BIC) still refers to the noise estimated from the data.
@@ -97,7 +99,7 @@ def refine(fit: FitResult) -> Refinement:
             best = _better(best, _with_blocks(best, {*best.model.blocks, block}, steps))  # type: ignore[attr-defined]
     if not any(step.model.blocks == BLOCKS for step in steps):  # type: ignore[attr-defined]
         best = _better(best, _with_blocks(best, BLOCKS, steps))  # and those that only pay together
-    chosen = level_noise(best)
+    chosen = _in_doubt(level_noise(best), best, steps)
     found = _rung_onsets(steps, best)
     return Refinement(tuple(steps), replace(chosen, settings=replace(chosen.settings, onsets=found)))
 
@@ -109,6 +111,29 @@ def _with_blocks(fit: FitResult, blocks: Iterable[str], steps: list[FitResult]) 
 
 def _better(best: FitResult, step: FitResult) -> FitResult:
     return step if step.success and step.aic < best.aic and not step.identifiability.unresolved else best
+
+
+def _in_doubt(chosen: FitResult, best: FitResult, steps: Sequence[FitResult]) -> FitResult:
+    """The chosen fit, its errors those of all rungs by their Akaike weights (Burnham & Anderson 2002).
+
+    A block that was chosen because it came out large by chance moves what it correlates with, and one left out for a
+    hair makes them look surer than they are. Errors only grow, and ``covar`` stays that of the chosen model.
+    """
+    rungs = [step for step in steps if step is best or (step.success and not step.identifiability.unresolved)]
+    scatter = max(1.0, min(step.redchi for step in rungs))  # what every rung misses counts as noise
+    weight = np.exp([(best.aic - step.aic) / (2 * scatter) for step in rungs])
+    weight /= weight.sum()
+    params = dict(chosen.params)
+    for name in best.problem.space.names:
+        if not params[name].resolved or any(name not in step.params for step in rungs):
+            continue
+        values = [(step.params[name].value, step.params[name].stderr) for step in rungs]
+        variance = sum(
+            share * (error**2 + (value - best.params[name].value) ** 2)
+            for share, (value, error) in zip(weight.tolist(), values, strict=True)
+        )
+        params[name] = replace(params[name], stderr=max(params[name].stderr, math.sqrt(variance)))
+    return replace(chosen, params=params)
 
 
 def _rung_onsets(steps: Sequence[FitResult], best: FitResult) -> tuple[Onset, ...]:
