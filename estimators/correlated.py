@@ -60,6 +60,25 @@ class CorrelatedResponses(OnResponses):
         return np.asarray((vectors * np.sqrt(np.maximum(values, 0.0))) @ vectors.conj().T)
 
     @cached_property
+    def channel_correlation(self) -> Float:
+        """Correlation of the errors of two channels, in size, ones on the diagonal, shape ``(C, C)``.
+
+        Of readings at the same line; the square is that of the estimate less what chance adds to it.
+        """
+        numbers = np.unique(self.base.coordinate)
+        found = np.eye(numbers.size)
+        chance = min(2.0 / self.freedom, 1.0)  # of |r|^2 between complex errors that have nothing in common
+        for i, one in enumerate(numbers):
+            for k, other in enumerate(numbers[:i]):
+                a, b = (np.flatnonzero(self.base.coordinate == channel) for channel in (one, other))
+                _, first, second = np.intersect1d(self.base.line[a], self.base.line[b], return_indices=True)
+                a, b = a[first], b[second]
+                size = np.trace(self.covariance[np.ix_(a, a)]).real * np.trace(self.covariance[np.ix_(b, b)]).real
+                square = float(np.abs(np.trace(self.covariance[np.ix_(a, b)])) ** 2 / size) if size > 0 else 0.0
+                found[i, k] = found[k, i] = np.sqrt(max(square - chance, 0.0) / max(1.0 - chance, 1e-9))
+        return found
+
+    @cached_property
     def scatter(self) -> ComplexArray:
         """Covariance of the whitened residuals, the unit matrix where the weights are right, shape ``(R, R)``."""
         return np.asarray(self.mixing @ self.covariance @ self.mixing.conj().T)

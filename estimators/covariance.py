@@ -137,10 +137,12 @@ def score_scatter(problem: Problem, x: Float, r: ComplexArray, J: ComplexArray, 
 def weighing_error(problem: Problem, J: ComplexArray, covar: Float) -> Float:
     """What errors of the weights themselves add to a covariance, shape ``(p, p)``, where few mountings tell them.
 
-    A channel whose scatter came out small by chance is weighed too much: to first order each adds
-    ``A (I_c - I_c A I_c) A`` times the variance 2/nu of the logarithm of its variance (Kenward and Roger 1997; Meier
-    1953 for a weighted mean). Their second such term, for a covariance that is the weights' own inverse, is left out:
-    here the covariance comes from the scatter itself (benchmarks/mounting_coverage.py).
+    A channel whose scatter came out small by chance is weighed too much: with ``d_c`` the error of the logarithm of its
+    variance the estimate moves by ``A sum_c d_c (s_c - I_c A s)``, ``s_c`` the score of the channel and ``I_c`` its
+    information (Kenward and Roger 1997; Meier 1953 for a weighted mean). Scores scatter as the mountings do, and d of
+    two channels goes together by the square of their correlation: what moves all channels alike, as a weight that errs
+    does, spoils no weight of one against another. Their second such term, for a covariance that is the weights' own
+    inverse, is left out: here the covariance comes from the scatter itself (benchmarks/mounting_coverage.py).
 
     Args:
         problem: the problem that was solved.
@@ -152,10 +154,14 @@ def weighing_error(problem: Problem, J: ComplexArray, covar: Float) -> Float:
         start, stop = stop, stop + block.measured.size
         if not isinstance(block, CorrelatedResponses) or not math.isfinite(block.freedom):
             continue
-        for channel in np.unique(block.base.coordinate):
-            rows = J[start:stop][block.base.coordinate == channel]
-            own = (rows.conj().T @ rows).real
-            total += 2 / block.weight_freedom * (own - own @ covar @ own)
+        rows, number = J[start:stop], block.base.coordinate
+        parts = [np.where((number == channel)[:, None], rows, 0.0) for channel in np.unique(number)]
+        # s_c - I_c A s as a linear function of the errors
+        ways = [part - rows @ (covar @ (part.conj().T @ part).real) for part in parts]
+        together = block.channel_correlation**2
+        for i, one in enumerate(ways):
+            for k, other in enumerate(ways):
+                total += 2 / block.weight_freedom * together[i, k] * (one.conj().T @ block.scatter @ other).real
     return np.asarray(covar @ total @ covar)
 
 

@@ -209,6 +209,36 @@ def test_a_common_datum_is_found_by_other_models_too() -> None:
         assert abs(found.params[name].value - plain.params[name].value) < 4 * found.params[name].stderr
 
 
+def modal_of(test: rf.PerturbationTest, **known: float) -> rf.FitResult:
+    return rf.fit(rf.models.Modal(("disk2", "disk1")), test, known=known, phase_offsets="common")
+
+
+def test_pairs_of_the_measured_rig_agree_on_its_datum_each_alone() -> None:
+    test = rf.datasets.rk4()
+    angle = np.abs(np.degrees(np.angle(test.force)).round())
+    opposite = modal_of(test.select(np.isin(angle, (0, 180))))
+    across = modal_of(test.select((angle == 90) & (test.force_plane == "disk2")), phi_disk1=1.0)  # disk1 not forced
+    datum = modal_of(test).params["datum"].value
+    for pair in (opposite, across):
+        assert pair.params["datum"].resolved
+        assert abs(np.degrees(pair.params["datum"].value - datum)) < 5.0
+
+
+def test_the_error_of_the_measured_frequency_is_what_its_probes_disagree_by() -> None:
+    """One mode is not all of this rig: what widens the error is seen without any statistics, leaving probes out."""
+    test = rf.datasets.rk4()
+    whole = modal_of(test).params["wn"]
+    probes = [(plane, direction) for plane in ("disk1", "disk2") for direction in "xy"]
+    without = [
+        modal_of(test.select((test.plane != plane) | (test.direction != direction))).params["wn"].value
+        for plane, direction in probes
+    ]
+    jackknife = np.sqrt(3 / 4 * np.sum((without - np.mean(without)) ** 2))
+    # A standard error from four values is itself known to 40 %.
+    assert 0.5 < whole.stderr / jackknife < 2.0
+    assert whole.stderr_noise < 0.5 * jackknife
+
+
 def test_what_phase_offsets_can_be_is_said() -> None:
     with pytest.raises(ValueError, match="'common'"):
         rf.fit(rf.models.WhirlWhip(), rf.datasets.rig_open(), phase_offsets="all")  # type: ignore[arg-type]
