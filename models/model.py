@@ -68,6 +68,7 @@ class RotorModel(ABC):
     clearance: float | None = None
     caveats: tuple[str, ...] = ()  # sentences that belong beside the numbers of this model
     shaft: SeenShaft | None = None  # a structure whose matrices are known
+    line_count: int = 2  # coordinates of each motion that turns: its own and those of its image
     turns: bool = False  # free motion (see motion) is written in turning coordinates, each motion with its image
 
     @abstractmethod

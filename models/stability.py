@@ -102,7 +102,7 @@ def is_image(model: RotorModel, theta: ArrayLike, speed: float, s: complex) -> b
     coefficients = model.motion(theta, speed)
     kappa = np.einsum("k,kij->ij", s ** np.arange(model.order + 1), coefficients)
     shape = np.linalg.svd(kappa)[2][-1]
-    lines = np.linalg.norm(shape.reshape(-1, len(model.coordinates)), axis=1)
+    lines = np.linalg.norm(shape.reshape(model.line_count, -1), axis=1)
     return bool(lines[0] < (1 - 1e-6) * lines[1:].max())
 
 

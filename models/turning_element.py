@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from functools import cached_property
+from math import comb
 from typing import Any, ClassVar
 
 import numpy as np
@@ -14,8 +14,8 @@ from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.models.complexes import Complex, Number
 from rotorfit.models.model import CoefficientJacobian, Coordinate, Matrix, RotorModel
 from rotorfit.models.parameters import Parameter, unknown_name
-from rotorfit.models.shaft import KnownStiffness
-from rotorfit.models.turning import TurningFrame
+from rotorfit.models.shaft import KnownStiffness, ShaftApart
+from rotorfit.models.turning import TurningFrame, beside
 
 
 class Turning(RotorModel):
@@ -34,6 +34,7 @@ class Turning(RotorModel):
     """
 
     name: ClassVar[str] = "turning"
+    turns = True
 
     def __init__(self, base: RotorModel, element: str | Sequence[str] | None = None) -> None:
         ends = (base.planes[0],) if element is None else (element,) if isinstance(element, str) else tuple(element)
@@ -49,9 +50,12 @@ class Turning(RotorModel):
         if not 1 <= len(set(ends)) == len(ends) <= 2:
             raise ValueError(f"an element is between two planes, or a plane and the ground; got {', '.join(ends)}")
         self.base, self.element = base, ends
-        self.planes, self.clearance, self.shaft = base.planes, base.clearance, base.shaft
+        self.planes, self.clearance = base.planes, base.clearance
         self.caveats = base.caveats
-        self.turns = base.shaft is None
+        if base.shaft is not None:
+            size = base.motion(np.ones(len(base.parameters)), 0.0).shape[-1]
+            at = np.concatenate([base.shaft.at, base.shaft.at + size])
+            self.shaft = ShaftApart(at=at, has_mass=base.shaft.has_mass)
         self.parameters = (
             *base.parameters,
             Parameter("dK_cos", "N/m", f"turning anisotropy, dK cos 2g, at {' to '.join(ends)}", scale=1e3),
@@ -107,16 +111,61 @@ class Turning(RotorModel):
         return self.base.known_stiffness(self._round(theta), s, speed)
 
     def motion(self, theta: ArrayLike, speed: ArrayLike) -> ComplexArray:
-        """Free motion in turning coordinates; of a known structure that of the round shaft in fixed ones."""
-        if self.shaft is not None:
-            return self.base.motion(self._round(theta), speed)
-        return self.turning.coefficients(theta, speed)
+        """Free motion in turning coordinates; of a known structure all its coordinates, then their images."""
+        if self.shaft is None:
+            return self.turning.coefficients(theta, speed)
+        given = self.base.motion(self._round(theta), speed)
+        Om = np.asarray(speed, dtype=float)[..., None, None]
+        ahead, behind = (
+            np.stack(_shifted_numbers(np.moveaxis(part, -3, 0), shift), axis=-3)
+            for part, shift in ((given, 1j * Om), (given.conj(), -1j * Om))
+        )
+        total = beside([ahead, behind])
+        own = self.turning.coefficients(theta, speed)
+        n = len(self.coordinates)
+        first, second = self.shaft.at[:n], self.shaft.at[n:]
+        total[..., first[:, None], second] += own[..., :n, n:]
+        total[..., second[:, None], first] += own[..., n:, :n]
+        return total
 
     def motion_jacobian(self, theta: ArrayLike, speed: float) -> CoefficientJacobian:
         """See :meth:`RotorModel.motion_jacobian`."""
         if self.shaft is None:
             return self.turning.motion_jacobian(theta, speed)
         found = self.base.motion_jacobian(self._round(theta), speed)
-        last = len(self.base.parameters)  # speed and eccentricity come after the parameters
+        whole = self.base.motion(self._round(theta), speed)
+        last, size = len(self.base.parameters), whole.shape[-1]
         inputs = np.where(found.inputs >= last, found.inputs + len(self.parameters) - last, found.inputs)
-        return replace(found, inputs=inputs)
+        parts = []
+        for image, shift in ((0, 1j * speed), (size, -1j * speed)):
+            values = found.values.conj() if image else found.values
+            for low in range(len(whole)):
+                rises = found.powers >= low
+                share = [comb(k, low) * shift ** (k - low) if k >= low else 0.0 for k in range(len(whole))]
+                moved = values[rises] * np.array(share)[found.powers[rises]]
+                rows, columns = found.rows[rises] + image, found.columns[rises] + image
+                parts.append((inputs[rises], np.full(moved.size, low), rows, columns, moved))
+            matrices = whole.conj() if image else whole
+            for low in range(len(whole) - 1):  # by the speed of the coordinates themselves
+                slope = sum(
+                    comb(k, low) * (k - low) * shift ** (k - low - 1) * (-1j if image else 1j) * matrices[k]
+                    for k in range(low + 1, len(whole))
+                )
+                rows, columns = np.nonzero(slope)
+                place = np.full(rows.size, len(self.parameters))
+                parts.append((place, np.full(rows.size, low), rows + image, columns + image, slope[rows, columns]))
+        own = self.turning.functions.jacobian(theta, speed)
+        mine = (own.inputs >= last) & (own.inputs < len(self.parameters))
+        at = self.shaft.at
+        parts.append((own.inputs[mine], own.powers[mine], at[own.rows[mine]], at[own.columns[mine]], own.values[mine]))
+        columns_of = [np.concatenate(column) for column in zip(*parts, strict=True)]
+        names = ("inputs", "powers", "rows", "columns", "values")
+        return CoefficientJacobian(**dict(zip(names, columns_of, strict=True)))
+
+
+def _shifted_numbers(powers: ComplexArray, shift: ComplexArray) -> list[ComplexArray]:
+    """Coefficients of ``sum C_k (s + shift)^k`` by powers of s, the powers first."""
+    return [
+        np.asarray(sum(comb(k, low) * shift ** (k - low) * powers[k] for k in range(low, len(powers))))
+        for low in range(len(powers))
+    ]

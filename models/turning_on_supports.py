@@ -15,15 +15,12 @@ from functools import cached_property
 from typing import Any, ClassVar
 
 import casadi as ca
-import numpy as np
 
-from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.models.complexes import Complex, J, Number
 from rotorfit.models.model import Coordinate, Matrix
 from rotorfit.models.orthotropic import support_parameters, support_symbol
 from rotorfit.models.parameters import unknown_name
-from rotorfit.models.shaft import KnownStiffness
-from rotorfit.models.turning import IMAGE, TurningFrame, beside, shifted
+from rotorfit.models.turning import IMAGE, TurningFrame, shifted
 from rotorfit.models.turning_element import Turning
 
 Line = tuple[int, bool]
@@ -53,7 +50,8 @@ class TurningOnSupports(Turning):
         terms: lines beyond w and 2 Om - w, to either side of them in the chain, that are taken into account.
 
     Raises:
-        ValueError: a rotor without a turning element or with tilts, a plane that it does not have, or no terms.
+        ValueError: a rotor without a turning element, with tilts or a known structure, a plane that it does not have,
+            or no terms.
     """
 
     name: ClassVar[str] = "turning-on-supports"
@@ -66,7 +64,9 @@ class TurningOnSupports(Turning):
         if terms < 1:
             raise ValueError(f"terms is a number of lines, one or more, got {terms}")
         super().__init__(base.base, base.element)
-        self.rotor, self.terms = base, terms
+        self.rotor, self.terms, self.line_count = base, terms, 2 + 2 * terms
+        if self.shaft is not None:
+            raise ValueError(f"{base.base.name} has a known structure; on supports of two directions use Orthotropic")
         self.at = ((at,) if isinstance(at, str) else tuple(at)) or base.planes[-1:]
         for plane in self.at:
             if plane not in base.planes:
@@ -136,15 +136,6 @@ class LinesFrame(TurningFrame):
         """A probe's factor, conjugated for images."""
         own = [Complex.of(factor) for factor in self.base.probe_factors(p)]
         return [factor.conj() if image else factor for _, image in self.lines for factor in own]
-
-    def known_stiffness(self, theta: Float, s: ComplexArray, speed: Float) -> KnownStiffness:
-        """A known structure at the frequency of every line."""
-        parts = []
-        for k, image in self.lines:
-            shift = 1j * _turns(k, image) * np.asarray(speed)
-            found = self.base.known_stiffness(theta, (np.conj(s) if image else s) + shift, speed)
-            parts.append([x.conj() if image else x for x in (found.values, found.slopes)])
-        return KnownStiffness(beside([p[0] for p in parts]), found.inputs, beside([p[1] for p in parts]))
 
     def equation(self, p: Any, speed: Any, eccentricity: Any) -> Sequence[Matrix]:
         """Powers of ``s = j (w - Om)``: the rotor at each line, and what couples neighbours in the chain."""

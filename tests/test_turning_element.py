@@ -6,6 +6,7 @@ from scipy.integrate import solve_ivp
 
 import rotorfit as rf
 from rotorfit.models import Chain, KnownStructure, OneMode, Turning, TurningFrame, WhirlWhip, unstable_bands
+from rotorfit.models.stability import eigenvalue_gradient
 
 SPEED = 130.0
 CHAIN = Turning(Chain(2), ("mass-1", "mass-2"))
@@ -123,11 +124,53 @@ def test_a_known_structure_with_a_turning_element_is_the_chain_of_the_same_matri
         known, line_test(CHAIN, CHAIN.vector(VALUES), 2e-7), known={"K0": 0.0, "D": 0.0, "lam": 0.0, "Mf": 0.0}
     )
     assert abs(fit.params["dK_cos"].value - 1500.0) < 4 * fit.params["dK_cos"].stderr
+    assert len(fit.natural_frequencies(SPEED)) == 4
+    low = unstable_bands(CHAIN, CHAIN.vector(VALUES), 500.0)[0][0]
+    assert abs(fit.threshold_speed().value - low) < 4 * fit.threshold_speed().stderr
     undamped = CHAIN.vector(VALUES | {"Ds1": 0.0, "Ds2": 0.0})
     still = Turning(KnownStructure(M, None, None, K, planes=nodes, fluid="mass-2", dofs=("z",)), ("mass-1", "mass-2"))
     bands = unstable_bands(CHAIN, undamped, 500.0)
     assert len(bands) == 2  # one at each critical speed
     assert np.ravel(unstable_bands(still, still.vector(dry), 500.0)) == pytest.approx(np.ravel(bands), rel=1e-9)
+
+
+def test_free_motion_of_a_known_structure_is_that_of_all_its_coordinates_written_out():
+    """A shaft of four masses of which two are seen, one between them turning its stiffness; in a fluid, gyroscopic."""
+    rng = np.random.default_rng(4)
+    spring = np.diag([4e4, 3e4, 3e4, 2e4]) - 1e4 * (np.eye(4, k=1) + np.eye(4, k=-1))
+    M, D, G = np.diag([0.8, 0.5, 0.6, 0.7]), np.diag(rng.uniform(2.0, 5.0, 4)), np.diag([0.0, 0.02, 0.0, 0.03])
+    structure = KnownStructure(M, D, G, spring, planes={"a": 1, "b": 3}, fluid="b", dofs=("z",))
+    model = Turning(structure, ("a", "b"))
+    v = {"K0": 5e3, "D": 60.0, "lam": 0.45, "Mf": 0.1, "dK_cos": 1200.0, "dK_sin": -700.0}
+    theta, speed = model.vector(v), 140.0
+    K, C, m = spring.astype(complex), D - 1j * speed * G, M.astype(complex)
+    whirl = v["lam"] * speed
+    K[3, 3] += v["K0"] - 1j * v["D"] * whirl - v["Mf"] * whirl**2
+    C[3, 3] += v["D"] - 2j * v["Mf"] * whirl
+    m[3, 3] += v["Mf"]
+    turning = np.zeros((4, 4), complex)
+    turning[np.ix_([1, 3], [1, 3])] = complex(1200.0, -700.0) * np.array([[1.0, -1.0], [-1.0, 1.0]])
+
+    def slope(t, state):
+        z, rate = (state[:8].reshape(2, 4)[0] + 1j * state[:8].reshape(2, 4)[1]), state[8:12] + 1j * state[12:]
+        a = np.linalg.solve(m, -C @ rate - K @ z - np.exp(2j * speed * t) * turning @ z.conj())
+        return np.concatenate([rate.real, rate.imag, a.real, a.imag])
+
+    period = np.pi / speed
+    turn = np.array([solve_ivp(slope, (0, period), e, "DOP853", rtol=1e-11, atol=1e-13).y[:, -1] for e in np.eye(16)])
+    growth = np.log(np.abs(np.linalg.eigvals(turn.T)).max()) / period
+    assert rf.models.eigenvalues(model, theta, speed).real.max() == pytest.approx(growth, abs=1e-6)
+    s = rf.models.eigenvalues(model, theta, speed)
+    mine = s[np.argmax(s.real)]
+    by_speed, by_theta = eigenvalue_gradient(model, theta, speed, mine)
+    for k, slope_of in enumerate([*by_theta, by_speed]):
+        ends, step = [], 1e-4 * max(abs(np.append(theta, speed)[k]), 1.0)
+        for sign in (1, -1):
+            moved = np.append(theta, speed)
+            moved[k] += sign * step
+            found = rf.models.eigenvalues(model, moved[:-1], float(moved[-1]))
+            ends.append(found[np.argmin(np.abs(found - mine))])
+        assert slope_of == pytest.approx((ends[0] - ends[1]) / (2 * step), rel=1e-4, abs=1e-8)
 
 
 def test_elements_and_data_that_make_no_sense_are_refused_in_words():

@@ -38,7 +38,7 @@ def plot_stability(fit: FitResult, *, group: int = 0) -> Figure:
         fit: the fit.
         group: parameter group, where parameters were fitted per attribute; its label is in the title.
     """
-    if isinstance(fit.model, AnisotropicShaft | Turning) and fit.model.shaft is None:
+    if isinstance(fit.model, AnisotropicShaft | Turning):
         return plot_turning_stability(fit)
     theta = fit.thetas[group]
     onset = fit.threshold_of(group) if fit.model.speed_dependent else None
