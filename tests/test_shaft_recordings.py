@@ -67,6 +67,22 @@ def test_a_backward_sweep_gives_the_shaft_and_its_twist_from_volts(backward, set
     assert 0.4 < fit.redchi < 1.5
 
 
+def test_the_twist_at_twice_the_frequency_tells_the_inertia(backward, setup):
+    """Its torque is that of the motion itself, so that neither 1x nor a known J is needed."""
+    test = rf.shaft_lines(rf.read_recording(backward, setup))
+    rows = test.select(test.line == "2w-2Om")
+    truth = SHAFT.lines(SHAFT.vector(TRUTH), "twist", (2, 0), rows.frequency, SPEED, rows.force)
+    pulls = np.abs(rows.response - truth) / rows.sigma
+    assert (np.abs(truth) / rows.sigma).max() > 10  # it is there
+    # Rayleigh with an rms of sqrt(2): of some forty the greatest is below 4 but for one record in a hundred
+    assert pulls.max() < 4.5
+    assert 1.0 < np.sqrt(np.mean(pulls**2)) < 1.9
+    found = rf.fit(SHAFT, test).params["J"]
+    assert found.resolved
+    assert abs(found.value - TRUTH["J"]) < 4 * found.stderr
+    assert found.stderr < 0.05 * TRUTH["J"]
+
+
 def test_1x_and_2x_tell_what_else_is_left_open(backward, setup):
     test = rf.shaft_lines(rf.read_recording(backward, setup), runout_um=0.2)
     fit = rf.fit(SHAFT, test)

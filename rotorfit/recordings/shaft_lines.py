@@ -78,8 +78,8 @@ def shaft_lines(records: Recording | Sequence[Recording], *, runout_um: float | 
             out. Over the speeds of a start-up run-out is told apart, see ``AnisotropicShaft(runout=True)``.
 
     Returns:
-        lines ``w`` and ``2Om-w`` of the motion, ``w-Om`` and ``w-2Om`` of the twist, and of start-ups ``1x`` and
-        ``2x`` at steady speeds, with their noise.
+        lines ``w`` and ``2Om-w`` of the motion, ``w-Om``, ``w-2Om`` and ``2w-2Om`` of the twist, and of start-ups
+        ``1x`` and ``2x`` at steady speeds, with their noise.
 
     Raises:
         ValueError: a recording without what this needs; the message says what.
@@ -123,7 +123,7 @@ def _lines_of(record: Recording, runout_um: float | None) -> list[dict[str, NDAr
         whirl = _band_passed(motion, swept)
         drives = {"w-Om": f / turn, "w-2Om": f / turn**2, "2w-2Om": whirl**2 / turn**2}
         # phi = Re(Phi exp(j nu t)) has half of Phi at +nu.
-        found += _fit(record, swept, 2.0 * record.twist, "twist", drives)
+        found += _fit(record, swept, 2.0 * record.twist, "twist", drives, found[0])
     return _with_angle_errors(swept, found)
 
 
@@ -269,9 +269,17 @@ def _ends(direction: str, name: str, swept: _Swept) -> tuple[float, float]:
 
 
 def _fit(
-    record: Recording, swept: _Swept, signal: ComplexArray | Float, direction: str, drives: Mapping[str, ComplexArray]
+    record: Recording,
+    swept: _Swept,
+    signal: ComplexArray | Float,
+    direction: str,
+    drives: Mapping[str, ComplexArray],
+    main: Mapping[str, NDArray[Any]] | None = None,
 ) -> list[dict[str, NDArray[Any]]]:
-    """Lines of a signal, each with the drives that pass through its band; that at 2(w - Om) frees the others."""
+    """Lines of a signal, each with the drives that pass through its band.
+
+    The drive of the twist at 2(w - Om) is the square of the motion at w, whose line is ``main``.
+    """
     w = _frequencies(record)
     output, spectra = (
         _spectrum(signal),
@@ -282,8 +290,6 @@ def _fit(
     orders = np.array([_spectrum(swept.turn**k) for k in _ORDERS])
     found = []
     for name in drives:
-        if name == "2w-2Om":
-            continue
         (low, high), own = spectra[name]
         others = [drive for k, (ends, drive) in spectra.items() if k != name and _overlap((low, high), ends)]
         response = local_response(
@@ -291,8 +297,31 @@ def _fit(
             low,
             high,
         )
-        found.append(_rows(swept, direction, name, response.frequency, response.response[0, 0], response.sigma[0, 0]))
+        parts = (response.frequency, response.response[0, 0], response.sigma[0, 0])
+        if name == "2w-2Om" and main is not None:
+            found.append(_square_rows(swept, main, *parts))
+        else:
+            found.append(_rows(swept, direction, name, *parts))
     return found
+
+
+def _square_rows(
+    swept: _Swept, main: Mapping[str, NDArray[Any]], nu: Float, response: ComplexArray, sigma: Float
+) -> dict[str, NDArray[Any]]:
+    """Rows of the twist at 2(w - Om), its answer to the square of the motion at w taken to that of the force."""
+    from scipy.interpolate import CubicSpline
+
+    order = np.argsort(main["frequency"])
+    w, at = nu / 2 + swept.speed, main["frequency"][order]
+    inside = (w >= at[0]) & (w <= at[-1])
+    w, response, sigma = w[inside], response[inside], sigma[inside]
+    stiffness = CubicSpline(at, (main["force"] / main["response"])[order])(w)  # smooth where the motion resonates
+    error = np.interp(w, at, (main["sigma"] / np.abs(main["response"]))[order])
+    force = np.asarray(swept.mr * w**2, dtype=complex)
+    motion = force / stiffness
+    spread = np.hypot(sigma * np.abs(motion) ** 2, 2 * np.abs(response * motion**2) * error)
+    known = spread <= _WORTHLESS * np.median(spread)
+    return _columns(swept, "twist", "2w-2Om", w[known], force[known], (response * motion**2)[known], spread[known])
 
 
 def _overlap(one: tuple[float, float], other: tuple[float, float]) -> bool:
