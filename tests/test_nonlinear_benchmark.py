@@ -5,6 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+import rotorfit as rf
+from rotorfit.estimators.nonlinear import OrbitResponses
+from rotorfit.fitting.problem_setup import build_problem
+from rotorfit.fitting.settings import FitSettings
+
 
 def test_errors_of_nonlinear_fits_to_integrated_data_are_as_stated_and_linear_fits_are_rejected() -> None:
     from nonlinear import SUM, TRUTH, exact_sweeps, honest, largest_orbit, study
@@ -25,3 +30,21 @@ def test_errors_of_nonlinear_fits_to_integrated_data_are_as_stated_and_linear_fi
     # that the fluid is not linear is said by redchi.
     assert linear.redchi > 100.0
     assert np.abs(linear.bias) > 2.0
+
+
+def test_the_rival_of_the_speed_benchmark_solves_the_same_equation() -> None:
+    """By hand in NumPy, with its own Newton's method."""
+    import nonlinear_rival
+    from law_data import CLEARANCE, CLEARANCE_UM, ONE_MODE, sweep
+
+    model = rf.models.OneMode(law=rf.models.Muszynska(), clearance_um=CLEARANCE_UM)
+    problem = build_problem(model, sweep(ONE_MODE, levels=(1.0, 5.0), lines=10), FitSettings())
+    (block,) = problem.blocks
+    assert isinstance(block, OrbitResponses)
+    base, line = block.base, block.base.line
+    data = {
+        "w": base.frequency[line], "speed": base.speed[line], "force": base.force[line, 0], "clearance": CLEARANCE,
+        "eps": block.eccentricity[line],
+    }  # fmt: skip
+    found = nonlinear_rival.response(ONE_MODE, data)
+    np.testing.assert_allclose(found, block.predict(model.vector(ONE_MODE)[None]), rtol=1e-10)
