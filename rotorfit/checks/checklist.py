@@ -71,6 +71,8 @@ def _physics(test: PerturbationTest | DisplacementTest) -> Iterator[Finding]:
         yield from _start_ups(test)
         yield from ramps(test)
         forced = np.flatnonzero(test.force != 0)
+        if not forced.size:
+            return  # a reference run alone
         orbits = orbits_of(test if forced.size == len(test) else test.select(forced), forced)
         linear = list(linear_force(orbits))
         wrong = linear or list(wrong_direction(orbits))
@@ -99,6 +101,12 @@ def _rows(mask: NDArray[Any]) -> tuple[int, ...]:
     return tuple(int(row) for row in np.flatnonzero(mask))
 
 
+_REFERENCE = (
+    "This is a reference run: no reading has a force. Alone it says nothing of the rotor; put it together with the "
+    "runs that have a trial weight, rf.join_runs([reference, trial])."
+)
+
+
 def _numbers(test: Experiment) -> Iterator[Finding]:
     if not len(test):
         yield Finding("error", "empty", "The test has no readings.")
@@ -113,6 +121,9 @@ def _numbers(test: Experiment) -> Iterator[Finding]:
         yield Finding("error", "sigma", text, _rows(sigma <= 0))
     # Runs without a weight are what the others are compared with, where weights are solved together.
     if isinstance(test, PerturbationTest) and (test.force == 0).any() and _solved(test) is None:
+        if (test.force == 0).all() and test.synchronous:
+            yield Finding("warning", "reference-run", _REFERENCE)
+            return
         text = f"The force is zero in {(test.force == 0).sum()} rows; remove them, they have no dynamic stiffness."
         yield Finding("error", "no-force", text, _rows(test.force == 0))
 

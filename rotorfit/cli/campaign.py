@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import argparse
-import json
-import math
 import sys
 from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from rotorfit.cli.answer import data_errors, finite, give, say
 from rotorfit.cli.arguments import add_figure_format, add_files, add_jobs, add_model, add_output, fit_study, processes
 from rotorfit.cli.progress import ProgressLine
 from rotorfit.fitting.option_kinds import words
@@ -41,34 +41,27 @@ def add_options(to: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Do what the command line says; returns the exit code."""
-    from rotorfit.cli.errors import DONE, NOT_CONVERGED, BadInputError, checked, sentence
-    from rotorfit.studies.folder import complete_folder
+    from rotorfit.cli.errors import DONE, NOT_CONVERGED, checked
 
-    found = checked(lambda: _campaign(options))
+    found, wrong = checked(lambda: _campaign(options))
     text = checked(lambda: found.summary(options.follow, against=options.against, by=options.by))
-    if options.out is not None:
-        try:
-            with complete_folder(options.out) as folder:
-                _write(found, text, folder, options)
-        except OSError as problem:
-            raise BadInputError(sentence(problem)) from problem
-    if options.json:
-        print(json.dumps(_plain(found, options), indent=2))
-    elif not options.quiet:
-        print(found.table(None if options.against is None else [a for a in (*options.against, options.by) if a]))
-        print(f"\n{text}" + (f"\n\nwritten to {options.out}" if options.out else ""))
+    table = found.table(None if options.against is None else [a for a in (*options.against, options.by) if a])
+    write, plain = partial(_write, found, text, options), partial(_plain, found, options)
+    give(options, write, plain, f"{table}\n\n{text}")
+    if wrong:
+        say(wrong)
     silent = [one.name for one in found.runs if one.silent]
     if silent:
-        print(f"rotorfit: left out of trends, since they say nothing: {', '.join(silent)}", file=sys.stderr)
+        say(f"left out of trends, since they say nothing: {', '.join(silent)}")
     if not found.success:
         bad = [one.name for one in found.runs if not one.success]
         what = f"{len(bad)} of {len(found.runs)} runs" if bad else "the shared parameters"
-        print(f"rotorfit: {what} did not converge{': ' + ', '.join(bad) if bad else ''}", file=sys.stderr)
-        return NOT_CONVERGED
-    return DONE
+        say(f"{what} did not converge{': ' + ', '.join(bad) if bad else ''}")
+    return DONE if found.success and not wrong else NOT_CONVERGED
 
 
-def _campaign(options: argparse.Namespace) -> Campaign:
+def _campaign(options: argparse.Namespace) -> tuple[Campaign, str]:
+    """The fits of all runs, and what is wrong with the data."""
     from rotorfit.campaigns.campaign import campaign
     from rotorfit.studies.study import build_model, check_model_name, no_progress, read_files
 
@@ -78,10 +71,10 @@ def _campaign(options: argparse.Namespace) -> Campaign:
     check_model_name(study.model)
     with ExitStack() as stack:
         executor = stack.enter_context(processes(options.jobs))
-        tests, _ = read_files(study.files, no_progress, executor)
+        tests, findings = read_files(study.files, no_progress, executor)
         line = ProgressLine(enabled=not options.quiet and sys.stderr.isatty())
         stack.callback(line.close)
-        return campaign(
+        found = campaign(
             build_model(study, tests),
             tests,
             split=options.split,
@@ -94,27 +87,25 @@ def _campaign(options: argparse.Namespace) -> Campaign:
             executor=executor,
             progress=lambda done, total: line(f"{done} of {total} runs", done / total),
         )
+    return found, data_errors(findings)
 
 
-def _write(found: Campaign, text: str, folder: Path, options: argparse.Namespace) -> None:
+def _write(found: Campaign, text: str, options: argparse.Namespace, folder: Path) -> None:
+    from rotorfit.plots.layout import picture_of
     from rotorfit.report.campaign import write_campaign_report
 
     found.to_csv(folder / "runs.csv")
     (folder / "summary.txt").write_text(f"{found.table()}\n\n{text}\n", encoding="utf-8")
     if options.against is not None and found.trends(options.follow, against=options.against, by=options.by):
         figure = found.plot_trends(options.follow, against=options.against, by=options.by)
-        figure.savefig(folder / f"trends.{options.figure_format}", dpi=200)
+        (folder / f"trends.{options.figure_format}").write_bytes(picture_of(figure, options.figure_format))
     write_campaign_report(
         found, folder / "report.html", against=options.against, by=options.by, parameters=options.follow
     )
 
 
-def _number(value: float) -> float | None:
-    return value if math.isfinite(value) else None
-
-
 def _estimate(parameter: FittedParameter) -> dict[str, Any]:
-    return {"value": parameter.value, "stderr": _number(parameter.stderr), "unit": parameter.unit}
+    return {"value": parameter.value, "stderr": finite(parameter.stderr), "unit": parameter.unit}
 
 
 def _plain(found: Campaign, options: argparse.Namespace) -> dict[str, Any]:
@@ -126,9 +117,9 @@ def _plain(found: Campaign, options: argparse.Namespace) -> dict[str, Any]:
         "runs": [
             {
                 "run": one.name,
-                **{name: value if isinstance(value, str) else _number(value) for name, value in one.attributes.items()},
+                **{name: value if isinstance(value, str) else finite(value) for name, value in one.attributes.items()},
                 "params": {name: _estimate(p) for name, p in one.params.items() if p.vary},
-                "redchi": _number(one.redchi),
+                "redchi": finite(one.redchi),
                 "success": one.success,
                 "silent": one.silent,
                 "message": one.message,
@@ -143,9 +134,9 @@ def _plain(found: Campaign, options: argparse.Namespace) -> dict[str, Any]:
                 "group": t.group,
                 "against": t.against,
                 "runs": len(t.runs),
-                "slope": _number(t.slope.value),
-                "slope_stderr": _number(t.slope.stderr),
-                "scatter": _number(t.scatter),
+                "slope": finite(t.slope.value),
+                "slope_stderr": finite(t.slope.stderr),
+                "scatter": finite(t.scatter),
             }
             for t in found.trends(options.follow, against=options.against, by=options.by)
         ]

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import argparse
 import csv
-import json
-import math
-import sys
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from rotorfit.cli.answer import data_errors, finite, give, say
 from rotorfit.cli.arguments import add_files, add_model, add_output, fit_study
 from rotorfit.fitting.option_kinds import positive_word, words
 from rotorfit.fitting.options import LAW_RANKING
@@ -35,27 +34,19 @@ def add_options(to: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Do what the command line says; returns the exit code."""
-    from rotorfit.cli.errors import DONE, NOT_CONVERGED, BadInputError, checked, sentence
-    from rotorfit.studies.folder import complete_folder
+    from rotorfit.cli.errors import DONE, NOT_CONVERGED, checked
 
-    found = checked(lambda: _comparison(options))
-    if options.out is not None:
-        try:
-            with complete_folder(options.out) as folder:
-                _write(found, folder)
-        except OSError as problem:
-            raise BadInputError(sentence(problem)) from problem
-    if options.json:
-        print(json.dumps(_plain(found), indent=1, allow_nan=False))
-    elif not options.quiet:
-        print(str(found) + (f"\n\nwritten to {options.out}" if options.out else ""))
+    found, wrong = checked(lambda: _comparison(options))
     failed = [entry for entry in found.laws if entry.fit is not None and not entry.fit.success]
-    for entry in failed:
-        print(f"rotorfit: {entry.law!r}: {entry.reason}", file=sys.stderr)
-    return NOT_CONVERGED if failed else DONE
+    problems = [*([wrong] if wrong else []), *(f"{entry.law!r}: {entry.reason}" for entry in failed)]
+    give(options, partial(_write, found), lambda: _plain(found), str(found))
+    for problem in problems:
+        say(problem)
+    return NOT_CONVERGED if problems else DONE
 
 
-def _comparison(options: argparse.Namespace) -> LawComparison:
+def _comparison(options: argparse.Namespace) -> tuple[LawComparison, str]:
+    """The ranking, and what is wrong with the data."""
     from rotorfit.fitting.law_ranking import compare_laws
     from rotorfit.models import LAWS
     from rotorfit.models.parameters import unknown_name
@@ -66,12 +57,13 @@ def _comparison(options: argparse.Namespace) -> LawComparison:
     for name in options.laws or ():
         if name not in LAWS:
             raise ValueError(f"--laws: {unknown_name('law', name, LAWS)}")
-    tests, _ = read_files(study.files, no_progress)
-    return compare_laws(
+    tests, findings = read_files(study.files, no_progress)
+    found = compare_laws(
         build_model(study, tests), tests, None if options.laws is None else [LAWS[name]() for name in options.laws],
         clearance_um=options.clearance_um, known=study.known, bounds=study.bounds, priors=study.priors, per=study.per,
         start=study.start, loss=study.loss, phase_offsets=study.phase_offsets,
     )  # fmt: skip
+    return found, data_errors(findings)
 
 
 def _write(found: LawComparison, folder: Path) -> None:
@@ -83,7 +75,9 @@ def _write(found: LawComparison, folder: Path) -> None:
     drawn = _drawn(found)
     note = "law.png: no law that changes with eccentricity could be fitted"
     if drawn is not None:
-        drawn.plot_law().savefig(folder / "law.png", dpi=150)
+        from rotorfit.plots.layout import picture_of
+
+        (folder / "law.png").write_bytes(picture_of(drawn.plot_law(), dpi=150))
         note = f"law.png: {drawn.model.options()['law']!r}"
     (folder / "summary.txt").write_text(f"{found}\n\n{note}\n\n{found.best.summary()}\n", encoding="utf-8")
 
@@ -93,18 +87,14 @@ def _drawn(found: LawComparison) -> FitResult | None:
     return next((e.fit for e in found.laws if e.law.parameters and e.fit is not None and not e.reason), None)
 
 
-def _finite(value: float) -> float | None:
-    return value if math.isfinite(value) else None
-
-
 def _row(entry: LawFit) -> dict[str, Any]:
     """One law of the ranking; what was not fitted is ``None``."""
     return {
         "law": repr(entry.law),
         "fitted": entry.count,
-        "redchi": None if entry.fit is None else _finite(entry.fit.redchi),
-        "aic": _finite(entry.aic),
-        "bic": _finite(entry.bic),
+        "redchi": None if entry.fit is None else finite(entry.fit.redchi),
+        "aic": finite(entry.aic),
+        "bic": finite(entry.bic),
         "weight": entry.weight,
         "reason": entry.reason,
     }
@@ -118,11 +108,11 @@ def _plain(found: LawComparison) -> dict[str, Any]:
         "laws": [_row(entry) for entry in found.laws],
         "best": repr(found.laws[0].law),
         "parameters": {
-            p.name: {"value": _finite(p.value), "stderr": _finite(p.stderr), "unit": p.unit, "fitted": p.vary}
+            p.name: {"value": finite(p.value), "stderr": finite(p.stderr), "unit": p.unit, "fitted": p.vary}
             for p in best.params.values()
         },
         "nonlinear": found.nonlinear,
         "nonlinear_stiffness": found.nonlinear_stiffness,
-        "stiffness_aic": _finite(found.stiffness),
+        "stiffness_aic": finite(found.stiffness),
         "verdict": found.verdict,
     }

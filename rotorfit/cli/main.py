@@ -15,7 +15,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rotorfit.cli import campaign, laws, recordings, simulate, trend, vectors
+from rotorfit.cli import campaign, join, laws, recordings, simulate, trend, vectors
 from rotorfit.cli.arguments import add_figure_format, add_files, add_fit_options, add_output, data_files, fit_study
 from rotorfit.cli.errors import BAD_INPUT, DONE, INTERRUPTED, NOT_CONVERGED, BadInputError, checked, sentence
 from rotorfit.cli.progress import ProgressLine
@@ -172,13 +172,16 @@ COMMANDS = {
     "look": recordings.run_look,
     "trend": trend.run,
     "vectors": vectors.run,
+    "join": join.run,
     "models": _models,
     "info": _info,
     "completion": _completion,
 }
 """What each word does."""
 
-_MODULES = (("campaign", campaign), ("compare-laws", laws), ("simulate", simulate), ("vectors", vectors))
+_MODULES = (
+    ("campaign", campaign), ("compare-laws", laws), ("simulate", simulate), ("vectors", vectors), ("join", join),
+)  # fmt: skip
 
 
 def build_parser() -> argparse.ArgumentParser:

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import argparse
 import csv
-import json
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from rotorfit.cli.answer import give
 from rotorfit.cli.arguments import add_files, add_output, data_files
 from rotorfit.fitting.option_kinds import positive_word, two_numbers
 
@@ -37,20 +38,10 @@ def add_options(to: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Do what the command line says; returns the exit code."""
-    from rotorfit.cli.errors import DONE, BadInputError, checked, sentence
-    from rotorfit.studies.folder import complete_folder
+    from rotorfit.cli.errors import DONE, checked
 
     found = checked(lambda: _trend(options))
-    if options.out is not None:
-        try:
-            with complete_folder(options.out) as folder:
-                _write(found, folder)
-        except OSError as problem:
-            raise BadInputError(sentence(problem)) from problem
-    if options.json:
-        print(json.dumps([_plain(place) for place in found.places], indent=1, allow_nan=False))
-    elif not options.quiet:
-        print(str(found) + (f"\n\nwritten to {options.out}" if options.out else ""))
+    give(options, partial(_write, found), lambda: [_plain(place) for place in found.places], str(found))
     return DONE
 
 
@@ -100,7 +91,9 @@ def _write(found: MachineTrend, folder: Path) -> None:
         table.writerow(["place", "test", "quantity", "unit", "value", "stderr"])
         table.writerows(_rows(found))
     (folder / "summary.txt").write_text(f"{found}\n", encoding="utf-8")
-    found.plot().savefig(folder / "trend.png", dpi=150)
+    from rotorfit.plots.layout import picture_of
+
+    (folder / "trend.png").write_bytes(picture_of(found.plot(), dpi=150))
 
 
 def _plain(place: PlaceTrend) -> dict[str, Any]:

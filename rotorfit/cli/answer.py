@@ -1,0 +1,59 @@
+"""What commands other than a fit do with their answer: a folder, JSON or text; errors of the data first."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import sys
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rotorfit.cli.errors import BadInputError, sentence
+from rotorfit.studies.wording import spoken
+
+if TYPE_CHECKING:
+    from rotorfit.data.findings import Finding
+
+
+def give(options: argparse.Namespace, write: Callable[[Path], None], plain: Callable[[], Any], text: str) -> None:
+    """Fill the folder and print, as the options ask.
+
+    Args:
+        options: with ``out``, ``json`` and ``quiet``.
+        write: puts the files into a folder, which moves to its place when they are complete.
+        plain: the answer as JSON has it.
+        text: the answer for people.
+
+    Raises:
+        BadInputError: the folder cannot be written.
+    """
+    from rotorfit.studies.folder import complete_folder
+
+    if options.out is not None:
+        try:
+            with complete_folder(options.out) as folder:
+                write(folder)
+        except OSError as problem:
+            raise BadInputError(sentence(problem)) from problem
+    if options.json:
+        print(json.dumps(plain(), indent=1, allow_nan=False))
+    elif not options.quiet:
+        print(text + (f"\n\nwritten to {options.out}" if options.out else ""))
+
+
+def finite(value: float) -> float | None:
+    """A number as JSON has it, which knows no infinities."""
+    return value if math.isfinite(value) else None
+
+
+def data_errors(findings: Iterable[Sequence[Finding]]) -> str:
+    """What the check of the data calls an error, in words; empty where there is nothing."""
+    found = dict.fromkeys(f.message for several in findings for f in several if f.severity == "error")
+    return f"the check of the data calls these an error: {' '.join(found)}" if found else ""
+
+
+def say(problem: str) -> None:
+    """One sentence on what is wrong, beside the answer."""
+    print(f"rotorfit: {spoken(problem)}", file=sys.stderr)

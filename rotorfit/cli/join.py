@@ -1,0 +1,47 @@
+"""``rotorfit join``: a run without a trial weight and runs with one that stand in several files, as one file."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from rotorfit.cli.arguments import add_files, data_files
+
+DESCRIPTION = "put runs of several files, such as a reference run and runs with a trial weight, into one file"
+
+
+def add_options(to: argparse.ArgumentParser) -> None:
+    """Options of the command."""
+    add_files(to)
+    to.add_argument("--out", type=Path, required=True, metavar="FILE", help="file to write (.csv .uff .nc .mat)")
+    to.add_argument("--quiet", action="store_true", help="do not say what the file holds")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Do what the command line says; returns the exit code."""
+    from rotorfit.cli.errors import DONE, checked
+    from rotorfit.data.experiments import PerturbationTest
+    from rotorfit.data.joined import join_runs
+    from rotorfit.io.files import check_target, read, write
+    from rotorfit.studies.folder import describe_test
+    from rotorfit.studies.study import DataFile, no_progress, read_files
+
+    def joined() -> PerturbationTest:
+        files = []
+        for file in data_files(options):
+            if not isinstance(file, DataFile):
+                raise ValueError(f"{file.paths[0].name} is a recording: make vectors of it first, `rotorfit vectors`")
+            files.append(DataFile(file.path, {**file.options, "difference": False}))
+        tests, _ = read_files(files, no_progress)
+        for test in tests:
+            if not isinstance(test, PerturbationTest):
+                raise ValueError(f"{test.source}: a {test.title} cannot be joined: it has no runs with a force")
+        return join_runs([test for test in tests if isinstance(test, PerturbationTest)], difference=False)
+
+    checked(lambda: check_target(options.out))
+    test = checked(joined)
+    checked(lambda: write(test, options.out))
+    if not options.quiet:
+        whole = checked(lambda: read(options.out))
+        print(f"{describe_test(whole, ())}\n\nwritten to {options.out}")
+    return DONE

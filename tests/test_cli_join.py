@@ -1,0 +1,86 @@
+"""Runs in several files, and data that the check calls an error, from the command line."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from linear_tests import linear_test
+from synthetic import TYPICAL
+
+import rotorfit as rf
+from rotorfit.cli.main import main
+
+
+@pytest.fixture
+def balancing(tmp_path: Path) -> list[Path]:
+    """A reference run and two runs with a trial weight, each in a file of its own, residual unbalance in all."""
+    model = rf.models.TwoDisk()
+    speed = np.linspace(60.0, 420.0, 40)
+    H = model.receptance(model.vector(TYPICAL["two-disk"]), speed, speed)
+    residual = model.force_vector("outboard", speed, 8e-6 * speed**2 * np.exp(0.7j))
+    files = []
+    for name, plane, weight in (("reference", "inboard", 0.0), ("in", "inboard", 2e-5), ("out", "outboard", 2e-5)):
+        force = weight * speed**2 + 0j
+        motion = np.einsum("lij,lj->li", H, model.force_vector(plane, speed, force) + residual)
+        test = rf.perturbation_test(
+            run="1", speed=np.tile(speed, 2), frequency=np.tile(speed, 2), force_plane=plane, force=np.tile(force, 2),
+            plane=np.repeat(model.planes, speed.size), direction="z", response=motion.T.ravel(), sigma=1e-8,
+        )  # fmt: skip
+        files.append(tmp_path / f"{name}.csv")
+        rf.write(test, files[-1])
+    return files
+
+
+def test_joined_files_are_differenced_and_fitted(balancing: list[Path], capsys: pytest.CaptureFixture[str]) -> None:
+    both = balancing[0].parent / "both.csv"
+    assert main(["join", *map(str, balancing), "--out", str(both)]) == 0
+    assert "160 readings in 2 runs" in capsys.readouterr().out
+    fit = rf.fit(rf.models.TwoDisk(), rf.read(both))
+    for name, parameter in fit.params.items():
+        # the readings are exact but for the digits of the file: nothing of the residual unbalance is left in them
+        assert parameter.value == pytest.approx(TYPICAL["two-disk"][name], rel=1e-4), name
+
+
+def test_a_lone_reference_run_is_called_one(balancing: list[Path], capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["info", str(balancing[0])]) == 0
+    said = capsys.readouterr().out
+    assert "warning [reference-run] This is a reference run: no reading has a force" in said
+    assert "rotorfit join REFERENCE TRIAL --out BOTH.csv" in said
+    assert "error" not in said
+    assert main(["fit", str(balancing[0]), "--model", "two-disk"]) == 2
+    assert "every force is zero" in capsys.readouterr().err
+
+
+def test_what_cannot_be_joined_is_said(balancing: list[Path], capsys: pytest.CaptureFixture[str]) -> None:
+    target = str(balancing[0].parent / "both.xyz")
+    assert main(["join", *map(str, balancing), "--out", target]) == 2
+    loads = balancing[0].parent / "loads.csv"
+    capsys.readouterr()
+    assert main(["template", "static-load"]) == 0
+    loads.write_text(capsys.readouterr().out, encoding="utf-8")
+    assert main(["join", str(balancing[0]), str(loads), "--out", str(balancing[0].parent / "both.csv")]) == 2
+    assert "cannot be joined" in capsys.readouterr().err
+
+
+@pytest.fixture
+def misread(tmp_path: Path) -> Path:
+    """A shaker along x whose test does not say so: read as a circular force, it doubles every coefficient."""
+    model = rf.models.OneMode()
+    theta = model.vector(TYPICAL["one-mode"])
+    test = linear_test(model, theta, speed=150.0, frequency=np.linspace(30.0, 400.0, 60), along="x", noise=1e-3)
+    rf.write(replace(test, force_direction=np.full(len(test), "circular")), tmp_path / "shaker.csv")
+    return tmp_path / "shaker.csv"
+
+
+@pytest.mark.parametrize("words", [["campaign"], ["compare-laws", "--clearance-um", "200", "--laws", "constant"]])
+def test_errors_of_the_data_are_said_and_end_with_1(
+    words: list[str], misread: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    command, *rest = words
+    assert main([command, str(misread), "--model", "one-mode", *rest, "--quiet"]) == 1
+    said = capsys.readouterr().err.splitlines()
+    assert said[0].startswith("rotorfit: the check of the data calls these an error: ")
+    assert "force_direction" in said[0]
