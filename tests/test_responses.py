@@ -227,7 +227,7 @@ def test_recordings_from_the_command_line(tmp_path: Path, capsys: pytest.Capture
     ]  # fmt: skip
     capsys.readouterr()
     for words, said in (
-        (["--kind", "impulse"], "kind of recorded test"),
+        (["--kind", "impulses"], "kind of recorded test"),
         (["--kind", "synchronous", "--speed-rpm", "300"], "--speed-rpm takes 2 numbers"),
         (["--kind", "synchronous", "--force", "2"], "--force: recordings of kind synchronous take"),
     ):

@@ -64,7 +64,7 @@ def add_options(to: argparse.ArgumentParser) -> None:
     where = to.add_mutually_exclusive_group(required=True)
     where.add_argument("--out", type=Path, metavar="FILE", help="file to write (.csv .uff .nc .mat)")
     where.add_argument(
-        "--recordings", type=Path, metavar="DIR", help="folder for raw signals in volts: sweeps or start-ups in HDF5"
+        "--recordings", type=Path, metavar="DIR", help="folder for raw signals in volts, in HDF5, and their rig.toml"
     )
     to.add_argument("--quiet", action="store_true", help="do not say what was written")
 
@@ -113,41 +113,45 @@ def _simulated(options: argparse.Namespace) -> Experiment:
     return simulate(model, params, options.kind, noise=options.noise, seed=options.seed, **settings)
 
 
-_RECORDED = {
-    "perturbation": {"speed_rpm": None, "sweep_rpm": 2, "duration": None, "unbalance": 1, "planes": None},
-    "synchronous": {"speed_rpm": 2, "duration": None, "unbalance": 1, "planes": None},
-}
-"""Options of recorded tests by kind, and how many numbers they take where that is fixed."""
+_COUNTS = {
+    ("perturbation", "sweep_rpm"): 2, ("perturbation", "unbalance"): 1, ("dwell", "unbalance"): 1,
+    ("synchronous", "speed_rpm"): 2, ("synchronous", "unbalance"): 1, ("measured-force", "sweep_rpm"): 2,
+    ("measured-force", "speed_rpm"): 1, ("measured-force", "force"): 1, ("release", "load"): 1,
+}  # fmt: skip
+"""How many numbers an option of a recorded test takes, where that is fixed."""
 
 
 def _recorded(options: argparse.Namespace) -> list[Path]:
+    from inspect import signature
+
     from rotorfit.models.parameters import unknown_name
     from rotorfit.simulation.instruments import Instruments
-    from rotorfit.simulation.recordings import simulate_recordings
+    from rotorfit.simulation.recordings import RECORDED, simulate_recordings
 
-    if options.kind not in _RECORDED:
-        raise ValueError(unknown_name("kind of recorded test", options.kind, _RECORDED))
-    allowed, settings = _RECORDED[options.kind], _settings(options)
+    kind = options.kind
+    if kind not in RECORDED:
+        raise ValueError(unknown_name("kind of recorded test", kind, RECORDED))
+    if options.backward:
+        raise ValueError("--backward is for files of vectors; recordings are made forward and backward")
+    known = [name for name in signature(RECORDED[kind]).parameters if name != "rig"]
+    settings = _settings(options)
     instruments = Instruments(sample_rate=settings.pop("sampling_hz", Instruments().sample_rate))
     for name, value in settings.items():
         word = f"--{name.replace('_', '-')}"
-        if name not in allowed:
-            raise ValueError(f"{word}: recordings of kind {options.kind} take {', '.join(allowed)}")
-        count = allowed[name]
+        if name not in known:
+            raise ValueError(f"{word}: recordings of kind {kind} take {', '.join(known)}")
+        count = _COUNTS.get((kind, name))
         if count is not None and len(value) != count:
             raise ValueError(f"{word} takes {count} number{'s' * (count > 1)}, got {len(value)}")
         if count is not None:
             settings[name] = float(value[0]) if count == 1 else tuple(value.tolist())
     params = pairs("--set", options.set, number_word)
-    return simulate_recordings(
-        _model(options),
-        params,
-        options.recordings,
-        options.kind,
-        instruments=instruments,
-        seed=options.seed,
-        **settings,
-    )
+    try:
+        return simulate_recordings(
+            _model(options), params, options.recordings, kind, instruments=instruments, seed=options.seed, **settings
+        )
+    except TypeError as problem:  # an option that the kind needs
+        raise ValueError(str(problem)) from problem
 
 
 def _model(options: argparse.Namespace) -> RotorModel:

@@ -71,8 +71,12 @@ def _loads(block: object) -> bool:
 
 
 def _impulses(block: object) -> bool:
-    """Frequencies and damping of free vibration."""
-    return isinstance(block, FreeVibrations)
+    """Frequencies and damping of free vibration off the centre, of a model with a law of eccentricity."""
+    return (
+        isinstance(block, FreeVibrations)
+        and block.model.eccentricity_dependent
+        and bool((block.eccentricity > 0).any())
+    )
 
 
 _TO_FORCE = "Responses to a unit force. Points: measured. Lines: fit, with its 95 % band."

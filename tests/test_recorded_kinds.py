@@ -1,0 +1,66 @@
+"""Every kind of recorded test from the command line, from a virtual rig to volts and back to the rig by a fit."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+import rotorfit as rf
+from rotorfit.cli.main import main
+from rotorfit.simulation.recordings import RECORDED
+
+VALUES = {"M": 1.2, "K": 8000.0, "Ds": 8.0, "K0": 3000.0, "D": 60.0, "lam": 0.45, "Mf": 0.2}
+"""One mode: a fit of any kind of test takes no time."""
+OPTIONS: dict[str, tuple[list[str], tuple[str, ...]]] = {
+    "perturbation": (["--duration", "6", "--sweep-rpm", "60,3000"], ()),
+    "dwell": (["--duration", "2", "--frequency-rpm", "300,600,800,950,1300,1800"], ()),
+    "measured-force": (["--duration", "6", "--sweep-rpm", "120,3000"], ()),
+    "impulse": (["--speed-rpm", "900,1300"], ("M", "K", "Ds", "Mf")),
+    "hammer": ([], ("M", "K", "Mf")),
+    "release": (["--load", "3", "--speed-rpm", "900,1300"], ("M", "K", "Ds", "Mf")),
+    "static-load": (["--load", "2,4", "--duration", "2"], ("M", "K", "Ds", "Mf", "D")),
+}
+"""Options, and what has to be known beside K for a fit of the recordings alone."""
+
+
+def test_no_kind_is_left_out() -> None:
+    """Start-ups of a two-disk rotor are in the tests of responses."""
+    assert set(OPTIONS) | {"synchronous"} == set(RECORDED)
+
+
+@pytest.mark.parametrize("kind", OPTIONS)
+def test_from_the_virtual_rig_to_volts_and_back(kind: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    words, known = OPTIONS[kind]
+    rotor = [word for name, value in VALUES.items() for word in ("--set", f"{name}={value}")]
+    rig = ["--model", "one-mode", *rotor, "--kind", kind, "--speed-rpm", "1100", "--sampling-hz", "2048", "--seed", "3"]
+    assert main(["simulate", *rig, *words, "--recordings", str(tmp_path / "raw")]) == 0
+    files = [str(path) for path in sorted((tmp_path / "raw").glob("*.h5"))]
+    said = ["--setup", str(tmp_path / "raw" / "rig.toml")]
+    taken = [word for name in (known or ("K", "Mf")) for word in ("--known", f"{name}={VALUES[name]}")]
+    out = tmp_path / "out"
+    assert main(["fit", *files, *said, "--model", "one-mode", *taken, "--out", str(out), "--quiet"]) == 0
+    assert capsys.readouterr().err == ""
+    fit = rf.load_fit(out / "fit.json")
+    assert fit.redchi < 3.0  # blows leave 13 degrees of freedom: once in a thousand above 2.7
+    for name in fit.var_names:
+        assert abs(fit.params[name].value - VALUES[name]) < 4.5 * fit.params[name].stderr, name
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--kind", "dwell"], "needs frequency_rpm"),
+        (["--kind", "static-load"], "needs load"),
+        (["--kind", "release", "--load", "1,2"], "--load takes 1 number, got 2"),
+        (["--kind", "hammer", "--unbalance", "1e-5"], "--unbalance: recordings of kind hammer take speed_rpm, impulse"),
+        (["--kind", "dwell", "--frequency-rpm", "300", "--backward"], "--backward is for files of vectors"),
+    ],
+)
+def test_words_that_do_not_go_together_are_refused(
+    words: list[str], said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    rotor = [word for name, value in VALUES.items() for word in ("--set", f"{name}={value}")]
+    assert main(["simulate", "--model", "one-mode", *rotor, *words, "--recordings", str(tmp_path / "raw")]) == 2
+    assert said in capsys.readouterr().err
+    assert not list(tmp_path.rglob("*.h5"))
