@@ -9,6 +9,8 @@ from rotorfit.fitting.anisotropy import lines_cut_off
 from rotorfit.models import Chain, KnownStructure, Turning, TurningOnSupports
 from rotorfit.models.stability import growth_rate
 from rotorfit.models.turning_on_supports import LINES
+from rotorfit.simulation.shaft import Perturbation
+from rotorfit.simulation.shaft_record import Acquisition, record_shaft
 
 SPEED = 130.0
 MODEL = TurningOnSupports(Turning(Chain(2), ("mass-1", "mass-2")), at="mass-2", terms=5)
@@ -172,3 +174,54 @@ def test_what_makes_no_such_rotor_is_refused_in_words(simulated):
         ValueError, match=r"has the lines z -w; a rotor with a turning element in round supports has z w"
     ):
         rf.fit(MODEL.rotor, test)
+
+
+SETUP = """rotation = "ccw"
+[shaft]
+channel = "keyphasor_shaft"
+[perturbator]
+channel = "keyphasor_perturbator"
+[[probe]]
+plane = "disk"
+channel = "disk_X"
+angle_deg = 0.0
+[[probe]]
+plane = "disk"
+channel = "disk_Y"
+angle_deg = 90.0
+[force]
+plane = "disk"
+"""
+
+
+def test_both_anisotropies_come_from_volts(tmp_path):
+    shaft = rf.models.AnisotropicShaft(torsion=None)
+    truth = {
+        "M": 1.0,
+        "D": 25.0,
+        "K": 4e4,
+        **shaft.components(1500.0, 0.6),
+        "ec": 4e-6,
+        "es": 0.0,
+        "Px": 0.0,
+        "Py": 0.0,
+    }
+    support = 1200.0 * np.exp(2j * 0.3)
+    sweep = Perturbation(mr=2e-5, first=60.0, last=320.0, forward=False, heavy_spot=0.4)
+    path = record_shaft(
+        tmp_path / "sweep.h5", shaft, truth, SPEED, 8.0, perturbation=sweep, support=support,
+        acquisition=Acquisition(sample_rate=1600.0),
+    )  # fmt: skip
+    (tmp_path / "rig.toml").write_text(SETUP)
+    test = rf.shaft_lines(rf.read_recording(path, tmp_path / "rig.toml"), supports=True)
+    rotor = TurningOnSupports(Turning(Chain(1, planes=("disk",))))
+    free = [name for name in ("M1", "K1", "Ds1") if name in rotor.parameter_names]
+    assert len(free) == 3
+    fit = rf.fit(rotor, test, known={"angle_s": None, "dDs": 0.0, "K2": 0.0})
+    expected = {"M1": 1.0, "K1": 4e4, "Ds1": 25.0, "dK_cos": truth["dK_cos"], "dK_sin": truth["dK_sin"]}
+    for name, value in expected.items():
+        assert abs(fit.params[name].value - value) < 4 * fit.params[name].stderr, name
+    found, angle = fit.params["dKs"], fit.params["angle_s"]
+    turned = 0.0 if found.value > 0 else np.pi / 2  # the greater stiffness along one direction, or the lesser across
+    assert abs(abs(found.value) - 2400.0) < 4 * found.stderr
+    assert abs(np.angle(np.exp(2j * (angle.value + turned - 0.3))) / 2) < 4 * angle.stderr

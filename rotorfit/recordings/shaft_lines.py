@@ -25,6 +25,8 @@ from rotorfit.recordings.reduced_record import is_pair, reduce_record
 from rotorfit.recordings.response_rows import time_at
 from rotorfit.recordings.signals import source_of
 
+_OF_SUPPORTS: dict[str, Order] = {"-w": (-1, -2), "w-2Om": (1, -2)}
+"""Lines that supports which differ in two directions make, with their orders (m, n) in turning coordinates."""
 _ORDERS = range(-4, 5)
 """Orders of the shaft taken out of every signal: run-out, unbalance, sag."""
 _INSIDE = 0.02
@@ -67,7 +69,9 @@ class _Swept:
     freedom: float
 
 
-def shaft_lines(records: Recording | Sequence[Recording], *, runout_um: float | None = None) -> LineTest:
+def shaft_lines(
+    records: Recording | Sequence[Recording], *, runout_um: float | None = None, supports: bool = False
+) -> LineTest:
     """Spectral lines of swept perturbation tests, start-ups and shutdowns of a shaft that is not round.
 
     Args:
@@ -76,6 +80,8 @@ def shaft_lines(records: Recording | Sequence[Recording], *, runout_um: float | 
         runout_um: plausible size of the run-out of the shaft at 1x and 2x, micrometres 0-peak. In perturbation tests it
             becomes the error of the lines 1x and 2x, which tell eccentricity and side load; by default these are left
             out. Over the speeds of a start-up run-out is told apart, see ``AnisotropicShaft(runout=True)``.
+        supports: whether to find the lines ``-w`` and ``w-2Om`` of perturbation tests too, which supports that differ
+            in two directions make; for :class:`rotorfit.models.TurningOnSupports`, the twist then left out.
 
     Returns:
         lines ``w`` and ``2Om-w`` of the motion, ``w-Om``, ``w-2Om`` and ``2w-2Om`` of the twist, and of start-ups
@@ -98,7 +104,7 @@ def shaft_lines(records: Recording | Sequence[Recording], *, runout_um: float | 
                 f"{record.name} has the attributes {', '.join(record.attributes) or 'none'}, {several[0].name} has "
                 f"{', '.join(several[0].attributes) or 'none'}: give all recordings the same"
             )
-        own = _start_up(record) if _is_start_up(record) else _lines_of(record, runout_um)
+        own = _start_up(record) if _is_start_up(record) else _lines_of(record, runout_um, supports)
         count = sum(part["run"].size for part in own)
         if runout_um is not None:
             noted.setdefault("runout_um", []).append(np.full(count, runout_um))
@@ -110,16 +116,17 @@ def shaft_lines(records: Recording | Sequence[Recording], *, runout_um: float | 
     return LineTest(source=source_of(several), attributes=attributes, **columns)
 
 
-def _lines_of(record: Recording, runout_um: float | None) -> list[dict[str, NDArray[Any]]]:
+def _lines_of(record: Recording, runout_um: float | None, supports: bool) -> list[dict[str, NDArray[Any]]]:
     swept = _swept(record)
     motion = record.motion(swept.plane)
     if not np.iscomplexobj(motion):
         raise ValueError(f"{record.name}: {swept.plane} has one probe; lines and images need motion in x and in y")
     f, turn = swept.force, swept.turn
-    found = _fit(record, swept, motion, "z", {"w": f, "2Om-w": f.conj() * turn**2})
+    drives = {"w": f, "2Om-w": f.conj() * turn**2}
+    found = _fit(record, swept, motion, "z", drives | ({"-w": f.conj(), "w-2Om": f / turn**2} if supports else {}))
     if runout_um is not None:
         found += [_steady(record, swept, motion, name, runout_um * 1e-6) for name in ("1x", "2x")]
-    if record.rig.twist is not None:
+    if record.rig.twist is not None and not supports:
         whirl = _band_passed(motion, swept)
         drives = {"w-Om": f / turn, "w-2Om": f / turn**2, "2w-2Om": whirl**2 / turn**2}
         # phi = Re(Phi exp(j nu t)) has half of Phi at +nu.
@@ -257,7 +264,7 @@ def _band_passed(motion: ComplexArray, swept: _Swept) -> ComplexArray:
 
 
 def _order_of(direction: str, name: str) -> Order:
-    return (TWIST if direction == "twist" else LATERAL)[name]
+    return (TWIST if direction == "twist" else LATERAL | _OF_SUPPORTS)[name]
 
 
 def _ends(direction: str, name: str, swept: _Swept) -> tuple[float, float]:

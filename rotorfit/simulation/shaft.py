@@ -122,6 +122,7 @@ def shaft_motion(
     force: Callable[[float], complex] | None = None,
     start: tuple[complex, complex, float, float] = (0.0, 0.0, 0.0, 0.0),
     crack: Crack | None = None,
+    support: complex = 0.0,
     tolerance: float = _TOLERANCE,
 ) -> ShaftMotion:
     """Integrate the full equations (physics as in :mod:`rotorfit.models.anisotropic_shaft`) by DOP853.
@@ -134,6 +135,8 @@ def shaft_motion(
         force: force at an instant, N, side load apart.
         start: displacement, velocity, twist and its rate at the first instant.
         crack: a crack that breathes.
+        support: half the difference of the support's stiffnesses in two directions, times ``exp(2jh)``, h the direction
+            of the greater one from x, N/m.
         tolerance: relative and, over a micrometre, absolute error of a step.
 
     Raises:
@@ -146,7 +149,7 @@ def shaft_motion(
     if instants.ndim != 1 or instants.size < 2 or not (np.diff(instants) > 0).all():
         raise ValueError("time must be at least two ascending instants, s")
     motor = speed if isinstance(speed, RunUp) else steady(speed)
-    slope = _equations(model, values, motor, force, crack)
+    slope = _equations(model, values, motor, force, crack, support)
     z, v, phi, rate = start
     begin = np.array([np.real(z), np.imag(z), np.real(v), np.imag(v), phi, rate])
     fast = max(abs(motor.first), abs(motor.last), np.sqrt(values["K"] / values["M"]), values.get("nu_t", 0.0), 1.0)
@@ -169,6 +172,7 @@ def _equations(
     motor: RunUp,
     force: Callable[[float], complex] | None,
     crack: Crack | None,
+    support: complex,
 ) -> Callable[[float, Float], list[float]]:
     p = dict(zip(model.parameter_names, model.vector(values).tolist(), strict=True))
     M, D, K = p["M"], p["D"], p["K"]
@@ -183,7 +187,7 @@ def _equations(
         turn = complex(np.exp(1j * (motor_angle + phi)))
         pull = delta * turn * turn * z.conjugate()
         load = side + (force(t) if force is not None else 0.0)
-        R = M * eps * (motor_speed + rate) ** 2 * turn + load - D * v - K * z - pull
+        R = M * eps * (motor_speed + rate) ** 2 * turn + load - D * v - K * z - pull - support * z.conjugate()
         torque = (delta * (z.conjugate() * turn) ** 2).imag - ct * rate - kt * phi
         if crack is not None:
             axis = turn * complex(np.exp(1j * crack.angle))

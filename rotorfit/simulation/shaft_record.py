@@ -52,6 +52,7 @@ def record_shaft(
     perturbation: Perturbation | None = None,
     acquisition: Acquisition | None = None,
     crack: Crack | None = None,
+    support: complex = 0.0,
     seed: int = 0,
 ) -> Path:
     """Run the virtual shaft and write what its probes see as HDF5, for :func:`rotorfit.read_recording`.
@@ -68,6 +69,7 @@ def record_shaft(
         perturbation: what perturbs it, if anything.
         acquisition: how the signals are taken.
         crack: a crack that breathes.
+        support: what of the support's stiffness differs in two directions, see :func:`shaft_motion`.
         seed: of the noise.
 
     Raises:
@@ -88,7 +90,9 @@ def record_shaft(
     time = np.arange(round(duration * how.sample_rate)) / how.sample_rate
     force = None if perturbation is None else lambda t: complex(perturbation.force(t, duration))
     start = _steady(model, values, motor.first)
-    motion = shaft_motion(model, dict(values), motor, time, force=force, start=start, crack=crack, tolerance=1e-9)
+    motion = shaft_motion(
+        model, dict(values), motor, time, force=force, start=start, crack=crack, support=support, tolerance=1e-9
+    )
     turn = motor.angle(time)
     seen = motion.z + how.runout * np.exp(1j * turn)
     plane = model.planes[0]
