@@ -151,6 +151,10 @@ def contenders(case: Case) -> dict[tuple[str, str], Contender]:
         return engine(start_vector(case.problem, {})[0])
 
     def whole() -> tuple[Float, int | None]:
+        result = rf_fit(space.model, replace(case.test), known=case.known)
+        return result.x, result.nfev
+
+    def again() -> tuple[Float, int | None]:
         result = rf_fit(space.model, case.test, known=case.known)
         return result.x, result.nfev
 
@@ -162,6 +166,7 @@ def contenders(case: Case) -> dict[tuple[str, str], Contender]:
         ("rotorfit engine", "closed form, given"): lambda: engine(closed),
         ("rotorfit engine", "closed form, included"): prepared,
         ("rf.fit, from the experiment to the result", "closed form, included"): whole,
+        ("rf.fit, of an experiment met before", "closed form, included"): again,
     }
 
 
@@ -260,6 +265,9 @@ def report(timings: Sequence[Timing], command: str) -> str:
         "engine with its closed form over lmfit from typical values": ("rotorfit engine", included, "lmfit", guess),
         "the whole of rf.fit over lmfit from typical values": (
             "rf.fit, from the experiment to the result", included, "lmfit", guess,
+        ),
+        "rf.fit of an experiment met before over lmfit from typical values": (
+            "rf.fit, of an experiment met before", included, "lmfit", guess,
         ),
         f"one of {TOGETHER} with NumPy over lmfit from typical values": (
             f"rotorfit, one of {TOGETHER}, NumPy", "closed form, given", "lmfit", guess,

@@ -169,7 +169,10 @@ def _determined(space: ParameterSpace, lumped: Lumped, blocks: list[Responses]) 
     Noise hides the defect: the force balance of a plane that is never forced is homogeneous, and noisy data "solve" it
     with zeros.
     """
-    conditions = [part for b in blocks for part in (b.speed, b.frequency, b.force if not b.imposed else b.coordinate)]
+    conditions = [part for b in blocks for part in (
+        np.unique(b.speed, return_inverse=True)[1], b.speed != 0, b.frequency,
+        b.coordinate if b.imposed else np.round(b.force / np.abs(b.force).max(axis=1, keepdims=True), 6),
+    )]  # fmt: skip
     key = blake2b(b"".join(np.ascontiguousarray(part).tobytes() for part in conditions)).digest()
     if key not in lumped.determined:
         lumped.determined[key] = _is_determined(space, lumped, blocks)

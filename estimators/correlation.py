@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from rotorfit.estimators.run_effects import powers
 from rotorfit.models.array_types import ComplexArray, Float, Index
 
 _LAGS = 12
@@ -55,7 +56,7 @@ def memory(r: ComplexArray, own: ComplexArray, outer: Float, sweeps: Sequence[In
     for lag in range(1, max(1, min(_LAGS, shortest // 3)) + 1):
         same = number[lag:] == number[:-lag]
         product = (along[lag:] * along[:-lag].conj()).real[same]
-        brought = np.einsum("kr,kr->r", moved[:, 2 * lag :], ours[:, : -2 * lag]).reshape(-1, 2).sum(axis=1)
+        brought = powers(moved[:, 2 * lag :], ours[:, : -2 * lag])
         amount = float(product.sum()) + float(brought[same].sum())
         chance = float(np.sqrt(np.sum(product**2)))
         if lag == 1:

@@ -13,6 +13,7 @@ from rotorfit.estimators.identifiability import natural_scales
 from rotorfit.estimators.losses import Loss, robust_weights
 from rotorfit.estimators.nonlinear import responses_of
 from rotorfit.estimators.problem import Problem
+from rotorfit.estimators.run_effects import real_rows
 from rotorfit.models.array_types import ComplexArray, Float
 
 _CHANCE = 0.05  # probability at which a misfit counts as the model's, where the noise itself is known from few data
@@ -77,9 +78,11 @@ def information(problem: Problem, x: Float, r: ComplexArray, J: ComplexArray) ->
         ``R`` with ``R^T R`` the curvature, shape ``(p, p)``, and the scatter of the gradient, None for squares of
         independent errors.
     """
-    bend = float(np.mean(bends(problem.loss, r)))
+    bend = 1.0 if problem.loss == "linear" else float(np.mean(bends(problem.loss, r)))
     prior = prior_curvature(problem, x)
-    rows = np.concatenate([np.sqrt(bend) * np.concatenate([J.real, J.imag]), np.diag(np.sqrt(prior))[prior > 0]])
+    rows = np.sqrt(bend) * real_rows(J).T
+    if prior.any():
+        rows = np.concatenate([rows, np.diag(np.sqrt(prior))[prior > 0]])
     root = np.asarray(np.linalg.qr(rows, mode="r"))
     if problem.loss == "linear":
         return root, _common_scatter(problem, x, J)

@@ -7,7 +7,7 @@ model's graph once for each model and kind of test, and kept: identifying again 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from typing import Any
 
@@ -101,10 +101,18 @@ class Lumped:
         self.size = scale.size
         self._function, self._speeds = graph.function, list(speeds)
         self._rows, self._columns = graph.rows, graph.columns
-        self._kind = self._dependence(scale)
-        self.basis, self.spread, self.offset = _independent(self, scale)
-        self._back = np.linalg.pinv(self.spread)
-        self.determined: dict[bytes, bool] = {}
+        notes = graph.notes.setdefault(tuple(speed != 0 for speed in speeds), {})
+        if "kind" not in notes:
+            notes["kind"] = self._dependence(scale)
+        self._kind: Index = notes["kind"]
+        count = self.place.row.size
+        if notes.get("independent"):  # relations between coefficients do not come and go with the speed
+            self.basis, self.spread, self.offset = np.arange(count), np.eye(count), np.zeros(count)
+        else:
+            self.basis, self.spread, self.offset = _independent(self, scale)
+            notes["independent"] = self.basis.size == count
+        self._back = np.eye(count) if notes["independent"] else np.linalg.pinv(self.spread)
+        self.determined: dict[bytes, bool] = notes.setdefault("determined", {})
 
     def _evaluate(self, x: Float) -> tuple[Float, Float]:
         """Coefficients and their nonzero derivatives, shapes ``(E, ...)``, of vectors of shape ``(p, ...)``."""
@@ -201,12 +209,14 @@ class _Graph:
         function: coefficients, then their nonzero derivatives, of fitted values and speeds.
         rows, columns: coefficient and fitted value of each derivative.
         place: where they enter, ``speed`` being the running number of the speed, -1 for all.
+        notes: what holds at any speeds of the same pattern (which are zero).
     """
 
     function: Callable[[Sequence[Any]], Float]
     rows: Index
     columns: Index
     place: Place
+    notes: dict[Any, Any] = field(default_factory=dict)
 
 
 @lru_cache(maxsize=32)

@@ -47,7 +47,12 @@ class Problem:
         return np.asarray(np.exp(np.asarray(self.factors[number]) @ x[len(self.space.names) :]))
 
     def predict(self, x: Float) -> list[ComplexArray]:
-        """Predicted observations of each block."""
+        """Predicted observations of each block; from the residuals where those are at hand and independent."""
+        key = x.tobytes()
+        if key in self._last and not any(isinstance(block, CorrelatedResponses) for block in self.blocks):
+            stops = np.cumsum([block.measured.size for block in self.blocks])
+            parts = np.split(self._last[key][0], stops[:-1])
+            return [block.measured + r * block.sigma for block, r in zip(self.blocks, parts, strict=True)]
         theta = self.space.theta(x)
         return [block.predict(theta) * self._nuisance_factor(i, x) for i, block in enumerate(self.blocks)]
 
@@ -108,7 +113,10 @@ class Problem:
         group = block.reading_group
         for g, index in enumerate(self.space.index):
             places = np.flatnonzero(index >= 0)
-            if len(self.space.index) == 1:
+            first = int(index[places[0]]) if places.size else 0
+            if len(self.space.index) == 1 and np.array_equal(index[places], np.arange(first, first + places.size)):
+                np.take(by_theta, places, axis=0, out=out[first : first + places.size], mode="clip")
+            elif len(self.space.index) == 1:
                 out[index[places]] = by_theta[places]
             else:
                 rows = np.flatnonzero(group == g)
@@ -164,6 +172,7 @@ class Problem:
         key = x.tobytes()
         if key not in self._last_normal:
             found = self._gauss_newton(x)
+            found[1].flags.writeable = found[2].flags.writeable = False
             self._last_normal.clear()
             self._last_normal[key] = found
         return self._last_normal[key]

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from rotorfit.estimators.run_effects import powers, real_rows
 from rotorfit.models.array_types import ComplexArray, Float, Index
 
 _LEFT = 0.05  # share of a reading's residual that its fit leaves at least, in estimates of its noise
@@ -40,18 +41,24 @@ def line_scatter(r: ComplexArray, J: ComplexArray, covar: Float, line: Index, po
         line: number of the line of each reading: readings of one line may share noise, lines do not.
         power: variance of the whitened noise.
     """
-    moved = J @ covar
-    left = np.maximum(1 - np.einsum("rp,rp->r", moved.conj(), J).real / 2, _LEFT)
-    lines = int(line.max(initial=-1)) + 1
+    ours = real_rows(J)
+    moved = np.asarray(covar.T @ ours)  # both parts of each reading one after the other
+    left = np.maximum(1 - powers(moved, ours) / 2, _LEFT)
+    order = np.argsort(line, kind="stable")
+    starts = np.flatnonzero(np.diff(line[order], prepend=-1))
+    ascending = bool(np.all(np.diff(order) == 1))
+
+    def by_line(parts: Float) -> Float:
+        of_reading = parts[:, ::2] + parts[:, 1::2]
+        return np.add.reduceat(of_reading if ascending else of_reading[:, order], starts, axis=1).T
 
     def gathered(size: Float) -> Float:
-        pull = (moved.conj() * (r / size)[:, None]).real
-        return np.array([np.bincount(line, weights=column, minlength=lines) for column in pull.T]).T
+        return by_line(moved * (r / size).view(float))
 
-    expected = np.array([np.bincount(line, weights=column, minlength=lines) for column in (np.abs(moved) ** 2).T]).T
+    expected = by_line(moved**2)
     total = np.maximum(expected.sum(axis=0), np.finfo(float).tiny)
     chance = np.sqrt(2 * np.sum(expected**2, axis=0)) / total
     found = np.sum(gathered(np.sqrt(left)) ** 2, axis=0) / total / power
-    by_line = gathered(left)
+    scatter = gathered(left)
     safe = np.maximum(chance, np.finfo(float).eps)
-    return LineScatter(covar=by_line.T @ by_line, excess=(found - 1) / safe, freedom=2 / safe**2)
+    return LineScatter(covar=scatter.T @ scatter, excess=(found - 1) / safe, freedom=2 / safe**2)

@@ -20,6 +20,10 @@ def unique_rows(codes: NDArray[Any]) -> tuple[Index, Index]:
     return first, number.reshape(-1)
 
 
+_SPARSE = 4
+"""Keys up to this many times the rows are counted instead of sorted."""
+
+
 def numbers(column: NDArray[Any]) -> Index:
     """Number of each entry among the distinct ones, which follow no order; equal entries that follow one another in
     long stretches, as names of runs do, are compared with their neighbours only.
@@ -50,9 +54,18 @@ def in_order(keys: Index) -> tuple[Index, Index]:
     Args:
         keys: a number for each row.
     """
-    _, first, number = np.unique(keys, return_index=True, return_inverse=True)
-    rank = np.argsort(np.argsort(first))
-    return np.sort(first), rank[number.reshape(-1)]
+    if not keys.size:
+        return keys, keys
+    most = int(keys.max())
+    if most >= _SPARSE * keys.size:
+        _, keys = np.unique(keys, return_inverse=True)
+        keys = keys.reshape(-1)
+        most = int(keys.max())
+    first = np.full(most + 1, keys.size, dtype=np.intp)
+    first[keys[::-1]] = np.arange(keys.size - 1, -1, -1)  # the first one is written last
+    rank = np.empty(most + 1, dtype=np.intp)
+    rank[np.argsort(first, kind="stable")] = np.arange(most + 1)
+    return np.sort(first[first < keys.size]), rank[keys]
 
 
 def combined(*columns: Index) -> Index:

@@ -62,6 +62,17 @@ class MixedModel:
             information=whole[k:-1, k:-1] + np.diag(prior), gradient=whole[k:-1, -1], square=float(whole[-1, -1]),
         )  # fmt: skip
 
+    def louder(self, factor: float, prior: Float) -> MixedModel:
+        """The model under noise that is larger by a factor; the curvature of the priors stays."""
+        if factor == 1:
+            return self
+        less = factor**-2
+        return MixedModel(
+            gram=self.gram * less, cross=self.cross * less, moment=self.moment * less,
+            information=self.information * less + np.diag(prior) * (1 - less), gradient=self.gradient * less,
+            square=self.square * less,
+        )  # fmt: skip
+
     def part(self, kinds: Sequence[int]) -> MixedModel:
         """The model with some of the kinds only."""
         k = list(kinds)
@@ -187,8 +198,8 @@ class Solved:
                 columns = _columns(rows)
                 left[columns] += value @ mine
                 own[:, columns] -= onto.T @ mine
-                leverage[_span(rows)] = _powers(inner @ mine, mine)
-        leverage += _powers(self.outer @ own, own)
+                leverage[_span(rows)] = powers(inner @ mine, mine)
+        leverage += powers(self.outer @ own, own)
         return Rest(residuals=left.view(complex), own=own.view(complex).T, leverage=leverage / 2)
 
 
@@ -216,9 +227,14 @@ def real_rows(columns: ComplexArray) -> Float:
     return np.ascontiguousarray(columns.T).view(float)
 
 
-def _powers(left: Float, right: Float) -> Float:
-    """Sum over rows, and over both parts of each reading, of the products of two arrays of shape ``(k, 2 R)``."""
-    return np.asarray(np.einsum("kr,kr->r", left, right).reshape(-1, 2).sum(axis=1))
+def powers(left: Float, right: Float) -> Float:
+    """Sum over rows, and over both parts of each reading, of products, shape ``(R,)``.
+
+    Args:
+        left, right: as :func:`real_rows` makes them, shape ``(k, 2 R)``.
+    """
+    found = (left * right).sum(axis=0)
+    return np.asarray(found[::2] + found[1::2])
 
 
 def _span(rows: Index) -> slice | Index:
@@ -239,6 +255,16 @@ def _of_run(stacked: Float, rows: Index) -> Float:
     return stacked[:, _columns(rows)]
 
 
+def runs_agree(model: MixedModel, *, level: float) -> bool:
+    """Whether a score test, the kinds tried together, lets all runs agree.
+
+    Args:
+        model: the sums over runs, whitened by the noise within runs.
+        level: probability of denying it where runs do not differ.
+    """
+    return bool(model.score_p_values().min() * model.gram.shape[1] > level)
+
+
 def select_effects(model: MixedModel, *, level: float, forced: Sequence[int] = ()) -> Float:
     """Variances of the kinds of effects that the data ask for, zero for the others, shape ``(k,)``.
 
@@ -257,7 +283,7 @@ def select_effects(model: MixedModel, *, level: float, forced: Sequence[int] = (
     chosen = list(forced)
     if chosen:
         variance[chosen] = _best(model.part(chosen), np.zeros(len(chosen)))
-    if not chosen and model.score_p_values().min() * count > level:
+    if not chosen and runs_agree(model, level=level):
         return variance
     from scipy.special import gammainccinv  # late: loading it takes longer than a fit
 

@@ -25,7 +25,7 @@ from rotorfit.estimators.nonlinear_starts import (
 from rotorfit.estimators.observations import Block, Responses
 from rotorfit.estimators.parameter_space import DATUM, ParameterSpace
 from rotorfit.estimators.problem import Problem
-from rotorfit.estimators.row_keys import unique_rows
+from rotorfit.estimators.row_keys import combined, in_order
 from rotorfit.estimators.shaft_line_starts import has_lines, line_start, round_part, support_starts
 from rotorfit.estimators.short_fits import ShortFits, short_fits
 from rotorfit.models import Modal
@@ -34,6 +34,7 @@ from rotorfit.models.parameters import unknown_name
 
 _PASSES = (2, 4, 6, 8, 12, 16, 24, 32, 64)  # passes after which closed forms are looked at; good data settle in four
 _FEW_READINGS = 1000  # readings that a start takes at least; more with many readings, which tell a worse one apart
+_WORTH = 8  # share of the lines, one in so many, from which a start from some of them is tried first
 _ROBUST_ROUNDS = 8
 _MULTISTARTS = 24
 _ANGLES = 12  # datum angles tried where no model of modes tells it: one is within 15 degrees
@@ -161,15 +162,16 @@ def _few_lines(problem: Problem) -> Problem | None:
     wanted = max(_FEW_READINGS, int(problem.space.size * np.sqrt(problem.n_data)))
     step = problem.n_data // (2 * wanted)
     responses = [block for block in problem.blocks if isinstance(block, Responses)]
-    if step < 2 or problem.factors or len(responses) < len(problem.blocks):
+    turned = any(factor is not None for factor in problem.factors)
+    if step < _WORTH or turned or len(responses) < len(problem.blocks):
         return None
     return replace(problem, blocks=tuple(_every(block, step) for block in responses))
 
 
 def _every(block: Responses, step: int) -> Responses:
     """Every so many lines of each speed, group, force plane and sense of whirl, from one end to the other."""
-    codes = np.column_stack([block.condition[0], np.argmax(np.abs(block.force), axis=1), block.frequency < 0])
-    _, number = unique_rows(codes)
+    plane = np.argmax(np.abs(block.force), axis=1)
+    number = in_order(combined(block.condition[0], plane, (block.frequency < 0).astype(np.intp)))[1]
     order = np.lexsort([block.frequency, number])
     size = np.bincount(number)
     rank = np.arange(order.size) - np.repeat(np.cumsum(size) - size, size)

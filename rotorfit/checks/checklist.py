@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from typing import Any, Literal
-from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +16,7 @@ from rotorfit.checks.scale import peak_to_peak
 from rotorfit.checks.signs import signs, wrong_direction
 from rotorfit.data.experiments import DisplacementTest, Experiment, PerturbationTest, plane_groups
 from rotorfit.data.findings import Finding, listed
+from rotorfit.data.kept import kept
 from rotorfit.data.synchronous import DIFFERENCED
 from rotorfit.data.weights import Influences, weighed
 
@@ -40,13 +40,10 @@ def check(test: Experiment) -> list[Finding]:
         >>> [finding.code for finding in rf.check(rig) if finding.severity == "error"]
         []
     """
-    if test not in _FOUND:
-        _FOUND[test] = tuple(_check(test))
-    return list(_FOUND[test])
-
-
-_FOUND: WeakKeyDictionary[Experiment, tuple[Finding, ...]] = WeakKeyDictionary()
-"""Findings of the experiments in use, which do not change: every fit of the same data asks for them again."""
+    notes = kept(test)
+    if "findings" not in notes:
+        notes["findings"] = tuple(_check(test))
+    return list(notes["findings"])
 
 
 def _check(test: Experiment) -> list[Finding]:

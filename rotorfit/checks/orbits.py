@@ -7,6 +7,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rotorfit.data.experiments import PerturbationTest, Text
 from rotorfit.data.linear_force import probe_pairs, whirl_parts
@@ -45,12 +46,21 @@ class Orbits:
         """Indices by equal values of columns."""
         if names not in self._groups:
             columns = [getattr(self, name) for name in names]
-            first, number = in_order(combined(*[numbers(column) for column in columns]))
+            first, number = in_order(combined(*[self._numbers(name) for name in names]))
             keys = zip(*[column[first].tolist() for column in columns], strict=True)
             order = np.argsort(number, kind="stable")
             parts = np.split(order, np.cumsum(np.bincount(number, minlength=first.size))[:-1])
             self._groups[names] = list(zip(keys, parts, strict=True)) if first.size else []
         return self._groups[names]
+
+    def _numbers(self, name: str) -> Index:
+        if name not in self._codes:
+            self._codes[name] = numbers(getattr(self, name))
+        return self._codes[name]
+
+    @cached_property
+    def _codes(self) -> dict[str, Index]:
+        return {}
 
     @cached_property
     def _groups(self) -> dict[tuple[str, ...], list[tuple[tuple[Any, ...], Index]]]:
@@ -135,3 +145,12 @@ def complete_matrices(orbits: Orbits, at: Index) -> tuple[list[str], Float, Inde
     found[number.reshape(-1)[some], (row * n + column)[some]] = at[some]
     whole = (found >= 0).all(axis=1)
     return planes, w[whole], found[whole]
+
+
+def invertible(matrices: ComplexArray) -> NDArray[np.bool_]:
+    """Which of many matrices, shape ``(N, n, n)``, are finite and far from singular."""
+    found = np.asarray(np.isfinite(matrices).all(axis=(1, 2)))
+    if matrices.shape[-1] == 1:
+        return np.asarray(found & (matrices[:, 0, 0] != 0))
+    found[found] = np.linalg.cond(matrices[found]) < 1 / np.sqrt(np.finfo(float).eps)
+    return found

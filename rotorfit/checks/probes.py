@@ -15,7 +15,7 @@ from itertools import islice
 import numpy as np
 from numpy.typing import NDArray
 
-from rotorfit.checks.orbits import ENOUGH, Orbits, complete_matrices
+from rotorfit.checks.orbits import ENOUGH, Orbits, complete_matrices, invertible
 from rotorfit.data.findings import Finding, listed
 from rotorfit.estimators.noise import noise_from_smoothness
 from rotorfit.estimators.row_keys import combined, in_order, numbers
@@ -350,8 +350,7 @@ def _inertia(
     if w.size < ENOUGH:
         return
     H = (amplitude[index] / orbits.force[index]).reshape(w.size, len(planes), len(planes))
-    regular = np.asarray(np.isfinite(H).all(axis=(1, 2)))
-    regular[regular] = np.linalg.cond(H[regular]) < 1 / np.sqrt(np.finfo(float).eps)
+    regular = invertible(H)
     if regular.sum() < ENOUGH:
         return
     some = np.flatnonzero(regular)[:: max(1, int(regular.sum()) // MOST_LINES)]

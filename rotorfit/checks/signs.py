@@ -79,10 +79,12 @@ def signs(orbits: Orbits) -> Iterator[Finding]:
     at = np.flatnonzero((orbits.plane == orbits.force_plane) & (np.abs(orbits.right) > 0))
     kappa = np.zeros(orbits.right.size, dtype=complex)
     kappa[at] = orbits.force[at] / orbits.right[at]
-    drives = [group[np.isin(group, at)] for _, group in orbits.groups("run", "plane", "force_plane")]
-    conjugated = [group for group in drives if _dissipates(orbits, kappa, group) < 0]
-    if all(_dissipates(orbits, kappa, group) == 0 for group in drives):
-        sweeps = [group[np.isin(group, at)] for _, group in orbits.groups("plane", "force_plane", "speed")]
+    driven = kappa != 0
+    drives = [group[driven[group]] for _, group in orbits.groups("run", "plane", "force_plane")]
+    signs = [_dissipates(orbits, kappa, group) for group in drives]
+    conjugated = [group for group, sign in zip(drives, signs, strict=True) if sign < 0]
+    if not any(signs):
+        sweeps = [group[driven[group]] for _, group in orbits.groups("plane", "force_plane", "speed")]
         conjugated = [group for group in sweeps if _falls(orbits, kappa, group)]
     if not conjugated:
         yield from _reversed(orbits, kappa, at)
@@ -128,12 +130,10 @@ def _reversed(orbits: Orbits, kappa: ComplexArray, at: Index) -> Iterator[Findin
     ratio = orbits.frequency[at] / np.where(orbits.speed[at] == 0, np.nan, np.abs(orbits.speed[at]))
     backward = [at[(ratio < 0) & (ratio > -limit)] for limit in SLOW]
     scores = [(_established(power[some]), some) for some in backward]
-    drive = np.zeros(orbits.right.size, dtype=bool)
-    drive[at] = True
-    groups = [some[drive[some]] for _, some in orbits.groups("plane", "force_plane", "speed")]
+    groups = [some[kappa[some] != 0] for _, some in orbits.groups("plane", "force_plane", "speed")]
     pairs = np.concatenate([mirrored(orbits, some) for some in groups])
-    slow = np.abs(orbits.frequency[pairs[:, 0]]) / np.where(orbits.speed[pairs[:, 0]] == 0, np.nan,
-                                                            np.abs(orbits.speed[pairs[:, 0]]))  # fmt: skip
+    speed = np.abs(orbits.speed[pairs[:, 0]])
+    slow = np.abs(orbits.frequency[pairs[:, 0]]) / np.where(speed == 0, np.nan, speed)
     scores += [_even_quadrature(orbits, kappa, pairs[slow < limit]) for limit in SLOW]
     score, hit = max(scores, key=lambda pair: pair[0])
     if score > CERTAIN:

@@ -26,7 +26,7 @@ from rotorfit.fitting.quantities import FittedParameter, ResponseQuality
 from rotorfit.fitting.result import FitResult
 from rotorfit.fitting.settings import FitSettings
 from rotorfit.models import BLOCKS, Modal, RotorModel
-from rotorfit.models.array_types import Float
+from rotorfit.models.array_types import Float, Index
 from rotorfit.models.parameters import bare_name
 from rotorfit.models.stability import growth_rate
 from rotorfit.units import RPM_PER_RAD_S
@@ -275,18 +275,20 @@ def _instability(problem: Problem, x: Float) -> list[str]:
 def _qualities(problem: Problem, x: Float) -> tuple[ResponseQuality, ...]:
     result = []
     for block, predicted in zip(problem.blocks, problem.predict(x), strict=True):
-        for number, name in enumerate(block.labels):
-            rows = block.label == number
-            measured, model, sigma = block.measured[rows], predicted[rows], block.sigma[rows]
-            miss = np.abs(model - measured) ** 2
-            power = float(np.sum(np.abs(measured) ** 2)) * float(np.sum(np.abs(model) ** 2))
-            result.append(
-                ResponseQuality(
-                    name=name,
-                    nrmse=float(np.sqrt(miss.sum() / max(np.sum(np.abs(measured) ** 2), 1e-300))),
-                    frac=float(np.abs(np.vdot(model, measured)) ** 2 / power) if power > 0 else 0.0,
-                    redchi=float(np.mean(miss / sigma**2) / 2),
-                    count=int(rows.sum()),
-                )
-            )
+        label, size = block.label, len(block.labels)
+        miss = np.abs(predicted - block.measured) ** 2
+        product = predicted.conj() * block.measured
+
+        def total(values: Float, label: Index = label, size: int = size) -> Float:
+            return np.asarray(np.bincount(label, weights=values, minlength=size), dtype=float)
+
+        count = np.bincount(label, minlength=size)
+        missed, power = total(miss), total(np.abs(block.measured) ** 2)
+        both = power * total(np.abs(predicted) ** 2)
+        common = total(product.real) ** 2 + total(product.imag) ** 2
+        fraction = np.divide(common, both, out=np.zeros(size), where=both > 0)
+        nrmse = np.sqrt(missed / np.maximum(power, 1e-300))
+        redchi = total(miss / block.sigma**2) / count / 2
+        columns = zip(block.labels, nrmse.tolist(), fraction.tolist(), redchi.tolist(), count.tolist(), strict=True)
+        result += [ResponseQuality(name=n, nrmse=e, frac=f, redchi=c, count=k) for n, e, f, c, k in columns]
     return tuple(result)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -12,7 +13,8 @@ from rotorfit.estimators.correlation import Memory, memory
 from rotorfit.estimators.noise_levels import Shape, fit_probes, likelihood
 from rotorfit.estimators.nonlinear import responses_of
 from rotorfit.estimators.problem import Problem
-from rotorfit.estimators.run_effects import MixedModel, Solved, select_effects
+from rotorfit.estimators.row_keys import in_order, numbers
+from rotorfit.estimators.run_effects import MixedModel, Solved, runs_agree, select_effects
 from rotorfit.estimators.sweeps import force_plane, sweeps_of
 from rotorfit.fitting.noise_record import NoiseVerdict
 from rotorfit.models.array_types import ComplexArray, Float, Index
@@ -28,6 +30,8 @@ _GAIN = 12.0
 _AGREES = 1.5
 """Squared residuals over those of the noise up to which the two are of one size."""
 RESPONSE, SPEED = "of the response", "of the speed, as it moves the response"
+_SAME = 1e-9
+"""Relative change of the noise that changes nothing."""
 _MOST_RUNS = 200
 _FEWEST = 3  # readings of a run that can tell something of it
 _FLUID = ("K0", "D", "lam", "lam_D")
@@ -67,7 +71,12 @@ class Residuals:
         """All sweeps."""
         return [sweep for sweeps in self.channels for sweep in sweeps]
 
-    @property
+    @cached_property
+    def sums(self) -> MixedModel:
+        """Sums over runs for all kinds of effects, under the noise of the data."""
+        return MixedModel.of(self.r, self.J, self.Z, self.rows, self.prior)
+
+    @cached_property
     def along(self) -> dict[str, Float]:
         """Squares of what noise may grow with: the response, as by a force that jitters, or its change by the speed."""
         found = {RESPONSE: np.asarray(np.abs(self.y) ** 2)}
@@ -107,16 +116,18 @@ def residuals_of(problem: Problem, x: Float) -> Residuals | None:
     r, J = problem.jacobian(x)
     offsets = offset_entries(problem)
     sigma = np.concatenate([block.sigma for block in problem.blocks])
-    y = np.concatenate(problem.predict(x))
+    y = np.concatenate([block.measured for block in problem.blocks]) + r * sigma
     prior = np.zeros(x.size)
     for one in problem.priors:
         prior[one.entry] += one.terms(float(x[one.entry]))[2]
     channels = channels_of(problem)
     name = np.concatenate([block.run for block in problem.blocks])
-    runs = tuple(dict.fromkeys(name.tolist()))
+    first, number = in_order(numbers(name))
+    runs = tuple(name[first].tolist())
     if not 2 <= len(runs) <= _MOST_RUNS:
         runs = ()
-    rows = [np.flatnonzero(name == run) for run in runs]
+    order, ends = np.argsort(number, kind="stable"), np.cumsum(np.bincount(number))
+    rows = np.split(order, ends[:-1]) if runs else []
     if any(own.size < _FEWEST for own in rows):
         runs, rows = (), []
     kinds, Z = _effects(problem, x, y / sigma, J) if runs else ((), np.zeros((r.size, 0), dtype=complex))
@@ -197,13 +208,13 @@ def _effects(problem: Problem, x: Float, y: ComplexArray, J: ComplexArray) -> tu
             columns["run_lam" if base == "lam_D" else f"run_{base}"] = J[:, entries] @ x[entries]
     if {"run_K0", "run_D"} <= set(columns):
         columns["run_fluid"] = columns["run_K0"] + columns["run_D"]
-    return tuple(columns), np.column_stack(list(columns.values()))
+    return tuple(columns), np.array(list(columns.values())).T
 
 
 def _leave(data: Residuals, sigma: Float, kinds: Sequence[int], variance: Float) -> _Left:
     scale = sigma / data.sigma
     r, J, Z = data.r / scale, data.J / scale[:, None], data.Z[:, list(kinds)] / scale[:, None]
-    solved = MixedModel.of(r, J, Z, data.rows, data.prior).solve(variance)
+    solved = _model(data, sigma).part(kinds).solve(variance)
     rest = solved.rest(r, J, Z, data.rows)
     # A reading that alone determines something has no residual to judge by.
     weight = np.clip(1 - rest.leverage, 0.02, 1.0)
@@ -238,7 +249,6 @@ class Search:
         shapes, sigma: noise of the residuals, and of each reading as it is to be taken.
         variance: of the effects of runs, by kind, zero where runs do not differ.
         freedom: degrees of freedom of those that are not zero.
-        left: residuals in units of the noise.
         solved: estimates with that noise and these effects.
         weight: one less the leverage of each reading.
     """
@@ -250,7 +260,6 @@ class Search:
     sigma: Float
     variance: Float
     freedom: Float
-    left: ComplexArray
     solved: Solved
     weight: Float
 
@@ -267,20 +276,20 @@ def search_noise(data: Residuals, *, forced: Sequence[int] = ()) -> Search:
         data: the fit about its optimum.
         forced: kinds of effects of runs that are to be taken in any case.
     """
-    variance = np.zeros(len(data.kinds))
-    if data.kinds:
-        within = _leave(data, data.sigma, range(data.free), np.full(data.free, np.inf))
-        sigma = _taken(data, within)
-        slow = _slow(data, within, sigma)
-        if slow == 1 or within.redchi(data.sigma) < _AGREES:  # else the model misses within every run
-            variance = select_effects(_model(data, sigma * slow), level=_SURE, forced=forced)
+    variance = _between_runs(data, forced)
     chosen = np.flatnonzero(variance).tolist()
     found = _leave(data, data.sigma, chosen, variance[chosen])
-    for _ in range(2):
-        sigma = _taken(data, found)
-        found = _leave(data, sigma, chosen, variance[chosen])
-    shapes, other = ([], sigma) if data.told else _shapes(data, found, data.along)
+    sigma = data.sigma
+    shapes, other = _own_noise(data, found)
     remembered = memory(found.left, found.own, found.solved.outer, data.sweeps)
+    if chosen or not _plainly(data, found, shapes, remembered):
+        for _ in range(2):
+            before, sigma = sigma, _taken(data, found)
+            if np.allclose(sigma, before, rtol=_SAME, atol=0):
+                break
+            found = _leave(data, sigma, chosen, variance[chosen])
+        shapes, other = _own_noise(data, found)
+        remembered = memory(found.left, found.own, found.solved.outer, data.sweeps)
     follows = remembered.first > _SHORT and remembered.z > _CLEARLY
     ratio = found.redchi(data.sigma)
     known = data.told or _explains(data, found, shapes)
@@ -301,8 +310,38 @@ def search_noise(data: Residuals, *, forced: Sequence[int] = ()) -> Search:
     freedom = _model(data, other).part(chosen).freedom(variance[chosen]) if chosen else np.zeros(0)
     return Search(
         data=data, verdict=verdict, memory=remembered, shapes=shapes, sigma=other, variance=variance, freedom=freedom,
-        left=found.left, solved=found.solved, weight=found.weight,
+        solved=found.solved, weight=found.weight,
     )  # fmt: skip
+
+
+def _between_runs(data: Residuals, forced: Sequence[int]) -> Float:
+    """Variances of the effects of runs, zero where runs agree."""
+    variance = np.zeros(len(data.kinds))
+    # Noise that was told is only ever taken larger, under which runs agree all the more.
+    if not data.kinds or (data.told and not forced and runs_agree(data.sums, level=_SURE)):
+        return variance
+    within = _leave(data, data.sigma, range(data.free), np.full(data.free, np.inf))
+    sigma = _taken(data, within)
+    slow = _slow(data, within, sigma)
+    if slow > 1 and within.redchi(data.sigma) >= _AGREES:
+        return variance  # the model misses within every run
+    return select_effects(_model(data, sigma * slow), level=_SURE, forced=forced)
+
+
+def _own_noise(data: Residuals, found: _Left) -> tuple[list[Shape], Float]:
+    """Noise by the residuals, where none was told."""
+    return ([], data.sigma) if data.told else _shapes(data, found, data.along)
+
+
+def _plainly(data: Residuals, found: _Left, shapes: Sequence[Shape], remembered: Memory) -> bool:
+    """Whether residuals are the noise of the data within half of every limit: weighing them anew would change nothing.
+
+    Noise that was told, without priors, is weighed anew by one factor only.
+    """
+    if data.told:
+        return not data.prior.any()
+    short = remembered.first < _SHORT / 2 or remembered.z < _CLEARLY / 2
+    return short and _explains(data, found, shapes, _GAIN / 2)
 
 
 def _taken(data: Residuals, found: _Left) -> Float:
@@ -321,10 +360,12 @@ def _slow(data: Residuals, within: _Left, sigma: Float) -> float:
 
 def _model(data: Residuals, sigma: Float) -> MixedModel:
     scale = sigma / data.sigma
+    if np.ptp(scale) <= _SAME * scale[0]:
+        return data.sums.louder(float(scale[0]), data.prior)
     return MixedModel.of(data.r / scale, data.J / scale[:, None], data.Z / scale[:, None], data.rows, data.prior)
 
 
-def _explains(data: Residuals, found: _Left, shapes: Sequence[Shape]) -> bool:
-    """Whether the residuals are as likely under the noise of the data as under one of their own."""
+def _explains(data: Residuals, found: _Left, shapes: Sequence[Shape], gain: float = _GAIN) -> bool:
+    """Whether the residuals are as likely under the noise of the data as under one of their own, up to a gain."""
     now = sum(shape.log_likelihood for shape in shapes)
-    return 2 * (now - likelihood(found.power, found.weight, data.sigma**2)) < _GAIN * len(data.channels)
+    return 2 * (now - likelihood(found.power, found.weight, data.sigma**2)) < gain * len(data.channels)

@@ -3,17 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rotorfit.data.experiments import DisplacementTest, Experiment, PerturbationTest
+from rotorfit.data.kept import kept
 from rotorfit.data.linear_force import whirl_parts
 from rotorfit.estimators.observations import Responses
 from rotorfit.estimators.row_keys import combined, in_order, numbers
 from rotorfit.estimators.sweep_noise import estimate_noise
 from rotorfit.models import RotorModel
 from rotorfit.models.array_types import ComplexArray, Float, Index
+
+_MOST_KEPT = 100_000
+"""Rows up to which the observations of an experiment are kept for the next fit."""
 
 
 def observe(model: RotorModel, experiment: Experiment, group: Index) -> Responses:
@@ -30,10 +35,25 @@ def observe(model: RotorModel, experiment: Experiment, group: Index) -> Response
     Raises:
         ValueError: planes or directions that the model does not have, or readings that are not finite.
     """
+    if not isinstance(experiment, DisplacementTest | PerturbationTest):
+        raise TypeError(f"{type(experiment).__name__} has no responses")
+    if len(experiment) > _MOST_KEPT:
+        return _observe(model, experiment, group)
+    notes, key = kept(experiment), ("responses", model.frame, model.coordinates, model.planes, group.tobytes())
+    if key not in notes:
+        block = _observe(model, experiment, group)
+        for values in (block.measured, block.sigma, block.force):
+            values.flags.writeable = False
+        notes[key] = block
+    found: Responses = notes[key]
+    if found.model is not model:
+        found = notes[key] = replace(found, model=model)
+    return found
+
+
+def _observe(model: RotorModel, experiment: DisplacementTest | PerturbationTest, group: Index) -> Responses:
     if isinstance(experiment, DisplacementTest):
         return _observe_displacement(model, experiment, group)
-    if not isinstance(experiment, PerturbationTest):
-        raise TypeError(f"{type(experiment).__name__} has no responses")
     _check_finite(experiment)
     _check_planes(model, experiment)
     if model.frame != "z":
