@@ -141,3 +141,9 @@ def test_what_has_no_mark_and_is_not_steady_is_refused(tmp_path: Path) -> None:
         rf.responses(unmarked(tmp_path, 31.0, wander=0.6))
     with pytest.raises(ValueError, match=r"too short to tell|dwells closer to an order|stands out"):
         rf.responses(unmarked(tmp_path, 20.02))
+
+
+def test_a_recording_that_says_nothing_of_its_perturbator_is_told_what_to_say(tmp_path: Path) -> None:
+    record = unmarked(tmp_path, 33.2)
+    with pytest.raises(ValueError, match=r"the shaft keeps its speed, 1200 rpm, .* steady = true where it has no mark"):
+        rf.responses(rf.read_recording(record.path))

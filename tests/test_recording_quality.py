@@ -72,6 +72,19 @@ def test_mains_hum_is_said_with_its_frequency(tmp_path: Path) -> None:
     assert "50 Hz, seen in disk_X, disk_Y with up to 1" in found["hum"]
 
 
+def test_hum_at_the_speed_of_the_shaft_is_said_not_to_be_told_apart(tmp_path: Path) -> None:
+    """A shaft of 3000 rpm: its own motion stands at 50 Hz, with hum or without."""
+    t = np.arange(round(4.0 * RATE)) / RATE
+    turned = 2 * np.pi * 50.0 * t + 0.9
+    channels = volts()
+    z = 30e-6 * np.exp(1j * turned)
+    channels |= {"disk_X": -10 + 7870 * z.real, "disk_Y": -10 + 7870 * z.imag, "keyphasor_shaft": notch(turned)}
+    found = rf.read_recording(write_hdf5(tmp_path / "run.h5", channels, {**ATTRIBUTES, "speed_rpm": 3000.0})).findings
+    said = {finding.code: finding.message for finding in found}
+    assert "hum" not in said
+    assert "the shaft turns at 50 Hz, where mains hum would stand too" in said["hum-on-order"]
+
+
 def test_an_order_above_half_the_sampling_rate_is_named_where_it_folds_to(tmp_path: Path) -> None:
     """Sampled at 800 Hz, order 25 of a shaft at 20.3 Hz, 507.5 Hz, appears at 292.5 Hz."""
     rate, turning = 800.0, 20.3

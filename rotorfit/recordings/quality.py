@@ -161,7 +161,7 @@ def _spread(record: Signals) -> Iterator[tuple[int, int]]:
 
 
 def hum_findings(record: Signals, shaft: AngleTrack | None) -> Iterator[Finding]:
-    """Mains hum in the probes, where no order of the shaft lies on it.
+    """Mains hum in the probes, and where the shaft's own speed lies on it so that nobody could tell.
 
     Args:
         record: the recording.
@@ -170,14 +170,23 @@ def hum_findings(record: Signals, shaft: AngleTrack | None) -> Iterator[Finding]
     size = min(record.size, _LOOKED_AT)
     span = np.linspace(0, size / record.sample_rate, 50)
     speeds = shaft.speed(span) / (2 * np.pi) if shaft is not None else np.zeros(0)
+    speeds, margin = speeds[speeds > 0], 3 * record.sample_rate / size
     lines: dict[float, list[tuple[str, float]]] = {}
+    hidden: dict[float, list[str]] = {}
     for probe in record.probes:
         for frequency, amplitude in mains_hum(record.displacement(probe, 0, size), record.sample_rate):
-            margin = 3 * record.sample_rate / size
-            orders = frequency / speeds[speeds > 0]
-            near = np.abs(orders - np.round(orders)) * speeds[speeds > 0] < margin
-            if not (near & (np.round(orders) <= 10)).any():
+            orders = np.round(frequency / speeds)
+            near = (np.abs(frequency - orders * speeds) < margin) & (orders <= 10)
+            if not near.any():
                 lines.setdefault(round(frequency, 1), []).append((probe.channel, amplitude))
+            elif near.all() and (orders == 1).all():
+                hidden.setdefault(float(round(frequency)), []).append(probe.channel)
+    for frequency, channels in sorted(hidden.items()):
+        yield Finding(
+            "note", "hum-on-order",
+            f"{record.name}: the shaft turns at {frequency:g} Hz, where mains hum would stand too: what of the 1x in "
+            f"{listed(channels)} is hum cannot be told. Record at another speed, or with the shaft at rest.",
+        )  # fmt: skip
     for frequency, seen in sorted(lines.items()):
         worst = max(amplitude for _, amplitude in seen)
         yield Finding(

@@ -206,7 +206,10 @@ def reduced_times(
         speed = shaft.speed(np.linspace(begin, end, 20_001))
         reach = [n * float(speed.max()) for n in range(1, ORDERS + 1) if n * speed.min() < 1.1 * fastest]
         top = max([top, *reach])
-    reduced = ReducedRate.for_band(1.02 * top / (2 * np.pi), record.sample_rate, record.size)
+    try:
+        reduced = ReducedRate.for_band(1.02 * top / (2 * np.pi), record.sample_rate, record.size)
+    except ValueError as problem:
+        raise ValueError(f"{record.name}: {problem}") from problem
     inside = np.flatnonzero((reduced.time >= begin) & (reduced.time <= end))
     if inside.size < 32:
         raise ValueError(f"{record.name}: the pulses leave {max(end - begin, 0):.3g} s of the recording, too little")

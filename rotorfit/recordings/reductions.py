@@ -12,12 +12,14 @@ from numpy.typing import NDArray
 from rotorfit.data.experiments import PerturbationTest
 from rotorfit.data.findings import Finding
 from rotorfit.data.synchronous import DIFFERENCED
-from rotorfit.estimators.local_response import LocalResponse, local_response
+from rotorfit.estimators.dwells import ONE_SPEED
+from rotorfit.estimators.local_response import LocalResponse, RecordSpectra, local_response
 from rotorfit.recordings.dwell_responses import dwell_responses, dwells_of
 from rotorfit.recordings.measured_force import clear_of_noise, reduce_measured
 from rotorfit.recordings.reduced_record import ReducedRecord, reduce_record
 from rotorfit.recordings.response_rows import apart_from_orders, readings, rows, time_at
 from rotorfit.recordings.window_responses import window_responses
+from rotorfit.units import RPM_PER_RAD_S
 
 if TYPE_CHECKING:
     from rotorfit.recordings.angle_track import AngleTrack
@@ -91,7 +93,7 @@ def _sweep(reduced: ReducedRecord, report: Report) -> PerturbationTest:
     record = reduced.record
     force, drive = force_of(record), _drive(record)
     weight = np.array([force.mr * np.exp(1j * force.angle)])
-    found = local_response([reduced.without_orders().spectra(weight, reduced.orders())], *reduced.band)
+    found = _estimated([record], [reduced.without_orders().spectra(weight, reduced.orders())], *reduced.band)
     w = found.frequency
     return rows(
         readings(record, force.whirl, found, np.abs(found.response[0]) * drive.stderr(time_at(reduced, w))),
@@ -114,7 +116,7 @@ def _measured(record: Recording, report: Report) -> PerturbationTest:
     reduced, direction, density = reduce_measured(record)
     noise = density * reduced.time.size / reduced.rate  # of a line of the spectrum
     spectra = reduced.without_orders().spectra(np.ones(1, dtype=complex), reduced.orders())
-    found = local_response([replace(spectra, force_noise=noise)], *reduced.band)
+    found = _estimated([record], [replace(spectra, force_noise=noise)], *reduced.band)
     clear = _clear(reduced, found, 0, report) & clear_of_noise(found, reduced, noise)
     if not clear.any():
         raise ValueError(f"{record.name}: the measured force does not stand out of the noise of its channels")
@@ -130,6 +132,16 @@ def _measured(record: Recording, report: Report) -> PerturbationTest:
         attributes=record.attributes,
         force_direction=direction,
     )
+
+
+def _estimated(
+    records: Sequence[Recording], spectra: Sequence[RecordSpectra], low: float, high: float
+) -> LocalResponse:
+    """Local responses; what is wrong is said with the names of the recordings."""
+    try:
+        return local_response(spectra, low, high)
+    except ValueError as problem:
+        raise ValueError(f"{', '.join(record.name for record in records)}: {problem}") from problem
 
 
 def _clear(reduced: ReducedRecord, found: LocalResponse, power: int, report: Report) -> NDArray[np.bool_]:
@@ -176,6 +188,13 @@ def _start_ups(records: Sequence[Recording], report: Report) -> PerturbationTest
     """Start-ups with the weight in one plane: the response to it, apart from what all of them share."""
     forces = [force_of(record) for record in records]
     reduced = [reduce_record(record, record.shaft_angle(), 1) for record in records]
+    for record, each in zip(records, reduced, strict=True):
+        if np.ptp(each.drive_speed) <= ONE_SPEED * each.drive_speed.mean():
+            raise ValueError(
+                f"{record.name}: the shaft keeps its speed, {each.drive_speed.mean() * RPM_PER_RAD_S:.0f} rpm, so this "
+                "is no start-up. If a perturbator drives the rotor, name its channel in [perturbator], or say steady = "
+                "true where it has no mark; vectors at one speed: turns = 24 (--windows 24)"
+            )
     weights = np.array([force.mr * np.exp(1j * force.angle) for force in forces])
     differenced = np.ptp(weights.real) + np.ptp(weights.imag) > 1e-6 * np.abs(weights).max()
     if not differenced:
@@ -189,7 +208,7 @@ def _start_ups(records: Sequence[Recording], report: Report) -> PerturbationTest
     spectra = [r.spectra(drive, r.orders(2)) for r, drive in zip(reduced, drives, strict=True)]
     low = max(r.band[0] for r in reduced)
     high = min(r.band[1] for r in reduced)
-    found = local_response(spectra, low, high)
+    found = _estimated(records, spectra, low, high)
     w = found.frequency
     reference = weights[np.argmax(np.abs(weights))]
     # a shaft angle that is off turns all of a record's motion, that of the residual unbalance too
