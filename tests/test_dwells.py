@@ -11,6 +11,7 @@ import pytest
 from recorded import ATTRIBUTES, RATE, notch, shaft_angle, write_hdf5
 
 import rotorfit as rf
+from rotorfit.cli.main import main
 from rotorfit.estimators.dwells import dwells
 from rotorfit.simulation.turning_speeds import Dwells, Sweep
 
@@ -100,6 +101,14 @@ def test_recordings_whose_worker_was_lost_are_reduced_again(
     assert pool.attempts == (4 + 2 if losses == 2 else 3 * 4)
     assert again.run.tolist() == test_of_dwells.run.tolist()
     np.testing.assert_array_equal(again.response, test_of_dwells.response)
+
+
+def test_files_are_reduced_in_processes_from_the_command_line(stepped: list[rf.Recording], tmp_path: Path) -> None:
+    files = [str(record.path) for record in stepped[:2]]
+    for jobs in ("1", "2"):
+        assert main(["vectors", *files, "--jobs", jobs, "--out", str(tmp_path / f"{jobs}.csv"), "--quiet"]) == 0
+    assert (tmp_path / "1.csv").read_text() == (tmp_path / "2.csv").read_text()
+    assert main(["vectors", *files, "--jobs", "0", "--out", str(tmp_path / "0.csv"), "--quiet"]) == 2
 
 
 # ---- without a mark ----
