@@ -109,6 +109,14 @@ def test_figures_are_pictures_of_some_size(draw: Run, tmp_path: Path) -> None:
         assert len(np.unique(colours)) > 10
 
 
+def test_no_figures_leaves_tables_and_the_report(draw: Run, tmp_path: Path) -> None:
+    assert draw(*FIT, "--out", tmp_path, "--quiet", "--no-figures") == (0, "", "")
+    assert {file.name for file in tmp_path.iterdir()} == TABLES | WHOLE
+    report = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert "<img" not in report
+    assert "damped frequency, rpm" in report
+
+
 def test_json_is_the_python_result(run: Run) -> None:
     code, out, _ = run(*FIT, "--json")
     answer = json.loads(out)

@@ -33,6 +33,14 @@ def add_figure_format(to: argparse.ArgumentParser) -> None:
     )
 
 
+def add_no_figures(to: argparse.ArgumentParser) -> None:
+    """Leave figures out."""
+    to.add_argument(
+        "--no-figures", dest="figure_format", action="store_const", const="none",
+        help="no figures in --out: tables, report and files that read back only",
+    )  # fmt: skip
+
+
 def add_files(to: argparse.ArgumentParser) -> None:
     """Test files and how they are read."""
     to.add_argument(

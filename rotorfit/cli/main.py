@@ -16,7 +16,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rotorfit.cli import campaign, join, laws, recordings, simulate, trend, vectors
-from rotorfit.cli.arguments import add_figure_format, add_files, add_fit_options, add_output, data_files, fit_study
+from rotorfit.cli.arguments import (
+    add_figure_format,
+    add_files,
+    add_fit_options,
+    add_no_figures,
+    add_output,
+    data_files,
+    fit_study,
+)
 from rotorfit.cli.errors import BAD_INPUT, DONE, INTERRUPTED, NOT_CONVERGED, BadInputError, checked, sentence
 from rotorfit.cli.progress import ProgressLine
 from rotorfit.studies.wording import spoken
@@ -205,15 +213,18 @@ def build_parser() -> argparse.ArgumentParser:
     demo.add_argument("--from-volts", action="store_true", help="begin with the raw signals of bundled recordings")
     demo.add_argument("--out", type=Path, default=Path("rotorfit-demo"), help="folder for the results [%(default)s]")
     add_figure_format(demo)
+    add_no_figures(demo)
     add_output(demo)
     fit = command("fit", "fit a model to test files")
     add_fit_options(fit)
     add_figure_format(fit)
+    add_no_figures(fit)
     add_output(fit)
     run = command("run", "fit as a TOML file says")
     run.add_argument("study", type=Path, metavar="STUDY.toml", help="settings of a fit as TOML keys")
     run.add_argument("--out", type=Path, help="folder for the results, in place of the file's")
     add_figure_format(run)
+    add_no_figures(run)
     add_output(run)
     for name, module in _MODULES:
         module.add_options(command(name, module.DESCRIPTION))

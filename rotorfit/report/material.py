@@ -19,7 +19,8 @@ LEVEL = 0.95
 """Probability of every interval in a report."""
 
 
-FigureFormat = Literal["png", "pdf", "svg"]
+FigureFormat = Literal["png", "pdf", "svg", "none"]
+"""Of the figures' files; "none" leaves figures out of the report too."""
 
 
 @dataclass(frozen=True, kw_only=True)

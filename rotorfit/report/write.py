@@ -50,7 +50,7 @@ def write_report(
         operating_speed: speed, rad/s, to which the stability margin refers beside the tested speeds.
         title: heading of the report.
         figures: folder that is there, to which the figures are also written, each as a file.
-        figure_format: of these files: png, pdf or svg.
+        figure_format: of these files: png, pdf or svg; none leaves figures out of the report too.
 
     Returns:
         the path written.
