@@ -26,19 +26,15 @@ def add_output(to: argparse.ArgumentParser) -> None:
     to.add_argument("--quiet", action="store_true", help="print neither progress nor tables")
 
 
-def add_figure_format(to: argparse.ArgumentParser) -> None:
-    """Format of the figures in the folder for results."""
-    to.add_argument(
+def add_figure_format(to: argparse.ArgumentParser, *, may_lack: bool = False) -> None:
+    """Format of the figures in the folder for results, and where they may be left out, that."""
+    one = to.add_mutually_exclusive_group()
+    one.add_argument(
         "--figure-format", choices=("png", "pdf", "svg"), default="png", help="of the figures in --out [%(default)s]"
     )
-
-
-def add_no_figures(to: argparse.ArgumentParser) -> None:
-    """Leave figures out."""
-    to.add_argument(
-        "--no-figures", dest="figure_format", action="store_const", const="none",
-        help="no figures in --out: tables, report and files that read back only",
-    )  # fmt: skip
+    if may_lack:
+        words = "no figures in --out: tables, report and files that read back only"
+        one.add_argument("--no-figures", dest="figure_format", action="store_const", const="none", help=words)
 
 
 def add_files(to: argparse.ArgumentParser) -> None:

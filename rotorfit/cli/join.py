@@ -22,7 +22,7 @@ def run(options: argparse.Namespace) -> int:
     from rotorfit.cli.errors import DONE, checked
     from rotorfit.data.experiments import PerturbationTest
     from rotorfit.data.joined import join_runs
-    from rotorfit.io.files import check_target, read, write
+    from rotorfit.io.files import check_target, write
     from rotorfit.studies.folder import describe_test
     from rotorfit.studies.study import DataFile, no_progress, read_files
 
@@ -42,6 +42,6 @@ def run(options: argparse.Namespace) -> int:
     test = checked(joined)
     checked(lambda: write(test, options.out))
     if not options.quiet:
-        whole = checked(lambda: read(options.out))
-        print(f"{describe_test(whole, ())}\n\nwritten to {options.out}")
+        (whole,), (findings,) = checked(lambda: read_files([DataFile(options.out)], no_progress))
+        print(f"{describe_test(whole, findings)}\n\nwritten to {options.out}")
     return DONE

@@ -20,7 +20,6 @@ from rotorfit.cli.arguments import (
     add_figure_format,
     add_files,
     add_fit_options,
-    add_no_figures,
     add_output,
     data_files,
     fit_study,
@@ -212,19 +211,16 @@ def build_parser() -> argparse.ArgumentParser:
     demo = command("demo", "identify the bundled rig and compare with its truth")
     demo.add_argument("--from-volts", action="store_true", help="begin with the raw signals of bundled recordings")
     demo.add_argument("--out", type=Path, default=Path("rotorfit-demo"), help="folder for the results [%(default)s]")
-    add_figure_format(demo)
-    add_no_figures(demo)
+    add_figure_format(demo, may_lack=True)
     add_output(demo)
     fit = command("fit", "fit a model to test files")
     add_fit_options(fit)
-    add_figure_format(fit)
-    add_no_figures(fit)
+    add_figure_format(fit, may_lack=True)
     add_output(fit)
     run = command("run", "fit as a TOML file says")
     run.add_argument("study", type=Path, metavar="STUDY.toml", help="settings of a fit as TOML keys")
     run.add_argument("--out", type=Path, help="folder for the results, in place of the file's")
-    add_figure_format(run)
-    add_no_figures(run)
+    add_figure_format(run, may_lack=True)
     add_output(run)
     for name, module in _MODULES:
         module.add_options(command(name, module.DESCRIPTION))
