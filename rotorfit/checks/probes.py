@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import islice
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +21,9 @@ from rotorfit.data.findings import Finding, listed
 from rotorfit.estimators.noise import noise_from_smoothness
 from rotorfit.estimators.row_keys import combined, in_order, numbers
 from rotorfit.models.array_types import ComplexArray, Float, Index
+
+if TYPE_CHECKING:
+    from scipy.optimize import OptimizeResult
 
 AGREES = 1.5
 """Misfit over noise below which a statement explains the readings: the estimate of the noise is uncertain itself."""
@@ -39,6 +43,10 @@ CLEAR = 6.0
 CIRCULAR = 0.2
 """Part of the orbits against the force, of amplitude, beyond which they are no circles."""
 
+BETTER = 0.5
+"""Misfit of a trial fit with turned probes, over that without, in power, from which the turn is believed: what neither
+explains, such as an anisotropic support, is no turn."""
+
 MOST_LINES = 80
 """Frequencies that the search for turned probes looks at."""
 
@@ -47,6 +55,8 @@ MOST_SPEEDS = 3
 
 SMALLEST_TURN = 15.0
 """Turn of a pair of probes, degrees, beyond which it is no matter of calibration."""
+
+_SHORT, _LONG = 30, 300  # evaluations of a trial fit: of one that looks for a turn, of one that may deny it
 
 
 def uneven_probes(orbits: Orbits) -> Iterator[Finding]:
@@ -259,6 +269,8 @@ def turned_probes(orbits: Orbits) -> Iterator[Finding]:
         for plane, pose in poses(orbits, ()).items()
         if abs(pose.turn) > max(SMALLEST_TURN, CLEAR * pose.error)
     }
+    if not found or not _turn_pays(orbits):
+        return
     for plane, pose in found.items():
         a = pose.turn
         what = (
@@ -280,6 +292,18 @@ def _surely_straight(orbits: Orbits) -> bool:
         for _, at in islice(orbits.groups("speed"), MOST_SPEEDS)
         for _, turn, error, _ in _inertia(orbits, orbits.right, at, trial=False)
     )
+
+
+def _turn_pays(orbits: Orbits) -> bool:
+    """Whether turned probes explain what straight ones do not, at one speed at least."""
+    for _, at in islice(orbits.groups("speed"), MOST_SPEEDS):
+        measured = _receptances(orbits, orbits.right, at)
+        if measured is not None:
+            _, u, H = measured
+            free, upright = (_trial(u, H, upright=kept) for kept in (False, True))
+            if free is not None and (upright is None or free.cost < BETTER * upright.cost):
+                return True
+    return False
 
 
 def _power(amplitude: ComplexArray) -> float:
@@ -336,6 +360,19 @@ def poses(orbits: Orbits, mirrored: tuple[str, ...]) -> dict[str, _Pose]:
     return result
 
 
+def _receptances(orbits: Orbits, amplitude: ComplexArray, at: Index) -> tuple[list[str], Float, ComplexArray] | None:
+    """Planes, frequencies over the highest, and responses to unit forces, shape ``(L, n, n)``; of some lines only."""
+    planes, w, index = complete_matrices(orbits, at)
+    if w.size < ENOUGH:
+        return None
+    H = (amplitude[index] / orbits.force[index]).reshape(w.size, len(planes), len(planes))
+    regular = invertible(H)
+    if regular.sum() < ENOUGH:
+        return None
+    some = np.flatnonzero(regular)[:: max(1, int(regular.sum()) // MOST_LINES)]
+    return planes, w[some] / np.abs(w).max(), H[some]
+
+
 def _inertia(
     orbits: Orbits, amplitude: ComplexArray, at: Index, *, trial: bool = True
 ) -> Iterator[tuple[str, float, float, bool]]:
@@ -346,16 +383,11 @@ def _inertia(
         at: those of one speed.
         trial: fit responses, as noisy data need; otherwise draw straight lines through the dynamic stiffness.
     """
-    planes, w, index = complete_matrices(orbits, at)
-    if w.size < ENOUGH:
+    measured = _receptances(orbits, amplitude, at)
+    if measured is None:
         return
-    H = (amplitude[index] / orbits.force[index]).reshape(w.size, len(planes), len(planes))
-    regular = invertible(H)
-    if regular.sum() < ENOUGH:
-        return
-    some = np.flatnonzero(regular)[:: max(1, int(regular.sum()) // MOST_LINES)]
-    u = w[some] / np.abs(w).max()
-    found = _polynomial(u, H[some]) if trial else _straight_lines(u, H[some])
+    planes, u, H = measured
+    found = _polynomial(u, H) if trial else _straight_lines(u, H)
     if found is None:
         return
     terms, values, errors = found
@@ -379,13 +411,34 @@ def _polynomial(u: Float, H: ComplexArray) -> tuple[list[tuple[int, int, int]], 
 
     The diagonal is quadratic in u, the rest constant: a chain of lumped masses, dampers and springs, each complex.
     """
+    solved = _trial(u, H)
+    if solved is None or not solved.success:
+        return None
+    values = solved.x[::2] + 1j * solved.x[1::2]
+    variance = 2 * solved.cost / max(solved.fun.size - solved.x.size, 1)
+    covariance = np.linalg.pinv(solved.jac.T @ solved.jac) * variance
+    errors = np.sqrt(np.maximum(np.diag(covariance), 0.0).reshape(-1, 2).mean(axis=1))
+    return _straight_lines(u, H)[0], values, errors
+
+
+def _trial(u: Float, H: ComplexArray, *, upright: bool = False) -> OptimizeResult | None:
+    """Fit of the polynomials' factors, real and imaginary parts in turn, to H; ``None`` where matrices are singular.
+
+    Args:
+        u: frequencies over the highest.
+        H: responses to unit forces, shape ``(L, n, n)``.
+        upright: keep inertia real, as probes see it that are not turned.
+    """
     terms, start, _ = _straight_lines(u, H)
     scale = np.abs(H).max()
+    real = [2 * i + 1 for i, (q, k, power) in enumerate(terms) if power == 2] if upright else []
+    free = np.delete(np.arange(2 * len(terms)), real)
 
     def response(values: Float) -> ComplexArray:
-        given = values[::2] + 1j * values[1::2]
+        parts = np.zeros(2 * len(terms))
+        parts[free] = values
         model = np.zeros(H.shape, dtype=complex)
-        for (q, k, power), value in zip(terms, given, strict=True):
+        for (q, k, power), value in zip(terms, parts[::2] + 1j * parts[1::2], strict=True):
             model[:, q, k] += value * u**power
         return np.asarray(np.linalg.inv(model))
 
@@ -398,23 +451,22 @@ def _polynomial(u: Float, H: ComplexArray) -> tuple[list[tuple[int, int, int]], 
         for q, k, power in terms:
             slope = -G[:, :, q, None] * G[:, None, k, :] * (u**power)[:, None, None] / scale
             columns += [slope.ravel().view(float), (1j * slope).ravel().view(float)]
-        return np.stack(columns, axis=1)
+        return np.stack(columns, axis=1)[:, free]
 
     from scipy.optimize import least_squares  # late: loading it takes longer than a fit
 
     try:
-        solved = least_squares(
-            residuals, start.view(float), jac=jacobian, x_scale="jac", ftol=1e-4, xtol=1e-4, max_nfev=30
+        return least_squares(
+            residuals,
+            start.view(float)[free],
+            jac=jacobian,
+            x_scale="jac",
+            ftol=1e-4,
+            xtol=1e-4,
+            max_nfev=_LONG if upright else _SHORT,
         )
     except (ValueError, np.linalg.LinAlgError):  # a singular matrix on the way: no verdict
         return None
-    if not solved.success:
-        return None
-    values = solved.x[::2] + 1j * solved.x[1::2]
-    variance = 2 * solved.cost / max(solved.fun.size - solved.x.size, 1)
-    covariance = np.linalg.pinv(solved.jac.T @ solved.jac) * variance
-    errors = np.sqrt(np.maximum(np.diag(covariance), 0.0).reshape(-1, 2).mean(axis=1))
-    return terms, values, errors
 
 
 def _straight_lines(u: Float, H: ComplexArray) -> tuple[list[tuple[int, int, int]], ComplexArray, Float]:
