@@ -1,0 +1,104 @@
+"""Sentences worth reading about a fit: misfit, noise that is too large, bounds, a rotor that could not have run."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from rotorfit.estimators import covariance
+from rotorfit.estimators.correlated import freedom_of
+from rotorfit.estimators.nonlinear import responses_of
+from rotorfit.estimators.problem import Problem
+from rotorfit.fitting.noise_judging import MODEL_LIMITED, is_misfit, noise_warnings
+from rotorfit.fitting.noise_record import Noise
+from rotorfit.fitting.quantities import FittedParameter
+from rotorfit.models import BLOCKS, Modal, RotorModel
+from rotorfit.models.array_types import Float
+from rotorfit.models.stability import growth_rate
+from rotorfit.units import RPM_PER_RAD_S
+
+_CLEARLY = 6.0  # standard deviations of redchi below one at which the noise is too large for the residuals
+_TOO_QUIET = 0.5  # redchi below which errors are wider than they need be by more than is worth knowing
+_NOISE_FLOOR = 1e-4  # redchi below which the data are exact, and their noise the floor that keeps weights finite
+
+
+def fit_warnings(
+    problem: Problem,
+    x: Float,
+    redchi: float,
+    params: Mapping[str, FittedParameter],
+    levelled: bool,
+    noise: Noise | None,
+) -> list[str]:
+    """What a reader of the result should know.
+
+    Args:
+        problem, x: as it was solved, and the estimate.
+        redchi: by the noise of the data.
+        params: parameters of the result.
+        levelled: whether each response has the noise level of its residuals.
+        noise: what the residuals are, where that was looked into.
+    """
+    found = [] if noise is None else noise_warnings(noise, redchi)
+    nfree = problem.n_data - problem.space.size
+    misfit = covariance.widening(redchi, problem.loss, nfree=nfree, freedom=freedom_of(problem.blocks))
+    if is_misfit(noise, misfit):
+        where = f". It misses most: {', '.join(noise.places)}" if noise is not None and noise.places else ""
+        wider = "each response as its residuals ask" if levelled else f"{np.sqrt(redchi):.2g}"
+        advice = _advice(problem.space.model, levelled)
+        found.append(
+            f"redchi is {redchi:.3g}: the model, not the noise, limits this fit. Standard errors are widened by "
+            f"{wider}, but parameters may be biased beyond them; {advice}{where}"
+        )
+    chance = np.sqrt(2 / max(problem.n_data - problem.space.size, 1))
+    if _NOISE_FLOOR < redchi < min(_TOO_QUIET, 1 - _CLEARLY * chance):
+        found.append(
+            f"redchi is {redchi:.2g}: the noise is overestimated, and standard errors are about "
+            f"{1 / np.sqrt(redchi):.2g} times too wide. Give the noise of the readings (sigma_um), or more lines"
+        )
+    if problem.loss != "linear":
+        # the median of |r|^2 is 2 ln 2 for noise alone, and hardly moves for a few outliers
+        typical = float(np.median(np.abs(problem.residuals(x)) ** 2)) / (2 * np.log(2))
+        if typical > MODEL_LIMITED:
+            found.append(
+                f"the squared residuals of most readings are {typical:.2g} times those of the noise: not outliers but "
+                f"the model limits this fit, and parameters may be biased; {_advice(problem.space.model, levelled)}"
+            )
+    found += [
+        f"{p.name} rests on its bound at {p.value:.6g}{'' if p.unit == '1' else ' ' + p.unit}"
+        for p in params.values()
+        if p.at_bound
+    ]
+    return found + _instability(problem, x)
+
+
+def _advice(model: RotorModel, levelled: bool) -> str:
+    """What may help a fit that its model limits: blocks between planes only where there are several, and some left."""
+    if isinstance(model, Modal):
+        return "modes left out do so, or supports that differ in x and y (apart)"
+    if not hasattr(model, "blocks"):
+        return f"{model.name} has no structural blocks to add; a model of more planes may explain them"
+    if levelled or len(model.blocks) == len(BLOCKS):
+        return "bring the shaft's matrices (KnownStructure)"
+    return "try rf.refine(fit) (--refine)"
+
+
+def _instability(problem: Problem, x: Float) -> list[str]:
+    theta = problem.space.theta(x)
+    model = problem.space.model
+    found: list[str] = []
+    for block in map(responses_of, problem.blocks):
+        if block is None or block.imposed or not block.frequency.any():
+            continue  # under a static load the journal may run where centred it could not
+        _, group, speed = block.condition
+        band = float(np.abs(block.frequency).max()) if model.order > 2 else np.inf
+        rates = growth_rate(model, theta[group], speed, band)
+        for g, v, rate in zip(group, speed, rates, strict=True):
+            size = np.abs(theta[g]).max()
+            if rate > 1e-9 * size and len(found) < 3:
+                found.append(
+                    f"the fitted rotor is unstable at the tested speed of {v * RPM_PER_RAD_S:.0f} rpm (growth rate "
+                    f"{rate:.3g} 1/s): a rig could not have been measured there. Check signs, directions and the model"
+                )
+    return found

@@ -1,0 +1,87 @@
+"""How well a fit agrees with the data: chi-squared, information criteria, and each response by itself."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from rotorfit.estimators import covariance
+from rotorfit.estimators.losses import robust_weights
+from rotorfit.estimators.problem import Problem
+from rotorfit.fitting.noise_problem import estimate_before, without_noise
+from rotorfit.fitting.problem_setup import with_levels
+from rotorfit.fitting.quantities import ResponseQuality
+from rotorfit.fitting.settings import FitSettings
+from rotorfit.models.array_types import ComplexArray, Float, Index
+
+
+@dataclass(frozen=True, kw_only=True)
+class Goodness:
+    """Agreement with the data, by the noise of the data, whatever weights the fit gave them.
+
+    Attributes:
+        chisqr, redchi: sum of squared residuals over the noise, and that over the degrees of freedom.
+        nvarys, nfree: fitted values, degrees of freedom.
+        aic, bic: Akaike's and the Bayesian information criterion, of the loss.
+        responses: agreement response by response.
+    """
+
+    chisqr: float
+    redchi: float
+    nvarys: int
+    nfree: int
+    aic: float
+    bic: float
+    responses: tuple[ResponseQuality, ...]
+
+
+def goodness_of(problem: Problem, settings: FitSettings, x: Float, residuals: ComplexArray) -> Goodness:
+    """Agreement of an estimate with the data.
+
+    Args:
+        problem: as it was solved.
+        settings: what was asked; noise levels that the fit gave the responses are taken out again.
+        x: estimate.
+        residuals: of the problem there, whitened.
+    """
+    given = problem if settings.noise is None else without_noise(problem, settings.noise)
+    given = with_levels(given, settings.levels, -1)
+    count = given.space.size
+    before = estimate_before(settings.noise, x, count)
+    whitened = residuals if given is problem else given.residuals(before)
+    # A nuisance entry with a prior brings the datum that pays for it.
+    paid = sum(prior.entry >= len(problem.space.names) for prior in given.priors)
+    nfree = problem.n_data - count + paid
+    deviance = float(robust_weights(problem.loss, np.abs(whitened) ** 2)[0].sum())
+    return Goodness(
+        chisqr=float(np.sum(np.abs(whitened) ** 2)),
+        redchi=covariance.reduced_chi_square(problem, whitened, nfree),
+        nvarys=count,
+        nfree=nfree,
+        aic=deviance + 2 * count,
+        bic=deviance + count * float(np.log(problem.n_data)),
+        responses=_qualities(given, before),
+    )
+
+
+def _qualities(problem: Problem, x: Float) -> tuple[ResponseQuality, ...]:
+    result = []
+    for block, predicted in zip(problem.blocks, problem.predict(x), strict=True):
+        label, size = block.label, len(block.labels)
+        miss = np.abs(predicted - block.measured) ** 2
+        product = predicted.conj() * block.measured
+
+        def total(values: Float, label: Index = label, size: int = size) -> Float:
+            return np.asarray(np.bincount(label, weights=values, minlength=size), dtype=float)
+
+        count = np.bincount(label, minlength=size)
+        missed, power = total(miss), total(np.abs(block.measured) ** 2)
+        both = power * total(np.abs(predicted) ** 2)
+        common = total(product.real) ** 2 + total(product.imag) ** 2
+        fraction = np.divide(common, both, out=np.zeros(size), where=both > 0)
+        nrmse = np.sqrt(missed / np.maximum(power, 1e-300))
+        redchi = total(miss / block.sigma**2) / count / 2
+        columns = zip(block.labels, nrmse.tolist(), fraction.tolist(), redchi.tolist(), count.tolist(), strict=True)
+        result += [ResponseQuality(name=n, nrmse=e, frac=f, redchi=c, count=k) for n, e, f, c, k in columns]
+    return tuple(result)

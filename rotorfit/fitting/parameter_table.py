@@ -1,0 +1,89 @@
+"""Parameters of a result, fitted and known, in the model's order."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from rotorfit.estimators.parameter_space import DATUM
+from rotorfit.estimators.problem import Problem
+from rotorfit.fitting.calibration import NUISANCE_KINDS
+from rotorfit.fitting.noise_record import is_run_effect
+from rotorfit.fitting.quantities import FittedParameter
+from rotorfit.models.array_types import Float
+from rotorfit.models.parameters import bare_name
+
+_MEANING = {
+    "phase": ("rad", "offset of the phase reference"),
+    DATUM: ("rad", "common datum angle: lead of responses over forces"),
+    **NUISANCE_KINDS,
+}
+
+
+def parameter_table(
+    problem: Problem,
+    x: Float,
+    begin: Float,
+    scattered: Float,
+    covar: Float,
+    degrees: Sequence[float],
+    unresolved: Sequence[str],
+) -> dict[str, FittedParameter]:
+    """Parameters by name.
+
+    Args:
+        problem: as it was solved.
+        x, begin: estimate, and where the search began; nuisance entries that it lacks are zero.
+        scattered, covar: covariance by the noise alone, and as widened.
+        degrees: of freedom of each entry's error.
+        unresolved: entries that the data do not determine.
+    """
+    space = problem.space
+    begin = np.concatenate([begin, np.zeros(space.size - begin.size)])
+    # With priors or tight noise a variance may come out as -0.
+    error, wide = (np.sqrt(np.maximum(np.diag(matrix), 0.0)) for matrix in (scattered, covar))
+    entries: dict[str, FittedParameter] = {}
+    for i, name in enumerate((*space.names, *space.nuisance)):
+        if is_run_effect(name):
+            continue
+        known_to_model = i < len(space.names)
+        meta = space.model.parameter(space.base[i]) if known_to_model else None
+        unit, meaning = (meta.unit, meta.meaning) if meta else _MEANING[bare_name(name)]
+        resolved = name not in unresolved
+        span = max(abs(float(x[i])), 1e-12)
+        at_bound = bool(min(x[i] - space.lower[i], space.upper[i] - x[i]) <= 1e-7 * span)
+        entries[name] = FittedParameter(
+            name=name,
+            value=float(x[i]),
+            stderr=float(wide[i]) if resolved else float("inf"),
+            stderr_noise=float(error[i]) if resolved else float("inf"),
+            init_value=float(begin[i]),
+            unit=unit,
+            meaning=meaning,
+            min=float(space.lower[i]),
+            max=float(space.upper[i]),
+            vary=True,
+            resolved=resolved,
+            at_bound=at_bound,
+            freedom=degrees[i],
+        )
+    theta = space.theta(x)
+    for place, meta in enumerate(space.model.parameters):
+        if (space.index[:, place] < 0).all():
+            value = float(theta[0, place])
+            entries[meta.name] = FittedParameter(
+                name=meta.name,
+                value=value,
+                stderr=0.0,
+                stderr_noise=0.0,
+                init_value=value,
+                unit=meta.unit,
+                meaning=meta.meaning,
+                min=meta.lower,
+                max=meta.upper,
+                vary=False,
+            )
+    order = {name: i for i, name in enumerate(space.model.parameter_names)}
+    last = len(order)
+    return dict(sorted(entries.items(), key=lambda item: order.get(bare_name(item[0]), last)))

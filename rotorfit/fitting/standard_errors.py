@@ -1,0 +1,86 @@
+"""Covariance of an estimate: from the noise, widened where the model or the residuals ask for it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from rotorfit.estimators import covariance
+from rotorfit.estimators.closed_form import ClosedForm
+from rotorfit.estimators.correlated import freedom_of
+from rotorfit.estimators.identifiability import Identifiability, diagnose
+from rotorfit.estimators.problem import Problem
+from rotorfit.fitting.goodness import Goodness
+from rotorfit.fitting.noise_judging import as_residuals_ask, with_shares
+from rotorfit.fitting.noise_record import Noise
+from rotorfit.fitting.settings import FitSettings
+from rotorfit.models.array_types import ComplexArray, Float
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class StandardErrors:
+    """What the data say of an estimate's error.
+
+    Attributes:
+        scattered: covariance by the noise alone, shape ``(p, p)``.
+        covar: the same, widened.
+        degrees: of freedom of each entry's error.
+        identifiability: what the data determine.
+        noise: what the residuals are, with what it adds to the errors.
+    """
+
+    scattered: Float
+    covar: Float
+    degrees: tuple[float, ...]
+    identifiability: Identifiability
+    noise: Noise | None
+
+
+def standard_errors(
+    problem: Problem,
+    settings: FitSettings,
+    x: Float,
+    residuals: ComplexArray,
+    jacobian: ComplexArray,
+    goodness: Goodness,
+    estimate: ClosedForm | None,
+    noise: Noise | None,
+) -> StandardErrors:
+    """Errors of an estimate.
+
+    Args:
+        problem, settings: as it was solved, and what was asked.
+        x: estimate.
+        residuals, jacobian: of the problem there, whitened.
+        goodness: its agreement with the data.
+        estimate: the closed form with its covariance, where that is the method.
+        noise: what the residuals are, where that was looked into.
+    """
+    space = problem.space
+    root, sandwich = covariance.information(problem, x, residuals, jacobian)
+    names, base = (*space.names, *space.nuisance), (*space.base, *space.nuisance)
+    scales = covariance.natural_sizes(problem, x)
+    scattered, verdict = diagnose(space.model, names, base, x, root, scales)
+    if sandwich is not None:
+        weighing = covariance.weighing_error(problem, jacobian, scattered)
+        scattered = scattered @ sandwich @ scattered + weighing
+    if estimate is not None:
+        scattered = np.where(np.isfinite(estimate.covar), estimate.covar, np.nan)
+    known = freedom_of(problem.blocks)
+    widening = covariance.widening(
+        goodness.redchi, problem.loss, levelled=settings.levelled, nfree=goodness.nfree, freedom=known
+    )
+    covar = scattered * widening
+    if problem.priors and widening > 1 and sandwich is None:
+        # what is known beforehand is no less certain for a model that does not fit
+        wide = covariance.information(problem, x, residuals / np.sqrt(widening), jacobian / np.sqrt(widening))[0]
+        covar = diagnose(space.model, names, base, x, wide, scales)[0]
+    if noise is not None:
+        covar, noise = as_residuals_ask(noise, problem, residuals, jacobian, scattered, covar, widening)
+        noise = with_shares(noise, settings, problem, x, covar)
+    freedom = min(known, float(goodness.nfree)) if widening > 1 and np.isfinite(known) else known
+    degrees = [freedom if noise is None else noise.degrees(row) for row in np.eye(space.size)]
+    return StandardErrors(
+        scattered=scattered, covar=covar, degrees=tuple(degrees), identifiability=verdict, noise=noise
+    )
