@@ -102,7 +102,8 @@ def _demo(options: argparse.Namespace) -> int:
 
 def _identify(study: Study, options: argparse.Namespace, rig: str = "") -> int:
     """Run a study, write its folder, print its summary, say how it went."""
-    from rotorfit.studies.folder import outcome_json, summary
+    from rotorfit.studies.outcome_json import outcome_json
+    from rotorfit.studies.text import summary
 
     progress = ProgressLine(enabled=not options.quiet and sys.stderr.isatty())
     try:
@@ -124,7 +125,8 @@ def _identify(study: Study, options: argparse.Namespace, rig: str = "") -> int:
 
 
 def _work(study: Study, progress: ProgressLine, rig: str, figure_format: FigureFormat) -> Outcome:
-    from rotorfit.studies.folder import complete_folder, kept_checkpoint, write_outcome
+    from rotorfit.studies.folder import complete_folder, kept_checkpoint
+    from rotorfit.studies.results import write_outcome
     from rotorfit.studies.study import run_study
 
     keep = kept_checkpoint(study.out) if study.out and study.sample else nullcontext()
@@ -151,8 +153,8 @@ def _models(options: argparse.Namespace) -> int:
 
 
 def _info(options: argparse.Namespace) -> int:
-    from rotorfit.studies.folder import describe_test
     from rotorfit.studies.study import no_progress, read_files
+    from rotorfit.studies.text import describe_test
 
     tests = checked(lambda: read_files(data_files(options), no_progress))
     print("\n\n".join(describe_test(test, findings) for test, findings in zip(*tests, strict=True)))

@@ -75,7 +75,7 @@ def run(options: argparse.Namespace) -> int:
     from rotorfit.cli.errors import DONE, BadInputError, checked, sentence
     from rotorfit.io.files import read, write
     from rotorfit.simulation.integration import IntegrationError
-    from rotorfit.studies.folder import describe_test
+    from rotorfit.studies.text import describe_test
 
     if options.recordings is not None:
         paths = checked(lambda: _recorded(options))

@@ -25,9 +25,9 @@ def run(options: argparse.Namespace) -> int:
     from rotorfit.cli.errors import DONE, BadInputError, checked
     from rotorfit.cli.progress import ProgressLine
     from rotorfit.io.files import check_target, write
-    from rotorfit.studies.folder import describe_test
     from rotorfit.studies.recording_files import RecordingFiles
     from rotorfit.studies.study import read_files
+    from rotorfit.studies.text import describe_test
 
     executor = checked(lambda: processes(options.jobs))
     checked(lambda: check_target(options.out))  # before the work, which may take long

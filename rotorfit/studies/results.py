@@ -1,0 +1,109 @@
+"""What a study writes into its folder: summary, tables, files that read back, report and figures."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rotorfit.fitting.quantities import FittedParameter
+from rotorfit.fitting.result import FitResult
+from rotorfit.studies.study import Outcome, StudyProgress
+from rotorfit.studies.text import summary
+
+if TYPE_CHECKING:
+    from rotorfit.report.material import FigureFormat
+    from rotorfit.uncertainty.profile import Profile
+
+
+def write_outcome(
+    outcome: Outcome, folder: Path, progress: StudyProgress, rig: str = "", figure_format: FigureFormat = "png"
+) -> None:
+    """Write report, tables, figures and files that read back, of a study, into a folder.
+
+    Args:
+        outcome: what the study gave.
+        folder: an existing folder.
+        progress: called with a few words for every step.
+        rig: name of the data set whose truth is compared with.
+        figure_format: of the figures' files.
+    """
+    from rotorfit.report.write import write_report
+
+    best = outcome.best
+    progress("writing tables")
+    (folder / "summary.txt").write_text(summary(outcome, rig) + "\n", encoding="utf-8")
+    _write_csv(folder / "parameters.csv", _parameter_rows(outcome))
+    _write_csv(folder / "covariance.csv", _covariance_rows(best))
+    _write_csv(folder / "responses.csv", _response_rows(best))
+    if outcome.profiles:
+        _write_csv(folder / "profiles.csv", _profile_rows(outcome.profiles))
+    if outcome.bootstrap is not None:
+        _write_csv(folder / "bootstrap.csv", (outcome.bootstrap.names, *outcome.bootstrap.samples.tolist()))
+    best.save(folder / "fit.json")
+    if outcome.posterior is not None:
+        outcome.posterior.save(folder / "posterior.nc")
+    progress("drawing the report")
+    write_report(
+        best,
+        folder / "report.html",
+        refinement=outcome.ladder,
+        findings=outcome.findings,
+        posterior=outcome.posterior,
+        profiles=outcome.profiles,
+        bootstrap=outcome.bootstrap,
+        figures=folder,
+        figure_format=figure_format,
+    )
+
+
+def _write_csv(path: Path, rows: Iterable[Sequence[Any]]) -> None:
+    with path.open("w", newline="", encoding="utf-8") as stream:
+        csv.writer(stream).writerows(rows)
+
+
+def status(p: FittedParameter) -> str:
+    """How a parameter came to its value, in a word or two for tables."""
+    if not p.vary:
+        return "known"
+    if not p.resolved:
+        return "not determined"
+    return "at its bound" if p.at_bound else "fitted"
+
+
+def closed_value(outcome: Outcome, name: str) -> float | None:
+    """The closed form's value of a parameter, ``None`` where it has none."""
+    if isinstance(outcome.closed, str) or name not in outcome.closed.params:
+        return None
+    p = outcome.closed.params[name]
+    return p.value if p.resolved else None
+
+
+def _parameter_rows(outcome: Outcome) -> Iterator[Sequence[Any]]:
+    yield "parameter", "value", "stderr", "stderr_noise", "unit", "status", "closed_form", "meaning"
+    for p in outcome.best.params.values():
+        numbers = ("", "", "") if not p.resolved else (p.value, p.stderr, p.stderr_noise)
+        closed = closed_value(outcome, p.name)
+        yield p.name, *numbers, p.unit, status(p), "" if closed is None else closed, p.meaning
+
+
+def _covariance_rows(fit: FitResult) -> Iterator[Sequence[Any]]:
+    entries = [i for i, name in enumerate(fit.var_names) if name in fit.params]
+    resolved = [i for i in entries if fit.params[fit.var_names[i]].resolved]
+    yield "", *[fit.var_names[i] for i in resolved]
+    for i in resolved:
+        yield fit.var_names[i], *fit.covar[i, resolved].tolist()
+
+
+def _response_rows(fit: FitResult) -> Iterator[Sequence[Any]]:
+    yield "response", "readings", "nrmse", "frac", "redchi"
+    for r in fit.responses:
+        yield r.name, r.count, r.nrmse, r.frac, r.redchi
+
+
+def _profile_rows(profiles: Sequence[Profile]) -> Iterator[Sequence[Any]]:
+    yield "parameter", "unit", "value", "rise_of_chi_squared"
+    for p in profiles:
+        for value, rise in zip(p.values.tolist(), p.rise.tolist(), strict=True):
+            yield p.name, p.unit, value, rise
