@@ -11,7 +11,7 @@ from functools import cache
 from importlib.metadata import version
 from pathlib import Path
 from types import ModuleType
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
@@ -61,26 +61,6 @@ def _write_once(path: Path, text: str) -> bool:
     except OSError:
         return False
     return True
-
-
-State = Literal["loaded", "stored", "new"]
-"""Whether kernels are in this process, as machine code on disk, or have to be compiled."""
-
-
-def state_of(source: str, kernel: str) -> State:
-    """What it takes to use a kernel of a generated module; numba is not imported.
-
-    Args:
-        source: the module's text.
-        kernel: name of the function, "sums" or "slopes".
-    """
-    name = _module_name(source)
-    if name in sys.modules and getattr(getattr(sys.modules[name], kernel), "signatures", True):
-        return "loaded"
-    directory = cache_directory()
-    # numba writes machine code beside the text; it looks itself whether it is for this processor.
-    stored = directory is not None and any((directory / "__pycache__").glob(f"{name}.{kernel}-*.nbc"))
-    return "stored" if stored else "new"
 
 
 def _module_name(source: str) -> str:

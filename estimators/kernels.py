@@ -15,9 +15,12 @@ from rotorfit.estimators.losses import robust_weights
 from rotorfit.estimators.problem import Problem
 from rotorfit.models.array_types import ComplexArray, Float, Index
 
-PAYS: dict[accelerator.State, float] = {"loaded": 5e5, "stored": 1e7, "new": 4e7}
-"""Readings to evaluate (vectors times readings) beyond which kernels are quicker than NumPy's 0.05 microseconds: the
-time to generate their source, to load numba and machine code as well, to compile as well."""
+PAYS = 2e7
+"""Readings to evaluate (vectors times readings) beyond which kernels are quicker than NumPy's 0.05 microseconds.
+
+It lies between the time to load them from disk and that to compile them. The choice must not depend on which of the two
+it is: the same seed gives the same samples to the last bit.
+"""
 GRADIENT = 5.0
 """NumPy's time for a gradient over that of a misfit."""
 _CHUNK = 60_000  # readings that NumPy holds at once, so that arrays stay in cache
@@ -68,11 +71,9 @@ class Batch:
         self.compiled = bool(possible and (self._pays(work, gradients) if accelerate is None else accelerate))
 
     def _pays(self, work: float, gradients: bool) -> bool:
-        """Whether kernels, with what it takes to have them, are quicker than NumPy."""
+        """Whether kernels, with the time it takes to have them, are quicker than NumPy."""
         readings = work * self.problem.n_data / 2 * (GRADIENT if gradients else 1.0)
-        if readings <= PAYS["loaded"] or not accelerator.available():
-            return False
-        return readings > PAYS[accelerator.state_of(self._source, "slopes" if gradients else "sums")]
+        return readings > PAYS and accelerator.available()
 
     @property
     def one_by_one(self) -> bool:
@@ -257,7 +258,8 @@ class Batch:
         result = np.zeros_like(x)
         for k, g in enumerate(plan.group):
             nodes = np.flatnonzero(plan.node_condition == k)
-            by_c = np.einsum("wnij,nk->wkij", by_kappa[:, nodes], powers[nodes], optimize=True)
+            n = by_kappa.shape[-1]
+            by_c = (powers[nodes].T @ by_kappa[:, nodes].reshape(len(x), -1, n * n)).reshape(len(x), -1, n, n)
             used = np.flatnonzero(jacobian.inputs < space.index.shape[1])
             used = used[space.index[g, jacobian.inputs[used]] >= 0]
             slope = by_c[:, jacobian.powers[used], jacobian.rows[used], jacobian.columns[used]]

@@ -116,7 +116,7 @@ class LogPosterior:
         weighted = self._weighted(levels)
         if self.inflation != 1 and self.problem.priors:  # priors weigh more against wider noise
             x = self._fit(levels, x)
-        information = weighted.gauss_newton(x)[2]
+        information = weighted.gauss_newton(x)[2].copy()  # what the problem keeps is not to be written to
         for prior in self.problem.priors:
             # A prior without curvature here still limits the width.
             has = prior.terms(float(x[prior.entry]))[2]

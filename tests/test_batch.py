@@ -12,7 +12,7 @@ from scipy import stats
 
 from rotorfit.estimators import accelerator
 from rotorfit.estimators.batch import batch_fit, with_measured
-from rotorfit.estimators.kernels import PAYS, Batch
+from rotorfit.estimators.kernels import Batch
 from rotorfit.estimators.least_squares import minimise
 from rotorfit.estimators.losses import LOSSES
 from rotorfit.estimators.priors import Prior
@@ -123,17 +123,3 @@ def test_kernels_are_kept_only_where_nobody_else_writes(tmp_path, monkeypatch):
     assert mine.stat().st_mode & 0o077 == 0
     monkeypatch.setenv("ROTORFIT_CACHE_DIR", str(open_))
     assert accelerator.cache_directory() is None
-
-
-def test_what_is_compiled_already_pays_sooner(tmp_path, monkeypatch):
-    """A kernel is new, then in this process; in another process with the same cache it is on disk."""
-    monkeypatch.setenv("ROTORFIT_CACHE_DIR", str(tmp_path))
-    source = f"@outer\ndef twice(x):\n    return 2 * x  # {tmp_path}\n"
-    assert accelerator.state_of(source, "twice") == "new"
-    kernel = accelerator.compile_kernels(source)["twice"]
-    assert accelerator.state_of(source, "twice") == "new"  # not used so far, so not compiled
-    assert kernel(3.0) == 6.0
-    assert accelerator.state_of(source, "twice") == "loaded"
-    monkeypatch.setattr(accelerator.sys, "modules", {})
-    assert accelerator.state_of(source, "twice") == "stored"
-    assert PAYS["loaded"] < PAYS["stored"] < PAYS["new"]

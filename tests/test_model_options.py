@@ -40,7 +40,12 @@ def variants(name: str) -> list[dict[str, Any]]:
             {"planes": names, "force_planes": ("a",)},
             {"planes": names, "probe_planes": ("b",)},
         ]
-    for option, values in {"coupling_mass": (True,), "modes": (2,), "torsion": ("stiffness", None)}.items():
+    for option, values in {
+        "coupling_mass": (True,),
+        "modes": (2,),
+        "torsion": ("stiffness", None),
+        "runout": (True,),
+    }.items():
         if option in options:
             found += [{option: value} for value in values]
     return found
