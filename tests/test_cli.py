@@ -19,7 +19,7 @@ import rotorfit
 import rotorfit as rf
 from rotorfit.cli import main as cli
 from rotorfit.report import figures as report_figures
-from rotorfit.studies import folder as cli_output
+from rotorfit.studies import results as cli_output
 from rotorfit.studies.study import DataFile, Study
 from rotorfit.studies.study_file import read_study
 
