@@ -19,7 +19,7 @@ PAYS = 2e7
 """Readings to evaluate (vectors times readings) beyond which kernels are quicker than NumPy's 0.05 microseconds.
 
 It lies between the time to load them from disk and that to compile them. The choice must not depend on which of the two
-it is: the same seed gives the same samples to the last bit.
+it is: the same seed gives the same samples, to round-off.
 """
 GRADIENT = 5.0
 """NumPy's time for a gradient over that of a misfit."""

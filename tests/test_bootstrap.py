@@ -62,7 +62,8 @@ def test_every_sample_is_the_fit_of_its_data():
     for data, x in zip(measured, boot.samples, strict=True):
         alone = solve_again(fit, with_measured(fit.problem, data))
         np.testing.assert_allclose(x, alone.x, rtol=1e-6)
-    np.testing.assert_array_equal(boot.samples, fit.bootstrap(n=5, seed=9).samples)
+    # Loops of NumPy round differently where arrays lie differently in memory: 1e-16, times the condition of the fit.
+    np.testing.assert_allclose(boot.samples, fit.bootstrap(n=5, seed=9).samples, rtol=1e-13)
 
 
 def test_data_that_meet_a_bound_are_fitted_too():

@@ -20,6 +20,7 @@ import rotorfit as rf
 from rotorfit.cli import main as cli
 from rotorfit.report import figures as report_figures
 from rotorfit.studies import results as cli_output
+from rotorfit.studies.folder import CHECKPOINT
 from rotorfit.studies.study import DataFile, Study
 from rotorfit.studies.study_file import read_study
 
@@ -453,7 +454,7 @@ def test_interrupted_sampling_goes_on(
     with monkeypatch.context() as patched:
         patched.setattr(cli.ProgressLine, "__call__", stop)
         code, _, err = run(*words)
-    checkpoint = out / cli_output.CHECKPOINT
+    checkpoint = out / CHECKPOINT
     assert (code, err) == (
         cli.INTERRUPTED,
         f"rotorfit: interrupted, the same command goes on from {checkpoint}\n",
