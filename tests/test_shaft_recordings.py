@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from shaft_setups import TWISTED
 
 import rotorfit as rf
 from rotorfit.cli.main import main
@@ -14,31 +15,12 @@ TRUTH = {
     "M": 1.0, "D": 14.0, "K": 4e4, **SHAFT.components(2000.0, 0.6), "ec": 6e-5, "es": 0.0, "Px": 0.0, "Py": -8.0,
     "J": 2e-4, "nu_t": 340.0, "zeta_t": 0.01,
 }  # fmt: skip
-SETUP = """rotation = "ccw"
-[shaft]
-channel = "keyphasor_shaft"
-[perturbator]
-channel = "keyphasor_perturbator"
-[[probe]]
-plane = "disk"
-channel = "disk_X"
-angle_deg = 0.0
-[[probe]]
-plane = "disk"
-channel = "disk_Y"
-angle_deg = 90.0
-[force]
-plane = "disk"
-[twist]
-channel = "twist"
-sensitivity_V_per_rad = 1000.0
-"""
 
 
 @pytest.fixture(scope="module")
 def setup(tmp_path_factory):
     path = tmp_path_factory.mktemp("rig") / "rig.toml"
-    path.write_text(SETUP)
+    path.write_text(TWISTED)
     return path
 
 
@@ -108,7 +90,7 @@ def test_a_record_without_perturbation_and_with_a_crack_breathes(tmp_path, setup
 
 def _without_perturbator(folder):
     path = folder / "plain.toml"
-    path.write_text(SETUP.replace('[perturbator]\nchannel = "keyphasor_perturbator"\n', ""))
+    path.write_text(TWISTED.replace('[perturbator]\nchannel = "keyphasor_perturbator"\n', ""))
     return path
 
 
@@ -121,7 +103,7 @@ def test_recordings_without_what_lines_need_are_refused_in_words(tmp_path, backw
         rf.shaft_lines([])
     with pytest.raises(ValueError, match="runout_um is the size"):
         rf.shaft_lines(rf.read_recording(backward, setup), runout_um=-1.0)
-    one = SETUP.replace('[[probe]]\nplane = "disk"\nchannel = "disk_Y"\nangle_deg = 90.0\n', "")
+    one = TWISTED.replace('[[probe]]\nplane = "disk"\nchannel = "disk_Y"\nangle_deg = 90.0\n', "")
     (tmp_path / "one.toml").write_text(one)
     with pytest.raises(ValueError, match="disk has one probe"):
         rf.shaft_lines(rf.read_recording(backward, tmp_path / "one.toml"))

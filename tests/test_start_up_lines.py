@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from shaft_setups import PERTURBED, PROBES
 
 import rotorfit as rf
 from rotorfit.cli.main import main
@@ -15,19 +16,6 @@ TRUTH = {
 }  # fmt: skip
 CRITICAL = 200.0
 RUNOUT = 8e-6 + 3e-6j
-PROBES = """rotation = "ccw"
-[shaft]
-channel = "keyphasor_shaft"
-[[probe]]
-plane = "disk"
-channel = "disk_X"
-angle_deg = 0.0
-[[probe]]
-plane = "disk"
-channel = "disk_Y"
-angle_deg = 90.0
-"""
-PERTURBED = PROBES + '[perturbator]\nchannel = "keyphasor_perturbator"\n[force]\nplane = "disk"\n'
 
 
 @pytest.fixture(scope="module")

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from shaft_setups import PERTURBED
 
 import rotorfit as rf
 from rotorfit.fitting.anisotropy import lines_cut_off
@@ -176,24 +177,6 @@ def test_what_makes_no_such_rotor_is_refused_in_words(simulated):
         rf.fit(MODEL.rotor, test)
 
 
-SETUP = """rotation = "ccw"
-[shaft]
-channel = "keyphasor_shaft"
-[perturbator]
-channel = "keyphasor_perturbator"
-[[probe]]
-plane = "disk"
-channel = "disk_X"
-angle_deg = 0.0
-[[probe]]
-plane = "disk"
-channel = "disk_Y"
-angle_deg = 90.0
-[force]
-plane = "disk"
-"""
-
-
 def test_both_anisotropies_come_from_volts(tmp_path):
     shaft = rf.models.AnisotropicShaft(torsion=None)
     truth = {
@@ -212,7 +195,7 @@ def test_both_anisotropies_come_from_volts(tmp_path):
         tmp_path / "sweep.h5", shaft, truth, SPEED, 8.0, perturbation=sweep, support=support,
         acquisition=Acquisition(sample_rate=1600.0),
     )  # fmt: skip
-    (tmp_path / "rig.toml").write_text(SETUP)
+    (tmp_path / "rig.toml").write_text(PERTURBED)
     test = rf.shaft_lines(rf.read_recording(path, tmp_path / "rig.toml"), supports=True)
     rotor = TurningOnSupports(Turning(Chain(1, planes=("disk",))))
     free = [name for name in ("M1", "K1", "Ds1") if name in rotor.parameter_names]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -27,15 +28,8 @@ def impulse(
     apart: float = 2.0,
 ) -> Iterator[Played]:
     """Blows of a hammer, 4 ms each."""
-    where = plane or rig.virtual.model.planes[-1]
-    time, force = rig.instruments.time(apart * (blows + 1)), _blows(impulse, blows, apart, rig.rng)
-    for rpm in _speeds(rig, speed_rpm):
-        yield Played(
-            name=f"{where}-blows-{rpm:g}",
-            motion=rig.path(constant(rpm * RPM), force, where, time.size),
-            shaft=rig.shaft(time, rpm * RPM),
-            attributes={"speed_rpm": rpm, "impulse_plane": where},
-        )
+    for played, where, _ in _struck(rig, "blows", speed_rpm, impulse, plane, blows, apart):
+        yield replace(played, attributes={**played.attributes, "impulse_plane": where})
 
 
 def hammer(
@@ -48,16 +42,24 @@ def hammer(
     apart: float = 2.0,
 ) -> Iterator[Played]:
     """Blows along x of a hammer whose force is measured."""
+    for played, where, force in _struck(rig, "hammer", speed_rpm, impulse, plane, blows, apart):
+        yield replace(played, forces={"force_X": force}, attributes={**played.attributes, "force_plane": where})
+
+
+def _struck(
+    rig: RecordedRig, kind: str, speed_rpm: ArrayLike, size: float, plane: str | None, blows: int, apart: float
+) -> Iterator[tuple[Played, str, Float]]:
+    """Runs under blows along x, where they strike, and their force, N."""
     where = plane or rig.virtual.model.planes[-1]
-    time, force = rig.instruments.time(apart * (blows + 1)), _blows(impulse, blows, apart, rig.rng)
+    time, force = rig.instruments.time(apart * (blows + 1)), _blows(size, blows, apart, rig.rng)
     for rpm in _speeds(rig, speed_rpm):
-        yield Played(
-            name=f"{where}-hammer-{rpm:g}",
+        played = Played(
+            name=f"{where}-{kind}-{rpm:g}",
             motion=rig.path(constant(rpm * RPM), force, where, time.size),
             shaft=rig.shaft(time, rpm * RPM),
-            forces={"force_X": force(time).real},
-            attributes={"speed_rpm": rpm, "force_plane": where},
+            attributes={"speed_rpm": rpm},
         )
+        yield played, where, force(time).real
 
 
 def release(
