@@ -32,10 +32,10 @@ from posterior_rivals import log_density, numba_loop
 from reporting import RESULTS, environment, table, write_csv
 from rigs import chain_rig, true_vector
 
-from rotorfit.estimators.batch import batch_fit, with_measured
-from rotorfit.estimators.kernels import Batch
-from rotorfit.estimators.least_squares import minimise
-from rotorfit.estimators.problem import Problem
+from rotorfit.estimators.minimisation.batch import batch_fit, with_measured
+from rotorfit.estimators.minimisation.least_squares import minimise
+from rotorfit.estimators.misfit.kernels import Batch
+from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.models import RotorModel
 
 Float = NDArray[np.float64]

@@ -29,10 +29,10 @@ from nonlinearity import second_order
 from reporting import RESULTS, environment, table, write_csv
 from rigs import RIGS, Rig, true_vector, with_noise
 
-from rotorfit.estimators.closed_form import closed_form
-from rotorfit.estimators.least_squares import minimise
-from rotorfit.estimators.problem import Problem
-from rotorfit.estimators.starts import start_vector
+from rotorfit.estimators.minimisation.least_squares import minimise
+from rotorfit.estimators.misfit.problem import Problem
+from rotorfit.estimators.starting.closed_form import closed_form
+from rotorfit.estimators.starting.starts import start_vector
 
 Float = NDArray[np.float64]
 

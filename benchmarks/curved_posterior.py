@@ -29,13 +29,13 @@ from posterior_speed import bulk_ess
 from reporting import RESULTS, environment, table, write_csv
 from rigs import FORCE, RIGS, Rig, true_vector, with_noise
 
-from rotorfit.estimators.ensemble_sampler import sample
-from rotorfit.estimators.least_squares import minimise
-from rotorfit.estimators.log_posterior import LogPosterior
-from rotorfit.estimators.observations import Responses
-from rotorfit.estimators.priors import Prior
-from rotorfit.estimators.problem import Problem
-from rotorfit.estimators.proposals import IndependenceMove
+from rotorfit.estimators.blocks.observations import Responses
+from rotorfit.estimators.inference.ensemble_sampler import sample
+from rotorfit.estimators.inference.log_posterior import LogPosterior
+from rotorfit.estimators.inference.proposals import IndependenceMove
+from rotorfit.estimators.minimisation.least_squares import minimise
+from rotorfit.estimators.misfit.priors import Prior
+from rotorfit.estimators.misfit.problem import Problem
 
 Float = NDArray[np.float64]
 

@@ -31,10 +31,10 @@ from reporting import RESULTS, environment, table, write_csv
 from rigs import FORCE, RIGS
 
 from rotorfit.data.experiments import PerturbationTest
-from rotorfit.estimators.batch import batch_fit
-from rotorfit.estimators.least_squares import minimise
-from rotorfit.estimators.problem import Problem
-from rotorfit.estimators.starts import start_vector
+from rotorfit.estimators.minimisation.batch import batch_fit
+from rotorfit.estimators.minimisation.least_squares import minimise
+from rotorfit.estimators.misfit.problem import Problem
+from rotorfit.estimators.starting.starts import start_vector
 from rotorfit.fitting.fit import fit as rf_fit
 from rotorfit.fitting.problem_setup import build_problem
 from rotorfit.fitting.settings import FitSettings

@@ -40,7 +40,7 @@ from reporting import RESULTS, environment, table, write_csv  # noqa: E402
 
 import rotorfit as rf  # noqa: E402
 from rotorfit.data.experiments import Experiment  # noqa: E402
-from rotorfit.estimators.problem import Problem  # noqa: E402
+from rotorfit.estimators.misfit.problem import Problem  # noqa: E402
 from rotorfit.fitting.problem_setup import build_problem  # noqa: E402
 from rotorfit.fitting.settings import FitSettings  # noqa: E402
 
@@ -256,7 +256,7 @@ def time_posteriors(case: Case, rounds: int, ess: float, draws: int) -> list[Pos
 
 def _per_vector(fit: rf.FitResult, samples: Float, accelerate: bool) -> float:
     """Seconds of one log density among 64 at once, what half an ensemble proposes."""
-    from rotorfit.estimators.log_posterior import LogPosterior
+    from rotorfit.estimators.inference.log_posterior import LogPosterior
 
     target = LogPosterior(fit.problem, "fixed", accelerate=accelerate)
     chosen = samples[:: max(1, len(samples) // 64)][:64]

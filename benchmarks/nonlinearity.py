@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rotorfit.estimators.problem import Problem
+from rotorfit.estimators.misfit.problem import Problem
 
 Float = NDArray[np.float64]
 

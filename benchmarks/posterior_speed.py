@@ -34,8 +34,8 @@ from fit_speed import Case, make_case
 from posterior_rivals import ORDER, Nuts, emcee_by_hand, log_density
 from reporting import RESULTS, environment, table, write_csv
 
-from rotorfit.estimators.ensemble_sampler import sample
-from rotorfit.estimators.log_posterior import LogPosterior
+from rotorfit.estimators.inference.ensemble_sampler import sample
+from rotorfit.estimators.inference.log_posterior import LogPosterior
 from rotorfit.uncertainty.arviz_loader import load_arviz
 
 Float = NDArray[np.float64]

@@ -34,7 +34,7 @@ from reporting import RESULTS, environment, table, write_csv
 
 import rotorfit as rf
 from rotorfit.data.experiments import PerturbationTest, perturbation_test
-from rotorfit.estimators.tracking import track_windows
+from rotorfit.estimators.signals.tracking import track_windows
 from rotorfit.recordings.recording import Recording
 from rotorfit.recordings.reduced_record import ReducedRecord, reduce_record
 

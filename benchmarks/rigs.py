@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotorfit.data.experiments import PerturbationTest, perturbation_test
-from rotorfit.estimators.observations import Responses
-from rotorfit.estimators.problem import Problem
+from rotorfit.estimators.blocks.observations import Responses
+from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.fitting.problem_setup import build_problem
 from rotorfit.fitting.settings import FitSettings
 from rotorfit.models import Anisotropic, Chain, OneMode, Overhung, RotorModel, TwoDisk, WhirlWhip

@@ -27,11 +27,11 @@ sys.path.insert(0, str(Path(__file__).parent))
 from reporting import RESULTS, environment, table, write_csv
 from rigs import RIGS, Rig, chain_rig, with_noise
 
-from rotorfit.estimators.closed_form import closed_form, stiffness_matrices
-from rotorfit.estimators.least_squares import minimise
-from rotorfit.estimators.observations import Responses
-from rotorfit.estimators.problem import Problem
-from rotorfit.estimators.starts import start_vector
+from rotorfit.estimators.blocks.observations import Responses
+from rotorfit.estimators.minimisation.least_squares import minimise
+from rotorfit.estimators.misfit.problem import Problem
+from rotorfit.estimators.starting.closed_form import closed_form, stiffness_matrices
+from rotorfit.estimators.starting.starts import start_vector
 
 LINES = (100, 1000, 10_000, 100_000, 1_000_000)
 PLANES = (2, 3, 5, 8, 12, 16, 20)

@@ -31,13 +31,13 @@ sys.path.insert(0, str(Path(__file__).parent))
 from reporting import RESULTS, environment, table, write_csv
 from rigs import RIGS, Rig
 
-from rotorfit.estimators.batch import with_measured
-from rotorfit.estimators.ensemble_sampler import sample
-from rotorfit.estimators.least_squares import minimise
-from rotorfit.estimators.log_posterior import LogPosterior, Noise
-from rotorfit.estimators.priors import Prior
-from rotorfit.estimators.problem import Problem
-from rotorfit.estimators.starts import start_vector
+from rotorfit.estimators.inference.ensemble_sampler import sample
+from rotorfit.estimators.inference.log_posterior import LogPosterior, Noise
+from rotorfit.estimators.minimisation.batch import with_measured
+from rotorfit.estimators.minimisation.least_squares import minimise
+from rotorfit.estimators.misfit.priors import Prior
+from rotorfit.estimators.misfit.problem import Problem
+from rotorfit.estimators.starting.starts import start_vector
 from rotorfit.models.stability import growth_rate
 
 Float = NDArray[np.float64]

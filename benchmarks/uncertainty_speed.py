@@ -33,8 +33,8 @@ from fit_speed import Case, make_case
 from reporting import RESULTS, environment, table, write_csv
 
 import rotorfit as rf
-from rotorfit.estimators.kernels import Batch
-from rotorfit.estimators.problem import Problem
+from rotorfit.estimators.misfit.kernels import Batch
+from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.models import threshold_speed
 
 Float = NDArray[np.float64]

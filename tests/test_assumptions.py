@@ -10,8 +10,8 @@ import pytest
 from fe_rigs import K3, TYPICAL, Rig
 
 import rotorfit as rf
-from rotorfit.estimators.left_out_columns import whitened_columns
-from rotorfit.estimators.score_tests import score_tests
+from rotorfit.estimators.inference.left_out_columns import whitened_columns
+from rotorfit.estimators.inference.score_tests import score_tests
 from rotorfit.fitting.assumption_table import THRESHOLD
 from rotorfit.models import WhirlWhip, threshold_speed
 from rotorfit.models.complexes import Complex, J

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from rotorfit.estimators import accelerator
-from rotorfit.estimators.batch import batch_fit, with_measured
-from rotorfit.estimators.kernels import Batch
-from rotorfit.estimators.least_squares import minimise
-from rotorfit.estimators.losses import LOSSES
-from rotorfit.estimators.priors import Prior
+from rotorfit.estimators.minimisation.batch import batch_fit, with_measured
+from rotorfit.estimators.minimisation.least_squares import minimise
+from rotorfit.estimators.misfit import accelerator
+from rotorfit.estimators.misfit.kernels import Batch
+from rotorfit.estimators.misfit.losses import LOSSES
+from rotorfit.estimators.misfit.priors import Prior
 from rotorfit.fitting.problem_setup import build_problem
 from rotorfit.fitting.settings import FitSettings
 

@@ -31,7 +31,7 @@ def rigs():
 def test_closed_form_of_exact_data_is_exact(rigs, name, weighted):
     from rigs import true_vector
 
-    from rotorfit.estimators.closed_form import closed_form
+    from rotorfit.estimators.starting.closed_form import closed_form
 
     problem = rigs[name].problem(60, 0.01)
     truth = true_vector(problem, rigs[name].truth)
@@ -62,7 +62,7 @@ def test_closed_form_states_its_error(rigs, name):
     """Its covariance, from one draw, is the inverse information of a fit at the truth, to the size of the noise."""
     from rigs import true_vector, with_noise
 
-    from rotorfit.estimators.closed_form import closed_form
+    from rotorfit.estimators.starting.closed_form import closed_form
 
     exact = rigs[name].problem(60, 0.001)
     truth = true_vector(exact, rigs[name].truth)
@@ -114,7 +114,7 @@ def test_expected_bias_is_seen(rigs):
     from nonlinearity import second_order
     from rigs import true_vector, with_noise
 
-    from rotorfit.estimators.least_squares import minimise
+    from rotorfit.estimators.minimisation.least_squares import minimise
 
     problem = rigs["one-mode"].problem(20, 0.1)
     truth = true_vector(problem, rigs["one-mode"].truth)
@@ -141,7 +141,8 @@ def test_pieces_change_nothing(rigs, monkeypatch):
     """Large tests are evaluated piece by piece: the same cost, gradient, matrix and closed form."""
     from rigs import true_vector, with_noise
 
-    from rotorfit.estimators import closed_form, problem
+    from rotorfit.estimators.misfit import problem
+    from rotorfit.estimators.starting import closed_form
 
     whole = with_noise(rigs["whirl-whip"].problem(60, 0.01), np.random.default_rng(2))
     x = true_vector(whole, rigs["whirl-whip"].truth)

@@ -9,7 +9,7 @@ from scipy import stats
 from synthetic import TYPICAL, circular_test
 
 import rotorfit as rf
-from rotorfit.estimators.batch import with_measured
+from rotorfit.estimators.minimisation.batch import with_measured
 from rotorfit.fitting.fit import solve_again
 from rotorfit.models import Muszynska, OneMode, WhirlWhip
 from rotorfit.uncertainty.bootstrap import _simulate

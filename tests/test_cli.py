@@ -723,7 +723,7 @@ def test_time_left_is_told_and_the_bar_is_full_only_at_the_end(
 def test_sampling_counts_no_further_than_it_has_to(tmp_path: Path) -> None:
     """The bar stood at 100 % while the autocorrelation time was not resolved, and counted 4285 of 1000 samples."""
     import rotorfit as rf
-    from rotorfit.estimators.ensemble_sampler import RESOLVED
+    from rotorfit.estimators.inference.ensemble_sampler import RESOLVED
 
     states = []
     fit = rf.fit(rf.models.WhirlWhip(), rf.datasets.rig_open(), known={"K3": 6000.0})

@@ -12,7 +12,7 @@ from recorded import ATTRIBUTES, RATE, notch, shaft_angle, write_hdf5
 
 import rotorfit as rf
 from rotorfit.cli.main import main
-from rotorfit.estimators.dwells import dwells
+from rotorfit.estimators.signals.dwells import dwells
 from rotorfit.simulation.turning_speeds import Dwells, Sweep
 
 RIG = rf.models.WhirlWhip()

@@ -11,8 +11,8 @@ from synthetic import MODELS, SPEEDS, TYPICAL, circular_test, covering_frequenci
 
 import rotorfit as rf
 from rotorfit.data.experiments import DisplacementTest, perturbation_test
-from rotorfit.estimators.closed_form import ClosedFormError
-from rotorfit.estimators.losses import LOSSES, robust_weights
+from rotorfit.estimators.misfit.losses import LOSSES, robust_weights
+from rotorfit.estimators.starting.closed_form import ClosedFormError
 from rotorfit.models import Anisotropic, OneMode, TwoDisk, WhirlWhip
 
 FLUID = {name: TYPICAL["one-mode"][name] for name in ("K", "Ds")}

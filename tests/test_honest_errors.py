@@ -11,11 +11,11 @@ import pytest
 from scipy import stats
 
 import rotorfit as rf
-from rotorfit.estimators.correlation import memory, scatter
-from rotorfit.estimators.noise import deviations_of_repeats
-from rotorfit.estimators.noise_levels import fit_shape, fit_shapes
-from rotorfit.estimators.robust_covariance import line_scatter
-from rotorfit.estimators.run_effects import MixedModel, select_effects
+from rotorfit.estimators.noise.correlation import memory, scatter
+from rotorfit.estimators.noise.noise_levels import fit_shape, fit_shapes
+from rotorfit.estimators.noise.reading_noise import deviations_of_repeats
+from rotorfit.estimators.noise.robust_covariance import line_scatter
+from rotorfit.estimators.noise.run_effects import MixedModel, select_effects
 from rotorfit.fitting.noise_record import NoiseVerdict
 from rotorfit.fitting.problem_setup import build_problem
 from rotorfit.fitting.settings import FitSettings

@@ -9,7 +9,7 @@ import pytest
 from synthetic import TYPICAL, circular_test, covering_frequencies
 
 import rotorfit as rf
-from rotorfit.estimators.identifiability import covariance, diagnose
+from rotorfit.estimators.inference.identifiability import covariance, diagnose
 from rotorfit.models import OneMode, Overhung, TwoDisk
 
 NAMES = ("M", "K", "K0", "D")

@@ -24,8 +24,8 @@ from scipy.stats import binom, chi2
 
 import rotorfit as rf
 from rotorfit.data.experiments import Experiment, perturbation_test
-from rotorfit.estimators.nonlinear import OrbitResponses
-from rotorfit.estimators.problem import Problem
+from rotorfit.estimators.blocks.nonlinear import OrbitResponses
+from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.fitting.problem_setup import build_problem
 from rotorfit.fitting.result import FitResult
 from rotorfit.fitting.settings import FitSettings

@@ -34,6 +34,16 @@ FLOORS = (
     ("cli",),
 )
 """Rooms from the ground up; the third floor's are files. Imports go down, and none between rooms of a floor."""
+ESTIMATOR_FLOORS = (
+    ("atomic_file", "matching", "change_point"),
+    ("blocks",),
+    ("misfit",),
+    ("minimisation",),
+    ("noise", "signals"),
+    ("starting",),
+    ("inference",),
+)
+"""The same inside ``estimators/``; the first floor's are files."""
 UPWARD = ("rotorfit.fitting.result", "rotorfit.recordings.recording")
 """Their one-line convenience methods (plots, profile, sample, ...) import upwards when called, as pandas does."""
 
@@ -115,6 +125,15 @@ def test_imports_go_down(name: str) -> None:
         assert floor[room(other)] < floor[room(name)], f"{name} -> {other}"
 
 
+@pytest.mark.parametrize("name", [name for name in MODULES if name.startswith("rotorfit.estimators.")])
+def test_imports_of_estimators_go_down(name: str) -> None:
+    floor = {name: i for i, names in enumerate(ESTIMATOR_FLOORS) for name in names}
+    own = name.split(".")[2]
+    for other, _ in arrows(name):
+        if room(other) == "estimators" and other.split(".")[2] != own:
+            assert floor[other.split(".")[2]] < floor[own], f"{name} -> {other}"
+
+
 def test_no_circle_of_more_than_a_pair() -> None:
     """Files that reach each other, call-time and type-only imports included, convenience methods aside."""
     ways = {name: {other for other, _ in arrows(name)} - {name} for name in MODULES if room(name)}
@@ -144,7 +163,7 @@ def test_lower_packages_draw_nothing(package: str) -> None:
 def test_every_module_imports_without_a_front_part() -> None:
     """Each of the lower packages can be used alone: importing it does not load the front."""
     code = (
-        "import sys, rotorfit.estimators.least_squares, rotorfit.estimators.closed_form\n"
+        "import sys, rotorfit.estimators.minimisation.least_squares, rotorfit.estimators.starting.closed_form\n"
         "front = [m for m in sys.modules if m.startswith('rotorfit.')"
         " and not m.startswith(('rotorfit.models', 'rotorfit.estimators', 'rotorfit.version'))]\n"
         "sys.exit(' '.join(front) or 0)"

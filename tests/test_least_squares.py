@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from rotorfit.estimators.least_squares import Options, Solution, Status, SymbolicResiduals, minimise
+from rotorfit.estimators.minimisation.least_squares import Options, Solution, Status, SymbolicResiduals, minimise
 
 Array = NDArray[np.float64]
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from swept import Rotor, Sweep, two_modes
 
-from rotorfit.estimators.local_response import RecordSpectra, gauss_nodes, local_response
+from rotorfit.estimators.signals.local_response import RecordSpectra, gauss_nodes, local_response
 
 RATE = 1024.0
 OMEGA = 157.0

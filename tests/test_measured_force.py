@@ -10,7 +10,7 @@ import pytest
 from swept import Sweep, two_modes
 
 import rotorfit as rf
-from rotorfit.estimators.local_response import RecordSpectra, local_response
+from rotorfit.estimators.signals.local_response import RecordSpectra, local_response
 from rotorfit.recordings.measured_force import look_at_force
 
 RIG = rf.models.WhirlWhip()

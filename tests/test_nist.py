@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from rotorfit.estimators.least_squares import Solution, Status, SymbolicResiduals, minimise
+from rotorfit.estimators.minimisation.least_squares import Solution, Status, SymbolicResiduals, minimise
 
 PROBLEMS: dict[str, dict[str, Any]] = json.loads(
     (Path(__file__).parent / "data" / "nist" / "nist.json").read_text(encoding="utf-8")

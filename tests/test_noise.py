@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from synthetic import TYPICAL, circular_test, covering_frequencies
 
-from rotorfit.estimators.noise import FLOOR, noise_from_repeats, noise_from_samples, noise_from_smoothness
+from rotorfit.estimators.noise.reading_noise import FLOOR, noise_from_repeats, noise_from_samples, noise_from_smoothness
 from rotorfit.models import OneMode
 from rotorfit.observing.circular import observe
 from rotorfit.observing.grouping import group_rows

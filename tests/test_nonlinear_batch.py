@@ -11,9 +11,9 @@ from law_data import CLEARANCE_UM, JUMPING, LIGHT, ONE_MODE, WHIRL_WHIP, impulse
 
 import rotorfit as rf
 from rotorfit.data.experiments import Experiment
-from rotorfit.estimators.kernels import Batch
-from rotorfit.estimators.nonlinear import OrbitResponses
-from rotorfit.estimators.problem import Problem
+from rotorfit.estimators.blocks.nonlinear import OrbitResponses
+from rotorfit.estimators.misfit.kernels import Batch
+from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.fitting.problem_setup import build_problem
 from rotorfit.fitting.settings import FitSettings
 from rotorfit.models.journal import journal

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import rotorfit as rf
-from rotorfit.estimators.nonlinear import OrbitResponses
+from rotorfit.estimators.blocks.nonlinear import OrbitResponses
 from rotorfit.fitting.problem_setup import build_problem
 from rotorfit.fitting.settings import FitSettings
 

@@ -7,8 +7,8 @@ import pytest
 from nonlinear_rigs import rig
 from numpy.typing import NDArray
 
-from rotorfit.estimators.nonlinear import OrbitBranch, OrbitResponses
-from rotorfit.estimators.observations import Responses
+from rotorfit.estimators.blocks.nonlinear import OrbitBranch, OrbitResponses
+from rotorfit.estimators.blocks.observations import Responses
 from rotorfit.models import RotorModel
 from rotorfit.models.journal import journal
 from rotorfit.models.orbits import OrbitEquation, all_roots, followed_roots, nearest_roots

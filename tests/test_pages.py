@@ -22,7 +22,7 @@ def test_links_and_files_of_a_page_are_there(page: str) -> None:
 
 def test_functions_on_the_way_from_file_to_result_are_where_the_page_says() -> None:
     text = (ROOT / "ARCHITECTURE.md").read_text(encoding="utf-8")
-    named = re.findall(r"(\w+) \(((?:fitting|observing|estimators|io)\.\w+)\)", text)
+    named = re.findall(r"(\w+) \(((?:fitting|observing|estimators|io)(?:\.\w+)+)\)", text)
     assert len(named) >= 5
     for function, module in named:
         folder = "" if module.startswith("estimators.") else "rotorfit/"

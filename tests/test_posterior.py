@@ -18,9 +18,9 @@ from synthetic import TYPICAL, circular_test, covering_frequencies
 
 import rotorfit as rf
 from rotorfit.data.experiments import DisplacementTest
-from rotorfit.estimators.ensemble_sampler import sample as run_emcee
-from rotorfit.estimators.log_posterior import LogPosterior
-from rotorfit.estimators.proposals import IndependenceMove
+from rotorfit.estimators.inference.ensemble_sampler import sample as run_emcee
+from rotorfit.estimators.inference.log_posterior import LogPosterior
+from rotorfit.estimators.inference.proposals import IndependenceMove
 from rotorfit.models import OneMode, WhirlWhip, threshold_speed
 from rotorfit.models.stability import threshold_speeds
 from rotorfit.uncertainty.arviz_loader import load_arviz

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 import rotorfit as rf
-from rotorfit.estimators.ramp import find_beat, fit_ramp, ramp_response, steady_response
+from rotorfit.estimators.signals.ramp import find_beat, fit_ramp, ramp_response, steady_response
 
 RPM = np.pi / 30
 

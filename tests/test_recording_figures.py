@@ -11,8 +11,8 @@ from recorded import ATTRIBUTES, RATE, perturbator_angle, shaft_angle, volts, wr
 
 import rotorfit as rf
 from rotorfit.cli.main import main
-from rotorfit.estimators.order_vectors import order_vectors
-from rotorfit.estimators.spectral_lines import full_spectrum
+from rotorfit.estimators.signals.order_vectors import order_vectors
+from rotorfit.estimators.signals.spectral_lines import full_spectrum
 from rotorfit.recordings.views import Marks, cascade, centreline, spectrum, speeds, stretch, vectors_over_time
 
 Float = NDArray[np.float64]

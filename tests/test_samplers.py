@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from rotorfit.estimators.ensemble_sampler import sample
-from rotorfit.estimators.least_squares import minimise
-from rotorfit.estimators.log_posterior import LogPosterior
-from rotorfit.estimators.priors import LogPriors, Prior
-from rotorfit.estimators.proposals import IndependenceMove, best_proposal
+from rotorfit.estimators.inference.ensemble_sampler import sample
+from rotorfit.estimators.inference.log_posterior import LogPosterior
+from rotorfit.estimators.inference.proposals import IndependenceMove, best_proposal
+from rotorfit.estimators.minimisation.least_squares import minimise
+from rotorfit.estimators.misfit.priors import LogPriors, Prior
 
 
 @pytest.fixture(scope="module", autouse=True)

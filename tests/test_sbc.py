@@ -40,7 +40,7 @@ def test_overconfidence_is_found_out(sbc):
 
 def test_a_channel_of_noise_alone_leaves_a_start(sbc):
     """A draw in which the closed form's passes diverge until their equations are singular: earlier passes serve."""
-    from rotorfit.estimators.starts import start_vector
+    from rotorfit.estimators.starting.starts import start_vector
 
     study = sbc.make_study("two-disk")
     seeds = np.random.SeedSequence(1).spawn(205)[204]

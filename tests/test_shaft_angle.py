@@ -7,8 +7,8 @@ import pytest
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 
-from rotorfit.estimators.pulses import find_edges, find_levels, from_index, number_pulses
-from rotorfit.estimators.shaft_angle import smooth_angle
+from rotorfit.estimators.signals.pulses import find_edges, find_levels, from_index, number_pulses
+from rotorfit.estimators.signals.shaft_angle import smooth_angle
 from rotorfit.simulation.turning_speeds import Sweep
 
 Float = NDArray[np.float64]

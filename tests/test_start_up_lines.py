@@ -6,7 +6,7 @@ from shaft_setups import PERTURBED, PROBES
 
 import rotorfit as rf
 from rotorfit.cli.main import main
-from rotorfit.estimators.start_up_lines import StartUp, start_up_lines
+from rotorfit.estimators.signals.start_up_lines import StartUp, start_up_lines
 from rotorfit.simulation.shaft import Perturbation, RunUp, shaft_motion
 from rotorfit.simulation.shaft_record import Acquisition, record_shaft
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from swept import Rotor, Sweep
 
-from rotorfit.estimators.tracking import track_windows
+from rotorfit.estimators.signals.tracking import track_windows
 
 RATE = 2048.0
 

@@ -9,7 +9,7 @@ import pytest
 from campaigns_of_weights import RPM, TRUTH, WEIGHTS, campaign, influences
 
 import rotorfit as rf
-from rotorfit.estimators.mounting import solve
+from rotorfit.estimators.noise.mounting import solve
 
 QUIET = {"mounting_um": 0.0, "weight_error": 0.0, "repeat_um": 1e-6}
 

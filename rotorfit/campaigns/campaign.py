@@ -16,8 +16,8 @@ from rotorfit.campaigns.runs import Run, RunFit, Workers, fit_run, split_runs
 from rotorfit.campaigns.shared import fit_shared
 from rotorfit.campaigns.trends import Trend, trend_table, trends_of
 from rotorfit.data.experiments import Experiment
-from rotorfit.estimators.losses import LOSSES, Loss
-from rotorfit.estimators.parameter_space import parameter_space
+from rotorfit.estimators.misfit.losses import LOSSES, Loss
+from rotorfit.estimators.misfit.parameter_space import parameter_space
 from rotorfit.fitting.digits import plus_minus, with_error
 from rotorfit.fitting.fit import fit as fit_model
 from rotorfit.fitting.notebook import text_html

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from rotorfit.campaigns.runs import Run, RunFit, Workers, bends_of, scatter_of
-from rotorfit.estimators.covariance import widening
-from rotorfit.estimators.schur import Curvature, Parts, shared_covariance
+from rotorfit.estimators.inference.covariance import widening
+from rotorfit.estimators.inference.schur import Curvature, Parts, shared_covariance
 from rotorfit.models.array_types import Float
 
 
@@ -92,7 +92,7 @@ def _by_squares(fitted: Sequence[FittedRun], names: Sequence[str], factor: float
 
 
 def _of_robust_loss(workers: Workers, fitted: Sequence[FittedRun], names: Sequence[str]) -> JointErrors:
-    """The sandwich of :func:`rotorfit.estimators.covariance.information`, put together from the runs.
+    """The sandwich of :func:`rotorfit.estimators.inference.covariance.information`, put together from the runs.
 
     Its filling is the scatter of each run's slope, which reaches the shared parameters directly and through those of
     the run's own that follow them. The scatter already shows a model that does not fit: nothing is widened.

@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotorfit.data.experiments import Experiment
-from rotorfit.estimators.closed_form import ClosedFormError
-from rotorfit.estimators.covariance import bends, prior_curvature, score_scatter
-from rotorfit.estimators.schur import Curvature
+from rotorfit.estimators.inference.covariance import bends, prior_curvature, score_scatter
+from rotorfit.estimators.inference.schur import Curvature
+from rotorfit.estimators.starting.closed_form import ClosedFormError
 from rotorfit.executors import carry_out
 from rotorfit.fitting.fit import fit
 from rotorfit.fitting.problem_setup import as_tuple, build_problem

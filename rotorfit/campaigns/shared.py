@@ -14,7 +14,7 @@ import numpy as np
 
 from rotorfit.campaigns.joint_errors import FittedRun, JointErrors, OwnErrors, joint_errors
 from rotorfit.campaigns.runs import Run, RunFit, Workers, curvature, fit_run
-from rotorfit.estimators.schur import Curvature, Parts, inverse_information, shared_covariance
+from rotorfit.estimators.inference.schur import Curvature, Parts, inverse_information, shared_covariance
 from rotorfit.fitting.quantities import FittedParameter
 from rotorfit.fitting.settings import FitSettings
 from rotorfit.models import RotorModel

@@ -14,7 +14,7 @@ import numpy as np
 
 from rotorfit.checks.orbits import ENOUGH, Orbits
 from rotorfit.data.findings import Finding, listed
-from rotorfit.estimators.noise import noise_from_smoothness
+from rotorfit.estimators.noise.reading_noise import noise_from_smoothness
 from rotorfit.models.array_types import ComplexArray, Float, Index
 
 GENEROUS = 4.0

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from rotorfit.data.experiments import PerturbationTest, Text
 from rotorfit.data.linear_force import probe_pairs, whirl_parts
-from rotorfit.estimators.row_keys import combined, in_order, numbers
+from rotorfit.estimators.blocks.row_keys import combined, in_order, numbers
 from rotorfit.models.array_types import ComplexArray, Float, Index
 
 ENOUGH = 12

@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 
 from rotorfit.checks.orbits import ENOUGH, Orbits, complete_matrices, invertible
 from rotorfit.data.findings import Finding, listed
-from rotorfit.estimators.noise import noise_from_smoothness
-from rotorfit.estimators.row_keys import combined, in_order, numbers
+from rotorfit.estimators.blocks.row_keys import combined, in_order, numbers
+from rotorfit.estimators.noise.reading_noise import noise_from_smoothness
 from rotorfit.models.array_types import ComplexArray, Float, Index
 
 if TYPE_CHECKING:

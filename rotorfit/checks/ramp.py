@@ -8,7 +8,7 @@ import numpy as np
 
 from rotorfit.data.experiments import PerturbationTest
 from rotorfit.data.findings import Finding
-from rotorfit.estimators.ramp import fit_ramp
+from rotorfit.estimators.signals.ramp import fit_ramp
 from rotorfit.units import RPM_PER_RAD_S
 
 

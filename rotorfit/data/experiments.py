@@ -9,7 +9,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from rotorfit.estimators.row_keys import combined, in_order, numbers
+from rotorfit.estimators.blocks.row_keys import combined, in_order, numbers
 from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.units import RPM_PER_RAD_S
 

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotorfit.data.experiments import ImpulseTest, RingDownTest
-from rotorfit.estimators.ring_down import Decay, decay_of
+from rotorfit.estimators.signals.ring_down import Decay, decay_of
 
 _FEWEST_TURNS = 2.0  # of the shaft in a record that can tell vibration at its speed from a mode's
 _UNDAMPED = 1e-4  # of the speed: decay and distance from it that count as none

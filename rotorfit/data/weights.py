@@ -11,8 +11,8 @@ import numpy as np
 from rotorfit.data.experiments import Experiment, PerturbationTest
 from rotorfit.data.mountings import MOUNTING, SHORTEST_SWEEP, dwell_number, dwells, mountings, tells_mountings
 from rotorfit.data.synchronous import DIFFERENCED, difference_synchronous
-from rotorfit.estimators.influence import Influence, Readings, UndeterminedError, solve_influence
-from rotorfit.estimators.modes_seen import ModesSeen, modes_seen
+from rotorfit.estimators.starting.influence import Influence, Readings, UndeterminedError, solve_influence
+from rotorfit.estimators.starting.modes_seen import ModesSeen, modes_seen
 from rotorfit.models.array_types import ComplexArray, Float
 
 

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rotorfit.estimators.shaft_lines import PairResponses
+from rotorfit.estimators.blocks.shaft_lines import PairResponses
 from rotorfit.models.array_types import Float
 
 if TYPE_CHECKING:

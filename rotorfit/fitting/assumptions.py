@@ -7,12 +7,12 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from rotorfit.estimators.covariance import prior_curvature
-from rotorfit.estimators.left_out_columns import Clearance, Offset, Term, is_linear, whitened_columns
-from rotorfit.estimators.losses import robust_weights
-from rotorfit.estimators.nonlinear import OrbitResponses, responses_of
-from rotorfit.estimators.score_tests import score_tests
-from rotorfit.estimators.small_motion import OffCentreResponses
+from rotorfit.estimators.blocks.nonlinear import OrbitResponses, responses_of
+from rotorfit.estimators.blocks.small_motion import OffCentreResponses
+from rotorfit.estimators.inference.covariance import prior_curvature
+from rotorfit.estimators.inference.left_out_columns import Clearance, Offset, Term, is_linear, whitened_columns
+from rotorfit.estimators.inference.score_tests import score_tests
+from rotorfit.estimators.misfit.losses import robust_weights
 from rotorfit.fitting.assumption_table import THRESHOLD, Assumption, Assumptions
 from rotorfit.fitting.result import FitResult
 from rotorfit.models import Threshold

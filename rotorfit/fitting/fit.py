@@ -10,13 +10,13 @@ import numpy as np
 
 from rotorfit.checks.checklist import check
 from rotorfit.data.experiments import Experiment
-from rotorfit.estimators.closed_form import ClosedFormError
-from rotorfit.estimators.closed_form import closed_form as solve_closed_form
-from rotorfit.estimators.least_squares import Options, Solution, Status, minimise
-from rotorfit.estimators.losses import Loss
-from rotorfit.estimators.problem import Problem
-from rotorfit.estimators.shaft_line_starts import has_lines
-from rotorfit.estimators.starts import start_vector
+from rotorfit.estimators.minimisation.least_squares import Options, Solution, Status, minimise
+from rotorfit.estimators.misfit.losses import Loss
+from rotorfit.estimators.misfit.problem import Problem
+from rotorfit.estimators.starting.closed_form import ClosedFormError
+from rotorfit.estimators.starting.closed_form import closed_form as solve_closed_form
+from rotorfit.estimators.starting.shaft_line_starts import has_lines
+from rotorfit.estimators.starting.starts import start_vector
 from rotorfit.fitting.calibration import Calibration
 from rotorfit.fitting.judge import judge
 from rotorfit.fitting.noise_finding import study_noise

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from rotorfit.estimators.atomic_file import whole_file
-from rotorfit.estimators.problem import Problem
+from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.fitting.json_values import UserDefinedError, decode, encode
 from rotorfit.fitting.noise_problem import estimate_before, without_noise
 from rotorfit.fitting.noise_record import is_run_effect

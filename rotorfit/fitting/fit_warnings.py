@@ -6,10 +6,10 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from rotorfit.estimators import covariance
-from rotorfit.estimators.correlated import freedom_of
-from rotorfit.estimators.nonlinear import responses_of
-from rotorfit.estimators.problem import Problem
+from rotorfit.estimators.blocks.correlated import freedom_of
+from rotorfit.estimators.blocks.nonlinear import responses_of
+from rotorfit.estimators.inference import covariance
+from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.fitting.noise_judging import MODEL_LIMITED, is_misfit, noise_warnings
 from rotorfit.fitting.noise_record import Noise
 from rotorfit.fitting.quantities import FittedParameter

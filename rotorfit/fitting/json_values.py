@@ -24,7 +24,7 @@ _HOMES = (
     "rotorfit.fitting.settings",
     "rotorfit.fitting.calibration",
     "rotorfit.fitting.noise_record",
-    "rotorfit.estimators.identifiability",
+    "rotorfit.estimators.inference.identifiability",
 )
 """Modules whose records a file may name; nothing else is ever imported or called for a file."""
 

@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 
 from rotorfit.data.experiments import Experiment
-from rotorfit.estimators import covariance
-from rotorfit.estimators.closed_form import ClosedForm
-from rotorfit.estimators.least_squares import Solution, Status
-from rotorfit.estimators.problem import Problem
+from rotorfit.estimators.inference import covariance
+from rotorfit.estimators.minimisation.least_squares import Solution, Status
+from rotorfit.estimators.misfit.problem import Problem
+from rotorfit.estimators.starting.closed_form import ClosedForm
 from rotorfit.fitting.fit_warnings import fit_warnings
 from rotorfit.fitting.goodness import goodness_of
 from rotorfit.fitting.noise_record import Noise, NoiseVerdict

@@ -11,7 +11,7 @@ import casadi as ca
 import numpy as np
 
 from rotorfit.data.experiments import Experiment
-from rotorfit.estimators.closed_form import ClosedFormError
+from rotorfit.estimators.starting.closed_form import ClosedFormError
 from rotorfit.fitting.fit import fit, solve_again
 from rotorfit.fitting.problem_setup import as_tuple, build_problem
 from rotorfit.fitting.result import FitResult

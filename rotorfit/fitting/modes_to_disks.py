@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from rotorfit.estimators.parameter_space import ParameterSpace
+from rotorfit.estimators.misfit.parameter_space import ParameterSpace
 from rotorfit.fitting.quantities import Quantity
 from rotorfit.fitting.result import FitResult
 from rotorfit.models import Modal

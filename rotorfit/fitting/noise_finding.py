@@ -8,8 +8,8 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from rotorfit.estimators.nonlinear import responses_of
-from rotorfit.estimators.problem import Problem
+from rotorfit.estimators.blocks.nonlinear import responses_of
+from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.fitting.noise_record import FoundNoise, Noise, NoiseVerdict, ResponseNoise, RunEffect
 from rotorfit.fitting.noise_search import Search, offset_entries, residuals_of, search_noise, turn_of
 from rotorfit.models.array_types import Float

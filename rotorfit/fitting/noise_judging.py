@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from rotorfit.estimators.correlation import scatter
-from rotorfit.estimators.problem import Problem
-from rotorfit.estimators.robust_covariance import line_scatter
+from rotorfit.estimators.misfit.problem import Problem
+from rotorfit.estimators.noise.correlation import scatter
+from rotorfit.estimators.noise.robust_covariance import line_scatter
 from rotorfit.fitting.noise_record import Noise, NoiseVerdict, is_run_effect
 from rotorfit.fitting.noise_search import lines_in, sweeps_in
 from rotorfit.fitting.settings import FitSettings

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from rotorfit.estimators.priors import Prior
-from rotorfit.estimators.problem import Problem
+from rotorfit.estimators.misfit.priors import Prior
+from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.fitting.noise_record import RUN_KINDS, FoundNoise
 from rotorfit.models.array_types import Float
 

@@ -8,14 +8,14 @@ from functools import cached_property
 
 import numpy as np
 
-from rotorfit.estimators.correlated import CorrelatedResponses
-from rotorfit.estimators.correlation import Memory, memory
-from rotorfit.estimators.noise_levels import Shape, fit_probes, likelihood
-from rotorfit.estimators.nonlinear import responses_of
-from rotorfit.estimators.problem import Problem
-from rotorfit.estimators.row_keys import in_order, numbers
-from rotorfit.estimators.run_effects import MixedModel, Solved, runs_agree, select_effects
-from rotorfit.estimators.sweeps import force_plane, sweeps_of
+from rotorfit.estimators.blocks.correlated import CorrelatedResponses
+from rotorfit.estimators.blocks.nonlinear import responses_of
+from rotorfit.estimators.blocks.row_keys import in_order, numbers
+from rotorfit.estimators.blocks.sweeps import force_plane, sweeps_of
+from rotorfit.estimators.misfit.problem import Problem
+from rotorfit.estimators.noise.correlation import Memory, memory
+from rotorfit.estimators.noise.noise_levels import Shape, fit_probes, likelihood
+from rotorfit.estimators.noise.run_effects import MixedModel, Solved, runs_agree, select_effects
 from rotorfit.fitting.noise_record import NoiseVerdict
 from rotorfit.models.array_types import ComplexArray, Float, Index
 

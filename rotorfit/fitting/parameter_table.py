@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from rotorfit.estimators.parameter_space import DATUM
-from rotorfit.estimators.problem import Problem
+from rotorfit.estimators.misfit.parameter_space import DATUM
+from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.fitting.calibration import NUISANCE_KINDS
 from rotorfit.fitting.noise_record import is_run_effect
 from rotorfit.fitting.quantities import FittedParameter

@@ -12,13 +12,13 @@ from numpy.typing import NDArray
 
 from rotorfit.data.experiments import Experiment
 from rotorfit.data.weights import Influences, weighed
-from rotorfit.estimators.losses import LOSSES
-from rotorfit.estimators.nonlinear import responses_of
-from rotorfit.estimators.observations import Block, Responses
-from rotorfit.estimators.parameter_space import DATUM, ParameterSpace, parameter_space
-from rotorfit.estimators.priors import Prior, within_support
-from rotorfit.estimators.problem import Problem
-from rotorfit.estimators.small_motion import OffCentreResponses
+from rotorfit.estimators.blocks.nonlinear import responses_of
+from rotorfit.estimators.blocks.observations import Block, Responses
+from rotorfit.estimators.blocks.small_motion import OffCentreResponses
+from rotorfit.estimators.misfit.losses import LOSSES
+from rotorfit.estimators.misfit.parameter_space import DATUM, ParameterSpace, parameter_space
+from rotorfit.estimators.misfit.priors import Prior, within_support
+from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.fitting.calibration import nuisance_entries
 from rotorfit.fitting.noise_problem import normal, with_noise
 from rotorfit.fitting.settings import FitSettings, PhaseOffsets, check_phase_offsets

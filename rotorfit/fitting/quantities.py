@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from rotorfit.estimators.correlated import quantile
+from rotorfit.estimators.blocks.correlated import quantile
 from rotorfit.fitting.digits import plus_minus
 
 

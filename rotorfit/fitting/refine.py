@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from rotorfit.estimators.problem import Problem
+from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.fitting.fit import fit as fit_model
 from rotorfit.fitting.fit import solve_again
 from rotorfit.fitting.notebook import text_html

@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rotorfit.data.experiments import Experiment
-from rotorfit.estimators.correlated import CorrelatedResponses, freedom_of
-from rotorfit.estimators.covariance import widening
-from rotorfit.estimators.identifiability import Identifiability
-from rotorfit.estimators.nonlinear import responses_of
-from rotorfit.estimators.problem import Problem
+from rotorfit.estimators.blocks.correlated import CorrelatedResponses, freedom_of
+from rotorfit.estimators.blocks.nonlinear import responses_of
+from rotorfit.estimators.inference.covariance import widening
+from rotorfit.estimators.inference.identifiability import Identifiability
+from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.fitting.noise_judging import is_misfit
 from rotorfit.fitting.noise_record import Noise
 from rotorfit.fitting.quantities import FittedParameter, Quantity, ResponseQuality

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
-from rotorfit.estimators.losses import Loss
+from rotorfit.estimators.misfit.losses import Loss
 
 if TYPE_CHECKING:
     from rotorfit.fitting.calibration import Calibration

@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rotorfit.estimators import covariance
-from rotorfit.estimators.closed_form import ClosedForm
-from rotorfit.estimators.correlated import freedom_of
-from rotorfit.estimators.identifiability import Identifiability, diagnose
-from rotorfit.estimators.problem import Problem
+from rotorfit.estimators.blocks.correlated import freedom_of
+from rotorfit.estimators.inference import covariance
+from rotorfit.estimators.inference.identifiability import Identifiability, diagnose
+from rotorfit.estimators.misfit.problem import Problem
+from rotorfit.estimators.starting.closed_form import ClosedForm
 from rotorfit.fitting.goodness import Goodness
 from rotorfit.fitting.noise_judging import as_residuals_ask, with_shares
 from rotorfit.fitting.noise_record import Noise

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rotorfit.estimators.nonlinear import OrbitResponses, responses_of
-from rotorfit.estimators.observations import Responses
+from rotorfit.estimators.blocks.nonlinear import OrbitResponses, responses_of
+from rotorfit.estimators.blocks.observations import Responses
 from rotorfit.models.shaft import Shaft
 
 if TYPE_CHECKING:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rotorfit.estimators.parameter_space import DATUM
+from rotorfit.estimators.misfit.parameter_space import DATUM
 from rotorfit.fitting.anisotropy import lines_cut_off
 from rotorfit.fitting.digits import plus_minus, with_error
 from rotorfit.fitting.noise_record import NoiseVerdict, is_run_effect
@@ -20,7 +20,7 @@ from rotorfit.text_table import Wide, text_table
 from rotorfit.units import RPM_PER_RAD_S
 
 if TYPE_CHECKING:
-    from rotorfit.estimators.identifiability import Combination
+    from rotorfit.estimators.inference.identifiability import Combination
     from rotorfit.fitting.quantities import FittedParameter
     from rotorfit.fitting.result import FitResult
 

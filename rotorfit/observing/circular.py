@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from rotorfit.data.experiments import DisplacementTest, Experiment, PerturbationTest
 from rotorfit.data.kept import kept
 from rotorfit.data.linear_force import whirl_parts
-from rotorfit.estimators.observations import Responses
-from rotorfit.estimators.row_keys import combined, in_order, numbers
-from rotorfit.estimators.sweep_noise import estimate_noise
+from rotorfit.estimators.blocks.observations import Responses
+from rotorfit.estimators.blocks.row_keys import combined, in_order, numbers
+from rotorfit.estimators.noise.sweep_noise import estimate_noise
 from rotorfit.models import RotorModel
 from rotorfit.models.array_types import ComplexArray, Float, Index
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from rotorfit.data.experiments import CoefficientTable
-from rotorfit.estimators.coefficients import JournalCoefficients
+from rotorfit.estimators.blocks.coefficients import JournalCoefficients
 from rotorfit.models import RotorModel
 from rotorfit.models.array_types import Index
 from rotorfit.observing.refusals import check_finite

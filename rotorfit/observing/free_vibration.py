@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from rotorfit.data.experiments import ImpulseTest
-from rotorfit.estimators.small_motion import FreeVibrations
+from rotorfit.estimators.blocks.small_motion import FreeVibrations
 from rotorfit.models import RotorModel
 from rotorfit.models.array_types import Index
 from rotorfit.observing.refusals import check_clearance, check_finite

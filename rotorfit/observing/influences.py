@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from rotorfit.data.weights import Influences
-from rotorfit.estimators.correlated import CorrelatedResponses
-from rotorfit.estimators.observations import Responses
+from rotorfit.estimators.blocks.correlated import CorrelatedResponses
+from rotorfit.estimators.blocks.observations import Responses
 from rotorfit.models.array_types import ComplexArray
 
 _PARTS = {"x": 0.5 + 0j, "y": 0.5j}  # of the forward component, (X + jY)/2

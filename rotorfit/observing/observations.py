@@ -14,8 +14,8 @@ from rotorfit.data.experiments import (
     RingDownTest,
     StaticTest,
 )
-from rotorfit.estimators.nonlinear import OrbitResponses
-from rotorfit.estimators.observations import Block, Responses
+from rotorfit.estimators.blocks.nonlinear import OrbitResponses
+from rotorfit.estimators.blocks.observations import Block, Responses
 from rotorfit.models import AnisotropicShaft, RotorModel, Turning
 from rotorfit.models.array_types import Index
 from rotorfit.models.journal import journal

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotorfit.data.experiments import PerturbationTest
-from rotorfit.estimators.observations import Responses
-from rotorfit.estimators.small_motion import OffCentreResponses
+from rotorfit.estimators.blocks.observations import Responses
+from rotorfit.estimators.blocks.small_motion import OffCentreResponses
 from rotorfit.models import RotorModel
 from rotorfit.models.array_types import ComplexArray, Index
 from rotorfit.models.journal import journal

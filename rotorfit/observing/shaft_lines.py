@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from rotorfit.data.experiments import LineTest
-from rotorfit.estimators.observations import Responses
-from rotorfit.estimators.shaft_lines import LineResponses, PairResponses, is_image_line
+from rotorfit.estimators.blocks.observations import Responses
+from rotorfit.estimators.blocks.shaft_lines import LineResponses, PairResponses, is_image_line
 from rotorfit.models import AnisotropicShaft, RotorModel, Turning, TurningOnSupports
 from rotorfit.models.array_types import Index
 from rotorfit.models.combination_lines import line_order

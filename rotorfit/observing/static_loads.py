@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from rotorfit.data.experiments import StaticTest
-from rotorfit.estimators.noise import noise_from_smoothness
-from rotorfit.estimators.nonlinear import OrbitResponses
-from rotorfit.estimators.observations import Block, Responses
+from rotorfit.estimators.blocks.nonlinear import OrbitResponses
+from rotorfit.estimators.blocks.observations import Block, Responses
+from rotorfit.estimators.noise.reading_noise import noise_from_smoothness
 from rotorfit.models import RotorModel
 from rotorfit.models.array_types import Float, Index
 from rotorfit.models.journal import journal

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rotorfit.estimators.nonlinear import OrbitResponses, responses_of
+from rotorfit.estimators.blocks.nonlinear import OrbitResponses, responses_of
 from rotorfit.fitting.result import FitResult
 from rotorfit.fitting.summary import natural
 from rotorfit.models import RotorModel

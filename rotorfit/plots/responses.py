@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rotorfit.estimators.nonlinear import responses_of
+from rotorfit.estimators.blocks.nonlinear import responses_of
 from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.plots.dynamic_stiffness import draw_dynamic_stiffness
 from rotorfit.plots.eccentricity import plot_law, plot_nonlinear_stiffness

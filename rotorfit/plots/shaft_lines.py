@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rotorfit.data.experiments import LineTest
-from rotorfit.estimators.shaft_lines import LineResponses, PairResponses, is_image_line
+from rotorfit.estimators.blocks.shaft_lines import LineResponses, PairResponses, is_image_line
 from rotorfit.models import AnisotropicShaft, Turning, TurningOnSupports, eigenvalues, unstable_bands
 from rotorfit.models.array_types import ComplexArray, Float, Index
 from rotorfit.models.combination_lines import line_order

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from rotorfit.estimators.blocks.nonlinear import responses_of
 from rotorfit.estimators.matching import cheapest_rows
-from rotorfit.estimators.nonlinear import responses_of
 from rotorfit.models import AnisotropicShaft, Turning, eigenvalues
 from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.plots.journal import CONFIDENCE, group_label

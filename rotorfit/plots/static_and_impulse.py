@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rotorfit.estimators.small_motion import FreeVibrations
+from rotorfit.estimators.blocks.small_motion import FreeVibrations
 from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.models.law_curves import law_curves, law_of
 from rotorfit.models.off_centre import off_centre_eigenvalues

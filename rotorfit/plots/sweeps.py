@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rotorfit.data.experiments import SYNCHRONOUS_TOLERANCE
-from rotorfit.estimators.correlated import CorrelatedResponses
-from rotorfit.estimators.nonlinear import OrbitResponses, responses_of
-from rotorfit.estimators.observations import Responses
+from rotorfit.estimators.blocks.correlated import CorrelatedResponses
+from rotorfit.estimators.blocks.nonlinear import OrbitResponses, responses_of
+from rotorfit.estimators.blocks.observations import Responses
 from rotorfit.fitting.summary import natural
 from rotorfit.models.array_types import ComplexArray, Float, Index
 from rotorfit.plots.journal import group_label, half_width

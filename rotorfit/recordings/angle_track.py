@@ -8,9 +8,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from rotorfit.data.findings import Finding, listed
-from rotorfit.estimators.pulses import NumberedPulses, PulseLevels, find_edges, find_levels, from_index, number_pulses
-from rotorfit.estimators.shaft_angle import SmoothAngle, smooth_angle
-from rotorfit.estimators.steady_frequency import steady_angle
+from rotorfit.estimators.signals.pulses import (
+    NumberedPulses,
+    PulseLevels,
+    find_edges,
+    find_levels,
+    from_index,
+    number_pulses,
+)
+from rotorfit.estimators.signals.shaft_angle import SmoothAngle, smooth_angle
+from rotorfit.estimators.signals.steady_frequency import steady_angle
 from rotorfit.models.array_types import Float
 from rotorfit.recordings.setup import Reference
 from rotorfit.recordings.signals import Signals

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import prev_fast_len
 
-from rotorfit.estimators.dwells import DwellResponse, dwell_response, dwells
-from rotorfit.estimators.local_response import LocalResponse
+from rotorfit.estimators.signals.dwells import DwellResponse, dwell_response, dwells
+from rotorfit.estimators.signals.local_response import LocalResponse
 from rotorfit.recordings.response_rows import apart_from_orders, readings, rows
 
 if TYPE_CHECKING:

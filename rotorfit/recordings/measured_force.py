@@ -12,7 +12,7 @@ from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.recordings.reduced_record import ReducedRecord, motion_at, reduced_times
 
 if TYPE_CHECKING:
-    from rotorfit.estimators.local_response import LocalResponse
+    from rotorfit.estimators.signals.local_response import LocalResponse
     from rotorfit.recordings.recording import Recording
 
 _LONG, _SHORT = 2.0, 0.25

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 
 from rotorfit.data.findings import Finding, listed
-from rotorfit.estimators.spectral_lines import folded_orders, mains_hum, turning_power
+from rotorfit.estimators.signals.spectral_lines import folded_orders, mains_hum, turning_power
 from rotorfit.recordings.angle_track import AngleTrack
 from rotorfit.recordings.channel_statistics import ChannelStatistics
 from rotorfit.recordings.setup import Probe

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rotorfit.estimators.local_response import RecordSpectra
+from rotorfit.estimators.signals.local_response import RecordSpectra
 from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.recordings.reduced_rate import ReducedRate
 

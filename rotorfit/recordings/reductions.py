@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from rotorfit.data.experiments import PerturbationTest
 from rotorfit.data.findings import Finding
 from rotorfit.data.synchronous import DIFFERENCED
-from rotorfit.estimators.dwells import ONE_SPEED
-from rotorfit.estimators.local_response import LocalResponse, RecordSpectra, local_response
+from rotorfit.estimators.signals.dwells import ONE_SPEED
+from rotorfit.estimators.signals.local_response import LocalResponse, RecordSpectra, local_response
 from rotorfit.recordings.dwell_responses import dwell_responses, dwells_of
 from rotorfit.recordings.measured_force import clear_of_noise, reduce_measured
 from rotorfit.recordings.reduced_record import ReducedRecord, reduce_record

@@ -14,7 +14,7 @@ from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.recordings.reduced_record import is_pair
 
 if TYPE_CHECKING:
-    from rotorfit.estimators.local_response import LocalResponse
+    from rotorfit.estimators.signals.local_response import LocalResponse
     from rotorfit.recordings.recording import Recording
     from rotorfit.recordings.reduced_record import ReducedRecord
 

@@ -2,7 +2,7 @@
 
 Sweeps of a perturbator are reduced one by one. Start-ups and shutdowns with the weight in one plane are reduced
 together: what the weight does is found apart from residual unbalance, bow and run-out, which all of them share. The
-method is in :mod:`rotorfit.estimators.local_response`.
+method is in :mod:`rotorfit.estimators.signals.local_response`.
 """
 
 from __future__ import annotations

@@ -2,8 +2,8 @@
 
 Each line is the answer to a drive of its own, made of the force f and the shaft's angle theta: f for the line at w,
 ``conj(f) exp(2j theta)`` for the image at 2 Om - w, ``f exp(-j n theta)`` for the twist at w - n Om. Local fits of the
-spectra (:mod:`rotorfit.estimators.local_response`) take all drives of a signal at once, so that lines that cross at
-different times of a sweep do not disturb each other.
+spectra (:mod:`rotorfit.estimators.signals.local_response`) take all drives of a signal at once, so that lines that
+cross at different times of a sweep do not disturb each other.
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotorfit.data.experiments import LineTest
-from rotorfit.estimators.local_response import RecordSpectra, local_response
-from rotorfit.estimators.start_up_lines import StartUp, start_up_lines
+from rotorfit.estimators.signals.local_response import RecordSpectra, local_response
+from rotorfit.estimators.signals.start_up_lines import StartUp, start_up_lines
 from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.models.combination_lines import LATERAL, TWIST, Order
 from rotorfit.recordings.recording import Recording

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rotorfit.estimators.pulses import find_edges, find_levels, number_pulses
-from rotorfit.estimators.spectral_lines import full_spectrum
+from rotorfit.estimators.signals.pulses import find_edges, find_levels, number_pulses
+from rotorfit.estimators.signals.spectral_lines import full_spectrum
 from rotorfit.models.array_types import Float
 from rotorfit.recordings.angle_track import track
 from rotorfit.recordings.setup import Reference

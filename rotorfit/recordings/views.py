@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rotorfit.estimators.order_vectors import order_vectors
-from rotorfit.estimators.spectral_lines import full_spectrum
+from rotorfit.estimators.signals.order_vectors import order_vectors
+from rotorfit.estimators.signals.spectral_lines import full_spectrum
 from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.models.parameters import unknown_name
 from rotorfit.recordings.angle_track import AngleTrack

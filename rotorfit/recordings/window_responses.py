@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rotorfit.estimators.tracking import track_windows
+from rotorfit.estimators.signals.tracking import track_windows
 from rotorfit.recordings.reduced_record import is_pair
 from rotorfit.recordings.response_rows import Readings, rows, single_direction
 

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rotorfit.estimators.nonlinear import OrbitResponses, responses_of
-from rotorfit.estimators.shaft_lines import LineResponses, PairResponses
-from rotorfit.estimators.small_motion import FreeVibrations
+from rotorfit.estimators.blocks.nonlinear import OrbitResponses, responses_of
+from rotorfit.estimators.blocks.shaft_lines import LineResponses, PairResponses
+from rotorfit.estimators.blocks.small_motion import FreeVibrations
 from rotorfit.models.array_types import Float
 from rotorfit.models.parameters import bare_name
 from rotorfit.plots import responses as plots

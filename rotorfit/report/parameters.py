@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
-from rotorfit.estimators.correlated import quantile
+from rotorfit.estimators.blocks.correlated import quantile
 from rotorfit.fitting.quantities import FittedParameter
 from rotorfit.fitting.summary import combined, in_order, interval_lines, notable_correlations
 from rotorfit.models import RotorModel

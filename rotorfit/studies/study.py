@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
 from rotorfit.data.experiments import Experiment, LineTest
-from rotorfit.estimators.closed_form import ClosedFormError
+from rotorfit.estimators.starting.closed_form import ClosedFormError
 from rotorfit.fitting.calibration import calibration_of
 from rotorfit.fitting.fit import closed_form, fit
 from rotorfit.fitting.refine import Refinement, refine
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from concurrent.futures import Executor
 
     from rotorfit.data.findings import Finding
-    from rotorfit.estimators.ensemble_sampler import SamplerProgress
+    from rotorfit.estimators.inference.ensemble_sampler import SamplerProgress
     from rotorfit.uncertainty.bootstrap import Bootstrap
     from rotorfit.uncertainty.posterior import Posterior
     from rotorfit.uncertainty.profile import Profile

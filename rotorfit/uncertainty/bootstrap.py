@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from rotorfit.estimators.batch import batch_fit
-from rotorfit.estimators.correlated import CorrelatedResponses
-from rotorfit.estimators.least_squares import Options
-from rotorfit.estimators.problem import Problem
+from rotorfit.estimators.blocks.correlated import CorrelatedResponses
+from rotorfit.estimators.minimisation.batch import batch_fit
+from rotorfit.estimators.minimisation.least_squares import Options
+from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.fitting.digits import interval, with_error
 from rotorfit.fitting.result import FitResult
 from rotorfit.models.array_types import ComplexArray, Float

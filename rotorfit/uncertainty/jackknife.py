@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from rotorfit.estimators.correlated import CorrelatedResponses
-from rotorfit.estimators.covariance import prior_curvature
-from rotorfit.estimators.losses import robust_weights
+from rotorfit.estimators.blocks.correlated import CorrelatedResponses
+from rotorfit.estimators.inference.covariance import prior_curvature
+from rotorfit.estimators.misfit.losses import robust_weights
 from rotorfit.fitting.digits import interval, with_error
 from rotorfit.fitting.notebook import text_html
 from rotorfit.fitting.quantities import Quantity

@@ -20,7 +20,7 @@ from rotorfit.uncertainty.onsets import Onsets, onsets_of
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from rotorfit.estimators.log_posterior import Noise
+    from rotorfit.estimators.inference.log_posterior import Noise
 
 
 DERIVED_DRAWS = 2000

@@ -180,7 +180,7 @@ def load_posterior(path: str | os.PathLike[str], fit: FitResult) -> Posterior:
 
 def _check(posterior: Posterior, source: str) -> None:
     """The density of the last draws, evaluated anew, tells whether data, model and priors are those of the fit."""
-    from rotorfit.estimators.log_posterior import LogPosterior
+    from rotorfit.estimators.inference.log_posterior import LogPosterior
 
     target = LogPosterior(
         posterior.fit.problem, posterior.settings.noise, inflation=posterior.settings.inflation, work=0

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rotorfit.estimators.correlated import freedom_of, quantile
-from rotorfit.estimators.least_squares import minimise
-from rotorfit.estimators.log_posterior import box
-from rotorfit.estimators.problem import Problem
-from rotorfit.estimators.profile_curve import Curve, End, ValueAndGradient, hold_entry, hold_quantity, limits
+from rotorfit.estimators.blocks.correlated import freedom_of, quantile
+from rotorfit.estimators.inference.log_posterior import box
+from rotorfit.estimators.inference.profile_curve import Curve, End, ValueAndGradient, hold_entry, hold_quantity, limits
+from rotorfit.estimators.minimisation.least_squares import minimise
+from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.fitting.digits import interval, with_error
 from rotorfit.fitting.result import FitResult
 from rotorfit.models import threshold_speed

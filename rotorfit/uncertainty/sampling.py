@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from rotorfit.estimators import ensemble_sampler
-from rotorfit.estimators.correlated import freedom_of
-from rotorfit.estimators.ensemble_sampler import SamplerProgress
-from rotorfit.estimators.log_posterior import LogPosterior, Noise
+from rotorfit.estimators.blocks.correlated import freedom_of
+from rotorfit.estimators.inference import ensemble_sampler
+from rotorfit.estimators.inference.ensemble_sampler import SamplerProgress
+from rotorfit.estimators.inference.log_posterior import LogPosterior, Noise
 from rotorfit.fitting.refine import refine as refine_fit
 from rotorfit.fitting.refine import structure_name
 from rotorfit.fitting.result import FitResult

@@ -1,0 +1,84 @@
+"""Tabulated coefficients of a fluid at eccentricities as observations of a model's journal."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotorfit.models import RotorModel
+from rotorfit.models.array_types import ComplexArray, Float, Index
+from rotorfit.models.journal import journal
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class JournalCoefficients:
+    """Stiffness, damping and mass at the journal, one observation each for every row of a table.
+
+    An observation is ``kxx + j kxy``, ``cxx + j cxy`` or ``mxx + j mxy``, its parts over their own standard
+    deviations, which differ by decades; ``mxy = 0`` in an isotropic fluid. Rows follow one another power by power.
+
+    Attributes:
+        model: the rotor; what else acts at the journal (mass, springs) belongs to the coefficients too.
+        speed, eccentricity: shape ``(L,)``.
+        group: parameter group of each row, shape ``(L,)``.
+        spread: standard deviation of the real and of the imaginary part of each observation, shape ``(3 L, 2)``.
+        measured, label, labels, run: see :class:`~rotorfit.estimators.blocks.observations.Block`.
+    """
+
+    model: RotorModel
+    speed: Float
+    eccentricity: Float
+    group: Index
+    spread: Float
+    measured: ComplexArray
+    label: Index
+    labels: tuple[str, ...]
+    run: NDArray[np.str_]
+
+    @property
+    def sigma(self) -> Float:
+        """One: the observations are whitened already."""
+        return np.ones(self.measured.size)
+
+    @property
+    def reading_group(self) -> Index:
+        """Group of each observation."""
+        return np.tile(self.group, 3)
+
+    @property
+    def _at(self) -> int:
+        """Coordinate of the journal; a model that does not change with eccentricity has no more than one."""
+        if self.model.eccentricity_dependent:
+            return journal(self.model).at
+        if len(self.model.coordinates) > 1:
+            raise ValueError(f"{self.model.name} has several coordinates, and no law that tells which is the journal's")
+        return 0
+
+    def _whitened(self, values: ComplexArray) -> ComplexArray:
+        """Conjugates of values along axis 0, of shape ``(3 L, ...)``, their parts over the standard deviations."""
+        real, imag = self.spread.T.reshape(2, -1, *[1] * (values.ndim - 1))
+        # The complex stiffness is kxx - j kxy.
+        return np.asarray(values.real / real - 1j * values.imag / imag)
+
+    def with_noise(self, factor: Float) -> Self:
+        """See :meth:`~rotorfit.estimators.blocks.observations.Block.with_noise`."""
+        return replace(self, spread=self.spread * factor[:, None], measured=self.measured / factor)
+
+    def predict(self, theta: Float) -> ComplexArray:
+        """See :meth:`~rotorfit.estimators.blocks.observations.Block.predict`."""
+        at = self._at
+        C = self.model.coefficients(theta[self.group], self.speed, self.eccentricity)[:, :3, at, at]
+        return self._whitened(C.T.reshape(-1))
+
+    def predict_jacobian(self, theta: Float) -> tuple[ComplexArray, ComplexArray]:
+        """See :meth:`~rotorfit.estimators.blocks.observations.Block.predict_jacobian`."""
+        at = self._at
+        jacobian = self.model.functions.jacobian(theta[self.group], self.speed, self.eccentricity)
+        slopes = np.zeros((3, self.speed.size, theta.shape[1] + 2), dtype=complex)
+        chosen = np.flatnonzero((jacobian.rows == at) & (jacobian.columns == at) & (jacobian.powers < 3))
+        for entry in chosen.tolist():
+            slopes[jacobian.powers[entry], :, jacobian.inputs[entry]] += jacobian.values[:, entry]
+        return self.predict(theta), self._whitened(slopes[..., :-2].reshape(-1, theta.shape[1]))

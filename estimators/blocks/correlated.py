@@ -1,0 +1,105 @@
+"""Responses whose errors hang together: all readings of one mounting share what the mounting did to them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import cached_property
+from statistics import NormalDist
+
+import numpy as np
+
+from rotorfit.estimators.blocks.observations import Block, OnResponses
+from rotorfit.models.array_types import ComplexArray, Float
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class CorrelatedResponses(OnResponses):
+    """Responses to circular forces with correlated errors.
+
+    The fit is weighted by ``correlation``, a structure simple enough to be estimated from few mountings; error bars
+    come from ``covariance``, which assumes no structure but has too small a rank to weigh by.
+
+    Attributes:
+        base: the readings; their sigma is the square root of the weighing variances.
+        correlation: what the fit is weighted by, unit diagonal, shape ``(R, R)``, Hermitian.
+        covariance: of the readings over sigma, shape ``(R, R)``, Hermitian; of real and imaginary parts each.
+        freedom: degrees of freedom behind ``covariance``.
+        weight_freedom: those behind the weight of each channel.
+        remarks: sentences on where the errors come from.
+    """
+
+    correlation: ComplexArray
+    covariance: ComplexArray
+    freedom: float
+    weight_freedom: float
+    remarks: tuple[str, ...] = ()
+
+    def predict(self, theta: Float) -> ComplexArray:
+        """See :class:`~rotorfit.estimators.blocks.observations.Block`."""
+        return self.base.predict(theta)
+
+    def predict_jacobian(self, theta: Float) -> tuple[ComplexArray, ComplexArray]:
+        """See :class:`~rotorfit.estimators.blocks.observations.Block`."""
+        return self.base.predict_jacobian(theta)
+
+    @cached_property
+    def mixing(self) -> ComplexArray:
+        """Inverse of the correlation's root: residuals over sigma times it are independent, shape ``(R, R)``.
+
+        The symmetric root, which leaves each whitened residual as near to its own reading as can be.
+        """
+        values, vectors = np.linalg.eigh(self.correlation)
+        return np.asarray((vectors / np.sqrt(values)) @ vectors.conj().T)
+
+    @cached_property
+    def spread(self) -> ComplexArray:
+        """Root of the covariance: noise over sigma as drawn from independent numbers, shape ``(R, R)``."""
+        values, vectors = np.linalg.eigh(self.covariance)
+        return np.asarray((vectors * np.sqrt(np.maximum(values, 0.0))) @ vectors.conj().T)
+
+    @cached_property
+    def channel_correlation(self) -> Float:
+        """Correlation of the errors of two channels, in size, ones on the diagonal, shape ``(C, C)``.
+
+        Of readings at the same line; the square is that of the estimate less what chance adds to it.
+        """
+        numbers = np.unique(self.base.coordinate)
+        found = np.eye(numbers.size)
+        chance = min(2.0 / self.freedom, 1.0)  # of |r|^2 between complex errors that have nothing in common
+        for i, one in enumerate(numbers):
+            for k, other in enumerate(numbers[:i]):
+                a, b = (np.flatnonzero(self.base.coordinate == channel) for channel in (one, other))
+                _, first, second = np.intersect1d(self.base.line[a], self.base.line[b], return_indices=True)
+                a, b = a[first], b[second]
+                size = np.trace(self.covariance[np.ix_(a, a)]).real * np.trace(self.covariance[np.ix_(b, b)]).real
+                square = float(np.abs(np.trace(self.covariance[np.ix_(a, b)])) ** 2 / size) if size > 0 else 0.0
+                found[i, k] = found[k, i] = np.sqrt(max(square - chance, 0.0) / max(1.0 - chance, 1e-9))
+        return found
+
+    @cached_property
+    def scatter(self) -> ComplexArray:
+        """Covariance of the whitened residuals, the unit matrix where the weights are right, shape ``(R, R)``."""
+        return np.asarray(self.mixing @ self.covariance @ self.mixing.conj().T)
+
+
+def whiten(block: Block, misses: ComplexArray) -> ComplexArray:
+    """Residuals of a block, shape ``(..., R)``, over their noise and free of what they have in common."""
+    scaled = misses / block.sigma
+    return np.asarray(scaled @ block.mixing.T) if isinstance(block, CorrelatedResponses) else scaled
+
+
+def freedom_of(blocks: Iterable[Block]) -> float:
+    """Degrees of freedom from which the noise of the readings is known; infinite where it was given or sampled well."""
+    return min((b.freedom for b in blocks if isinstance(b, CorrelatedResponses)), default=math.inf)
+
+
+def quantile(level: float, freedom: float) -> float:
+    """Standard errors on either side of an estimate that make an interval of a level; Student's t for few mountings."""
+    reach = (1 + level) / 2
+    if not math.isfinite(freedom):
+        return NormalDist().inv_cdf(reach)
+    from scipy.special import stdtrit  # late: loading it takes longer than a fit
+
+    return float(stdtrit(freedom, reach))

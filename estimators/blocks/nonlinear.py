@@ -1,0 +1,239 @@
+"""Observations of a rotor whose fluid changes with eccentricity, with exact sensitivities."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotorfit.estimators.blocks.correlated import CorrelatedResponses
+from rotorfit.estimators.blocks.observations import OnResponses, Responses
+from rotorfit.estimators.blocks.response import inverse
+from rotorfit.models.array_types import ComplexArray, Float, Index
+from rotorfit.models.journal import Journal, journal
+from rotorfit.models.line_stiffness import known_structure, line_stiffness
+from rotorfit.models.orbits import LARGEST_ECCENTRICITY, OrbitEquation, followed_roots, nearest_orbits
+from rotorfit.models.shaft import KnownStiffness
+
+OrbitBranch = Literal["nearest", "followed", "given"]
+
+
+@dataclass(frozen=True, eq=False)
+class _State:
+    """Orbits at parameter vectors, lines along the last axis.
+
+    Attributes:
+        theta: parameter vector of each line, shape ``(..., L or 1, P)``.
+        eps: journal's eccentricity, shape ``(..., L)``.
+        H: receptance at that eccentricity, shape ``(n, n, ..., L)``.
+        amplitude: response of every coordinate, shape ``(n, ..., L)``.
+    """
+
+    theta: Float
+    eps: Float
+    H: ComplexArray
+    amplitude: ComplexArray
+
+
+@dataclass(frozen=True, eq=False)
+class OrbitResponses(OnResponses):
+    """Centred orbits under circular forces, or displacements under constant loads (w = 0), of a nonlinear rotor.
+
+    The journal's eccentricity solves ``kappa(w, |A_b|) A = F``; see :mod:`rotorfit.models.orbits`.
+
+    Attributes:
+        base: the readings, as of a linear rotor.
+        eccentricity: measured eccentricity of the journal in each line, NaN where it was not measured, shape
+            ``(L,)``.
+        mode: which root: the ``nearest`` to the measured eccentricity, or that which a sweep reaches when it is
+            ``followed`` line by line; or the eccentricity is ``given``, which leaves an explicit equation.
+        sweep: number of the sweep of each line, for ``followed``; lines are in the sweep's order.
+    """
+
+    eccentricity: Float
+    mode: OrbitBranch
+    sweep: Index
+
+    @property
+    def journal(self) -> Journal:
+        """Where the eccentricity enters."""
+        return journal(self.model)
+
+    def frozen(self) -> OrbitResponses:
+        """The same with the measured eccentricities taken as given: explicit, a good place to start a fit from.
+
+        Where it was not measured the journal is taken as centred.
+        """
+        return replace(self, mode="given", eccentricity=np.nan_to_num(self.eccentricity))
+
+    def lines(self, keep: NDArray[np.bool_]) -> OrbitResponses:
+        """The observations of some lines."""
+        return OrbitResponses(self.base.lines(keep), self.eccentricity[keep], self.mode, self.sweep[keep])
+
+    def orbits(self, theta: Float) -> Float:
+        """Eccentricity of the journal in each line, shape ``(..., L)``; theta of shape ``(..., G, P)``."""
+        return self._state(theta).eps
+
+    def _state(self, theta: Float) -> _State:
+        base, seat = self.base, self.journal
+        at = seat.at
+        # Lines of one group share a vector, which broadcasts: what depends on parameters alone is computed once.
+        vectors = theta if theta.shape[-2] == 1 else theta[..., base.group, :]
+        if self.mode == "given":
+            eps = np.clip(self.eccentricity, 0.0, LARGEST_ECCENTRICITY)
+            H = self._receptance(vectors, eps)
+            return _State(vectors, np.broadcast_to(eps, H.shape[2:]), H, self._forced(H))
+        H = self._receptance(vectors, 0.0)
+        centred = self._forced(H)
+        equation = OrbitEquation(
+            theta=vectors,
+            s=base.s,
+            speed=self._speed,
+            drive=centred[at] / seat.clearance,
+            receptance=H[at, at],
+        )
+        if self.mode == "nearest":
+            eps, delta = nearest_orbits(seat, equation, self.eccentricity)
+        else:
+            eps = followed_roots(seat, equation, self.sweep)
+            delta = equation.change(seat, eps)
+        # Only the entry (b, b) of kappa changes: a rank-one change of its inverse.
+        gain = delta / (1.0 + delta * H[at, at])
+        column, row = gain * H[:, at], H[at]
+        return _State(vectors, eps, H - column[:, None] * row, centred - column * centred[at])
+
+    @cached_property
+    def _speed(self) -> Float:
+        """Rotative speed of the lines, a single number where all have the same."""
+        speed = self.base.speed
+        return np.asarray(speed[0]) if np.ptp(speed) == 0 else speed
+
+    @cached_property
+    def _frequency(self) -> Float:
+        return np.ascontiguousarray(self.base.s.imag)
+
+    def _receptance(self, vectors: Float, eccentricity: Float | float) -> ComplexArray:
+        """Receptance of the rotor with its journal at an eccentricity, shape ``(n, n, ..., L)``."""
+        base = self.base
+        kappa = line_stiffness(self.model).values(vectors, self._frequency, self._speed, eccentricity)
+        if self.model.shaft is not None:
+            kappa = kappa + known_structure(self.model, vectors, base.s, base.speed).values
+        return inverse_of_lines(kappa)
+
+    def _forced(self, H: ComplexArray) -> ComplexArray:
+        """Response to the forces, shape ``(n, ..., L)``."""
+        force = self.base.force
+        columns = np.flatnonzero(force.any(axis=0)).tolist()
+        if not columns:
+            return np.zeros(H.shape[1:], dtype=complex)
+        total = H[:, columns[0]] * force[:, columns[0]]
+        for column in columns[1:]:
+            total += H[:, column] * force[:, column]
+        return total
+
+    def predict(self, theta: Float) -> ComplexArray:
+        """See :meth:`~rotorfit.estimators.blocks.observations.Block.predict`.
+
+        Of vectors of shape ``(..., G, P)`` it gives ``(..., R)``.
+        """
+        state = self._state(theta)
+        if self.base.imposed:
+            coordinates = range(state.H.shape[0])
+            return self._read([self.base.force[:, i] / state.H[i, i] for i in coordinates])
+        return self._read(list(state.amplitude))
+
+    def _read(self, values: list[ComplexArray]) -> ComplexArray:
+        """Readings, shape ``(..., R)``, of what every coordinate does, shape ``(..., L)`` each."""
+        line, coordinate = self.base.line, self.base.coordinate
+        if len(values) == 1:
+            return values[0] if self._line_by_line else values[0][..., line]
+        return np.asarray(
+            np.stack(values, axis=-2).reshape(*values[0].shape[:-1], -1)[..., coordinate * self.base.s.size + line]
+        )
+
+    @cached_property
+    def _line_by_line(self) -> bool:
+        return np.array_equal(self.base.line, np.arange(self.base.s.size))
+
+    def predict_jacobian(self, theta: Float) -> tuple[ComplexArray, ComplexArray]:
+        """See :meth:`~rotorfit.estimators.blocks.observations.Block.predict_jacobian`.
+
+        By the implicit function theorem ``d eps = (d|A_b| / clearance) / (1 - d|A_b|/d eps / clearance)``, the
+        derivatives on the right those at fixed eccentricity.
+        """
+        state, base, count = self._state(theta), self.base, theta.shape[-1]
+        coordinates = range(state.H.shape[0])
+        if base.imposed:
+            values = [base.force[:, i] / state.H[i, i] for i in coordinates]
+            right = [state.H[:, i] for i in coordinates]
+            outer = [-value / state.H[i, i] for i, value in enumerate(values)]
+        else:
+            values, right = list(state.amplitude), [state.amplitude] * len(coordinates)
+        by_kappa = line_stiffness(self.model).slopes(state.theta, self._frequency, self._speed, state.eps)
+        known = None if self.model.shaft is None else known_structure(self.model, state.theta, base.s, base.speed)
+        slopes = [self._slopes(state.H[i], by_kappa, known, right[i], count) for i in coordinates]
+        if base.imposed:
+            slopes = [slope * factor for slope, factor in zip(slopes, outer, strict=True)]
+        elif self.mode != "given":
+            orbit = self._orbit_slopes(state, slopes[self.journal.at])
+            for slope in slopes:
+                slope[:count] += slope[count] * orbit
+        by_theta = [slope[:count] for slope in slopes]
+        return self._read(values), np.moveaxis(self._read(by_theta), 0, -1)
+
+    def _orbit_slopes(self, state: _State, slopes: ComplexArray) -> Float:
+        """Derivatives of the eccentricities by the parameters, shape ``(P, ..., L)``; zero where the orbit fills the
+        gap.
+
+        Args:
+            state: orbits.
+            slopes: derivatives of the journal's amplitude by the parameters and the eccentricity.
+        """
+        seat, moving = self.journal, state.amplitude[self.journal.at]
+        size = np.abs(moving)
+        pointer = np.divide(moving.conj(), size * seat.clearance, out=np.zeros_like(moving), where=size > 0)
+        loop = 1.0 - (pointer * slopes[-1]).real
+        free = (state.eps < LARGEST_ECCENTRICITY) & (loop != 0)
+        pointer /= np.where(free, loop, np.inf)
+        return np.asarray((pointer * slopes[:-1]).real)
+
+    def _slopes(
+        self, left: ComplexArray, by_kappa: ComplexArray, known: KnownStiffness | None, right: ComplexArray, count: int
+    ) -> ComplexArray:
+        """``-left dkappa right`` by the parameters and, last, by eccentricity, shape ``(P + 1, ..., L)``.
+
+        Args:
+            left, right: vectors of each line, shape ``(n, ..., L)``.
+            by_kappa: derivatives of the stiffness, see :class:`~rotorfit.models.line_stiffness.LineStiffness`.
+            known: the known structure's.
+            count: number of parameters.
+        """
+        graph = line_stiffness(self.model)
+        total = np.zeros((count + 1, *left.shape[1:]), dtype=complex)
+        products: dict[tuple[int, int], ComplexArray] = {}
+        for value, place, row, column in zip(by_kappa, graph.inputs, graph.rows, graph.columns, strict=True):
+            if (row, column) not in products:
+                products[row, column] = left[row] * right[column]
+            total[place] -= products[row, column] * value
+        if known is not None:
+            for place, slope in zip(known.inputs.tolist(), known.slopes, strict=True):
+                total[place] -= np.einsum("i...,ij...,j...->...", left, slope, right)
+        return total
+
+
+def inverse_of_lines(kappa: ComplexArray) -> ComplexArray:
+    """Inverse of matrices of shape ``(n, n, ..., L)``, lines along the last axis."""
+    if kappa.shape[0] == 1:
+        return np.asarray(1.0 / kappa)
+    flat = inverse(np.moveaxis(kappa.reshape(*kappa.shape[:2], -1), -1, 0))
+    return np.moveaxis(flat, 0, -1).reshape(kappa.shape)
+
+
+def responses_of(block: object) -> Responses | None:
+    """The responses to circular forces or constant loads that a block holds, if any."""
+    if isinstance(block, OrbitResponses | CorrelatedResponses):
+        return block.base
+    return block if isinstance(block, Responses) else None

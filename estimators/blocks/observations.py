@@ -1,0 +1,239 @@
+"""Measured responses in a model's coordinates: the plain data that estimators work on."""
+
+from __future__ import annotations
+
+from copy import copy
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, Protocol, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotorfit.estimators.blocks.response import displacement_to_force, respond
+from rotorfit.models import RotorModel
+from rotorfit.models.array_types import ComplexArray, Float, Index
+from rotorfit.models.shaft import KnownStiffness
+
+
+class Block(Protocol):
+    """Complex observations whose predictions depend on the parameter vectors of some groups.
+
+    A group is a set of readings that share one parameter vector; ``theta`` below has shape ``(G, P)``.
+
+    Attributes:
+        measured: complex observations, shape ``(R,)``.
+        sigma: standard deviation of their real and of their imaginary part, shape ``(R,)``.
+        label: running number of the response (run and channel) each belongs to, shape ``(R,)``.
+        labels: names of the responses.
+        run: name of the run of each observation, shape ``(R,)``.
+    """
+
+    @property
+    def measured(self) -> ComplexArray:
+        """Complex observations."""
+        ...
+
+    @property
+    def sigma(self) -> Float:
+        """Their noise."""
+        ...
+
+    @property
+    def label(self) -> Index:
+        """Response of each."""
+        ...
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """Names of the responses."""
+        ...
+
+    @property
+    def run(self) -> NDArray[np.str_]:
+        """Run of each."""
+        ...
+
+    @property
+    def reading_group(self) -> Index:
+        """Group of each observation, shape ``(R,)``."""
+        ...
+
+    def predict(self, theta: Float) -> ComplexArray:
+        """Predictions, shape ``(R,)``."""
+        ...
+
+    def predict_jacobian(self, theta: Float) -> tuple[ComplexArray, ComplexArray]:
+        """Predictions and their derivatives by the group's own parameters, shapes ``(R,)`` and ``(R, P)``."""
+        ...
+
+    def with_noise(self, factor: Float) -> Self:
+        """The same observations with each sigma multiplied by a factor, shape ``(R,)``."""
+        ...
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Responses:
+    """Responses to circular forces, or forces under imposed orbits, one line a run at one frequency.
+
+    Attributes:
+        model: the rotor whose coordinates these are.
+        speed, frequency: rad/s, shape ``(L,)``.
+        force: generalised force, shape ``(L, n)``; with ``imposed``, the imposed displacement instead.
+        group: parameter group of each line, shape ``(L,)``.
+        line, coordinate: line and coordinate of each reading, shape ``(R,)``, lines ascending.
+        measured, sigma, label, run: see :class:`Block`, shape ``(R,)``.
+        labels: names of the responses.
+        imposed: the displacement is imposed and ``measured`` is the force.
+        told: sigma was given with all readings, not estimated from them.
+    """
+
+    model: RotorModel
+    speed: Float
+    frequency: Float
+    force: ComplexArray
+    group: Index
+    line: Index
+    coordinate: Index
+    measured: ComplexArray
+    sigma: Float
+    label: Index
+    labels: tuple[str, ...]
+    run: NDArray[np.str_]
+    imposed: bool = False
+    told: bool = True
+
+    @property
+    def reading_group(self) -> Index:
+        """Group of each reading."""
+        return self.group[self.line]
+
+    @cached_property
+    def condition(self) -> tuple[Index, Index, Float]:
+        """Distinct (group, speed) pairs: the pair of each line, then group and speed of each pair."""
+        speed = self.speed if self.model.speed_dependent else np.zeros_like(self.speed)
+        # As complex numbers, which sort by the real part first: far quicker than rows of a table.
+        pairs, index = np.unique(self.group + 1j * speed, return_inverse=True)
+        return index.reshape(-1), pairs.real.astype(np.intp), pairs.imag.copy()
+
+    @cached_property
+    def s(self) -> ComplexArray:
+        """The variable j w of each line, |w| in models with x and y apart."""
+        return np.asarray(1j * (self.frequency if self.model.frame == "z" else np.abs(self.frequency)))
+
+    @cached_property
+    def s_powers(self) -> ComplexArray:
+        """Powers of s from zero to the model's order at each reading, shape ``(order + 1, R)``."""
+        return np.asarray(self.s[self.line] ** np.arange(self.model.order + 1)[:, None])
+
+    @cached_property
+    def layout_notes(self) -> dict[Any, Any]:
+        """What others worked out of the layout and keep here."""
+        return {}
+
+    @cached_property
+    def condition_readings(self) -> list[Index]:
+        """Readings of each distinct (group, speed) pair."""
+        number = self.condition[0][self.line]
+        order = np.argsort(number, kind="stable")
+        return np.split(order, np.cumsum(np.bincount(number, minlength=self.condition[1].size))[:-1])
+
+    def known_stiffness(self, theta: Float) -> KnownStiffness | None:
+        """Dynamic stiffness of the model's known structure at each line, if it has one; theta of shape ``(G, P)``."""
+        return None if self.model.shaft is None else self.model.known_stiffness(theta[self.group], self.s, self.speed)
+
+    def split(self, readings: int) -> list[Responses]:
+        """The same observations in pieces of whole lines, of at most so many readings where lines are no longer."""
+        first = np.searchsorted(self.line, np.arange(self.speed.size + 1))
+        pieces, begin = [], 0
+        while begin < self.speed.size:
+            fitting = int(np.searchsorted(first, first[begin] + readings, side="right")) - 1
+            end = min(max(fitting, begin + 1), self.speed.size)
+            lines, part = slice(begin, end), slice(first[begin], first[end])
+            by_line = {name: getattr(self, name)[lines] for name in ("speed", "frequency", "force", "group")}
+            names = ("coordinate", "measured", "sigma", "label", "run")
+            by_reading = {name: getattr(self, name)[part] for name in names}
+            pieces.append(replace(self, **by_line, **by_reading, line=self.line[part] - begin))
+            begin = end
+        return pieces
+
+    def lines(self, keep: NDArray[np.bool_]) -> Responses:
+        """The observations of some lines."""
+        readings = keep[self.line]
+        names = ("coordinate", "measured", "sigma", "label", "run")
+        by_reading = {name: getattr(self, name)[readings] for name in names}
+        by_line = {name: getattr(self, name)[keep] for name in ("speed", "frequency", "force", "group")}
+        return replace(self, **by_line, **by_reading, line=(np.cumsum(keep) - 1)[self.line[readings]])
+
+    def predict(self, theta: Float) -> ComplexArray:
+        """See :meth:`Block.predict`."""
+        return respond(self, theta)[0] if not self.imposed else displacement_to_force(self, theta)[0]
+
+    def predict_jacobian(self, theta: Float) -> tuple[ComplexArray, ComplexArray]:
+        """See :meth:`Block.predict_jacobian`."""
+        predicted, jacobian = (displacement_to_force if self.imposed else respond)(self, theta, True)
+        return predicted, np.asarray(jacobian)
+
+    def with_noise(self, factor: Float) -> Self:
+        """See :meth:`Block.with_noise`; what was worked out of the layout, which does not change, goes along."""
+        found = copy(self)
+        object.__setattr__(found, "sigma", self.sigma * factor)
+        return found
+
+    def amplitudes(self) -> tuple[ComplexArray, Float]:
+        """Measured amplitude and sigma of every coordinate in every line, shape ``(L, n)``, NaN where there is none."""
+        shape = (self.speed.size, len(self.model.coordinates))
+        amplitude, sigma = np.full(shape, np.nan, dtype=complex), np.full(shape, np.nan)
+        amplitude[self.line, self.coordinate] = self.measured
+        sigma[self.line, self.coordinate] = self.sigma
+        return amplitude, sigma
+
+
+@dataclass(frozen=True, eq=False)
+class OnResponses:
+    """Observations that are responses seen in another way: their labels, runs and noise are those of the responses.
+
+    Attributes:
+        base: the readings as of a linear rotor.
+    """
+
+    base: Responses
+
+    @property
+    def model(self) -> RotorModel:
+        """The rotor."""
+        return self.base.model
+
+    @property
+    def measured(self) -> ComplexArray:
+        """See :class:`Block`."""
+        return self.base.measured
+
+    @property
+    def sigma(self) -> Float:
+        """See :class:`Block`."""
+        return self.base.sigma
+
+    @property
+    def label(self) -> Index:
+        """See :class:`Block`."""
+        return self.base.label
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """See :class:`Block`."""
+        return self.base.labels
+
+    @property
+    def run(self) -> NDArray[np.str_]:
+        """See :class:`Block`."""
+        return self.base.run
+
+    @property
+    def reading_group(self) -> Index:
+        """See :class:`Block`."""
+        return self.base.reading_group
+
+    def with_noise(self, factor: Float) -> Self:
+        """See :class:`Block`."""
+        return replace(self, base=self.base.with_noise(factor))

@@ -1,0 +1,141 @@
+"""Observations of spectral lines of a shaft that is not round, and of its twist."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotorfit.estimators.blocks.observations import OnResponses
+from rotorfit.models import AnisotropicShaft
+from rotorfit.models.array_types import ComplexArray, Float, Index
+from rotorfit.models.combination_lines import Order, line_order
+from rotorfit.models.turning_on_supports import LinesFrame
+
+Text = NDArray[np.str_]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class LineResponses:
+    """Lines under rotating forces, or without a force, one a reading, all of shape ``(R,)``.
+
+    Attributes:
+        model: the shaft.
+        speed, frequency: Om and w, rad/s.
+        force: complex amplitude of the force at w, N.
+        direction: ``z`` or ``twist``.
+        line: name of the line.
+        reading_group: parameter group.
+        measured, sigma, label, labels, run: see :class:`~rotorfit.estimators.blocks.observations.Block`.
+    """
+
+    model: AnisotropicShaft
+    speed: Float
+    frequency: Float
+    force: ComplexArray
+    direction: Text
+    line: Text
+    reading_group: Index
+    measured: ComplexArray
+    sigma: Float
+    label: Index
+    labels: tuple[str, ...]
+    run: Text
+
+    def kinds(self) -> Iterator[tuple[str, Order, Index]]:
+        """Direction and orders of each kind of line, with its readings."""
+        kinds = list(zip(self.direction.tolist(), self.line.tolist(), strict=True))
+        for direction, line in dict.fromkeys(kinds):
+            rows = np.flatnonzero((self.direction == direction) & (self.line == line))
+            yield direction, line_order(direction, line), rows
+
+    def predict(self, theta: Float) -> ComplexArray:
+        """See :meth:`~rotorfit.estimators.blocks.observations.Block.predict`."""
+        predicted = np.empty(self.measured.size, dtype=complex)
+        for direction, order, rows in self.kinds():
+            vectors = theta[self.reading_group[rows]]
+            predicted[rows] = self.model.lines(
+                vectors, direction, order, self.frequency[rows], self.speed[rows], self.force[rows]
+            )
+        return predicted
+
+    def predict_jacobian(self, theta: Float) -> tuple[ComplexArray, ComplexArray]:
+        """See :meth:`~rotorfit.estimators.blocks.observations.Block.predict_jacobian`."""
+        predicted = np.empty(self.measured.size, dtype=complex)
+        jacobian = np.empty((self.measured.size, theta.shape[1]), dtype=complex)
+        for direction, order, rows in self.kinds():
+            vectors = theta[self.reading_group[rows]]
+            predicted[rows], jacobian[rows] = self.model.lines_jacobian(
+                vectors, direction, order, self.frequency[rows], self.speed[rows], self.force[rows]
+            )
+        return predicted, jacobian
+
+    def with_noise(self, factor: Float) -> Self:
+        """See :meth:`~rotorfit.estimators.blocks.observations.Block.with_noise`."""
+        return replace(self, sigma=self.sigma * factor)
+
+
+def is_image_line(line: Text) -> NDArray[np.bool_]:
+    """Whether lines are images, whose frequency falls as w rises: ``2Om-w``, ``-w``.
+
+    Args:
+        line: names.
+    """
+    return np.asarray(np.char.find(line, "-w") >= 0)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class PairResponses(OnResponses):
+    """Lines of a rotor with a turning element, such as w and the image 2 Om - w, one a reading, all of shape ``(R,)``.
+
+    In turning coordinates they are ordinary responses: the vector (A, conj(B), ...) at w - Om.
+
+    Attributes:
+        base: the same readings in turning coordinates, images conjugated.
+        speed, frequency: Om and w, rad/s.
+        force: complex amplitude of the force at w, N.
+        direction: ``z``.
+        line: ``w``, ``2Om-w``, on supports that differ in two directions ``-w`` and others.
+    """
+
+    speed: Float
+    frequency: Float
+    force: ComplexArray
+    direction: Text
+    line: Text
+
+    @property
+    def measured(self) -> ComplexArray:
+        """See :class:`~rotorfit.estimators.blocks.observations.Block`."""
+        return self._turned_back(self.base.measured)
+
+    def cut_off(self, theta: Float) -> Float:
+        """What lines that the model leaves out would change, m, shape ``(R,)``: with two more on either side.
+
+        Args:
+            theta: parameter vectors of the groups, shape ``(G, P)``.
+        """
+        frame = self.base.model
+        if not isinstance(frame, LinesFrame):
+            return np.zeros(self.measured.size)
+        finer = frame.rotor.variant(terms=frame.rotor.terms + 2).turning
+        lacking = len(finer.coordinates) - len(frame.coordinates)
+        force = np.pad(self.base.force, ((0, 0), (0, lacking)))
+        more = replace(self.base, model=finer, force=force).predict(theta)
+        return np.asarray(np.abs(more - self.base.predict(theta)))
+
+    def _turned_back(self, values: ComplexArray) -> ComplexArray:
+        image = is_image_line(self.line).reshape(-1, *[1] * (values.ndim - 1))
+        return np.where(image, values.conj(), values)
+
+    def predict(self, theta: Float) -> ComplexArray:
+        """See :meth:`~rotorfit.estimators.blocks.observations.Block.predict`."""
+        return self._turned_back(self.base.predict(theta))
+
+    def predict_jacobian(self, theta: Float) -> tuple[ComplexArray, ComplexArray]:
+        """See :meth:`~rotorfit.estimators.blocks.observations.Block.predict_jacobian`."""
+        predicted, jacobian = self.base.predict_jacobian(theta)
+        return self._turned_back(predicted), self._turned_back(jacobian)

@@ -1,0 +1,168 @@
+"""Observations of small motion about an off-centre equilibrium: forced responses and free vibration."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotorfit.estimators.blocks.nonlinear import inverse_of_lines
+from rotorfit.models import RotorModel
+from rotorfit.models.array_types import ComplexArray, Float, Index
+from rotorfit.models.journal import journal
+from rotorfit.models.line_stiffness import known_structure, line_stiffness
+from rotorfit.models.off_centre import coupled_stiffness, off_centre_eigenvalues, off_centre_gradient
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class OffCentreResponses:
+    """Small responses to circular forces about an off-centre equilibrium; the fluid couples both directions.
+
+    Attributes:
+        model: the rotor.
+        speed, frequency: rad/s, frequency signed by the sense of the force, shape ``(L,)``.
+        force: generalised force in complex coordinates, shape ``(L, n)``.
+        eccentricity, attitude: static position of the journal in each line: |z_s| over clearance, and its angle in
+            rad.
+        group: parameter group of each line.
+        line, coordinate: line and complex coordinate of each reading, shape ``(R,)``.
+        vertical: whether a reading is that of the y probe, shape ``(R,)``.
+        measured: phasors relative to ``exp(+j|w|t)``; sigma, label, run, labels: see
+            :class:`~rotorfit.estimators.blocks.observations.Block`.
+    """
+
+    model: RotorModel
+    speed: Float
+    frequency: Float
+    force: ComplexArray
+    eccentricity: Float
+    attitude: Float
+    group: Index
+    line: Index
+    coordinate: Index
+    vertical: NDArray[np.bool_]
+    measured: ComplexArray
+    sigma: Float
+    label: Index
+    labels: tuple[str, ...]
+    run: NDArray[np.str_]
+
+    @property
+    def reading_group(self) -> Index:
+        """Group of each reading."""
+        return self.group[self.line]
+
+    def _solve(self, theta: Float) -> tuple[Float, ComplexArray, ComplexArray]:
+        """Parameter vectors of the lines, receptance of (A, conj(B)) and these amplitudes, lines along the last axis.
+
+        Shapes ``(..., L or 1, P)``, ``(2n, 2n, ..., L)`` and ``(2n, ..., L)``.
+        """
+        vectors = theta if theta.shape[-2] == 1 else theta[..., self.group, :]
+        stiffness = coupled_stiffness(self.model, vectors, self.frequency, self.speed, self.eccentricity, self.attitude)
+        back = (self.frequency < 0)[:, None]
+        drive = np.concatenate([np.where(back, 0.0, self.force), np.where(back, self.force.conj(), 0.0)], axis=1)
+        H = inverse_of_lines(np.moveaxis(stiffness, (-2, -1), (0, 1)))
+        return vectors, H, np.einsum("ij...l,lj->i...l", H, drive)
+
+    def _read(self, pairs: ComplexArray) -> ComplexArray:
+        """Probe phasors ``X = A + conj(B)``, ``Y = -j (A - conj(B))`` of (A, conj(B)) of each line.
+
+        Args:
+            pairs: shape ``(2n, ..., L)``; readings come along the last axis.
+        """
+        n = pairs.shape[0] // 2
+        A, B = pairs[self.coordinate, ..., self.line], pairs[n + self.coordinate, ..., self.line]
+        vertical = self.vertical.reshape(-1, *[1] * (A.ndim - 1))
+        return np.moveaxis(np.where(vertical, -1j * (A - B), A + B), 0, -1)
+
+    def with_noise(self, factor: Float) -> Self:
+        """See :meth:`~rotorfit.estimators.blocks.observations.Block.with_noise`."""
+        return replace(self, sigma=self.sigma * factor)
+
+    def predict(self, theta: Float) -> ComplexArray:
+        """See :meth:`~rotorfit.estimators.blocks.observations.Block.predict`.
+
+        Of vectors of shape ``(..., G, P)`` it gives ``(..., R)``.
+        """
+        return self._read(self._solve(theta)[2])
+
+    def predict_jacobian(self, theta: Float) -> tuple[ComplexArray, ComplexArray]:
+        """See :meth:`~rotorfit.estimators.blocks.observations.Block.predict_jacobian`."""
+        vectors, H, amplitude = self._solve(theta)
+        n, count = amplitude.shape[0] // 2, theta.shape[-1]
+        left, right = self._read(H), amplitude[..., self.line]
+        total = np.zeros((count, *right.shape[1:]), dtype=complex)
+        w, graph = np.abs(self.frequency), line_stiffness(self.model)
+        slopes = [graph.slopes(vectors, sense * w, self.speed, self.eccentricity)[..., self.line] for sense in (1, -1)]
+        for place, row, column, ahead, behind in zip(graph.inputs, graph.rows, graph.columns, *slopes, strict=True):
+            if place < count:  # the eccentricity is held
+                total[place] -= left[row] * right[column] * ahead
+                total[place] -= left[n + row] * right[n + column] * behind.conj()
+        if self.model.shaft is not None:
+            self._known(vectors, left, right, total)
+        seat = journal(self.model)
+        turn = np.exp(2j * self.attitude[self.line])
+        ahead, behind = right[seat.at], right[n + seat.at]
+        by_coupling = left[seat.at] * (ahead + turn * behind)
+        by_conjugate = left[n + seat.at] * (turn.conj() * ahead + behind)
+        coupling = seat.coupling_jacobian(vectors, self.speed, self.eccentricity)[..., self.line]
+        total -= by_coupling * coupling + by_conjugate * coupling.conj()
+        return self._read(amplitude), np.moveaxis(total, 0, -1)
+
+    def _known(self, vectors: Float, left: ComplexArray, right: ComplexArray, total: ComplexArray) -> None:
+        """Add what the scale factors of a known structure change."""
+        n, w = left.shape[0] // 2, np.abs(self.frequency)
+        ahead = known_structure(self.model, vectors, 1j * w, self.speed)
+        behind = known_structure(self.model, vectors, -1j * w, self.speed)
+        for place, forward, backward in zip(ahead.inputs.tolist(), ahead.slopes, behind.slopes, strict=True):
+            product = "i...,ij...,j...->..."
+            total[place] -= np.einsum(product, left[:n], forward[..., self.line], right[:n])
+            total[place] -= np.einsum(product, left[n:], backward[..., self.line].conj(), right[n:])
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class FreeVibrations:
+    """Eigenvalues of small free motion about equilibria, each the one nearest to what was measured.
+
+    Attributes:
+        model: the rotor.
+        speed, eccentricity: rotative speed, rad/s, and static eccentricity of the journal, shape ``(R,)``.
+        reading_group: parameter group, shape ``(R,)``.
+        measured: eigenvalues ``s = -zeta |s| + j w_d``, 1/s; sigma, label, run, labels: see
+            :class:`~rotorfit.estimators.blocks.observations.Block`.
+    """
+
+    model: RotorModel
+    speed: Float
+    eccentricity: Float
+    reading_group: Index
+    measured: ComplexArray
+    sigma: Float
+    label: Index
+    labels: tuple[str, ...]
+    run: NDArray[np.str_]
+
+    def with_noise(self, factor: Float) -> Self:
+        """See :meth:`~rotorfit.estimators.blocks.observations.Block.with_noise`."""
+        return replace(self, sigma=self.sigma * factor)
+
+    def predict(self, theta: Float) -> ComplexArray:
+        """See :meth:`~rotorfit.estimators.blocks.observations.Block.predict`."""
+        found = self._spectra(theta)
+        nearest = np.nanargmin(np.abs(found - self.measured[:, None]), axis=-1)
+        return np.asarray(np.take_along_axis(found, nearest[..., None], axis=-1)[..., 0])
+
+    def _spectra(self, theta: Float) -> ComplexArray:
+        """Eigenvalues of every line along the last axis."""
+        vectors = theta[..., self.reading_group, :]
+        if self.model.shaft is None:
+            return off_centre_eigenvalues(self.model, vectors, self.speed, self.eccentricity)
+        lines = zip(vectors, self.speed.tolist(), self.eccentricity.tolist(), strict=True)
+        return np.array([off_centre_eigenvalues(self.model, *line) for line in lines])
+
+    def predict_jacobian(self, theta: Float) -> tuple[ComplexArray, ComplexArray]:
+        """See :meth:`~rotorfit.estimators.blocks.observations.Block.predict_jacobian`."""
+        s = self.predict(theta)
+        return s, off_centre_gradient(self.model, theta[..., self.reading_group, :], self.speed, self.eccentricity, s)

@@ -1,0 +1,1 @@
+"""What the data determine and how well: covariance, identifiability, profiles, score tests, posteriors."""

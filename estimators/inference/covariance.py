@@ -1,0 +1,230 @@
+"""Errors of a solution: curvature of the cost, its sandwich for robust losses, and the chi-squared that widens them."""
+
+from __future__ import annotations
+
+import math
+from functools import cache
+
+import numpy as np
+
+from rotorfit.estimators.blocks.correlated import CorrelatedResponses
+from rotorfit.estimators.blocks.nonlinear import responses_of
+from rotorfit.estimators.inference.identifiability import covariance as inverse
+from rotorfit.estimators.inference.identifiability import natural_scales
+from rotorfit.estimators.misfit.losses import Loss, robust_weights
+from rotorfit.estimators.misfit.problem import Problem
+from rotorfit.estimators.noise.run_effects import real_rows
+from rotorfit.models.array_types import ComplexArray, Float
+
+_CHANCE = 0.05  # probability at which a misfit counts as the model's, where the noise itself is known from few data
+_LEAST_LEFT = 0.05  # share of a reading's residual that its fit leaves at least, in estimates of its noise
+
+
+def widening(redchi: float, loss: Loss, *, levelled: bool = False, nfree: int = 0, freedom: float = math.inf) -> float:
+    """Factor on a covariance for a model that does not fit to within the noise.
+
+    Squares take a model's misfit for noise, which the noise given was too small for. Robust losses have a covariance
+    that follows from the residuals' own scatter (the sandwich), and so have noise levels that the residuals set. Noise
+    that is known from few mountings makes redchi scatter by itself: what is within reach of chance (5 %, by the F
+    distribution) is then no misfit of the model.
+
+    Args:
+        redchi: reduced chi-squared; NaN, where nothing is left to judge by, widens nothing.
+        loss: of the fit.
+        levelled: the noise was scaled to the residuals.
+        nfree: degrees of freedom of redchi.
+        freedom: those from which the noise is known.
+    """
+    if loss != "linear" or levelled:
+        return 1.0
+    if math.isfinite(freedom) and nfree > 0:
+        from scipy.special import fdtri  # late: loading it takes longer than a fit
+
+        return redchi if redchi > float(fdtri(nfree, freedom, 1 - _CHANCE)) else 1.0
+    return max(1.0, redchi)
+
+
+@cache
+def _expected_loss(loss: Loss) -> float:
+    """Mean robust cost of one complex reading under pure noise, |r|^2 being chi-squared with two degrees of freedom."""
+    q = (np.arange(20000) + 0.5) / 20000
+    return float(np.mean(robust_weights(loss, -2 * np.log1p(-q))[0]))
+
+
+def reduced_chi_square(problem: Problem, residuals: ComplexArray, nfree: int) -> float:
+    """Cost per degree of freedom against that of noise alone: one where the model explains the data, for any loss.
+
+    Args:
+        problem: the problem, for its loss.
+        residuals: residuals over the noise, shape ``(R,)``, each part of which has standard deviation one.
+        nfree: real data less parameters; NaN comes back where none is left.
+    """
+    if nfree <= 0:
+        return float("nan")
+    cost = float(robust_weights(problem.loss, np.abs(residuals) ** 2)[0].sum())
+    return cost / _expected_loss(problem.loss) * 2 / nfree
+
+
+def information(problem: Problem, x: Float, r: ComplexArray, J: ComplexArray) -> tuple[Float, Float | None]:
+    """Square root of the cost's expected curvature, and for a robust loss its gradient's scatter (the sandwich).
+
+    Args:
+        problem: loss and priors.
+        x: solution, shape ``(p,)``.
+        r: whitened residuals there, shape ``(R,)``.
+        J: their derivatives, shape ``(R, p)``.
+
+    Returns:
+        ``R`` with ``R^T R`` the curvature, shape ``(p, p)``, and the scatter of the gradient, None for squares of
+        independent errors.
+    """
+    bend = 1.0 if problem.loss == "linear" else float(np.mean(bends(problem.loss, r)))
+    prior = prior_curvature(problem, x)
+    rows = np.sqrt(bend) * real_rows(J).T
+    if prior.any():
+        rows = np.concatenate([rows, np.diag(np.sqrt(prior))[prior > 0]])
+    root = np.asarray(np.linalg.qr(rows, mode="r"))
+    if problem.loss == "linear":
+        return root, _common_scatter(problem, x, J)
+    covar = inverse(root, natural_sizes(problem, x))[0]
+    return root, score_scatter(problem, x, r, J, bend=bend, covar=covar)
+
+
+def bends(loss: Loss, r: ComplexArray) -> Float:
+    """Curvature of the cost by each whitened residual, averaged over its phases, shape ``(R,)``; one for squares.
+
+    Args:
+        loss: of the problem.
+        r: whitened residuals, shape ``(R,)``.
+    """
+    size2 = np.abs(r) ** 2
+    weight = robust_weights(loss, size2)[1]
+    if loss == "linear":
+        return weight
+    step = 1e-4 * (1 + size2)
+    slope = (robust_weights(loss, size2 + step)[1] - weight) / step
+    # A modulus loss bends by w + 2 |r|^2 w' along r and by w across it; residual phases are uniform.
+    return np.asarray(weight + size2 * slope)
+
+
+def prior_curvature(problem: Problem, x: Float) -> Float:
+    """What the priors add to the diagonal of the curvature, shape ``(p,)``.
+
+    Args:
+        problem: the problem.
+        x: fitted vector, shape ``(p,)``.
+    """
+    added = np.zeros(x.size)
+    for prior in problem.priors:
+        added[prior.entry] += prior.terms(float(x[prior.entry]))[2]
+    return added
+
+
+def score_scatter(problem: Problem, x: Float, r: ComplexArray, J: ComplexArray, *, bend: float, covar: Float) -> Float:
+    """Scatter of the cost's gradient, each reading's part judged by a fit without it, shape ``(p, p)``.
+
+    Args:
+        problem: loss and priors.
+        x: solution, shape ``(p,)``.
+        r: whitened residuals there, shape ``(R,)``.
+        J: their derivatives, shape ``(R, p)``.
+        bend: mean of :func:`bends` over all readings of the fit.
+        covar: inverse curvature of the whole fit in these parameters, shape ``(p, p)``.
+    """
+    _, weight = robust_weights(problem.loss, np.abs(r) ** 2)
+    scores = weight[:, None] * (_left_out(r, J, bend, covar).conj()[:, None] * J).real
+    # A prior's centre is as uncertain as the prior is wide.
+    return np.asarray(scores.T @ scores + np.diag(prior_curvature(problem, x)))
+
+
+def weighing_error(problem: Problem, J: ComplexArray, covar: Float) -> Float:
+    """What errors of the weights themselves add to a covariance, shape ``(p, p)``, where few mountings tell them.
+
+    A channel whose scatter came out small by chance is weighed too much: with ``d_c`` the error of the logarithm of its
+    variance the estimate moves by ``A sum_c d_c (s_c - I_c A s)``, ``s_c`` the score of the channel and ``I_c`` its
+    information (Kenward and Roger 1997; Meier 1953 for a weighted mean). Scores scatter as the mountings do, and d of
+    two channels goes together by the square of their correlation: what moves all channels alike, as a weight that errs
+    does, spoils no weight of one against another. Their second such term, for a covariance that is the weights' own
+    inverse, is left out: here the covariance comes from the scatter itself (benchmarks/mounting_coverage.py).
+
+    Args:
+        problem: the problem that was solved.
+        J: derivatives of the whitened residuals, shape ``(R, p)``.
+        covar: inverse curvature A, shape ``(p, p)``.
+    """
+    total, stop = np.zeros_like(covar), 0
+    for block in problem.blocks:
+        start, stop = stop, stop + block.measured.size
+        if not isinstance(block, CorrelatedResponses) or not math.isfinite(block.freedom):
+            continue
+        rows, number = J[start:stop], block.base.coordinate
+        parts = [np.where((number == channel)[:, None], rows, 0.0) for channel in np.unique(number)]
+        # s_c - I_c A s as a linear function of the errors
+        ways = [part - rows @ (covar @ (part.conj().T @ part).real) for part in parts]
+        together = block.channel_correlation**2
+        for i, one in enumerate(ways):
+            for k, other in enumerate(ways):
+                total += 2 / block.weight_freedom * together[i, k] * (one.conj().T @ block.scatter @ other).real
+    return np.asarray(covar @ total @ covar)
+
+
+def _common_scatter(problem: Problem, x: Float, J: ComplexArray) -> Float | None:
+    """Scatter of the cost's gradient where readings of one mounting err together, None where all are independent."""
+    if not any(isinstance(block, CorrelatedResponses) for block in problem.blocks):
+        return None
+    total, stop = np.diag(prior_curvature(problem, x)), 0
+    for block in problem.blocks:
+        start, stop = stop, stop + block.measured.size
+        rows = J[start:stop]
+        errors = block.scatter @ rows if isinstance(block, CorrelatedResponses) else rows
+        total = total + (rows.conj().T @ errors).real
+    return np.asarray(total)
+
+
+def _left_out(r: ComplexArray, J: ComplexArray, bend: float, covar: Float) -> ComplexArray:
+    """Residual of each reading from a fit without it, to first order (MacKinnon and White 1985, HC3).
+
+    A fit follows the readings that matter most, whose own residuals are therefore too small to tell the noise.
+    """
+    parts = np.stack([J.real, J.imag], axis=1)  # (R, 2, p)
+    hat = bend * (parts @ covar @ parts.transpose(0, 2, 1))
+    power, basis = np.linalg.eigh(hat)
+    along = np.einsum("rik,ri->rk", basis, np.stack([r.real, r.imag], axis=1))
+    # A reading that alone determines something cannot be left out.
+    found = np.einsum("rik,rk->ri", basis, along / np.maximum(1 - power, _LEAST_LEFT))
+    return np.asarray(found[:, 0] + 1j * found[:, 1])
+
+
+def inverse_curvature(problem: Problem, x: Float) -> Float:
+    """Change of the estimate by the slope of the cost, shape ``(p, p)``.
+
+    Args:
+        problem: the problem that was solved.
+        x: its solution, shape ``(p,)``.
+    """
+    root, _ = information(problem, x, *problem.jacobian(x))
+    return inverse(root, natural_sizes(problem, x))[0]
+
+
+def natural_sizes(problem: Problem, x: Float) -> Float:
+    """Size of each parameter that would matter in these data, shape ``(p,)``: what identifiability is judged against.
+
+    Args:
+        problem: the problem.
+        x: its solution, shape ``(p,)``.
+    """
+    space = problem.space
+    responses = [b for b in map(responses_of, problem.blocks) if b is not None]
+    if not responses:
+        typical = np.array([space.model.parameter(name).scale for name in space.base] + [1.0] * len(space.nuisance))
+        return np.maximum(np.abs(x), 0.1 * typical)
+    levels, top = [], 0.0
+    for block in responses:
+        drive = np.linalg.norm(block.force, axis=1)[block.line]
+        ratio = np.abs(block.measured) / drive if block.imposed else drive / np.abs(block.measured)
+        levels.append(ratio[np.isfinite(ratio) & (ratio > 0)])
+        # Constant loads see damping and inertia by the fluid that turns with the shaft.
+        top = max(top, float(np.abs(block.frequency).max()) or float(np.abs(block.speed).max()))
+    stiffness = float(np.median(np.concatenate(levels)))
+    own = natural_scales(space.model, space.base, x[: len(space.names)], stiffness, max(top, 1e-12))
+    return np.concatenate([own, np.ones(len(space.nuisance))])

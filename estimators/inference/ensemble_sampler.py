@@ -1,0 +1,301 @@
+"""Sample a posterior with emcee until the autocorrelation time is resolved and enough independent draws are there."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import emcee
+import h5py
+import numpy as np
+
+from rotorfit.estimators.atomic_file import whole_file
+from rotorfit.estimators.inference.log_posterior import LogPosterior
+from rotorfit.estimators.inference.proposals import mixture
+from rotorfit.models.array_types import Float
+
+CHUNK = 100
+"""Steps between looks at the chain (and checkpoints) at first; later a fifth of the chain's length."""
+RESOLVED = 100.0
+"""Length of a chain, in autocorrelation times, from which that time is trusted: twice emcee's rule, so that split
+R-hat, which exceeds one by the autocorrelation time over the length, comes down to 1.01."""
+
+LEARN = 500
+"""Steps after which the independence proposals of a slow chain take their picture from the draws so far, and again
+whenever the chain has doubled; what was drawn until then is burn-in, so that the proposals of the draws kept are
+fixed."""
+
+_LISTENED = 32  # walkers enough to tell whether their means differ
+_TIMED = 16  # of them enough to estimate the autocorrelation time from
+_DISAGREE = 4.0  # spread of 32 means over its expectation, beyond all chance (chi-squared over 31: p < 1e-12)
+
+
+@dataclass(frozen=True)
+class SamplerProgress:
+    """State of a run.
+
+    Attributes:
+        steps: made so far.
+        ess: effective samples so far.
+        tau: longest autocorrelation time in steps.
+        done: share of what convergence asks for, effective samples and a resolved autocorrelation time, that is there;
+            below one until the run has converged.
+        waiting: what is short, in words.
+    """
+
+    steps: int
+    ess: float
+    tau: float
+    done: float = 0.0
+    waiting: str = ""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class WalkerPaths:
+    """Walkers' paths.
+
+    Attributes:
+        draws: positions after burn-in, shape ``(steps, walkers, size)``.
+        log_density: up to a constant, shape ``(steps, walkers)``.
+        acceptance: accepted share of each walker's proposals, shape ``(walkers,)``.
+        tau: autocorrelation time of each entry in steps, shape ``(size,)``.
+        burn_in: steps dropped at the beginning.
+        steps: steps made in all, those of a resumed run included.
+        ess: effective samples, ``walkers * kept steps / max(tau)``.
+        converged: whether the autocorrelation time is resolved and the effective samples asked for are there.
+        message: what that means, in words.
+        seed: of the random numbers.
+    """
+
+    draws: Float
+    log_density: Float
+    acceptance: Float
+    tau: Float
+    burn_in: int
+    steps: int
+    ess: float
+    converged: bool
+    message: str
+    seed: int
+
+
+def sample(
+    target: LogPosterior,
+    centre: Float,
+    covariance: Float,
+    *,
+    walkers: int,
+    ess: float,
+    max_steps: int,
+    seed: int | None = None,
+    checkpoint: Path | None = None,
+    report: Callable[[SamplerProgress], None] | None = None,
+    moves: list[tuple[Any, float]] | None = None,
+) -> WalkerPaths:
+    """Run emcee.
+
+    Args:
+        target: log density of many vectors.
+        centre, covariance: normal approximation, start of the walkers and of the independence proposal.
+        walkers: even, at least twice the size of the vector.
+        ess: effective samples asked for.
+        max_steps: steps after which to stop in any case.
+        seed: of the random numbers; ``None`` takes one from the system.
+        checkpoint: HDF5 file (emcee's backend), written at every look at the chain; a later run continues it.
+        report: called at every look at the chain.
+        moves: emcee moves with weights, by default :func:`~rotorfit.estimators.inference.proposals.mixture`.
+
+    Raises:
+        ValueError: too few walkers, or a checkpoint of another posterior, of other walkers or of another seed.
+    """
+    if walkers < 2 * target.size or walkers % 2:
+        raise ValueError(
+            f"walkers is {walkers}; {target.size} entries need an even number of at least {2 * target.size}"
+        )
+    memory = emcee.backends.Backend()
+    memory.reset(walkers, target.size)
+    learned, verdict = 0, None
+    if checkpoint and checkpoint.exists():
+        state, first_seed, learned = _resume(memory, checkpoint, target, walkers, seed)
+        if memory.iteration > learned:
+            verdict = _assess(memory, ess, first_seed, learned)
+    else:
+        first_seed = int(np.random.SeedSequence().generate_state(1)[0]) if seed is None else seed
+        random = np.random.RandomState(first_seed)
+        state = emcee.State(_start(target, centre, covariance, walkers, random), random_state=random.get_state())
+    mixed = moves or mixture(target, *(_picture(memory, learned) if learned else (centre, covariance)))
+    while memory.iteration < max_steps and not (verdict and verdict.converged):
+        count = min(max(CHUNK, memory.iteration // 5), max_steps - memory.iteration)
+        sampler = emcee.EnsembleSampler(walkers, target.size, target, moves=mixed, backend=memory, vectorize=True)
+        state = sampler.run_mcmc(state, count, skip_initial_state_check=True)
+        verdict = _assess(memory, ess, first_seed, learned)
+        if not moves and _should_learn(memory, verdict, learned, max_steps):
+            learned = memory.iteration
+            mixed = mixture(target, *_picture(memory, learned))
+        if checkpoint:
+            _write(checkpoint, first_seed, learned, memory)
+        if report:
+            report(_progress(verdict, ess))
+    if verdict is None:
+        raise ValueError(f"max_steps is {max_steps}; at least one step is needed")
+    return verdict
+
+
+def _progress(verdict: WalkerPaths, ess: float) -> SamplerProgress:
+    """How far a run is from what it must have to end."""
+    longest, kept = float(verdict.tau.max()), verdict.draws.shape[0]
+    samples, resolved = verdict.ess / ess, kept / (RESOLVED * longest) if np.isfinite(longest) else 0.0
+    if samples < resolved or samples < 1:
+        words = f"{min(verdict.ess, ess):.0f} of {ess:.0f} effective samples"
+    else:
+        needed = RESOLVED * longest
+        words = f"{min(kept, needed):.0f} of the {needed:.0f} steps that resolve the autocorrelation time"
+    done = 1.0 if verdict.converged else min(samples, resolved, 0.99)
+    return SamplerProgress(verdict.steps, verdict.ess, longest, done, words)
+
+
+def _should_learn(memory: Any, verdict: WalkerPaths, learned: int, max_steps: int) -> bool:
+    """Whether the chain is slow and has doubled since the proposals were last learned, with as many steps to come."""
+    steps = memory.iteration
+    slow = not len(verdict.draws) >= 0.5 * RESOLVED * verdict.tau.max()
+    if not slow or not max(LEARN, 2 * learned) <= steps <= max_steps / 2:
+        return False
+    return bool((_picture(memory, steps)[1].diagonal() > 0).all())  # all entries have moved
+
+
+def _picture(memory: Any, learned: int) -> tuple[Float, Float]:
+    """Mean and covariance of the draws up to a step, its first half left out as burn-in."""
+    draws = memory.get_chain()[learned // 2 : learned].reshape(-1, memory.shape[1])
+    return draws.mean(axis=0), np.atleast_2d(np.cov(draws.T))
+
+
+def _start(
+    target: LogPosterior, centre: Float, covariance: Float, walkers: int, random: np.random.RandomState
+) -> Float:
+    """Walkers drawn from the normal approximation, those outside the bounds drawn again."""
+    size = np.sqrt(np.diag(covariance))
+    kept: list[Float] = []
+    for _ in range(200):
+        drawn = centre + size * random.multivariate_normal(
+            np.zeros(centre.size), covariance / np.outer(size, size), walkers, check_valid="ignore"
+        )
+        kept += list(drawn[np.isfinite(target(drawn))])
+        if len(kept) >= walkers:
+            return np.array(kept[:walkers])
+    raise ValueError(
+        "no start for the walkers: almost all of the normal approximation at the optimum lies outside the bounds or "
+        "the support of the priors"
+    )
+
+
+def _assess(memory: Any, ess: float, seed: int, learned: int) -> WalkerPaths:
+    """Autocorrelation time after burn-in, and what follows from it."""
+    chain = memory.get_chain()
+    steps, walkers, _ = chain.shape
+    tau = _tau(chain[max(steps // 4, learned) :, :: max(1, walkers // _LISTENED)])
+    longest = float(tau.max())
+    burn_in = int(min(max(10.0, 5 * longest), steps // 2)) if np.isfinite(longest) else steps // 2
+    burn_in = max(burn_in, learned)
+    kept = steps - burn_in
+    effective = walkers * kept / longest if np.isfinite(longest) else 0.0
+    resolved = kept >= RESOLVED * longest
+    if resolved and effective >= ess:
+        message = f"converged: {effective:.0f} effective samples, autocorrelation time {longest:.1f} steps"
+    elif resolved:
+        message = f"not converged: {effective:.0f} of {ess:.0f} effective samples after {steps} steps"
+    else:
+        message = (
+            f"not converged: the autocorrelation time, about {longest:.0f} steps, is not resolved by {kept} steps "
+            f"({RESOLVED:.0f} times its length are needed). Intervals may be too narrow: raise max_steps"
+        )
+    return WalkerPaths(
+        draws=chain[burn_in:],
+        log_density=memory.get_log_prob()[burn_in:],
+        acceptance=np.asarray(memory.accepted / steps, dtype=float),
+        tau=tau,
+        burn_in=burn_in,
+        steps=steps,
+        ess=float(effective),
+        converged=bool(resolved and effective >= ess),
+        message=message,
+        seed=seed,
+    )
+
+
+def _tau(chain: Float) -> Float:
+    """Integrated autocorrelation time of each entry, infinite where nothing moves.
+
+    emcee measures each walker from its own mean, so walkers that are stuck in places of their own look well mixed:
+    where their means differ by much more than that time allows, the time that explains the difference takes its place.
+    """
+    still = np.ptp(chain, axis=0).max(axis=0) == 0
+    tau = np.full(chain.shape[2], np.inf)
+    if (~still).any():
+        # Centred and scaled, so that products keep their digits.
+        moving = chain[:, :, ~still]
+        moving = (moving - moving.mean(axis=(0, 1))) / moving.std(axis=(0, 1))
+        timed = moving[:, :: max(1, moving.shape[1] // _TIMED)]
+        with np.errstate(invalid="ignore"):  # a walker that never moves: NaN here, infinite below
+            inner = emcee.autocorr.integrated_time(timed, tol=0, has_walkers=True)
+        between = chain.shape[0] * moving.mean(axis=0).var(axis=0, ddof=1)
+        tau[~still] = np.where(between > _DISAGREE * np.maximum(inner, 1.0), between, inner)
+    return np.where(np.isfinite(tau), np.maximum(tau, 1.0), np.inf)
+
+
+# ---- checkpoints -----------------------------------------------------------------------------------------------------
+
+
+def _write(path: Path, seed: int, learned: int, memory: Any) -> None:
+    """Append new steps to a copy of the checkpoint and put it in place in one go: a kill leaves the old one whole."""
+    with whole_file(path) as draft:
+        if path.exists():
+            shutil.copyfile(path, draft)
+        backend = emcee.backends.HDFBackend(str(draft))
+        if not backend.initialized:
+            backend.reset(*memory.shape)
+        done = backend.iteration
+        backend.grow(memory.iteration - done, None)
+        with h5py.File(draft, "a") as file:  # emcee would open it once a step
+            group = file[backend.name]
+            group["chain"][done:] = memory.chain[done : memory.iteration]
+            group["log_prob"][done:] = memory.log_prob[done : memory.iteration]
+            group["accepted"][:] = memory.accepted
+            group.attrs["iteration"] = memory.iteration
+            group.attrs["seed"], group.attrs["learned"] = seed, learned
+            for number, part in enumerate(memory.random_state):
+                group.attrs[f"random_state_{number}"] = part
+
+
+def _resume(memory: Any, path: Path, target: LogPosterior, walkers: int, seed: int | None) -> tuple[Any, int, int]:
+    """Load a checkpoint into memory: the walkers' last state, the seed, the step at which proposals were learned."""
+    try:
+        stored = emcee.backends.HDFBackend(str(path), read_only=True)
+        shape, state = stored.shape, stored.get_last_sample()
+        chain, density, accepted = stored.get_chain(), stored.get_log_prob(), stored.accepted
+        with h5py.File(path, "r") as file:
+            first_seed, learned = (int(file[stored.name].attrs[name]) for name in ("seed", "learned"))
+    except (OSError, KeyError, AttributeError) as error:
+        raise ValueError(f"{path} is no checkpoint of a sampler: {error}") from error
+    if shape != (walkers, target.size):
+        raise ValueError(
+            f"checkpoint {path} holds {shape[0]} walkers of {shape[1]} entries, here are {walkers} of {target.size}: "
+            "name another file, or remove it"
+        )
+    # The density itself tells whether data, model, priors and noise treatment are the same.
+    if not np.allclose(target(state.coords), state.log_prob, rtol=1e-8, atol=1e-6):
+        raise ValueError(
+            f"checkpoint {path} belongs to another posterior (other data, model, priors or noise treatment): name "
+            "another file, or remove it"
+        )
+    if seed is not None and seed != first_seed:
+        raise ValueError(f"checkpoint {path} was begun with seed {first_seed}, not {seed}: name another file")
+    nothing = np.zeros(walkers, dtype=bool)
+    memory.reset(*shape)
+    memory.grow(chain.shape[0], None)
+    for coords, log_prob in zip(chain, density, strict=True):
+        memory.save_step(emcee.State(coords, log_prob=log_prob, random_state=state.random_state), nothing)
+    memory.accepted = accepted
+    return state, first_seed, learned

@@ -1,0 +1,108 @@
+"""What terms that a model leaves out would do to its predictions, reading by reading."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TypeAlias
+
+import numpy as np
+
+from rotorfit.estimators.blocks.correlated import whiten
+from rotorfit.estimators.blocks.nonlinear import OrbitResponses, responses_of
+from rotorfit.estimators.blocks.observations import Block, Responses
+from rotorfit.estimators.blocks.response import dynamic_stiffness, inverse
+from rotorfit.estimators.blocks.small_motion import OffCentreResponses
+from rotorfit.estimators.misfit.problem import Problem
+from rotorfit.models.array_types import ComplexArray, Float
+from rotorfit.models.left_out import LeftOut
+
+
+@dataclass(frozen=True, kw_only=True)
+class Offset:
+    """A probe or a force that is not at its plane, but a share of the way towards another.
+
+    Attributes:
+        kind: "probe" or "force".
+        at, towards: coordinates.
+    """
+
+    kind: str
+    at: int
+    towards: int
+
+
+@dataclass(frozen=True)
+class Clearance:
+    """The radial clearance that a model with a law of eccentricity takes as known; its size is a share of it."""
+
+
+Term: TypeAlias = LeftOut | Offset | Clearance | int
+"""A term of the equation of motion, an offset, the clearance, or the place of a known parameter of the model."""
+
+_STEP = 1e-4  # share of the clearance for a central difference: truncated at 1e-8, rounded at 1e-12
+
+
+def whitened_columns(problem: Problem, x: Float, terms: Sequence[Term]) -> ComplexArray:
+    """Derivatives of the whitened residuals by terms left out, shape ``(R, T)``.
+
+    Args:
+        problem: the problem.
+        x: fitted vector, shape ``(p,)``.
+        terms: what is left out or taken as known.
+    """
+    theta = problem.space.theta(x)
+    parts = []
+    for number, block in enumerate(problem.blocks):
+        changes = np.array([_change(block, theta, term) for term in terms]).reshape(len(terms), block.measured.size)
+        if problem.factors and problem.factors[number] is not None:
+            nuisance = np.asarray(problem.factors[number]) @ x[len(problem.space.names) :]
+            changes = changes * np.exp(nuisance)
+        parts.append(whiten(block, changes).T)
+    return np.concatenate(parts)
+
+
+def is_linear(block: Block) -> bool:
+    """Whether a block holds responses of a linear rotor to circular forces, which left-out terms act on."""
+    base = responses_of(block)
+    return isinstance(base, Responses) and not isinstance(block, OrbitResponses) and not base.imposed
+
+
+def _resized(block: Block, factor: float) -> Block:
+    """A block in a bearing of another clearance, positions in metres kept; eccentricities that were given stay."""
+    if not isinstance(block, OrbitResponses | OffCentreResponses):
+        return block
+    model = block.model.variant(clearance_um=1e6 * factor * (block.model.clearance or 0.0))
+    eccentricity = block.eccentricity / factor
+    if isinstance(block, OrbitResponses):
+        return replace(block, base=replace(block.base, model=model), eccentricity=eccentricity)
+    return replace(block, model=model, eccentricity=eccentricity)
+
+
+def _change(block: Block, theta: Float, term: Term) -> ComplexArray:
+    if isinstance(term, int):
+        return block.predict_jacobian(theta)[1][:, term]
+    if isinstance(term, Clearance):
+        up, down = (_resized(block, 1 + sign * _STEP).predict(theta) for sign in (1, -1))
+        return np.asarray((up - down) / (2 * _STEP))
+    base = responses_of(block)
+    if base is None or not is_linear(block):
+        return np.zeros(block.measured.size, dtype=complex)
+    H = inverse(dynamic_stiffness(base, theta))
+    line, read = base.line, base.coordinate
+    amplitude = np.einsum("lij,lj->li", H, base.force)
+    if isinstance(term, LeftOut):
+        factor = term.factor(base.s, base.speed)
+        pressed = np.zeros_like(amplitude)
+        for i, j, weight in term.entries:
+            pressed[:, i] += weight * factor * amplitude[:, j]
+        change = -np.einsum("lij,lj->li", H, pressed)[line, read]
+    elif term.kind == "probe":
+        change = np.where(read == term.at, amplitude[line, term.towards] - amplitude[line, term.at], 0.0)
+    else:
+        moved = base.force[:, term.at, None] * (H[:, :, term.towards] - H[:, :, term.at])
+        change = moved[line, read]
+    functions = base.model.functions
+    if functions.has_probe_factors:
+        change = change * functions.factors(theta)[base.reading_group, read]
+    return np.asarray(change)

@@ -1,0 +1,201 @@
+"""The posterior of a problem: its density at many vectors at once, and its normal approximation at the optimum."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Literal
+
+import numpy as np
+
+from rotorfit.estimators.minimisation.least_squares import minimise
+from rotorfit.estimators.misfit.kernels import Batch
+from rotorfit.estimators.misfit.priors import LogPriors, within_support
+from rotorfit.estimators.misfit.problem import Problem
+from rotorfit.models.array_types import Float
+
+Noise = Literal["marginal", "fixed", "sampled"]
+
+NOISES: tuple[Noise, ...] = ("marginal", "fixed", "sampled")
+BELIEF = 1.0
+"""Weight of the noise level given with the data, in real data, where the level is inferred."""
+_ROUNDS = 30  # reweightings at most until the noise levels and the optimum agree
+_NULL = 1e-13  # relative curvature that is round-off
+
+
+class LogPosterior:
+    """Log posterior density of a problem.
+
+    The noise given with the data sets the shape of each channel's noise; its level is what ``noise`` says:
+
+    * "fixed": as given, times ``inflation``;
+    * "marginal": unknown in each channel and integrated out in closed form. The prior of the scale is Jeffreys' 1/s
+      together with one datum's worth of belief in the noise given, without which a channel of few readings could be
+      met exactly and pull the density to infinity. With n real data of whitened sum of squares S the channel
+      contributes ``(S + 1)^(-(n + 1)/2)``: one that the model misses widens by itself;
+    * "sampled": the same, with log s of each channel as further entries of the vector.
+
+    Args:
+        problem: observations, priors, bounds and loss.
+        noise: see above; a robust loss has a scale of its own and needs "fixed".
+        inflation: factor on the variances with "fixed" noise.
+        accelerate, work: as for :class:`~rotorfit.estimators.misfit.kernels.Batch`.
+
+    Raises:
+        ValueError: unknown noise treatment, or one that a robust loss rules out.
+    """
+
+    def __init__(
+        self,
+        problem: Problem,
+        noise: Noise = "marginal",
+        *,
+        inflation: float = 1.0,
+        accelerate: bool | None = None,
+        work: float = np.inf,
+    ) -> None:
+        if noise not in NOISES:
+            raise ValueError(f"noise is {noise!r}; allowed: {', '.join(NOISES)}")
+        if problem.loss != "linear" and noise != "fixed":
+            raise ValueError(f"the {problem.loss} loss has a fixed scale: noise must be 'fixed', not {noise!r}")
+        self.problem, self.noise, self.inflation = problem, noise, inflation
+        self.batch = Batch(problem, accelerate=accelerate, work=work)
+        belief = 0.0 if noise == "fixed" else BELIEF
+        self.counts = self.batch.channel_counts + belief
+        self.size = problem.space.size + (self.counts.size if noise == "sampled" else 0)
+        self.lower, self.upper = box(problem)
+        self._log_priors = LogPriors(problem.priors)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the entries of the sampled vector."""
+        space = self.problem.space
+        levels: list[str] = []
+        for name in self.batch.channel_names if self.noise == "sampled" else ():
+            # Files may name their runs alike: the second such channel is told by its number.
+            count = sum(level.startswith((f"log_s[{name}]", f"log_s[{name} #")) for level in levels)
+            levels.append(f"log_s[{name} #{count + 1}]" if count else f"log_s[{name}]")
+        return (*space.names, *space.nuisance, *levels)
+
+    def __call__(self, vectors: Float) -> Float:
+        """Log density, up to a constant, of vectors of shape ``(W, size)``; minus infinity outside the bounds."""
+        p = self.problem.space.size
+        result = np.full(vectors.shape[0], -np.inf)
+        inside = np.flatnonzero(((vectors[:, :p] >= self.lower) & (vectors[:, :p] <= self.upper)).all(axis=1))
+        if not inside.size:
+            return result
+        x = vectors[inside, :p]
+        with np.errstate(all="ignore"):  # a proposal may well be absurd; what is not finite is refused below
+            value = self._misfit(self.batch.sums(x), vectors[inside, p:]) + self._log_priors(x)
+        result[inside] = np.where(np.isfinite(value), value, -np.inf)
+        return result
+
+    def _misfit(self, sums: Float, levels: Float) -> Float:
+        if self.noise == "fixed":
+            return np.asarray(-0.5 * sums.sum(axis=1) / self.inflation)
+        if self.noise == "marginal":
+            return np.asarray(-0.5 * np.log(sums + BELIEF) @ self.counts)
+        return np.asarray(-levels @ self.counts - 0.5 * ((sums + BELIEF) * np.exp(-2 * levels)).sum(axis=1))
+
+    # ---- normal approximation ----------------------------------------------------------------------------------------
+
+    def laplace(self, start: Float) -> tuple[Float, Float]:
+        """Mode and covariance of the density's normal approximation.
+
+        Directions without curvature get the width of the bounds across them.
+
+        Args:
+            start: optimum of the problem, shape ``(p,)``.
+
+        Raises:
+            ValueError: a direction has neither curvature nor bounds.
+        """
+        if self.noise == "fixed":
+            x, levels = start, np.full(self.counts.size, 0.5 * np.log(self.inflation))
+        else:
+            x, levels = self._mode(start)
+        weighted = self._weighted(levels)
+        if self.inflation != 1 and self.problem.priors:  # priors weigh more against wider noise
+            x = self._fit(levels, x)
+        information = weighted.gauss_newton(x)[2].copy()  # what the problem keeps is not to be written to
+        for prior in self.problem.priors:
+            # A prior without curvature here still limits the width.
+            has = prior.terms(float(x[prior.entry]))[2]
+            floor = 1.0 / float(prior.distribution.var())
+            information[prior.entry, prior.entry] += max(floor - has, 0.0) if np.isfinite(floor) else 0.0
+        covariance = self._invert(information, x)
+        if self.noise != "sampled":
+            return x, covariance
+        full = np.zeros((self.size, self.size))
+        full[: x.size, : x.size] = covariance
+        full[x.size :, x.size :] = np.diag(0.5 / self.counts)
+        return np.concatenate([x, levels]), full
+
+    def _weighted(self, levels: Float) -> Problem:
+        """The problem with the noise of each channel multiplied by exp(level)."""
+        offset, blocks = 0, []
+        for block in self.problem.blocks:
+            blocks.append(block.with_noise(np.exp(levels[offset + block.label])))
+            offset += len(block.labels)
+        return replace(self.problem, blocks=tuple(blocks))
+
+    def _mode(self, start: Float) -> tuple[Float, Float]:
+        """Alternate between the noise levels and the fit they weigh, which climbs the density at every turn."""
+        x, levels = start, np.zeros(self.counts.size)
+        for _ in range(_ROUNDS):
+            sums = self.batch.sums(x[None, :])[0]
+            new = 0.5 * np.log((sums + BELIEF) / self.counts)
+            moved, levels = np.abs(new - levels).max(), new
+            if moved < 1e-3:
+                break
+            x = self._fit(levels, x)
+        return x, levels
+
+    def _fit(self, levels: Float, start: Float) -> Float:
+        """Optimum with the noise of each channel multiplied by exp(level)."""
+        inside = np.clip(start, self.lower, self.upper)
+        return minimise(self._weighted(levels), inside, lower=self.lower, upper=self.upper).x
+
+    def _invert(self, information: Float, x: Float) -> Float:
+        size = np.sqrt(np.maximum(np.diag(information), 0.0))
+        silent = size == 0
+        size = np.where(silent, 1.0 / np.maximum(np.abs(x), 1.0), size)
+        power, basis = np.linalg.eigh(information / np.outer(size, size))
+        open_ = power <= _NULL * power[-1]
+        self._refuse_runaway(basis[:, open_])
+        closed = basis[:, ~open_] / size[:, None]
+        covariance = closed / power[~open_] @ closed.T
+        for direction in (basis[:, open_] / size[:, None]).T:
+            covariance += np.outer(direction, direction) * self._width(x, direction) ** 2 / 12
+        return np.asarray(covariance)
+
+    def _refuse_runaway(self, flat: Float) -> None:
+        """Refuse directions in the span of flat ones, shape ``(p, k)``, that leave the bounds nowhere."""
+        from scipy.optimize import linprog
+
+        flat = np.where(np.abs(flat) > 1e-9, flat, 0.0)
+        at = np.concatenate([-flat[np.isfinite(self.lower)], flat[np.isfinite(self.upper)]])
+        # A bound on one side stops motion to that side; what still moves without limit is found entry by entry.
+        for way in (*flat, *-flat):
+            if not way.any():
+                continue
+            found = linprog(-way, A_ub=at, b_ub=np.zeros(len(at)), bounds=(-1.0, 1.0))
+            if found.success and -found.fun > 1e-4:
+                names = (*self.problem.space.names, *self.problem.space.nuisance)
+                moved = [name for name, part in zip(names, np.abs(flat @ found.x), strict=True) if part > 1e-4]
+                raise ValueError(
+                    f"the posterior is flat along {', '.join(moved)}, without bounds: fix one, bound it or give a prior"
+                )
+
+    def _width(self, x: Float, direction: Float) -> float:
+        """Length of the line through x that the bounds leave, in multiples of the direction."""
+        moving = np.abs(direction) > 1e-9 * np.abs(direction).max()
+        with np.errstate(divide="ignore", invalid="ignore"):
+            ends = np.array([(self.lower - x) / direction, (self.upper - x) / direction])[:, moving]
+        width = float(ends.max(axis=0).min() - ends.min(axis=0).max())
+        return width
+
+
+def box(problem: Problem) -> tuple[Float, Float]:
+    """Bounds narrowed to where the priors are not zero, shapes ``(p,)``."""
+    space = within_support(problem.space, problem.priors)
+    return space.lower, space.upper

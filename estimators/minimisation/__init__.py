@@ -1,0 +1,1 @@
+"""The smallest misfit: least squares by Ipopt, one fit or many at once."""

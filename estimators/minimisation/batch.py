@@ -1,0 +1,233 @@
+"""Many fits at once: the same model and lines, another set of readings for each (bootstrap, campaigns, simulations).
+
+Readings that differ by noise alone leave the Gauss-Newton matrix almost unchanged. One factorisation therefore
+serves all members, and each iteration costs one exact gradient, which the adjoint of the response gives for about two
+evaluations of the misfit. Convergence is linear with a small factor; members that converge slowly get a matrix of
+their own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rotorfit.estimators.blocks.correlated import CorrelatedResponses
+from rotorfit.estimators.blocks.nonlinear import OrbitResponses
+from rotorfit.estimators.blocks.observations import Block
+from rotorfit.estimators.minimisation.least_squares import Options, Status, minimise
+from rotorfit.estimators.misfit.kernels import Batch
+from rotorfit.estimators.misfit.priors import Prior
+from rotorfit.estimators.misfit.problem import Problem
+from rotorfit.models.array_types import ComplexArray, Float, Index
+
+Bool = NDArray[np.bool_]
+
+TOLERANCE = 1e-8
+"""Remaining step, in standard errors, at which a member has converged."""
+_ROUND_OFF = 1e-5  # remaining step at which failure to shrink further is round-off
+_SLOW = 0.3  # shrinkage of the remaining step above which a member gets a matrix of its own
+_ITERATIONS = 60
+_EVALUATIONS = 5  # a member's gradients until it has converged, typically
+_DEFAULTS = Options()
+
+
+@dataclass(frozen=True, eq=False)
+class BatchFit:
+    """Optima of many data sets.
+
+    Attributes:
+        x: fitted vectors, shape ``(B, p)``.
+        cost: half the (robust) sum of squares plus minus the log prior, shape ``(B,)``.
+        converged: whether each member is at a minimum, shape ``(B,)``.
+        alone: members that were handed to Ipopt one by one (at a bound, or slow to converge), shape ``(B,)``.
+    """
+
+    x: Float
+    cost: Float
+    converged: Bool
+    alone: Bool
+
+
+def with_measured(problem: Problem, measured: ComplexArray) -> Problem:
+    """The same problem with other readings, shape ``(R,)`` in the order of the blocks."""
+    stops = np.cumsum([block.measured.size for block in problem.blocks])[:-1]
+    parts = np.split(measured, stops)
+    return replace(problem, blocks=tuple(_read(block, m) for block, m in zip(problem.blocks, parts, strict=True)))
+
+
+def _read(block: Any, measured: ComplexArray) -> Block:
+    """A block with other readings; the orbit that a nonlinear rotor is taken to run on stays the same."""
+    changed: Block = (
+        replace(block, base=replace(block.base, measured=measured))
+        if isinstance(block, OrbitResponses | CorrelatedResponses)
+        else replace(block, measured=measured)
+    )
+    return changed
+
+
+class _Metric:
+    """Factors of Gauss-Newton matrices: the first one shared, members that are slow with their own."""
+
+    def __init__(self, matrix: Float, members: int) -> None:
+        self.which = np.zeros(members, dtype=np.intp)
+        size = np.sqrt(np.diag(matrix))
+        self.size = np.where(size > 0, size, 1.0)
+        power, basis = self._factor(matrix)
+        self._power, self._basis = [power], [basis]
+
+    def _factor(self, matrix: Float) -> tuple[Float, Float]:
+        power, basis = np.linalg.eigh(matrix / np.outer(self.size, self.size))
+        return np.maximum(power, 1e-14 * power[-1]), basis / self.size[:, None]
+
+    def own(self, member: int, matrix: Float) -> None:
+        """Give a member a matrix of its own."""
+        power, basis = self._factor(matrix)
+        self._power.append(power)
+        self._basis.append(basis)
+        self.which[member] = len(self._power) - 1
+
+    def step(self, members: Index, gradient: Float, damping: Float) -> tuple[Float, Float]:
+        """Damped steps downhill and the undamped remaining step in standard errors."""
+        which = self.which[members]
+        steps, remaining = np.empty_like(gradient), np.empty(members.size)
+        for number in np.unique(which):
+            rows = which == number
+            along = gradient[rows] @ self._basis[number]
+            power = self._power[number]
+            steps[rows] = -(along / (power + damping[rows, None])) @ self._basis[number].T
+            remaining[rows] = np.sqrt((along**2 / power).sum(axis=1))
+        return steps, remaining
+
+
+@dataclass
+class _State:
+    x: Float
+    cost: Float
+    gradient: Float
+    remaining: Float
+    step: Float
+    damping: Float
+
+
+def batch_fit(
+    problem: Problem,
+    measured: ComplexArray,
+    start: ArrayLike,
+    *,
+    accelerate: bool | None = None,
+    options: Options = _DEFAULTS,
+) -> BatchFit:
+    """Fit many sets of readings of one problem.
+
+    Args:
+        problem: model, lines, noise, priors and bounds, the same for all.
+        measured: complex readings, shape ``(B, R)``, in the order of the problem's blocks.
+        start: start vectors, shape ``(p,)`` or ``(B, p)``.
+        accelerate: as for :class:`~rotorfit.estimators.misfit.kernels.Batch`.
+        options: of Ipopt, for the members that are handed to it.
+
+    Raises:
+        ValueError: shapes that do not fit.
+    """
+    measured = np.asarray(measured, dtype=complex)
+    p, count = problem.space.size, problem.n_data // 2
+    if measured.ndim != 2 or measured.shape[1] != count:
+        raise ValueError(f"measured has shape {measured.shape}; the problem has {count} readings: (B, {count})")
+    x = np.asarray(start, dtype=float)
+    if x.shape not in ((p,), (measured.shape[0], p)):
+        raise ValueError(f"start has shape {x.shape}; ({p},) or ({measured.shape[0]}, {p}) is needed")
+    x = np.clip(np.broadcast_to(x, (measured.shape[0], p)), problem.space.lower, problem.space.upper)
+    batch = Batch(problem, accelerate=accelerate, work=_EVALUATIONS * measured.shape[0], gradients=True)
+    readings = batch.readings(measured)
+
+    def evaluate(points: Float, members: Index) -> tuple[Float, Float]:
+        cost, gradient = batch.cost_and_gradient(points, readings.of(members))
+        for prior in problem.priors:
+            add_prior(prior, points[:, prior.entry], cost, gradient)
+        return cost, gradient
+
+    with np.errstate(all="ignore"):  # a trial point may well be absurd
+        state, converged = _descend(problem, measured, x.copy(), evaluate)
+    alone = np.flatnonzero(~converged)
+    for b in alone:
+        own = with_measured(problem, measured[b])
+        begin = state.x[b] if np.isfinite(state.cost[b]) else x[b]
+        found = minimise(own, begin, lower=problem.space.lower, upper=problem.space.upper, options=options)
+        state.x[b], state.cost[b] = found.x, found.cost
+        converged[b] = found.success or found.status is Status.SINGULAR  # a minimum along a whole line is one
+    return BatchFit(state.x, state.cost, converged, np.isin(np.arange(x.shape[0]), alone))
+
+
+def add_prior(prior: Prior, values: Float, cost: Float, gradient: Float) -> None:
+    """Add minus the log density of a prior, and its slope, to costs of shape ``(W,)`` and gradients ``(W, p)``."""
+    if prior.distribution.dist.name == "norm":
+        mean, sd = float(prior.distribution.mean()), float(prior.distribution.std())
+        pull = (values - mean) / sd
+        cost += 0.5 * pull**2
+        gradient[:, prior.entry] += pull / sd
+        return
+    terms = [prior.terms(float(value)) for value in values]
+    cost += [term[0] for term in terms]
+    gradient[:, prior.entry] += [term[1] for term in terms]
+
+
+def _descend(
+    problem: Problem,
+    measured: ComplexArray,
+    x: Float,
+    evaluate: Callable[[Float, Index], tuple[Float, Float]],
+) -> tuple[_State, Bool]:
+    space, count = problem.space, x.shape[0]
+    middle = x.mean(axis=0)
+    metric = _Metric(problem.gauss_newton(np.clip(middle, space.lower, space.upper))[2], count)
+    cost, gradient = evaluate(x, np.arange(count))
+    step, remaining = metric.step(np.arange(count), gradient, np.zeros(count))
+    state = _State(x, cost, gradient, remaining, step, np.zeros(count))
+    converged = remaining < TOLERANCE
+    active = np.flatnonzero(~converged & np.isfinite(cost))
+    for _ in range(_ITERATIONS):
+        if not active.size:
+            break
+        trial = state.x[active] + state.step[active]
+        inside = ((trial > space.lower) & (trial < space.upper)).all(axis=1)
+        active, trial = active[inside], trial[inside]  # the others meet a bound: Ipopt's task
+        converged[active] = _advance(problem, measured, state, metric, active, trial, evaluate)
+        active = active[~converged[active] & (state.damping[active] < 1e12)]
+    return state, converged
+
+
+def _advance(
+    problem: Problem,
+    measured: ComplexArray,
+    state: _State,
+    metric: _Metric,
+    active: Index,
+    trial: Float,
+    evaluate: Callable[[Float, Index], tuple[Float, Float]],
+) -> Bool:
+    """Take the steps that do not climb, damp the others; return who has converged."""
+    cost, gradient = evaluate(trial, active)
+    _, remaining = metric.step(active, gradient, np.zeros(active.size))
+    before = state.remaining[active]
+    # Below round-off of the cost, the gradient decides.
+    close = before**2 < 1e-9 * np.maximum(state.cost[active], 1.0)
+    good = np.where(close, remaining < before, cost <= state.cost[active])
+    settled = ~good & close & (before < _ROUND_OFF)
+    taken = active[good]
+    state.x[taken], state.cost[taken], state.gradient[taken] = trial[good], cost[good], gradient[good]
+    state.remaining[taken] = remaining[good]
+    damping = state.damping[active]
+    state.damping[active] = np.where(good, np.where(damping < 1e-4, 0.0, damping / 10), np.maximum(10 * damping, 1e-3))
+    done = np.where(good, remaining < TOLERANCE, settled)
+    slow = ~done & (~good | (remaining > _SLOW * before)) & (state.damping[active] < 1e6)
+    for b in active[slow]:
+        linear = problem if problem.loss == "linear" else with_measured(problem, measured[b])
+        matrix = linear.gauss_newton(state.x[b])[2]
+        if np.isfinite(matrix).all():
+            metric.own(int(b), matrix)
+    state.step[active], state.remaining[active] = metric.step(active, state.gradient[active], state.damping[active])
+    return np.asarray(done)

@@ -1,0 +1,284 @@
+"""State of one minimisation: the objective made dimensionless, the best point, and the judgement of convergence."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from rotorfit.estimators.minimisation.objective import HessianKind, Matrix, Objective, Options, Status, Vector
+
+HANDOVER = 1e-3  # relative offset, its square the relative excess cost, at which refinement takes over
+_NEAR = 0.5  # relative offset from which Gauss-Newton steps without a line search are tried first
+_APPROACHES = 6  # such steps
+_SLOW = 0.3  # share of the offset that one of them may leave
+_CHANGE_WEIGHT = 100.0  # a relative change of the parameters must be this much smaller than an offset
+_REFINEMENTS = 8
+_SINGULAR = 1e-13  # eigenvalue of the Gauss-Newton matrix, unit diagonal, that counts as zero
+_WINDOW = 6  # iterations over which progress is judged
+_COST_FLOOR = 1e-40  # of the starting cost: keeps the logarithm finite on zero-residual problems
+_COST_NOISE = 1e-9  # relative rise of the cost that refinement tolerates: residuals far below the data are noisy
+_ROUND_OFF = 1e-13  # relative cost change that is indistinguishable from none
+
+
+@dataclass(frozen=True)
+class _Point:
+    """One evaluation with derivatives, in scaled variables and divided by the cost (so cost = 1)."""
+
+    u: Vector
+    cost: float
+    gradient: Vector
+    matrix: Matrix
+
+
+def _box_step(gradient: Vector, matrix: Matrix, low: Vector, high: Vector) -> Vector:
+    """Minimiser of gᵀd + dᵀHd/2 for low <= d <= high, by correcting a guess of the bounds it rests on."""
+    n = gradient.size
+    step = _solve(matrix, -gradient)
+    if not ((step < low) | (step > high)).any():
+        return step
+    # An interior-point iterate is near its bounds, not on them: those near and pressed on start the guess.
+    near = 1e-3 * np.abs(step)
+    at_low, at_high = (low >= -near) & (gradient > 0), (high <= near) & (gradient < 0)
+    for _ in range(2 * n):
+        free = np.flatnonzero(~(at_low | at_high))
+        step = np.where(at_low, low, np.where(at_high, high, 0.0))
+        if free.size:
+            right = -gradient[free] - matrix[free] @ step
+            step[free] = _solve(matrix[np.ix_(free, free)], right)
+        slope = gradient + matrix @ step
+        low_next = (at_low & (slope > 0)) | (step < low)
+        high_next = (at_high & (slope < 0)) | (step > high)
+        if (low_next == at_low).all() and (high_next == at_high).all():
+            break
+        at_low, at_high = low_next, high_next
+    return np.clip(step, low, high)
+
+
+def _solve(matrix: Matrix, right: Vector) -> Vector:
+    """Solution of a symmetric system; of smallest norm when the matrix is not positive definite."""
+    try:  # positive definite? LAPACK's dposv does both at once, but importing it from SciPy takes as long as a fit
+        np.linalg.cholesky(matrix)
+        solution = np.linalg.solve(matrix, right)
+    except np.linalg.LinAlgError:
+        solution = np.full_like(right, np.nan)
+    if math.isfinite(float(solution.sum())):
+        return np.asarray(solution)
+    # Unit diagonal first, so that what counts as singular does not depend on the units.
+    scale = 1 / np.sqrt(np.where(np.diag(matrix) > 0, np.diag(matrix), 1.0))
+    values, vectors = np.linalg.eigh(matrix * np.outer(scale, scale))
+    keep = values > values.size * np.finfo(float).eps * max(float(values[-1]), 0.0)
+    weights = np.zeros_like(values)
+    weights[keep] = 1 / values[keep]
+    return np.asarray(scale * (vectors @ (weights * (vectors.T @ (scale * right)))))
+
+
+@dataclass(frozen=True)
+class _Candidate:
+    """A point, the Gauss-Newton step that remains from it and the relative size of that step."""
+
+    point: _Point
+    step: Vector
+    offset: float
+
+
+class Minimisation:
+    """State of one minimisation: the objective in scaled variables, the best point, the progress."""
+
+    def __init__(
+        self,
+        objective: Objective,
+        start: Vector,
+        bounds: tuple[Vector, Vector],
+        scale: Vector,
+        options: Options,
+    ) -> None:
+        self.objective = objective
+        self.options = options
+        self.lower, self.upper = bounds
+        self.scale = scale
+        self.low, self.high = self.lower / scale, self.upper / scale
+        self.kind: HessianKind = "exact" if options.hessian == "exact" else "gauss-newton"
+        self.error: BaseException | None = None
+        self.n_iterations = 0
+        self.n_evaluations = 0
+        self.reference = 0.0  # cost at the start
+        self.point: _Point | None = None  # last evaluation with derivatives
+        self.history: list[tuple[float, float]] = []  # (cost, offset) of the iterates of this descent
+        self._key = b""
+        self._trial_key = b""
+        self._trial_cost = math.nan
+        self._trials = 0
+        self.start = start / scale
+        self.best = _Candidate(_Point(self.start, math.inf, self.start, np.eye(start.size)), self.start, math.inf)
+
+    # -- evaluation ---------------------------------------------------------------------------------------
+
+    def unscaled(self, u: Vector) -> Vector:
+        """The caller's variables; clipped because Ipopt may leave a bound by a rounding error."""
+        return np.clip(u * self.scale, self.lower, self.upper)
+
+    def unit(self, cost: float) -> float:
+        """What derivatives are divided by: the cost, kept from zero."""
+        return max(cost, _COST_FLOOR * self.reference) or 1.0
+
+    def evaluate(self, u: Vector) -> _Point | None:
+        """The objective with derivatives at ``u``, from memory if asked twice; None where undefined."""
+        key = u.tobytes()
+        if key == self._key:
+            return self.point
+        self._key, self.point = key, None
+        self.n_evaluations += 1
+        cost, gradient, matrix = self.objective.gauss_newton(self.unscaled(u))
+        cost = float(cost)
+        if not math.isfinite(cost + float(gradient.sum()) + float(matrix.sum())):
+            return None
+        if cost < 0:
+            raise ValueError(f"the objective returned the cost {cost}; a cost must not be negative")
+        unit = self.unit(cost)
+        scale = self.scale
+        self.point = _Point(u.copy(), cost, gradient * (scale / unit), matrix * (scale[:, None] * (scale / unit)))
+        return self.point
+
+    def log_cost(self, cost: float) -> float:
+        """Logarithm of a cost over that of the start."""
+        # The constant keeps the function away from zero: Ipopt's allowance for round-off is relative to it.
+        return 10.0 + math.log(max(cost / self.reference, _COST_FLOOR))
+
+    def value(self, u: Vector) -> float:
+        """Logarithm of the cost.  The first trial of a line search is usually accepted: derivatives too."""
+        key = u.tobytes()
+        if self._trials == 0 or key == self._key:
+            self._trials += key != self._key
+            point = self.evaluate(u)
+            return math.nan if point is None else self.log_cost(point.cost)
+        if key != self._trial_key:
+            self._trials += 1
+            self.n_evaluations += 1
+            self._trial_key, self._trial_cost = key, float(self.objective.cost(self.unscaled(u)))
+        cost = self._trial_cost
+        return self.log_cost(cost) if math.isfinite(cost) and cost >= 0 else math.nan
+
+    def gradient(self, u: Vector) -> Vector | None:
+        """Gradient of the logarithm of the cost; asked for accepted points only."""
+        self._trials = 0
+        point = self.evaluate(u)
+        return None if point is None else point.gradient
+
+    def hessian(self, u: Vector) -> Matrix | None:
+        """Hessian of the cost over the cost: with it the Newton step is that of the cost itself."""
+        point = self.evaluate(u)
+        if point is None:
+            return None
+        return point.matrix if self.kind == "gauss-newton" else self.exact_hessian(point)
+
+    def exact_hessian(self, point: _Point) -> Matrix:
+        """Exact Hessian at a point, scaled like its Gauss-Newton matrix."""
+        unit = self.unit(point.cost)
+        return np.asarray(self.objective.hessian(self.unscaled(point.u))) * (self.scale[:, None] * (self.scale / unit))
+
+    # -- convergence ---------------------------------------------------------------------------------------
+
+    def newton_step(self, point: _Point, matrix: Matrix) -> Vector:
+        """Step to the minimum of the local quadratic model inside the bounds."""
+        return _box_step(point.gradient, matrix, self.low - point.u, self.high - point.u)
+
+    def assess(self, point: _Point) -> _Candidate:
+        """The step that remains, relative to the misfit or to the parameters, whichever is smaller."""
+        step = self.newton_step(point, point.matrix)
+        offset = math.sqrt(max(float(step @ point.matrix @ step), 0.0) / 2)
+        change = float((np.abs(step) / np.maximum(np.abs(point.u), 1e-3)).max())
+        return _Candidate(point, step, min(offset, _CHANGE_WEIGHT * change))
+
+    def keep(self, candidate: _Candidate) -> None:
+        """Remember the better of two points: smaller cost, or the smaller offset at equal cost."""
+        best = self.best
+        slack = _ROUND_OFF * best.point.cost
+        gain = best.point.cost - candidate.point.cost
+        if gain > slack or (gain >= -slack and candidate.offset < best.offset):
+            self.best = candidate
+
+    def monitor(self) -> bool:
+        """Called once per Ipopt iteration; True ends the descent."""
+        if self.point is None:
+            return False
+        candidate = self.assess(self.point)
+        self.keep(candidate)
+        self.history.append((candidate.point.cost, candidate.offset))
+        self.n_iterations += len(self.history) > 1
+        enough = HANDOVER if self.kind == "gauss-newton" else self.options.acceptable
+        return candidate.offset <= enough or self.exhausted() or self.stuck()
+
+    def exhausted(self) -> bool:
+        """Whether the iterations allowed are used up."""
+        return self.n_iterations >= self.options.max_iterations
+
+    def stuck(self) -> bool:
+        """Whether the last iterations brought nothing, or little enough to try the exact Hessian."""
+        if len(self.history) <= _WINDOW:
+            return False
+        (cost_then, offset_then), (cost, offset) = self.history[-1 - _WINDOW], self.history[-1]
+        if cost_then - cost <= _ROUND_OFF * cost_then and offset > 0.1 * offset_then:
+            return True
+        slow = cost > 0.9 * cost_then and offset > 0.1 * offset_then
+        return slow and self.kind == "gauss-newton" and self.options.hessian == "auto"
+
+    def approach(self) -> None:
+        """Undamped Gauss-Newton steps from the best point while each lowers the cost and most of the offset."""
+        for _ in range(_APPROACHES):
+            before = self.best
+            if not HANDOVER < before.offset <= _NEAR or self.kind == "exact" or self.exhausted():
+                return
+            point = self.evaluate(np.clip(before.point.u + before.step, self.low, self.high))
+            self.n_iterations += 1
+            if point is None or point.cost > before.point.cost:
+                return
+            candidate = self.assess(point)
+            self.keep(candidate)
+            if candidate.offset > _SLOW * before.offset:
+                return
+
+    def refine(self) -> None:
+        """Undamped Newton steps from the best point while each pays; exact Hessian once the first is slow."""
+        exact = self.kind == "exact"
+        for _ in range(_REFINEMENTS):
+            before = self.best
+            if not self.options.tolerance < before.offset <= HANDOVER or self.exhausted():
+                return
+            step = self.newton_step(before.point, self.exact_hessian(before.point)) if exact else before.step
+            point = self.evaluate(np.clip(before.point.u + step, self.low, self.high))
+            self.n_iterations += 1
+            allowed = before.point.cost * (1 + _COST_NOISE) + _COST_FLOOR * self.reference
+            if point is not None and point.cost <= allowed:
+                candidate = self.assess(point)
+                if candidate.offset < before.offset:
+                    self.best = candidate
+            ratio = self.best.offset / before.offset
+            if exact and ratio > 0.5:
+                return
+            exact = exact or (ratio > 0.1 and self.options.hessian == "auto")
+
+    def converged(self) -> bool:
+        """Whether the best point is a minimum within the tolerances."""
+        best = self.best
+        return best.offset <= self.options.acceptable or best.point.cost <= _COST_FLOOR * self.reference
+
+    def singular(self) -> bool:
+        """Whether some change of the parameters, away from the bounds, leaves all residuals unchanged."""
+        point = self.best.point
+        free = (point.u > self.low) & (point.u < self.high)
+        matrix = point.matrix[np.ix_(free, free)]
+        if matrix.size == 0:
+            return False
+        diagonal = matrix.diagonal()
+        if not (diagonal > 0).all():
+            return True
+        size = np.sqrt(diagonal)
+        return float(np.linalg.eigvalsh(matrix / np.outer(size, size))[0]) < _SINGULAR
+
+    def status(self) -> Status:
+        """How the run stands."""
+        if self.converged():
+            return Status.SINGULAR if self.singular() else Status.CONVERGED
+        return Status.ITERATION_LIMIT if self.exhausted() else Status.STALLED

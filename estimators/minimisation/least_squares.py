@@ -1,0 +1,166 @@
+"""Nonlinear least squares with CasADi's Ipopt, driven by numerical callbacks.
+
+The objective is a plain Python object that returns numbers: the cost (half a sum of squares, or its robust
+counterpart), its gradient and the Gauss-Newton matrix.  Ipopt does the descent; this module makes the problem
+dimensionless, decides when it is solved, and reports in words how it ended.
+
+Three choices matter for anyone reading the code:
+
+* Ipopt minimises the *logarithm* of the cost.  For half a sum of squares this is the concentrated Gaussian
+  likelihood; the Newton direction is unchanged, and every tolerance, line-search and barrier constant of
+  Ipopt becomes relative to the current misfit instead of to the misfit of the starting guess.
+* Convergence is judged by the relative offset of Bates and Watts: the length, measured in residual space, of
+  the step that remains to the minimum of the local quadratic model inside the bounds, divided by the length
+  of the residual vector.  It does not depend on the units of the data or of the parameters.
+* Close to the minimum cost differences drown in round-off, and no line search can rank two points.  Ipopt is
+  therefore stopped once the cost is within a millionth of its minimum; the last digits come from undamped
+  Newton steps, accepted only while the offset keeps shrinking.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from rotorfit.estimators.minimisation.descent import HANDOVER, Minimisation
+from rotorfit.estimators.minimisation.ipopt import borrow, give_back
+from rotorfit.estimators.minimisation.objective import Objective, Options, Solution, Status, Vector
+from rotorfit.estimators.minimisation.symbolic import SymbolicResiduals
+
+_DEFAULTS = Options()
+
+__all__ = ["Objective", "Options", "Solution", "Status", "SymbolicResiduals", "minimise"]
+
+
+def minimise(
+    objective: Objective,
+    start: ArrayLike,
+    *,
+    lower: ArrayLike | None = None,
+    upper: ArrayLike | None = None,
+    scale: ArrayLike | None = None,
+    options: Options = _DEFAULTS,
+) -> Solution:
+    """Minimise a least-squares objective from ``start``, inside bounds.
+
+    A failed run returns the best point seen together with a status that says so.  The function may be called
+    from several threads and from within an objective; the objective itself is called by one thread.
+
+    Args:
+        objective: the cost with its derivatives.
+        start: starting point, shape (n,), within the bounds.
+        lower: lower bounds, shape (n,) or a scalar, ``-inf`` where absent; equal bounds fix a variable.
+        upper: upper bounds likewise.
+        scale: typical sizes of the variables, shape (n,), positive.  By default ``abs(start)``, and where
+            that is zero the change that alters the residuals by their own length.
+        options: tolerances and limits.
+
+    Returns:
+        The best point with its cost and status.
+
+    Raises:
+        ValueError: if shapes disagree, the start is outside the bounds or not finite, a scale is not
+            positive, or the objective returns a negative cost.
+        Exception: whatever the objective raises.
+    """
+    x = np.array(start, dtype=float, ndmin=1)
+    if x.ndim != 1 or x.size == 0 or not np.isfinite(x).all():
+        raise ValueError(f"start is {start!r}; a non-empty vector of finite numbers is needed")
+    bounds = _bound("lower", lower, -np.inf, x.size), _bound("upper", upper, np.inf, x.size)
+    _check_inside(x, *bounds)
+    if scale is not None:
+        scales = np.broadcast_to(np.asarray(scale, dtype=float), x.shape)
+        if not (np.isfinite(scales).all() and (scales > 0).all()):
+            raise ValueError(f"scale is {scales.tolist()}; every entry must be finite and positive")
+    else:
+        scales = _default_scale(objective, x)
+    # Powers of two, so that scaling is exact and commutes with the bounds.
+    run = Minimisation(objective, x, bounds, np.exp2(np.round(np.log2(scales))), options)
+    with np.errstate(over="ignore", divide="ignore", invalid="ignore"):  # a trial point may well be absurd
+        status = _descend(run)
+    best = run.best
+    if status is Status.INFEASIBLE_START:
+        return Solution(
+            x=x,
+            cost=math.nan,
+            status=status,
+            n_iterations=0,
+            n_evaluations=run.n_evaluations,
+            hessian=run.kind,
+            offset=math.inf,
+        )
+    return Solution(
+        x=run.unscaled(best.point.u),
+        cost=best.point.cost,
+        status=status,
+        n_iterations=run.n_iterations,
+        n_evaluations=run.n_evaluations,
+        hessian=run.kind,
+        offset=best.offset,
+    )
+
+
+def _bound(name: str, value: ArrayLike | None, absent: float, n: int) -> Vector:
+    bound = np.asarray(absent if value is None else value, dtype=float)
+    if bound.shape not in ((), (n,)):
+        raise ValueError(f"{name} has shape {bound.shape}; a scalar or shape ({n},) is needed")
+    if np.isnan(bound).any():
+        raise ValueError(f"{name} is {bound.tolist()}; nan is not allowed, use infinities for absent bounds")
+    return np.broadcast_to(bound, (n,))
+
+
+def _check_inside(x: Vector, lower: Vector, upper: Vector) -> None:
+    outside = np.flatnonzero((x < lower) | (x > upper) | (lower > upper))
+    if outside.size:
+        i = int(outside[0])
+        raise ValueError(f"start[{i}] is {x[i]}; its bounds allow {lower[i]} to {upper[i]}")
+
+
+def _default_scale(objective: Objective, x: Vector) -> Vector:
+    """Absolute start values; for a zero the change that alters the residuals by their own length."""
+    scale = np.abs(x)
+    if not scale.all():
+        cost, _, matrix = objective.gauss_newton(x)
+        diagonal = np.diag(matrix)
+        usable = np.isfinite(diagonal) & (diagonal > 0) & (cost > 0) & math.isfinite(cost)
+        natural = np.sqrt(2 * cost / np.where(usable, diagonal, 1.0)) if usable.any() else np.ones_like(x)
+        scale = np.where(scale > 0, scale, np.where(usable, natural, 1.0))
+    return scale
+
+
+def _descend(run: Minimisation) -> Status:
+    """Gauss-Newton, then the exact Hessian from the best point, last the exact Hessian from the start.
+
+    The last attempt is for a Gauss-Newton step that leapt to where the residuals no longer respond.
+    """
+    first = run.evaluate(run.start)
+    if first is None:
+        return Status.INFEASIBLE_START
+    run.reference = first.cost
+    run.best = run.assess(first)
+    run.approach()
+    if run.best.offset <= HANDOVER:  # as good as the point where Ipopt would hand over
+        run.refine()
+        if run.status() is Status.CONVERGED:
+            return Status.CONVERGED
+    engine = borrow(run.start.size, run.options)
+    try:
+        engine.descend(run, run.start)
+        run.refine()
+        if run.options.hessian != "auto":
+            return run.status()
+        if not run.converged() and not run.exhausted():
+            run.kind = "exact"
+            engine.descend(run, run.best.point.u)
+            run.refine()
+        status = run.status()
+        if status in (Status.SINGULAR, Status.STALLED):
+            run.kind = "exact"
+            engine.descend(run, run.start)
+            run.refine()
+            status = run.status()
+        return status
+    finally:
+        give_back(engine, run.start.size, run.options)

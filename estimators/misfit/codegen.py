@@ -1,0 +1,303 @@
+"""Source of compiled kernels: the likelihood of many parameter vectors and its gradient, written from CasADi graphs.
+
+For each way of reading a node (a *pattern*: which rows under which force directions) a small CasADi graph holds the
+squared whitened residuals as functions of the coefficients of the equation of motion, ``|g adj(kappa) u - m
+det(kappa)|^2 / |det(kappa)|^2``. Its instructions become the body of a loop over nodes that only sums, which
+compilers turn into vector instructions. Structural zeros of a model vanish, derivatives come from CasADi.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+import casadi as ca
+
+from rotorfit.estimators.misfit.losses import LOSS_SCALE, Loss
+from rotorfit.models import RotorModel
+from rotorfit.models.compiled import statements
+
+LARGEST_UNROLLED = 2
+"""Models with more coordinates are not unrolled: their kernels factorise numerically."""
+
+Entry = tuple[int, int]
+"""Row read, and the coordinate of the force or -1 for a force on several."""
+
+
+@dataclass(frozen=True)
+class Pattern:
+    """How a node is read: its entries, whether readings carry a gain, and the loss."""
+
+    entries: tuple[Entry, ...]
+    gains: bool
+    loss: Loss
+
+
+def _coefficient_graph(model: RotorModel) -> tuple[ca.SX, ca.SX, ca.SX, list[int]]:
+    """Parameters, speed, the coefficients that are not structurally zero, and their places."""
+    theta, speed = ca.SX.sym("theta", len(model.parameters)), ca.SX.sym("speed")
+    parts = model.functions.graph(ca.vertcat(theta, speed, 0.0))
+    places = [i for i in range(parts.numel()) if not parts[i].is_zero()]
+    return theta, speed, parts[places], places
+
+
+def _kappa(model: RotorModel, c: ca.SX, places: Sequence[int], w: ca.SX) -> list[list[tuple[ca.SX, ca.SX]]]:
+    """Dynamic stiffness from its coefficients by Horner's rule, ``s = j w``."""
+    size, order = len(model.coordinates), model.order
+    given = {place: c[i] for i, place in enumerate(places)}
+    zero = ca.SX(0)
+    rows = []
+    for i in range(size):
+        row = []
+        for j in range(size):
+            re, im = zero, zero
+            for power in range(order, -1, -1):
+                at = power * 2 * size * size + i * size + j
+                cr, ci = given.get(at, zero), given.get(at + size * size, zero)
+                turned = ((cr, ci), (-ci, cr), (-cr, -ci), (ci, -cr))[power % 4]
+                re, im = re * w + turned[0], im * w + turned[1]
+            row.append((re, im))
+        rows.append(row)
+    return rows
+
+
+def _times(a: tuple[ca.SX, ca.SX], b: tuple[ca.SX, ca.SX]) -> tuple[ca.SX, ca.SX]:
+    return a[0] * b[0] - a[1] * b[1], a[0] * b[1] + a[1] * b[0]
+
+
+def _adjugate(
+    kappa: list[list[tuple[ca.SX, ca.SX]]],
+) -> tuple[list[list[tuple[ca.SX, ca.SX]]], tuple[ca.SX, ca.SX]]:
+    if len(kappa) == 1:
+        return [[(ca.SX(1), ca.SX(0))]], kappa[0][0]
+    (a, b), (c, d) = kappa
+    ad, bc = _times(a, d), _times(b, c)
+    return [[d, (-b[0], -b[1])], [(-c[0], -c[1]), a]], (ad[0] - bc[0], ad[1] - bc[1])
+
+
+def _rho(loss: Loss, size2: ca.SX) -> ca.SX:
+    """Robust cost of :func:`rotorfit.estimators.misfit.losses.robust_weights`, symbolically."""
+    c2 = LOSS_SCALE**2
+    if loss == "linear":
+        return size2
+    if loss == "soft_l1":
+        return 2 * c2 * (ca.sqrt(1 + size2 / c2) - 1)
+    if loss == "huber":
+        return ca.fmin(size2, c2) + 2 * c2 * (ca.sqrt(ca.fmax(size2 / c2, 1)) - 1)
+    return c2 * ca.log1p(size2 / c2)
+
+
+@dataclass(frozen=True)
+class _PatternGraph:
+    """Symbols and squared residuals of one node."""
+
+    c: ca.SX
+    w: ca.SX
+    data: list[ca.SX]  # target re, target im, weight of each entry
+    gains: list[ca.SX]  # re, im of each entry
+    directions: list[ca.SX]  # re and im of each entry's direction
+    rho: list[ca.SX]
+
+    @property
+    def inputs(self) -> ca.SX:
+        return ca.vertcat(self.c, self.w, *self.data, *self.gains, *self.directions)
+
+
+def _pattern_graph(model: RotorModel, pattern: Pattern) -> _PatternGraph:
+    _, _, coefficients, places = _coefficient_graph(model)
+    c, w = ca.SX.sym("c", coefficients.numel()), ca.SX.sym("w")
+    adj, det = _adjugate(_kappa(model, c, places, w))
+    size = len(model.coordinates)
+    inverse = 1 / (det[0] ** 2 + det[1] ** 2)
+    data, gains, directions, rho = [], [], [], []
+    for row, column in pattern.entries:
+        target, weight, gain = ca.SX.sym("t", 2), ca.SX.sym("wt"), ca.SX.sym("g", 2)
+        u = ca.SX.sym("u", 2 * size)
+        if column >= 0:
+            value = adj[row][column]
+        else:
+            terms = [_times(adj[row][j], (u[2 * j], u[2 * j + 1])) for j in range(size)]
+            value = sum((t[0] for t in terms), ca.SX(0)), sum((t[1] for t in terms), ca.SX(0))
+        if pattern.gains:
+            value = _times((gain[0], gain[1]), value)
+        miss = _times((target[0], target[1]), det)
+        size2 = ((value[0] - miss[0]) ** 2 + (value[1] - miss[1]) ** 2) * inverse * weight
+        rho.append(_rho(pattern.loss, size2))
+        data.append(ca.vertcat(target, weight))
+        gains.append(gain)
+        directions.append(u)
+    return _PatternGraph(c, w, data, gains, directions, rho)
+
+
+class _Names:
+    """Spelling of a pattern's inputs in the generated loop, those that do not change hoisted out of it."""
+
+    def __init__(self, model: RotorModel, pattern: Pattern, n_coefficients: int) -> None:
+        size, count = len(model.coordinates), len(pattern.entries)
+        self.names = [f"c{i}" for i in range(n_coefficients)] + ["freq[l]"]
+        self.hoisted = [f"c{i} = c[{i}]" for i in range(n_coefficients)]
+        self.hoisted.append("freq = frequency[first:last]")
+        for e in range(count):
+            self.names += [f"tr{e}[l]", f"ti{e}[l]", f"wt{e}[l]"]
+            self.hoisted.append(f"q = datum[entry + {e}]")
+            self.hoisted += [
+                f"{short}{e} = {array}[q:q + last - first]"
+                for short, array in (("tr", "target_re"), ("ti", "target_im"), ("wt", "weight"))
+            ]
+        for e in range(count):
+            self.names += [f"gr{e}", f"gi{e}"]
+            if pattern.gains:
+                self.hoisted += [f"gr{e} = gain_re[gain[entry + {e}]]", f"gi{e} = gain_im[gain[entry + {e}]]"]
+        for e, (_, column) in enumerate(pattern.entries):
+            for j in range(size):
+                self.names += [f"ur{e}_{j}", f"ui{e}_{j}"]
+                if column < 0:
+                    self.hoisted += [
+                        f"ur{e}_{j} = direction_re[direction[entry + {e}], {j}]",
+                        f"ui{e}_{j} = direction_im[direction[entry + {e}], {j}]",
+                    ]
+
+    def read(self, i: int) -> str:
+        return self.names[i]
+
+
+_DATA = (
+    "frequency, first, last, entry, datum, gain, direction, direction_re, direction_im, target_re, target_im, weight, "
+    "gain_re, gain_im"
+)
+
+
+def _loop(name: str, arguments: str, names: _Names, graph: ca.Function, sums: Sequence[str]) -> str:
+    """A function that sums the outputs of a graph over the nodes of a segment into the places given."""
+    body = statements(graph, names.read, "a{} += {}".format)
+    live = [*names.hoisted, *(f"a{k} = 0.0" for k in range(len(sums)))]
+    text = [f"@inner\ndef {name}(c, {_DATA}, {arguments}):"]
+    text += [f"    {line}" for line in live]
+    text.append("    for l in range(last - first):")
+    text += [f"        {line}" for line in body]
+    text += [f"    {place} += a{k}" for k, place in enumerate(sums)]
+    return "\n".join(text) + "\n"
+
+
+def _pattern_source(model: RotorModel, pattern: Pattern, number: int) -> str:
+    graph = _pattern_graph(model, pattern)
+    names = _Names(model, pattern, graph.c.numel())
+    count = len(pattern.entries)
+    values = ca.Function("values", [graph.inputs], [ca.densify(ca.vertcat(*graph.rho))])
+    total = ca.sum1(ca.vertcat(*graph.rho)) / 2
+    by_c = ca.densify(ca.gradient(total, graph.c))
+    slopes = [total, by_c]
+    places = ["cost[0]", *(f"seed[{i}]" for i in range(graph.c.numel()))]
+    if pattern.gains:
+        slopes += [ca.densify(ca.gradient(total, g)) for g in graph.gains]
+        places += [f"seed_{part}[gain[entry + {e}]]" for e in range(count) for part in ("re", "im")]
+    slope = ca.Function("slopes", [graph.inputs], [ca.vertcat(*slopes)])
+    return _loop(
+        f"sums_{number}", "channel, out", names, values, [f"out[channel[entry + {e}]]" for e in range(count)]
+    ) + (_loop(f"slopes_{number}", "cost, seed, seed_re, seed_im", names, slope, places))
+
+
+def _model_source(model: RotorModel) -> str:
+    theta, speed, parts, _ = _coefficient_graph(model)
+    seed, n = ca.SX.sym("seed", parts.numel()), theta.numel()
+
+    def read(i: int) -> str:
+        return f"theta[{i}]" if i < n else "speed" if i == n else f"seed[{i - n - 1}]"
+
+    forward = ca.Function("forward", [theta, speed], [ca.densify(parts)])
+    pulled = ca.densify(ca.jtimes(parts, theta, seed, True))
+    backward = ca.Function("backward", [theta, speed, seed], [pulled])
+    return (
+        "@inner\ndef coefficients(theta, speed, out):\n    "
+        + "\n    ".join(statements(forward, read, "out[{}] = {}".format) or ["pass"])
+        + "\n@inner\ndef pull(theta, speed, seed, out):\n    "
+        + "\n    ".join(statements(backward, read, "out[{}] = {}".format) or ["pass"])
+        + "\n"
+    )
+
+
+_SHARED = (
+    "x, template, index, group, speed, frequency, segments, pattern, datum, gain, direction, "
+    "direction_re, direction_im, target_re, target_im, weight, gain_re, gain_im"
+)
+
+_DRIVER = """
+@outer
+def {name}({shared}, {results}):
+    c = np.empty((group.size, {n}))
+    theta = np.empty((group.size, template.shape[1]))
+    {prepare}
+    for m in range(x.shape[0]):
+        for k in range(group.size):
+            for i in range(template.shape[1]):
+                at = index[group[k], i]
+                theta[k, i] = x[m, at] if at >= 0 else template[group[k], i]
+            coefficients(theta[k], speed[k], c[k])
+        t = m if target_re.shape[0] > 1 else 0
+        g = m if gain_re.shape[0] > 1 else 0
+        {begin}
+        for s in range(segments.shape[0]):
+            first, last, k, entry = segments[s, 0], segments[s, 1], segments[s, 2], segments[s, 3]
+            {calls}
+        {end}
+"""
+
+_CALL = (
+    "{test} pattern[s] == {i}:\n                {kind}_{i}(c[k], frequency, first, last, entry, datum, gain, "
+    "direction, direction_re, direction_im, target_re[t], target_im[t], weight, gain_re[g], gain_im[g], {results})"
+)
+
+
+def _calls(count: int, kind: str, results: str) -> str:
+    return "\n            ".join(
+        _CALL.format(test="if" if i == 0 else "elif", i=i, kind=kind, results=results) for i in range(count)
+    )
+
+
+@lru_cache(maxsize=16)
+def source(model: RotorModel, patterns: tuple[Pattern, ...]) -> str:
+    """Source of a module that defines ``sums`` and ``slopes`` for a model read in the given ways.
+
+    The source expects ``np`` and the decorators ``inner`` and ``outer`` in its namespace.
+
+    Args:
+        model: the rotor, of one or two coordinates.
+        patterns: how nodes are read.
+    """
+    if len(model.coordinates) > LARGEST_UNROLLED:
+        raise ValueError(
+            f"{model.name} has {len(model.coordinates)} coordinates; up to {LARGEST_UNROLLED} are unrolled"
+        )
+    n = _coefficient_graph(model)[2].numel()
+    parts = [_model_source(model), *(_pattern_source(model, p, i) for i, p in enumerate(patterns))]
+    parts.append(
+        _DRIVER.format(
+            name="sums",
+            shared=_SHARED,
+            results="channel, out",
+            n=n,
+            prepare="",
+            begin="",
+            end="",
+            calls=_calls(len(patterns), "sums", "channel, out[m]"),
+        )
+    )
+    parts.append(
+        _DRIVER.format(
+            name="slopes",
+            shared=_SHARED,
+            results="cost, by_x, seed_re, seed_im",
+            n=n,
+            prepare="seed = np.empty((group.size, " + str(n) + "))\n    by_theta = np.empty(template.shape[1])",
+            begin="seed[:] = 0.0",
+            calls=_calls(len(patterns), "slopes", "cost[m:m + 1], seed[k], seed_re[g], seed_im[g]"),
+            end="""for k in range(group.size):
+            pull(theta[k], speed[k], seed[k], by_theta)
+            for i in range(template.shape[1]):
+                at = index[group[k], i]
+                if at >= 0:
+                    by_x[m, at] += by_theta[i]""",
+        )
+    )
+    return "\n".join(parts)

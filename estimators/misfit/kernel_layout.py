@@ -1,0 +1,273 @@
+"""Readings of a problem sorted so that one inverse of the dynamic stiffness serves all of a condition and line."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotorfit.estimators.blocks.observations import Block, Responses
+from rotorfit.estimators.misfit.codegen import LARGEST_UNROLLED
+from rotorfit.estimators.misfit.problem import Problem
+from rotorfit.models.array_types import ComplexArray, Float, Index
+
+MOST_ENTRIES = 8
+"""Readings evaluated together at a node where code is generated; more are split, so that it stays short."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class KernelLayout:
+    """Plain arrays of all responses of a problem.
+
+    A *node* is one dynamic stiffness matrix: a condition (parameter group and rotative speed) at one frequency.
+    Nodes that were read in the same way form a *segment*; the readings of a segment form *entries*, each with one datum
+    a node.
+
+    Attributes:
+        group, speed: of each condition, shape ``(C,)``.
+        frequency: variable w of ``s = j w`` at each node, shape ``(N,)``.
+        segments: rows of first node, past the last node, condition, first entry, past the last entry, shape ``(S, 5)``.
+        coordinate, direction, gain, channel, datum: of each entry: row read, number of the force direction, of the gain
+            and of the noise channel, first datum; shape ``(E,)``.
+        directions: force directions, largest component one, shape ``(U, n)``.
+        reading: reading (in the order of the blocks) behind each datum, shape ``(Q,)``.
+        drive: force component that the direction is normalised by, one where there is no force, shape ``(Q,)``.
+        nuisance, gain_group, gain_coordinate: of each distinct gain: sensitivities of its logarithm to the nuisance
+            entries, and whose probe factor it holds.
+        sigma: standard deviation of each reading, shape ``(Q,)``.
+        measured: complex readings, shape ``(Q,)``.
+    """
+
+    group: Index
+    speed: Float
+    frequency: Float
+    segments: Index
+    coordinate: Index
+    direction: Index
+    gain: Index
+    channel: Index
+    datum: Index
+    directions: ComplexArray
+    nuisance: ComplexArray
+    gain_group: Index
+    gain_coordinate: Index
+    reading: Index
+    drive: ComplexArray
+    sigma: Float
+    measured: ComplexArray
+
+    @cached_property
+    def weight(self) -> Float:
+        """Square of force over sigma at each datum, shape ``(Q,)``."""
+        return np.asarray(np.abs(self.drive) ** 2 / self.sigma**2)
+
+    @cached_property
+    def target(self) -> ComplexArray:
+        """Measured response to a unit force at each datum, shape ``(Q,)``."""
+        return self.measured / self.drive
+
+    @cached_property
+    def node(self) -> Index:
+        """Node of each datum, shape ``(Q,)``."""
+        spans = [np.arange(first, last) for first, last, _, e0, e1 in self.segments for _ in range(e1 - e0)]
+        return np.concatenate(spans).astype(np.intp)
+
+    @cached_property
+    def entry(self) -> Index:
+        """Entry of each datum, shape ``(Q,)``."""
+        return np.repeat(np.arange(self.datum.size), np.diff(np.append(self.datum, self.reading.size)))
+
+    @cached_property
+    def node_condition(self) -> Index:
+        """Condition of each node, shape ``(N,)``."""
+        return np.repeat(self.segments[:, 2], self.segments[:, 1] - self.segments[:, 0])
+
+
+def is_plain(block: Block) -> bool:
+    """Whether a block holds responses to forces of a linear model given by its coefficients, as this layout asks."""
+    if not isinstance(block, Responses) or block.imposed:
+        return False
+    return block.model.shaft is None and not block.model.eccentricity_dependent
+
+
+def channels(problem: Problem) -> tuple[tuple[str, ...], Index, list[Index]]:
+    """Noise channels of a problem: one for each response of each block.
+
+    Returns:
+        names, number of real data in each, and the channel of each reading, block by block.
+    """
+    names: list[str] = []
+    numbers: list[Index] = []
+    for block in problem.blocks:
+        numbers.append(block.label + len(names))
+        names += block.labels
+    counts = np.bincount(np.concatenate(numbers), minlength=len(names)) * 2
+    return tuple(names), counts.astype(np.intp), numbers
+
+
+def _distinct(rows: NDArray[np.float64] | Index) -> tuple[Index, Index]:
+    """First place of each distinct row, ascending by row, and the number of that row for each one.
+
+    Column by column: rows as records, ``np.unique(axis=0)``, take several times as long to sort as numbers.
+    """
+    number = np.zeros(len(rows), dtype=np.intp)
+    for column in rows.T:
+        values, own = np.unique(column, return_inverse=True)
+        number = np.unique(number * values.size + own, return_inverse=True)[1]
+    return np.unique(number, return_index=True)[1], number
+
+
+def _codes(columns: NDArray[np.float64] | Index) -> Index:
+    """Number rows by equality."""
+    return _distinct(columns)[1]
+
+
+def _occurrence(codes: Index) -> Index:
+    """How many equal codes stand before each one."""
+    order = np.argsort(codes, kind="stable")
+    starts = np.flatnonzero(np.diff(np.append(-1, codes[order])))
+    result = np.empty(codes.size, dtype=np.intp)
+    result[order] = np.arange(codes.size) - np.repeat(starts, np.diff(np.append(starts, codes.size)))
+    return result
+
+
+def layout(problem: Problem) -> KernelLayout | None:
+    """Sort the responses of a problem; ``None`` if it has none."""
+    chosen = [i for i, block in enumerate(problem.blocks) if is_plain(block)]
+    if not chosen:
+        return None
+    size = len(problem.space.model.coordinates)
+    n_nuisance = len(problem.space.nuisance)
+    offsets = np.cumsum([0] + [block.measured.size for block in problem.blocks])
+    _, _, numbers = channels(problem)
+    parts: dict[str, list[NDArray[np.generic]]] = {}
+    for i in chosen:
+        block = problem.blocks[i]
+        if not isinstance(block, Responses):  # pragma: no cover - is_plain has checked
+            continue
+        line = block.line
+        speed = block.speed if block.model.speed_dependent else np.zeros_like(block.speed)
+        factors = problem.factors[i] if problem.factors else None
+        force = block.force[line]
+        row = {
+            "group": block.group[line],
+            "speed": speed[line],
+            "w": block.s[line].imag,
+            "coordinate": block.coordinate,
+            "force": force,
+            "channel": numbers[i],
+            "nuisance": np.zeros((line.size, n_nuisance), dtype=complex) if factors is None else factors,
+            "reading": offsets[i] + np.arange(line.size),
+            "sigma": block.sigma,
+            "measured": block.measured,
+        }
+        for name, value in row.items():
+            parts.setdefault(name, []).append(np.asarray(value))
+    return _sorted({name: np.concatenate(values) for name, values in parts.items()}, problem, size)
+
+
+def _sorted(rows: dict[str, NDArray[np.generic]], problem: Problem, size: int) -> KernelLayout:
+    """Readings in the order of the kernels.
+
+    Readings x at the frequencies 1, 2, 3 and y at 1 and 3 become two segments::
+
+        node       1   2   3        segment 0: nodes 1, 3, entries x, y: data x1 x3 y1 y3
+        read as    xy  x   xy       segment 1: node 2,     entry x:      datum x2
+    """
+    group, coordinate, channel, reading = (
+        np.asarray(rows[name], dtype=np.intp) for name in ("group", "coordinate", "channel", "reading")
+    )
+    w = np.asarray(rows["w"], dtype=float)
+    directions, direction, drive = _directions(rows["force"].astype(complex))
+    gains, gain = _gains(problem, rows["nuisance"].astype(complex), group, coordinate)
+    conditions, condition = _distinct(np.column_stack([group, np.asarray(rows["speed"], dtype=float)]))
+    node, key = _nodes(condition, w, np.column_stack([coordinate, direction, gain, channel]), size)
+    segment = _segment_of(condition, node, key)
+    order = np.lexsort([node, key, segment])
+    return KernelLayout(
+        **_segments(segment[order], key[order], node[order], condition[order]),
+        group=group[conditions],
+        speed=np.asarray(rows["speed"], dtype=float)[conditions],
+        frequency=_node_values(segment[order], node[order], w[order]),
+        **_entries(segment[order], key[order], [part[order] for part in (coordinate, direction, gain, channel)]),
+        directions=np.ascontiguousarray(directions).view(complex).reshape(-1, size),
+        nuisance=np.ascontiguousarray(gains[:, :-2]).view(complex).reshape(gains.shape[0], -1),
+        gain_group=gains[:, -2].astype(np.intp),
+        gain_coordinate=gains[:, -1].astype(np.intp),
+        reading=reading[order],
+        drive=drive[order],
+        sigma=np.asarray(rows["sigma"], dtype=float)[order],
+        measured=rows["measured"].astype(complex)[order],
+    )
+
+
+def _directions(force: ComplexArray) -> tuple[Float, Index, ComplexArray]:
+    """Distinct force directions, real and imaginary parts in turn, that of each reading, and its largest component."""
+    drive = force[np.arange(len(force)), np.argmax(np.abs(force), axis=1)]
+    drive = np.where(drive == 0, 1.0, drive)
+    unit = np.round((force / drive[:, None]).view(float).reshape(len(force), -1), 12) + 0.0
+    directions, number = _distinct(unit)
+    return unit[directions], number, drive
+
+
+def _gains(problem: Problem, nuisance: ComplexArray, group: Index, coordinate: Index) -> tuple[Float, Index]:
+    """Distinct gains, as sensitivities to the nuisance entries, group and coordinate, and that of each reading."""
+    factored = problem.space.model.functions.has_probe_factors
+    parts = np.ascontiguousarray(nuisance).view(float).reshape(group.size, -1)
+    rows = np.column_stack([parts, group if factored else 0 * group, coordinate if factored else 0 * coordinate])
+    gains, number = _distinct(rows)
+    return rows[gains], number
+
+
+def _nodes(condition: Index, w: Float, read: Index, size: int) -> tuple[Index, Index]:
+    """Node of each reading, and a key of how it was read; repeats of a reading at a node have keys of their own."""
+    node, key = _codes(np.column_stack([condition, w])), _codes(read)
+    key = _codes(np.column_stack([_occurrence(_codes(np.column_stack([node, key]))), key]))
+    if size > LARGEST_UNROLLED:
+        return node, key
+    # Generated code reads few entries a node: one with very many readings counts as several.
+    rank = np.empty(w.size, dtype=np.intp)
+    order = np.lexsort([key, node])
+    rank[order] = _occurrence(node[order])
+    return _codes(np.column_stack([rank // MOST_ENTRIES, node])), key
+
+
+def _segment_of(condition: Index, node: Index, key: Index) -> Index:
+    """Segment of each reading: nodes of one condition that were read by the same keys."""
+    order = np.lexsort([key, node])
+    starts = np.flatnonzero(np.diff(np.append(-1, node[order])))
+    patterns: dict[tuple[int, ...], int] = {}
+    of_node = [
+        patterns.setdefault((int(condition[order[a]]), *key[order[a:b]].tolist()), len(patterns))
+        for a, b in zip(starts, np.append(starts[1:], node.size), strict=True)
+    ]
+    return np.array(of_node, dtype=np.intp)[node]
+
+
+def _entry_starts(segment: Index, key: Index) -> Index:
+    change = (np.diff(segment, prepend=-1) != 0) | (np.diff(key, prepend=-1) != 0)
+    return np.flatnonzero(change)
+
+
+def _segments(segment: Index, key: Index, node: Index, condition: Index) -> dict[str, Index]:
+    entry = _entry_starts(segment, key)
+    starts = np.flatnonzero(np.diff(segment, prepend=-1))
+    stops = np.append(starts[1:], segment.size)
+    table, nodes = [], 0
+    for a, b in zip(starts, stops, strict=True):
+        count = np.unique(node[a:b]).size
+        e0, e1 = np.searchsorted(entry, [a, b])
+        table.append((nodes, nodes + count, condition[a], e0, e1))
+        nodes += count
+    return {"segments": np.array(table, dtype=np.intp), "datum": entry.astype(np.intp)}
+
+
+def _node_values(segment: Index, node: Index, w: Float) -> Float:
+    return np.asarray(w[_distinct(np.column_stack([segment, node]))[0]])
+
+
+def _entries(segment: Index, key: Index, columns: list[Index]) -> dict[str, Index]:
+    first = _entry_starts(segment, key)
+    return dict(zip(("coordinate", "direction", "gain", "channel"), [c[first] for c in columns], strict=True))

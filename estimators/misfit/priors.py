@@ -1,0 +1,106 @@
+"""Priors: densities of single entries, and the log density of many vectors at once."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from rotorfit.estimators.misfit.parameter_space import ParameterSpace
+from rotorfit.models.array_types import Float, Index
+
+
+@dataclass(frozen=True, eq=False)
+class Prior:
+    """Logarithm of a prior density of one entry and its two derivatives."""
+
+    entry: int
+    distribution: Any  # a frozen scipy.stats distribution
+
+    @cached_property
+    def _moments(self) -> tuple[float, float]:
+        return float(self.distribution.mean()), float(self.distribution.std())
+
+    def terms(self, value: float) -> tuple[float, float, float]:
+        """Minus log of the density over its largest, at a value, its slope and its curvature (none below zero)."""
+        mean, sd = self._moments
+        if self.distribution.dist.name == "norm":
+            pull = (value - mean) / sd
+            return 0.5 * pull**2, pull / sd, 1.0 / sd**2
+        step = 1e-4 * sd
+        # One call: SciPy's checks cost far more than the arithmetic.
+        low, here, high = (-self.distribution.logpdf(value + np.array([-step, 0.0, step]))).tolist()
+        rise = max(here - self._least, 0.0) if np.isfinite(here) else np.inf
+        if not np.isfinite([low, here, high]).all():
+            return rise, 0.0, 0.0
+        return rise, (high - low) / (2 * step), max((high - 2 * here + low) / step**2, 0.0)
+
+    @cached_property
+    def _least(self) -> float:
+        """Minus log density where it is largest: a cost is never negative, however narrow a prior is."""
+        from scipy.optimize import minimize_scalar
+
+        at = self.distribution.ppf(np.linspace(0.0, 1.0, 201))
+        with np.errstate(all="ignore"):  # at the ends of the support a density may be zero or infinite
+            height = -self.distribution.logpdf(at)
+        at, height = at[np.isfinite(at + height)], height[np.isfinite(at + height)]
+        best = int(np.argmin(height))
+        ends = float(at[max(best - 1, 0)]), float(at[min(best + 1, at.size - 1)])
+        found = minimize_scalar(
+            lambda v: -self.distribution.logpdf(v), bounds=ends, options={"xatol": 1e-10 * (ends[1] - ends[0])}
+        )
+        return float(min(height[best], found.fun))
+
+
+def within_support(space: ParameterSpace, priors: Sequence[Prior]) -> ParameterSpace:
+    """The space with its bounds narrowed to where the priors are not zero."""
+    lower, upper = space.lower.copy(), space.upper.copy()
+    for prior in priors:
+        low, high = prior.distribution.support()
+        lower[prior.entry] = max(lower[prior.entry], float(low))
+        upper[prior.entry] = min(upper[prior.entry], float(high))
+    return replace(space, lower=lower, upper=upper)
+
+
+class LogPriors:
+    """Sum of the log densities of priors.
+
+    SciPy's checks cost a hundred times the arithmetic of a few vectors, so priors of one family, whose shapes, places
+    and scales are just numbers, are evaluated in one call.
+
+    Args:
+        priors: of entries of the vector, any frozen scipy.stats distributions.
+    """
+
+    def __init__(self, priors: Sequence[Prior]) -> None:
+        families: dict[Any, list[Prior]] = {}
+        for number, prior in enumerate(priors):
+            frozen = prior.distribution
+            # A user's own distribution may hold more than its arguments: one by itself.
+            plain = type(frozen.dist).__module__ == "scipy.stats._continuous_distns"
+            key = (type(frozen.dist), len(frozen.args), *sorted(frozen.kwds)) if plain else number
+            families.setdefault(key, []).append(prior)
+        self._families: list[tuple[Index, Callable[[Float], Float]]] = []
+        for members in families.values():
+            entries = np.array([m.entry for m in members], dtype=np.intp)
+            self._families.append((entries, _log_density([m.distribution for m in members])))
+
+    def __call__(self, x: Float) -> Float:
+        """Log density of vectors of shape ``(W, p)``, shape ``(W,)``."""
+        total = np.zeros(x.shape[0])
+        for entries, log_density in self._families:
+            total += log_density(x[:, entries]).sum(axis=1)
+        return total
+
+
+def _log_density(members: Sequence[Any]) -> Callable[[Float], Float]:
+    """Log density of each of several frozen distributions of a family, their values side by side."""
+    first = members[0]
+    if len(members) == 1:
+        return lambda values: np.asarray(first.logpdf(values))
+    arguments = np.array([m.args for m in members], dtype=float).T
+    named = {key: np.array([m.kwds[key] for m in members], dtype=float) for key in first.kwds}
+    return lambda values: np.asarray(first.dist.logpdf(values, *arguments, **named))

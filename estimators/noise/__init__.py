@@ -1,0 +1,1 @@
+"""How large errors are: from repeats, from smoothness, from residuals, from what differs between runs and mountings."""

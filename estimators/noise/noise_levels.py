@@ -1,0 +1,189 @@
+"""Noise levels from the residuals of a fit by restricted likelihood, for residuals that are white along each sweep.
+
+Noise found in the data alone (:mod:`rotorfit.estimators.noise.reading_noise`) does not see what both probes share, such
+as a force that jitters. Residuals see it, and where they do not follow one another along the sweep it is noise and no
+misfit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from rotorfit.estimators.noise.reading_noise import FLOOR
+from rotorfit.models.array_types import Float, Index
+
+_RATIOS = np.concatenate([[0.0], np.logspace(-2.5, 4.5, 22), [np.inf]])
+"""Tried ratios of the proportional to the constant share of the variance, at the mean square amplitude."""
+
+_COARSE = np.array([0, *range(2, _RATIOS.size - 1, 3), _RATIOS.size - 1])
+"""Those looked at first."""
+
+_LAST = 9
+"""Ratios between the neighbours of the best of them."""
+
+_POOLED = 0.01
+"""Probability of keeping sweeps apart although they share one noise."""
+
+_FEWEST = 8
+"""Lines from which a sweep can have a noise of its own."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Shape:
+    """Noise of one group of readings, ``sigma^2 = a^2 + b^2 |prediction|^2``.
+
+    Attributes:
+        rows: the readings.
+        a: constant part, in units of the readings.
+        b: part that is proportional to the prediction.
+        log_likelihood: restricted, up to a constant of the readings.
+        along: what ``size2`` is of, in words.
+    """
+
+    rows: Index
+    a: float
+    b: float
+    log_likelihood: float
+    along: str
+
+    def variance(self, size2: Float) -> Float:
+        """Variance of the real and of the imaginary part at squared amplitudes of all readings, shape ``(R,)``."""
+        return self.a**2 + self.b**2 * np.asarray(size2)[self.rows]
+
+
+def likelihood(power: Float, weight: Float, variance: Float) -> float:
+    """Restricted log likelihood of squared residuals, up to a constant.
+
+    Args:
+        power: ``|r|^2 / (2 (1 - h))``, h the leverage of the reading, shape ``(n,)``.
+        weight: ``1 - h``: the share of a reading that the fitted values leave (Smyth 2002).
+        variance: of real and of imaginary part.
+    """
+    return -float(np.sum(weight * (np.log(variance) + power / variance)))
+
+
+def fit_shape(rows: Index, power: Float, weight: Float, size2: Float, *, along: str = "") -> Shape:
+    """Constant and proportional noise of a group by restricted likelihood.
+
+    For a given ratio of the two, the level has a closed form; the ratio is looked for on a grid, which no start can
+    lead astray.
+
+    Args:
+        rows: readings of the group.
+        power, weight: see :func:`likelihood`, of all readings, shape ``(R,)``.
+        size2: square of what the noise may grow with, the modulus of predictions for one, shape ``(R,)``.
+        along: that in words.
+    """
+    return _fit_many([rows], power, weight, size2, along)[0]
+
+
+def fit_shapes(sweeps: Sequence[Index], power: Float, weight: Float, size2: Float, *, along: str = "") -> list[Shape]:
+    """Noise of sweeps of one probe: one for all, or one each where the data refuse to pool them.
+
+    Args:
+        sweeps: readings of each sweep.
+        power, weight, size2, along: see :func:`fit_shape`.
+    """
+    return fit_probes([sweeps], power, weight, size2, along=along)[0]
+
+
+def fit_probes(
+    probes: Sequence[Sequence[Index]], power: Float, weight: Float, size2: Float, *, along: str = ""
+) -> list[list[Shape]]:
+    """Noise of several probes, each as by :func:`fit_shapes`, all of one size at once.
+
+    Args:
+        probes: sweeps of each.
+        power, weight, size2, along: see :func:`fit_shape`.
+    """
+    from scipy.special import gammainccinv  # late: loading it takes longer than a fit
+
+    pooled = _fit_many([np.concatenate(sweeps) for sweeps in probes], power, weight, size2, along)
+    several = [len(sweeps) > 1 and min(rows.size for rows in sweeps) >= _FEWEST for sweeps in probes]
+    wanted = [rows for sweeps, apart in zip(probes, several, strict=True) if apart for rows in sweeps]
+    singly = iter(_fit_many(wanted, power, weight, size2, along))
+    found = []
+    for sweeps, one, apart in zip(probes, pooled, several, strict=True):
+        own = [next(singly) for _ in sweeps] if apart else [one]
+        gain = 2 * (sum(shape.log_likelihood for shape in own) - one.log_likelihood)
+        # 2 gammainccinv(k/2, p) is the point that chi-squared with k degrees of freedom exceeds with probability p.
+        found.append(own if apart and gain > 2 * gammainccinv(len(sweeps) - 1, _POOLED) else [one])
+    return found
+
+
+def _fit_many(groups: Sequence[Index], power: Float, weight: Float, size2: Float, along: str) -> list[Shape]:
+    """The shape of each of several groups; those of one size are worked out together."""
+    by_size: dict[int, list[int]] = {}
+    for number, rows in enumerate(groups):
+        by_size.setdefault(rows.size, []).append(number)
+    found: dict[int, Shape] = {}
+    for numbers in by_size.values():
+        rows = np.array([groups[number] for number in numbers])
+        a, b, best = _fit_equal(power[rows], weight[rows], size2[rows])
+        for number, *values in zip(numbers, a.tolist(), b.tolist(), best.tolist(), strict=True):
+            found[number] = Shape(rows=groups[number], a=values[0], b=values[1], log_likelihood=values[2], along=along)
+    return [found[number] for number in range(len(groups))]
+
+
+def _fit_equal(p: Float, w: Float, q: Float) -> tuple[Float, Float, Float]:
+    """Constant part, proportional part and log likelihood of groups of readings, arrays of shape ``(G, n)``."""
+    mean = q.mean(axis=1)
+    some = mean > 0
+    profile = _Profile.of(p, w, q, mean)
+    ratio = np.broadcast_to(_RATIOS[_COARSE], (len(q), len(_COARSE)))
+    found, level = profile.at(ratio)
+    near = _COARSE[np.argmax(found, axis=1)]
+    # The profile changes within decades of the ratio, three steps of the grid each.
+    fine = np.clip(near[:, None] + np.arange(-2, 3), 0, _RATIOS.size - 1)
+    ratio = _RATIOS[fine]
+    found, level = profile.at(ratio)
+    best = fine[np.arange(len(q)), np.argmax(found, axis=1)]
+    inner = (best > 0) & (best < _RATIOS.size - 1)
+    low, high = _RATIOS[np.clip(best - 1, 1, None)], _RATIOS[np.clip(best + 1, None, _RATIOS.size - 2)]
+    last = np.geomspace(np.where(inner, low, 1.0), np.where(inner, high, 1.0), _LAST, axis=1)
+    ratio = np.where(inner[:, None], last, _RATIOS[best][:, None])
+    found, level = profile.at(ratio)
+    chosen = np.arange(len(q)), np.argmax(found, axis=1)
+    ratio, own = ratio[chosen], level[chosen]
+    with np.errstate(invalid="ignore"):
+        share = np.where(np.isinf(ratio), 1.0, ratio / (1 + ratio))
+    proportional = np.where(some, share * own / np.where(some, mean, 1.0), 0.0)
+    return np.sqrt((1 - share) * own), np.sqrt(proportional), found[chosen]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Profile:
+    """Likelihood of groups of readings, the level at its best for each ratio.
+
+    Attributes:
+        relative: what the noise may grow with over its mean, shape ``(G, n)``.
+        power, weight: weighted squared residuals, and weights, shape ``(G, n)``.
+        total, least: sum of the weights and smallest level, shape ``(G,)``.
+    """
+
+    relative: Float
+    power: Float
+    weight: Float
+    total: Float
+    least: Float
+
+    @classmethod
+    def of(cls, p: Float, w: Float, q: Float, mean: Float) -> _Profile:
+        some = mean > 0
+        relative = np.where(some[:, None], q / np.where(some, mean, 1.0)[:, None], 1.0)
+        least = np.where(some, FLOOR**2 * mean, np.finfo(float).tiny)
+        return cls(relative=relative, power=w * p, weight=w, total=w.sum(axis=1), least=least)
+
+    def at(self, ratio: Float) -> tuple[Float, Float]:
+        """Log likelihood and level at ratios of the proportional to the constant share, shape ``(G, m)`` each."""
+        whole = np.isinf(ratio)
+        finite = np.where(whole, 0.0, ratio)
+        shape = (1 + finite[:, :, None] * self.relative[:, None]) / (1 + finite)[:, :, None]
+        shape[whole] = np.maximum(self.relative, 1e-12)[np.nonzero(whole)[0]]
+        misfit = np.matmul(1 / shape, self.power[:, :, None])[:, :, 0]
+        logs = np.matmul(np.log(shape), self.weight[:, :, None])[:, :, 0]
+        level = np.maximum(misfit / self.total[:, None], self.least[:, None])
+        return -logs - self.total[:, None] * np.log(level) - misfit / level, level

@@ -1,0 +1,64 @@
+"""Covariance that follows the residuals line by line where no shape of noise explains them (HC3, by clusters).
+
+Noise that lies in one direction of the complex plane, as that of a speed that jitters, or that two probes share at a
+line, is not seen by one variance a reading. The scatter of the gradient, summed line by line, sees both.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from rotorfit.estimators.noise.run_effects import powers, real_rows
+from rotorfit.models.array_types import ComplexArray, Float, Index
+
+_LEFT = 0.05  # share of a reading's residual that its fit leaves at least, in estimates of its noise
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class LineScatter:
+    """Scatter of the gradient by lines, beside what equal and circular noise brings.
+
+    Attributes:
+        covar: covariance of the estimate by HC3, shape ``(p, p)``.
+        excess: standard deviations by which the variance of each entry exceeds that of such noise, shape ``(p,)``.
+        freedom: degrees of freedom of those variances, shape ``(p,)``.
+    """
+
+    covar: Float
+    excess: Float
+    freedom: Float
+
+
+def line_scatter(r: ComplexArray, J: ComplexArray, covar: Float, line: Index, power: float = 1.0) -> LineScatter:
+    """Compare the scatter of the gradient with what the noise explains.
+
+    Args:
+        r: whitened residuals at the optimum, shape ``(R,)``.
+        J: whitened sensitivities, shape ``(R, p)``.
+        covar: covariance of the estimate if the noise is as whitened, shape ``(p, p)``.
+        line: number of the line of each reading: readings of one line may share noise, lines do not.
+        power: variance of the whitened noise.
+    """
+    ours = real_rows(J)
+    moved = np.asarray(covar.T @ ours)  # both parts of each reading one after the other
+    left = np.maximum(1 - powers(moved, ours) / 2, _LEFT)
+    order = np.argsort(line, kind="stable")
+    starts = np.flatnonzero(np.diff(line[order], prepend=-1))
+    ascending = bool(np.all(np.diff(order) == 1))
+
+    def by_line(parts: Float) -> Float:
+        of_reading = parts[:, ::2] + parts[:, 1::2]
+        return np.add.reduceat(of_reading if ascending else of_reading[:, order], starts, axis=1).T
+
+    def gathered(size: Float) -> Float:
+        return by_line(moved * (r / size).view(float))
+
+    expected = by_line(moved**2)
+    total = np.maximum(expected.sum(axis=0), np.finfo(float).tiny)
+    chance = np.sqrt(2 * np.sum(expected**2, axis=0)) / total
+    found = np.sum(gathered(np.sqrt(left)) ** 2, axis=0) / total / power
+    scatter = gathered(left)
+    safe = np.maximum(chance, np.finfo(float).eps)
+    return LineScatter(covar=scatter.T @ scatter, excess=(found - 1) / safe, freedom=2 / safe**2)

@@ -1,0 +1,150 @@
+"""Noise of the readings of sweeps: from repeats, from the direction against the force, or from smoothness."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import numpy as np
+
+from rotorfit.estimators.blocks.observations import Responses
+from rotorfit.estimators.blocks.row_keys import unique_rows
+from rotorfit.estimators.blocks.sweeps import force_plane, sweeps_of
+from rotorfit.estimators.noise.reading_noise import (
+    FLOOR,
+    deviations_of_repeats,
+    noise_from_samples,
+    noise_from_smoothness,
+)
+from rotorfit.models.array_types import ComplexArray, Float, Index
+
+_SMOOTH = 0.5  # lag-one correlation above which the wrong-direction component is anisotropy, not noise
+
+
+_APART = 0.01  # probability of giving forward and backward sweeps noise of their own although they share it
+_FEWEST = 8  # readings of a sweep that can have noise of its own, or tell repeats from noise
+_AGREES = 2.5  # times the noise of each sweep by itself up to which the differences of repeats are noise
+
+
+def estimate_noise(block: Responses, wrong: ComplexArray, synchronous: bool, condition: Index | None = None) -> Float:
+    """Noise of every reading: from repeated sweeps, else from the wrong direction, else from smoothness.
+
+    The forward and the backward sweep of one test share a noise level, unless an F test refuses that: probes and cables
+    do not know which way the force turns, and twice the samples halve the variance of the estimate.
+
+    Args:
+        block: the readings.
+        wrong: what each reading shows in the direction against the force, shape ``(R,)``, NaN without an x/y pair.
+        synchronous: the frequency is the speed, so that a sweep runs over speeds.
+        condition: number of the conditions (temperature, ...) that each reading was taken in, shape ``(R,)``.
+
+    Returns:
+        standard deviation of the real and of the imaginary part, shape ``(R,)``.
+
+    Raises:
+        ValueError: a sweep too short to show its noise.
+    """
+    w = block.frequency[block.line]
+    speed = np.zeros_like(w) if synchronous else np.round(block.speed[block.line], 6)
+    plane = force_plane(block)
+    sigma = np.full(w.size, np.nan)
+    same = np.zeros_like(w) if condition is None else condition
+    for rows, level in _repeated(block, w, np.column_stack([speed, same])):
+        sigma[rows] = level
+    both: dict[tuple[Any, ...], list[Index]] = {}
+    for rows in sweeps_of(block, synchronous=synchronous):
+        if not np.isnan(sigma[rows]).any():
+            continue
+        drive = np.abs(block.force[block.line[rows], plane[rows]])
+        extent = (np.abs(w[rows]).min(), np.abs(w[rows]).max(), drive.sum())
+        test = (
+            block.coordinate[rows[0]],
+            plane[rows[0]],
+            speed[rows[0]],
+            rows.size,
+            *(f"{v:.6g}" for v in extent),
+        )
+        both.setdefault(test, []).append(rows)
+    for parts in both.values():
+        try:
+            for rows, level in _noise_of(block, w, wrong, parts):
+                sigma[rows] = level
+        except ValueError as reason:
+            raise ValueError(f"{block.labels[block.label[parts[0][0]]]}: {reason}") from reason
+    return sigma
+
+
+def _noise_of(
+    block: Responses, w: Float, wrong: ComplexArray, parts: Sequence[Index]
+) -> Iterator[tuple[Index, Float | float]]:
+    """Noise of sweeps that differ in the sense of whirl: one for all where they agree."""
+    rows = np.concatenate(parts)
+    if np.isfinite(wrong[rows]).all() and not any(_is_smooth(wrong[part]) for part in parts):
+        number = np.repeat(np.arange(len(parts)), [part.size for part in parts])
+        pooled = noise_from_samples(wrong[rows], block.measured[rows], number)
+        power = np.abs(wrong[rows] / pooled) ** 2
+        if _agree([float(np.mean(power[number == k])) for k in range(len(parts))], [2 * part.size for part in parts]):
+            yield rows, pooled
+        else:
+            for part in parts:
+                yield part, noise_from_samples(wrong[part], block.measured[part])
+        return
+    levels = [noise_from_smoothness(w[part], block.measured[part])[0] for part in parts]
+    # Windows overlap, and a median is less sure than a mean: about half as many degrees of freedom as readings.
+    if _agree([level**2 for level in levels], [part.size // 2 for part in parts]):
+        yield rows, float(np.sqrt(np.mean(np.square(levels))))
+    else:
+        yield from zip(parts, levels, strict=True)
+
+
+def _agree(power: Sequence[float], freedom: Sequence[int]) -> bool:
+    """Whether the largest and the smallest variance can be one, by the F test; short sweeps always agree."""
+    high, low = int(np.argmax(power)), int(np.argmin(power))
+    if high == low or min(freedom) < _FEWEST or power[low] <= 0:
+        return True
+    from scipy.special import fdtrc  # late: loading it takes longer than a fit
+
+    return bool(2 * fdtrc(freedom[high], freedom[low], power[high] / power[low]) > _APART)
+
+
+def _is_smooth(samples: ComplexArray) -> bool:
+    if samples.size < 8:
+        return False
+    power = float(np.sum(np.abs(samples) ** 2))
+    return bool(power > 0 and abs(np.sum(samples[1:] * samples[:-1].conj())) > _SMOOTH * power)
+
+
+def _repeated(block: Responses, w: Float, condition: Float) -> Iterator[tuple[Index, Float | float]]:
+    """Sweeps that were run again at the same force, in the same conditions and order, and their noise.
+
+    Differences of repeats are noise only where they are no larger than what each sweep shows by itself, and do not
+    follow a curve: what differs on purpose, or drifts, is none.
+    """
+    plane = force_plane(block)
+    force = block.force[block.line, plane]
+    drive = np.column_stack([plane, np.round(force.real, 12), np.round(force.imag, 12)])
+    codes = np.column_stack([block.coordinate, block.reading_group, condition, np.round(w, 9), drive])
+    _, number = unique_rows(codes)
+    sweeps: dict[tuple[int, ...], list[Index]] = {}
+    for label in np.unique(block.label):
+        rows = np.flatnonzero(block.label == label)
+        upward = int(np.sign(np.sum(np.sign(np.diff(np.abs(w[rows]))))))
+        rows = rows[np.argsort(number[rows], kind="stable")]
+        sweeps.setdefault((upward, *number[rows].tolist()), []).append(rows)
+    for repeated in sweeps.values():
+        if len(repeated) < 2:
+            continue
+        ordered = [rows[np.argsort(w[rows], kind="stable")] for rows in repeated]
+        deviations = deviations_of_repeats(np.array([block.measured[rows] for rows in ordered]))
+        if repeated[0].size < _FEWEST:  # too short to tell more
+            floor = FLOOR * float(np.sqrt(np.mean(np.abs(block.measured[ordered[0]]) ** 2)))
+            level = max(float(np.sqrt(np.mean(np.abs(deviations) ** 2) / 2)), floor)
+            yield from ((rows, level) for rows in ordered)
+            continue
+        alone = [float(noise_from_smoothness(w[rows], block.measured[rows])[0]) for rows in ordered]
+        pairs = zip(deviations, ordered, strict=True)
+        levels = np.array([noise_from_samples(deviation, block.measured[rows]) for deviation, rows in pairs])
+        own = np.sqrt(np.mean(levels**2, axis=0))
+        if float(np.median(own)) > _AGREES * max(alone) or any(_is_smooth(deviation) for deviation in deviations):
+            continue
+        yield from ((rows, own) for rows in ordered)

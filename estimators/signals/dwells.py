@@ -1,0 +1,112 @@
+"""Frequency responses where a frequency dwells: local models of the spectrum about it, and stretches that count.
+
+About the frequency of the force the spectrum of a dwell obeys ``Z(k) = H F(k) + T(k) + sum_i c_i U_i(k) + noise``: H
+one number, T the transient that the dwell begins with (a polynomial of second degree), U_i what is locked to the shaft.
+It is the method of :mod:`rotorfit.estimators.signals.local_response` with a single band.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotorfit.estimators.signals.local_response import RecordSpectra
+from rotorfit.models.array_types import ComplexArray, Float
+
+HALF_WIDTH = 14
+"""Lines of the spectrum to each side of the force."""
+TRANSIENT = 2
+"""Degree of the polynomial for the transient."""
+FEWEST_TURNS = 10.0
+"""Turns of the force in the shortest dwell."""
+ONE_SPEED = 0.01
+"""Range of the speed within a dwell over its mean."""
+_STILL = 0.1
+"""Rate of the speed over its mean rate of a sweep below which it dwells."""
+_BLOCK = 2.0
+"""Turns over which speeds are averaged to see whether they change."""
+_MOSTLY = 0.5
+"""Share of a record that dwells in a test of dwells."""
+_NEAR = 3e-3
+"""An order counts where what is not smooth of its spectrum exceeds this fraction of its greatest line."""
+
+
+class DwellResponse(NamedTuple):
+    """Responses of P outputs at one frequency.
+
+    Attributes:
+        response: output over force, shape ``(P,)``.
+        sigma: standard deviation of its real part and of its imaginary part, shape ``(P,)``.
+        noise: of the spectrum, ``sqrt(E |N|^2)``, shape ``(P,)``.
+    """
+
+    response: ComplexArray
+    sigma: Float
+    noise: Float
+
+
+def dwells(time: Float, angle: Float, speed: Float) -> list[slice]:
+    """Stretches in which a frequency dwells; none where it sweeps for most of the record.
+
+    Args:
+        time: s, equally spaced, shape ``(N,)``.
+        angle, speed: of the drive, rad and rad/s, shape ``(N,)``.
+    """
+    spread, length = float(np.ptp(speed)), float(time[-1] - time[0])
+    if spread <= ONE_SPEED * float(np.abs(speed).mean()):
+        return [slice(0, time.size)]
+    # mean speeds of blocks of turns, in which what is left of the jitter of marks averages out
+    number = np.floor(np.abs(angle - angle[0]) / (2 * np.pi * _BLOCK)).astype(np.intp)
+    edges = np.searchsorted(number, np.arange(number[-1] + 1))
+    middle, mean = (time[edges[1:]] + time[edges[:-1]]) / 2, np.diff(angle[edges]) / np.diff(time[edges])
+    still = np.abs(np.gradient(mean, middle)) < _STILL * spread / length if mean.size > 2 else np.zeros(0, bool)
+    ends = np.flatnonzero(np.diff(np.concatenate([[False], still, [False]]).astype(np.int8)))
+    found = []
+    for first, last in zip(ends[::2].tolist(), ends[1::2].tolist(), strict=True):
+        begin, end = int(edges[first]), int(edges[last])
+        inside = mean[first:last]
+        turns = abs(angle[end] - angle[begin]) / (2 * np.pi)
+        if turns >= FEWEST_TURNS and np.ptp(inside) <= ONE_SPEED * abs(float(inside.mean())):
+            found.append(slice(begin, end))
+    return found if sum(part.stop - part.start for part in found) > _MOSTLY * time.size else []
+
+
+def dwell_response(spectra: RecordSpectra, at: float) -> DwellResponse:
+    """Response of each output to the first force about one frequency.
+
+    Args:
+        spectra: of the dwell.
+        at: frequency of the force, rad/s.
+
+    Raises:
+        ValueError: too few lines of the spectrum about it.
+    """
+    step = float(spectra.frequency[1] - spectra.frequency[0])
+    middle = round(at / step)
+    half = min(HALF_WIDTH, middle - 1, spectra.frequency.size - 1 - middle)
+    lines = slice(middle - half, middle + half + 1)
+    unknowns = TRANSIENT + 2
+    if 2 * half + 1 < 2 * unknowns:
+        raise ValueError(f"{at * 2 * np.pi / step:.3g} turns are too few for a dwell")
+    smooth = np.polynomial.legendre.legvander(np.linspace(-1, 1, 2 * half + 1), TRANSIENT).astype(complex)
+    matrix = np.column_stack([spectra.forces[0, lines], smooth, _orders(spectra.others, lines, smooth, unknowns)])
+    scale = np.linalg.norm(matrix, axis=0)
+    q, r = np.linalg.qr(matrix / scale)
+    inverse = np.linalg.inv(r)[0] / scale[0]
+    measured = spectra.outputs[:, lines].T
+    projected = q.conj().T @ measured
+    left = measured - q @ projected
+    noise = np.sqrt(np.sum(np.abs(left) ** 2, axis=0) / (matrix.shape[0] - matrix.shape[1]))
+    return DwellResponse(inverse @ projected, noise * float(np.sqrt(np.sum(np.abs(inverse) ** 2) / 2)), noise)
+
+
+def _orders(others: ComplexArray, lines: slice, smooth: ComplexArray, unknowns: int) -> NDArray[np.complex128]:
+    """Spectra of the shaft's orders that a smooth transient cannot stand for; half the lines stay free."""
+    columns = others[:, lines].T
+    greatest = np.abs(others).max(axis=1, initial=0.0)
+    rest = np.linalg.norm(columns - smooth @ np.linalg.lstsq(smooth, columns, rcond=None)[0], axis=0)
+    most = max(columns.shape[0] // 2 - unknowns, 0)
+    strongest = np.argsort(-rest / np.maximum(greatest, 1e-300))[:most]
+    return columns[:, [k for k in sorted(strongest.tolist()) if rest[k] > _NEAR * greatest[k]]]

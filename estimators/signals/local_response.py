@@ -1,0 +1,316 @@
+"""Frequency responses of a swept test by local models of the spectrum: no sweep bias, and errors that are known.
+
+The spectra of a whole record obey ``Z(w) = sum_j H_j(w) F_j(w) + T(w) + sum_i c_i U_i(w) + noise``: H_j the frequency
+responses to the forces F_j, T the transient (what the rotor did before the record began and will do after it), all of
+them smooth, and U_i the spectra of what is locked to the shaft (run-out, residual unbalance). In a band of lines H and
+T are polynomials and the c_i constants; linear least squares gives them, and the noise level from what is left (local
+polynomial method, R. Pintelon and J. Schoukens, System Identification, 2nd ed., 2012, ch. 7). How fast the frequency
+was swept is nowhere in it. Several records share their H and have a transient and constants each: that is how start-ups
+with the weight at opposite places are differenced.
+
+Two choices of ours:
+
+- Bands do not slide but tile the axis (:mod:`rotorfit.estimators.signals.band_tiling`), and H is reported at the
+  zeros of the polynomial of degree R + 1 that is orthogonal with the weight ``|F|^2`` on the lines of the band (Gauss
+  nodes). By the Christoffel-Darboux identity the R + 1 estimates of a band are uncorrelated there, so that a fit may
+  take them for independent; they hold all that the band knows; and the leading term that the polynomial leaves out
+  vanishes there.
+- The noise level of a band is pooled with its neighbours' unless it is clearly above them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotorfit.estimators.signals.band_tiling import pooled_noise, tile
+from rotorfit.estimators.signals.local_poles import NUMERATOR, nearest_pole
+from rotorfit.models.array_types import ComplexArray, Float
+
+DEGREE = 2
+"""Degree of the polynomials for H and T."""
+
+SPARE = 3
+"""Lines of a narrowest band beyond its unknowns."""
+
+MOST_BANDS = 512
+"""Narrowest bands of a record; longer records have wider ones."""
+
+SEEN = 3e-3
+"""An input counts in a band where what is not smooth of its spectrum exceeds this fraction of its greatest line."""
+
+
+WINDOW = 7
+"""Narrow bands in which the nearest pole is looked for."""
+
+NEAR, NOT_INSIDE = 12.0, 0.2
+"""A pole counts in a band when it is nearer to its middle than so many half-widths, and further from the axis."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RecordSpectra:
+    """Spectra of one whole record on equally spaced lines.
+
+    Attributes:
+        frequency: of the lines, rad/s, shape ``(K,)``, ascending.
+        outputs: shape ``(P, K)``.
+        forces: shape ``(J, K)``.
+        others: inputs to which the response is constant within a band, shape ``(M, K)``.
+        force_noise: ``E |N|^2`` of the noise of each line of the forces where they were measured.
+    """
+
+    frequency: Float
+    outputs: ComplexArray
+    forces: ComplexArray
+    others: ComplexArray
+    force_noise: float = 0.0
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LocalResponse:
+    """Frequency responses at the nodes of the bands.
+
+    Attributes:
+        frequency: of each node, rad/s, shape ``(L,)``, ascending.
+        response: H, output over force, shape ``(J, P, L)``.
+        sigma: standard deviation of its real part and of its imaginary part, shape ``(J, P, L)``.
+        noise: noise of the spectrum of each output around the node, ``sqrt(E |N|^2)``, shape ``(P, L)``.
+        width: width of the band around each node, rad/s, shape ``(L,)``.
+        residual: what is left of the spectra on the lines of each record, shape ``(P, K)`` each; NaN outside the bands.
+    """
+
+    frequency: Float
+    response: ComplexArray
+    sigma: Float
+    noise: Float
+    width: Float
+    residual: tuple[ComplexArray, ...]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LocalFit:
+    """Least squares in one band of N lines, those of all records one after the other.
+
+    Attributes:
+        node: frequencies of the nodes, rad/s, shape ``(L,)``.
+        response: H there, shape ``(J, P, L)``.
+        leverage: variance of H over that of the noise of the spectrum, shape ``(J, L)``.
+        residual: shape ``(P, N)``.
+        unknowns: number of complex unknowns for each output.
+        lines: where the band is in each record.
+    """
+
+    node: Float
+    response: ComplexArray
+    leverage: Float
+    residual: ComplexArray
+    unknowns: int
+    lines: tuple[slice, ...]
+
+    @property
+    def dof(self) -> int:
+        """Complex degrees of freedom left for the noise, for each output."""
+        return int(self.residual.shape[1]) - self.unknowns
+
+    @property
+    def misfit(self) -> Float:
+        """Sum of squares of the residual of each output."""
+        return np.asarray(np.sum(np.abs(self.residual) ** 2, axis=1))
+
+
+def local_response(records: Sequence[RecordSpectra], low: float, high: float, *, degree: int = DEGREE) -> LocalResponse:
+    """Frequency response of each output to each force.
+
+    Args:
+        records: their number of outputs and of forces is the same.
+        low, high: ends of the band, rad/s.
+        degree: degree of the polynomials for H and T.
+
+    Returns:
+        responses at ``degree + 1`` nodes a band.
+
+    Raises:
+        ValueError: fewer lines than one band needs.
+    """
+    inside = [(record.frequency >= low) & (record.frequency <= high) for record in records]
+    fewest = min(int(np.sum(lines)) for lines in inside)
+    smooth = -(-(degree + 1) * (records[0].forces.shape[0] + len(records)) // len(records))  # unknowns in each record
+    needed = smooth + SPARE + _usually_seen(records, inside, degree)
+    if fewest < needed:
+        raise ValueError(
+            f"{fewest} spectral lines lie in the tested band, {low:.4g} to {high:.4g} rad/s, {needed} are needed: the "
+            "record is too short for the band it sweeps"
+        )
+    count = min(fewest // needed, MOST_BANDS)
+    edges = np.linspace(low, high, count + 1)
+    edges[-1] = np.nextafter(high, np.inf)
+    rough = _solver(records, edges, degree, np.full(count, np.nan + 0j))
+    poles = _poles([rough(k, k + 1) for k in range(count)])
+    fits = tile(count, _solver(records, edges, degree, poles))
+    nodes = [fit.node.size for fit in fits]
+    noise = np.repeat(pooled_noise(fits), nodes, axis=1)
+    leverage = np.concatenate([fit.leverage for fit in fits], axis=1)
+    left = [np.full(record.outputs.shape, np.nan + 0j) for record in records]
+    for fit in fits:
+        begin = 0
+        for part, lines in zip(left, fit.lines, strict=True):
+            part[:, lines] = fit.residual[:, begin : (begin := begin + lines.stop - lines.start)]
+    step = float(records[0].frequency[1] - records[0].frequency[0])
+    return LocalResponse(
+        frequency=np.concatenate([fit.node for fit in fits]),
+        response=np.concatenate([fit.response for fit in fits], axis=2),
+        sigma=noise * np.sqrt(leverage / 2)[:, None],
+        noise=noise,
+        width=np.repeat([step * (fit.lines[0].stop - fit.lines[0].start) for fit in fits], nodes),
+        residual=tuple(left),
+    )
+
+
+def gauss_nodes(position: Float, weight: Float, count: int) -> Float:
+    """Zeros of the polynomial of degree ``count`` that is orthogonal with these weights (Golub and Welsch 1969).
+
+    Args:
+        position, weight: of the discrete measure, shape ``(K,)``, K > count.
+        count: how many.
+    """
+    weight = weight / weight.sum()
+    before, now, step = np.zeros_like(position), np.ones_like(position), 0.0
+    diagonal, beside = [], []
+    for _ in range(count):
+        diagonal.append(float(weight @ (position * now**2)))
+        new = (position - diagonal[-1]) * now - step * before
+        step = float(np.sqrt(weight @ new**2))
+        beside.append(step)
+        before, now = now, new / step
+    jacobi = np.diag(diagonal) + np.diag(beside[:-1], 1) + np.diag(beside[:-1], -1)
+    return np.asarray(np.linalg.eigvalsh(jacobi))
+
+
+def _poles(narrow: Sequence[LocalFit]) -> ComplexArray:
+    """Pole nearest to each narrow band, from what it and its neighbours show; NaN where none is near."""
+    noise = pooled_noise(narrow)
+    found = np.full(len(narrow), np.nan + 0j)
+    for k in range(len(narrow)):
+        first, last = max(k - WINDOW // 2, 0), min(k + WINDOW // 2 + 1, len(narrow))
+        part = narrow[first:last]
+        response = np.concatenate([fit.response for fit in part], axis=2)
+        sigma = np.concatenate(
+            [noise[:, first + i, None] * np.sqrt(fit.leverage / 2)[:, None] for i, fit in enumerate(part)], axis=2
+        )
+        points = response.shape[2]
+        if points > 2 * (NUMERATOR + 2):
+            found[k] = nearest_pole(
+                np.concatenate([fit.node for fit in part]), response.reshape(-1, points), sigma.reshape(-1, points)
+            )
+    return found
+
+
+def _solver(
+    records: Sequence[RecordSpectra], edges: Float, degree: int, poles: ComplexArray
+) -> Callable[[int, int], LocalFit]:
+    """A function that fits a band from one of the edges to another, with the pole nearest to its middle."""
+    greatest = [np.abs(record.others).max(axis=1, initial=0.0) for record in records]
+    borders = [np.searchsorted(record.frequency, edges) for record in records]
+    known = (degree + 1) * records[0].forces.shape[0]
+    smooth = -(-known // len(records)) + degree + 1
+
+    def solve(first: int, last: int) -> LocalFit:
+        lines = tuple(slice(int(border[first]), int(border[last])) for border in borders)
+        middle, half = (edges[first] + edges[last]) / 2, (edges[last] - edges[first]) / 2
+        position = [(r.frequency[part] - middle) / half for r, part in zip(records, lines, strict=True)]
+        pole = (poles[(first + last) // 2] - middle) / half
+        powers = [_basis(at, degree, pole) for at in position]
+        drive = np.vstack([_drive(r.forces[:, part], p) for r, part, p in zip(records, lines, powers, strict=True)])
+        own = [
+            np.hstack([p, _seen(r.others[:, part].T, p, SEEN * top, p.shape[0] - smooth - 1)])
+            for r, part, p, top in zip(records, lines, powers, greatest, strict=True)
+        ]
+        matrix = np.hstack([drive, _block_diagonal(own)])
+        measured = np.hstack([r.outputs[:, part] for r, part in zip(records, lines, strict=True)]).T
+        scale = np.linalg.norm(matrix, axis=0)
+        q, r = np.linalg.qr(matrix / scale)
+        noise = [np.sqrt(r.force_noise) * p for r, p in zip(records, powers, strict=True)]
+        solving = _without_noise(r, np.vstack(noise), scale[:known]) if records[0].force_noise else np.linalg.inv(r)
+        inverse = solving[:known] / scale[:known, None]
+        projected = q.conj().T @ measured
+        weight = np.concatenate(
+            [np.abs(r.forces[0, part] * p[:, 0]) ** 2 for r, part, p in zip(records, lines, powers, strict=True)]
+        )
+        node = gauss_nodes(np.concatenate(position), weight, degree + 1)
+        at_node = _basis(node, degree, pole) @ inverse.reshape(-1, degree + 1, matrix.shape[1])
+        return LocalFit(
+            node=middle + half * node,
+            response=(at_node @ projected).swapaxes(1, 2),
+            leverage=np.sum(np.abs(at_node) ** 2, axis=2),
+            residual=(measured - q @ (r @ (solving @ projected))).T,
+            unknowns=matrix.shape[1],
+            lines=lines,
+        )
+
+    return solve
+
+
+def _without_noise(r: ComplexArray, noise: ComplexArray, scale: Float) -> ComplexArray:
+    """What turns ``q^H Z`` into unknowns where the forces were measured with noise.
+
+    Least squares would take the power of the noise for that of the force and find responses too small. What the noise
+    adds to the normal equations on average is taken out of them (errors in variables), at most half of any direction.
+
+    Args:
+        r: of the scaled columns.
+        noise: of the columns of one force, shape ``(N, degree + 1)``.
+        scale: of the columns of all forces.
+    """
+    size = noise.shape[1]
+    extra = np.zeros_like(r)
+    for first in range(0, scale.size, size):
+        part = slice(first, first + size)
+        extra[part, part] = (noise / scale[part]).conj().T @ (noise / scale[part])
+    inverse = np.linalg.inv(r)
+    worst = float(np.linalg.eigvalsh(inverse.conj().T @ extra @ inverse)[-1])
+    return np.asarray(np.linalg.solve(r.conj().T @ r - min(1.0, 0.5 / worst) * extra, r.conj().T))
+
+
+def _basis(position: Float, degree: int, pole: complex) -> ComplexArray:
+    """Polynomials over a band, divided by the distance from its pole where one is near."""
+    powers = np.polynomial.legendre.legvander(position, degree).astype(complex)
+    if not (abs(pole) < NEAR and pole.imag > NOT_INSIDE):
+        return powers
+    return np.asarray(powers / (1 - position / pole)[:, None])
+
+
+def _drive(forces: ComplexArray, powers: ComplexArray) -> ComplexArray:
+    """Columns of the polynomials of all responses, one force after the other."""
+    return np.asarray((forces[:, :, None] * powers).transpose(1, 0, 2).reshape(powers.shape[0], -1))
+
+
+def _usually_seen(records: Sequence[RecordSpectra], inside: Sequence[NDArray[np.bool_]], degree: int) -> int:
+    """How many of the other inputs nine in ten pieces of the band have: few of a steady shaft, all of a start-up."""
+    counts = [0]
+    for record, lines in zip(records, inside, strict=True):
+        greatest = np.abs(record.others).max(axis=1, initial=0.0)
+        parts = np.array_split(np.flatnonzero(lines), max(int(lines.sum()) // (4 * (degree + 1)), 1))
+        for part in parts:
+            powers = _basis(np.linspace(-1, 1, part.size), degree, complex(np.nan))
+            counts.append(_seen(record.others[:, part].T, powers, SEEN * greatest, part.size).shape[1])
+    return int(np.quantile(counts, 0.9))
+
+
+def _seen(columns: ComplexArray, powers: ComplexArray, least: Float, most: int) -> ComplexArray:
+    """The columns that a smooth transient cannot stand for, at most so many of them."""
+    rest = np.linalg.norm(columns - powers @ np.linalg.lstsq(powers, columns, rcond=None)[0], axis=0)
+    strongest = np.argsort(-rest / np.maximum(least, 1e-300))[: max(most, 0)]
+    return columns[:, [k for k in sorted(strongest.tolist()) if rest[k] > least[k]]]
+
+
+def _block_diagonal(blocks: Sequence[ComplexArray]) -> ComplexArray:
+    rows, columns = np.sum([block.shape for block in blocks], axis=0)
+    whole = np.zeros((rows, columns), complex)
+    row = column = 0
+    for block in blocks:
+        whole[row : row + block.shape[0], column : column + block.shape[1]] = block
+        row, column = row + block.shape[0], column + block.shape[1]
+    return whole

@@ -1,0 +1,333 @@
+"""Angle, speed and acceleration of a shaft from its pulses, smoothed as much as the pulses jitter and no more.
+
+The angle is a quintic spline whose third derivative is penalised, so that a steadily accelerating shaft costs nothing:
+`sum_k (theta_k - theta(t_k))^2/sigma_k^2 + penalty int theta'''^2 dt` (P-splines; Eilers and Marx 1996). Seen as a
+model, the jerk is white noise and the pulses scatter by ``sigma_k``; the ratio of the two is what restricted maximum
+likelihood says (Wahba 1985), from the pulses alone. Knots are added until the penalty, not they, smooths.
+
+Pulses scatter in time where the sampling rounds a sharp edge, in angle where noise meets an edge that extends over some
+angle, and from one to the other as the speed changes: ``sigma_k`` is pooled over neighbours and the fit repeated.
+
+Several pulses a turn carry the same errors of spacing every turn: a pattern with zero mean, estimated with the spline.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from scipy.interpolate import BSpline
+from scipy.linalg import cho_solve_banded, cholesky_banded
+from scipy.optimize import minimize_scalar
+
+from rotorfit.estimators.signals.pulses import NumberedPulses
+from rotorfit.models.array_types import Float, Index
+
+DEGREE = 5
+MOST_KNOTS = 200_000
+_AT_ONCE = 100_000  # pulses turned into equations at once
+_OUTLYING = 7.0
+"""Robust standard deviations beyond which a pulse is taken for noise: never once in a million Gaussian ones."""
+_ROUNDING = 1e-9
+"""Share of the record's length below which a pulse is never late: what is left of pulses without any jitter."""
+_SMOOTH_ENOUGH = 3.0
+"""log10 of the penalty beyond which the spline is smoother than its knots would force it to be."""
+
+_FEWEST = 128
+"""Pieces of the spline to begin with."""
+_LEVERAGES = 64
+"""Pulses at least at which it is computed how far the smooth angle is better known than they are."""
+_FEW = 32
+"""Times at which it is computed at once."""
+_ENDS = 16
+"""Pulses at either end at each of which it is: where a sweep begins they are far apart."""
+_GROUP = 60
+"""Pulses whose scatter is pooled: known to 1/sqrt(2 * 60) = 9 %."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SmoothAngle:
+    """A shaft's angle as a function of time.
+
+    Attributes:
+        spline: the angle, rad, over time, s.
+        begin, end: times of the first and the last pulse used, s.
+        jitter: typical standard deviation of a pulse's time about the smooth angle, s.
+        groups: times (s) and standard deviations of a pulse's angle about the smooth angle (rad) at them, ``(2, G)``.
+        shares: variance of the smooth angle over that of one pulse, at times ``share_t`` (s), shape ``(S,)`` both;
+            above one between pulses that are far apart.
+        pattern: how far each pulse of a turn is ahead of even spacing, rad, shape ``(P,)``; zeros for one pulse a turn.
+        outlying: times of pulses left out because they are far from the smooth angle, s.
+        pulses: number of pulses used.
+    """
+
+    spline: BSpline
+    begin: float
+    end: float
+    jitter: float
+    groups: Float
+    shares: Float
+    share_t: Float
+    pattern: Float
+    outlying: Float
+    pulses: int
+
+    @property
+    def share(self) -> float:
+        """Mean of the shares over the pulses: what the spline takes of their number is this times :attr:`pulses`."""
+        angle = self.angle(self.share_t)
+        return float(np.trapezoid(np.minimum(self.shares, 1.0), angle) / (angle[-1] - angle[0]))
+
+    def angle(self, t: Float) -> Float:
+        """Angle, rad, at times, s; zero at the first pulse's nominal position."""
+        return np.asarray(self.spline(t))
+
+    def speed(self, t: Float) -> Float:
+        """First derivative of the angle, rad/s."""
+        return np.asarray(self.spline(t, nu=1))
+
+    def acceleration(self, t: Float) -> Float:
+        """Second derivative of the angle, rad/s^2."""
+        return np.asarray(self.spline(t, nu=2))
+
+    def stderr(self, t: Float) -> Float:
+        """Standard error of the angle, rad, between the first and the last pulse."""
+        return np.asarray(self.scatter(t) * np.sqrt(np.interp(t, self.share_t, self.shares)))
+
+    def scatter(self, t: Float) -> Float:
+        """Standard deviation of a single pulse's angle, rad, at times, s."""
+        return np.asarray(np.exp(np.interp(t, self.groups[0], np.log(self.groups[1]))))
+
+
+def smooth_angle(
+    pulses: NumberedPulses, *, duration: float, pulses_per_turn: int = 1, resolution: float = 0.0
+) -> SmoothAngle:
+    """Fit the smooth angle to counted pulses.
+
+    Args:
+        pulses: times in s from the start of the record.
+        duration: of the record, s; the spline covers all of it, beyond the pulses with the acceleration at the ends.
+        pulses_per_turn: of the wheel.
+        resolution: time that a good pulse may be off in any case, s: a sampling interval.
+
+    Raises:
+        ValueError: too few pulses for their pattern.
+    """
+    step = 2 * np.pi / pulses_per_turn
+    if pulses.times.size < 4 * pulses_per_turn and pulses_per_turn > 1:
+        raise ValueError(
+            f"{pulses.times.size} pulses of a wheel with {pulses_per_turn}; at least four turns are needed"
+        )
+    keep = np.ones(pulses.times.size, dtype=bool)
+    for _ in range(4):
+        fit = _fit(pulses.times[keep], pulses.numbers[keep], step, duration, pulses_per_turn)
+        tooth = fit.pattern[pulses.numbers % pulses_per_turn]
+        off = step * pulses.numbers + tooth - fit.angle(pulses.times)
+        scatter = fit.scatter(pulses.times)
+        scale = 1.4826 * float(np.median(np.abs(off[keep] / scatter[keep])))  # outliers have widened the scatter
+        allowed = max(resolution, _ROUNDING * duration) * np.abs(fit.speed(pulses.times))
+        near = np.abs(off) <= np.maximum(_OUTLYING * scale * scatter, allowed)
+        if np.array_equal(near, keep) or near.sum() < max(4, pulses.times.size // 2):
+            break
+        keep = near
+    return replace(fit, outlying=pulses.times[~keep])
+
+
+def _fit(times: Float, numbers: Index, step: float, duration: float, per_turn: int) -> SmoothAngle:
+    slope: Float = np.interp(times, (times[1:] + times[:-1]) / 2, step * np.diff(numbers) / np.diff(times))
+    angle = np.asarray(step * numbers, dtype=float)
+    present, tooth = np.unique(numbers % per_turn, return_inverse=True)  # a wheel with an index gap has not all teeth
+    speed = slope / float(np.median(slope))
+    relative = speed  # a first guess: all pulses scatter alike in time
+    rows = _looked_at(times.size)
+    for _ in range(2):
+        size = _FEWEST
+        posed, log_penalty = _posed(times, angle, relative**-2, duration, size, tooth)
+        while log_penalty <= _SMOOTH_ENOUGH and size < min(times.size, MOST_KNOTS):
+            size = min(4 * size, MOST_KNOTS)
+            posed, log_penalty = _posed(times, angle, relative**-2, duration, size, tooth)
+        best = posed.solve(log_penalty)
+        spline = BSpline(posed.knots, best.coefficients + posed.trend, DEGREE, extrapolate=True)
+        shares = np.minimum(posed.leverages(log_penalty, times[rows]) / relative[rows] ** 2, 0.95)
+        if best.sigma < _ROUNDING * duration * float(slope.max()):
+            break  # pulses without any jitter: what is left is rounding
+        off = (angle + best.pattern[tooth] - spline(times)) / best.sigma
+        relative = _scatter(times, speed, off**2, 1 - np.interp(times, times[rows], shares))
+    scatter = np.maximum(best.sigma, 1e-300) * relative
+    pattern = np.zeros(per_turn)
+    pattern[present] = best.pattern
+    told = np.union1d(rows, np.linspace(0, times.size - 1, max(2 * times.size // _GROUP, 2)).astype(int))
+    # between pulses that are far apart the angle is less well known than at them
+    at = np.union1d(times[rows], (times[rows[:-1]] + times[rows[:-1] + 1]) / 2)
+    return SmoothAngle(
+        spline=spline, begin=float(times[0]), end=float(times[-1]), jitter=float(np.median(scatter / slope)),
+        groups=np.stack([times[told], scatter[told]]),
+        shares=posed.leverages(log_penalty, at) / np.interp(at, times, relative) ** 2, share_t=at,
+        pattern=pattern, outlying=np.zeros(0), pulses=times.size,
+    )  # fmt: skip
+
+
+def _looked_at(count: int) -> Index:
+    """Pulses at which it is computed how well the smooth angle is known: spread over all, every one near the ends."""
+    spread = np.linspace(0, count - 1, _LEVERAGES).astype(int)
+    ends = np.arange(min(_ENDS, count))
+    return np.unique(np.concatenate([ends, spread, count - 1 - ends]))
+
+
+def _scatter(times: Float, speed: Float, squares: Float, left: Float) -> Float:
+    """Standard deviation of each pulse's angle, from the squares that the spline has left a share of.
+
+    The likeliest mixture of scatter in angle and scatter in time, pooled over neighbours for what is neither.
+    """
+    shares = np.array([0.0, 0.01, 0.03, 0.1, 0.3, 0.6, 0.85, 0.95, 0.99, 1.0])
+    best, least = speed**2, np.inf
+    for share in shares.tolist():
+        variance = (1 - share) + share * speed**2
+        variance = variance * float(np.sum(squares / variance) / np.sum(left))
+        cost = float(np.sum(left * np.log(variance)))
+        if cost < least:
+            best, least = variance, cost
+    return np.asarray(np.sqrt(best * _pooled(times, squares / best, left)))
+
+
+def _posed(
+    times: Float, angle: Float, weight: Float, duration: float, size: int, tooth: Index
+) -> tuple[_Problem, float]:
+    """The problem on some knots and the log10 of its best penalty."""
+    posed = _Problem.build(times, angle, weight, duration, size, tooth)
+    grid = np.linspace(-4.0, 12.0, 17)  # the criterion has a second minimum where an uneven sweep passes for jitter
+    best = int(np.argmin([posed.criterion(log_penalty) for log_penalty in grid]))
+    bounds = (grid[max(best - 1, 0)], grid[min(best + 1, grid.size - 1)])
+    return posed, float(minimize_scalar(posed.criterion, bounds=bounds, method="bounded").x)
+
+
+def _pooled(times: Float, squares: Float, left: Float) -> Float:
+    """Squares over what the spline has left of them, by groups of neighbouring pulses, straight lines in between."""
+    groups = np.array_split(np.arange(times.size), max(times.size // _GROUP, 1))
+    means = np.array([squares[group].sum() / left[group].sum() for group in groups])
+    floor = max(1e-4 * float(means.max()), 1e-30)
+    return np.asarray(np.interp(times, [float(times[group].mean()) for group in groups], np.maximum(means, floor)))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Solution:
+    coefficients: Float
+    pattern: Float
+    sigma: float  # of one pulse's angle at the median speed, rad
+    criterion: float
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Problem:
+    """Normal equations of the penalised spline in banded storage (upper form), pattern columns beside them."""
+
+    knots: Float
+    trend: Float  # coefficients of the quadratic taken out first: what is left is small, which keeps its digits
+    normal: Float  # (DEGREE + 1, m)
+    penalty: Float  # (4, m) in the last rows of the same storage
+    right: Float  # (m,)
+    squares: float
+    cross: Float  # (m, P - 1): spline with pattern
+    teeth: Float  # (P - 1, P - 1)
+    teeth_right: Float  # (P - 1,)
+    size: int  # pulses
+
+    @classmethod
+    def build(cls, times: Float, angle: Float, weight: Float, duration: float, pieces: int, tooth: Index) -> _Problem:
+        h = duration / pieces
+        knots = np.asarray(h * np.arange(-DEGREE, pieces + DEGREE + 1), dtype=float)
+        m = pieces + DEGREE
+        quadratic = np.polynomial.Polynomial.fit(times, angle, 2, w=np.sqrt(weight))
+        trend = _blossom(quadratic, np.lib.stride_tricks.sliding_window_view(knots[1:-1], DEGREE))
+        y = angle - quadratic(times)
+        per_turn = int(tooth.max()) + 1
+        contrast = np.vstack(
+            [-np.eye(per_turn - 1), np.ones((1, per_turn - 1))]
+        )  # sums to zero; angle = spline - pattern
+        normal, right = np.zeros((DEGREE + 1, m)), np.zeros(m)
+        cross, teeth = np.zeros((m, per_turn - 1)), np.zeros((per_turn - 1, per_turn - 1))
+        teeth_right = np.zeros(per_turn - 1)
+        for begin in range(0, times.size, _AT_ONCE):
+            part = slice(begin, begin + _AT_ONCE)
+            design = BSpline.design_matrix(times[part], knots, DEGREE, extrapolate=True).tocsr()
+            _add_normal(normal, design, weight[part])
+            indicator = contrast[tooth[part]]
+            weighted = weight[part, None] * indicator
+            right += design.T @ (weight[part] * y[part])
+            cross += design.T @ weighted
+            teeth += indicator.T @ weighted
+            teeth_right += weighted.T @ y[part]
+        return cls(
+            knots=knots, trend=trend, normal=normal, penalty=_third_differences(m), right=right,
+            squares=float(weight @ y**2), cross=cross, teeth=teeth, teeth_right=teeth_right, size=times.size,
+        )  # fmt: skip
+
+    def criterion(self, log_penalty: float) -> float:
+        """Minus twice the restricted log-likelihood, constants left out."""
+        return self.solve(log_penalty).criterion
+
+    def solve(self, log_penalty: float) -> _Solution:
+        penalty = 10.0**log_penalty
+        factor = self._factor(log_penalty)
+        m, teeth = self.right.size, self.teeth_right.size
+        spline_part = cho_solve_banded((factor, False), self.right)
+        determinant = 2 * float(np.log(factor[-1]).sum())
+        pattern = np.zeros(0)
+        fitted = float(self.right @ spline_part)
+        if teeth:
+            reduced = cho_solve_banded((factor, False), self.cross)
+            schur = self.teeth - self.cross.T @ reduced
+            rest = self.teeth_right - self.cross.T @ spline_part
+            pattern = np.linalg.solve(schur, rest)
+            spline_part = spline_part - reduced @ pattern
+            fitted += float(rest @ pattern)
+            determinant += float(np.linalg.slogdet(schur)[1])
+        free = max(self.size - 3 - teeth, 1)
+        variance = max(self.squares - fitted, 1e-30) / free
+        return _Solution(
+            coefficients=spline_part, pattern=np.concatenate([pattern, [-pattern.sum()]]),
+            sigma=float(np.sqrt(variance)), criterion=free * np.log(variance) + determinant - (m - 3) * np.log(penalty),
+        )  # fmt: skip
+
+    def leverages(self, log_penalty: float, times: Float) -> Float:
+        """Variance of the spline at some times over that of a pulse of weight one; the pattern's share left out."""
+        factor, found = self._factor(log_penalty), []
+        for part in np.array_split(times, -(-times.size // _FEW)):  # rows as long as the knots are many
+            rows = BSpline.design_matrix(part, self.knots, DEGREE, extrapolate=True).toarray().T
+            found.append(np.sum(rows * cho_solve_banded((factor, False), rows), axis=0))
+        return np.concatenate(found)
+
+    def _factor(self, log_penalty: float) -> Float:
+        whole = self.normal.copy()
+        whole[-4:] += 10.0**log_penalty * self.penalty
+        whole[-1] += 1e-13 * whole[-1].max()  # columns without a pulse and hardly a penalty
+        return np.asarray(cholesky_banded(whole))
+
+
+def _add_normal(normal: Float, design: Any, weight: Float) -> None:
+    """Add ``B^T W B`` of some pulses in upper banded storage."""
+    values = design.data.reshape(-1, DEGREE + 1)
+    first = design.indices.reshape(-1, DEGREE + 1)[:, 0]
+    for i in range(DEGREE + 1):
+        for k in range(i, DEGREE + 1):
+            product = weight * values[:, i] * values[:, k]
+            normal[DEGREE - (k - i)] += np.bincount(first + k, product, normal.shape[1])
+
+
+def _third_differences(m: int) -> Float:
+    """``D^T D`` of third differences, upper banded storage of 4 rows."""
+    band = np.zeros((4, m))
+    row = np.array([-1.0, 3.0, -3.0, 1.0])
+    for i in range(4):
+        for k in range(i, 4):
+            band[3 - (k - i), k : m - 3 + k] += row[i] * row[k]
+    return band
+
+
+def _blossom(quadratic: np.polynomial.Polynomial, knots: Float) -> Float:
+    """B-spline coefficients of a quadratic: its polar form at the inner knots, ``(m, DEGREE)``, of each function."""
+    a, b, c = (np.concatenate([quadratic.convert().coef, np.zeros(3)]))[:3]
+    total = knots.sum(axis=1)
+    pairs = (total**2 - (knots**2).sum(axis=1)) / (DEGREE * (DEGREE - 1))
+    return np.asarray(a + b * total / DEGREE + c * pairs)

@@ -1,0 +1,281 @@
+"""Lines 1x and 2x of a start-up of a shaft that is not round, as if it had run at every speed for long.
+
+A start-up is never steady: near a critical speed vectors lag, and what dK makes of the lagging motion lags twice. The
+equation itself holds at any rate of the speed: with ``v = exp(2j theta) conj(z)``, taken from the measured motion,
+
+    ``z'' + d z' + k z + delta v = eps (theta'^2 - j theta'') exp(j theta) + p``     (all divided by the mass)
+
+is a linear rotor with known inputs. Local fits of z and of v to the orders give ``kappa A + delta B = eps Om^2``,
+linear in k, d, delta and eps; two steps of least squares on the motion itself make them sharp. The start-up of that
+shaft is computed and taken from the measured one, the rest goes through a local fit once more, and the shaft's steady
+lines are added to it. Whatever the shaft has besides (more modes, twist, run-out) is in that rest.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotorfit.estimators.signals.local_response import LocalResponse, RecordSpectra, local_response
+from rotorfit.models.array_types import ComplexArray, Float
+
+_ROUNDS = 6
+"""Rounds of reweighting of the equation errors."""
+_STEPS = 2
+"""Steps of Gauss and Newton from there."""
+_DECAY = 12.0
+"""Time constants of free motion that precede and follow the record in the computed start-up."""
+_SETTLED, _SLOPES, _MOST = 1e-9, 1e-4, 400
+"""Change of the computed motion and of its slopes, over their size, at which they are found, and the most passes."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class StartUp:
+    """Motion of one plane in a start-up or a shutdown.
+
+    Attributes:
+        rate: samples a second, Hz.
+        angle, speed, acceleration: of the shaft, rad, rad/s, rad/s^2, shape ``(N,)``.
+        motion: ``x + jy`` about its mean, m, shape ``(N,)``.
+    """
+
+    rate: float
+    angle: Float
+    speed: Float
+    acceleration: Float
+    motion: ComplexArray
+
+
+@dataclass(frozen=True, kw_only=True)
+class RoughShaft:
+    """A shaft of mass one.
+
+    Attributes:
+        k, d: stiffness, 1/s^2, and damping, 1/s, over the mass.
+        delta: ``dK exp(2jg)`` over the mass.
+        eps: eccentricity, m.
+        side: side load over the mass, m/s^2.
+    """
+
+    k: float
+    d: float
+    delta: complex
+    eps: complex
+    side: complex
+
+    def kappa(self, w: Float) -> ComplexArray:
+        """Dynamic stiffness of the round part.
+
+        Args:
+            w: rad/s.
+        """
+        return np.asarray(self.k + 1j * w * self.d - w**2)
+
+    def steady(self, order: int, speed: Float) -> ComplexArray:
+        """Line 1x or 2x at steady speeds, m.
+
+        Args:
+            order: 1 or 2.
+            speed: rad/s.
+        """
+        kappa = self.kappa(order * speed)
+        if order == 1:
+            force = self.eps * speed**2
+            return np.asarray(
+                (kappa.conj() * force - self.delta * force.conj()) / (abs(kappa) ** 2 - abs(self.delta) ** 2)
+            )
+        sag = np.conj(self.side) / (self.k - abs(self.delta) ** 2 / kappa)
+        return np.asarray(-self.delta * sag / kappa)
+
+
+def start_up_lines(run: StartUp) -> dict[int, LocalResponse]:
+    """Lines 1x and 2x at steady speeds.
+
+    Args:
+        run: the start-up.
+
+    Returns:
+        by order, at frequencies of order times speed: one response of one output, m.
+
+    Raises:
+        ValueError: a record too short for what it sweeps, or a motion from which no stable shaft can be made.
+    """
+    image = np.exp(2j * run.angle) * run.motion.conj()
+    rough = _rough_shaft(run, image)
+    for _ in range(_STEPS):
+        rough = _refined(rough, run)
+    rest = run.motion - _passage(rough, run)
+    lines = {}
+    for order in (1, 2):
+        found = _local(run, np.array([rest, run.motion]), order)  # bands as narrow as the motion itself needs
+        steady = rough.steady(order, found.frequency / order)
+        scale = found.frequency**2 if order == 1 else np.ones(found.frequency.size)
+        lines[order] = LocalResponse(
+            frequency=found.frequency,
+            response=found.response[:1, :1] * scale + steady,
+            sigma=found.sigma[:1, :1] * scale,
+            noise=found.noise,
+            width=found.width,
+            residual=found.residual,
+        )
+    return lines
+
+
+def _local(run: StartUp, outputs: ComplexArray, order: int) -> LocalResponse:
+    """Responses to ``(theta'^2 - j theta'') exp(j theta)`` for 1x and to ``exp(2j theta)`` for 2x, its drive first."""
+    drives = {
+        1: (run.speed**2 - 1j * run.acceleration) * np.exp(1j * run.angle),
+        2: np.exp(2j * run.angle),
+    }
+    low, high = float(run.speed.min()), float(run.speed.max())
+    step = 2 * np.pi * run.rate / run.angle.size
+    frequency = np.asarray(step * np.arange(min(int(2.04 * high / step) + 2, run.angle.size // 2)), dtype=float)
+
+    def spectrum(signal: ComplexArray) -> ComplexArray:
+        return np.asarray(np.fft.fft(signal)[..., : frequency.size] / run.rate)
+
+    both = [order, 3 - order]
+    return local_response(
+        [
+            RecordSpectra(
+                frequency=frequency,
+                outputs=spectrum(outputs),
+                forces=np.array([spectrum(drives[n]) for n in both]),
+                others=spectrum(np.exp(3j * run.angle))[None],
+            )
+        ],
+        order * low,
+        order * high,
+    )
+
+
+def _rough_shaft(run: StartUp, image: ComplexArray) -> RoughShaft:
+    """The shaft whose equation of motion the local fits of motion and image obey."""
+    once, twice = (_local(run, np.array([run.motion, image]), order) for order in (1, 2))
+    square = once.frequency**2
+    own, partner = np.concatenate([once.response[0] * square, twice.response[0]], axis=1)
+    w = np.concatenate([once.frequency, twice.frequency])
+    sigma = np.concatenate([once.sigma[0, 0] * square, twice.sigma[0, 0]])
+    found, _, _ = shaft_of_lines(w, np.arange(w.size) < square.size, own, partner, sigma)
+    return replace(found, side=found.side + found.delta * complex(image.mean()))
+
+
+def shaft_of_lines(
+    w: Float, first: NDArray[np.bool_], own: ComplexArray, partner: ComplexArray, sigma: Float, *, runout: bool = True
+) -> tuple[RoughShaft, complex, complex]:
+    """Shaft whose equation lines 1x and 2x obey, by weighted linear least squares.
+
+    ``kappa (A - R1) + delta (B - conj(R1)) = eps w^2`` and ``kappa (A2 - R2) + delta (B2 + conj(S)) = 0``, R1 and R2
+    run-out, S the sag about which the motion was taken; linear in k, d, delta and products of the rest with these.
+
+    Args:
+        w: frequency of each reading, rad/s, shape ``(R,)``.
+        first: whether it is one at 1x; the others are at 2x.
+        own: the motion A, m.
+        partner: the image B, the line of ``exp(2j theta) conj(z)``, m; of steady motion conj(A) at 1x.
+        sigma: error of A.
+        runout: whether there is any.
+
+    Returns:
+        the shaft, its side load ``k S``, and the run-out at 1x and at 2x.
+
+    Raises:
+        ValueError: a stiffness or a damping that is not positive.
+    """
+    powers = (0, 1, 2) if runout else None
+    smooth = {(1, n): first * w**n + 0j for n in powers or (2,)} | {(2, n): ~first * w**n + 0j for n in powers or (0,)}
+    complexes = [partner, *smooth.values()]
+    columns = np.array([own, 1j * w * own, *(f * column for column in complexes for f in (1.0, 1j))])
+    size = np.linalg.norm(columns, axis=1)
+    size[size == 0] = 1.0
+    weight = 1 / (sigma * w**2)
+    for _ in range(_ROUNDS):
+        matrix, target = (columns / size[:, None] * weight).T, own * w**2 * weight
+        stacked = np.concatenate([matrix.real, matrix.imag])
+        x = np.linalg.lstsq(stacked, np.concatenate([target.real, target.imag]), rcond=None)[0] / size
+        k, d, delta = float(x[0]), float(x[1]), complex(x[2], x[3])
+        weight = 1 / (sigma * np.hypot(np.abs(k + 1j * w * d - w**2), abs(delta)))
+    if not (k > 0 and d > 0):
+        raise ValueError(f"the motion gives a stiffness over mass of {k:.4g} 1/s^2 and a damping of {d:.4g} 1/s")
+    constants = dict(zip(smooth, (x[4::2] + 1j * x[5::2]).tolist(), strict=True))
+    right = -constants.get((1, 0), 0j)  # k R1 + delta conj(R1)
+    R1 = (k * right - delta * right.conjugate()) / (k**2 - abs(delta) ** 2)
+    R2 = constants.get((2, 2), 0j)
+    sag = ((constants[2, 0] + k * R2) / delta).conjugate() if delta else 0j
+    return RoughShaft(k=k, d=d, delta=delta, eps=R1 - constants[1, 2], side=k * sag), R1, R2
+
+
+class _Passage:
+    """A shaft in the turning of a start-up, at steady speed before it began.
+
+    Args:
+        shaft: the shaft.
+        run: the start-up.
+    """
+
+    def __init__(self, shaft: RoughShaft, run: StartUp) -> None:
+        self.lead = int(_DECAY * 2 / shaft.d * run.rate)
+        before = np.arange(-self.lead, 0) / run.rate
+        angle = np.concatenate([run.angle[0] + run.speed[0] * before, run.angle])
+        rate = np.concatenate([np.full(self.lead, run.speed[0] ** 2), run.speed**2 - 1j * run.acceleration])
+        self.size = angle.size
+        w = np.asarray(2 * np.pi * np.fft.fftfreq(self.size + self.lead, 1 / run.rate))
+        self.s, self.receptance = np.asarray(1j * w), 1 / shaft.kappa(w)
+        self.unbalance, self.turn, self.delta = rate * np.exp(1j * angle), np.exp(2j * angle), shaft.delta
+
+    def spread(self, signal: ComplexArray, factor: ComplexArray) -> ComplexArray:
+        """A signal through a filter given by its frequency response, shape ``(..., N)``."""
+        return np.asarray(np.fft.ifft(factor * np.fft.fft(signal, self.receptance.size))[..., : self.size])
+
+    def motion(self, force: ComplexArray, settled: float) -> ComplexArray:
+        """Motion under forces over the mass, by passes through the round part with the pull of the rest as a force.
+
+        Args:
+            force: shape ``(..., N)``.
+            settled: change over size at which the motion is found.
+
+        Raises:
+            ValueError: it never is.
+        """
+        motion = self.spread(force, self.receptance)
+        for _ in range(_MOST):
+            new = self.spread(force - self.delta * self.turn * motion.conj(), self.receptance)
+            change = float(np.abs(new - motion).max() / np.abs(new).max())
+            motion = new
+            if change < settled:
+                return motion
+            if not np.isfinite(change):
+                break
+        raise ValueError("the shaft that the motion gives runs away between its critical speeds; stay below them")
+
+
+def _passage(shaft: RoughShaft, run: StartUp) -> ComplexArray:
+    """Motion of a shaft in the start-up."""
+    way = _Passage(shaft, run)
+    return way.motion(shaft.eps * way.unbalance + shaft.side, _SETTLED)[way.lead :]
+
+
+def _refined(shaft: RoughShaft, run: StartUp) -> RoughShaft:
+    """One step of Gauss and Newton on the motion itself; run-out and mean position are fitted beside the shaft."""
+    way = _Passage(shaft, run)
+    z = way.motion(shaft.eps * way.unbalance + shaft.side, _SETTLED)
+    pull, steady = -way.turn * z.conj(), np.ones(z.size)
+    forces = np.array([
+        -z, -way.spread(z, way.s), pull, 1j * pull, way.unbalance, 1j * way.unbalance, steady, 1j * steady
+    ])  # fmt: skip
+    slopes = way.motion(forces, _SLOPES)[:, way.lead :]
+    other = np.array([np.exp(1j * n * run.angle) for n in (0, 1, 2)])
+    matrix = np.concatenate([slopes, other, 1j * other]).T
+    size = np.linalg.norm(matrix, axis=0)
+    stacked = np.concatenate([matrix.real, matrix.imag]) / size
+    rest = run.motion - z[way.lead :]
+    x = np.linalg.lstsq(stacked, np.concatenate([rest.real, rest.imag]), rcond=None)[0] / size
+    return RoughShaft(
+        k=shaft.k + float(x[0]),
+        d=shaft.d + float(x[1]),
+        delta=shaft.delta + complex(x[2], x[3]),
+        eps=shaft.eps + complex(x[4], x[5]),
+        side=shaft.side + complex(x[6], x[7]),
+    )

@@ -1,0 +1,71 @@
+"""Frequency of a perturbation without a mark, from the motion it causes: steady, so that one number says it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import BSpline
+
+from rotorfit.estimators.signals.shaft_angle import DEGREE, SmoothAngle
+from rotorfit.estimators.signals.spectral_lines import full_spectrum
+
+_BLOCKS = 24
+_STEADY = 0.35
+"""Scatter of the phase about a straight line, rad, beyond which a frequency is not steady: 6 % of a vector is lost."""
+_STANDS_OUT = 8.0
+"""Amplitude of the line over the median of the spectrum on its side."""
+
+
+def steady_angle(
+    z: NDArray[np.complex128], rate: float, direction: int, avoid: Sequence[float], start: float = 0.0
+) -> SmoothAngle:
+    """Angle of a perturbation at a steady frequency; zero at the start, since nothing says where its mark would be.
+
+    Args:
+        z: motion, shape ``(N,)``.
+        rate: samples a second, Hz.
+        direction: +1 forward, -1 backward: the side of the spectrum to look at.
+        avoid: frequencies of other lines, Hz, signed: orders of the shaft.
+        start: time of the first sample, s.
+
+    Raises:
+        ValueError: no line stands out, or the one that does is not steady.
+    """
+    frequency, amplitude = full_spectrum(z, rate)
+    step = rate / z.size
+    mine = (direction * frequency > 3 * step) & (amplitude > 0)
+    for line in avoid:
+        mine &= np.abs(frequency - line) > 4 * step
+    if not mine.any():
+        raise ValueError("the recording is too short to tell the perturbation from the orders of the shaft")
+    peak = int(np.argmax(np.where(mine, amplitude, 0.0)))
+    if amplitude[peak] < _STANDS_OUT * float(np.median(amplitude[mine])):
+        raise ValueError(
+            "no line stands out of the spectrum beside the orders of the shaft: is the perturbator running?"
+        )
+    t = start + np.arange(z.size) / rate
+    turned = z * np.exp(-2j * np.pi * frequency[peak] * t)
+    size = z.size // _BLOCKS
+    weight = np.hanning(size + 2)[1:-1]
+    vectors = (turned[: size * _BLOCKS].reshape(_BLOCKS, size) * weight).sum(axis=1)
+    middle = t[: size * _BLOCKS].reshape(_BLOCKS, size).mean(axis=1)
+    phase = np.unwrap(np.angle(vectors))
+    line, covariance = np.polyfit(middle, phase, 1, cov=True)
+    scatter = float(np.std(phase - np.polyval(line, middle)))
+    if scatter > _STEADY:
+        raise ValueError(
+            f"the line at {abs(frequency[peak]):.3f} Hz is not steady, its phase wanders by {scatter:.2f} rad; "
+            "a swept perturbation needs a mark"
+        )
+    speed = direction * (2 * np.pi * float(frequency[peak]) + float(line[0]))
+    end = start + z.size / rate
+    knots = np.concatenate([np.full(DEGREE + 1, start), np.full(DEGREE + 1, end)])
+    coefficients = speed * np.linspace(start, end, DEGREE + 1)
+    error = max(float(np.sqrt(covariance[1, 1])), 1e-12)
+    return SmoothAngle(
+        spline=BSpline(knots, coefficients, DEGREE, extrapolate=True), begin=start, end=end, jitter=error / abs(speed),
+        groups=np.array([[start, end], [error, error]]), shares=np.ones(2), share_t=np.array([start, end]),
+        pattern=np.zeros(1), outlying=np.zeros(0), pulses=0,
+    )  # fmt: skip

@@ -1,0 +1,91 @@
+"""Vectors by windows of whole turns: what tracking filters do.
+
+In each window least squares finds the components that turn with the drive, against it and with the orders of the shaft,
+all with constant amplitude. While the frequency is swept at the rate ``w'`` a response H lags behind: it is off by
+``-(j/2) w' H''(w)`` and more. Where the frequency dwells, or for slow sweeps, and for a rotor whose response depends on
+its amplitude, windows are the right thing; otherwise :mod:`rotorfit.estimators.signals.local_response`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotorfit.models.array_types import ComplexArray, Float
+
+APART = 1.0
+"""Turns over the window by which an order has to differ from the drive to be told from it."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Tracked:
+    """Components in W windows.
+
+    Attributes:
+        centre: sample in the middle of each window, shape ``(W,)``.
+        along: amplitude of what turns with the drive, relative to ``exp(j angle)``, shape ``(P, W)``.
+        against: amplitude of what turns against it, relative to ``exp(-j angle)``, shape ``(P, W)``.
+        sigma: standard deviation of the real part and of the imaginary part of both, shape ``(P, W)``.
+        clear: whether no order of the shaft was too near to be told from the drive, shape ``(W,)``.
+    """
+
+    centre: NDArray[np.intp]
+    along: ComplexArray
+    against: ComplexArray
+    sigma: Float
+    clear: NDArray[np.bool_]
+
+
+def track_windows(motion: ComplexArray, angle: Float, shaft: Float | None, *, turns: int, orders: int = 5) -> Tracked:
+    """Components of signals in windows of whole turns of the drive.
+
+    Args:
+        motion: signals, shape ``(P, N)``.
+        angle: of the drive in the direction it turns, rad, growing or falling, shape ``(N,)``.
+        shaft: angle of the shaft, rad, where the drive is not the shaft itself.
+        turns: of the drive in a window.
+        orders: highest order of the shaft taken along, in both directions.
+
+    Raises:
+        ValueError: the record holds less than one window.
+    """
+    number = np.floor(np.abs(angle - angle[0]) / (2 * np.pi * turns)).astype(np.intp)
+    edges = np.searchsorted(number, np.arange(number[-1] + 1))
+    if edges.size < 2:
+        raise ValueError(f"the record holds less than {turns} turns of the drive")
+    windows = [slice(int(a), int(b)) for a, b in pairwise(edges)]
+    found = [_window(motion[:, w], angle[w], None if shaft is None else shaft[w], orders) for w in windows]
+    along, against, sigma, clear = (np.array(part) for part in zip(*found, strict=True))
+    return Tracked(
+        centre=np.array([(w.start + w.stop) // 2 for w in windows], dtype=np.intp),
+        along=along.T,
+        against=against.T,
+        sigma=sigma.T,
+        clear=clear,
+    )
+
+
+def _window(
+    motion: ComplexArray, angle: Float, shaft: Float | None, orders: int
+) -> tuple[ComplexArray, ComplexArray, Float, bool]:
+    turn = np.exp(1j * angle)
+    columns, clear = [turn, turn.conj(), np.ones(turn.size, dtype=complex)], True
+    if shaft is not None:
+        drive, shaft_turns = angle[-1] - angle[0], shaft[-1] - shaft[0]
+        for n in [n for n in range(-orders, orders + 1) if n]:
+            apart = min(abs(n * shaft_turns - drive), abs(n * shaft_turns + drive)) / (2 * np.pi)
+            if apart > APART:
+                columns.append(np.exp(1j * n * shaft))
+            else:
+                clear = False
+    basis = np.array(columns).T
+    q, r = np.linalg.qr(basis)
+    inverse = np.linalg.inv(r)
+    amplitude = inverse @ (q.conj().T @ motion.T)
+    left = motion.T - basis @ amplitude
+    variance = np.sum(np.abs(left) ** 2, axis=0) / max(turn.size - basis.shape[1], 1)
+    sigma = np.sqrt(variance * np.sum(np.abs(inverse[0]) ** 2) / 2)
+    return amplitude[0], amplitude[1], np.asarray(sigma), clear

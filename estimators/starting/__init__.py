@@ -1,0 +1,1 @@
+"""Estimates without iteration, and where an optimisation begins."""

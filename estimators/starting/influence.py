@@ -1,0 +1,233 @@
+"""What a weight does to each reading: residual vector and influence from any set of weights, by least squares.
+
+With the weight's unbalance ``u_m`` (kg m) in a force plane during mounting m, a reading at one speed is
+``y_m = r + sum_planes a u_m``: r is what the rotor shows without weights (residual unbalance, bow, run-out), a the
+influence of the plane. A pair at 0 and 180 degrees (eq. 20), a reference run without a weight beside a run with one,
+and three weights at odd angles are all cases of it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotorfit.estimators.noise.mounting import (
+    Solved,
+    coefficient_covariance,
+    determines,
+    repeat_variance,
+    scatter,
+    solve,
+)
+from rotorfit.models.array_types import ComplexArray, Float, Index
+
+_CLOSE = 0.7  # largest correlation between speeds that weights are built on: beyond, they follow the chance in it
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Readings:
+    """Readings of some channels at some dwell speeds, with weights mounted again and again.
+
+    Attributes:
+        value: complex readings, shape ``(R,)``.
+        speed: rad/s, shape ``(R,)``.
+        mounting, channel, dwell: numbers of the mounting, the channel and the dwell speed of each, shape ``(R,)``.
+        unbalance: ``m r exp(j delta)`` of each mounting in each force plane, kg m, shape ``(M, planes)``.
+        sigma: noise that was given with the readings, NaN where it was not, shape ``(R,)``.
+    """
+
+    value: ComplexArray
+    speed: Float
+    mounting: Index
+    channel: Index
+    dwell: Index
+    unbalance: ComplexArray
+    sigma: Float
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Influence:
+    """Residual vectors and influences of the cells, a cell being one channel at one dwell speed.
+
+    Covariances are those of real and of imaginary parts, influences ordered cell by cell, plane by plane.
+
+    Attributes:
+        channel, dwell: of each cell, shape ``(C,)``.
+        speed: speed to which the readings of each dwell were brought, rad/s, shape ``(dwells,)``.
+        residual: readings without weights, shape ``(C,)``.
+        influence: per kg m, shape ``(C, planes)``.
+        covariance: of the influences, without any assumption on what a mounting does to which channels, shape
+            ``(C planes, C planes)``; its rank may be too small to weigh by.
+        working: the same where channels are independent and speeds are correlated alike in all of them; it weighs.
+        mounting, repeat: standard deviations between mountings and between repeats in each cell, shape ``(C,)``, NaN
+            where they cannot be told.
+        freedom: real degrees of freedom behind the error bars, infinite where the noise was given.
+        weight_freedom: those behind the weight of each channel in ``working``.
+        correlation: correlation between the speeds of one channel in ``working``.
+        left_out: cells (channel, dwell) whose weights do not determine an influence.
+    """
+
+    channel: Index
+    dwell: Index
+    speed: Float
+    residual: ComplexArray
+    influence: ComplexArray
+    covariance: ComplexArray
+    working: ComplexArray
+    mounting: Float
+    repeat: Float
+    freedom: float
+    weight_freedom: float
+    correlation: float
+    left_out: tuple[tuple[int, int], ...]
+
+
+class UndeterminedError(ValueError):
+    """The weights do not determine any influence."""
+
+
+def solve_influence(readings: Readings) -> Influence:
+    """Solve every cell by least squares, with the variance between mountings by restricted maximum likelihood.
+
+    Readings of one dwell that were taken at slightly different speeds are brought to their mean speed first, along the
+    channel's own change from dwell to dwell (as the square of the speed where there is one dwell only).
+
+    Args:
+        readings: of all channels, dwell speeds and mountings.
+
+    Raises:
+        UndeterminedError: no cell has enough different weights.
+    """
+    speed = np.bincount(readings.dwell, readings.speed) / np.bincount(readings.dwell)
+    value = readings.value * _to_common_speed(readings, speed)
+    design = np.column_stack([np.ones(len(readings.unbalance)), readings.unbalance])
+    cells: list[Solved] = []
+    places: list[tuple[int, int]] = []
+    left_out: list[tuple[int, int]] = []
+    freedoms: list[float] = []
+    for channel, dwell in sorted(set(zip(readings.channel.tolist(), readings.dwell.tolist(), strict=True))):
+        rows = np.flatnonzero((readings.channel == channel) & (readings.dwell == dwell))
+        mean, count = _means(value[rows], readings.mounting[rows], len(design))
+        if not determines(design[count > 0]):
+            left_out.append((channel, dwell))
+            continue
+        repeat, within = _repeat(readings, value, rows)
+        cell = solve(mean, count, design, repeat)
+        cells.append(cell)
+        places.append((channel, dwell))
+        freedoms.append(2.0 * cell.freedom if cell.freedom else within)
+    if not cells:
+        raise UndeterminedError(
+            "the weights do not determine an influence: each forced plane needs a second angle, another weight, or a "
+            "run without one"
+        )
+    return _assembled(cells, places, left_out, speed, min(freedoms))
+
+
+def _assembled(
+    cells: list[Solved], places: list[tuple[int, int]], left_out: list[tuple[int, int]], speed: Float, freedom: float
+) -> Influence:
+    channel, dwell = np.array(places, dtype=np.intp).T
+    size = np.sqrt([cell.mean for cell in cells])
+    told = all(cell.freedom for cell in cells)
+    between = scatter(cells) if told else np.diag(size**2).astype(complex)
+    alike = _correlation(between, channel) if told else 0.0
+    same = channel[:, None] == channel
+    size = _pooled(size, channel, dwell)
+    assumed = np.outer(size, size) * np.where(np.eye(len(cells)) > 0, 1.0, alike * same)
+    planes = len(cells[0].beta) - 1
+    kept = np.tile(np.arange(planes + 1) > 0, len(cells))
+    square = np.ix_(kept, kept)
+    return Influence(
+        channel=channel,
+        dwell=dwell,
+        speed=speed,
+        residual=np.array([cell.beta[0] for cell in cells]),
+        influence=np.array([cell.beta[1:] for cell in cells]),
+        covariance=coefficient_covariance(cells, between)[square],
+        working=coefficient_covariance(cells, assumed.astype(complex))[square],
+        mounting=np.sqrt([cell.mounting for cell in cells]),
+        repeat=np.sqrt([cell.repeat for cell in cells]),
+        freedom=freedom,
+        weight_freedom=freedom * speed.size / (1 + (speed.size - 1) * alike**2),
+        correlation=alike,
+        left_out=tuple(left_out),
+    )
+
+
+def _pooled(size: Float, channel: Index, dwell: Index) -> Float:
+    """Standard deviations of the cells as a factor of the channel times one of the dwell.
+
+    Weights from a cell's own few mountings would follow chance; a channel that scatters does so at every speed.
+    """
+    if not (size > 0).all():
+        return size
+    columns = np.hstack([channel[:, None] == np.unique(channel), dwell[:, None] == np.unique(dwell)]).astype(float)
+    level = np.linalg.lstsq(columns, np.log(size**2), rcond=None)[0]
+    return np.asarray(np.exp(columns @ level / 2))
+
+
+def _means(value: ComplexArray, mounting: Index, size: int) -> tuple[ComplexArray, Float]:
+    count = np.bincount(mounting, minlength=size).astype(float)
+    total = np.bincount(mounting, value.real, size) + 1j * np.bincount(mounting, value.imag, size)
+    mean = np.full(size, np.nan, dtype=complex)
+    mean[count > 0] = total[count > 0] / count[count > 0]
+    return mean, count
+
+
+def _repeat(readings: Readings, value: ComplexArray, rows: Index) -> tuple[float, float]:
+    """Variance of one repeat and its real degrees of freedom: of the cell, else of the channel, else as given."""
+    for chosen in (rows, np.flatnonzero(readings.channel == readings.channel[rows[0]])):
+        own = np.unique(readings.mounting[chosen] + 1j * readings.dwell[chosen], return_inverse=True)[1].reshape(-1)
+        variance, freedom = repeat_variance(value[chosen], own)
+        if freedom:
+            return variance, 2.0 * freedom
+    return float(np.mean(readings.sigma[rows] ** 2)), np.inf
+
+
+def _to_common_speed(readings: Readings, speed: Float) -> ComplexArray:
+    """Factor that brings each reading to the mean speed of its dwell."""
+    distance = speed[readings.dwell] - readings.speed
+    factor = np.ones(readings.value.size, dtype=complex)
+    for channel in np.unique(readings.channel):
+        mine = readings.channel == channel
+        growth = _growth(readings, mine, speed)
+        factor[mine] = np.exp(growth[readings.dwell[mine]] * distance[mine])
+    return factor
+
+
+def _growth(readings: Readings, mine: NDArray[np.bool_], speed: Float) -> ComplexArray:
+    """Slope of the logarithm of a channel's readings by the speed at each dwell, from all mountings together."""
+    dwells = np.unique(readings.dwell[mine])
+    means = {}
+    for dwell in dwells.tolist():
+        rows = mine & (readings.dwell == dwell)
+        means[dwell] = _means(readings.value[rows], readings.mounting[rows], len(readings.unbalance))[0]
+    growth = np.asarray(2 / speed, dtype=complex)  # a weight's force, far below resonance
+    order = dwells[np.argsort(speed[dwells])].tolist()
+    slopes: list[complex] = []
+    for low, high in pairwise(order):
+        both = np.isfinite(means[low]) & np.isfinite(means[high])
+        ratio = complex(np.vdot(means[low][both], means[high][both]))
+        if ratio == 0:
+            slopes.append(complex(growth[low]))
+        else:
+            ratio /= float(np.vdot(means[low][both], means[low][both]).real)
+            slopes.append(complex(np.log(ratio) / (speed[high] - speed[low])))
+    for place, dwell in enumerate(order):
+        near = slopes[max(place - 1, 0) : place + 1]
+        if near:
+            growth[dwell] = sum(near) / len(near)
+    return growth
+
+
+def _correlation(between: ComplexArray, channel: Index) -> float:
+    """Correlation between the speeds of one channel, the same for all channels."""
+    size = np.sqrt(np.real(np.diag(between)))
+    pairs = (channel[:, None] == channel) & ~np.eye(channel.size, dtype=bool) & (np.outer(size, size) > 0)
+    if not pairs.any():
+        return 0.0
+    return float(np.clip(np.mean((between.real[pairs]) / np.outer(size, size)[pairs]), 0.0, _CLOSE))

@@ -1,0 +1,339 @@
+"""Lumped coefficients of a model's dynamic stiffness: what a linear fit gives, and the parameters that follow.
+
+The dynamic stiffness is linear in sums and products of parameters such as K1 + K2 or D lam. They are read off the
+model's graph once for each model and kind of test, and kept: identifying again with other data costs no symbolic work.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from rotorfit.estimators.blocks.observations import Responses
+from rotorfit.estimators.misfit.parameter_space import ParameterSpace
+from rotorfit.models import RotorModel
+from rotorfit.models.array_types import ComplexArray, Float, Index
+from rotorfit.models.compiled import array_function
+
+_DEPENDENT = 1e-9  # relative size below which one coefficient adds nothing to the others
+_SPEED_TERMS = 5  # powers of the speed looked for in a coefficient
+_NEITHER, _LINEAR, _RECIPROCAL = 0, 1, 2
+
+
+@dataclass(frozen=True, kw_only=True)
+class LumpedStructure:
+    """What the lumped coefficients depend on: equal layouts have the same ones.
+
+    Attributes:
+        model: the rotor.
+        names, base: fitted parameters as in :class:`ParameterSpace`.
+        template, index: rows of the :class:`ParameterSpace` arrays of these names.
+        speeds: for each block, the parameter groups in it and the distinct speeds of each.
+    """
+
+    model: RotorModel
+    names: tuple[str, ...]
+    base: tuple[str, ...]
+    template: tuple[tuple[float, ...], ...]
+    index: tuple[tuple[int, ...], ...]
+    speeds: tuple[tuple[tuple[int, tuple[float, ...]], ...], ...]
+
+    @classmethod
+    def of(cls, space: ParameterSpace, blocks: Sequence[Responses]) -> LumpedStructure:
+        """LumpedStructure of a fit to these blocks."""
+        speeds = tuple(
+            tuple(
+                (int(group), tuple(np.unique(block.speed[block.group == group]).tolist()))
+                for group in np.unique(block.group)
+            )
+            for block in blocks
+        )
+        return cls(
+            model=space.model,
+            names=space.names,
+            base=space.base,
+            template=tuple(map(tuple, space.template.tolist())),
+            index=tuple(map(tuple, space.index.tolist())),
+            speeds=speeds,
+        )
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Place:
+    """Where lumped coefficients enter the dynamic stiffness, one entry a coefficient, shape ``(E,)``.
+
+    Attributes:
+        block, group: observations that see it.
+        row, column, power: entry of kappa and power of s.
+        unit: 1 or j.
+        speed_power: power of the rotative speed.
+        speed: speed to which it is restricted, NaN for all.
+    """
+
+    block: Index
+    group: Index
+    row: Index
+    column: Index
+    power: Index
+    unit: ComplexArray
+    speed_power: Index
+    speed: Float
+
+
+class Lumped:
+    """Lumped coefficients as functions of the fitted vector.
+
+    Attributes:
+        place: where each enters kappa.
+        basis: rows of independent coefficients b, shape ``(B,)``.
+        spread, offset: matrix and vector with ``all = spread b + offset``, shapes ``(E, B)`` and ``(E,)``.
+        determined: verdicts on tests of this layout that were judged before, by a digest of their conditions.
+    """
+
+    def __init__(self, graph: _Graph, speeds: Sequence[float], scale: Float) -> None:
+        told = np.array([*speeds, np.nan])  # the last one is that of all speeds
+        self.place = replace(graph.place, speed=told[graph.place.speed.astype(np.intp)])
+        self.size = scale.size
+        self._function, self._speeds = graph.function, list(speeds)
+        self._rows, self._columns = graph.rows, graph.columns
+        notes = graph.notes.setdefault(tuple(speed != 0 for speed in speeds), {})
+        if "kind" not in notes:
+            notes["kind"] = self._dependence(scale)
+        self._kind: Index = notes["kind"]
+        count = self.place.row.size
+        if notes.get("independent"):  # relations between coefficients do not come and go with the speed
+            self.basis, self.spread, self.offset = np.arange(count), np.eye(count), np.zeros(count)
+        else:
+            self.basis, self.spread, self.offset = _independent(self, scale)
+            notes["independent"] = self.basis.size == count
+        self._back = np.eye(count) if notes["independent"] else np.linalg.pinv(self.spread)
+        self.determined: dict[bytes, bool] = notes.setdefault("determined", {})
+
+    def _evaluate(self, x: Float) -> tuple[Float, Float]:
+        """Coefficients and their nonzero derivatives, shapes ``(E, ...)``, of vectors of shape ``(p, ...)``."""
+        found = self._function([*(x.tolist() if x.ndim == 1 else x), *self._speeds])
+        return found[: self.place.row.size], found[self.place.row.size :]
+
+    def values(self, x: Float) -> Float:
+        """Coefficients, shape ``(E, ...)``, of one vector or of many, shape ``(p, ...)``."""
+        return self._evaluate(x)[0]
+
+    def linearise(self, x: Float) -> tuple[Float, Float]:
+        """Coefficients and their derivatives, shapes ``(E,)`` and ``(E, p)``."""
+        values, slopes = self._evaluate(x)
+        jacobian = np.zeros((values.size, self.size))
+        jacobian[self._rows, self._columns] = slopes
+        return values, jacobian
+
+    def solve_spread(self, values: Float) -> Float:
+        """Independent coefficients whose spread comes nearest to ``values``."""
+        return np.asarray(self._back @ values)
+
+    def _dependence(self, scale: Float) -> Index:
+        """How each coefficient depends on each parameter in it: linear, linear in its reciprocal, or neither."""
+        rng = np.random.default_rng(2)
+        here, there = (scale * np.exp(rng.uniform(-1, 1, scale.size)) for _ in range(2))
+        slopes, others = self._evaluate(here)[1], self._evaluate(there)[1]
+        kind = np.where(np.isclose(slopes, others, rtol=1e-9, atol=0), _LINEAR, _NEITHER)
+        for i in np.unique(self._columns[kind == _NEITHER]):
+            mine = np.flatnonzero(self._columns == i)
+            linear = reciprocal = np.ones(mine.size, dtype=bool)
+            for factor in (0.7, 1.9, 31.0):
+                moved = here.copy()
+                moved[i] *= factor
+                slope = self._evaluate(moved)[1][mine]
+                linear = linear & np.isclose(slope, slopes[mine], rtol=1e-9, atol=0)
+                reciprocal = reciprocal & np.isclose(slope * factor**2, slopes[mine], rtol=1e-9, atol=0)
+            kind[mine] = np.where(linear, _LINEAR, np.where(reciprocal, _RECIPROCAL, _NEITHER))
+        return np.asarray(kind, dtype=np.intp)
+
+    def parameters(self, values: Float, typical: Float) -> Float:
+        """Solve the coefficients for the parameters one after the other.
+
+        Each comes from a coefficient in which it is the only unknown, first those that depend on it most.
+
+        Args:
+            values: coefficients, shape ``(E,)``.
+            typical: nonzero sizes of the parameters, shape ``(p,)``.
+
+        Returns:
+            parameters, NaN where no coefficient gives one singly, shape ``(p,)``.
+        """
+        x = np.full(self.size, np.nan)
+        while np.isnan(x).any():
+            unknown = np.isnan(x)
+            point = np.where(unknown, typical, x)
+            if not np.isfinite(point).all():
+                break
+            now, slopes = self._evaluate(point)
+            count = np.bincount(self._rows[unknown[self._columns]], minlength=values.size)
+            alone = unknown[self._columns] & (count[self._rows] == 1) & (self._kind != _NEITHER) & (slopes != 0)
+            pairs = np.flatnonzero(alone)
+            if not pairs.size:
+                break
+            row, column = self._rows[pairs], self._columns[pairs]
+            reciprocal = self._kind[pairs] == _RECIPROCAL
+            t = np.where(reciprocal, 1 / point[column], point[column])
+            slope = np.where(reciprocal, -slopes[pairs] * point[column] ** 2, slopes[pairs])
+            rest = now[row] - slope * t
+            rest[np.abs(rest) < 1e-13 * np.abs(now[row])] = 0.0
+            root = (values[row] - rest) / slope
+            share = np.abs(slope * root) / (np.abs(rest) + np.abs(slope * root) + 1e-300)
+            with np.errstate(divide="ignore"):
+                solved = np.where(reciprocal, 1 / root, root)
+            # Backwards, so that of several equally good coefficients the first one counts.
+            best = np.flatnonzero(share >= (1 - 1e-12) * share.max())[::-1]
+            x[column[best]] = solved[best]
+        return x
+
+
+@lru_cache(maxsize=32)
+def lumped_coefficients(layout: LumpedStructure) -> Lumped:
+    """Lumped coefficients of a model in some blocks of observations."""
+    speeds = [speed for groups in layout.speeds for _, own in groups for speed in own]
+    kinds = tuple(tuple((group, len(own), any(own)) for group, own in groups) for groups in layout.speeds)
+    scale = np.array([layout.model.parameter(name).scale for name in layout.base])
+    return Lumped(_graph_of(layout.model, layout.template, layout.index, kinds, len(layout.names)), speeds, scale)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Graph:
+    """Expressions of lumped coefficients, the speeds among their variables: runs that differ in speed share one.
+
+    Attributes:
+        function: coefficients, then their nonzero derivatives, of fitted values and speeds.
+        rows, columns: coefficient and fitted value of each derivative.
+        place: where they enter, ``speed`` being the running number of the speed, -1 for all.
+        notes: what holds at any speeds of the same pattern (which are zero).
+    """
+
+    function: Callable[[Sequence[Any]], Float]
+    rows: Index
+    columns: Index
+    place: Place
+    notes: dict[Any, Any] = field(default_factory=dict)
+
+
+@lru_cache(maxsize=32)
+def _graph_of(
+    model: RotorModel,
+    template: tuple[tuple[float, ...], ...],
+    index: tuple[tuple[int, ...], ...],
+    kinds: tuple[tuple[tuple[int, int, bool], ...], ...],
+    size: int,
+) -> _Graph:
+    """Expressions for known values, free entries, and for each block its groups, their speeds and whether any turns."""
+    n = len(model.coordinates)
+    x = ca.SX.sym("x", size)
+    speed = ca.SX.sym("speed")
+    speeds = ca.SX.sym("speeds", sum(count for groups in kinds for _, count, _ in groups))
+    rows: list[tuple[int, int, int, int, int, complex, int, int]] = []
+    expressions: list[ca.SX] = []
+    first = 0
+    for number, groups in enumerate(kinds):
+        for group, count, turns in groups:
+            theta = [x[k] if k >= 0 else value for k, value in zip(index[group], template[group], strict=True)]
+            inputs = ca.vertcat(*theta, speed, 0.0)
+            flat = model.functions.graph(inputs)
+            factors = model.functions.factor_graph(inputs)
+            own = [(first + k, speeds[first + k]) for k in range(count)]
+            for entry in range(flat.numel()):
+                power, rest = divmod(entry, 2 * n * n)
+                imaginary, place = divmod(rest, n * n)
+                row, column = divmod(place, n)
+                unit = 1j if imaginary else 1.0
+                if flat[entry].is_zero():
+                    continue
+                expression = ca.simplify(flat[entry] / factors[2 * column])
+                for degree, at, part in _speed_parts(expression, speed, own, turns):
+                    expressions.append(part)
+                    rows.append((number, group, row, column, power, unit, degree, at))
+            first += count
+    block_, group_, row_, column_, power_, unit_, degree_, speed_ = (np.array(c) for c in zip(*rows, strict=True))
+    where = Place(
+        block=block_,
+        group=group_,
+        row=row_,
+        column=column_,
+        power=power_,
+        unit=unit_.astype(complex),
+        speed_power=degree_,
+        speed=speed_.astype(float),
+    )
+    values = ca.vertcat(*expressions)
+    jacobian = ca.jacobian(values, x)
+    found_rows, columns = (np.asarray(part, dtype=np.intp) for part in jacobian.sparsity().get_triplet())
+    # As an array function: calls of CasADi's own spend most of their time on converting matrices.
+    function = array_function(ca.Function("lumped", [x, speeds], [ca.densify(values), jacobian]))
+    return _Graph(function=function, rows=found_rows, columns=columns, place=where)
+
+
+def _speed_parts(
+    expression: ca.SX, speed: ca.SX, speeds: Sequence[tuple[int, ca.SX]], turns: bool
+) -> list[tuple[int, int, ca.SX]]:
+    """Split a coefficient by powers of the speed, or by speed where too few speeds were tested for that.
+
+    Args:
+        expression: the coefficient.
+        speed: its symbol of the speed.
+        speeds: running numbers and symbols of the tested speeds.
+        turns: whether any of them is not zero.
+
+    Returns:
+        power of the speed, running number of the speed or -1 for all, and expression of each part.
+    """
+    if not turns:  # a rotor at rest: terms with the speed say nothing
+        expression = ca.simplify(ca.substitute(expression, speed, ca.SX(0.0)))
+    if not ca.depends_on(expression, speed):
+        return [] if expression.is_zero() else [(0, -1, expression)]
+    parts, derivative, factorial = [], expression, 1.0
+    for degree in range(_SPEED_TERMS):
+        part = ca.simplify(ca.substitute(derivative, speed, ca.SX(0.0)) / factorial)
+        if not part.is_zero():
+            parts.append((degree, -1, part))
+        derivative = ca.simplify(ca.jacobian(derivative, speed))
+        factorial *= degree + 1
+        if derivative.is_zero() or not derivative.nnz():
+            if len(parts) <= len(speeds):
+                return parts
+            break
+    return [(0, number, ca.substitute(expression, speed, own)) for number, own in speeds]
+
+
+def _independent(lumped: Lumped, scale: Float) -> tuple[Index, Float, Float]:
+    """Write every lumped coefficient as an affine function of independent ones.
+
+    Relations such as kappa_12 = -K2 = kappa_21 are found by evaluating the coefficients at random parameters.
+
+    Returns:
+        rows of independent coefficients ``b``; matrix ``S`` and offset ``o`` with ``all = S b + o``.
+    """
+    from scipy.linalg import qr
+
+    count, size = lumped.place.row.size, scale.size
+    rng = np.random.default_rng(0)
+    samples = scale * np.exp(rng.uniform(-1, 1, (2 * min(count, 4 * size) + 4 * size + 8, size)))
+    if count <= size:
+        # Affine relations are relations between gradients: with independent gradients there are none.
+        slopes = lumped.linearise(samples[0])[1] * samples[0]
+        norm = np.linalg.norm(slopes, axis=1)
+        if norm.all() and np.linalg.svd(slopes / norm[:, None], compute_uv=False)[-1] > _DEPENDENT:
+            return np.arange(count), np.eye(count), np.zeros(count)
+    values = np.ascontiguousarray(lumped.values(samples.T).T)
+    centre = values.mean(axis=0)
+    spread = values - centre
+    norm = np.linalg.norm(spread, axis=0)
+    moving = norm > 1e-12 * np.linalg.norm(values, axis=0)
+    scaled = np.where(moving, spread / np.where(moving, norm, 1.0), 0.0)
+    _, r, pivots = qr(scaled, mode="economic", pivoting=True)
+    diagonal = np.abs(np.diag(r))
+    rank = int(np.sum(diagonal > _DEPENDENT * diagonal[0])) if diagonal.size else 0
+    basis = np.sort(pivots[:rank])
+    S = np.linalg.lstsq(spread[:, basis], spread, rcond=None)[0].T
+    S[np.abs(S) < 1e-11 * np.abs(S).max(axis=1, keepdims=True, initial=1e-300)] = 0.0
+    return basis, S, centre - S @ centre[basis]

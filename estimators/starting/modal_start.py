@@ -1,0 +1,154 @@
+"""Modes from responses in closed form: poles by a rational fit, shapes by singular values.
+
+With the denominator ``d(s) = s^2n + a_(2n-1) s^(2n-1) + ... + a_0`` common to all responses and real coefficients,
+``d(s) H_pr(s)`` is a polynomial with complex coefficients for each probe p and force plane r: linear least squares,
+with the last denominator as weight (Sanathanan and Koerner). The residue of each pair of poles is a matrix of rank one,
+gain times participation over modal mass.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+
+from rotorfit.estimators.blocks.observations import Responses
+from rotorfit.models import Modal
+from rotorfit.models.array_types import ComplexArray, Float, Index
+
+_PASSES = 8
+_DAMPING = (1e-3, 0.5)  # damping ratios that a start may have
+_BEYOND = 1.5  # where a mode that the data do not show is put, over the highest frequency
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Lines:
+    """Responses per unit force along one axis, one entry a reading.
+
+    Attributes:
+        frequency: signed where forward and backward are apart, rad/s, shape ``(R,)``.
+        value: response over force, m/N, shape ``(R,)``.
+        weight: one over its standard deviation, shape ``(R,)``.
+        probe, plane: numbers of the planes of probe and force, shape ``(R,)``.
+    """
+
+    frequency: Float
+    value: ComplexArray
+    weight: Float
+    probe: Index
+    plane: Index
+
+
+def modal_start(model: Modal, blocks: Sequence[Responses]) -> tuple[dict[str, float], float]:
+    """Parameters of a modal model, and the common datum angle, rad, from responses.
+
+    Args:
+        model: the rotor.
+        blocks: responses to circular forces.
+
+    Returns:
+        values by name, and the lead of the responses over the forces at the first plane.
+    """
+    forced, probe = (model.planes.index(names[0]) for names in (model.force_planes, model.probe_planes))
+    axes = ("x", "y") if model.frame == "xy" else ("z",)
+    along = {axis: lines for axis in axes if (lines := lines_along(model, blocks, axis)).value.size}
+    every = joined(along, len(model.planes))
+    values: dict[str, float] = {}
+    unit: ComplexArray | None = None  # exp(j datum) / M of each mode
+    for axis, lines in along.items():
+        end = axis if model.apart else ""
+        wn, zeta = poles(lines if model.apart else every, model.modes)
+        parts = residues(lines, wn, zeta, len(model.planes))
+        if unit is None:
+            unit = np.where(parts[:, probe, forced] == 0, np.abs(parts).max(axis=(1, 2)), parts[:, probe, forced])
+        for i, part in enumerate(parts):
+            tag = str(i + 1) if model.modes > 1 else ""
+            values |= {_name(f"wn{tag}", end): float(wn[i]), _name(f"zeta{tag}", end): float(zeta[i])}
+            values.setdefault(f"M{tag}", float(1 / np.abs(unit[i])))
+            shape = np.linalg.svd(part)[2][0]  # participations up to a factor
+            shape = shape / (shape[forced] if shape[forced] else 1.0)
+            gain = part @ shape.conj() / np.vdot(shape, shape).real / unit[i]
+            for place, plane in enumerate(model.planes):
+                values |= _pair(f"phi{tag}_{plane}", complex(shape[place]))
+                values |= _pair(_name(f"g{tag}_{plane}", axis.strip("z")), complex(gain[place]))
+    datum = 0.0 if unit is None else float(np.angle(unit[0]))
+    return {name: values[name] for name in model.parameter_names if name in values}, datum
+
+
+def joined(along: dict[str, Lines], planes: int) -> Lines:
+    """Readings of all axes together, the probes of each axis numbered after those of the last."""
+    parts = [replace(lines, probe=lines.probe + planes * i) for i, lines in enumerate(along.values())]
+    return Lines(**{f.name: np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(Lines)})
+
+
+def _name(name: str, axis: str) -> str:
+    return f"{name}_{axis}" if axis else name
+
+
+def _pair(name: str, value: complex) -> dict[str, float]:
+    return {name: value.real, f"{name}_im": value.imag}
+
+
+def lines_along(model: Modal, blocks: Sequence[Responses], axis: str) -> Lines:
+    """Responses of the planes' probes along an axis, x, y or (combined) z, to a unit force along it."""
+    at = [model.coordinate(plane, axis) for plane in model.planes]
+    parts = []
+    for block in blocks:
+        force = block.force[:, at]
+        plane = np.argmax(np.abs(force), axis=1)
+        strength = force[np.arange(plane.size), plane][block.line]
+        keep = np.isin(block.coordinate, at) & (strength != 0)
+        line, drive = block.line[keep], strength[keep]
+        w = block.frequency[line] if axis == "z" else np.abs(block.frequency[line])
+        probe = np.array([at.index(place) for place in block.coordinate[keep].tolist()], dtype=np.intp)
+        parts.append((w, block.measured[keep] / drive, np.abs(drive) / block.sigma[keep], probe, plane[line]))
+    frequency, value, weight, probe, plane = (np.concatenate(column) for column in zip(*parts, strict=True))
+    return Lines(frequency=frequency, value=value, weight=weight, probe=probe, plane=plane)
+
+
+def poles(lines: Lines, modes: int) -> tuple[Float, Float]:
+    """Natural frequencies, rad/s, ascending, and damping ratios of so many modes, shape ``(modes,)`` each."""
+    top = float(np.abs(lines.frequency).max())
+    s = 1j * lines.frequency / top
+    pairs, pair = np.unique(lines.probe * (lines.plane.max() + 1) + lines.plane, return_inverse=True)
+    own = np.zeros((s.size, pairs.size), dtype=complex)
+    own[np.arange(s.size), pair.reshape(-1)] = 1.0
+    powers = s[:, None] ** np.arange(2 * modes + 1)
+    numerator = (own[:, :, None] * powers[:, None, : 2 * modes - 1]).reshape(s.size, -1)
+    unknown = np.hstack([lines.value[:, None] * powers[:, :-1], -numerator, -1j * numerator])
+    weight = lines.weight
+    coefficients = np.zeros(2 * modes)
+    for _ in range(_PASSES):
+        A, b = unknown * weight[:, None], -lines.value * powers[:, -1] * weight
+        stacked = np.concatenate([A.real, A.imag])
+        size = np.linalg.norm(stacked, axis=0)
+        size = np.where(size > 0, size, 1.0)
+        solution = np.linalg.lstsq(stacked / size, np.concatenate([b.real, b.imag]), rcond=1e-12)[0] / size
+        coefficients = solution[: 2 * modes]
+        denominator = np.abs(powers[:, :-1] @ coefficients + powers[:, -1])
+        weight = lines.weight / np.maximum(denominator, 1e-3 * denominator.max())
+    roots = np.roots(np.concatenate([[1.0], coefficients[::-1]]))
+    roots = roots[roots.imag > 1e-6]
+    roots = roots[np.argsort(np.abs(roots))][:modes]
+    missing = _BEYOND ** np.arange(1, modes - roots.size + 1)
+    wn = np.concatenate([np.abs(roots), missing * max(1.0, np.abs(roots).max(initial=0.0))])
+    zeta = np.concatenate([-roots.real / np.maximum(np.abs(roots), 1e-12), np.full(missing.size, 0.02)])
+    order = np.argsort(wn)
+    return wn[order] * top, np.clip(zeta[order], *_DAMPING)
+
+
+def residues(lines: Lines, wn: Float, zeta: Float, planes: int) -> ComplexArray:
+    """Strength of each mode between force and probe planes, 1/kg, shape ``(modes, planes, planes)``; zero where unseen.
+
+    ``H_pr = sum_i R_ipr / (wn_i^2 - w^2 + 2 j zeta_i wn_i w)``.
+    """
+    w = lines.frequency[:, None]
+    basis = 1 / (wn**2 - w**2 + 2j * zeta * wn * w) * lines.weight[:, None]
+    found = np.zeros((wn.size, planes, planes), dtype=complex)
+    for p in range(planes):
+        for r in range(planes):
+            mine = (lines.probe == p) & (lines.plane == r)
+            if mine.any():
+                found[:, p, r] = np.linalg.lstsq(basis[mine], (lines.value * lines.weight)[mine], rcond=1e-10)[0]
+    return found

@@ -1,0 +1,275 @@
+"""Where a fit to spectral lines begins: linear least squares, line after line."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotorfit.estimators.blocks.observations import Responses
+from rotorfit.estimators.blocks.shaft_lines import LineResponses, PairResponses
+from rotorfit.estimators.misfit.problem import Problem
+from rotorfit.estimators.signals.start_up_lines import shaft_of_lines
+from rotorfit.models import Turning, TurningOnSupports
+from rotorfit.models.array_types import ComplexArray, Float
+from rotorfit.models.combination_lines import Order
+
+_FEWEST = 8
+"""Speeds of a start-up from which its lines are solved for the whole shaft."""
+_ROUNDS = 4
+"""Rounds of reweighting: an equation error is weighed by the stiffness that it was multiplied with."""
+
+
+def has_lines(problem: Problem) -> bool:
+    """Whether spectral lines are among what is fitted."""
+    return any(isinstance(block, LineResponses) for block in problem.blocks)
+
+
+def round_part(problem: Problem) -> Problem | None:
+    """The problem of a rotor with a turning element as if it were round, from its motion at w; None of others.
+
+    What is fitted besides comes last, so that the start of this problem is the beginning of that of the whole one.
+    """
+    space = problem.space
+    if not isinstance(space.model, Turning):
+        return None
+    pairs = [block for block in problem.blocks if isinstance(block, PairResponses)]
+    kept = [i for i, name in enumerate(space.base) if name in space.model.base.parameter_names]
+    if len(pairs) < len(problem.blocks) or not kept or not all((block.line == "w").any() for block in pairs):
+        return None
+    round_space = replace(
+        space,
+        model=space.model.base,
+        names=tuple(space.names[i] for i in kept),
+        base=tuple(space.base[i] for i in kept),
+        template=space.template[:, : len(space.model.base.parameters)],
+        index=space.index[:, : len(space.model.base.parameters)],
+        lower=space.lower[: len(kept)],
+        upper=space.upper[: len(kept)],
+        nuisance=(),
+    )
+    blocks = tuple(_taken_for_round(space.model, block) for block in pairs)
+    priors = tuple(prior for prior in problem.priors if prior.entry < len(kept))
+    return replace(problem, space=round_space, blocks=blocks, priors=priors, factors=())
+
+
+def support_starts(problem: Problem, start: Float) -> list[Float]:
+    """Starts with supports that differ by a typical amount, where the model has such: at none nothing tells direction.
+
+    Args:
+        problem: what is fitted.
+        start: of the rotor in round supports, shape ``(p,)``.
+    """
+    space = problem.space
+    at = {kind: [i for i, base in enumerate(space.base) if base.startswith(kind)] for kind in ("dKs", "angle_s")}
+    if not isinstance(space.model, TurningOnSupports) or not at["dKs"]:
+        return [start]
+    starts = []
+    for sign in (1.0, -1.0):
+        for angle in (0.0, np.pi / 4) if at["angle_s"] else (0.0,):
+            moved = start.copy()
+            moved[at["dKs"]] = [sign * space.model.parameter(space.base[i]).scale for i in at["dKs"]]
+            moved[at["angle_s"]] = angle
+            starts.append(moved)
+    return starts
+
+
+def _taken_for_round(model: Turning, block: PairResponses) -> Responses:
+    base, n = block.base, len(model.coordinates)
+    rows = np.flatnonzero(block.line == "w")
+    lines, line = np.unique(base.line[rows], return_inverse=True)
+    return replace(
+        base,
+        model=model.base,
+        speed=base.speed[lines],
+        frequency=(base.frequency + base.speed)[lines],
+        force=base.force[lines, :n],
+        group=base.group[lines],
+        line=line.reshape(-1).astype(np.intp),
+        **{name: getattr(base, name)[rows] for name in ("coordinate", "measured", "sigma", "label", "run")},
+    )
+
+
+def line_start(problem: Problem) -> Float:
+    """Start values of the fitted parameters, shape ``(p,)``; typical sizes where the lines do not tell."""
+    space = problem.space
+    model = space.model
+    values = {name: model.parameter(name).scale for name in model.parameter_names}
+    values |= dict.fromkeys(("dK_cos", "dK_sin", "ec", "es", "Px", "Py"), 0.0)
+    values |= dict.fromkeys([name for name in values if name[:2] in ("R1", "R2")], 0.0)
+    known = np.asarray((space.index < 0).all(axis=0)).tolist()
+    template = dict(zip(model.parameter_names, space.template[0].tolist(), strict=True))
+    fixed = {name: template[name] for name, is_known in zip(model.parameter_names, known, strict=True) if is_known}
+    readings = _Readings([block for block in problem.blocks if isinstance(block, LineResponses)])
+    for step in (_round_part, _image, _steady, _torsion):
+        values |= step(readings, values | fixed)
+        values |= fixed
+    return np.array([values[name] for name in space.base])
+
+
+class _Readings:
+    """Readings of all blocks by kind of line: frequency, speed, force, response, sigma."""
+
+    def __init__(self, blocks: list[LineResponses]) -> None:
+        self.kinds: dict[tuple[str, Order], list[NDArray[np.complex128]]] = {}
+        for block in blocks:
+            for direction, order, rows in block.kinds():
+                parts = (block.frequency, block.speed, block.force, block.measured, block.sigma)
+                table = np.array([np.asarray(part[rows], dtype=complex) for part in parts])
+                self.kinds.setdefault((direction, order), []).append(table)
+
+    def of(self, direction: str, order: Order) -> tuple[Float, Float, ComplexArray, ComplexArray, Float] | None:
+        """Columns of a kind of line, None where it was not measured."""
+        if (direction, order) not in self.kinds:
+            return None
+        w, speed, force, response, sigma = np.concatenate(self.kinds[direction, order], axis=1)
+        return w.real, speed.real, force, response, sigma.real
+
+
+def _solve(columns: ComplexArray, right: ComplexArray, weight: Float) -> Float:
+    """Real least squares on complex equations, columns of shape ``(p, R)``."""
+    matrix, target = (columns * weight).T, right * weight
+    stacked = np.concatenate([matrix.real, matrix.imag])
+    size = np.linalg.norm(stacked, axis=0)
+    size[size == 0] = 1.0
+    return np.asarray(np.linalg.lstsq(stacked / size, np.concatenate([target.real, target.imag]), rcond=None)[0] / size)
+
+
+def _kappa(values: dict[str, float], w: Float) -> ComplexArray:
+    return np.asarray(values["K"] + 1j * w * values["D"] - values["M"] * w**2)
+
+
+def _delta(values: dict[str, float]) -> complex:
+    return complex(values["dK_cos"], values["dK_sin"])
+
+
+def _round_part(readings: _Readings, values: dict[str, float]) -> dict[str, float]:
+    """K, D and M of ``kappa(w) A = F``, the image's share in it left out."""
+    found = readings.of("z", (1, 0))
+    if found is None or found[0].size < 2:
+        return {}
+    w, _, force, response, sigma = found
+    weight = 1 / sigma
+    K = D = M = 0.0
+    for _ in range(_ROUNDS):
+        K, D, M = _solve(np.array([response, 1j * w * response, -(w**2) * response]), force, weight).tolist()
+        weight = 1 / (sigma * np.abs(K + 1j * w * D - M * w**2))
+    return {"K": K, "D": D, "M": abs(M)}
+
+
+def _start_up(readings: _Readings, values: dict[str, float]) -> dict[str, float]:
+    """The shaft from 1x and 2x over many speeds, in proportion to its mass, the sag taken for constant."""
+    once, twice = readings.of("z", (0, 0)), readings.of("z", (0, 1))
+    if once is None or twice is None or min(np.unique(once[1]).size, np.unique(twice[1]).size) < _FEWEST:
+        return {}
+    w = np.concatenate([once[1], 2 * twice[1]])
+    first = np.arange(w.size) < once[1].size
+    U, sigma = (np.concatenate([once[i], twice[i]]) for i in (3, 4))
+    partner = np.where(first, U.conj(), 0.0)
+    try:
+        found, R1, R2 = shaft_of_lines(w, first, U, partner, sigma, runout="R1c" in values)
+    except ValueError:  # noise; the start need not be good
+        return {}
+    M, delta, load, eps = values["M"], found.delta, found.side, found.eps
+    scaled = {
+        "K": found.k, "D": found.d, "dK_cos": delta.real, "dK_sin": delta.imag, "Px": load.real, "Py": load.imag
+    }  # fmt: skip
+    lengths = {"ec": eps.real, "es": eps.imag}
+    lengths |= {"R1c": R1.real, "R1s": R1.imag, "R2c": R2.real, "R2s": R2.imag} if "R1c" in values else {}
+    return {name: M * v for name, v in scaled.items()} | lengths
+
+
+def _image(readings: _Readings, values: dict[str, float]) -> dict[str, float]:
+    """``kappa(2 Om - w) B + delta conj(A) = 0``."""
+    found = readings.of("z", (-1, 0))
+    if found is None:
+        return {}
+    w, speed, force, response, sigma = found
+    share = -(force / _kappa(values, w)).conj() / _kappa(values, 2 * speed - w)
+    c, s = _solve(np.array([share, 1j * share]), response, 1 / sigma).tolist()
+    return {"dK_cos": c, "dK_sin": s}
+
+
+def _steady(readings: _Readings, values: dict[str, float]) -> dict[str, float]:
+    """What 1x and 2x tell: over a start-up the whole shaft, at a few speeds eccentricity and side load."""
+    found = _start_up(readings, values)
+    if found:
+        return found
+    found = _unbalance(readings, values)
+    return found | _side_load(readings, values | found)
+
+
+def _unbalance(readings: _Readings, values: dict[str, float]) -> dict[str, float]:
+    """``kappa(Om) U + delta conj(U) = M eps Om^2``."""
+    found = readings.of("z", (0, 0))
+    if found is None:
+        return {}
+    _, speed, _, U, _ = found
+    eps = np.mean((_kappa(values, speed) * U + _delta(values) * U.conj()) / (values["M"] * speed**2))
+    return {"ec": float(eps.real), "es": float(eps.imag)}
+
+
+def _side_load(readings: _Readings, values: dict[str, float]) -> dict[str, float]:
+    """The sag itself, or ``kappa(2 Om) S2 + delta conj(S) = 0``; ``P = K S + delta conj(S2)``."""
+    sag, twice, delta = readings.of("z", (0, -1)), readings.of("z", (0, 1)), _delta(values)
+    if sag is not None:
+        load = values["K"] * np.mean(sag[3])
+    elif twice is not None and delta:
+        S = (-_kappa(values, 2 * twice[1]) * twice[3] / delta).conj()
+        load = np.mean(values["K"] * S + delta * twice[3].conj())
+    else:
+        return {}
+    return {"Px": float(load.real), "Py": float(load.imag)}
+
+
+def _torsion(readings: _Readings, values: dict[str, float]) -> dict[str, float]:
+    """``(nu_t^2 - nu^2 + 2j zeta_t nu_t nu) Phi = T/J``, the torque of each kind of line known but for a factor.
+
+    At w - Om the torque is that of the unbalance, ``-j M w^2 A conj(eps)``; at w - 2 Om that of the sag S,
+    ``2j conj(delta) A S``; at 2(w - Om) it is ``j conj(delta) A^2``, free of both, and tells J.
+    """
+    delta = _delta(values)
+    shapes: list[tuple[Float, ComplexArray, Float, ComplexArray, int]] = []
+    for place, order in enumerate([(1, 0), (1, -1), (2, 0)]):
+        found = readings.of("twist", order)
+        if found is None or (place and not delta):
+            continue
+        w, speed, force, response, sigma = found
+        A = force / _kappa(values, w)
+        torque = (-1j * values["M"] * w**2 * A, 2j * delta.conjugate() * A, 1j * delta.conjugate() * A**2)[place]
+        shapes.append((order[0] * (w - speed) + order[1] * speed, response, sigma, torque, place))
+    if not shapes:
+        return {}
+    nu = np.concatenate([shape[0] for shape in shapes])
+    response, sigma = (np.concatenate([shape[i] for shape in shapes]) for i in (1, 2))
+    columns = [response, 1j * nu * response]
+    for i in range(len(shapes)):
+        own = np.concatenate([other[3] if i == k else 0 * other[3] for k, other in enumerate(shapes)])
+        columns += [-own, -1j * own]
+    weight = 1 / (sigma * np.abs(nu) ** 2)
+    square, damping, *factors = (0.0, 0.0)
+    for _ in range(_ROUNDS):
+        square, damping, *factors = _solve(np.array(columns), nu**2 * response, weight).tolist()
+        weight = 1 / (sigma * np.abs(square - nu**2 + 1j * nu * damping))
+    pairs = {shape[4]: complex(*factors[2 * i : 2 * i + 2]) for i, shape in enumerate(shapes)}
+    return _of_twist(values, max(square, 1.0), abs(damping), pairs)
+
+
+def _of_twist(values: dict[str, float], square: float, damping: float, factors: dict[int, complex]) -> dict[str, float]:
+    """Parameters of ``nu_t^2``, ``2 zeta_t nu_t`` and conj(eps)/J, S/J and 1/J, as far as they were found."""
+    eps, load = complex(values["ec"], values["es"]), complex(values["Px"], values["Py"])
+    J = values["J"]
+    if 2 in factors and factors[2].real > 0:
+        J = 1 / factors[2].real
+    elif 0 in factors and eps and factors[0]:
+        J = abs(eps / factors[0])
+    nu = float(np.sqrt(square))
+    found = {"J": J, "nu_t": nu, "zeta_t": damping / (2 * nu), "kt": J * square, "ct": J * damping}
+    if 0 in factors and not eps:
+        eps = (factors[0] * J).conjugate()
+        found |= {"ec": eps.real, "es": eps.imag}
+    if 1 in factors and not load:
+        load = factors[1] * J * values["K"]
+        found |= {"Px": load.real, "Py": load.imag}
+    return {name: value for name, value in found.items() if name in values}

@@ -1,0 +1,351 @@
+"""Where an optimisation begins: the closed form, polished; several random starts where there is none."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from functools import partial
+from numbers import Real
+
+import numpy as np
+
+from rotorfit.estimators.blocks.correlated import CorrelatedResponses
+from rotorfit.estimators.blocks.nonlinear import responses_of
+from rotorfit.estimators.blocks.observations import Block, Responses
+from rotorfit.estimators.blocks.row_keys import combined, in_order
+from rotorfit.estimators.minimisation.least_squares import Options, Solution, Status, minimise
+from rotorfit.estimators.misfit.block_misfit import costs
+from rotorfit.estimators.misfit.losses import LOSS_SCALE
+from rotorfit.estimators.misfit.parameter_space import DATUM, ParameterSpace
+from rotorfit.estimators.misfit.priors import Prior
+from rotorfit.estimators.misfit.problem import Problem
+from rotorfit.estimators.starting.closed_form import ClosedFormError, closed_form, closed_forms
+from rotorfit.estimators.starting.modal_start import modal_start
+from rotorfit.estimators.starting.nonlinear_starts import (
+    explicit_with_sense,
+    frozen,
+    is_plain_linear,
+    linear_starts,
+)
+from rotorfit.estimators.starting.shaft_line_starts import has_lines, line_start, round_part, support_starts
+from rotorfit.estimators.starting.short_fits import LOOSE, ShortFits, short_fits
+from rotorfit.models import Modal
+from rotorfit.models.array_types import Float
+from rotorfit.models.parameters import unknown_name
+
+_PASSES = (2, 4, 6, 8, 12, 16, 24, 32, 64)  # passes after which closed forms are looked at; good data settle in four
+_FEW_READINGS = 1000  # readings that a start takes at least; more with many readings, which tell a worse one apart
+_WORTH = 8  # share of the lines, one in so many, from which a start from some of them is tried first
+_ROBUST_ROUNDS = 8
+_MULTISTARTS = 24
+_ANGLES = 12  # datum angles tried where no model of modes tells it: one is within 15 degrees
+_EXPLICIT_MISFIT = 4.0  # mean squared misfit that noise in measured eccentricities may leave
+_TRIED = 4  # linear starts from which a short fit is tried
+_SAME = 1e-3  # relative difference of starts that are one
+_TOGETHER = 8  # random starts fitted together
+_SHORT = Options(max_iterations=40)
+
+
+def start_vector(problem: Problem, given: Mapping[str, float]) -> tuple[Float, tuple[str, ...]]:
+    """Start of the optimisation, shape ``(p,)``, and notes on how it was found.
+
+    Args:
+        problem: what is to be fitted.
+        given: values by parameter name that replace those of the closed form.
+
+    Raises:
+        KeyError: a name that is not fitted.
+        ValueError: a value outside the bounds.
+    """
+    space = problem.space
+    for name in given:
+        if name not in space.names and name not in space.base:
+            raise KeyError(unknown_name("fitted parameter", name, space.names))
+    _check_given(space, given)
+    values = np.array(
+        [given.get(n, given.get(b, np.nan)) for n, b in zip(space.names, space.base, strict=True)], dtype=float
+    )
+    notes: tuple[str, ...] = ()
+    datum = 0.0
+    if np.isnan(values).any():
+        guess, datum, notes = _guess_with_datum(problem)
+        values = np.where(np.isnan(values), guess, values)
+    return _full(problem, values, datum), notes
+
+
+def _guess_with_datum(problem: Problem) -> tuple[Float, float, tuple[str, ...]]:
+    """Start values and the common datum angle, rad; zero where none is fitted."""
+    model, space = problem.space.model, problem.space
+    if isinstance(model, Modal):
+        blocks = [block for block in map(responses_of, problem.blocks) if block is not None]
+        found, datum = modal_start(model, blocks)
+        typical = np.array([found.get(name, model.parameter(name).scale) for name in space.base])
+        return typical, datum if DATUM in space.nuisance else 0.0, ()
+    plain = problem  # the same object where nothing changes: it keeps what it evaluated last
+    if any(isinstance(block, CorrelatedResponses) for block in problem.blocks):
+        without = (b.base if isinstance(b, CorrelatedResponses) else b for b in problem.blocks)
+        plain = replace(problem, blocks=tuple(without))
+    if DATUM not in space.nuisance:
+        guess, notes = _guess(plain)
+        return guess, 0.0, notes
+    angles = np.arange(_ANGLES) * 2 * np.pi / _ANGLES
+    angle = min(angles.tolist(), key=lambda a: _explained(_turned(plain, a)))
+    guess, notes = _guess(_turned(plain, angle))
+    best = _short_fit(plain, _full(plain, guess, angle)).x
+    return best[: len(space.names)], float(best[len(space.names) + space.nuisance.index(DATUM)]), notes
+
+
+def _explained(problem: Problem) -> float:
+    """Cost that one closed form leaves, infinite where there is none."""
+    if not is_plain_linear(problem):
+        return np.inf
+    try:
+        return _cost(problem, closed_form(problem.space, problem.blocks, passes=_PASSES[1]).x)
+    except ClosedFormError:
+        return np.inf
+
+
+def _turned(problem: Problem, datum: float) -> Problem:
+    """The problem with its readings turned back by a datum angle, rad."""
+    entry = problem.space.nuisance.index(DATUM)
+    blocks: list[Block] = []
+    for block, factor in zip(problem.blocks, problem.factors, strict=True):
+        if isinstance(block, Responses) and factor is not None:
+            blocks.append(replace(block, measured=block.measured * np.exp(-factor[:, entry] * datum)))
+        else:
+            blocks.append(block)
+    return replace(problem, blocks=tuple(blocks))
+
+
+def _check_given(space: ParameterSpace, given: Mapping[str, float]) -> None:
+    limits = zip(space.lower.tolist(), space.upper.tolist(), strict=True)
+    for name, base, (low, high) in zip(space.names, space.base, limits, strict=False):  # nuisance entries follow
+        value = given.get(name, given.get(base))
+        if value is not None and not (isinstance(value, Real) and low <= float(value) <= high and np.isfinite(value)):
+            raise ValueError(f"start {name} = {value!r} is not a finite number within its bounds [{low:g}, {high:g}]")
+
+
+def _guess(problem: Problem) -> tuple[Float, tuple[str, ...]]:
+    """The best of the closed forms that further linear passes lead to, from the closed form proper until they settle.
+
+    Sharp resonances between coarse lines leave local minima right beside the global one: a start has to be near. Where
+    none of the closed forms explains the data, the one from which a short optimisation gets furthest is taken.
+    """
+    if has_lines(problem):
+        return line_start(problem), ()
+    as_if_round = round_part(problem)
+    if as_if_round is not None:
+        return _from_round(problem, *_guess(as_if_round))
+    if not is_plain_linear(problem):
+        return _nonlinear_guess(problem)
+    few = _few_lines(problem)
+    if few is not None:
+        found, notes = _guess(few)
+        if _explains(problem, found):
+            return found, notes
+    try:
+        blocks = problem.blocks if problem.loss == "linear" else _discount_outliers(problem)
+        enough = partial(_settled, problem)
+        candidates = list(dict.fromkeys(closed_forms(problem.space, blocks, passes=_PASSES, enough=enough)))
+    except ClosedFormError as reason:
+        return _multistart(problem), (f"no closed form ({reason}); the best of {_MULTISTARTS} random starts was taken",)
+    best = candidates[0]
+    if len(candidates) > 1:
+        best = min(candidates, key=lambda estimate: _cost(problem, estimate.x))
+    if not _explains(problem, best.x):
+        best = min(candidates, key=lambda estimate: _short_fit(problem, _full(problem, estimate.x)).cost)
+    return best.x, best.notes
+
+
+def _few_lines(problem: Problem) -> Problem | None:
+    """The problem with every so many of its lines, where it has more than a start needs."""
+    wanted = max(_FEW_READINGS, int(problem.space.size * np.sqrt(problem.n_data)))
+    step = problem.n_data // (2 * wanted)
+    responses = [block for block in problem.blocks if isinstance(block, Responses)]
+    turned = any(factor is not None for factor in problem.factors)
+    if step < _WORTH or turned or len(responses) < len(problem.blocks):
+        return None
+    return replace(problem, blocks=tuple(_every(block, step) for block in responses))
+
+
+def _every(block: Responses, step: int) -> Responses:
+    """Every so many lines of each speed, group, force plane and sense of whirl, from one end to the other."""
+    plane = np.argmax(np.abs(block.force), axis=1)
+    number = in_order(combined(block.condition[0], plane, (block.frequency < 0).astype(np.intp)))[1]
+    order = np.lexsort([block.frequency, number])
+    size = np.bincount(number)
+    rank = np.arange(order.size) - np.repeat(np.cumsum(size) - size, size)
+    keep = np.zeros(order.size, dtype=bool)
+    keep[order] = (rank % step == step // 2) | (np.repeat(size, size) < 2 * step)
+    return block.lines(keep)
+
+
+def _from_round(problem: Problem, found: Float, notes: tuple[str, ...]) -> tuple[Float, tuple[str, ...]]:
+    """Start of a rotor with a turning element from that of the round one."""
+    whole = np.concatenate([found, np.zeros(len(problem.space.names) - found.size)])
+    starts = support_starts(problem, whole)
+    if len(starts) == 1:
+        return whole, notes
+    fits = [_short_fit(problem, _full(problem, start)) for start in starts]
+    return min(fits, key=lambda fit: fit.cost).x[: whole.size], notes
+
+
+def _nonlinear_guess(problem: Problem) -> tuple[Float, tuple[str, ...]]:
+    """Closed form at small eccentricity, then a fit with the measured eccentricities taken as given.
+
+    Measured eccentricities carry noise, so that what they give is checked, and improved, against the orbits that the
+    rotor itself would run on.
+    """
+    explicit = frozen(problem)
+    size = len(problem.space.names)
+    starts = [_full(problem, x) for x in linear_starts(problem, _PASSES)]
+    found: Solution | None = None
+    if starts:
+        apart = _apart(np.array(starts))
+        promising = apart[np.argsort(costs(explicit, apart), kind="stable")[:_TRIED]]
+        ends = _short_fits(explicit, promising)
+        found = _short_fit(problem, _inside_full(problem, ends.x[np.argmin(ends.cost)]))
+        if found.status not in (Status.CONVERGED, Status.SINGULAR):
+            # Data that leave a combination open: Ipopt follows a flat valley to its end, damped steps creep along it.
+            along = min((_quick_fit(explicit, start) for start in promising), key=lambda fit: fit.cost)
+            other = _short_fit(problem, _inside_full(problem, along.x))
+            found = min(found, other, key=lambda fit: (not fit.success, fit.cost))
+        if _is_noise(problem, found.cost):
+            return found.x[:size], ()
+    random = _full(problem, _explicit_multistart(explicit_with_sense(explicit)))
+    if found is not None and found.cost <= _cost(problem, random):
+        return found.x[:size], ()
+    return random[:size], (f"no closed form explains these data; the best of {_MULTISTARTS} random starts was taken",)
+
+
+def _apart(starts: Float) -> Float:
+    """The starts that differ: once they have settled, further passes of a closed form bring nothing new."""
+    kept: list[Float] = []
+    for start in starts:
+        size = np.abs(start) + np.finfo(float).tiny
+        if not any((np.abs(start - other) <= _SAME * size).all() for other in kept):
+            kept.append(start)
+    return np.array(kept)
+
+
+def _inside_full(problem: Problem, x: Float) -> Float:
+    return _full(problem, x[: len(problem.space.names)])
+
+
+def _explains(problem: Problem, values: Float) -> bool:
+    """Whether the misfit is what the noise makes it.
+
+    The derivatives that come with it are those that the search asks for first.
+    """
+    return _is_noise(problem, problem.gauss_newton(_full(problem, values))[0])
+
+
+def _is_noise(problem: Problem, cost: float) -> bool:
+    """Whether a cost is what the noise makes it, to six standard deviations of chi-squared."""
+    return bool(2 * cost < problem.n_data + 6 * np.sqrt(2 * problem.n_data))
+
+
+def _settled(problem: Problem, values: Float) -> bool:
+    """Whether values explain the data and a step to the optimum would be short of a standard error."""
+    _, gradient, matrix = problem.gauss_newton(_full(problem, values))
+    size = np.sqrt(np.diag(matrix))
+    if not (_explains(problem, values) and np.all(size > 0)):
+        return False
+    try:
+        step = np.linalg.solve(matrix / np.outer(size, size), gradient / size)
+    except np.linalg.LinAlgError:
+        return False
+    return bool(0 <= step @ (gradient / size) < 1)
+
+
+def _discount_outliers(problem: Problem) -> tuple[Block, ...]:
+    """Blocks whose gross outliers carry a larger sigma, found by closed forms that discount what the last one missed.
+
+    The scale of the residuals is their own median, so that a start that is far off does not take all for outliers.
+    """
+    blocks = problem.blocks
+    for _ in range(_ROBUST_ROUNDS):
+        x = _full(problem, closed_form(problem.space, blocks, passes=_PASSES[-1]).x)
+        size = np.abs(problem.residuals(x))
+        # The median modulus of pure noise is sqrt(2 ln 2) sigma.
+        scale = max(1.0, float(np.median(size)) / np.sqrt(2 * np.log(2)))
+        widening = np.maximum(1.0, size / (LOSS_SCALE * scale)) ** 2
+        parts = np.split(widening, np.cumsum([block.measured.size for block in problem.blocks])[:-1])
+        blocks = tuple(block.with_noise(part) for block, part in zip(problem.blocks, parts, strict=True))
+    return blocks
+
+
+def _cost(problem: Problem, values: Float) -> float:
+    cost = problem.cost(_full(problem, values))
+    return cost if np.isfinite(cost) else np.inf
+
+
+def _full(problem: Problem, values: Float, datum: float = 0.0) -> Float:
+    """Start values inside the bounds, nuisance parameters at zero behind them, a common datum angle where it is."""
+    nuisance = [datum if name == DATUM else 0.0 for name in problem.space.nuisance]
+    return np.concatenate([_inside(values, problem.space), nuisance])
+
+
+def _inside(values: Float, space: ParameterSpace) -> Float:
+    """Values moved off the bounds, where Ipopt's barrier wants them."""
+    lower, upper = space.lower[: values.size], space.upper[: values.size]
+    margin = 1e-3 * np.where(np.isfinite(upper - lower), upper - lower, np.maximum(np.abs(values), 1e-3))
+    scale = np.array([space.model.parameter(name).scale for name in space.base])
+    margin = np.minimum(margin, 1e-3 * scale)
+    return np.asarray(np.clip(values, lower + margin, upper - margin))
+
+
+def _multistart(problem: Problem) -> Float:
+    """Best short fit of several starts spread over a decade around typical values, where there is no closed form."""
+    space = problem.space
+    fits = [_short_fit(problem, start) for start in _random_starts(problem)]
+    return np.asarray(min(fits, key=lambda found: found.cost).x[: len(space.names)])
+
+
+def _explicit_multistart(problem: Problem) -> Float:
+    """The same for explicit observations, many at once; the first that the data hardly contradict will do."""
+    starts = np.array(list(_random_starts(problem)))
+    best, least = starts[0], np.inf
+    for group in np.split(starts, range(_TOGETHER, len(starts), _TOGETHER)):
+        ends = _short_fits(problem, group)
+        if ends.cost.min() < least:
+            best, least = ends.x[np.argmin(ends.cost)], float(ends.cost.min())
+        if 2 * least < _EXPLICIT_MISFIT * problem.n_data:
+            break
+    return np.asarray(best[: len(problem.space.names)])
+
+
+def _random_starts(problem: Problem) -> Iterator[Float]:
+    rng = np.random.default_rng(0)
+    scale = _typical(problem)
+    for _ in range(_MULTISTARTS):
+        yield _full(problem, scale * np.exp(rng.normal(0.0, 0.8, scale.size)))
+
+
+def _typical(problem: Problem) -> Float:
+    return np.array([problem.space.model.parameter(name).scale for name in problem.space.base])
+
+
+def _short_fits(problem: Problem, starts: Float) -> ShortFits:
+    """Short fits held loosely at their starts."""
+    sizes = np.abs(starts) + (starts == 0)
+    count = len(problem.space.names)
+    sizes[:, :count] = np.maximum(np.abs(starts[:, :count]), _typical(problem))
+    return short_fits(problem, starts, sizes)
+
+
+def _quick_fit(problem: Problem, start: Float) -> Solution:
+    """A short fit by Ipopt, held loosely at its start as those of many are."""
+    from scipy.stats import norm
+
+    count = len(problem.space.names)
+    size = np.maximum(np.abs(start[:count]), _typical(problem))
+    held = tuple(Prior(i, norm(value, LOOSE * size[i])) for i, value in enumerate(start[:count].tolist()))
+    problem = replace(problem, priors=(*problem.priors, *held))
+    return _short_fit(problem, start, Options(max_iterations=25, hessian="gauss-newton"))
+
+
+def _short_fit(problem: Problem, start: Float, options: Options = _SHORT) -> Solution:
+    space = problem.space
+    size = np.abs(start) + (start == 0)
+    return minimise(problem, start, lower=space.lower, upper=space.upper, scale=size, options=options)
