@@ -20,6 +20,10 @@ from synthetic import circular_test
 import rotorfit as rf
 from rotorfit.cli.main import main
 from rotorfit.data.experiments import PerturbationTest
+from rotorfit.estimators.minimisation.least_squares import minimise
+from rotorfit.estimators.starting.starts import start_vector
+from rotorfit.fitting.problem_setup import build_problem
+from rotorfit.fitting.settings import FitSettings
 from rotorfit.models import OneMode
 
 KNOWN = {"M": 1.2, "K": 8000.0, "Ds": 8.0}
@@ -239,6 +243,36 @@ def test_errors_of_a_model_that_does_not_fit_are_those_of_the_joint_fit(small, p
     joint = rf.fit(OneMode(), part, known=known, per=per, priors=priors)
     assert joint.redchi > 2
     same_errors(found, joint)
+
+
+def test_a_shared_mass_settles_where_runs_scatter_more_than_their_data_show(small):
+    """A force that jitters makes noise in proportion to the response: each run takes its readings with the noise that
+    its residuals show. The shared mass is then that of one large problem with all readings so weighed, to a thousandth
+    of its error: the noise found at the solution moves it by less."""
+    table, _ = small
+    part = table.select(np.isin(table.run, [f"r{i:02d}" for i in range(6)]))
+    jitter = np.random.default_rng(3).normal(size=(2, len(part)))
+    part = replace(
+        part, response=part.response * (1 + 0.03 * (jitter[0] + 1j * jitter[1])), sigma=np.full(len(part), np.nan)
+    )
+    known = {"K": 8000.0, "Ds": 8.0}
+    found = rf.campaign(OneMode(), part, known=known, shared=["M"])
+    assert found.success
+    weighed = [run.noise for run in found.runs]
+    assert sum(noise is not None for noise in weighed) >= 4
+    problem = build_problem(OneMode(), part, FitSettings(known=known, per=dict.fromkeys(FLUID, "run")))
+    block = problem.blocks[0]
+    factor = np.ones(block.measured.size)
+    for run, noise in zip(found.runs, weighed, strict=True):
+        if noise is not None:
+            factor[block.run == run.name] = noise.factors[0]
+    problem = replace(problem, blocks=(block.with_noise(factor),))
+    best = minimise(problem, start_vector(problem, {})[0])
+    joint = dict(zip(problem.space.names, best.x, strict=True))
+    assert abs(found.shared["M"].value - joint["M"]) < 1e-3 * found.shared["M"].stderr
+    for run in found.runs:
+        for name in FLUID:
+            assert abs(run.params[name].value - joint[f"{name}[run={run.name}]"]) < 1e-3 * run.params[name].stderr
 
 
 def test_what_cannot_be_shared(small):

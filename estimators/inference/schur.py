@@ -24,7 +24,8 @@ class Curvature:
     Attributes:
         names: parameters, shape ``(p,)``.
         x: the point, shape ``(p,)``.
-        cost: half the (robust) sum of squares there.
+        cost: half the (robust) sum of squares there, and what priors add to it.
+        squares: sum of the squares of the whitened residuals.
         gradient, matrix: its slope and its Gauss-Newton matrix, shapes ``(p,)`` and ``(p, p)``.
         prior: what priors add to the diagonal of the matrix, shape ``(p,)``.
     """
@@ -32,6 +33,7 @@ class Curvature:
     names: tuple[str, ...]
     x: Float
     cost: float
+    squares: float
     gradient: Float
     matrix: Float
     prior: Float

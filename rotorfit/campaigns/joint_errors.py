@@ -72,7 +72,7 @@ def joint_errors(workers: Workers, fitted: Sequence[FittedRun], names: Sequence[
     if fitted[0].options["settings"].loss != "linear":
         return _of_robust_loss(workers, fitted, names)
     free = sum(item.fit.ndata - len(item.fit.var_names) for item in fitted) - len(names)
-    redchi = sum(item.fit.chisqr for item in fitted) / free if free > 0 else float("nan")
+    redchi = sum(item.picture.squares for item in fitted) / free if free > 0 else float("nan")
     noise, added = _by_squares(fitted, names, 1.0)
     covar, wide = _by_squares(fitted, names, 1 / widening(redchi, "linear"))
     own = []

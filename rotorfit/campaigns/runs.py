@@ -15,9 +15,11 @@ from numpy.typing import NDArray
 from rotorfit.data.experiments import Experiment
 from rotorfit.estimators.inference.covariance import bends, prior_curvature, score_scatter
 from rotorfit.estimators.inference.schur import Curvature
+from rotorfit.estimators.minimisation.least_squares import Options
 from rotorfit.estimators.starting.closed_form import ClosedFormError
 from rotorfit.executors import carry_out
-from rotorfit.fitting.fit import fit
+from rotorfit.fitting.fit import fit, solve
+from rotorfit.fitting.noise_record import FoundNoise
 from rotorfit.fitting.problem_setup import as_tuple, build_problem
 from rotorfit.fitting.quantities import FittedParameter
 from rotorfit.fitting.result import FitResult
@@ -55,6 +57,7 @@ class RunFit:
         message: how it ended, or why there is none.
         warnings: what there is to say about it.
         silent: whether no motion at all would explain the readings as well as the fit does: a dead probe or force.
+        noise: what the fit found of the noise and took the readings with, where that is not the noise of the data.
     """
 
     name: str
@@ -70,6 +73,7 @@ class RunFit:
     message: str = ""
     warnings: tuple[str, ...] = ()
     silent: bool = False
+    noise: FoundNoise | None = field(default=None, repr=False)
 
     @property
     def remark(self) -> str:
@@ -168,6 +172,7 @@ def fit_run(model: RotorModel, run: Run, *, settings: FitSettings, start: Mappin
         message=found.message,
         warnings=found.warnings,
         silent=_says_nothing(found),
+        noise=found.settings.noise,
     )
 
 
@@ -187,15 +192,46 @@ def _says_nothing(found: FitResult) -> bool:
 
 
 def curvature(model: RotorModel, run: Run, *, settings: FitSettings, at: Mapping[str, float]) -> Curvature | str:
-    """Cost of one run and its derivatives at given parameters; the reason in words where there is none."""
+    """Cost of one run and its derivatives at given parameters; the reason in words where there is none.
+
+    Args:
+        model, run: what is fitted.
+        settings: of the fit, with the noise that the readings are taken with.
+        at: values by name; what runs differ by is zero where it has none.
+    """
     try:
         problem = build_problem(model, run.experiment, settings)
     except (ValueError, KeyError, ClosedFormError) as reason:
         return str(reason)
-    x = np.array([at[name] for name in problem.space.names])
+    names = (*problem.space.names, *problem.space.nuisance)
+    x = np.array([at.get(name, 0.0) if name in problem.space.nuisance else at[name] for name in names])
     cost, gradient, matrix = problem.gauss_newton(x)
+    squares = float(np.sum(np.abs(problem.residuals(x)) ** 2))
     prior = prior_curvature(problem, x)
-    return Curvature(names=problem.space.names, x=x, cost=cost, gradient=gradient, matrix=matrix, prior=prior)
+    return Curvature(names=names, x=x, cost=cost, squares=squares, gradient=gradient, matrix=matrix, prior=prior)
+
+
+def least_curvature(
+    model: RotorModel, run: Run, *, settings: FitSettings, shared: Mapping[str, float], at: Mapping[str, float]
+) -> Curvature | str:
+    """Cost of one run and its derivatives where its own parameters are best for the shared ones given.
+
+    Args:
+        model, run: what is fitted.
+        settings: of the fit, with the noise that the readings are taken with.
+        shared: values of the shared parameters.
+        at: values of its own ones by name, to start from.
+    """
+    inner = replace(settings, known={**settings.known, **shared})
+    try:
+        problem = build_problem(model, run.experiment, inner)
+    except (ValueError, KeyError, ClosedFormError) as reason:
+        return str(reason)
+    names = (*problem.space.names, *problem.space.nuisance)
+    begin = np.array([at.get(name, 0.0) if name in problem.space.nuisance else at[name] for name in names])
+    found = solve(problem, np.clip(begin, problem.space.lower, problem.space.upper), Options())
+    own = dict(zip(names, found.x.tolist(), strict=True))
+    return curvature(model, run, settings=settings, at={**own, **shared})
 
 
 def bends_of(model: RotorModel, run: Run, *, settings: FitSettings, at: Mapping[str, float]) -> tuple[Float, Float]:

@@ -3,17 +3,22 @@
 For given shared parameters phi the runs are independent fits; the sum of their costs is a function of phi alone, whose
 slope and curvature follow from each run's own (the Schur complement of its Gauss-Newton matrix). The work is linear in
 the number of runs, and the result is that of one joint fit, its covariance included.
+
+A run may be noise of another size or shape than its data alone show. What its own fit finds of that is held while the
+shared parameters are sought: each run's cost is then one function, which both its own parameters and the shared ones
+minimise. At the solution all runs are fitted anew, and the search is repeated if they find other noise.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
-from rotorfit.campaigns.joint_errors import FittedRun, JointErrors, OwnErrors, joint_errors
-from rotorfit.campaigns.runs import Run, RunFit, Workers, curvature, fit_run
+from rotorfit.campaigns.joint_errors import FittedRun, OwnErrors, joint_errors
+from rotorfit.campaigns.runs import Run, RunFit, Workers, curvature, fit_run, least_curvature
 from rotorfit.estimators.inference.schur import Curvature, Parts, inverse_information, shared_covariance
 from rotorfit.fitting.quantities import FittedParameter
 from rotorfit.fitting.settings import FitSettings
@@ -22,6 +27,7 @@ from rotorfit.models.array_types import Float
 
 _ROUNDS = 30
 _SETTLED = 1e-4  # of a standard error: a step that changes nothing any more
+_NOISES = 3  # times that noise is found anew; a run at the edge between two verdicts may change its mind for ever
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -49,8 +55,7 @@ class _Profile:
     gradient: Float
     information: Float
     size: Float  # information that each would have, were all others known: what counts as none is judged against it
-    fits: list[RunFit]
-    fitted: dict[int, FittedRun]  # by the number of the run, those that could be fitted
+    pictures: dict[int, Curvature]  # by the number of the run, those that could be fitted
 
 
 def fit_shared(
@@ -73,27 +78,44 @@ def fit_shared(
         ValueError: the runs do not determine the shared parameters, or none can be fitted.
     """
     phi = _first(workers, runs, names, settings, start)
-    lower, upper = np.array([_limits(workers.model, name, settings) for name in names]).T
-    here = _profile(workers, runs, names, settings, phi, [start] * len(runs))
-    settled = False
+    limits = np.array([_limits(workers.model, name, settings) for name in names]).T
+    fits = _fits(workers, runs, names, settings, phi, [start] * len(runs))
+    for _ in range(_NOISES):
+        before = phi
+        phi, here, settled = _search(workers, runs, fits, names, settings, phi, limits)
+        fits = _fits(workers, runs, names, settings, phi, [_own_values(fit, start) for fit in fits])
+        moved = phi - before
+        if not settled or np.sqrt(moved @ here.information @ moved) < _SETTLED:
+            break
+    return _finish(workers, runs, fits, names, settings, phi, settled, limits)
+
+
+def _search(
+    workers: Workers,
+    runs: Sequence[Run],
+    fits: Sequence[RunFit],
+    names: Sequence[str],
+    settings: FitSettings,
+    phi: Float,
+    limits: Float,
+) -> tuple[Float, _Profile, bool]:
+    """Shared values of least cost with the noise of the runs as their fits took it, and whether the search settled."""
+    here = _profile(workers, runs, fits, names, settings, phi)
     for _ in range(_ROUNDS):
         covar = inverse_information(here.information, here.size, names)
-        step = np.clip(phi - covar @ here.gradient, lower, upper) - phi
+        step = np.clip(phi - covar @ here.gradient, *limits) - phi
         if np.sqrt(step @ here.information @ step) < _SETTLED:
-            settled = True
-            break
+            return phi, here, True
         factor = 1.0
         while True:
-            starts = [_own_values(fit, start) for fit in here.fits]
-            there = _profile(workers, runs, names, settings, phi + factor * step, starts)
+            there = _profile(workers, runs, fits, names, settings, phi + factor * step)
             if there.cost <= here.cost * (1 + 1e-12) or factor < 1e-3:
                 break
             factor /= 2
         if there.cost > here.cost * (1 + 1e-12):
             break
         phi, here = phi + factor * step, there
-    errors = joint_errors(workers, list(here.fitted.values()), names)
-    return _finish(workers.model, names, phi, here, errors, settled, (lower, upper))
+    return phi, here, False
 
 
 def _limits(model: RotorModel, name: str, settings: FitSettings) -> tuple[float, float]:
@@ -121,7 +143,7 @@ def _first(
     usable = [(run, fit) for run, fit in zip(runs, fits, strict=True) if fit.params]
     if not usable:
         raise ValueError(f"no run of the campaign can be fitted; the first one: {fits[0].message}")
-    options = [{"settings": settings, "at": {n: fit.params[n].value for n in fit.var_names}} for _, fit in usable]
+    options = [{"settings": replace(settings, noise=fit.noise), "at": _own_values(fit, start)} for _, fit in usable]
     pictures = workers(curvature, [run for run, _ in usable], options)
     taken = [picture for picture in pictures if isinstance(picture, Curvature)]
     if not taken:
@@ -132,63 +154,90 @@ def _first(
     return np.asarray(shared_covariance(parts, names) @ np.sum(pulls, axis=0))
 
 
-def _profile(
+def _fits(
     workers: Workers,
     runs: Sequence[Run],
     names: Sequence[str],
     settings: FitSettings,
     phi: Float,
     starts: Sequence[Mapping[str, float]],
-) -> _Profile:
-    """Fit all runs for given shared values and sum what they say about these."""
+) -> list[RunFit]:
+    """Every run fitted by itself for given shared values."""
     fixed = dict(zip(names, phi.tolist(), strict=True))
     inner = replace(settings, known={**settings.known, **fixed})
     own_starts = [{name: value for name, value in start.items() if name not in fixed} for start in starts]
     fits = workers(fit_run, runs, [{"settings": inner, "start": start} for start in own_starts])
-    free = replace(settings, known={**settings.known, **dict.fromkeys(names)})
-    usable = [number for number, fit in enumerate(fits) if fit.params]
-    if not usable:
+    if not any(fit.params for fit in fits):
         raise ValueError(f"no run of the campaign can be fitted; the first one: {fits[0].message}")
-    options = [
-        {
-            "settings": free,
-            "at": {**fixed, **{n: fits[number].params[n].value for n in fits[number].var_names}},
-        }
-        for number in usable
-    ]
-    found = dict(zip(usable, workers(curvature, [runs[number] for number in usable], options), strict=True))
-    fitted = {
-        number: FittedRun(run=runs[number], fit=fits[number], picture=picture, options=option)
-        for (number, picture), option in zip(found.items(), options, strict=True)
-        if isinstance(picture, Curvature)
+    return fits
+
+
+def _options(
+    fits: Sequence[RunFit], names: Sequence[str], settings: FitSettings, phi: Float
+) -> dict[int, dict[str, Any]]:
+    """Settings and values with which each run that was fitted is looked at, by its number."""
+    fixed = dict(zip(names, phi.tolist(), strict=True))
+    free = replace(settings, known={**settings.known, **dict.fromkeys(names)})
+    return {
+        number: {"settings": replace(free, noise=fit.noise), "shared": fixed, "at": _own_values(fit, {})}
+        for number, fit in enumerate(fits)
+        if fit.params
     }
-    if not fitted:
-        raise ValueError(
-            f"no run of the campaign tells anything of the shared parameters: {next(iter(found.values()))}"
-        )
-    parts = [Parts.of(item.picture, names) for item in fitted.values()]
+
+
+def _profile(
+    workers: Workers,
+    runs: Sequence[Run],
+    fits: Sequence[RunFit],
+    names: Sequence[str],
+    settings: FitSettings,
+    phi: Float,
+) -> _Profile:
+    """Sum what all runs say about given shared values, with their own parameters at their best and noise as fitted."""
+    options = _options(fits, names, settings, phi)
+    found = workers(least_curvature, [runs[number] for number in options], list(options.values()))
+    pictures = {n: picture for n, picture in zip(options, found, strict=True) if isinstance(picture, Curvature)}
+    if not pictures:
+        raise ValueError(f"no run of the campaign tells anything of the shared parameters: {found[0]}")
+    parts = [Parts.of(picture, names) for picture in pictures.values()]
     return _Profile(
-        cost=sum(item.picture.cost for item in fitted.values()),
+        cost=sum(picture.cost for picture in pictures.values()),
         gradient=np.sum([part.gradient for part in parts], axis=0),
         information=np.sum([part.schur for part in parts], axis=0),
         size=np.sum([part.size for part in parts], axis=0),
-        fits=fits,
-        fitted=fitted,
+        pictures=pictures,
     )
 
 
 def _finish(
-    model: RotorModel,
+    workers: Workers,
+    runs: Sequence[Run],
+    fits: Sequence[RunFit],
     names: Sequence[str],
+    settings: FitSettings,
     phi: Float,
-    profile: _Profile,
-    errors: JointErrors,
     settled: bool,
-    limits: tuple[Float, Float],
+    limits: Float,
 ) -> Shared:
+    """The result, with the errors of the joint fit."""
+    options = _options(fits, names, settings, phi)
+    pictures = _profile(workers, runs, fits, names, settings, phi).pictures
+    fitted = [
+        FittedRun(
+            run=runs[number],
+            fit=fits[number],
+            picture=picture,
+            options={
+                "settings": options[number]["settings"],
+                "at": dict(zip(picture.names, picture.x.tolist(), strict=True)),
+            },
+        )
+        for number, picture in pictures.items()
+    ]
+    errors = joint_errors(workers, fitted, names)
     shared = {}
     for i, name in enumerate(names):
-        parameter = model.parameter(name)
+        parameter = workers.model.parameter(name)
         low, high = float(limits[0][i]), float(limits[1][i])
         shared[name] = FittedParameter(
             name=name,
@@ -203,10 +252,10 @@ def _finish(
             vary=True,
             at_bound=bool(min(phi[i] - low, high - phi[i]) <= 1e-7 * abs(phi[i])),
         )
-    runs = list(profile.fits)
-    for number, own in zip(profile.fitted, errors.own, strict=True):
-        runs[number] = _with_errors(runs[number], own, names)
-    return Shared(runs=tuple(runs), params=shared, covar=errors.covar, success=settled)
+    done = list(fits)
+    for number, own in zip(pictures, errors.own, strict=True):
+        done[number] = _with_errors(done[number], own, names)
+    return Shared(runs=tuple(done), params=shared, covar=errors.covar, success=settled)
 
 
 def _with_errors(fit: RunFit, errors: OwnErrors, names: Sequence[str]) -> RunFit:

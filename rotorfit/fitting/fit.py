@@ -87,7 +87,7 @@ def fit(
     )
     problem = build_problem(model, experiments, settings)
     begin, notes = start_vector(problem, start or {})
-    solution = _solve(problem, begin, Options(max_iterations=max_iterations))
+    solution = solve(problem, begin, Options(max_iterations=max_iterations))
     left_out = (within_clearance(model, test)[1] for test in as_tuple(experiments))
     notes = (*data_errors(as_tuple(experiments)), *filter(None, left_out), *notes)
     noise = None
@@ -101,7 +101,7 @@ def fit(
         problem = build_problem(model, experiments, settings) if phase_offsets else with_noise(problem, finding.found)
         names = (*problem.space.names, *problem.space.nuisance)
         better = np.array([finding.start[name] for name in names])
-        again = _solve(problem, np.clip(better, problem.space.lower, problem.space.upper), Options())
+        again = solve(problem, np.clip(better, problem.space.lower, problem.space.upper), Options())
         solution = replace(again, n_evaluations=solution.n_evaluations + again.n_evaluations)
     return judge(
         problem, as_tuple(experiments), settings, solution.x, begin, "least squares", solution, notes, noise=noise
@@ -185,21 +185,28 @@ def solve_again(
         problem = replace(problem, priors=(*kept, *new))
     begin = np.zeros(problem.space.size)
     begin[: min(fit.x.size, begin.size)] = fit.x[: begin.size]
-    solution = _solve(problem, np.clip(begin, problem.space.lower, problem.space.upper), Options())
+    solution = solve(problem, np.clip(begin, problem.space.lower, problem.space.upper), Options())
     notes = tuple(warning for warning in fit.warnings if warning.startswith(DATA_ERROR))
     return judge(
         problem, fit.experiments, settings, solution.x, begin, "least squares", solution, notes, noise=fit.noise
     )
 
 
-def _solve(problem: Problem, start: Float, options: Options) -> Solution:
+def solve(problem: Problem, start: Float, options: Options) -> Solution:
+    """Minimise the cost of a problem.
+
+    Args:
+        problem: data, model and settings laid out.
+        start: where to begin, shape ``(p,)``, within the bounds.
+        options: limits of the search.
+    """
     space = problem.space
     if problem.loss not in ("linear", "soft_l1"):
         # A redescending loss has local minima; the convex one leads into the right basin.
         gentle = Problem(
             space=space, blocks=problem.blocks, loss="soft_l1", priors=problem.priors, factors=problem.factors
         )
-        start = _solve(gentle, start, options).x
+        start = solve(gentle, start, options).x
     typical = np.array([space.model.parameter(name).scale for name in space.base] + [0.1] * len(space.nuisance))
     scale = np.where(np.abs(start) > 1e-6 * typical, np.abs(start), typical)
     return minimise(problem, start, lower=space.lower, upper=space.upper, scale=scale, options=options)
