@@ -54,7 +54,8 @@ def as_residuals_ask(
         robust = robust + np.outer(column, column)
     told = "the residuals scatter more along some changes than equal noise does; standard errors follow them (HC3)"
     freedom = float(np.median(found.freedom[parameters]))
-    return robust, replace(noise, robust=True, scatter_freedom=max(freedom, 1.0), sentences=(*noise.sentences, told))
+    sentences = tuple(dict.fromkeys((*noise.sentences, told)))  # said once, however often the fit was solved again
+    return robust, replace(noise, robust=True, scatter_freedom=max(freedom, 1.0), sentences=sentences)
 
 
 def with_shares(noise: Noise, settings: FitSettings, problem: Problem, x: Float, covar: Float) -> Noise:

@@ -66,8 +66,11 @@ def refine(fit: FitResult) -> Refinement:
     """Try every structural block, whole, beside those that lowered AIC so far, and choose the rung of lowest AIC.
 
     No rung is the rotor itself: BIC, which looks for the true one, ends the ladder while what is left out still moves
-    lam by more than its error; AIC (Akaike 1974) takes a
-    block in while that pays.
+    lam by more than its error; AIC (Akaike 1974) takes a block in while that pays.
+
+    A rung that leaves parameters open is taken only where those that leave none miss the data by more than a fifth of
+    the noise: what one speed cannot tell apart (the polar inertia and the fluid's) is then said to be open, instead of
+    being told wrongly.
 
     The errors of parameters that all rungs share count the doubt between rungs.
 
@@ -91,26 +94,35 @@ def refine(fit: FitResult) -> Refinement:
         raise ValueError(f"{fit.model.name} has no structural blocks to add: they couple two or more planes")
     if fit.identifiability.unresolved:
         raise ValueError(f"resolve the parameters of the plain model before adding to it. {fit.identifiability}")
-    steps = [fit]
-    best = fit
-    for block in BLOCKS:
-        # Every block is tried, also after one that brings nothing.
-        if block not in best.model.blocks:  # type: ignore[attr-defined]
-            best = _better(best, _with_blocks(best, {*best.model.blocks, block}, steps))  # type: ignore[attr-defined]
-    if not any(step.model.blocks == BLOCKS for step in steps):  # type: ignore[attr-defined]
-        best = _better(best, _with_blocks(best, BLOCKS, steps))  # and those that only pay together
+    best, steps = _climb(fit, may_leave_open=False)
+    if best.redchi > _MISSED * min(step.redchi for step in steps if step.success or step is best):
+        best, steps = _climb(fit, may_leave_open=True)
     chosen = _in_doubt(level_noise(best), best, steps)
     found = _rung_onsets(steps, best)
     return Refinement(tuple(steps), replace(chosen, settings=replace(chosen.settings, onsets=found)))
 
 
-def _with_blocks(fit: FitResult, blocks: Iterable[str], steps: list[FitResult]) -> FitResult:
-    steps.append(refit(fit, fit.model.variant(blocks=check_blocks(tuple(blocks)))))
-    return steps[-1]
+_MISSED = 1.2
+"""Misfit over that of the best rung, in power, beyond which a rung that leaves no parameter open is refused."""
 
 
-def _better(best: FitResult, step: FitResult) -> FitResult:
-    return step if step.success and step.aic < best.aic and not step.identifiability.unresolved else best
+def _climb(fit: FitResult, *, may_leave_open: bool) -> tuple[FitResult, list[FitResult]]:
+    """The best rung, and all that were tried."""
+    steps, best = [fit], fit
+
+    def try_with(blocks: Iterable[str]) -> FitResult:
+        steps.append(refit(best, best.model.variant(blocks=check_blocks(tuple(blocks)))))
+        step = steps[-1]
+        pays = step.success and step.aic < best.aic and (may_leave_open or not step.identifiability.unresolved)
+        return step if pays else best
+
+    for block in BLOCKS:
+        # Every block is tried, also after one that brings nothing.
+        if block not in best.model.blocks:  # type: ignore[attr-defined]
+            best = try_with({*best.model.blocks, block})  # type: ignore[attr-defined]
+    if not any(step.model.blocks == BLOCKS for step in steps):  # type: ignore[attr-defined]
+        best = try_with(BLOCKS)  # and those that only pay together
+    return best, steps
 
 
 def _in_doubt(chosen: FitResult, best: FitResult, steps: Sequence[FitResult]) -> FitResult:
@@ -119,18 +131,19 @@ def _in_doubt(chosen: FitResult, best: FitResult, steps: Sequence[FitResult]) ->
     A block that was chosen because it came out large by chance moves what it correlates with, and one left out for a
     hair makes them look surer than they are. Errors only grow, and ``covar`` stays that of the chosen model.
     """
-    rungs = [step for step in steps if step is best or (step.success and not step.identifiability.unresolved)]
+    leaves_open = bool(best.identifiability.unresolved)
+    rungs = [s for s in steps if s is best or (s.success and (leaves_open or not s.identifiability.unresolved))]
     scatter = max(1.0, min(step.redchi for step in rungs))  # what every rung misses counts as noise
-    weight = np.exp([(best.aic - step.aic) / (2 * scatter) for step in rungs])
-    weight /= weight.sum()
     params = dict(chosen.params)
     for name in best.problem.space.names:
         if not params[name].resolved or any(name not in step.params for step in rungs):
             continue
-        values = [(step.params[name].value, step.params[name].stderr) for step in rungs]
+        telling = [step for step in rungs if step is best or step.params[name].resolved]
+        weight = np.exp([(best.aic - step.aic) / (2 * scatter) for step in telling])
+        values = [(step.params[name].value, step.params[name].stderr) for step in telling]
         variance = sum(
             share * (error**2 + (value - best.params[name].value) ** 2)
-            for share, (value, error) in zip(weight.tolist(), values, strict=True)
+            for share, (value, error) in zip((weight / weight.sum()).tolist(), values, strict=True)
         )
         params[name] = replace(params[name], stderr=max(params[name].stderr, math.sqrt(variance)))
     return replace(chosen, params=params)
