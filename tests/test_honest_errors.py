@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -80,6 +81,10 @@ def test_noise_beyond_that_of_the_probes_is_no_misfit():
     # 1 % along and across the response; 120 complex samples tell a level within 5 % or so.
     assert level.share == pytest.approx(0.01, rel=0.25)
     assert "noise:" in fit.summary()
+    # 0.2 % of a response of tens of micrometres: said in the unit of probes, not in metres.
+    said = float(re.search(r"([\d.e-]+) um \(rms\), and [\d.]+ % of the response", fit.summary()).group(1))
+    assert said == pytest.approx(1e6 * level.constant, rel=0.05)
+    assert level.unit == "m"
 
 
 def test_told_noise_that_is_too_small_is_said_to_be():

@@ -14,6 +14,7 @@ from rotorfit.data.synchronous import DIFFERENCED, difference_synchronous
 from rotorfit.estimators.starting.influence import Influence, Readings, UndeterminedError, solve_influence
 from rotorfit.estimators.starting.modes_seen import ModesSeen, modes_seen
 from rotorfit.models.array_types import ComplexArray, Float
+from rotorfit.units import RPM_PER_RAD_S
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -69,7 +70,7 @@ class Influences:
             )
         if self.solved.left_out:
             places = [
-                f"{' '.join(self.channels[channel])} at {self.solved.speed[dwell] * 30 / np.pi:.0f} rpm"
+                f"{' '.join(self.channels[channel])} at {self.solved.speed[dwell] * RPM_PER_RAD_S:.0f} rpm"
                 for channel, dwell in self.solved.left_out
             ]
             found.append(f"left out, because their weights do not determine an influence: {', '.join(places)}")
@@ -82,7 +83,7 @@ class Influences:
         head = f"{'probe':<14}{'rpm':>8}{'residual':>18}" + "".join(f"{plane:>18}{'':<11}" for plane in self.planes)
         lines = [head, f"{'':<22}{'um 0-pk':>18}" + f"{'um/(g mm)':>18}{'':<11}" * size]
         for cell, (channel, dwell) in enumerate(zip(self.solved.channel, self.solved.dwell, strict=True)):
-            speed = self.solved.speed[dwell] * 30 / np.pi
+            speed = self.solved.speed[dwell] * RPM_PER_RAD_S
             line = f"{' '.join(self.channels[channel]):<14}{speed:>8.0f}" + _polar(self.solved.residual[cell] * 1e6, 18)
             for value, error in zip(self.solved.influence[cell], errors[cell], strict=True):
                 line += _polar(value, 18) + f" +- {error:.1g}".ljust(11)

@@ -9,16 +9,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotorfit.estimators.blocks.nonlinear import responses_of
+from rotorfit.estimators.blocks.observations import Block
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.fitting.noise_record import FoundNoise, Noise, NoiseVerdict, ResponseNoise, RunEffect
 from rotorfit.fitting.noise_search import Search, offset_entries, residuals_of, search_noise, turn_of
 from rotorfit.models.array_types import Float
+from rotorfit.units import RPM_PER_RAD_S
 
 _Number = TypeVar("_Number", np.float64, np.complex128)
 
 _WINDOW = 5  # lines over which residuals are averaged to see where the model misses
 _PLACES = 3
-_RPM_PER_RAD_S = 30 / np.pi
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -139,15 +140,29 @@ _WORDS = {
 
 def _levels(problem: Problem, search: Search) -> tuple[ResponseNoise, ...]:
     labels = np.concatenate([np.array(block.labels)[block.label] for block in problem.blocks])
+    units = np.concatenate([_units(block) for block in problem.blocks])
     return tuple(
         ResponseNoise(
             responses=tuple(dict.fromkeys(labels[shape.rows].tolist())),
             constant=shape.a,
             share=shape.b,
             along=shape.along,
+            unit=str(units[shape.rows[0]]) if np.unique(units[shape.rows]).size == 1 else "",
         )
         for shape in search.shapes
     )
+
+
+def _units(block: Block) -> NDArray[np.str_]:
+    """Unit of each reading of a block."""
+    responses = responses_of(block)
+    if responses is None:
+        return np.full(block.label.size, "")
+    of = [
+        ("N m" if c.axis == "r" else "N") if responses.imposed else ("rad" if c.axis == "r" else "m")
+        for c in responses.model.coordinates
+    ]
+    return np.array(of)[responses.coordinate]
 
 
 def _places(problem: Problem, search: Search) -> tuple[str, ...]:
@@ -161,6 +176,6 @@ def _places(problem: Problem, search: Search) -> tuple[str, ...]:
         mean = np.convolve(search.data.r[sweep], np.full(width, 1 / width), mode="valid")
         at = int(np.argmax(np.abs(mean)))
         rows = sweep[at : at + width]
-        low, high = sorted(np.abs(w[rows[[0, -1]]]) * _RPM_PER_RAD_S)
+        low, high = sorted(np.abs(w[rows[[0, -1]]]) * RPM_PER_RAD_S)
         found.append((float(np.abs(mean[at])), f"{labels[sweep[0]]} at {low:.0f} to {high:.0f} rpm"))
     return tuple(place for _, place in sorted(found, reverse=True)[:_PLACES])

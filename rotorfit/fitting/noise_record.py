@@ -82,12 +82,14 @@ class ResponseNoise:
         constant: in the unit of the readings.
         share: relative to the response, or to what ``along`` says.
         along: what the share is of.
+        unit: of the readings, in SI; empty where they differ.
     """
 
     responses: tuple[str, ...]
     constant: float
     share: float
     along: str
+    unit: str = ""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

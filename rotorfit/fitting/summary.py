@@ -85,7 +85,8 @@ def noise_lines(fit: FitResult) -> list[str]:
     for level in noise.levels:
         more = f" and {len(level.responses) - 3} more" if level.responses[3:] else ""
         where = ", ".join(level.responses[:3]) + more
-        lines.append(f"  {where}: {level.constant:.2g} (rms), and {100 * level.share:.2g} % {level.along}")
+        share = f", and {100 * level.share:.2g} % {level.along}" if level.share else ""
+        lines.append(f"  {where}: {_small(level.constant, level.unit)} (rms){share}")
     lines += [f"  {sentence}" for sentence in noise.sentences if sentence not in fit.warnings]
     lines += _without_runs(fit)
     few = [p for p in fit.params.values() if p.vary and p.resolved and p.freedom < _FEW]
@@ -94,6 +95,11 @@ def noise_lines(fit: FitResult) -> list[str]:
         how = f"(Student's t, {p.freedom:.2g} degrees of freedom)"
         lines.append(f"  {p.name}: 95 % interval {low:.6g} to {high:.6g} {p.unit} {how}")
     return lines
+
+
+def _small(value: float, unit: str) -> str:
+    """A noise level: motion in millionths, as probes are read."""
+    return f"{1e6 * value:.2g} u{unit}" if unit in ("m", "rad") else f"{value:.2g} {unit}".rstrip()
 
 
 def _without_runs(fit: FitResult) -> list[str]:
@@ -132,9 +138,9 @@ def natural(text: str) -> tuple[tuple[int, float, str], ...]:
 def _row(p: FittedParameter, both: bool) -> list[str | Wide]:
     if not p.vary:
         return [p.name, f"{p.value:.7g}", "known", *([""] * both), "", p.unit]
-    start = f"{p.init_value:.6g}"
     if not p.resolved:
-        return [p.name, Wide("not determined by the data", 2 + both), start, p.unit]
+        return [p.name, Wide("not determined by the data", 2 + both), f"{p.init_value:.6g}", p.unit]
+    start = with_error(p.init_value, p.stderr)[0]
     noise = [f"{p.stderr_noise:.2g}"] * both
     return [p.name, *with_error(p.value, p.stderr), *noise, start, p.unit, "at its bound" if p.at_bound else ""]
 

@@ -12,6 +12,7 @@ import numpy as np
 from rotorfit.models import AnisotropicShaft
 from rotorfit.models.array_types import Float
 from rotorfit.simulation.shaft import Crack, Perturbation, RunUp, shaft_motion, steady
+from rotorfit.units import RPM_PER_RAD_S
 
 _NOTCH = 0.75
 """Width of the notch that a Keyphasor sees, rad, its ramps included."""
@@ -144,7 +145,7 @@ def _attributes(how: Acquisition, perturbation: Perturbation | None, motor: RunU
         "twist_V_per_rad": how.twist_sensitivity,
     }
     if not motor.acceleration:
-        found["speed_rpm"] = motor.first * 30 / np.pi
+        found["speed_rpm"] = motor.first * RPM_PER_RAD_S
     if perturbation is not None:
         found |= {
             "mr_kg_m": perturbation.mr,
