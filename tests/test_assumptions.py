@@ -74,7 +74,9 @@ def test_external_damping_at_the_journal_cannot_be_told_from_the_fluid(plain):
 
 
 def test_refined_the_model_lacks_nothing(plain):
-    assert not rf.refine(plain).best.assumptions().missing
+    best = rf.refine(plain).best
+    assert not best.assumptions().missing
+    assert not best.settings.priors  # two speeds tell gyroscopic effects from the fluid's inertia
 
 
 class Damped(WhirlWhip):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -18,7 +19,7 @@ from rotorfit.fitting.settings import Onset
 from rotorfit.models import BLOCKS, RotorModel, threshold_speed
 from rotorfit.models.array_types import Float
 from rotorfit.models.parameters import bare_name
-from rotorfit.models.structure import check_blocks
+from rotorfit.models.structure import block_parameters, check_blocks
 from rotorfit.text_table import text_table
 
 
@@ -99,7 +100,9 @@ def refine(fit: FitResult) -> Refinement:
         best, steps = _climb(fit, may_leave_open=True)
     chosen = _in_doubt(level_noise(best), best, steps)
     found = _rung_onsets(steps, best)
-    return Refinement(tuple(steps), replace(chosen, settings=replace(chosen.settings, onsets=found)))
+    warnings = (*chosen.warnings, *_told_of_hidden(fit, chosen))
+    chosen = replace(chosen, settings=replace(chosen.settings, onsets=found), warnings=warnings)
+    return Refinement(tuple(steps), chosen)
 
 
 _MISSED = 1.2
@@ -111,8 +114,10 @@ def _climb(fit: FitResult, *, may_leave_open: bool) -> tuple[FitResult, list[Fit
     steps, best = [fit], fit
 
     def try_with(blocks: Iterable[str]) -> FitResult:
-        steps.append(refit(best, best.model.variant(blocks=check_blocks(tuple(blocks)))))
-        step = steps[-1]
+        step = refit(best, best.model.variant(blocks=check_blocks(tuple(blocks))))
+        hidden = _hidden(step)
+        step = refit(best, step.model, priors=hidden) if hidden else step
+        steps.append(step)
         pays = step.success and step.aic < best.aic and (may_leave_open or not step.identifiability.unresolved)
         return step if pays else best
 
@@ -123,6 +128,36 @@ def _climb(fit: FitResult, *, may_leave_open: bool) -> tuple[FitResult, list[Fit
     if not any(step.model.blocks == BLOCKS for step in steps):  # type: ignore[attr-defined]
         best = try_with(BLOCKS)  # and those that only pay together
     return best, steps
+
+
+def _hidden(step: FitResult) -> dict[str, Any]:
+    """Priors of gyroscopic effects that the data cannot tell from the fluid's inertia, ``2 Mf lam w Om``, by name.
+
+    So it is at one speed. Left out, the whole block would be refused, and others would take its place and move lam.
+    They are taken to be zero, give or take three of the largest that the data tell, for a disk that hardly tilts as it
+    moves itself does so as the journal moves; K0, Mf and the threshold carry that.
+    """
+    if "gyroscopic" not in step.model.blocks:  # type: ignore[attr-defined]
+        return {}
+    own = [step.params[q.name] for q in block_parameters(("gyroscopic",), len(step.model.planes))]
+    told = [math.hypot(p.value, p.stderr) for p in own if p.resolved]
+    if not told or not step.success:
+        return {}
+    from scipy.stats import norm  # late: loading it takes longer than a fit
+
+    return {p.name: norm(0.0, _SEVERAL * max(told)) for p in own if not p.resolved}
+
+
+def _told_of_hidden(plain: FitResult, chosen: FitResult) -> list[str]:
+    """What the ladder took to be about zero because the data cannot tell."""
+    names = sorted(set(chosen.settings.priors) - set(plain.settings.priors))
+    if not names:
+        return []
+    size = chosen.settings.priors[names[0]].std()
+    return [
+        f"these data, as those at one speed, cannot tell {', '.join(names)} from the fluid's inertia: taken to be 0 +- "
+        f"{size:.2g} kg, which the errors of K0, Mf and the threshold speed hold; tests at another speed would tell"
+    ]
 
 
 def _in_doubt(chosen: FitResult, best: FitResult, steps: Sequence[FitResult]) -> FitResult:
@@ -172,6 +207,8 @@ def _rung_onsets(steps: Sequence[FitResult], best: FitResult) -> tuple[Onset, ..
     return tuple(found)
 
 
+_SEVERAL = 3.0  # gyroscopic effects of a plane over those of another
+
 _NEAR_NOISE = 1.5  # redchi up to which the misfit left is taken for noise that was estimated too small
 
 _FEWEST = 30  # readings of a response from which their scatter gives a level within 10 %
@@ -217,7 +254,12 @@ def _levels(problem: Problem, x: Float) -> dict[str, float]:
     return {name: max(float(np.sqrt(sums[name] / (counts[name] * free))), _LOWEST) for name in enough}
 
 
-def refit(fit: FitResult, model: RotorModel, extra_known: Mapping[str, float] | None = None) -> FitResult:
+def refit(
+    fit: FitResult,
+    model: RotorModel,
+    extra_known: Mapping[str, float] | None = None,
+    priors: Mapping[str, Any] | None = None,
+) -> FitResult:
     """Fit another model to the data of a result with the same settings.
 
     New parameters start from zero influence, the others from the result, so a richer nested model can only gain.
@@ -231,7 +273,7 @@ def refit(fit: FitResult, model: RotorModel, extra_known: Mapping[str, float] | 
         fit.experiments,
         known=known,
         bounds=settings.bounds,
-        priors=settings.priors,
+        priors={**settings.priors, **(priors or {})},
         per=settings.per,
         loss=settings.loss,
         phase_offsets=settings.phase_offsets,
