@@ -82,6 +82,17 @@ def test_missing_planes_draw_the_drive_point():
     assert len(figure.axes) == 2
 
 
+def test_axes_hold_the_middle_of_the_data_where_the_fit_is_next_to_nothing():
+    """The quadrature between disk and journal is noise about a line that is nearly zero."""
+    rig = rf.datasets.rig_open()
+    fit = rf.fit(WhirlWhip(blocks=("coupling_mass", "coupling_damping")), rig, known={"K3": 6000.0})
+    figure = fit.plot_dynamic_stiffness()
+    for axis in figure.axes:
+        low, high = axis.get_ylim()
+        value = np.concatenate([container.lines[0].get_ydata() for container in axis.containers])
+        assert np.mean((value > low) & (value < high)) >= 0.5
+
+
 def test_stability_shows_the_threshold_and_the_tested_speeds():
     fit = fitted("one-mode")
     figure = fit.plot_stability()

@@ -238,20 +238,28 @@ def _fitted(
 def _limits(
     pair: tuple[Any, ...], factor: float, curves: Sequence[ComplexArray], points: Sequence[ComplexArray]
 ) -> None:
-    """Axes follow the fit: near zero frequency an unbalance force leaves error bars taller than the rotor is stiff.
+    """Axes hold the fit and the middle half of the data, not all of these.
 
-    Where the fit is nothing but zero, the axes follow the middle of the data.
+    Near zero frequency an unbalance force leaves error bars taller than the rotor is stiff; and about an entry that is
+    nearly zero all data scatter further than the fit reaches.
     """
     size = max(float(np.abs(k).max()) for k in curves)
-    values = [factor * np.concatenate([part(k) for k in curves]) for part in (np.real, np.imag)]
-    groups = [(pair[0], np.concatenate(values))] if pair[0] is pair[1] else list(zip(pair, values, strict=True))
-    for axis, shown in groups:
-        low, high = float(shown.min()), float(shown.max())
+    parts = [
+        [factor * np.concatenate([part(k) for k in which]) for which in (curves, points) if which]
+        for part in (np.real, np.imag)
+    ]
+    together = pair[0] is pair[1]
+    groups = (
+        [(pair[0], [np.concatenate(both) for both in zip(*parts, strict=True)])]
+        if together
+        else list(zip(pair, parts, strict=True))
+    )
+    for axis, (shown, *measured) in groups:
+        middle = np.quantile(np.concatenate(measured), (0.25, 0.75)) if measured else shown[:1]
+        low, high = float(min(shown.min(), middle.min())), float(max(shown.max(), middle.max()))
         reach = max(high - low, 0.25 * max(abs(low), abs(high)))
         if reach <= 1e-6 * factor * size:
-            spread = [np.abs(c.imag if axis is pair[1] else c.real) for c in points]
-            reach = 4 * factor * float(np.median(np.concatenate(spread))) if spread else factor * size
-        reach = reach or 1.0  # an entry that the model does not have, and no data to compare with
+            reach = factor * size or 1.0  # an entry that the model does not have, and no data to compare with
         axis.set_ylim(low - 0.25 * reach, high + 0.25 * reach)
 
 
