@@ -39,8 +39,7 @@ def test_dynamic_stiffness_panels_show_force_over_response():
     direct, quadrature = figure.axes
     measured = rf.dynamic_stiffness(fit.experiments[0])
     chosen = measured.speed == SPEEDS["one-mode"][0]
-    container = direct.containers[0]
-    x, y = container.lines[0].get_data()
+    x, y = next(line for line in direct.lines if line.get_marker() == "o").get_data()
     np.testing.assert_allclose(x, measured.frequency[chosen] * RPM)
     np.testing.assert_allclose(y, measured.kappa[chosen, 0, 0].real * 1e-3, rtol=1e-12)  # kN/m
     assert "kN/m" in direct.get_ylabel()

@@ -124,12 +124,12 @@ def ladder(plain: FitResult) -> rf.Refinement:
 @pytest.fixture
 def sketched(monkeypatch: pytest.MonkeyPatch) -> None:
     """Leave the figures' pixels out, which take most of the time, where a test is about words."""
-    import rotorfit.report.figures
+    from rotorfit.plots import layout
 
     dot = base64.b64decode(
         "iVBORw0KGgoAAAANSUhEUgAAAAEAAAABCAYAAAAfFcSJAAAADUlEQVR42mNkYPhfDwAChwGA60e6kgAAAABJRU5ErkJggg=="
     )
-    monkeypatch.setattr(rotorfit.report.figures, "picture_of", lambda figure: dot)
+    monkeypatch.setattr(layout, "picture_of", lambda figure: dot)
 
 
 def normal_draws(fit: FitResult, **changes: Any) -> rf.Posterior:

@@ -16,7 +16,7 @@ from synthetic import TYPICAL
 import rotorfit as rf
 from rotorfit.cli import main as cli
 from rotorfit.data.experiments import PerturbationTest
-from rotorfit.report import figures as report_figures
+from rotorfit.plots import layout
 
 Slip = Callable[[PerturbationTest], PerturbationTest]
 
@@ -42,7 +42,7 @@ def test_the_verdict_names_the_error_first_and_the_exit_code_is_one(
     capsys: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(report_figures, "picture_of", lambda figure: b"\x89PNG")
+    monkeypatch.setattr(layout, "picture_of", lambda figure: b"\x89PNG")
     rf.write(SLIPS[slip](rig), tmp_path / "t.csv")
     out = tmp_path / "out"
     words = ["fit", tmp_path / "t.csv", "--model", "whirl-whip", "--known", "K3=6000", "--out", out]

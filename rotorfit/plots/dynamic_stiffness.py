@@ -76,9 +76,9 @@ def draw_dynamic_stiffness(fit: FitResult) -> Figure:
     kind = "Dynamic stiffness" if full else "Drive-point dynamic stiffness, other planes free"
     together = full and n > 2
     figure, axes = (
-        grid(n, n, f"{kind}, {fit.model.name}", size=(3.6, 2.4))
+        grid(n, n, f"{kind}, {fit.model.name}", size=(3.6, 2.4), one_abscissa=True)
         if together
-        else grid(len(entries), 2, f"{kind}, {fit.model.name}", size=(5.4, 2.2))
+        else grid(len(entries), 2, f"{kind}, {fit.model.name}", size=(5.4, 2.2), one_abscissa=True)
     )
     for place, (row, column) in enumerate(entries):
         pair = (axes[row, column],) * 2 if together else tuple(axes[place])
@@ -197,12 +197,11 @@ def _lines(fit: FitResult, shown: _Shown, row: int, column: int, full: bool) -> 
 
 
 def _points(pair: tuple[Any, ...], frequency: Float, value: ComplexArray, sigma: Float, colour: str) -> None:
-    together = pair[0] is pair[1]
+    x, together = frequency * RPM_PER_RAD_S, pair[0] is pair[1]
     for axis, part, face in ((pair[0], value.real, colour), (pair[1], value.imag, "none" if together else colour)):
-        axis.errorbar(
-            frequency * RPM_PER_RAD_S, part, yerr=sigma, fmt="o", ms=2, mfc=face, mec=colour, mew=0.5, color=colour,
-            elinewidth=0.5, alpha=0.45, zorder=2,
-        )  # fmt: skip
+        bars = np.stack([part - sigma, part + sigma, np.full_like(part, np.nan)], axis=1).ravel()
+        axis.plot(np.repeat(x, 3), bars, "-", lw=0.5, color=colour, alpha=0.45, zorder=2)
+        axis.plot(x, part, "o", ms=2, mfc=face, mec=colour, mew=0.5, alpha=0.45, zorder=2)
 
 
 def _fitted(

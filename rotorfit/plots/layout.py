@@ -6,6 +6,7 @@ eight times and ``savefig`` draws the figure twice. Here each is measured once.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from io import BytesIO
 from typing import Any
 
@@ -29,27 +30,18 @@ class PanelLayout(ConstrainedLayoutEngine):
     """
 
     def execute(self, fig: Figure) -> None:
-        """Place the axes of a figure.
+        """Place the axes of a figure, and their labels beside the numbers.
 
         Args:
             fig: the figure.
-        """
-        self.place(fig, last=False)
-
-    def place(self, fig: Figure, *, last: bool) -> None:
-        """Place the axes of a figure.
-
-        Args:
-            fig: the figure.
-            last: the figure is drawn once more and no more: the labels of its axes stay where they were measured.
         """
         panels: list[Any] = list(fig.axes)
         if not panels or any(_cell(axis) is None for axis in panels):
             super().execute(fig)
             return
         grid = panels[0].get_subplotspec().get_gridspec()
-        margins = np.array([_decorations(axis) for axis in panels]) / fig.dpi + _PAD
-        offsets = {axis: _label_offsets(axis) for axis in panels} if last else {}
+        around = [_surroundings(axis) for axis in panels]
+        margins = np.array([found.margins for found in around]) / fig.dpi + _PAD
         rows, columns = np.array([_cell(axis) for axis in panels]).T
         left, right = (_largest(margins[:, k], columns, grid.ncols) for k in (0, 2))
         bottom, top = (_largest(margins[:, k], rows, grid.nrows) for k in (1, 3))
@@ -60,13 +52,12 @@ class PanelLayout(ConstrainedLayoutEngine):
             super().execute(fig)
             return
         size = np.array([fig.get_figwidth(), fig.get_figheight()])
-        for axis, row, column in zip(panels, rows.tolist(), columns.tolist(), strict=True):
+        for axis, row, column, found in zip(panels, rows.tolist(), columns.tolist(), around, strict=True):
             x = left[: column + 1].sum() + right[:column].sum() + column * width
             y = size[1] - above - top[: row + 1].sum() - bottom[:row].sum() - (row + 1) * height
             axis.set_position(Bbox.from_bounds(x / size[0], y / size[1], width / size[0], height / size[1]))
             axis.set_in_layout(True)  # which placing by hand ends
-            if last:
-                _fix_labels(axis, *offsets[axis])
+            _fix_labels(axis, found)
 
 
 def _cell(axis: Any) -> tuple[int, int] | None:
@@ -77,29 +68,74 @@ def _cell(axis: Any) -> tuple[int, int] | None:
     return spec.rowspan.start, spec.colspan.start
 
 
-def _decorations(axis: Any) -> tuple[float, float, float, float]:
-    """Pixels that labels and titles reach beyond the axes: left, below, right, above."""
-    box = axis.get_tightbbox(for_layout_only=True)
-    if box is None:  # axes that are not shown
-        return 0.0, 0.0, 0.0, 0.0
-    inner = axis.get_position(original=True).transformed(axis.get_figure().transFigure)
-    return inner.x0 - box.x0, inner.y0 - box.y0, box.x1 - inner.x1, box.y1 - inner.y1
+@dataclass(frozen=True, kw_only=True)
+class _Surroundings:
+    """What stands around axes, pixels.
+
+    Attributes:
+        margins: that labels, titles and others reach beyond the place given to the axes: left, below, right, above.
+        below, left: from the axes to the label of x, and to that of y.
+    """
+
+    margins: tuple[float, float, float, float]
+    below: float
+    left: float
 
 
-def _label_offsets(axis: Any) -> tuple[float, float]:
-    """Inches from the axes, as just measured, to the label of x below and to that of y on the left."""
-    below = axis.bbox.y0 - axis.xaxis.label.get_position()[1]
-    left = axis.bbox.x0 - axis.yaxis.label.get_position()[0]
-    return below / axis.figure.dpi, left / axis.figure.dpi
+def _surroundings(axis: Any) -> _Surroundings:
+    """Measure what stands around axes.
+
+    Matplotlib's own measure of axes asks five times for the numbers along them: for their size, for the places of the
+    labels, of the title and of the ends of both lines.
+    """
+    if not axis.get_visible():
+        return _Surroundings(margins=(0.0, 0.0, 0.0, 0.0), below=0.0, left=0.0)
+    axis.apply_aspect()
+    inner = axis.bbox
+    along_x, along_y = (_numbers(side) for side in (axis.xaxis, axis.yaxis))
+    others = [a.get_tightbbox() for a in axis.get_default_bbox_extra_artists() if a not in axis.spines.values()]
+    box = Bbox.union([inner, along_x or inner, along_y or inner, *(b for b in others if b is not None and b.width > 0)])
+    pad = axis.figure.dpi / 72
+    below = inner.y0 - (along_x or inner).y0 + axis.xaxis.labelpad * pad
+    left = inner.x0 - (along_y or inner).x0 + axis.yaxis.labelpad * pad
+    lowest = inner.y0 - below - (axis.xaxis.label.get_window_extent().height if axis.get_xlabel() else 0.0)
+    leftmost = inner.x0 - left - (axis.yaxis.label.get_window_extent().width if axis.get_ylabel() else 0.0)
+    ceiling = (along_y or inner).y1 if axis.yaxis.get_offset_text().get_text() else inner.y1
+    highest = ceiling + _title_reach(axis)
+    place = axis.get_position(original=True).transformed(axis.figure.transFigure)
+    margins = (
+        place.x0 - min(box.x0, leftmost), place.y0 - min(box.y0, lowest),
+        box.x1 - place.x1, max(box.y1, highest) - place.y1,
+    )  # fmt: skip
+    return _Surroundings(margins=margins, below=below, left=left)
 
 
-def _fix_labels(axis: Any, below: float, left: float) -> None:
-    """Fix the labels of axes there, so that drawing does not look for a place again."""
+def _numbers(side: Any) -> Bbox | None:
+    """Extent of the numbers along one side of axes; ``None`` where there are none."""
+    shown = side.label.get_visible()
+    side.label.set_visible(False)
+    side.set_label_coords(0.5, 0.5)  # a place given: matplotlib looks for none
+    box: Bbox | None = side.get_tightbbox()
+    side.label.set_visible(shown)
+    return box
+
+
+def _title_reach(axis: Any) -> float:
+    """Pixels from what the title stands on to its top."""
+    if not axis.get_title():
+        return 0.0
+    stand: float = axis.transAxes.transform(axis.title.get_position())[1]
+    return float(axis.title.get_window_extent().y1) - stand
+
+
+def _fix_labels(axis: Any, found: _Surroundings) -> None:
+    """Fix the labels of axes beside their numbers, so that drawing does not look for a place again."""
     to_inches = axis.figure.dpi_scale_trans
+    below, left = found.below / axis.figure.dpi, found.left / axis.figure.dpi
     axis.xaxis.set_label_coords(0.5, 0.0, axis.transAxes + ScaledTranslation(0.0, -below, to_inches))
     axis.yaxis.set_label_coords(0.0, 0.5, axis.transAxes + ScaledTranslation(-left, 0.0, to_inches))
     if axis.get_title() and not axis.yaxis.get_offset_text().get_text():
-        axis.set_title(axis.get_title(), y=axis.title.get_position()[1], fontsize=axis.title.get_fontsize())
+        axis.set_title(axis.get_title(), y=1.0, fontsize=axis.title.get_fontsize())
 
 
 def _largest(values: NDArray[np.float64], place: NDArray[np.intp], count: int) -> NDArray[np.float64]:
@@ -140,9 +176,9 @@ def picture_of(figure: Figure, file_format: str = "png", dpi: float = 200.0) -> 
     canvas = FigureCanvasAgg(figure)
     engine = figure.get_layout_engine()
     if isinstance(engine, PanelLayout):
-        engine.place(figure, last=True)
+        engine.execute(figure)
         figure.set_layout_engine("none")
     canvas.draw()
-    image = Image.fromarray(np.asarray(canvas.buffer_rgba()))
+    image = Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB")  # opaque: an eighth smaller
     image.save(stream, "png", compress_level=_COMPRESSION, dpi=(dpi, dpi))
     return stream.getvalue()

@@ -15,7 +15,7 @@ from rotorfit.plots.eccentricity import plot_law, plot_nonlinear_stiffness
 from rotorfit.plots.stability import plot_stability
 from rotorfit.plots.static_and_impulse import plot_static_locus, plot_static_stiffness, plot_velocity_ratio
 from rotorfit.plots.style import GREY, SMALL, grid, legend_below, literal
-from rotorfit.plots.sweeps import Condition, Curve, curves
+from rotorfit.plots.sweeps import Condition, Curve, curves, joined
 from rotorfit.plots.ticks import plain_powers
 from rotorfit.plots.uncertainty import plot_corner, plot_traces
 from rotorfit.units import RPM_PER_RAD_S
@@ -51,7 +51,9 @@ class _Panels:
     bottom: Sequence[Any]
 
 
-def _panels(found: Sequence[Curve], title: str, *, rows: int, size: tuple[float, float]) -> tuple[Figure, _Panels]:
+def _panels(
+    found: Sequence[Curve], title: str, *, rows: int, size: tuple[float, float], one_abscissa: bool = False
+) -> tuple[Figure, _Panels]:
     """A figure with a panel for each probe (down) and force (across), packed where not all of them were measured."""
     pairs = sorted({(c.coordinate, c.force_plane) for c in found})
     probes, forces = sorted({p for p, _ in pairs}), sorted({f for _, f in pairs})
@@ -60,13 +62,16 @@ def _panels(found: Sequence[Curve], title: str, *, rows: int, size: tuple[float,
     else:
         place = {pair: divmod(i, 2) for i, pair in enumerate(pairs)}
     down, across = (max(where[k] for where in place.values()) + 1 for k in (0, 1))
-    figure, axes = grid(rows * down, across, title, size=size)
+    figure, axes = grid(rows * down, across, title, size=size, one_abscissa=one_abscissa)
     for row, column in {(r, c) for r in range(down) for c in range(across)} - set(place.values()):
         for axis in axes[rows * row : rows * (row + 1), column]:
             axis.remove()
     shown = {pair: list(axes[rows * r : rows * (r + 1), c]) for pair, (r, c) in place.items()}
     lowest = {c: max(r for r, other in place.values() if other == c) for _, c in place.values()}
-    return figure, _Panels(shown, [axes[rows * (r + 1) - 1, c] for c, r in lowest.items()])
+    bottom = [axes[rows * (r + 1) - 1, c] for c, r in lowest.items()]
+    for axis in bottom:
+        axis.tick_params(labelbottom=True)
+    return figure, _Panels(shown, bottom)
 
 
 def _response_unit(fit: FitResult, coordinate: int) -> tuple[float, str]:
@@ -95,28 +100,30 @@ def plot_bode(fit: FitResult) -> Figure:
         ValueError: the fit has no circular responses.
     """
     conditions, found = curves(fit)
-    figure, panels = _panels(found, f"Bode plot, {fit.model.name}", rows=2, size=(5.2, 1.9))
-    for curve in found:
+    title = f"Bode plot, {fit.model.name}"
+    figure, panels = _panels(found, title, rows=2, size=(5.2, 1.9), one_abscissa=True)
+    for curve in joined(found):
         amplitude, phase = panels.axes[curve.coordinate, curve.force_plane]
-        colour, x = curve.condition.colour, curve.frequency * RPM_PER_RAD_S
-        factor, unit = _response_unit(fit, curve.coordinate)
+        colour, x, fine = curve.condition.colour, curve.frequency * RPM_PER_RAD_S, curve.fine * RPM_PER_RAD_S
+        factor, _ = _response_unit(fit, curve.coordinate)
         line, (relative, turn) = factor * np.abs(curve.fitted), curve.band
-        amplitude.semilogy(x, factor * np.abs(curve.measured), ".", ms=2.5, color=colour, alpha=0.6)
-        amplitude.semilogy(curve.fine * RPM_PER_RAD_S, line, "-", lw=1.1, color=colour)
+        amplitude.plot(x, factor * np.abs(curve.measured), ".", ms=2.5, color=colour, alpha=0.6)
+        amplitude.plot(fine, line, "-", lw=1.1, color=colour)
         reach = np.exp(np.minimum(relative, 20.0))
-        amplitude.fill_between(curve.fine * RPM_PER_RAD_S, line / reach, line * reach, color=colour, alpha=0.25, lw=0)
+        amplitude.fill_between(fine, line / reach, line * reach, color=colour, alpha=0.25, lw=0)
         phase.plot(x, _degrees(curve.measured), ".", ms=2.5, color=colour, alpha=0.6)
         angle, half = _unwrapped(curve.fitted), np.rad2deg(turn)
-        phase.plot(curve.fine * RPM_PER_RAD_S, angle, "-", lw=1.1, color=colour)
-        phase.fill_between(curve.fine * RPM_PER_RAD_S, angle - half, angle + half, color=colour, alpha=0.25, lw=0)
-        amplitude.set_title(_cell_title(fit, curve.coordinate, curve.force_plane), fontsize=8)
-        amplitude.set_ylabel(unit, fontsize=8)
+        phase.plot(fine, angle, "-", lw=1.1, color=colour)
+        phase.fill_between(fine, angle - half, angle + half, color=colour, alpha=0.25, lw=0)
+    for (probe, force), (amplitude, phase) in panels.axes.items():
+        amplitude.set_yscale("log")
+        plain_powers(amplitude.yaxis)
+        _amplitude_limits(amplitude, [c for c in found if (c.coordinate, c.force_plane) == (probe, force)], fit)
+        amplitude.set_title(_cell_title(fit, probe, force), fontsize=8)
+        amplitude.set_ylabel(_response_unit(fit, probe)[1], fontsize=8)
         phase.set_ylabel("phase lead, deg", fontsize=8)
         phase.set_yticks([-180, -90, 0, 90, 180])
         phase.set_ylim(-190, 190)
-    for pair, (amplitude, _) in panels.axes.items():
-        plain_powers(amplitude.yaxis)
-        _amplitude_limits(amplitude, [c for c in found if (c.coordinate, c.force_plane) == pair], fit)
     for axis in panels.bottom:
         axis.set_xlabel(_frequency_label(found), fontsize=8)
     _condition_legend(figure, conditions, "fit and 95 % band")
@@ -179,20 +186,20 @@ def plot_polar(fit: FitResult) -> Figure:
     for curve in found:
         (axis,) = panels.axes[curve.coordinate, curve.force_plane]
         colour = curve.condition.colour
-        factor, unit = _response_unit(fit, curve.coordinate)
+        factor, _ = _response_unit(fit, curve.coordinate)
         face = colour if curve.frequency[-1] > 0 else "none"
         z, fitted = factor * curve.measured, factor * curve.fitted
         axis.plot(z.real, z.imag, "o", ms=3, mfc=face, mec=colour, mew=0.6, alpha=0.5)
         axis.plot(fitted.real, fitted.imag, "-", lw=1.1, color=colour)
-        axis.set_title(_cell_title(fit, curve.coordinate, curve.force_plane), fontsize=8)
+    for pair, (axis,) in panels.axes.items():
+        mine = [c for c in found if (c.coordinate, c.force_plane) == pair]
+        factor, unit = _response_unit(fit, pair[0])
+        axis.set_title(_cell_title(fit, *pair), fontsize=8)
         axis.set_xlabel(f"in phase, {unit}", fontsize=8)
         axis.set_ylabel(f"quadrature, {unit}", fontsize=8)
         axis.set_aspect("equal")
         axis.axhline(0, color="0.7", lw=0.6)
         axis.axvline(0, color="0.7", lw=0.6)
-    for pair, (axis,) in panels.axes.items():
-        mine = [c for c in found if (c.coordinate, c.force_plane) == pair]
-        factor, _ = _response_unit(fit, pair[0])
         every = np.asarray(factor * np.concatenate([*(c.fitted for c in mine), np.zeros(1)]), dtype=complex)
         _square(axis, every)
         _mark_frequencies(axis, mine, factor, 0.58 * max(np.ptp(every.real), np.ptp(every.imag), 1e-12))
@@ -246,15 +253,15 @@ def plot_residuals(fit: FitResult) -> Figure:
     conditions, found = curves(fit)
     title = f"Residuals over noise, {fit.model.name}: redchi {fit.redchi:.3g}"
     figure, panels = _panels(found, title, rows=2, size=(5.2, 1.6))
-    for curve in found:
+    for curve in joined(found):
         axis, _ = panels.axes[curve.coordinate, curve.force_plane]
         x = curve.frequency * RPM_PER_RAD_S
         axis.plot(x, curve.whitened.real, ".", ms=2.5, color=curve.condition.colour, alpha=0.7)
         axis.plot(x, curve.whitened.imag, "x", ms=2.5, mew=0.6, color=curve.condition.colour, alpha=0.7)
-        axis.set_title(_cell_title(fit, curve.coordinate, curve.force_plane), fontsize=8)
+    for pair, (axis, histogram) in panels.axes.items():
+        axis.set_title(_cell_title(fit, *pair), fontsize=8)
         axis.set_ylabel("residual / noise", fontsize=8)
         axis.set_xlabel(_frequency_label(found), fontsize=8)
-    for pair, (axis, histogram) in panels.axes.items():
         axis.axhspan(-2, 2, color="0.93", zorder=0)
         mine = np.concatenate([c.whitened for c in found if (c.coordinate, c.force_plane) == pair])
         _histogram(histogram, np.concatenate([mine.real, mine.imag]))

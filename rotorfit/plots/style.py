@@ -31,13 +31,22 @@ class ShownFigure(Figure):
         return stream.getvalue()
 
 
-def grid(rows: int, columns: int, title: str, *, size: tuple[float, float] = (4.6, 2.3)) -> tuple[Figure, Any]:
-    """An empty figure of axes, shape ``(rows, columns)``, ``size`` inches each where that does not exceed a page."""
+def grid(
+    rows: int, columns: int, title: str, *, size: tuple[float, float] = (4.6, 2.3), one_abscissa: bool = False
+) -> tuple[Figure, Any]:
+    """An empty figure of axes, shape ``(rows, columns)``.
+
+    Args:
+        rows, columns: how many.
+        title: of the figure.
+        size: inches of each panel, where that does not exceed a page.
+        one_abscissa: the panels of a column have the same abscissa, whose numbers stand below the last of them.
+    """
     width, height = min(size[0] * columns, PAGE[0]), min(size[1] * rows + 0.5, PAGE[1])
     figure = ShownFigure(figsize=(width, height), layout=PanelLayout())
     if title:
         figure.suptitle(title, fontsize=10)
-    axes = figure.subplots(rows, columns, squeeze=False)
+    axes = figure.subplots(rows, columns, squeeze=False, sharex="col" if one_abscissa else "none")
     for axis in axes.flat:
         few_ticks(axis.xaxis)
         few_ticks(axis.yaxis)

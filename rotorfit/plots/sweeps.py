@@ -5,9 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rotorfit.data.experiments import SYNCHRONOUS_TOLERANCE
 from rotorfit.estimators.blocks.correlated import CorrelatedResponses
@@ -209,6 +210,34 @@ def curves(fit: FitResult) -> tuple[list[Condition], list[Curve]]:
     """
     conditions, parts = sweeps(fit)
     return conditions, [curve for part in parts for curve in _curves(fit, conditions, part)]
+
+
+def joined(found: Sequence[Curve]) -> list[Curve]:
+    """One curve for each probe, force and condition; its lines break between the sweeps that it is made of.
+
+    Args:
+        found: as :func:`curves` gives them.
+    """
+    parts: dict[tuple[int, int, Condition], list[Curve]] = {}
+    for curve in found:
+        parts.setdefault((curve.coordinate, curve.force_plane, curve.condition), []).append(curve)
+    return [
+        Curve(
+            *key,
+            frequency=np.concatenate([c.frequency for c in same]),
+            measured=np.concatenate([c.measured for c in same]),
+            whitened=np.concatenate([c.whitened for c in same]),
+            fine=_broken([c.fine for c in same]),
+            fitted=_broken([c.fitted for c in same]),
+            band=(_broken([c.band[0] for c in same]), _broken([c.band[1] for c in same])),
+        )
+        for key, same in parts.items()
+    ]
+
+
+def _broken(parts: Sequence[NDArray[Any]]) -> NDArray[Any]:
+    """Parts of a line in one, NaN between them."""
+    return np.concatenate([np.append(part, np.nan) for part in parts])[:-1]
 
 
 def _curves(fit: FitResult, conditions: Sequence[Condition], part: Sweeps) -> Iterator[Curve]:

@@ -59,6 +59,6 @@ def few_ticks(axis: Any) -> None:
 def plain_powers(axis: Any) -> None:
     """Write the labels of a logarithmic axis as 0.1, 1, 10, and powers only where that gets long."""
     axis.set_major_locator(_Powers())
-    axis.set_minor_locator(_Powers(subs="auto"))
+    axis.set_minor_locator(_Powers(subs=(2.0, 5.0)))
     axis.set_major_formatter(_PlainPowers())
     axis.set_minor_formatter(_PlainPowers(labelOnlyBase=False))

@@ -1,4 +1,7 @@
-"""Sections of the report that are figures, with the tables that belong to them."""
+"""Sections of the report that are figures, with the tables that belong to them.
+
+What draws is imported when it is called: matplotlib takes as long to load as a fit with its tables to write.
+"""
 
 from __future__ import annotations
 
@@ -13,11 +16,9 @@ import numpy as np
 from rotorfit.estimators.blocks.nonlinear import OrbitResponses, responses_of
 from rotorfit.estimators.blocks.shaft_lines import LineResponses, PairResponses
 from rotorfit.estimators.blocks.small_motion import FreeVibrations
+from rotorfit.fitting.result import FitResult
 from rotorfit.models.array_types import Float
 from rotorfit.models.parameters import bare_name
-from rotorfit.plots import responses as plots
-from rotorfit.plots.layout import picture_of
-from rotorfit.plots.shaft_lines import plot_lines
 from rotorfit.report.html import Html, element, join, paragraph, picture, table
 from rotorfit.report.numbers import plain, with_error
 from rotorfit.report.parts import at_of, groups_of, note, section, sentence, symbol
@@ -26,7 +27,6 @@ from rotorfit.units import RPM_PER_RAD_S
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from rotorfit.fitting.result import FitResult
     from rotorfit.report.material import ReportInput
     from rotorfit.uncertainty.posterior import Posterior
 
@@ -87,47 +87,47 @@ _BAND = "Residuals over their noise; noise alone would leave 95 % of them in the
 FIGURES: tuple[Kind, ...] = (
     Kind(
         "Dynamic stiffness",
-        plots.plot_dynamic_stiffness,
+        FitResult.plot_dynamic_stiffness,
         "Points: measured ± σ. Lines: fit, with its 95 % band. Dotted: λΩ, where the fluid's part of the quadrature "
         "stiffness vanishes.",
         _turning,
     ),
-    Kind("Bode plots", plots.plot_bode, _TO_FORCE, _turning),
-    Kind("Polar plots", plots.plot_polar, _POLAR, _turning),
-    Kind("Residuals", plots.plot_residuals, _BAND, _turning),
+    Kind("Bode plots", FitResult.plot_bode, _TO_FORCE, _turning),
+    Kind("Polar plots", FitResult.plot_polar, _POLAR, _turning),
+    Kind("Residuals", FitResult.plot_residuals, _BAND, _turning),
     Kind(
         "Spectral lines",
-        plot_lines,
+        FitResult.plot_lines,
         "Lines per unit of force. Points: measured ± σ. Lines: fit. A line at w has its image at 2 Om − w.",
         lambda block: isinstance(block, LineResponses | PairResponses) and bool(block.force.any()),
     ),
     Kind(
         "Fluid against eccentricity",
-        plots.plot_law,
+        FitResult.plot_law,
         "The law's K0, D and lam with their 95 % bands; ticks: eccentricities of the data, dotted: beyond them.",
         lambda block: _orbits(block) or _loads(block) or _impulses(block),
     ),
     Kind(
         "Nonlinear dynamic stiffness",
-        plots.plot_nonlinear_stiffness,
+        FitResult.plot_nonlinear_stiffness,
         "Nonlinear minus linear dynamic stiffness at the journal. Points: measured. Lines: fit.",
         _orbits,
     ),
     Kind(
         "Static loads",
-        plots.plot_static_locus,
+        FitResult.plot_static_locus,
         "Positions of the journal under constant loads over the clearance. Points: measured. Lines: fitted locus.",
         _loads,
     ),
     Kind(
         "Static stiffness",
-        plots.plot_static_stiffness,
+        FitResult.plot_static_stiffness,
         "Static load over displacement. Points: measured. Lines: fit, with its 95 % band.",
         _loads,
     ),
     Kind(
         "Impulse tests",
-        plots.plot_velocity_ratio,
+        FitResult.plot_velocity_ratio,
         "Damped frequency over rotative speed. Points: measured. Solid lines: fitted eigenvalues; dashed: lam itself.",
         _impulses,
     ),
@@ -155,6 +155,8 @@ def _picture(material: ReportInput, name: str, draw: Callable[[], Figure], capti
     """Draw a figure, keep the file, embed it; nothing where figures are left out."""
     if material.figure_format == "none":
         return Html("")
+    from rotorfit.plots.layout import picture_of
+
     figure = draw()
     png = picture_of(figure)
     material.pictures[name] = png if material.figure_format == "png" else picture_of(figure, material.figure_format)
@@ -179,12 +181,18 @@ def _stability(material: ReportInput) -> Iterator[Html]:
     for label, group in groups_of(fit):
         caption = "Modes of the fitted rotor against its speed" + (f", {label}." if label else ".")
         name = "stability" if group == 0 else f"stability_{group + 1}"
-        yield _picture(material, name, partial(plots.plot_stability, fit, group=group), caption)
+        yield _picture(material, name, partial(_draw_stability, fit, group), caption)
     rows = [row for label, group in groups_of(fit) for row in _mode_rows(fit, label, group)]
     head = ["group", "rotative speed, rpm", "damped frequency, rpm", "±", "damping ratio", "±"]
     if rows and not rows[0][0]:
         head, rows = head[1:], [row[1:] for row in rows]
     yield table(head, rows, numeric=range(len(head) - 5, len(head)))
+
+
+def _draw_stability(fit: FitResult, group: int) -> Figure:
+    from rotorfit.plots.stability import plot_stability
+
+    return plot_stability(fit, group=group)
 
 
 def _mode_rows(fit: FitResult, label: str, group: int) -> Iterator[list[str]]:
@@ -217,13 +225,25 @@ def _posterior(material: ReportInput, posterior: Posterior) -> Iterator[Html]:
     caption = "Posterior: margins with their 95 % interval, and pairs with contours of 68 and 95 %; lines: the optimum."
     if len(shown) < len(names):
         caption += f" {len(shown)} of {len(names)} parameters: the fluid's, and those most correlated with others."
-    yield _picture(material, "corner", partial(plots.plot_corner, samples[:, shown], labels, marks), caption)
+    yield _picture(material, "corner", partial(_draw_corner, samples[:, shown], labels, marks), caption)
     yield element("h3", "Health of the chains")
     yield paragraph(sentence(posterior.message))
     yield paragraph(sentence(posterior.treatment))
     yield _health(posterior)
-    traces = partial(plots.plot_traces, posterior.chain[..., shown], [names[i] for i in shown])
+    traces = partial(_draw_traces, posterior.chain[..., shown], [names[i] for i in shown])
     yield _picture(material, "chains", traces, "Walkers' paths after burn-in.")
+
+
+def _draw_corner(samples: Float, labels: list[str], marks: dict[str, float]) -> Figure:
+    from rotorfit.plots.uncertainty import plot_corner
+
+    return plot_corner(samples, labels, marks)
+
+
+def _draw_traces(chain: Float, names: list[str]) -> Figure:
+    from rotorfit.plots.uncertainty import plot_traces
+
+    return plot_traces(chain, names)
 
 
 def _health(posterior: Posterior) -> Html:
