@@ -81,13 +81,13 @@ def test_data_that_meet_a_bound_are_fitted_too():
 
 
 def test_coverage():
-    """95 % intervals of 200 noisy data sets cover 95 %, within binomial error."""
+    """95 % intervals of 100 noisy data sets cover 95 %, within binomial error."""
     base = one_mode_fit(0.1, ("K", "Ds", "M", "Mf"))
     truth = np.array([RIG[name] for name in base.var_names])
     block = base.problem.blocks[0]
     exact = base.problem.predict(truth)[0]
     rng = np.random.default_rng(5)
-    hits, draws = dict.fromkeys(("D", "lam", "K0"), 0), 200
+    hits, draws = dict.fromkeys(("D", "lam", "K0"), 0), 100
     for draw in range(draws):
         error = rng.normal(size=exact.size) + 1j * rng.normal(size=exact.size)
         fit = solve_again(base, with_measured(base.problem, exact + block.sigma * error))

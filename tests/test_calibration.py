@@ -90,7 +90,7 @@ def miscalibrated(model, theta, rng, noise, frequency=W):
 
 def test_pulls_of_miscalibrated_data():
     """Errors over standard errors have variance one with the budget, and far more without it."""
-    model, draws = WhirlWhip(), 120
+    model, draws = WhirlWhip(), 80
     theta = model.vector(RIG)
     rng = np.random.default_rng(8)
     base = rf.fit(model, exact_test(), known={"K3": 6000.0})
@@ -218,6 +218,7 @@ def test_robust_losses_and_priors_of_parameters_count_too():
         assert b.combined == pytest.approx(a.combined, rel=0.1)
 
 
+@pytest.mark.usefixtures("sketched")
 def test_studies_and_reports_carry_a_calibration(tmp_path, rig_fit):
     from rotorfit.studies.study import Study
     from rotorfit.studies.study_file import read_study

@@ -213,7 +213,7 @@ def test_unbalance_in_a_ring_down_is_not_its_mode() -> None:
     exact = whirl(LIGHT, 180.0, 0.3)
     squares = []
     for seed in range(20):
-        record = ring_down(LIGHT, eccentricities=(0.3,), seed=seed)
+        record = ring_down(LIGHT, eccentricities=(0.3,), samples=300, seed=seed)
         size = 0.5 * np.ptp(record.x)
         turning = np.exp(1j * (180.0 * record.time + 0.4)) + 0.3 * np.exp(2j * 180.0 * record.time)
         spoiled = replace(record, x=record.x + size * turning.real, y=record.y + size * turning.imag)

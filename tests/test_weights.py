@@ -168,6 +168,7 @@ def test_other_intervals_agree_with_those_of_the_mountings(rk4_fit: rf.FitResult
         rk4_fit.sample(seed=1)
 
 
+@pytest.mark.usefixtures("sketched")
 def test_the_report_tells_of_mountings_and_datum(rk4_fit: rf.FitResult, tmp_path) -> None:  # type: ignore[no-untyped-def]
     rf.write_report(rk4_fit, tmp_path / "report.html")
     text = (tmp_path / "report.html").read_text(encoding="utf-8")
@@ -183,14 +184,14 @@ def test_intervals_of_small_campaigns_cover() -> None:
     rng = np.random.default_rng(11)
     model = rf.models.Modal(("disk1", "disk2"))
     inside = dict.fromkeys(TRUTH, 0)
-    count = 60
+    count = 30
     for _ in range(count):
         fit = rf.fit(model, campaign(rng), phase_offsets="common")
         for name, true in TRUTH.items():
             low, high = fit.interval(name)
             inside[name] += low <= true <= high
-    # 60 campaigns at 95 %: 57 +- 1.7; three standard deviations below is 52
-    assert min(inside.values()) >= 52, inside
+    # 30 campaigns at 95 %: 28.5 +- 1.2; three standard deviations below is 25
+    assert min(inside.values()) >= 25, inside
 
 
 # ---- the common datum angle -----------------------------------------------------------------------------------------
