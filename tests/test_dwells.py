@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from concurrent.futures import Executor, Future
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 from recorded import ATTRIBUTES, RATE, notch, shaft_angle, write_hdf5
+from unreliable import Unreliable
 
 import rotorfit as rf
 from rotorfit.cli.main import main
@@ -74,22 +73,6 @@ def test_dwells_on_an_order_are_left_out_in_words_and_the_rest_fits(stepped: lis
     fit = rf.fit(RIG, test, known={"K3": 6e3, "sigma": 1.0})
     for name in ("Md", "K0", "D", "lam"):
         assert abs(fit.params[name].value - VALUES[name]) < 4 * fit.params[name].stderr, name
-
-
-class Unreliable(Executor):
-    """Loses some of what it is given."""
-
-    def __init__(self, losses: int) -> None:
-        self.losses, self.attempts = losses, 0
-
-    def submit(self, fn: Any, /, *args: Any, **kwargs: Any) -> Future[Any]:
-        self.attempts += 1
-        future: Future[Any] = Future()
-        if self.attempts <= self.losses:
-            future.set_exception(OSError("worker lost"))
-        else:
-            future.set_result(fn(*args, **kwargs))
-        return future
 
 
 @pytest.mark.parametrize("losses", [2, 1000])

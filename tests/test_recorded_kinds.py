@@ -25,8 +25,8 @@ OPTIONS: dict[str, tuple[list[str], tuple[str, ...]]] = {
 
 
 def test_no_kind_is_left_out() -> None:
-    """Start-ups of a two-disk rotor are in the tests of responses."""
-    assert set(OPTIONS) | {"synchronous"} == set(RECORDED)
+    """Start-ups and balance runs of a two-disk rotor are in the tests of runs without a weight."""
+    assert set(OPTIONS) | {"synchronous", "balance"} == set(RECORDED)
 
 
 @pytest.mark.parametrize("kind", OPTIONS)

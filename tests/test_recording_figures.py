@@ -175,7 +175,7 @@ def test_look_says_what_is_wrong_with_a_recording(tmp_path: Path, capsys: pytest
     channels = volts()
     channels["disk_X"] = np.minimum(channels["disk_X"], -9.7)
     whole = write_hdf5(tmp_path / "run.h5", channels, {**ATTRIBUTES, "whirl": "backward"})
-    assert main(["look", str(whole)]) == 0
+    assert main(["look", str(whole)]) == 1
     said = capsys.readouterr().out
     assert "error [channel-clipped]" in said
     assert "error [whirl-reversed]" in said

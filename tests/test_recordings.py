@@ -321,7 +321,7 @@ def test_text_as_analysers_write_it(tmp_path: Path, encoding: str) -> None:
         (("rotation", "rotatoin"), "unknown key 'rotatoin'"),
         (('"ccw"', '"left"'), "rotation must be one of ccw, cw"),
         (("angle_deg = 90.0", 'angle_deg = "up"'), r"\[\[probe\]\] 2: angle_deg must be a finite number"),
-        (("mr_g_mm = 20.0", "mr_g_mm = 0.0"), r"\[force\]: mr_g_mm must be above zero"),
+        (("mr_g_mm = 20.0", "mr_g_mm = -20.0"), r"\[force\]: mr_g_mm must not be negative"),
         (("sensitivity_V_per_mm = 7.87", "sensitivity_V_per_inch = 200"), "unknown key 'sensitivity_V_per_inch'"),
         (('channel = "disk_X"', 'channel = "dsk_X"'), "unknown channel 'dsk_X'"),
         (("[force]", "[force"), "not readable TOML"),

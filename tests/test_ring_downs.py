@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from unreliable import Unreliable
 
 import rotorfit as rf
 
@@ -19,8 +20,12 @@ def test_blows_give_the_eigenvalue_of_the_forward_mode(tmp_path: Path) -> None:
     paths = rf.simulate_recordings(
         MODEL, VALUES, tmp_path, "impulse", speed_rpm=[900.0, 1200.0], blows=6, instruments=SLOW, seed=5
     )
-    test = rf.ring_downs([rf.read_recording(path) for path in paths])
+    records = [rf.read_recording(path) for path in paths]
+    test = rf.ring_downs(records)
     assert len(test.runs) == 12
+    pool = Unreliable(1)  # its first worker is lost
+    assert np.array_equal(rf.ring_downs(records, executor=pool).x, test.x)
+    assert pool.attempts == 3
     modes = rf.ring_down_modes(test)
     pulls = []
     for rpm in (900.0, 1200.0):

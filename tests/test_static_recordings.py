@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from unreliable import Unreliable
 
 import rotorfit as rf
 from rotorfit.cli.main import main
@@ -74,6 +75,16 @@ def test_positions_are_those_of_the_loaded_rotor_and_errors_hold(tmp_path: Path,
     assert np.abs((apart.displacement - exact(apart)) / apart.sigma).max() < 4
     # 1 + 2 times the variance of one recording, two groups of four of which are compared: known to 15 %
     assert np.mean(apart.sigma**2) / np.mean(test.sigma**2) > 1.5
+
+
+def test_recordings_whose_worker_was_lost_are_read_again(records: list[rf.Recording]) -> None:
+    """Two of eight are lost at first, and sent again."""
+    pool = Unreliable(2)
+    again = rf.static_positions(records, executor=pool)
+    assert pool.attempts == len(records) + 2
+    alone = rf.static_positions(records)
+    np.testing.assert_array_equal(again.displacement, alone.displacement)
+    np.testing.assert_array_equal(again.sigma, alone.sigma)
 
 
 def test_fit_from_the_command_line_finds_the_fluid(

@@ -9,7 +9,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rotorfit.cli.errors import DONE, checked
+from rotorfit.cli.errors import DONE, NOT_CONVERGED, checked
 from rotorfit.cli.progress import ProgressLine
 from rotorfit.io.templates import example, kinds
 from rotorfit.models.parameters import unknown_name
@@ -74,8 +74,9 @@ def _look(options: argparse.Namespace) -> int:
     texts = [summary(record) for record in records]
     if not options.quiet:
         print("\n\n".join(texts))
+    wrong = any(finding.severity == "error" for record in records for finding in record.findings)
     if options.out is None:
-        return DONE
+        return NOT_CONVERGED if wrong else DONE
     progress = ProgressLine(enabled=not options.quiet and sys.stderr.isatty())
     left_out: list[str] = []
     try:
@@ -88,7 +89,7 @@ def _look(options: argparse.Namespace) -> int:
         progress.close()
     if not options.quiet:
         print("\n".join(["", *left_out, f"written to {options.out}"]))
-    return DONE
+    return NOT_CONVERGED if wrong else DONE
 
 
 def _draw(record: Recording, options: argparse.Namespace, folder: Path, stem: str, progress: ProgressLine) -> list[str]:

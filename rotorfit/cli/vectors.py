@@ -22,7 +22,7 @@ def add_options(to: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Do what the command line says; returns the exit code."""
-    from rotorfit.cli.errors import DONE, BadInputError, checked
+    from rotorfit.cli.errors import DONE, NOT_CONVERGED, BadInputError, checked
     from rotorfit.cli.progress import ProgressLine
     from rotorfit.io.files import check_target, write
     from rotorfit.studies.recording_files import RecordingFiles
@@ -45,4 +45,4 @@ def run(options: argparse.Namespace) -> int:
     checked(lambda: write(test, options.out))
     if not options.quiet:
         print(f"{describe_test(test, findings)}\n\nwritten to {options.out}")
-    return DONE
+    return NOT_CONVERGED if any(finding.severity == "error" for finding in findings) else DONE

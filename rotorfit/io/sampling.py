@@ -19,8 +19,11 @@ _STEPS = {
     "dt", "dts", "wfincrement", "xincrement", "increment", "xinc", "sampleinterval", "sampleintervals", "tsample",
     "deltat", "timestep", "xdelta",
 }  # fmt: skip
-_TIME = re.compile(r"(?i)^(?:t|time|times|timestamp|abscissa)(?:[ _]*[\[(]?(s|sec|ms|us)[\])]?)?$")
-_SECONDS = {None: 1.0, "s": 1.0, "sec": 1.0, "ms": 1e-3, "us": 1e-6}
+_TIME = re.compile(
+    r"(?i)^(?:t|time|times|timestamp|abscissa|elapsed(?:[ _]*time)?|zeit)"
+    r"(?:[ _,]*[\[(]?(s|sec|seconds|ms|msec|us|µs)[\])]?)?$"
+)
+_SECONDS = {"s": 1.0, "sec": 1.0, "seconds": 1.0, "ms": 1e-3, "msec": 1e-3, "us": 1e-6, "µs": 1e-6}
 
 
 def rate_of(said: Mapping[str, Any]) -> float | None:
@@ -31,7 +34,7 @@ def rate_of(said: Mapping[str, Any]) -> float | None:
     """
     for names, power in ((_RATES, 1), (_STEPS, -1)):
         for name, value in said.items():
-            if re.sub(r"[_\- ]", "", name).lower() in names and isinstance(value, int | float) and value > 0:
+            if re.sub(r"[_\- ()\[\]]", "", name).lower() in names and isinstance(value, int | float) and value > 0:
                 return float(value) ** power
     return None
 
@@ -43,7 +46,7 @@ def time_factor(name: str) -> float | None:
         name: of the column: ``time``, ``t_ms``, ``Time [s]``.
     """
     match = _TIME.match(name.strip())
-    return None if match is None else _SECONDS[match[1].lower() if match[1] else None]
+    return None if match is None else _SECONDS[match[1].lower() if match[1] else "s"]
 
 
 def rate_of_times(times: NDArray[np.float64], where: str) -> float:
@@ -62,6 +65,11 @@ def rate_of_times(times: NDArray[np.float64], where: str) -> float:
     step = float(times[-1] - times[0]) / steps.size
     if not step > 0:
         raise ValueError(f"{where}: the times do not increase")
+    if not steps.all():
+        raise ValueError(
+            f"{where}: the times are rounded, several samples have the same; export them with more digits, or leave "
+            "the column out and say sample_rate_hz"
+        )
     odd = np.flatnonzero(np.abs(steps - np.median(steps)) > 0.5 * step)
     if odd.size:
         raise ValueError(

@@ -16,8 +16,28 @@ from rotorfit.recordings.response_rows import apart_from_orders, readings, rows
 
 if TYPE_CHECKING:
     from rotorfit.data.experiments import PerturbationTest
+    from rotorfit.recordings.recording import Recording
     from rotorfit.recordings.reduced_record import ReducedRecord
     from rotorfit.recordings.setup import Force
+
+
+_PER_TURN = 8
+"""Times a turn at which a shaft is looked at to see whether it dwells."""
+
+
+def dwelling(record: Recording) -> bool:
+    """Whether the shaft of a recording dwells at one speed, or at several in turn.
+
+    Args:
+        record: with a mark of the shaft.
+
+    Raises:
+        ValueError: no pulses.
+    """
+    shaft = record.shaft_angle()
+    turns = abs(float(np.ptp(shaft.angle(np.array([shaft.begin, shaft.end]))))) / (2 * np.pi)
+    time = np.linspace(shaft.begin, shaft.end, max(int(_PER_TURN * turns), 200))
+    return bool(dwells(time, shaft.angle(time), shaft.speed(time)))
 
 
 def dwells_of(reduced: ReducedRecord) -> list[ReducedRecord]:
@@ -59,7 +79,7 @@ def dwell_responses(
         ValueError: a dwell of few turns.
     """
     record, synchronous = reduced.record, force.reference == "shaft"
-    weight = np.array([force.mr * np.exp(1j * force.angle)])
+    weight = np.ones(1, dtype=complex)  # of one kg m: what turns with the mark, be there a weight or none
     found: list[DwellResponse] = []
     for part in parts:
         wider = replace(part, band=(part.band[0], part.band[1] + 20 * 2 * np.pi / float(np.ptp(part.time))))
@@ -85,6 +105,7 @@ def dwell_responses(
         force_plane=force.plane,
         force=force.mr * w**2 * np.exp(1j * force.angle),
         attributes=record.attributes,
+        unit=w**2,
     )
     return test, clear
 

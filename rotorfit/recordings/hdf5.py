@@ -1,11 +1,13 @@
 """HDF5 recordings: a dataset a channel, wherever in the file; attributes of the file and of its channels.
 
 A dataset may say ``volts_per_count`` and ``offset_V``, its rate (``sample_rate_hz``, ``fs``) or step (``dt``,
-``wf_increment``). A group of one dataset a channel is what most loggers write; a matrix of several channels is split.
+``wf_increment``); a dataset ``time`` gives it too. A group of one dataset a channel is what most loggers write; of a
+matrix each column is one.
 """
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -14,7 +16,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from rotorfit.io.sampling import FEWEST, rate_of
+from rotorfit.io.sampling import FEWEST, rate_of, rate_of_times, time_factor
 from rotorfit.recordings.raw_file import RawChannel, RawFile, full_count, plain
 
 
@@ -27,11 +29,17 @@ def open_file(path: Path) -> RawFile:
     Raises:
         ValueError: not a whole HDF5 file, or no signal in it.
     """
-    channels: dict[str, RawChannel] = {}
+    found: list[tuple[str, RawChannel]] = []
+    rates: list[float] = []
 
     def visit(name: str, item: Any) -> None:
-        if isinstance(item, h5py.Dataset) and item.dtype.kind in "iuf":
-            channels.update(_channels(path, name, item))
+        if not (isinstance(item, h5py.Dataset) and item.dtype.kind in "iuf"):
+            return
+        factor = time_factor(name.rpartition("/")[2])
+        if factor is not None and item.ndim == 1 and item.size >= FEWEST:
+            rates.append(rate_of_times(np.asarray(item, dtype=float) * factor, f"{path.name}, {name}"))
+        else:
+            found.extend((name.rpartition("/")[0], channel) for channel in _channels(path, name, item))
 
     try:
         with h5py.File(path, "r") as file:
@@ -42,14 +50,21 @@ def open_file(path: Path) -> RawFile:
             file.visititems(visit)
     except OSError as problem:
         raise ValueError(f"{path.name} is not a whole HDF5 file (truncated, or another format): {problem}") from problem
-    return RawFile(name=path.name, channels=channels, attributes=attributes, sample_rate=rate_of(attributes))
+    names = [channel.name for _, channel in found]
+    channels = {
+        name: replace(channel, name=name)
+        for group, channel in found  # groups may use the same names
+        for name in [channel.name if names.count(channel.name) == 1 else f"{group}/{channel.name}"]
+    }
+    rate = rate_of(attributes) or (rates[0] if rates else None)
+    return RawFile(name=path.name, channels=channels, attributes=attributes, sample_rate=rate)
 
 
-def _channels(path: Path, name: str, item: h5py.Dataset) -> dict[str, RawChannel]:
+def _channels(path: Path, name: str, item: h5py.Dataset) -> list[RawChannel]:
     shape = tuple(item.shape)
     long = max(shape, default=0)
     if long < FEWEST or len(shape) > 2:
-        return {}
+        return []
     said = plain(item.attrs)
     scale = said.get("volts_per_count")
     common: dict[str, Any] = {
@@ -62,12 +77,11 @@ def _channels(path: Path, name: str, item: h5py.Dataset) -> dict[str, RawChannel
     short = min(shape) if len(shape) == 2 else 1
     base = name.rpartition("/")[2]
     if len(shape) == 1:
-        return {base: RawChannel(name=base, samples=partial(_read, path, name, None, False), **common)}
+        return [RawChannel(name=base, samples=partial(_read, path, name, None, False), **common)]
     along = shape[0] == long
-    return {
-        f"{base}_{i + 1}": RawChannel(name=f"{base}_{i + 1}", samples=partial(_read, path, name, i, along), **common)
-        for i in range(short)
-    }
+    return [
+        RawChannel(name=f"{base}_{i + 1}", samples=partial(_read, path, name, i, along), **common) for i in range(short)
+    ]
 
 
 def _read(path: Path, name: str, column: int | None, along: bool, start: int, stop: int) -> NDArray[Any]:

@@ -18,6 +18,16 @@ _LOOKED_AT = 1 << 19
 """Samples of a long recording that the slower checks look at, spread over it in pieces."""
 _USUAL_RANGE = (-18.0, -2.0)
 """Linear range of an eddy-current probe on -24 V, V, taken where the setup gives none."""
+_HIGHEST = 50.0
+"""No probe or input card gives so many volts."""
+_EDDY, _ANY = (2e3, 4e4), (1e2, 2e6)
+"""Sensitivities, V/m, of eddy-current probes on -24 V and of any displacement probes."""
+_HEAVIEST = 1.0
+"""Unbalance, kg m, beyond that of any trial weight: a rotor of 50 t, balanced to G 2.5 at 3000 rpm, has 0.4."""
+_SLOWEST = 100.0
+"""Sampling rate, Hz, at which no turning shaft is recorded."""
+_SWEEPS, _STEADY = 0.2, 0.02
+"""Range of a speed over its mean beyond which it sweeps, and below which it is steady."""
 _MOSTLY = 4.0
 """Power ratio from which a motion counts as mostly in one direction: twice the amplitude."""
 
@@ -50,6 +60,14 @@ def probe_findings(record: Signals, found: Mapping[str, ChannelStatistics]) -> I
                 f"{where} is clipped at {limit} ({share:.1%} of the samples): amplitudes there are too small. Set the "
                 "input range wider and measure again, or leave the probe out.",
             )  # fmt: skip
+        if max(abs(each.low), abs(each.high)) > _HIGHEST:
+            yield Finding(
+                "error", "channel-scale",
+                f"{where}: {each.low:.6g} to {each.high:.6g} V are no voltages of a probe: counts, or millivolts? Say "
+                f'volts_per_count in [[channel]] name = "{probe.channel}".',
+            )  # fmt: skip
+            continue
+        yield from _sensitivity(probe, each, where)
         if each.without_gap:
             coupled.append(probe.channel)
         elif not each.clipped:
@@ -59,6 +77,18 @@ def probe_findings(record: Signals, found: Mapping[str, ChannelStatistics]) -> I
             "note", "ac-coupled",
             f"{record.name}: {listed(coupled)}: no gap voltage (mean below 0.25 V): AC-coupled? There is no shaft "
             "centreline and no eccentricity, and whether the probe is in its linear range cannot be seen.",
+        )  # fmt: skip
+
+
+def _sensitivity(probe: Probe, each: ChannelStatistics, where: str) -> Iterator[Finding]:
+    """A sensitivity that was written in another unit."""
+    low, high = _EDDY if _USUAL_RANGE[0] <= each.mean <= _USUAL_RANGE[1] else _ANY
+    said = abs(float(probe.sensitivity or 0.0))
+    if not low <= said <= high:
+        yield Finding(
+            "warning", "probe-sensitivity",
+            f"{where}: {said / 1e3:.3g} V/mm is no usual sensitivity of a probe, {low / 1e3:g} to {high / 1e3:g} V/mm; "
+            f"the shaft would move by {(each.high - each.low) / max(said, 1e-9) * 1e6:.3g} µm. Is its unit right?",
         )  # fmt: skip
 
 
@@ -238,6 +268,48 @@ def speed_findings(record: Signals, shaft: AngleTrack) -> Iterator[Finding]:
         marks, told = middle * RPM_PER_RAD_S, record.speed * RPM_PER_RAD_S
         yield Finding(
             "warning", "speed-disagrees",
-            f"{record.name}: the marks say {marks:.0f} rpm, file or setup {told:.0f} rpm: is "
-            f"pulses_per_turn right ({record.rig.shaft.pulses_per_turn if record.rig.shaft else 1})?",
+            f"{record.name}: the marks say {marks:.4g} rpm, file or setup {told:.4g} rpm: is pulses_per_turn right "
+            f"({record.rig.shaft.pulses_per_turn if record.rig.shaft else 1}), and the sampling rate "
+            f"({record.sample_rate:g} Hz)?",
+        )  # fmt: skip
+
+
+def setting_findings(record: Signals) -> Iterator[Finding]:
+    """A sampling rate and an unbalance that were written in another unit.
+
+    Args:
+        record: the recording.
+    """
+    if record.sample_rate < _SLOWEST:
+        yield Finding(
+            "error", "sampling-slow",
+            f"{record.name}: {record.sample_rate:.4g} Hz is no sampling rate for a turning shaft: are the times in ms?",
+        )  # fmt: skip
+    force = record.force
+    if force is not None and force.mr > _HEAVIEST:
+        yield Finding(
+            "error", "unbalance-large",
+            f"{record.name}: an unbalance of {force.mr:g} kg m is that of no trial weight: is its unit right (mr_kg_m, "
+            "mr_g_mm)?",
+        )  # fmt: skip
+
+
+def mark_findings(record: Signals, shaft: AngleTrack, perturbator: AngleTrack) -> Iterator[Finding]:
+    """Marks that are exchanged: the shaft's speed sweeps while the perturbator's is steady.
+
+    Args:
+        record: the recording.
+        shaft, perturbator: the angles of the two.
+    """
+    sweeps, steady = (
+        float(np.ptp(speeds) / np.abs(speeds).mean())
+        for speeds in (angle.speed(np.linspace(angle.begin, angle.end, 200)) for angle in (shaft, perturbator))
+    )
+    if sweeps > _SWEEPS and steady < _STEADY:
+        turning = float(np.mean(perturbator.speed(np.linspace(perturbator.begin, perturbator.end, 200))))
+        told = record.speed is not None and abs(turning - abs(record.speed)) < 0.03 * abs(record.speed)
+        yield Finding(
+            "error" if told else "warning", "marks-exchanged",
+            f"{record.name}: the shaft's mark sweeps and the perturbator's is steady: are the channels of [shaft] and "
+            "[perturbator] exchanged?",
         )  # fmt: skip

@@ -73,7 +73,12 @@ def recorded_tests(
             tests.append(checked_responses(same, turns=turns, executor=executor, on_finding=report, progress=progress))
             continue
         tell(f"{kind}: {', '.join(record.name for record in same)}")
-        tests.append(ring_downs(same) if kind == BLOWS else static_positions(same, on_finding=report))
+        blows = kind == BLOWS
+        tests.append(
+            ring_downs(same, executor=executor)
+            if blows
+            else static_positions(same, executor=executor, on_finding=report)
+        )
         for findings in carry_out(_findings, same, executor, lambda record: None):
             for finding in findings:
                 report(finding)

@@ -22,7 +22,9 @@ from rotorfit.recordings.quality import (
     direction_findings,
     folding_findings,
     hum_findings,
+    mark_findings,
     probe_findings,
+    setting_findings,
     speed_findings,
 )
 from rotorfit.recordings.resolve import complete
@@ -101,7 +103,9 @@ class Recording(Signals):
         shaft = None if self.rig.shaft is None else self._shaft
         perturbator = self.perturbator_angle()
         found += [finding for angle in (shaft, perturbator) if angle is not None for finding in angle.findings]
+        found += [*setting_findings(self)]
         found += [] if shaft is None else [*speed_findings(self, shaft), *folding_findings(self, shaft)]
+        found += [] if shaft is None or perturbator is None else mark_findings(self, shaft, perturbator)
         found += probe_findings(self, self.statistics)
         found += direction_findings(self, shaft, perturbator)
         found += hum_findings(self, shaft)

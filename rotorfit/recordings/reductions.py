@@ -12,14 +12,12 @@ from numpy.typing import NDArray
 from rotorfit.data.experiments import PerturbationTest
 from rotorfit.data.findings import Finding
 from rotorfit.data.synchronous import DIFFERENCED
-from rotorfit.estimators.signals.dwells import ONE_SPEED
 from rotorfit.estimators.signals.local_response import LocalResponse, RecordSpectra, local_response
-from rotorfit.recordings.dwell_responses import dwell_responses, dwells_of
+from rotorfit.recordings.dwell_responses import dwell_responses, dwelling, dwells_of
 from rotorfit.recordings.measured_force import clear_of_noise, reduce_measured
 from rotorfit.recordings.reduced_record import ReducedRecord, reduce_record
 from rotorfit.recordings.response_rows import apart_from_orders, readings, rows, time_at
 from rotorfit.recordings.window_responses import window_responses
-from rotorfit.units import RPM_PER_RAD_S
 
 if TYPE_CHECKING:
     from rotorfit.recordings.angle_track import AngleTrack
@@ -32,13 +30,16 @@ DRIVEN = 3e-3
 """Information of a line over that of the median line below which it is left out: 18 times the median error."""
 
 
-def reduced_responses(records: Sequence[Recording], turns: int | None, report: Report) -> PerturbationTest:
+def reduced_responses(
+    records: Sequence[Recording], turns: int | None, report: Report, groups: int = 1
+) -> PerturbationTest:
     """The responses of a record, or of start-ups with the weight in one plane.
 
     Args:
         records: all driven alike.
         turns: of a window; None: no windows.
         report: called with what was found odd.
+        groups: groups of start-ups that their runs without a weight are part of.
 
     Raises:
         ValueError: too short for what was swept, or a mark that is missing.
@@ -48,7 +49,16 @@ def reduced_responses(records: Sequence[Recording], turns: int | None, report: R
         return _measured(records[0], report)
     if turns:
         return window_responses(_reduce(records[0]), force, turns)
-    return _perturbed(records[0], report) if force.reference == "perturbator" else _start_ups(records, report)
+    if force.reference == "perturbator":
+        return _perturbed(records[0], report)
+    return _balance_run(records[0]) if dwelling(records[0]) else _start_ups(records, groups, report)
+
+
+def _balance_run(record: Recording) -> PerturbationTest:
+    """One record of a shaft that dwells with or without a weight: its 1x vectors, residual unbalance in them."""
+    reduced = _reduce(record)
+    parts = dwells_of(reduced)
+    return dwell_responses(reduced, parts, force_of(record))[0]
 
 
 def force_of(record: Recording) -> Force:
@@ -184,17 +194,14 @@ def _driven(found: LocalResponse, power: int) -> NDArray[np.bool_]:
     return np.asarray(information > DRIVEN * np.median(information))
 
 
-def _start_ups(records: Sequence[Recording], report: Report) -> PerturbationTest:
-    """Start-ups with the weight in one plane: the response to it, apart from what all of them share."""
+def _start_ups(records: Sequence[Recording], groups: int, report: Report) -> PerturbationTest:
+    """Start-ups with the weight in one plane: the response to it, apart from what all of them share.
+
+    Runs without a weight may serve several planes, whose responses then share the error of these runs. Each gets its
+    variance as many times as there are planes, so that together they know no more than those runs do.
+    """
     forces = [force_of(record) for record in records]
     reduced = [reduce_record(record, record.shaft_angle(), 1) for record in records]
-    for record, each in zip(records, reduced, strict=True):
-        if np.ptp(each.drive_speed) <= ONE_SPEED * each.drive_speed.mean():
-            raise ValueError(
-                f"{record.name}: the shaft keeps its speed, {each.drive_speed.mean() * RPM_PER_RAD_S:.0f} rpm, so this "
-                "is no start-up. If a perturbator drives the rotor, name its channel in [perturbator], or say steady = "
-                "true where it has no mark; vectors at one speed: turns = 24 (--windows 24)"
-            )
     weights = np.array([force.mr * np.exp(1j * force.angle) for force in forces])
     differenced = np.ptp(weights.real) + np.ptp(weights.imag) > 1e-6 * np.abs(weights).max()
     if not differenced:
@@ -210,20 +217,24 @@ def _start_ups(records: Sequence[Recording], report: Report) -> PerturbationTest
     high = min(r.band[1] for r in reduced)
     found = _estimated(records, spectra, low, high)
     w = found.frequency
-    reference = weights[np.argmax(np.abs(weights))]
+    heaviest = int(np.argmax(np.abs(weights)))
+    reference = weights[heaviest]
+    # how much each record counts: what several groups share, as many times
+    inputs = np.array(drives)
+    counted = np.abs(np.linalg.pinv(inputs)[0]) ** 2
+    shared = np.where(weights == 0, groups, 1.0) * counted
+    found = replace(found, sigma=found.sigma * np.sqrt(shared.sum() / counted.sum()))
     # a shaft angle that is off turns all of a record's motion, that of the residual unbalance too
-    angles = [record.shaft_angle() for record in records]
-    errors = [angle.stderr(time_at(r, w)) ** 2 for angle, r in zip(angles, reduced, strict=True)]
-    error = np.sqrt(np.sum(errors, axis=0)) / len(records)
-    scale = np.array([1.0, 1 / np.abs(reference)])[: found.response.shape[0]]
-    moved = np.sqrt(np.sum(np.abs(found.response * scale[:, None, None]) ** 2, axis=0))
+    moved = np.abs(np.einsum("rj,jpl->rpl", inputs, found.response)) ** 2
+    turned = np.array([record.shaft_angle().stderr(time_at(r, w)) for record, r in zip(records, reduced, strict=True)])
+    error = np.sqrt(np.einsum("r,rl,rpl->pl", shared, turned**2, moved))
     return rows(
-        readings(records[0], 1, found, moved * error),
+        readings(records[0], 1, found, error),
         _driven(found, 4),
         run=" minus ".join(record.name for record in records),
         frequency=w,
         speed=w,
-        force_plane=forces[0].plane,
+        force_plane=forces[heaviest].plane,
         force=reference * w**2,
         attributes={**records[0].attributes, DIFFERENCED: float(differenced)},
     )

@@ -158,6 +158,13 @@ def complete(raw: RawFile, setup: RigSetup | None) -> Rig:
             raise ValueError(f"{raw.name}, as {source} describes it: {unknown_name('channel', name, raw.channels)}")
     if not named:
         raise ValueError(f"{raw.name} does not say which channel is which probe; {_how(raw)}")
+    own_ones = [p.channel for p in probes] + [r.channel for r in (shaft, perturbator) if r is not None and r.channel]
+    twice = [name for name in own_ones if own_ones.count(name) > 1]
+    if twice:
+        raise ValueError(
+            f"{raw.name}, as {source} describes it: the channel {twice[0]} is used twice; every probe and every mark "
+            "has a channel of its own"
+        )
     used = [raw.channels[name] for name in dict.fromkeys(named)]
     return Rig(
         sample_rate=_rate(raw, used, whole),
@@ -173,7 +180,7 @@ def complete(raw: RawFile, setup: RigSetup | None) -> Rig:
         scales={channel.name: _scale(raw, channel, whole) for channel in used},
         speed=whole.speed,
         attributes=dict(whole.attributes),
-        findings=() if given is None else tuple(_contradictions(given, own, raw.name, source)),
+        findings=() if given is None else tuple(_contradictions(given, own, raw, source)),
     )
 
 
@@ -223,13 +230,14 @@ def _force(
         return None
     if perturbator is not None and force.whirl is None:
         raise ValueError(f'{raw.name}: nothing says which way the perturbator turns; give whirl = "forward" in [force]')
-    plane = force.plane if force.plane is not None or len(planes) != 1 else planes[0]
+    only = len(planes) == 1 or (force.mr == 0 and planes)  # where no weight is does not matter
+    plane = force.plane if force.plane is not None or not only else planes[0]
     if plane is None:
         raise ValueError(f"{raw.name}: nothing says in which plane the force acts; give plane in [force]")
     angle = force.angle if force.angle is not None else force.hole_angle
     marked = perturbator is None or perturbator.channel is not None
     return Force(
-        plane=plane, mr=force.mr, angle=angle or 0.0, datum_known=force.angle is not None and marked,
+        plane=plane, mr=force.mr, angle=angle or 0.0, datum_known=(force.angle is not None or force.mr == 0) and marked,
         whirl=force.whirl or 1, reference="shaft" if perturbator is None else "perturbator",
     )  # fmt: skip
 
@@ -288,10 +296,11 @@ def _scale(raw: RawFile, channel: RawChannel, setup: RigSetup) -> tuple[float, f
     return (1.0 if scale.volts_per_count is None else scale.volts_per_count), scale.offset
 
 
-def _contradictions(given: RigSetup, own: RigSetup, name: str, source: str) -> list[Finding]:
+def _contradictions(given: RigSetup, own: RigSetup, raw: RawFile, source: str) -> list[Finding]:
     """What setup and file both say, and differently; the setup's word was taken."""
+    rates = (own.sample_rate, raw.sample_rate, *(channel.sample_rate for channel in raw.channels.values()))
     pairs: list[tuple[str, float | str | None, float | str | None]] = [
-        ("sample rate (Hz)", given.sample_rate, own.sample_rate),
+        ("sample rate (Hz)", given.sample_rate, next((rate for rate in rates if rate is not None), None)),
         ("speed (rad/s)", given.speed, own.speed),
         ("sensitivity (V/m)", given.sensitivity, own.sensitivity),
     ]
@@ -302,17 +311,21 @@ def _contradictions(given: RigSetup, own: RigSetup, name: str, source: str) -> l
             ("angle of the heavy spot (rad)", given.force.angle, own.force.angle),
             ("direction of whirl", given.force.whirl, own.force.whirl),
         ]
+    angles = {probe.channel: probe.angle for probe in own.probes or ()}
+    pairs += [(f"angle of {p.channel} (rad)", p.angle, angles.get(p.channel)) for p in given.probes or ()]
     found = []
     for what, mine, other in pairs:
         if mine is None or other is None:
             continue
         same = (
-            np.isclose(mine, other, rtol=1e-6)
+            np.isclose(mine, other, rtol=1e-4)
             if not isinstance(mine, str) and not isinstance(other, str)
             else mine == other
         )
         if not same:
-            message = f"{name}: {what}: {source} says {_text(mine)}, the file {_text(other)}; the setup is followed."
+            message = (
+                f"{raw.name}: {what}: {source} says {_text(mine)}, the file {_text(other)}; the setup is followed."
+            )
             found.append(Finding("warning", "setup-contradicts-file", message))
     return found
 

@@ -99,6 +99,7 @@ def rows(
     force: ComplexArray,
     attributes: Mapping[str, float | str],
     force_direction: str = "circular",
+    unit: Float | None = None,
 ) -> PerturbationTest:
     """A test of one run.
 
@@ -112,7 +113,9 @@ def rows(
         force: at each line, N.
         attributes: of the whole run.
         force_direction: ``circular``, ``x`` or ``y``.
+        unit: what the responses are referred to where it is not the force, which may be zero then, N.
     """
+    reference = force if unit is None else unit.astype(complex)
     speeds = np.broadcast_to(speed, frequency.shape)
     names = [(probe.plane, probe.direction) for probe in probes for _ in range(int(kept.sum()))]
 
@@ -127,8 +130,8 @@ def rows(
         force=each(force),
         plane=[plane for plane, _ in names],
         direction=[direction for _, direction in names],
-        response=np.concatenate([(probe.response * force)[kept] for probe in probes]),
-        sigma=np.concatenate([(probe.sigma * np.abs(force))[kept] for probe in probes]),
+        response=np.concatenate([(probe.response * reference)[kept] for probe in probes]),
+        sigma=np.concatenate([(probe.sigma * np.abs(reference))[kept] for probe in probes]),
         attributes={name: np.full(len(names), value) for name, value in attributes.items()},
         force_direction=force_direction,
         source=run,

@@ -12,18 +12,25 @@ from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, NamedTuple
 
+import numpy as np
+
 from rotorfit.data.experiments import PerturbationTest
 from rotorfit.data.findings import Finding, listed
 from rotorfit.data.synchronous import group_speeds, join
+from rotorfit.data.weights import differenced
 from rotorfit.executors import carry_out
+from rotorfit.recordings.dwell_responses import dwelling
 from rotorfit.recordings.quality import spoiled
 from rotorfit.recordings.reductions import Report, force_of, reduced_responses
 from rotorfit.recordings.signals import source_of
+from rotorfit.units import RPM_PER_RAD_S
 
 if TYPE_CHECKING:
     from rotorfit.recordings.recording import Recording
+    from rotorfit.recordings.setup import Force
 
 _KINDS = {"perturbator": "a perturbator", "shaft": "the shaft itself", "": "a measured force"}
+_BALANCE = "the shaft itself, at steady speeds"
 
 
 class Reduced(NamedTuple):
@@ -41,11 +48,13 @@ class _Job:
         records: the recordings.
         turns: of a window; None: no windows.
         checked: whether what the recordings themselves show to be odd is told as well.
+        groups: groups of start-ups that the runs without a weight are part of.
     """
 
     records: tuple[Recording, ...]
     turns: int | None
     checked: bool
+    groups: int = 1
 
 
 def responses(
@@ -60,6 +69,11 @@ def responses(
 
     Where the frequency dwells, at one speed or at several in turn, each dwell gives a line; where it sweeps, lines are
     as many as the resonances need.
+
+    Start-ups and shutdowns with the weight in one plane, at opposite places or at any others, or with it and without
+    (mr = 0), are reduced together: residual unbalance, bow and run-out drop out. Of balance runs, whose shaft keeps its
+    speed or dwells at some, each dwell gives the 1x vectors, and :func:`rotorfit.fit` solves them for the influence of
+    the weights.
 
     Args:
         records: of one rig; see :func:`rotorfit.read_recording`.
@@ -76,7 +90,8 @@ def responses(
         tell from an order of the shaft are left out.
 
     Raises:
-        ValueError: a recording whose force is not known, or that is too short for what was swept.
+        ValueError: a recording whose force is not known, or that is too short for what was swept; start-ups that are
+            all without a weight.
     """
     listed = list(records) if isinstance(records, Sequence) else [records]
     report = on_finding or (lambda finding: None)
@@ -112,11 +127,10 @@ def checked_responses(
         on_finding(_datum_finding(records))
     if forces[0].measured and turns:
         raise ValueError("windows of whole turns need a force that turns with a mark; this one was measured")
-    together: dict[object, list[Recording]] = {}
-    start_ups = forces[0].reference == "shaft"
-    for number, (record, force) in enumerate(zip(records, forces, strict=True)):
-        together.setdefault(force.plane if start_ups and not turns else number, []).append(record)
-    jobs = [_Job(records=tuple(group), turns=turns, checked=checked) for group in together.values()]
+    jobs = [
+        _Job(records=group, turns=turns, checked=checked, groups=groups)
+        for group, groups in _together(records, forces, turns)
+    ]
     if executor is None:
         reduced = carry_out(lambda job: _reduced(job, tell), jobs, None, lambda job: None)
     else:
@@ -127,10 +141,66 @@ def checked_responses(
     for each in reduced:
         for finding in each.findings:
             on_finding(finding)
-    test = join([each.test for each in reduced])
-    if not start_ups:
+    test = join(_alike([each.test for each in reduced]))
+    if forces[0].reference != "shaft":
         test = replace(test, speed=group_speeds(test.speed, test.frequency, test.run))
+    elif turns:
+        test = differenced(test)
     return replace(test, source=source_of(records))
+
+
+def _together(
+    records: Sequence[Recording], forces: Sequence[Force], turns: int | None
+) -> list[tuple[tuple[Recording, ...], int]]:
+    """Recordings that are reduced together, and how many such groups their runs without a weight are part of.
+
+    Raises:
+        ValueError: no weight that could tell anything.
+    """
+    if forces[0].reference == "" or (forces[0].reference == "perturbator" and all(force.mr for force in forces)):
+        return [((record,), 1) for record in records]
+    pairs = list(zip(records, forces, strict=True))
+    bare = [record for record, force in pairs if not force.mr]
+    if forces[0].reference == "perturbator":
+        raise ValueError(f"{bare[0].name}: a perturbator without unbalance (mr = 0) drives nothing")
+    if len(bare) == len(records):
+        raise ValueError(f"{listed([r.name for r in bare])}: no run has a weight (mr above 0): nothing is driven")
+    steady = dwelling(records[0])
+    if steady and not turns:
+        _refuse_alone(pairs)
+    if steady or turns:
+        return [((record,), 1) for record in records]
+    planes = dict.fromkeys(force.plane for _, force in pairs if force.mr)
+    return [
+        (tuple([record for record, force in pairs if force.mr and force.plane == plane] + bare), len(planes))
+        for plane in planes
+    ]
+
+
+def _refuse_alone(pairs: Sequence[tuple[Recording, Force]]) -> None:
+    """Refuse runs at steady speed of which nothing tells what the weight does.
+
+    Raises:
+        ValueError: all have the same weight.
+    """
+    weights = {(force.plane, force.mr * round(force.angle, 3), force.mr) for _, force in pairs}
+    if len(weights) > 1:
+        return
+    record = pairs[0][0]
+    shaft = record.shaft_angle()
+    rpm = float(np.mean(shaft.speed(np.linspace(shaft.begin, shaft.end, 200)))) * RPM_PER_RAD_S
+    raise ValueError(
+        f"{record.name}: the shaft keeps its speed, {rpm:.0f} rpm, so this is no start-up; and no run without a weight "
+        "(mr = 0) or with one elsewhere is beside it, so it is no balance run. If a perturbator drives the rotor, name "
+        "its channel in [perturbator], or say steady = true where it has no mark; vectors at one speed: turns = 24 "
+        "(--windows 24)"
+    )
+
+
+def _alike(tests: Sequence[PerturbationTest]) -> list[PerturbationTest]:
+    """Tests with the attributes that all of them have."""
+    shared = set.intersection(*(set(test.attributes) for test in tests))
+    return [replace(t, attributes={k: v for k, v in t.attributes.items() if k in shared}) for t in tests]
 
 
 def _datum_finding(records: Sequence[Recording]) -> Finding:
@@ -152,7 +222,7 @@ def _reduced(job: _Job, tell: Callable[[str], None] = lambda stage: None) -> Red
     report = found.append
     tell(f"responses of {', '.join(record.name for record in job.records)}")
     usable = [_usable(record, report) for record in job.records]
-    test = reduced_responses(usable, job.turns, report)
+    test = reduced_responses(usable, job.turns, report, job.groups)
     own = [finding for record in job.records for finding in record.findings] if job.checked else []
     return Reduced(test, (*found, *own))
 
@@ -178,7 +248,8 @@ def driven_by(record: Recording) -> str:
     Raises:
         ValueError: the force is not known.
     """
-    return _KINDS[force_of(record).reference]
+    reference = force_of(record).reference
+    return _BALANCE if reference == "shaft" and dwelling(record) else _KINDS[reference]
 
 
 def _same_kind(records: Sequence[Recording]) -> None:

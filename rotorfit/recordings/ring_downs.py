@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING
+from concurrent.futures import Executor
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rotorfit.data.experiments import RingDownTest
+from rotorfit.executors import carry_out
 from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.models.parameters import unknown_name
 from rotorfit.recordings.reduced_rate import ReducedRate
@@ -18,6 +21,9 @@ from rotorfit.recordings.signals import source_of
 
 if TYPE_CHECKING:
     from rotorfit.recordings.recording import Recording
+
+_Blow: TypeAlias = tuple[float, Float, ComplexArray, complex]
+"""Speed, times, motion and the place where it settles."""
 
 HIGHEST_HZ = 200.0
 """Frequency above which nothing is of interest unless said otherwise, Hz."""
@@ -37,6 +43,7 @@ def ring_downs(
     plane: str | None = None,
     highest_hz: float | None = None,
     position: complex | None = None,
+    executor: Executor | None = None,
 ) -> RingDownTest:
     """Records of free vibration after each blow or release, for fits and :func:`rotorfit.ring_down_modes`.
 
@@ -49,6 +56,7 @@ def ring_downs(
         highest_hz: frequency above which nothing is of interest, by default that of ``[impulse]``, or 200.
         position: where the journal rests, ``x + jy`` from the bearing's centre, m; by default what gap voltages tell
             where the setup says ``centre_V`` of the probes, else the centre.
+        executor: reads recordings beside each other, see :func:`rotorfit.responses`.
 
     Raises:
         ValueError: no blow stands out, no such plane, or a plane with one probe.
@@ -56,13 +64,13 @@ def ring_downs(
     listed = list(records) if isinstance(records, Sequence) else [records]
     columns: dict[str, list[Float]] = {name: [] for name in ("speed", "time", "x", "y")}
     runs: list[str] = []
-    for record in listed:
-        where = _plane(record, plane)
-        mean = _mean_position(record, where)
-        for number, (speed, time, z, settled) in enumerate(
-            _blows(record, where, _highest(record, highest_hz)), start=1
-        ):
-            runs += [f"{record.name}, blow {number}"] * time.size
+    jobs = [
+        _Struck(record=record, plane=_plane(record, plane), highest_hz=_highest(record, highest_hz))
+        for record in listed
+    ]
+    for job, (mean, blows) in zip(jobs, carry_out(_reduced, jobs, executor, lambda job: None), strict=True):
+        for number, (speed, time, z, settled) in enumerate(blows, start=1):
+            runs += [f"{job.record.name}, blow {number}"] * time.size
             at = z + (position if position is not None else 0.0 if mean is None else mean + settled)
             for name, values in zip(columns, (np.full(time.size, speed), time, at.real, at.imag), strict=True):
                 columns[name].append(values)
@@ -76,6 +84,20 @@ def ring_downs(
         eccentricity=np.full(len(runs), np.nan),
         source=source_of(listed),
     )
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Struck:
+    """One recording with blows, the plane that is looked at and the frequency above which nothing is of interest."""
+
+    record: Recording
+    plane: str
+    highest_hz: float
+
+
+def _reduced(job: _Struck) -> tuple[complex | None, list[_Blow]]:
+    """Mean position where it is known, and the motion after each blow."""
+    return _mean_position(job.record, job.plane), list(_blows(job.record, job.plane, job.highest_hz))
 
 
 def _highest(record: Recording, asked: float | None) -> float:
@@ -103,7 +125,7 @@ def _plane(record: Recording, asked: str | None) -> str:
     return found
 
 
-def _blows(record: Recording, plane: str, highest_hz: float) -> Iterator[tuple[float, Float, ComplexArray, complex]]:
+def _blows(record: Recording, plane: str, highest_hz: float) -> Iterator[_Blow]:
     """Speed, times from each blow, motion without the shaft's orders about where it settles, and that place.
 
     The place counts from the mean position over the recording.

@@ -198,8 +198,10 @@ def prefer(first: T, second: T) -> T:
             merged[each.name] = prefer(mine, other)
         elif isinstance(mine, Mapping):
             merged[each.name] = {**other, **mine}
-        else:
+        elif isinstance(mine, tuple | str):
             merged[each.name] = mine or other
+        else:
+            merged[each.name] = mine  # zero is a word too
     return replace(first, **merged)  # type: ignore[type-var]
 
 

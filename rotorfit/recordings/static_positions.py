@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from concurrent.futures import Executor
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 
 from rotorfit.data.experiments import StaticTest
 from rotorfit.data.findings import Finding
+from rotorfit.executors import carry_out
 from rotorfit.recordings.reductions import Report
 from rotorfit.recordings.rest_positions import STEADY, Rest, rest_positions
 from rotorfit.recordings.signals import source_of
@@ -35,7 +37,9 @@ class _Zero:
     repeat: float = 0.0
 
 
-def static_positions(records: Sequence[Recording] | Recording, *, on_finding: Report | None = None) -> StaticTest:
+def static_positions(
+    records: Sequence[Recording] | Recording, *, executor: Executor | None = None, on_finding: Report | None = None
+) -> StaticTest:
     """Positions of a shaft under constant loads, from the mean voltages of its probes, for fits.
 
     A recording of one speed gives one position a plane, one whose speed changes twenty. Positions count from the centre
@@ -48,6 +52,7 @@ def static_positions(records: Sequence[Recording] | Recording, *, on_finding: Re
 
     Args:
         records: of one rig, DC-coupled, with their loads in ``[load]``.
+        executor: reads recordings beside each other, see :func:`rotorfit.responses`.
         on_finding: called with each thing that was found odd.
 
     Raises:
@@ -60,8 +65,9 @@ def static_positions(records: Sequence[Recording] | Recording, *, on_finding: Re
     rests: list[Rest] = []
     for record in listed:
         load_of(record)
-        found, left_out = rest_positions(record)
-        rests += found
+    reduced = carry_out(rest_positions, listed, executor, lambda record: None)
+    for record, (found, left_out) in zip(listed, reduced, strict=True):
+        rests += [replace(rest, record=record) for rest in found]
         for why in left_out:
             report(Finding("warning", "plane-left-out", f"{record.name}: {why}: no static position of that plane."))
     loaded = [rest for rest in rests if load_of(rest.record)]

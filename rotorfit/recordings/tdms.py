@@ -28,7 +28,7 @@ def open_file(path: Path) -> RawFile:
         raise ValueError(f"{path.name}: TDMS needs npTDMS; pip install 'rotorfit[tdms]'") from problem
     try:
         with TdmsFile.open(path) as file:
-            attributes = plain(file.properties)
+            attributes, whole = plain(file.properties), not file.file_status.incomplete_final_segment
             found = [channel for group in file.groups() for channel in group.channels() if len(channel) >= FEWEST]
             names = [channel.name for channel in found]
             channels: dict[str, RawChannel] = {}
@@ -46,6 +46,8 @@ def open_file(path: Path) -> RawFile:
                     )
     except Exception as problem:  # npTDMS raises whatever struct and NumPy raise on a damaged file
         raise ValueError(f"{path.name} is not a whole TDMS file: {problem}") from problem
+    if not whole:
+        raise ValueError(f"{path.name} is not a whole TDMS file: its last segment is cut off; copy it again")
     return RawFile(name=path.name, channels=channels, attributes=attributes, sample_rate=rate_of(attributes))
 
 

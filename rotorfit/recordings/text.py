@@ -28,14 +28,37 @@ _ROWS = 1 << 17
 """Rows turned into numbers at once."""
 
 
+_LOOKED_AT = 400
+"""Lines in which the first row of numbers is looked for."""
+_IN_A_ROW = 3
+"""Rows of numbers of the same length that are data, not part of a heading."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class _Head:
     attributes: dict[str, float | str]
     names: tuple[str, ...]
     delimiter: str | None
     comma: bool  # whether numbers have a decimal comma
+    trailing: bool  # whether every row ends with a delimiter
     encoding: str
     lines: int  # before the first row of numbers
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Line:
+    """A line above or among the numbers."""
+
+    number: int  # in the file, from zero
+    text: str
+    delimiter: str | None
+    cells: tuple[str, ...]
+
+    @property
+    def numeric(self) -> tuple[bool, ...]:
+        """Which of its cells that are not empty are numbers."""
+        comma = self.delimiter != "," and "," in self.text
+        return tuple(isinstance(_plain(c.replace(",", ".") if comma else c), float) for c in self.cells if c)
 
 
 def open_file(path: Path) -> RawFile:
@@ -64,46 +87,82 @@ def open_file(path: Path) -> RawFile:
 
 
 def _head(path: Path) -> _Head:
-    """What stands above the numbers: attributes in comments, names, and perhaps a row of units."""
-    attributes: dict[str, float | str] = {}
-    header: list[str] = []
-    delimiter: str | None = None
+    """What stands above the numbers: attributes, what the instrument says of itself, names, perhaps a row of units."""
     encoding = _encoding(path)
+    attributes, lines = _first_lines(path, encoding)
+    first = _first_numbers(path, lines)
+    numbers, above = lines[first:], lines[:first]
+    width = len(numbers[0].cells)
+    trailing = width > 1 and all(not line.cells[-1] for line in numbers)
+    width -= trailing
+    for line in above:
+        if len([cell for cell in line.cells if cell]) == 2:
+            attributes.update(_rate_said(line.cells[0], line.cells[1]))
+    fitting = [line.cells[:width] for line in above if len(line.cells) in (width, width + trailing)]
+    names = next((cells for cells in fitting if "" not in cells and len(set(cells)) == width), None)
+    if names is None and above:
+        raise ValueError(
+            f"{path.name}: every column needs a name of its own: line {numbers[0].number + 1} has {width} numbers, and "
+            f"above it stands {above[-1].text[:120]}"
+        )
+    return _Head(
+        attributes=attributes,
+        names=names or tuple(f"channel_{i + 1}" for i in range(width)),
+        delimiter=numbers[0].delimiter,
+        comma=numbers[0].delimiter != "," and any("," in line.text for line in numbers),
+        trailing=trailing,
+        encoding=encoding,
+        lines=numbers[0].number,
+    )
+
+
+def _first_lines(path: Path, encoding: str) -> tuple[dict[str, float | str], list[_Line]]:
+    """Attributes in comments, and the first lines that are neither comments nor empty."""
+    attributes: dict[str, float | str] = {}
+    lines: list[_Line] = []
+    fixed: str | None = None
     with path.open(encoding=encoding) as file:
-        for number, line in enumerate(file):
-            text = line.strip()
+        for number, line in enumerate(islice(file, _LOOKED_AT)):
+            text = line.strip(" \r\n\ufeff")
             if text.startswith("#"):
                 key, equals, value = (part.strip() for part in text.lstrip("# ").partition("="))
                 if equals and key.replace("_", "").isalnum():
                     attributes[key] = _plain(value)
-                continue
-            if re.fullmatch(r"sep=.", text):  # written by Excel
-                delimiter = text[4]
-                continue
-            if not text:
-                continue
-            delimiter = delimiter or next((mark for mark in (";", "\t", ",") if mark in text), None)
-            cells = [cell.strip().strip('"') for cell in text.split(delimiter)]
-            comma = delimiter != "," and "," in text
-            numbers = [isinstance(_plain(cell.replace(",", ".") if comma else cell), float) for cell in cells if cell]
-            if numbers and all(numbers):
-                names = tuple(header) or tuple(f"channel_{i + 1}" for i in range(len(cells)))
-                return _Head(
-                    attributes=attributes,
-                    names=names,
-                    delimiter=delimiter,
-                    comma=comma,
-                    encoding=encoding,
-                    lines=number,
-                )
-            if header and any(numbers):
-                raise ValueError(f"{path.name}: line {number + 1} holds what is not a number: {text[:80]}")
-            if not header and (len(set(cells)) < len(cells) or "" in cells):
-                raise ValueError(f"{path.name}: every column needs a name of its own, the header is {text[:120]}")
-            header = header or cells
-    if header:
-        raise ValueError(f"{path.name} holds no signals: there are no numbers below its header")
-    raise ValueError(f"{path.name} is empty")
+            elif re.fullmatch(r"sep=.", text):  # written by Excel
+                fixed = text[4]
+            elif text.strip():
+                delimiter = fixed or next((mark for mark in (";", "\t", ",") if mark in text), None)
+                cells = tuple(cell.strip().strip('"') for cell in text.split(delimiter))
+                lines.append(_Line(number=number, text=text.strip(), delimiter=delimiter, cells=cells))
+    return attributes, lines
+
+
+def _first_numbers(path: Path, lines: list[_Line]) -> int:
+    """Place of the first of some rows of numbers of the same length.
+
+    Raises:
+        ValueError: there are none.
+    """
+    if not lines:
+        raise ValueError(f"{path.name} is empty")
+    for first in range(len(lines)):
+        rows = lines[first : first + _IN_A_ROW]
+        alike = len({len(row.cells) for row in rows}) == 1
+        if alike and all(row.numeric and all(row.numeric) for row in rows):
+            return first
+    mixed = [line for line in lines if any(line.numeric) and len(line.cells) == len(lines[-1].cells) > 1]
+    if mixed:
+        raise ValueError(f"{path.name}: line {mixed[0].number + 1} holds what is not a number: {mixed[0].text[:80]}")
+    raise ValueError(f"{path.name} holds no signals: there are no numbers in columns in it")
+
+
+def _rate_said(name: str, value: str) -> dict[str, float | str]:
+    """The sampling rate, where an instrument says it in a line of its heading: ``Sample rate;3200 Hz``."""
+    match = re.fullmatch(r"([0-9.eE+]+) *(k?)(?:Hz|S/s|Sa/s)?", value)
+    if match is None or rate_of({name: 1.0}) is None:
+        return {}
+    number = _plain(match[1])
+    return {name: number * (1e3 if match[2] else 1.0)} if isinstance(number, float) else {}
 
 
 def _encoding(path: Path) -> str:
@@ -146,7 +205,8 @@ def _rows(path: Path, file: TextIOBase, head: _Head) -> Iterator[NDArray[Any]]:
         try:
             with warnings.catch_warnings():
                 warnings.filterwarnings("ignore", message=".*input contained no data", category=UserWarning)
-                rows = np.loadtxt(lines, delimiter=head.delimiter, ndmin=2, comments="#")
+                kept = range(len(head.names)) if head.trailing else None
+                rows = np.loadtxt(lines, delimiter=head.delimiter, ndmin=2, comments="#", usecols=kept)
         except ValueError as problem:
             raise ValueError(f"{path.name}: after line {begin}: {str(problem).split('; use')[0]}") from problem
         if rows.size and rows.shape[1] != len(head.names):

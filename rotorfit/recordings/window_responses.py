@@ -35,7 +35,7 @@ def window_responses(reduced: ReducedRecord, force: Force, turns: int) -> Pertur
     except ValueError as problem:
         raise ValueError(f"{record.name}: {problem}") from problem
     w = reduced.drive_speed[found.centre]
-    newton = force.mr * w**2 * np.exp(1j * force.angle)
+    newton = w**2  # of one kg m: what turns with the mark, be there a weight or none
     # phasors relative to exp(+j|w|t): what turns backward is conjugated
     along = found.along if reduced.whirl > 0 else found.along.conj()
     against = found.against.conj() if reduced.whirl > 0 else found.against
@@ -59,6 +59,7 @@ def window_responses(reduced: ReducedRecord, force: Force, turns: int) -> Pertur
         frequency=force.whirl * w,
         speed=w if synchronous else reduced.shaft_speed,
         force_plane=force.plane,
-        force=newton,
+        force=force.mr * w**2 * np.exp(1j * force.angle),
         attributes=record.attributes,
+        unit=newton,
     )

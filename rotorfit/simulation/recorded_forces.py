@@ -104,24 +104,76 @@ def synchronous(
     unbalance: float = 1.5e-5,
     planes: str | Sequence[str] | None = None,
     hole_zero_deg: float = 25.0,
+    hole_deg: Sequence[float] = (0.0, 180.0),
+    reference: bool = False,
 ) -> Iterator[Played]:
-    """Start-ups with a weight in one of the planes at opposite places of the pattern of holes."""
+    """Start-ups with a weight in one of the planes at places of the pattern of holes, and perhaps one without."""
     time = rig.instruments.time(duration)
-    places = {plane: rig.residual * np.exp(2j * np.pi * rig.rng.uniform()) for plane in rig.virtual.model.planes}
-    for plane in some_planes(rig.virtual.model, planes):
-        for hole in (0.0, 180.0):
-            sweep = Sweep(
-                first=speed_rpm[0] * RPM,
-                last=speed_rpm[1] * RPM * float(rig.rng.uniform(0.99, 1.01)),
-                duration=duration,
-            )
-            weight = unbalance * np.exp(1j * np.radians(hole + hole_zero_deg)) + places[plane]
+    for name, weights, said in _weighted(rig, unbalance, planes, hole_zero_deg, hole_deg, reference):
+        sweep = Sweep(
+            first=speed_rpm[0] * RPM,
+            last=speed_rpm[1] * RPM * float(rig.rng.uniform(0.99, 1.01)),
+            duration=duration,
+        )
+        forces = {plane: partial(_turning, sweep, weight) for plane, weight in weights.items()}
+        yield Played(
+            name=name,
+            motion=rig.path_of(sweep.speed, forces, time.size),
+            shaft=sweep.angle(time),
+            attributes=said,
+        )
+
+
+def balance(
+    rig: RecordedRig,
+    *,
+    speed_rpm: ArrayLike,
+    duration: float = 10.0,
+    unbalance: float = 1.5e-5,
+    planes: str | Sequence[str] | None = None,
+    hole_zero_deg: float = 25.0,
+    hole_deg: Sequence[float] = (0.0,),
+    reference: bool = True,
+) -> Iterator[Played]:
+    """Runs at steady speeds without a weight and with one in each of the planes, as balancing records them."""
+    time = rig.instruments.time(duration)
+    for rpm in np.atleast_1d(np.asarray(speed_rpm, dtype=float)).tolist():
+        rig.virtual.decay(rpm * RPM)
+    for name, weights, said in _weighted(rig, unbalance, planes, hole_zero_deg, hole_deg, reference):
+        for rpm in np.atleast_1d(np.asarray(speed_rpm, dtype=float)).tolist():
+            shaft = rig.shaft(time, rpm * RPM)
+            speed = np.gradient(shaft, time)
+
+            def turning(t: Float, weight: complex, shaft: Float = shaft, speed: Float = speed) -> ComplexArray:
+                angle, turned = np.interp(t, time, shaft), np.interp(t, time, speed)
+                return np.asarray(weight * turned**2 * np.exp(1j * angle))
+
+            forces = {plane: partial(turning, weight=weight) for plane, weight in weights.items()}
             yield Played(
-                name=f"{plane}-{hole:g}",
-                motion=rig.path(sweep.speed, partial(_turning, sweep, weight), plane, time.size),
-                shaft=sweep.angle(time),
-                attributes={"weight_plane": plane, "weight_angle_deg": hole, "mr_kg_m": unbalance},
+                name=f"{name}-{rpm:g}",
+                motion=rig.path_of(constant(rpm * RPM), forces, time.size),
+                shaft=shaft,
+                attributes={**said, "speed_rpm": rpm},
             )
+
+
+def _weighted(
+    rig: RecordedRig,
+    unbalance: float,
+    planes: str | Sequence[str] | None,
+    hole_zero_deg: float,
+    hole_deg: Sequence[float],
+    reference: bool,
+) -> Iterator[tuple[str, dict[str, complex], dict[str, float | str]]]:
+    """Runs with a weight in one plane after the other, the rotor's own unbalance in all: name, weights, attributes."""
+    own = {plane: rig.residual * np.exp(2j * np.pi * rig.rng.uniform()) for plane in rig.virtual.model.planes}
+    forced = some_planes(rig.virtual.model, planes)
+    if reference:
+        yield "reference", own, {"weight_plane": forced[0], "mr_kg_m": 0.0}
+    for plane, hole in product(forced, hole_deg):
+        weight = unbalance * np.exp(1j * np.radians(hole + hole_zero_deg))
+        said: dict[str, float | str] = {"weight_plane": plane, "weight_angle_deg": hole, "mr_kg_m": unbalance}
+        yield f"{plane}-{hole:g}", {**own, plane: own[plane] + weight}, said
 
 
 def measured_force(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -50,14 +50,26 @@ class RecordedRig:
             plane: where it acts.
             count: number of samples.
         """
+        return self.path_of(speed, {plane: force}, count)
+
+    def path_of(
+        self, speed: Callable[[Float], Float], forces: Mapping[str, Callable[[Float], ComplexArray]], count: int
+    ) -> dict[str, ComplexArray]:
+        """Motion of each plane under forces at several.
+
+        Args:
+            speed: rotative speed, rad/s, of times.
+            forces: ``Fx + j Fy``, N, of times, by plane.
+            count: number of samples.
+        """
         self.need_linear()
         model, theta = self.virtual.model, self.virtual.theta
-        along = _along(model, plane)
+        along = [(_along(model, plane), force) for plane, force in forces.items()]
 
-        def forces(t: Float) -> ComplexArray:
-            return along(force(t))
+        def generalised(t: Float) -> ComplexArray:
+            return np.asarray(sum(spread(force(t)) for spread, force in along))
 
-        path = linear_path(model, theta, speed=speed, force=forces, rate=self.instruments.sample_rate, count=count)
+        path = linear_path(model, theta, speed=speed, force=generalised, rate=self.instruments.sample_rate, count=count)
         path = path * model.functions.factors(theta)
         if model.frame == "z":
             return {c.plane: path[:, i] for i, c in enumerate(model.coordinates) if c.axis == "z"}

@@ -11,7 +11,7 @@ import numpy as np
 from rotorfit.models import RotorModel
 from rotorfit.models.parameters import unknown_name
 from rotorfit.simulation.instruments import Instruments, Played, record
-from rotorfit.simulation.recorded_forces import dwell, measured_force, perturbation, synchronous
+from rotorfit.simulation.recorded_forces import balance, dwell, measured_force, perturbation, synchronous
 from rotorfit.simulation.recorded_loads import hammer, impulse, release, static_load
 from rotorfit.simulation.recorded_rig import RecordedRig
 from rotorfit.simulation.rig import VirtualRig
@@ -21,6 +21,7 @@ RECORDED: Mapping[str, Callable[..., Iterator[Played]]] = {
     "perturbation": perturbation,
     "dwell": dwell,
     "synchronous": synchronous,
+    "balance": balance,
     "measured-force": measured_force,
     "impulse": impulse,
     "hammer": hammer,
@@ -48,7 +49,9 @@ def simulate_recordings(
     - ``perturbation``: speed_rpm, sweep_rpm (first and last), duration, unbalance, planes, directions
     - ``dwell``: frequency_rpm, speed_rpm, duration (of each dwell), unbalance, planes, directions, mark (of the
       perturbator; without one each dwell is a file)
-    - ``synchronous``: speed_rpm (first and last), duration, unbalance, planes, hole_zero_deg
+    - ``synchronous``: speed_rpm (first and last), duration, unbalance, planes, hole_zero_deg, hole_deg (places of the
+      weight, 0 and 180 unless given), reference (a run without a weight as well)
+    - ``balance``: the same at steady speeds, a run without a weight and one with it at 0 degrees unless given
     - ``measured-force``: speed_rpm, sweep_rpm, duration, force, planes, directions (forward, backward, x, y)
     - ``impulse``: speed_rpm, impulse (N s), plane, blows, apart (s)
     - ``hammer``: the same, with the force measured
@@ -63,7 +66,7 @@ def simulate_recordings(
         folder: where the files go; it is made if it is not there.
         kind: a name above.
         instruments: what measures, by default :class:`rotorfit.simulation.instruments.Instruments`.
-        residual: unbalance of the rotor itself in a start-up, kg m.
+        residual: unbalance of the rotor itself in each plane in start-ups and balance runs, kg m.
         seed: of noise and chance.
         options: of the kind.
 
