@@ -75,7 +75,8 @@ def terms_left_out(model: RotorModel) -> tuple[LeftOut, ...]:
             if len(planes) > 1:
                 found += [_beyond(block, block in blocks, where, both) for block in _BEYOND]
     for i in fluid_coordinates(model):
-        found.append(_term("Ds", f"[{planes[i]}]", "external damping where the fluid acts", "N s/m", ((i, i, 1.0),), 1))
+        meaning = "external damping beside the fluid's, counted in D and lam"
+        found.append(_term("Ds", f"[{planes[i]}]", meaning, "N s/m", ((i, i, 1.0),), 1))
     return tuple(found)
 
 

@@ -7,12 +7,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from fe_rigs import K3, TYPICAL, Rig
+from fe_rigs import JOURNAL, K3, TYPICAL, Rig
 
 import rotorfit as rf
 from rotorfit.estimators.inference.left_out_columns import whitened_columns
 from rotorfit.estimators.inference.score_tests import score_tests
 from rotorfit.fitting.assumption_table import THRESHOLD
+from rotorfit.fitting.assumptions import foundations_of
 from rotorfit.models import WhirlWhip, threshold_speed
 from rotorfit.models.complexes import Complex, J
 from rotorfit.models.laws import Muszynska
@@ -138,6 +139,37 @@ def test_scores_are_normal_where_nothing_is_left_out():
     assert scores.shift[1] == pytest.approx([-1.0, 2.0, -0.5], rel=1e-9)
     assert np.std(z) == pytest.approx(1.0, abs=4 / np.sqrt(4000))
     assert abs(np.mean(z)) < 4 / np.sqrt(2000)
+
+
+def test_external_damping_at_the_journal_moves_what_the_summary_says_and_not_the_threshold():
+    """A rig with a damper of 20 N s/m there, and the same without: the line beside lam tells the difference."""
+    found = {}
+    for damper in (0.0, 20.0):
+        rig = Rig(**TYPICAL)
+        rig.C[2 * JOURNAL, 2 * JOURNAL] += damper
+        model = WhirlWhip(blocks=("coupling_mass", "gyroscopic"))
+        fit = rf.fit(model, rig.campaign(np.array([94.0, 188.0]), 3), known={"K3": K3})
+        onset = fit.threshold_speed()
+        assert abs(onset.value - rig.threshold()) < 4 * onset.stderr
+        found[damper] = fit
+    told = foundations_of(found[20.0])["Ds[journal]"]
+    (line,) = [words for words in found[20.0].summary().splitlines() if "Ds[journal]" in words]
+    assert "counted in D and lam; +1 N s/m: D -1, lam +0.0" in line
+    assert "threshold speed as it is" in line
+    for name in ("D", "lam"):
+        moved = found[0.0].params[name].value - found[20.0].params[name].value
+        # lam D / (D - 20) bends: the next term of its series is 20/D of the first
+        assert 20.0 * told.shifts[name] == pytest.approx(moved, rel=2 * 20.0 / 450.0), name
+
+
+def test_what_rests_on_the_data_alone_is_not_in_the_summary(plain):
+    """Every line names what the full table calls untested, and heavier than the errors of a result."""
+    table, short = plain.assumptions(), foundations_of(plain)
+    assert {entry.name for entry in short.entries} == {"rest[journal]", "Ds[journal]", "K3"}
+    for entry in short.entries:
+        assert not table[entry.name].tested
+        assert entry.shifts == pytest.approx(table[entry.name].shifts)
+        assert max(abs(entry.shifts[n] * entry.plausible) / e for n, e in entry.errors.items()) > 1
 
 
 def test_an_uncertainty_given_for_a_term_enters_the_results(plain):

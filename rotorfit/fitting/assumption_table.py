@@ -73,6 +73,11 @@ class Assumption:
         return self.tested and abs(self.z) > _MISSING
 
     @property
+    def bears(self) -> bool:
+        """Whether a result rests on it: untested, and of a plausible size it moves one by more than its error."""
+        return not self.tested and self.weight > 1
+
+    @property
     def weight(self) -> float:
         """Largest shift of a result by :attr:`size`, in standard errors of that result."""
         ratios = [abs(self.shifts[n] * self.size) / e for n, e in self.errors.items() if 0 < e < math.inf]
@@ -95,6 +100,11 @@ class Assumptions:
             if entry.name == name:
                 return entry
         raise KeyError(f"no assumption {name!r}; there are {', '.join(entry.name for entry in self.entries)}")
+
+    @property
+    def foundations(self) -> tuple[str, ...]:
+        """What cannot be tested and moves a result by more than its error, each in words with these moves."""
+        return tuple(_foundation(entry) for entry in self.entries if entry.bears)
 
     def with_priors(self, priors: Mapping[str, float]) -> Assumptions:
         """With standard uncertainties given for some terms.
@@ -190,6 +200,25 @@ def _words(found: Assumptions) -> list[str]:
         shares = (f"{_titled(n)} {_share(found, n)}" for n in results if math.isfinite(found.combined(n)))
         words.append(f"With the uncertainties given, standard errors (systematic share): {', '.join(shares)}.")
     return words
+
+
+def _foundation(entry: Assumption) -> str:
+    """An assumption in words, with what one unit of a term does, or a plausible error of a value."""
+    term = entry.unit != "1" and "[" in entry.name
+    size = 1.0 if term else entry.plausible
+    moved = [
+        _moved(name, entry.shifts[name] * size, error)
+        for name, error in entry.errors.items()
+        if abs(entry.shifts[name] * entry.plausible) > error
+    ]
+    if term and THRESHOLD in entry.errors and not any(words.startswith(THRESHOLD) for words in moved):
+        moved.append(f"{THRESHOLD} as it is")
+    unit = "" if entry.unit == "1" else f" {entry.unit}"
+    return f"{entry.name}, {entry.meaning}; {size:+.2g}{unit}: {', '.join(moved)}"
+
+
+def _moved(name: str, shift: float, error: float) -> str:
+    return f"{name} {_shown(name, shift, error)}{' rpm' if name == THRESHOLD else ''}"
 
 
 def _share(found: Assumptions, name: str) -> str:

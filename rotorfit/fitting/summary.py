@@ -10,6 +10,7 @@ import numpy as np
 
 from rotorfit.estimators.misfit.parameter_space import DATUM
 from rotorfit.fitting.anisotropy import lines_cut_off
+from rotorfit.fitting.assumptions import foundations_of
 from rotorfit.fitting.digits import plus_minus, with_error
 from rotorfit.fitting.noise_record import NoiseVerdict, is_run_effect
 from rotorfit.fitting.structure_error import structure_error
@@ -69,6 +70,7 @@ def fit_summary(fit: FitResult) -> str:
         lines.append("correlations: " + ", ".join(f"{a}-{b} {r:+.2f}" for a, b, r in pairs))
     lines += _stability_lines(fit) if fit.success else ["threshold speed: not stated, as the fit did not converge"]
     lines += interval_lines(fit)
+    lines += foundation_lines(fit)
     lines += [f"errors: {remark}" for remark in fit.remarks]
     reduced = structure_error(fit)
     lines += [f"note: {caveat}" for caveat in (*fit.model.caveats, *([str(reduced)] if reduced else []))]
@@ -100,6 +102,16 @@ def noise_lines(fit: FitResult) -> list[str]:
 def _small(value: float, unit: str) -> str:
     """A noise level: motion in millionths, as probes are read."""
     return f"{1e6 * value:.2g} u{unit}" if unit in ("m", "rad") else f"{value:.2g} {unit}".rstrip()
+
+
+def foundation_lines(fit: FitResult) -> list[str]:
+    """What the numbers rest on although these data cannot tell it."""
+    found = foundations_of(fit).foundations
+    return (
+        ["rests on what these data cannot tell, and would move with it:", *(f"  {words}" for words in found)]
+        if found
+        else []
+    )
 
 
 def _without_runs(fit: FitResult) -> list[str]:

@@ -41,7 +41,8 @@ def verdict_section(material: ReportInput) -> Html:
     warnings[:0] = [f"{DATA_ERROR}{message}" for message in errors]
     if not fit.success and not any(fit.message in w for w in warnings):
         warnings.insert(0, f"the optimisation did not converge: {fit.message}")
-    warnings += found_assumptions(material).words[1:]
+    assumed = found_assumptions(material)
+    warnings += assumed.words[1:]
     if fit.identifiability.unresolved:
         warnings.append("not determined by these data: " + ", ".join(fit.identifiability.unresolved))
     if material.posterior is not None and not material.posterior.converged:
@@ -50,6 +51,7 @@ def verdict_section(material: ReportInput) -> Html:
         content.append(bullets((sentence(w) for w in warnings), class_="warnings"))
     reduced = structure_error(fit)
     caveats = [*fit.model.caveats, *([str(reduced)] if reduced else [])]
+    caveats += [f"not told by these data: {words}" for words in assumed.foundations]
     if caveats:
         content.append(bullets((sentence(c) for c in caveats), class_="note"))
     return section("Verdict", *content)
