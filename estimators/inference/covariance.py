@@ -206,6 +206,20 @@ def inverse_curvature(problem: Problem, x: Float) -> Float:
     return inverse(root, natural_sizes(problem, x))[0]
 
 
+def excess(wide: Float, own: Float) -> Float:
+    """What must join a covariance so that no combination is surer than by another, shape ``(p, p)``.
+
+    The positive part of their difference, entries scaled by the standard errors.
+
+    Args:
+        wide, own: the other covariance, and the one to widen, shape ``(p, p)``.
+    """
+    size = np.sqrt(np.maximum(np.diag(own), np.diag(wide)))
+    size = np.where(size > 0, size, 1.0)
+    power, basis = np.linalg.eigh((wide - own) / np.outer(size, size))
+    return np.asarray((basis * np.maximum(power, 0.0)) @ basis.T * np.outer(size, size))
+
+
 def natural_sizes(problem: Problem, x: Float) -> Float:
     """Size of each parameter that would matter in these data, shape ``(p,)``: what identifiability is judged against.
 

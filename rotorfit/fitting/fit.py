@@ -18,7 +18,7 @@ from rotorfit.estimators.starting.closed_form import closed_form as solve_closed
 from rotorfit.estimators.starting.shaft_line_starts import has_lines
 from rotorfit.estimators.starting.starts import start_vector
 from rotorfit.fitting.calibration import Calibration
-from rotorfit.fitting.judge import judge
+from rotorfit.fitting.judge import judge, with_doubt
 from rotorfit.fitting.noise_finding import study_noise
 from rotorfit.fitting.noise_problem import with_noise
 from rotorfit.fitting.problem_setup import as_tuple, build_problem, make_priors
@@ -187,9 +187,10 @@ def solve_again(
     begin[: min(fit.x.size, begin.size)] = fit.x[: begin.size]
     solution = solve(problem, np.clip(begin, problem.space.lower, problem.space.upper), Options())
     notes = tuple(warning for warning in fit.warnings if warning.startswith(DATA_ERROR))
-    return judge(
+    found = judge(
         problem, fit.experiments, settings, solution.x, begin, "least squares", solution, notes, noise=fit.noise
     )
+    return found if fit.doubt is None else with_doubt(found, fit.doubt)
 
 
 def solve(problem: Problem, start: Float, options: Options) -> Solution:

@@ -84,7 +84,29 @@ def judge(
     )
 
 
+def with_doubt(fit: FitResult, doubt: Float) -> FitResult:
+    """The result with the doubt between models in its covariance and standard errors.
+
+    Args:
+        fit: one model's result.
+        doubt: what it adds to the covariance of the fitted parameters, shape ``(n, n)``.
+    """
+    names = fit.problem.space.names
+    added = np.zeros_like(fit.covar)
+    added[: len(names), : len(names)] = doubt
+    covar, noise = fit.covar + added, fit.noise
+    if noise is not None and noise.shares:
+        noise = replace(noise, shares=(*noise.shares, added), freedom=(*noise.freedom, float("inf")))
+    params = dict(fit.params)
+    for i, name in enumerate(names):
+        if params[name].resolved and fit.success:
+            freedom = params[name].freedom if noise is None else noise.degrees(np.eye(len(covar))[i])
+            params[name] = replace(params[name], stderr=float(np.sqrt(covar[i, i])), freedom=freedom)
+    return replace(fit, covar=covar, params=params, noise=noise, doubt=doubt)
+
+
 def inverse_curvature(fit: FitResult) -> Float:
     """Change of the estimate by the slope of the cost, shape ``(p, p)``: mostly ``covar`` itself."""
     wider = fit.noise is not None and (fit.noise.robust or fit.noise.verdict is NoiseVerdict.FOLLOWING)
+    wider = wider or fit.doubt is not None
     return fit.covar if fit.problem.loss == "linear" and not wider else covariance.inverse_curvature(fit.problem, fit.x)

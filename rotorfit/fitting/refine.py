@@ -9,9 +9,11 @@ from typing import Any
 
 import numpy as np
 
+from rotorfit.estimators.inference.covariance import excess
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.fitting.fit import fit as fit_model
 from rotorfit.fitting.fit import solve_again
+from rotorfit.fitting.judge import with_doubt
 from rotorfit.fitting.notebook import text_html
 from rotorfit.fitting.problem_setup import with_levels
 from rotorfit.fitting.result import FitResult
@@ -164,24 +166,31 @@ def _in_doubt(chosen: FitResult, best: FitResult, steps: Sequence[FitResult]) ->
     """The chosen fit, its errors those of all rungs by their Akaike weights (Burnham & Anderson 2002).
 
     A block that was chosen because it came out large by chance moves what it correlates with, and one left out for a
-    hair makes them look surer than they are. Errors only grow, and ``covar`` stays that of the chosen model.
+    hair makes them look surer than they are. Errors only grow. A block that a rung lacks is zero there.
     """
-    leaves_open = bool(best.identifiability.unresolved)
-    rungs = [s for s in steps if s is best or (s.success and (leaves_open or not s.identifiability.unresolved))]
+    names = best.problem.space.names
+    sure = [i for i, name in enumerate(names) if best.params[name].resolved]
+    rungs = [step for step in steps if step is best or (step.success and _tells(step, best))]
     scatter = max(1.0, min(step.redchi for step in rungs))  # what every rung misses counts as noise
-    params = dict(chosen.params)
-    for name in best.problem.space.names:
-        if not params[name].resolved or any(name not in step.params for step in rungs):
-            continue
-        telling = [step for step in rungs if step is best or step.params[name].resolved]
-        weight = np.exp([(best.aic - step.aic) / (2 * scatter) for step in telling])
-        values = [(step.params[name].value, step.params[name].stderr) for step in telling]
-        variance = sum(
-            share * (error**2 + (value - best.params[name].value) ** 2)
-            for share, (value, error) in zip((weight / weight.sum()).tolist(), values, strict=True)
-        )
-        params[name] = replace(params[name], stderr=max(params[name].stderr, math.sqrt(variance)))
-    return replace(chosen, params=params)
+    weight = np.exp([(best.aic - step.aic) / (2 * scatter) for step in rungs])
+    mixed = np.zeros((len(sure), len(sure)))
+    for share, step in zip((weight / weight.sum()).tolist(), rungs, strict=True):
+        there = [k for k, i in enumerate(sure) if names[i] in step.params]
+        own = [step.var_names.index(names[sure[k]]) for k in there]
+        away = -best.x[sure]
+        away[there] += step.x[own]
+        mixed += share * np.outer(away, away)
+        mixed[np.ix_(there, there)] += share * step.covar[np.ix_(own, own)]
+    doubt = np.zeros((len(names), len(names)))
+    doubt[np.ix_(sure, sure)] = excess(mixed, best.covar[np.ix_(sure, sure)])
+    return with_doubt(chosen, doubt)
+
+
+def _tells(step: FitResult, best: FitResult) -> bool:
+    """Whether a rung determines what the best one does."""
+    if step.identifiability.unresolved and not best.identifiability.unresolved:
+        return False
+    return all(step.params[n].resolved for n, p in best.params.items() if p.vary and p.resolved and n in step.params)
 
 
 def _rung_onsets(steps: Sequence[FitResult], best: FitResult) -> tuple[Onset, ...]:

@@ -60,6 +60,8 @@ class FitResult:
         warnings: sentences worth reading.
         noise: what the residuals are, and what the error bars rest on; ``None`` where that was not looked into (closed
             forms, robust losses, other tests than sweeps).
+        doubt: share of ``covar`` by the doubt between the rungs of a ladder of models, shape ``(n, n)`` for the
+            fitted parameters; ``None`` for a model that was not chosen among others.
     """
 
     model: RotorModel
@@ -84,6 +86,7 @@ class FitResult:
     identifiability: Identifiability
     warnings: tuple[str, ...]
     noise: Noise | None = None
+    doubt: Float | None = None
 
     def __repr__(self) -> str:
         """What was fitted and how well, on one line; ``print(fit)`` shows the table of :meth:`summary`."""

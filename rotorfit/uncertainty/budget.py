@@ -23,7 +23,7 @@ from rotorfit.models.parameters import bare_name
 from rotorfit.text_table import Wide, text_table
 from rotorfit.units import RPM_PER_RAD_S
 
-PRIORS = "priors"
+PRIORS, STRUCTURE = "priors", "structure"
 _NOTHING = 1e-4  # share of the combined uncertainty that a table shows as zero
 
 
@@ -36,7 +36,8 @@ class Share:
         random: from the noise of the readings (type A), widened as ``stderr`` is.
         systematic: from calibration and other knowledge from before (type B).
         combined: root of the sum of both squares; ``stderr`` of the fit.
-        sources: systematic part by source: each nuisance entry, and "priors" for those of parameters.
+        sources: systematic part by source: each nuisance entry, "priors" for those of parameters, "structure" for the
+            doubt between the rungs of a ladder.
     """
 
     name: str
@@ -94,7 +95,18 @@ class Budget:
             curvature = prior.terms(float(fit.x[prior.entry]))[2]
             source = names[prior.entry] if prior.entry >= first else PRIORS
             columns.setdefault(source, []).append(moved[:, prior.entry] * math.sqrt(curvature))
+        if fit.doubt is not None:
+            columns[STRUCTURE] = list(self._root(fit.doubt).T)
         return {source: np.column_stack(parts) for source, parts in columns.items()}
+
+    def _root(self, doubt: Float) -> Float:
+        """Changes of the estimate, one a column, whose squares add up to a covariance of the parameters."""
+        size = np.sqrt(np.diag(self.fit.covar)[: len(doubt)])
+        size = np.where(size > 0, size, 1.0)
+        power, basis = np.linalg.eigh(doubt / np.outer(size, size))
+        changes = np.zeros((self.fit.x.size, len(doubt)))
+        changes[: len(doubt)] = size[:, None] * basis * np.sqrt(np.maximum(power, 0.0))
+        return changes
 
     @cached_property
     def systematic(self) -> Float:

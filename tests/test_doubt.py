@@ -1,0 +1,84 @@
+"""The doubt between the rungs of a ladder of models in everything that is derived from a refined fit."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import rotorfit as rf
+from rotorfit.estimators.inference.covariance import excess
+from rotorfit.fitting.calibration import Calibration
+from rotorfit.fitting.judge import inverse_curvature
+from rotorfit.models import WhirlWhip
+from rotorfit.uncertainty.budget import budget
+
+
+@pytest.fixture(scope="module")
+def ladder():
+    return rf.refine(rf.fit(WhirlWhip(), rf.datasets.rig_open(), known={"K3": 6000.0}))
+
+
+def averaged(ladder, value):
+    """Mean square distance from the chosen rung, and mean variance, over rungs by their Akaike weights."""
+    best = min((s for s in ladder.steps if not s.identifiability.unresolved), key=lambda step: step.aic)
+    rungs = [step for step in ladder.steps if not step.identifiability.unresolved]
+    scatter = max(1.0, min(step.redchi for step in rungs))
+    weight = np.exp([(best.aic - step.aic) / (2 * scatter) for step in rungs])
+    found = [value(step) for step in rungs]
+    spread = [error**2 + (v - value(best)[0]) ** 2 for v, error in found]
+    return float(np.sqrt(weight @ spread / weight.sum()))
+
+
+def test_errors_are_those_of_all_rungs_and_no_smaller_than_of_the_chosen_one(ladder):
+    best = ladder.best
+    chosen = next(step for step in ladder.steps if step.model.blocks == best.model.blocks)
+    for name in ("D", "lam", "K0", "Mf", "Md"):
+        p = best.params[name]
+        expected = max(averaged(ladder, lambda s, n=name: (s.params[n].value, s.params[n].stderr)), 0.0)
+        # The part by which variances grow is taken direction by direction: the whole may be a little wider.
+        assert expected * 0.999 <= p.stderr <= 1.5 * max(expected, chosen.params[name].stderr)
+        assert p.stderr == pytest.approx(np.sqrt(best.covar[best.var_names.index(name)][best.var_names.index(name)]))
+
+
+def test_the_threshold_speed_holds_what_rungs_differ_by(ladder):
+    """The delta method with the wider covariance, against the threshold speeds of the rungs themselves."""
+    speeds = averaged(ladder, lambda s: (s.threshold_speed().value, s.threshold_speed().stderr))
+    found = ladder.best.threshold_speed()
+    # A rung with terms that the chosen model lacks moves the threshold by these too, here by a tenth at most.
+    assert found.stderr > 0.8 * speeds
+
+
+def test_the_budget_has_the_structure_as_a_systematic_source_of_its_own(ladder):
+    best = ladder.best
+    found = budget(best, Calibration(probe_gain=0.01))
+    share = found.share("lam")
+    lam = best.var_names.index("lam")
+    assert share.sources["structure"] == pytest.approx(np.sqrt(best.doubt[lam, lam]), rel=1e-6)
+    assert share.combined**2 == pytest.approx(share.random**2 + share.systematic**2, rel=1e-9)
+    assert "structure" in found.table()
+
+
+def test_newton_steps_do_not_take_doubt_for_curvature(ladder):
+    best = ladder.best
+    curvature = inverse_curvature(best)
+    assert np.all(np.diag(curvature) <= np.diag(best.covar) * (1 + 1e-9))
+    assert curvature == pytest.approx(best.covar - np.pad(best.doubt, (0, len(best.covar) - len(best.doubt))), rel=1e-3)
+
+
+def test_a_saved_fit_keeps_it(ladder, tmp_path: Path):
+    rf.save_fit(ladder.best, tmp_path / "fit.json")
+    again = rf.load_fit(tmp_path / "fit.json")
+    assert np.array_equal(again.doubt, ladder.best.doubt)
+    assert again.threshold_speed().stderr == pytest.approx(ladder.best.threshold_speed().stderr, rel=1e-9)
+
+
+def test_what_joins_a_covariance_makes_no_direction_surer():
+    rng = np.random.default_rng(3)
+    own, wide = (a @ a.T for a in rng.normal(size=(2, 4, 4)))
+    more = excess(wide, own)
+    for direction in rng.normal(size=(200, 4)):
+        variances = [direction @ matrix @ direction for matrix in (own + more, own, wide)]
+        assert variances[0] >= max(variances[1:]) * (1 - 1e-9)
+    assert excess(0.5 * own, own) == pytest.approx(np.zeros((4, 4)), abs=1e-12)
