@@ -152,13 +152,10 @@ def _target(fit: FitResult, noise: Noise | None, accelerate: bool | None, work: 
 def _treatment(fit: FitResult, target: LogPosterior, centre: Float) -> str:
     """What was done about noise and model-form error."""
     if not fit.model_limited:
-        doubt = (
-            ""
-            if fit.doubt is None
-            else (
-                ". The doubt between the rungs of the ladder, which standard errors hold, is not in these draws of one model"
-            )
+        words = (
+            "The doubt between the rungs of the ladder, which standard errors hold, is not in these draws of one model"
         )
+        doubt = "" if fit.doubt is None else f". {words}"
         return _noise_words(fit, target, centre) + doubt
     if fit.settings.levels:
         advice = "bring the shaft's matrices (KnownStructure)"
