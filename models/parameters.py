@@ -37,6 +37,14 @@ class Parameter:
         if not self.lower < self.upper:
             raise ValueError(f"parameter {self.name}: lower limit {self.lower} is not below upper {self.upper}")
 
+    @property
+    def frequency_power(self) -> int:
+        """Power with which it grows where all frequencies of a rotor grow and its masses stay: 2 for a stiffness."""
+        above, _, below = self.unit.partition("/")
+        times = {"N": 2, "s": -1, "s^2": -2}
+        powers = [sum(times.get(unit, 0) for unit in part.split()) for part in (above, below)]
+        return powers[0] - powers[1]
+
 
 def bare_name(name: str) -> str:
     """Name of a parameter without its group: ``K0`` of ``K0[speed_rpm=1000]``."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
 from numbers import Real
@@ -20,6 +20,7 @@ from rotorfit.estimators.misfit.parameter_space import DATUM, ParameterSpace
 from rotorfit.estimators.misfit.priors import Prior
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.estimators.starting.closed_form import ClosedFormError, closed_form, closed_forms
+from rotorfit.estimators.starting.many_starts import best_of_many
 from rotorfit.estimators.starting.modal_start import modal_start
 from rotorfit.estimators.starting.nonlinear_starts import (
     explicit_with_sense,
@@ -28,7 +29,14 @@ from rotorfit.estimators.starting.nonlinear_starts import (
     linear_starts,
 )
 from rotorfit.estimators.starting.shaft_line_starts import has_lines, line_start, round_part, support_starts
-from rotorfit.estimators.starting.short_fits import LOOSE, ShortFits, short_fits
+from rotorfit.estimators.starting.short_fits import LOOSE
+from rotorfit.estimators.starting.start_points import (
+    full_vector,
+    loose_fits,
+    noise_limit,
+    random_starts,
+    typical_sizes,
+)
 from rotorfit.models import Modal
 from rotorfit.models.array_types import Float
 from rotorfit.models.parameters import unknown_name
@@ -70,7 +78,7 @@ def start_vector(problem: Problem, given: Mapping[str, float]) -> tuple[Float, t
     if np.isnan(values).any():
         guess, datum, notes = _guess_with_datum(problem)
         values = np.where(np.isnan(values), guess, values)
-    return _full(problem, values, datum), notes
+    return full_vector(problem, values, datum), notes
 
 
 def _guess_with_datum(problem: Problem) -> tuple[Float, float, tuple[str, ...]]:
@@ -91,7 +99,7 @@ def _guess_with_datum(problem: Problem) -> tuple[Float, float, tuple[str, ...]]:
     angles = np.arange(_ANGLES) * 2 * np.pi / _ANGLES
     angle = min(angles.tolist(), key=lambda a: _explained(_turned(plain, a)))
     guess, notes = _guess(_turned(plain, angle))
-    best = _short_fit(plain, _full(plain, guess, angle)).x
+    best = _short_fit(plain, full_vector(plain, guess, angle)).x
     return best[: len(space.names)], float(best[len(space.names) + space.nuisance.index(DATUM)]), notes
 
 
@@ -148,12 +156,12 @@ def _guess(problem: Problem) -> tuple[Float, tuple[str, ...]]:
         enough = partial(_settled, problem)
         candidates = list(dict.fromkeys(closed_forms(problem.space, blocks, passes=_PASSES, enough=enough)))
     except ClosedFormError as reason:
-        return _multistart(problem), (f"no closed form ({reason}); the best of {_MULTISTARTS} random starts was taken",)
+        return best_of_many(problem, str(reason))
     best = candidates[0]
     if len(candidates) > 1:
         best = min(candidates, key=lambda estimate: _cost(problem, estimate.x))
     if not _explains(problem, best.x):
-        best = min(candidates, key=lambda estimate: _short_fit(problem, _full(problem, estimate.x)).cost)
+        best = min(candidates, key=lambda estimate: _short_fit(problem, full_vector(problem, estimate.x)).cost)
     return best.x, best.notes
 
 
@@ -186,7 +194,7 @@ def _from_round(problem: Problem, found: Float, notes: tuple[str, ...]) -> tuple
     starts = support_starts(problem, whole)
     if len(starts) == 1:
         return whole, notes
-    fits = [_short_fit(problem, _full(problem, start)) for start in starts]
+    fits = [_short_fit(problem, full_vector(problem, start)) for start in starts]
     return min(fits, key=lambda fit: fit.cost).x[: whole.size], notes
 
 
@@ -198,21 +206,21 @@ def _nonlinear_guess(problem: Problem) -> tuple[Float, tuple[str, ...]]:
     """
     explicit = frozen(problem)
     size = len(problem.space.names)
-    starts = [_full(problem, x) for x in linear_starts(problem, _PASSES)]
+    starts = [full_vector(problem, x) for x in linear_starts(problem, _PASSES)]
     found: Solution | None = None
     if starts:
         apart = _apart(np.array(starts))
         promising = apart[np.argsort(costs(explicit, apart), kind="stable")[:_TRIED]]
-        ends = _short_fits(explicit, promising)
+        ends = loose_fits(explicit, promising)
         found = _short_fit(problem, _inside_full(problem, ends.x[np.argmin(ends.cost)]))
         if found.status not in (Status.CONVERGED, Status.SINGULAR):
             # Data that leave a combination open: Ipopt follows a flat valley to its end, damped steps creep along it.
             along = min((_quick_fit(explicit, start) for start in promising), key=lambda fit: fit.cost)
             other = _short_fit(problem, _inside_full(problem, along.x))
             found = min(found, other, key=lambda fit: (not fit.success, fit.cost))
-        if _is_noise(problem, found.cost):
+        if found.cost < noise_limit(problem):
             return found.x[:size], ()
-    random = _full(problem, _explicit_multistart(explicit_with_sense(explicit)))
+    random = full_vector(problem, _explicit_multistart(explicit_with_sense(explicit)))
     if found is not None and found.cost <= _cost(problem, random):
         return found.x[:size], ()
     return random[:size], (f"no closed form explains these data; the best of {_MULTISTARTS} random starts was taken",)
@@ -229,7 +237,7 @@ def _apart(starts: Float) -> Float:
 
 
 def _inside_full(problem: Problem, x: Float) -> Float:
-    return _full(problem, x[: len(problem.space.names)])
+    return full_vector(problem, x[: len(problem.space.names)])
 
 
 def _explains(problem: Problem, values: Float) -> bool:
@@ -237,17 +245,12 @@ def _explains(problem: Problem, values: Float) -> bool:
 
     The derivatives that come with it are those that the search asks for first.
     """
-    return _is_noise(problem, problem.gauss_newton(_full(problem, values))[0])
-
-
-def _is_noise(problem: Problem, cost: float) -> bool:
-    """Whether a cost is what the noise makes it, to six standard deviations of chi-squared."""
-    return bool(2 * cost < problem.n_data + 6 * np.sqrt(2 * problem.n_data))
+    return bool(problem.gauss_newton(full_vector(problem, values))[0] < noise_limit(problem))
 
 
 def _settled(problem: Problem, values: Float) -> bool:
     """Whether values explain the data and a step to the optimum would be short of a standard error."""
-    _, gradient, matrix = problem.gauss_newton(_full(problem, values))
+    _, gradient, matrix = problem.gauss_newton(full_vector(problem, values))
     size = np.sqrt(np.diag(matrix))
     if not (_explains(problem, values) and np.all(size > 0)):
         return False
@@ -265,7 +268,7 @@ def _discount_outliers(problem: Problem) -> tuple[Block, ...]:
     """
     blocks = problem.blocks
     for _ in range(_ROBUST_ROUNDS):
-        x = _full(problem, closed_form(problem.space, blocks, passes=_PASSES[-1]).x)
+        x = full_vector(problem, closed_form(problem.space, blocks, passes=_PASSES[-1]).x)
         size = np.abs(problem.residuals(x))
         # The median modulus of pure noise is sqrt(2 ln 2) sigma.
         scale = max(1.0, float(np.median(size)) / np.sqrt(2 * np.log(2)))
@@ -276,38 +279,16 @@ def _discount_outliers(problem: Problem) -> tuple[Block, ...]:
 
 
 def _cost(problem: Problem, values: Float) -> float:
-    cost = problem.cost(_full(problem, values))
+    cost = problem.cost(full_vector(problem, values))
     return cost if np.isfinite(cost) else np.inf
-
-
-def _full(problem: Problem, values: Float, datum: float = 0.0) -> Float:
-    """Start values inside the bounds, nuisance parameters at zero behind them, a common datum angle where it is."""
-    nuisance = [datum if name == DATUM else 0.0 for name in problem.space.nuisance]
-    return np.concatenate([_inside(values, problem.space), nuisance])
-
-
-def _inside(values: Float, space: ParameterSpace) -> Float:
-    """Values moved off the bounds, where Ipopt's barrier wants them."""
-    lower, upper = space.lower[: values.size], space.upper[: values.size]
-    margin = 1e-3 * np.where(np.isfinite(upper - lower), upper - lower, np.maximum(np.abs(values), 1e-3))
-    scale = np.array([space.model.parameter(name).scale for name in space.base])
-    margin = np.minimum(margin, 1e-3 * scale)
-    return np.asarray(np.clip(values, lower + margin, upper - margin))
-
-
-def _multistart(problem: Problem) -> Float:
-    """Best short fit of several starts spread over a decade around typical values, where there is no closed form."""
-    space = problem.space
-    fits = [_short_fit(problem, start) for start in _random_starts(problem)]
-    return np.asarray(min(fits, key=lambda found: found.cost).x[: len(space.names)])
 
 
 def _explicit_multistart(problem: Problem) -> Float:
     """The same for explicit observations, many at once; the first that the data hardly contradict will do."""
-    starts = np.array(list(_random_starts(problem)))
+    starts = np.array(list(random_starts(problem, _MULTISTARTS)))
     best, least = starts[0], np.inf
     for group in np.split(starts, range(_TOGETHER, len(starts), _TOGETHER)):
-        ends = _short_fits(problem, group)
+        ends = loose_fits(problem, group)
         if ends.cost.min() < least:
             best, least = ends.x[np.argmin(ends.cost)], float(ends.cost.min())
         if 2 * least < _EXPLICIT_MISFIT * problem.n_data:
@@ -315,31 +296,12 @@ def _explicit_multistart(problem: Problem) -> Float:
     return np.asarray(best[: len(problem.space.names)])
 
 
-def _random_starts(problem: Problem) -> Iterator[Float]:
-    rng = np.random.default_rng(0)
-    scale = _typical(problem)
-    for _ in range(_MULTISTARTS):
-        yield _full(problem, scale * np.exp(rng.normal(0.0, 0.8, scale.size)))
-
-
-def _typical(problem: Problem) -> Float:
-    return np.array([problem.space.model.parameter(name).scale for name in problem.space.base])
-
-
-def _short_fits(problem: Problem, starts: Float) -> ShortFits:
-    """Short fits held loosely at their starts."""
-    sizes = np.abs(starts) + (starts == 0)
-    count = len(problem.space.names)
-    sizes[:, :count] = np.maximum(np.abs(starts[:, :count]), _typical(problem))
-    return short_fits(problem, starts, sizes)
-
-
 def _quick_fit(problem: Problem, start: Float) -> Solution:
     """A short fit by Ipopt, held loosely at its start as those of many are."""
     from scipy.stats import norm
 
     count = len(problem.space.names)
-    size = np.maximum(np.abs(start[:count]), _typical(problem))
+    size = np.maximum(np.abs(start[:count]), typical_sizes(problem.space))
     held = tuple(Prior(i, norm(value, LOOSE * size[i])) for i, value in enumerate(start[:count].tolist()))
     problem = replace(problem, priors=(*problem.priors, *held))
     return _short_fit(problem, start, Options(max_iterations=25, hessian="gauss-newton"))

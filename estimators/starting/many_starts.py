@@ -1,0 +1,124 @@
+"""Starts where there is no closed form: many, with short fits, until one is deep enough and found twice."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import chain, islice
+
+import numpy as np
+
+from rotorfit.estimators.blocks.observations import Responses
+from rotorfit.estimators.misfit.problem import Problem
+from rotorfit.estimators.starting.rational_fit import RationalFit, rational_fit
+from rotorfit.estimators.starting.start_points import loose_fits, noise_limit, random_starts
+from rotorfit.estimators.starting.unread_starts import unread_starts
+from rotorfit.models.array_types import ComplexArray, Float
+
+_TOGETHER = 4  # starts fitted before the ends are looked at
+_MANY, _MOST = 24, 72  # starts tried where what was found is deep, but not surely the deepest; and where it is not
+_AGREE = 0.5  # cost to which short fits that end in one minimum agree
+_SURE, _MAY_BE = 1.0, 4.0  # standard deviations by which the misfit may exceed that of ratios of polynomials
+_LIKELY = 4.5  # cost above the least up to which another minimum is not to be ruled out: three standard deviations
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Ends:
+    """Where short fits ended, the best first.
+
+    Attributes:
+        x: shape ``(W, p)``.
+        cost: shape ``(W,)``.
+    """
+
+    x: Float
+    cost: Float
+
+    @property
+    def together(self) -> int:
+        """How many ended in the best minimum."""
+        return int(np.sum(self.cost < self.cost[0] + _AGREE))
+
+
+def best_of_many(problem: Problem, reason: str) -> tuple[Float, tuple[str, ...]]:
+    """The deepest end of short fits, shape ``(len(names),)``, and notes on how it was found and what may be deeper.
+
+    Args:
+        problem: what is to be fitted, responses of a linear rotor only.
+        reason: why there is no closed form.
+    """
+    blocks = [block for block in problem.blocks if isinstance(block, Responses)]
+    ratios = rational_fit(blocks) if problem.loss == "linear" else None
+    limits = _limits(problem, ratios)
+    ends = _search(problem, _candidates(problem, blocks, ratios), limits)
+    note = f"no closed form ({reason}); the best of {ends.cost.size} starts was taken"
+    doubt = _doubt(problem, ends, limits, ratios)
+    return ends.x[0, : len(problem.space.names)], (note, *doubt)
+
+
+def _limits(problem: Problem, ratios: RationalFit | None) -> tuple[float, float]:
+    """Costs below which a minimum is surely the deepest, and below which it may well be."""
+    if ratios is None:
+        return -np.inf, noise_limit(problem)
+    sure, likely = (ratios.limit(len(problem.space.names), deviations) for deviations in (_SURE, _MAY_BE))
+    return sure, likely
+
+
+def _candidates(problem: Problem, blocks: list[Responses], ratios: RationalFit | None) -> Iterator[Float]:
+    every = random_starts(problem, _MOST)
+    return every if ratios is None else islice(chain(unread_starts(problem, blocks, ratios), every), _MOST)
+
+
+def _search(problem: Problem, candidates: Iterator[Float], limits: tuple[float, float]) -> _Ends:
+    """Short fits until two of few end in a minimum as deep as the first limit, or two of many as the second."""
+    x, cost = np.empty((0, problem.space.size)), np.empty(0)
+    while starts := list(islice(candidates, _TOGETHER)):
+        found = loose_fits(problem, np.array(starts))
+        x, cost = np.concatenate([x, found.x]), np.concatenate([cost, found.cost])
+        order = np.argsort(cost, kind="stable")
+        x, cost = x[order], cost[order]
+        ends = _Ends(x=x, cost=cost)
+        if ends.together > 1 and cost[0] <= limits[int(cost.size >= _MANY)]:
+            break
+    return ends
+
+
+def _doubt(problem: Problem, ends: _Ends, limits: tuple[float, float], ratios: RationalFit | None) -> tuple[str, ...]:
+    """A sentence where the minimum may not be the deepest, or not the only one so deep."""
+    tried, least = ends.cost.size, float(ends.cost[0])
+    led = f"{ends.together} of {tried} starts lead here"
+    if least > limits[1] and ratios is not None:
+        return (
+            f"perhaps a local minimum, or not this rotor: chi-squared is {2 * least:.4g}, where ratios of polynomials "
+            f"with as many poles leave {2 * ratios.cost:.4g}; {led}. Give start values for what is known",
+        )
+    if ends.together == 1 and least > limits[0]:
+        return (
+            f"perhaps a local minimum: {led}, and chi-squared is {2 * least:.4g} for {problem.n_data} data. Give start "
+            "values for what is known",
+        )
+    other = _another(problem, ends)
+    if other is None:
+        return ()
+    return (
+        f"perhaps a local minimum: another one has chi-squared {2 * other:.4g} where this one has {2 * least:.4g}. "
+        "More readings tell them apart, or values known beforehand",
+    )
+
+
+def _another(problem: Problem, ends: _Ends) -> float | None:
+    """Cost of another minimum nearly as deep as the best: predictions differ by more than the costs tell."""
+    best = problem.residuals(ends.x[0])
+    for x in ends.x[1:][ends.cost[1:] < ends.cost[0] + 2 * _LIKELY]:
+        if _apart(problem, best, x, ends.cost[0]):
+            end = loose_fits(problem, x[None])
+            if end.cost[0] < ends.cost[0] + _LIKELY and _apart(problem, best, end.x[0], ends.cost[0]):
+                return float(end.cost[0])
+    return None
+
+
+def _apart(problem: Problem, best: ComplexArray, x: Float, least: float) -> bool:
+    """Whether a vector is in another valley: within one, half the squared distance is what the cost grows by."""
+    other = problem.residuals(x)
+    distance = 0.5 * float(np.sum(np.abs(other - best) ** 2))
+    return distance > _LIKELY + 4 * (0.5 * float(np.sum(np.abs(other) ** 2)) - least)

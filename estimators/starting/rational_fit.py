@@ -1,0 +1,148 @@
+"""Responses as ratios of polynomials in frequency: how well as many poles as a model has can fit, and where zeros lie.
+
+At one speed every response is ``N(w)/d(w)`` with one denominator for all of them. With the last denominator as weight
+the fit is linear (Sanathanan and Koerner 1963): no start, no local minimum. It holds every rotor with so many poles, so
+that a fit of the rotor which misses the data by much more has not found them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from rotorfit.estimators.blocks.observations import Responses
+from rotorfit.models.array_types import ComplexArray, Float, Index
+
+_PASSES = 12
+_FEWEST = 2.0  # real data an unknown from which on what the ratios leave tells the noise
+_SAME = 0.02  # relative difference of frequencies that are one
+
+
+@dataclass(frozen=True, kw_only=True)
+class RationalFit:
+    """What ratios of polynomials make of responses.
+
+    Attributes:
+        cost: half the sum of squares that they leave.
+        unknowns, data: real unknowns and real data.
+        zeros, poles: frequencies, rad/s, ascending: of the zeros of responses read where the force acts, and of the
+            poles of all, both within the tested band.
+    """
+
+    cost: float
+    unknowns: int
+    data: int
+    zeros: tuple[float, ...]
+    poles: tuple[float, ...]
+
+    def limit(self, unknowns: int, deviations: float) -> float:
+        """Cost that a rotor with so many poles leaves, to so many standard deviations of chi-squared.
+
+        Args:
+            unknowns: of the rotor.
+            deviations: how many; the rotor itself is beyond one of them one time in six.
+        """
+        level = max(1.0, 2 * self.cost / (self.data - self.unknowns))
+        spare = max(self.unknowns - unknowns, 1)
+        return float(self.cost + level * (spare + deviations * np.sqrt(2 * spare)) / 2)
+
+
+def rational_fit(blocks: Sequence[Responses]) -> RationalFit | None:
+    """Fit every group and speed of responses by ratios of polynomials with as many poles as the model has.
+
+    Args:
+        blocks: responses of one rotor.
+
+    Returns:
+        the fit; None for models with x and y apart or a known shaft, for imposed orbits, and for too few readings.
+    """
+    fits = []
+    for block in blocks:
+        if block.model.frame != "z" or block.model.shaft is not None or block.imposed:
+            return None
+        if (np.count_nonzero(block.force, axis=1) != 1).any() or not block.frequency.any():
+            return None
+        for readings in block.condition_readings:
+            fit = _fit(block, readings)
+            if fit is None:
+                return None
+            fits.append(fit)
+    return RationalFit(
+        cost=sum(fit.cost for fit in fits),
+        unknowns=sum(fit.unknowns for fit in fits),
+        data=sum(fit.data for fit in fits),
+        zeros=_distinct([w for fit in fits for w in fit.zeros]),
+        poles=_distinct([w for fit in fits for w in fit.poles]),
+    )
+
+
+def _fit(block: Responses, readings: Index) -> RationalFit | None:
+    order, size = block.model.order, len(block.model.coordinates)
+    poles, zeros = order * size, order * (size - 1)
+    line, probe = block.line[readings], block.coordinate[readings]
+    plane = np.argmax(np.abs(block.force[line]), axis=1)
+    force = block.force[line, plane]
+    pairs, pair = np.unique(probe * size + plane, return_inverse=True)
+    unknowns = 2 * (poles + pairs.size * (zeros + 1))
+    if 2 * readings.size < _FEWEST * unknowns:
+        return None
+    top = float(np.abs(block.frequency[line]).max())
+    powers = np.asarray(np.polynomial.chebyshev.chebvander(block.frequency[line] / top, poles), dtype=float)
+    numerators = np.zeros((readings.size, pairs.size, zeros + 1))
+    numerators[np.arange(readings.size), pair.reshape(-1)] = powers[:, : zeros + 1]
+    response, sigma = block.measured[readings] / force, block.sigma[readings] / np.abs(force)
+    denominator, numerator, cost = _ratio(response, sigma, powers, numerators.reshape(readings.size, -1))
+    seen = numerator.reshape(pairs.size, zeros + 1)[pairs // size == pairs % size]
+    roots = np.polynomial.chebyshev.chebroots
+    return RationalFit(
+        cost=cost,
+        unknowns=unknowns,
+        data=2 * readings.size,
+        zeros=_within([w for own in seen for w in roots(own)], top),
+        poles=_within(roots(denominator), top),
+    )
+
+
+def _ratio(
+    response: ComplexArray, sigma: Float, powers: Float, numerators: Float
+) -> tuple[ComplexArray, ComplexArray, float]:
+    """Denominator, numerators and the cost that they leave, of the best of several passes."""
+    target: ComplexArray = response / sigma
+    free = powers.shape[1] - 1
+    found: list[tuple[ComplexArray, ComplexArray, float]] = []
+    weight = 1 / sigma
+    for _ in range(_PASSES):
+        unknown = np.asarray(
+            np.hstack([response[:, None] * powers[:, :free], -numerators]) * weight[:, None], dtype=complex
+        )
+        lower = _least_squares(unknown, np.asarray(-response * powers[:, free] * weight))[:free]
+        denominator = np.append(lower, 1.0)
+        over = powers @ denominator
+        basis = np.asarray(numerators / (over * sigma)[:, None])
+        numerator = _least_squares(basis, target)
+        miss = basis @ numerator - target
+        found.append((denominator, numerator, 0.5 * float(np.vdot(miss, miss).real)))
+        weight = 1 / (sigma * np.abs(over))
+    return min(found, key=lambda ratio: ratio[2])
+
+
+def _least_squares(columns: ComplexArray, target: ComplexArray) -> ComplexArray:
+    size = np.linalg.norm(columns, axis=0)
+    size = np.where(size > 0, size, 1.0)
+    return np.asarray(np.linalg.lstsq(columns / size, target, rcond=None)[0] / size)
+
+
+def _within(roots: Sequence[complex] | ComplexArray, top: float) -> tuple[float, ...]:
+    """Sizes of roots in units of the highest frequency that lie in the band, rad/s."""
+    return tuple(float(abs(w)) * top for w in roots if 0 < abs(w) < 1)
+
+
+def _distinct(frequencies: Sequence[float]) -> tuple[float, ...]:
+    """Frequencies, ascending, of which those that two speeds or directions have in common are one."""
+    found: list[float] = []
+    for w in sorted(frequencies):
+        if not found or w > (1 + _SAME) * found[-1]:
+            found.append(w)
+    return tuple(found)

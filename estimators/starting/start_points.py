@@ -1,0 +1,61 @@
+"""Points where a search may begin: inside the bounds, of typical size, at random; and short fits from several."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from rotorfit.estimators.misfit.parameter_space import DATUM, ParameterSpace
+from rotorfit.estimators.misfit.problem import Problem
+from rotorfit.estimators.starting.short_fits import ShortFits, short_fits
+from rotorfit.models.array_types import Float
+
+_SPREAD = 0.8  # standard deviation of the logarithm of random starts: most lie within a decade
+
+
+def full_vector(problem: Problem, values: Float, datum: float = 0.0) -> Float:
+    """Values of the parameters moved inside the bounds, nuisance entries behind them at zero.
+
+    Args:
+        problem: what is fitted.
+        values: of the fitted parameters, shape ``(len(problem.space.names),)``.
+        datum: angle of the common datum, rad, where one is fitted.
+    """
+    nuisance = [datum if name == DATUM else 0.0 for name in problem.space.nuisance]
+    return np.concatenate([inside_bounds(values, problem.space), nuisance])
+
+
+def inside_bounds(values: Float, space: ParameterSpace) -> Float:
+    """Values moved off the bounds, where Ipopt's barrier wants them."""
+    lower, upper = space.lower[: values.size], space.upper[: values.size]
+    margin = 1e-3 * np.where(np.isfinite(upper - lower), upper - lower, np.maximum(np.abs(values), 1e-3))
+    scale = np.array([space.model.parameter(name).scale for name in space.base])
+    margin = np.minimum(margin, 1e-3 * scale)
+    return np.asarray(np.clip(values, lower + margin, upper - margin))
+
+
+def typical_sizes(space: ParameterSpace) -> Float:
+    """Sizes that the model's parameters have where data give none."""
+    return np.array([space.model.parameter(name).scale for name in space.base])
+
+
+def random_starts(problem: Problem, count: int) -> Iterator[Float]:
+    """Starts spread over a decade around typical values, always the same ones."""
+    rng = np.random.default_rng(0)
+    scale = typical_sizes(problem.space)
+    for _ in range(count):
+        yield full_vector(problem, scale * np.exp(rng.normal(0.0, _SPREAD, scale.size)))
+
+
+def loose_fits(problem: Problem, starts: Float) -> ShortFits:
+    """Short fits held loosely at their starts, shape ``(W, p)``."""
+    sizes = np.abs(starts) + (starts == 0)
+    count = len(problem.space.names)
+    sizes[:, :count] = np.maximum(np.abs(starts[:, :count]), typical_sizes(problem.space))
+    return short_fits(problem, starts, sizes)
+
+
+def noise_limit(problem: Problem) -> float:
+    """Cost that noise leaves, to six standard deviations of chi-squared."""
+    return 0.5 * float(problem.n_data + 6 * np.sqrt(2 * problem.n_data))
