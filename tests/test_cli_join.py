@@ -65,6 +65,25 @@ def test_what_cannot_be_joined_is_said(balancing: list[Path], capsys: pytest.Cap
     assert "cannot be joined" in capsys.readouterr().err
 
 
+def test_no_file_that_is_joined_is_written_over(balancing: list[Path], capsys: pytest.CaptureFixture[str]) -> None:
+    before = balancing[1].read_bytes()
+    again = balancing[1].parent / "." / balancing[1].name
+    assert main(["join", *map(str, balancing), "--out", str(again)]) == 2
+    assert "is one of the files to join: give the whole another name" in capsys.readouterr().err
+    assert balancing[1].read_bytes() == before
+
+
+def test_planes_that_differ_in_capitals_are_not_taken_for_two(
+    balancing: list[Path], capsys: pytest.CaptureFixture[str]
+) -> None:
+    balancing[2].write_text(balancing[2].read_text(encoding="utf-8").replace("inboard", "Inboard"), encoding="utf-8")
+    both = balancing[0].parent / "both.csv"
+    assert main(["join", *map(str, balancing), "--out", str(both)]) == 2
+    said = capsys.readouterr().err
+    assert "plane 'inboard' of reference.csv and plane 'Inboard' of out.csv differ only in capitals" in said
+    assert not both.exists()
+
+
 @pytest.fixture
 def misread(tmp_path: Path) -> Path:
     """A shaker along x whose test does not say so: read as a circular force, it doubles every coefficient."""

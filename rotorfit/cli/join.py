@@ -31,6 +31,8 @@ def run(options: argparse.Namespace) -> int:
         for file in data_files(options):
             if not isinstance(file, DataFile):
                 raise ValueError(f"{file.paths[0].name} is a recording: make vectors of it first, `rotorfit vectors`")
+            if options.out.exists() and file.path.exists() and options.out.samefile(file.path):
+                raise ValueError(f"--out {options.out} is one of the files to join: give the whole another name")
             files.append(DataFile(file.path, {**file.options, "difference": False}))
         tests, _ = read_files(files, no_progress)
         for test in tests:

@@ -27,7 +27,7 @@ def join_runs(tests: Sequence[PerturbationTest], *, difference: bool = True) -> 
 
     Raises:
         TypeError: something else than perturbation tests.
-        ValueError: no test at all.
+        ValueError: no test at all, or planes whose names differ only in capitals.
 
     Example:
         >>> one, other = (rig.select(rig.force_plane == plane) for plane in ("disk", "journal"))
@@ -39,6 +39,7 @@ def join_runs(tests: Sequence[PerturbationTest], *, difference: bool = True) -> 
             raise TypeError(f"runs of perturbation tests can be joined, not a {type(test).__name__}")
     if not tests:
         raise ValueError("there are no tests to join")
+    _check_planes(tests)
     shared = set.intersection(*(set(test.attributes) for test in tests))
     taken = Counter(run for test in tests for run in set(test.run.tolist()))
     parts = []
@@ -50,3 +51,14 @@ def join_runs(tests: Sequence[PerturbationTest], *, difference: bool = True) -> 
         parts.append(replace(test, run=run, attributes=attributes, source=source))
     whole = join(parts)
     return differenced(whole) if difference and whole.synchronous else whole
+
+
+def _check_planes(tests: Sequence[PerturbationTest]) -> None:
+    """Refuse names that differ only in capitals: as two planes they would share nothing."""
+    spelt: dict[str, tuple[str, str]] = {}
+    for test in tests:
+        for plane in (*test.planes, *test.force_planes):
+            words = f"plane {plane!r}" + (f" of {test.source}" if test.source else "")
+            first, there = spelt.setdefault(plane.casefold(), (plane, words))
+            if plane != first:
+                raise ValueError(f"{there} and {words} differ only in capitals: write one plane alike everywhere")
