@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.models.compiled import array_function
 from rotorfit.models.complexes import Complex, Number
+from rotorfit.models.onset import OnsetEquations
 from rotorfit.models.parameters import Parameter, unknown_name
 
 if TYPE_CHECKING:
@@ -180,6 +181,13 @@ class RotorModel(ABC):
     def functions(self) -> CompiledModel:
         """The compiled coefficient functions."""
         return CompiledModel(self)
+
+    @cached_property
+    def onset_equations(self) -> OnsetEquations:
+        """The equations of an eigenvalue on the imaginary axis."""
+        theta, speed, eccentricity, matrices, _ = self.symbolic
+        centred = [Complex(*(ca.substitute(part, eccentricity, 0) for part in (m.re, m.im))) for m in matrices]
+        return OnsetEquations(theta, speed, centred)
 
     def coefficients(self, theta: ArrayLike, speed: ArrayLike, eccentricity: ArrayLike = 0.0) -> ComplexArray:
         """Coefficient matrices of the equation of motion.

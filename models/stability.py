@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,6 +19,7 @@ _CAME_IN = 1e-6  # growth over frequency at an onset beyond which an eigenvalue 
 _NEWTON = 12  # steps to a neighbour's threshold at most
 _SETTLED = 1e-6  # last step, as a fraction of the speed: Newton's error is its square
 _UNLIKE = 0.3  # change of the threshold beyond which the rotors are not much alike
+_MET = 1e-9  # growth over frequency up to which an eigenvalue lies on the imaginary axis
 _ROUND_OFF = 1e-13  # real part that an undamped eigenvalue may show, as a fraction of the largest eigenvalue
 
 
@@ -177,8 +179,6 @@ def threshold_speed(
         the threshold, or ``None`` if no eigenvalue within the band becomes unstable up to ``max_speed``. With a finite
         band that does not say that the rotor is stable: its onset may lie beyond.
     """
-    from scipy.optimize import brentq
-
     theta = np.asarray(theta, dtype=float)
     if not model.speed_dependent:
         return None
@@ -205,8 +205,36 @@ def threshold_speed(
     if rate(low) >= 0:
         onset = low
     else:
-        onset = float(brentq(rate, low, float(speeds[first]), xtol=1e-12 * speeds[first], rtol=1e-13))
+        high = float(speeds[first])
+        found = _crossing(model, theta, low, high, band)
+        onset = _bracketed(rate, low, high) if found is None else found
     return _threshold_at(model, theta, onset, band)
+
+
+def _crossing(model: RotorModel, theta: Float, low: float, high: float, band: float) -> float | None:
+    """Speed between two at which the eigenvalue that is unstable at the higher one became so, by Newton's method.
+
+    ``None`` for coordinates that were condensed away, whose equation has no graph, and where Newton's method finds
+    another place than the onset.
+    """
+    motion = model.motion(theta, high)
+    if model.turns or model.shaft is not None or not np.array_equal(motion, model.coefficients(theta, high)):
+        return None
+    s = eigenvalues(model, theta, high)
+    s = s[np.isfinite(s) & (np.abs(s) <= band)]
+    critical = complex(s[np.argmax(s.real)])
+    kappa = np.einsum("k,kij->ij", critical ** np.arange(len(motion)), motion)
+    found = model.onset_equations.near(theta, high, critical, kappa)
+    if found is None or not low < found <= high:
+        return None
+    return found if abs(float(growth_rate(model, theta, found, band))) < _MET * abs(critical) else None
+
+
+def _bracketed(rate: Callable[[float], float], low: float, high: float) -> float:
+    """Speed between two at which a rate changes its sign."""
+    from scipy.optimize import brentq  # late: loading it takes longer than a fit
+
+    return float(brentq(rate, low, high, xtol=1e-12 * high, rtol=1e-13))
 
 
 def threshold_speed_near(

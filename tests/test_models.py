@@ -28,7 +28,7 @@ from rotorfit.models import (
     threshold_speed,
 )
 from rotorfit.models.complexes import Complex, cis
-from rotorfit.models.stability import eigenvalue_gradient, threshold_speed_near
+from rotorfit.models.stability import eigenvalue_gradient, growth_rate, threshold_speed_near
 
 EPS = np.finfo(float).eps
 RPM = np.pi / 30
@@ -178,6 +178,18 @@ def test_massless_coordinates_have_fewer_eigenvalues():
     assert np.isfinite(values).sum() == 1
     exact = -(p["K"] + p["K0"] - 1j * p["D"] * p["lam"] * 100.0) / (p["Ds"] + p["D"])
     assert values[0] == pytest.approx(exact, rel=1e-12)
+
+
+@pytest.mark.parametrize("name", ["one-mode", "whirl-whip"])
+def test_below_the_threshold_motion_decays_and_above_it_grows(name):
+    """Newton's method on the equation of motion against eigenvalues, of rotors unlike each other."""
+    rng, model = np.random.default_rng(8), MODELS[name]()
+    for _ in range(10):
+        theta = model.vector(TYPICAL[name]) * np.exp(0.2 * rng.standard_normal(len(model.parameters)))
+        speed = threshold_speed(model, theta).speed
+        below, above = growth_rate(model, theta, speed * np.array([1 - 1e-9, 1 + 1e-9]))
+        assert below < 0 < above
+        assert (growth_rate(model, theta, speed * np.linspace(0.05, 0.99, 50)) < 0).all()
 
 
 def test_gradients_of_threshold_and_eigenvalue_against_differences():

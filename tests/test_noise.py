@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.stats import bartlett, chi2
 from synthetic import TYPICAL, circular_test, covering_frequencies
 
+from rotorfit.estimators.noise.noise_levels import _no_chance
 from rotorfit.estimators.noise.reading_noise import FLOOR, noise_from_repeats, noise_from_samples, noise_from_smoothness
+from rotorfit.estimators.noise.sweep_noise import _agree
 from rotorfit.models import OneMode
 from rotorfit.observing.circular import observe
 from rotorfit.observing.grouping import group_rows
@@ -92,3 +95,19 @@ def test_repeated_readings_of_one_run_stand_on_lines_of_their_own():
     twice = test.select(np.r_[np.arange(len(test)), np.arange(len(test))])
     block = observed(twice, model)
     assert block.speed.size == 2 * observed(test, model).speed.size
+
+
+@pytest.mark.parametrize("freedom", [1, 2, 6, 30])
+def test_levels_are_kept_apart_where_chi_squared_says_so(freedom):
+    """What mean and Chernoff's bound answer early is what the distribution answers."""
+    gains = np.linspace(0.05, 6, 80) * freedom + np.linspace(0, 12, 80)
+    assert [_no_chance(gain, freedom) for gain in gains] == (chi2.sf(gains, freedom) < 0.01).tolist()
+
+
+def test_variances_of_two_sweeps_are_compared_as_scipy_does():
+    """Bartlett's test on samples with these variances, SciPy's counting one degree of freedom less than readings."""
+    rng = np.random.default_rng(4)
+    for size, factor in ((9, 1.0), (9, 3.0), (41, 1.4), (200, 1.15), (200, 1.3)):
+        one, other = rng.standard_normal(size), factor * rng.standard_normal(size)
+        powers = [float(np.var(sample, ddof=1)) for sample in (one, other)]
+        assert _agree(powers, [size - 1, size - 1]) == (bartlett(one, other).pvalue > 0.01)

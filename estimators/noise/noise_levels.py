@@ -7,6 +7,7 @@ misfit.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -99,8 +100,6 @@ def fit_probes(
         probes: sweeps of each.
         power, weight, size2, along: see :func:`fit_shape`.
     """
-    from scipy.special import gammainccinv  # late: loading it takes longer than a fit
-
     pooled = _fit_many([np.concatenate(sweeps) for sweeps in probes], power, weight, size2, along)
     several = [len(sweeps) > 1 and min(rows.size for rows in sweeps) >= _FEWEST for sweeps in probes]
     wanted = [rows for sweeps, apart in zip(probes, several, strict=True) if apart for rows in sweeps]
@@ -109,9 +108,20 @@ def fit_probes(
     for sweeps, one, apart in zip(probes, pooled, several, strict=True):
         own = [next(singly) for _ in sweeps] if apart else [one]
         gain = 2 * (sum(shape.log_likelihood for shape in own) - one.log_likelihood)
-        # 2 gammainccinv(k/2, p) is the point that chi-squared with k degrees of freedom exceeds with probability p.
-        found.append(own if apart and gain > 2 * gammainccinv(len(sweeps) - 1, _POOLED) else [one])
+        found.append(own if apart and _no_chance(gain, 2 * (len(sweeps) - 1)) else [one])
     return found
+
+
+def _no_chance(gain: float, freedom: int) -> bool:
+    """Whether chi-squared exceeds a gain with less than the probability of keeping sweeps apart by mistake."""
+    ratio = gain / freedom
+    if ratio <= 1:  # it exceeds its mean once in three times
+        return False
+    if freedom / 2 * (1 + math.log(ratio) - ratio) < math.log(_POOLED):  # Chernoff's bound of that probability
+        return True
+    from scipy.special import gammaincc  # late: loading it takes longer than a fit
+
+    return bool(gammaincc(freedom / 2, gain / 2) < _POOLED)
 
 
 def _fit_many(groups: Sequence[Index], power: Float, weight: Float, size2: Float, along: str) -> list[Shape]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from typing import Any
 
@@ -29,8 +30,8 @@ _AGREES = 2.5  # times the noise of each sweep by itself up to which the differe
 def estimate_noise(block: Responses, wrong: ComplexArray, synchronous: bool, condition: Index | None = None) -> Float:
     """Noise of every reading: from repeated sweeps, else from the wrong direction, else from smoothness.
 
-    The forward and the backward sweep of one test share a noise level, unless an F test refuses that: probes and cables
-    do not know which way the force turns, and twice the samples halve the variance of the estimate.
+    The forward and the backward sweep of one test share a noise level, unless Bartlett's test refuses that: probes and
+    cables do not know which way the force turns, and twice the samples halve the variance of the estimate.
 
     Args:
         block: the readings.
@@ -98,13 +99,16 @@ def _noise_of(
 
 
 def _agree(power: Sequence[float], freedom: Sequence[int]) -> bool:
-    """Whether the largest and the smallest variance can be one, by the F test; short sweeps always agree."""
+    """Whether the largest and the smallest variance can be one, by Bartlett's test; short sweeps always agree."""
     high, low = int(np.argmax(power)), int(np.argmin(power))
     if high == low or min(freedom) < _FEWEST or power[low] <= 0:
         return True
-    from scipy.special import fdtrc  # late: loading it takes longer than a fit
-
-    return bool(2 * fdtrc(freedom[high], freedom[low], power[high] / power[low]) > _APART)
+    ends = ((power[high], freedom[high]), (power[low], freedom[low]))
+    both = freedom[high] + freedom[low]
+    pooled = sum(own * f for own, f in ends) / both
+    correction = 1 + (sum(1 / f for _, f in ends) - 1 / both) / 3  # Bartlett 1937
+    statistic = sum(f * math.log(pooled / own) for own, f in ends) / correction
+    return math.erfc(math.sqrt(statistic / 2)) > _APART  # chi-squared with one degree of freedom is a squared normal
 
 
 def _is_smooth(samples: ComplexArray) -> bool:

@@ -21,6 +21,7 @@ from rotorfit.models.array_types import ComplexArray, Float, Index
 from rotorfit.models.compiled import array_function
 
 _DEPENDENT = 1e-9  # relative size below which one coefficient adds nothing to the others
+_PARALLEL = 1e-12  # one less the cosine of columns that say the same
 _SPEED_TERMS = 5  # powers of the speed looked for in a coefficient
 _NEITHER, _LINEAR, _RECIPROCAL = 0, 1, 2
 
@@ -313,8 +314,6 @@ def _independent(lumped: Lumped, scale: Float) -> tuple[Index, Float, Float]:
     Returns:
         rows of independent coefficients ``b``; matrix ``S`` and offset ``o`` with ``all = S b + o``.
     """
-    from scipy.linalg import qr
-
     count, size = lumped.place.row.size, scale.size
     rng = np.random.default_rng(0)
     samples = scale * np.exp(rng.uniform(-1, 1, (2 * min(count, 4 * size) + 4 * size + 8, size)))
@@ -330,10 +329,26 @@ def _independent(lumped: Lumped, scale: Float) -> tuple[Index, Float, Float]:
     norm = np.linalg.norm(spread, axis=0)
     moving = norm > 1e-12 * np.linalg.norm(values, axis=0)
     scaled = np.where(moving, spread / np.where(moving, norm, 1.0), 0.0)
-    _, r, pivots = qr(scaled, mode="economic", pivoting=True)
-    diagonal = np.abs(np.diag(r))
-    rank = int(np.sum(diagonal > _DEPENDENT * diagonal[0])) if diagonal.size else 0
-    basis = np.sort(pivots[:rank])
+    basis = _basis(scaled, np.flatnonzero(moving))
     S = np.linalg.lstsq(spread[:, basis], spread, rcond=None)[0].T
     S[np.abs(S) < 1e-11 * np.abs(S).max(axis=1, keepdims=True, initial=1e-300)] = 0.0
     return basis, S, centre - S @ centre[basis]
+
+
+def _basis(columns: Float, moving: Index) -> Index:
+    """Columns that make all of them: one of those that are parallel, mostly, else by pivoted QR.
+
+    Args:
+        columns: of length one, or zero, shape ``(S, C)``.
+        moving: those that are not zero.
+    """
+    cosine = np.abs(columns[:, moving].T @ columns[:, moving])
+    apart = moving[(cosine > 1 - _PARALLEL).argmax(axis=0) == np.arange(moving.size)]
+    if 0 < apart.size <= len(columns) and np.linalg.svd(columns[:, apart], compute_uv=False)[-1] > _DEPENDENT:
+        return np.asarray(apart, dtype=np.intp)
+    from scipy.linalg import qr  # late: loading it takes longer than a fit
+
+    r, pivots = qr(columns, mode="r", pivoting=True)
+    diagonal = np.abs(np.diag(r))
+    rank = int(np.sum(diagonal > _DEPENDENT * diagonal[0])) if diagonal.size else 0
+    return np.asarray(np.sort(pivots[:rank]), dtype=np.intp)

@@ -8,10 +8,9 @@ resonances, does not. A turn of both probes by an angle a leaves the orbits circ
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import islice
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,11 +18,9 @@ from numpy.typing import NDArray
 from rotorfit.checks.orbits import ENOUGH, Orbits, complete_matrices, invertible
 from rotorfit.data.findings import Finding, listed
 from rotorfit.estimators.blocks.row_keys import combined, in_order, numbers
+from rotorfit.estimators.minimisation.least_squares import Options, minimise
 from rotorfit.estimators.noise.reading_noise import noise_from_smoothness
 from rotorfit.models.array_types import ComplexArray, Float, Index
-
-if TYPE_CHECKING:
-    from scipy.optimize import OptimizeResult
 
 AGREES = 1.5
 """Misfit over noise below which a statement explains the readings: the estimate of the noise is uncertain itself."""
@@ -57,6 +54,8 @@ SMALLEST_TURN = 15.0
 """Turn of a pair of probes, degrees, beyond which it is no matter of calibration."""
 
 _SHORT, _LONG = 30, 300  # evaluations of a trial fit: of one that looks for a turn, of one that may deny it
+_BRIEFLY = Options(hessian="gauss-newton", max_iterations=_SHORT, tolerance=1e-3, acceptable=1e-2)
+"""For a thousand readings a hundredth of the misfit is a third of a standard error, and a turn has to exceed six."""
 
 
 def uneven_probes(orbits: Orbits) -> Iterator[Finding]:
@@ -300,8 +299,8 @@ def _turn_pays(orbits: Orbits) -> bool:
         measured = _receptances(orbits, orbits.right, at)
         if measured is not None:
             _, u, H = measured
-            free, upright = (_trial(u, H, upright=kept) for kept in (False, True))
-            if free is not None and (upright is None or free.cost < BETTER * upright.cost):
+            free, upright = (_unexplained(u, H, upright=kept) for kept in (False, True))
+            if np.isfinite(free) and (np.isnan(upright) or free < BETTER * upright):
                 return True
     return False
 
@@ -411,62 +410,91 @@ def _polynomial(u: Float, H: ComplexArray) -> tuple[list[tuple[int, int, int]], 
 
     The diagonal is quadratic in u, the rest constant: a chain of lumped masses, dampers and springs, each complex.
     """
-    solved = _trial(u, H)
-    if solved is None or not solved.success:
+    terms, start, _ = _straight_lines(u, H)
+    trial = _Trial(u, H, terms)
+    try:
+        solved = minimise(trial, start.view(float), options=_BRIEFLY)
+    except np.linalg.LinAlgError:  # a singular matrix on the way: no verdict
+        return None
+    if not solved.success:
         return None
     values = solved.x[::2] + 1j * solved.x[1::2]
-    variance = 2 * solved.cost / max(solved.fun.size - solved.x.size, 1)
-    covariance = np.linalg.pinv(solved.jac.T @ solved.jac) * variance
+    variance = 2 * solved.cost / max(2 * H.size - solved.x.size, 1)
+    covariance = np.linalg.pinv(trial.gauss_newton(solved.x)[2]) * variance
     errors = np.sqrt(np.maximum(np.diag(covariance), 0.0).reshape(-1, 2).mean(axis=1))
-    return _straight_lines(u, H)[0], values, errors
+    return terms, values, errors
 
 
-def _trial(u: Float, H: ComplexArray, *, upright: bool = False) -> OptimizeResult | None:
-    """Fit of the polynomials' factors, real and imaginary parts in turn, to H; ``None`` where matrices are singular.
+class _Trial:
+    """Misfit of such polynomials, over the largest response; the vector holds real and imaginary parts in turn."""
+
+    def __init__(self, u: Float, H: ComplexArray, terms: Sequence[tuple[int, int, int]], *, upright: bool = False):
+        """Take the data.
+
+        Args:
+            u: frequencies over the highest.
+            H: responses to unit forces, shape ``(L, n, n)``.
+            terms: row, column and power of each term.
+            upright: keep inertia real, as probes see it that are not turned; its imaginary parts are left out.
+        """
+        self.u, self.H, self.terms, self.scale = u, H, terms, np.abs(H).max()
+        real = [2 * i + 1 for i, (*_, power) in enumerate(terms) if power == 2] if upright else []
+        self.free = np.delete(np.arange(2 * len(terms)), real)
+
+    def response(self, x: Float) -> ComplexArray:
+        """Responses at a vector."""
+        parts = np.zeros(2 * len(self.terms))
+        parts[self.free] = x
+        kappa = np.zeros(self.H.shape, dtype=complex)
+        for (q, k, power), value in zip(self.terms, parts[::2] + 1j * parts[1::2], strict=True):
+            kappa[:, q, k] += value * self.u**power
+        return np.asarray(np.linalg.inv(kappa))
+
+    def residuals(self, x: Float) -> Float:
+        """Real and imaginary parts in turn."""
+        return np.asarray(((self.response(x) - self.H) / self.scale).ravel().view(float))
+
+    def jacobian(self, x: Float) -> Float:
+        """Their derivatives."""
+        G = self.response(x)
+        columns = []
+        for q, k, power in self.terms:
+            slope = -G[:, :, q, None] * G[:, None, k, :] * (self.u**power)[:, None, None] / self.scale
+            columns += [slope.ravel().view(float), (1j * slope).ravel().view(float)]
+        return np.stack(columns, axis=1)[:, self.free]
+
+    def cost(self, x: Float) -> float:
+        """Half the sum of squares."""
+        return float(np.sum(self.residuals(x) ** 2)) / 2
+
+    def gauss_newton(self, x: Float) -> tuple[float, Float, Float]:
+        """Cost, gradient and Gauss-Newton matrix."""
+        r, J = self.residuals(x), self.jacobian(x)
+        return float(r @ r) / 2, J.T @ r, J.T @ J
+
+    def hessian(self, x: Float) -> Float:
+        """The Gauss-Newton matrix in its place."""
+        return self.gauss_newton(x)[2]
+
+
+def _unexplained(u: Float, H: ComplexArray, *, upright: bool) -> float:
+    """Half the sum of squares that polynomials leave, with probes free to be turned or not; NaN where none were found.
 
     Args:
-        u: frequencies over the highest.
-        H: responses to unit forces, shape ``(L, n, n)``.
-        upright: keep inertia real, as probes see it that are not turned.
+        u, H, upright: as for :class:`_Trial`.
     """
-    terms, start, _ = _straight_lines(u, H)
-    scale = np.abs(H).max()
-    real = [2 * i + 1 for i, (q, k, power) in enumerate(terms) if power == 2] if upright else []
-    free = np.delete(np.arange(2 * len(terms)), real)
-
-    def response(values: Float) -> ComplexArray:
-        parts = np.zeros(2 * len(terms))
-        parts[free] = values
-        model = np.zeros(H.shape, dtype=complex)
-        for (q, k, power), value in zip(terms, parts[::2] + 1j * parts[1::2], strict=True):
-            model[:, q, k] += value * u**power
-        return np.asarray(np.linalg.inv(model))
-
-    def residuals(values: Float) -> Float:
-        return np.asarray(((response(values) - H) / scale).ravel().view(float))
-
-    def jacobian(values: Float) -> Float:
-        G = response(values)
-        columns = []
-        for q, k, power in terms:
-            slope = -G[:, :, q, None] * G[:, None, k, :] * (u**power)[:, None, None] / scale
-            columns += [slope.ravel().view(float), (1j * slope).ravel().view(float)]
-        return np.stack(columns, axis=1)[:, free]
-
     from scipy.optimize import least_squares  # late: loading it takes longer than a fit
 
+    terms, start, _ = _straight_lines(u, H)
+    trial = _Trial(u, H, terms, upright=upright)
     try:
-        return least_squares(
-            residuals,
-            start.view(float)[free],
-            jac=jacobian,
-            x_scale="jac",
-            ftol=1e-4,
-            xtol=1e-4,
+        solved = least_squares(
+            trial.residuals, start.view(float)[trial.free], jac=trial.jacobian, x_scale="jac", ftol=1e-4, xtol=1e-4,
             max_nfev=_LONG if upright else _SHORT,
-        )
+        )  # fmt: skip
     except (ValueError, np.linalg.LinAlgError):  # a singular matrix on the way: no verdict
-        return None
+        return float("nan")
+    return float(solved.cost)
 
 
 def _straight_lines(u: Float, H: ComplexArray) -> tuple[list[tuple[int, int, int]], ComplexArray, Float]:

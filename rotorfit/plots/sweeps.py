@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -202,14 +203,15 @@ class Curve:
     band: tuple[Float, Float]
 
 
-def curves(fit: FitResult) -> tuple[list[Condition], list[Curve]]:
+@lru_cache(maxsize=1)  # three figures of a report show them
+def curves(fit: FitResult) -> tuple[Sequence[Condition], Sequence[Curve]]:
     """Conditions, and every measured and fitted response.
 
     Raises:
         ValueError: the fit has no circular responses.
     """
     conditions, parts = sweeps(fit)
-    return conditions, [curve for part in parts for curve in _curves(fit, conditions, part)]
+    return tuple(conditions), tuple(curve for part in parts for curve in _curves(fit, conditions, part))
 
 
 def joined(found: Sequence[Curve]) -> list[Curve]:
