@@ -1,8 +1,12 @@
 """What every test process needs: one thread of linear algebra, no collection of what stays, reports without pixels."""
 
+from __future__ import annotations
+
 import base64
 import gc
 import os
+from collections.abc import Callable
+from pathlib import Path
 
 import pytest
 
@@ -20,9 +24,30 @@ DOT = base64.b64decode(
 @pytest.fixture
 def sketched(monkeypatch: pytest.MonkeyPatch) -> None:
     """Leave the pixels of a report's figures out, which take most of the time, where a test is about something else."""
-    from rotorfit.report import figures
+    from rotorfit.plots import layout
 
-    monkeypatch.setattr(figures, "picture_of", lambda figure: DOT)
+    monkeypatch.setattr(layout, "picture_of", lambda figure, *_, **__: DOT)
+
+
+@pytest.fixture
+def run(draw: Callable[..., tuple[int, str, str]], sketched: None) -> Callable[..., tuple[int, str, str]]:
+    """Run the command line in this process, without drawing: exit code, standard output, standard error."""
+    return draw
+
+
+@pytest.fixture
+def draw(capsys: pytest.CaptureFixture[str]) -> Callable[..., tuple[int, str, str]]:
+    """The same with figures."""
+    from rotorfit.cli.main import main
+
+    def call(*words: str | Path) -> tuple[int, str, str]:
+        try:
+            code = main([str(word) for word in words])
+        except SystemExit as stop:  # argparse's own refusals
+            code = int(stop.code or 0)
+        return code, *capsys.readouterr()
+
+    return call
 
 
 def pytest_collection_finish() -> None:
