@@ -363,6 +363,11 @@ class RotorModel(ABC):
         return "\n".join(rows)
 
 
+def _last(values: Float) -> Float:
+    """What a compiled function answers, shape ``(n, ...)``, with its entries last."""
+    return values if values.ndim == 1 else np.moveaxis(values, 0, -1)
+
+
 class CompiledModel:
     """Vectorised coefficient functions of a model, made once from its CasADi graph."""
 
@@ -411,14 +416,14 @@ class CompiledModel:
 
     def values(self, theta: ArrayLike, speed: ArrayLike, eccentricity: ArrayLike) -> ComplexArray:
         """Coefficient matrices, shape ``(..., order + 1, n, n)``."""
-        flat = np.moveaxis(self._values(self._arguments(theta, speed, eccentricity)), 0, -1)
+        flat = _last(self._values(self._arguments(theta, speed, eccentricity)))
         powers, size, _ = self._shape
         parts = flat.reshape(*flat.shape[:-1], powers, 2, size, size)
         return np.asarray(parts[..., 0, :, :] + 1j * parts[..., 1, :, :])
 
     def jacobian(self, theta: ArrayLike, speed: ArrayLike, eccentricity: ArrayLike = 0.0) -> CoefficientJacobian:
         """Derivatives of the coefficients with respect to parameters, speed and eccentricity."""
-        flat = np.moveaxis(self._jacobian(self._arguments(theta, speed, eccentricity)), 0, -1)
+        flat = _last(self._jacobian(self._arguments(theta, speed, eccentricity)))
         values = np.zeros((*flat.shape[:-1], self.inputs.size), dtype=complex)
         values.real[..., self._real_entry] = flat[..., self._real]
         values.imag[..., self._imag_entry] = flat[..., self._imag]

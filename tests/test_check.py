@@ -13,7 +13,7 @@ import pytest
 from clean_rigs import clean_test
 
 import rotorfit as rf
-from rotorfit.checks.checklist import Finding, check
+from rotorfit.checks.checklist import Finding, check, errors
 from rotorfit.cli import main as cli
 from rotorfit.data.experiments import DisplacementTest, Experiment, PerturbationTest
 
@@ -125,6 +125,21 @@ def test_one_conjugated_run_is_named(rig: PerturbationTest) -> None:
     finding = found(test, "conjugated")
     assert finding.rows == rows(bad & (test.plane == "journal"))
     assert "in journal-bwd-1000:" in finding.message
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        conjugated, exchanged, mirrored, lambda t: conjugated(in_x(t)), conjugated_z,
+        lambda t: replace(t, response=1e3 * t.response),
+        lambda t: replace(t, force=np.where(t.frequency > 0, t.force, 0)),
+    ],
+)  # fmt: skip
+def test_errors_alone_are_the_errors_among_all_findings(rig: PerturbationTest, change: Change) -> None:
+    """A fit asks for errors only: in an order of its own, and without what can be no error."""
+    alone = errors(change(rig))
+    assert alone
+    assert alone == [finding for finding in rf.check(change(rig)) if finding.severity == "error"]
 
 
 @pytest.mark.parametrize("change", [conjugated, exchanged])

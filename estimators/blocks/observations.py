@@ -144,6 +144,8 @@ class Responses:
 
     def split(self, readings: int) -> list[Responses]:
         """The same observations in pieces of whole lines, of at most so many readings where lines are no longer."""
+        if self.measured.size <= readings:
+            return [self]
         first = np.searchsorted(self.line, np.arange(self.speed.size + 1))
         pieces, begin = [], 0
         while begin < self.speed.size:

@@ -49,15 +49,15 @@ def dynamic_stiffness(block: Responses, theta: Float) -> ComplexArray:
         coefficients = block.model.coefficients(theta[group[0]], speed[0])[..., None]
     else:
         coefficients = np.moveaxis(block.model.coefficients(theta[group], speed), 0, -1)[..., index]
-    kappa = np.zeros((*coefficients.shape[1:3], block.s.size), dtype=complex)
-    kappa += coefficients[-1]
+    kappa = np.empty((*coefficients.shape[1:3], block.s.size), dtype=complex)
+    kappa[:] = coefficients[-1]
     for power in range(coefficients.shape[0] - 2, -1, -1):
         kappa *= block.s
         kappa += coefficients[power]
     known = block.known_stiffness(theta)
     if known is not None:
         kappa += np.moveaxis(known.values, 0, -1)
-    return np.moveaxis(kappa, -1, 0)
+    return kappa.transpose(2, 0, 1)
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,17 +9,7 @@ from numpy.typing import NDArray
 
 from rotorfit.models.array_types import Index
 
-
-def unique_rows(codes: NDArray[Any]) -> tuple[Index, Index]:
-    """First occurrence of each distinct row, in sorted order, and the number of each row among them."""
-    if codes.dtype.kind == "i" and codes.size:
-        width = codes.max(axis=0) + 1
-        if np.prod(width, dtype=float) < np.iinfo(np.intp).max:  # numbers in one column sort ten times faster
-            codes = np.ravel_multi_index(tuple(codes.T), tuple(width))
-    _, first, number = np.unique(codes, axis=0, return_index=True, return_inverse=True)
-    return first, number.reshape(-1)
-
-
+_MOST = int(np.iinfo(np.intp).max) // 2
 _SPARSE = 4
 """Keys up to this many times the rows are counted instead of sorted."""
 
@@ -33,12 +23,13 @@ def numbers(column: NDArray[Any]) -> Index:
     """
     if not column.size:
         return np.zeros(0, dtype=np.intp)
-    begins = np.flatnonzero(np.concatenate([[True], column[1:] != column[:-1]]))
-    if begins.size == 1:
+    bounds = np.flatnonzero(column[1:] != column[:-1]) + 1  # where another stretch begins
+    if not bounds.size:
         return np.zeros(column.size, dtype=np.intp)
-    if 2 * begins.size > column.size:
+    if 2 * bounds.size + 2 > column.size:
         return _distinct(column)
-    return np.repeat(_distinct(column[begins]), np.diff(begins, append=column.size))
+    edges = np.concatenate([[0], bounds, [column.size]])
+    return np.repeat(_distinct(column[edges[:-1]]), edges[1:] - edges[:-1])
 
 
 def _distinct(column: NDArray[Any]) -> Index:
@@ -57,6 +48,8 @@ def in_order(keys: Index) -> tuple[Index, Index]:
     if not keys.size:
         return keys, keys
     most = int(keys.max())
+    if most == 0:
+        return np.zeros(1, dtype=np.intp), np.zeros(keys.size, dtype=np.intp)
     if most >= _SPARSE * keys.size:
         _, keys = np.unique(keys, return_inverse=True)
         keys = keys.reshape(-1)
@@ -68,6 +61,16 @@ def in_order(keys: Index) -> tuple[Index, Index]:
     return np.sort(first[first < keys.size]), rank[keys]
 
 
+def words(column: NDArray[Any]) -> tuple[list[Any], Index]:
+    """Distinct entries in the order of the rows, and the number of each row's entry among them.
+
+    Args:
+        column: text, or numbers, none of them NaN.
+    """
+    first, number = in_order(numbers(column))
+    return column[first].tolist(), number
+
+
 def combined(*columns: Index) -> Index:
     """One number for each row that is equal where all columns are.
 
@@ -77,8 +80,8 @@ def combined(*columns: Index) -> Index:
     key: Index = np.zeros(columns[0].shape, dtype=np.intp)
     width = 1
     for column in columns:
-        own = int(column.max(initial=0)) + 1
-        if width * own >= np.iinfo(np.intp).max // 2:  # too many digits: number what there is so far
+        own = int(column.max()) + 1 if column.size else 1
+        if width * own >= _MOST:  # too many digits: number what there is so far
             key = np.unique(key, return_inverse=True)[1].reshape(-1)
             width = int(key.max(initial=0)) + 1
         if own > 1:

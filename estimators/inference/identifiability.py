@@ -115,7 +115,8 @@ def covariance(root: Float, scales: Float) -> tuple[Float, Float, Float, NDArray
     kept = basis[:, ~lost] / safe[:, None] / power[~lost]
     silent = norm == 0
     kept[silent] = 0.0
-    null = _null_basis(basis[:, lost] / safe[:, None], silent)
+    seen = not (lost.any() or silent.any())
+    null = np.zeros((scales.size, 0)) if seen else _null_basis(basis[:, lost] / safe[:, None], silent)
     covar = kept @ kept.T
     if null.size:  # covariance seen across the null space: leave that space out
         across = np.eye(scales.size) - null @ null.T
@@ -165,6 +166,14 @@ def diagnose(
         covariance of the determined combinations, shape ``(p, p)``, and the verdict.
     """
     covar, stderr, directions, open_ = covariance(root, scales)
+    determined = bool(np.isfinite(stderr).all()) and stderr.min() > 0
+    condition = float(stderr.max() / stderr.min()) if determined else float("inf")
+    size = len(names)
+    if not open_.any():
+        nothing = directions[:, :0]
+        return covar, Identifiability(
+            rank=size, size=size, condition=condition, combinations=(), unresolved=(), null_space=nothing
+        )
     sparse = _sparse_basis(directions[:, open_])
     weak = open_ & np.isfinite(stderr)
     unresolved = [
@@ -190,12 +199,9 @@ def diagnose(
                 "" if pair is None else pair[1],
             )
         )
-    finite = stderr[~open_]
-    determined = bool(np.isfinite(stderr).all()) and stderr.min() > 0
-    condition = float(stderr.max() / stderr.min()) if determined else float("inf")
     return covar, Identifiability(
-        rank=int(finite.size),
-        size=len(names),
+        rank=int(np.sum(~open_)),
+        size=size,
         condition=condition,
         combinations=tuple(combinations),
         unresolved=tuple(unresolved),

@@ -5,10 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from numbers import Real
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rotorfit.models import RotorModel
 from rotorfit.models.array_types import Float, Index
@@ -48,10 +50,30 @@ class ParameterSpace:
 
     def theta(self, x: Float) -> Float:
         """Parameter vectors of the groups, shape ``(..., G, P)``, of fitted vectors of shape ``(..., p)``."""
-        free = self.index >= 0
+        free, entries = self._free
+        if x.ndim == 1:
+            theta = self.template.copy()
+            theta[free] = x[entries]
+            return theta
         theta = np.broadcast_to(self.template, (*x.shape[:-1], *self.template.shape)).copy()
-        theta[..., free] = x[..., self.index[free]]
+        theta[..., free] = x[..., entries]
         return theta
+
+    @cached_property
+    def _free(self) -> tuple[NDArray[np.bool_], Index]:
+        """Places of the template that are fitted, and the entry that feeds each."""
+        free = self.index >= 0
+        return free, self.index[free]
+
+    @cached_property
+    def runs_through(self) -> tuple[Index, slice] | None:
+        """Places that are fitted, and the entries that feed them, where one group's follow one another."""
+        places = np.flatnonzero(self.index[0] >= 0)
+        entries = self.index[0, places]
+        if len(self.index) > 1 or not np.array_equal(entries, np.arange(entries.size) + entries[:1].sum()):
+            return None
+        first = int(entries[:1].sum())
+        return places, slice(first, first + places.size)
 
     def pull_back(self, gradient: Float, group: int) -> Float:
         """Derivatives by the fitted vector, shape ``(..., p)``, of what depends on a group's parameters.

@@ -112,13 +112,14 @@ class Problem:
 
     def _scatter(self, block: Block, by_theta: ComplexArray, out: ComplexArray) -> None:
         """Write derivatives by the groups' parameters as derivatives by the fitted vector, readings along the rows."""
+        if self.space.runs_through is not None:
+            places, entries = self.space.runs_through
+            np.take(by_theta, places, axis=0, out=out[entries], mode="clip")
+            return
         group = block.reading_group
         for g, index in enumerate(self.space.index):
             places = np.flatnonzero(index >= 0)
-            first = int(index[places[0]]) if places.size else 0
-            if len(self.space.index) == 1 and np.array_equal(index[places], np.arange(first, first + places.size)):
-                np.take(by_theta, places, axis=0, out=out[first : first + places.size], mode="clip")
-            elif len(self.space.index) == 1:
+            if len(self.space.index) == 1:
                 out[index[places]] = by_theta[places]
             else:
                 rows = np.flatnonzero(group == g)

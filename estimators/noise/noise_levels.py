@@ -22,8 +22,8 @@ _RATIOS = np.concatenate([[0.0], np.logspace(-2.5, 4.5, 22), [np.inf]])
 _COARSE = np.array([0, *range(2, _RATIOS.size - 1, 3), _RATIOS.size - 1])
 """Those looked at first."""
 
-_LAST = 9
-"""Ratios between the neighbours of the best of them."""
+_BETWEEN = np.linspace(0.0, 1.0, 9)
+"""Ratios between the neighbours of the best of them, as shares of the way on a logarithmic scale."""
 
 _POOLED = 0.01
 """Probability of keeping sweeps apart although they share one noise."""
@@ -153,7 +153,8 @@ def _fit_equal(p: Float, w: Float, q: Float) -> tuple[Float, Float, Float]:
     best = fine[np.arange(len(q)), np.argmax(found, axis=1)]
     inner = (best > 0) & (best < _RATIOS.size - 1)
     low, high = _RATIOS[np.clip(best - 1, 1, None)], _RATIOS[np.clip(best + 1, None, _RATIOS.size - 2)]
-    last = np.geomspace(np.where(inner, low, 1.0), np.where(inner, high, 1.0), _LAST, axis=1)
+    low, high = np.where(inner, low, 1.0)[:, None], np.where(inner, high, 1.0)[:, None]
+    last = low * (high / low) ** _BETWEEN
     ratio = np.where(inner[:, None], last, _RATIOS[best][:, None])
     found, level = profile.at(ratio)
     chosen = np.arange(len(q)), np.argmax(found, axis=1)

@@ -48,7 +48,9 @@ def noise_from_samples(noise: ComplexArray, amplitude: ComplexArray, sweep: NDAr
 
 def _spread_within(values: Float, sweep: NDArray[np.intp]) -> float:
     """Sum of squared deviations from the means of the sweeps."""
-    return sum(float(np.var(values[sweep == k])) * int(np.sum(sweep == k)) for k in np.unique(sweep))
+    count = np.maximum(np.bincount(sweep), 1)
+    mean = np.bincount(sweep, weights=values) / count
+    return float(np.sum((values - mean[sweep]) ** 2))
 
 
 def _level(noise: ComplexArray) -> float:

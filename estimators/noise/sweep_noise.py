@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from rotorfit.estimators.blocks.observations import Responses
-from rotorfit.estimators.blocks.row_keys import unique_rows
+from rotorfit.estimators.blocks.row_keys import combined, in_order, numbers
 from rotorfit.estimators.blocks.sweeps import force_plane, sweeps_of
 from rotorfit.estimators.noise.reading_noise import (
     FLOOR,
@@ -50,7 +50,7 @@ def estimate_noise(block: Responses, wrong: ComplexArray, synchronous: bool, con
     plane = force_plane(block)
     sigma = np.full(w.size, np.nan)
     same = np.zeros_like(w) if condition is None else condition
-    for rows, level in _repeated(block, w, np.column_stack([speed, same])):
+    for rows, level in _repeated(block, w, (speed, same)):
         sigma[rows] = level
     both: dict[tuple[Any, ...], list[Index]] = {}
     for rows in sweeps_of(block, synchronous=synchronous):
@@ -118,7 +118,7 @@ def _is_smooth(samples: ComplexArray) -> bool:
     return bool(power > 0 and abs(np.sum(samples[1:] * samples[:-1].conj())) > _SMOOTH * power)
 
 
-def _repeated(block: Responses, w: Float, condition: Float) -> Iterator[tuple[Index, Float | float]]:
+def _repeated(block: Responses, w: Float, condition: Sequence[Float | Index]) -> Iterator[tuple[Index, Float | float]]:
     """Sweeps that were run again at the same force, in the same conditions and order, and their noise.
 
     Differences of repeats are noise only where they are no larger than what each sweep shows by itself, and do not
@@ -126,9 +126,11 @@ def _repeated(block: Responses, w: Float, condition: Float) -> Iterator[tuple[In
     """
     plane = force_plane(block)
     force = block.force[block.line, plane]
-    drive = np.column_stack([plane, np.round(force.real, 12), np.round(force.imag, 12)])
-    codes = np.column_stack([block.coordinate, block.reading_group, condition, np.round(w, 9), drive])
-    _, number = unique_rows(codes)
+    drive = [plane, np.round(force.real, 12), np.round(force.imag, 12)]
+    columns = [block.coordinate, block.reading_group, *condition, np.round(w, 9), *drive]
+    _, number = in_order(combined(*map(numbers, columns)))
+    if int(number.max(initial=-1)) + 1 == number.size:
+        return  # no reading is repeated, and no sweep
     sweeps: dict[tuple[int, ...], list[Index]] = {}
     for label in np.unique(block.label):
         rows = np.flatnonzero(block.label == label)

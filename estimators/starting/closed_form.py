@@ -7,10 +7,11 @@ equation in which it is the only unknown. Both steps are read off the model's ow
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 from hashlib import blake2b
+from itertools import islice
 
 import numpy as np
 
@@ -103,10 +104,9 @@ def closed_forms(
     lumped = lumped_coefficients(LumpedStructure.of(space, chosen))
     if not _determined(space, lumped, chosen):
         return _with_convention(space, blocks, weighted, passes, enough)
-    typical = _typical_theta(space)
+    typical = space.template if space.model.shaft is None else _typical_theta(space)
     if weighted:
-        pieces = [(number, piece) for number, block in enumerate(chosen) for piece in block.split(_PIECE)]
-        return _weighted(space, lumped, [_Equations(lumped, *piece, typical) for piece in pieces], passes, enough)
+        return _weighted(space, lumped, _kept_passes(lumped, chosen, typical), passes, enough)
     equations = [_Equations(lumped, number, block, typical) for number, block in enumerate(chosen)]
     solution = _solve([e.stiffness_balance() for e in equations])
     x, notes = _parameters(space, lumped, lumped.offset + lumped.spread @ solution, None)
@@ -116,34 +116,21 @@ def closed_forms(
 def _weighted(
     space: ParameterSpace,
     lumped: Lumped,
-    equations: list[_Equations],
+    solutions: Iterator[tuple[Float, Float]],
     passes: tuple[int, ...],
     enough: Callable[[Float], bool] | None,
 ) -> list[ClosedForm]:
     found: dict[int, ClosedForm] = {}
-    solution = _solve([_triangle(e.force_balance(e.amplitude, e.force_weight())) for e in equations])
+    before = np.zeros(0)
     for number in range(1, max(passes) + 1):
-        values = lumped.offset + lumped.spread @ solution
-        before, size = solution, solution.size
-        triangles, projected, information = [], np.zeros((size, size + 1)), np.zeros((size, size))
-        for e in equations:
-            H = e.inverse(values)
-            weight = e.response_weight(H)
-            system = e.force_balance(e.amplitude, weight)
-            if number == 1:
-                triangles.append(_triangle(system))
-                instruments = system[:-1]
-            else:
-                instruments = e.sensitivities(e.predicted(H), weight)
-                projected += instruments @ system.T
-            information += instruments @ instruments.T
         try:
-            solution = _solve(triangles) if number == 1 else _solve_projected(projected, information)
+            solution, information = next(solutions)
         except np.linalg.LinAlgError as reason:
             if not found:
                 raise ClosedFormError("the passes diverge: the noise hides a response") from reason
             break  # further passes diverge; the best of those found is near enough to start from
         settled = number > 1 and bool(np.all(np.abs(solution - before) <= _SETTLED * np.abs(solution)))
+        before = solution
         if settled or number in passes:
             x, notes = _parameters(space, lumped, lumped.offset + lumped.spread @ solution, information)
             root = lumped.linearise(x)[1][lumped.basis], information
@@ -151,6 +138,47 @@ def _weighted(
         if settled or (number in found and enough is not None and enough(found[number].x)):
             break
     return [found.get(number, found[max(found)]) for number in passes]
+
+
+def _kept_passes(lumped: Lumped, blocks: list[Responses], typical: Float) -> Iterator[tuple[Float, Float]]:
+    """What :func:`_passes` yields; the data keep it, for the next fit with other bounds, priors or loss."""
+    notes = blocks[0].layout_notes
+    of = [lumped, *(values for block in blocks for values in (block.measured, block.sigma))]
+    given, known, done = notes.get(_passes, ([], b"", ()))
+    if known != typical.tobytes() or len(given) != len(of) or any(a is not b for a, b in zip(given, of, strict=True)):
+        done = ()
+    yield from done
+    for found in islice(_passes(lumped, blocks, typical), len(done), None):
+        done = (*done, found)
+        notes[_passes] = of, typical.tobytes(), done
+        yield found
+
+
+def _passes(lumped: Lumped, blocks: list[Responses], typical: Float) -> Iterator[tuple[Float, Float]]:
+    """Independent lumped coefficients and the information on them after one weighted pass, after two, and so on."""
+    pieces = [(number, piece) for number, block in enumerate(blocks) for piece in block.split(_PIECE)]
+    equations = [_Equations(lumped, *piece, typical) for piece in pieces]
+    reduced = _triangle if len(equations) > 1 else np.asarray  # the systems of many pieces fit no memory
+    solution = _solve([reduced(e.force_balance(e.amplitude, e.force_weight())) for e in equations])
+    size = solution.size
+    first = True
+    while True:
+        values = lumped.offset + lumped.spread @ solution
+        systems, projected, information = [], np.zeros((size, size + 1)), np.zeros((size, size))
+        for e in equations:
+            H = e.inverse(values)
+            weight = e.response_weight(H)
+            system = e.force_balance(e.amplitude, weight)
+            if first:
+                systems.append(reduced(system))
+                instruments = system[:-1]
+            else:
+                instruments = e.sensitivities(e.predicted(H), weight)
+                projected += instruments @ system.T
+            information += instruments @ instruments.T
+        solution = _solve(systems) if first else _solve_projected(projected, information)
+        first = False
+        yield solution, information
 
 
 def _covariance(jacobian: Float, information: Float) -> Float:
@@ -269,13 +297,17 @@ class _Equations:
         place = lumped.place
         self._mine = mine = np.flatnonzero(place.block == number)
         self._row, self._column = place.row[mine], place.column[mine]
-        self._combine = np.column_stack([lumped.spread[mine], lumped.offset[mine]])
         s_powers = block.s ** np.arange(place.power.max() + 1)[:, None]
         speed_powers = block.speed ** np.arange(place.speed_power.max() + 1)[:, None]
         self._factor = place.unit[mine, None] * s_powers[place.power[mine]] * speed_powers[place.speed_power[mine]]
         here = place.group[mine, None] == block.group
         here &= np.isnan(place.speed[mine, None]) | (place.speed[mine, None] == block.speed)
         self._factor *= here
+        combine = np.vstack([lumped.spread[mine].T, lumped.offset[mine]])
+        self._unknowns = len(combine)
+        # For each row of the equation of motion: columns and factors of its coefficients, and what combines them.
+        rows = [np.flatnonzero(self._row == row) for row in range(self.amplitude.shape[1])]
+        self._rows = [(self._column[own], self._factor[own], np.ascontiguousarray(combine[:, own])) for own in rows]
 
     def kappa(self, values: Float) -> ComplexArray:
         """Dynamic stiffness of each line from lumped coefficients, shape ``(L, n, n)``."""
@@ -315,13 +347,12 @@ class _Equations:
     def _sides(self, amplitude: ComplexArray, force: ComplexArray) -> ComplexArray:
         """Both sides of kappa A = F, shape ``(n, B + 1, L)``."""
         count, n = amplitude.shape
-        result = np.zeros((n, self._combine.shape[1], count), dtype=complex)
+        result = np.zeros((n, self._unknowns, count), dtype=complex)
         columns = np.ascontiguousarray(amplitude.T)
-        for row in range(n):
-            mine = np.flatnonzero(self._row == row)
-            products = self._factor[mine] * columns[self._column[mine]]
+        for row, (column, factor, combine) in enumerate(self._rows):
+            products = factor * columns[column]
             # Real times complex along the lines: BLAS has that for real numbers only.
-            np.matmul(self._combine[mine].T, products.view(float), out=result[row].view(float))
+            np.matmul(combine, products.view(float), out=result[row].view(float))
         result[:, -1] = force.T - result[:, -1]
         if self._known is not None:
             result[:, -1] -= np.einsum("lij,lj->il", self._known, amplitude)
@@ -374,7 +405,7 @@ def _triangle(system: Float) -> Float:
 
 def _solve(systems: list[Float]) -> Float:
     """Least squares with equilibrated unknowns; the last row of each system is the right side."""
-    system = np.concatenate(systems, axis=1)
+    system = np.concatenate(systems, axis=1) if len(systems) > 1 else systems[0]
     norm = np.linalg.norm(system, axis=1)
     norm = np.where(norm > 0, norm, 1.0)
     triangle = _triangle(system / norm[:, None]).T

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotorfit.data.experiments import Experiment
+from rotorfit.estimators.blocks.row_keys import words
 from rotorfit.estimators.inference.covariance import bends, prior_curvature, score_scatter
 from rotorfit.estimators.inference.schur import Curvature
 from rotorfit.estimators.minimisation.least_squares import Options
@@ -25,7 +26,7 @@ from rotorfit.fitting.quantities import FittedParameter
 from rotorfit.fitting.result import FitResult
 from rotorfit.fitting.settings import FitSettings
 from rotorfit.models import RotorModel
-from rotorfit.models.array_types import Float
+from rotorfit.models.array_types import Float, Index
 
 T = TypeVar("T")
 
@@ -102,11 +103,18 @@ def split_runs(experiments: Experiment | Sequence[Experiment], split: str | None
     runs: list[Run] = []
     for number, experiment in enumerate(as_tuple(experiments)):
         labels = None if split is None else experiment.attribute(split)
-        for label in [None] if labels is None else dict.fromkeys(labels.tolist()):
-            part = experiment if labels is None else experiment.select(np.flatnonzero(labels == label))
+        for label, rows in [(None, None)] if labels is None else _parts(labels):
+            part = experiment if rows is None else experiment.select(rows)
             name = str(label) if label is not None else experiment.source or f"run {number + 1}"
             runs.append(Run(name, part, _conditions(part)))
     return tuple(_distinct(runs))
+
+
+def _parts(labels: NDArray[Any]) -> Iterator[tuple[Any, Index]]:
+    """Distinct labels, in the order of the rows, and the rows of each."""
+    names, number = words(labels)
+    order = np.argsort(number, kind="stable")
+    return zip(names, np.split(order, np.cumsum(np.bincount(number))[:-1]), strict=True)
 
 
 def _mean(values: NDArray[np.number[Any]]) -> float:
@@ -123,7 +131,7 @@ def _conditions(experiment: Experiment) -> dict[str, float | str]:
             finite = values[np.isfinite(values)]
             found[name] = _mean(finite) if finite.size else float("nan")
         else:
-            found[name] = " / ".join(dict.fromkeys(str(value) for value in values.tolist()))
+            found[name] = " / ".join(dict.fromkeys(str(value) for value in words(values)[0]))
     return found
 
 

@@ -19,6 +19,7 @@ from rotorfit.data.findings import Finding, listed
 from rotorfit.data.kept import kept
 from rotorfit.data.synchronous import DIFFERENCED
 from rotorfit.data.weights import Influences, weighed
+from rotorfit.estimators.blocks.row_keys import words
 
 LARGEST, SUSPECT, SMALLEST = 0.05, 5e-3, 1e-10
 """Displacements, m: impossible, larger than any clearance in use, and smaller than any probe resolves."""
@@ -46,12 +47,25 @@ def check(test: Experiment) -> list[Finding]:
     return list(notes["findings"])
 
 
-def _check(test: Experiment) -> list[Finding]:
+def errors(test: Experiment) -> list[Finding]:
+    """The errors among the findings of :func:`check`: what can be no more than a warning or a note is not looked for.
+
+    Args:
+        test: what was measured, SI units.
+    """
+    notes = kept(test)
+    if "findings" not in notes and "errors" not in notes:
+        notes["errors"] = tuple(_check(test, only_errors=True))
+    found: tuple[Finding, ...] = notes["findings"] if "findings" in notes else notes["errors"]
+    return [finding for finding in found if finding.severity == "error"]
+
+
+def _check(test: Experiment, *, only_errors: bool = False) -> list[Finding]:
     findings = list(_numbers(test))
     finite = np.flatnonzero(_finite(test))
     if isinstance(test, PerturbationTest | DisplacementTest) and finite.size:
         rest = test if finite.size == len(test) else test.select(finite)
-        for finding in _physics(rest):
+        for finding in _physics(rest, only_errors):
             # rows of the finite part back to rows of the test
             rows = tuple(finite[list(finding.rows)].tolist())
             findings.append(Finding(finding.severity, finding.code, finding.message, rows))
@@ -59,14 +73,13 @@ def _check(test: Experiment) -> list[Finding]:
     return sorted(findings, key=lambda finding: order.index(finding.severity))
 
 
-def _physics(test: PerturbationTest | DisplacementTest) -> Iterator[Finding]:
-    yield from _duplicates(test)
+def _physics(test: PerturbationTest | DisplacementTest, only_errors: bool) -> Iterator[Finding]:
+    if not only_errors:
+        yield from _duplicates(test)
     yield from _amplitudes(test)
-    yield from _frequencies(test)
+    if not only_errors:
+        yield from _plan(test)
     if isinstance(test, PerturbationTest):
-        yield from _planes(test)
-        yield from _start_ups(test)
-        yield from ramps(test)
         forced = np.flatnonzero(test.force != 0)
         if not forced.size:
             return  # a reference run alone
@@ -74,14 +87,24 @@ def _physics(test: PerturbationTest | DisplacementTest) -> Iterator[Finding]:
         linear = list(linear_force(orbits))
         wrong = linear or list(wrong_direction(orbits))
         yield from wrong
-        twice = [] if linear else list(peak_to_peak(orbits))
-        yield from twice
         turned = [] if wrong else list(turned_probes(orbits))
+        if not only_errors:
+            twice = [] if linear else list(peak_to_peak(orbits))
+            yield from twice
+            if not wrong and not twice:
+                yield from uneven_probes(orbits)
         yield from turned
-        if not wrong and not twice:
-            yield from uneven_probes(orbits)
         if not wrong and not turned:  # else the right component is only a residue
             yield from signs(orbits)
+
+
+def _plan(test: PerturbationTest | DisplacementTest) -> Iterator[Finding]:
+    """What is missing in the plan of a test, which is no error."""
+    yield from _frequencies(test)
+    if isinstance(test, PerturbationTest):
+        yield from _planes(test)
+        yield from _start_ups(test)
+        yield from ramps(test)
 
 
 _MAY_BE_NAN = ("sigma", "eccentricity", "position")
@@ -127,7 +150,7 @@ def _numbers(test: Experiment) -> Iterator[Finding]:
 
 def _duplicates(test: PerturbationTest | DisplacementTest) -> Iterator[Finding]:
     told = test.response if isinstance(test, PerturbationTest) else test.displacement
-    if np.unique(told).size == told.size:
+    if not (np.diff(np.sort(told.real)) == 0).any() or np.unique(told).size == told.size:
         return
     columns = [getattr(test, name).tolist() for name in test._columns() if name != "sigma"]
     first: dict[Any, int] = {}
@@ -142,19 +165,22 @@ def _duplicates(test: PerturbationTest | DisplacementTest) -> Iterator[Finding]:
 
 def _amplitudes(test: PerturbationTest | DisplacementTest) -> Iterator[Finding]:
     if isinstance(test, PerturbationTest):
-        size, tilt = np.abs(test.response), np.char.startswith(test.direction, "r")
+        directions, number = words(test.direction)
+        tilt = np.array([direction.startswith("r") for direction in directions])[number]
+        size = np.abs(test.response)
     else:
         size, tilt = np.abs(test.displacement), np.zeros(len(test), dtype=bool)
     size = np.where(tilt, size * 0.1, size)  # a slope of 0.5 rad is as impossible as 50 mm
-    if size.max() > SUSPECT:
-        severity: Literal["error", "warning"] = "error" if size.max() > LARGEST else "warning"
+    largest = float(size.max())
+    if largest > SUSPECT:
+        severity: Literal["error", "warning"] = "error" if largest > LARGEST else "warning"
         text = (
-            f"Amplitudes reach {size.max():.3g} m 0-peak; no rotor in a bearing or seal moves that far. Check the unit "
+            f"Amplitudes reach {largest:.3g} m 0-peak; no rotor in a bearing or seal moves that far. Check the unit "
             "of the amplitude column (um, mil, m)."
         )
         yield Finding(severity, "large-amplitude", text, _rows(size > SUSPECT))
-    elif 0 < size.max() < SMALLEST:
-        text = f"The largest amplitude is {size.max():.3g} m, less than probes resolve. Check the unit of the column."
+    elif 0 < largest < SMALLEST:
+        text = f"The largest amplitude is {largest:.3g} m, less than probes resolve. Check the unit of the column."
         yield Finding("warning", "small-amplitude", text)
 
 
@@ -176,21 +202,26 @@ def _frequencies(test: PerturbationTest | DisplacementTest) -> Iterator[Finding]
             "both; without them parameters are less certain than the noise suggests."
         )
         yield Finding("warning", "one-direction", text)
-    single = [run for run in test.runs if np.unique(np.round(test.frequency[test.run == run], 6)).size == 1]
+    names, run = words(test.run)
+    begin = np.concatenate([[0], np.cumsum(np.bincount(run))[:-1]])
+    of_runs = np.round(test.frequency, 6)[np.argsort(run, kind="stable")]
+    one = np.minimum.reduceat(of_runs, begin) == np.maximum.reduceat(of_runs, begin)
+    single = [name for name, alone in zip(names, one.tolist(), strict=True) if alone]
     if single and not (isinstance(test, PerturbationTest) and _solved(test) is not None):
         text = f"Runs with one frequency only: {listed(single)}; they cannot show how dynamic stiffness varies with it."
         yield Finding("warning", "single-frequency", text, _rows(np.isin(test.run, single)))
 
 
 def _planes(test: PerturbationTest) -> Iterator[Finding]:
-    unforced = [plane for plane in test.planes if plane not in test.force_planes]
+    measured, forced = test.planes, test.force_planes
+    unforced = [plane for plane in measured if plane not in forced]
     if unforced:
         text = (
             f"No force was applied at {listed(unforced)}: eq. (7) needs a force at each measured plane in turn. A fit "
             "of a model still works, with parameters that may not be identifiable."
         )
         yield Finding("note", "force-planes", text)
-    blind = [plane for plane in test.force_planes if plane not in test.planes]
+    blind = [plane for plane in forced if plane not in measured]
     if blind:
         text = f"Forces act at {listed(blind)} where nothing is measured; there is no drive point to check signs at."
         yield Finding("note", "measured-planes", text)

@@ -30,6 +30,8 @@ AGREES = 1.5
 def linear_force(orbits: Orbits) -> Iterator[Finding]:
     """Runs that only a force along x or along y explains, though it was given as circular."""
     found: dict[str, set[str]] = {}
+    if not _any_share(orbits):
+        return
     modes = len({*orbits.plane.tolist(), *orbits.force_plane.tolist()})
     for (run, _, force_plane), at in orbits.groups("run", "speed", "force_plane"):
         planes = dict.fromkeys(orbits.plane[at].tolist())
@@ -45,6 +47,21 @@ def linear_force(orbits: Orbits) -> Iterator[Finding]:
             f"circular it doubles every coefficient: give a column force_direction with {axis} in these rows."
         )
         yield Finding("error", "linear-force", text, orbits.rows_of(np.flatnonzero(np.isin(orbits.run, runs))))
+
+
+def _any_share(orbits: Orbits) -> bool:
+    """Whether orbits of any plane in any run turn so much against the force as a force along an axis makes them."""
+    paired = np.isfinite(orbits.wrong)
+    if not paired.any():
+        return False
+    groups = orbits.groups("run", "speed", "force_plane", "plane")
+    at = np.concatenate([own for _, own in groups])
+    begin = np.cumsum([0, *(own.size for _, own in groups[:-1])])
+    right, wrong = (
+        np.add.reduceat(np.where(paired, np.abs(part) ** 2, 0.0)[at], begin) for part in (orbits.right, orbits.wrong)
+    )
+    both = right + wrong
+    return bool(((SHARE[0] * both < wrong) & (wrong < SHARE[1] * both)).any())
 
 
 def _explains(orbits: Orbits, at: Index, modes: int) -> bool | None:

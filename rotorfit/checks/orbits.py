@@ -11,11 +11,13 @@ from numpy.typing import NDArray
 
 from rotorfit.data.experiments import PerturbationTest, Text
 from rotorfit.data.linear_force import probe_pairs, whirl_parts
-from rotorfit.estimators.blocks.row_keys import combined, in_order, numbers
+from rotorfit.estimators.blocks.row_keys import combined, in_order, numbers, words
 from rotorfit.models.array_types import ComplexArray, Float, Index
 
 ENOUGH = 12
 """Readings needed for a verdict on a run."""
+
+_FAR = 1 / np.sqrt(np.finfo(float).eps)  # condition number from which a matrix is near a singular one
 
 NEAR_1X = 1e-3
 """Readings with |w| this close to the speed, as a fraction, are once-per-turn readings to a tracking filter."""
@@ -41,6 +43,38 @@ class Orbits:
     right: ComplexArray
     wrong: ComplexArray
     behind: Index
+
+    @property
+    def names(self) -> list[str]:
+        """Names of planes, measured or forced, in order of appearance."""
+        return self._planes[0]
+
+    @property
+    def place(self) -> Index:
+        """Number of the measured plane of each among :attr:`names`."""
+        return self._planes[1]
+
+    @property
+    def force_place(self) -> Index:
+        """Number of the plane of the force of each among :attr:`names`."""
+        return self._planes[2]
+
+    @cached_property
+    def _planes(self) -> tuple[list[str], Index, Index]:
+        measured, place = words(self.plane)
+        forced, force_place = words(self.force_plane)
+        names = list(dict.fromkeys([*measured, *forced]))
+        return names, place, np.array([names.index(name) for name in forced], dtype=np.intp)[force_place]
+
+    @cached_property
+    def conditions(self) -> Index:
+        """Number of the speed and, to a millionth of a rad/s, the frequency of each."""
+        return combined(self._numbers("speed"), numbers(np.round(self.frequency, 6)))
+
+    @cached_property
+    def receptances(self) -> list[Receptances | None]:
+        """Complete matrices of responses at each speed, in the order of the groups by speed; None where too few."""
+        return [receptances_of(self, self.right, at) for _, at in self.groups("speed")]
 
     def groups(self, *names: str) -> list[tuple[tuple[Any, ...], Index]]:
         """Indices by equal values of columns."""
@@ -74,6 +108,60 @@ class Orbits:
         return tuple(np.sort(rows[(rows >= 0) & ~again]).tolist())
 
 
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Receptances:
+    """Responses at one speed where each measured plane was read under a force at each.
+
+    Attributes:
+        planes: measured planes, in alphabetic order, shape ``(n,)``.
+        frequency: rad/s, ascending, shape ``(N,)``.
+        at: orbits, shape ``(N, n n)``, force planes running fastest.
+        regular: where matrices are finite and far from singular, shape ``(N,)``.
+        H: responses along the force to unit forces there, shape ``(M, n, n)``.
+        kappa: their inverses.
+    """
+
+    planes: list[str]
+    frequency: Float
+    at: Index
+    regular: NDArray[np.bool_]
+    H: ComplexArray
+    kappa: ComplexArray
+
+
+def receptances_of(orbits: Orbits, amplitude: ComplexArray, at: Index) -> Receptances | None:
+    """Complete matrices of responses, None where there are too few.
+
+    Args:
+        orbits: all orbits.
+        amplitude: their responses along the force, shape ``(N,)``.
+        at: orbits of one speed.
+    """
+    planes, w, index = complete_matrices(orbits, at)
+    if w.size < ENOUGH:
+        return None
+    n = len(planes)
+    H = (amplitude[index] / orbits.force[index]).reshape(-1, n, n)
+    kappa = _inverse(H)
+    regular = np.ones(len(H), dtype=bool)
+    if kappa is None:
+        regular = invertible(H)
+        H = H[regular]
+        kappa = np.asarray(np.linalg.inv(H), dtype=complex)
+    return Receptances(planes=planes, frequency=w, at=index, regular=regular, H=H, kappa=kappa)
+
+
+def _inverse(matrices: ComplexArray) -> ComplexArray | None:
+    """Inverses of matrices, where their sizes alone show that all are finite and far from singular."""
+    try:
+        found = np.asarray(np.linalg.inv(matrices), dtype=complex)
+    except np.linalg.LinAlgError:
+        return None
+    # By the norm of Frobenius, which no condition number exceeds; not a number is not smaller.
+    size = np.linalg.norm(matrices, axis=(1, 2)) * np.linalg.norm(found, axis=(1, 2))
+    return found if (size < _FAR).all() else None
+
+
 def orbits_of(test: PerturbationTest, rows: Index) -> Orbits:
     """Put readings together; ``rows`` are the numbers that those of the test have in the whole of it.
 
@@ -88,20 +176,22 @@ def orbits_of(test: PerturbationTest, rows: Index) -> Orbits:
         test.run, test.speed, test.frequency, test.force_plane, test.force.real, test.force.imag,
         test.force_direction, test.plane,
     )  # fmt: skip
-    readings = np.flatnonzero(np.isin(test.direction, ("x", "y", "z")))
-    first, orbit = in_order(combined(*[numbers(column[readings]) for column in columns]))
+    directions, number = words(test.direction)
+    kind = np.array(["xyz".find(direction) for direction in directions], dtype=np.intp)[number]
+    readings = np.flatnonzero(kind >= 0)
+    whole = readings.size == kind.size
+    first, orbit = in_order(combined(*[numbers(column if whole else column[readings]) for column in columns]))
     first = readings[first]
     place = np.full((first.size, 3), -1, dtype=np.intp)
-    for k, direction in enumerate("xyz"):
-        mine = test.direction[readings] == direction
-        place[orbit[mine][::-1], k] = readings[mine][::-1]  # of repeats the first stands for all
+    place[orbit[::-1], kind[readings][::-1]] = readings[::-1]  # of repeats the first stands for all
     x, y, z = np.where(place >= 0, test.response[place], np.nan).T
     backward = test.frequency[first] < 0
     single = np.where(np.isnan(x), np.where(backward, -1j, 1j) * y, x)  # a circular orbit has Y = -j X, backward +j X
     plus, minus = (x + 1j * y) / 2, np.conj(x - 1j * y) / 2
     right = np.where(np.isnan(plus), np.where(backward, single.conj(), single), np.where(backward, minus, plus))
     force = np.where(backward, test.force[first].conj(), test.force[first])
-    share = np.select([test.force_direction[first] == axis for axis in "xy"], [0.5, 0.5j], 1.0)
+    along, number = words(test.force_direction[first])
+    share = np.array([{"x": 0.5, "y": 0.5j}.get(axis, 1.0) for axis in along], dtype=complex)[number]
     return Orbits(
         run=test.run[first],
         speed=test.speed[first],
@@ -133,12 +223,11 @@ def complete_matrices(orbits: Orbits, at: Index) -> tuple[list[str], Float, Inde
     Returns:
         names in alphabetic order, frequencies ascending, and orbits, shape ``(N, n n)``, force planes running fastest.
     """
-    planes = sorted(set(orbits.plane[at].tolist()))
+    measured = np.flatnonzero(np.bincount(orbits.place[at], minlength=len(orbits.names))).tolist()
+    planes = sorted(orbits.names[number] for number in measured)
     n = len(planes)
-    row, column = (
-        np.select([names[at] == plane for plane in planes], list(range(n)), -1)
-        for names in (orbits.plane, orbits.force_plane)
-    )
+    rank = np.array([planes.index(name) if name in planes else -1 for name in orbits.names], dtype=np.intp)
+    row, column = rank[orbits.place[at]], rank[orbits.force_place[at]]
     w, number = np.unique(np.round(orbits.frequency[at], 6), return_inverse=True)
     found = np.full((w.size, n * n), -1, dtype=np.intp)
     some = column >= 0
@@ -152,5 +241,5 @@ def invertible(matrices: ComplexArray) -> NDArray[np.bool_]:
     found = np.asarray(np.isfinite(matrices).all(axis=(1, 2)))
     if matrices.shape[-1] == 1:
         return np.asarray(found & (matrices[:, 0, 0] != 0))
-    found[found] = np.linalg.cond(matrices[found]) < 1 / np.sqrt(np.finfo(float).eps)
+    found[found] = np.linalg.cond(matrices[found]) < _FAR
     return found

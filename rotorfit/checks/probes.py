@@ -15,7 +15,7 @@ from itertools import islice
 import numpy as np
 from numpy.typing import NDArray
 
-from rotorfit.checks.orbits import ENOUGH, Orbits, complete_matrices, invertible
+from rotorfit.checks.orbits import ENOUGH, Orbits, Receptances, receptances_of
 from rotorfit.data.findings import Finding, listed
 from rotorfit.estimators.blocks.row_keys import combined, in_order, numbers
 from rotorfit.estimators.minimisation.least_squares import Options, minimise
@@ -288,18 +288,17 @@ def _surely_straight(orbits: Orbits) -> bool:
     """Whether straight lines through the dynamic stiffness show every pair far from turned: no trial is needed."""
     return all(
         abs((turn + 180) % 360 - 180) + CLEAR * error < SMALLEST_TURN / 2
-        for _, at in islice(orbits.groups("speed"), MOST_SPEEDS)
-        for _, turn, error, _ in _inertia(orbits, orbits.right, at, trial=False)
+        for measured in orbits.receptances[:MOST_SPEEDS]
+        for _, turn, error, _ in _inertia(measured, trial=False)
     )
 
 
 def _turn_pays(orbits: Orbits) -> bool:
     """Whether turned probes explain what straight ones do not, at one speed at least."""
-    for _, at in islice(orbits.groups("speed"), MOST_SPEEDS):
-        measured = _receptances(orbits, orbits.right, at)
-        if measured is not None:
-            _, u, H = measured
-            free, upright = (_unexplained(u, H, upright=kept) for kept in (False, True))
+    for measured in orbits.receptances[:MOST_SPEEDS]:
+        lines = _some_lines(measured)
+        if lines is not None:
+            free, upright = (_unexplained(lines, upright=kept) for kept in (False, True))
             if np.isfinite(free) and (np.isnan(upright) or free < BETTER * upright):
                 return True
     return False
@@ -341,10 +340,13 @@ def poses(orbits: Orbits, mirrored: tuple[str, ...]) -> dict[str, _Pose]:
         mirrored: planes whose orbits turn the wrong way round, and are turned back first.
     """
     found: dict[str, list[tuple[float, float, bool]]] = {}
-    turned = np.isin(orbits.plane, mirrored)
-    amplitude = np.where(turned, orbits.wrong.conj(), orbits.right)
-    for _, at in islice(orbits.groups("speed"), MOST_SPEEDS):
-        for plane, turn, error, damped in _inertia(orbits, amplitude, at):
+    measured = orbits.receptances[:MOST_SPEEDS]
+    if mirrored:
+        amplitude = np.where(np.isin(orbits.plane, mirrored), orbits.wrong.conj(), orbits.right)
+        speeds = islice(orbits.groups("speed"), MOST_SPEEDS)
+        measured = [receptances_of(orbits, amplitude, at) for _, at in speeds]
+    for at_speed in measured:
+        for plane, turn, error, damped in _inertia(at_speed):
             found.setdefault(plane, []).append((turn, error, damped))
     result = {}
     for plane, values in found.items():
@@ -359,34 +361,40 @@ def poses(orbits: Orbits, mirrored: tuple[str, ...]) -> dict[str, _Pose]:
     return result
 
 
-def _receptances(orbits: Orbits, amplitude: ComplexArray, at: Index) -> tuple[list[str], Float, ComplexArray] | None:
-    """Planes, frequencies over the highest, and responses to unit forces, shape ``(L, n, n)``; of some lines only."""
-    planes, w, index = complete_matrices(orbits, at)
-    if w.size < ENOUGH:
-        return None
-    H = (amplitude[index] / orbits.force[index]).reshape(w.size, len(planes), len(planes))
-    regular = invertible(H)
-    if regular.sum() < ENOUGH:
-        return None
-    some = np.flatnonzero(regular)[:: max(1, int(regular.sum()) // MOST_LINES)]
-    return planes, w[some] / np.abs(w).max(), H[some]
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Lines:
+    """Lines that the search for turned probes looks at.
+
+    Attributes:
+        u: frequencies over the highest, shape ``(L,)``.
+        H, kappa: responses to unit forces and their inverses, shape ``(L, n, n)``.
+    """
+
+    u: Float
+    H: ComplexArray
+    kappa: ComplexArray
 
 
-def _inertia(
-    orbits: Orbits, amplitude: ComplexArray, at: Index, *, trial: bool = True
-) -> Iterator[tuple[str, float, float, bool]]:
+def _some_lines(measured: Receptances | None) -> _Lines | None:
+    if measured is None or len(measured.H) < ENOUGH:
+        return None
+    every = max(1, len(measured.H) // MOST_LINES)
+    w = measured.frequency[measured.regular][::every]
+    return _Lines(u=w / np.abs(measured.frequency).max(), H=measured.H[::every], kappa=measured.kappa[::every])
+
+
+def _inertia(measured: Receptances | None, *, trial: bool = True) -> Iterator[tuple[str, float, float, bool]]:
     """Plane, turn of its probes and its error, degrees, and sign of its damping, from ``kappa = a + b w + c w^2``.
 
     Args:
-        orbits, amplitude: all orbits, and their amplitudes.
-        at: those of one speed.
+        measured: responses at one speed.
         trial: fit responses, as noisy data need; otherwise draw straight lines through the dynamic stiffness.
     """
-    measured = _receptances(orbits, amplitude, at)
-    if measured is None:
+    lines = _some_lines(measured)
+    if measured is None or lines is None:
         return
-    planes, u, H = measured
-    found = _polynomial(u, H) if trial else _straight_lines(u, H)
+    planes = measured.planes
+    found = _polynomial(lines) if trial else _straight_lines(lines)
     if found is None:
         return
     terms, values, errors = found
@@ -405,13 +413,13 @@ def _inertia(
         yield plane, float(np.degrees(np.angle(turn))), float(np.degrees(error)), bool(damped)
 
 
-def _polynomial(u: Float, H: ComplexArray) -> tuple[list[tuple[int, int, int]], ComplexArray, Float] | None:
+def _polynomial(lines: _Lines) -> tuple[list[tuple[int, int, int]], ComplexArray, Float] | None:
     """Polynomials ``kappa(u)`` whose inverse is H: row, column and power of each term, its factor and that one's error.
 
     The diagonal is quadratic in u, the rest constant: a chain of lumped masses, dampers and springs, each complex.
     """
-    terms, start, _ = _straight_lines(u, H)
-    trial = _Trial(u, H, terms)
+    terms, start, _ = _straight_lines(lines)
+    trial = _Trial(lines, terms)
     try:
         solved = minimise(trial, start.view(float), options=_BRIEFLY)
     except np.linalg.LinAlgError:  # a singular matrix on the way: no verdict
@@ -419,7 +427,7 @@ def _polynomial(u: Float, H: ComplexArray) -> tuple[list[tuple[int, int, int]], 
     if not solved.success:
         return None
     values = solved.x[::2] + 1j * solved.x[1::2]
-    variance = 2 * solved.cost / max(2 * H.size - solved.x.size, 1)
+    variance = 2 * solved.cost / max(2 * lines.H.size - solved.x.size, 1)
     covariance = np.linalg.pinv(trial.gauss_newton(solved.x)[2]) * variance
     errors = np.sqrt(np.maximum(np.diag(covariance), 0.0).reshape(-1, 2).mean(axis=1))
     return terms, values, errors
@@ -428,16 +436,15 @@ def _polynomial(u: Float, H: ComplexArray) -> tuple[list[tuple[int, int, int]], 
 class _Trial:
     """Misfit of such polynomials, over the largest response; the vector holds real and imaginary parts in turn."""
 
-    def __init__(self, u: Float, H: ComplexArray, terms: Sequence[tuple[int, int, int]], *, upright: bool = False):
+    def __init__(self, lines: _Lines, terms: Sequence[tuple[int, int, int]], *, upright: bool = False):
         """Take the data.
 
         Args:
-            u: frequencies over the highest.
-            H: responses to unit forces, shape ``(L, n, n)``.
+            lines: responses.
             terms: row, column and power of each term.
             upright: keep inertia real, as probes see it that are not turned; its imaginary parts are left out.
         """
-        self.u, self.H, self.terms, self.scale = u, H, terms, np.abs(H).max()
+        self.u, self.H, self.terms, self.scale = lines.u, lines.H, terms, np.abs(lines.H).max()
         real = [2 * i + 1 for i, (*_, power) in enumerate(terms) if power == 2] if upright else []
         self.free = np.delete(np.arange(2 * len(terms)), real)
 
@@ -477,16 +484,16 @@ class _Trial:
         return self.gauss_newton(x)[2]
 
 
-def _unexplained(u: Float, H: ComplexArray, *, upright: bool) -> float:
+def _unexplained(lines: _Lines, *, upright: bool) -> float:
     """Half the sum of squares that polynomials leave, with probes free to be turned or not; NaN where none were found.
 
     Args:
-        u, H, upright: as for :class:`_Trial`.
+        lines, upright: as for :class:`_Trial`.
     """
     from scipy.optimize import least_squares  # late: loading it takes longer than a fit
 
-    terms, start, _ = _straight_lines(u, H)
-    trial = _Trial(u, H, terms, upright=upright)
+    terms, start, _ = _straight_lines(lines)
+    trial = _Trial(lines, terms, upright=upright)
     try:
         solved = least_squares(
             trial.residuals, start.view(float)[trial.free], jac=trial.jacobian, x_scale="jac", ftol=1e-4, xtol=1e-4,
@@ -497,20 +504,23 @@ def _unexplained(u: Float, H: ComplexArray, *, upright: bool) -> float:
     return float(solved.cost)
 
 
-def _straight_lines(u: Float, H: ComplexArray) -> tuple[list[tuple[int, int, int]], ComplexArray, Float]:
+def _straight_lines(lines: _Lines) -> tuple[list[tuple[int, int, int]], ComplexArray, Float]:
     """What :func:`_polynomial` answers by linear least squares on the inverse of each response matrix."""
-    n = H.shape[1]
-    kappa = np.linalg.inv(H)
+    u, kappa = lines.u, lines.kappa
+    n = kappa.shape[1]
     weight = 1 / np.linalg.norm(kappa, axis=(1, 2)) ** 2  # d kappa = -kappa dH kappa
+    powers = np.stack([weight, weight * u, weight * u**2], axis=1)
+    weighed = kappa * weight[:, None, None]
     terms: list[tuple[int, int, int]] = []
     values, errors = [], []
+    designs = {count: powers[:, :count] for count in ((1, 3) if n > 1 else (3,))}
+    systems = {count: (design, np.linalg.pinv(design.T @ design)) for count, design in designs.items()}
     for q in range(n):
         for k in range(n):
             count = 3 if q == k else 1
-            design = u[:, None] ** np.arange(count) * weight[:, None]
-            inverse = np.linalg.pinv(design.T @ design)
-            solution = inverse @ (design.T @ (kappa[:, q, k] * weight))
-            miss = kappa[:, q, k] * weight - design @ solution
+            design, inverse = systems[count]
+            solution = inverse @ (design.T @ weighed[:, q, k])
+            miss = weighed[:, q, k] - design @ solution
             variance = _power(miss) / (2 * max(u.size - count, 1))
             terms += [(q, k, power) for power in range(count)]
             values.append(solution)

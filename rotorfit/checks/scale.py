@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rotorfit.checks.orbits import ENOUGH, Orbits, complete_matrices, invertible, mirrored
+from rotorfit.checks.orbits import ENOUGH, Orbits, Receptances, mirrored
 from rotorfit.data.findings import Finding
 from rotorfit.models.array_types import ComplexArray, Float, Index
 from rotorfit.units import RPM_PER_RAD_S
@@ -36,9 +36,9 @@ def peak_to_peak(orbits: Orbits) -> Iterator[Finding]:
         )
         if _is_two(_log_ratio(orbits.x[strong], orbits.y[strong])) and _turns(orbits, strong):
             yield _twice(f"The x and y probes at {plane} differ by a factor of two", orbits, at)
-    for (speed,), at in orbits.groups("speed"):
+    for ((speed,), at), measured in zip(orbits.groups("speed"), orbits.receptances, strict=True):
         rpm = f"{float(speed) * RPM_PER_RAD_S:.6g} rpm"
-        kappa = _stiffness_matrices(orbits, at)
+        kappa = _stiffness_matrices(orbits, measured)
         if kappa is not None:
             if larger := _larger_side(*kappa):
                 what = f"Responses at {rpm} are twice as large under {larger} forces as the rest makes one expect"
@@ -53,10 +53,7 @@ def peak_to_peak(orbits: Orbits) -> Iterator[Finding]:
                 )
     pairs = {tuple(sorted(pair)) for pair, _ in orbits.groups("force_plane", "plane") if pair[0] != pair[1]}
     for a, b in sorted(pairs):
-        there = _transfer(orbits, a, b)
-        back = _transfer(orbits, b, a)
-        common = sorted(set(there) & set(back))
-        if _is_two(_log_ratio(np.array([there[k] for k in common]), np.array([back[k] for k in common]))):
+        if _is_two(_log_ratio(*_reciprocal(orbits, orbits.names.index(a), orbits.names.index(b)))):
             here = np.flatnonzero(np.isin(orbits.plane, (a, b)) & np.isin(orbits.force_plane, (a, b)))
             yield _twice(f"Reciprocal responses between {a} and {b} differ by a factor of two", orbits, here)
 
@@ -92,25 +89,25 @@ def _turns(orbits: Orbits, at: Index) -> bool:
     return bool(_quartiles(np.abs(np.angle(turn)))[2] < TURN)
 
 
-def _transfer(orbits: Orbits, force_plane: str, plane: str) -> dict[tuple[float, float], complex]:
-    at = np.flatnonzero((orbits.force_plane == force_plane) & (orbits.plane == plane))
-    keys = zip(orbits.speed[at].tolist(), np.round(orbits.frequency[at], 6).tolist(), strict=True)
-    return dict(zip(keys, (orbits.right[at] / orbits.force[at]).tolist(), strict=True))
+def _reciprocal(orbits: Orbits, a: int, b: int) -> tuple[ComplexArray, ComplexArray]:
+    """Responses at one plane to forces at another, and the other way round, in conditions where both were measured."""
+    last = np.full((2, int(orbits.conditions.max(initial=0)) + 1), -1, dtype=np.intp)
+    for found, (force_place, place) in zip(last, ((a, b), (b, a)), strict=True):
+        at = np.flatnonzero((orbits.force_place == force_place) & (orbits.place == place))
+        found[orbits.conditions[at]] = at
+    there, back = last[:, (last >= 0).all(axis=0)]
+    return orbits.right[there] / orbits.force[there], orbits.right[back] / orbits.force[back]
 
 
-def _stiffness_matrices(orbits: Orbits, at: Index) -> tuple[Float, ComplexArray, Float] | None:
+def _stiffness_matrices(orbits: Orbits, found: Receptances | None) -> tuple[Float, ComplexArray, Float] | None:
     """Frequencies, matrices of eq. (7) and their weights; None unless each measured plane was forced, either way."""
-    planes, w, indices = complete_matrices(orbits, at)
-    n = len(planes)
+    if found is None:
+        return None
+    w = found.frequency[found.regular]
     if min((w < 0).sum(), (w > 0).sum()) < ENOUGH:
         return None
-    h = (orbits.right[indices] / orbits.force[indices]).reshape(-1, n, n)
-    regular = invertible(h)
-    if min((w[regular] < 0).sum(), (w[regular] > 0).sum()) < ENOUGH:
-        return None
-    kappa = np.asarray(np.linalg.inv(h[regular]), dtype=complex)
-    force = np.abs(orbits.force[indices]).min(axis=1)[regular]
-    return w[regular], kappa, force / np.linalg.norm(kappa, axis=(1, 2)) ** 2  # d kappa = -kappa dH kappa
+    force = np.abs(orbits.force[found.at]).min(axis=1)[found.regular]
+    return w, found.kappa, force / np.linalg.norm(found.kappa, axis=(1, 2)) ** 2  # d kappa = -kappa dH kappa
 
 
 def _larger_side(w: Float, kappa: ComplexArray, weight: Float) -> str:
@@ -118,15 +115,11 @@ def _larger_side(w: Float, kappa: ComplexArray, weight: Float) -> str:
     design = np.column_stack([np.ones_like(w), w, w**2]) * weight[:, None]
     design = design / np.linalg.norm(design, axis=0)
     values = np.ascontiguousarray(kappa.reshape(w.size, -1) * weight[:, None]).view(float)
-
-    def misfit(forward: float, backward: float) -> float:
-        scaled = design * np.where(w > 0, forward, backward)[:, None]
-        solution, *_ = np.linalg.lstsq(scaled, values, rcond=None)
-        return float(np.linalg.norm(values - scaled @ solution))
-
-    other = {"forward": misfit(0.5, 1.0), "backward": misfit(1.0, 0.5)}
-    best = min(other, key=lambda side: other[side])
-    return best if other[best] < BETTER * misfit(1.0, 1.0) else ""
+    halved = np.where((w > 0) == np.array([[True], [False]]), 0.5, 1.0)  # forward ones, or backward ones
+    span, _ = np.linalg.qr(np.stack([design, *(halved[:, :, None] * design)]))
+    misfit, *halves = np.linalg.norm(values - span @ (np.swapaxes(span, 1, 2) @ values), axis=(1, 2)).tolist()
+    best = int(np.argmin(halves))
+    return ("forward", "backward")[best] if halves[best] < BETTER * misfit else ""
 
 
 def _jump_at_zero(orbits: Orbits, at: Index) -> float:

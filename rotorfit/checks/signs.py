@@ -134,9 +134,11 @@ def _reversed(orbits: Orbits, kappa: ComplexArray, at: Index) -> Iterator[Findin
     pairs = np.concatenate([mirrored(orbits, some) for some in groups])
     speed = np.abs(orbits.speed[pairs[:, 0]])
     slow = np.abs(orbits.frequency[pairs[:, 0]]) / np.where(speed == 0, np.nan, speed)
-    scores += [_even_quadrature(orbits, kappa, pairs[slow < limit]) for limit in SLOW]
+    even = _even_quadrature(orbits, kappa, pairs)
+    scores += [(_established(even[slow < limit]), pairs[slow < limit]) for limit in SLOW]
     score, hit = max(scores, key=lambda pair: pair[0])
     if score > CERTAIN:
+        hit = np.unique(hit)
         text = (
             f"Slow backward forces drive the rotor instead of damping it in {listed(_names(orbits, hit))}: lam would "
             "be negative. The sense of rotation is reversed, or x and y are exchanged together with the sign of the "
@@ -145,16 +147,14 @@ def _reversed(orbits: Orbits, kappa: ComplexArray, at: Index) -> Iterator[Findin
         yield Finding("error", "reversed-rotation", text, orbits.rows_of(hit))
 
 
-def _even_quadrature(orbits: Orbits, kappa: ComplexArray, pairs: Index) -> tuple[float, Index]:
-    """How certain it is that the part of Im kappa even in w, ``-D lam Omega`` in eq. (13), is positive, and where."""
-    if not pairs.size:
-        return 0.0, pairs
+def _even_quadrature(orbits: Orbits, kappa: ComplexArray, pairs: Index) -> Float:
+    """The part of Im kappa even in w, ``-D lam Omega`` in eq. (13), over its noise up to a factor, shape ``(N,)``."""
     forward, backward = pairs.T
     even = kappa[forward].imag + kappa[backward].imag
     noise = np.hypot(  # of kappa = F / A, up to a common factor
         np.abs(kappa[forward] / orbits.right[forward]), np.abs(kappa[backward] / orbits.right[backward])
     )
-    return _established(even / noise), np.unique(pairs)
+    return np.asarray(even / noise)
 
 
 def _names(orbits: Orbits, at: Index) -> list[str]:

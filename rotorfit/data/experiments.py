@@ -9,7 +9,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from rotorfit.estimators.blocks.row_keys import combined, in_order, numbers
+from rotorfit.estimators.blocks.row_keys import combined, in_order, numbers, words
 from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.units import RPM_PER_RAD_S
 
@@ -40,12 +40,12 @@ class _Rows:
     @property
     def runs(self) -> tuple[str, ...]:
         """Names of the runs in order of appearance."""
-        return tuple(dict.fromkeys(self.run.tolist()))
+        return tuple(words(self.run)[0])
 
     @property
     def planes(self) -> tuple[str, ...]:
         """Measured planes in order of appearance, none for experiments that name no plane."""
-        return tuple(dict.fromkeys(getattr(self, "plane", np.zeros(0)).tolist()))
+        return tuple(words(getattr(self, "plane", np.zeros(0)))[0])
 
     @property
     def frequencies(self) -> Float:
@@ -143,12 +143,14 @@ class PerturbationTest(_Rows):
             object.__setattr__(self, "force_direction", np.full(len(self.run), "circular"))
         super().__post_init__()
         for name, allowed in (("direction", DIRECTIONS), ("force_direction", FORCE_DIRECTIONS)):
-            unknown = sorted(set(getattr(self, name).tolist()) - set(allowed))
+            unknown = sorted(set(words(getattr(self, name))[0]) - set(allowed))
             if unknown:
                 raise ValueError(
                     f"{self.source or 'the test'}: {name} {unknown} unknown; allowed: {', '.join(allowed)}"
                 )
-        bad = self.linear & (self.frequency < 0) & ~np.char.endswith(self.direction, "z")
+        bad = self.linear & (self.frequency < 0)
+        if bad.any():
+            bad &= ~np.char.endswith(self.direction, "z")
         if bad.any():
             raise ValueError(
                 f"{self.source or 'the test'}: {bad.sum()} readings have a negative frequency under a force along "
@@ -170,7 +172,7 @@ class PerturbationTest(_Rows):
     @property
     def force_planes(self) -> tuple[str, ...]:
         """Planes of the force in order of appearance."""
-        return tuple(dict.fromkeys(self.force_plane.tolist()))
+        return tuple(words(self.force_plane)[0])
 
     @property
     def synchronous(self) -> bool:
@@ -411,7 +413,7 @@ class LineTest(_Rows):
     @property
     def force_planes(self) -> tuple[str, ...]:
         """Planes of the force in order of appearance."""
-        return tuple(dict.fromkeys(self.force_plane.tolist()))
+        return tuple(words(self.force_plane)[0])
 
 
 Experiment = PerturbationTest | DisplacementTest | StaticTest | ImpulseTest | RingDownTest | CoefficientTable | LineTest

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from rotorfit.checks.checklist import check
+from rotorfit.checks.checklist import errors
 from rotorfit.data.experiments import Experiment
 from rotorfit.estimators.minimisation.least_squares import Options, Solution, Status, minimise
 from rotorfit.estimators.misfit.losses import Loss
@@ -118,8 +118,7 @@ def data_errors(experiments: Sequence[Experiment]) -> tuple[str, ...]:
     return tuple(
         f"{DATA_ERROR}{f'{test.source or test.title}: ' if several else ''}{finding.message}"
         for test in experiments
-        for finding in check(test)
-        if finding.severity == "error"
+        for finding in errors(test)
     )
 
 

@@ -84,6 +84,8 @@ def _check_finite(experiment: PerturbationTest) -> None:
             "subtracted where runs dwell at a few speeds; from start-ups subtract it first and give the differences, "
             "or repeat each weight at 180 degrees (eq. 20). Any other reading without a force is to be removed"
         )
+    if experiment.response.all():
+        return
     first, channel = in_order(combined(numbers(experiment.plane), numbers(experiment.direction)))
     alive = np.bincount(channel, weights=experiment.response != 0)
     for row, some in zip(first.tolist(), alive.tolist(), strict=True):
@@ -141,8 +143,10 @@ def lines_of(model: RotorModel, test: PerturbationTest) -> Index:
 
 
 def _observe_isotropic(model: RotorModel, test: PerturbationTest, group: Index) -> Responses:
-    coordinate = _by_kind(test, lambda plane, direction: model.coordinate(plane, direction[:-1] or "z"))
-    slot = _by_kind(test, lambda _, direction: "xyz".index(direction[-1]))
+    places = _by_kind(
+        test, lambda plane, direction: (model.coordinate(plane, direction[:-1] or "z"), "xyz".index(direction[-1]))
+    )
+    coordinate, slot = places.T
     line, first = _lines(test, coordinate, slot)
     n = len(model.coordinates)
     values = np.full((first.size, n, 3), np.nan, dtype=complex)
@@ -190,9 +194,9 @@ def directional(values: ComplexArray, sigmas: Float, frequency: Float) -> tuple[
     return right, wrong, sigma
 
 
-def _by_kind(test: PerturbationTest | DisplacementTest, number: Callable[[str, str], int]) -> Index:
-    """A number for each row that its plane and its direction tell."""
-    direction = getattr(test, "direction", np.full(len(test), "z"))
+def _by_kind(test: PerturbationTest | DisplacementTest, number: Callable[[str, str], int | tuple[int, int]]) -> Index:
+    """A number, or two, for each row that its plane and its direction tell."""
+    direction = test.direction if isinstance(test, PerturbationTest) else np.full(len(test), "z")
     first, kind = in_order(combined(numbers(test.plane), numbers(direction)))
     pairs = zip(test.plane[first].tolist(), direction[first].tolist(), strict=True)
     return np.array([number(*pair) for pair in pairs], dtype=np.intp)[kind]
@@ -273,7 +277,8 @@ def _conditions(test: PerturbationTest) -> Index:
     for name, values in test.attributes.items():
         if name.startswith("repeat"):
             continue
-        number = numbers(np.asarray(values).astype(str) if values.dtype.kind != "U" else values)
+        told = np.asarray(values)
+        number = numbers(told if told.dtype.kind in "Ufiub" else told.astype(str))
         if in_order(combined(run, number))[0].size == int(run.max()) + 1:
             codes.append(number)
     return in_order(combined(*codes))[1]
