@@ -124,6 +124,8 @@ def _repeated(block: Responses, w: Float, condition: Sequence[Float | Index]) ->
     Differences of repeats are noise only where they are no larger than what each sweep shows by itself, and do not
     follow a curve: what differs on purpose, or drifts, is none.
     """
+    if len(block.labels) < 2:
+        return
     plane = force_plane(block)
     force = block.force[block.line, plane]
     drive = [plane, np.round(force.real, 12), np.round(force.imag, 12)]

@@ -17,6 +17,7 @@ import numpy as np
 
 from rotorfit.estimators.blocks.observations import Block, Responses
 from rotorfit.estimators.blocks.response import dynamic_stiffness, inverse
+from rotorfit.estimators.blocks.row_keys import numbers
 from rotorfit.estimators.misfit.parameter_space import ParameterSpace
 from rotorfit.estimators.starting.lumped import Lumped, LumpedStructure, lumped_coefficients
 from rotorfit.models.array_types import ComplexArray, Float, Index
@@ -198,7 +199,7 @@ def _determined(space: ParameterSpace, lumped: Lumped, blocks: list[Responses]) 
     with zeros.
     """
     conditions = [part for b in blocks for part in (
-        np.unique(b.speed, return_inverse=True)[1], b.speed != 0, b.frequency,
+        numbers(b.speed), b.speed != 0, b.frequency,
         b.coordinate if b.imposed else np.round(b.force / np.abs(b.force).max(axis=1, keepdims=True), 6),
     )]  # fmt: skip
     key = blake2b(b"".join(np.ascontiguousarray(part).tobytes() for part in conditions)).digest()

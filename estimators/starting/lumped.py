@@ -13,6 +13,7 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
+from numpy.typing import NDArray
 
 from rotorfit.estimators.blocks.observations import Responses
 from rotorfit.estimators.misfit.parameter_space import ParameterSpace
@@ -47,20 +48,19 @@ class LumpedStructure:
     @classmethod
     def of(cls, space: ParameterSpace, blocks: Sequence[Responses]) -> LumpedStructure:
         """LumpedStructure of a fit to these blocks."""
-        speeds = tuple(
-            tuple(
-                (int(group), tuple(np.unique(block.speed[block.group == group]).tolist()))
-                for group in np.unique(block.group)
-            )
-            for block in blocks
-        )
+        speeds = []
+        for block in blocks:
+            pairs: dict[int, set[float]] = {}
+            for group, speed in set(zip(block.group.tolist(), block.speed.tolist(), strict=True)):
+                pairs.setdefault(group, set()).add(speed)
+            speeds.append(tuple((group, tuple(sorted(own))) for group, own in sorted(pairs.items())))
         return cls(
             model=space.model,
             names=space.names,
             base=space.base,
             template=tuple(map(tuple, space.template.tolist())),
             index=tuple(map(tuple, space.index.tolist())),
-            speeds=speeds,
+            speeds=tuple(speeds),
         )
 
 
@@ -114,6 +114,7 @@ class Lumped:
             notes["independent"] = self.basis.size == count
         self._back = np.eye(count) if notes["independent"] else np.linalg.pinv(self.spread)
         self.determined: dict[bytes, bool] = notes.setdefault("determined", {})
+        self._singles: dict[bytes, Index] = notes.setdefault("singles", {})
 
     def _evaluate(self, x: Float) -> tuple[Float, Float]:
         """Coefficients and their nonzero derivatives, shapes ``(E, ...)``, of vectors of shape ``(p, ...)``."""
@@ -166,15 +167,13 @@ class Lumped:
             parameters, NaN where no coefficient gives one singly, shape ``(p,)``.
         """
         x = np.full(self.size, np.nan)
-        while np.isnan(x).any():
-            unknown = np.isnan(x)
+        while (unknown := np.isnan(x)).any():
             point = np.where(unknown, typical, x)
             if not np.isfinite(point).all():
                 break
             now, slopes = self._evaluate(point)
-            count = np.bincount(self._rows[unknown[self._columns]], minlength=values.size)
-            alone = unknown[self._columns] & (count[self._rows] == 1) & (self._kind != _NEITHER) & (slopes != 0)
-            pairs = np.flatnonzero(alone)
+            pairs = self._alone(unknown)
+            pairs = pairs[slopes[pairs] != 0]
             if not pairs.size:
                 break
             row, column = self._rows[pairs], self._columns[pairs]
@@ -191,6 +190,15 @@ class Lumped:
             best = np.flatnonzero(share >= (1 - 1e-12) * share.max())[::-1]
             x[column[best]] = solved[best]
         return x
+
+    def _alone(self, unknown: NDArray[np.bool_]) -> Index:
+        """Derivatives of coefficients by what is the only unknown in them, and can be solved for."""
+        key = unknown.tobytes()
+        if key not in self._singles:
+            count = np.bincount(self._rows[unknown[self._columns]], minlength=self.place.row.size)
+            alone = unknown[self._columns] & (count[self._rows] == 1) & (self._kind != _NEITHER)
+            self._singles[key] = np.flatnonzero(alone)
+        return self._singles[key]
 
 
 @lru_cache(maxsize=32)

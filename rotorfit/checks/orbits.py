@@ -82,8 +82,8 @@ class Orbits:
             columns = [getattr(self, name) for name in names]
             first, number = in_order(combined(*[self._numbers(name) for name in names]))
             keys = zip(*[column[first].tolist() for column in columns], strict=True)
-            order = np.argsort(number, kind="stable")
-            parts = np.split(order, np.cumsum(np.bincount(number, minlength=first.size))[:-1])
+            order = np.argsort(number, kind="stable") if first.size > 1 else np.arange(number.size)
+            parts = np.split(order, np.cumsum(np.bincount(number))[:-1]) if first.size > 1 else [order]
             self._groups[names] = list(zip(keys, parts, strict=True)) if first.size else []
         return self._groups[names]
 

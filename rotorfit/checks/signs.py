@@ -76,7 +76,7 @@ def _established(values: Float) -> float:
 
 def signs(orbits: Orbits) -> Iterator[Finding]:
     """Conjugated FRFs, or else a reversed sense of rotation, from the sign of Im kappa at drive points."""
-    at = np.flatnonzero((orbits.plane == orbits.force_plane) & (np.abs(orbits.right) > 0))
+    at = np.flatnonzero((orbits.place == orbits.force_place) & (np.abs(orbits.right) > 0))
     kappa = np.zeros(orbits.right.size, dtype=complex)
     kappa[at] = orbits.force[at] / orbits.right[at]
     driven = kappa != 0

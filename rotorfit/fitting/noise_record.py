@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
+
+import numpy as np
 
 from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.models.parameters import bare_name
@@ -92,6 +95,13 @@ class ResponseNoise:
     unit: str = ""
 
 
+def _satterthwaite(parts: Sequence[float], freedom: Sequence[float]) -> float:
+    """Degrees of freedom of a sum of variances, which are known with so many each."""
+    parts = [max(part, 0.0) for part in parts]
+    uncertain = sum(part**2 / own for part, own in zip(parts, freedom, strict=True))
+    return sum(parts) ** 2 / uncertain if uncertain > 0 else float("inf")
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Noise:
     """What a fit rests on, as far as noise goes.
@@ -133,9 +143,17 @@ class Noise:
         Args:
             gradient: its derivative by the fitted vector, shape ``(p,)``.
         """
-        parts = [max(float(gradient @ share @ gradient), 0.0) for share in self.shares]
-        uncertain = sum(part**2 / freedom for part, freedom in zip(parts, self.freedom, strict=True))
-        return sum(parts) ** 2 / uncertain if uncertain > 0 else float("inf")
+        return _satterthwaite([float(gradient @ share @ gradient) for share in self.shares], self.freedom)
+
+    def own_degrees(self, count: int) -> tuple[float, ...]:
+        """The same of each entry of the fitted vector.
+
+        Args:
+            count: its length.
+        """
+        variances = [np.diag(share).tolist() for share in self.shares]
+        each = zip(*variances, strict=True) if variances else [()] * count
+        return tuple(_satterthwaite(parts, self.freedom) for parts in each)
 
     def __str__(self) -> str:
         return "; ".join([self.verdict.value, *self.sentences])

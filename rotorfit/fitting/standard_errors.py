@@ -80,7 +80,5 @@ def standard_errors(
         covar, noise = as_residuals_ask(noise, problem, residuals, jacobian, scattered, covar, widening)
         noise = with_shares(noise, settings, problem, x, covar)
     freedom = min(known, float(goodness.nfree)) if widening > 1 and np.isfinite(known) else known
-    degrees = [freedom if noise is None else noise.degrees(row) for row in np.eye(space.size)]
-    return StandardErrors(
-        scattered=scattered, covar=covar, degrees=tuple(degrees), identifiability=verdict, noise=noise
-    )
+    degrees = (freedom,) * space.size if noise is None else noise.own_degrees(space.size)
+    return StandardErrors(scattered=scattered, covar=covar, degrees=degrees, identifiability=verdict, noise=noise)
