@@ -77,15 +77,19 @@ def fit_shared(
     Raises:
         ValueError: the runs do not determine the shared parameters, or none can be fitted.
     """
-    phi = _first(workers, runs, names, settings, start)
+    phi, fits = _first(workers, runs, names, settings, start)
     limits = np.array([_limits(workers.model, name, settings) for name in names]).T
-    fits = _fits(workers, runs, names, settings, phi, [start] * len(runs))
-    for _ in range(_NOISES):
-        before = phi
-        phi, here, settled = _search(workers, runs, fits, names, settings, phi, limits)
-        fits = _fits(workers, runs, names, settings, phi, [_own_values(fit, start) for fit in fits])
-        moved = phi - before
-        if not settled or np.sqrt(moved @ here.information @ moved) < _SETTLED:
+    phi = np.clip(phi, *limits)
+    for number in range(_NOISES + 1):
+        found, here, settled = _search(workers, runs, fits, names, settings, phi, limits)
+        moved = found - phi
+        if number and np.sqrt(moved @ here.information @ moved) < _SETTLED:
+            break  # the fits are those for these values
+        phi = found
+        # Separate fits may have told too little of a run to start from: the first ones begin with their closed forms.
+        starts = [_own_values(fit, start) if number else start for fit in fits]
+        fits = _fits(workers, runs, names, settings, phi, starts)
+        if not settled:
             break
     return _finish(workers, runs, fits, names, settings, phi, settled, limits)
 
@@ -134,10 +138,11 @@ def _first(
     names: Sequence[str],
     settings: FitSettings,
     start: Mapping[str, float],
-) -> Float:
-    """Shared values that suit the separate fits of all runs best, by the quadratic picture of each."""
+) -> tuple[Float, list[RunFit]]:
+    """Shared values that suit the separate fits of all runs best, by the quadratic picture of each, and these fits."""
     if all(name in start for name in names):
-        return np.array([start[name] for name in names], dtype=float)
+        phi = np.array([start[name] for name in names], dtype=float)
+        return phi, _fits(workers, runs, names, settings, phi, [start] * len(runs))
     option = {"settings": settings, "start": start}
     fits = workers(fit_run, runs, [option] * len(runs))
     usable = [(run, fit) for run, fit in zip(runs, fits, strict=True) if fit.params]
@@ -151,7 +156,7 @@ def _first(
     parts = [Parts.of(picture, names) for picture in taken]
     # The minimum of each picture lies a Newton step from where it was taken.
     pulls = [p.schur @ picture.x[p.shared] - p.gradient for p, picture in zip(parts, taken, strict=True)]
-    return np.asarray(shared_covariance(parts, names) @ np.sum(pulls, axis=0))
+    return np.asarray(shared_covariance(parts, names) @ np.sum(pulls, axis=0)), fits
 
 
 def _fits(
