@@ -135,20 +135,17 @@ class MixedModel:
         from scipy.special import gammaincc  # late: loading it takes longer than a fit
 
         outer = _inverse(self.information)
-        found = []
-        for kind in range(self.gram.shape[1]):
-            C = self.cross[:, kind]
-            S = np.diag(self.gram[:, kind, kind]) - C @ outer @ C.T
-            score = self.moment[:, kind] - C @ outer @ self.gradient
-            own = self.gram[:, kind, kind]
-            size = np.sqrt(np.where(own > 0, own, 1.0))  # runs count alike
-            S, score = S / size[:, None] / size, score / size
-            mean, variance = float(np.trace(S)), float(np.sum(S**2))
-            blind = mean <= _NULL * len(S)
-            found.append(
-                1.0 if blind else float(gammaincc(mean**2 / variance / 2, score @ score * mean / variance / 2))
-            )
-        return np.array(found)
+        C, own = np.swapaxes(self.cross, 0, 1), np.einsum("ikk->ki", self.gram)
+        size = np.sqrt(np.where(own > 0, own, 1.0))  # runs count alike
+        S = -(C @ outer @ np.swapaxes(C, 1, 2))
+        np.einsum("kii->ki", S)[:] += own
+        S /= size[:, :, None] * size[:, None, :]
+        score = (self.moment.T - C @ (outer @ self.gradient)) / size
+        mean, variance = np.einsum("kii->k", S), np.sum(S**2, axis=(1, 2))
+        blind = mean <= _NULL * own.shape[1]
+        over = np.where(blind, 0.0, mean) / np.where(blind, 1.0, variance)
+        told = gammaincc(np.where(blind, 1.0, mean * over / 2), np.sum(score**2, axis=1) * over / 2)
+        return np.where(blind, 1.0, told)
 
     def freedom(self, variance: Float) -> Float:
         """Degrees of freedom that each estimated variance has, at least two (one for two runs), shape ``(k,)``.
