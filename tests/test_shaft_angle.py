@@ -75,6 +75,17 @@ def test_missing_and_double_pulses_are_told_apart_and_the_count_holds() -> None:
     np.testing.assert_array_equal(pulses.numbers, np.delete(np.arange(times.size), gone))
 
 
+@pytest.mark.parametrize("place", [0.1, 0.3, 0.45, 0.5, 0.55, 0.75])
+def test_a_double_pulse_anywhere_in_a_turn_is_the_one_left_out(place: float) -> None:
+    """At half a turn both intervals are short; near the ends, and beside a missing pulse, too."""
+    marks = np.arange(60.0) * 0.04
+    doubles = marks[[0, 9, 30, 57]] + place * 0.04
+    found = number_pulses(np.sort(np.concatenate([np.delete(marks, 32), doubles])))
+    np.testing.assert_array_equal(found.extra, doubles)
+    assert found.numbers[-1] == 59
+    np.testing.assert_array_equal(found.missing, marks[[31]])
+
+
 @pytest.mark.parametrize("first", [1.0, 0.5, 0.2, 0.05])
 @pytest.mark.parametrize("direction", [1, -1])
 def test_start_from_rest_is_counted(first: float, direction: int) -> None:

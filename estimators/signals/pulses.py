@@ -258,11 +258,23 @@ def _without_extra(times: Float) -> tuple[Float, Float]:
             extra = np.concatenate([extra, kept[bounce + 1]])
             kept = np.delete(kept, bounce + 1)
             continue
+        between = _between_halves(intervals, short, turn)
+        if between.size:
+            extra = np.concatenate([extra, kept[between]])
+            kept = np.delete(kept, between)
+            continue
         out = np.where(_bend(intervals, short, -1) < _bend(intervals, short, 1), short, short + 1)
         out = out[np.concatenate([[True], np.diff(out) > 2])]  # neighbours of one left out are judged again
         extra = np.concatenate([extra, kept[out]])
         kept = np.delete(kept, out)
     return kept, np.sort(extra)
+
+
+def _between_halves(intervals: Float, short: Index, turn: Float) -> Index:
+    """Edges with a short interval on either side, which make one turn together."""
+    first = short[:-1][np.diff(short) == 1]
+    first = first[np.abs((intervals[first] + intervals[first + 1]) / turn[first] - 1) < 1 - _SHORT]
+    return np.asarray(first[np.diff(first, prepend=-2) > 1] + 1, dtype=np.intp)
 
 
 def _bend(intervals: Float, short: Index, side: int) -> Float:
@@ -279,4 +291,5 @@ def _bend(intervals: Float, short: Index, side: int) -> Float:
     else:
         row = np.stack([padded[at - 2], padded[at - 1], joined, padded[at + 2]])
     bends = np.abs(row[:-2] - 2 * row[1:-1] + row[2:])
-    return np.asarray(np.where(np.isnan(joined), np.inf, np.nansum(bends, axis=0)))
+    untold = np.isnan(joined) | np.isnan(bends).all(axis=0)
+    return np.asarray(np.where(untold, np.inf, np.nansum(bends, axis=0)))
