@@ -1,9 +1,11 @@
 """Coverage over families of rotors that no model of rotorfit is: is the answer right, or is what is missing named?
 
-    python benchmarks/rotor_families.py --rigs 4
+    python benchmarks/rotor_families.py --rigs 20
 
 writes results/rotor_families.md. Every rig is a finite-element shaft (tests/fe_rigs.py) with one thing changed; every
-fit is that of a user: eq. (18), then rf.refine, then fit.assumptions().
+fit is that of a user: eq. (18), then rf.refine, then fit.assumptions(). A term that every summary names as not told by
+the data (external damping at the journal) counts as named in the family that has it only, and only where the truth lies
+within the errors once that damping is given as an uncertainty.
 """
 
 from __future__ import annotations
@@ -23,7 +25,10 @@ sys.path.insert(0, str(HERE.parent / "tests"))  # the finite-element rigs live w
 
 from fe_rigs import JOURNAL, K3, RPM, Rig, random_rig  # noqa: E402
 
+NORMAL = 1.96
+ASKED = 0.85  # share of rigs
 HIGHEST = 5000.0  # frequency, rad/s, up to which modes count for the true threshold
+DAMPER, DAMPED = 20.0, "damper at the journal"
 BELOW = 0.9  # end of the band over the whirl frequency at onset, in the family whose band falls short of it
 
 
@@ -80,7 +85,7 @@ def internal_damping(rig: Rig) -> None:
 
 def journal_damper(rig: Rig) -> None:
     """External damping of 20 N s/m at the journal, which the data cannot tell from the fluid's."""
-    rig.C[2 * JOURNAL, 2 * JOURNAL] += 20.0
+    rig.C[2 * JOURNAL, 2 * JOURNAL] += DAMPER
 
 
 def nothing(rig: Rig) -> None:
@@ -96,7 +101,7 @@ FAMILIES: dict[str, tuple[Callable[[Rig], None], dict[str, float]]] = {
     "damped flexible support": (damped_support, {}),
     "pedestal": (pedestal, {}),
     "internal damping": (internal_damping, {}),
-    "damper at the journal": (journal_damper, {}),
+    DAMPED: (journal_damper, {}),
     "one speed": (nothing, {"speeds": 1}),
     "low speeds": (nothing, {"low": 1}),
     "band short of the onset": (nothing, {"short": 1}),
@@ -144,13 +149,23 @@ def case(name: str, rng: np.random.Generator, seed: int) -> dict[str, float | bo
     ladder = rf.refine(plain)
     best, onset = ladder.best, ladder.best.threshold_speed()
     found, lam = best.assumptions(), best.params["lam"]
+    covered = [
+        abs(lam.value - p["lam"]) < NORMAL * lam.stderr, abs(onset.value - threshold) < NORMAL * onset.stderr
+    ]  # fmt: skip
+    named = bool(found.missing) or best.model_limited or any(e.implied and not e.tested for e in found.entries)
+    if name == DAMPED:
+        told = found.with_priors({"Ds[journal]": DAMPER})
+        off = {"lam": lam.value - p["lam"], "D": best.params["D"].value - p["D"]}
+        holds = all(abs(error) < NORMAL * told.combined(result) for result, error in off.items())
+        named = holds and covered[1] and "Ds[journal]" in best.summary()
     return {
         "refused": False,
         "lam": (lam.value - p["lam"]) / lam.stderr,
         "threshold": (onset.value - threshold) / onset.stderr,
         "relative": abs(onset.value / threshold - 1),
         "plain lam": (plain.params["lam"].value - p["lam"]) / plain.params["lam"].stderr,
-        "named": bool(found.missing) or best.model_limited or any(e.implied and not e.tested for e in found.entries),
+        "named": named,
+        "covered": all(covered),
         "false stable": bool(np.isnan(onset.value) and not np.isinf(onset.stderr)),
         "structure": "+".join(best.model.blocks),
     }
@@ -168,11 +183,13 @@ def main() -> None:
         f"{options.rigs} rigs a family.",
         "Covered: share of 95 % intervals that hold the truth, after rf.refine (lam of the plain fit first). "
         "Named: share of fits whose assumptions or warnings say that structure is missing. A damper at the journal "
-        "cannot be seen by any data of this kind: fit.assumptions() lists it as not determined, with what it does to D "
-        "and lam.", "",
-        "| family | lam plain | lam | threshold | median threshold error | named | wrong, not named | false stable |",
+        "cannot be told from the fluid by any data of this kind: the summary says so beside lam and D, the threshold "
+        "stays right, and D and lam are named where they hold with that damping given as an uncertainty.", "",
+        "| family | lam plain | lam | threshold | median threshold error | named | both covered, or named | "
+        "false stable |",
         "|---|---|---|---|---|---|---|---|",
     ]  # fmt: skip
+    passed = 0
     for number, name in enumerate(FAMILIES):
         rng = np.random.default_rng([options.seed, number])
         rows = [case(name, rng, 1000 * number + rig) for rig in range(options.rigs)]
@@ -182,17 +199,22 @@ def main() -> None:
             return f"{sum(hits)} of {len(told)}"
 
         def within(key: str, row: dict[str, float | bool | str]) -> bool:
-            return bool(abs(float(row[key])) < 1.96)
+            return bool(abs(float(row[key])) < NORMAL)
 
-        wrong = [not (within("lam", row) and within("threshold", row)) and not row["named"] for row in told]
+        right = [bool(row["covered"] or row["named"]) for row in told]
+        passed += bool(told) and sum(right) >= ASKED * len(told)
         lines.append(
             f"| {name} | {share([within('plain lam', row) for row in told])} | "
             f"{share([within('lam', row) for row in told])} | {share([within('threshold', row) for row in told])} | "
             f"{100 * np.nanmedian([float(row['relative']) for row in told] or [np.nan]):.2g} % | "
-            f"{share([bool(row['named']) for row in told])} | {share(wrong)} | "
+            f"{share([bool(row['named']) for row in told])} | {share(right)} | "
             f"{share([bool(row['false stable']) for row in told])} |"
         )
         print(lines[-1], [row.get("structure") for row in told][:2], flush=True)
+    lines += [
+        "",
+        f"Both covered or the missing structure named in {100 * ASKED:.0f} %: {passed} of {len(FAMILIES)} families.",
+    ]
     (HERE / "results" / "rotor_families.md").write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
