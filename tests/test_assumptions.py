@@ -14,6 +14,7 @@ from rotorfit.estimators.inference.left_out_columns import whitened_columns
 from rotorfit.estimators.inference.score_tests import score_tests
 from rotorfit.fitting.assumption_table import THRESHOLD
 from rotorfit.fitting.assumptions import foundations_of
+from rotorfit.fitting.refine import refit
 from rotorfit.models import WhirlWhip, threshold_speed
 from rotorfit.models.complexes import Complex, J
 from rotorfit.models.laws import Muszynska
@@ -211,3 +212,55 @@ def test_parameters_of_their_own_for_each_test_are_refused_in_words(rig):
     fit = rf.fit(WhirlWhip(), rig, known={"K3": 6000.0}, per={"D": "speed_rpm"})
     with pytest.raises(ValueError, match="fitted per attribute"):
         fit.assumptions()
+
+
+@pytest.fixture(scope="module")
+def assuming(rig):
+    return rf.fit(WhirlWhip(), rig, known={"K3": 6000.0}, assumptions={"Ds[journal]": 0.5, "K3": 60.0})
+
+
+def test_uncertainties_given_to_a_fit_enter_its_intervals_and_leave_params_statistical(plain, assuming):
+    for name, p in assuming.params.items():
+        assert p == plain.params[name]
+    for name, shift in (("D", 0.5), ("K0", 60.0)):  # each is known as a sum with what was given an uncertainty
+        assert assuming.systematic(name) == pytest.approx(shift, rel=0.05)
+        low, high = assuming.interval(name)
+        wide = 1.959964 * np.hypot(assuming.params[name].stderr, assuming.systematic(name))
+        assert (high - low) / 2 == pytest.approx(wide, rel=1e-6)
+    low, high = assuming.interval("threshold_speed")
+    assert high - low == pytest.approx(np.diff(plain.threshold_speed().interval())[0], rel=0.1)  # K3 and K0 as a sum too
+    assert plain.systematic("D") == 0
+    assert plain.interval("D") == plain.params["D"].interval()
+
+
+def test_they_stand_in_the_summary_in_place_of_what_the_fit_rests_on(assuming):
+    text = assuming.summary()
+    resting, given = text.split("assumptions given a standard uncertainty: Ds[journal] 0.5, K3 60")
+    assert "rest[journal], " in resting
+    assert "Ds[journal], " not in resting
+    (row,) = [line.split() for line in given.splitlines() if line.startswith("  D ")]
+    shown = [assuming.params["D"].value, assuming.params["D"].stderr, assuming.systematic("D")]
+    assert [float(cell) for cell in row[1:4]] == pytest.approx(shown, rel=0.05)
+
+
+def test_they_stand_in_the_report_and_in_a_saved_fit(assuming, tmp_path):
+    page = rf.write_report(assuming, tmp_path / "report.html", figure_format="none").read_text(encoding="utf-8")
+    assert "systematic, by the assumptions given" in page
+    assert "--assumption" in page
+    rf.save_fit(assuming, tmp_path / "fit.json")
+    assert rf.load_fit(tmp_path / "fit.json").interval("lam") == pytest.approx(assuming.interval("lam"), rel=1e-12)
+
+
+def test_a_ladder_keeps_those_that_its_rungs_have_no_parameter_for(rig):
+    fit = rf.fit(WhirlWhip(), rig, known={"K3": 6000.0}, assumptions={"Ds[journal]": 0.5, "m[disk, journal]": 0.02})
+    wide = refit(fit, WhirlWhip(blocks=("coupling_mass",)))
+    assert dict(wide.settings.assumptions) == {"Ds[journal]": 0.5}
+    assert wide.systematic("D") == pytest.approx(0.5, rel=0.05)
+
+
+def test_uncertainties_of_what_is_not_in_the_table_are_refused(rig):
+    with pytest.raises(KeyError, match="no assumption 'De'; there are"):
+        rf.fit(WhirlWhip(), rig, known={"K3": 6000.0}, assumptions={"De": 2.0})
+    with pytest.raises(KeyError, match="nonsense"):
+        rf.fit(WhirlWhip(), rig, known={"K3": 6000.0}).interval("nonsense")
+

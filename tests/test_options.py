@@ -33,6 +33,7 @@ SETTINGS = {
     "phase_offsets": True,
     "refine": True,
     "calibration": {"probe_gain": 0.01},
+    "assumptions": {"Ds[journal]": 2.0},
     "sample": True,
     "ess": 500.0,
     "max_steps": 300,

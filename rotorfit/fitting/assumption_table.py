@@ -25,9 +25,8 @@ class Assumption:
         unit: of its size.
         estimate, stderr: size that the residuals ask for, and its standard error, infinite where parameters take it up.
         plausible: a size that it may well have.
-        shifts: change of each result by one unit of it, SI; the threshold speed in rad/s. Standard errors of results
-            are in ``errors``.
-        errors: standard errors of the results.
+        shifts: change of each fitted parameter by one unit of it, SI, and of the threshold speed, rad/s.
+        errors: standard errors of the results that the table shows.
         implied: something that was fitted says that the term is there, though not how large it is.
         prior: standard uncertainty that was given for it, NaN for none.
     """
@@ -103,8 +102,11 @@ class Assumptions:
 
     @property
     def foundations(self) -> tuple[str, ...]:
-        """What cannot be tested and moves a result by more than its error, each in words with these moves."""
-        return tuple(_foundation(entry) for entry in self.entries if entry.bears)
+        """What cannot be tested and moves a result by more than its error, each in words with these moves.
+
+        What was given an uncertainty is not named: it is in the errors.
+        """
+        return tuple(_foundation(entry) for entry in self.entries if entry.bears and math.isnan(entry.prior))
 
     def with_priors(self, priors: Mapping[str, float]) -> Assumptions:
         """With standard uncertainties given for some terms.
@@ -140,7 +142,7 @@ class Assumptions:
 
     def rows(self) -> list[list[str]]:
         """The table, head first: term, score test, size, and the shift of each result by that size."""
-        results = list(self.entries[0].shifts) if self.entries else []
+        results = list(self.entries[0].errors) if self.entries else []
         rows = [["left out or taken as known", "z", "size", *(_titled(name) for name in results), "s.e."]]
         for entry in self.entries:
             shifts = [_shown(name, entry.shifts[name] * entry.size, entry.errors[name]) for name in results]
@@ -196,7 +198,7 @@ def _words(found: Assumptions) -> list[str]:
         if entry.implied and not entry.tested
     ]
     if any(entry.left for entry in found.entries):
-        results = list(found.entries[0].shifts)
+        results = list(found.entries[0].errors)
         shares = (f"{_titled(n)} {_share(found, n)}" for n in results if math.isfinite(found.combined(n)))
         words.append(f"With the uncertainties given, standard errors (systematic share): {', '.join(shares)}.")
     return words

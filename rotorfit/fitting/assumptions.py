@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -34,7 +35,7 @@ def assumptions_of(fit: FitResult, priors: Mapping[str, float] | None = None) ->
 
     Args:
         fit: the fit.
-        priors: standard uncertainty of terms by their names in the table.
+        priors: standard uncertainty of terms by their names in the table; by default those that the fit was given.
 
     Raises:
         ValueError: parameters were fitted per attribute, which these tests do not know.
@@ -49,12 +50,34 @@ def assumptions_of(fit: FitResult, priors: Mapping[str, float] | None = None) ->
     return found.with_priors(priors) if priors else found
 
 
+def assuming(fit: FitResult, given: Mapping[str, float], *, also_fitted: bool = False) -> FitResult:
+    """The result with standard uncertainties of assumptions, which enter its intervals as a systematic share.
+
+    Args:
+        fit: the fit.
+        given: uncertainties by name in the table.
+        also_fitted: leave out those that the model has a parameter for, instead of refusing them.
+
+    Raises:
+        ValueError: see :func:`assumptions_of`, or an uncertainty that is not positive.
+        KeyError: an uncertainty of what is not in the table.
+    """
+    table = assumptions_of(fit)
+    if also_fitted:
+        there = {entry.name for entry in table.entries}
+        given = {name: size for name, size in given.items() if name in there}
+    table.with_priors(given)
+    return replace(fit, settings=replace(fit.settings, assumptions=dict(given)))
+
+
 def foundations_of(fit: FitResult) -> Assumptions:
     """What the data cannot tell although it moves a result by more than its error, weightiest first.
 
     External damping where the fluid acts, the journal's place at rest, known values, the clearance: of the table of
     :func:`assumptions_of` those that seldom are tested, in a fraction of its time. None where the fit failed or has
     parameters per attribute.
+
+    Those for which the user gave an uncertainty are in the intervals.
 
     Args:
         fit: the fit.
@@ -83,6 +106,7 @@ def _entries(fit: FitResult, terms: Sequence[Term]) -> list[Assumption]:
         errors = {name: fit.params[name].stderr for name in fit.problem.space.names[:4]}
     if onset is not None and onset.speed > 0:
         errors[THRESHOLD] = fit.threshold_of(0).stderr
+    results = [*fit.problem.space.names, *([THRESHOLD] if THRESHOLD in errors else [])]
     entries = []
     for number, term in enumerate(terms):
         name, meaning, unit, plausible = _described(fit, term)
@@ -98,13 +122,14 @@ def _entries(fit: FitResult, terms: Sequence[Term]) -> list[Assumption]:
                     result: float(scores.shift[number, fit.var_names.index(result)])
                     if result != THRESHOLD
                     else _onset_change(fit, onset, term, scores.shift[number])
-                    for result in errors
+                    for result in results
                 },
                 errors=errors,
                 implied=name.startswith("Ds[") and _coupled(fit) > 0,
+                prior=fit.settings.assumptions.get(name, math.nan),
             )
         )
-    return [*entries, *_resting(fit, onset, errors)]
+    return [*entries, *_resting(fit, onset, results, errors)]
 
 
 def _onset_change(fit: FitResult, onset: Threshold | None, term: Term, shift: Float) -> float:
@@ -146,7 +171,9 @@ def _clearance(fit: FitResult) -> list[Clearance]:
     return [Clearance()] if divided and fit.model.clearance else []
 
 
-def _resting(fit: FitResult, onset: Threshold | None, errors: Mapping[str, float]) -> list[Assumption]:
+def _resting(
+    fit: FitResult, onset: Threshold | None, results: Sequence[str], errors: Mapping[str, float]
+) -> list[Assumption]:
     """A journal that rests off centre, which responses to circular forces hardly show, by a typical law.
 
     What was fitted then is the fluid at that eccentricity; it changes to that of the centred journal.
@@ -159,15 +186,16 @@ def _resting(fit: FitResult, onset: Threshold | None, errors: Mapping[str, float
     factors |= dict.fromkeys(("lam", "lam_D", "lam_M"), (1 - _REST) ** -law["b"])
     values = dict(zip(model.parameter_names, fit.theta().tolist(), strict=True))
     change = {name: values[name] * (factor - 1) / _REST for name, factor in factors.items() if name in values}
-    shifts = {name: change.get(name, 0.0) for name in errors}
+    shifts = {name: change.get(name, 0.0) for name in results}
     if onset is not None and THRESHOLD in errors:
         shifts[THRESHOLD] = sum(
             float(onset.gradient[model.parameter_names.index(name)]) * size for name, size in change.items()
         )
     plane = model.coordinates[fluid_coordinates(model)[0]].plane
+    name = f"rest[{plane}]"
     return [
         Assumption(
-            name=f"rest[{plane}]",
+            name=name,
             meaning="eccentricity of the journal at rest, taken as centred",
             unit="1",
             estimate=math.nan,
@@ -175,6 +203,7 @@ def _resting(fit: FitResult, onset: Threshold | None, errors: Mapping[str, float
             plausible=_REST,
             shifts=shifts,
             errors=errors,
+            prior=fit.settings.assumptions.get(name, math.nan),
         )
     ]
 

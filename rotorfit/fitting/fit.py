@@ -17,6 +17,7 @@ from rotorfit.estimators.starting.closed_form import ClosedFormError
 from rotorfit.estimators.starting.closed_form import closed_form as solve_closed_form
 from rotorfit.estimators.starting.shaft_line_starts import has_lines
 from rotorfit.estimators.starting.starts import start_vector
+from rotorfit.fitting.assumptions import assuming
 from rotorfit.fitting.calibration import Calibration
 from rotorfit.fitting.judge import judge, with_doubt
 from rotorfit.fitting.noise_finding import study_noise
@@ -44,6 +45,7 @@ def fit(
     start: Mapping[str, float] | None = None,
     phase_offsets: PhaseOffsets = False,
     calibration: Calibration | None = None,
+    assumptions: Mapping[str, float] | None = None,
     max_iterations: int = 200,
 ) -> FitResult:
     """Fit a model by weighted nonlinear least squares on the complex responses (Ipopt, started from the closed form).
@@ -62,14 +64,18 @@ def fit(
             between all forces and all responses, where weight holes, Keyphasor and probes have no common zero. It is
             positive where responses lead.
         calibration: uncertainties of probes, force and phase reference, which then count in ``stderr``.
+        assumptions: standard uncertainties of terms that the model leaves out or takes as known, by their names and
+            units in :meth:`FitResult.assumptions`, ``{"Ds[journal]": 2.0}``. They enter :meth:`FitResult.interval`, the
+            summary and the report as a systematic share; ``params`` stay statistical.
         max_iterations: limit on the iterations of Ipopt.
 
     Returns:
         the result; a fit that did not converge has ``success`` false and the best estimate found.
 
     Raises:
-        KeyError: unknown parameter names; the message names the nearest.
-        ValueError: data that do not fit the model, contradictory bounds, more unknowns than data.
+        KeyError: unknown parameter names; the message names the nearest. Unknown assumptions.
+        ValueError: data that do not fit the model, contradictory bounds, more unknowns than data, uncertainties of
+            assumptions that are not positive or of a fit with parameters per attribute.
 
     Example:
         >>> fit = rf.fit(rf.models.WhirlWhip(), rig, known={"K3": 6000.0})
@@ -103,9 +109,10 @@ def fit(
         better = np.array([finding.start[name] for name in names])
         again = solve(problem, np.clip(better, problem.space.lower, problem.space.upper), Options())
         solution = replace(again, n_evaluations=solution.n_evaluations + again.n_evaluations)
-    return judge(
+    found = judge(
         problem, as_tuple(experiments), settings, solution.x, begin, "least squares", solution, notes, noise=noise
     )
+    return assuming(found, assumptions) if assumptions else found
 
 
 def data_errors(experiments: Sequence[Experiment]) -> tuple[str, ...]:

@@ -112,6 +112,13 @@ UNCERTAINTY = (
         metavar="NAME=VALUE",
         help="systematic uncertainty: probe_gain=0.01, probe_phase_deg=0.5, mr=0.005, keyphasor_deg=1",
     ),
+    Option(
+        name="assumptions",
+        flag="--assumption",
+        kind=NUMBERS_BY_NAME,
+        metavar="NAME=SD",
+        help="standard uncertainty of what the model leaves out or takes as known, Ds[journal]=2: a systematic share",
+    ),
     Option(name="profile", kind=TEXTS, metavar="A,B", help="profile likelihoods: lam,D,threshold_speed"),
     Option(name="bootstrap", kind=COUNT, metavar="N", help="simulate and fit N tests"),
     Option(name="sample", kind=FLAG, help="draw from the posterior with emcee; needs some seconds"),

@@ -11,6 +11,7 @@ import numpy as np
 
 from rotorfit.estimators.inference.covariance import excess
 from rotorfit.estimators.misfit.problem import Problem
+from rotorfit.fitting.assumptions import assuming
 from rotorfit.fitting.fit import fit as fit_model
 from rotorfit.fitting.fit import solve_again
 from rotorfit.fitting.judge import with_doubt
@@ -277,7 +278,7 @@ def refit(
     start = {name: p.value for name, p in fit.params.items() if p.vary and name in _names(model, fit)}
     block_start = {q.name: 0.0 for q in model.parameters if q.name not in {bare_name(b) for b in fit.params}}
     known = {k: v for k, v in {**settings.known, **(extra_known or {})}.items() if k in model.parameter_names}
-    return fit_model(
+    found = fit_model(
         model,
         fit.experiments,
         known=known,
@@ -289,6 +290,7 @@ def refit(
         calibration=settings.calibration,
         start={**start, **block_start},
     )
+    return assuming(found, settings.assumptions, also_fitted=True) if settings.assumptions else found
 
 
 def _names(model: RotorModel, fit: FitResult) -> set[str]:

@@ -17,6 +17,7 @@ from rotorfit.estimators.blocks.nonlinear import responses_of
 from rotorfit.estimators.inference.covariance import widening
 from rotorfit.estimators.inference.identifiability import Identifiability
 from rotorfit.estimators.misfit.problem import Problem
+from rotorfit.fitting.assumption_table import THRESHOLD
 from rotorfit.fitting.noise_judging import is_misfit
 from rotorfit.fitting.noise_record import Noise
 from rotorfit.fitting.quantities import FittedParameter, Quantity, ResponseQuality
@@ -125,20 +126,41 @@ class FitResult:
     def interval(self, name: str, level: float = 0.95) -> tuple[float, float]:
         """Interval of a parameter: estimate and standard error, by Student's t where few mountings tell the noise.
 
-        Infinite where the data do not determine the parameter.
+        Infinite where the data do not determine the parameter. Holds the uncertainties of assumptions that the fit was
+        given, see :meth:`systematic`, as the intervals of ``params`` do not.
 
         Args:
-            name: a fitted or known parameter.
+            name: a fitted or known parameter, or "threshold_speed", rad/s.
             level: probability that the interval holds the true value, between 0 and 1.
 
         Raises:
             KeyError: no such parameter; the message names the nearest.
             ValueError: a level that is no probability.
         """
-        if name not in self.params:
+        if name != "threshold_speed" and name not in self.params:
             raise KeyError(unknown_name("parameter", name, self.params))
-        p = self.params[name]
-        return p.interval(level)
+        p = self.threshold_speed() if name == "threshold_speed" else self.params[name]
+        more = self.systematic(name)
+        if not more or not 0 < p.stderr < math.inf:
+            return p.interval(level)
+        wide = math.hypot(p.stderr, more)
+        freedom = p.freedom * (wide / p.stderr) ** 4  # Satterthwaite: what was given is taken as known well
+        return Quantity(p.value, wide, p.unit, freedom).interval(level)
+
+    def systematic(self, name: str) -> float:
+        """Standard uncertainty by the assumptions that were given one (``rf.fit(..., assumptions=)``); else zero.
+
+        Args:
+            name: a fitted or known parameter, or "threshold_speed", rad/s.
+        """
+        if self._assumed is None:
+            return 0.0
+        column = THRESHOLD if name == "threshold_speed" else name
+        return self._assumed.systematic(column) if column in self._assumed.entries[0].shifts else 0.0
+
+    @cached_property
+    def _assumed(self) -> Assumptions | None:
+        return self.assumptions() if self.settings.assumptions and self.success else None
 
     @property
     def remarks(self) -> tuple[str, ...]:
@@ -327,7 +349,8 @@ class FitResult:
 
         Args:
             priors: standard uncertainty of some of the terms, ``{"Ds[journal]": 2.0}``, in the table's units; it enters
-                the results as a systematic share.
+                the results as a systematic share. By default those of ``rf.fit(..., assumptions=)``, which enter
+                :meth:`interval`, the summary and the report too.
 
         Raises:
             ValueError: parameters were fitted per attribute, or an uncertainty that is not positive.

@@ -47,7 +47,9 @@ class Onset:
 class FitSettings:
     """What the user asked for; see :func:`rotorfit.fit`.
 
-    ``calibration`` holds the uncertainties that enter as nuisance entries. ``levels`` are factors on the noise by
+    ``calibration`` holds the uncertainties that enter as nuisance entries, ``assumptions`` those of terms that the
+    model leaves out or takes as known, by their names in :meth:`FitResult.assumptions`; they enter intervals as a
+    systematic share. ``levels`` are factors on the noise by
     response, which :func:`rotorfit.refine` reads off the residuals once the structure explains the data. ``noise`` is
     what the fit found in its residuals where these are noise of another shape than the data alone show, or where runs
     differ. ``onsets`` are the threshold speeds, group by group, of the models without terms that hold in the tested
@@ -63,6 +65,7 @@ class FitSettings:
     levels: Mapping[str, float] = field(default_factory=dict)
     onsets: tuple[Onset, ...] = ()
     calibration: Calibration | None = None
+    assumptions: Mapping[str, float] = field(default_factory=dict)
     noise: FoundNoise | None = None
 
     @property

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING
@@ -11,7 +12,7 @@ import numpy as np
 from rotorfit.estimators.misfit.parameter_space import DATUM
 from rotorfit.fitting.anisotropy import lines_cut_off
 from rotorfit.fitting.assumptions import foundations_of
-from rotorfit.fitting.digits import plus_minus, with_error
+from rotorfit.fitting.digits import interval, plus_minus, with_error
 from rotorfit.fitting.noise_record import NoiseVerdict, is_run_effect
 from rotorfit.fitting.structure_error import structure_error
 from rotorfit.models import TurningOnSupports, eigenvalues, unstable_bands
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
     from rotorfit.fitting.result import FitResult
 
 _NOTABLE_CORRELATION = 0.9
+_SMALL = 0.05  # systematic over statistical error below which it adds a thousandth to both together
 _FEW = 15  # degrees of freedom below which 1.96 standard errors are well short of a 95 % interval
 
 
@@ -71,6 +73,7 @@ def fit_summary(fit: FitResult) -> str:
     lines += _stability_lines(fit) if fit.success else ["threshold speed: not stated, as the fit did not converge"]
     lines += interval_lines(fit)
     lines += foundation_lines(fit)
+    lines += assumed_lines(fit)
     lines += [f"errors: {remark}" for remark in fit.remarks]
     reduced = structure_error(fit)
     lines += [f"note: {caveat}" for caveat in (*fit.model.caveats, *([str(reduced)] if reduced else []))]
@@ -112,6 +115,36 @@ def foundation_lines(fit: FitResult) -> list[str]:
         if found
         else []
     )
+
+
+def assumed_lines(fit: FitResult) -> list[str]:
+    """Results with their statistical and systematic errors, where uncertainties of assumptions were given."""
+    given = ", ".join(f"{name} {size:g}" for name, size in fit.settings.assumptions.items())
+    shown = [p for p in in_order(fit.params.values()) if p.vary and p.resolved and _matters(fit, p)]
+    if not (given and shown and fit.success):
+        return []
+    rows = [["  with uncertainties given", "value", "statistical", "systematic", "95 % interval", "unit"]]
+    for p in shown:
+        cells = p.value, p.stderr, fit.systematic(p.name), fit.interval(p.name)
+        rows.append([f"  {p.name}", *_apart(*cells), p.unit])
+    onset = fit.threshold_speed()
+    if math.isfinite(onset.value) and math.isfinite(onset.stderr):
+        parts = onset.value, onset.stderr, fit.systematic("threshold_speed")
+        value, error, more = (RPM_PER_RAD_S * part for part in parts)
+        low, high = fit.interval("threshold_speed")
+        rows.append(
+            ["  threshold speed", *_apart(value, error, more, (RPM_PER_RAD_S * low, RPM_PER_RAD_S * high)), "rpm"]
+        )
+    return [f"assumptions given a standard uncertainty: {given}", *text_table(rows, "<26 >14 >12 >12 >28 <1")]
+
+
+def _matters(fit: FitResult, p: FittedParameter) -> bool:
+    return fit.systematic(p.name) > _SMALL * p.stderr
+
+
+def _apart(value: float, error: float, more: float, ends: tuple[float, float]) -> list[str]:
+    """Value, statistical and systematic error, and the interval of both."""
+    return [with_error(value, math.hypot(error, more))[0], f"{error:.2g}", f"{more:.2g}", interval(*ends)]
 
 
 def _without_runs(fit: FitResult) -> list[str]:

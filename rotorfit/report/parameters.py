@@ -7,12 +7,23 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from rotorfit.estimators.blocks.correlated import quantile
-from rotorfit.fitting.quantities import FittedParameter
+from rotorfit.fitting.quantities import FittedParameter, Quantity
+from rotorfit.fitting.result import FitResult
 from rotorfit.fitting.summary import combined, in_order, interval_lines, notable_correlations
 from rotorfit.models import RotorModel
 from rotorfit.report.html import Html, bullets, paragraph, table
 from rotorfit.report.numbers import interval, plain, with_error
-from rotorfit.report.parts import at_of, groups_of, note, section, sentence, symbol, threshold_interval, unit_shown
+from rotorfit.report.parts import (
+    at_of,
+    groups_of,
+    note,
+    onset_interval,
+    section,
+    sentence,
+    symbol,
+    threshold_interval,
+    unit_shown,
+)
 from rotorfit.uncertainty.profile import THRESHOLD
 from rotorfit.units import RPM_PER_RAD_S
 
@@ -45,6 +56,11 @@ def parameter_section(material: ReportInput) -> Html:
         notes += [sentence(words) for words in fit.noise.sentences]
     if fit.settings.calibration is not None:
         notes.append("They hold the uncertainty of the calibration too; see the budget.")
+    if fit.settings.assumptions:
+        given = ", ".join(f"{name} {size:g}" for name, size in fit.settings.assumptions.items())
+        notes.append(
+            f"They do not hold the uncertainties given for assumptions ({given}), which the intervals below do."
+        )
     notes += [sentence(line) for line in (*interval_lines(fit), *fit.remarks)]
     rows = [_row(p, fit.model, starts.get(p.name, "")) for p in in_order(fit.params.values())]
     return section("Parameters", table(head, rows, numeric=(1, 2, 3, 5), whole=(4,)), note(*notes))
@@ -98,7 +114,8 @@ def interval_section(material: ReportInput) -> Html:
         words.append(f"Bootstrap: central 95 % of the estimates from {len(simulated.samples)} simulated tests{failed}.")
     if material.shares:
         words.append(
-            "Random and systematic shares are standard uncertainties, GUM type A (noise) and type B (calibration)."
+            "Random and systematic shares are standard uncertainties, GUM type A (noise) and type B (calibration, and "
+            "assumptions that were given one)."
         )
     if not material.profiles and material.posterior is None and simulated is None:
         words.append("A posterior or profile likelihoods would test that.")
@@ -111,7 +128,7 @@ def _shown(p: FittedParameter) -> bool:
 
 
 def _interval_row(material: ReportInput, p: FittedParameter, profile: Profile | None) -> list[str]:
-    laplace = interval(*p.interval())
+    laplace = interval(*material.fit.interval(p.name))
     shares = material.shares.get(p.name)
     posterior, simulated = material.posterior, material.bootstrap
     return [
@@ -132,7 +149,7 @@ def _threshold_rows(material: ReportInput, profile: Profile | None) -> Iterator[
     for label, group in groups_of(fit):
         onset = fit.threshold_of(group)
         if math.isfinite(onset.value) and math.isfinite(onset.stderr):
-            low, high = onset.interval(0.95)
+            low, high = onset_interval(fit, onset)
             yield [
                 "threshold speed" + (f", {label}" if label else ""),
                 interval(low * RPM_PER_RAD_S, high * RPM_PER_RAD_S),
@@ -142,10 +159,17 @@ def _threshold_rows(material: ReportInput, profile: Profile | None) -> Iterator[
                 else "",
                 threshold_interval(material.posterior, at_of(fit, group)),
                 threshold_interval(material.bootstrap, at_of(fit, group)),
-                "",
-                "",
+                *_onset_shares(fit, onset),
                 "rpm",
             ]
+
+
+def _onset_shares(fit: FitResult, onset: Quantity) -> tuple[str, str]:
+    """Random and systematic share of the threshold speed, rpm, where uncertainties of assumptions were given."""
+    if not fit.settings.assumptions:
+        return "", ""
+    random, systematic = (RPM_PER_RAD_S * share for share in (onset.stderr, fit.systematic("threshold_speed")))
+    return plain(random, 2), plain(systematic, 2)
 
 
 # ---- identifiability ---------------------------------------------------------------------------

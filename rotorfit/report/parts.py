@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from rotorfit.fitting.quantities import Quantity
 from rotorfit.fitting.result import FitResult
 from rotorfit.models import RotorModel
 from rotorfit.models.equation_text import symbol_mathml
@@ -67,6 +68,11 @@ def at_of(fit: FitResult, group: int) -> dict[str, str] | None:
     """What :meth:`FitResult.group` takes for a group."""
     parts = (label.partition("=") for label in fit.problem.space.labels[group])
     return {attribute: value for attribute, _, value in parts} or None
+
+
+def onset_interval(fit: FitResult, onset: Quantity) -> tuple[float, float]:
+    """95 % interval of a threshold speed, rad/s, uncertainties of assumptions included, which go with one group."""
+    return fit.interval("threshold_speed") if fit.settings.assumptions else onset.interval(0.95)
 
 
 def threshold_interval(draws: Posterior | Bootstrap | None, at: dict[str, str] | None) -> str:

@@ -110,6 +110,7 @@ def _calls(material: ReportInput) -> Iterator[str]:
         parts += [f"loss={settings.loss!r}"] if settings.loss != "linear" else []
         parts += [f"phase_offsets={settings.phase_offsets!r}"] if settings.phase_offsets else []
         parts += [f"calibration=rf.{settings.calibration!r}"] if settings.calibration else []
+        parts += [f"assumptions={_shown(dict(settings.assumptions))}"] if settings.assumptions else []
     call = "rf.closed_form" if fit.method == "closed form" else "rf.fit"
     made = f"{call}({', '.join(['model, experiments', *parts])})"
     yield f"fit = rf.refine({made}).best" if refined else f"fit = {made}"
@@ -185,6 +186,7 @@ def _command(material: ReportInput) -> str:
         "phase_offsets": settings.phase_offsets,
         "refine": refined,
         "calibration": {name: value for name, value in calibrated.items() if value},
+        "assumptions": settings.assumptions,
         "profile": tuple(p.name for p in material.profiles),
         **_draws(material),
     }

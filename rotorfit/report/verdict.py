@@ -18,7 +18,7 @@ from rotorfit.models.stability import growth_rate
 from rotorfit.report.assumptions import found_assumptions
 from rotorfit.report.html import Html, bullets, element, join
 from rotorfit.report.numbers import interval, plain, with_error
-from rotorfit.report.parts import at_of, groups_of, section, sentence, tested_speeds, threshold_interval
+from rotorfit.report.parts import at_of, groups_of, onset_interval, section, sentence, tested_speeds, threshold_interval
 from rotorfit.units import RPM_PER_RAD_S
 
 if TYPE_CHECKING:
@@ -208,7 +208,7 @@ def _stability_cards(material: ReportInput) -> Iterator[Html]:
 
 
 def _threshold_intervals(material: ReportInput, onset: Quantity, group: int) -> Iterator[str]:
-    low, high = (RPM_PER_RAD_S * end for end in onset.interval(0.95))
+    low, high = (RPM_PER_RAD_S * end for end in onset_interval(material.fit, onset))
     yield f"95 % Laplace {interval(low, high)} rpm"
     posterior = threshold_interval(material.posterior, at_of(material.fit, group))
     if posterior:
@@ -217,7 +217,7 @@ def _threshold_intervals(material: ReportInput, onset: Quantity, group: int) -> 
 
 def _margins(material: ReportInput, onset: Quantity) -> Iterator[str]:
     for what, speed in _reference_speeds(material):
-        half_width = onset.interval(0.95)[1] - onset.value
+        half_width = onset_interval(material.fit, onset)[1] - onset.value
         value, half = with_error(abs(100 * (onset.value / speed - 1)), 100 * half_width / speed)
         yield f"{value} ± {half} % (95 %) {_side(onset, speed)} the {what}"
 
@@ -252,4 +252,6 @@ def _fluid_cards(fit: FitResult) -> Iterator[Html]:
         if not p.resolved:
             yield _card(name, "not determined", "see identifiability", bad=True)
         else:
-            yield _card(name, _plus_minus(p.value, p.stderr), unit="" if p.unit == "1" else p.unit)
+            more = fit.systematic(p.name)
+            shown = [f"± {plain(more, 2)} systematic, by the assumptions given"] if more else []
+            yield _card(name, _plus_minus(p.value, p.stderr), *shown, unit="" if p.unit == "1" else p.unit)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -46,7 +47,7 @@ def write_report(
         profiles: profile likelihoods of some parameters or of the threshold speed, :meth:`FitResult.profile`.
         bootstrap: fits of simulated data, :meth:`FitResult.bootstrap`.
         shares: random and systematic standard uncertainty by parameter, SI units; by default those of the fit's
-            calibration, if it has one.
+            calibration and of assumptions that were given one.
         operating_speed: speed, rad/s, to which the stability margin refers beside the tested speeds.
         title: heading of the report.
         figures: folder that is there, to which the figures are also written, each as a file.
@@ -76,7 +77,7 @@ def write_report(
         findings=findings,
         profiles=profiles,
         bootstrap=bootstrap,
-        shares=_calibration_shares(fit) if shares is None else shares,
+        shares=_shares(fit) if shares is None else shares,
         operating_speed=operating_speed,
         figure_format=figure_format,
     )
@@ -86,6 +87,18 @@ def write_report(
         for name, png in material.pictures.items():
             write_whole(Path(figures) / f"{name}.{figure_format}", png)
     return write_whole(Path(path), text.encode())
+
+
+def _shares(fit: FitResult) -> Mapping[str, tuple[float, float]]:
+    """Random and systematic standard uncertainty by parameter, by calibration and assumptions."""
+    calibrated = _calibration_shares(fit)
+    if not fit.settings.assumptions:
+        return calibrated
+    found = {}
+    for name in fit.problem.space.names:
+        random, systematic = calibrated.get(name, (fit.params[name].stderr, 0.0))
+        found[name] = (random, math.hypot(systematic, fit.systematic(name)))
+    return found
 
 
 def _calibration_shares(fit: FitResult) -> Mapping[str, tuple[float, float]]:

@@ -36,6 +36,7 @@ def outcome_json(outcome: Outcome) -> str:
                     "value": _finite(p.value) if p.resolved else None,
                     "stderr": _finite(p.stderr) if p.resolved else None,
                     "stderr_noise": _finite(p.stderr_noise) if p.resolved else None,
+                    **({"systematic": best.systematic(p.name)} if best.settings.assumptions else {}),
                     "unit": p.unit,
                     "status": status(p),
                     "closed_form": closed_value(outcome, p.name),

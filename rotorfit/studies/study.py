@@ -84,6 +84,7 @@ class Study:
         known, bounds, priors, per, start, loss, phase_offsets: see :func:`rotorfit.fit`.
         runout_um: plausible run-out of a shaft that is not round, see :func:`rotorfit.shaft_lines`.
         calibration: uncertainties by name, see :class:`rotorfit.Calibration`.
+        assumptions: standard uncertainties of what the model leaves out or takes as known, see :func:`rotorfit.fit`.
         refine: add structural blocks while the data ask for them.
         sample: draw from the posterior.
         seed: of random numbers; by default one is drawn, and told in the results.
@@ -113,6 +114,7 @@ class Study:
     loss: str = "linear"
     phase_offsets: PhaseOffsets = False
     calibration: Mapping[str, Any] = field(default_factory=dict)
+    assumptions: Mapping[str, float] = field(default_factory=dict)
     refine: bool = False
     sample: bool = False
     seed: int | None = None
@@ -202,6 +204,7 @@ def run_study(study: Study, progress: StudyProgress, checkpoint: Path | None = N
         start=study.start,
         phase_offsets=study.phase_offsets,
         calibration=calibration_of(study.calibration),
+        assumptions=study.assumptions,
     )
     ladder = None
     if study.refine:
