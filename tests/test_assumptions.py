@@ -228,7 +228,9 @@ def test_uncertainties_given_to_a_fit_enter_its_intervals_and_leave_params_stati
         wide = 1.959964 * np.hypot(assuming.params[name].stderr, assuming.systematic(name))
         assert (high - low) / 2 == pytest.approx(wide, rel=1e-6)
     low, high = assuming.interval("threshold_speed")
-    assert high - low == pytest.approx(np.diff(plain.threshold_speed().interval())[0], rel=0.1)  # K3 and K0 as a sum too
+    assert high - low == pytest.approx(
+        np.diff(plain.threshold_speed().interval())[0], rel=0.1
+    )  # K3 and K0 as a sum too
     assert plain.systematic("D") == 0
     assert plain.interval("D") == plain.params["D"].interval()
 
@@ -263,4 +265,3 @@ def test_uncertainties_of_what_is_not_in_the_table_are_refused(rig):
         rf.fit(WhirlWhip(), rig, known={"K3": 6000.0}, assumptions={"De": 2.0})
     with pytest.raises(KeyError, match="nonsense"):
         rf.fit(WhirlWhip(), rig, known={"K3": 6000.0}).interval("nonsense")
-

@@ -21,14 +21,15 @@ def ladder():
 
 
 def averaged(ladder, value):
-    """Mean square distance from the chosen rung, and mean variance, over rungs by their Akaike weights."""
+    """Mean square distance from the chosen rung, and the larger variance, over rungs by weights of their AIC."""
     best = min((s for s in ladder.steps if not s.identifiability.unresolved), key=lambda step: step.aic)
     rungs = [step for step in ladder.steps if not step.identifiability.unresolved]
     scatter = max(1.0, min(step.redchi for step in rungs))
-    weight = np.exp([(best.aic - step.aic) / (2 * scatter) for step in rungs])
-    found = [value(step) for step in rungs]
-    spread = [error**2 + (v - value(best)[0]) ** 2 for v, error in found]
-    return float(np.sqrt(weight @ spread / weight.sum()))
+    weight = np.exp([(best.aic - step.aic) / (4 * scatter) for step in rungs])
+    weight /= weight.sum()
+    values, errors = np.array([value(step) for step in rungs]).T
+    centre, own = value(best)
+    return float(np.sqrt(weight @ (values - centre) ** 2 + max(own**2, weight @ errors**2)))
 
 
 def test_errors_are_those_of_all_rungs_and_no_smaller_than_of_the_chosen_one(ladder):
@@ -36,7 +37,7 @@ def test_errors_are_those_of_all_rungs_and_no_smaller_than_of_the_chosen_one(lad
     chosen = next(step for step in ladder.steps if step.model.blocks == best.model.blocks)
     for name in ("D", "lam", "K0", "Mf", "Md"):
         p = best.params[name]
-        expected = max(averaged(ladder, lambda s, n=name: (s.params[n].value, s.params[n].stderr)), 0.0)
+        expected = averaged(ladder, lambda s, n=name: (s.params[n].value, s.params[n].stderr))
         # The part by which variances grow is taken direction by direction: the whole may be a little wider.
         assert expected * 0.999 <= p.stderr <= 1.5 * max(expected, chosen.params[name].stderr)
         assert p.stderr == pytest.approx(np.sqrt(best.covar[best.var_names.index(name)][best.var_names.index(name)]))

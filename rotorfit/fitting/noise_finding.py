@@ -105,7 +105,7 @@ def _record(problem: Problem, search: Search, effects: tuple[RunEffect, ...]) ->
         freedom = float("inf") if data.told or search.verdict is NoiseVerdict.MISFIT else real
     misses = search.verdict is NoiseVerdict.MISFIT
     differing = tuple(_differing(effect, len(data.runs)) for effect in effects)
-    few = ("two runs: what differs from run to run can hardly be known from them",) if len(data.runs) == 2 else ()
+    few = (_TWO_RUNS,) if len(data.runs) == 2 else ()
     return Noise(
         verdict=search.verdict,
         correlation=search.memory.first,
@@ -126,6 +126,11 @@ def _differing(effect: RunEffect, count: int) -> str:
         "freedom). Standard errors hold that, and intervals have the quantile of Student's t"
     )
 
+
+_TWO_RUNS = (
+    "two runs: what differs from run to run can hardly be known from them, and what shifts both alike not at all; the "
+    "errors hold what was found of it only"
+)
 
 _WORDS = {
     "run_force": "runs differ in force or gain",

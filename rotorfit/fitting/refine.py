@@ -164,26 +164,27 @@ def _told_of_hidden(plain: FitResult, chosen: FitResult) -> list[str]:
 
 
 def _in_doubt(chosen: FitResult, best: FitResult, steps: Sequence[FitResult]) -> FitResult:
-    """The chosen fit, its errors those of all rungs by their Akaike weights (Burnham & Anderson 2002).
+    """The chosen fit, its errors with those of all rungs by weights of their AIC (Burnham & Anderson 2002).
 
     A block that was chosen because it came out large by chance moves what it correlates with, and one left out for a
-    hair makes them look surer than they are. Errors only grow. A block that a rung lacks is zero there.
+    hair makes them look surer than they are. Errors only grow: by what rungs differ, and by as much as theirs are
+    larger. A block that a rung lacks is zero there.
     """
     names = best.problem.space.names
     sure = [i for i, name in enumerate(names) if best.params[name].resolved]
     rungs = [step for step in steps if step is best or (step.success and _tells(step, best))]
     scatter = max(1.0, min(step.redchi for step in rungs))  # what every rung misses counts as noise
-    weight = np.exp([(best.aic - step.aic) / (2 * scatter) for step in rungs])
-    mixed = np.zeros((len(sure), len(sure)))
+    weight = np.exp([(best.aic - step.aic) / (2 * _TEMPER * scatter) for step in rungs])
+    apart, mixed = np.zeros((2, len(sure), len(sure)))
     for share, step in zip((weight / weight.sum()).tolist(), rungs, strict=True):
         there = [k for k, i in enumerate(sure) if names[i] in step.params]
         own = [step.var_names.index(names[sure[k]]) for k in there]
         away = -best.x[sure]
         away[there] += step.x[own]
-        mixed += share * np.outer(away, away)
+        apart += share * np.outer(away, away)
         mixed[np.ix_(there, there)] += share * step.covar[np.ix_(own, own)]
     doubt = np.zeros((len(names), len(names)))
-    doubt[np.ix_(sure, sure)] = excess(mixed, best.covar[np.ix_(sure, sure)])
+    doubt[np.ix_(sure, sure)] = apart + excess(mixed, best.covar[np.ix_(sure, sure)])
     return with_doubt(chosen, doubt)
 
 
@@ -216,6 +217,8 @@ def _rung_onsets(steps: Sequence[FitResult], best: FitResult) -> tuple[Onset, ..
         )
     return tuple(found)
 
+
+_TEMPER = 2.0  # the best AIC is the best of many that scatter: by itself it makes the choice look surer than it is
 
 _SEVERAL = 3.0  # gyroscopic effects of a plane over those of another
 
