@@ -40,14 +40,14 @@ def test_closed_form_of_exact_data_is_exact(rigs, name, weighted):
 
 @pytest.mark.parametrize("name", ["one-mode", "whirl-whip", "anisotropic", "two-disk", "overhung"])
 def test_estimates_reach_the_bound(rigs, name):
-    """Variances over 150 draws, at 0.3 % noise, of optimised estimates and of weighted closed forms.
+    """Variances over 100 draws, at 0.3 % noise, of optimised estimates and of weighted closed forms.
 
     With N draws a variance has the relative error sqrt(2/N); 4.2 of it leave one false alarm in a thousand for 49
     parameters twice. The errors that closed forms state are held to the same.
     """
     from closed_form_vs_optimised import OPTIMISED, study
 
-    draws = 150
+    draws = 100
     rows = study(rigs[name], 0.003, draws, 60, seed=3)
     for row in rows:
         assert row.failures == row.other_minima == 0

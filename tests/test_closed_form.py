@@ -43,7 +43,7 @@ def test_weighting_pays():
     """RMS error over noise draws: weighted is better than unweighted, and close to the optimised estimate."""
     errors = {"weighted": [], "unweighted": [], "fit": []}
     known = {"K": TRUTH["K"], "Ds": TRUTH["Ds"]}
-    for seed in range(60):
+    for seed in range(40):
         test = one_mode_test(0.03, seed)
         errors["weighted"].append(rf.closed_form(OneMode(), test, known=known).params["lam"].value)
         errors["unweighted"].append(rf.closed_form(OneMode(), test, known=known, weighted=False).params["lam"].value)

@@ -35,7 +35,7 @@ def sweeps(law: Law, values: dict[str, float], levels: tuple[float, ...] = (0.5,
 
 
 def test_the_power_law_is_found_in_data_that_follow_it() -> None:
-    test = sweeps(rf.models.Muszynska(), POWER)
+    test = sweeps(rf.models.Muszynska(), POWER, (0.5, 2.0, 4.5))
     found = rf.compare_laws(rf.models.OneMode(), test, clearance_um=CLEARANCE_UM, known={"Ds": ONE_MODE["Ds"]})
     assert found.laws[0].law == rf.models.Muszynska()
     assert found.best is found.laws[0].fit

@@ -32,6 +32,7 @@ def test_the_most_used_have_an_example() -> None:
     assert len(EXAMPLES) >= 20
 
 
+@pytest.mark.usefixtures("sketched")
 @pytest.mark.parametrize("example", EXAMPLES, ids=lambda example: example.name.removeprefix("rotorfit."))
 def test_an_example_says_what_it_shows(example: doctest.DocTest, names: dict[str, object]) -> None:
     example.globs = dict(names)

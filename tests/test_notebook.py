@@ -5,7 +5,9 @@ from __future__ import annotations
 from html.parser import HTMLParser
 from pathlib import Path
 
+import numpy as np
 import pytest
+from synthetic import TYPICAL, circular_test
 
 import rotorfit as rf
 from rotorfit.cli.main import main
@@ -55,8 +57,6 @@ def test_text_from_files_is_escaped() -> None:
     test = rf.datasets.rig_open()
     from dataclasses import replace
 
-    import numpy as np
-
     named = replace(test, attributes={"oil": np.full(len(test), "<b>32</b>")})
     html = rf.fit(rf.models.WhirlWhip(), named, known={"K3": 6000.0}, per={"D": "oil"})._repr_html_()
     assert "<b>" not in html
@@ -71,9 +71,10 @@ def test_figures_show_without_pyplot(fit: rf.FitResult) -> None:
 
 @pytest.mark.parametrize(("name", "begin"), [("pdf", b"%PDF"), ("svg", b"<?xml")])
 def test_figures_are_written_as_asked(name: str, begin: bytes, tmp_path: Path) -> None:
-    file, rig = tmp_path / "rig.csv", rf.datasets.rig_open()
-    rf.write(rig.select(rig.speed == rig.speed[0]), file)
-    words = ["fit", str(file), "--model", "whirl-whip", "--known", "K3=6000", "--quiet"]
+    file, model, w = tmp_path / "rig.csv", rf.models.OneMode(), np.r_[-300:-5:40j, 5:300:40j]
+    theta = model.vector(TYPICAL["one-mode"])
+    rf.write(circular_test(model, theta, speeds=(100.0,), frequency=w, noise=0.01), file)
+    words = ["fit", str(file), "--model", "one-mode", "--known", "K=8000", "--known", "Ds=8", "--quiet"]
     assert main([*words, "--out", str(tmp_path / "out"), "--figure-format", name]) == 0
     found = sorted(p.name for p in (tmp_path / "out").glob(f"*.{name}"))
     assert "bode." + name in found

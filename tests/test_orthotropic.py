@@ -244,6 +244,7 @@ def test_what_cannot_be_is_refused(make, words: str) -> None:
         make()
 
 
+@pytest.mark.usefixtures("sketched")
 def test_from_the_command_line(rig: OrthotropicRig, tmp_path, capsys) -> None:
     rf.write(rig.tests(RPM * np.array([1000.0, 2000.0]), seed=2, lines=40), tmp_path / "rig.csv")
     words = ["fit", str(tmp_path / "rig.csv"), "--model", "whirl-whip", "--known", f"K3={(K3X + K3Y) / 2:g}"]

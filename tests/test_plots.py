@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 import pytest
 from synthetic import MODELS, SPEEDS, TYPICAL, circular_test, covering_frequencies, known_of
@@ -22,11 +24,29 @@ def fitted(name, noise=0.01, lines=40):
     return rf.fit(model, test, known=known_of(name, TYPICAL[name]))
 
 
+@cache
+def figures(name):
+    """Every figure of a fit, by the name of its kind."""
+    fit = fitted(name)
+    return {kind: getattr(fit, f"plot_{kind}")() for kind in FIGURES}
+
+
+@cache
+def fits_of_draws():
+    """One mode at one speed under 80 draws of 2 % noise."""
+    model, truth = OneMode(), TYPICAL["one-mode"]
+    theta = model.vector(truth)
+    w = covering_frequencies(model, theta, (100.0,), 60)
+    tests = (
+        circular_test(model, theta, speeds=(100.0,), frequency=w, noise=0.02, seed=seed, sigma_known=True)
+        for seed in range(80)
+    )
+    return [rf.fit(model, test, known=known_of("one-mode", truth)) for test in tests]
+
+
 @pytest.mark.parametrize("name", MODELS)
 def test_every_figure_of_every_model(name, tmp_path):
-    fit = fitted(name)
-    for kind in FIGURES:
-        figure = getattr(fit, f"plot_{kind}")()
+    for kind, figure in figures(name).items():
         figure.savefig(tmp_path / f"{kind}.png", dpi=40)
         assert (tmp_path / f"{kind}.png").stat().st_size > 2000
         labels = [axis.get_xlabel() for axis in figure.axes] + [axis.get_ylabel() for axis in figure.axes]
@@ -57,13 +77,8 @@ def test_confidence_band_is_that_of_refitted_noise():
     """Half-width of the band at one frequency against the scatter of fits to fresh noise."""
     from rotorfit.plots.dynamic_stiffness import _fitted, _shown
 
-    model, truth = OneMode(), TYPICAL["one-mode"]
-    theta = model.vector(truth)
-    w = covering_frequencies(model, theta, (100.0,), 60)
     values = []
-    for seed in range(80):
-        test = circular_test(model, theta, speeds=(100.0,), frequency=w, noise=0.02, seed=seed, sigma_known=True)
-        fit = rf.fit(model, test, known=known_of("one-mode", truth))
+    for fit in fits_of_draws():
         (condition,) = _shown(fit)
         _, kappa, direct, quadrature = _fitted(fit, condition, 0, 0, True)
         values.append(kappa[[10, 200]])
@@ -118,9 +133,7 @@ def texts_of(figure):
 
 @pytest.mark.parametrize("name", ["whirl-whip", "anisotropic", "one-mode"])
 def test_text_is_at_least_seven_points_on_a_page_of_a4(name):
-    fit = fitted(name)
-    for kind in FIGURES:
-        figure = getattr(fit, f"plot_{kind}")()
+    for kind, figure in figures(name).items():
         # A report leaves 180 mm by 225 mm of a page for a figure; a larger one is made smaller, and its text with it.
         shrunk = min(1.0, 180 / 25.4 / figure.get_figwidth(), 225 / 25.4 / figure.get_figheight())
         assert min(text.get_fontsize() for text in texts_of(figure)) * shrunk >= 6.99, kind
@@ -182,7 +195,10 @@ def test_no_panel_is_empty():
     theta = model.vector(TYPICAL["two-disk"])
     w = covering_frequencies(model, theta, (0.0,), 30)
     test = circular_test(model, theta, speeds=(0.0,), frequency=w, noise=0.01)
-    fit = rf.fit(model, test.select(test.plane == test.force_plane), known=known_of("two-disk", TYPICAL["two-disk"]))
+    known, start = known_of("two-disk", TYPICAL["two-disk"]), dict(TYPICAL["two-disk"])
+    for name in known:
+        del start[name]
+    fit = rf.fit(model, test.select(test.plane == test.force_plane), known=known, start=start)
     for kind in ("bode", "polar", "residuals"):
         figure = getattr(fit, f"plot_{kind}")()
         assert all(axis.lines or axis.patches for axis in figure.axes)
@@ -190,15 +206,11 @@ def test_no_panel_is_empty():
 
 
 def test_bode_bands_are_those_of_refitted_noise():
-    model, truth = OneMode(), TYPICAL["one-mode"]
-    theta = model.vector(truth)
-    w = covering_frequencies(model, theta, (100.0,), 60)
     logs, bands = [], []
     from rotorfit.plots.sweeps import curves
 
-    for seed in range(80):
-        test = circular_test(model, theta, speeds=(100.0,), frequency=w, noise=0.02, seed=seed, sigma_known=True)
-        forward = curves(rf.fit(model, test, known=known_of("one-mode", truth)))[1][1]
+    for fit in fits_of_draws():
+        forward = curves(fit)[1][1]
         logs.append(np.log(forward.fitted[[100, 900]]))
         bands.append(np.array(forward.band)[:, [100, 900]] / 1.96)
     scatter = np.array([np.std(np.real(logs), axis=0), np.std(np.imag(logs), axis=0)])

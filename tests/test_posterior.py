@@ -108,7 +108,7 @@ def test_fixed_noise_gives_the_exact_normal(linear):
 def test_unknown_noise_gives_the_exact_student_t(linear, noise):
     """With n data and one datum's worth of belief in the noise given: t with n + 1 - p degrees of freedom."""
     fit, X, _, _ = linear
-    post = quick(fit, noise=noise, ess=8000)
+    post = quick(fit, noise=noise, ess=4000)
     n, p = X.shape
     nu = n + 1 - p
     distance = mahalanobis(independent(post)[:, :p], fit.x, X.T @ X * nu / (fit.chisqr + 1)) / p

@@ -107,14 +107,14 @@ def test_the_threshold_speed_is_followed_along_a_bound():
 
 
 def test_coverage():
-    """Of 200 draws, noise a third of the responses, 95 % intervals cover as often, within binomial error."""
+    """Of 100 draws, noise a third of the responses, 95 % intervals cover as often, within binomial error."""
     known = {name: RIG[name] for name in ("K", "Ds", "M", "Mf")}
     base = rf.fit(OneMode(), one_mode_test(noise=0.3), known=known)
     truth = np.array([RIG[name] for name in base.var_names])
     block = base.problem.blocks[0]
     exact = base.problem.predict(truth)[0]
     rng = np.random.default_rng(11)
-    hits, draws = {"D": 0}, 200
+    hits, draws = {"D": 0}, 100
     for _ in range(draws):
         error = rng.normal(size=exact.size) + 1j * rng.normal(size=exact.size)
         fit = solve_again(base, with_measured(base.problem, exact + block.sigma * error))

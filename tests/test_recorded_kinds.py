@@ -29,6 +29,7 @@ def test_no_kind_is_left_out() -> None:
     assert set(OPTIONS) | {"synchronous", "balance"} == set(RECORDED)
 
 
+@pytest.mark.usefixtures("sketched")
 @pytest.mark.parametrize("kind", OPTIONS)
 def test_from_the_virtual_rig_to_volts_and_back(kind: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     words, known = OPTIONS[kind]

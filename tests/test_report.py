@@ -121,17 +121,6 @@ def ladder(plain: FitResult) -> rf.Refinement:
     return rf.refine(plain)
 
 
-@pytest.fixture
-def sketched(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Leave the figures' pixels out, which take most of the time, where a test is about words."""
-    from rotorfit.plots import layout
-
-    dot = base64.b64decode(
-        "iVBORw0KGgoAAAANSUhEUgAAAAEAAAABCAYAAAAfFcSJAAAADUlEQVR42mNkYPhfDwAChwGA60e6kgAAAABJRU5ErkJggg=="
-    )
-    monkeypatch.setattr(layout, "picture_of", lambda figure: dot)
-
-
 def normal_draws(fit: FitResult, **changes: Any) -> rf.Posterior:
     """A posterior made by hand: independent draws from the normal approximation of a fit."""
     rng = np.random.default_rng(5)

@@ -207,6 +207,7 @@ def test_bundled_recordings_are_those_that_their_words_make(tmp_path: Path) -> N
                 assert np.abs(a[name][:].astype(int) - b[name][:]).max() <= 1, (old.name, name)
 
 
+@pytest.mark.usefixtures("sketched")
 def test_demo_from_volts_meets_the_truth(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["demo", "--from-volts", "--out", str(tmp_path / "out")]) == 0
     shown = capsys.readouterr()

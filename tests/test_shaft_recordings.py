@@ -109,6 +109,7 @@ def test_recordings_without_what_lines_need_are_refused_in_words(tmp_path, backw
         rf.shaft_lines(rf.read_recording(backward, tmp_path / "one.toml"))
 
 
+@pytest.mark.usefixtures("sketched")
 def test_the_command_line_goes_from_volts_to_the_anisotropy(backward, setup, tmp_path, capsys):
     words = ["fit", str(backward), "--setup", str(setup), "--model", "anisotropic-shaft"]
     assert main([*words, "--known", "J=2e-4", "--out", str(tmp_path / "out")]) == 0

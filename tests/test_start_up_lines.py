@@ -87,6 +87,7 @@ def test_a_start_up_and_a_perturbation_sweep_are_fitted_together(start_up, lines
     assert both.turning_anisotropy().dK.stderr < alone.turning_anisotropy().dK.stderr
 
 
+@pytest.mark.usefixtures("sketched")
 def test_the_command_line_takes_a_start_up(start_up, capsys):
     words = ["fit", str(start_up / "up.h5"), "--setup", str(start_up / "rig.toml"), "--model", "anisotropic-shaft"]
     assert main([*words, "--known", "M=1", "--out", str(start_up / "out")]) == 0

@@ -87,6 +87,7 @@ def test_recordings_whose_worker_was_lost_are_read_again(records: list[rf.Record
     np.testing.assert_array_equal(again.sigma, alone.sigma)
 
 
+@pytest.mark.usefixtures("sketched")
 def test_fit_from_the_command_line_finds_the_fluid(
     records: list[rf.Recording], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

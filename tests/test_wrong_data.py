@@ -16,7 +16,6 @@ from synthetic import TYPICAL
 import rotorfit as rf
 from rotorfit.cli import main as cli
 from rotorfit.data.experiments import PerturbationTest
-from rotorfit.plots import layout
 
 Slip = Callable[[PerturbationTest], PerturbationTest]
 
@@ -34,15 +33,14 @@ def rig() -> PerturbationTest:
     return thinned(rf.datasets.rig_open(), 2)
 
 
+@pytest.mark.usefixtures("sketched")
 @pytest.mark.parametrize("slip", SLIPS)
 def test_the_verdict_names_the_error_first_and_the_exit_code_is_one(
     slip: str,
     rig: PerturbationTest,
     tmp_path: Path,
     capsys: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(layout, "picture_of", lambda figure: b"\x89PNG")
     rf.write(SLIPS[slip](rig), tmp_path / "t.csv")
     out = tmp_path / "out"
     words = ["fit", tmp_path / "t.csv", "--model", "whirl-whip", "--known", "K3=6000", "--out", out]

@@ -94,6 +94,8 @@ def _look(options: argparse.Namespace) -> int:
 
 def _draw(record: Recording, options: argparse.Namespace, folder: Path, stem: str, progress: ProgressLine) -> list[str]:
     """Write the figures that the recording has; returns why others are left out."""
+    from rotorfit.plots.layout import picture_of
+
     left_out = []
     figures = _figures(record, options.plane, options.at)
     for number, (name, draw) in enumerate(figures.items()):
@@ -103,7 +105,7 @@ def _draw(record: Recording, options: argparse.Namespace, folder: Path, stem: st
         except ValueError as problem:
             left_out.append(f"no {name.replace('_', ' ')}: {problem}")
         else:
-            figure.savefig(folder / f"{stem}{name}.png", dpi=150)
+            (folder / f"{stem}{name}.png").write_bytes(picture_of(figure, dpi=150))
     return left_out
 
 
