@@ -135,19 +135,17 @@ def plot_bode(vectors: OrderVectors, name: str) -> Figure:
         top.set_title(literal(plane), fontsize=9)
         top.set_ylabel("amplitude (µm 0-pk)", fontsize=9)
         top.set_ylim(bottom=0)
-        _say_gap(top, vectors)
-        top.legend(fontsize=8, frameon=False)
+        top.legend(fontsize=8, frameon=False, title=_gap(vectors), title_fontsize=7)
         bottom.set_ylabel("phase lead (deg)", fontsize=9)
         bottom.set_xlabel(f"speed of the {vectors.reference} (rpm)" if over == "speed" else "time (s)", fontsize=9)
     return figure
 
 
-def _say_gap(axis: Any, vectors: OrderVectors) -> None:
+def _gap(vectors: OrderVectors) -> str | None:
     """Where windows cannot tell the mark's turns from the other mark's, there is no vector; say so."""
     good = np.flatnonzero(np.isfinite(vectors.phasors).all(axis=0))
-    if good.size and not np.isfinite(vectors.phasors[:, good[0] : good[-1]]).all():
-        text = "gap: not told from the other mark"
-        axis.text(0.98, 0.55, text, transform=axis.transAxes, ha="right", fontsize=7, color=GREY)
+    missing = good.size and not np.isfinite(vectors.phasors[:, good[0] : good[-1]]).all()
+    return "gap: not told from the other mark" if missing else None
 
 
 def _what(vectors: OrderVectors) -> str:
@@ -214,8 +212,8 @@ def plot_full_spectrum(
         limit: largest frequency shown, Hz; None: what holds all that is worth seeing.
     """
     figure, axes = grid(len(spectra), 1, literal(f"{name}: full spectrum"), size=(7.5, 2.4))
+    edge = max(_worth_seeing(*each) for each in spectra.values()) if limit is None else limit
     for axis, (plane, (frequency, amplitude)) in zip(axes[:, 0], spectra.items(), strict=True):
-        edge = _worth_seeing(frequency, amplitude) if limit is None else limit
         inside = np.abs(frequency) <= edge
         axis.plot(frequency[inside], amplitude[inside] * _MICRO, color=COLOURS[0], linewidth=0.8)
         top = float(amplitude[inside].max(initial=0.0)) * _MICRO
@@ -266,7 +264,7 @@ def plot_cascade(cascade: Cascade, name: str, limit: float | None = None) -> Fig
     axis.tick_params(labelsize=8)
     bar = float(f"{amplitude.max(initial=1e-9) / 2:.1g}")
     right = 0.96 * edge
-    foot = position.max() + spacing
+    foot = position.max() + 3.5 * spacing  # above the labels of the lines
     axis.plot([right, right], [foot, foot + bar * height], color="black", zorder=999)
     axis.text(right - 0.01 * edge, foot, f"{bar:g} µm", fontsize=8, ha="right", zorder=999)
     return figure
@@ -274,6 +272,10 @@ def plot_cascade(cascade: Cascade, name: str, limit: float | None = None) -> Fig
 
 def _position_of(cascade: Cascade) -> str:
     return "speed of the shaft" if cascade.over == "speed" else "perturbation frequency"
+
+
+_LABEL = {"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 0.5}
+"""Ground of a label that spectra would run through."""
 
 
 def _order_lines(axis: Any, cascade: Cascade, position: Float, edge: float) -> None:
@@ -291,7 +293,8 @@ def _order_lines(axis: Any, cascade: Cascade, position: Float, edge: float) -> N
         shown = np.flatnonzero(np.isfinite(inside))
         if shown.size:
             place = (inside[shown[-1]], position[order][shown[-1]])
-            style = {"fontsize": 8, "color": colour, "ha": "center", "zorder": 999}
+            side = "right" if place[0] > 0.93 * edge else "left" if place[0] < -0.93 * edge else "center"
+            style = {"fontsize": 8, "color": colour, "ha": side, "zorder": 999, "bbox": _LABEL}
             axis.annotate(label, place, (0, 14 if "w" in label else 4), textcoords="offset points", **style)
 
 

@@ -54,6 +54,8 @@ def simulate(
 
     They are described at :func:`rotorfit.simulation.forcing.perturbation` and its neighbours.
 
+    Recordings of raw signals, in volts with noise, run-out and Keyphasors: :func:`rotorfit.simulate_recordings`.
+
     Args:
         model: the rotor.
         params: its true parameters, SI units.
