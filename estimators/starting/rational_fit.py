@@ -13,9 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from rotorfit.estimators.blocks.observations import Responses
-from rotorfit.models.array_types import ComplexArray, Float, Index
+from rotorfit.estimators.signals.ratios import best_ratio
+from rotorfit.models.array_types import ComplexArray, Index
 
-_PASSES = 12
 _FEWEST = 2.0  # real data an unknown from which on what the ratios leave tells the noise
 _SAME = 0.02  # relative difference of frequencies that are one
 
@@ -93,7 +93,7 @@ def _fit(block: Responses, readings: Index) -> RationalFit | None:
     numerators = np.zeros((readings.size, pairs.size, zeros + 1))
     numerators[np.arange(readings.size), pair.reshape(-1)] = powers[:, : zeros + 1]
     response, sigma = block.measured[readings] / force, block.sigma[readings] / np.abs(force)
-    denominator, numerator, cost = _ratio(response, sigma, powers, numerators.reshape(readings.size, -1))
+    denominator, numerator, cost = best_ratio(response, sigma, powers, numerators.reshape(readings.size, -1))
     seen = numerator.reshape(pairs.size, zeros + 1)[pairs // size == pairs % size]
     roots = np.polynomial.chebyshev.chebroots
     return RationalFit(
@@ -103,35 +103,6 @@ def _fit(block: Responses, readings: Index) -> RationalFit | None:
         zeros=_within([w for own in seen for w in roots(own)], top),
         poles=_within(roots(denominator), top),
     )
-
-
-def _ratio(
-    response: ComplexArray, sigma: Float, powers: Float, numerators: Float
-) -> tuple[ComplexArray, ComplexArray, float]:
-    """Denominator, numerators and the cost that they leave, of the best of several passes."""
-    target: ComplexArray = response / sigma
-    free = powers.shape[1] - 1
-    found: list[tuple[ComplexArray, ComplexArray, float]] = []
-    weight = 1 / sigma
-    for _ in range(_PASSES):
-        unknown = np.asarray(
-            np.hstack([response[:, None] * powers[:, :free], -numerators]) * weight[:, None], dtype=complex
-        )
-        lower = _least_squares(unknown, np.asarray(-response * powers[:, free] * weight))[:free]
-        denominator = np.append(lower, 1.0)
-        over = powers @ denominator
-        basis = np.asarray(numerators / (over * sigma)[:, None])
-        numerator = _least_squares(basis, target)
-        miss = basis @ numerator - target
-        found.append((denominator, numerator, 0.5 * float(np.vdot(miss, miss).real)))
-        weight = 1 / (sigma * np.abs(over))
-    return min(found, key=lambda ratio: ratio[2])
-
-
-def _least_squares(columns: ComplexArray, target: ComplexArray) -> ComplexArray:
-    size = np.linalg.norm(columns, axis=0)
-    size = np.where(size > 0, size, 1.0)
-    return np.asarray(np.linalg.lstsq(columns / size, target, rcond=None)[0] / size)
 
 
 def _within(roots: Sequence[complex] | ComplexArray, top: float) -> tuple[float, ...]:

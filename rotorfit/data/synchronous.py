@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotorfit.data.experiments import SYNCHRONOUS_TOLERANCE, PerturbationTest, Text
+from rotorfit.estimators.signals.ratios import ratio_through
 from rotorfit.models.array_types import ComplexArray, Float
 
 SPEED_TOLERANCE = 0.005
@@ -61,9 +62,9 @@ def difference_synchronous(test: PerturbationTest) -> PerturbationTest:
     Two runs with the force at the same plane and at opposite phase are subtracted reading by reading, responses and
     forces alike: ``r1 - r2 = H (F1 - F2)``, with ``F1 - F2 = 2 F1`` for equal weights. Whatever does not change between
     the runs drops out: residual unbalance, bow, run-out. Where the second run was not sampled at the speeds of the
-    first one its response divided by its force is interpolated there by a cubic spline, never beyond its range and
-    not across gaps. The noise of the difference is ``sqrt(sigma1^2 + sigma2^2)``. Numeric attributes are averaged
-    over the pair.
+    first one its response is interpolated there, by a ratio of polynomials and a cubic spline of what that leaves,
+    never beyond its range and not across gaps. The noise of the difference is ``sqrt(sigma1^2 + sigma2^2)``. Numeric
+    attributes are averaged over the pair.
 
     A start-up without an opposite one is compared with a reference run, one without a weight (force zero), if there is
     one; several may be compared with the same, whose noise they then share.
@@ -170,10 +171,7 @@ def _difference(a: PerturbationTest, b: PerturbationTest) -> PerturbationTest:
         a = a.select(inside)
         position = a.speed
         force = _at(position, b.speed, b.force / b.speed**2) * position**2  # m r exp(j delta) hardly varies
-        # What hardly varies is interpolated: response over force, and of a run without a weight over speed squared.
-        law = b.force if b.force.all() else b.speed**2
-        here = force if b.force.all() else position**2
-        response = _at(position, b.speed, b.response / law, smooth=True) * here
+        response = _response_at(position, b, force)
         sigma = _at(position, b.speed, b.sigma).real
     attributes = {name: _shared(values, b, name, position) for name, values in a.attributes.items()}
     runs = [f"{one} minus {two}" for one, two in zip(a.run, [str(b.run[0])] * len(a), strict=True)]
@@ -185,6 +183,26 @@ def _difference(a: PerturbationTest, b: PerturbationTest) -> PerturbationTest:
         sigma=np.hypot(a.sigma, sigma),
         attributes=dict(attributes) | {DIFFERENCED: np.ones(len(a))},
     )
+
+
+def _response_at(position: Float, run: PerturbationTest, force: ComplexArray) -> ComplexArray:
+    """Response of one channel of a run at other speeds.
+
+    Between coarse lines a spline cuts a resonance's corners. A rotor's response to unbalance, run-out included, is a
+    ratio of polynomials in speed: that carries the resonances, and the spline what is left, which is little but noise.
+
+    Args:
+        position: rad/s, shape ``(N,)``.
+        run: the channel.
+        force: of the run at these speeds, N, shape ``(N,)``.
+    """
+    ratio = ratio_through(run.speed, run.response)
+    if ratio is None:
+        # What hardly varies is interpolated: response over force, and of a run without a weight over speed squared.
+        weights = bool(run.force.all())
+        law, here = (run.force, force) if weights else (run.speed**2, position**2)
+        return _at(position, run.speed, run.response / law, smooth=True) * here
+    return ratio(position) + _at(position, run.speed, run.response - ratio(run.speed), smooth=True)
 
 
 def _covered(speed: Float, sampled: Float) -> NDArray[np.bool_]:

@@ -1,0 +1,102 @@
+"""Ratios of polynomials through complex curves, by linear steps (Sanathanan and Koerner 1963)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotorfit.models.array_types import ComplexArray, Float
+
+_PASSES = 12
+_MODES = 4  # most modes that a curve is given
+_SPARE = 2  # readings an unknown that a curve needs
+_NARROW = 0.25  # half width of a resonance, in steps between readings, below which it is one of the noise
+
+
+def best_ratio(
+    response: ComplexArray, sigma: Float, powers: Float | ComplexArray, numerators: Float, *, real: bool = False
+) -> tuple[ComplexArray, ComplexArray, float]:
+    """Denominator, numerators and half the sum of squares that they leave, of the best of several passes.
+
+    Args:
+        response: readings of all curves, shape ``(R,)``.
+        sigma: their noise.
+        powers: polynomials of the denominator at each reading, shape ``(R, poles + 1)``; the last coefficient is one.
+        numerators: polynomials of the numerators, one set of columns a curve, shape ``(R, ...)``.
+        real: whether the coefficients of the denominator are.
+    """
+    target: ComplexArray = response / sigma
+    free = powers.shape[1] - 1
+    found: list[tuple[ComplexArray, ComplexArray, float]] = []
+    weight = 1 / sigma
+    for _ in range(_PASSES):
+        columns = np.hstack([response[:, None] * powers[:, :free], -numerators, *([-1j * numerators] * real)])
+        unknown, known = np.asarray(columns * weight[:, None]), np.asarray(-response * powers[:, free] * weight)
+        if real:
+            unknown, known = np.concatenate([unknown.real, unknown.imag]), np.concatenate([known.real, known.imag])
+        lower = _least_squares(unknown, known)[:free]
+        denominator = np.append(lower, 1.0)
+        over = powers @ denominator
+        basis = np.asarray(numerators / (over * sigma)[:, None])
+        numerator = _least_squares(basis, target)
+        miss = basis @ numerator - target
+        found.append((denominator, numerator, 0.5 * float(np.vdot(miss, miss).real)))
+        weight = 1 / (sigma * np.abs(over))
+    return min(found, key=lambda ratio: ratio[2])
+
+
+def _least_squares(columns: NDArray[Any], target: NDArray[Any]) -> ComplexArray:
+    size = np.linalg.norm(columns, axis=0)
+    size = np.where(size > 0, size, 1.0)
+    return np.asarray(np.linalg.lstsq(columns / size, target, rcond=None)[0] / size)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Ratio:
+    """A ratio of two polynomials.
+
+    Attributes:
+        denominator, numerator: coefficients of Chebyshev's polynomials of x over ``top``.
+        top: largest size of x.
+    """
+
+    denominator: ComplexArray
+    numerator: ComplexArray
+    top: float
+
+    def __call__(self, x: Float) -> ComplexArray:
+        """Values at x."""
+        over, under = (np.polynomial.chebyshev.chebval(x / self.top, c) for c in (self.numerator, self.denominator))
+        return np.asarray(over / under)
+
+
+def ratio_through(x: Float, y: ComplexArray) -> Ratio | None:
+    """The ratio with as many modes as y needs (Schwarz's criterion), none where one is too many already.
+
+    The denominator is a real polynomial of jx, as that of a rotor is: poles at -x, where nothing was read, are the
+    mirror images of those at x.
+
+    Args:
+        x: speeds, shape ``(N,)``.
+        y: values with noise of one size, shape ``(N,)``.
+    """
+    top = float(np.abs(x).max())
+    step = float(np.median(np.diff(np.sort(x)))) / top
+    sigma, best, least = np.ones(x.size), None, np.inf
+    for poles in range(2, 2 * _MODES + 1, 2):
+        unknowns = poles + 2 * (poles + 1)
+        if 2 * x.size < _SPARE * unknowns:
+            break
+        powers = np.asarray(np.polynomial.chebyshev.chebvander(x / top, poles), dtype=float)
+        turn = 1j ** np.arange(poles + 1)  # makes real polynomials of jx of those of x
+        lower, numerator, cost = best_ratio(y, sigma, powers * turn, powers, real=True)
+        denominator = np.asarray(lower * turn)
+        roots = np.polynomial.chebyshev.chebroots(denominator)
+        inside = (roots.real > x.min() / top) & (roots.real < x.max() / top)
+        score = 2 * x.size * np.log(2 * cost) + unknowns * np.log(2 * x.size) if cost > 0 else -np.inf
+        if score < least and not (np.abs(roots.imag[inside]) < _NARROW * step).any():
+            best, least = Ratio(denominator=denominator, numerator=numerator, top=top), score
+    return best
