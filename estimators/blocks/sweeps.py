@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from rotorfit.estimators.blocks.observations import Responses
+from rotorfit.estimators.blocks.row_keys import combined
 from rotorfit.models.array_types import Float, Index
 
 
@@ -33,13 +34,8 @@ def _sweeps(block: Responses, synchronous: bool) -> list[Index]:
     place = block.speed[block.line] if synchronous else w
     speed = np.zeros_like(block.speed) if synchronous else np.round(block.speed, 6)
     at = np.unique(speed, return_inverse=True)[1].reshape(-1)[block.line]
-    key = np.ravel_multi_index(
-        (block.label, at, (w < 0).astype(np.intp), force_plane(block)),
-        (int(block.label.max(initial=0)) + 1, int(at.max(initial=0)) + 1, 2, block.force.shape[1]),
-    )
-    again = _occurrence(key, np.round(place, 9))
-    if again.any():
-        key = key * (int(again.max()) + 1) + again
+    key = combined(block.label, at, (w < 0).astype(np.intp), force_plane(block))
+    key = combined(key, _occurrence(key, np.round(place, 9)))
     order = np.lexsort([w, key])
     return np.split(order, np.flatnonzero(np.diff(key[order])) + 1) if order.size else []
 

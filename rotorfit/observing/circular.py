@@ -16,6 +16,7 @@ from rotorfit.estimators.blocks.row_keys import combined, in_order, numbers
 from rotorfit.estimators.noise.sweep_noise import estimate_noise
 from rotorfit.models import RotorModel
 from rotorfit.models.array_types import ComplexArray, Float, Index
+from rotorfit.observing.refusals import check_planes
 
 _MOST_KEPT = 100_000
 """Rows up to which the observations of an experiment are kept for the next fit."""
@@ -55,7 +56,7 @@ def _observe(model: RotorModel, experiment: DisplacementTest | PerturbationTest,
     if isinstance(experiment, DisplacementTest):
         return _observe_displacement(model, experiment, group)
     _check_finite(experiment)
-    _check_planes(model, experiment)
+    check_planes(model, experiment, forces="force planes")
     if model.frame != "z":
         return _observe_xy(model, experiment, group)
     parts, origin = whirl_parts(experiment)
@@ -100,16 +101,6 @@ def _places(bad: NDArray[np.bool_]) -> str:
     """The first rows concerned, counted from 1."""
     rows = ", ".join(str(row + 1) for row in np.flatnonzero(bad)[:8])
     return f"rows {rows}{', ...' if bad.sum() > 8 else ''}"
-
-
-def _check_planes(model: RotorModel, experiment: PerturbationTest) -> None:
-    unknown = (set(experiment.planes) | set(experiment.force_planes)) - set(model.planes)
-    if unknown:
-        raise ValueError(
-            f"{experiment.source or 'experiment'} has planes {', '.join(experiment.planes)} and force planes "
-            f"{', '.join(experiment.force_planes)}, the model {model.name} has {', '.join(model.planes)}. "
-            f"Map names with {type(model).__name__}(planes=(...)) or --planes"
-        )
 
 
 def _lines(experiment: PerturbationTest, coordinate: Index, slot: Index) -> tuple[Index, Index]:

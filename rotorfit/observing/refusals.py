@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from rotorfit.data.experiments import Experiment
+from rotorfit.data.experiments import Experiment, PerturbationTest, StaticTest
 from rotorfit.models import RotorModel
 from rotorfit.models.array_types import Float
 
@@ -48,3 +48,22 @@ def check_finite(test: Experiment, *columns: NDArray[np.generic]) -> None:
     if bad.any():
         rows = ", ".join(str(row + 1) for row in np.flatnonzero(bad)[:8])
         raise ValueError(f"{test.source or test.title}: {bad.sum()} rows are not finite ({rows}); remove them")
+
+
+def check_planes(model: RotorModel, test: PerturbationTest | StaticTest, *, forces: str) -> None:
+    """Refuse planes that the model does not have.
+
+    Args:
+        model: the rotor.
+        test: the test.
+        forces: what its force planes are called.
+
+    Raises:
+        ValueError: says which planes there are on either side.
+    """
+    if not {*test.planes, *test.force_planes} <= set(model.planes):
+        theirs, forced, ours = (", ".join(planes) for planes in (test.planes, test.force_planes, model.planes))
+        raise ValueError(
+            f"{test.source or test.title} has planes {theirs} and {forces} {forced}, the model {model.name} has "
+            f"{ours}. Map names with {type(model).__name__}(planes=(...)) or --planes"
+        )

@@ -11,7 +11,7 @@ from rotorfit.estimators.noise.reading_noise import noise_from_smoothness
 from rotorfit.models import RotorModel
 from rotorfit.models.array_types import Float, Index
 from rotorfit.models.journal import journal
-from rotorfit.observing.refusals import check_clearance, check_finite
+from rotorfit.observing.refusals import check_clearance, check_finite, check_planes
 from rotorfit.observing.row_labels import numbered_labels, same_rows, spread_of_repeats
 
 
@@ -24,7 +24,7 @@ def static_loads(model: RotorModel, test: StaticTest, group: Index) -> Block:
         group: parameter group of each row.
     """
     check_finite(test, test.load, test.displacement)
-    _check_planes(model, test)
+    check_planes(model, test, forces="load planes")
     if model.frame != "z":
         raise ValueError(f"{model.name} keeps x and y apart; static loads need a model in complex coordinates")
     count = len(test)
@@ -79,13 +79,3 @@ def _static_noise(test: StaticTest, label: Index) -> Float:
                 raise ValueError(f"{test.source or 'static test'}, run {test.run[rows[0]]}: {reason}") from reason
         sigma[rows] = np.where(np.isnan(sigma[rows]), spread, sigma[rows])
     return sigma
-
-
-def _check_planes(model: RotorModel, test: StaticTest) -> None:
-    unknown = (set(test.planes) | set(test.force_planes)) - set(model.planes)
-    if unknown:
-        raise ValueError(
-            f"{test.source or 'static test'} has planes {', '.join(test.planes)} and load planes "
-            f"{', '.join(test.force_planes)}, the model {model.name} has {', '.join(model.planes)}. Map names with "
-            f"{type(model).__name__}(planes=(...)) or --planes"
-        )

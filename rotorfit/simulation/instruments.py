@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -12,6 +13,8 @@ from rotorfit.models.array_types import ComplexArray, Float
 
 _HIGH, _LOW = -2.0, -8.0
 """Voltage of a Keyphasor beside its notch and in it."""
+_NOTCH, _RAMP = np.radians(24.0), np.radians(6.0)
+"""Width of the notch and of each of its ramps, rad."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -96,8 +99,6 @@ def record(played: Played, instruments: Instruments, folder: Path, rng: np.rando
     Returns:
         path of the file.
     """
-    import h5py
-
     channels: dict[str, Float] = {}
     time = np.arange(played.shaft.size) / instruments.sample_rate
     for plane, z in played.motion.items():
@@ -112,25 +113,52 @@ def record(played: Played, instruments: Instruments, folder: Path, rng: np.rando
     channels["keyphasor_shaft"] = _keyphasor(played.shaft, instruments, rng, mishaps=True)
     if played.perturbator is not None:
         channels["keyphasor_perturbator"] = _keyphasor(played.perturbator, instruments, rng, mishaps=False)
+    said: dict[str, str | float] = {
+        "sample_rate_hz": instruments.sample_rate,
+        "sensitivity_V_per_mm": instruments.sensitivity / 1e3,
+        "probe_angle_deg_X": instruments.probe_angles[0],
+        "probe_angle_deg_Y": instruments.probe_angles[1],
+        "keyphasor": "falling edge of a notch, -2 V to -8 V",
+    }
     path = folder / f"{played.name}.h5"
-    step = instruments.full_scale / 2 ** (instruments.bits - 1)
-    with h5py.File(path, "w") as file:
+    return write_counts(
+        path, channels, {**said, **played.attributes}, bits=instruments.bits, full_scale=instruments.full_scale
+    )
+
+
+def write_counts(
+    path: Path,
+    channels: Mapping[str, Float],
+    attributes: Mapping[str, str | float],
+    *,
+    bits: int = 16,
+    full_scale: float = 20.0,
+) -> Path:
+    """Write channels as the counts of a recorder, for :func:`rotorfit.read_recording`, whole or not at all.
+
+    Args:
+        path: HDF5 file.
+        channels: voltages by name, shape ``(T,)``.
+        attributes: of the file.
+        bits, full_scale: of the recorder; full scale in V.
+
+    Returns:
+        the path.
+    """
+    import h5py
+
+    limit = 2 ** (bits - 1)
+    step = full_scale / limit
+    part = path.with_name(path.name + ".part")
+    with h5py.File(part, "w") as file:
         for name, volts in channels.items():
-            limit = 2 ** (instruments.bits - 1)
             counts = np.clip(np.rint(volts / step), -limit, limit - 1).astype(np.int16 if limit <= 2**15 else np.int32)
             data = file.create_dataset(
                 name, data=counts, chunks=(min(6000, counts.size),), compression="gzip", shuffle=True
             )
             data.attrs["volts_per_count"] = step
-        said = {
-            "sample_rate_hz": instruments.sample_rate,
-            "sensitivity_V_per_mm": instruments.sensitivity / 1e3,
-            "probe_angle_deg_X": instruments.probe_angles[0],
-            "probe_angle_deg_Y": instruments.probe_angles[1],
-            "keyphasor": "falling edge of a notch, -2 V to -8 V",
-        }
-        for name, value in {**said, **played.attributes}.items():
-            file.attrs[name] = value
+        file.attrs.update(attributes)
+    os.replace(part, path)
     return path
 
 
@@ -158,16 +186,36 @@ def _runout(angle: Float, instruments: Instruments, plane: str) -> ComplexArray:
 
 def _keyphasor(angle: Float, instruments: Instruments, rng: np.random.Generator, *, mishaps: bool) -> Float:
     """Voltage of a notch 24 degrees wide whose falling edge, 6 degrees wide, is angle zero."""
-    into = np.mod(np.degrees(angle) + 180.0, 360.0) - 180.0
-    depth = np.clip((into + 3.0) / 6.0, 0, 1) - np.clip((into - 21.0) / 6.0, 0, 1)
+    depth = notch(angle, width=_NOTCH, ramp=_RAMP)
     if mishaps:
         turn = np.floor(np.degrees(angle) / 360.0 + 0.5)
         turns = np.arange(turn.min() + 3, turn.max() - 3)
         chosen = rng.choice(turns, min(instruments.lost + instruments.doubled, turns.size), replace=False)
         depth = np.where(np.isin(turn, chosen[: instruments.lost]), 0.0, depth)
-        again = np.clip((into - 60.0) / 6.0, 0, 1) - np.clip((into - 75.0) / 6.0, 0, 1)
+        again = notch(angle - np.radians(63.0), width=np.radians(15.0), ramp=_RAMP)
         depth = depth + np.where(np.isin(turn, chosen[instruments.lost :]), again, 0.0)
-    return np.asarray(_HIGH + (_LOW - _HIGH) * depth + instruments.keyphasor_noise * rng.standard_normal(angle.size))
+    return keyphasor_volts(depth) + instruments.keyphasor_noise * rng.standard_normal(angle.size)
+
+
+def notch(angle: Float, *, width: float, ramp: float) -> Float:
+    """Depth, 0 to 1, of a notch that begins half way down its first ramp at angle zero.
+
+    Args:
+        angle: of the shaft, rad, shape ``(T,)``.
+        width: from the middle of one ramp to that of the other, rad.
+        ramp: width of each ramp, rad.
+    """
+    into = np.mod(angle + np.pi, 2 * np.pi) - np.pi
+    return np.asarray(np.clip(0.5 + into / ramp, 0.0, 1.0) - np.clip(0.5 + (into - width) / ramp, 0.0, 1.0))
+
+
+def keyphasor_volts(depth: Float) -> Float:
+    """Voltage of a Keyphasor over a notch.
+
+    Args:
+        depth: of the notch, 0 to 1, see :func:`notch`.
+    """
+    return np.asarray(_HIGH + (_LOW - _HIGH) * depth)
 
 
 def wandering_angle(time: Float, speed: float, wander: float, rng: np.random.Generator) -> Float:

@@ -11,6 +11,7 @@ import numpy as np
 
 from rotorfit.models import AnisotropicShaft
 from rotorfit.models.array_types import Float
+from rotorfit.simulation.instruments import keyphasor_volts, notch, write_counts
 from rotorfit.simulation.shaft import Crack, Perturbation, RunUp, shaft_motion, steady
 from rotorfit.units import RPM_PER_RAD_S
 
@@ -18,8 +19,6 @@ _NOTCH = 0.75
 """Width of the notch that a Keyphasor sees, rad, its ramps included."""
 _RAMP = 0.35
 """Width of each of its ramps, rad."""
-_STEP = 20.0 / 2**15
-"""Volts of a count of a 16-bit converter for +-20 V."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -77,8 +76,6 @@ def record_shaft(
         ValueError: a speed, duration or sample rate that is not positive.
         RuntimeError: the shaft runs away.
     """
-    from h5py import File
-
     how = acquisition or Acquisition()
     motor = speed if isinstance(speed, RunUp) else steady(speed)
     for name, number in (
@@ -100,22 +97,15 @@ def record_shaft(
     signals = {
         f"{plane}_X": how.gap + how.sensitivity * seen.real,
         f"{plane}_Y": how.gap + how.sensitivity * seen.imag,
-        "keyphasor_shaft": _notch(turn),
+        "keyphasor_shaft": _keyphasor(turn),
     }
     if model.torsion is not None:
         signals["twist"] = how.twist_sensitivity * motion.twist
     if perturbation is not None:
-        signals["keyphasor_perturbator"] = _notch(perturbation.angle(time, duration))
+        signals["keyphasor_perturbator"] = _keyphasor(perturbation.angle(time, duration))
     rng = np.random.default_rng(seed)
-    target = Path(path)
-    part = target.with_name(target.name + ".part")
-    with File(part, "w") as file:
-        file.attrs.update(_attributes(how, perturbation, motor))
-        for name, volts in signals.items():
-            counts = np.clip(np.round((volts + how.noise * rng.normal(size=time.size)) / _STEP), -(2**15), 2**15 - 1)
-            file.create_dataset(name, data=counts.astype(np.int16), compression="gzip").attrs["volts_per_count"] = _STEP
-    os.replace(part, target)
-    return target
+    noisy = {name: volts + how.noise * rng.normal(size=time.size) for name, volts in signals.items()}
+    return write_counts(Path(path), noisy, _attributes(how, perturbation, motor))
 
 
 def _steady(
@@ -128,12 +118,8 @@ def _steady(
     return sum(z.values()), sum(1j * rate * z[order] for order, rate in orders.items()), 0.0, 0.0
 
 
-def _notch(angle: Float) -> Float:
-    """Keyphasor: -2 V, -8 V in the notch, half way down at angle zero."""
-    place = np.mod(angle + np.pi, 2 * np.pi) - np.pi
-    down = np.clip(0.5 + place / _RAMP, 0.0, 1.0)
-    up = np.clip(0.5 + (place - _NOTCH) / _RAMP, 0.0, 1.0)
-    return np.asarray(-2.0 - 6.0 * (down - up))
+def _keyphasor(angle: Float) -> Float:
+    return keyphasor_volts(notch(angle, width=_NOTCH, ramp=_RAMP))
 
 
 def _attributes(how: Acquisition, perturbation: Perturbation | None, motor: RunUp) -> dict[str, float | str]:
