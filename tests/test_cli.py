@@ -20,8 +20,9 @@ import rotorfit
 import rotorfit as rf
 from rotorfit.cli import main as cli
 from rotorfit.studies import results as cli_output
+from rotorfit.studies.data_files import DataFile
 from rotorfit.studies.folder import CHECKPOINT
-from rotorfit.studies.study import DataFile, Study
+from rotorfit.studies.study import Study
 from rotorfit.studies.study_file import read_study
 
 ROOT = Path(__file__).parent.parent
@@ -240,9 +241,9 @@ def test_output_cut_short_is_no_error() -> None:
 def test_a_fit_that_does_not_converge_says_so(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     from functools import partial
 
-    import rotorfit.studies.study
+    import rotorfit.studies.run
 
-    monkeypatch.setattr(rotorfit.studies.study, "fit", partial(rf.fit, max_iterations=1))
+    monkeypatch.setattr(rotorfit.studies.run, "fit", partial(rf.fit, max_iterations=1))
     code, out, err = run(*FIT, "--start", "K1=100,K2=100,Md=0.1,Mb=5,D=1", "--out", tmp_path)
     assert code == cli.NOT_CONVERGED
     assert "did not converge" in err

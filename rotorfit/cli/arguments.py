@@ -16,8 +16,9 @@ from rotorfit.units import RAD_S_PER_RPM
 if TYPE_CHECKING:
     from concurrent.futures import Executor
 
+    from rotorfit.studies.data_files import DataFile
     from rotorfit.studies.recording_files import RecordingFiles
-    from rotorfit.studies.study import DataFile, Study
+    from rotorfit.studies.study import Study
 
 
 def add_output(to: argparse.ArgumentParser) -> None:
@@ -172,8 +173,8 @@ def data_files(options: argparse.Namespace) -> tuple[DataFile | RecordingFiles, 
         ValueError: options that cannot be understood.
     """
     from rotorfit.recordings.files import ALWAYS_RAW
+    from rotorfit.studies.data_files import DataFile
     from rotorfit.studies.recording_files import RecordingFiles
-    from rotorfit.studies.study import DataFile
 
     read: dict[str, Any] = {}
     if options.probe_angles:

@@ -63,7 +63,8 @@ def run(options: argparse.Namespace) -> int:
 def _campaign(options: argparse.Namespace) -> tuple[Campaign, str]:
     """The fits of all runs, and what is wrong with the data."""
     from rotorfit.campaigns.campaign import campaign
-    from rotorfit.studies.study import build_model, check_model_name, no_progress, read_files
+    from rotorfit.studies.data_files import no_progress, read_files
+    from rotorfit.studies.study_model import build_model, check_model_name
 
     if options.against is None and (options.by or options.follow):
         raise ValueError("--by and --follow shape the trends: say --against what")

@@ -23,7 +23,7 @@ def run(options: argparse.Namespace) -> int:
     from rotorfit.data.experiments import PerturbationTest
     from rotorfit.data.joined import join_runs
     from rotorfit.io.files import check_target, write
-    from rotorfit.studies.study import DataFile, no_progress, read_files
+    from rotorfit.studies.data_files import DataFile, no_progress, read_files
     from rotorfit.studies.text import describe_test
 
     def joined() -> PerturbationTest:

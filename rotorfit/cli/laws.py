@@ -50,7 +50,8 @@ def _comparison(options: argparse.Namespace) -> tuple[LawComparison, str]:
     from rotorfit.fitting.law_ranking import compare_laws
     from rotorfit.models import LAWS
     from rotorfit.models.parameters import unknown_name
-    from rotorfit.studies.study import build_model, check_model_name, no_progress, read_files
+    from rotorfit.studies.data_files import no_progress, read_files
+    from rotorfit.studies.study_model import build_model, check_model_name
 
     study = fit_study(options, LAW_RANKING)
     check_model_name(study.model)

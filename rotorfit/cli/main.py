@@ -91,8 +91,9 @@ def _run(options: argparse.Namespace) -> int:
 
 def _demo(options: argparse.Namespace) -> int:
     from rotorfit import datasets
+    from rotorfit.studies.data_files import DataFile
     from rotorfit.studies.recording_files import RecordingFiles
-    from rotorfit.studies.study import DataFile, Study
+    from rotorfit.studies.study import Study
 
     name = "volts" if options.from_volts else "rig_open"
     rig = RecordingFiles(tuple(datasets.volts())) if options.from_volts else DataFile(datasets.path("rig_open.csv"))
@@ -127,7 +128,7 @@ def _identify(study: Study, options: argparse.Namespace, rig: str = "") -> int:
 def _work(study: Study, progress: ProgressLine, rig: str, figure_format: FigureFormat) -> Outcome:
     from rotorfit.studies.folder import complete_folder, kept_checkpoint
     from rotorfit.studies.results import write_outcome
-    from rotorfit.studies.study import run_study
+    from rotorfit.studies.run import run_study
 
     keep = kept_checkpoint(study.out) if study.out and study.sample else nullcontext()
     with complete_folder(study.out) if study.out else nullcontext() as folder, keep as checkpoint:
@@ -139,7 +140,7 @@ def _work(study: Study, progress: ProgressLine, rig: str, figure_format: FigureF
 
 def _models(options: argparse.Namespace) -> int:
     from rotorfit.models import MODELS
-    from rotorfit.studies.study import check_model_name
+    from rotorfit.studies.study_model import check_model_name
 
     if options.name is not None:
         checked(lambda: check_model_name(options.name))
@@ -153,7 +154,7 @@ def _models(options: argparse.Namespace) -> int:
 
 
 def _info(options: argparse.Namespace) -> int:
-    from rotorfit.studies.study import no_progress, read_files
+    from rotorfit.studies.data_files import no_progress, read_files
     from rotorfit.studies.text import describe_test
 
     tests = checked(lambda: read_files(data_files(options), no_progress))

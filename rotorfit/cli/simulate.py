@@ -156,7 +156,8 @@ def _recorded(options: argparse.Namespace) -> list[Path]:
 
 
 def _model(options: argparse.Namespace) -> RotorModel:
-    from rotorfit.studies.study import Study, build_model, check_model_name
+    from rotorfit.studies.study import Study
+    from rotorfit.studies.study_model import build_model, check_model_name
 
     check_model_name(options.model)
     if options.model == "anisotropic" and not options.planes:

@@ -49,7 +49,7 @@ def _trend(options: argparse.Namespace) -> MachineTrend:
     from rotorfit.data.experiments import PerturbationTest
     from rotorfit.monitoring.observed_stiffness import observed_stiffness
     from rotorfit.monitoring.trend import trend
-    from rotorfit.studies.study import no_progress, read_files
+    from rotorfit.studies.data_files import no_progress, read_files
 
     if options.false_alarm >= 1:
         raise ValueError(f"--false-alarm takes a probability below 1, got {options.false_alarm:g}")

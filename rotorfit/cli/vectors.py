@@ -25,8 +25,8 @@ def run(options: argparse.Namespace) -> int:
     from rotorfit.cli.errors import DONE, NOT_CONVERGED, BadInputError, checked
     from rotorfit.cli.progress import ProgressLine
     from rotorfit.io.files import check_target, write
+    from rotorfit.studies.data_files import read_files
     from rotorfit.studies.recording_files import RecordingFiles
-    from rotorfit.studies.study import read_files
     from rotorfit.studies.text import describe_test
 
     executor = checked(lambda: processes(options.jobs))

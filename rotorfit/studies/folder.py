@@ -7,10 +7,6 @@ import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    pass
 
 CHECKPOINT = "posterior.checkpoint.h5"
 """File in the folder for the results from which a sampling that was stopped goes on."""

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 from rotorfit.fitting.quantities import FittedParameter
 from rotorfit.fitting.result import FitResult
-from rotorfit.studies.study import Outcome, StudyProgress
+from rotorfit.studies.data_files import StudyProgress
+from rotorfit.studies.study import Outcome
 from rotorfit.studies.text import summary
 
 if TYPE_CHECKING:

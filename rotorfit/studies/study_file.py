@@ -27,7 +27,8 @@ from typing import Any
 from rotorfit.fitting.option_kinds import Parser, flag, number, pair, table, text
 from rotorfit.fitting.options import FIT
 from rotorfit.models.parameters import unknown_name
-from rotorfit.studies.study import DataFile, Study
+from rotorfit.studies.data_files import DataFile
+from rotorfit.studies.study import Study
 from rotorfit.units import RAD_S_PER_RPM
 
 

@@ -1,0 +1,99 @@
+"""Test files and recordings of a study, read and looked over."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Protocol
+
+from rotorfit.data.experiments import Experiment
+from rotorfit.io.files import read, table_suffix
+from rotorfit.io.tidy_csv import lines_of
+from rotorfit.studies.recording_files import RecordingFiles
+
+if TYPE_CHECKING:
+    from concurrent.futures import Executor
+
+    from rotorfit.data.findings import Finding
+
+
+class StudyProgress(Protocol):
+    """Called when a stage begins, and while it goes on where it can say how far it is."""
+
+    def __call__(self, stage: str, done: float | None = None) -> None:
+        """Take notice of a stage in a few words and of the share of it that is done."""
+        ...
+
+
+def no_progress(stage: str, done: float | None = None) -> None:
+    """Show nothing.
+
+    Args:
+        stage, done: as of any :class:`StudyProgress`.
+    """
+
+
+@dataclass(frozen=True)
+class DataFile:
+    """A test file and the options to read it with, see :func:`rotorfit.read`."""
+
+    path: Path
+    options: Mapping[str, Any] = field(default_factory=dict)
+
+    def read(
+        self, on_finding: Callable[[Finding], None] | None = None, progress: Callable[[str], None] = no_progress
+    ) -> Experiment:
+        """Read the test.
+
+        Args:
+            on_finding: called with what was found odd while reading.
+            progress: called with a few words.
+        """
+        progress(f"reading {self.path.name}")
+        return read(self.path, **{"on_finding": on_finding, **self.options})
+
+
+def read_files(
+    files: Sequence[DataFile | RecordingFiles], progress: StudyProgress, executor: Executor | None = None
+) -> tuple[tuple[Experiment, ...], tuple[tuple[Finding, ...], ...]]:
+    """The tests, and what was found odd in each, errors first.
+
+    Args:
+        files: test files and recordings.
+        progress: called for each file.
+        executor: reduces recordings beside each other.
+
+    Raises:
+        OSError: a file that cannot be read.
+        ValueError: what is wrong in a file.
+    """
+    from rotorfit.checks.checklist import check
+
+    experiments: list[Experiment] = []
+    findings: list[tuple[Finding, ...]] = []
+    for file in files:
+        found: list[Finding] = []
+        if isinstance(file, RecordingFiles):
+            tests = file.read(found.append, progress, executor)
+        else:
+            tests = (file.read(found.append, progress),)
+        for test in tests:
+            found += check(test)
+            found = _with_lines(found, file, len(test))
+            order = ("error", "warning", "note")
+            findings.append(tuple(sorted(found, key=lambda finding: order.index(finding.severity))))
+            found = []  # what was found odd in recordings of several kinds is told with the first
+        experiments += tests
+    return tuple(experiments), tuple(findings)
+
+
+def _with_lines(findings: list[Finding], file: DataFile | RecordingFiles, count: int) -> list[Finding]:
+    """Findings with the lines of the file that their rows stand in, where each row is a line of a table."""
+    if not isinstance(file, DataFile) or not any(f.rows for f in findings) or not table_suffix(file.path):
+        return findings
+    options = {name: file.options[name] for name in ("sheet", "columns", "constants") if name in file.options}
+    lines = lines_of(file.path, **options)
+    if len(lines) != count:  # runs were differenced, or rows chosen
+        return findings
+    return [replace(f, lines=tuple(lines[row] for row in f.rows)) for f in findings]

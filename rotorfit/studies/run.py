@@ -1,0 +1,100 @@
+"""The way from a study to its results: read, check, solve in closed form, optimise, refine, sample."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from rotorfit.estimators.starting.closed_form import ClosedFormError
+from rotorfit.fitting.calibration import calibration_of
+from rotorfit.fitting.fit import closed_form, fit
+from rotorfit.fitting.refine import refine
+from rotorfit.fitting.result import FitResult
+from rotorfit.models import AnisotropicShaft
+from rotorfit.studies.data_files import DataFile, StudyProgress, read_files
+from rotorfit.studies.recording_files import RecordingFiles
+from rotorfit.studies.study import Outcome, Study
+from rotorfit.studies.study_model import build_model, check_model_name
+
+if TYPE_CHECKING:
+    from rotorfit.estimators.inference.ensemble_sampler import SamplerProgress
+
+
+def run_study(study: Study, progress: StudyProgress, checkpoint: Path | None = None) -> Outcome:
+    """Read, check, solve in closed form, optimise and, if asked for, refine and sample.
+
+    Args:
+        study: the settings.
+        progress: called when a stage begins.
+        checkpoint: file of the sampler's, from which a run that was stopped goes on.
+
+    Raises:
+        OSError: a file that cannot be read.
+        KeyError: unknown parameter or plane names.
+        ValueError: data or settings that make no sense; the message says which.
+    """
+    check_model_name(study.model)  # before files are read, which may take long
+    experiments, findings = read_files([_for_model(study, file) for file in study.files], progress)
+    model = build_model(study, experiments)
+    progress("closed form")
+    closed: FitResult | str
+    try:
+        closed = closed_form(model, experiments, known=study.known, per=study.per)
+    except ClosedFormError as reason:
+        closed = str(reason)
+    progress("optimising")
+    result = fit(
+        model,
+        experiments,
+        known=study.known,
+        bounds=study.bounds,
+        priors=study.priors,
+        per=study.per,
+        loss=study.loss,  # type: ignore[arg-type]
+        start=study.start,
+        phase_offsets=study.phase_offsets,
+        calibration=calibration_of(study.calibration),
+        assumptions=study.assumptions,
+    )
+    ladder = None
+    if study.refine:
+        progress("refining the structure")
+        ladder = refine(result)
+    outcome = Outcome(study=study, experiments=experiments, findings=findings, closed=closed, fit=result, ladder=ladder)
+    return _with_uncertainty(outcome, progress, checkpoint) if outcome.best.success else outcome
+
+
+def _for_model(study: Study, file: DataFile | RecordingFiles) -> DataFile | RecordingFiles:
+    """Recordings of a shaft that is not round are reduced to its combination lines."""
+    if study.model != AnisotropicShaft.name:
+        if study.runout_um is not None:
+            raise ValueError(
+                f"runout_um belongs to recordings for the model {AnisotropicShaft.name}, not {study.model}"
+            )
+        return file
+    return replace(file, lines=True, runout_um=study.runout_um) if isinstance(file, RecordingFiles) else file
+
+
+def _with_uncertainty(outcome: Outcome, progress: StudyProgress, checkpoint: Path | None) -> Outcome:
+    """Profiles, simulated data and posterior, as far as the study asks for them."""
+    study, best = outcome.study, outcome.best
+    profiles = []
+    for i, name in enumerate(study.profile):
+        progress(f"profile likelihood of {name}", i / len(study.profile))
+        profiles.append(best.profile(name))
+    simulated = None
+    if study.bootstrap:
+        progress(f"fitting {study.bootstrap} simulated tests")
+        simulated = best.bootstrap(n=study.bootstrap, seed=study.seed or 0)
+    posterior = None
+    if study.sample:
+        progress("sampling the posterior", 0.0)
+
+        def report(state: SamplerProgress) -> None:
+            progress(f"sampling the posterior: {state.waiting}", state.done)
+
+        posterior = best.sample(
+            seed=study.seed, ess=study.ess, max_steps=study.max_steps, checkpoint=checkpoint, progress=report
+        )
+    return replace(outcome, posterior=posterior, profiles=tuple(profiles), bootstrap=simulated)
