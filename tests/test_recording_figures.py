@@ -13,7 +13,9 @@ import rotorfit as rf
 from rotorfit.cli.main import main
 from rotorfit.estimators.signals.order_vectors import order_vectors
 from rotorfit.estimators.signals.spectral_lines import full_spectrum
-from rotorfit.recordings.views import Marks, cascade, centreline, spectrum, speeds, stretch, vectors_over_time
+from rotorfit.recordings.marks import Marks, speeds
+from rotorfit.recordings.spectra import cascade, spectrum
+from rotorfit.recordings.views import centreline, stretch, vectors_over_time
 
 Float = NDArray[np.float64]
 FIGURES = ("timebase", "orbit", "centreline", "bode", "polar", "full_spectrum", "cascade", "speed")

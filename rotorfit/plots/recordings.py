@@ -1,4 +1,4 @@
-"""Figures of a recording, of the arrays of :mod:`rotorfit.recordings.views`."""
+"""Figures of a recording, of the arrays of :mod:`rotorfit.recordings.views` and :mod:`rotorfit.recordings.spectra`."""
 
 from __future__ import annotations
 
@@ -11,7 +11,9 @@ from numpy.typing import NDArray
 
 from rotorfit.models.array_types import Float
 from rotorfit.plots.style import COLOURS, GREY, PAGE, grid, legend_below, literal
-from rotorfit.recordings.views import Cascade, Centreline, OrderVectors, SpeedTrack, Stretch
+from rotorfit.recordings.marks import SpeedTrack
+from rotorfit.recordings.spectra import Cascade
+from rotorfit.recordings.views import Centreline, OrderVectors, Stretch
 from rotorfit.units import RPM_PER_RAD_S
 
 _MICRO = 1e6

@@ -18,6 +18,7 @@ from rotorfit.data.findings import Finding
 from rotorfit.recordings.angle_track import AngleTrack, steady_track, track
 from rotorfit.recordings.channel_statistics import ChannelStatistics, statistics
 from rotorfit.recordings.files import open_raw
+from rotorfit.recordings.marks import Marks, speeds
 from rotorfit.recordings.quality import (
     direction_findings,
     folding_findings,
@@ -31,18 +32,9 @@ from rotorfit.recordings.resolve import complete
 from rotorfit.recordings.rig_toml import read_setup
 from rotorfit.recordings.setup import RigSetup
 from rotorfit.recordings.signals import Signals
+from rotorfit.recordings.spectra import cascade, spectrum, steady_lines
 from rotorfit.recordings.twist import twist_of, twist_view
-from rotorfit.recordings.views import (
-    Marks,
-    OrderVectors,
-    cascade,
-    centreline,
-    spectrum,
-    speeds,
-    steady_lines,
-    stretch,
-    vectors_over_time,
-)
+from rotorfit.recordings.views import OrderVectors, centreline, stretch, vectors_over_time
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -116,7 +108,7 @@ class Recording(Signals):
         """Mean, range and scatter of the voltage of each probe, from one pass over its channel."""
         return {probe.channel: statistics(self, probe.channel) for probe in self.probes}
 
-    # ---- figures: drawn in rotorfit.plots.recordings of the arrays of rotorfit.recordings.views ----
+    # ---- figures: drawn in rotorfit.plots.recordings of the arrays of views and spectra ----
 
     def plot_timebase(self, plane: str | None = None, *, at: float | None = None, turns: float = 6.0) -> Figure:
         """x and y over time with a dot at every mark.

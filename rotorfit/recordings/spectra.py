@@ -1,0 +1,159 @@
+"""Full spectra of a recording: one of a stretch, and cascades of them over time or speed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotorfit.estimators.signals.spectral_lines import full_spectrum
+from rotorfit.models.array_types import Float
+from rotorfit.models.parameters import unknown_name
+from rotorfit.recordings.marks import Marks
+from rotorfit.recordings.signals import Signals
+
+_LINES = 1 << 15
+"""Most samples of a spectrum of a cascade."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Cascade:
+    """Full spectra of one plane, one after the other.
+
+    Attributes:
+        plane: its name.
+        over: what tells them apart: ``time``, ``speed`` or ``perturbation``.
+        position: s or rad/s, shape ``(W,)``.
+        frequency: Hz, negative is backward, shape ``(F,)``.
+        amplitude: m, shape ``(W, F)``; a circle of radius A has A.
+        shaft, perturbation: speeds at each spectrum, rad/s (perturbation signed by its whirl); NaN without a mark.
+    """
+
+    plane: str
+    over: str
+    position: Float
+    frequency: Float
+    amplitude: Float
+    shaft: Float
+    perturbation: Float
+
+
+def spectrum(record: Signals, plane: str, start: float, stop: float | None) -> tuple[Float, Float]:
+    """Full spectrum of a plane over a stretch of time: frequencies (Hz) and amplitudes (m).
+
+    Args:
+        record: the recording.
+        plane: one of its planes.
+        start, stop: s; by default all, of a long recording the first million samples.
+
+    Raises:
+        ValueError: no such plane, or a stretch that is empty.
+    """
+    first = round(max(start, 0.0) * record.sample_rate)
+    last = record.size if stop is None else min(round(stop * record.sample_rate), record.size)
+    last = min(last, first + (1 << 20))
+    if last - first < 16:
+        end = "the end" if stop is None else f"{stop:g} s"
+        raise ValueError(f"{record.name}: no samples from {start:g} s to {end}")
+    z = record.motion(plane, first, last)
+    frequency, amplitude = full_spectrum(z.astype(complex), record.sample_rate)
+    return frequency, amplitude if np.iscomplexobj(z) else 2 * amplitude
+
+
+def cascade(record: Signals, marks: Marks, plane: str, *, over: str | None = None, spectra: int = 60) -> Cascade:
+    """Full spectra at even steps of time, speed or perturbation frequency.
+
+    Args:
+        record: the recording.
+        marks: its angles.
+        plane: one of its planes.
+        over: ``"time"``, ``"speed"`` or ``"perturbation"``; None: what changes in this recording.
+        spectra: how many.
+
+    Raises:
+        ValueError: no such plane, or a mark that is missing for what is asked.
+    """
+    places = cascade_times(record, marks, over, spectra)
+    rows = []
+    for start in places.starts.tolist():
+        z = record.motion(plane, start, start + places.size)
+        frequency, amplitude = full_spectrum(z.astype(complex), record.sample_rate)
+        rows.append(amplitude if np.iscomplexobj(z) else 2 * amplitude)
+    return Cascade(
+        plane=plane, over=places.over, position=places.position, frequency=frequency, amplitude=np.array(rows),
+        shaft=places.shaft, perturbation=places.perturbation,
+    )  # fmt: skip
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class CascadeTimes:
+    """Where the spectra of a cascade are taken.
+
+    Attributes:
+        over: what tells them apart: ``time``, ``speed`` or ``perturbation``.
+        size: samples of each.
+        starts: first sample of each, shape ``(W,)``.
+        position: s or rad/s, shape ``(W,)``.
+        shaft, perturbation: speeds at each spectrum, rad/s, the latter signed; NaN without a mark.
+    """
+
+    over: str
+    size: int
+    starts: NDArray[np.intp]
+    position: Float
+    shaft: Float
+    perturbation: Float
+
+
+def cascade_times(record: Signals, marks: Marks, over: str | None, spectra: int) -> CascadeTimes:
+    """Even steps of time, speed or perturbation frequency; arguments and errors as for :func:`cascade`."""
+    over = _changing(marks) if over is None else over
+    if over not in ("time", "speed", "perturbation"):
+        raise ValueError(unknown_name("axis of a cascade", over, ("time", "speed", "perturbation")))
+    size = int(np.clip(record.size // spectra * 2, 256, _LINES))
+    size = min(size, record.size)
+    t = np.linspace(size / 2, record.size - size / 2, spectra) / record.sample_rate
+    if over != "time":
+        mark = marks.named("shaft" if over == "speed" else "perturbator", record)
+        fine = np.linspace(t[0], t[-1], 20 * spectra)
+        speed = mark.speed(fine)
+        if np.any(np.diff(speed) * (speed[-1] - speed[0]) <= 0):  # not one way up or down: in the order of time
+            at = t
+        else:
+            order = np.argsort(speed)
+            at = np.interp(np.linspace(speed.min(), speed.max(), spectra), speed[order], fine[order])
+        t = at
+    middles = np.round(t * record.sample_rate) - size // 2
+    nan = np.full(t.size, np.nan)
+    shaft = nan if marks.shaft is None else marks.shaft.speed(t)
+    perturbation = nan if marks.perturbator is None else marks.whirl * marks.perturbator.speed(t)
+    return CascadeTimes(
+        over=over,
+        size=size,
+        starts=np.clip(middles, 0, record.size - size).astype(np.intp),
+        position={"time": t, "speed": shaft, "perturbation": np.abs(perturbation)}[over],
+        shaft=shaft,
+        perturbation=perturbation,
+    )
+
+
+def _changing(marks: Marks) -> str:
+    for name, angle in (("perturbation", marks.perturbator), ("speed", marks.shaft)):
+        if angle is not None:
+            speed = angle.speed(np.linspace(angle.begin, angle.end, 50))
+            if np.ptp(speed) > 0.1 * np.abs(speed).max():
+                return name
+    return "time"
+
+
+def steady_lines(marks: Marks, start: float, stop: float) -> dict[str, float]:
+    """Frequencies of orders, Hz, of the marks whose speed hardly changes from one time (s) to another, by label."""
+    lines: dict[str, float] = {}
+    t = np.linspace(start, stop, 50)
+    for name, angle in marks.present.items():
+        speed = angle.speed(t) / (2 * np.pi)
+        if np.ptp(speed) < 0.02 * np.abs(speed).max():
+            mean = float(speed.mean())
+            lines |= {f"{k}x": k * mean for k in (-2, -1, 1, 2)} if name == "shaft" else {"w": marks.whirl * mean}
+    return lines
