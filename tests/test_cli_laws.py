@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import csv
 import json
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
+from command_line import Run
 
 import rotorfit as rf
-from rotorfit.cli import main as cli
 from rotorfit.plots import responses as plots
 
 TRUTH = {"M": 1.2, "K": 2000.0, "Ds": 8.0, "K0": 9000.0, "D": 60.0, "lam": 0.46, "Mf": 0.4}
@@ -32,21 +31,11 @@ STATIC = ["--kind", "static-load", "--speed-rpm", "300,600", "--load", "0.5,1,2,
 IMPULSE = ["--kind", "impulse", "--speed-rpm", "600", "--load", "1,2", "--impulse", "1e-5"]
 RANK = ["--model", "one-mode", "--clearance-um", "200", "--known", pairs(KNOWN)]
 
-Run = Callable[..., tuple[int, str, str]]
-
 
 @pytest.fixture
-def run(capsys: pytest.CaptureFixture[str]) -> Run:
-    """Run the command line in this process: exit code, standard output, standard error."""
-
-    def call(*words: str | Path) -> tuple[int, str, str]:
-        try:
-            code = cli.main([str(word) for word in words])
-        except SystemExit as stop:  # argparse's own refusals
-            code = int(stop.code or 0)
-        return code, *capsys.readouterr()
-
-    return call
+def run(draw: Run) -> Run:
+    """Run the command line in this process, with figures."""
+    return draw
 
 
 @pytest.fixture(scope="module")

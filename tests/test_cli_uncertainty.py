@@ -1,0 +1,141 @@
+"""Posteriors, profiles and the bootstrap from the command line: files, seeds, interruption, progress."""
+
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from command_line import FIGURES, SAMPLED, TABLES, WHOLE, Run, refused
+from synthetic import circular_test
+
+import rotorfit as rf
+from rotorfit.cli import main as cli
+from rotorfit.studies.folder import CHECKPOINT
+
+
+@pytest.fixture
+def small(tmp_path: Path) -> list[str]:
+    """Words that fit a small test of one mode, which samples in a moment."""
+    model = rf.models.OneMode()
+    values = {"M": 1.2, "K": 8000.0, "Ds": 8.0, "K0": 9000.0, "D": 450.0, "lam": 0.46, "Mf": 0.4}
+    w = np.r_[-300:-20:20.0, 20:300:20.0]
+    test = circular_test(
+        model, model.vector(values), speeds=(100.0, 180.0), frequency=w, noise=0.02, seed=3, sigma_known=True
+    )
+    (tmp_path / "data").mkdir()
+    rf.write(test, tmp_path / "data" / "small.csv")
+    return ["fit", str(tmp_path / "data" / "small.csv"), "--model", "one-mode", "--known", "K=8000,Ds=8"]
+
+
+MORE = ["--sample", "--seed", "4", "--ess", "800", "--profile", "lam,threshold_speed", "--bootstrap", "20"]
+
+
+def test_all_measures_of_uncertainty(run: Run, tmp_path: Path, small: list[str]) -> None:
+    out = tmp_path / "out"
+    code, text, err = run(*small, *MORE, "--out", out)
+    assert (code, err) == (0, "")
+    extras = SAMPLED | {"profiles.csv", "profile_lam.png", "profile_threshold_speed.png", "bootstrap.csv"}
+    assert {p.name for p in out.iterdir()} == TABLES | FIGURES | WHOLE | extras
+    fit = rf.load_fit(out / "fit.json")
+    posterior = rf.load_posterior(out / "posterior.nc", fit)
+    assert posterior.converged
+    assert posterior.seed == 4
+    for words in ("profile likelihoods", "parametric bootstrap: 20 simulated", "R-hat", "95 % of the posterior"):
+        assert words in text
+    page = (out / "report.html").read_text(encoding="utf-8")
+    for words in ("split R-hat", "profile likelihood", "central 95 % of the estimates from 20 simulated tests"):
+        assert words in page
+    call = "--profile lam,threshold_speed --bootstrap 20 --sample --seed 4 --ess 800 --max-steps 20000 --out results/"
+    assert call in page
+    with (out / "bootstrap.csv").open(encoding="utf-8", newline="") as stream:
+        head, *rows = list(csv.reader(stream))
+    assert tuple(head) == fit.var_names
+    assert len(rows) == 20
+
+
+def test_the_same_seed_gives_the_same_json(run: Run, small: list[str]) -> None:
+    code, first, err = run(*small, *MORE, "--json")
+    assert (code, err) == (0, "")
+    answer = json.loads(first)
+    assert answer == json.loads(run(*small, *MORE, "--json")[1])
+    low, high = answer["posterior"]["interval_95"]["lam"]
+    lam = answer["parameters"]["lam"]
+    assert low < lam["value"] < high
+    # a posterior that is nearly normal: within its own noise of a few percent of the standard error
+    assert high - low == pytest.approx(2 * 1.96 * lam["stderr_noise"], rel=0.2)
+    ends = answer["profiles"]["lam"]
+    assert ends["upper"] - ends["lower"] == pytest.approx(2 * 1.96 * lam["stderr"], rel=0.05)
+    assert answer["bootstrap"]["failures"] == 0
+    assert answer["bootstrap"]["stderr"]["lam"] == pytest.approx(lam["stderr_noise"], rel=0.6)  # of 20 draws
+
+
+def test_sampling_cut_short_is_no_success(run: Run, tmp_path: Path, small: list[str]) -> None:
+    code, out, err = run(*small, "--sample", "--ess", "1e6", "--max-steps", "60", "--out", tmp_path / "out")
+    assert code == cli.NOT_CONVERGED
+    assert err.startswith("rotorfit: the posterior's sampling has not converged")
+    assert "NOT CONVERGED" in out
+    assert "not converged" in (tmp_path / "out" / "report.html").read_text(encoding="utf-8").partition("Parameters")[0]
+
+
+def test_interrupted_sampling_goes_on(
+    run: Run, tmp_path: Path, small: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    out = tmp_path / "new" / "out"
+    words = [*small, "--sample", "--seed", "4", "--ess", "30000", "--out", str(out), "--quiet"]
+
+    def stop(self: cli.ProgressLine, stage: str, done: float | None = None) -> None:
+        if "effective samples" in stage:
+            raise KeyboardInterrupt
+
+    with monkeypatch.context() as patched:
+        patched.setattr(cli.ProgressLine, "__call__", stop)
+        code, _, err = run(*words)
+    checkpoint = out / CHECKPOINT
+    assert (code, err) == (
+        cli.INTERRUPTED,
+        f"rotorfit: interrupted, the same command goes on from {checkpoint}\n",
+    )
+    assert list(out.iterdir()) == [checkpoint]
+    assert [p.name for p in out.parent.iterdir()] == ["out"]
+    assert "another" in refused(run(*words, "--start", "D=450", "--known", "Mf=0.41"))
+    assert list(out.iterdir()) == [checkpoint]
+    assert run(*words) == (0, "", "")
+    assert {p.name for p in out.iterdir()} == TABLES | FIGURES | WHOLE | SAMPLED
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        ("--profile lamda", "did you mean 'lam'"),
+        ("--calibration probe_gian=0.01", "did you mean 'probe_gain'"),
+        ("--calibration mr=-0.01", "a standard uncertainty is zero or a positive number"),
+        ("--profile K", "K is known here"),
+        ("--ess 0", "argument --ess: 0 is not above zero"),
+        ("--bootstrap many", "argument --bootstrap: invalid"),
+        ("--seed -1", "argument --seed: -1 is below zero"),
+        ("--max-steps 0", "argument --max-steps: at least 1"),
+    ],
+)
+def test_bad_uncertainty_settings(run: Run, tmp_path: Path, small: list[str], words: str, expected: str) -> None:
+    code, out, err = run(*small, *words.split(), "--sample", "--out", tmp_path / "out")
+    assert (code, out) == (cli.BAD_INPUT, "")
+    assert expected in err
+    assert [p.name for p in tmp_path.iterdir()] == ["data"]
+
+
+def test_progress_is_one_line_with_a_bar(capsys: pytest.CaptureFixture[str]) -> None:
+    shown = cli.ProgressLine(enabled=True)
+    shown("reading")
+    shown("sampling", 0.5)
+    shown.close()
+    err = capsys.readouterr().err
+    assert "\n" not in err
+    _, reading, sampling, end = err.split("\r\033[K")
+    assert "#" not in reading
+    assert "[############            ]  50 %  sampling ..." in sampling
+    assert end == ""
+    cli.ProgressLine(enabled=False)("nothing", 1.0)
+    assert capsys.readouterr().err == ""
