@@ -111,3 +111,8 @@ def test_variances_of_two_sweeps_are_compared_as_scipy_does():
         one, other = rng.standard_normal(size), factor * rng.standard_normal(size)
         powers = [float(np.var(sample, ddof=1)) for sample in (one, other)]
         assert _agree(powers, [size - 1, size - 1]) == (bartlett(one, other).pvalue > 0.01)
+
+
+def test_sweeps_of_the_same_variance_but_for_round_off_share_it():
+    for power in np.random.default_rng(0).uniform(1e-12, 1, 500).tolist():
+        assert _agree([power, np.nextafter(power, 1)], [200, 200])

@@ -107,7 +107,7 @@ def _agree(power: Sequence[float], freedom: Sequence[int]) -> bool:
     both = freedom[high] + freedom[low]
     pooled = sum(own * f for own, f in ends) / both
     correction = 1 + (sum(1 / f for _, f in ends) - 1 / both) / 3  # Bartlett 1937
-    statistic = sum(f * math.log(pooled / own) for own, f in ends) / correction
+    statistic = max(sum(f * math.log(pooled / own) for own, f in ends), 0.0) / correction  # round-off may be below zero
     return math.erfc(math.sqrt(statistic / 2)) > _APART  # chi-squared with one degree of freedom is a squared normal
 
 
