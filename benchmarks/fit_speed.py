@@ -162,11 +162,11 @@ def contenders(case: Case) -> dict[tuple[str, str], Contender]:
         result = rf_fit(space.model, case.test, known=case.known)
         return result.x, result.nfev
 
-    turn = count(1)
+    turn, other = count(1), replace(case.test)  # met before as well, and not by the others
 
     def otherwise() -> tuple[Float, int | None]:
         known = {name: value * (1 + 1e-12 * next(turn)) for name, value in case.known.items()}
-        result = rf_fit(space.model, case.test, known=known)
+        result = rf_fit(space.model, other, known=known)
         return result.x, result.nfev
 
     return {
