@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from scipy.stats import norm
 from synthetic import MODELS, SPEEDS, TYPICAL, circular_test, covering_frequencies, known_of
 
 import rotorfit as rf
 from rotorfit.data.kept import kept
+from rotorfit.estimators.starting import closed_form as closed_form_module
 
 
 def rig(count, noise=0.01):
@@ -41,3 +45,26 @@ def test_a_start_from_some_of_many_lines_leads_to_the_optimum_of_all():
     errors = np.sqrt(np.diag(fit.covar))
     assert fit.success
     np.testing.assert_allclose((fit.x - from_truth.x) / errors, 0, atol=1e-4)  # the optimiser's tolerance
+
+
+def test_the_closed_form_that_data_keep_is_that_of_new_data(monkeypatch):
+    """Another bound, prior or loss changes nothing in the equations of motion: the passes are not made again, and the
+    fit is to the last bit that of a copy which nothing was worked out of. Another known value makes its own passes."""
+    model, test, known = rig(60)
+    made = []
+    solved = closed_form_module._Equations.force_balance
+    monkeypatch.setattr(closed_form_module._Equations, "force_balance", lambda *a: made.append(1) or solved(*a))
+    rf.fit(model, test, known=known)
+    passes = len(made)
+    assert passes
+    for change in ({"bounds": {"lam": (0.0, 0.9)}}, {"priors": {"lam": norm(0.45, 0.05)}}):
+        del made[:]
+        kept_one = rf.fit(model, test, known=known, **change)
+        assert not made
+        np.testing.assert_array_equal(kept_one.x, rf.fit(model, replace(test), known=known, **change).x)
+        assert len(made) == passes
+    name = next(iter(known))
+    for other in (known | {name: 1.01 * known[name]}, known):
+        del made[:]
+        np.testing.assert_array_equal(rf.fit(model, test, known=other).x, rf.fit(model, replace(test), known=other).x)
+        assert len(made) == 2 * passes
