@@ -27,7 +27,7 @@ from rotorfit.fitting.result import FitResult
 from rotorfit.fitting.settings import FitSettings, PhaseOffsets
 from rotorfit.models import Modal, RotorModel
 from rotorfit.models.array_types import Float
-from rotorfit.observing.clearance import within_clearance
+from rotorfit.observing.jumps import usable
 
 DATA_ERROR = "error in the data: "
 """Beginning of the warnings of a result that tell what the check of the data found wrong."""
@@ -94,8 +94,8 @@ def fit(
     problem = build_problem(model, experiments, settings)
     begin, notes = start_vector(problem, start or {})
     solution = solve(problem, begin, Options(max_iterations=max_iterations))
-    left_out = (within_clearance(model, test)[1] for test in as_tuple(experiments))
-    notes = (*data_errors(as_tuple(experiments)), *filter(None, left_out), *notes)
+    left_out = (sentence for test in as_tuple(experiments) for sentence in usable(model, test)[1])
+    notes = (*data_errors(as_tuple(experiments)), *left_out, *notes)
     noise = None
     singular = solution.status is Status.SINGULAR  # a minimum along a whole line is one
     studied = loss == "linear" and (solution.success or singular)

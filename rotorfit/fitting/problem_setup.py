@@ -24,9 +24,9 @@ from rotorfit.fitting.noise_problem import normal, with_noise
 from rotorfit.fitting.settings import FitSettings, PhaseOffsets, check_phase_offsets
 from rotorfit.models import Modal, RotorModel
 from rotorfit.models.parameters import unknown_name
-from rotorfit.observing.clearance import within_clearance
 from rotorfit.observing.grouping import Grouping, group_rows
 from rotorfit.observing.influences import correlated
+from rotorfit.observing.jumps import usable
 from rotorfit.observing.observations import observe_any
 
 
@@ -92,7 +92,7 @@ def _observed(
     if len(experiments) == 1 and influences[0] is not None:
         _check_modes(model, influences[0], settings)
     seen: tuple[Experiment, ...] = tuple(
-        within_clearance(model, experiment if found is None else found.test)[0]
+        usable(model, experiment if found is None else found.test)[0]
         for experiment, found in zip(experiments, influences, strict=True)
     )
     grouping = group_rows(seen, settings.per)

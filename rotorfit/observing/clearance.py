@@ -37,7 +37,7 @@ def within_clearance(model: RotorModel, test: Experiment) -> tuple[Experiment, s
     beyond = size > CLEAR * model.clearance
     if not 0 < np.count_nonzero(beyond) <= max(1.0, _FEW * np.isfinite(size).sum()):
         return test, ""
-    line = _lines(test)
+    line = same_line(test)
     out = np.isin(line, line[beyond])
     places = sorted({f"{run}, {_where(test, row)}" for row, run in enumerate(test.run.tolist()) if beyond[row]})
     named = "; ".join(places[:3]) + (f" and {len(places) - 3} more" if places[3:] else "")
@@ -68,7 +68,7 @@ def _excursion(model: RotorModel, test: Experiment) -> Float:
     return nothing
 
 
-def _lines(test: Experiment) -> NDArray[np.intp]:
+def same_line(test: Experiment) -> NDArray[np.intp]:
     """Rows that share the journal's position."""
     match test:
         case PerturbationTest():

@@ -1,0 +1,76 @@
+"""Lines beside a jump: the orbit that a sweep leaves has all but ceased to exist there, and no fit can follow it."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotorfit.data.experiments import Experiment, PerturbationTest
+from rotorfit.models import RotorModel
+from rotorfit.models.journal import journal
+from rotorfit.observing.clearance import same_line, within_clearance
+from rotorfit.observing.row_labels import same_rows
+
+_FROM = 0.05  # step of the journal's vector from one line to the next, in clearances, that may be a jump
+_OVER = 4.0  # times the steps on either side of it
+_BEFORE = 2  # lines left out before a jump
+_GAP, _SAME = 3.0, 0.2  # step of the frequency over the usual one, and relative change of the force, within one sweep
+_FEWEST = 6  # lines of a sweep in which a jump can be told from a resonance
+
+
+def usable(model: RotorModel, test: Experiment) -> tuple[Experiment, tuple[str, ...]]:
+    """A test as it can be fitted, and sentences on the readings that were left out.
+
+    Args:
+        model: the rotor; without a clearance everything stays.
+        test: what was measured.
+    """
+    inside, beyond = within_clearance(model, test)
+    clear, jumped = off_jumps(model, inside)
+    return clear, tuple(filter(None, (beyond, jumped)))
+
+
+def off_jumps(model: RotorModel, test: Experiment) -> tuple[Experiment, str]:
+    """A test without the last two lines before each jump of a sweep, and a sentence on them.
+
+    At the end of a branch the orbit's slope by every parameter is infinite, and a step further there is none: a search
+    stalls there, and what such lines say of the parameters is not what a slope says. Lines are taken to be in the order
+    in which they were swept.
+
+    Args:
+        model: the rotor; without a clearance everything stays.
+        test: what was measured.
+    """
+    if model.clearance is None or not model.eccentricity_dependent or not isinstance(test, PerturbationTest):
+        return test, ""
+    moving = np.flatnonzero(test.plane == model.coordinates[journal(model).at].plane)
+    if test.static_position is not None or not moving.size:
+        return test, ""
+    sweep = same_rows(test.run, test.speed, np.sign(test.frequency), test.force_plane, test.direction)
+    ending: list[int] = []
+    jumps = 0
+    for number in np.unique(sweep[moving]).tolist():
+        rows = moving[sweep[moving] == number]
+        if rows.size < _FEWEST:
+            continue
+        step = np.abs(np.diff(test.response[rows])) / model.clearance
+        beside = np.maximum(np.append(step[1:], 0.0), np.append(0.0, step[:-1]))
+        places = np.flatnonzero((step > _FROM) & (step > _OVER * beside) & _swept_on(test, rows)).tolist()
+        jumps += len(places)
+        ending += [row for place in places for row in rows[max(place + 1 - _BEFORE, 0) : place + 1].tolist()]
+    if not ending:
+        return test, ""
+    line = same_line(test)
+    out = np.isin(line, line[ending])
+    return test.select(~out), (
+        f"{test.source or test.title}: {jumps} jumps from one orbit to another; the last {_BEFORE} lines before each, "
+        "where the orbit left ceases to exist, are left out"
+    )
+
+
+def _swept_on(test: PerturbationTest, rows: NDArray[np.intp]) -> NDArray[np.bool_]:
+    """Whether from each row to the next the sweep went on: a step in frequency as the others, and the same force."""
+    ahead, force = np.diff(test.frequency[rows]), np.abs(test.force[rows])
+    usual = float(np.median(ahead))
+    same = np.abs(np.diff(force)) <= _SAME * force[:-1]
+    return np.asarray((ahead * usual > 0) & (np.abs(ahead) <= _GAP * abs(usual)) & same)
