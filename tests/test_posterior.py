@@ -414,7 +414,10 @@ def test_noise_levels_are_told_against_the_noise_of_the_data(rig):
     assert told is not None
     assert [float(level) for level in told.groups()] == pytest.approx([min(levels), max(levels)], rel=0.02)
     fixed = quick(rig.fit, noise="fixed", walkers=64, max_steps=100)
-    assert fixed.treatment == "noise of each response at the level of the residuals of the refined fit"
+    assert fixed.treatment == (
+        "noise of each response at the level of the residuals of the refined fit. The doubt between the rungs of the "
+        "ladder, which standard errors hold, is not in these draws of one model"
+    )
 
 
 def test_model_limits_are_told(rig_fit):
