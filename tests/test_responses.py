@@ -217,6 +217,16 @@ def test_demo_from_volts_meets_the_truth(tmp_path: Path, capsys: pytest.CaptureF
     for name, value in rf.datasets.truth("volts")["params"].items():
         if name != "K3":
             assert abs(fit.params[name].value - value) < 4 * fit.params[name].stderr, name
+    # The report shows what was recorded, what was done to it, and a cascade of each recording.
+    page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+    recorded = page[page.index("<h2>Recordings") : page.index("<h2>Model")]
+    for path in rf.datasets.volts():
+        record = rf.read_recording(path)
+        assert recorded.count(record.name) >= 2, path
+        assert f"({record.shaft_angle().pulses.size} pulses)" in recorded
+        assert f"{record.force.mr * 1e6:.4g}"[:3] in recorded
+    assert "local models in the signed frequency" in recorded
+    assert len(list((tmp_path / "out").glob("cascade_*.png"))) == 4
 
 
 def test_recordings_from_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -1,5 +1,7 @@
 """From volts to the parameters of a shaft that is not round: recordings of the virtual shaft, read and fitted."""
 
+import html
+
 import numpy as np
 import pytest
 from shaft_setups import TWISTED
@@ -121,6 +123,7 @@ def test_the_command_line_goes_from_volts_to_the_anisotropy(backward, setup, tmp
     page = (tmp_path / "more" / "report.html").read_text()
     assert "fit backward.h5 --setup rig.toml --model anisotropic-shaft --runout-um 0.2" in page
     assert "runout_um=0.2)" in page
+    assert "amplitudes of the shaft's combination lines" in html.unescape(page)
 
 
 @pytest.mark.parametrize(

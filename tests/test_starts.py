@@ -13,8 +13,8 @@ from rotorfit.fitting.problem_setup import build_problem
 from rotorfit.fitting.settings import FitSettings
 from rotorfit.models import WhirlWhip, eigenvalues
 
-COUNT = 80
-"""Rigs of each model; a start that leads astray in one rig of a hundred is met by 400 with probability 98 %."""
+COUNT = 200
+"""Rigs of each model; a start that leads astray in one rig of three hundred is met by 1000 with probability 96 %."""
 SHARP = (6, 48, 50, 59)
 """Rotors of a family of sixty that few of many random starts find from force and probe at the journal."""
 

@@ -141,7 +141,7 @@ def figure_sections(material: ReportInput) -> Iterator[Html]:
     for kind in FIGURES:
         if material.figure_format != "none" and any(kind.shows(block) for block in fit.problem.blocks):
             name = kind.draw.__name__.removeprefix("plot_")
-            yield section(kind.title, _picture(material, name, partial(kind.draw, fit), kind.caption), figure=True)
+            yield section(kind.title, embedded(material, name, partial(kind.draw, fit), kind.caption), figure=True)
     if fit.responses:
         yield section("Quality of fit", *_quality(fit))
     yield section("Stability", *_stability(material))
@@ -151,7 +151,7 @@ def figure_sections(material: ReportInput) -> Iterator[Html]:
         yield section("Posterior", *_posterior(material, material.posterior))
 
 
-def _picture(material: ReportInput, name: str, draw: Callable[[], Figure], caption: str) -> Html:
+def embedded(material: ReportInput, name: str, draw: Callable[[], Figure], caption: str) -> Html:
     """Draw a figure, keep the file, embed it; nothing where figures are left out."""
     if material.figure_format == "none":
         return Html("")
@@ -181,7 +181,7 @@ def _stability(material: ReportInput) -> Iterator[Html]:
     for label, group in groups_of(fit):
         caption = "Modes of the fitted rotor against its speed" + (f", {label}." if label else ".")
         name = "stability" if group == 0 else f"stability_{group + 1}"
-        yield _picture(material, name, partial(_draw_stability, fit, group), caption)
+        yield embedded(material, name, partial(_draw_stability, fit, group), caption)
     rows = [row for label, group in groups_of(fit) for row in _mode_rows(fit, label, group)]
     head = ["group", "rotative speed, rpm", "damped frequency, rpm", "±", "damping ratio", "±"]
     if rows and not rows[0][0]:
@@ -210,7 +210,7 @@ def _mode_rows(fit: FitResult, label: str, group: int) -> Iterator[list[str]]:
 def _profiles(material: ReportInput) -> Iterator[Html]:
     for p in material.profiles:
         name = re.sub(r"\W+", "_", f"profile_{p.name}").rstrip("_")
-        yield _picture(material, name, p.plot, p.name.replace("_", " ") + (f". {p.message}" if p.message else ""))
+        yield embedded(material, name, p.plot, p.name.replace("_", " ") + (f". {p.message}" if p.message else ""))
 
 
 def _posterior(material: ReportInput, posterior: Posterior) -> Iterator[Html]:
@@ -225,13 +225,13 @@ def _posterior(material: ReportInput, posterior: Posterior) -> Iterator[Html]:
     caption = "Posterior: margins with their 95 % interval, and pairs with contours of 68 and 95 %; lines: the optimum."
     if len(shown) < len(names):
         caption += f" {len(shown)} of {len(names)} parameters: the fluid's, and those most correlated with others."
-    yield _picture(material, "corner", partial(_draw_corner, samples[:, shown], labels, marks), caption)
+    yield embedded(material, "corner", partial(_draw_corner, samples[:, shown], labels, marks), caption)
     yield element("h3", "Health of the chains")
     yield paragraph(sentence(posterior.message))
     yield paragraph(sentence(posterior.treatment))
     yield _health(posterior)
     traces = partial(_draw_traces, posterior.chain[..., shown], [names[i] for i in shown])
-    yield _picture(material, "chains", traces, "Walkers' paths after burn-in.")
+    yield embedded(material, "chains", traces, "Walkers' paths after burn-in.")
 
 
 def _draw_corner(samples: Float, labels: list[str], marks: dict[str, float]) -> Figure:

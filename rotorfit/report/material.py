@@ -11,6 +11,7 @@ from rotorfit.fitting.result import FitResult
 
 if TYPE_CHECKING:
     from rotorfit.data.findings import Finding
+    from rotorfit.recordings.recording import Recording
     from rotorfit.uncertainty.bootstrap import Bootstrap
     from rotorfit.uncertainty.posterior import Posterior
     from rotorfit.uncertainty.profile import Profile
@@ -36,5 +37,7 @@ class ReportInput:
     shares: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     operating_speed: float | None = None
     figure_format: FigureFormat = "png"
+    recordings: Sequence[Recording] = ()
+    turns: int | None = None
     pictures: dict[str, bytes] = field(default_factory=dict)
     """Files of that format by name, filled in as figures are drawn."""

@@ -16,6 +16,7 @@ from rotorfit.report.page import page, write_whole
 
 if TYPE_CHECKING:
     from rotorfit.data.findings import Finding
+    from rotorfit.recordings.recording import Recording
     from rotorfit.uncertainty.bootstrap import Bootstrap
     from rotorfit.uncertainty.posterior import Posterior
     from rotorfit.uncertainty.profile import Profile
@@ -35,6 +36,8 @@ def write_report(
     title: str | None = None,
     figures: str | os.PathLike[str] | None = None,
     figure_format: FigureFormat = "png",
+    recordings: Sequence[Recording] = (),
+    turns: int | None = None,
 ) -> Path:
     """Write the report of a fit as one self-contained HTML file, whole or not at all.
 
@@ -52,6 +55,8 @@ def write_report(
         title: heading of the report.
         figures: folder that is there, to which the figures are also written, each as a file.
         figure_format: of these files: png, pdf or svg; none leaves figures out of the report too.
+        recordings: what the experiments were reduced from, to be shown with what was done to them.
+        turns: as :func:`rotorfit.responses` was given it.
 
     Returns:
         the path written.
@@ -80,6 +85,8 @@ def write_report(
         shares=_shares(fit) if shares is None else shares,
         operating_speed=operating_speed,
         figure_format=figure_format,
+        recordings=recordings,
+        turns=turns,
     )
     _check(material)
     text = document(material, title or f"Rotor identification: {fit.model.name}")
@@ -143,6 +150,7 @@ def document(material: ReportInput, title: str) -> Html:
     from rotorfit.report.data_and_model import data_section, model_section, refinement_section
     from rotorfit.report.figures import figure_sections
     from rotorfit.report.parameters import identifiability_section, interval_section, parameter_section
+    from rotorfit.report.recorded import recordings_section
     from rotorfit.report.reproduce import reproduce_section
     from rotorfit.report.verdict import verdict_section
 
@@ -154,6 +162,7 @@ def document(material: ReportInput, title: str) -> Html:
         identifiability_section(material),
         assumptions_section(material),
         data_section(material),
+        *recordings_section(material),
         model_section(material),
         refinement_section(material),
         *figure_sections(material),

@@ -12,6 +12,7 @@ if TYPE_CHECKING:
 
     from rotorfit.data.experiments import Experiment
     from rotorfit.data.findings import Finding
+    from rotorfit.recordings.recording import Recording
 
 
 @dataclass(frozen=True)
@@ -36,6 +37,26 @@ class RecordingFiles:
         """The first file."""
         return self.paths[0]
 
+    def open(self, progress: Callable[[str], None]) -> list[Recording]:
+        """The recordings, of which nothing but headings is read yet.
+
+        Args:
+            progress: called with a few words for each file.
+
+        Raises:
+            ValueError: what is wrong in a file or in the setup.
+            OSError: a file that cannot be read.
+        """
+        from rotorfit.recordings.recording import read_recording
+        from rotorfit.recordings.rig_toml import read_setup
+
+        setup = None if self.setup is None else read_setup(self.setup)
+        records = []
+        for path in self.paths:
+            progress(f"opening {path.name}")
+            records.append(read_recording(path, setup))
+        return records
+
     def read(
         self,
         on_finding: Callable[[Finding], None],
@@ -54,15 +75,9 @@ class RecordingFiles:
             OSError: a file that cannot be read.
         """
         from rotorfit.recordings.recorded_tests import recorded_tests
-        from rotorfit.recordings.recording import read_recording
-        from rotorfit.recordings.rig_toml import read_setup
         from rotorfit.recordings.shaft_lines import shaft_lines
 
-        setup = None if self.setup is None else read_setup(self.setup)
-        records = []
-        for path in self.paths:
-            progress(f"opening {path.name}")
-            records.append(read_recording(path, setup))
+        records = self.open(progress)
         if not self.lines:
             return recorded_tests(
                 records, turns=self.windows, executor=executor, on_finding=on_finding, progress=progress

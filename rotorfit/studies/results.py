@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from rotorfit.fitting.quantities import FittedParameter
 from rotorfit.fitting.result import FitResult
 from rotorfit.studies.data_files import StudyProgress
+from rotorfit.studies.recording_files import RecordingFiles
 from rotorfit.studies.study import Outcome
 from rotorfit.studies.text import summary
 
@@ -45,6 +46,7 @@ def write_outcome(
     best.save(folder / "fit.json")
     if outcome.posterior is not None:
         outcome.posterior.save(folder / "posterior.nc")
+    recorded = [files for files in outcome.study.files if isinstance(files, RecordingFiles)]
     progress("drawing the report")
     write_report(
         best,
@@ -56,6 +58,8 @@ def write_outcome(
         bootstrap=outcome.bootstrap,
         figures=folder,
         figure_format=figure_format,
+        recordings=[record for files in recorded for record in files.open(progress)],
+        turns=next((files.windows for files in recorded), None),
     )
 
 
