@@ -68,11 +68,11 @@ def recordings_section(material: ReportInput) -> Iterator[Html]:
 
 def _done(record: Recording, material: ReportInput) -> str:
     """What made experiments of a recording."""
+    if any(isinstance(test, LineTest) for test in material.fit.experiments):
+        return _BY_LINES  # the weight of the shaft and its own unbalance may be all that drives it
     kind = kind_of(record)
     if kind in (BLOWS, LOADS):
         return _BY_BLOWS if kind == BLOWS else _BY_LOADS
-    if any(isinstance(test, LineTest) for test in material.fit.experiments):
-        return _BY_LINES
     return _BY_WINDOWS.format(turns=material.turns) if material.turns else _BY_SPECTRA
 
 
@@ -98,8 +98,10 @@ def _speeds(angle: AngleTrack) -> str:
 def _driven_by(record: Recording) -> str:
     """Force of a recording in words."""
     force, load = record.force, record.rig.load
+    if force is None and load is not None:
+        return f"load of {plain(abs(load.newton), 4)} N at {load.plane}"
     if force is None:
-        return "blows" if load is None else f"load of {plain(abs(load.newton), 4)} N at {load.plane}"
+        return "blows" if record.rig.impulse is not None else "what the shaft itself brings"
     if force.measured:
         return f"measured force at {force.plane}, {', '.join(name for name in force.channels if name)}"
     angle = (
