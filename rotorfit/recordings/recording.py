@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -30,8 +30,9 @@ from rotorfit.recordings.quality import (
 )
 from rotorfit.recordings.resolve import complete
 from rotorfit.recordings.rig_toml import read_setup
-from rotorfit.recordings.setup import RigSetup
+from rotorfit.recordings.setup import Probe, RigSetup
 from rotorfit.recordings.signals import Signals
+from rotorfit.recordings.slow_roll import RunOut, find_run_out, in_words
 from rotorfit.recordings.spectra import cascade, spectrum, steady_lines
 from rotorfit.recordings.twist import twist_of, twist_view
 from rotorfit.recordings.views import OrderVectors, centreline, stretch, vectors_over_time
@@ -68,6 +69,31 @@ class Recording(Signals):
         return None if self.rig.perturbator is None else self._perturbator
 
     @cached_property
+    def run_out(self) -> RunOut | None:
+        """Run-out that ``[slow_roll]`` of the setup says to take out of the signals; None where it says nothing.
+
+        Raises:
+            ValueError: the shaft hardly turns so slowly.
+            FileNotFoundError: no such recording of slow turning.
+        """
+        how = self.rig.slow_roll
+        if how is None or self.setup is None:
+            return None
+        if how.file is None:
+            return find_run_out(self, self.shaft_angle(), how)
+        slow = read_recording(self.path.parent / how.file, replace(self.setup, slow_roll=None))
+        return find_run_out(slow, slow.shaft_angle(), how)
+
+    def without_run_out(self, probe: Probe, start: int = 0, stop: int | None = None) -> NDArray[np.float64]:
+        """See :meth:`Signals.without_run_out`; before the first mark and after the last the angle is continued."""
+        volts = self.channel(probe.channel, start, stop)
+        if self.run_out is None:
+            return volts
+        first, last, _ = slice(start, stop).indices(self.size)
+        t = np.arange(first, last) / self.sample_rate
+        return np.asarray(volts - self.run_out.volts(probe.channel, self.shaft_angle().angle(t)))
+
+    @cached_property
     def _shaft(self) -> AngleTrack:
         return track(self, self.rig.shaft)  # type: ignore[arg-type]
 
@@ -101,6 +127,7 @@ class Recording(Signals):
         found += probe_findings(self, self.statistics)
         found += direction_findings(self, shaft, perturbator)
         found += hum_findings(self, shaft)
+        found += [] if self.run_out is None else [Finding("note", "slow-roll", in_words(self, self.run_out))]
         return tuple(found)
 
     @cached_property

@@ -236,5 +236,5 @@ def motion_at(record: Recording, reduced: ReducedRate, part: slice, plane: str) 
 
 def _towards(record: Recording, probe: Probe, reduced: ReducedRate) -> Float:
     """Motion towards a probe, m, from where its voltage is zero."""
-    volts = reduced.reduce(lambda first, last: record.channel(probe.channel, first, last))
+    volts = reduced.reduce(lambda first, last: record.without_run_out(probe, first, last))
     return np.asarray(volts.real / float(probe.sensitivity or 1.0))

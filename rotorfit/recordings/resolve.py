@@ -22,6 +22,7 @@ from rotorfit.recordings.setup import (
     Reference,
     RigSetup,
     Scale,
+    SlowRollSetup,
     Twist,
     prefer,
 )
@@ -49,6 +50,7 @@ class Rig:
         load: constant load; None where neither file nor setup says.
         impulse: that the rotor is struck or released.
         twist: channel of torsion.
+        slow_roll: run-out to be taken out of the signals.
         scales: factor to volts and offset by channel.
         speed: nominal rotative speed, rad/s.
         attributes: test attributes.
@@ -65,6 +67,7 @@ class Rig:
     load: Load | None
     impulse: ImpulseSetup | None
     twist: Twist | None
+    slow_roll: SlowRollSetup | None
     scales: dict[str, tuple[float, float]]
     speed: float | None
     attributes: dict[str, float | str]
@@ -177,11 +180,28 @@ def complete(raw: RawFile, setup: RigSetup | None) -> Rig:
         load=_load(raw, whole.load, planes, whole.rotation or 1),
         impulse=whole.impulse,
         twist=twist,
+        slow_roll=_slow_roll(whole.slow_roll, shaft, source),
         scales={channel.name: _scale(raw, channel, whole) for channel in used},
         speed=whole.speed,
         attributes=dict(whole.attributes),
         findings=() if given is None else tuple(_contradictions(given, own, raw, source)),
     )
+
+
+def _slow_roll(how: SlowRollSetup | None, shaft: Reference | None, source: str) -> SlowRollSetup | None:
+    """What the setup says of run-out.
+
+    Raises:
+        ValueError: nothing says where the shaft turns slowly, or how it turns.
+    """
+    if how is not None and how.below is None and how.file is None:
+        raise ValueError(
+            f"{source}, [slow_roll]: give below_rpm, the speed below which the shaft does not vibrate, or file, a "
+            "recording of slow turning"
+        )
+    if how is not None and shaft is None:
+        raise ValueError(f"{source}, [slow_roll] needs the shaft's own mark; name its channel in [shaft]")
+    return how
 
 
 def _how(raw: RawFile) -> str:

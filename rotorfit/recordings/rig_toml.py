@@ -14,6 +14,8 @@ from typing import Any
 
 from rotorfit.models.parameters import unknown_name
 from rotorfit.recordings.setup import (
+    VECTOR_ORDERS,
+    WAVEFORM_ORDERS,
     ForceSetup,
     ImpulseSetup,
     LoadSetup,
@@ -21,6 +23,7 @@ from rotorfit.recordings.setup import (
     Reference,
     RigSetup,
     Scale,
+    SlowRollSetup,
     Twist,
 )
 from rotorfit.units import RAD_S_PER_RPM, UNITS
@@ -146,6 +149,11 @@ _IMPULSE: dict[str, tuple[str, Reader]] = {
     "plane": ("plane", _word),
     "highest_hz": ("highest", _scaled(_positive, 2 * math.pi)),
 }
+_SLOW_ROLL: dict[str, tuple[str, Reader]] = {
+    "below_rpm": ("below", _scaled(_positive, RAD_S_PER_RPM)),
+    "file": ("file", _word),
+    "as": ("orders", _choice({"vector": VECTOR_ORDERS, "waveform": WAVEFORM_ORDERS})),
+}
 _TWIST: dict[str, tuple[str, Reader]] = {
     "channel": ("channel", _word),
     "sensitivity_V_per_rad": ("sensitivity", _sensitivity),
@@ -173,7 +181,19 @@ _FLAT_LOAD: dict[str, tuple[str, Reader]] = {
     "load_deg": ("angle", _scaled(_number, _DEGREE)),
 }
 _FLAT_IMPULSE: dict[str, tuple[str, Reader]] = {"impulse_plane": ("plane", _word)}
-_TABLES = ("shaft", "perturbator", "probe", "force", "load", "impulse", "twist", "channel", "attributes", "run")
+_TABLES = (
+    "shaft",
+    "perturbator",
+    "probe",
+    "force",
+    "load",
+    "impulse",
+    "twist",
+    "slow_roll",
+    "channel",
+    "attributes",
+    "run",
+)
 _CHANNEL: dict[str, tuple[str, Reader]] = {
     "volts_per_count": ("volts_per_count", _sensitivity),
     "full_scale_V": ("full_scale", _positive),
@@ -230,6 +250,7 @@ def setup_of(content: Mapping[str, Any], source: str) -> RigSetup:
         load=load or setup.load,
         impulse=impulse or setup.impulse,
         twist=_record(Twist, _TWIST, _table(content, "twist", source), f"{source}, [twist]"),
+        slow_roll=_record(SlowRollSetup, _SLOW_ROLL, _table(content, "slow_roll", source), f"{source}, [slow_roll]"),
         scales=_scales(content, source),
         attributes=_attributes(_table(content, "attributes", source) or {}, source),
         runs=_runs(content, source),

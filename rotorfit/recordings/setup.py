@@ -123,6 +123,25 @@ class Twist:
     teeth: int | None = None
 
 
+VECTOR_ORDERS, WAVEFORM_ORDERS = 2, 24
+"""Orders of the shaft that run-out is made of: as vectors, and as a waveform over the angle."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SlowRollSetup:
+    """Run-out to be taken out of the signals, as slow turning shows it.
+
+    Attributes:
+        below: speed below which motion that turns with the shaft is run-out, rad/s; None: at every speed of ``file``.
+        file: recording of slow turning in the folder of the recording; None: the recording itself.
+        orders: of the shaft; None: vectors.
+    """
+
+    below: float | None = None
+    file: str | None = None
+    orders: int | None = None
+
+
 @dataclass(frozen=True, kw_only=True)
 class Scale:
     """What a channel of counts means in volts.
@@ -153,6 +172,7 @@ class RigSetup:
         load: constant load on it.
         impulse: that it is struck or released.
         twist: channel of torsion.
+        slow_roll: run-out to be taken out.
         sensitivity: of probes that have none of their own, V/m.
         scales: of channels that hold counts, by channel.
         attributes: test attributes of the recording, such as the oil temperature.
@@ -170,6 +190,7 @@ class RigSetup:
     load: LoadSetup | None = None
     impulse: ImpulseSetup | None = None
     twist: Twist | None = None
+    slow_roll: SlowRollSetup | None = None
     sensitivity: float | None = None
     scales: Mapping[str, Scale] = field(default_factory=dict)
     attributes: Mapping[str, float | str] = field(default_factory=dict)

@@ -181,8 +181,17 @@ class Signals:
             probe: one of :attr:`probes`.
             start, stop: samples from and to.
         """
-        volts = self.channel(probe.channel, start, stop)
+        volts = self.without_run_out(probe, start, stop)
         return np.asarray((volts - self.gap_voltage(probe.channel)) / float(probe.sensitivity or 1.0))
+
+    def without_run_out(self, probe: Probe, start: int = 0, stop: int | None = None) -> Float:
+        """Voltage of a probe without the run-out that the setup says slow turning shows; as it is where none is named.
+
+        Args:
+            probe: one of :attr:`probes`.
+            start, stop: samples from and to.
+        """
+        return self.channel(probe.channel, start, stop)
 
     def gap_voltage(self, name: str) -> float:
         """Mean voltage of a channel over the recording.

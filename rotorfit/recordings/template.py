@@ -12,6 +12,12 @@ from rotorfit.recordings.setup import ForceSetup, Probe, Reference, RigSetup
 from rotorfit.units import RAD_S_PER_RPM
 
 _PER_MM = 1e3
+_SLOW_ROLL = (
+    "",
+    "# [slow_roll]                    # leave out, or: run-out to take out of the signals",
+    '# below_rpm = 300.0              # from the slow part of the recording; or file = "slow.h5", one beside it',
+    '# as = "vector"                  # 1x and 2x; "waveform": scratches too',
+)
 
 
 def template(path: str | Path) -> str:
@@ -38,6 +44,7 @@ def template(path: str | Path) -> str:
         *(line for probe in own.probes or () for line in _probe(probe, own)),
         *([] if own.probes else _unknown_probes(raw)),
         *_force(own.force),
+        *_SLOW_ROLL,
         *_counts(raw),
     ]
     return "\n".join(parts) + "\n"

@@ -1,0 +1,117 @@
+"""Run-out of the surfaces that probes look at: what turns with a slow shaft, taken out of the signals at every speed.
+
+Bow, scratches and magnetism turn with the shaft as vibration does, and a probe cannot tell them apart; but they do not
+change with speed, and a shaft that turns slowly does not vibrate. Of vectors (orders 1 and 2) or as a waveform over the
+angle (many orders), they are amplitudes of harmonics of the shaft's angle, found by least squares.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from rotorfit.models.array_types import ComplexArray, Float
+from rotorfit.recordings.angle_track import AngleTrack
+from rotorfit.recordings.setup import VECTOR_ORDERS, SlowRollSetup
+from rotorfit.recordings.signals import PIECE
+from rotorfit.units import RPM_PER_RAD_S
+
+if TYPE_CHECKING:
+    from rotorfit.recordings.signals import Signals
+
+_FEWEST = 4  # turns from which run-out is told from noise and from a drift
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RunOut:
+    """Run-out as each probe sees it.
+
+    Attributes:
+        amplitudes: by channel, V, of the harmonics ``exp(j n theta)``, n = 1, 2, ..., of the shaft's angle theta, shape
+            ``(N,)``.
+        turns: how many turns tell it.
+        highest: speed of the fastest of these, rad/s.
+    """
+
+    amplitudes: Mapping[str, ComplexArray]
+    turns: float
+    highest: float
+
+    def volts(self, channel: str, angle: Float) -> Float:
+        """Run-out in the signal of a channel.
+
+        Args:
+            channel: of a probe.
+            angle: of the shaft, rad, shape ``(T,)``.
+
+        Returns:
+            V, shape ``(T,)``.
+        """
+        turn = np.exp(1j * angle)
+        found = np.zeros(turn.shape, dtype=complex)
+        for amplitude in self.amplitudes[channel][::-1]:
+            found = (found + amplitude) * turn
+        return np.asarray(found.real)
+
+
+def find_run_out(record: Signals, shaft: AngleTrack, how: SlowRollSetup) -> RunOut:
+    """Run-out of a recording's probes where its shaft turns slowly.
+
+    Args:
+        record: a start-up, a shutdown, or a recording of slow turning alone.
+        shaft: its angle.
+        how: below which speed, and how many orders.
+
+    Raises:
+        ValueError: the shaft hardly turns so slowly, or the sampling rate is too low for so many orders.
+    """
+    orders = np.arange(1, (how.orders or VECTOR_ORDERS) + 1)
+    limit = np.inf if how.below is None else how.below
+    columns = 2 * orders.size + 2
+    normal, moment = np.zeros((columns, columns)), np.zeros((len(record.probes), columns))
+    turns, highest = 0.0, 0.0
+    for start in range(0, record.size, PIECE):
+        stop = min(start + PIECE, record.size)
+        t = np.arange(start, stop) / record.sample_rate
+        speed = np.abs(shaft.speed(t))
+        slow = (t >= shaft.begin) & (t <= shaft.end) & (speed < limit)
+        if not slow.any():
+            continue
+        t, speed = t[slow], speed[slow]
+        turns += float(speed.sum()) / record.sample_rate / (2 * np.pi)
+        highest = max(highest, float(speed.max()))
+        phase = orders[:, None] * shaft.angle(t)
+        basis = np.vstack([np.ones_like(t), t / record.duration, np.cos(phase), np.sin(phase)])
+        normal += basis @ basis.T
+        for i, probe in enumerate(record.probes):
+            moment[i] += basis @ record.channel(probe.channel, start, stop)[slow]
+    if turns < _FEWEST:
+        below = "" if how.below is None else f" below {how.below * RPM_PER_RAD_S:.0f} rpm"
+        raise ValueError(
+            f"{record.name}: the shaft turns {turns:.1f} times{below}, slow roll takes at least {_FEWEST} turns: give "
+            "a higher below_rpm in [slow_roll], or file, a recording of slow turning"
+        )
+    if orders[-1] * highest > np.pi * record.sample_rate / 2:
+        raise ValueError(
+            f"{record.name}: order {orders[-1]} of {highest * RPM_PER_RAD_S:.0f} rpm is beyond a quarter of the "
+            'sampling rate: give a lower below_rpm in [slow_roll], or as = "vector"'
+        )
+    parts = np.linalg.solve(normal, moment.T)[2:].reshape(2, orders.size, -1)
+    amplitudes = {probe.channel: parts[0, :, i] - 1j * parts[1, :, i] for i, probe in enumerate(record.probes)}
+    return RunOut(amplitudes=amplitudes, turns=turns, highest=highest)
+
+
+def in_words(record: Signals, found: RunOut) -> str:
+    """What was taken out of the signals of a recording."""
+    sizes = ", ".join(
+        f"{probe.channel} {abs(found.amplitudes[probe.channel][0] / float(probe.sensitivity or 1.0)) * 1e6:.3g} µm"
+        for probe in record.probes
+    )
+    orders = len(next(iter(found.amplitudes.values())))
+    return (
+        f"{record.name}: run-out of orders 1 to {orders} of the shaft is taken out of the signals, read from "
+        f"{found.turns:.0f} turns up to {found.highest * RPM_PER_RAD_S:.0f} rpm; at 1x: {sizes}"
+    )
