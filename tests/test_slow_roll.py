@@ -153,3 +153,13 @@ def test_slow_roll_needs_the_mark_of_the_shaft(tmp_path):
     (tmp_path / "rig.toml").write_text(SETUP.partition("[[probe]]")[1] + SETUP.partition("[[probe]]")[2] + SLOW_ROLL)
     with pytest.raises(ValueError, match=r"needs the shaft's own mark"):
         rf.read_recording(path, tmp_path / "rig.toml")
+
+
+def test_the_orbit_says_that_run_out_is_gone_and_its_titles_are_apart(tmp_path):
+    """One plane: axes of equal scales are then narrower than their place is high."""
+    figure = opened(recorded(tmp_path), SLOW_ROLL).plot_orbit(at=18.5)
+    figure.canvas.draw()
+    titles = [axis.title for axis in figure.axes]
+    assert titles[0].get_text() == "disk, without run-out"
+    head = figure._suptitle.get_window_extent()
+    assert all(title.get_window_extent().y1 < head.y0 for title in titles)

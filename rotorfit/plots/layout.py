@@ -73,7 +73,7 @@ class _Surroundings:
     """What stands around axes, pixels.
 
     Attributes:
-        margins: that labels, titles and others reach beyond the place given to the axes: left, below, right, above.
+        margins: that labels, titles and others reach beyond the axes: left, below, right, above.
         below, left: from the axes to the label of x, and to that of y.
     """
 
@@ -102,10 +102,10 @@ def _surroundings(axis: Any) -> _Surroundings:
     leftmost = inner.x0 - left - (axis.yaxis.label.get_window_extent().width if axis.get_ylabel() else 0.0)
     ceiling = (along_y or inner).y1 if axis.yaxis.get_offset_text().get_text() else inner.y1
     highest = ceiling + _title_reach(axis)
-    place = axis.get_position(original=True).transformed(axis.figure.transFigure)
+    # Axes of equal scales are smaller than their place; what stands around them stands around what is drawn.
     margins = (
-        place.x0 - min(box.x0, leftmost), place.y0 - min(box.y0, lowest),
-        box.x1 - place.x1, max(box.y1, highest) - place.y1,
+        inner.x0 - min(box.x0, leftmost), inner.y0 - min(box.y0, lowest),
+        box.x1 - inner.x1, max(box.y1, highest) - inner.y1,
     )  # fmt: skip
     return _Surroundings(margins=margins, below=below, left=left)
 

@@ -61,7 +61,7 @@ def plot_orbit(stretches: Sequence[Stretch], name: str) -> Figure:
     handles: dict[str, Any] = {}
     for row, part in zip(axes, stretches, strict=True):
         _orbit(row[0], part, part.z * _MICRO, part.dots, handles)
-        row[0].set_title(literal(f"{part.plane}, as recorded"), fontsize=9)
+        row[0].set_title(literal(f"{part.plane}, {'without run-out' if part.cleaned else 'as recorded'}"), fontsize=9)
         for axis, mark in zip(row[1:], marks, strict=True):
             _orbit(axis, part, part.filtered[mark] * _MICRO, {mark: part.dots[mark]}, handles)
             axis.set_title(literal(f"{part.plane}, {_FILTERED[mark]} of the {mark}"), fontsize=9)

@@ -85,7 +85,12 @@ class Recording(Signals):
         return find_run_out(slow, slow.shaft_angle(), how)
 
     def without_run_out(self, probe: Probe, start: int = 0, stop: int | None = None) -> NDArray[np.float64]:
-        """See :meth:`Signals.without_run_out`; before the first mark and after the last the angle is continued."""
+        """Voltage of a probe without its run-out; before the first mark and after the last the angle is continued.
+
+        Args:
+            probe: one of :attr:`probes`.
+            start, stop: samples from and to.
+        """
         volts = self.channel(probe.channel, start, stop)
         if self.run_out is None:
             return volts

@@ -25,6 +25,7 @@ class Stretch:
         dots: positions of each mark's pulses: times, s, by name of the mark.
         filtered: the parts of the motion that turn with each mark (first order, both directions), m, by name.
         speeds: of each mark, rad/s, by name.
+        cleaned: run-out, as slow turning shows it, is taken out.
     """
 
     plane: str
@@ -33,6 +34,7 @@ class Stretch:
     dots: dict[str, Float]
     filtered: dict[str, ComplexArray]
     speeds: dict[str, float]
+    cleaned: bool
 
 
 def stretch(record: Signals, marks: Marks, plane: str, at: float | None, turns: float) -> Stretch:
@@ -65,7 +67,9 @@ def stretch(record: Signals, marks: Marks, plane: str, at: float | None, turns: 
             filtered[name] = vector[3] * once + vector[1] / once
     pulses = {name: angle.marks for name, angle in marks.present.items()}
     dots = {name: times[(times >= t[0]) & (times <= t[-1])] for name, times in pulses.items()}
-    return Stretch(plane=plane, t=t, z=z, dots=dots, filtered=filtered, speeds=speeds)
+    return Stretch(
+        plane=plane, t=t, z=z, dots=dots, filtered=filtered, speeds=speeds, cleaned=record.rig.slow_roll is not None
+    )
 
 
 def _window(record: Signals, middle: float, length: float) -> tuple[int, int]:
