@@ -88,7 +88,8 @@ def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
     subprocess.run([sys.executable, "-c", build, "build_sdist", str(folder)], cwd=copy, check=True, capture_output=True)
     (sdist,) = folder.glob("*.tar.gz")
     with tarfile.open(sdist) as archive:
-        archive.extractall(folder / "unpacked", filter="data")
+        # Pythons before 3.11.4 know no filters, those from 3.12 on warn without one.
+        archive.extractall(folder / "unpacked", **({"filter": "data"} if hasattr(tarfile, "data_filter") else {}))
     (tree,) = (folder / "unpacked").iterdir()
     subprocess.run([sys.executable, "-c", build, "build_wheel", str(folder)], cwd=tree, check=True, capture_output=True)
     return folder
