@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from clean_rigs import clean_test
@@ -117,3 +119,11 @@ def test_a_static_band_cannot_tell_a_gain_from_an_anisotropic_stiffness() -> Non
     found = only(mixed(test, [[1, 0], [0, 1.2]]), "anisotropy")
     assert len(found) == 1
     assert "these data cannot tell" in found[0].message
+
+
+def test_phases_of_responses_alone_given_as_lead_are_not_explained_by_probes():
+    """The force's phase is lead, the responses' are lag: at one speed a trial took that for exchanged probes."""
+    rig = rf.datasets.rig_open()
+    (finding,) = [f for f in rf.check(replace(rig, response=rig.response.conj())) if f.code == "wrong-direction"]
+    assert "phase lag read as lead" in finding.message
+    assert "A trial fit says" not in finding.message

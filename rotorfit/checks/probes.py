@@ -349,7 +349,10 @@ def poses(orbits: Orbits, mirrored: tuple[str, ...]) -> dict[str, _Pose]:
         for plane, turn, error, damped in _inertia(at_speed):
             found.setdefault(plane, []).append((turn, error, damped))
     result = {}
+    speeds_tried = sum(_some_lines(at_speed) is not None for at_speed in measured)
     for plane, values in found.items():
+        if len(values) < speeds_tried:
+            continue  # probes stand as they do at every speed: what explains one of them only is no explanation
         turns, errors = np.array([v[0] for v in values]), np.maximum([v[1] for v in values], 0.1)
         weight = errors**-2
         apart = (turns - turns[np.argmin(errors)] + 180) % 360 - 180
