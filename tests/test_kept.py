@@ -11,7 +11,7 @@ from synthetic import MODELS, SPEEDS, TYPICAL, circular_test, covering_frequenci
 
 import rotorfit as rf
 from rotorfit.data.kept import kept
-from rotorfit.estimators.starting import closed_form as closed_form_module
+from rotorfit.estimators.starting.force_balance import ForceBalance
 
 
 def rig(count, noise=0.01):
@@ -52,8 +52,8 @@ def test_the_closed_form_that_data_keep_is_that_of_new_data(monkeypatch):
     fit is to the last bit that of a copy which nothing was worked out of. Another known value makes its own passes."""
     model, test, known = rig(60)
     made = []
-    solved = closed_form_module._Equations.force_balance
-    monkeypatch.setattr(closed_form_module._Equations, "force_balance", lambda *a: made.append(1) or solved(*a))
+    solved = ForceBalance.force_balance
+    monkeypatch.setattr(ForceBalance, "force_balance", lambda *a: made.append(1) or solved(*a))
     rf.fit(model, test, known=known)
     passes = len(made)
     assert passes

@@ -14,17 +14,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from rotorfit.estimators.signals.decaying_sum import GROWTH, DecayingSum, columns_of_sum
 from rotorfit.models.array_types import ComplexArray, Float
 
 _EXTRA = 2  # vibrating modes looked for beyond those asked for
 _PENCIL = 120  # longest window of the pencil: longer ones cost more and gain nothing
 _SHORTEST = 0.05  # ratio of successive samples of a decay that is seen at all
-_GROWTH = 1e6  # growth over the record beyond which an exponential is no motion of a rotor
 _APART = 0.1  # relative shift in frequency of the two modes that are looked for in the place of one
 _HARDLY = 0.05  # of a frequency: distance from it, decay included, at which a mode may be steady vibration
 _ROWS = 1500  # windows of the pencil
 _CHANCE = 2.0  # standard deviations of a correlation of white noise
 _ROUNDS = 4  # in which correlations and what the sum takes up of the noise settle
+_SETTLED = 1e-12  # relative change of the squares, 1e-4 standard errors in a record of some thousand samples
 _LEAST = 0.01  # of the variance in white noise, to which a filter may bring that of an eigenvalue down
 
 
@@ -38,7 +39,7 @@ class Decay:
         centre: where x and y settle.
         energy: share of each mode in the record.
         sigma: standard deviation of each mode's eigenvalue.
-        bic: for the choice of the order.
+        bic: for the choice of the order, infinite where the record does not determine the sum.
         steady: frequencies of the undamped vibration in the sum, rad/s.
     """
 
@@ -61,7 +62,7 @@ def decay_of(time: Float, signals: Float, modes: int, steady: Float | None = Non
         steady: frequencies of vibration that does not decay, rad/s, such as those of the shaft's turning.
 
     Returns:
-        the sum, None where no sum of so many modes is found.
+        the sum, None where the record determines no sum of so many modes.
     """
     found = list(_decays(time, signals, modes, np.zeros(0)))
     if steady is not None and any(_is_steady(decay, steady) for decay in found):
@@ -73,7 +74,7 @@ def decay_of(time: Float, signals: Float, modes: int, steady: Float | None = Non
         for d, s in zip(found, doubled, strict=True)
         if 0 < s.size <= 2 * modes
     ]
-    candidates = [decay for decay in found if decay.s.size >= modes]
+    candidates = [decay for decay in found if decay.s.size >= modes and np.isfinite(decay.bic)]
     return min(candidates, key=lambda decay: decay.bic) if candidates else None
 
 
@@ -86,12 +87,12 @@ def _decays(time: Float, signals: Float, modes: int, steady: Float) -> Iterator[
     """Fits of several orders; poles of the pencil decide how many of them vibrate."""
     step = float(time[-1] / (time.size - 1))
     top = min(2 * (modes + _EXTRA) + 1, time.size // 4)
-    waves = _basis(time, np.zeros(0, dtype=complex), np.zeros(0), steady)[:, :-1]
+    waves = columns_of_sum(time, np.zeros(0, dtype=complex), np.zeros(0), steady)[:, :-1]
     moving = signals - (waves @ np.linalg.lstsq(waves, signals.T, rcond=None)[0]).T if steady.size else signals
     for count in range(2 * modes, top + 1):
         ratio = _pencil(moving, count)
         size = np.abs(ratio) ** (time.size - 1)
-        if (np.abs(ratio) < _SHORTEST).any() or (size > _GROWTH).any():
+        if (np.abs(ratio) < _SHORTEST).any() or (size > GROWTH).any():
             continue  # more exponentials than the record holds: the rest of them are noise
         s = np.log(ratio) / step
         vibrating = np.asarray(s[s.imag > 1e-9 / step], dtype=complex)
@@ -113,79 +114,55 @@ def _pencil(signals: Float, count: int) -> ComplexArray:
     return np.asarray(np.linalg.eigvals(np.linalg.lstsq(V[:-1], V[1:], rcond=None)[0]).astype(complex))
 
 
-def _basis(time: Float, s: ComplexArray, real: Float, steady: Float) -> Float:
-    """Columns of the sum: cosine and sine of each mode, the real decays, the steady vibration, the constant."""
-    largest = 2 * np.log(_GROWTH) / time[-1]  # keeps trial points of the search finite
-    wave = np.exp(np.outer(time, np.minimum(s.real, largest) + 1j * s.imag))
-    decays, turning = np.exp(np.outer(time, np.minimum(real, largest))), np.outer(time, steady)
-    return np.column_stack([wave.real, wave.imag, decays, np.cos(turning), np.sin(turning), np.ones(time.size)])
-
-
 def _refine(time: Float, signals: Float, s: ComplexArray, real: Float, steady: Float) -> Decay:
-    """Least squares in the eigenvalues, the amplitudes projected out (Kaufman 1975)."""
+    """Least squares in the eigenvalues, with their errors."""
     from scipy.optimize import least_squares
 
-    m, scale = s.size, float(np.abs(np.concatenate([s, real])).max())
-    level = float(np.sqrt(np.mean(signals**2)))
-
-    def parts(u: Float) -> tuple[ComplexArray, Float]:
-        s = np.asarray((u[:m] + 1j * u[m : 2 * m]) * scale, dtype=complex)
-        return s, np.asarray(u[2 * m :] * scale)
-
-    def project(u: Float) -> tuple[Float, Float, Float]:
-        basis = _basis(time, *parts(u), steady)
-        q, r = np.linalg.qr(basis)
-        inner = q.T @ signals.T
-        amplitudes = np.linalg.lstsq(r, inner, rcond=None)[0]
-        return q, amplitudes, (signals.T - q @ inner) / level
-
-    def residual(u: Float) -> Float:
-        return np.asarray(project(u)[2].T.ravel())
-
-    def slopes(u: Float) -> Float:
-        q, amplitudes, _ = project(u)
-        basis = _basis(time, *parts(u), steady)
-        last = 2 * m + real.size
-        cosine, sine, decay = basis[:, :m], basis[:, m : 2 * m], basis[:, 2 * m : last]
-        columns = []
-        for axis in range(2):
-            a, b, d = amplitudes[:m, axis], amplitudes[m : 2 * m, axis], amplitudes[2 * m : last, axis]
-            by = np.column_stack([a * cosine + b * sine, -a * sine + b * cosine, d * decay]) * time[:, None] * scale
-            columns.append(-(by - q @ (q.T @ by)) / level)
-        return np.concatenate(columns)
-
-    start = np.concatenate([s.real, s.imag, real]) / scale
-    found = least_squares(residual, start, jac=slopes, method="lm", xtol=1e-14, ftol=1e-14, gtol=1e-14)
-    s, real = parts(found.x)
-    _, amplitudes, rest = project(found.x)
-    count = found.x.size + amplitudes.size
-    variance = float(np.sum(rest**2)) / max(rest.size - count, 1)
-    _, size, directions = np.linalg.svd(found.jac, full_matrices=False)
-    # What the record does not determine must weigh nothing: no pseudo-inverse, which would call it exact.
-    least = np.finfo(float).eps * size[0]
-    root = directions.T / np.maximum(size, least)
-    gain = found.jac @ root @ root.T  # of the noise into the eigenvalues
-    linear = np.kron(np.eye(2), np.linalg.qr(_basis(time, s, real, steady))[0])
-    own = np.column_stack([np.linalg.qr(found.jac)[0], linear])  # what the sum takes up of the noise
-    power, lags = _noise(rest, own.reshape(2, time.size, -1))
-    spread = _scatter(gain.reshape(2, time.size, -1), lags) * power * scale**2
-    energy = np.sum((_basis(time, s, np.zeros(0), np.zeros(0))[:, : 2 * m] ** 2).mean(axis=0).reshape(2, m), axis=0)
-    energy = energy * np.sum(amplitudes[: 2 * m].reshape(2, m, 2) ** 2, axis=(0, 2))
+    total = DecayingSum(time, signals, s, real, steady)
+    m = s.size
+    found = least_squares(
+        total.residual, total.start, jac=total.slopes, method="lm", xtol=_SETTLED, ftol=_SETTLED, gtol=_SETTLED
+    )
+    s, real = total.eigenvalues(found.x)
+    at = total.project(found.x)
+    rest = at.rest / total.level
+    spread = _variances(rest, found.jac, at.q) * total.scale**2
+    energy = total.energy(found.x)
     step = float(time[-1] / (time.size - 1))
     sigma = np.sqrt((spread[:m] + spread[m : 2 * m]) / 2)
     good = (s.imag > 0) & (s.imag < np.pi / step) & np.isfinite(energy)
     resolved = bool((sigma < np.abs(s)).all())  # a sum that the record does not determine is no candidate
     floor = 1e-12 * np.abs(s)  # a record without noise would weigh infinitely
+    count = found.x.size + at.amplitudes.size
+    variance = float(np.sum(rest**2)) / max(rest.size - count, 1)
     bic = rest.size * float(np.log(max(variance, 1e-30))) + count * float(np.log(rest.size))
     return Decay(
         s=s[good],
         real=real,
-        centre=complex(*amplitudes[-1]),
+        centre=complex(*at.amplitudes[-1]),
         energy=energy[good],
         sigma=np.maximum(sigma, floor)[good],
         bic=bic if resolved else np.inf,
         steady=steady,
     )
+
+
+def _variances(rest: Float, jacobian: Float, q: Float) -> Float:
+    """Variances of the eigenvalues' vector by what the sum leaves of the record, its correlation in time counted.
+
+    Args:
+        rest: what the sum leaves, shape ``(n, 2)``.
+        jacobian: derivatives of the residuals, shape ``(2 n, p)``.
+        q: an orthonormal basis of the sum's columns, shape ``(n, ...)``.
+    """
+    _, size, directions = np.linalg.svd(jacobian, full_matrices=False)
+    # What the record does not determine must weigh nothing: no pseudo-inverse, which would call it exact.
+    least = np.finfo(float).eps * size[0]
+    root = directions.T / np.maximum(size, least)
+    gain = jacobian @ root @ root.T  # of the noise into the eigenvalues
+    own = np.column_stack([np.linalg.qr(jacobian)[0], np.kron(np.eye(2), q)])  # what the sum takes up of the noise
+    power, lags = _noise(rest, own.reshape(2, len(rest), -1))
+    return _scatter(gain.reshape(2, len(rest), -1), lags) * power
 
 
 def _noise(rest: Float, own: Float) -> tuple[float, Float]:

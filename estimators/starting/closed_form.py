@@ -19,8 +19,11 @@ from rotorfit.estimators.blocks.observations import Block, Responses
 from rotorfit.estimators.blocks.response import dynamic_stiffness, inverse
 from rotorfit.estimators.blocks.row_keys import numbers
 from rotorfit.estimators.misfit.parameter_space import ParameterSpace
+from rotorfit.estimators.starting.force_balance import ForceBalance, as_triangle, solve, solve_projected
 from rotorfit.estimators.starting.lumped import Lumped, LumpedStructure, lumped_coefficients
-from rotorfit.models.array_types import ComplexArray, Float, Index
+from rotorfit.estimators.starting.lumped_solution import parameters_from, typical_theta, typical_values
+from rotorfit.estimators.starting.stiffness_inversion import complete_lines
+from rotorfit.models.array_types import Float
 
 _PIECE = 8192  # readings whose equations are held at once
 _SETTLED = 1e-6  # relative change of the lumped coefficients after which further passes bring nothing
@@ -105,12 +108,12 @@ def closed_forms(
     lumped = lumped_coefficients(LumpedStructure.of(space, chosen))
     if not _determined(space, lumped, chosen):
         return _with_convention(space, blocks, weighted, passes, enough)
-    typical = space.template if space.model.shaft is None else _typical_theta(space)
+    typical = space.template if space.model.shaft is None else typical_theta(space)
     if weighted:
         return _weighted(space, lumped, _kept_passes(lumped, chosen, typical), passes, enough)
-    equations = [_Equations(lumped, number, block, typical) for number, block in enumerate(chosen)]
-    solution = _solve([e.stiffness_balance() for e in equations])
-    x, notes = _parameters(space, lumped, lumped.offset + lumped.spread @ solution, None)
+    equations = [ForceBalance(lumped, number, block, typical) for number, block in enumerate(chosen)]
+    solution = solve([e.stiffness_balance() for e in equations])
+    x, notes = parameters_from(space, lumped, lumped.offset + lumped.spread @ solution, None)
     return [ClosedForm(x, None, notes=notes)] * len(passes)
 
 
@@ -133,7 +136,7 @@ def _weighted(
         settled = number > 1 and bool(np.all(np.abs(solution - before) <= _SETTLED * np.abs(solution)))
         before = solution
         if settled or number in passes:
-            x, notes = _parameters(space, lumped, lumped.offset + lumped.spread @ solution, information)
+            x, notes = parameters_from(space, lumped, lumped.offset + lumped.spread @ solution, information)
             root = lumped.linearise(x)[1][lumped.basis], information
             found[number] = ClosedForm(x, root, notes=notes)
         if settled or (number in found and enough is not None and enough(found[number].x)):
@@ -158,9 +161,9 @@ def _kept_passes(lumped: Lumped, blocks: list[Responses], typical: Float) -> Ite
 def _passes(lumped: Lumped, blocks: list[Responses], typical: Float) -> Iterator[tuple[Float, Float]]:
     """Independent lumped coefficients and the information on them after one weighted pass, after two, and so on."""
     pieces = [(number, piece) for number, block in enumerate(blocks) for piece in block.split(_PIECE)]
-    equations = [_Equations(lumped, *piece, typical) for piece in pieces]
-    reduced = _triangle if len(equations) > 1 else np.asarray  # the systems of many pieces fit no memory
-    solution = _solve([reduced(e.force_balance(e.amplitude, e.force_weight())) for e in equations])
+    equations = [ForceBalance(lumped, *piece, typical) for piece in pieces]
+    reduced = as_triangle if len(equations) > 1 else np.asarray  # the systems of many pieces fit no memory
+    solution = solve([reduced(e.force_balance(e.amplitude, e.force_weight())) for e in equations])
     size = solution.size
     first = True
     while True:
@@ -177,7 +180,7 @@ def _passes(lumped: Lumped, blocks: list[Responses], typical: Float) -> Iterator
                 instruments = e.sensitivities(e.predicted(H), weight)
                 projected += instruments @ system.T
             information += instruments @ instruments.T
-        solution = _solve(systems) if first else _solve_projected(projected, information)
+        solution = solve(systems) if first else solve_projected(projected, information)
         first = False
         yield solution, information
 
@@ -210,11 +213,11 @@ def _determined(space: ParameterSpace, lumped: Lumped, blocks: list[Responses]) 
 
 def _is_determined(space: ParameterSpace, lumped: Lumped, blocks: list[Responses]) -> bool:
     rng = np.random.default_rng(1)
-    x = _typical(space) * rng.uniform(0.8, 1.25, len(space.names))
+    x = typical_values(space) * rng.uniform(0.8, 1.25, len(space.names))
     theta = space.theta(np.concatenate([x, np.zeros(len(space.nuisance))]))
     designs = []
     for number, block in enumerate(blocks):
-        equations = _Equations(lumped, number, block, theta)
+        equations = ForceBalance(lumped, number, block, theta)
         H = inverse(dynamic_stiffness(block, theta))
         amplitude = equations.predicted(H)
         weight = H / np.abs(amplitude).max(axis=1)[:, None, None]
@@ -264,297 +267,3 @@ def _with_convention(
 
 def _with_entry(enough: Callable[[Float], bool], whole: Callable[[Float], Float], x: Float) -> bool:
     return enough(whole(x))
-
-
-def complete_lines(block: Responses) -> Responses:
-    """The lines of a block that have a reading at every coordinate."""
-    if block.imposed and len(block.model.coordinates) > 1:
-        return block.lines(np.zeros(block.speed.size, dtype=bool))
-    needed = 1 if block.imposed else len(block.model.coordinates)
-    whole = np.bincount(block.line, minlength=block.speed.size) == needed
-    return block if whole.all() else block.lines(whole)
-
-
-# ---- linear least squares ----------------------------------------------------------------------------
-
-
-class _Equations:
-    """Equations of motion ``kappa A = F`` of one block, linear in the independent lumped coefficients.
-
-    Attributes:
-        amplitude, force, sigma: readings, forces and noise at every coordinate of every line, shape ``(L, n)``.
-    """
-
-    def __init__(self, lumped: Lumped, number: int, block: Responses, typical: Float) -> None:
-        self.block = block
-        # A known structure goes to the side of the forces; its scale factors, not linear here, stay typical.
-        known = block.known_stiffness(typical)
-        self._known = None if known is None else known.values
-        if block.imposed:
-            self.amplitude, self.force, self.sigma = block.force, block.measured[:, None], block.sigma[:, None]
-        else:
-            self.amplitude, self.sigma = block.amplitudes()
-            self.force = block.force
-        place = lumped.place
-        self._mine = mine = np.flatnonzero(place.block == number)
-        self._row, self._column = place.row[mine], place.column[mine]
-        s_powers = block.s ** np.arange(place.power.max() + 1)[:, None]
-        speed_powers = block.speed ** np.arange(place.speed_power.max() + 1)[:, None]
-        self._factor = place.unit[mine, None] * s_powers[place.power[mine]] * speed_powers[place.speed_power[mine]]
-        here = place.group[mine, None] == block.group
-        here &= np.isnan(place.speed[mine, None]) | (place.speed[mine, None] == block.speed)
-        self._factor *= here
-        combine = np.vstack([lumped.spread[mine].T, lumped.offset[mine]])
-        self._unknowns = len(combine)
-        # For each row of the equation of motion: columns and factors of its coefficients, and what combines them.
-        rows = [np.flatnonzero(self._row == row) for row in range(self.amplitude.shape[1])]
-        self._rows = [(self._column[own], self._factor[own], np.ascontiguousarray(combine[:, own])) for own in rows]
-
-    def kappa(self, values: Float) -> ComplexArray:
-        """Dynamic stiffness of each line from lumped coefficients, shape ``(L, n, n)``."""
-        n = self.amplitude.shape[1]
-        result = np.zeros((n, n, self.amplitude.shape[0]), dtype=complex)
-        for row, column, factor, value in zip(
-            self._row.tolist(), self._column.tolist(), self._factor, values[self._mine].tolist(), strict=True
-        ):
-            result[row, column] += value * factor
-        kappa = np.moveaxis(result, -1, 0)
-        return kappa if self._known is None else kappa + self._known
-
-    def inverse(self, values: Float) -> ComplexArray:
-        """Receptance of each line from lumped coefficients, shape ``(L, n, n)``."""
-        return inverse(self.kappa(values))
-
-    def predicted(self, H: ComplexArray) -> ComplexArray:
-        """Amplitudes with a receptance, shape ``(L, n)``; imposed ones are what they are."""
-        return self.block.force if self.block.imposed else np.asarray(np.einsum("lij,lj->li", H, self.block.force))
-
-    def force_weight(self) -> Float:
-        """Weight of each line that brings it to a force of one, shape ``(L,)``."""
-        return np.asarray(1 / np.abs(self.force).max(axis=1))
-
-    def response_weight(self, H: ComplexArray) -> ComplexArray:
-        """Weights that turn the force error into the response error over its noise, independent between readings."""
-        return np.asarray((np.eye(1) + 0j if self.block.imposed else H) / self.sigma[:, :, None])
-
-    def force_balance(self, amplitude: ComplexArray, weight: ComplexArray | Float) -> Float:
-        """Columns ``weight kappa A`` over ``weight F``, one an equation, shape ``(B + 1, 2 L n)``."""
-        return _weigh(self._sides(amplitude, self.force), weight)
-
-    def sensitivities(self, amplitude: ComplexArray, weight: ComplexArray) -> Float:
-        """The left side of :meth:`force_balance` alone, shape ``(B, 2 L n)``."""
-        return _weigh(self._sides(amplitude, self.force)[:, :-1], weight)
-
-    def _sides(self, amplitude: ComplexArray, force: ComplexArray) -> ComplexArray:
-        """Both sides of kappa A = F, shape ``(n, B + 1, L)``."""
-        count, n = amplitude.shape
-        result = np.zeros((n, self._unknowns, count), dtype=complex)
-        columns = np.ascontiguousarray(amplitude.T)
-        for row, (column, factor, combine) in enumerate(self._rows):
-            products = factor * columns[column]
-            # Real times complex along the lines: BLAS has that for real numbers only.
-            np.matmul(combine, products.view(float), out=result[row].view(float))
-        result[:, -1] = force.T - result[:, -1]
-        if self._known is not None:
-            result[:, -1] -= np.einsum("lij,lj->il", self._known, amplitude)
-        return result
-
-    def stiffness_balance(self) -> Float:
-        """Entries of the inverted dynamic stiffness (eq. 7), equally weighted; force balance where there are none."""
-        if self.block.imposed:
-            return self.force_balance(self.amplitude, self.force_weight())
-        stiffness = stiffness_matrices(self.block)
-        if stiffness.kappa.size == 0:
-            return self.force_balance(self.amplitude, np.ones(len(self.force)))
-        systems = []
-        for column in range(stiffness.kappa.shape[-1]):
-            unit = np.zeros_like(self.amplitude)
-            unit[:, column] = 1.0
-            sides = self._sides(unit, np.zeros_like(unit))[:, :, stiffness.first_line]
-            sides[:, -1] += stiffness.kappa[:, :, column].T
-            systems.append(_one_a_column(np.swapaxes(sides, 0, 1)))
-        return np.concatenate(systems, axis=1)
-
-
-def _weigh(sides: ComplexArray, weight: ComplexArray | Float) -> Float:
-    """Sides of equations, shape ``(n, C, L)``, mixed by weights of shape ``(L, n, n)``: real, shape ``(C, 2 L n)``.
-
-    Weights of shape ``(L,)`` are those of whole lines.
-    """
-    n, rows, count = sides.shape
-    mixed = np.empty((rows, n, count), dtype=complex)
-    product = np.empty((rows, count), dtype=complex)
-    for i in range(n):
-        if weight.ndim == 1:
-            np.multiply(sides[i], weight, out=mixed[:, i])
-            continue
-        np.multiply(sides[0], weight[:, i, 0], out=mixed[:, i])
-        for j in range(1, n):
-            np.multiply(sides[j], weight[:, i, j], out=product)
-            mixed[:, i] += product
-    return _one_a_column(mixed)
-
-
-def _one_a_column(values: ComplexArray) -> Float:
-    return np.ascontiguousarray(values).reshape(values.shape[0], -1).view(float)
-
-
-def _triangle(system: Float) -> Float:
-    """As few equations as unknowns with the same least-squares solution."""
-    return np.asarray(np.linalg.qr(system.T, mode="r")).T
-
-
-def _solve(systems: list[Float]) -> Float:
-    """Least squares with equilibrated unknowns; the last row of each system is the right side."""
-    system = np.concatenate(systems, axis=1) if len(systems) > 1 else systems[0]
-    norm = np.linalg.norm(system, axis=1)
-    norm = np.where(norm > 0, norm, 1.0)
-    triangle = _triangle(system / norm[:, None]).T
-    solution = np.linalg.lstsq(triangle[:, :-1], triangle[:, -1], rcond=1e-13)[0]
-    return np.asarray(solution * norm[-1] / norm[:-1])
-
-
-def _solve_projected(projected: Float, information: Float) -> Float:
-    """Solve equations projected on instruments, whose own products are the information."""
-    norm = np.sqrt(np.diag(information))
-    norm = np.where(norm > 0, norm, 1.0)
-    scaled = projected / norm[:, None]
-    return np.asarray(np.linalg.solve(scaled[:, :-1] / norm, scaled[:, -1]) / norm)
-
-
-# ---- from lumped coefficients to parameters ------------------------------------------------------------------------
-
-
-def _parameters(
-    space: ParameterSpace, lumped: Lumped, values: Float, information: Float | None
-) -> tuple[Float, tuple[str, ...]]:
-    """Solve the lumped expressions for the parameters, one unknown at a time, then take one weighted step on all."""
-    size = len(space.names)
-    x = lumped.parameters(values, _typical(space))
-    notes: tuple[str, ...] = ()
-    if np.isnan(x).any():
-        x, notes = _remaining(space, lumped, values, x)
-    if information is not None:
-        x = _one_step(lumped, values, information, x)
-    inside = np.clip(x, space.lower[:size], space.upper[:size])
-    return np.where(np.isfinite(inside), inside, np.nan), notes
-
-
-def _remaining(space: ParameterSpace, lumped: Lumped, values: Float, x: Float) -> tuple[Float, tuple[str, ...]]:
-    """Parameters that no single expression gives: solve the coupled lumped equations, or take a typical value."""
-    from scipy.optimize import least_squares
-
-    missing = np.flatnonzero(np.isnan(x))
-    names = [space.names[i] for i in missing]
-    typical = _typical(space)[missing]
-    start = x.copy()
-    start[missing] = typical
-    now, slopes = lumped.linearise(start)
-    level = np.maximum(np.abs(values), np.abs(now))
-    weight = 1.0 / np.where(level > 0, level, 1.0)
-    influence = slopes[:, missing] * weight[:, None] * typical
-    silent = np.linalg.norm(influence, axis=0) == 0
-
-    def residual(u: Float) -> Float:
-        y = start.copy()
-        y[missing] = u * typical
-        return np.asarray((lumped.values(y) - values) * weight)
-
-    solved = least_squares(residual, np.ones(missing.size), x_scale="jac", max_nfev=50)
-    start[missing] = np.where(silent, 1.0, solved.x) * typical
-    return start, (f"{', '.join(names)}: no coefficient gives them singly; solved jointly from typical values",)
-
-
-def _typical(space: ParameterSpace) -> Float:
-    """Nonzero sizes of the free parameters, shape ``(p,)``."""
-    parameters = [space.model.parameter(name) for name in space.base]
-    size = len(parameters)
-    guess = np.array([p.scale if p.nominal is None else p.nominal for p in parameters])
-    inside = np.clip(guess, space.lower[:size], space.upper[:size])
-    return np.where(inside == 0, 1e-3, inside)
-
-
-def _typical_theta(space: ParameterSpace) -> Float:
-    return space.theta(np.concatenate([_typical(space), np.zeros(len(space.nuisance))]))
-
-
-def _one_step(lumped: Lumped, values: Float, information: Float, x: Float) -> Float:
-    """One linearised weighted step on all lumped coefficients at once: it uses the redundant ones as well."""
-    now, jacobian = lumped.linearise(x)
-    # information is that of the independent coefficients b, all = S b + o: least squares on S(b_model - b) = 0
-    J = lumped.solve_spread(jacobian)
-    miss = lumped.solve_spread(values - now)
-    scale = np.maximum(np.abs(x), 1e-12)
-    normal = J.T @ information @ J * np.outer(scale, scale)
-    root = np.sqrt(np.maximum(np.diag(normal), 1e-300))
-    step = np.linalg.lstsq(normal / np.outer(root, root), (J.T @ information @ miss) * scale / root, rcond=1e-10)[0]
-    moved = x + step / root * scale
-    # The linearisation holds near the solution only; a step that changes a parameter beyond its size is not taken.
-    return moved if np.all(np.abs(moved - x) <= 0.5 * np.abs(x) + 1e-300) else x
-
-
-# ---- eq. 7, frequency by frequency ----------------------------------------------------------------------------
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class StiffnessMatrices:
-    """Measured dynamic stiffness (eq. 7).
-
-    Attributes:
-        frequency, speed: rad/s, shape ``(N,)``; the frequency is signed where forward and backward are apart.
-        kappa: shape ``(N, n, n)``, N/m.
-        sigma: standard deviation of real and imaginary part of each entry, from the propagated noise, same shape.
-        first_line: line of the block that carries each frequency, shape ``(N,)``.
-    """
-
-    frequency: Float
-    speed: Float
-    kappa: ComplexArray
-    sigma: Float
-    first_line: Index
-
-
-def stiffness_matrices(block: Responses) -> StiffnessMatrices:
-    """Invert the response matrix at every frequency at which all planes were forced (eqs 5 and 7).
-
-    In models with x and y apart the forward and the backward run at ``|w|`` make the 2n columns of eq. (5).
-    Frequencies whose forces or readings are incomplete, and singular response matrices, are left out.
-    """
-    block = complete_lines(block)
-    n = len(block.model.coordinates)
-    amplitude, sigma = block.amplitudes()
-    w = block.frequency if block.model.frame == "z" else np.abs(block.frequency)
-    keys = np.column_stack([block.group, _rounded(block.speed), _rounded(w)])
-    _, index = np.unique(keys, axis=0, return_inverse=True)
-    order = np.argsort(index.reshape(-1), kind="stable")
-    size = np.bincount(index.reshape(-1))
-    begin = np.cumsum(size) - size
-    parts = []
-    for count in np.unique(size[size >= n]).tolist():
-        lines = order[begin[size == count][:, None] + np.arange(count)]
-        A, F = np.swapaxes(amplitude[lines], 1, 2), np.swapaxes(block.force[lines], 1, 2)
-        good = (np.linalg.matrix_rank(F) == n) & (np.linalg.matrix_rank(A) == n)
-        lines, A, F = lines[good], A[good], F[good]
-        # More runs than coordinates (repeats): least squares, kappa A = F.
-        back = np.linalg.pinv(A)
-        k = F @ back
-        # d kappa = -kappa dA A^+, readings independent.
-        variance = np.abs(k) ** 2 @ np.swapaxes(sigma[lines] ** 2, 1, 2) @ np.abs(back) ** 2
-        parts.append((lines[:, 0], k, np.sqrt(variance)))
-    if not parts:
-        kappa, error = np.empty((0, n, n), dtype=complex), np.empty((0, n, n))
-        return StiffnessMatrices(
-            frequency=np.empty(0), speed=np.empty(0), kappa=kappa, sigma=error, first_line=np.empty(0, dtype=np.intp)
-        )
-    first, kappa, error = (np.concatenate(column) for column in zip(*parts, strict=True))
-    sort = np.lexsort([w[first], block.speed[first], block.group[first]])
-    first = first[sort]
-    return StiffnessMatrices(
-        frequency=w[first], speed=block.speed[first], kappa=kappa[sort], sigma=error[sort], first_line=first
-    )
-
-
-def _rounded(values: Float) -> Float:
-    """Values rounded to nine digits, so that equal conditions compare equal after unit conversion."""
-    size = np.abs(values).max(initial=0.0)
-    return np.round(values / size, 9) if size else values

@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from rotorfit.data.experiments import PerturbationTest
-from rotorfit.estimators.starting.closed_form import StiffnessMatrices, stiffness_matrices
+from rotorfit.estimators.starting.stiffness_inversion import StiffnessMatrices, stiffness_matrices
 from rotorfit.models import Anisotropic, RotorModel
 from rotorfit.observing.circular import observe
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from rotorfit.estimators.blocks.nonlinear import OrbitResponses
 from rotorfit.estimators.blocks.observations import Responses
-from rotorfit.estimators.starting.closed_form import stiffness_matrices
+from rotorfit.estimators.starting.stiffness_inversion import stiffness_matrices
 from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.plots.journal import CONFIDENCE, half_width
 from rotorfit.plots.style import GREY, grid, legend_below, literal, prefix

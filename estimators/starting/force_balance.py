@@ -1,0 +1,155 @@
+"""The balance of forces at every line, linear in a model's lumped coefficients, and its least squares."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rotorfit.estimators.blocks.observations import Responses
+from rotorfit.estimators.blocks.response import inverse
+from rotorfit.estimators.starting.lumped import Lumped
+from rotorfit.estimators.starting.stiffness_inversion import stiffness_matrices
+from rotorfit.models.array_types import ComplexArray, Float
+
+
+class ForceBalance:
+    """Equations of motion ``kappa A = F`` of one block, linear in the independent lumped coefficients.
+
+    Attributes:
+        amplitude, force, sigma: readings, forces and noise at every coordinate of every line, shape ``(L, n)``.
+    """
+
+    def __init__(self, lumped: Lumped, number: int, block: Responses, typical: Float) -> None:
+        self.block = block
+        # A known structure goes to the side of the forces; its scale factors, not linear here, stay typical.
+        known = block.known_stiffness(typical)
+        self._known = None if known is None else known.values
+        if block.imposed:
+            self.amplitude, self.force, self.sigma = block.force, block.measured[:, None], block.sigma[:, None]
+        else:
+            self.amplitude, self.sigma = block.amplitudes()
+            self.force = block.force
+        place = lumped.place
+        self._mine = mine = np.flatnonzero(place.block == number)
+        self._row, self._column = place.row[mine], place.column[mine]
+        s_powers = block.s ** np.arange(place.power.max() + 1)[:, None]
+        speed_powers = block.speed ** np.arange(place.speed_power.max() + 1)[:, None]
+        self._factor = place.unit[mine, None] * s_powers[place.power[mine]] * speed_powers[place.speed_power[mine]]
+        here = place.group[mine, None] == block.group
+        here &= np.isnan(place.speed[mine, None]) | (place.speed[mine, None] == block.speed)
+        self._factor *= here
+        combine = np.vstack([lumped.spread[mine].T, lumped.offset[mine]])
+        self._unknowns = len(combine)
+        # For each row of the equation of motion: columns and factors of its coefficients, and what combines them.
+        rows = [np.flatnonzero(self._row == row) for row in range(self.amplitude.shape[1])]
+        self._rows = [(self._column[own], self._factor[own], np.ascontiguousarray(combine[:, own])) for own in rows]
+
+    def kappa(self, values: Float) -> ComplexArray:
+        """Dynamic stiffness of each line from lumped coefficients, shape ``(L, n, n)``."""
+        n = self.amplitude.shape[1]
+        result = np.zeros((n, n, self.amplitude.shape[0]), dtype=complex)
+        for row, column, factor, value in zip(
+            self._row.tolist(), self._column.tolist(), self._factor, values[self._mine].tolist(), strict=True
+        ):
+            result[row, column] += value * factor
+        kappa = np.moveaxis(result, -1, 0)
+        return kappa if self._known is None else kappa + self._known
+
+    def inverse(self, values: Float) -> ComplexArray:
+        """Receptance of each line from lumped coefficients, shape ``(L, n, n)``."""
+        return inverse(self.kappa(values))
+
+    def predicted(self, H: ComplexArray) -> ComplexArray:
+        """Amplitudes with a receptance, shape ``(L, n)``; imposed ones are what they are."""
+        return self.block.force if self.block.imposed else np.asarray(np.einsum("lij,lj->li", H, self.block.force))
+
+    def force_weight(self) -> Float:
+        """Weight of each line that brings it to a force of one, shape ``(L,)``."""
+        return np.asarray(1 / np.abs(self.force).max(axis=1))
+
+    def response_weight(self, H: ComplexArray) -> ComplexArray:
+        """Weights that turn the force error into the response error over its noise, independent between readings."""
+        return np.asarray((np.eye(1) + 0j if self.block.imposed else H) / self.sigma[:, :, None])
+
+    def force_balance(self, amplitude: ComplexArray, weight: ComplexArray | Float) -> Float:
+        """Columns ``weight kappa A`` over ``weight F``, one an equation, shape ``(B + 1, 2 L n)``."""
+        return _weigh(self._sides(amplitude, self.force), weight)
+
+    def sensitivities(self, amplitude: ComplexArray, weight: ComplexArray) -> Float:
+        """The left side of :meth:`force_balance` alone, shape ``(B, 2 L n)``."""
+        return _weigh(self._sides(amplitude, self.force)[:, :-1], weight)
+
+    def _sides(self, amplitude: ComplexArray, force: ComplexArray) -> ComplexArray:
+        """Both sides of kappa A = F, shape ``(n, B + 1, L)``."""
+        count, n = amplitude.shape
+        result = np.zeros((n, self._unknowns, count), dtype=complex)
+        columns = np.ascontiguousarray(amplitude.T)
+        for row, (column, factor, combine) in enumerate(self._rows):
+            products = factor * columns[column]
+            # Real times complex along the lines: BLAS has that for real numbers only.
+            np.matmul(combine, products.view(float), out=result[row].view(float))
+        result[:, -1] = force.T - result[:, -1]
+        if self._known is not None:
+            result[:, -1] -= np.einsum("lij,lj->il", self._known, amplitude)
+        return result
+
+    def stiffness_balance(self) -> Float:
+        """Entries of the inverted dynamic stiffness (eq. 7), equally weighted; force balance where there are none."""
+        if self.block.imposed:
+            return self.force_balance(self.amplitude, self.force_weight())
+        stiffness = stiffness_matrices(self.block)
+        if stiffness.kappa.size == 0:
+            return self.force_balance(self.amplitude, np.ones(len(self.force)))
+        systems = []
+        for column in range(stiffness.kappa.shape[-1]):
+            unit = np.zeros_like(self.amplitude)
+            unit[:, column] = 1.0
+            sides = self._sides(unit, np.zeros_like(unit))[:, :, stiffness.first_line]
+            sides[:, -1] += stiffness.kappa[:, :, column].T
+            systems.append(_one_a_column(np.swapaxes(sides, 0, 1)))
+        return np.concatenate(systems, axis=1)
+
+
+def _weigh(sides: ComplexArray, weight: ComplexArray | Float) -> Float:
+    """Sides of equations, shape ``(n, C, L)``, mixed by weights of shape ``(L, n, n)``: real, shape ``(C, 2 L n)``.
+
+    Weights of shape ``(L,)`` are those of whole lines.
+    """
+    n, rows, count = sides.shape
+    mixed = np.empty((rows, n, count), dtype=complex)
+    product = np.empty((rows, count), dtype=complex)
+    for i in range(n):
+        if weight.ndim == 1:
+            np.multiply(sides[i], weight, out=mixed[:, i])
+            continue
+        np.multiply(sides[0], weight[:, i, 0], out=mixed[:, i])
+        for j in range(1, n):
+            np.multiply(sides[j], weight[:, i, j], out=product)
+            mixed[:, i] += product
+    return _one_a_column(mixed)
+
+
+def _one_a_column(values: ComplexArray) -> Float:
+    return np.ascontiguousarray(values).reshape(values.shape[0], -1).view(float)
+
+
+def as_triangle(system: Float) -> Float:
+    """As few equations as unknowns with the same least-squares solution."""
+    return np.asarray(np.linalg.qr(system.T, mode="r")).T
+
+
+def solve(systems: list[Float]) -> Float:
+    """Least squares with equilibrated unknowns; the last row of each system is the right side."""
+    system = np.concatenate(systems, axis=1) if len(systems) > 1 else systems[0]
+    norm = np.linalg.norm(system, axis=1)
+    norm = np.where(norm > 0, norm, 1.0)
+    triangle = as_triangle(system / norm[:, None]).T
+    solution = np.linalg.lstsq(triangle[:, :-1], triangle[:, -1], rcond=1e-13)[0]
+    return np.asarray(solution * norm[-1] / norm[:-1])
+
+
+def solve_projected(projected: Float, information: Float) -> Float:
+    """Solve equations projected on instruments, whose own products are the information."""
+    norm = np.sqrt(np.diag(information))
+    norm = np.where(norm > 0, norm, 1.0)
+    scaled = projected / norm[:, None]
+    return np.asarray(np.linalg.solve(scaled[:, :-1] / norm, scaled[:, -1]) / norm)
