@@ -14,6 +14,7 @@ from pathlib import Path
 import pytest
 
 import rotorfit
+from rotorfit import datasets
 
 PACKAGE = Path(rotorfit.__file__).parent
 HEAVY = ("matplotlib", "emcee", "xarray", "arviz", "numba", "scipy.stats", "h5py", "pyuff")
@@ -190,6 +191,18 @@ def test_first_fit_needs_no_heavy_package() -> None:
         f"sys.exit(' '.join(m for m in {(*HEAVY, 'scipy')!r} if m in sys.modules) or 0)"
     )
     subprocess.run([sys.executable, "-c", code], check=True)
+
+
+def test_report_without_figures_needs_no_heavy_package(tmp_path: Path) -> None:
+    words = ["rotorfit", "fit", str(datasets.path("rig_open.csv")), "--model", "whirl-whip", "--known", "K3=6000"]
+    words += ["--out", str(tmp_path / "fit"), "--no-figures", "--quiet"]
+    code = (
+        "import sys\nfrom rotorfit.__main__ import main\n"
+        f"sys.argv = {words!r}\nassert main() == 0\n"
+        f"sys.exit(' '.join(m for m in {(*HEAVY, 'scipy')!r} if m in sys.modules) or 0)"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True)
+    assert (tmp_path / "fit" / "report.html").exists()
 
 
 @pytest.mark.parametrize("package", ["models", "estimators"])

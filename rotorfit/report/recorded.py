@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rotorfit.data.experiments import LineTest
-from rotorfit.recordings.recorded_tests import BLOWS, LOADS, kind_of
 from rotorfit.report.figures import embedded
 from rotorfit.report.html import Html, bullets, element, paragraph, table
 from rotorfit.report.numbers import plain
@@ -70,6 +69,8 @@ def _done(record: Recording, material: ReportInput) -> str:
     """What made experiments of a recording."""
     if any(isinstance(test, LineTest) for test in material.fit.experiments):
         return _BY_LINES  # the weight of the shaft and its own unbalance may be all that drives it
+    from rotorfit.recordings.recorded_tests import BLOWS, LOADS, kind_of  # loads half of SciPy
+
     kind = kind_of(record)
     if kind in (BLOWS, LOADS):
         return _BY_BLOWS if kind == BLOWS else _BY_LOADS
