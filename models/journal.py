@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import lru_cache
 
 import casadi as ca
@@ -10,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.models.compiled import array_function
-from rotorfit.models.line_stiffness import arguments, at_frequency
+from rotorfit.models.line_stiffness import arguments, at_frequency, complex_pairs
 from rotorfit.models.model import RotorModel
 
 
@@ -83,8 +84,20 @@ class Journal:
             speed: rotative speed, rad/s, shape broadcasting with ``theta[..., 0]``; so the other.
             eccentricity: orbit radius over clearance.
         """
-        flat = self._coefficient_change(arguments(theta, speed, eccentricity))
-        return np.asarray(flat[0::2] + 1j * flat[1::2])
+        return self.change_of(theta, speed)(np.asarray(eccentricity))
+
+    def change_of(self, theta: ArrayLike, speed: ArrayLike) -> Callable[[Float], ComplexArray]:
+        """:meth:`coefficient_change` as a function of the eccentricity, for one that changes from instant to instant.
+
+        Args:
+            theta, speed: as there.
+        """
+        rotors = arguments(theta, speed)
+
+        def change(eccentricity: Float) -> ComplexArray:
+            return complex_pairs(self._coefficient_change([*rotors, np.asarray(eccentricity, dtype=float)[()]]))
+
+        return change
 
     def coupling(self, theta: ArrayLike, speed: ArrayLike, eccentricity: ArrayLike) -> ComplexArray:
         """Half the eccentricity times the slope of the static stiffness, N/m.

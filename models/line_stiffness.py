@@ -83,14 +83,14 @@ class LineStiffness:
             eccentricity: of the journal.
         """
         flat = self._values(arguments(theta, speed, eccentricity, w))
-        return _complex(flat).reshape(self._size, self._size, *flat.shape[1:])
+        return complex_pairs(flat).reshape(self._size, self._size, *flat.shape[1:])
 
     def slopes(self, theta: ArrayLike, w: ArrayLike, speed: ArrayLike, eccentricity: ArrayLike) -> ComplexArray:
         """Derivatives by parameters and eccentricity, shape ``(K, ...)``; arguments as for :meth:`values`."""
-        return _complex(self._slopes(arguments(theta, speed, eccentricity, w)))
+        return complex_pairs(self._slopes(arguments(theta, speed, eccentricity, w)))
 
 
-def _complex(flat: Float) -> ComplexArray:
+def complex_pairs(flat: Float) -> ComplexArray:
     """Real and imaginary parts in turn along axis 0 as complex numbers."""
     result = np.empty((flat.shape[0] // 2, *flat.shape[1:]), dtype=complex)
     result.real, result.imag = flat[0::2], flat[1::2]

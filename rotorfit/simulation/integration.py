@@ -86,6 +86,11 @@ class Motion:
         return np.concatenate([self.centred[:, 0], self.centred[:, 1]], axis=2)
 
     @cached_property
+    def _own_acceleration(self) -> ComplexArray:
+        """Acceleration of the centred rotor by its displacement and velocity, shape ``(L, n, 2n)``."""
+        return np.asarray(-self._inverse_mass @ self._passive)
+
+    @cached_property
     def _free(self) -> NDArray[np.intp]:
         """Coordinates that are not imposed."""
         return np.array([i for i in range(len(self.model.coordinates)) if i != self.imposed], dtype=np.intp)
@@ -99,6 +104,15 @@ class Motion:
     def _journal(self) -> Journal | None:
         return journal(self.model) if self.model.eccentricity_dependent else None
 
+    @cached_property
+    def _change(self) -> Callable[[Float], ComplexArray]:
+        """Change of the journal's coefficients by its eccentricity; rotors that are all alike count as one."""
+        if self._journal is None:
+            raise TypeError(f"{self.model.name} does not depend on eccentricity")
+        alike = (self.theta == self.theta[:1]).all() and (self.speed == self.speed[:1]).all()
+        rotors = 0 if alike else slice(None)
+        return self._journal.change_of(self.theta[rotors], self.speed[rotors])
+
     def eccentricity(self, z: ComplexArray) -> Float:
         """Eccentricity of the journal, shape ``(..., L)``, zero in a linear model."""
         if self._journal is None:
@@ -111,12 +125,16 @@ class Motion:
         if self._journal is None:
             return force, np.zeros(z.shape[0], dtype=complex)
         at = self._journal.at
-        change = self._journal.coefficient_change(self.theta, self.speed, self.eccentricity(z))
+        change = self._change(self.eccentricity(z))
         force[:, at] += change[0] * z[:, at] + change[1] * v[:, at]
         return force, change[2]
 
     def acceleration(self, z: ComplexArray, v: ComplexArray, force: ComplexArray) -> ComplexArray:
         """Acceleration of all coordinates, that of an imposed one being its entry in ``force``, shape ``(L, n)``."""
+        if self._journal is None and self.imposed is None:
+            moved = self._inverse_mass @ force[:, :, None]
+            moved += self._own_acceleration @ np.concatenate([z, v], axis=1)[:, :, None]
+            return np.asarray(moved[:, :, 0])
         internal, inertia = self.internal(z, v)
         free, given = self._free, self.imposed
         drive = force - internal
