@@ -199,15 +199,16 @@ class Problem:
         return cost, gradient, matrix
 
     def hessian(self, x: Float) -> Float:
-        """Second derivatives of the cost, by central differences of the exact gradient.
+        """Second derivatives of the cost, by differences of the exact gradient.
 
-        Needed only where Gauss-Newton stalls; a relative step of 6e-6 leaves errors near 1e-10 of its size.
+        Needed only where Gauss-Newton stalls; a relative step of 1.5e-8 leaves errors near 1e-8 of its size.
         """
-        step = np.cbrt(np.finfo(float).eps) * np.maximum(np.abs(x), 1e-8)
+        step = np.sqrt(np.finfo(float).eps) * np.maximum(np.abs(x), 1e-8)
+        here = self.gauss_newton(x)[1]
         columns = []
         for i in range(x.size):
-            d = np.zeros_like(x)
-            d[i] = step[i]
-            columns.append((self.gauss_newton(x + d)[1] - self.gauss_newton(x - d)[1]) / (2 * step[i]))
+            beyond = x.copy()
+            beyond[i] += step[i]
+            columns.append((self.gauss_newton(beyond)[1] - here) / (beyond[i] - x[i]))
         matrix = np.array(columns)
         return np.asarray((matrix + matrix.T) / 2)
