@@ -38,18 +38,6 @@ class ModesSeen:
         """Modes with a shape above the noise and a natural frequency."""
         return len(self.frequencies)
 
-    def __str__(self) -> str:
-        values = ", ".join(f"{value:.3g}" for value in self.singular)
-        rpm = 30 / np.pi
-        modes = ", ".join(f"{w * rpm:.0f} +- {error * rpm:.2g} rpm" for w, error in self.frequencies)
-        text = f"these data see {self.count} mode{'s' * (self.count != 1)}"
-        text += f" ({modes}; " if modes else " ("
-        text += f"singular values over the largest of noise: {values})"
-        if self.shapes > self.count:
-            more = self.shapes - self.count
-            text += f"; {more} more shape{'s' * (more > 1)} above the noise, but the speeds leave the frequency open"
-        return text
-
 
 def modes_seen(influence: Influence) -> ModesSeen | None:
     """Shapes and poles in influences; None where one speed only, or gaps, leave nothing to compare.

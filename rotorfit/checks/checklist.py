@@ -247,8 +247,8 @@ def _start_ups(test: PerturbationTest) -> Iterator[Finding]:
     if found is not None:
         none = _rows(np.zeros(len(test), dtype=bool))
         yield Finding("note", "mountings", f"Weights are solved together: {'; '.join(found.remarks)}.", none)
-        if found.modes is not None:
-            yield Finding("note", "modes", f"{str(found.modes).capitalize()}.", none)
+        if found.modes_told:
+            yield Finding("note", "modes", f"{found.modes_told.capitalize()}.", none)
         return
     raw = np.asarray(test.attributes.get(DIFFERENCED, np.zeros(len(test))) != 1)
     if raw.any():

@@ -45,6 +45,22 @@ class Influences:
         return modes_seen(self.solved)
 
     @property
+    def modes_told(self) -> str:
+        """How many modes the influences show, in words; empty where there is one speed only."""
+        seen = self.modes
+        if seen is None:
+            return ""
+        values = ", ".join(f"{value:.3g}" for value in seen.singular)
+        modes = ", ".join(f"{w * RPM_PER_RAD_S:.0f} +- {e * RPM_PER_RAD_S:.2g} rpm" for w, e in seen.frequencies)
+        text = f"these data see {seen.count} mode{'s' * (seen.count != 1)}"
+        text += f" ({modes}; " if modes else " ("
+        text += f"singular values over the largest of noise: {values})"
+        if seen.shapes > seen.count:
+            more = seen.shapes - seen.count
+            text += f"; {more} more shape{'s' * (more > 1)} above the noise, but the speeds leave the frequency open"
+        return text
+
+    @property
     def remarks(self) -> tuple[str, ...]:
         """Sentences on how far mountings and repeats scatter."""
         found = []
@@ -88,7 +104,7 @@ class Influences:
             for value, error in zip(self.solved.influence[cell], errors[cell], strict=True):
                 line += _polar(value, 18) + f" +- {error:.1g}".ljust(11)
             lines.append(line.rstrip())
-        seen = [] if self.modes is None else [str(self.modes)]
+        seen = [self.modes_told] if self.modes_told else []
         return "\n".join([*lines, *self.remarks, *seen])
 
     def __str__(self) -> str:

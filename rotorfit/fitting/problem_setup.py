@@ -118,8 +118,9 @@ def _check_modes(model: RotorModel, influences: Influences, settings: FitSetting
     if seen is None or beforehand or not 0 < seen.count < wanted:
         return
     raise ValueError(
-        f"{model.name} has {wanted} modes, but {seen}. Fit rf.models.Modal({model.planes}, modes={seen.count}) "
-        f"(--model modal), measure nearer to the next critical speed, or say what is known beforehand"
+        f"{model.name} has {wanted} modes, but {influences.modes_told}. "
+        f"Fit rf.models.Modal({model.planes}, modes={seen.count}) (--model modal), measure nearer "
+        f"to the next critical speed, or say what is known beforehand"
     )
 
 
