@@ -36,7 +36,7 @@ import rotorfit as rf
 from rotorfit.data.experiments import PerturbationTest, perturbation_test
 from rotorfit.estimators.signals.tracking import track_windows
 from rotorfit.recordings.recording import Recording
-from rotorfit.recordings.reduced_record import ReducedRecord, reduce_record
+from rotorfit.recordings.reduction.reduced_record import ReducedRecord, reduce_record
 
 RIG = rf.models.WhirlWhip()
 VALUES = {"Md": 0.97, "Ds": 3.0, "K1": 14e3, "K2": 14e3, "sigma": 1.0, "Mb": 0.33, "K3": 6e3, "K0": 9e3, "D": 450.0,

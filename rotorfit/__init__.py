@@ -53,11 +53,11 @@ if TYPE_CHECKING:  # `as` tells type checkers that these names are for users
     from rotorfit.observing.measured_stiffness import dynamic_stiffness as dynamic_stiffness
     from rotorfit.recordings.recording import Recording as Recording
     from rotorfit.recordings.recording import read_recording as read_recording
-    from rotorfit.recordings.responses import responses as responses
-    from rotorfit.recordings.ring_downs import ring_downs as ring_downs
-    from rotorfit.recordings.setup import RigSetup as RigSetup
-    from rotorfit.recordings.shaft_lines import shaft_lines as shaft_lines
-    from rotorfit.recordings.static_positions import static_positions as static_positions
+    from rotorfit.recordings.reduction.responses import responses as responses
+    from rotorfit.recordings.reduction.ring_downs import ring_downs as ring_downs
+    from rotorfit.recordings.reduction.shaft_lines import shaft_lines as shaft_lines
+    from rotorfit.recordings.reduction.static_positions import static_positions as static_positions
+    from rotorfit.recordings.rig.setup import RigSetup as RigSetup
     from rotorfit.report.campaign import write_campaign_report as write_campaign_report
     from rotorfit.report.write import write_report as write_report
     from rotorfit.simulation.instruments import Instruments as Instruments
@@ -86,8 +86,8 @@ _HOME = {
     "CoefficientTable": "rotorfit.data.experiments",
     "LineTest": "rotorfit.data.experiments",
     "dated_anisotropy": "rotorfit.monitoring.crack",
-    "shaft_lines": "rotorfit.recordings.shaft_lines",
-    "static_positions": "rotorfit.recordings.static_positions",
+    "shaft_lines": "rotorfit.recordings.reduction.shaft_lines",
+    "static_positions": "rotorfit.recordings.reduction.static_positions",
     "ImpulseTest": "rotorfit.data.experiments",
     "RingDownTest": "rotorfit.data.experiments",
     "StaticTest": "rotorfit.data.experiments",
@@ -106,9 +106,9 @@ _HOME = {
     "write": "rotorfit.io.files",
     "Recording": "rotorfit.recordings.recording",
     "read_recording": "rotorfit.recordings.recording",
-    "responses": "rotorfit.recordings.responses",
-    "ring_downs": "rotorfit.recordings.ring_downs",
-    "RigSetup": "rotorfit.recordings.setup",
+    "responses": "rotorfit.recordings.reduction.responses",
+    "ring_downs": "rotorfit.recordings.reduction.ring_downs",
+    "RigSetup": "rotorfit.recordings.rig.setup",
     "Refinement": "rotorfit.fitting.refine",
     "one_lam_test": "rotorfit.fitting.refine",
     "refine": "rotorfit.fitting.refine",

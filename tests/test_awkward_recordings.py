@@ -13,7 +13,7 @@ from recorded import ATTRIBUTES, RATE, SETUP, volts, write_hdf5
 
 import rotorfit as rf
 from rotorfit.cli.main import main
-from rotorfit.recordings.setup import Force
+from rotorfit.recordings.rig.setup import Force
 
 CHANNELS = volts(1.0)
 NAMES = list(CHANNELS)

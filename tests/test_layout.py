@@ -45,6 +45,17 @@ ESTIMATOR_FLOORS = (
     ("inference",),
 )
 """The same inside ``estimators/``; the first floor's are files."""
+RECORDING_FLOORS = (
+    ("formats",),
+    ("rig",),
+    (
+        "angle_track", "channel_statistics", "marks", "quality", "recording", "signals", "slow_roll", "spectra",
+        "summary", "twist", "views",
+    ),
+    ("reduction",),
+)  # fmt: skip
+"""The same inside ``recordings/``; the third floor's are files, which may know each other."""
+INNER_FLOORS = {"estimators": ESTIMATOR_FLOORS, "recordings": RECORDING_FLOORS}
 UPWARD = ("rotorfit.fitting.result", "rotorfit.recordings.recording")
 """Their one-line convenience methods (plots, profile, sample, ...) import upwards when called, as pandas does."""
 
@@ -126,13 +137,15 @@ def test_imports_go_down(name: str) -> None:
         assert floor[room(other)] < floor[room(name)], f"{name} -> {other}"
 
 
-@pytest.mark.parametrize("name", [name for name in MODULES if name.startswith("rotorfit.estimators.")])
-def test_imports_of_estimators_go_down(name: str) -> None:
-    floor = {name: i for i, names in enumerate(ESTIMATOR_FLOORS) for name in names}
-    own = name.split(".")[2]
+@pytest.mark.parametrize("name", [name for name in MODULES if room(name) in INNER_FLOORS and len(name.split(".")) > 2])
+def test_imports_within_a_room_go_down(name: str) -> None:
+    outer, own = name.split(".")[1:3]
+    floor = {name: i for i, names in enumerate(INNER_FLOORS[outer]) for name in names}
+    files = {i for i, names in enumerate(INNER_FLOORS[outer]) if len(names) > 1 and outer == "recordings"}
     for other, _ in arrows(name):
-        if room(other) == "estimators" and other.split(".")[2] != own:
-            assert floor[other.split(".")[2]] < floor[own], f"{name} -> {other}"
+        if room(other) == outer and other.split(".")[2] != own:
+            there = floor[other.split(".")[2]]
+            assert there < floor[own] or (there == floor[own] and there in files), f"{name} -> {other}"
 
 
 def test_no_circle_of_more_than_a_pair() -> None:

@@ -11,9 +11,9 @@ from recorded import RATE, volts, write_hdf5
 
 import rotorfit as rf
 from rotorfit.cli.main import main
-from rotorfit.recordings.rig_toml import setup_of
-from rotorfit.recordings.setup import ForceSetup
-from rotorfit.recordings.template import template
+from rotorfit.recordings.rig.rig_toml import setup_of
+from rotorfit.recordings.rig.setup import ForceSetup
+from rotorfit.recordings.rig.template import template
 
 
 def test_a_recording_that_says_all_gets_a_template_that_reads_at_once(tmp_path: Path) -> None:

@@ -172,7 +172,7 @@ def data_files(options: argparse.Namespace) -> tuple[DataFile | RecordingFiles, 
     Raises:
         ValueError: options that cannot be understood.
     """
-    from rotorfit.recordings.files import ALWAYS_RAW
+    from rotorfit.recordings.formats.files import ALWAYS_RAW
     from rotorfit.studies.data_files import DataFile
     from rotorfit.studies.recording_files import RecordingFiles
 

@@ -50,7 +50,7 @@ def _template(what: str) -> str:
         return example(what)
     if not Path(what).exists() and not Path(what).suffix:
         raise ValueError(f"{unknown_name('kind of file', what, kinds())}; nor is there a recording of that name")
-    from rotorfit.recordings.template import template
+    from rotorfit.recordings.rig.template import template
 
     return template(Path(what))
 

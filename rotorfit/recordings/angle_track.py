@@ -19,7 +19,7 @@ from rotorfit.estimators.signals.pulses import (
 from rotorfit.estimators.signals.shaft_angle import SmoothAngle, smooth_angle
 from rotorfit.estimators.signals.steady_frequency import steady_angle
 from rotorfit.models.array_types import Float
-from rotorfit.recordings.setup import Reference
+from rotorfit.recordings.rig.setup import Reference
 from rotorfit.recordings.signals import Signals
 
 _SAMPLED = 12

@@ -10,7 +10,7 @@ from rotorfit.data.findings import Finding, listed
 from rotorfit.estimators.signals.spectral_lines import folded_orders, mains_hum, turning_power
 from rotorfit.recordings.angle_track import AngleTrack
 from rotorfit.recordings.channel_statistics import ChannelStatistics
-from rotorfit.recordings.setup import Probe
+from rotorfit.recordings.rig.setup import Probe
 from rotorfit.recordings.signals import Signals
 from rotorfit.units import RPM_PER_RAD_S
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from rotorfit.data.findings import Finding
 from rotorfit.recordings.angle_track import AngleTrack, steady_track, track
 from rotorfit.recordings.channel_statistics import ChannelStatistics, statistics
-from rotorfit.recordings.files import open_raw
+from rotorfit.recordings.formats.files import open_raw
 from rotorfit.recordings.marks import Marks, speeds
 from rotorfit.recordings.quality import (
     direction_findings,
@@ -28,9 +28,9 @@ from rotorfit.recordings.quality import (
     setting_findings,
     speed_findings,
 )
-from rotorfit.recordings.resolve import complete
-from rotorfit.recordings.rig_toml import read_setup
-from rotorfit.recordings.setup import Probe, RigSetup
+from rotorfit.recordings.rig.resolve import complete
+from rotorfit.recordings.rig.rig_toml import read_setup
+from rotorfit.recordings.rig.setup import Probe, RigSetup
 from rotorfit.recordings.signals import Signals
 from rotorfit.recordings.slow_roll import RunOut, find_run_out, in_words
 from rotorfit.recordings.spectra import cascade, spectrum, steady_lines

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from rotorfit.models.array_types import Float
 from rotorfit.models.parameters import unknown_name
-from rotorfit.recordings.raw_file import RawFile
-from rotorfit.recordings.resolve import Rig
-from rotorfit.recordings.setup import Force, Probe, RigSetup
+from rotorfit.recordings.formats.raw_file import RawFile
+from rotorfit.recordings.rig.resolve import Rig
+from rotorfit.recordings.rig.setup import Force, Probe, RigSetup
 
 PIECE = 1 << 20
 """Samples read at once where a channel is gone through from end to end: 8 MB in double precision."""

@@ -15,7 +15,7 @@ import numpy as np
 
 from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.recordings.angle_track import AngleTrack
-from rotorfit.recordings.setup import VECTOR_ORDERS, SlowRollSetup
+from rotorfit.recordings.rig.setup import VECTOR_ORDERS, SlowRollSetup
 from rotorfit.recordings.signals import PIECE
 from rotorfit.units import RPM_PER_RAD_S
 

@@ -17,12 +17,12 @@ from rotorfit.estimators.signals.spectral_lines import full_spectrum
 from rotorfit.models.array_types import Float
 from rotorfit.recordings.angle_track import track
 from rotorfit.recordings.marks import Marks
-from rotorfit.recordings.setup import Reference
+from rotorfit.recordings.rig.setup import Reference
 from rotorfit.recordings.signals import Signals
 from rotorfit.recordings.spectra import cascade_times
 
 if TYPE_CHECKING:
-    from rotorfit.recordings.setup import Twist
+    from rotorfit.recordings.rig.setup import Twist
 
 
 def twist_of(record: Signals) -> Float:

@@ -15,7 +15,7 @@ from rotorfit.data.experiments import Experiment, LineTest, RingDownTest, Static
 from rotorfit.fitting.options import command_words
 from rotorfit.fitting.result import FitResult
 from rotorfit.models import LAWS, MODELS, Law, Orthotropic, RotorModel
-from rotorfit.recordings.files import ALWAYS_RAW
+from rotorfit.recordings.formats.files import ALWAYS_RAW
 from rotorfit.report.html import Html, element, paragraph
 from rotorfit.report.parts import section, sentence
 

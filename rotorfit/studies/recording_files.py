@@ -48,7 +48,7 @@ class RecordingFiles:
             OSError: a file that cannot be read.
         """
         from rotorfit.recordings.recording import read_recording
-        from rotorfit.recordings.rig_toml import read_setup
+        from rotorfit.recordings.rig.rig_toml import read_setup
 
         setup = None if self.setup is None else read_setup(self.setup)
         records = []
@@ -74,8 +74,8 @@ class RecordingFiles:
             ValueError: what is wrong in a file or in the setup.
             OSError: a file that cannot be read.
         """
-        from rotorfit.recordings.recorded_tests import recorded_tests
-        from rotorfit.recordings.shaft_lines import shaft_lines
+        from rotorfit.recordings.reduction.recorded_tests import recorded_tests
+        from rotorfit.recordings.reduction.shaft_lines import shaft_lines
 
         records = self.open(progress)
         if not self.lines:

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING
 from rotorfit.data.experiments import Experiment
 from rotorfit.data.findings import Finding
 from rotorfit.executors import carry_out
-from rotorfit.recordings.reductions import Report
-from rotorfit.recordings.responses import checked_responses, driven_by
-from rotorfit.recordings.ring_downs import ring_downs
-from rotorfit.recordings.static_positions import static_positions
+from rotorfit.recordings.reduction.reductions import Report
+from rotorfit.recordings.reduction.responses import checked_responses, driven_by
+from rotorfit.recordings.reduction.ring_downs import ring_downs
+from rotorfit.recordings.reduction.static_positions import static_positions
 
 if TYPE_CHECKING:
     from rotorfit.recordings.recording import Recording

@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rotorfit.estimators.signals.tracking import track_windows
-from rotorfit.recordings.reduced_record import is_pair
-from rotorfit.recordings.response_rows import Readings, rows, single_direction
+from rotorfit.recordings.reduction.reduced_record import is_pair
+from rotorfit.recordings.reduction.response_rows import Readings, rows, single_direction
 
 if TYPE_CHECKING:
     from rotorfit.data.experiments import PerturbationTest
-    from rotorfit.recordings.reduced_record import ReducedRecord
-    from rotorfit.recordings.setup import Force
+    from rotorfit.recordings.reduction.reduced_record import ReducedRecord
+    from rotorfit.recordings.rig.setup import Force
 
 
 def window_responses(reduced: ReducedRecord, force: Force, turns: int) -> PerturbationTest:

@@ -18,8 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotorfit.io.sampling import FEWEST, rate_of, rate_of_times, time_factor
-from rotorfit.recordings.raw_file import RawChannel, RawFile, full_count, plain
-from rotorfit.recordings.spool import Samples, spooled
+from rotorfit.recordings.formats.raw_file import RawChannel, RawFile, full_count, plain
+from rotorfit.recordings.formats.spool import Samples, spooled
 
 _NAME_KEYS = ("name", "label", "title", "channelname", "signalname", "channel", "channel_name", "signal_name")
 _LIST_KEYS = ("names", "labels", "channels", "channel_names", "channelnames", "titles")

@@ -10,12 +10,12 @@ import numpy as np
 
 from rotorfit.estimators.signals.local_response import RecordSpectra
 from rotorfit.models.array_types import ComplexArray, Float
-from rotorfit.recordings.reduced_rate import ReducedRate
+from rotorfit.recordings.reduction.reduced_rate import ReducedRate
 
 if TYPE_CHECKING:
     from rotorfit.recordings.angle_track import AngleTrack
     from rotorfit.recordings.recording import Recording
-    from rotorfit.recordings.setup import Probe
+    from rotorfit.recordings.rig.setup import Probe
 
 
 ORDERS = 5

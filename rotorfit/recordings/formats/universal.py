@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotorfit.io.sampling import FEWEST, rate_of_times
-from rotorfit.recordings.raw_file import RawChannel, RawFile
-from rotorfit.recordings.spool import once, spooled
+from rotorfit.recordings.formats.raw_file import RawChannel, RawFile
+from rotorfit.recordings.formats.spool import once, spooled
 
 _TIME_RESPONSE = 1
 _AXES = {1: "X", 2: "Y", 3: "Z", -1: "-X", -2: "-Y", -3: "-Z"}

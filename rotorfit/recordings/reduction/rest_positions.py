@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rotorfit.models.array_types import ComplexArray, Float
-from rotorfit.recordings.reduced_rate import ReducedRate
-from rotorfit.recordings.reduced_record import ORDERS, is_pair
+from rotorfit.recordings.reduction.reduced_rate import ReducedRate
+from rotorfit.recordings.reduction.reduced_record import ORDERS, is_pair
 
 if TYPE_CHECKING:
     from rotorfit.recordings.angle_track import AngleTrack
     from rotorfit.recordings.recording import Recording
-    from rotorfit.recordings.setup import Probe
+    from rotorfit.recordings.rig.setup import Probe
 
 STEPS = 20
 """Positions taken of a recording in which the speed changes."""

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotorfit.io.sampling import FEWEST, rate_of
-from rotorfit.recordings.raw_file import RawChannel, RawFile, full_count, plain
+from rotorfit.recordings.formats.raw_file import RawChannel, RawFile, full_count, plain
 
 
 def open_file(path: Path) -> RawFile:

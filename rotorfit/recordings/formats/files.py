@@ -6,7 +6,7 @@ from importlib import import_module
 from pathlib import Path
 
 from rotorfit.models.parameters import unknown_name
-from rotorfit.recordings.raw_file import RawFile
+from rotorfit.recordings.formats.raw_file import RawFile
 
 FORMATS = {
     ".h5": "hdf5", ".hdf5": "hdf5", ".hdf": "hdf5", ".tdms": "tdms", ".mat": "matlab", ".wav": "wav",
@@ -35,7 +35,7 @@ def open_raw(path: str | Path) -> RawFile:
         raise ValueError(f"{file.name}: {unknown_name('suffix of a recording', suffix, FORMATS)}")
     if not file.is_file():
         raise FileNotFoundError(2, "there is no such file", str(file))
-    raw: RawFile = import_module(f"rotorfit.recordings.{FORMATS[suffix]}").open_file(file)
+    raw: RawFile = import_module(f"rotorfit.recordings.formats.{FORMATS[suffix]}").open_file(file)
     if not raw.channels:
         raise ValueError(f"{file.name} holds no signals: no channel with enough samples to be a recording")
     return raw

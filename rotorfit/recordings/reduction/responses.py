@@ -19,15 +19,15 @@ from rotorfit.data.findings import Finding, listed
 from rotorfit.data.synchronous import group_speeds, join
 from rotorfit.data.weights import differenced
 from rotorfit.executors import carry_out
-from rotorfit.recordings.dwell_responses import dwelling
 from rotorfit.recordings.quality import spoiled
-from rotorfit.recordings.reductions import Report, force_of, reduced_responses
+from rotorfit.recordings.reduction.dwell_responses import dwelling
+from rotorfit.recordings.reduction.reductions import Report, force_of, reduced_responses
 from rotorfit.recordings.signals import source_of
 from rotorfit.units import RPM_PER_RAD_S
 
 if TYPE_CHECKING:
     from rotorfit.recordings.recording import Recording
-    from rotorfit.recordings.setup import Force
+    from rotorfit.recordings.rig.setup import Force
 
 _KINDS = {"perturbator": "a perturbator", "shaft": "the shaft itself", "": "a measured force"}
 _BALANCE = "the shaft itself, at steady speeds"

@@ -10,9 +10,9 @@ import numpy as np
 
 from rotorfit.data.findings import Finding
 from rotorfit.models.parameters import unknown_name
-from rotorfit.recordings.raw_file import RawChannel, RawFile
-from rotorfit.recordings.rig_toml import flat_setup
-from rotorfit.recordings.setup import (
+from rotorfit.recordings.formats.raw_file import RawChannel, RawFile
+from rotorfit.recordings.rig.rig_toml import flat_setup
+from rotorfit.recordings.rig.setup import (
     Force,
     ForceSetup,
     ImpulseSetup,

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from rotorfit.data.experiments import StaticTest
 from rotorfit.data.findings import Finding
 from rotorfit.executors import carry_out
-from rotorfit.recordings.reductions import Report
-from rotorfit.recordings.rest_positions import STEADY, Rest, rest_positions
+from rotorfit.recordings.reduction.reductions import Report
+from rotorfit.recordings.reduction.rest_positions import STEADY, Rest, rest_positions
 from rotorfit.recordings.signals import source_of
 from rotorfit.units import RPM_PER_RAD_S
 

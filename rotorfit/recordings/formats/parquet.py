@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotorfit.io.sampling import FEWEST, rate_of, rate_of_times, time_factor
-from rotorfit.recordings.raw_file import RawChannel, RawFile, full_count
-from rotorfit.recordings.spool import once, spooled
+from rotorfit.recordings.formats.raw_file import RawChannel, RawFile, full_count
+from rotorfit.recordings.formats.spool import once, spooled
 
 
 def open_file(path: Path) -> RawFile:

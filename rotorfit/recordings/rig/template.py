@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 from pathlib import Path
 
-from rotorfit.recordings.files import open_raw
-from rotorfit.recordings.raw_file import RawFile
-from rotorfit.recordings.resolve import file_setup
-from rotorfit.recordings.setup import ForceSetup, Probe, Reference, RigSetup
+from rotorfit.recordings.formats.files import open_raw
+from rotorfit.recordings.formats.raw_file import RawFile
+from rotorfit.recordings.rig.resolve import file_setup
+from rotorfit.recordings.rig.setup import ForceSetup, Probe, Reference, RigSetup
 from rotorfit.units import RAD_S_PER_RPM
 
 _PER_MM = 1e3

@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 
 from rotorfit.data.experiments import PerturbationTest, perturbation_test
 from rotorfit.models.array_types import ComplexArray, Float
-from rotorfit.recordings.reduced_record import is_pair
+from rotorfit.recordings.reduction.reduced_record import is_pair
 
 if TYPE_CHECKING:
     from rotorfit.estimators.signals.local_response import LocalResponse
     from rotorfit.recordings.recording import Recording
-    from rotorfit.recordings.reduced_record import ReducedRecord
+    from rotorfit.recordings.reduction.reduced_record import ReducedRecord
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

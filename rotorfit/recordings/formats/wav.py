@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rotorfit.recordings.raw_file import RawChannel, RawFile
+from rotorfit.recordings.formats.raw_file import RawChannel, RawFile
 
 
 def open_file(path: Path) -> RawFile:

@@ -12,13 +12,13 @@ from scipy.fft import prev_fast_len
 
 from rotorfit.estimators.signals.dwells import DwellResponse, dwell_response, dwells
 from rotorfit.estimators.signals.local_response import LocalResponse
-from rotorfit.recordings.response_rows import apart_from_orders, readings, rows
+from rotorfit.recordings.reduction.response_rows import apart_from_orders, readings, rows
 
 if TYPE_CHECKING:
     from rotorfit.data.experiments import PerturbationTest
     from rotorfit.recordings.recording import Recording
-    from rotorfit.recordings.reduced_record import ReducedRecord
-    from rotorfit.recordings.setup import Force
+    from rotorfit.recordings.reduction.reduced_record import ReducedRecord
+    from rotorfit.recordings.rig.setup import Force
 
 
 _PER_TURN = 8

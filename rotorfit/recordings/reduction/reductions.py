@@ -13,16 +13,16 @@ from rotorfit.data.experiments import PerturbationTest
 from rotorfit.data.findings import Finding
 from rotorfit.data.synchronous import DIFFERENCED
 from rotorfit.estimators.signals.local_response import LocalResponse, RecordSpectra, local_response
-from rotorfit.recordings.dwell_responses import dwell_responses, dwelling, dwells_of
-from rotorfit.recordings.measured_force import clear_of_noise, reduce_measured
-from rotorfit.recordings.reduced_record import ReducedRecord, reduce_record
-from rotorfit.recordings.response_rows import apart_from_orders, readings, rows, time_at
-from rotorfit.recordings.window_responses import window_responses
+from rotorfit.recordings.reduction.dwell_responses import dwell_responses, dwelling, dwells_of
+from rotorfit.recordings.reduction.measured_force import clear_of_noise, reduce_measured
+from rotorfit.recordings.reduction.reduced_record import ReducedRecord, reduce_record
+from rotorfit.recordings.reduction.response_rows import apart_from_orders, readings, rows, time_at
+from rotorfit.recordings.reduction.window_responses import window_responses
 
 if TYPE_CHECKING:
     from rotorfit.recordings.angle_track import AngleTrack
     from rotorfit.recordings.recording import Recording
-    from rotorfit.recordings.setup import Force
+    from rotorfit.recordings.rig.setup import Force
 
 Report = Callable[[Finding], None]
 

@@ -1,4 +1,4 @@
-"""The file ``rig.toml``: keys with their units, read into a :class:`~rotorfit.recordings.setup.RigSetup`.
+"""The file ``rig.toml``: keys with their units, read into a :class:`~rotorfit.recordings.rig.setup.RigSetup`.
 
 Keys of the top level are also those that a recording may carry as attributes; attributes that are none of them are kept
 as test attributes, a key of ``rig.toml`` that is none of them is refused.
@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from rotorfit.models.parameters import unknown_name
-from rotorfit.recordings.setup import (
+from rotorfit.recordings.rig.setup import (
     VECTOR_ORDERS,
     WAVEFORM_ORDERS,
     ForceSetup,

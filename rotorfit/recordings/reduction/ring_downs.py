@@ -14,9 +14,9 @@ from rotorfit.data.experiments import RingDownTest
 from rotorfit.executors import carry_out
 from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.models.parameters import unknown_name
-from rotorfit.recordings.reduced_rate import ReducedRate
-from rotorfit.recordings.reduced_record import ORDERS, is_pair, motion_at
-from rotorfit.recordings.rest_positions import rest_positions
+from rotorfit.recordings.reduction.reduced_rate import ReducedRate
+from rotorfit.recordings.reduction.reduced_record import ORDERS, is_pair, motion_at
+from rotorfit.recordings.reduction.rest_positions import rest_positions
 from rotorfit.recordings.signals import source_of
 
 if TYPE_CHECKING:

@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 
 from rotorfit.io.cells import marked_encoding
 from rotorfit.io.sampling import rate_of, rate_of_times, time_factor
-from rotorfit.recordings.raw_file import RawChannel, RawFile
-from rotorfit.recordings.spool import spooled
+from rotorfit.recordings.formats.raw_file import RawChannel, RawFile
+from rotorfit.recordings.formats.spool import spooled
 
 _ROWS = 1 << 17
 """Rows turned into numbers at once."""

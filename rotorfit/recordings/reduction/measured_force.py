@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotorfit.models.array_types import ComplexArray, Float
-from rotorfit.recordings.reduced_record import ReducedRecord, motion_at, reduced_times
+from rotorfit.recordings.reduction.reduced_record import ReducedRecord, motion_at, reduced_times
 
 if TYPE_CHECKING:
     from rotorfit.estimators.signals.local_response import LocalResponse
