@@ -9,10 +9,12 @@ import numpy as np
 
 from rotorfit.estimators.blocks.correlated import CorrelatedResponses
 from rotorfit.estimators.blocks.nonlinear import responses_of
+from rotorfit.estimators.blocks.observations import Responses
 from rotorfit.estimators.inference.identifiability import covariance as inverse
 from rotorfit.estimators.inference.identifiability import natural_scales
 from rotorfit.estimators.misfit.losses import Loss, robust_weights
 from rotorfit.estimators.misfit.problem import Problem
+from rotorfit.estimators.misfit.run_stack import RunStack
 from rotorfit.estimators.noise.run_effects import real_rows
 from rotorfit.models.array_types import ComplexArray, Float
 
@@ -62,7 +64,17 @@ def reduced_chi_square(problem: Problem, residuals: ComplexArray, nfree: int) ->
     if nfree <= 0:
         return float("nan")
     cost = float(robust_weights(problem.loss, np.abs(residuals) ** 2)[0].sum())
-    return cost / _expected_loss(problem.loss) * 2 / nfree
+    return cost * per_freedom(problem.loss, nfree)
+
+
+def per_freedom(loss: Loss, nfree: int) -> float:
+    """Factor from the (robust) sum of squared residuals to its ratio to what noise alone leaves.
+
+    Args:
+        loss: of the problem.
+        nfree: real data less parameters, one at least.
+    """
+    return 2 / nfree / _expected_loss(loss)
 
 
 def information(problem: Problem, x: Float, r: ComplexArray, J: ComplexArray) -> tuple[Float, Float | None]:
@@ -234,11 +246,28 @@ def natural_sizes(problem: Problem, x: Float) -> Float:
         return np.maximum(np.abs(x), 0.1 * typical)
     levels, top = [], 0.0
     for block in responses:
-        drive = np.linalg.norm(block.force, axis=1)[block.line]
-        ratio = np.abs(block.measured) / drive if block.imposed else drive / np.abs(block.measured)
+        ratio = np.abs(block.measured) / _drive(block) if block.imposed else _drive(block) / np.abs(block.measured)
         levels.append(ratio[np.isfinite(ratio) & (ratio > 0)])
         # Constant loads see damping and inertia by the fluid that turns with the shaft.
         top = max(top, float(np.abs(block.frequency).max()) or float(np.abs(block.speed).max()))
     stiffness = float(np.median(np.concatenate(levels)))
     own = natural_scales(space.model, space.base, x[: len(space.names)], stiffness, max(top, 1e-12))
     return np.concatenate([own, np.ones(len(space.nuisance))])
+
+
+def natural_sizes_of_many(stack: RunStack, x: Float) -> Float:
+    """The same for many runs of one plan under turning forces whose readings are not zero, shape ``(W, p)``.
+
+    Args:
+        stack: the problems.
+        x: their solutions, shape ``(W, p)``.
+    """
+    stiffness = np.median(_drive(stack.layout) / np.abs(stack.measured), axis=1)
+    top = float(np.abs(stack.layout.frequency).max())
+    pairs = zip(x, stiffness.tolist(), strict=True)
+    return np.array([natural_scales(stack.space.model, stack.space.base, own, level, top) for own, level in pairs])
+
+
+def _drive(block: Responses) -> Float:
+    """Size of the force, or of the imposed displacement, of each reading."""
+    return np.asarray(np.linalg.norm(block.force, axis=1)[block.line])

@@ -10,16 +10,23 @@ import numpy as np
 from rotorfit.estimators.minimisation.objective import HessianKind, Matrix, Objective, Options, Status, Vector
 
 HANDOVER = 1e-3  # relative offset, its square the relative excess cost, at which refinement takes over
-_NEAR = 0.5  # relative offset from which Gauss-Newton steps without a line search are tried first
-_APPROACHES = 6  # such steps
-_SLOW = 0.3  # share of the offset that one of them may leave
-_CHANGE_WEIGHT = 100.0  # a relative change of the parameters must be this much smaller than an offset
-_REFINEMENTS = 8
-_SINGULAR = 1e-13  # eigenvalue of the Gauss-Newton matrix, unit diagonal, that counts as zero
+NEAR = 0.5  # relative offset from which Gauss-Newton steps without a line search are tried first
+APPROACHES = 6  # such steps
+SLOW = 0.3  # share of the offset that one of them may leave
+CHANGE_WEIGHT = 100.0  # a relative change of the parameters must be this much smaller than an offset
+LEAST_SIZE = 1e-3  # of a scaled variable, against which its change is judged
+REFINEMENTS = 8
+SLOW_REFINEMENT = 0.1  # share of the offset that one of them may leave before the exact Hessian is asked
+SINGULAR = 1e-13  # eigenvalue of the Gauss-Newton matrix, unit diagonal, that counts as zero
 _WINDOW = 6  # iterations over which progress is judged
 _COST_FLOOR = 1e-40  # of the starting cost: keeps the logarithm finite on zero-residual problems
-_COST_NOISE = 1e-9  # relative rise of the cost that refinement tolerates: residuals far below the data are noisy
+COST_NOISE = 1e-9  # relative rise of the cost that refinement tolerates: residuals far below the data are noisy
 _ROUND_OFF = 1e-13  # relative cost change that is indistinguishable from none
+
+
+def exact_scale(scale: Vector) -> Vector:
+    """Powers of two near the sizes given: scaling by them is exact and commutes with the bounds."""
+    return np.asarray(np.exp2(np.round(np.log2(scale))))
 
 
 @dataclass(frozen=True)
@@ -188,8 +195,8 @@ class Minimisation:
         """The step that remains, relative to the misfit or to the parameters, whichever is smaller."""
         step = self.newton_step(point, point.matrix)
         offset = math.sqrt(max(float(step @ point.matrix @ step), 0.0) / 2)
-        change = float((np.abs(step) / np.maximum(np.abs(point.u), 1e-3)).max())
-        return _Candidate(point, step, min(offset, _CHANGE_WEIGHT * change))
+        change = float((np.abs(step) / np.maximum(np.abs(point.u), LEAST_SIZE)).max())
+        return _Candidate(point, step, min(offset, CHANGE_WEIGHT * change))
 
     def keep(self, candidate: _Candidate) -> None:
         """Remember the better of two points: smaller cost, or the smaller offset at equal cost."""
@@ -226,9 +233,9 @@ class Minimisation:
 
     def approach(self) -> None:
         """Undamped Gauss-Newton steps from the best point while each lowers the cost and most of the offset."""
-        for _ in range(_APPROACHES):
+        for _ in range(APPROACHES):
             before = self.best
-            if not HANDOVER < before.offset <= _NEAR or self.kind == "exact" or self.exhausted():
+            if not HANDOVER < before.offset <= NEAR or self.kind == "exact" or self.exhausted():
                 return
             point = self.evaluate(np.clip(before.point.u + before.step, self.low, self.high))
             self.n_iterations += 1
@@ -236,20 +243,20 @@ class Minimisation:
                 return
             candidate = self.assess(point)
             self.keep(candidate)
-            if candidate.offset > _SLOW * before.offset:
+            if candidate.offset > SLOW * before.offset:
                 return
 
     def refine(self) -> None:
         """Undamped Newton steps from the best point while each pays; exact Hessian once the first is slow."""
         exact = self.kind == "exact"
-        for _ in range(_REFINEMENTS):
+        for _ in range(REFINEMENTS):
             before = self.best
             if not self.options.tolerance < before.offset <= HANDOVER or self.exhausted():
                 return
             step = self.newton_step(before.point, self.exact_hessian(before.point)) if exact else before.step
             point = self.evaluate(np.clip(before.point.u + step, self.low, self.high))
             self.n_iterations += 1
-            allowed = before.point.cost * (1 + _COST_NOISE) + _COST_FLOOR * self.reference
+            allowed = before.point.cost * (1 + COST_NOISE) + _COST_FLOOR * self.reference
             if point is not None and point.cost <= allowed:
                 candidate = self.assess(point)
                 if candidate.offset < before.offset:
@@ -257,7 +264,7 @@ class Minimisation:
             ratio = self.best.offset / before.offset
             if exact and ratio > 0.5:
                 return
-            exact = exact or (ratio > 0.1 and self.options.hessian == "auto")
+            exact = exact or (ratio > SLOW_REFINEMENT and self.options.hessian == "auto")
 
     def converged(self) -> bool:
         """Whether the best point is a minimum within the tolerances."""
@@ -275,7 +282,7 @@ class Minimisation:
         if not (diagonal > 0).all():
             return True
         size = np.sqrt(diagonal)
-        return float(np.linalg.eigvalsh(matrix / np.outer(size, size))[0]) < _SINGULAR
+        return float(np.linalg.eigvalsh(matrix / np.outer(size, size))[0]) < SINGULAR
 
     def status(self) -> Status:
         """How the run stands."""

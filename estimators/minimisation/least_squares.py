@@ -24,7 +24,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rotorfit.estimators.minimisation.descent import HANDOVER, Minimisation
+from rotorfit.estimators.minimisation.descent import HANDOVER, Minimisation, exact_scale
 from rotorfit.estimators.minimisation.ipopt import borrow, give_back
 from rotorfit.estimators.minimisation.objective import Objective, Options, Solution, Status, Vector
 from rotorfit.estimators.minimisation.symbolic import SymbolicResiduals
@@ -76,8 +76,7 @@ def minimise(
             raise ValueError(f"scale is {scales.tolist()}; every entry must be finite and positive")
     else:
         scales = _default_scale(objective, x)
-    # Powers of two, so that scaling is exact and commutes with the bounds.
-    run = Minimisation(objective, x, bounds, np.exp2(np.round(np.log2(scales))), options)
+    run = Minimisation(objective, x, bounds, exact_scale(scales), options)
     with np.errstate(over="ignore", divide="ignore", invalid="ignore"):  # a trial point may well be absurd
         status = _descend(run)
     best = run.best

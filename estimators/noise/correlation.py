@@ -43,22 +43,12 @@ def memory(r: ComplexArray, own: ComplexArray, outer: Float, sweeps: Sequence[In
         sweeps: readings of each sweep in the order of frequency.
     """
     shortest = min((rows.size for rows in sweeps), default=0)
-    order = np.concatenate(sweeps) if sweeps else np.zeros(0, dtype=np.intp)
-    number = np.repeat(np.arange(len(sweeps)), [rows.size for rows in sweeps])
-    along = r[order]
-    ours = np.ascontiguousarray(own.T[:, order]).view(float)
-    power = float(np.mean(np.abs(r) ** 2)) / 2
-    # A fit takes its share of every reading and makes neighbours oppose one another a little.
-    moved = power * (outer @ ours)
-    total = float(np.vdot(along, along).real) + float(np.vdot(ours, moved))
+    products = _Products.of(r, own.T, outer, sweeps)
+    total = float(products.total)
     found: list[float] = []
     z = 0.0
     for lag in range(1, max(1, min(_LAGS, shortest // 3)) + 1):
-        same = number[lag:] == number[:-lag]
-        product = (along[lag:] * along[:-lag].conj()).real[same]
-        brought = powers(moved[:, 2 * lag :], ours[:, : -2 * lag])
-        amount = float(product.sum()) + float(brought[same].sum())
-        chance = float(np.sqrt(np.sum(product**2)))
+        amount, chance = (float(value) for value in products.at(lag))
         if lag == 1:
             z = amount / chance if chance > 0 else 0.0
         if amount < 2 * chance:
@@ -66,6 +56,59 @@ def memory(r: ComplexArray, own: ComplexArray, outer: Float, sweeps: Sequence[In
             break
         found.append(amount / total)
     return Memory(first=found[0] if found else 0.0, z=z, lags=tuple(found) if z > 2 else ())
+
+
+def neighbours(r: ComplexArray, rows: ComplexArray, outer: Float, sweeps: Sequence[Index]) -> tuple[Float, Float]:
+    """:attr:`Memory.first` and :attr:`Memory.z` of many runs of one plan, shape ``(W,)`` each.
+
+    Args:
+        r, rows: whitened residuals and sensitivities of each run, shapes ``(W, R)`` and ``(W, p, R)``.
+        outer: covariance of the fitted values, shape ``(W, p, p)``.
+        sweeps: as for :func:`memory`.
+    """
+    products = _Products.of(r, rows, outer, sweeps)
+    amount, chance = products.at(1)
+    safe = [np.where(size > 0, size, 1.0) for size in (products.total, chance)]
+    return amount / safe[0], np.where(chance > 0, amount / safe[1], 0.0)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Products:
+    """Readings in the order of the sweeps, along the last axis.
+
+    Attributes:
+        number: sweep of each.
+        along: residuals.
+        ours, moved: sensitivities, and these times the covariance of the residuals' fit.
+        total: sum of the squares of all residuals, what the fit took of them made good.
+    """
+
+    number: Index
+    along: ComplexArray
+    ours: Float
+    moved: Float
+    total: Float
+
+    @classmethod
+    def of(cls, r: ComplexArray, rows: ComplexArray, outer: Float, sweeps: Sequence[Index]) -> _Products:
+        """Those of one run or, with a leading axis, of many; arguments as for :func:`neighbours`."""
+        order = np.concatenate(sweeps) if sweeps else np.zeros(0, dtype=np.intp)
+        number = np.repeat(np.arange(len(sweeps)), [part.size for part in sweeps])
+        along = r[..., order]
+        ours = np.ascontiguousarray(rows[..., order]).view(float)
+        power = np.mean(np.abs(r) ** 2, axis=-1)[..., None, None] / 2
+        # A fit takes its share of every reading and makes neighbours oppose one another a little.
+        moved = power * (outer @ ours)
+        total = np.sum(np.abs(along) ** 2, axis=-1) + np.sum(ours * moved, axis=(-2, -1))
+        return cls(number=number, along=along, ours=ours, moved=moved, total=np.asarray(total))
+
+    def at(self, lag: int) -> tuple[Float, Float]:
+        """Sum of the products of readings a number of lines apart, and its standard deviation by chance."""
+        same = self.number[lag:] == self.number[:-lag]
+        product = (self.along[..., lag:] * self.along[..., :-lag].conj()).real[..., same]
+        brought = powers(self.moved[..., 2 * lag :], self.ours[..., : -2 * lag])[..., same]
+        amount = product.sum(axis=-1) + brought.sum(axis=-1)
+        return np.asarray(amount), np.asarray(np.sqrt(np.sum(product**2, axis=-1)))
 
 
 def scatter(own: ComplexArray, sweeps: Sequence[Index], lags: Sequence[float]) -> Float:

@@ -55,15 +55,15 @@ class Shape:
         return self.a**2 + self.b**2 * np.asarray(size2)[self.rows]
 
 
-def likelihood(power: Float, weight: Float, variance: Float) -> float:
-    """Restricted log likelihood of squared residuals, up to a constant.
+def likelihood(power: Float, weight: Float, variance: Float) -> Float:
+    """Restricted log likelihood of squared residuals, up to a constant, shape ``(...)``.
 
     Args:
-        power: ``|r|^2 / (2 (1 - h))``, h the leverage of the reading, shape ``(n,)``.
+        power: ``|r|^2 / (2 (1 - h))``, h the leverage of the reading, shape ``(..., n)``.
         weight: ``1 - h``: the share of a reading that the fitted values leave (Smyth 2002).
         variance: of real and of imaginary part.
     """
-    return -float(np.sum(weight * (np.log(variance) + power / variance)))
+    return np.asarray(-np.sum(weight * (np.log(variance) + power / variance), axis=-1))
 
 
 def fit_shape(rows: Index, power: Float, weight: Float, size2: Float, *, along: str = "") -> Shape:

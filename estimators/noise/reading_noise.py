@@ -25,40 +25,48 @@ def noise_from_samples(noise: ComplexArray, amplitude: ComplexArray, sweep: NDAr
     amplitude (gain flutter).
 
     Args:
-        noise: complex samples, shape ``(L,)``, for instance the component opposite to the force.
-        amplitude: the channel's readings, shape ``(L,)``.
-        sweep: number of the sweep of each, where several share a level; the shape of the noise is judged within sweeps.
+        noise: complex samples, shape ``(..., L)``, for instance the component opposite to the force.
+        amplitude: the channel's readings, shape ``(..., L)``.
+        sweep: number of the sweep of each, where several share a level, shape ``(L,)``; the shape of the noise is
+            judged within sweeps.
 
     Returns:
-        standard deviation of the real part and of the imaginary part, shape ``(L,)``.
+        standard deviation of the real part and of the imaginary part, shape ``(..., L)``.
     """
     size = np.abs(amplitude)
-    floor = FLOOR * float(np.sqrt(np.mean(size**2)))
+    floor = FLOOR * np.sqrt(np.mean(size**2, axis=-1, keepdims=True))
     constant = _level(noise)
-    if constant <= floor or noise.size < 8 or not size.all():
-        return np.full(size.shape, max(constant, floor))
+    found = np.broadcast_to(np.maximum(constant, floor), size.shape).copy()
+    judged = ((constant > floor) & size.all(axis=-1, keepdims=True))[..., 0]
+    if size.shape[-1] < 8 or not judged.any():
+        return found
     # The right shape makes |noise| / shape identically distributed, the wrong one spreads its logarithm; few outliers
     # weigh the same in both.
+    noise, size, floor = noise[judged], size[judged], floor[judged]
     safe = np.maximum(np.abs(noise), floor)
-    number = np.zeros(noise.size, dtype=np.intp) if sweep is None else sweep
-    if _spread_within(np.log(safe / size), number) < _CLEARLY * _spread_within(np.log(safe), number):
-        return np.maximum(_level(noise / size) * size, floor)
-    return np.full(size.shape, constant)
+    number = np.zeros(size.shape[-1], dtype=np.intp) if sweep is None else sweep
+    grows = _spread_within(np.log(safe / size), number) < _CLEARLY * _spread_within(np.log(safe), number)
+    if grows.any():
+        level = np.maximum(_level(noise / size) * size, floor)
+        found[judged] = np.where(grows[..., None], level, found[judged])
+    return found
 
 
-def _spread_within(values: Float, sweep: NDArray[np.intp]) -> float:
-    """Sum of squared deviations from the means of the sweeps."""
-    count = np.maximum(np.bincount(sweep), 1)
-    mean = np.bincount(sweep, weights=values) / count
-    return float(np.sum((values - mean[sweep]) ** 2))
+def _spread_within(values: Float, sweep: NDArray[np.intp]) -> Float:
+    """Sum of squared deviations from the means of the sweeps, shape ``(...)`` of ``(..., L)``."""
+    parts = [values[..., sweep == number] for number in range(int(sweep.max()) + 1)]
+    return np.asarray(sum(np.sum((part - part.mean(axis=-1, keepdims=True)) ** 2, axis=-1) for part in parts))
 
 
-def _level(noise: ComplexArray) -> float:
-    """Standard deviation of real and imaginary part; the median's where gross outliers inflate the mean square."""
+def _level(noise: ComplexArray) -> Float:
+    """Standard deviation of real and imaginary part, shape ``(..., 1)``; the median's where gross outliers inflate the
+    mean square."""
     power = np.abs(noise) ** 2
     # |noise|^2 of a complex Gaussian is exponential: mean 2 sigma^2, median 2 sigma^2 ln 2.
-    mean, median = float(np.mean(power)) / 2, float(np.median(power)) / (2 * np.log(2))
-    return float(np.sqrt(median if mean > _OUTLIERS * median and power.size >= 30 else mean))
+    mean = np.mean(power, axis=-1, keepdims=True) / 2
+    median = np.median(power, axis=-1, keepdims=True) / (2 * np.log(2))
+    wild = (mean > _OUTLIERS * median) & (power.shape[-1] >= 30)
+    return np.asarray(np.sqrt(np.where(wild, median, mean)))
 
 
 def noise_from_smoothness(frequency: Float, response: ComplexArray) -> Float:

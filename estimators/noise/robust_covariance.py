@@ -41,24 +41,36 @@ def line_scatter(r: ComplexArray, J: ComplexArray, covar: Float, line: Index, po
         line: number of the line of each reading: readings of one line may share noise, lines do not.
         power: variance of the whitened noise.
     """
-    ours = real_rows(J)
-    moved = np.asarray(covar.T @ ours)  # both parts of each reading one after the other
+    return scatter_by_line(r, real_rows(J), covar, line, power)
+
+
+def scatter_by_line(r: ComplexArray, ours: Float, covar: Float, line: Index, power: Float | float) -> LineScatter:
+    """:func:`line_scatter` of one run, or of many runs of one plan along a leading axis.
+
+    Args:
+        r: whitened residuals, shape ``(..., R)``.
+        ours: parts of the sensitivities, shape ``(..., p, 2 R)``.
+        covar: covariance of the estimate, shape ``(..., p, p)``.
+        line: number of the line of each reading of one run.
+        power: variance of the whitened noise, shape ``(...)``.
+    """
+    moved = np.asarray(np.swapaxes(covar, -1, -2) @ ours)  # both parts of each reading one after the other
     left = np.maximum(1 - powers(moved, ours) / 2, _LEFT)
     order = np.argsort(line, kind="stable")
     starts = np.flatnonzero(np.diff(line[order], prepend=-1))
     ascending = bool(np.all(np.diff(order) == 1))
 
     def by_line(parts: Float) -> Float:
-        of_reading = parts[:, ::2] + parts[:, 1::2]
-        return np.add.reduceat(of_reading if ascending else of_reading[:, order], starts, axis=1).T
+        of_reading = parts[..., ::2] + parts[..., 1::2]
+        return np.add.reduceat(of_reading if ascending else of_reading[..., order], starts, axis=-1)
 
     def gathered(size: Float) -> Float:
-        return by_line(moved * (r / size).view(float))
+        return by_line(moved * (r / size).view(float)[..., None, :])
 
     expected = by_line(moved**2)
-    total = np.maximum(expected.sum(axis=0), np.finfo(float).tiny)
-    chance = np.sqrt(2 * np.sum(expected**2, axis=0)) / total
-    found = np.sum(gathered(np.sqrt(left)) ** 2, axis=0) / total / power
+    total = np.maximum(expected.sum(axis=-1), np.finfo(float).tiny)
+    chance = np.sqrt(2 * np.sum(expected**2, axis=-1)) / total
+    found = np.sum(gathered(np.sqrt(left)) ** 2, axis=-1) / total / np.asarray(power)[..., None]
     scatter = gathered(left)
     safe = np.maximum(chance, np.finfo(float).eps)
-    return LineScatter(covar=scatter.T @ scatter, excess=(found - 1) / safe, freedom=2 / safe**2)
+    return LineScatter(covar=scatter @ np.swapaxes(scatter, -1, -2), excess=(found - 1) / safe, freedom=2 / safe**2)

@@ -93,7 +93,7 @@ class MixedModel:
         matrix = self.gram + curvature
         if not free.any():
             return np.asarray(np.linalg.inv(matrix))
-        return _inverse(matrix, _NULL)
+        return inverse_of_determined(matrix, _NULL)
 
     def solve(self, variance: Float) -> Solved:
         """Step to the optimum with effects of given variances, and what remains of the square."""
@@ -103,7 +103,7 @@ class MixedModel:
         onto = inner @ self.cross
         matrix = self.information - np.einsum("ikp,ikq->pq", self.cross, onto)
         slope = self.gradient - np.einsum("ikp,ik->p", onto, self.moment)
-        outer = _inverse(matrix)
+        outer = inverse_of_determined(matrix)
         step = -outer @ slope
         own = -np.einsum("ikl,il->ik", inner, self.moment + self.cross @ step)
         quadratic = (
@@ -113,7 +113,7 @@ class MixedModel:
 
     def _alone(self) -> Solved:
         """The step where no effects are looked for."""
-        outer, count = _inverse(self.information), len(self.gram)
+        outer, count = inverse_of_determined(self.information), len(self.gram)
         step = -outer @ self.gradient
         return Solved(
             inner=np.zeros((count, 0, 0)), onto=np.zeros((count, 0, self.rows)), outer=outer, matrix=self.information,
@@ -134,7 +134,7 @@ class MixedModel:
         """
         from scipy.special import gammaincc  # late: loading it takes longer than a fit
 
-        outer = _inverse(self.information)
+        outer = inverse_of_determined(self.information)
         C, own = np.swapaxes(self.cross, 0, 1), np.einsum("ikk->ki", self.gram)
         size = np.sqrt(np.where(own > 0, own, 1.0))  # runs count alike
         S = -(C @ outer @ np.swapaxes(C, 1, 2))
@@ -225,13 +225,13 @@ def real_rows(columns: ComplexArray) -> Float:
 
 
 def powers(left: Float, right: Float) -> Float:
-    """Sum over rows, and over both parts of each reading, of products, shape ``(R,)``.
+    """Sum over rows, and over both parts of each reading, of products, shape ``(..., R)``.
 
     Args:
-        left, right: as :func:`real_rows` makes them, shape ``(k, 2 R)``.
+        left, right: as :func:`real_rows` makes them, shape ``(..., k, 2 R)``.
     """
-    found = (left * right).sum(axis=0)
-    return np.asarray(found[::2] + found[1::2])
+    found = (left * right).sum(axis=-2)
+    return np.asarray(found[..., ::2] + found[..., 1::2])
 
 
 def _span(rows: Index) -> slice | Index:
@@ -305,7 +305,7 @@ def _restricted(model: MixedModel, variance: Float) -> float:
     kinds = np.flatnonzero(variance > 0)
     if kinds.size:
         return model.part(kinds.tolist()).log_likelihood(variance[kinds])
-    gain = float(model.gradient @ _inverse(model.information) @ model.gradient)
+    gain = float(model.gradient @ inverse_of_determined(model.information) @ model.gradient)
     return -0.5 * (_log_det(model.information) + model.square - gain)
 
 
@@ -351,7 +351,7 @@ def _scale(matrix: Float) -> Float:
     return np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
 
 
-def _inverse(matrix: Float, null: float = 1e-12) -> Float:
+def inverse_of_determined(matrix: Float, null: float = 1e-12) -> Float:
     """Inverse of symmetric matrices, shape ``(..., k, k)``; directions without information are left out."""
     scale = _scale(matrix)
     over = 1 / (scale[..., :, None] * scale[..., None, :])

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rotorfit.estimators.blocks.observations import Responses
 from rotorfit.estimators.blocks.row_keys import combined, in_order, numbers
@@ -52,10 +53,45 @@ def estimate_noise(block: Responses, wrong: ComplexArray, synchronous: bool, con
     same = np.zeros_like(w) if condition is None else condition
     for rows, level in _repeated(block, w, (speed, same)):
         sigma[rows] = level
+    sweeps = [rows for rows in sweeps_of(block, synchronous=synchronous) if np.isnan(sigma[rows]).any()]
+    for parts in _both_ways(block, w, speed, plane, sweeps):
+        try:
+            for rows, level in _noise_of(block, w, wrong, parts):
+                sigma[rows] = level
+        except ValueError as reason:
+            raise ValueError(f"{block.labels[block.label[parts[0][0]]]}: {reason}") from reason
+    return sigma
+
+
+def noise_of_many(block: Responses, measured: ComplexArray, wrong: ComplexArray) -> Float:
+    """Noise of the readings of many runs of one layout at one speed each, all at once.
+
+    Args:
+        block: the layout.
+        measured, wrong: readings, and what each shows in the direction against the force, shape ``(W, R)``.
+
+    Returns:
+        what :func:`estimate_noise` answers for each run, shape ``(W, R)``, NaN for runs whose noise the direction
+        against the force does not tell at once.
+    """
+    w, plane = block.frequency[block.line], force_plane(block)
+    sigma = np.full(measured.shape, np.nan)
+    if _repeats(block, w, (np.zeros_like(w),)) is not None:
+        return sigma
+    sure = np.ones(len(measured), dtype=bool)
+    for parts in _both_ways(block, w, np.zeros_like(w), plane, sweeps_of(block)):
+        rows = np.concatenate(parts)
+        sure &= _tells(wrong, parts)
+        sigma[np.ix_(sure, rows)], agree = _pooled(wrong[sure], measured[sure], parts)
+        sure[sure] = agree
+    sigma[~sure] = np.nan
+    return sigma
+
+
+def _both_ways(block: Responses, w: Float, speed: Float, plane: Index, sweeps: Sequence[Index]) -> list[list[Index]]:
+    """Sweeps put together that differ in the sense of whirl only."""
     both: dict[tuple[Any, ...], list[Index]] = {}
-    for rows in sweeps_of(block, synchronous=synchronous):
-        if not np.isnan(sigma[rows]).any():
-            continue
+    for rows in sweeps:
         drive = np.abs(block.force[block.line[rows], plane[rows]])
         extent = (np.abs(w[rows]).min(), np.abs(w[rows]).max(), drive.sum())
         test = (
@@ -66,13 +102,27 @@ def estimate_noise(block: Responses, wrong: ComplexArray, synchronous: bool, con
             *(f"{v:.6g}" for v in extent),
         )
         both.setdefault(test, []).append(rows)
-    for parts in both.values():
-        try:
-            for rows, level in _noise_of(block, w, wrong, parts):
-                sigma[rows] = level
-        except ValueError as reason:
-            raise ValueError(f"{block.labels[block.label[parts[0][0]]]}: {reason}") from reason
-    return sigma
+    return list(both.values())
+
+
+def _tells(wrong: ComplexArray, parts: Sequence[Index]) -> NDArray[np.bool_]:
+    """Whether the direction against the force shows noise and no more, shape ``(...)`` of ``(..., R)``."""
+    found = np.isfinite(wrong[..., np.concatenate(parts)]).all(axis=-1)
+    for part in parts:
+        found = found & ~_is_smooth(wrong[..., part])
+    return np.asarray(found)
+
+
+def _pooled(wrong: ComplexArray, measured: ComplexArray, parts: Sequence[Index]) -> tuple[Float, NDArray[np.bool_]]:
+    """One noise of several sweeps, shape ``(..., n)``, and whether they can share it, from ``(..., R)``."""
+    rows = np.concatenate(parts)
+    number = np.repeat(np.arange(len(parts)), [part.size for part in parts])
+    level = noise_from_samples(wrong[..., rows], measured[..., rows], number)
+    power = np.abs(wrong[..., rows] / level) ** 2
+    means = np.stack([power[..., number == k].mean(axis=-1) for k in range(len(parts))], axis=-1)
+    freedom = [2 * part.size for part in parts]
+    agree = [_agree(own, freedom) for own in means.reshape(-1, len(parts)).tolist()]
+    return level, np.array(agree, dtype=bool).reshape(means.shape[:-1])
 
 
 def _noise_of(
@@ -80,11 +130,9 @@ def _noise_of(
 ) -> Iterator[tuple[Index, Float | float]]:
     """Noise of sweeps that differ in the sense of whirl: one for all where they agree."""
     rows = np.concatenate(parts)
-    if np.isfinite(wrong[rows]).all() and not any(_is_smooth(wrong[part]) for part in parts):
-        number = np.repeat(np.arange(len(parts)), [part.size for part in parts])
-        pooled = noise_from_samples(wrong[rows], block.measured[rows], number)
-        power = np.abs(wrong[rows] / pooled) ** 2
-        if _agree([float(np.mean(power[number == k])) for k in range(len(parts))], [2 * part.size for part in parts]):
+    if _tells(wrong, parts):
+        pooled, agree = _pooled(wrong, block.measured, parts)
+        if agree:
             yield rows, pooled
         else:
             for part in parts:
@@ -111,11 +159,11 @@ def _agree(power: Sequence[float], freedom: Sequence[int]) -> bool:
     return math.erfc(math.sqrt(statistic / 2)) > _APART  # chi-squared with one degree of freedom is a squared normal
 
 
-def _is_smooth(samples: ComplexArray) -> bool:
-    if samples.size < 8:
-        return False
-    power = float(np.sum(np.abs(samples) ** 2))
-    return bool(power > 0 and abs(np.sum(samples[1:] * samples[:-1].conj())) > _SMOOTH * power)
+def _is_smooth(samples: ComplexArray) -> NDArray[np.bool_]:
+    """Whether samples follow one another, shape ``(...)`` of ``(..., L)``; few never do."""
+    power = np.sum(np.abs(samples) ** 2, axis=-1)
+    follow = np.abs(np.sum(samples[..., 1:] * samples[..., :-1].conj(), axis=-1)) > _SMOOTH * power
+    return np.asarray((power > 0) & follow & (samples.shape[-1] >= 8))
 
 
 def _repeated(block: Responses, w: Float, condition: Sequence[Float | Index]) -> Iterator[tuple[Index, Float | float]]:
@@ -124,15 +172,9 @@ def _repeated(block: Responses, w: Float, condition: Sequence[Float | Index]) ->
     Differences of repeats are noise only where they are no larger than what each sweep shows by itself, and do not
     follow a curve: what differs on purpose, or drifts, is none.
     """
-    if len(block.labels) < 2:
+    number = None if len(block.labels) < 2 else _repeats(block, w, condition)
+    if number is None:
         return
-    plane = force_plane(block)
-    force = block.force[block.line, plane]
-    drive = [plane, np.round(force.real, 12), np.round(force.imag, 12)]
-    columns = [block.coordinate, block.reading_group, *condition, np.round(w, 9), *drive]
-    _, number = in_order(combined(*map(numbers, columns)))
-    if int(number.max(initial=-1)) + 1 == number.size:
-        return  # no reading is repeated, and no sweep
     sweeps: dict[tuple[int, ...], list[Index]] = {}
     for label in np.unique(block.label):
         rows = np.flatnonzero(block.label == label)
@@ -156,3 +198,13 @@ def _repeated(block: Responses, w: Float, condition: Sequence[Float | Index]) ->
         if float(np.median(own)) > _AGREES * max(alone) or any(_is_smooth(deviation) for deviation in deviations):
             continue
         yield from ((rows, own) for rows in ordered)
+
+
+def _repeats(block: Responses, w: Float, condition: Sequence[Float | Index]) -> Index | None:
+    """Number of each reading among those that differ in what was done; None where none is repeated, and no sweep."""
+    plane = force_plane(block)
+    force = block.force[block.line, plane]
+    drive = [plane, np.round(force.real, 12), np.round(force.imag, 12)]
+    columns = [block.coordinate, block.reading_group, *condition, np.round(w, 9), *drive]
+    _, number = in_order(combined(*map(numbers, columns)))
+    return None if int(number.max(initial=-1)) + 1 == number.size else number

@@ -21,7 +21,12 @@ from rotorfit.estimators.blocks.row_keys import numbers
 from rotorfit.estimators.misfit.parameter_space import ParameterSpace
 from rotorfit.estimators.starting.force_balance import ForceBalance, as_triangle, solve, solve_projected
 from rotorfit.estimators.starting.lumped import Lumped, LumpedStructure, lumped_coefficients
-from rotorfit.estimators.starting.lumped_solution import parameters_from, typical_theta, typical_values
+from rotorfit.estimators.starting.lumped_solution import (
+    parameters_from,
+    parameters_of_many,
+    typical_theta,
+    typical_values,
+)
 from rotorfit.estimators.starting.stiffness_inversion import complete_lines
 from rotorfit.models.array_types import Float
 
@@ -117,6 +122,36 @@ def closed_forms(
     return [ClosedForm(x, None, notes=notes)] * len(passes)
 
 
+def closed_forms_of_many(space: ParameterSpace, block: Responses, speed: Float, passes: int) -> Float | None:
+    """Closed forms of many runs of one plan, at one speed each, after a number of weighted passes.
+
+    Args:
+        space: what is free and what is known, the same for all.
+        block: observations of all runs one after the other, in one group.
+        speed: of each run, rad/s, shape ``(W,)``.
+        passes: as for :func:`closed_form`.
+
+    Returns:
+        estimates, shape ``(W, p)``, NaN for runs that need more than solving for one parameter after the other; None
+        where the plan asks for more itself.
+    """
+    count = len(speed)
+    first = np.arange(block.speed.size) < block.speed.size // count
+    one = block.lines(first)
+    ends = [replace(one, speed=np.full(one.speed.size, v)) for v in (speed.min(), speed.max())]
+    slow, fast = (lumped_coefficients(LumpedStructure.of(space, [end])) for end in ends)
+    if complete_lines(one) is not one or not slow.same_relations(fast) or not _determined(space, slow, ends[:1]):
+        return None
+    lumped = slow.at_speeds(speed)
+    try:
+        balance = ForceBalance(lumped, 0, block, space.template, (count,))
+        solution, information = next(islice(_passes_of(lumped, [balance]), passes - 1, None))
+    except np.linalg.LinAlgError:
+        return None  # of one run at least: each has to be looked at by itself
+    values = lumped.offset[:, None] + lumped.spread @ solution.T
+    return parameters_of_many(space, lumped, speed, values, information)
+
+
 def _weighted(
     space: ParameterSpace,
     lumped: Lumped,
@@ -161,25 +196,30 @@ def _kept_passes(lumped: Lumped, blocks: list[Responses], typical: Float) -> Ite
 def _passes(lumped: Lumped, blocks: list[Responses], typical: Float) -> Iterator[tuple[Float, Float]]:
     """Independent lumped coefficients and the information on them after one weighted pass, after two, and so on."""
     pieces = [(number, piece) for number, block in enumerate(blocks) for piece in block.split(_PIECE)]
-    equations = [ForceBalance(lumped, *piece, typical) for piece in pieces]
+    yield from _passes_of(lumped, [ForceBalance(lumped, *piece, typical) for piece in pieces])
+
+
+def _passes_of(lumped: Lumped, equations: list[ForceBalance]) -> Iterator[tuple[Float, Float]]:
+    """The same from equations of motion, of one run or, along a leading axis, of many."""
     reduced = as_triangle if len(equations) > 1 else np.asarray  # the systems of many pieces fit no memory
     solution = solve([reduced(e.force_balance(e.amplitude, e.force_weight())) for e in equations])
-    size = solution.size
+    size = solution.shape[-1]
     first = True
     while True:
-        values = lumped.offset + lumped.spread @ solution
-        systems, projected, information = [], np.zeros((size, size + 1)), np.zeros((size, size))
+        values = lumped.offset + solution @ lumped.spread.T
+        systems = []
+        projected, information = (np.zeros((*solution.shape, count)) for count in (size + 1, size))
         for e in equations:
             H = e.inverse(values)
             weight = e.response_weight(H)
             system = e.force_balance(e.amplitude, weight)
             if first:
                 systems.append(reduced(system))
-                instruments = system[:-1]
+                instruments = system[..., :-1, :]
             else:
                 instruments = e.sensitivities(e.predicted(H), weight)
-                projected += instruments @ system.T
-            information += instruments @ instruments.T
+                projected += instruments @ np.swapaxes(system, -1, -2)
+            information += instruments @ np.swapaxes(instruments, -1, -2)
         solution = solve(systems) if first else solve_projected(projected, information)
         first = False
         yield solution, information

@@ -14,12 +14,17 @@ from rotorfit.models.array_types import ComplexArray, Float
 class ForceBalance:
     """Equations of motion ``kappa A = F`` of one block, linear in the independent lumped coefficients.
 
+    Of many runs of one plan (``runs`` holds their number) the lines follow one another; what is solved has then a
+    leading axis of runs.
+
     Attributes:
         amplitude, force, sigma: readings, forces and noise at every coordinate of every line, shape ``(L, n)``.
     """
 
-    def __init__(self, lumped: Lumped, number: int, block: Responses, typical: Float) -> None:
-        self.block = block
+    def __init__(
+        self, lumped: Lumped, number: int, block: Responses, typical: Float, runs: tuple[int, ...] = ()
+    ) -> None:
+        self.block, self._runs = block, runs
         # A known structure goes to the side of the forces; its scale factors, not linear here, stay typical.
         known = block.known_stiffness(typical)
         self._known = None if known is None else known.values
@@ -44,11 +49,13 @@ class ForceBalance:
         self._rows = [(self._column[own], self._factor[own], np.ascontiguousarray(combine[:, own])) for own in rows]
 
     def kappa(self, values: Float) -> ComplexArray:
-        """Dynamic stiffness of each line from lumped coefficients, shape ``(L, n, n)``."""
-        n = self.amplitude.shape[1]
-        result = np.zeros((n, n, self.amplitude.shape[0]), dtype=complex)
+        """Dynamic stiffness of each line from lumped coefficients, shape ``(..., E)``, as ``(L, n, n)``."""
+        count, n = self.amplitude.shape
+        result = np.zeros((n, n, count), dtype=complex)
+        own = values.T[self._mine]
+        of_lines = np.repeat(own, count // self._runs[0], axis=1) if self._runs else own
         for row, column, factor, value in zip(
-            self._row.tolist(), self._column.tolist(), self._factor, values[self._mine].tolist(), strict=True
+            self._row.tolist(), self._column.tolist(), self._factor, of_lines, strict=True
         ):
             result[row, column] += value * factor
         kappa = np.moveaxis(result, -1, 0)
@@ -71,12 +78,19 @@ class ForceBalance:
         return np.asarray((np.eye(1) + 0j if self.block.imposed else H) / self.sigma[:, :, None])
 
     def force_balance(self, amplitude: ComplexArray, weight: ComplexArray | Float) -> Float:
-        """Columns ``weight kappa A`` over ``weight F``, one an equation, shape ``(B + 1, 2 L n)``."""
-        return _weigh(self._sides(amplitude, self.force), weight)
+        """Columns ``weight kappa A`` over ``weight F``, one an equation, shape ``(..., B + 1, 2 L n)``."""
+        return self._by_run(_weigh(self._sides(amplitude, self.force), weight))
 
     def sensitivities(self, amplitude: ComplexArray, weight: ComplexArray) -> Float:
-        """The left side of :meth:`force_balance` alone, shape ``(B, 2 L n)``."""
-        return _weigh(self._sides(amplitude, self.force)[:, :-1], weight)
+        """The left side of :meth:`force_balance` alone, shape ``(..., B, 2 L n)``."""
+        return self._by_run(_weigh(self._sides(amplitude, self.force)[:, :-1], weight))
+
+    def _by_run(self, system: Float) -> Float:
+        """Equations of all runs, shape ``(B, 2 L n)``, with the leading axis of runs."""
+        if not self._runs:
+            return system
+        parts = system.reshape(len(system), self.amplitude.shape[1], *self._runs, -1)
+        return np.ascontiguousarray(parts.transpose(2, 0, 1, 3)).reshape(*self._runs, len(system), -1)
 
     def _sides(self, amplitude: ComplexArray, force: ComplexArray) -> ComplexArray:
         """Both sides of kappa A = F, shape ``(n, B + 1, L)``."""
@@ -134,22 +148,22 @@ def _one_a_column(values: ComplexArray) -> Float:
 
 def as_triangle(system: Float) -> Float:
     """As few equations as unknowns with the same least-squares solution."""
-    return np.asarray(np.linalg.qr(system.T, mode="r")).T
+    return np.swapaxes(np.linalg.qr(np.swapaxes(system, -1, -2), mode="r"), -1, -2)
 
 
 def solve(systems: list[Float]) -> Float:
     """Least squares with equilibrated unknowns; the last row of each system is the right side."""
-    system = np.concatenate(systems, axis=1) if len(systems) > 1 else systems[0]
-    norm = np.linalg.norm(system, axis=1)
+    system = np.concatenate(systems, axis=-1) if len(systems) > 1 else systems[0]
+    norm = np.linalg.norm(system, axis=-1)
     norm = np.where(norm > 0, norm, 1.0)
-    triangle = as_triangle(system / norm[:, None]).T
-    solution = np.linalg.lstsq(triangle[:, :-1], triangle[:, -1], rcond=1e-13)[0]
-    return np.asarray(solution * norm[-1] / norm[:-1])
+    triangle = np.swapaxes(as_triangle(system / norm[..., None]), -1, -2)
+    solution = np.linalg.pinv(triangle[..., :-1], rcond=1e-13) @ triangle[..., -1:]
+    return np.asarray(solution[..., 0] * norm[..., -1:] / norm[..., :-1])
 
 
 def solve_projected(projected: Float, information: Float) -> Float:
     """Solve equations projected on instruments, whose own products are the information."""
-    norm = np.sqrt(np.diag(information))
+    norm = np.sqrt(np.diagonal(information, axis1=-2, axis2=-1))
     norm = np.where(norm > 0, norm, 1.0)
-    scaled = projected / norm[:, None]
-    return np.asarray(np.linalg.solve(scaled[:, :-1] / norm, scaled[:, -1]) / norm)
+    scaled = projected / norm[..., None]
+    return np.asarray(np.linalg.solve(scaled[..., :-1] / norm[..., None, :], scaled[..., -1:])[..., 0] / norm)

@@ -7,6 +7,7 @@ model's graph once for each model and kind of test, and kept: identifying again 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from copy import copy
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from typing import Any
@@ -100,7 +101,7 @@ class Lumped:
         told = np.array([*speeds, np.nan])  # the last one is that of all speeds
         self.place = replace(graph.place, speed=told[graph.place.speed.astype(np.intp)])
         self.size = scale.size
-        self._function, self._speeds = graph.function, list(speeds)
+        self._function, self._speeds = graph.function, list[Any](speeds)
         self._rows, self._columns = graph.rows, graph.columns
         notes = graph.notes.setdefault(tuple(speed != 0 for speed in speeds), {})
         if "kind" not in notes:
@@ -126,15 +127,32 @@ class Lumped:
         return self._evaluate(x)[0]
 
     def linearise(self, x: Float) -> tuple[Float, Float]:
-        """Coefficients and their derivatives, shapes ``(E,)`` and ``(E, p)``."""
+        """Coefficients and their derivatives, shapes ``(E, ...)`` and ``(E, p, ...)``, of vectors ``(p, ...)``."""
         values, slopes = self._evaluate(x)
-        jacobian = np.zeros((values.size, self.size))
+        jacobian = np.zeros((len(values), self.size, *values.shape[1:]))
         jacobian[self._rows, self._columns] = slopes
         return values, jacobian
 
     def solve_spread(self, values: Float) -> Float:
-        """Independent coefficients whose spread comes nearest to ``values``."""
-        return np.asarray(self._back @ values)
+        """Independent coefficients whose spread comes nearest to ``values``, shape ``(E, ...)``."""
+        return np.asarray(np.tensordot(self._back, values, axes=1))
+
+    def same_relations(self, other: Lumped) -> bool:
+        """Whether the coefficients at another speed depend on one another in the same way."""
+        size = np.abs(self.values(np.ones(self.size))) + np.abs(other.values(np.ones(self.size)))
+        return (
+            np.array_equal(self.basis, other.basis)
+            and np.allclose(self.spread, other.spread, rtol=0, atol=_DEPENDENT)
+            and bool((np.abs(self.offset - other.offset) <= _DEPENDENT * (size + np.abs(self.offset))).all())
+        )
+
+    def at_speeds(self, speeds: Float) -> Lumped:
+        """The same for many runs of one plan at one speed each, shape ``(W,)``: the last axis of vectors is that of
+        runs."""
+        found = copy(self)
+        found.place = replace(self.place, speed=np.full_like(self.place.speed, np.nan))
+        found._speeds = [speeds]
+        return found
 
     def _dependence(self, scale: Float) -> Index:
         """How each coefficient depends on each parameter in it: linear, linear in its reciprocal, or neither."""
@@ -160,24 +178,28 @@ class Lumped:
         Each comes from a coefficient in which it is the only unknown, first those that depend on it most.
 
         Args:
-            values: coefficients, shape ``(E,)``.
+            values: coefficients, shape ``(E,)``, or of many runs of one plan, ``(E, W)``.
             typical: nonzero sizes of the parameters, shape ``(p,)``.
 
         Returns:
-            parameters, NaN where no coefficient gives one singly, shape ``(p,)``.
+            parameters, NaN where no coefficient gives one singly, and for runs that would go another way than the
+            first one, shape ``(p,)`` or ``(p, W)``.
         """
-        x = np.full(self.size, np.nan)
-        while (unknown := np.isnan(x)).any():
-            point = np.where(unknown, typical, x)
-            if not np.isfinite(point).all():
+        members = (1,) * (values.ndim - 1)
+        typical = typical.reshape(-1, *members)
+        x = np.full((self.size, *values.shape[1:]), np.nan)
+        alike = np.ones(values.shape[1:], dtype=bool)
+        while (unknown := np.asarray(np.isnan(x).reshape(self.size, -1).all(axis=1))).any():
+            point = np.where(unknown.reshape(typical.shape), typical, x)
+            if not np.isfinite(point).all(axis=0).any():
                 break
             now, slopes = self._evaluate(point)
             pairs = self._alone(unknown)
-            pairs = pairs[slopes[pairs] != 0]
+            pairs = pairs[(slopes[pairs] != 0).all(axis=tuple(range(1, values.ndim)))]
             if not pairs.size:
                 break
             row, column = self._rows[pairs], self._columns[pairs]
-            reciprocal = self._kind[pairs] == _RECIPROCAL
+            reciprocal = (self._kind[pairs] == _RECIPROCAL).reshape(-1, *members)
             t = np.where(reciprocal, 1 / point[column], point[column])
             slope = np.where(reciprocal, -slopes[pairs] * point[column] ** 2, slopes[pairs])
             rest = now[row] - slope * t
@@ -186,10 +208,12 @@ class Lumped:
             share = np.abs(slope * root) / (np.abs(rest) + np.abs(slope * root) + 1e-300)
             with np.errstate(divide="ignore"):
                 solved = np.where(reciprocal, 1 / root, root)
+            good = (share >= (1 - 1e-12) * share.max(axis=0)).reshape(pairs.size, -1)
             # Backwards, so that of several equally good coefficients the first one counts.
-            best = np.flatnonzero(share >= (1 - 1e-12) * share.max())[::-1]
+            best = np.flatnonzero(good[:, 0])[::-1]
             x[column[best]] = solved[best]
-        return x
+            alike &= (good == good[:, :1]).all(axis=0).reshape(alike.shape)
+        return np.where(alike, x, np.nan)
 
     def _alone(self, unknown: NDArray[np.bool_]) -> Index:
         """Derivatives of coefficients by what is the only unknown in them, and can be solved for."""

@@ -24,6 +24,24 @@ def parameters_from(
     return np.where(np.isfinite(inside), inside, np.nan), notes
 
 
+def parameters_of_many(space: ParameterSpace, lumped: Lumped, speed: Float, values: Float, information: Float) -> Float:
+    """The same for many runs of one plan, NaN for those that need more than one unknown after the other, ``(W, p)``.
+
+    Args:
+        space: what is free and what is known.
+        lumped: the coefficients.
+        speed: of each run, rad/s, shape ``(W,)``.
+        values: coefficients, shape ``(E, W)``.
+        information: on the independent ones, shape ``(W, B, B)``.
+    """
+    found = lumped.at_speeds(speed).parameters(values, typical_values(space))
+    sure = np.isfinite(found).all(axis=0)
+    if sure.any():
+        some = lumped.at_speeds(speed[sure])
+        found[:, sure] = _one_step(some, values[:, sure], information[sure], found[:, sure])
+    return np.clip(found.T, space.lower, space.upper)
+
+
 def _remaining(space: ParameterSpace, lumped: Lumped, values: Float, x: Float) -> tuple[Float, tuple[str, ...]]:
     """Parameters that no single expression gives: solve the coupled lumped equations, or take a typical value."""
     from scipy.optimize import least_squares
@@ -64,15 +82,29 @@ def typical_theta(space: ParameterSpace) -> Float:
 
 
 def _one_step(lumped: Lumped, values: Float, information: Float, x: Float) -> Float:
-    """One linearised weighted step on all lumped coefficients at once: it uses the redundant ones as well."""
+    """One linearised weighted step on all lumped coefficients at once: it uses the redundant ones as well.
+
+    Args:
+        lumped: the coefficients.
+        values: as they were found, shape ``(E,)``, or of many runs ``(E, W)``.
+        information: on the independent ones, shape ``(B, B)`` or ``(W, B, B)``.
+        x: parameters, shape ``(p,)`` or ``(p, W)``.
+    """
     now, jacobian = lumped.linearise(x)
     # information is that of the independent coefficients b, all = S b + o: least squares on S(b_model - b) = 0
     J = lumped.solve_spread(jacobian)
-    miss = lumped.solve_spread(values - now)
-    scale = np.maximum(np.abs(x), 1e-12)
-    normal = J.T @ information @ J * np.outer(scale, scale)
-    root = np.sqrt(np.maximum(np.diag(normal), 1e-300))
-    step = np.linalg.lstsq(normal / np.outer(root, root), (J.T @ information @ miss) * scale / root, rcond=1e-10)[0]
-    moved = x + step / root * scale
+    miss = lumped.solve_spread(values - now).T[..., None]
+    across = J.T  # (..., p, B)
+    scale = np.maximum(np.abs(x), 1e-12).T
+    normal = across @ information @ np.swapaxes(across, -1, -2) * _outer(scale)
+    root = np.sqrt(np.maximum(np.diagonal(normal, axis1=-2, axis2=-1), 1e-300))
+    right = (across @ information @ miss) * (scale / root)[..., None]
+    step = (np.linalg.pinv(normal / _outer(root), rcond=1e-10, hermitian=True) @ right)[..., 0]
+    moved = x + (step / root * scale).T
     # The linearisation holds near the solution only; a step that changes a parameter beyond its size is not taken.
-    return moved if np.all(np.abs(moved - x) <= 0.5 * np.abs(x) + 1e-300) else x
+    return np.where((np.abs(moved - x) <= 0.5 * np.abs(x) + 1e-300).all(axis=0), moved, x)
+
+
+def _outer(values: Float) -> Float:
+    """Products of the entries of vectors, shape ``(..., p, p)`` of ``(..., p)``."""
+    return np.asarray(values[..., :, None] * values[..., None, :])

@@ -8,6 +8,7 @@ import numpy as np
 
 from rotorfit.estimators.misfit.parameter_space import DATUM, ParameterSpace
 from rotorfit.estimators.misfit.problem import Problem
+from rotorfit.estimators.misfit.run_stack import RunStack
 from rotorfit.estimators.starting.short_fits import ShortFits, short_fits
 from rotorfit.models.array_types import Float
 
@@ -27,8 +28,8 @@ def full_vector(problem: Problem, values: Float, datum: float = 0.0) -> Float:
 
 
 def inside_bounds(values: Float, space: ParameterSpace) -> Float:
-    """Values moved off the bounds, where Ipopt's barrier wants them."""
-    lower, upper = space.lower[: values.size], space.upper[: values.size]
+    """Values moved off the bounds, where Ipopt's barrier wants them, shape ``(..., n)``."""
+    lower, upper = space.lower[: values.shape[-1]], space.upper[: values.shape[-1]]
     margin = 1e-3 * np.where(np.isfinite(upper - lower), upper - lower, np.maximum(np.abs(values), 1e-3))
     scale = np.array([space.model.parameter(name).scale for name in space.base])
     margin = np.minimum(margin, 1e-3 * scale)
@@ -38,6 +39,12 @@ def inside_bounds(values: Float, space: ParameterSpace) -> Float:
 def typical_sizes(space: ParameterSpace) -> Float:
     """Sizes that the model's parameters have where data give none."""
     return np.array([space.model.parameter(name).scale for name in space.base])
+
+
+def search_scale(space: ParameterSpace, start: Float) -> Float:
+    """Sizes by which a search from a start, shape ``(..., p)``, is scaled."""
+    typical = np.concatenate([typical_sizes(space), np.full(len(space.nuisance), 0.1)])
+    return np.where(np.abs(start) > 1e-6 * typical, np.abs(start), typical)
 
 
 def random_starts(problem: Problem, count: int) -> Iterator[Float]:
@@ -56,6 +63,6 @@ def loose_fits(problem: Problem, starts: Float) -> ShortFits:
     return short_fits(problem, starts, sizes)
 
 
-def noise_limit(problem: Problem) -> float:
+def noise_limit(problem: Problem | RunStack) -> float:
     """Cost that noise leaves, to six standard deviations of chi-squared."""
     return 0.5 * float(problem.n_data + 6 * np.sqrt(2 * problem.n_data))

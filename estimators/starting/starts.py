@@ -8,6 +8,7 @@ from functools import partial
 from numbers import Real
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rotorfit.estimators.blocks.correlated import CorrelatedResponses
 from rotorfit.estimators.blocks.nonlinear import responses_of
@@ -19,7 +20,8 @@ from rotorfit.estimators.misfit.losses import LOSS_SCALE
 from rotorfit.estimators.misfit.parameter_space import DATUM, ParameterSpace
 from rotorfit.estimators.misfit.priors import Prior
 from rotorfit.estimators.misfit.problem import Problem
-from rotorfit.estimators.starting.closed_form import ClosedFormError, closed_form, closed_forms
+from rotorfit.estimators.misfit.run_stack import RunStack
+from rotorfit.estimators.starting.closed_form import ClosedFormError, closed_form, closed_forms, closed_forms_of_many
 from rotorfit.estimators.starting.many_starts import best_of_many
 from rotorfit.estimators.starting.modal_start import modal_start
 from rotorfit.estimators.starting.nonlinear_starts import (
@@ -32,6 +34,7 @@ from rotorfit.estimators.starting.shaft_line_starts import has_lines, line_start
 from rotorfit.estimators.starting.short_fits import LOOSE
 from rotorfit.estimators.starting.start_points import (
     full_vector,
+    inside_bounds,
     loose_fits,
     noise_limit,
     random_starts,
@@ -250,15 +253,43 @@ def _explains(problem: Problem, values: Float) -> bool:
 
 def _settled(problem: Problem, values: Float) -> bool:
     """Whether values explain the data and a step to the optimum would be short of a standard error."""
-    _, gradient, matrix = problem.gauss_newton(full_vector(problem, values))
-    size = np.sqrt(np.diag(matrix))
-    if not (_explains(problem, values) and np.all(size > 0)):
-        return False
+    return bool(_settled_at(*problem.gauss_newton(full_vector(problem, values)), noise_limit(problem)))
+
+
+def _settled_at(cost: Float | float, gradient: Float, matrix: Float, limit: float) -> NDArray[np.bool_]:
+    """The same by cost, gradient and Gauss-Newton matrix there, of one problem or of many, shape ``(...)``."""
+    size = np.sqrt(np.diagonal(matrix, axis1=-2, axis2=-1))
+    good = np.asarray((cost < limit) & (size > 0).all(axis=-1))
+    if not good.any():
+        return good
+    safe = np.where(good[..., None], size, 1.0)
+    along = np.where(good[..., None], gradient / safe, 0.0)
+    unit = np.where(good[..., None, None], matrix / (safe[..., :, None] * safe[..., None, :]), np.eye(size.shape[-1]))
     try:
-        step = np.linalg.solve(matrix / np.outer(size, size), gradient / size)
+        step = np.linalg.solve(unit, along[..., None])[..., 0]
     except np.linalg.LinAlgError:
-        return False
-    return bool(0 <= step @ (gradient / size) < 1)
+        return np.zeros_like(good)
+    length = np.sum(step * along, axis=-1)
+    return np.asarray(good & (length >= 0) & (length < 1))
+
+
+def starts_of_many(stack: RunStack) -> tuple[Float, NDArray[np.bool_]]:
+    """Starts of many runs of one plan, shape ``(W, p)``, and which of them :func:`start_vector` would give.
+
+    Those are runs whose first closed form explains the data to within a standard error; the others need a search of
+    their own.
+
+    Args:
+        stack: what is to be fitted.
+    """
+    one = Problem(space=stack.space, blocks=(stack.layout,))
+    found = None
+    if _few_lines(one) is None:
+        found = closed_forms_of_many(stack.space, stack.in_one_group, stack.speed, _PASSES[0])
+    if found is None:
+        return np.full((stack.speed.size, stack.space.size), np.nan), np.zeros(stack.speed.size, dtype=bool)
+    begin = inside_bounds(found, stack.space)
+    return begin, _settled_at(*stack.gauss_newton(begin), noise_limit(stack))
 
 
 def _discount_outliers(problem: Problem) -> tuple[Block, ...]:

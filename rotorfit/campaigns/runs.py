@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pickle
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
 from functools import lru_cache, partial
@@ -19,8 +19,9 @@ from rotorfit.estimators.inference.schur import Curvature
 from rotorfit.estimators.minimisation.least_squares import Options
 from rotorfit.estimators.starting.closed_form import ClosedFormError
 from rotorfit.executors import carry_out
-from rotorfit.fitting.fit import fit, solve
+from rotorfit.fitting.fit import fit, judged, solve
 from rotorfit.fitting.noise_record import FoundNoise
+from rotorfit.fitting.plain_fits import PlainFit, Solved, plain_fits
 from rotorfit.fitting.problem_setup import as_tuple, build_problem
 from rotorfit.fitting.quantities import FittedParameter
 from rotorfit.fitting.result import FitResult
@@ -30,7 +31,8 @@ from rotorfit.models.array_types import Float, Index
 
 T = TypeVar("T")
 
-_BATCH = 8  # runs sent to a worker at once: a tenth of a second of work, well above what sending costs
+_BATCH = 8  # runs sent to a worker at once: some hundredths of a second of work, well above what sending costs
+_AT_ONCE = 128  # runs that are looked at together in this process
 _BY_CHANCE = 10.0  # fall of chi-squared a parameter that fitting noise does not reach
 
 
@@ -154,15 +156,32 @@ def _distinct(runs: Sequence[Run]) -> Iterator[Run]:
 # ---- one run ----------------------------------------------------------------------------------------------------
 
 
-def fit_run(model: RotorModel, run: Run, *, settings: FitSettings, start: Mapping[str, float]) -> RunFit:
-    """Fit one run; data that cannot be fitted give a result that says why."""
+def fit_runs(model: RotorModel, batch: Batch) -> Iterator[RunFit]:
+    """Fit runs, those of one plan together; data that cannot be fitted give a result that says why."""
+    together: dict[int, PlainFit | Solved] = {}
+    settings = batch[0][1]["settings"]
+    if all(option["settings"] is settings and not option["start"] for _, option in batch):
+        together = plain_fits(model, [run.experiment for run, _ in batch], settings)
+    for number, (run, option) in enumerate(batch):
+        found = together.get(number)
+        yield _plain(run, found) if isinstance(found, PlainFit) else fit_run(model, run, **option, solved=found)
+
+
+def fit_run(
+    model: RotorModel, run: Run, *, settings: FitSettings, start: Mapping[str, float], solved: Solved | None = None
+) -> RunFit:
+    """Fit one run, from its solution on where that is known; data that cannot be fitted give a result that says why."""
     try:
-        found = fit(
-            model, run.experiment, known=settings.known, bounds=settings.bounds, priors=settings.priors,
-            loss=settings.loss, start=start,
-        )  # fmt: skip
-    except (ValueError, KeyError, np.linalg.LinAlgError) as problem:
-        reason = problem.args[0] if isinstance(problem, KeyError) and problem.args else problem
+        if solved is not None:
+            problem = build_problem(model, run.experiment, settings)
+            found = judged(problem, (run.experiment,), settings, solved.begin, solved.solution)
+        else:
+            found = fit(
+                model, run.experiment, known=settings.known, bounds=settings.bounds, priors=settings.priors,
+                loss=settings.loss, start=start,
+            )  # fmt: skip
+    except (ValueError, KeyError, np.linalg.LinAlgError) as problem_:
+        reason = problem_.args[0] if isinstance(problem_, KeyError) and problem_.args else problem_
         return RunFit(name=run.name, attributes=run.attributes, message=f"not fitted: {reason}")
     # What differs between the sweeps of a run is in the covariance, and in no parameter.
     own = [i for i, name in enumerate(found.var_names) if name in found.params]
@@ -184,19 +203,41 @@ def fit_run(model: RotorModel, run: Run, *, settings: FitSettings, start: Mappin
     )
 
 
-def _says_nothing(found: FitResult) -> bool:
-    """Whether the fit lowers chi-squared by no more than fitting noise would.
+def _plain(run: Run, found: PlainFit) -> RunFit:
+    return RunFit(
+        name=run.name,
+        attributes=run.attributes,
+        params=found.params,
+        var_names=found.var_names,
+        covar=found.covar,
+        chisqr=found.chisqr,
+        redchi=found.redchi,
+        ndata=found.ndata,
+        nfev=found.nfev,
+        success=True,
+        message=found.message,
+        silent=_by_chance(found.still - found.chisqr, found.redchi, len(found.var_names)),
+    )
 
-    Noise alone lowers it by one a parameter on average; a search along frequencies for the best of many resonances by
-    some times that, a rotor by as many times as there are readings.
-    """
+
+def _says_nothing(found: FitResult) -> bool:
+    """Whether no motion at all would explain the readings as well as the fit does."""
     measured = np.concatenate([block.measured / block.sigma for block in found.problem.blocks])
     still = float(np.sum(np.abs(measured) ** 2))
     missed = float(np.sum(np.abs(np.concatenate([
         (predicted - block.measured) / block.sigma
         for block, predicted in zip(found.problem.blocks, found.problem.predict(found.x), strict=True)
     ])) ** 2))  # fmt: skip
-    return still - missed < _BY_CHANCE * max(1.0, found.redchi) * max(found.nvarys, 1)
+    return _by_chance(still - missed, found.redchi, found.nvarys)
+
+
+def _by_chance(fall: float, redchi: float, nvarys: int) -> bool:
+    """Whether the fit lowers chi-squared by no more than fitting noise would.
+
+    Noise alone lowers it by one a parameter on average; a search along frequencies for the best of many resonances by
+    some times that, a rotor by as many times as there are readings.
+    """
+    return fall < _BY_CHANCE * max(1.0, redchi) * max(nvarys, 1)
 
 
 def curvature(model: RotorModel, run: Run, *, settings: FitSettings, at: Mapping[str, float]) -> Curvature | str:
@@ -276,14 +317,26 @@ class Workers:
     progress: Callable[[int, int], None] | None = None
 
     def __call__(self, work: Callable[..., T], runs: Sequence[Run], options: Sequence[Mapping[str, Any]]) -> list[T]:
-        """``work(model, run, **options)`` for every run, in their order.
+        """``work(model, run, **option)`` for every run, in their order."""
+        return self.together(partial(_one_by_one, work), runs, options)
+
+    def together(
+        self,
+        work: Callable[[RotorModel, Batch], Iterable[T]],
+        runs: Sequence[Run],
+        options: Sequence[Mapping[str, Any]],
+    ) -> list[T]:
+        """What ``work(model, batch)`` answers for every run of each batch, in their order.
 
         A batch whose worker was lost is not: see :func:`~rotorfit.executors.carry_out`.
         """
-        results: list[T] = []
+        pairs = list(zip(runs, options, strict=True))
+        size = _AT_ONCE if self.executor is None else _BATCH
+        batches = [pairs[i : i + size] for i in range(0, len(pairs), size)]
         if self.executor is None:
-            for run, option in zip(runs, options, strict=True):
-                results.append(work(self.model, run, **option))
+            results: list[T] = []
+            for result in (result for batch in batches for result in work(self.model, batch)):
+                results.append(result)
                 self._report(len(results), len(runs))
             return results
         count = 0
@@ -293,8 +346,6 @@ class Workers:
             count += len(batch)
             self._report(count, len(runs))
 
-        pairs = list(zip(runs, options, strict=True))
-        batches = [pairs[i : i + _BATCH] for i in range(0, len(pairs), _BATCH)]
         found = carry_out(partial(_work_batch, _packed(self.model), work), batches, self.executor, report)
         return [result for batch in found for result in batch]
 
@@ -320,6 +371,9 @@ def _unpacked(model: bytes) -> RotorModel:
     return found
 
 
-def _work_batch(packed: bytes, work: Callable[..., T], batch: Batch) -> list[T]:
-    model = _unpacked(packed)
-    return [work(model, run, **option) for run, option in batch]
+def _work_batch(packed: bytes, work: Callable[[RotorModel, Batch], Iterable[T]], batch: Batch) -> list[T]:
+    return list(work(_unpacked(packed), batch))
+
+
+def _one_by_one(work: Callable[..., T], model: RotorModel, batch: Batch) -> Iterator[T]:
+    return (work(model, run, **option) for run, option in batch)

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from rotorfit.campaigns.joint_errors import FittedRun, OwnErrors, joint_errors
-from rotorfit.campaigns.runs import Run, RunFit, Workers, curvature, fit_run, least_curvature
+from rotorfit.campaigns.runs import Run, RunFit, Workers, curvature, fit_runs, least_curvature
 from rotorfit.estimators.inference.schur import Curvature, Parts, inverse_information, shared_covariance
 from rotorfit.fitting.quantities import FittedParameter
 from rotorfit.fitting.settings import FitSettings
@@ -144,7 +144,7 @@ def _first(
         phi = np.array([start[name] for name in names], dtype=float)
         return phi, _fits(workers, runs, names, settings, phi, [start] * len(runs))
     option = {"settings": settings, "start": start}
-    fits = workers(fit_run, runs, [option] * len(runs))
+    fits = workers.together(fit_runs, runs, [option] * len(runs))
     usable = [(run, fit) for run, fit in zip(runs, fits, strict=True) if fit.params]
     if not usable:
         raise ValueError(f"no run of the campaign can be fitted; the first one: {fits[0].message}")
@@ -171,7 +171,7 @@ def _fits(
     fixed = dict(zip(names, phi.tolist(), strict=True))
     inner = replace(settings, known={**settings.known, **fixed})
     own_starts = [{name: value for name, value in start.items() if name not in fixed} for start in starts]
-    fits = workers(fit_run, runs, [{"settings": inner, "start": start} for start in own_starts])
+    fits = workers.together(fit_runs, runs, [{"settings": inner, "start": start} for start in own_starts])
     if not any(fit.params for fit in fits):
         raise ValueError(f"no run of the campaign can be fitted; the first one: {fits[0].message}")
     return fits

@@ -20,6 +20,7 @@ from rotorfit.data.kept import kept
 from rotorfit.data.synchronous import DIFFERENCED
 from rotorfit.data.weights import Influences, weighed
 from rotorfit.estimators.blocks.row_keys import words
+from rotorfit.models.array_types import ComplexArray, Float
 
 LARGEST, SUSPECT, SMALLEST = 0.05, 5e-3, 1e-10
 """Displacements, m: impossible, larger than any clearance in use, and smaller than any probe resolves."""
@@ -164,13 +165,7 @@ def _duplicates(test: PerturbationTest | DisplacementTest) -> Iterator[Finding]:
 
 
 def _amplitudes(test: PerturbationTest | DisplacementTest) -> Iterator[Finding]:
-    if isinstance(test, PerturbationTest):
-        directions, number = words(test.direction)
-        tilt = np.array([direction.startswith("r") for direction in directions])[number]
-        size = np.abs(test.response)
-    else:
-        size, tilt = np.abs(test.displacement), np.zeros(len(test), dtype=bool)
-    size = np.where(tilt, size * 0.1, size)  # a slope of 0.5 rad is as impossible as 50 mm
+    size = sizes(test, test.response) if isinstance(test, PerturbationTest) else np.abs(test.displacement)
     largest = float(size.max())
     if largest > SUSPECT:
         severity: Literal["error", "warning"] = "error" if largest > LARGEST else "warning"
@@ -182,6 +177,18 @@ def _amplitudes(test: PerturbationTest | DisplacementTest) -> Iterator[Finding]:
     elif 0 < largest < SMALLEST:
         text = f"The largest amplitude is {largest:.3g} m, less than probes resolve. Check the unit of the column."
         yield Finding("warning", "small-amplitude", text)
+
+
+def sizes(test: PerturbationTest, response: ComplexArray) -> Float:
+    """Amplitudes in metres, slopes with a tenth of a metre: one of 0.5 rad is as impossible as 50 mm.
+
+    Args:
+        test: what was read.
+        response: its readings, or those of many tests of its plan, shape ``(..., N)``.
+    """
+    directions, number = words(test.direction)
+    lever = np.array([0.1 if direction.startswith("r") else 1.0 for direction in directions])[number]
+    return np.asarray(np.abs(response) * lever)
 
 
 def _frequencies(test: PerturbationTest | DisplacementTest) -> Iterator[Finding]:

@@ -51,17 +51,27 @@ def linear_force(orbits: Orbits) -> Iterator[Finding]:
 
 def _any_share(orbits: Orbits) -> bool:
     """Whether orbits of any plane in any run turn so much against the force as a force along an axis makes them."""
-    paired = np.isfinite(orbits.wrong)
-    if not paired.any():
-        return False
+    both, wrong = powers(orbits, orbits.right, orbits.wrong)
+    return bool(((SHARE[0] * both < wrong) & (wrong < SHARE[1] * both)).any())
+
+
+def powers(orbits: Orbits, right: ComplexArray, wrong: ComplexArray) -> tuple[Float, Float]:
+    """Power of the orbits of each plane in each run, in all and against the force, shape ``(..., G)``.
+
+    Args:
+        orbits: what was read where.
+        right, wrong: responses in and against the direction of the force, of one test or many, shape ``(..., N)``.
+    """
     groups = orbits.groups("run", "speed", "force_plane", "plane")
+    if not groups:
+        return np.zeros(0), np.zeros(0)
     at = np.concatenate([own for _, own in groups])
     begin = np.cumsum([0, *(own.size for _, own in groups[:-1])])
-    right, wrong = (
-        np.add.reduceat(np.where(paired, np.abs(part) ** 2, 0.0)[at], begin) for part in (orbits.right, orbits.wrong)
+    paired = np.isfinite(wrong)
+    along, against = (
+        np.add.reduceat(np.where(paired, np.abs(part) ** 2, 0.0)[..., at], begin, axis=-1) for part in (right, wrong)
     )
-    both = right + wrong
-    return bool(((SHARE[0] * both < wrong) & (wrong < SHARE[1] * both)).any())
+    return along + against, against
 
 
 def _explains(orbits: Orbits, at: Index, modes: int) -> bool | None:

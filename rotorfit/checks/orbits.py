@@ -117,7 +117,7 @@ class Receptances:
         frequency: rad/s, ascending, shape ``(N,)``.
         at: orbits, shape ``(N, n n)``, force planes running fastest.
         regular: where matrices are finite and far from singular, shape ``(N,)``.
-        H: responses along the force to unit forces there, shape ``(M, n, n)``.
+        H: responses along the force to unit forces there, shape ``(..., M, n, n)``.
         kappa: their inverses.
     """
 
@@ -134,19 +134,20 @@ def receptances_of(orbits: Orbits, amplitude: ComplexArray, at: Index) -> Recept
 
     Args:
         orbits: all orbits.
-        amplitude: their responses along the force, shape ``(N,)``.
+        amplitude: their responses along the force, shape ``(..., N)``; of many tests of one plan all matrices of a
+            frequency have to be regular, or it is left out.
         at: orbits of one speed.
     """
     planes, w, index = complete_matrices(orbits, at)
     if w.size < ENOUGH:
         return None
     n = len(planes)
-    H = (amplitude[index] / orbits.force[index]).reshape(-1, n, n)
+    H = (amplitude[..., index] / orbits.force[index]).reshape(*amplitude.shape[:-1], -1, n, n)
     kappa = _inverse(H)
-    regular = np.ones(len(H), dtype=bool)
+    regular = np.ones(w.size, dtype=bool)
     if kappa is None:
-        regular = invertible(H)
-        H = H[regular]
+        regular = np.asarray(invertible(H.reshape(-1, n, n)).reshape(-1, w.size).all(axis=0))
+        H = H[..., regular, :, :]
         kappa = np.asarray(np.linalg.inv(H), dtype=complex)
     return Receptances(planes=planes, frequency=w, at=index, regular=regular, H=H, kappa=kappa)
 
@@ -158,7 +159,7 @@ def _inverse(matrices: ComplexArray) -> ComplexArray | None:
     except np.linalg.LinAlgError:
         return None
     # By the norm of Frobenius, which no condition number exceeds; not a number is not smaller.
-    size = np.linalg.norm(matrices, axis=(1, 2)) * np.linalg.norm(found, axis=(1, 2))
+    size = np.linalg.norm(matrices, axis=(-2, -1)) * np.linalg.norm(found, axis=(-2, -1))
     return found if (size < _FAR).all() else None
 
 
@@ -184,11 +185,8 @@ def orbits_of(test: PerturbationTest, rows: Index) -> Orbits:
     first = readings[first]
     place = np.full((first.size, 3), -1, dtype=np.intp)
     place[orbit[::-1], kind[readings][::-1]] = readings[::-1]  # of repeats the first stands for all
-    x, y, z = np.where(place >= 0, test.response[place], np.nan).T
     backward = test.frequency[first] < 0
-    single = np.where(np.isnan(x), np.where(backward, -1j, 1j) * y, x)  # a circular orbit has Y = -j X, backward +j X
-    plus, minus = (x + 1j * y) / 2, np.conj(x - 1j * y) / 2
-    right = np.where(np.isnan(plus), np.where(backward, single.conj(), single), np.where(backward, minus, plus))
+    x, y, right, wrong = directions_of(test.response, place, backward)
     force = np.where(backward, test.force[first].conj(), test.force[first])
     along, number = words(test.force_direction[first])
     share = np.array([{"x": 0.5, "y": 0.5j}.get(axis, 1.0) for axis in along], dtype=complex)[number]
@@ -201,10 +199,27 @@ def orbits_of(test: PerturbationTest, rows: Index) -> Orbits:
         force=force * share,
         x=x,
         y=y,
-        right=np.where(np.isnan(right), z, right),
-        wrong=np.where(backward, plus, minus),
+        right=right,
+        wrong=wrong,
         behind=np.where(place[:, :, None] >= 0, rows[origin][place], -1).reshape(first.size, -1),
     )
+
+
+def directions_of(
+    response: ComplexArray, place: Index, backward: NDArray[np.bool_]
+) -> tuple[ComplexArray, ComplexArray, ComplexArray, ComplexArray]:
+    """Readings x and y of orbits, and their parts in and against the direction of the force, shape ``(..., N)`` each.
+
+    Args:
+        response: readings of one test or of many of one plan, shape ``(..., rows)``.
+        place: rows of x, y and z of each orbit, -1 where there is none, shape ``(N, 3)``.
+        backward: orbits under a force that turns backward, shape ``(N,)``.
+    """
+    x, y, z = np.moveaxis(np.where(place >= 0, response[..., place], np.nan), -1, 0)
+    single = np.where(np.isnan(x), np.where(backward, -1j, 1j) * y, x)  # a circular orbit has Y = -j X, backward +j X
+    plus, minus = (x + 1j * y) / 2, np.conj(x - 1j * y) / 2
+    right = np.where(np.isnan(plus), np.where(backward, single.conj(), single), np.where(backward, minus, plus))
+    return x, y, np.where(np.isnan(right), z, right), np.where(backward, plus, minus)
 
 
 def mirrored(orbits: Orbits, at: Index) -> Index:

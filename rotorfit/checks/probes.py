@@ -286,11 +286,31 @@ def turned_probes(orbits: Orbits) -> Iterator[Finding]:
 
 def _surely_straight(orbits: Orbits) -> bool:
     """Whether straight lines through the dynamic stiffness show every pair far from turned: no trial is needed."""
-    return all(
-        abs((turn + 180) % 360 - 180) + CLEAR * error < SMALLEST_TURN / 2
-        for measured in orbits.receptances[:MOST_SPEEDS]
-        for _, turn, error, _ in _inertia(measured, trial=False)
-    )
+    return all(bool(_upright(measured)) for measured in orbits.receptances[:MOST_SPEEDS])
+
+
+def _upright(measured: Receptances | None) -> NDArray[np.bool_]:
+    """Whether straight lines through the dynamic stiffness show every pair far from turned, shape ``(...)``."""
+    found = np.ones((), dtype=bool)
+    for _, turn, error, _ in _inertia(measured, trial=False):
+        found = found & (np.abs((turn + 180) % 360 - 180) + CLEAR * error < SMALLEST_TURN / 2)
+    return found
+
+
+def surely_straight(orbits: Orbits, right: ComplexArray) -> NDArray[np.bool_]:
+    """Which of many tests of one plan :func:`turned_probes` has surely nothing to say of, shape ``(W,)``.
+
+    Args:
+        orbits: what was read where.
+        right: responses in the direction of the force, shape ``(W, N)``.
+    """
+    found = np.ones(len(right), dtype=bool)
+    for _, at in orbits.groups("speed")[:MOST_SPEEDS]:
+        measured = receptances_of(orbits, right, at)
+        if measured is not None and not measured.regular.all():
+            return np.zeros(len(right), dtype=bool)  # each has to be looked at by itself
+        found = found & _upright(measured)
+    return found
 
 
 def _turn_pays(orbits: Orbits) -> bool:
@@ -346,8 +366,9 @@ def poses(orbits: Orbits, mirrored: tuple[str, ...]) -> dict[str, _Pose]:
         speeds = islice(orbits.groups("speed"), MOST_SPEEDS)
         measured = [receptances_of(orbits, amplitude, at) for _, at in speeds]
     for at_speed in measured:
-        for plane, turn, error, damped in _inertia(at_speed):
-            found.setdefault(plane, []).append((turn, error, damped))
+        for plane, *told in _inertia(at_speed):
+            angle, uncertain, damping = (np.asarray(value).item() for value in told)
+            found.setdefault(plane, []).append((angle, uncertain, damping))
     result = {}
     speeds_tried = sum(_some_lines(at_speed) is not None for at_speed in measured)
     for plane, values in found.items():
@@ -370,7 +391,7 @@ class _Lines:
 
     Attributes:
         u: frequencies over the highest, shape ``(L,)``.
-        H, kappa: responses to unit forces and their inverses, shape ``(L, n, n)``.
+        H, kappa: responses to unit forces and their inverses, shape ``(..., L, n, n)``.
     """
 
     u: Float
@@ -379,15 +400,19 @@ class _Lines:
 
 
 def _some_lines(measured: Receptances | None) -> _Lines | None:
-    if measured is None or len(measured.H) < ENOUGH:
+    if measured is None or measured.H.shape[-3] < ENOUGH:
         return None
-    every = max(1, len(measured.H) // MOST_LINES)
+    every = max(1, measured.H.shape[-3] // MOST_LINES)
     w = measured.frequency[measured.regular][::every]
-    return _Lines(u=w / np.abs(measured.frequency).max(), H=measured.H[::every], kappa=measured.kappa[::every])
+    u = w / np.abs(measured.frequency).max()
+    return _Lines(u=u, H=measured.H[..., ::every, :, :], kappa=measured.kappa[..., ::every, :, :])
 
 
-def _inertia(measured: Receptances | None, *, trial: bool = True) -> Iterator[tuple[str, float, float, bool]]:
-    """Plane, turn of its probes and its error, degrees, and sign of its damping, from ``kappa = a + b w + c w^2``.
+def _inertia(
+    measured: Receptances | None, *, trial: bool = True
+) -> Iterator[tuple[str, Float, Float, NDArray[np.bool_]]]:
+    """Plane, turn of its probes and its error, degrees, and whether its damping is positive, shape ``(...)`` each, from
+    ``kappa = a + b w + c w^2``.
 
     Args:
         measured: responses at one speed.
@@ -403,17 +428,28 @@ def _inertia(measured: Receptances | None, *, trial: bool = True) -> Iterator[tu
     terms, values, errors = found
     for q, plane in enumerate(planes):
         inertia, damping = terms.index((q, q, 2)), terms.index((q, q, 1))
-        if values[inertia] == 0:
+        if not values[..., inertia].any():
             continue
-        turn = -values[inertia] / abs(values[inertia])
-        error = errors[inertia] / abs(values[inertia])
+        turn, error = _sure(values[..., inertia], errors[..., inertia])
+        turn = -turn
         for k in range(len(planes)):  # coupling is real as well, and better known, but may have either sign
             i = terms.index((k, q, 0))
-            if k != q and values[i] != 0 and errors[i] / abs(values[i]) < error < 1:
-                error = errors[i] / abs(values[i])
-                turn = values[i] / abs(values[i]) * np.sign((values[i] / turn).real)
-        damped = (values[damping] / turn).imag > 0
-        yield plane, float(np.degrees(np.angle(turn))), float(np.degrees(error)), bool(damped)
+            if k == q or not values[..., i].any():
+                continue
+            along, own = _sure(values[..., i], errors[..., i])
+            better = (own < error) & (error < 1)
+            turn = np.where(better, along * np.sign((along / turn).real), turn)
+            error = np.where(better, own, error)
+        damped = (values[..., damping] / turn).imag > 0
+        yield plane, np.degrees(np.angle(turn)), np.degrees(error), damped
+
+
+def _sure(value: ComplexArray, error: Float) -> tuple[ComplexArray, Float]:
+    """Direction of complex numbers, and their error over their size; of a zero nothing is known."""
+    size = np.abs(value)
+    known = size > 0
+    over = 1 / np.where(known, size, 1.0)
+    return np.where(known, value * over, 1.0), np.where(known, error * over, np.inf)
 
 
 def _polynomial(lines: _Lines) -> tuple[list[tuple[int, int, int]], ComplexArray, Float] | None:
@@ -510,22 +546,23 @@ def _unexplained(lines: _Lines, *, upright: bool) -> float:
 def _straight_lines(lines: _Lines) -> tuple[list[tuple[int, int, int]], ComplexArray, Float]:
     """What :func:`_polynomial` answers by linear least squares on the inverse of each response matrix."""
     u, kappa = lines.u, lines.kappa
-    n = kappa.shape[1]
-    weight = 1 / np.linalg.norm(kappa, axis=(1, 2)) ** 2  # d kappa = -kappa dH kappa
-    powers = np.stack([weight, weight * u, weight * u**2], axis=1)
-    weighed = kappa * weight[:, None, None]
+    n = kappa.shape[-1]
+    weight = 1 / np.linalg.norm(kappa, axis=(-2, -1)) ** 2  # d kappa = -kappa dH kappa
+    powers = np.stack([weight, weight * u, weight * u**2], axis=-1)
+    weighed = kappa * weight[..., None, None]
     terms: list[tuple[int, int, int]] = []
     values, errors = [], []
-    designs = {count: powers[:, :count] for count in ((1, 3) if n > 1 else (3,))}
-    systems = {count: (design, np.linalg.pinv(design.T @ design)) for count, design in designs.items()}
+    designs = {count: powers[..., :count] for count in ((1, 3) if n > 1 else (3,))}
+    across = {count: np.swapaxes(design, -1, -2) for count, design in designs.items()}
+    inverses = {count: np.linalg.pinv(across[count] @ design) for count, design in designs.items()}
     for q in range(n):
         for k in range(n):
             count = 3 if q == k else 1
-            design, inverse = systems[count]
-            solution = inverse @ (design.T @ weighed[:, q, k])
-            miss = weighed[:, q, k] - design @ solution
-            variance = _power(miss) / (2 * max(u.size - count, 1))
+            right, inverse = weighed[..., q, k, None], inverses[count]
+            solution = inverse @ (across[count] @ right)
+            miss = right - designs[count] @ solution
+            variance = np.sum(np.abs(miss) ** 2, axis=-2) / (2 * max(u.size - count, 1))
             terms += [(q, k, power) for power in range(count)]
-            values.append(solution)
-            errors.append(np.sqrt(np.maximum(np.diag(inverse), 0.0) * variance))
-    return terms, np.concatenate(values), np.concatenate(errors)
+            values.append(solution[..., 0])
+            errors.append(np.sqrt(np.maximum(np.diagonal(inverse, axis1=-2, axis2=-1), 0.0) * variance))
+    return terms, np.concatenate(values, axis=-1), np.concatenate(errors, axis=-1)

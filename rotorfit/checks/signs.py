@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator, Mapping
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rotorfit.checks.orbits import ENOUGH, NEAR_1X, Orbits, mirrored
 from rotorfit.checks.probes import pose_in_words
@@ -68,10 +69,32 @@ def _whole(bad: Collection[tuple[str, ...]], every: Mapping[tuple[str, ...], flo
     return all(key in bad for key in every if key[1] in planes)
 
 
-def _established(values: Float) -> float:
-    """Sum over its standard deviation under random signs; noise cannot make it large, few values cannot either."""
-    size = np.sqrt(np.sum(values**2))
-    return float(np.sum(values) / size) if size > 0 else 0.0
+def _established(values: Float) -> Float:
+    """Sum over its standard deviation under random signs, shape ``(...)`` of ``(..., N)``; noise cannot make it large,
+    few values cannot either."""
+    size = np.sqrt(np.sum(values**2, axis=-1))
+    return np.asarray(np.sum(values, axis=-1) / np.where(size > 0, size, 1.0))
+
+
+def surely_right(orbits: Orbits, right: ComplexArray, speed: Float) -> NDArray[np.bool_]:
+    """Which of many tests of one plan :func:`signs` has surely nothing to say of, shape ``(W,)``.
+
+    Args:
+        orbits: what was read where.
+        right: responses in the direction of the force, shape ``(W, N)``.
+        speed: of each test, rad/s, shape ``(W,)``.
+    """
+    at = np.flatnonzero(orbits.place == orbits.force_place)
+    moved = (np.abs(right[:, at]) > 0).all(axis=1)
+    kappa = np.zeros(right.shape, dtype=complex)
+    kappa[:, at] = orbits.force[at] / np.where(right[:, at] == 0, 1.0, right[:, at])
+    drives = [np.intersect1d(group, at) for _, group in orbits.groups("run", "plane", "force_plane")]
+    signs = [_dissipates(orbits.frequency[group], speed[:, None], kappa[:, group]) for group in drives]
+    sweeps = [np.intersect1d(group, at) for _, group in orbits.groups("plane", "force_plane", "speed")]
+    falls = np.any([_falls(orbits, kappa, group) for group in sweeps], axis=0)
+    told = np.all([sign >= 0 for sign in signs], axis=0) & (np.any([sign > 0 for sign in signs], axis=0) | ~falls)
+    reversals = [score <= CERTAIN for score, *_ in _reversals(orbits, kappa, right, speed[:, None], at)]
+    return np.asarray(moved & told & np.all(reversals, axis=0))
 
 
 def signs(orbits: Orbits) -> Iterator[Finding]:
@@ -81,7 +104,7 @@ def signs(orbits: Orbits) -> Iterator[Finding]:
     kappa[at] = orbits.force[at] / orbits.right[at]
     driven = kappa != 0
     drives = [group[driven[group]] for _, group in orbits.groups("run", "plane", "force_plane")]
-    signs = [_dissipates(orbits, kappa, group) for group in drives]
+    signs = [_dissipates(orbits.frequency[group], orbits.speed[group], kappa[group]) for group in drives]
     conjugated = [group for group, sign in zip(drives, signs, strict=True) if sign < 0]
     if not any(signs):
         sweeps = [group[driven[group]] for _, group in orbits.groups("plane", "force_plane", "speed")]
@@ -98,47 +121,32 @@ def signs(orbits: Orbits) -> Iterator[Finding]:
     yield Finding("error", "conjugated", text, orbits.rows_of(hit))
 
 
-def _dissipates(orbits: Orbits, kappa: ComplexArray, at: Index) -> int:
+def _dissipates(w: Float, speed: Float, kappa: ComplexArray) -> Float:
     """Sign of the dissipation at |w| >= Omega, where the force leads or opposes the fluid whatever lam < 1 is; 0:
-    unknown."""
-    w = orbits.frequency[at]
-    fast = np.abs(w) >= np.abs(orbits.speed[at]) * (1 - NEAR_1X)
-    if fast.sum() < ENOUGH:
-        return 0
-    sine = kappa[at].imag / np.abs(kappa[at]) * np.sign(w)
+    unknown. Shape ``(...)`` of ``(..., N)``."""
+    fast = np.abs(w) >= np.abs(speed) * (1 - NEAR_1X)
+    sine = kappa.imag / np.abs(kappa) * np.sign(w)
     # a phase of a few degrees may be an error of the reference: such readings hardly count
-    score = _established((sine / np.hypot(sine, SMALL_SINE))[fast])
-    return int(np.sign(score)) if abs(score) > CERTAIN else 0
+    score = _established(np.where(fast, sine / np.hypot(sine, SMALL_SINE), 0.0))
+    return np.where((np.sum(fast, axis=-1) >= ENOUGH) & (np.abs(score) > CERTAIN), np.sign(score), 0.0)
 
 
-def _falls(orbits: Orbits, kappa: ComplexArray, at: Index) -> bool:
-    """Whether quadrature falls from backward to forward in a sweep below the speed.
+def _falls(orbits: Orbits, kappa: ComplexArray, at: Index) -> NDArray[np.bool_]:
+    """Whether quadrature falls from backward to forward in a sweep below the speed, shape ``(...)`` of ``(..., N)``.
 
     One direction is enough if there is but one plane; else the other planes' motion turns the slope within a direction.
     """
     w = orbits.frequency[at]
-    one_plane = np.unique(orbits.plane).size == 1
-    return (one_plane or bool((w > 0).any() and (w < 0).any())) and _rank_correlation(w, kappa[at].imag) < -_MONOTONIC
+    tells = np.unique(orbits.plane).size == 1 or bool((w > 0).any() and (w < 0).any())
+    return np.asarray(tells & (_rank_correlation(w, kappa[..., at].imag) < -_MONOTONIC))
 
 
 def _reversed(orbits: Orbits, kappa: ComplexArray, at: Index) -> Iterator[Finding]:
     """A reversed sense of rotation: the fluid, which drives slow forward whirl, seems to drive slow backward whirl."""
-    # slow unbalance moves the rotor little and noise turns its phase: weigh the sign by the response
-    power = kappa.imag / np.maximum(np.abs(kappa), np.finfo(float).tiny) * np.abs(orbits.right)
-    for _, group in orbits.groups("run", "plane", "force_plane"):
-        power[group] /= np.abs(orbits.right[group]).max() or 1.0
-    ratio = orbits.frequency[at] / np.where(orbits.speed[at] == 0, np.nan, np.abs(orbits.speed[at]))
-    backward = [at[(ratio < 0) & (ratio > -limit)] for limit in SLOW]
-    scores = [(_established(power[some]), some) for some in backward]
-    groups = [some[kappa[some] != 0] for _, some in orbits.groups("plane", "force_plane", "speed")]
-    pairs = np.concatenate([mirrored(orbits, some) for some in groups])
-    speed = np.abs(orbits.speed[pairs[:, 0]])
-    slow = np.abs(orbits.frequency[pairs[:, 0]]) / np.where(speed == 0, np.nan, speed)
-    even = _even_quadrature(orbits, kappa, pairs)
-    scores += [(_established(even[slow < limit]), pairs[slow < limit]) for limit in SLOW]
-    score, hit = max(scores, key=lambda pair: pair[0])
+    scores = list(_reversals(orbits, kappa, orbits.right, orbits.speed, at))
+    score, rows, slow = max(scores, key=lambda one: float(one[0]))
     if score > CERTAIN:
-        hit = np.unique(hit)
+        hit = np.unique(rows[slow])
         text = (
             f"Slow backward forces drive the rotor instead of damping it in {listed(_names(orbits, hit))}: lam would "
             "be negative. The sense of rotation is reversed, or x and y are exchanged together with the sign of the "
@@ -147,22 +155,55 @@ def _reversed(orbits: Orbits, kappa: ComplexArray, at: Index) -> Iterator[Findin
         yield Finding("error", "reversed-rotation", text, orbits.rows_of(hit))
 
 
-def _even_quadrature(orbits: Orbits, kappa: ComplexArray, pairs: Index) -> Float:
-    """The part of Im kappa even in w, ``-D lam Omega`` in eq. (13), over its noise up to a factor, shape ``(N,)``."""
-    forward, backward = pairs.T
-    even = kappa[forward].imag + kappa[backward].imag
-    noise = np.hypot(  # of kappa = F / A, up to a common factor
-        np.abs(kappa[forward] / orbits.right[forward]), np.abs(kappa[backward] / orbits.right[backward])
-    )
-    return np.asarray(even / noise)
+def _reversals(
+    orbits: Orbits, kappa: ComplexArray, right: ComplexArray, speed: Float, at: Index
+) -> Iterator[tuple[Float, Index, NDArray[np.bool_]]]:
+    """Scores of a drive by backward forces, shape ``(...)``, the orbits that each looks at, and which of them count.
+
+    Args:
+        orbits: what was read where.
+        kappa, right: drive-point stiffness, zero where there is none, and responses, shape ``(..., N)``.
+        speed: rad/s, broadcasting with them.
+        at: orbits at drive points.
+    """
+    # slow unbalance moves the rotor little and noise turns its phase: weigh the sign by the response
+    power = kappa.imag / np.maximum(np.abs(kappa), np.finfo(float).tiny) * np.abs(right)
+    for _, group in orbits.groups("run", "plane", "force_plane"):
+        largest = np.abs(right[..., group]).max(axis=-1, keepdims=True)
+        power[..., group] /= np.where(largest > 0, largest, 1.0)
+    turning = np.broadcast_to(np.where(speed == 0, np.nan, np.abs(speed)), right.shape)
+    ratio = orbits.frequency[at] / turning[..., at]
+    for limit in SLOW:
+        slow = (ratio < 0) & (ratio > -limit)
+        yield _established(np.where(slow, power[..., at], 0.0)), at, slow
+    driven = np.isin(np.arange(right.shape[-1]), at)
+    groups = [some[driven[some]] for _, some in orbits.groups("plane", "force_plane", "speed")]
+    pairs = np.concatenate([mirrored(orbits, some) for some in groups])
+    even = _even_quadrature(kappa[..., pairs], right[..., pairs])
+    ratio = np.abs(orbits.frequency[pairs[:, 0]]) / turning[..., pairs[:, 0]]
+    for limit in SLOW:
+        yield _established(np.where(ratio < limit, even, 0.0)), pairs, ratio < limit
+
+
+def _even_quadrature(kappa: ComplexArray, right: ComplexArray) -> Float:
+    """The part of Im kappa even in w, ``-D lam Omega`` in eq. (13), over its noise up to a factor, shape ``(..., N)``.
+
+    Args:
+        kappa, right: drive-point stiffness and response, forward and backward, shape ``(..., N, 2)``.
+    """
+    noise = np.abs(kappa / right)  # of kappa = F / A, up to a common factor
+    return np.asarray(kappa.imag.sum(axis=-1) / np.hypot(noise[..., 0], noise[..., 1]))
 
 
 def _names(orbits: Orbits, at: Index) -> list[str]:
     return list(dict.fromkeys(orbits.run[at].tolist()))
 
 
-def _rank_correlation(x: Float, y: Float) -> float:
-    if x.size < ENOUGH or np.ptp(x) == 0 or np.ptp(y) == 0:
-        return 0.0
-    ranks = [np.argsort(np.argsort(values)).astype(float) for values in (x, y)]
-    return float(np.corrcoef(ranks[0], ranks[1])[0, 1])
+def _rank_correlation(x: Float, y: Float) -> Float:
+    """Spearman's correlation, shape ``(...)`` of ``(N,)`` and ``(..., N)``; zero where there is nothing to compare."""
+    if x.size < ENOUGH or np.ptp(x) == 0:
+        return np.zeros(y.shape[:-1])
+    ranks = [np.argsort(np.argsort(values, axis=-1), axis=-1) - (x.size - 1) / 2 for values in (x, y)]
+    return np.asarray(
+        np.where(np.ptp(y, axis=-1) == 0, 0.0, np.sum(ranks[0] * ranks[1], axis=-1) / np.sum(ranks[0] ** 2))
+    )

@@ -16,6 +16,7 @@ from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.estimators.starting.closed_form import ClosedFormError
 from rotorfit.estimators.starting.closed_form import closed_form as solve_closed_form
 from rotorfit.estimators.starting.shaft_line_starts import has_lines
+from rotorfit.estimators.starting.start_points import search_scale
 from rotorfit.estimators.starting.starts import start_vector
 from rotorfit.fitting.assumptions import assuming
 from rotorfit.fitting.calibration import Calibration
@@ -94,25 +95,43 @@ def fit(
     problem = build_problem(model, experiments, settings)
     begin, notes = start_vector(problem, start or {})
     solution = solve(problem, begin, Options(max_iterations=max_iterations))
-    left_out = (sentence for test in as_tuple(experiments) for sentence in usable(model, test)[1])
-    notes = (*data_errors(as_tuple(experiments)), *left_out, *notes)
+    found = judged(problem, as_tuple(experiments), settings, begin, solution, notes)
+    return assuming(found, assumptions) if assumptions else found
+
+
+def judged(
+    problem: Problem,
+    experiments: tuple[Experiment, ...],
+    settings: FitSettings,
+    begin: Float,
+    solution: Solution,
+    notes: tuple[str, ...] = (),
+) -> FitResult:
+    """The result of a solved problem, solved again with the noise that its residuals show.
+
+    Args:
+        problem, experiments, settings: what was asked, see :func:`rotorfit.fitting.problem_setup.build_problem`.
+        begin: where the search began.
+        solution: how it ended.
+        notes: warnings that came up on the way.
+    """
+    left_out = (sentence for test in experiments for sentence in usable(problem.space.model, test)[1])
+    notes = (*data_errors(experiments), *left_out, *notes)
     noise = None
     singular = solution.status is Status.SINGULAR  # a minimum along a whole line is one
-    studied = loss == "linear" and (solution.success or singular)
+    studied = settings.loss == "linear" and (solution.success or singular)
     finding = study_noise(problem, solution.x, singular=singular) if studied else None
     if finding is not None:
         noise = finding.record
     if finding is not None and finding.found is not None:
-        settings = replace(settings, noise=finding.found)
-        problem = build_problem(model, experiments, settings) if phase_offsets else with_noise(problem, finding.found)
+        offsets, settings = settings.phase_offsets, replace(settings, noise=finding.found)
+        found = finding.found
+        problem = build_problem(problem.space.model, experiments, settings) if offsets else with_noise(problem, found)
         names = (*problem.space.names, *problem.space.nuisance)
         better = np.array([finding.start[name] for name in names])
         again = solve(problem, np.clip(better, problem.space.lower, problem.space.upper), Options())
         solution = replace(again, n_evaluations=solution.n_evaluations + again.n_evaluations)
-    found = judge(
-        problem, as_tuple(experiments), settings, solution.x, begin, "least squares", solution, notes, noise=noise
-    )
-    return assuming(found, assumptions) if assumptions else found
+    return judge(problem, experiments, settings, solution.x, begin, "least squares", solution, notes, noise=noise)
 
 
 def data_errors(experiments: Sequence[Experiment]) -> tuple[str, ...]:
@@ -214,6 +233,5 @@ def solve(problem: Problem, start: Float, options: Options) -> Solution:
             space=space, blocks=problem.blocks, loss="soft_l1", priors=problem.priors, factors=problem.factors
         )
         start = solve(gentle, start, options).x
-    typical = np.array([space.model.parameter(name).scale for name in space.base] + [0.1] * len(space.nuisance))
-    scale = np.where(np.abs(start) > 1e-6 * typical, np.abs(start), typical)
+    scale = search_scale(space, start)
     return minimise(problem, start, lower=space.lower, upper=space.upper, scale=scale, options=options)

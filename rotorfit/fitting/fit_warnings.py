@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rotorfit.estimators.blocks.correlated import freedom_of
 from rotorfit.estimators.blocks.nonlinear import responses_of
@@ -51,8 +52,7 @@ def fit_warnings(
             f"redchi is {redchi:.3g}: the model, not the noise, limits this fit. Standard errors are widened by "
             f"{wider}, but parameters may be biased beyond them; {advice}{where}"
         )
-    chance = np.sqrt(2 / max(problem.n_data - problem.space.size, 1))
-    if _NOISE_FLOOR < redchi < min(_TOO_QUIET, 1 - _CLEARLY * chance):
+    if too_quiet(redchi, nfree):
         found.append(
             f"redchi is {redchi:.2g}: the noise is overestimated, and standard errors are about "
             f"{1 / np.sqrt(redchi):.2g} times too wide. Give the noise of the readings (sigma_um), or more lines"
@@ -71,6 +71,12 @@ def fit_warnings(
         if p.at_bound
     ]
     return found + _instability(problem, x)
+
+
+def too_quiet(redchi: Float | float, nfree: int) -> NDArray[np.bool_]:
+    """Whether the noise is overestimated by more than is worth knowing, for one result or many."""
+    chance = np.sqrt(2 / max(nfree, 1))
+    return np.asarray((redchi > _NOISE_FLOOR) & (redchi < min(_TOO_QUIET, 1 - _CLEARLY * chance)))
 
 
 def _advice(model: RotorModel, levelled: bool) -> str:
@@ -92,13 +98,24 @@ def _instability(problem: Problem, x: Float) -> list[str]:
         if block is None or block.imposed or not block.frequency.any():
             continue  # under a static load the journal may run where centred it could not
         _, group, speed = block.condition
-        band = float(np.abs(block.frequency).max()) if model.order > 2 else np.inf
-        rates = growth_rate(model, theta[group], speed, band)
-        for g, v, rate in zip(group, speed, rates, strict=True):
-            size = np.abs(theta[g]).max()
-            if rate > 1e-9 * size and len(found) < 3:
+        rates, grows = growth(model, theta[group], speed, block.frequency)
+        for v, rate, some in zip(speed, rates, grows, strict=True):
+            if some and len(found) < 3:
                 found.append(
                     f"the fitted rotor is unstable at the tested speed of {v * RPM_PER_RAD_S:.0f} rpm (growth rate "
                     f"{rate:.3g} 1/s): a rig could not have been measured there. Check signs, directions and the model"
                 )
     return found
+
+
+def growth(model: RotorModel, theta: Float, speed: Float, frequency: Float) -> tuple[Float, NDArray[np.bool_]]:
+    """Largest growth rate, 1/s, of rotors at tested speeds, and whether it is more than round-off, shape ``(K,)``.
+
+    Args:
+        model: the rotor.
+        theta, speed: parameter vectors and speeds, shapes ``(K, P)`` and ``(K,)``.
+        frequency: tested frequencies, in whose band terms of higher order hold.
+    """
+    band = float(np.abs(frequency).max()) if model.order > 2 else np.inf
+    rates = growth_rate(model, theta, speed, band)
+    return rates, np.asarray(rates > 1e-9 * np.abs(theta).max(axis=1))

@@ -50,7 +50,9 @@ def judge(
     goodness = goodness_of(problem, settings, x, residuals)
     errors = standard_errors(problem, settings, x, residuals, jacobian, goodness, estimate, noise)
     verdict = errors.identifiability
-    params = parameter_table(problem, x, begin, errors.scattered, errors.covar, errors.degrees, verdict.unresolved)
+    params = parameter_table(
+        problem.space, x, begin, errors.scattered, errors.covar, errors.degrees, verdict.unresolved
+    )
     # A minimum along a whole line is one: the identifiability verdict names the line.
     success = solution is None or solution.success or solution.status is Status.SINGULAR
     if not success:  # where a search stalled the curvature tells nothing of the error

@@ -18,7 +18,7 @@ from rotorfit.models.array_types import Float
 MODEL_LIMITED = 2.0
 """redchi above which a result that has nothing else to go by says that the model, not the noise, limits the fit."""
 
-_UNEVEN, _SUSPECT = 4.5, 2.5
+UNEVEN, _SUSPECT = 4.5, 2.5
 """Standard deviations of scatter beyond that of equal noise, where all else looks well, and where not."""
 
 
@@ -45,7 +45,7 @@ def as_residuals_ask(
         return covar + scattered @ scatter(J, sweeps_in(problem), noise.lags) @ scattered * widening, noise
     found = line_scatter(r, J, scattered, lines_in(problem), widening)
     parameters = slice(0, len(problem.space.names))
-    limit = _UNEVEN if noise.verdict is NoiseVerdict.AS_FOUND else _SUSPECT
+    limit = UNEVEN if noise.verdict is NoiseVerdict.AS_FOUND else _SUSPECT
     if problem.loss != "linear" or float(found.excess[parameters].max(initial=0.0)) < limit:
         return covar, noise
     robust = found.covar

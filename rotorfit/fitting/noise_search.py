@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -25,9 +26,9 @@ _SHORT = 0.25
 """Correlation of neighbouring residuals below which it matters little."""
 _SURE = 0.005
 """Probability of finding an effect of runs that do not differ."""
-_GAIN = 12.0
+GAIN = 12.0
 """Twice the gain in log likelihood, for each probe, from which noise by residuals replaces that of the data alone."""
-_AGREES = 1.5
+AGREES = 1.5
 """Squared residuals over those of the noise up to which the two are of one size."""
 RESPONSE, SPEED = "of the response", "of the speed, as it moves the response"
 _SAME = 1e-9
@@ -216,10 +217,21 @@ def _leave(data: Residuals, sigma: Float, kinds: Sequence[int], variance: Float)
     r, J, Z = data.r / scale, data.J / scale[:, None], data.Z[:, list(kinds)] / scale[:, None]
     solved = _model(data, sigma).part(kinds).solve(variance)
     rest = solved.rest(r, J, Z, data.rows)
-    # A reading that alone determines something has no residual to judge by.
-    weight = np.clip(1 - rest.leverage, 0.02, 1.0)
-    power = np.abs(rest.residuals) ** 2 / 2 * sigma**2 / weight
+    power, weight = made_good(rest.residuals, rest.leverage, sigma)
     return _Left(solved=solved, left=rest.residuals, own=rest.own, power=power, weight=weight)
+
+
+def made_good(residuals: ComplexArray, leverage: Float, sigma: Float) -> tuple[Float, Float]:
+    """Squared residuals, leverage made good, in units of the readings, and 1 - leverage.
+
+    Args:
+        residuals: in units of the noise.
+        leverage: share of each reading that the fit takes.
+        sigma: the noise.
+    """
+    # A reading that alone determines something has no residual to judge by.
+    weight = np.clip(1 - leverage, 0.02, 1.0)
+    return np.abs(residuals) ** 2 / 2 * sigma**2 / weight, weight
 
 
 def _shapes(data: Residuals, found: _Left, along: dict[str, Float]) -> tuple[list[Shape], Float]:
@@ -232,7 +244,7 @@ def _shapes(data: Residuals, found: _Left, along: dict[str, Float]) -> tuple[lis
         trials = {name: probes[probe] for name, probes in every.items()}
         gains = {name: sum(shape.log_likelihood for shape in trial) for name, trial in trials.items()}
         best = max(gains, key=lambda name: gains[name])
-        shapes += trials[best if 2 * (gains[best] - gains[RESPONSE]) > _GAIN else RESPONSE]
+        shapes += trials[best if 2 * (gains[best] - gains[RESPONSE]) > GAIN else RESPONSE]
     sigma = np.empty(data.r.size)
     for shape in shapes:
         sigma[shape.rows] = np.sqrt(shape.variance(along[shape.along]))
@@ -295,10 +307,10 @@ def search_noise(data: Residuals, *, forced: Sequence[int] = ()) -> Search:
     known = data.told or _explains(data, found, shapes)
     verdict = NoiseVerdict.AS_FOUND
     if follows:
-        verdict = NoiseVerdict.FOLLOWING if ratio < _AGREES else NoiseVerdict.MISFIT
+        verdict = NoiseVerdict.FOLLOWING if ratio < AGREES else NoiseVerdict.MISFIT
     elif not known:
         verdict = NoiseVerdict.SHAPED
-    elif data.told and ratio > _AGREES:
+    elif data.told and ratio > AGREES:
         verdict = NoiseVerdict.LARGER
     if verdict is not NoiseVerdict.SHAPED:
         other = data.sigma * (np.sqrt(max(1.0, ratio)) if chosen else 1.0)
@@ -323,7 +335,7 @@ def _between_runs(data: Residuals, forced: Sequence[int]) -> Float:
     within = _leave(data, data.sigma, range(data.free), np.full(data.free, np.inf))
     sigma = _taken(data, within)
     slow = _slow(data, within, sigma)
-    if slow > 1 and within.redchi(data.sigma) >= _AGREES:
+    if slow > 1 and within.redchi(data.sigma) >= AGREES:
         return variance  # the model misses within every run
     return select_effects(_model(data, sigma * slow), level=_SURE, forced=forced)
 
@@ -340,8 +352,12 @@ def _plainly(data: Residuals, found: _Left, shapes: Sequence[Shape], remembered:
     """
     if data.told:
         return not data.prior.any()
-    short = remembered.first < _SHORT / 2 or remembered.z < _CLEARLY / 2
-    return short and _explains(data, found, shapes, _GAIN / 2)
+    return bool(forgetful(remembered.first, remembered.z)) and _explains(data, found, shapes, GAIN / 2)
+
+
+def forgetful(first: Float | float, z: Float | float) -> Any:
+    """Whether residuals hardly follow one another, by half of either limit; arguments as in :class:`Memory`."""
+    return (np.asarray(first) < _SHORT / 2) | (np.asarray(z) < _CLEARLY / 2)
 
 
 def _taken(data: Residuals, found: _Left) -> Float:
@@ -365,7 +381,7 @@ def _model(data: Residuals, sigma: Float) -> MixedModel:
     return MixedModel.of(data.r / scale, data.J / scale[:, None], data.Z / scale[:, None], data.rows, data.prior)
 
 
-def _explains(data: Residuals, found: _Left, shapes: Sequence[Shape], gain: float = _GAIN) -> bool:
+def _explains(data: Residuals, found: _Left, shapes: Sequence[Shape], gain: float = GAIN) -> bool:
     """Whether the residuals are as likely under the noise of the data as under one of their own, up to a gain."""
     now = sum(shape.log_likelihood for shape in shapes)
-    return 2 * (now - likelihood(found.power, found.weight, data.sigma**2)) < gain * len(data.channels)
+    return 2 * (now - float(likelihood(found.power, found.weight, data.sigma**2))) < gain * len(data.channels)

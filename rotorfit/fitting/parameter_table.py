@@ -6,8 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from rotorfit.estimators.misfit.parameter_space import DATUM
-from rotorfit.estimators.misfit.problem import Problem
+from rotorfit.estimators.misfit.parameter_space import DATUM, ParameterSpace
 from rotorfit.fitting.calibration import NUISANCE_KINDS
 from rotorfit.fitting.noise_record import is_run_effect
 from rotorfit.fitting.quantities import FittedParameter
@@ -22,7 +21,7 @@ _MEANING = {
 
 
 def parameter_table(
-    problem: Problem,
+    space: ParameterSpace,
     x: Float,
     begin: Float,
     scattered: Float,
@@ -33,13 +32,12 @@ def parameter_table(
     """Parameters by name.
 
     Args:
-        problem: as it was solved.
+        space: the fitted vector.
         x, begin: estimate, and where the search began; nuisance entries that it lacks are zero.
         scattered, covar: covariance by the noise alone, and as widened.
         degrees: of freedom of each entry's error.
         unresolved: entries that the data do not determine.
     """
-    space = problem.space
     begin = np.concatenate([begin, np.zeros(space.size - begin.size)])
     # With priors or tight noise a variance may come out as -0.
     error, wide = (np.sqrt(np.maximum(np.diag(matrix), 0.0)) for matrix in (scattered, covar))

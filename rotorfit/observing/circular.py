@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,16 +41,24 @@ def observe(model: RotorModel, experiment: Experiment, group: Index) -> Response
         raise TypeError(f"{type(experiment).__name__} has no responses")
     if len(experiment) > _MOST_KEPT:
         return _observe(model, experiment, group)
-    notes, key = kept(experiment), ("responses", model.frame, model.coordinates, model.planes, group.tobytes())
+    notes, key = kept(experiment), _key(model, group)
     if key not in notes:
-        block = _observe(model, experiment, group)
-        for values in (block.measured, block.sigma, block.force):
-            values.flags.writeable = False
-        notes[key] = block
+        keep_observed(experiment, _observe(model, experiment, group), group)
     found: Responses = notes[key]
     if found.model is not model:
         found = notes[key] = replace(found, model=model)
     return found
+
+
+def keep_observed(experiment: Experiment, block: Responses, group: Index) -> None:
+    """Keep the observations of an experiment for whoever observes it next; arguments as for :func:`observe`."""
+    for values in (block.measured, block.sigma, block.force):
+        values.flags.writeable = False
+    kept(experiment)[_key(block.model, group)] = block
+
+
+def _key(model: RotorModel, group: Index) -> tuple[Any, ...]:
+    return "responses", model.frame, model.coordinates, model.planes, group.tobytes()
 
 
 def _observe(model: RotorModel, experiment: DisplacementTest | PerturbationTest, group: Index) -> Responses:
@@ -133,27 +142,61 @@ def lines_of(model: RotorModel, test: PerturbationTest) -> Index:
     return _lines(test, coordinate, np.zeros(len(test), dtype=np.intp))[1]
 
 
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Places:
+    """Where the rows of a test stand in an isotropic model's coordinates.
+
+    Attributes:
+        size: number of coordinates.
+        line, coordinate, slot: line, coordinate and probe (x, y or z) of each row, shape ``(N,)``.
+        first: first row of each line, shape ``(L,)``.
+        frequency: rad/s of each line, shape ``(L,)``.
+    """
+
+    size: int
+    line: Index
+    coordinate: Index
+    slot: Index
+    first: Index
+    frequency: Float
+
+    @classmethod
+    def of(cls, model: RotorModel, test: PerturbationTest) -> Places:
+        """Those of a test."""
+        places = _by_kind(
+            test, lambda plane, direction: (model.coordinate(plane, direction[:-1] or "z"), "xyz".index(direction[-1]))
+        )
+        coordinate, slot = places.T
+        line, first = _lines(test, coordinate, slot)
+        return cls(
+            size=len(model.coordinates), line=line, coordinate=coordinate, slot=slot, first=first,
+            frequency=test.frequency[first],
+        )  # fmt: skip
+
+    def directional(self, response: ComplexArray, sigma: Float) -> tuple[ComplexArray, ComplexArray, Float]:
+        """What :func:`directional` answers for each line and coordinate, shape ``(..., L, n)``.
+
+        Args:
+            response, sigma: readings and their noise in the order of the rows, shape ``(..., N)``.
+        """
+        shape = (*response.shape[:-1], self.first.size, self.size, 3)
+        values, sigmas = np.full(shape, np.nan, dtype=complex), np.full(shape, np.nan)
+        values[..., self.line, self.coordinate, self.slot] = response
+        sigmas[..., self.line, self.coordinate, self.slot] = sigma
+        return directional(values, sigmas, self.frequency[:, None])
+
+
 def _observe_isotropic(model: RotorModel, test: PerturbationTest, group: Index) -> Responses:
-    places = _by_kind(
-        test, lambda plane, direction: (model.coordinate(plane, direction[:-1] or "z"), "xyz".index(direction[-1]))
-    )
-    coordinate, slot = places.T
-    line, first = _lines(test, coordinate, slot)
-    n = len(model.coordinates)
-    values = np.full((first.size, n, 3), np.nan, dtype=complex)
-    sigmas = np.full((first.size, n, 3), np.nan)
-    values[line, coordinate, slot] = test.response
-    sigmas[line, coordinate, slot] = test.sigma
-    right, wrong, sigma = directional(values, sigmas, test.frequency[first][:, None])
+    places = Places.of(model, test)
+    right, wrong, sigma = places.directional(test.response, test.sigma)
     readings = np.argwhere(np.isfinite(right))
-    speed, frequency = test.speed[first], test.frequency[first]
     return _assemble(
         model,
         test,
-        group[first],
-        first,
-        speed,
-        frequency,
+        group[places.first],
+        places.first,
+        test.speed[places.first],
+        places.frequency,
         readings,
         right[tuple(readings.T)],
         sigma[tuple(readings.T)],

@@ -1,0 +1,173 @@
+"""Fits of many runs of one plan at once, as far as they are plain: what is worth a look is left to a fit by itself.
+
+Each stage of :func:`rotorfit.fit` is done for all runs as arrays, by the same formulas, and asks its own first
+questions. A run that any of them leaves a doubt of has no result here: its verdict, its sentences and its numbers come
+from :func:`rotorfit.fit`, which therefore holds all rules.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from rotorfit.checks.plain import keep_clean, surely_clean
+from rotorfit.data.alike import AlikeTests, alike
+from rotorfit.data.experiments import Experiment
+from rotorfit.estimators.inference import covariance
+from rotorfit.estimators.inference.identifiability import diagnose
+from rotorfit.estimators.minimisation.descent_of_many import smooth_descents
+from rotorfit.estimators.minimisation.least_squares import Options, Solution, Status
+from rotorfit.estimators.misfit.parameter_space import ParameterSpace, parameter_space
+from rotorfit.estimators.misfit.run_stack import RunStack
+from rotorfit.estimators.noise.robust_covariance import scatter_by_line
+from rotorfit.estimators.starting.start_points import search_scale
+from rotorfit.estimators.starting.starts import starts_of_many
+from rotorfit.fitting.fit_warnings import growth, too_quiet
+from rotorfit.fitting.noise_judging import UNEVEN
+from rotorfit.fitting.parameter_table import parameter_table
+from rotorfit.fitting.plain_noise import plain_noise
+from rotorfit.fitting.quantities import FittedParameter
+from rotorfit.fitting.settings import FitSettings
+from rotorfit.models import Modal, RotorModel
+from rotorfit.models.array_types import Float, Index
+from rotorfit.observing.alike import observe_alike
+
+_TOGETHER = 16384  # readings evaluated together, which stay in the processor's cache
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class PlainFit:
+    """Result of one run, attributes as of :class:`~rotorfit.fitting.result.FitResult`: it has no warnings.
+
+    ``still`` is what chi-squared would be without any motion.
+    """
+
+    params: Mapping[str, FittedParameter]
+    var_names: tuple[str, ...]
+    covar: Float
+    chisqr: float
+    redchi: float
+    ndata: int
+    nfev: int
+    message: str
+    still: float
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Solved:
+    """A run whose search ended plainly, but whose residuals or errors have to be looked at by themselves.
+
+    Attributes:
+        begin: where the search began, shape ``(p,)``.
+        solution: how it ended.
+    """
+
+    begin: Float
+    solution: Solution
+
+
+def plain_fits(model: RotorModel, tests: Sequence[Experiment], settings: FitSettings) -> dict[int, PlainFit | Solved]:
+    """What fits of many runs come to as far as they are plain, by the number of the run.
+
+    Runs that are not in the answer are to be fitted one by one; what was worked out of their data is kept with these.
+
+    Args:
+        model: the rotor.
+        tests: the data of each run.
+        settings: of the fit of each.
+    """
+    if not _is_plain(model, settings):
+        return {}
+    try:
+        space = parameter_space(model, known=settings.known, bounds=settings.bounds, groups=({},))
+    except (ValueError, KeyError):
+        return {}  # what is wrong with the settings is told where a run is fitted
+    found: dict[int, PlainFit | Solved] = {}
+    for group in alike(tests):
+        found |= _fits(space, group)
+    return found
+
+
+def _is_plain(model: RotorModel, settings: FitSettings) -> bool:
+    """Whether a fit is one of linear responses in complex coordinates, by squares, with nothing known of its values."""
+    linear = model.frame == "z" and not model.eccentricity_dependent and not model.turns
+    simple = model.shaft is None and not isinstance(model, Modal)
+    return linear and simple and settings == FitSettings(known=settings.known, bounds=settings.bounds)
+
+
+def _fits(space: ParameterSpace, group: AlikeTests) -> dict[int, PlainFit | Solved]:
+    clean = surely_clean(group)
+    try:
+        seen = observe_alike(space.model, group)
+    except (ValueError, KeyError):
+        return {}  # what is wrong with the data is told where a run is fitted
+    good = np.flatnonzero(clean & seen.told & (seen.measured != 0).all(axis=1))
+    readings = seen.measured.shape[1]
+    found: dict[int, PlainFit | Solved] = {}
+    for some in np.split(good, range(0, good.size, max(1, _TOGETHER // readings))[1:]):
+        if not some.size or 2 * readings <= space.size:
+            continue
+        stack = RunStack(
+            space=space, layout=seen.layout, speed=group.speed[some], measured=seen.measured[some],
+            sigma=seen.sigma[some],
+        )  # fmt: skip
+        with np.errstate(all="ignore"):  # of a run that goes astray nothing is sure, and comparisons say so
+            found |= {int(some[member]): fit for member, fit in _solved(stack)}
+    for member, test in enumerate(group.tests):
+        if isinstance(found.get(member), PlainFit):
+            continue
+        if seen.told[member]:
+            seen.keep(member)
+        if clean[member]:
+            keep_clean(test)
+    return {int(group.numbers[member]): fit for member, fit in found.items()}
+
+
+def _solved(stack: RunStack) -> Iterator[tuple[int, PlainFit | Solved]]:
+    """Results by the number of the run in the stack."""
+    space = stack.space
+    begin, settled = starts_of_many(stack)
+    if not settled.any():
+        return
+    scale = search_scale(space, np.where(np.isfinite(begin), begin, 0.0))
+    ends = smooth_descents(stack.gauss_newton, begin, scale, space.lower, space.upper, Options())
+    smooth = np.flatnonzero(settled & ends.smooth)
+    if not smooth.size:
+        return
+    x = ends.x[smooth]
+    judged = dict(_judged(stack.part(smooth, ends.x), x, begin[smooth], ends.n_evaluations[smooth]))
+    for member, run in enumerate(smooth.tolist()):
+        yield run, judged[member] if member in judged else Solved(begin=begin[run], solution=ends.solution(run))
+
+
+def _judged(stack: RunStack, x: Float, begin: Float, n_evaluations: Index) -> Iterator[tuple[int, PlainFit]]:
+    """The same from solutions, as :func:`rotorfit.fitting.judge.judge` makes them."""
+    space, layout = stack.space, stack.layout
+    r, rows = stack.jacobian(x)
+    chisqr = np.sum(np.abs(r) ** 2, axis=1)
+    nfree = stack.n_data - space.size
+    redchi = chisqr * covariance.per_freedom("linear", nfree)
+    widening = np.array([covariance.widening(value, "linear", nfree=nfree) for value in redchi.tolist()])
+    noise, freedom = plain_noise(stack, x)
+    speed = stack.speed if space.model.speed_dependent else np.zeros_like(stack.speed)
+    plain = noise & ~too_quiet(redchi, nfree) & ~growth(space.model, stack.theta(x), speed, layout.frequency)[1]
+    roots = np.linalg.qr(np.swapaxes(rows.view(float), -1, -2), mode="r")
+    scales = covariance.natural_sizes_of_many(stack, x)
+    told = [diagnose(space.model, space.names, space.base, *one) for one in zip(x, roots, scales, strict=True)]
+    scattered = np.array([covar for covar, _ in told])
+    plain &= [not verdict.combinations for _, verdict in told]
+    uneven = scatter_by_line(r, rows.view(float), scattered, layout.line, widening).excess
+    plain &= (uneven < UNEVEN).all(axis=1)
+    covar = scattered * widening[:, None, None]
+    still = np.sum(np.abs(stack.measured / stack.sigma) ** 2, axis=1)
+    for member in np.flatnonzero(plain).tolist():
+        degrees = (max(float(freedom[member]), 1.0),) * space.size
+        params = parameter_table(space, x[member], begin[member], scattered[member], covar[member], degrees, ())
+        if not any(parameter.at_bound for parameter in params.values()):
+            yield member, PlainFit(
+                params=params, var_names=space.names, covar=covar[member], chisqr=float(chisqr[member]),
+                redchi=float(redchi[member]), ndata=stack.n_data, nfev=int(n_evaluations[member]),
+                message=Status.CONVERGED.value, still=float(still[member]),
+            )  # fmt: skip

@@ -1,0 +1,68 @@
+"""Observations of many tests of one plan at once: their layout is worked out once, their readings are arrays."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotorfit.data.alike import AlikeTests
+from rotorfit.estimators.blocks.observations import Responses
+from rotorfit.estimators.noise.sweep_noise import noise_of_many
+from rotorfit.models import RotorModel
+from rotorfit.models.array_types import ComplexArray, Float
+from rotorfit.observing.circular import Places, keep_observed, observe
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class AlikeResponses:
+    """Responses of runs of one plan.
+
+    Attributes:
+        group: the tests.
+        layout: observations of the first one.
+        measured, sigma: readings and noise of all of them, shape ``(W, R)``.
+        told: runs whose noise was told as the first one's; of the others ``sigma`` is NaN, shape ``(W,)``.
+    """
+
+    group: AlikeTests
+    layout: Responses
+    measured: ComplexArray
+    sigma: Float
+    told: NDArray[np.bool_]
+
+    def keep(self, number: int) -> None:
+        """Keep the observations of one run for whoever observes it next."""
+        test, layout = self.group.tests[number], self.layout
+        name = test.run[0]
+        block = replace(
+            layout,
+            measured=self.measured[number].copy(),
+            sigma=self.sigma[number].copy(),
+            speed=np.full(layout.speed.size, self.group.speed[number]),
+            labels=tuple(f"{name}{label[len(layout.run[0]) :]}" for label in layout.labels),
+            run=np.full(layout.run.size, name),
+        )
+        keep_observed(test, block, np.zeros(len(test), dtype=np.intp))
+
+
+def observe_alike(model: RotorModel, group: AlikeTests) -> AlikeResponses:
+    """Observations of tests of one plan, as :func:`~rotorfit.observing.circular.observe` makes them one by one.
+
+    Args:
+        model: a linear rotor in complex coordinates.
+        group: the tests.
+
+    Raises:
+        ValueError: planes or directions that the model does not have.
+    """
+    first = group.tests[0]
+    layout = observe(model, first, np.zeros(len(first), dtype=np.intp))
+    right, wrong, sigma = Places.of(model, first).directional(group.response, group.sigma)
+    at = (slice(None), layout.line, layout.coordinate)
+    measured, sigma = right[at], sigma[at]
+    if not layout.told:
+        sigma = noise_of_many(layout, measured, wrong[at])
+    told = np.asarray(np.isfinite(sigma).all(axis=1))
+    return AlikeResponses(group=group, layout=layout, measured=measured, sigma=sigma, told=told)
