@@ -65,6 +65,18 @@ def test_an_onset_far_above_the_tested_speeds_has_the_difference_between_rungs_a
     assert "times above the highest tested speed" in ladder.best.summary()
 
 
+def test_what_rungs_differ_by_is_counted_once_in_an_extrapolated_threshold():
+    """The covariance holds the doubt between rungs already: the larger of the two, not both."""
+    rig = Rig(**TYPICAL)
+    best = rf.refine(rf.fit(WhirlWhip(), rig.campaign(RPM * np.array([300.0, 500.0]), 4), known={"K3": K3})).best
+    space, beyond = best.problem.space, best.settings.onsets[0].difference
+    by_theta = np.asarray(best.onset(0).gradient)
+    slope = np.array([by_theta[best.model.parameter_names.index(name)] for name in space.names])
+    doubt, whole = (float(slope @ matrix[: slope.size, : slope.size] @ slope) for matrix in (best.doubt, best.covar))
+    assert doubt > 1e-3 * beyond**2  # so that counting it twice shows
+    assert best.threshold_speed().stderr == pytest.approx(np.sqrt(whole - doubt + max(doubt, beyond**2)), rel=1e-6)
+
+
 def test_draws_of_a_threshold_follow_the_rules_of_the_fit(short, ladder):
     """Not stable where the band was not searched, and as uncertain as the rungs of the ladder differ."""
     top = rf.fit(WhirlWhip(blocks=BLOCKS), short[1], known={"K3": K3})

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from rotorfit.fitting.quantities import Quantity
 from rotorfit.models import eigenvalues
+from rotorfit.models.array_types import Float
 from rotorfit.models.stability import eigenvalue_gradient
 from rotorfit.units import RPM_PER_RAD_S
 
@@ -38,7 +39,16 @@ def onset_of(fit: FitResult, group: int) -> Quantity:
     found = fit.propagate_in(group, onset.speed, onset.gradient, "rad/s")
     if rung is None or not is_extrapolated(fit, onset.speed, onset.whirl_frequency):
         return found
-    return Quantity(found.value, math.hypot(found.stderr, rung.difference), "rad/s", found.freedom)
+    more = max(0.0, rung.difference**2 - _by_doubt(fit, group, onset.gradient))
+    return Quantity(found.value, math.hypot(found.stderr, math.sqrt(more)), "rad/s", found.freedom)
+
+
+def _by_doubt(fit: FitResult, group: int, gradient: Float) -> float:
+    """Share of a variance by the doubt between rungs, which the covariance holds already: what rungs differ by once."""
+    if fit.doubt is None:
+        return 0.0
+    slope = fit.problem.space.pull_back(gradient, group)[: len(fit.doubt)]
+    return float(slope @ fit.doubt @ slope)
 
 
 def is_extrapolated(fit: FitResult, speed: ArrayLike, whirl: ArrayLike) -> Any:
