@@ -183,3 +183,12 @@ def random_stable_rigs(name: str, count: int, seed: int) -> list[dict[str, float
         if max(float(growth_rate(model, theta, speed)) for speed in SPEEDS[name]) < 0:
             rigs.append(values)
     return rigs
+
+
+def overhung_without_slopes(truth: dict[str, float], seed: int) -> PerturbationTest:
+    """Sweeps of an overhung rotor whose slopes nobody read."""
+    model, speeds = MODELS["overhung"](), SPEEDS["overhung"]
+    theta = model.vector(truth)
+    frequency = covering_frequencies(model, theta, speeds, 60)
+    test = circular_test(model, theta, speeds=speeds, frequency=frequency, noise=0.01, seed=seed)
+    return test.select(~np.char.startswith(test.direction, "r"))

@@ -16,7 +16,17 @@ from typing import Any
 import law_data
 import numpy as np
 import pytest
-from synthetic import KNOWN, MODELS, SPEEDS, TYPICAL, circular_test, covering_frequencies, known_of
+from synthetic import (
+    KNOWN,
+    MODELS,
+    SPEEDS,
+    TYPICAL,
+    circular_test,
+    covering_frequencies,
+    known_of,
+    overhung_without_slopes,
+    random_stable_rigs,
+)
 
 import rotorfit as rf
 from rotorfit.data.findings import Finding
@@ -237,6 +247,18 @@ def test_refined_report_with_all_extras(ladder: rf.Refinement, tmp_path: Path) -
 def test_a_posterior_that_did_not_converge_is_said_at_the_top(plain: FitResult, tmp_path: Path) -> None:
     page = report_of(plain, tmp_path / "r.html", posterior=normal_draws(plain, converged=False, message="too short"))
     assert "too short" in page.shown.partition("Parameters")[0]
+
+
+@pytest.mark.usefixtures("sketched")
+def test_the_verdict_says_what_may_be_a_local_minimum(tmp_path: Path) -> None:
+    """As tests/test_starts.py holds of the fit: an overhung rotor whose slopes nobody read."""
+    fit = rf.fit(MODELS["overhung"](), overhung_without_slopes(random_stable_rigs("overhung", 8, seed=11)[7], seed=7))
+    (doubt,) = (warning for warning in fit.warnings if "perhaps a local minimum" in warning)
+    page = report_of(fit, tmp_path / "report.html")
+    headline, _, below = page.shown.partition("95 % intervals")[0].partition("Misfit over noise")
+    assert "may have ended in a local minimum" in headline
+    assert "explains the data" not in headline  # though it was weighed by its residuals
+    assert doubt.removeprefix("perhaps") in below  # a sentence of the list of warnings begins with a capital
 
 
 @pytest.mark.usefixtures("sketched")
@@ -467,7 +489,7 @@ def test_material_that_does_not_go_together(
 
 
 def test_a_posterior_of_something_else(plain: FitResult, ladder: rf.Refinement, tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match=r"posterior of Md, .*, q22, but the fit is of Md"):
+    with pytest.raises(ValueError, match=rf"posterior of Md, .*, {ladder.best.var_names[-1]}, but the fit is of Md"):
         rf.write_report(plain, tmp_path / "report.html", posterior=normal_draws(ladder.best))
 
 

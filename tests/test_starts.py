@@ -5,7 +5,17 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scipy.optimize import least_squares, minimize
-from synthetic import KNOWN, MODELS, SPEEDS, TYPICAL, circular_test, covering_frequencies, known_of, random_stable_rigs
+from synthetic import (
+    KNOWN,
+    MODELS,
+    SPEEDS,
+    TYPICAL,
+    circular_test,
+    covering_frequencies,
+    known_of,
+    overhung_without_slopes,
+    random_stable_rigs,
+)
 
 import rotorfit as rf
 from rotorfit.estimators.starting.rational_fit import rational_fit
@@ -146,13 +156,7 @@ def test_zeros_and_poles_of_a_rational_fit_are_those_of_the_rotor():
 
 def test_what_may_be_a_local_minimum_is_called_so():
     """An overhung rotor whose slopes nobody read: where no start finds its sharp resonance the fit says so."""
-    truth = random_stable_rigs("overhung", 8, seed=11)[7]
-    model = MODELS["overhung"]()
-    theta = model.vector(truth)
-    frequency = covering_frequencies(model, theta, SPEEDS["overhung"], 60)
-    test = circular_test(model, theta, speeds=SPEEDS["overhung"], frequency=frequency, noise=0.01, seed=7)
-    slopes = np.char.startswith(test.direction, "r")
-    fit = rf.fit(model, test.select(~slopes))
+    fit = rf.fit(MODELS["overhung"](), overhung_without_slopes(random_stable_rigs("overhung", 8, seed=11)[7], seed=7))
     assert fit.redchi > 2  # if ever a start finds it, this needs another rotor
     (doubt,) = (warning for warning in fit.warnings if "perhaps a local minimum" in warning)
     assert doubt in fit.summary()

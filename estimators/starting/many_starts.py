@@ -15,6 +15,9 @@ from rotorfit.estimators.starting.start_points import loose_fits, noise_limit, r
 from rotorfit.estimators.starting.unread_starts import unread_starts
 from rotorfit.models.array_types import ComplexArray, Float
 
+LOCAL_MINIMUM = "perhaps a local minimum"
+"""How a note begins that says so."""
+
 _TOGETHER = 4  # starts fitted before the ends are looked at
 _MANY, _MOST = 24, 72  # starts tried where what was found is deep, but not surely the deepest; and where it is not
 _AGREE = 0.5  # cost to which short fits that end in one minimum agree
@@ -89,19 +92,19 @@ def _doubt(problem: Problem, ends: _Ends, limits: tuple[float, float], ratios: R
     led = f"{ends.together} of {tried} starts lead here"
     if least > limits[1] and ratios is not None:
         return (
-            f"perhaps a local minimum, or not this rotor: chi-squared is {2 * least:.4g}, where ratios of polynomials "
+            f"{LOCAL_MINIMUM}, or not this rotor: chi-squared is {2 * least:.4g}, where ratios of polynomials "
             f"with as many poles leave {2 * ratios.cost:.4g}; {led}. Give start values for what is known",
         )
     if ends.together == 1 and least > limits[0]:
         return (
-            f"perhaps a local minimum: {led}, and chi-squared is {2 * least:.4g} for {problem.n_data} data. Give start "
+            f"{LOCAL_MINIMUM}: {led}, and chi-squared is {2 * least:.4g} for {problem.n_data} data. Give start "
             "values for what is known",
         )
     other = _another(problem, ends)
     if other is None:
         return ()
     return (
-        f"perhaps a local minimum: another one has chi-squared {2 * other:.4g} where this one has {2 * least:.4g}. "
+        f"{LOCAL_MINIMUM}: another one has chi-squared {2 * other:.4g} where this one has {2 * least:.4g}. "
         "More readings tell them apart, or values known beforehand",
     )
 

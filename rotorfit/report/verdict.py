@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from rotorfit.estimators.starting.many_starts import LOCAL_MINIMUM
 from rotorfit.fitting.fit import DATA_ERROR
 from rotorfit.fitting.noise_judging import MODEL_LIMITED
 from rotorfit.fitting.quantities import Quantity
@@ -79,7 +80,12 @@ def _headline(material: ReportInput) -> Iterator[str]:
         return
     if fit.model.speed_dependent:
         yield from _stability_words(material)
-    if fit.model_limited:
+    if any(words.startswith(LOCAL_MINIMUM) for words in fit.warnings):
+        yield (
+            f"The search may have ended in a local minimum (redchi {plain(fit.redchi, 3)}), as is said below: other "
+            "values may explain these data as well, or better."
+        )
+    elif fit.model_limited:
         yield (
             f"The model explains the data only roughly (redchi {plain(fit.redchi, 3)}): its own error, not the noise, "
             "limits the result."
