@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,7 +14,7 @@ from rotorfit.models.stability import Threshold, eigenvalue_gradient
 
 @dataclass(frozen=True, kw_only=True)
 class LeftOut:
-    """A term ``t (a + b Om) s^k E`` that adds to kappa, linear in its size t.
+    """A term ``t (a + b Om + c Om^2) s^k E`` that adds to kappa, linear in its size t.
 
     Attributes:
         name: symbol and planes.
@@ -21,7 +22,7 @@ class LeftOut:
         unit: SI unit of its size.
         entries: row, column and factor of each nonzero of E.
         power: k.
-        constant, by_speed: a and b; b is complex, as for gyroscopic terms.
+        constant, by_speed, by_speed_squared: a, b and c; b is complex, as for gyroscopic terms.
         more: further powers with factors of their own, ``(k, a, b)``.
     """
 
@@ -32,6 +33,7 @@ class LeftOut:
     power: int
     constant: complex = 0.0
     by_speed: complex = 0.0
+    by_speed_squared: float = 0.0
     more: tuple[tuple[int, complex, complex], ...] = ()
 
     def factor(self, s: ComplexArray, speed: Float) -> ComplexArray:
@@ -42,7 +44,13 @@ class LeftOut:
             speed: rotative speed, rad/s.
         """
         parts = ((self.power, self.constant, self.by_speed), *self.more)
-        return np.asarray(sum((a + b * speed) * s**k for k, a, b in parts), dtype=complex)
+        squared = self.by_speed_squared * speed**2 * s**self.power
+        return np.asarray(squared + sum((a + b * speed) * s**k for k, a, b in parts), dtype=complex)
+
+    @property
+    def speed_power(self) -> int:
+        """Power of the rotative speed that the term grows by."""
+        return 2 if self.by_speed_squared else 1 if self.by_speed else 0
 
 
 def terms_left_out(model: RotorModel) -> tuple[LeftOut, ...]:
@@ -73,28 +81,66 @@ def terms_left_out(model: RotorModel) -> tuple[LeftOut, ...]:
             if "gyroscopic" not in blocks:
                 found.append(_term("g", where, "gyroscopic effect", "kg", both, 1, by_speed=-1j))
             if len(planes) > 1:
-                found += [_beyond(block, block in blocks, where, both) for block in _BEYOND]
+                found += [_beyond(expansion, blocks, where, both) for expansion in _BEYOND]
     for i in fluid_coordinates(model):
         meaning = "external damping beside the fluid's, counted in D and lam"
         found.append(_term("Ds", f"[{planes[i]}]", meaning, "N s/m", ((i, i, 1.0),), 1))
     return tuple(found)
 
 
-_BEYOND = {
-    "gyroscopic_out_of_band": ("h", 3, "gyroscopic effect", ("kg s^2", "kg s^4")),
-    "damping_out_of_band": ("d", 3, "damping that changes with frequency", ("kg s", "kg s^3")),
-    "out_of_band": ("q", 4, "modes above the band", ("kg s^2", "kg s^4")),
-}
-"""Blocks that begin an expansion in the square of the frequency: symbol, power of the first term, meaning, units."""
+@dataclass(frozen=True, kw_only=True)
+class _Expansion:
+    """Terms of an expansion in the square of the frequency.
+
+    Attributes:
+        symbol, meaning: of its terms; those after the first have their power in the symbol.
+        blocks: structural blocks that hold its first terms, in order.
+        power: of the first.
+        units: of the first and the next ones.
+        speed: power of the rotative speed.
+    """
+
+    symbol: str
+    meaning: str
+    blocks: tuple[str, ...]
+    power: int
+    units: tuple[str, ...]
+    speed: int = 0
 
 
-def _beyond(block: str, there: bool, where: str, entries: tuple[tuple[int, int, float], ...]) -> LeftOut:
-    """The first term of an expansion in the square of the frequency that a model lacks."""
-    symbol, power, meaning, units = _BEYOND[block]
-    power += 2 * there
-    name = f"{symbol}{power}" if there else symbol
-    turning = 1j * (-1) ** there if symbol == "h" else 0.0
-    return _term(name, where, f"{meaning}, w^{power}", units[there], entries, power, by_speed=turning)
+_BEYOND = (
+    _Expansion(
+        symbol="h", meaning="gyroscopic effect", blocks=("gyroscopic_out_of_band",), power=3,
+        units=("kg s^2", "kg s^4"), speed=1,
+    ),
+    _Expansion(
+        symbol="e", meaning="gyroscopic effect squared", blocks=("gyroscopic_squared",), power=2,
+        units=("kg s^2", "kg s^4"), speed=2,
+    ),
+    _Expansion(
+        symbol="d", meaning="damping that changes with frequency", blocks=("damping_out_of_band",), power=3,
+        units=("kg s", "kg s^3"),
+    ),
+    _Expansion(
+        symbol="q", meaning="modes above the band", blocks=("out_of_band", "next_out_of_band"), power=4,
+        units=("kg s^2", "kg s^4", "kg s^6"),
+    ),
+)  # fmt: skip
+
+
+def _beyond(
+    expansion: _Expansion, blocks: Sequence[str], where: str, entries: tuple[tuple[int, int, float], ...]
+) -> LeftOut:
+    """The first term of an expansion that a model lacks."""
+    order = next((k for k, block in enumerate(expansion.blocks) if block not in blocks), len(expansion.blocks))
+    power = expansion.power + 2 * order
+    name = f"{expansion.symbol}{power}" if order else expansion.symbol
+    meaning = f"{expansion.meaning}, w^{power}{' Om^2' if expansion.speed == 2 else ''}"
+    turning = 1j * (-1) ** order if expansion.speed == 1 else 0.0
+    squared = 1.0 if expansion.speed == 2 else 0.0
+    return _term(
+        name, where, meaning, expansion.units[order], entries, power, by_speed=turning, by_speed_squared=squared
+    )
 
 
 def _term(
@@ -105,6 +151,7 @@ def _term(
     entries: tuple[tuple[int, int, float], ...],
     power: int,
     by_speed: complex = 0.0,
+    by_speed_squared: float = 0.0,
 ) -> LeftOut:
     return LeftOut(
         name=symbol + where,
@@ -112,8 +159,9 @@ def _term(
         unit=unit,
         entries=entries,
         power=power,
-        constant=0.0 if by_speed else 1.0,
+        constant=0.0 if by_speed or by_speed_squared else 1.0,
         by_speed=by_speed,
+        by_speed_squared=by_speed_squared,
     )
 
 

@@ -5,6 +5,10 @@ isotropic:
 a coupling mass, a gyroscopic matrix, damping between planes where a support or a further disk is damped, and above all
 modes in band terms in w^4 and, gyroscopic or damped, in w^3. Damping inside the shaft turns with it. Whole blocks go in
 or stay out.
+
+What moves between the planes adds ``-R^T (K - w^2 M + w Om G)^-1 R`` with ``R = w^2 M - w Om G``, which begins with the
+square of R: w^4, w^3 Om and w^2 Om^2 are of one order. The next ones are smaller by (w / w_c)^2, w_c the lowest natural
+frequency with the planes held: where that is not far above the band, as with a further disk, w^6 is asked for too.
 """
 
 from __future__ import annotations
@@ -17,13 +21,14 @@ from rotorfit.models.parameters import Parameter, unknown_name
 
 BLOCKS = (
     "coupling_mass", "gyroscopic", "coupling_damping", "internal_damping",
-    "out_of_band", "gyroscopic_out_of_band", "damping_out_of_band",
+    "out_of_band", "next_out_of_band", "gyroscopic_out_of_band", "gyroscopic_squared", "damping_out_of_band",
 )  # fmt: skip
 """Names of the blocks, in the order in which a refinement adds them."""
 
-_SYMBOL = dict(zip(BLOCKS, ("m", "g", "c", "ci", "q", "h", "d"), strict=True))
-_UNIT = dict(zip(BLOCKS, ("kg", "kg", "N s/m", "N s/m", "kg s^2", "kg s^2", "kg s"), strict=True))
-_SCALE = dict(zip(BLOCKS, (0.05, 0.01, 1.0, 0.1, 1e-8, 1e-8, 1e-6), strict=True))
+_SYMBOL = dict(zip(BLOCKS, ("m", "g", "c", "ci", "q", "r", "h", "e", "d"), strict=True))
+_UNIT = dict(zip(BLOCKS, ("kg", "kg", "N s/m", "N s/m", "kg s^2", "kg s^4", "kg s^2", "kg s^2", "kg s"), strict=True))
+_SCALE = dict(zip(BLOCKS, (0.05, 0.01, 1.0, 0.1, 1e-8, 1e-14, 1e-8, 1e-8, 1e-6), strict=True))
+_POWER = {"out_of_band": 4, "next_out_of_band": 6, "gyroscopic_out_of_band": 3, "damping_out_of_band": 3}
 _BETWEEN = ("coupling_mass", "coupling_damping")  # the planes' own masses and dampers are parameters of the models
 
 
@@ -37,6 +42,15 @@ def check_blocks(blocks: Sequence[str]) -> tuple[str, ...]:
         if block not in BLOCKS:
             raise ValueError(unknown_name("structural block", block, BLOCKS))
     return tuple(block for block in BLOCKS if block in blocks)
+
+
+def block_symbols(blocks: Sequence[str]) -> str:
+    """Symbols of blocks, for instance ``m g c q``, which the names of their parameters begin with.
+
+    Args:
+        blocks: of :data:`BLOCKS`.
+    """
+    return " ".join(_SYMBOL[block] for block in blocks)
 
 
 def _entries(block: str, size: int) -> list[tuple[int, int, str]]:
@@ -61,7 +75,8 @@ def block_parameters(blocks: Sequence[str], size: int) -> tuple[Parameter, ...]:
 def add_blocks(matrices: Sequence[Any], blocks: Sequence[str], p: Any, speed: Any) -> list[Complex]:
     """Add blocks to coefficients by powers of s = j w.
 
-    They are ``-w^2 m``, ``+w Om g``, ``+j w c``, ``+j (w - Om) ci``, ``+w^4 q``, ``+w^3 Om h`` and ``-j w^3 d``.
+    They are ``-w^2 m``, ``+w Om g``, ``+j w c``, ``+j (w - Om) ci``, ``+w^4 q``, ``-w^6 r``, ``+w^3 Om h``,
+    ``-w^2 Om^2 e`` and ``-j w^3 d``.
     """
     result = [Complex.matrix(m) if not isinstance(m, Complex) else m for m in matrices]
     size = result[0].shape[0]
@@ -84,8 +99,10 @@ def add_blocks(matrices: Sequence[Any], blocks: Sequence[str], p: Any, speed: An
         elif block == "internal_damping":
             result[1] = result[1] + addition
             result[0] = result[0] - J * (addition * speed)
+        elif block == "gyroscopic_squared":
+            result[2] = result[2] + addition * (speed * speed)
         else:
-            power = 4 if block == "out_of_band" else 3
+            power = _POWER[block]
             while len(result) <= power:
                 result.append(Complex.matrix([[0.0] * size for _ in range(size)]))
             turning = block == "gyroscopic_out_of_band"

@@ -82,9 +82,9 @@ def test_refined_the_model_lacks_nothing(plain):
 
 
 class Damped(WhirlWhip):
-    """Eq. (18) with coupling damping, internal damping and a w^3 gyroscopic term."""
+    """Eq. (18) with coupling damping, internal damping, a w^3 gyroscopic term and one squared."""
 
-    extra = ("c", "ci", "h")
+    extra = ("c", "ci", "h", "e")
 
     def __init__(self) -> None:
         super().__init__()
@@ -96,16 +96,16 @@ class Damped(WhirlWhip):
         )
         cross, twist = Complex.matrix([[0.0, 1.0], [1.0, 0.0]]), Complex.matrix([[1.0, -1.0], [-1.0, 1.0]])
         K = K - J * (twist * (p.ci * speed))
-        return [K, C + cross * p.c + twist * p.ci, M, J * (cross * (p.h * speed))]
+        return [K, C + cross * p.c + twist * p.ci, M + cross * (p.e * speed**2), J * (cross * (p.h * speed))]
 
 
-NAMES = {"c": "c[disk, journal]", "ci": "ci[disk, journal]", "h": "h[disk, journal]"}
+NAMES = {"c": "c[disk, journal]", "ci": "ci[disk, journal]", "h": "h[disk, journal]", "e": "e[disk, journal]"}
 
 
 @pytest.mark.parametrize("extra", sorted(NAMES))
 def test_columns_and_onsets_are_those_of_an_equation_with_the_term(plain, extra):
     """The same term written into the equation of motion and differentiated by CasADi."""
-    model, theta = Damped(), np.concatenate([plain.theta(), np.zeros(3)])
+    model, theta = Damped(), np.concatenate([plain.theta(), np.zeros(len(Damped.extra))])
     term = next(t for t in terms_left_out(plain.model) if t.name == NAMES[extra])
     place = model.parameter_names.index(extra)
     (block,) = plain.problem.blocks
@@ -113,7 +113,7 @@ def test_columns_and_onsets_are_those_of_an_equation_with_the_term(plain, extra)
     column = own.predict_jacobian(theta[None])[1][:, place] / block.sigma
     assert whitened_columns(plain.problem, plain.x, [term])[:, 0] == pytest.approx(column, rel=1e-9, abs=1e-12)
     onset = threshold_speed(plain.model, plain.theta())
-    step = 1e-3 if extra != "h" else 1e-10
+    step = {"h": 1e-10, "e": 1e-9}.get(extra, 1e-3)
     band = 2 * abs(onset.whirl_frequency)  # s^3 brings roots far above
     ends = [
         threshold_speed(model, theta + sign * step * np.eye(theta.size)[place], band=band).speed for sign in (1, -1)

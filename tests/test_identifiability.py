@@ -9,8 +9,9 @@ import pytest
 from synthetic import TYPICAL, circular_test, covering_frequencies
 
 import rotorfit as rf
-from rotorfit.estimators.inference.identifiability import covariance, diagnose
-from rotorfit.models import OneMode, Overhung, TwoDisk
+from rotorfit.estimators.inference.identifiability import covariance, diagnose, natural_scales
+from rotorfit.models import BLOCKS, OneMode, Overhung, TwoDisk, WhirlWhip
+from rotorfit.models.structure import block_parameters
 
 NAMES = ("M", "K", "K0", "D")
 
@@ -122,3 +123,13 @@ def test_probe_factor_and_scale_are_confounded():
     fit = rf.fit(model, test, known={"beta1": None, "beta2": None})
     assert fit.identifiability.rank == fit.identifiability.size - 1
     assert {"beta1", "beta2", "M1", "M2"} <= set(fit.identifiability.unresolved)
+
+
+def test_every_structural_block_has_a_size_that_would_matter():
+    """A tenth of the stiffness level over a power of the frequency: kg s^n is N/m over w^(n + 2)."""
+    model, stiffness, frequency = WhirlWhip(blocks=BLOCKS), 3e4, 500.0
+    power = {"N s/m": 1, "kg": 2, "kg s": 3, "kg s^2": 4, "kg s^4": 6}
+    names = [p.name for p in block_parameters(BLOCKS, 2)]
+    found = natural_scales(model, names, np.zeros(len(names)), stiffness, frequency)
+    expected = [0.1 * stiffness / frequency ** power[model.parameter(name).unit] for name in names]
+    np.testing.assert_allclose(found, expected, rtol=1e-12)

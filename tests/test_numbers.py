@@ -11,7 +11,7 @@ from synthetic import TYPICAL, circular_test, covering_frequencies
 
 import rotorfit as rf
 from rotorfit.data.experiments import perturbation_test
-from rotorfit.models import OneMode, TwoDisk, WhirlWhip
+from rotorfit.models import BLOCKS, OneMode, TwoDisk, WhirlWhip
 
 RPM = np.pi / 30
 TRUTH = rf.datasets.truth("rig_open")["params"]
@@ -60,7 +60,11 @@ def test_rig_open_refined(plain):
     assert not any("unstable" in warning for warning in best.warnings)
     criterion = [step.aic for step in refinement.steps]
     assert best.model is refinement.steps[int(np.argmin(criterion))].model
-    assert all(name in refinement.table() for name in ("coupling mass", "gyroscopic", "<- chosen"))
+    table = refinement.table()
+    assert all(name in table for name in (*(block.replace("_", " ") for block in BLOCKS), "<- chosen"))
+    again = rf.refine(best).table()  # from a model that has blocks already
+    assert all(name.replace("_", " ") in again for name in BLOCKS)
+    assert max(len(line) for text in (table, again) for line in text.splitlines()) <= 100
 
 
 def test_journal_force_alone_names_what_is_open(rig):

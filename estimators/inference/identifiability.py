@@ -66,7 +66,7 @@ def natural_scales(model: RotorModel, base: Sequence[str], values: Float, stiffn
     """Size of each parameter against which an error is judged.
 
     The parameter's own value, but not less than a tenth of what would matter in the test: dynamic stiffness level for
-    N/m, over the highest frequency for damping, over its square for masses.
+    N/m, over the highest frequency for damping, over its square for masses, over higher powers for structural blocks.
 
     Args:
         model: the rotor.
@@ -79,7 +79,9 @@ def natural_scales(model: RotorModel, base: Sequence[str], values: Float, stiffn
         "N/m": stiffness,
         "N s/m": stiffness / frequency,
         "kg": stiffness / frequency**2,
+        "kg s": stiffness / frequency**3,
         "kg s^2": stiffness / frequency**4,
+        "kg s^4": stiffness / frequency**6,
         "1": 1.0,
     }
     natural = np.array([by_unit.get(model.parameter(name).unit, 0.0) for name in base])

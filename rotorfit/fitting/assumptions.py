@@ -228,7 +228,7 @@ def _described(fit: FitResult, term: Term) -> tuple[str, str, str, float]:
         where = f"{term.kind}[{planes[term.at]}]"
         return where, f"offset towards {planes[term.towards]}", "1", _OFFSET
     stiffness, frequency, speed = _levels(fit)
-    level = stiffness / frequency**term.power / (speed if term.by_speed else 1.0)
+    level = stiffness / frequency**term.power / speed**term.speed_power
     if term.name.startswith("Ds") and "D" in fit.params:
         level = max(level, abs(fit.params["D"].value))
         if _coupled(fit):  # what acts between the planes acts at the journal too, about as much

@@ -22,7 +22,7 @@ from rotorfit.fitting.settings import Onset
 from rotorfit.models import BLOCKS, RotorModel, threshold_speed
 from rotorfit.models.array_types import Float
 from rotorfit.models.parameters import bare_name
-from rotorfit.models.structure import block_parameters, check_blocks
+from rotorfit.models.structure import block_parameters, block_symbols, check_blocks
 from rotorfit.text_table import text_table
 
 
@@ -44,13 +44,17 @@ class Refinement:
         return tuple(self.best if step.model is self.best.model else step for step in self.steps)
 
     def table(self) -> str:
-        """The ladder as a table, the chosen model marked."""
-        rows = [["structure", "fitted", "redchi", "AIC", ""]]
+        """The ladder as a table, the chosen model marked: what each rung tried, and the symbols of all its blocks."""
+        rows, seen = [["tried", "structure", "fitted", "redchi", "AIC", ""]], set[str]()
         for step in self.rungs:
+            blocks = getattr(step.model, "blocks", ())
+            new = [f"+ {block.replace('_', ' ')} ({block_symbols([block])})" for block in blocks if block not in seen]
+            *before, tried = new or ["all blocks" if blocks else "as printed"]
+            seen |= set(blocks)
             mark = "<- chosen" if step is self.best else ""
             numbers = str(step.nvarys), f"{step.redchi:.4g}", f"{step.aic:.1f}"
-            rows.append([structure_name(step.model), *numbers, mark])
-        return "\n".join(text_table(rows, "<44 >7 >10 >12 <1"))
+            rows += [*([words] for words in before), [tried, block_symbols(blocks), *numbers, mark]]
+        return "\n".join(text_table(rows, "<30 <18 >7 >10 >12 <1"))
 
     def __str__(self) -> str:
         return self.table()
