@@ -52,6 +52,8 @@ def fit_warnings(
             f"redchi is {redchi:.3g}: the model, not the noise, limits this fit. Standard errors are widened by "
             f"{wider}, but parameters may be biased beyond them; {advice}{where}"
         )
+    if noise is not None and noise.odd_run and redchi > MODEL_LIMITED:
+        found.append(noise.odd_run)
     if too_quiet(redchi, nfree):
         found.append(
             f"redchi is {redchi:.2g}: the noise is overestimated, and standard errors are about "

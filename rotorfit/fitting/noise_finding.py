@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from rotorfit.estimators.blocks.nonlinear import responses_of
 from rotorfit.estimators.blocks.observations import Block
 from rotorfit.estimators.misfit.problem import Problem
+from rotorfit.estimators.noise.odd_run import odd_run
 from rotorfit.fitting.noise_record import FoundNoise, Noise, NoiseVerdict, ResponseNoise, RunEffect
 from rotorfit.fitting.noise_search import Search, offset_entries, residuals_of, search_noise, turn_of
 from rotorfit.models.array_types import Float
@@ -113,6 +114,7 @@ def _record(problem: Problem, search: Search, effects: tuple[RunEffect, ...]) ->
         levels=_levels(problem, search) if search.verdict is NoiseVerdict.SHAPED else (),
         between=tuple((effect.kind, effect.sd) for effect in effects),
         places=_places(problem, search) if misses else (),
+        odd_run=_odd_run(search),
         scatter_freedom=max(freedom, 1.0),
         sentences=(*differing, *few),
         notable=differing,
@@ -168,6 +170,18 @@ def _units(block: Block) -> NDArray[np.str_]:
         for c in responses.model.coordinates
     ]
     return np.array(of)[responses.coordinate]
+
+
+def _odd_run(search: Search) -> str:
+    """Sentence on the one run without which the fit would be another; empty where there is none."""
+    data = search.data
+    found = odd_run(data.r, data.J, data.prior, data.rows, data.sweeps)
+    if found is None:
+        return ""
+    return (
+        f"run {data.runs[found[0]]} does not go with the others: without it redchi would be about {found[1]:.2g}. "
+        f"Look at its speed, direction, force and probes first"
+    )
 
 
 def _places(problem: Problem, search: Search) -> tuple[str, ...]:

@@ -114,6 +114,7 @@ class Noise:
         between: kind and standard deviation of what differs from run to run.
         runs: name, estimate and standard error of each effect of a run.
         places: responses and frequencies where the model misses most, in words.
+        odd_run: sentence on the one run without which the misfit would be a third or less; empty where there is none.
         robust: whether standard errors follow the scatter of the residuals line by line (HC3).
         scatter_freedom: degrees of freedom of the noise within runs, infinite where it was given.
         shares, freedom: parts of ``covar`` and the degrees of freedom of each part's variance.
@@ -127,6 +128,7 @@ class Noise:
     between: tuple[tuple[str, float], ...] = ()
     runs: tuple[tuple[str, float, float], ...] = ()
     places: tuple[str, ...] = ()
+    odd_run: str = ""
     robust: bool = False
     scatter_freedom: float = float("inf")
     shares: tuple[Float, ...] = ()

@@ -1,0 +1,86 @@
+"""One run that does not go with the others is named, and nothing else is."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from honest_errors import WORLDS, simulate
+from slips import thinned
+
+import rotorfit as rf
+from rotorfit.data.experiments import PerturbationTest
+from rotorfit.estimators.noise.odd_run import misfit_without
+
+ODD = "journal-bwd-2000"
+Slip = Callable[[PerturbationTest], PerturbationTest]
+
+
+def in_one_run(test: PerturbationTest, name: str, factor: complex) -> PerturbationTest:
+    values = getattr(test, name)
+    return replace(test, **{name: np.where(test.run == ODD, factor * values, values)})
+
+
+SLIPS: dict[str, Slip] = {
+    "speed label of another run": lambda test: in_one_run(test, "speed", 0.5),
+    "phase reference 10 degrees off": lambda test: in_one_run(test, "response", np.exp(0.17j)),
+}
+
+
+@pytest.fixture(scope="module")
+def rig() -> PerturbationTest:
+    return thinned(rf.datasets.rig_open(), 2)
+
+
+def said(fit: rf.FitResult) -> list[str]:
+    return [text for text in fit.warnings if "does not go with the others" in text]
+
+
+def test_what_is_left_without_a_run_is_that_of_a_fit_to_the_rest() -> None:
+    rng = np.random.default_rng(3)
+    J = rng.normal(size=(60, 4)) + 1j * rng.normal(size=(60, 4))
+    r = rng.normal(size=60) + 1j * rng.normal(size=60)
+    runs = np.split(np.arange(60), [10, 30, 45])
+    expected = []
+    for own in runs:
+        rest = np.setdiff1d(np.arange(60), own)
+        A, b = np.concatenate([J[rest].real, J[rest].imag]), np.concatenate([r[rest].real, r[rest].imag])
+        expected.append(np.linalg.lstsq(A, b, rcond=None)[1][0] / (b.size - 4))
+    np.testing.assert_allclose(misfit_without(r, J, np.zeros(4), runs), expected, rtol=1e-10)
+
+
+@pytest.mark.parametrize("slip", SLIPS)
+def test_a_slip_of_one_run_is_named_with_what_the_others_would_leave(slip: str, rig: PerturbationTest) -> None:
+    model, known = rf.models.WhirlWhip(), {"K3": 6000.0}
+    spoiled = SLIPS[slip](rig)
+    found = said(rf.fit(model, spoiled, known=known))
+    assert len(found) == 1
+    assert found[0].startswith(f"run {ODD} does not go with the others: without it redchi would be about ")
+    predicted = float(found[0].split("about ")[1].split(". ")[0])
+    others = rf.fit(model, spoiled.select(spoiled.run != ODD), known=known)
+    assert predicted == pytest.approx(others.redchi, rel=0.25)  # one step, told to two digits
+
+
+def test_a_slip_that_blocks_between_planes_lay_bare_is_named_by_the_ladder(rig: PerturbationTest) -> None:
+    """A gain 10 % off is less than what the lumped model misses; refined, nothing else is left."""
+    fit = rf.fit(rf.models.WhirlWhip(), in_one_run(rig, "response", 1.1), known={"K3": 6000.0})
+    assert not said(fit)
+    assert ODD in said(rf.refine(fit).best)[0]
+
+
+def test_a_model_that_misses_everywhere_blames_no_run(rig: PerturbationTest) -> None:
+    fit = rf.fit(rf.models.WhirlWhip(), rig, known={"K3": 6000.0})
+    assert fit.redchi > 4
+    assert not said(fit)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_runs_that_scatter_more_than_their_noise_are_not_blamed(seed: int) -> None:
+    """Speeds that jitter move the run near resonance most: without it redchi would fall as much, but it is no slip."""
+    world = WORLDS["speed jitter 1 %, probes 0.2 %"]
+    test = simulate(world, np.random.default_rng(seed))
+    fit = rf.fit(rf.models.OneMode(), test, known={name: world.truth[name] for name in ("K", "Ds")})
+    assert fit.redchi > 10
+    assert not said(fit)
