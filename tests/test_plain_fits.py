@@ -12,6 +12,7 @@ from slips import exchanged, lag_as_lead, thinned, turned
 from synthetic import KNOWN, MODELS, SPEEDS, TYPICAL, circular_test, covering_frequencies, known_of
 
 import rotorfit as rf
+from rotorfit.campaigns.pictures import curvature, curvatures, least_curvature
 from rotorfit.campaigns.runs import Run, fit_run
 from rotorfit.fitting.plain_fits import PlainFit, plain_fits
 from rotorfit.fitting.settings import FitSettings
@@ -55,7 +56,7 @@ def alone(model, test, known, **settings):
 
 def together(model, tests, known, **settings):
     """Numbers of the runs that are fitted together to the end."""
-    found = plain_fits(model, tests, FitSettings(known=known, **settings))
+    found = plain_fits(model, tests, FitSettings(known=known, **settings), [{}] * len(tests))
     return {number for number, fit in found.items() if isinstance(fit, PlainFit)}
 
 
@@ -64,8 +65,12 @@ def assert_same(one, other):
     for field in ("var_names", "ndata", "nfev", "success", "message", "warnings", "silent"):
         assert getattr(one, field) == getattr(other, field), (one.name, field)
     assert (one.noise is None) == (other.noise is None)
-    for field in ("chisqr", "redchi", "covar"):
+    for field in ("chisqr", "redchi"):
         np.testing.assert_allclose(getattr(one, field), getattr(other, field), rtol=ROUND_OFF, err_msg=one.name)
+    # What cancels in a covariance is small beside the standard errors; a parameter that nothing tells of has none.
+    error = np.sqrt(np.where(np.diag(other.covar) > 0, np.diag(other.covar), 1.0))
+    unit = np.outer(error, error)
+    np.testing.assert_allclose(one.covar / unit, other.covar / unit, atol=ROUND_OFF, err_msg=one.name)
     assert list(one.params) == list(other.params)
     for own, theirs in zip(one.params.values(), other.params.values(), strict=True):
         for field in ("name", "unit", "meaning", "min", "max", "vary", "resolved", "at_bound"):
@@ -193,6 +198,37 @@ def test_other_settings_are_left_to_fits_by_themselves(settings):
         for name in fit.var_names:
             assert run.params[name].value == pytest.approx(fit.params[name].value, rel=ROUND_OFF)
             assert run.params[name].stderr == pytest.approx(fit.params[name].stderr, rel=ROUND_OFF)
+
+
+def test_pictures_of_shared_parameters_are_those_of_single_runs():
+    """Costs about the fit and, own parameters at their best, about other values of shared ones; some noise is found."""
+    model, known, tests = runs_of("one-mode", 28, seed=3)
+    tests = [
+        test for test in faulty(tests) if test.source in ("r00", "r01", "r02", "one direction louder", "no y probe")
+    ]
+    shared = {"M": 1.01 * TYPICAL["one-mode"]["M"]}
+    batch = []
+    for test in tests:
+        fit = alone(model, test, known)
+        settings = FitSettings(known=known) if fit.noise is None else FitSettings(known=known, noise=fit.noise)
+        at = {name: fit.params[name].value for name in fit.var_names}
+        batch.append((Run(test.source, test, {}), {"settings": settings, "at": at}))
+    plain = next(option["settings"] for _, option in batch if option["settings"].noise is None)
+    for _, option in batch:
+        if option["settings"].noise is None:
+            option["settings"] = plain  # as a campaign has them
+    for work, more in ((curvature, {}), (least_curvature, {"shared": shared})):
+        asked = [(run, {**option, **more}) for run, option in batch]
+        for (run, option), found in zip(asked, curvatures(model, asked), strict=True):
+            single = work(model, run, **option)
+            assert found.names == single.names
+            scale = np.sqrt(np.diag(single.matrix))
+            for field in ("x", "cost", "squares", "prior"):
+                np.testing.assert_allclose(getattr(found, field), getattr(single, field), rtol=ROUND_OFF)
+            unit = np.outer(scale, scale)
+            np.testing.assert_allclose(found.matrix / unit, single.matrix / unit, atol=ROUND_OFF)
+            # At an optimum a slope is round-off: compared in standard errors, as far as the search went.
+            np.testing.assert_allclose(found.gradient / scale, single.gradient / scale, rtol=ROUND_OFF, atol=1e-7)
 
 
 def test_models_with_x_and_y_apart_are_fitted_one_by_one():

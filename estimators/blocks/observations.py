@@ -138,6 +138,13 @@ class Responses:
         order = np.argsort(number, kind="stable")
         return np.split(order, np.cumsum(np.bincount(number, minlength=self.condition[1].size))[:-1])
 
+    @cached_property
+    def stretch(self) -> int:
+        """Readings of each distinct pair, where the pairs follow one another with as many each; else zero."""
+        number, pairs = self.condition[0][self.line], self.condition[1].size
+        size = number.size // pairs
+        return size if np.array_equal(number, np.repeat(np.arange(pairs), size)) else 0
+
     def known_stiffness(self, theta: Float) -> KnownStiffness | None:
         """Dynamic stiffness of the model's known structure at each line, if it has one; theta of shape ``(G, P)``."""
         return None if self.model.shaft is None else self.model.known_stiffness(theta[self.group], self.s, self.speed)

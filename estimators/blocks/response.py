@@ -107,6 +107,9 @@ def _sensitivities(block: Responses, theta: Float, left: ComplexArray, right: Co
             basis[number] *= s_powers[power]
     if alone:
         result = np.asarray(weight[0] @ basis)
+    elif block.stretch:
+        parts = basis.reshape(len(basis), speed.size, block.stretch).swapaxes(0, 1)
+        result = np.matmul(weight, parts).swapaxes(0, 1).reshape(theta.shape[1], -1)
     else:
         result = np.empty((theta.shape[1], left.shape[1]), dtype=complex)
         for number, readings in enumerate(block.condition_readings):

@@ -6,9 +6,8 @@ The fit's own residuals are never used: they would hide a model that does not fi
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from rotorfit.models.array_types import ComplexArray, Float
+from rotorfit.models.array_types import ComplexArray, Float, Index
 
 FLOOR = 1e-9
 """Smallest noise, as a fraction of a channel's rms amplitude: exact data would otherwise weigh infinitely."""
@@ -18,7 +17,7 @@ _CLEARLY = 0.8  # how much tighter proportional noise must fit to be preferred; 
 _OUTLIERS = 2.0  # mean over median-based power; noise alone exceeds this in 30 samples about once in 10^3
 
 
-def noise_from_samples(noise: ComplexArray, amplitude: ComplexArray, sweep: NDArray[np.intp] | None = None) -> Float:
+def noise_from_samples(noise: ComplexArray, amplitude: ComplexArray, sizes: Index | None = None) -> Float:
     """Noise level of a channel from pure-noise samples that have the same distribution as its noise.
 
     Two shapes of noise compete: constant over the sweep (probe and cable), and proportional to the
@@ -27,35 +26,33 @@ def noise_from_samples(noise: ComplexArray, amplitude: ComplexArray, sweep: NDAr
     Args:
         noise: complex samples, shape ``(..., L)``, for instance the component opposite to the force.
         amplitude: the channel's readings, shape ``(..., L)``.
-        sweep: number of the sweep of each, where several share a level, shape ``(L,)``; the shape of the noise is
-            judged within sweeps.
+        sizes: of sweeps that follow one another and share a level; the shape of the noise is judged within sweeps.
 
     Returns:
         standard deviation of the real part and of the imaginary part, shape ``(..., L)``.
     """
     size = np.abs(amplitude)
-    floor = FLOOR * np.sqrt(np.mean(size**2, axis=-1, keepdims=True))
+    floor = FLOOR * np.sqrt((size * size).mean(axis=-1, keepdims=True))
     constant = _level(noise)
-    found = np.broadcast_to(np.maximum(constant, floor), size.shape).copy()
-    judged = ((constant > floor) & size.all(axis=-1, keepdims=True))[..., 0]
+    found = np.asarray(np.maximum(constant, floor).repeat(size.shape[-1], axis=-1))
+    judged = (constant > floor) & size.all(axis=-1, keepdims=True)
     if size.shape[-1] < 8 or not judged.any():
         return found
+    if not judged.all():
+        size = np.where(judged, size, 1.0)
     # The right shape makes |noise| / shape identically distributed, the wrong one spreads its logarithm; few outliers
     # weigh the same in both.
-    noise, size, floor = noise[judged], size[judged], floor[judged]
     safe = np.maximum(np.abs(noise), floor)
-    number = np.zeros(size.shape[-1], dtype=np.intp) if sweep is None else sweep
-    grows = _spread_within(np.log(safe / size), number) < _CLEARLY * _spread_within(np.log(safe), number)
-    if grows.any():
-        level = np.maximum(_level(noise / size) * size, floor)
-        found[judged] = np.where(grows[..., None], level, found[judged])
-    return found
+    parts = np.array([size.shape[-1]]) if sizes is None else sizes
+    grows = judged & (_spread_within(np.log(safe / size), parts) < _CLEARLY * _spread_within(np.log(safe), parts))
+    return np.where(grows, np.maximum(_level(noise / size) * size, floor), found) if grows.any() else found
 
 
-def _spread_within(values: Float, sweep: NDArray[np.intp]) -> Float:
-    """Sum of squared deviations from the means of the sweeps, shape ``(...)`` of ``(..., L)``."""
-    parts = [values[..., sweep == number] for number in range(int(sweep.max()) + 1)]
-    return np.asarray(sum(np.sum((part - part.mean(axis=-1, keepdims=True)) ** 2, axis=-1) for part in parts))
+def _spread_within(values: Float, sizes: Index) -> Float:
+    """Sum of squared deviations from the means of the sweeps, shape ``(..., 1)`` of ``(..., L)``."""
+    mean = np.add.reduceat(values, sizes.cumsum() - sizes, axis=-1) / sizes
+    away = values - mean.repeat(sizes, axis=-1)
+    return np.asarray((away * away).sum(axis=-1, keepdims=True))
 
 
 def _level(noise: ComplexArray) -> Float:
@@ -63,10 +60,11 @@ def _level(noise: ComplexArray) -> Float:
     mean square."""
     power = np.abs(noise) ** 2
     # |noise|^2 of a complex Gaussian is exponential: mean 2 sigma^2, median 2 sigma^2 ln 2.
-    mean = np.mean(power, axis=-1, keepdims=True) / 2
-    median = np.median(power, axis=-1, keepdims=True) / (2 * np.log(2))
-    wild = (mean > _OUTLIERS * median) & (power.shape[-1] >= 30)
-    return np.asarray(np.sqrt(np.where(wild, median, mean)))
+    mean = power.mean(axis=-1, keepdims=True) / 2
+    if power.shape[-1] < 30:
+        return np.asarray(np.sqrt(mean))
+    median = np.median(power, axis=-1)[..., None] / (2 * np.log(2))
+    return np.asarray(np.sqrt(np.where(mean > _OUTLIERS * median, median, mean)))
 
 
 def noise_from_smoothness(frequency: Float, response: ComplexArray) -> Float:

@@ -115,14 +115,13 @@ def _tells(wrong: ComplexArray, parts: Sequence[Index]) -> NDArray[np.bool_]:
 
 def _pooled(wrong: ComplexArray, measured: ComplexArray, parts: Sequence[Index]) -> tuple[Float, NDArray[np.bool_]]:
     """One noise of several sweeps, shape ``(..., n)``, and whether they can share it, from ``(..., R)``."""
-    rows = np.concatenate(parts)
-    number = np.repeat(np.arange(len(parts)), [part.size for part in parts])
-    level = noise_from_samples(wrong[..., rows], measured[..., rows], number)
-    power = np.abs(wrong[..., rows] / level) ** 2
-    means = np.stack([power[..., number == k].mean(axis=-1) for k in range(len(parts))], axis=-1)
-    freedom = [2 * part.size for part in parts]
-    agree = [_agree(own, freedom) for own in means.reshape(-1, len(parts)).tolist()]
-    return level, np.array(agree, dtype=bool).reshape(means.shape[:-1])
+    rows, sizes = np.concatenate(parts), np.array([part.size for part in parts])
+    against = wrong[..., rows]
+    level = noise_from_samples(against, measured[..., rows], sizes)
+    power = np.add.reduceat(np.abs(against / level) ** 2, sizes.cumsum() - sizes, axis=-1) / sizes
+    freedom = (2 * sizes).tolist()
+    agree = [_agree(own, freedom) for own in power.reshape(-1, len(parts)).tolist()]
+    return level, np.array(agree, dtype=bool).reshape(power.shape[:-1])
 
 
 def _noise_of(
@@ -161,8 +160,8 @@ def _agree(power: Sequence[float], freedom: Sequence[int]) -> bool:
 
 def _is_smooth(samples: ComplexArray) -> NDArray[np.bool_]:
     """Whether samples follow one another, shape ``(...)`` of ``(..., L)``; few never do."""
-    power = np.sum(np.abs(samples) ** 2, axis=-1)
-    follow = np.abs(np.sum(samples[..., 1:] * samples[..., :-1].conj(), axis=-1)) > _SMOOTH * power
+    power = (np.abs(samples) ** 2).sum(axis=-1)
+    follow = np.abs((samples[..., 1:] * samples[..., :-1].conj()).sum(axis=-1)) > _SMOOTH * power
     return np.asarray((power > 0) & follow & (samples.shape[-1] >= 8))
 
 

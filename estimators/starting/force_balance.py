@@ -157,8 +157,21 @@ def solve(systems: list[Float]) -> Float:
     norm = np.linalg.norm(system, axis=-1)
     norm = np.where(norm > 0, norm, 1.0)
     triangle = np.swapaxes(as_triangle(system / norm[..., None]), -1, -2)
-    solution = np.linalg.pinv(triangle[..., :-1], rcond=1e-13) @ triangle[..., -1:]
-    return np.asarray(solution[..., 0] * norm[..., -1:] / norm[..., :-1])
+    solution = least_squares(triangle[..., :-1], triangle[..., -1], 1e-13)
+    return np.asarray(solution * norm[..., -1:] / norm[..., :-1])
+
+
+def least_squares(matrix: Float, right: Float, rcond: float) -> Float:
+    """Solution of smallest norm, shape ``(..., p)``, of one system or of many: NumPy's own takes one.
+
+    Args:
+        matrix: shape ``(..., m, p)``.
+        right: shape ``(..., m)``.
+        rcond: singular values below this fraction of the largest are round-off.
+    """
+    if matrix.ndim == 2:
+        return np.asarray(np.linalg.lstsq(matrix, right, rcond=rcond)[0])
+    return np.asarray((np.linalg.pinv(matrix, rcond=rcond) @ right[..., None])[..., 0])
 
 
 def solve_projected(projected: Float, information: Float) -> Float:

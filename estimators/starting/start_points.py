@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rotorfit.estimators.misfit.parameter_space import DATUM, ParameterSpace
 from rotorfit.estimators.misfit.problem import Problem
@@ -34,6 +35,12 @@ def inside_bounds(values: Float, space: ParameterSpace) -> Float:
     scale = np.array([space.model.parameter(name).scale for name in space.base])
     margin = np.minimum(margin, 1e-3 * scale)
     return np.asarray(np.clip(values, lower + margin, upper - margin))
+
+
+def given_starts(space: ParameterSpace, values: Float) -> tuple[Float, NDArray[np.bool_]]:
+    """Starts from values that were given, shape ``(W, p)``, and which of them the bounds allow."""
+    allowed = ((values >= space.lower) & (values <= space.upper) & np.isfinite(values)).all(axis=1)
+    return inside_bounds(values, space), np.asarray(allowed)
 
 
 def typical_sizes(space: ParameterSpace) -> Float:

@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from rotorfit.campaigns.runs import Run, RunFit, Workers, bends_of, scatter_of
+from rotorfit.campaigns.pictures import bends_of, scatter_of
+from rotorfit.campaigns.runs import Run, RunFit, Workers
 from rotorfit.estimators.inference.covariance import widening
 from rotorfit.estimators.inference.schur import Curvature, Parts, shared_covariance
 from rotorfit.models.array_types import Float

@@ -14,12 +14,8 @@ from numpy.typing import NDArray
 
 from rotorfit.data.experiments import Experiment
 from rotorfit.estimators.blocks.row_keys import words
-from rotorfit.estimators.inference.covariance import bends, prior_curvature, score_scatter
-from rotorfit.estimators.inference.schur import Curvature
-from rotorfit.estimators.minimisation.least_squares import Options
-from rotorfit.estimators.starting.closed_form import ClosedFormError
 from rotorfit.executors import carry_out
-from rotorfit.fitting.fit import fit, judged, solve
+from rotorfit.fitting.fit import fit, judged
 from rotorfit.fitting.noise_record import FoundNoise
 from rotorfit.fitting.plain_fits import PlainFit, Solved, plain_fits
 from rotorfit.fitting.problem_setup import as_tuple, build_problem
@@ -160,8 +156,9 @@ def fit_runs(model: RotorModel, batch: Batch) -> Iterator[RunFit]:
     """Fit runs, those of one plan together; data that cannot be fitted give a result that says why."""
     together: dict[int, PlainFit | Solved] = {}
     settings = batch[0][1]["settings"]
-    if all(option["settings"] is settings and not option["start"] for _, option in batch):
-        together = plain_fits(model, [run.experiment for run, _ in batch], settings)
+    if all(option["settings"] is settings for _, option in batch):
+        starts = [option["start"] for _, option in batch]
+        together = plain_fits(model, [run.experiment for run, _ in batch], settings, starts)
     for number, (run, option) in enumerate(batch):
         found = together.get(number)
         yield _plain(run, found) if isinstance(found, PlainFit) else fit_run(model, run, **option, solved=found)
@@ -238,65 +235,6 @@ def _by_chance(fall: float, redchi: float, nvarys: int) -> bool:
     some times that, a rotor by as many times as there are readings.
     """
     return fall < _BY_CHANCE * max(1.0, redchi) * max(nvarys, 1)
-
-
-def curvature(model: RotorModel, run: Run, *, settings: FitSettings, at: Mapping[str, float]) -> Curvature | str:
-    """Cost of one run and its derivatives at given parameters; the reason in words where there is none.
-
-    Args:
-        model, run: what is fitted.
-        settings: of the fit, with the noise that the readings are taken with.
-        at: values by name; what runs differ by is zero where it has none.
-    """
-    try:
-        problem = build_problem(model, run.experiment, settings)
-    except (ValueError, KeyError, ClosedFormError) as reason:
-        return str(reason)
-    names = (*problem.space.names, *problem.space.nuisance)
-    x = np.array([at.get(name, 0.0) if name in problem.space.nuisance else at[name] for name in names])
-    cost, gradient, matrix = problem.gauss_newton(x)
-    squares = float(np.sum(np.abs(problem.residuals(x)) ** 2))
-    prior = prior_curvature(problem, x)
-    return Curvature(names=names, x=x, cost=cost, squares=squares, gradient=gradient, matrix=matrix, prior=prior)
-
-
-def least_curvature(
-    model: RotorModel, run: Run, *, settings: FitSettings, shared: Mapping[str, float], at: Mapping[str, float]
-) -> Curvature | str:
-    """Cost of one run and its derivatives where its own parameters are best for the shared ones given.
-
-    Args:
-        model, run: what is fitted.
-        settings: of the fit, with the noise that the readings are taken with.
-        shared: values of the shared parameters.
-        at: values of its own ones by name, to start from.
-    """
-    inner = replace(settings, known={**settings.known, **shared})
-    try:
-        problem = build_problem(model, run.experiment, inner)
-    except (ValueError, KeyError, ClosedFormError) as reason:
-        return str(reason)
-    names = (*problem.space.names, *problem.space.nuisance)
-    begin = np.array([at.get(name, 0.0) if name in problem.space.nuisance else at[name] for name in names])
-    found = solve(problem, np.clip(begin, problem.space.lower, problem.space.upper), Options())
-    own = dict(zip(names, found.x.tolist(), strict=True))
-    return curvature(model, run, settings=settings, at={**own, **shared})
-
-
-def bends_of(model: RotorModel, run: Run, *, settings: FitSettings, at: Mapping[str, float]) -> tuple[Float, Float]:
-    """Bends of a robust loss in one run's readings, shape ``(R,)``, and its matrix by squares, shape ``(p, p)``."""
-    problem = build_problem(model, run.experiment, settings)
-    r, J = problem.jacobian(np.array([at[name] for name in problem.space.names]))
-    return bends(problem.loss, r), np.asarray((J.conj().T @ J).real)
-
-
-def scatter_of(
-    model: RotorModel, run: Run, *, settings: FitSettings, at: Mapping[str, float], bend: float, covar: Float
-) -> Float:
-    """Scatter of the slope of one run's cost, shape ``(p, p)``; ``bend`` and ``covar`` are those of the joint fit."""
-    problem = build_problem(model, run.experiment, settings)
-    x = np.array([at[name] for name in problem.space.names])
-    return score_scatter(problem, x, *problem.jacobian(x), bend=bend, covar=covar)
 
 
 # ---- many runs --------------------------------------------------------------------------------------------------

@@ -18,7 +18,8 @@ from typing import Any
 import numpy as np
 
 from rotorfit.campaigns.joint_errors import FittedRun, OwnErrors, joint_errors
-from rotorfit.campaigns.runs import Run, RunFit, Workers, curvature, fit_runs, least_curvature
+from rotorfit.campaigns.pictures import curvatures
+from rotorfit.campaigns.runs import Run, RunFit, Workers, fit_runs
 from rotorfit.estimators.inference.schur import Curvature, Parts, inverse_information, shared_covariance
 from rotorfit.fitting.quantities import FittedParameter
 from rotorfit.fitting.settings import FitSettings
@@ -148,8 +149,8 @@ def _first(
     usable = [(run, fit) for run, fit in zip(runs, fits, strict=True) if fit.params]
     if not usable:
         raise ValueError(f"no run of the campaign can be fitted; the first one: {fits[0].message}")
-    options = [{"settings": replace(settings, noise=fit.noise), "at": _own_values(fit, start)} for _, fit in usable]
-    pictures = workers(curvature, [run for run, _ in usable], options)
+    options = [{"settings": _with_noise(settings, fit), "at": _own_values(fit, start)} for _, fit in usable]
+    pictures = workers.together(curvatures, [run for run, _ in usable], options)
     taken = [picture for picture in pictures if isinstance(picture, Curvature)]
     if not taken:
         raise ValueError(f"no run tells anything of the shared parameters; the first one: {pictures[0]}")
@@ -184,10 +185,15 @@ def _options(
     fixed = dict(zip(names, phi.tolist(), strict=True))
     free = replace(settings, known={**settings.known, **dict.fromkeys(names)})
     return {
-        number: {"settings": replace(free, noise=fit.noise), "shared": fixed, "at": _own_values(fit, {})}
+        number: {"settings": _with_noise(free, fit), "shared": fixed, "at": _own_values(fit, {})}
         for number, fit in enumerate(fits)
         if fit.params
     }
+
+
+def _with_noise(settings: FitSettings, fit: RunFit) -> FitSettings:
+    """Settings with the noise that a fit found; the very same where it found none, which runs then share."""
+    return settings if fit.noise is None else replace(settings, noise=fit.noise)
 
 
 def _profile(
@@ -200,7 +206,7 @@ def _profile(
 ) -> _Profile:
     """Sum what all runs say about given shared values, with their own parameters at their best and noise as fitted."""
     options = _options(fits, names, settings, phi)
-    found = workers(least_curvature, [runs[number] for number in options], list(options.values()))
+    found = workers.together(curvatures, [runs[number] for number in options], list(options.values()))
     pictures = {n: picture for n, picture in zip(options, found, strict=True) if isinstance(picture, Curvature)}
     if not pictures:
         raise ValueError(f"no run of the campaign tells anything of the shared parameters: {found[0]}")

@@ -72,8 +72,8 @@ def _whole(bad: Collection[tuple[str, ...]], every: Mapping[tuple[str, ...], flo
 def _established(values: Float) -> Float:
     """Sum over its standard deviation under random signs, shape ``(...)`` of ``(..., N)``; noise cannot make it large,
     few values cannot either."""
-    size = np.sqrt(np.sum(values**2, axis=-1))
-    return np.asarray(np.sum(values, axis=-1) / np.where(size > 0, size, 1.0))
+    size = np.sqrt((values * values).sum(axis=-1))
+    return np.asarray(values.sum(axis=-1) / np.where(size > 0, size, 1.0))
 
 
 def surely_right(orbits: Orbits, right: ComplexArray, speed: Float) -> NDArray[np.bool_]:
@@ -93,7 +93,7 @@ def surely_right(orbits: Orbits, right: ComplexArray, speed: Float) -> NDArray[n
     sweeps = [np.intersect1d(group, at) for _, group in orbits.groups("plane", "force_plane", "speed")]
     falls = np.any([_falls(orbits, kappa, group) for group in sweeps], axis=0)
     told = np.all([sign >= 0 for sign in signs], axis=0) & (np.any([sign > 0 for sign in signs], axis=0) | ~falls)
-    reversals = [score <= CERTAIN for score, *_ in _reversals(orbits, kappa, right, speed[:, None], at)]
+    reversals = [(score <= CERTAIN).all(axis=0) for score, *_ in _reversals(orbits, kappa, right, speed[:, None], at)]
     return np.asarray(moved & told & np.all(reversals, axis=0))
 
 
@@ -143,10 +143,11 @@ def _falls(orbits: Orbits, kappa: ComplexArray, at: Index) -> NDArray[np.bool_]:
 
 def _reversed(orbits: Orbits, kappa: ComplexArray, at: Index) -> Iterator[Finding]:
     """A reversed sense of rotation: the fluid, which drives slow forward whirl, seems to drive slow backward whirl."""
-    scores = list(_reversals(orbits, kappa, orbits.right, orbits.speed, at))
-    score, rows, slow = max(scores, key=lambda one: float(one[0]))
-    if score > CERTAIN:
-        hit = np.unique(rows[slow])
+    found = list(_reversals(orbits, kappa, orbits.right, orbits.speed, at))
+    score, rows, slow = max(found, key=lambda one: float(one[0].max()))
+    best = int(np.argmax(score))
+    if score[best] > CERTAIN:
+        hit = np.unique(rows[slow[best]])
         text = (
             f"Slow backward forces drive the rotor instead of damping it in {listed(_names(orbits, hit))}: lam would "
             "be negative. The sense of rotation is reversed, or x and y are exchanged together with the sign of the "
@@ -158,7 +159,8 @@ def _reversed(orbits: Orbits, kappa: ComplexArray, at: Index) -> Iterator[Findin
 def _reversals(
     orbits: Orbits, kappa: ComplexArray, right: ComplexArray, speed: Float, at: Index
 ) -> Iterator[tuple[Float, Index, NDArray[np.bool_]]]:
-    """Scores of a drive by backward forces, shape ``(...)``, the orbits that each looks at, and which of them count.
+    """Scores of a drive by backward forces, for each limit of what is slow, shape ``(4, ...)``, with the orbits that
+    they look at, and which of these count.
 
     Args:
         orbits: what was read where.
@@ -172,17 +174,17 @@ def _reversals(
         largest = np.abs(right[..., group]).max(axis=-1, keepdims=True)
         power[..., group] /= np.where(largest > 0, largest, 1.0)
     turning = np.broadcast_to(np.where(speed == 0, np.nan, np.abs(speed)), right.shape)
+    limits = np.array(SLOW).reshape(-1, *(1,) * right.ndim)
     ratio = orbits.frequency[at] / turning[..., at]
-    for limit in SLOW:
-        slow = (ratio < 0) & (ratio > -limit)
-        yield _established(np.where(slow, power[..., at], 0.0)), at, slow
-    driven = np.isin(np.arange(right.shape[-1]), at)
+    slow = (ratio < 0) & (ratio > -limits)
+    yield _established(np.where(slow, power[..., at], 0.0)), at, slow
+    driven = np.zeros(right.shape[-1], dtype=bool)
+    driven[at] = True
     groups = [some[driven[some]] for _, some in orbits.groups("plane", "force_plane", "speed")]
     pairs = np.concatenate([mirrored(orbits, some) for some in groups])
     even = _even_quadrature(kappa[..., pairs], right[..., pairs])
-    ratio = np.abs(orbits.frequency[pairs[:, 0]]) / turning[..., pairs[:, 0]]
-    for limit in SLOW:
-        yield _established(np.where(ratio < limit, even, 0.0)), pairs, ratio < limit
+    slow = np.abs(orbits.frequency[pairs[:, 0]]) / turning[..., pairs[:, 0]] < limits
+    yield _established(np.where(slow, even, 0.0)), pairs, slow
 
 
 def _even_quadrature(kappa: ComplexArray, right: ComplexArray) -> Float:

@@ -9,8 +9,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from numbers import Real
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rotorfit.checks.plain import keep_clean, surely_clean
 from rotorfit.data.alike import AlikeTests, alike
@@ -22,7 +24,7 @@ from rotorfit.estimators.minimisation.least_squares import Options, Solution, St
 from rotorfit.estimators.misfit.parameter_space import ParameterSpace, parameter_space
 from rotorfit.estimators.misfit.run_stack import RunStack
 from rotorfit.estimators.noise.robust_covariance import scatter_by_line
-from rotorfit.estimators.starting.start_points import search_scale
+from rotorfit.estimators.starting.start_points import given_starts, search_scale
 from rotorfit.estimators.starting.starts import starts_of_many
 from rotorfit.fitting.fit_warnings import growth, too_quiet
 from rotorfit.fitting.noise_judging import UNEVEN
@@ -32,7 +34,7 @@ from rotorfit.fitting.quantities import FittedParameter
 from rotorfit.fitting.settings import FitSettings
 from rotorfit.models import Modal, RotorModel
 from rotorfit.models.array_types import Float, Index
-from rotorfit.observing.alike import observe_alike
+from rotorfit.observing.alike import AlikeResponses, observe_alike
 
 _TOGETHER = 16384  # readings evaluated together, which stay in the processor's cache
 
@@ -68,7 +70,9 @@ class Solved:
     solution: Solution
 
 
-def plain_fits(model: RotorModel, tests: Sequence[Experiment], settings: FitSettings) -> dict[int, PlainFit | Solved]:
+def plain_fits(
+    model: RotorModel, tests: Sequence[Experiment], settings: FitSettings, starts: Sequence[Mapping[str, float]]
+) -> dict[int, PlainFit | Solved]:
     """What fits of many runs come to as far as they are plain, by the number of the run.
 
     Runs that are not in the answer are to be fitted one by one; what was worked out of their data is kept with these.
@@ -77,44 +81,47 @@ def plain_fits(model: RotorModel, tests: Sequence[Experiment], settings: FitSett
         model: the rotor.
         tests: the data of each run.
         settings: of the fit of each.
+        starts: start values of each, by name: all or none of them.
     """
-    if not _is_plain(model, settings):
+    if not is_plain(model, settings):
         return {}
     try:
         space = parameter_space(model, known=settings.known, bounds=settings.bounds, groups=({},))
     except (ValueError, KeyError):
         return {}  # what is wrong with the settings is told where a run is fitted
     found: dict[int, PlainFit | Solved] = {}
-    for group in alike(tests):
-        found |= _fits(space, group)
+    for names in (set(), set(space.names)):
+        some = [number for number, start in enumerate(starts) if set(start) == names and _are_numbers(start)]
+        for group in alike([tests[number] for number in some]):
+            own = [starts[some[number]] for number in group.numbers.tolist()]
+            begin = np.array([[start[name] for name in space.names] for start in own]) if names else None
+            found |= {some[number]: fit for number, fit in _fits(space, group, begin).items()}
     return found
 
 
-def _is_plain(model: RotorModel, settings: FitSettings) -> bool:
+def _are_numbers(start: Mapping[str, float]) -> bool:
+    return all(isinstance(value, Real) for value in start.values())
+
+
+def is_plain(model: RotorModel, settings: FitSettings) -> bool:
     """Whether a fit is one of linear responses in complex coordinates, by squares, with nothing known of its values."""
     linear = model.frame == "z" and not model.eccentricity_dependent and not model.turns
     simple = model.shaft is None and not isinstance(model, Modal)
     return linear and simple and settings == FitSettings(known=settings.known, bounds=settings.bounds)
 
 
-def _fits(space: ParameterSpace, group: AlikeTests) -> dict[int, PlainFit | Solved]:
+def _fits(space: ParameterSpace, group: AlikeTests, given: Float | None) -> dict[int, PlainFit | Solved]:
+    """Results by the number of the run; ``given`` are start values, shape ``(W, p)``."""
     clean = surely_clean(group)
     try:
         seen = observe_alike(space.model, group)
     except (ValueError, KeyError):
         return {}  # what is wrong with the data is told where a run is fitted
-    good = np.flatnonzero(clean & seen.told & (seen.measured != 0).all(axis=1))
-    readings = seen.measured.shape[1]
     found: dict[int, PlainFit | Solved] = {}
-    for some in np.split(good, range(0, good.size, max(1, _TOGETHER // readings))[1:]):
-        if not some.size or 2 * readings <= space.size:
-            continue
-        stack = RunStack(
-            space=space, layout=seen.layout, speed=group.speed[some], measured=seen.measured[some],
-            sigma=seen.sigma[some],
-        )  # fmt: skip
+    for some, stack in stacks_of(space, seen, clean):
+        own = None if given is None else given[some]
         with np.errstate(all="ignore"):  # of a run that goes astray nothing is sure, and comparisons say so
-            found |= {int(some[member]): fit for member, fit in _solved(stack)}
+            found |= {int(some[member]): fit for member, fit in _solved(stack, own)}
     for member, test in enumerate(group.tests):
         if isinstance(found.get(member), PlainFit):
             continue
@@ -125,10 +132,30 @@ def _fits(space: ParameterSpace, group: AlikeTests) -> dict[int, PlainFit | Solv
     return {int(group.numbers[member]): fit for member, fit in found.items()}
 
 
-def _solved(stack: RunStack) -> Iterator[tuple[int, PlainFit | Solved]]:
+def stacks_of(
+    space: ParameterSpace, seen: AlikeResponses, wanted: NDArray[np.bool_]
+) -> Iterator[tuple[Index, RunStack]]:
+    """Runs of one plan in stacks that are evaluated together, with their numbers in the group.
+
+    Args:
+        space: the fitted vector of each.
+        seen: their observations; runs whose noise is not told, or that have readings of zero, are left out.
+        wanted: which of the runs to take, shape ``(W,)``.
+    """
+    good = np.flatnonzero(wanted & seen.told & (seen.measured != 0).all(axis=1))
+    readings = seen.measured.shape[1]
+    for some in np.split(good, range(0, good.size, max(1, _TOGETHER // readings))[1:]):
+        if some.size and 2 * readings > space.size:
+            yield some, RunStack(
+                space=space, layout=seen.layout, speed=seen.group.speed[some], measured=seen.measured[some],
+                sigma=seen.sigma[some],
+            )  # fmt: skip
+
+
+def _solved(stack: RunStack, given: Float | None) -> Iterator[tuple[int, PlainFit | Solved]]:
     """Results by the number of the run in the stack."""
     space = stack.space
-    begin, settled = starts_of_many(stack)
+    begin, settled = starts_of_many(stack) if given is None else given_starts(space, given)
     if not settled.any():
         return
     scale = search_scale(space, np.where(np.isfinite(begin), begin, 0.0))
