@@ -7,11 +7,13 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rotorfit.data.experiments import SYNCHRONOUS_TOLERANCE, Experiment, PerturbationTest
 from rotorfit.models.array_types import ComplexArray, Float, Index
 
 _PLAN = ("frequency", "force", "force_plane", "plane", "direction", "force_direction")
+_MOST_ROWS = 200_000  # in one group: some copies of its readings fit into tens of megabytes
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -40,27 +42,30 @@ class AlikeTests:
 
 
 def alike(tests: Sequence[Experiment]) -> Iterator[AlikeTests]:
-    """Groups of tests of one plan; a test that is anything out of the ordinary is in none of them.
+    """Groups of tests of one plan, large ones in parts; a test that is anything out of the ordinary is in none of them.
 
     Args:
         tests: any experiments.
     """
-    groups: dict[tuple[object, ...], list[int]] = {}
+    groups: dict[tuple[object, ...], list[tuple[int, PerturbationTest]]] = {}
     for number, test in enumerate(tests):
         if isinstance(test, PerturbationTest) and (plan := _plan(test)):
-            groups.setdefault(plan, []).append(number)
+            groups.setdefault(plan, []).append((number, test))
     for members in groups.values():
-        chosen = [test for test in (tests[number] for number in members) if isinstance(test, PerturbationTest)]
-        first = chosen[0]
-        if first.linear.any() or not (np.isfinite(first.frequency).all() and np.isfinite(first.force).all()):
+        first = members[0][1]
+        finite = np.isfinite(first.frequency).all() and np.isfinite(first.force).all()
+        if not finite or not first.force.all() or first.linear.any():
             continue
-        found = AlikeTests(
-            numbers=np.array(members), tests=tuple(chosen), speed=np.array([test.speed[0] for test in chosen]),
-            response=np.stack([test.response for test in chosen]), sigma=np.stack([test.sigma for test in chosen]),
-        )  # fmt: skip
-        ordinary = _ordinary(found)
-        if first.force.all() and ordinary.any():
-            yield found.part(np.flatnonzero(ordinary))
+        step = max(1, _MOST_ROWS // len(first))
+        for begin in range(0, len(members), step):
+            numbers, chosen = zip(*members[begin : begin + step], strict=True)
+            found = AlikeTests(
+                numbers=np.array(numbers), tests=chosen, speed=np.array([test.speed[0] for test in chosen]),
+                response=np.stack([test.response for test in chosen]), sigma=np.stack([test.sigma for test in chosen]),
+            )  # fmt: skip
+            ordinary = np.flatnonzero(_ordinary(found))
+            if ordinary.size:
+                yield found if ordinary.size == len(chosen) else found.part(ordinary)
 
 
 def _plan(test: PerturbationTest) -> tuple[object, ...] | None:
@@ -74,7 +79,7 @@ def _plan(test: PerturbationTest) -> tuple[object, ...] | None:
     return (bool(told[0]), bool(test.speed[0] == 0), *((c.dtype.str, c.tobytes()) for c in columns))
 
 
-def _ordinary(found: AlikeTests) -> Index:
+def _ordinary(found: AlikeTests) -> NDArray[np.bool_]:
     """Which tests have finite readings, a speed and possible noise, and are no start-ups, shape ``(W,)``."""
     finite = np.isfinite(found.response).all(axis=1) & np.isfinite(found.speed)
     possible = (np.isnan(found.sigma) | ((found.sigma > 0) & np.isfinite(found.sigma))).all(axis=1)
