@@ -235,6 +235,24 @@ def test_redundant_parameters_are_reported_as_not_unique() -> None:
     assert solution.cost == pytest.approx(0.25)
 
 
+def test_nothing_is_changed_along_what_the_data_do_not_see() -> None:
+    """An amplitude as a sum of two: round-off made some of the matrices definite, and steps along it of any length."""
+    t = np.linspace(0, 3, 30)
+    y = 2 * np.exp(-0.7 * t) + 0.05 * np.sin(40 * t)
+    split = symbolic(3, lambda x: [(x[0] + x[1]) * ca.exp(-x[2] * t[i]) - y[i] for i in range(30)])
+    whole = minimise(decay(), [2.0, 0.7], options=Options(tolerance=1e-12))
+    rng = np.random.default_rng(1)
+    for _ in range(40):
+        start = np.array([1.4, 0.6, 0.7]) * rng.uniform(0.99, 1.01, 3)  # near enough for every step to be accepted
+        solution = minimise(split, start)
+        assert solution.status is Status.SINGULAR
+        assert solution.cost == pytest.approx(whole.cost, rel=1e-12)
+        # the derivatives by both are the same, hence a step that lies in what the data see changes both alike
+        assert solution.x[0] - solution.x[1] == pytest.approx(start[0] - start[1], abs=1e-9)
+        assert solution.x[[0, 2]] + [solution.x[1], 0.0] == pytest.approx(whole.x, rel=1e-6)
+        assert solution.hessian == "gauss-newton"  # and no descent begins anew
+
+
 def test_restart_at_the_solution_is_immediate() -> None:
     first = minimise(decay(), [1.0, 1.0])
     again = minimise(decay(), first.x)

@@ -64,9 +64,11 @@ def _box_step(gradient: Vector, matrix: Matrix, low: Vector, high: Vector) -> Ve
 
 
 def _solve(matrix: Matrix, right: Vector) -> Vector:
-    """Solution of a symmetric system; of smallest norm when the matrix is not positive definite."""
+    """Solution of a symmetric system; of smallest norm where the matrix is not definite, or by round-off only."""
     try:  # positive definite? LAPACK's dposv does both at once, but importing it from SciPy takes as long as a fit
-        np.linalg.cholesky(matrix)
+        pivots = np.linalg.cholesky(matrix).diagonal() ** 2
+        if (pivots <= SINGULAR * matrix.diagonal()).any():  # the quotient of two round-offs is no step
+            raise np.linalg.LinAlgError
         solution = np.linalg.solve(matrix, right)
     except np.linalg.LinAlgError:
         solution = np.full_like(right, np.nan)
@@ -75,7 +77,7 @@ def _solve(matrix: Matrix, right: Vector) -> Vector:
     # Unit diagonal first, so that what counts as singular does not depend on the units.
     scale = 1 / np.sqrt(np.where(np.diag(matrix) > 0, np.diag(matrix), 1.0))
     values, vectors = np.linalg.eigh(matrix * np.outer(scale, scale))
-    keep = values > values.size * np.finfo(float).eps * max(float(values[-1]), 0.0)
+    keep = values > SINGULAR
     weights = np.zeros_like(values)
     weights[keep] = 1 / values[keep]
     return np.asarray(scale * (vectors @ (weights * (vectors.T @ (scale * right)))))
@@ -273,16 +275,22 @@ class Minimisation:
 
     def singular(self) -> bool:
         """Whether some change of the parameters, away from the bounds, leaves all residuals unchanged."""
-        point = self.best.point
+        return self._unseen(self.best.point) > 0
+
+    def singular_throughout(self) -> bool:
+        """Whether that was so at the start already, in as many directions: the data see none of them anywhere."""
+        first = self.evaluate(self.start)
+        return first is not None and 0 < self._unseen(self.best.point) <= self._unseen(first)
+
+    def _unseen(self, point: _Point) -> int:
+        """Directions, away from the bounds, that leave all residuals unchanged."""
         free = (point.u > self.low) & (point.u < self.high)
-        matrix = point.matrix[np.ix_(free, free)]
-        if matrix.size == 0:
-            return False
-        diagonal = matrix.diagonal()
-        if not (diagonal > 0).all():
-            return True
-        size = np.sqrt(diagonal)
-        return float(np.linalg.eigvalsh(matrix / np.outer(size, size))[0]) < SINGULAR
+        diagonal = point.matrix.diagonal()
+        dead = free & ~(diagonal > 0)
+        seen = free & ~dead
+        size = np.sqrt(diagonal[seen])
+        values = np.linalg.eigvalsh(point.matrix[np.ix_(seen, seen)] / np.outer(size, size))
+        return int(dead.sum()) + int((values < SINGULAR).sum())
 
     def status(self) -> Status:
         """How the run stands."""

@@ -132,7 +132,9 @@ def _default_scale(objective: Objective, x: Vector) -> Vector:
 def _descend(run: Minimisation) -> Status:
     """Gauss-Newton, then the exact Hessian from the best point, last the exact Hessian from the start.
 
-    The last attempt is for a Gauss-Newton step that leapt to where the residuals no longer respond.
+    The last attempt is for a Gauss-Newton step that leapt to where the residuals no longer respond. Where they do not
+    respond at the start either nothing was leapt over, and a descent would wander along what the data do not see until
+    round-off is all that it finds.
     """
     first = run.evaluate(run.start)
     if first is None:
@@ -142,8 +144,9 @@ def _descend(run: Minimisation) -> Status:
     run.approach()
     if run.best.offset <= HANDOVER:  # as good as the point where Ipopt would hand over
         run.refine()
-        if run.status() is Status.CONVERGED:
-            return Status.CONVERGED
+        status = run.status()
+        if status is Status.CONVERGED or (status is Status.SINGULAR and run.singular_throughout()):
+            return status
     engine = borrow(run.start.size, run.options)
     try:
         engine.descend(run, run.start)
@@ -155,7 +158,7 @@ def _descend(run: Minimisation) -> Status:
             engine.descend(run, run.best.point.u)
             run.refine()
         status = run.status()
-        if status in (Status.SINGULAR, Status.STALLED):
+        if status is Status.STALLED or (status is Status.SINGULAR and not run.singular_throughout()):
             run.kind = "exact"
             engine.descend(run, run.start)
             run.refine()
