@@ -16,12 +16,17 @@ from rotorfit.estimators.blocks.observations import Block, Responses
 from rotorfit.estimators.blocks.row_keys import combined, in_order
 from rotorfit.estimators.minimisation.least_squares import Options, Solution, Status, minimise
 from rotorfit.estimators.misfit.block_misfit import costs
-from rotorfit.estimators.misfit.losses import LOSS_SCALE
 from rotorfit.estimators.misfit.parameter_space import DATUM, ParameterSpace
 from rotorfit.estimators.misfit.priors import Prior
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.estimators.misfit.run_stack import RunStack
-from rotorfit.estimators.starting.closed_form import ClosedFormError, closed_form, closed_forms, closed_forms_of_many
+from rotorfit.estimators.starting.closed_form import (
+    ClosedForm,
+    ClosedFormError,
+    closed_form,
+    closed_forms,
+    closed_forms_of_many,
+)
 from rotorfit.estimators.starting.many_starts import best_of_many
 from rotorfit.estimators.starting.modal_start import modal_start
 from rotorfit.estimators.starting.nonlinear_starts import (
@@ -30,6 +35,7 @@ from rotorfit.estimators.starting.nonlinear_starts import (
     is_plain_linear,
     linear_starts,
 )
+from rotorfit.estimators.starting.outliers import without_outliers
 from rotorfit.estimators.starting.shaft_line_starts import has_lines, line_start, round_part, support_starts
 from rotorfit.estimators.starting.short_fits import LOOSE
 from rotorfit.estimators.starting.start_points import (
@@ -47,14 +53,14 @@ from rotorfit.models.parameters import unknown_name
 _PASSES = (2, 4, 6, 8, 12, 16, 24, 32, 64)  # passes after which closed forms are looked at; good data settle in four
 _FEW_READINGS = 1000  # readings that a start takes at least; more with many readings, which tell a worse one apart
 _WORTH = 8  # share of the lines, one in so many, from which a start from some of them is tried first
-_ROBUST_ROUNDS = 8
 _MULTISTARTS = 24
 _ANGLES = 12  # datum angles tried where no model of modes tells it: one is within 15 degrees
 _EXPLICIT_MISFIT = 4.0  # mean squared misfit that noise in measured eccentricities may leave
 _TRIED = 4  # linear starts from which a short fit is tried
 _SAME = 1e-3  # relative difference of starts that are one
 _TOGETHER = 8  # random starts fitted together
-_SHORT = Options(max_iterations=40)
+_SHORT = Options(max_iterations=40, tolerance=1e-3, acceptable=1e-3)
+"""Costs a millionth above their minimum rank starts; the fit that follows finds the last digits."""
 
 
 def start_vector(problem: Problem, given: Mapping[str, float]) -> tuple[Float, tuple[str, ...]]:
@@ -155,7 +161,7 @@ def _guess(problem: Problem) -> tuple[Float, tuple[str, ...]]:
         if _explains(problem, found):
             return found, notes
     try:
-        blocks = problem.blocks if problem.loss == "linear" else _discount_outliers(problem)
+        blocks = problem.blocks if problem.loss == "linear" else without_outliers(problem)
         enough = partial(_settled, problem)
         candidates = list(dict.fromkeys(closed_forms(problem.space, blocks, passes=_PASSES, enough=enough)))
     except ClosedFormError as reason:
@@ -163,9 +169,15 @@ def _guess(problem: Problem) -> tuple[Float, tuple[str, ...]]:
     best = candidates[0]
     if len(candidates) > 1:
         best = min(candidates, key=lambda estimate: _cost(problem, estimate.x))
-    if not _explains(problem, best.x):
-        best = min(candidates, key=lambda estimate: _short_fit(problem, full_vector(problem, estimate.x)).cost)
-    return best.x, best.notes
+    return (best.x, best.notes) if _explains(problem, best.x) else _furthest(problem, candidates)
+
+
+def _furthest(problem: Problem, candidates: list[ClosedForm]) -> tuple[Float, tuple[str, ...]]:
+    """Where the short optimisation ends that gets furthest from closed forms; the form itself where it ends nowhere."""
+    ends = [_short_fit(problem, full_vector(problem, estimate.x)) for estimate in candidates]
+    nearest = min(range(len(ends)), key=lambda place: ends[place].cost)
+    end, form = ends[nearest], candidates[nearest]
+    return (end.x[: len(problem.space.names)] if end.success else form.x), form.notes
 
 
 def _few_lines(problem: Problem) -> Problem | None:
@@ -290,23 +302,6 @@ def starts_of_many(stack: RunStack) -> tuple[Float, NDArray[np.bool_]]:
         return np.full((stack.speed.size, stack.space.size), np.nan), np.zeros(stack.speed.size, dtype=bool)
     begin = inside_bounds(found, stack.space)
     return begin, _settled_at(*stack.gauss_newton(begin), noise_limit(stack))
-
-
-def _discount_outliers(problem: Problem) -> tuple[Block, ...]:
-    """Blocks whose gross outliers carry a larger sigma, found by closed forms that discount what the last one missed.
-
-    The scale of the residuals is their own median, so that a start that is far off does not take all for outliers.
-    """
-    blocks = problem.blocks
-    for _ in range(_ROBUST_ROUNDS):
-        x = full_vector(problem, closed_form(problem.space, blocks, passes=_PASSES[-1]).x)
-        size = np.abs(problem.residuals(x))
-        # The median modulus of pure noise is sqrt(2 ln 2) sigma.
-        scale = max(1.0, float(np.median(size)) / np.sqrt(2 * np.log(2)))
-        widening = np.maximum(1.0, size / (LOSS_SCALE * scale)) ** 2
-        parts = np.split(widening, np.cumsum([block.measured.size for block in problem.blocks])[:-1])
-        blocks = tuple(block.with_noise(part) for block, part in zip(problem.blocks, parts, strict=True))
-    return blocks
 
 
 def _cost(problem: Problem, values: Float) -> float:
