@@ -179,6 +179,11 @@ def test_sweeps_over_a_fold_do_not_stall() -> None:
     assert max(map(abs, pulls(fit, JUMPING).values())) < 4
     assert fit.redchi == pytest.approx(1.0, abs=4 * np.sqrt(2 / fit.nfree))
     assert any("jumps from one orbit to another" in warning for warning in fit.warnings)
+    again = rf.fit(model, tests, known={"Ds": 8.0})  # what is left out of a test met before is kept
+    assert again.ndata == fit.ndata
+    assert again.warnings == fit.warnings
+    wide = build_problem(OneMode(law=Muszynska(), clearance_um=1e3 * CLEARANCE_UM), tests, FitSettings())
+    assert wide.n_data > fit.ndata  # of another clearance the same steps are no jumps
 
 
 def test_two_planes_with_a_law() -> None:
