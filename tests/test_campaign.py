@@ -1,67 +1,21 @@
-"""Campaigns: run by run, with shared parameters, over executors that lose workers, and their trends."""
+"""Campaigns: run by run, with shared parameters, and their trends."""
 
 from __future__ import annotations
 
 import csv
-import json
-import logging
-import os
-import pickle
-import signal
-import warnings
-from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
 from dataclasses import replace
-from multiprocessing import get_context
 
 import numpy as np
 import pytest
 from scipy.stats import norm
-from synthetic import circular_test
+from seal_campaigns import FLUID, KNOWN, seal_campaign
 
 import rotorfit as rf
-from rotorfit.campaigns import runs
-from rotorfit.cli.main import main
-from rotorfit.data.experiments import PerturbationTest
 from rotorfit.estimators.minimisation.least_squares import minimise
 from rotorfit.estimators.starting.starts import start_vector
 from rotorfit.fitting.problem_setup import build_problem
 from rotorfit.fitting.settings import FitSettings
 from rotorfit.models import OneMode
-
-KNOWN = {"M": 1.2, "K": 8000.0, "Ds": 8.0}
-FLUID = ("K0", "D", "lam", "Mf")
-
-
-def truth_at(pressure, inlet):
-    """The seal of the tests: stiffness and damping rise with pressure, an anti-swirl inlet lowers lam."""
-    swirl = 0.45 if inlet == "radial" else 0.30 - 0.002 * pressure
-    return KNOWN | {"K0": 2000.0 + 150.0 * pressure, "D": 300.0 + 4.0 * pressure, "lam": swirl, "Mf": 0.4}
-
-
-def seal_campaign(runs, lines=100, noise=0.01, seed=0):
-    """One table of runs at pressures of 3 to 80 psi, radial and anti-swirl inlets in turn, and the true values."""
-    model, rng = OneMode(), np.random.default_rng(seed)
-    half = np.linspace(2.0, 300.0, lines // 2)
-    frequency = np.concatenate([-half[::-1], half])
-    parts, truths = [], []
-    for number in range(runs):
-        pressure, inlet = float(rng.uniform(3, 80)), ("radial", "anti-swirl")[number % 2]
-        truths.append(truth_at(pressure, inlet))
-        test = circular_test(
-            model, model.vector(truths[-1]), speeds=(100.0 + rng.normal(),), frequency=frequency, noise=noise,
-            seed=1000 * seed + number, sigma_known=True,
-        )  # fmt: skip
-        count = len(test)
-        attributes = {"pressure_psi": np.full(count, pressure), "inlet": np.full(count, inlet)}
-        parts.append(replace(test, run=np.full(count, f"r{number:02d}"), attributes=attributes))
-    return joined(parts), truths
-
-
-def joined(parts):
-    names = ("run", "speed", "frequency", "force_plane", "force", "plane", "direction", "response", "sigma")
-    columns = {name: np.concatenate([getattr(part, name) for part in parts]) for name in names}
-    attributes = {name: np.concatenate([part.attributes[name] for part in parts]) for name in parts[0].attributes}
-    return PerturbationTest(**columns, attributes=attributes, source="seal.csv")
 
 
 @pytest.fixture(scope="module")
@@ -72,15 +26,6 @@ def small():
 @pytest.fixture(scope="module")
 def fitted(small):
     return rf.campaign(OneMode(), small[0], known=KNOWN)
-
-
-def same_fits(one, other):
-    assert [run.name for run in one.runs] == [run.name for run in other.runs]
-    for a, b in zip(one.runs, other.runs, strict=True):
-        assert a.attributes == b.attributes
-        for name in FLUID:
-            assert a.params[name].value == pytest.approx(b.params[name].value, rel=1e-9)
-            assert a.params[name].stderr == pytest.approx(b.params[name].stderr, rel=1e-6)
 
 
 # ---- run by run -------------------------------------------------------------------------------------------------
@@ -296,104 +241,6 @@ def test_what_cannot_be_shared(small):
         rf.campaign(model, table, known={"mass": 1.0})
 
 
-# ---- executors ----------------------------------------------------------------------------------------------------
-
-
-def test_threads_and_processes(small, fitted):
-    table, _ = small
-    with ThreadPoolExecutor(2) as pool:
-        same_fits(rf.campaign(OneMode(), table, known=KNOWN, executor=pool), fitted)
-    with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
-        seen = []
-        found = rf.campaign(OneMode(), table, known=KNOWN, executor=pool, progress=lambda *n: seen.append(n))
-        same_fits(found, fitted)
-        assert seen[-1] == (20, 20)
-        known = {"K": 8000.0, "Ds": 8.0}
-        here = rf.campaign(OneMode(), table, known=known, shared=["M"])
-        there = rf.campaign(OneMode(), table, known=known, shared=["M"], executor=pool)
-        assert there.shared["M"].value == pytest.approx(here.shared["M"].value, rel=1e-9)
-
-
-def test_a_killed_process_loses_no_run(small, monkeypatch):
-    """A broken process pool takes no more work: what is left is fitted here.
-
-    Runs are thin and sent one by one, so that three of them fit into a pipe: the pool of Pythons as old as 3.11.2 waits
-    for ever where its worker dies while an item is written that does not.
-    """
-    table, _ = small
-    thin = table.select(np.isin(table.frequency, np.unique(table.frequency)[::12]))
-    monkeypatch.setattr(runs, "_BATCH", 1)
-    assert 3 * len(pickle.dumps(thin.select(thin.run == thin.runs[0]))) < 2**16 - 2**13  # and the model beside each
-    with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
-
-        def kill_once(done, total):
-            for process in list((pool._processes or {}).values()):
-                process.kill()
-
-        found = rf.campaign(OneMode(), thin, known=KNOWN, executor=pool, progress=kill_once)
-    same_fits(found, rf.campaign(OneMode(), thin, known=KNOWN))
-
-
-class Unreliable(Executor):
-    """Loses the first attempts at every batch."""
-
-    def __init__(self, losses):
-        self.losses, self.attempts = losses, 0
-
-    def submit(self, fn, /, *args, **kwargs):
-        self.attempts += 1
-        future = Future()
-        if self.attempts <= self.losses:
-            future.set_exception(OSError("worker lost"))
-        else:
-            future.set_result(fn(*args, **kwargs))
-        return future
-
-
-@pytest.mark.parametrize("losses", [2, 1000])
-def test_lost_batches_are_sent_again_and_done_here_in_the_end(small, fitted, losses):
-    pool = Unreliable(losses)
-    same_fits(rf.campaign(OneMode(), small[0], known=KNOWN, executor=pool), fitted)
-    assert pool.attempts == (3 + 2 if losses == 2 else 3 * 3)
-
-
-def test_an_error_of_the_work_itself_is_shown(small):
-    class Broken(OneMode):
-        def __reduce__(self):
-            return Broken, ()
-
-        def equation(self, p, speed, eccentricity):
-            raise RuntimeError("no such equation")
-
-    with ThreadPoolExecutor(1) as pool, pytest.raises(ValueError, match="class in a module of its own"):
-        rf.campaign(Broken(), small[0], known=KNOWN, executor=pool)
-    with pytest.raises(RuntimeError, match="no such equation"):
-        rf.campaign(Broken(), small[0], known=KNOWN)
-
-
-def test_dask_cluster_that_loses_a_worker(small, fitted):
-    """A real local cluster of the distributed package, one of its two worker processes killed half way."""
-    table, _ = small
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of the cluster itself
-        from distributed import Client, LocalCluster
-
-        options = {"n_workers": 2, "threads_per_worker": 1, "dashboard_address": None, "silence_logs": logging.CRITICAL}
-        with LocalCluster(**options) as cluster, Client(cluster) as client:
-            pool = client.get_executor()
-            same_fits(rf.campaign(OneMode(), table, known=KNOWN, executor=pool), fitted)
-            killed = []
-
-            def kill_one(done, total):
-                if not killed:
-                    killed.append(next(iter(cluster.workers.values())).pid)
-                    os.kill(killed[0], signal.SIGKILL)
-
-            found = rf.campaign(OneMode(), table, known=KNOWN, executor=pool, progress=kill_one)
-            assert killed
-            same_fits(found, fitted)
-
-
 # ---- trends -------------------------------------------------------------------------------------------------------
 
 
@@ -455,165 +302,40 @@ def test_plot_shows_every_run_with_its_error(fitted):
     np.testing.assert_allclose(np.sort(heights), np.sort(fitted.values("K0")[0] / 1000))
 
 
-# ---- command line -------------------------------------------------------------------------------------------------
+# ---- runs that do not go with the others --------------------------------------------------------------------------
 
 
-def test_command_line(tmp_path, capsys, small, fitted):
+def spoiled(table, run, **factors):
+    return replace(table, **{name: np.where(table.run == run, f * getattr(table, name), getattr(table, name))
+                             for name, f in factors.items()})  # fmt: skip
+
+
+def test_a_run_of_other_units_or_speed_is_named(small):
+    """Forces ten times as large, and a speed label of another run, leave single runs that pull a line along."""
     table, _ = small
-    file, out = tmp_path / "seal.csv", tmp_path / "results"
-    rf.write(table, file)
-    words = ["campaign", str(file), "--model", "one-mode", "--known", "M=1.2,K=8000,Ds=8"]
-    words += ["--against", "pressure_psi", "--by", "inlet"]
-    assert main([*words, "--out", str(out)]) == 0
-    printed = capsys.readouterr().out
-    assert "radial - anti-swirl at pressure_psi" in printed
-    assert {path.name for path in out.iterdir()} == {"runs.csv", "summary.txt", "report.html", "trends.png"}
-    rows = list(csv.DictReader((out / "runs.csv").read_text().splitlines()))
-    assert [row["run"] for row in rows] == [run.name for run in fitted.runs]
-    for row, run in zip(rows, fitted.runs, strict=True):
-        # The file holds rounded readings.
-        assert float(row["lam"]) == pytest.approx(run.params["lam"].value, abs=0.05 * run.params["lam"].stderr)
-    assert main([*words, "--json", "--follow", "lam"]) == 0
-    result = json.loads(capsys.readouterr().out)
-    assert len(result["runs"]) == 20
-    assert [trend["group"] for trend in result["trends"]] == ["anti-swirl", "radial"]
-    shared = ["campaign", str(file), "--model", "one-mode", "--known", "K=8000,Ds=8", "--shared", "M", "--quiet"]
-    assert main(shared) == 0
-    assert capsys.readouterr().out == ""
-    assert main([*words, "--jobs", "2", "--quiet"]) == 0
+    radial = replace(spoiled(table, "r04", force=10.0), attributes=dict(table.attributes))
+    found = rf.campaign(OneMode(), spoiled(radial, "r08", speed=1.5), known=KNOWN)
+    by_name = {(t.parameter, t.group): t.far for t in found.trends(against="pressure_psi", by="inlet")}
+    assert by_name[("D", "radial")] == ("r04",)
+    assert by_name[("lam", "radial")] == ("r08",)
+    assert by_name[("lam", "anti-swirl")] == ()
+    text = found.summary(against="pressure_psi", by="inlet")
+    assert "far from the line of the others with radial: r04" in text
+    assert "redchi is above 2, more than noise: r04 (" in text
 
 
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        (["--against", "pressure"], "did you mean 'pressure_psi'"),
-        (["--by", "inlet"], "say --against what"),
-        (["--shared", "M", "--against", "inlet"], "M cannot be known and shared"),
-        (["--split", "day"], "no attribute 'day'"),
-        (["--jobs", "0"], "--jobs takes a number of processes"),
-    ],
-)
-def test_command_line_mistakes(tmp_path, capsys, small, words, message):
-    file = tmp_path / "seal.csv"
-    rf.write(small[0].select(small[0].run == "r00"), file)
-    assert main(["campaign", str(file), "--model", "one-mode", "--known", "M=1.2,K=8000,Ds=8", *words]) == 2
-    assert message in capsys.readouterr().err
+def test_no_run_is_far_where_a_trend_bends(fitted):
+    """K0 that goes with the square of the pressure scatters about any line, yet no run is at fault."""
+    runs = [
+        replace(run, params=run.params | {"K0": replace(run.params["K0"], value=run.attributes["pressure_psi"] ** 2)})
+        for run in fitted.runs
+    ]
+    (trend,) = replace(fitted, runs=tuple(runs)).trends("K0", against="pressure_psi")
+    assert trend.scatter > 100
+    assert trend.far == ()
 
 
-def test_no_run_that_can_be_fitted_is_bad_input(tmp_path, capsys, small):
-    """Planes of another name spoil every run alike: the reason is said, and nothing is written."""
-    file, out = tmp_path / "seal.csv", tmp_path / "results"
-    rf.write(small[0].select(np.isin(small[0].run, ["r00", "r01"])), file)
-    words = ["campaign", str(file), "--model", "one-mode", "--planes", "seal", "--against", "pressure_psi"]
-    assert main([*words, "--known", "M=1.2,K=8000,Ds=8", "--out", str(out)]) == 2
-    assert "no run of the campaign can be fitted" in capsys.readouterr().err
-    assert not out.exists()
-
-
-def test_trends_that_no_run_resolves_leave_no_picture(tmp_path, capsys, small):
-    """With K free only K + K0 is seen: K0 has no value in any run."""
-    file, out = tmp_path / "seal.csv", tmp_path / "results"
-    rf.write(small[0].select(np.isin(small[0].run, ["r00", "r01"])), file)
-    words = ["campaign", str(file), "--model", "one-mode", "--known", "M=1.2,Ds=8", "--against", "pressure_psi"]
-    assert main([*words, "--follow", "K0", "--out", str(out)]) == 0
-    assert "no run has a resolved value" in capsys.readouterr().out
-    assert {path.name for path in out.iterdir()} == {"runs.csv", "summary.txt", "report.html"}
-
-
-def test_command_line_tells_of_failed_runs(tmp_path, capsys, small):
-    table, _ = small
-    keep = ~((table.run == "r01") & (np.arange(len(table)) > np.flatnonzero(table.run == "r01")[0]))
-    file = tmp_path / "seal.csv"
-    rf.write(table.select(keep & np.isin(table.run, ["r00", "r01"])), file)
-    assert main(["campaign", str(file), "--model", "one-mode", "--known", "M=1.2,K=8000,Ds=8"]) == 1
-    assert "1 of 2 runs did not converge: r01" in capsys.readouterr().err
-
-
-# ---- runs that say nothing, several conditions, the report ----------------------------------------------------------
-
-
-def with_a_dead_run(table):
-    """The first run's readings replaced by noise of the size that its sigma says."""
-    rng = np.random.default_rng(5)
-    dead = table.run == "r00"
-    noise = table.sigma * (rng.normal(size=len(table)) + 1j * rng.normal(size=len(table)))
-    return replace(table, response=np.where(dead, noise, table.response))
-
-
-def test_a_dead_run_is_flagged_and_flattens_nothing(tmp_path, capsys, small, fitted):
-    """A probe that was not connected gave D = -6759 beside 300 to 620 N s/m, and a figure of one point and a line."""
-    table, _ = small
-    found = rf.campaign(OneMode(), with_a_dead_run(table), known=KNOWN)
-    assert [run.name for run in found.runs if run.silent] == ["r00"]
-    assert not any(run.silent for run in fitted.runs)
-    assert "r00: says nothing" in found.summary()
-    assert all("r00" not in trend.runs for trend in found.trends(against="pressure_psi"))
-    axis = found.plot_trends("D", against="pressure_psi").axes[0]
-    assert 200 < axis.get_ylim()[0] < axis.get_ylim()[1] < 800
-    file = tmp_path / "seal.csv"
-    rf.write(with_a_dead_run(table), file)
-    main(["campaign", str(file), "--model", "one-mode", "--known", "M=1.2,K=8000,Ds=8"])
-    assert "say nothing: r00" in capsys.readouterr().err
-
-
-def test_noise_is_told_from_motion_whatever_the_seed():
-    """Fifteen dead runs, and fifteen forced so weakly that the rms reading is only four times its noise."""
-    model = OneMode()
-    theta = model.vector(truth_at(40.0, "radial"))
-    half = np.linspace(2.0, 300.0, 50)
-    w = np.r_[-half[::-1], half]
-    test = circular_test(model, theta, speeds=(100.0,), frequency=w, sigma_known=True, noise=0.01)
-    scale = 1 / np.sqrt(np.mean(np.abs(test.response / test.sigma) ** 2))
-    flagged = {"dead": 0, "weak": 0}
-    for seed in range(15):
-        rng = np.random.default_rng(seed)
-        noise = test.sigma * (rng.normal(size=len(test)) + 1j * rng.normal(size=len(test)))
-        for name, size in (("dead", 0.0), ("weak", 4.0)):
-            run = replace(test, response=noise + size * scale * test.response, force=4 * scale * test.force)
-            flagged[name] += rf.campaign(OneMode(), run, known=KNOWN).runs[0].silent
-    # By chance, chi-squared falls by 1 to 5 a parameter; by signals of the noise's own size, which a search from a
-    # start of noise does not always find, by some 50; by these, by 800.
-    assert flagged == {"dead": 15, "weak": 0}
-
-
-def test_two_conditions_are_told_apart():
-    """D rises with pressure and falls with temperature, which rises with it: alone, either slope is wrong."""
-    model, rng = OneMode(), np.random.default_rng(2)
-    half = np.linspace(2.0, 300.0, 30)
-    w = np.r_[-half[::-1], half]
-    parts = []
-    for number in range(14):
-        pressure = float(rng.uniform(5, 80))
-        oil = 25.0 + 0.3 * pressure + rng.normal(0, 5)
-        values = KNOWN | {"K0": 4000.0, "D": 500.0 + 4 * pressure - 6 * oil, "lam": 0.45, "Mf": 0.4}
-        test = circular_test(
-            model, model.vector(values), speeds=(100.0,), frequency=w, noise=0.01, seed=number, sigma_known=True
-        )
-        count = len(test)
-        attributes = {"pressure_psi": np.full(count, pressure), "oil_C": np.full(count, oil)}
-        parts.append(replace(test, run=np.full(count, f"r{number:02d}"), attributes=attributes))
-    found = rf.campaign(OneMode(), joined(parts), known=KNOWN)
-    pressure, oil = found.trends("D", against=("pressure_psi", "oil_C"))
-    assert abs(pressure.slope.value - 4) < 4 * pressure.slope.stderr < 1
-    assert abs(oil.slope.value + 6) < 4 * oil.slope.stderr < 2
-    (alone,) = found.trends("D", against="pressure_psi")
-    assert abs(alone.slope.value - 4) > 5 * pressure.slope.stderr
-    # The points of a panel are what is left for its attribute: they lie on its line.
-    assert pressure.scatter < 3
-    line = np.array([pressure.at(x).value for x in pressure.x])
-    assert np.sqrt(np.mean(((pressure.value - line) / pressure.stderr) ** 2)) < 2
-    assert "each with the others held" in found.summary("D", against=["pressure_psi", "oil_C"])
-    assert len(found.plot_trends(["D", "lam"], against=["pressure_psi", "oil_C"]).axes) == 4
-    with pytest.raises(ValueError, match="do not tell pressure_psi, oil_C apart"):
-        rf.campaign(OneMode(), joined(parts[:2]), known=KNOWN).trends("D", against=("pressure_psi", "oil_C"))
-
-
-def test_report_of_a_campaign(tmp_path, small):
-    table, _ = small
-    found = rf.campaign(OneMode(), with_a_dead_run(table), known=KNOWN)
-    text = rf.write_campaign_report(found, tmp_path / "c.html", against="pressure_psi", by="inlet").read_text()
-    assert "19 of 20 runs give an answer" in text
-    assert "R00: says nothing" in text
-    assert "data:image/png" in text
-    for name in ("anti-swirl", "pressure_psi", "r19"):
-        assert name in text
+def test_trends_of_good_runs_name_none(fitted):
+    assert all(t.far == () for t in fitted.trends(against="pressure_psi", by="inlet"))
+    assert "far from" not in fitted.summary(against="pressure_psi", by="inlet")
+    assert "more than noise" not in fitted.summary()

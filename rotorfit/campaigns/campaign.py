@@ -16,10 +16,12 @@ from rotorfit.campaigns.runs import Run, RunFit, Workers, fit_runs, split_runs
 from rotorfit.campaigns.shared import fit_shared
 from rotorfit.campaigns.trends import Trend, trend_table, trends_of
 from rotorfit.data.experiments import Experiment
+from rotorfit.data.findings import listed
 from rotorfit.estimators.misfit.losses import LOSSES, Loss
 from rotorfit.estimators.misfit.parameter_space import parameter_space
 from rotorfit.fitting.digits import plus_minus, with_error
 from rotorfit.fitting.fit import fit as fit_model
+from rotorfit.fitting.noise_judging import MODEL_LIMITED
 from rotorfit.fitting.notebook import text_html
 from rotorfit.fitting.quantities import FittedParameter
 from rotorfit.fitting.result import FitResult
@@ -35,6 +37,19 @@ if TYPE_CHECKING:
 
 
 _FLUID = ("K0", "lam", "lam_D", "D")  # what the source follows in a campaign, where the model has it
+
+
+def _misfits(runs: Sequence[RunFit]) -> list[str]:
+    """A line on the runs whose misfit is more than their noise."""
+    missed = sorted((run for run in runs if run.redchi > MODEL_LIMITED and not run.silent), key=lambda run: -run.redchi)
+    if not missed:
+        return []
+    if 2 * len(missed) > len(runs):
+        return [
+            f"redchi is above {MODEL_LIMITED:g} in {len(missed)} of {len(runs)} runs: more than noise, in most of them"
+        ]
+    named = listed([f"{run.name} ({run.redchi:.3g})" for run in missed])
+    return [f"redchi is above {MODEL_LIMITED:g}, more than noise: {named}; look at their units, speeds and directions"]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -212,6 +227,7 @@ class Campaign:
             for run in self.runs
             if run.remark
         ]
+        lines += _misfits(done)
         if against is not None:
             lines += ["", trend_table(self.trends(parameters, against=against, by=by))]
         return "\n".join(lines)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from rotorfit.data.findings import listed
 from rotorfit.fitting.digits import plus_minus
 from rotorfit.fitting.quantities import Quantity
 from rotorfit.models.array_types import Float
@@ -15,6 +16,13 @@ from rotorfit.text_table import Wide, text_table
 
 if TYPE_CHECKING:
     from rotorfit.campaigns.runs import RunFit
+
+_SCATTERED = 4.0
+"""Scatter about the line from which single runs are looked at."""
+_USUAL = 0.75
+"""Share of the runs whose distances from the line count as usual."""
+_FAR = 6.0
+"""Distance from the line over the usual one and the run's own error, from which a run is named."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -47,6 +55,18 @@ class Trend:
     _centre: float
     _coefficients: Float
     _covar: Float
+
+    @property
+    def far(self) -> tuple[str, ...]:
+        """Runs far from where most lie, by the repeated medians of Siegel 1982, which they do not pull along."""
+        if not self.scatter > _SCATTERED:
+            return ()
+        from scipy.stats import siegelslopes  # late: loading it takes longer than a trend
+
+        slope, level = siegelslopes(self.value, self.x) if np.ptp(self.x) > 0 else (0.0, np.median(self.value))
+        off = np.abs(self.value - level - slope * self.x)
+        usual = np.quantile(off, _USUAL)  # of a bent trend too, whose ends are further off than most
+        return tuple(np.array(self.runs)[off > _FAR * np.hypot(usual, self.stderr)].tolist())
 
     def at(self, x: float) -> Quantity:
         """Parameter on the line, its error widened where the runs scatter more than their errors say."""
@@ -136,7 +156,7 @@ def trend_table(trends: Sequence[Trend]) -> str:
             scatter = f"{t.scatter:.2f}" if np.isfinite(t.scatter) else "-"
             at = t.at(middle)
             rows.append([parameter, t.group, against, str(t.x.size), slope, scatter, plus_minus(at.value, at.stderr)])
-        rows += [["", Wide(sentence, 6, remark=True)] for sentence in _comparisons(mine, middle)]
+        rows += [["", Wide(sentence, 6, remark=True)] for sentence in (*_comparisons(mine, middle), *_far(mine))]
     table = text_table(rows, "<10 <1 <1 >6 >26 >9 >26")
     held = ", each with the others held" if len(names) > 1 else ""
     return "\n".join(
@@ -150,6 +170,14 @@ def _middle(trends: Sequence[Trend]) -> float:
     if low > high:
         low, high = min(t.x[0] for t in trends), max(t.x[-1] for t in trends)
     return float(low + high) / 2
+
+
+def _far(trends: Sequence[Trend]) -> list[str]:
+    return [
+        f"far from the line of the others{f' with {t.group}' if t.group else ''}: {listed(t.far)}"
+        for t in trends
+        if t.far
+    ]
 
 
 def _comparisons(trends: Sequence[Trend], middle: float) -> list[str]:

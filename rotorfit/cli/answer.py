@@ -6,15 +6,12 @@ import argparse
 import json
 import math
 import sys
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from rotorfit.cli.errors import BadInputError, sentence
 from rotorfit.studies.wording import spoken
-
-if TYPE_CHECKING:
-    from rotorfit.data.findings import Finding
 
 
 def give(options: argparse.Namespace, write: Callable[[Path], None], plain: Callable[[], Any], text: str) -> None:
@@ -46,12 +43,6 @@ def give(options: argparse.Namespace, write: Callable[[Path], None], plain: Call
 def finite(value: float) -> float | None:
     """A number as JSON has it, which knows no infinities."""
     return value if math.isfinite(value) else None
-
-
-def data_errors(findings: Iterable[Sequence[Finding]]) -> str:
-    """What the check of the data calls an error, in words; empty where there is nothing."""
-    found = dict.fromkeys(f.message for several in findings for f in several if f.severity == "error")
-    return f"the check of the data calls these an error: {' '.join(found)}" if found else ""
 
 
 def say(problem: str) -> None:

@@ -9,7 +9,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rotorfit.cli.answer import data_errors, finite, give, say
+from rotorfit.cli.answer import finite, give, say
 from rotorfit.cli.arguments import add_figure_format, add_files, add_jobs, add_model, add_output, fit_study, processes
 from rotorfit.cli.progress import ProgressLine
 from rotorfit.fitting.option_kinds import words
@@ -63,6 +63,7 @@ def run(options: argparse.Namespace) -> int:
 def _campaign(options: argparse.Namespace) -> tuple[Campaign, str]:
     """The fits of all runs, and what is wrong with the data."""
     from rotorfit.campaigns.campaign import campaign
+    from rotorfit.data.findings import error_sentence, errors_in
     from rotorfit.studies.data_files import no_progress, read_files
     from rotorfit.studies.study_model import build_model, check_model_name
 
@@ -88,7 +89,7 @@ def _campaign(options: argparse.Namespace) -> tuple[Campaign, str]:
             executor=executor,
             progress=lambda done, total: line(f"{done} of {total} runs", done / total),
         )
-    return found, data_errors(findings)
+    return found, error_sentence(errors_in(findings, [test.source for test in tests]))
 
 
 def _write(found: Campaign, text: str, options: argparse.Namespace, folder: Path) -> None:

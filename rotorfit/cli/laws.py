@@ -8,7 +8,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rotorfit.cli.answer import data_errors, finite, give, say
+from rotorfit.cli.answer import finite, give, say
 from rotorfit.cli.arguments import add_files, add_model, add_output, fit_study
 from rotorfit.fitting.option_kinds import positive_word, words
 from rotorfit.fitting.options import LAW_RANKING
@@ -47,6 +47,7 @@ def run(options: argparse.Namespace) -> int:
 
 def _comparison(options: argparse.Namespace) -> tuple[LawComparison, str]:
     """The ranking, and what is wrong with the data."""
+    from rotorfit.data.findings import error_sentence, errors_in
     from rotorfit.fitting.law_ranking import compare_laws
     from rotorfit.models import LAWS
     from rotorfit.models.parameters import unknown_name
@@ -64,7 +65,7 @@ def _comparison(options: argparse.Namespace) -> tuple[LawComparison, str]:
         clearance_um=options.clearance_um, known=study.known, bounds=study.bounds, priors=study.priors, per=study.per,
         start=study.start, loss=study.loss, phase_offsets=study.phase_offsets,
     )  # fmt: skip
-    return found, data_errors(findings)
+    return found, error_sentence(errors_in(findings, [test.source for test in tests]))
 
 
 def _write(found: LawComparison, folder: Path) -> None:

@@ -46,3 +46,26 @@ def _places(what: str, places: Sequence[int]) -> str:
 def listed(names: Sequence[str]) -> str:
     """Names with commas between, the first six of them."""
     return ", ".join(names[:6]) + (f" and {len(names) - 6} more" if len(names) > 6 else "")
+
+
+def errors_in(findings: Sequence[Sequence[Finding]], sources: Sequence[str]) -> tuple[str, ...]:
+    """What the check of the data calls an error, each once; of several sets of data with the name of its own.
+
+    Args:
+        findings: of each set of data.
+        sources: what each set was read from.
+    """
+    several = len(findings) > 1
+    return tuple(
+        dict.fromkeys(
+            f"{source}: {found.message}" if several and source else found.message
+            for own, source in zip(findings, sources, strict=True)
+            for found in own
+            if found.severity == "error"
+        )
+    )
+
+
+def error_sentence(errors: Sequence[str]) -> str:
+    """The errors in one sentence for the end of an answer; empty where there are none."""
+    return f"the check of the data calls these an error: {' '.join(errors)}" if errors else ""

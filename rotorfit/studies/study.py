@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rotorfit.data.experiments import Experiment
+from rotorfit.data.findings import Finding, error_sentence, errors_in
 from rotorfit.fitting.refine import Refinement
 from rotorfit.fitting.result import FitResult
 from rotorfit.fitting.settings import PhaseOffsets
@@ -15,7 +16,6 @@ from rotorfit.studies.data_files import DataFile
 from rotorfit.studies.recording_files import RecordingFiles
 
 if TYPE_CHECKING:
-    from rotorfit.data.findings import Finding
     from rotorfit.uncertainty.bootstrap import Bootstrap
     from rotorfit.uncertainty.posterior import Posterior
     from rotorfit.uncertainty.profile import Profile
@@ -110,13 +110,13 @@ class Outcome:
     @property
     def data_errors(self) -> tuple[str, ...]:
         """What the check of the data calls an error."""
-        return tuple(f.message for findings in self.findings for f in findings if f.severity == "error")
+        return errors_in(self.findings, [experiment.source for experiment in self.experiments])
 
     @property
     def failure(self) -> str:
         """What is wrong with the data or did not converge, in words; empty where all is well."""
         if self.data_errors:
-            return f"the check of the data calls these an error: {' '.join(self.data_errors)}"
+            return error_sentence(self.data_errors)
         if not self.best.success:
             return f"the fit did not converge: {self.best.message}"
         if self.posterior is not None and not self.posterior.converged:
