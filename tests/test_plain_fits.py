@@ -49,8 +49,8 @@ def one_run(test, name):
 
 
 def alone(model, test, known, **settings):
-    """What :func:`rotorfit.fit` finds of one run."""
-    run = Run(test.source, test, {})
+    """What :func:`rotorfit.fit` finds of one run, of which nothing is known yet."""
+    run = Run(test.source, test.select(np.arange(len(test))), {})
     return fit_run(model, run, settings=FitSettings(known=known, **settings), start={})
 
 
@@ -139,6 +139,7 @@ def faulty(tests):
         "missing lines": lambda test: test.select(np.arange(len(test)) % 7 != 3),
         "no y probe": lambda test: test.select(test.direction == "x"),
         "a dead probe": lambda test: replace(test, response=np.where(test.direction == "y", 0, test.response)),
+        "dead probes": lambda test: replace(test, response=np.zeros(len(test), dtype=complex)),
         "a reading of zero": lambda test: with_value(test, 11, 0.0),
         "a reading that is not finite": lambda test: with_value(test, 11, np.nan),
         "an outlier": lambda test: with_value(test, 11, 20 * test.response[11]),
@@ -154,13 +155,21 @@ def faulty(tests):
     return [*tests[:5], *(replace(test, source=name) for name, test in changed.items())]
 
 
+def test_exact_data_leave_round_off_and_are_fitted_by_themselves():
+    model, known, tests = runs_of("whirl-whip", 3, noise=0.0)
+    assert not plain_fits(model, tests, FitSettings(known=known), [{}] * len(tests))
+    found = rf.campaign(model, tests, known=known, split=None)
+    for run, test in zip(found.runs, tests, strict=True):
+        assert_same(run, alone(model, test, known))
+
+
 OPEN = ("few lines", "very few lines", "missing lines", "no y probe", "one direction louder", "an outlier")
 """Faults that may leave a plain fit: nothing is wrong with fewer readings whose noise is told, and noise is noise."""
 
 
 @pytest.mark.parametrize("told", [False, True])
 def test_faults_among_plain_runs_are_told_as_by_themselves(told):
-    model, known, tests = runs_of("one-mode", 28, told=told, seed=3)
+    model, known, tests = runs_of("one-mode", 29, told=told, seed=3)
     tests = faulty(tests)
     plain = {tests[number].source for number in together(model, tests, known)}
     assert plain <= {"r00", "r01", "r02", "r03", "r04", *OPEN}
@@ -202,7 +211,7 @@ def test_other_settings_are_left_to_fits_by_themselves(settings):
 
 def test_pictures_of_shared_parameters_are_those_of_single_runs():
     """Costs about the fit and, own parameters at their best, about other values of shared ones; some noise is found."""
-    model, known, tests = runs_of("one-mode", 28, seed=3)
+    model, known, tests = runs_of("one-mode", 29, seed=3)
     tests = [
         test for test in faulty(tests) if test.source in ("r00", "r01", "r02", "one direction louder", "no y probe")
     ]
@@ -240,7 +249,7 @@ def test_models_with_x_and_y_apart_are_fitted_one_by_one():
 
 
 def test_workers_of_an_executor_fit_together_too():
-    model, known, tests = runs_of("one-mode", 28, seed=3)
+    model, known, tests = runs_of("one-mode", 29, seed=3)
     tests = faulty(tests)
     here = rf.campaign(model, tests, known=known, split=None)
     with ThreadPoolExecutor(2) as pool:

@@ -116,8 +116,9 @@ def _tells(wrong: ComplexArray, parts: Sequence[Index]) -> NDArray[np.bool_]:
 def _pooled(wrong: ComplexArray, measured: ComplexArray, parts: Sequence[Index]) -> tuple[Float, NDArray[np.bool_]]:
     """One noise of several sweeps, shape ``(..., n)``, and whether they can share it, from ``(..., R)``."""
     rows, sizes = np.concatenate(parts), np.array([part.size for part in parts])
-    against = wrong[..., rows]
-    level = noise_from_samples(against, measured[..., rows], sizes)
+    # In one piece along the readings, so that sums of many runs are those of one to the last digit.
+    against = np.ascontiguousarray(wrong[..., rows])
+    level = noise_from_samples(against, np.ascontiguousarray(measured[..., rows]), sizes)
     power = np.add.reduceat(np.abs(against / level) ** 2, sizes.cumsum() - sizes, axis=-1) / sizes
     freedom = (2 * sizes).tolist()
     agree = [_agree(own, freedom) for own in power.reshape(-1, len(parts)).tolist()]

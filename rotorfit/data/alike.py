@@ -80,8 +80,8 @@ def _plan(test: PerturbationTest) -> tuple[object, ...] | None:
 
 
 def _ordinary(found: AlikeTests) -> NDArray[np.bool_]:
-    """Which tests have finite readings, a speed and possible noise, and are no start-ups, shape ``(W,)``."""
-    finite = np.isfinite(found.response).all(axis=1) & np.isfinite(found.speed)
+    """Which tests have finite readings, none of them zero, a speed and possible noise, and are no start-ups."""
+    finite = np.isfinite(found.response).all(axis=1) & found.response.all(axis=1) & np.isfinite(found.speed)
     possible = (np.isnan(found.sigma) | ((found.sigma > 0) & np.isfinite(found.sigma))).all(axis=1)
     away = np.abs(found.tests[0].frequency - found.speed[:, None])
     swept = (away > SYNCHRONOUS_TOLERANCE * np.abs(found.speed[:, None])).any(axis=1)

@@ -21,7 +21,7 @@ from rotorfit.units import RPM_PER_RAD_S
 
 _CLEARLY = 6.0  # standard deviations of redchi below one at which the noise is too large for the residuals
 _TOO_QUIET = 0.5  # redchi below which errors are wider than they need be by more than is worth knowing
-_NOISE_FLOOR = 1e-4  # redchi below which the data are exact, and their noise the floor that keeps weights finite
+NOISE_FLOOR = 1e-4  # redchi below which the data are exact, and their noise the floor that keeps weights finite
 
 
 def fit_warnings(
@@ -78,7 +78,7 @@ def fit_warnings(
 def too_quiet(redchi: Float | float, nfree: int) -> NDArray[np.bool_]:
     """Whether the noise is overestimated by more than is worth knowing, for one result or many."""
     chance = np.sqrt(2 / max(nfree, 1))
-    return np.asarray((redchi > _NOISE_FLOOR) & (redchi < min(_TOO_QUIET, 1 - _CLEARLY * chance)))
+    return np.asarray((redchi > NOISE_FLOOR) & (redchi < min(_TOO_QUIET, 1 - _CLEARLY * chance)))
 
 
 def _advice(model: RotorModel, levelled: bool) -> str:

@@ -26,7 +26,7 @@ from rotorfit.estimators.misfit.run_stack import RunStack
 from rotorfit.estimators.noise.robust_covariance import scatter_by_line
 from rotorfit.estimators.starting.start_points import given_starts, search_scale
 from rotorfit.estimators.starting.starts import starts_of_many
-from rotorfit.fitting.fit_warnings import growth, too_quiet
+from rotorfit.fitting.fit_warnings import NOISE_FLOOR, growth, too_quiet
 from rotorfit.fitting.noise_judging import UNEVEN
 from rotorfit.fitting.parameter_table import parameter_table
 from rotorfit.fitting.plain_noise import plain_noise
@@ -120,8 +120,12 @@ def _fits(space: ParameterSpace, group: AlikeTests, given: Float | None) -> dict
     found: dict[int, PlainFit | Solved] = {}
     for some, stack in stacks_of(space, seen, clean):
         own = None if given is None else given[some]
-        with np.errstate(all="ignore"):  # of a run that goes astray nothing is sure, and comparisons say so
-            found |= {int(some[member]): fit for member, fit in _solved(stack, own)}
+        try:
+            with np.errstate(all="ignore"):  # of a run that goes astray nothing is sure, and comparisons say so
+                solved = dict(_solved(stack, own))
+        except np.linalg.LinAlgError:
+            continue  # of one run at least: a fit of each by itself tells of which
+        found |= {int(some[member]): fit for member, fit in solved.items()}
     for member, test in enumerate(group.tests):
         if isinstance(found.get(member), PlainFit):
             continue
@@ -160,7 +164,9 @@ def _solved(stack: RunStack, given: Float | None) -> Iterator[tuple[int, PlainFi
         return
     scale = search_scale(space, np.where(np.isfinite(begin), begin, 0.0))
     ends = smooth_descents(stack.gauss_newton, begin, scale, space.lower, space.upper, Options())
-    smooth = np.flatnonzero(settled & ends.smooth)
+    # What exact data leave is round-off, of which no two ways of summing leave the same.
+    noisy = 2 * ends.normal[0] > NOISE_FLOOR * stack.n_data
+    smooth = np.flatnonzero(settled & ends.smooth & noisy)
     if not smooth.size:
         return
     x = ends.x[smooth]

@@ -61,7 +61,7 @@ def observe_alike(model: RotorModel, group: AlikeTests) -> AlikeResponses:
     layout = observe(model, first, np.zeros(len(first), dtype=np.intp))
     right, wrong, sigma = Places.of(model, first).directional(group.response, group.sigma)
     at = (slice(None), layout.line, layout.coordinate)
-    measured, sigma = right[at], sigma[at]
+    measured, sigma = np.ascontiguousarray(right[at]), np.ascontiguousarray(sigma[at])
     if not layout.told:
         sigma = noise_of_many(layout, measured, wrong[at])
     told = np.asarray(np.isfinite(sigma).all(axis=1))
