@@ -21,7 +21,6 @@ from rotorfit.estimators.misfit.priors import Prior
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.estimators.misfit.run_stack import RunStack
 from rotorfit.estimators.starting.closed_form import (
-    ClosedForm,
     ClosedFormError,
     closed_form,
     closed_forms,
@@ -169,15 +168,9 @@ def _guess(problem: Problem) -> tuple[Float, tuple[str, ...]]:
     best = candidates[0]
     if len(candidates) > 1:
         best = min(candidates, key=lambda estimate: _cost(problem, estimate.x))
-    return (best.x, best.notes) if _explains(problem, best.x) else _furthest(problem, candidates)
-
-
-def _furthest(problem: Problem, candidates: list[ClosedForm]) -> tuple[Float, tuple[str, ...]]:
-    """Where the short optimisation ends that gets furthest from closed forms; the form itself where it ends nowhere."""
-    ends = [_short_fit(problem, full_vector(problem, estimate.x)) for estimate in candidates]
-    nearest = min(range(len(ends)), key=lambda place: ends[place].cost)
-    end, form = ends[nearest], candidates[nearest]
-    return (end.x[: len(problem.space.names)] if end.success else form.x), form.notes
+    if not _explains(problem, best.x):
+        best = min(candidates, key=lambda estimate: _short_fit(problem, full_vector(problem, estimate.x)).cost)
+    return best.x, best.notes
 
 
 def _few_lines(problem: Problem) -> Problem | None:
