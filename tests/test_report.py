@@ -1,21 +1,17 @@
-"""The report: complete, self-contained, safe against names in the data, whole or absent, and good in a browser."""
+"""The report: complete, self-contained, safe against names in the data, whole or absent."""
 
 from __future__ import annotations
 
-import base64
 import io
 import re
-import shutil
-import subprocess
-from collections.abc import Callable
-from dataclasses import dataclass, field, replace
-from html.parser import HTMLParser
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import law_data
 import numpy as np
 import pytest
+from report_pages import Page, made_profile, normal_draws, report_of
 from synthetic import (
     KNOWN,
     MODELS,
@@ -33,86 +29,9 @@ from rotorfit.data.findings import Finding
 from rotorfit.fitting.result import FitResult
 from rotorfit.report.numbers import with_error
 from rotorfit.report.write import document
-from rotorfit.uncertainty.posterior import SampleSettings
-from rotorfit.uncertainty.profile import Profile
 
 RPM = 30 / np.pi
 HOSTILE = '<script>alert(1)</script>&"$x_{'
-CHROMIUM = shutil.which("chromium")
-
-
-# ---- reading a report ---------------------------------------------------------------------------
-
-
-@dataclass
-class Page(HTMLParser):
-    """A report taken apart by the standard library's parser."""
-
-    text: str
-    tags: list[str] = field(default_factory=list)
-    attributes: list[tuple[str, str, str]] = field(default_factory=list)
-    words: list[str] = field(default_factory=list)
-    open: list[str] = field(default_factory=list)
-
-    def __post_init__(self) -> None:
-        super().__init__(convert_charrefs=True)
-        self.feed(self.text)
-        self.close()
-
-    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        self.tags.append(tag)
-        self.attributes += [(tag, key, value or "") for key, value in attrs]
-        if tag not in ("meta", "img", "mspace"):
-            self.open.append(tag)
-
-    def handle_endtag(self, tag: str) -> None:
-        if tag != "mspace":
-            assert self.open.pop() == tag, f"</{tag}> closes something else"
-
-    def handle_data(self, data: str) -> None:
-        if "style" not in self.open:
-            self.words.append(data)
-
-    @property
-    def shown(self) -> str:
-        return re.sub(r"\s+", " ", " ".join(self.words))
-
-
-def made_profile(name: str, lower: float, upper: float, level: float = 0.95) -> Profile:
-    middle = (lower + upper) / 2
-    values = np.linspace(lower, upper, 5)
-    return Profile(
-        name=name,
-        unit="1",
-        value=middle,
-        level=level,
-        lower=lower,
-        upper=upper,
-        values=values,
-        rise=3.84 * (2 * (values - middle) / (upper - lower)) ** 2,
-        message="",
-    )
-
-
-def report_of(fit: FitResult, path: Path, **options: Any) -> Page:
-    """Write a report and hold what must hold for every one of them."""
-    assert rf.write_report(fit, path, **options) == path
-    assert [p.name for p in path.parent.iterdir()] == [path.name]
-    page = Page(path.read_text(encoding="utf-8"))
-    assert page.open == []
-    assert not {"script", "link", "iframe", "object", "embed", "form", "base"} & set(page.tags)
-    for tag, key, value in page.attributes:
-        assert not key.startswith("on"), (tag, key)
-        if key in ("src", "href"):
-            assert (tag, key) == ("img", "src")
-            kind, _, data = value.partition(",")
-            assert kind == "data:image/png;base64"
-            assert base64.b64decode(data, validate=True).startswith(b"\x89PNG")
-    assert not re.search(r"https?:|//|url\(|@import", re.sub(r"base64,[A-Za-z0-9+/=]+", "", page.text))
-    assert not re.search(r"\bnan\b|\binf\b|None|<array", page.shown), re.findall(
-        r".{30}(?:nan|inf|None).{30}", page.shown
-    )
-    return page
 
 
 def perturbed() -> rf.PerturbationTest:
@@ -129,31 +48,6 @@ def plain() -> FitResult:
 @pytest.fixture(scope="module")
 def ladder(plain: FitResult) -> rf.Refinement:
     return rf.refine(plain)
-
-
-def normal_draws(fit: FitResult, **changes: Any) -> rf.Posterior:
-    """A posterior made by hand: independent draws from the normal approximation of a fit."""
-    rng = np.random.default_rng(5)
-    size = np.sqrt(np.diag(fit.covar))
-    steps, walkers = 100, 40
-    whitened = rng.multivariate_normal(np.zeros(size.size), fit.covar / np.outer(size, size), (steps, walkers))
-    made: dict[str, Any] = {
-        "fit": fit,
-        "names": fit.var_names,
-        "chain": fit.x + size * whitened,
-        "log_density": -0.5 * (whitened**2).sum(axis=2),
-        "acceptance": np.full(walkers, 0.5),
-        "tau": np.ones(size.size),
-        "burn_in": 0,
-        "converged": True,
-        "message": "converged: made for a test",
-        "treatment": "noise as given with the data",
-        "seed": 5,
-        "settings": SampleSettings(
-            noise="fixed", inflation=1.0, walkers=walkers, ess=4000.0, max_steps=1000, steps=steps
-        ),
-    }
-    return rf.Posterior(**{**made, **changes})
 
 
 # ---- content ------------------------------------------------------------------------------------
@@ -491,100 +385,6 @@ def test_material_that_does_not_go_together(
 def test_a_posterior_of_something_else(plain: FitResult, ladder: rf.Refinement, tmp_path: Path) -> None:
     with pytest.raises(ValueError, match=rf"posterior of Md, .*, {ladder.best.var_names[-1]}, but the fit is of Md"):
         rf.write_report(plain, tmp_path / "report.html", posterior=normal_draws(ladder.best))
-
-
-# ---- in a browser ---------------------------------------------------------------------------------
-
-MEASURE = """<script>
-window.onload = () => {
-  const wide = [...document.querySelectorAll('.table, .equation, pre, .card, figure')]
-    .filter(e => e.scrollWidth > e.clientWidth + 1).map(e => e.className + ': ' + e.textContent.slice(0, 60));
-  const images = [...document.images].filter(i => i.complete && i.naturalWidth > 300).length;
-  const out = document.createElement('output');
-  out.textContent = JSON.stringify({wide, images, page: document.documentElement.scrollWidth, window: innerWidth});
-  document.body.append(out);
-};
-</script>"""
-
-
-@pytest.fixture(scope="module")
-def browsed(ladder: rf.Refinement, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("browser")
-    return rf.write_report(ladder.best, folder / "report.html", refinement=ladder, posterior=normal_draws(ladder.best))
-
-
-@pytest.fixture
-def chromium(tmp_path: Path) -> Callable[..., tuple[str, list[str]]]:
-    """Run a headless browser: what it printed, and the lines of its console."""
-    if CHROMIUM is None:
-        pytest.fail("these tests drive the browser chromium: install it (Debian package chromium)")
-
-    def call(page: Path, *options: str) -> tuple[str, list[str]]:
-        options = (
-            "--headless", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage", "--hide-scrollbars",
-            "--enable-logging=stderr", "--v=0", f"--user-data-dir={tmp_path / 'profile'}", *options, page.as_uri(),
-        )  # fmt: skip
-        done = subprocess.run([str(CHROMIUM), *options], capture_output=True, text=True, timeout=120, check=True)
-        return done.stdout, [line for line in done.stderr.splitlines() if "CONSOLE" in line]
-
-    return call
-
-
-def test_renders_without_a_word_on_the_console(
-    chromium: Callable[..., tuple[str, list[str]]], browsed: Path, tmp_path: Path
-) -> None:
-    picture = tmp_path / "report.png"
-    dom, console = chromium(browsed, "--window-size=1200,2000", f"--screenshot={picture}", "--dump-dom")
-    assert console == []
-    import matplotlib.image
-
-    pixels = matplotlib.image.imread(picture)[..., :3]
-    assert pixels.shape[:2] == (2000, 1200)
-    inked = (pixels < 0.9).any(axis=(1, 2)).reshape(20, 100)
-    assert inked.mean(axis=1).min() > 0.1  # text all the way down
-    assert len(np.unique((pixels * 255).astype(np.uint8).reshape(-1, 3), axis=0)) > 50
-    assert dom == "" or "<h2>Verdict</h2>" in dom
-    # the check is able to fail: anything the page would load or run shows on the console
-    spoilt = tmp_path / "spoilt.html"
-    spoilt.write_text(
-        browsed.read_text(encoding="utf-8").replace("</body>", "<script>1</script></body>"), encoding="utf-8"
-    )
-    assert len(chromium(spoilt, "--dump-dom")[1]) == 1
-
-
-@pytest.mark.parametrize("width", [1200, 600])
-def test_nothing_is_cut(
-    chromium: Callable[..., tuple[str, list[str]]], browsed: Path, tmp_path: Path, width: int
-) -> None:
-    import json
-
-    text = browsed.read_text(encoding="utf-8")
-    measured = tmp_path / "measured.html"
-    assert "default-src 'none'" in text or "default-src &#x27;none&#x27;" in text
-    text = re.sub(r"<meta http-equiv[^>]*>", "", text).replace("</body>", MEASURE + "</body>")
-    measured.write_text(text, encoding="utf-8")
-    dom, console = chromium(measured, f"--window-size={width},900", "--dump-dom")
-    assert console == []
-    found = json.loads(re.findall(r"<output>(.*?)</output>", dom, re.DOTALL)[0])
-    assert found["images"] == 7
-    assert found["page"] <= found["window"]
-    if width >= 1000:  # on a narrow screen wide tables scroll in their own box
-        assert found["wide"] == []
-
-
-def test_prints_to_a_pdf_of_a_few_pages(
-    chromium: Callable[..., tuple[str, list[str]]], browsed: Path, tmp_path: Path
-) -> None:
-    _, console = chromium(browsed, "--no-pdf-header-footer", f"--print-to-pdf={tmp_path / 'report.pdf'}")
-    assert console == []
-    content = (tmp_path / "report.pdf").read_bytes()
-    assert content.startswith(b"%PDF")
-    pages = len(re.findall(rb"/Type\s*/Page\b", content))
-    assert 5 <= pages <= 14
-    sizes = {tuple(map(float, m.split())) for m in re.findall(rb"/MediaBox\s*\[([^\]]*)\]", content)}
-    assert len(sizes) == 1
-    *_, wide, high = sizes.pop()
-    assert (wide, high) == pytest.approx((595.3, 841.9), abs=1)  # A4 in points
 
 
 @pytest.mark.usefixtures("sketched")

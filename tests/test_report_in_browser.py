@@ -1,0 +1,118 @@
+"""The report in a browser: nothing on the console, nothing cut, a few pages of paper."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from report_pages import normal_draws
+
+import rotorfit as rf
+from rotorfit.fitting.result import FitResult
+
+CHROMIUM = shutil.which("chromium")
+MEASURE = """<script>
+window.onload = () => {
+  const wide = [...document.querySelectorAll('.table, .equation, pre, .card, figure')]
+    .filter(e => e.scrollWidth > e.clientWidth + 1).map(e => e.className + ': ' + e.textContent.slice(0, 60));
+  const images = [...document.images].filter(i => i.complete && i.naturalWidth > 300).length;
+  const out = document.createElement('output');
+  out.textContent = JSON.stringify({wide, images, page: document.documentElement.scrollWidth, window: innerWidth});
+  document.body.append(out);
+};
+</script>"""
+
+
+@pytest.fixture(scope="module")
+def plain() -> FitResult:
+    return rf.fit(rf.models.WhirlWhip(), rf.datasets.rig_open(), known={"K3": 6000.0})
+
+
+@pytest.fixture(scope="module")
+def ladder(plain: FitResult) -> rf.Refinement:
+    return rf.refine(plain)
+
+
+@pytest.fixture(scope="module")
+def browsed(ladder: rf.Refinement, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("browser")
+    return rf.write_report(ladder.best, folder / "report.html", refinement=ladder, posterior=normal_draws(ladder.best))
+
+
+@pytest.fixture
+def chromium(tmp_path: Path) -> Callable[..., tuple[str, list[str]]]:
+    """Run a headless browser: what it printed, and the lines of its console."""
+    if CHROMIUM is None:
+        pytest.fail("these tests drive the browser chromium: install it (Debian package chromium)")
+
+    def call(page: Path, *options: str) -> tuple[str, list[str]]:
+        options = (
+            "--headless", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage", "--hide-scrollbars",
+            "--enable-logging=stderr", "--v=0", f"--user-data-dir={tmp_path / 'profile'}", *options, page.as_uri(),
+        )  # fmt: skip
+        done = subprocess.run([str(CHROMIUM), *options], capture_output=True, text=True, timeout=120, check=True)
+        return done.stdout, [line for line in done.stderr.splitlines() if "CONSOLE" in line]
+
+    return call
+
+
+def test_renders_without_a_word_on_the_console(
+    chromium: Callable[..., tuple[str, list[str]]], browsed: Path, tmp_path: Path
+) -> None:
+    picture = tmp_path / "report.png"
+    dom, console = chromium(browsed, "--window-size=1200,2000", f"--screenshot={picture}", "--dump-dom")
+    assert console == []
+    import matplotlib.image
+
+    pixels = matplotlib.image.imread(picture)[..., :3]
+    assert pixels.shape[:2] == (2000, 1200)
+    inked = (pixels < 0.9).any(axis=(1, 2)).reshape(20, 100)
+    assert inked.mean(axis=1).min() > 0.1  # text all the way down
+    assert len(np.unique((pixels * 255).astype(np.uint8).reshape(-1, 3), axis=0)) > 50
+    assert dom == "" or "<h2>Verdict</h2>" in dom
+    # the check is able to fail: anything the page would load or run shows on the console
+    spoilt = tmp_path / "spoilt.html"
+    spoilt.write_text(
+        browsed.read_text(encoding="utf-8").replace("</body>", "<script>1</script></body>"), encoding="utf-8"
+    )
+    assert len(chromium(spoilt, "--dump-dom")[1]) == 1
+
+
+@pytest.mark.parametrize("width", [1200, 600])
+def test_nothing_is_cut(
+    chromium: Callable[..., tuple[str, list[str]]], browsed: Path, tmp_path: Path, width: int
+) -> None:
+    import json
+
+    text = browsed.read_text(encoding="utf-8")
+    measured = tmp_path / "measured.html"
+    assert "default-src 'none'" in text or "default-src &#x27;none&#x27;" in text
+    text = re.sub(r"<meta http-equiv[^>]*>", "", text).replace("</body>", MEASURE + "</body>")
+    measured.write_text(text, encoding="utf-8")
+    dom, console = chromium(measured, f"--window-size={width},900", "--dump-dom")
+    assert console == []
+    found = json.loads(re.findall(r"<output>(.*?)</output>", dom, re.DOTALL)[0])
+    assert found["images"] == 7
+    assert found["page"] <= found["window"]
+    if width >= 1000:  # on a narrow screen wide tables scroll in their own box
+        assert found["wide"] == []
+
+
+def test_prints_to_a_pdf_of_a_few_pages(
+    chromium: Callable[..., tuple[str, list[str]]], browsed: Path, tmp_path: Path
+) -> None:
+    _, console = chromium(browsed, "--no-pdf-header-footer", f"--print-to-pdf={tmp_path / 'report.pdf'}")
+    assert console == []
+    content = (tmp_path / "report.pdf").read_bytes()
+    assert content.startswith(b"%PDF")
+    pages = len(re.findall(rb"/Type\s*/Page\b", content))
+    assert 5 <= pages <= 14
+    sizes = {tuple(map(float, m.split())) for m in re.findall(rb"/MediaBox\s*\[([^\]]*)\]", content)}
+    assert len(sizes) == 1
+    *_, wide, high = sizes.pop()
+    assert (wide, high) == pytest.approx((595.3, 841.9), abs=1)  # A4 in points
