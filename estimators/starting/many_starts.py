@@ -7,11 +7,13 @@ from dataclasses import dataclass
 from itertools import chain, islice
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rotorfit.estimators.blocks.observations import Responses
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.estimators.starting.rational_fit import RationalFit, rational_fit
-from rotorfit.estimators.starting.start_points import loose_fits, noise_limit, random_starts
+from rotorfit.estimators.starting.short_fits import ShortFits
+from rotorfit.estimators.starting.start_points import inside_bounds, loose_fits, noise_limit, random_starts
 from rotorfit.estimators.starting.unread_starts import unread_starts
 from rotorfit.models.array_types import ComplexArray, Float
 
@@ -20,8 +22,13 @@ LOCAL_MINIMUM = "perhaps a local minimum"
 
 _TOGETHER = 4  # starts fitted before the ends are looked at
 _MANY, _MOST = 24, 72  # starts tried where what was found is deep, but not surely the deepest; and where it is not
+_BESIDE = np.repeat([0.05, 0.2], 8)  # spread of the logarithm of starts beside an end
+_FRUITLESS, _ROUNDS = 4, 20  # rounds of such starts in a row that lead no deeper, and of all
 _AGREE = 0.5  # cost to which short fits that end in one minimum agree
-_SURE, _MAY_BE = 1.0, 4.0  # standard deviations by which the misfit may exceed that of ratios of polynomials
+_SURE, _ALONE, _MAY_BE = 1.0, 2.5, 4.0
+"""Standard deviations by which the misfit may exceed that of ratios of polynomials: where two of few starts lead to the
+minimum, where no second one does but none deeper lies beside, and where many were tried."""
+
 _LIKELY = 4.5  # cost above the least up to which another minimum is not to be ruled out: three standard deviations
 
 
@@ -32,15 +39,24 @@ class _Ends:
     Attributes:
         x: shape ``(W, p)``.
         cost: shape ``(W,)``.
+        far: whether they began at starts of their own, not beside another's end, shape ``(W,)``.
     """
 
     x: Float
     cost: Float
+    far: NDArray[np.bool_]
 
     @property
     def together(self) -> int:
-        """How many ended in the best minimum."""
-        return int(np.sum(self.cost < self.cost[0] + _AGREE))
+        """How many starts of their own ended in the best minimum."""
+        return int(np.sum(self.far & (self.cost < self.cost[0] + _AGREE)))
+
+    def joined(self, found: ShortFits, *, far: bool) -> _Ends:
+        """With more ends."""
+        cost = np.concatenate([self.cost, found.cost])
+        order = np.argsort(cost, kind="stable")
+        fars = np.concatenate([self.far, np.full(found.cost.size, far)])
+        return _Ends(x=np.concatenate([self.x, found.x])[order], cost=cost[order], far=fars[order])
 
 
 def best_of_many(problem: Problem, reason: str) -> tuple[Float, tuple[str, ...]]:
@@ -53,8 +69,8 @@ def best_of_many(problem: Problem, reason: str) -> tuple[Float, tuple[str, ...]]
     blocks = [block for block in problem.blocks if isinstance(block, Responses)]
     ratios = rational_fit(blocks) if problem.loss == "linear" else None
     limits = _limits(problem, ratios)
-    ends = _search(problem, _candidates(problem, blocks, ratios), limits)
-    note = f"no closed form ({reason}); the best of {ends.cost.size} starts was taken"
+    ends = _beside(problem, _search(problem, _candidates(problem, blocks, ratios), limits), limits)
+    note = f"no closed form ({reason}); the best of {ends.far.sum()} starts was taken"
     doubt = _doubt(problem, ends, limits, ratios)
     return ends.x[0, : len(problem.space.names)], (note, *doubt)
 
@@ -74,28 +90,45 @@ def _candidates(problem: Problem, blocks: list[Responses], ratios: RationalFit |
 
 def _search(problem: Problem, candidates: Iterator[Float], limits: tuple[float, float]) -> _Ends:
     """Short fits until two of few end in a minimum as deep as the first limit, or two of many as the second."""
-    x, cost = np.empty((0, problem.space.size)), np.empty(0)
+    ends = _Ends(x=np.empty((0, problem.space.size)), cost=np.empty(0), far=np.empty(0, dtype=bool))
     while starts := list(islice(candidates, _TOGETHER)):
-        found = loose_fits(problem, np.array(starts))
-        x, cost = np.concatenate([x, found.x]), np.concatenate([cost, found.cost])
-        order = np.argsort(cost, kind="stable")
-        x, cost = x[order], cost[order]
-        ends = _Ends(x=x, cost=cost)
-        if ends.together > 1 and cost[0] <= limits[int(cost.size >= _MANY)]:
+        ends = ends.joined(loose_fits(problem, np.array(starts)), far=True)
+        if ends.together > 1 and ends.cost[0] <= limits[int(ends.cost.size >= _MANY)]:
             break
+    return ends
+
+
+def _beside(problem: Problem, ends: _Ends, limits: tuple[float, float]) -> _Ends:
+    """With ends of short fits from beside the best one, round after round, until several lead no deeper.
+
+    A sharp resonance between coarse lines has a minimum in every gap: the deepest is a small change of the parameters
+    away, which few of many starts all over their range hit. Skipped where the best is surely the deepest.
+    """
+    rng = np.random.default_rng(0)
+    count, fruitless = len(problem.space.names), 0
+    for _ in range(_ROUNDS):
+        least = ends.cost[0]
+        if fruitless == _FRUITLESS or (ends.together > 1 and least <= limits[0]):
+            break
+        starts = np.tile(ends.x[0], (_BESIDE.size, 1))
+        changes = np.exp(_BESIDE[:, None] * rng.normal(size=(_BESIDE.size, count)))
+        starts[:, :count] = inside_bounds(starts[:, :count] * changes, problem.space)
+        ends = ends.joined(loose_fits(problem, starts), far=False)
+        fruitless = fruitless + 1 if ends.cost[0] > least - _AGREE else 0
     return ends
 
 
 def _doubt(problem: Problem, ends: _Ends, limits: tuple[float, float], ratios: RationalFit | None) -> tuple[str, ...]:
     """A sentence where the minimum may not be the deepest, or not the only one so deep."""
-    tried, least = ends.cost.size, float(ends.cost[0])
+    tried, least = int(ends.far.sum()), float(ends.cost[0])
     led = f"{ends.together} of {tried} starts lead here"
     if least > limits[1] and ratios is not None:
         return (
             f"{LOCAL_MINIMUM}, or not this rotor: chi-squared is {2 * least:.4g}, where ratios of polynomials "
             f"with as many poles leave {2 * ratios.cost:.4g}; {led}. Give start values for what is known",
         )
-    if ends.together == 1 and least > limits[0]:
+    alone = limits[0] if ratios is None else ratios.limit(len(problem.space.names), _ALONE)
+    if ends.together < 2 and least > alone:
         return (
             f"{LOCAL_MINIMUM}: {led}, and chi-squared is {2 * least:.4g} for {problem.n_data} data. Give start "
             "values for what is known",
