@@ -377,6 +377,26 @@ def test_bad_data():
         rf.dynamic_stiffness(rig.select(rig.force_plane == "journal"))
 
 
+def test_refinement_is_advised_only_where_it_is_not_refused():
+    """One plane has no structure to add, and what the data leave open comes first: both are refused by rf.refine."""
+    rig = rf.datasets.rig_open()
+    journal = rig.select((rig.plane == "journal") & (rig.force_plane == "journal"))
+    fits = {
+        "one plane": rf.fit(OneMode(), journal, known=FLUID),
+        "open": rf.fit(WhirlWhip(), rig),
+        "complete": rf.fit(WhirlWhip(), rig, known={"K3": 6000.0}),
+    }
+    advised = {}
+    for name, fit in fits.items():
+        (limited,) = [warning for warning in fit.warnings if "limits this fit" in warning]
+        advised[name] = "rf.refine" in limited
+    assert advised == {"one plane": False, "open": False, "complete": True}
+    assert any("what the data leave open first (K3, K0)" in warning for warning in fits["open"].warnings)
+    for name in ("one plane", "open"):
+        with pytest.raises(ValueError, match=r"no structural blocks|resolve the parameters"):
+            rf.refine(fits[name])
+
+
 # ---- reading a result -----------------------------------------------------------------------------------------------
 
 

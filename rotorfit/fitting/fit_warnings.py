@@ -10,10 +10,12 @@ from numpy.typing import NDArray
 from rotorfit.estimators.blocks.correlated import freedom_of
 from rotorfit.estimators.blocks.nonlinear import responses_of
 from rotorfit.estimators.inference import covariance
+from rotorfit.estimators.inference.identifiability import Identifiability
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.fitting.noise_judging import MODEL_LIMITED, is_misfit, noise_warnings
 from rotorfit.fitting.noise_record import Noise
 from rotorfit.fitting.quantities import FittedParameter
+from rotorfit.fitting.refinable import why_not_refined
 from rotorfit.models import BLOCKS, Modal, RotorModel
 from rotorfit.models.array_types import Float
 from rotorfit.models.stability import growth_rate
@@ -29,6 +31,7 @@ def fit_warnings(
     x: Float,
     redchi: float,
     params: Mapping[str, FittedParameter],
+    identifiability: Identifiability,
     levelled: bool,
     noise: Noise | None,
 ) -> list[str]:
@@ -38,16 +41,17 @@ def fit_warnings(
         problem, x: as it was solved, and the estimate.
         redchi: by the noise of the data.
         params: parameters of the result.
+        identifiability: what the data determine.
         levelled: whether each response has the noise level of its residuals.
         noise: what the residuals are, where that was looked into.
     """
     found = [] if noise is None else noise_warnings(noise, redchi)
+    advice = _advice(problem.space.model, identifiability, levelled)
     nfree = problem.n_data - problem.space.size
     misfit = covariance.widening(redchi, problem.loss, nfree=nfree, freedom=freedom_of(problem.blocks))
     if is_misfit(noise, misfit):
         where = f". It misses most: {', '.join(noise.places)}" if noise is not None and noise.places else ""
         wider = "each response as its residuals ask" if levelled else f"{np.sqrt(redchi):.2g}"
-        advice = _advice(problem.space.model, levelled)
         found.append(
             f"redchi is {redchi:.3g}: the model, not the noise, limits this fit. Standard errors are widened by "
             f"{wider}, but parameters may be biased beyond them; {advice}{where}"
@@ -65,7 +69,7 @@ def fit_warnings(
         if typical > MODEL_LIMITED:
             found.append(
                 f"the squared residuals of most readings are {typical:.2g} times those of the noise: not outliers but "
-                f"the model limits this fit, and parameters may be biased; {_advice(problem.space.model, levelled)}"
+                f"the model limits this fit, and parameters may be biased; {advice}"
             )
     found += [
         f"{p.name} rests on its bound at {p.value:.6g}{'' if p.unit == '1' else ' ' + p.unit}"
@@ -81,14 +85,17 @@ def too_quiet(redchi: Float | float, nfree: int) -> NDArray[np.bool_]:
     return np.asarray((redchi > NOISE_FLOOR) & (redchi < min(_TOO_QUIET, 1 - _CLEARLY * chance)))
 
 
-def _advice(model: RotorModel, levelled: bool) -> str:
-    """What may help a fit that its model limits: blocks between planes only where there are several, and some left."""
+def _advice(model: RotorModel, identifiability: Identifiability, levelled: bool) -> str:
+    """What may help a fit that its model limits: the ladder of blocks only where it can be climbed further."""
     if isinstance(model, Modal):
         return "modes left out do so, or supports that differ in x and y (apart)"
     if not hasattr(model, "blocks"):
         return f"{model.name} has no structural blocks to add; a model of more planes may explain them"
     if levelled or len(model.blocks) == len(BLOCKS):
         return "bring the shaft's matrices (KnownStructure)"
+    if why_not_refined(model, identifiability):
+        left = ", ".join(identifiability.unresolved)
+        return f"give known values or priors for what the data leave open first ({left})"
     return "try rf.refine(fit) (--refine)"
 
 

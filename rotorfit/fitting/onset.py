@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rotorfit.fitting.quantities import Quantity
+from rotorfit.fitting.refinable import why_not_refined
 from rotorfit.models import eigenvalues
 from rotorfit.models.array_types import Float
 from rotorfit.models.stability import eigenvalue_gradient
@@ -92,7 +93,8 @@ def onset_note(fit: FitResult, group: int) -> str:
         return ""
     words = f"the whirl at onset ({abs(onset.whirl_frequency) * RPM_PER_RAD_S:.0f} cycles a minute) lies above the "
     alone = "refine (--refine) would tell how much this depends on the model"
-    known = error if fit.settings.onsets else alone if hasattr(fit.model, "blocks") else "the model extrapolates"
+    extrapolated = "the model extrapolates" if why_not_refined(fit.model, fit.identifiability) else alone
+    known = error if fit.settings.onsets else extrapolated
     return f"{words}tested frequencies ({fit.band * RPM_PER_RAD_S:.0f}): {known}"
 
 

@@ -17,6 +17,7 @@ from rotorfit.fitting.fit import solve_again
 from rotorfit.fitting.judge import with_doubt
 from rotorfit.fitting.notebook import text_html
 from rotorfit.fitting.problem_setup import with_levels
+from rotorfit.fitting.refinable import why_not_refined
 from rotorfit.fitting.result import FitResult
 from rotorfit.fitting.settings import Onset
 from rotorfit.models import BLOCKS, RotorModel, threshold_speed
@@ -98,10 +99,9 @@ def refine(fit: FitResult) -> Refinement:
         >>> round(best.params["lam"].value, 3)
         0.475
     """
-    if not hasattr(fit.model, "blocks"):
-        raise ValueError(f"{fit.model.name} has no structural blocks to add: they couple two or more planes")
-    if fit.identifiability.unresolved:
-        raise ValueError(f"resolve the parameters of the plain model before adding to it. {fit.identifiability}")
+    refusal = why_not_refined(fit.model, fit.identifiability)
+    if refusal:
+        raise ValueError(refusal)
     best, steps = _climb(fit, may_leave_open=False)
     if best.redchi > _MISSED * min(step.redchi for step in steps if step.success or step is best):
         best, steps = _climb(fit, may_leave_open=True)

@@ -14,6 +14,7 @@ from rotorfit.estimators.blocks.correlated import freedom_of
 from rotorfit.estimators.inference import ensemble_sampler
 from rotorfit.estimators.inference.ensemble_sampler import SamplerProgress
 from rotorfit.estimators.inference.log_posterior import LogPosterior, Noise
+from rotorfit.fitting.refinable import why_not_refined
 from rotorfit.fitting.refine import refine as refine_fit
 from rotorfit.fitting.refine import structure_name
 from rotorfit.fitting.result import FitResult
@@ -159,7 +160,7 @@ def _treatment(fit: FitResult, target: LogPosterior, centre: Float) -> str:
         return _noise_words(fit, target, centre) + doubt
     if fit.settings.levels:
         advice = "bring the shaft's matrices (KnownStructure)"
-    elif hasattr(fit.model, "blocks"):
+    elif not why_not_refined(fit.model, fit.identifiability):
         advice = (
             "sample a refined fit instead, rf.refine(fit).best.sample() or fit.sample(refine=True), or "
             "average over structures, rf.sample_models(rf.refine(fit).steps)"
