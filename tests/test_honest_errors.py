@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import sys
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -12,12 +13,14 @@ import pytest
 from scipy import stats
 
 import rotorfit as rf
+from rotorfit.estimators.inference.covariance import inverse_curvature
 from rotorfit.estimators.noise.correlation import memory, scatter
 from rotorfit.estimators.noise.noise_levels import fit_shape, fit_shapes
 from rotorfit.estimators.noise.reading_noise import deviations_of_repeats
 from rotorfit.estimators.noise.robust_covariance import line_scatter
-from rotorfit.estimators.noise.run_effects import MixedModel, select_effects
-from rotorfit.fitting.noise_record import NoiseVerdict
+from rotorfit.estimators.noise.run_effects import MixedModel, select_effects, share_alike
+from rotorfit.fitting.noise_judging import allowed_for
+from rotorfit.fitting.noise_record import NoiseVerdict, RunEffect
 from rotorfit.fitting.problem_setup import build_problem
 from rotorfit.fitting.settings import FitSettings
 
@@ -65,6 +68,83 @@ def test_intervals_hold_the_truth(name):
         found = [interval(q) for q in (fit.params["D"], fit.params["lam"], fit.threshold_speed())]
         held += [low <= value <= high for (low, high), value in zip(found, truth, strict=True)]
     assert np.all(held >= stats.binom.ppf(0.001, draws, 0.90)), held
+
+
+@cache
+def many(name):
+    """Eighty fits of a world, for all that is asked of them."""
+    return [fitted(WORLDS[name], seed) for seed in range(80)]
+
+
+def holding(name):
+    """How many intervals of D, lam and the threshold hold the truth."""
+    truth = [WORLDS[name].truth["D"], WORLDS[name].truth["lam"], threshold(WORLDS[name].truth)]
+    found = [[interval(q) for q in (f.params["D"], f.params["lam"], f.threshold_speed())] for f in many(name)]
+    return np.sum([[low <= value <= high for (low, high), value in zip(f, truth, strict=True)] for f in found], axis=0)
+
+
+def allowing(fit):
+    """Sentences that allow for runs that may differ."""
+    return [sentence for sentence in fit.noise.sentences if "runs may differ" in sentence]
+
+
+@pytest.mark.parametrize(
+    ("name", "share"),
+    [
+        ("speed label 0.5 % from run to run", 0.90),
+        ("force 1 %, two runs", 0.85),
+        ("ideal: constant noise, x and y", 0.93),
+        ("ideal: two runs", 0.93),
+    ],
+)
+def test_intervals_hold_the_truth_where_runs_may_agree_by_chance(name, share):
+    """Fewer than the 0.1 % point of the binomial is no chance."""
+    held = holding(name)
+    assert np.all(held >= stats.binom.ppf(0.001, len(many(name)), share)), held
+
+
+@pytest.mark.parametrize(("name", "level"), [("ideal: constant noise, x and y", 0.1), ("ideal: two runs", 0.2)])
+def test_runs_that_agree_are_seldom_allowed_to_differ_and_hardly_ever_warned_of(name, level):
+    """One level for warnings, 0.5 % at most, and a laxer one for intervals: 10 % at most, with two runs 20 %."""
+    fits, count = many(name), len(many(name))
+    assert sum(bool(fit.noise.notable) for fit in fits) <= stats.binom.ppf(0.999, count, 0.005)
+    allowed = [fit for fit in fits if fit.noise.perhaps]
+    assert 0 < len(allowed) <= stats.binom.ppf(0.999, count, level)
+    for fit in fits:
+        assert len(allowing(fit)) == bool(fit.noise.perhaps)
+    for fit in allowed:
+        (sentence,) = allowing(fit)
+        assert sentence in fit.summary()
+        assert not any("differ" in warning for warning in fit.warnings)
+        assert not fit.problem.space.nuisance  # the estimate does without them
+        assert any(p.stderr > 1.2 * p.stderr_noise and p.freedom < 10 for p in fit.params.values() if p.vary)
+
+
+def test_errors_allow_for_what_runs_may_differ_by():
+    """What a force that is off in one run moves the results by is found by fits to such data."""
+    fit, sd = fitted(WORLDS["ideal: constant noise, x and y"], 3), 0.01
+    test, runs = fit.experiments[0], tuple(np.unique(fit.experiments[0].run).tolist())
+    ones = np.ones(fit.problem.blocks[0].measured.size, dtype=complex)
+    effect = RunEffect(kind="run_force", sd=sd, freedom=3.0, runs=runs, sensitivities=(ones,))
+    _, J = fit.problem.jacobian(fit.x)
+    noise = replace(fit.noise, perhaps=(effect,))
+    (share,) = allowed_for(noise, fit.problem, fit.x, J, inverse_curvature(fit.problem, fit.x))
+    moves = []
+    for run in runs:
+        louder = replace(test, response=test.response * np.where(test.run == run, 1 + 1e-4, 1.0))
+        moves.append((rf.fit(fit.model, louder, known=FLUID).x - fit.x) / 1e-4 * sd)
+    # Steps are exact to first order; residuals of half a percent bend them by as much.
+    np.testing.assert_allclose(np.sqrt(np.diag(share)), np.sqrt(np.sum(np.square(moves), axis=0)), rtol=0.03)
+
+
+def test_two_runs_do_not_tell_which_kind_of_difference_it_is():
+    """One difference between two runs has one degree of freedom, however many kinds may be what it is."""
+    fits = [fit for fit in many("force 1 %, two runs") if len(fit.noise.between) > 1 and fit.noise.notable]
+    assert fits
+    for fit in fits:
+        (warning,) = fit.noise.notable
+        assert " or " in warning
+        assert fit.params["D"].freedom < 2
 
 
 # ---- what the fit says ---------------------------------------------------------------------------
@@ -143,8 +223,9 @@ def test_offsets_of_the_phase_reference_leave_the_first_run_no_exception():
 
 
 def test_a_fit_with_found_noise_comes_back_from_its_file(tmp_path):
-    for name in ("force 1 % from run to run", "force jitter 1 %, probes 0.2 %", "phase 1 degree, phase_offsets=True"):
-        fit = fitted(WORLDS[name], 3)
+    names = "force 1 % from run to run", "force jitter 1 %, probes 0.2 %", "phase 1 degree, phase_offsets=True"
+    perhaps = next(fit for fit in many("ideal: two runs") if fit.noise.perhaps)
+    for fit in (*(fitted(WORLDS[name], 3) for name in names), perhaps):
         fit.save(tmp_path / "fit.json")
         again = rf.load_fit(tmp_path / "fit.json")
         np.testing.assert_array_equal(again.covar, fit.covar)
@@ -225,6 +306,20 @@ def test_variance_between_runs():
     assert np.mean(found[:, 1] > 0) < 0.15
     quiet = [select_effects(mixed(rng, (0.0, 0.0)), level=0.05).any() for _ in range(100)]
     assert np.sum(quiet) <= stats.binom.ppf(0.999, 100, 0.05)
+
+
+def test_kinds_that_explain_runs_alike_share_the_variance():
+    """Two kinds that are the same change get half of it each; one that explains less by far gets nothing."""
+    rng = np.random.default_rng(5)
+    one, other, J = complex_normal(rng, 80, 1), complex_normal(rng, 80, 1), complex_normal(rng, 80, 2)
+    rows = np.split(np.arange(80), 2)
+    r = complex_normal(rng, 80)
+    for own, size in zip(rows, (0.25, -0.25), strict=True):
+        r[own] -= one[own, 0] * size
+    shared = share_alike(MixedModel.of(r, J, np.hstack([one, one, other]), rows, np.zeros(2)))
+    alone = share_alike(MixedModel.of(r, J, one, rows, np.zeros(2)))
+    assert shared[:2] == pytest.approx([alone[0] / 2] * 2)
+    assert shared[2] < 0.1 * alone[0]
 
 
 def test_scores_of_equal_runs_are_uniform():

@@ -17,6 +17,9 @@ from rotorfit.models.array_types import ComplexArray, Float, Index
 _NULL = 1e-9
 """Share of a run's sensitivity below which one kind is a combination of the others."""
 
+_ALIKE = 1.5
+"""Log likelihood below that of the best kind within which another may be the one as well: weights from a fifth up."""
+
 _LARGEST = 0.3
 """Largest standard deviation of an effect that is looked for, relative: beyond it linearisation means nothing."""
 
@@ -299,6 +302,26 @@ def select_effects(model: MixedModel, *, level: float, forced: Sequence[int] = (
         variance[chosen] = _best(model.part(chosen), trials[kind][1])
         base = _restricted(model, variance)
     return variance
+
+
+def share_alike(model: MixedModel) -> Float:
+    """Variances of all kinds that may be the one by which runs differ, each by how likely it is, shape ``(k,)``.
+
+    Few runs do not tell, say, a force that differs from a damping. Each kind gets the variance that it has alone, times
+    its weight: the mean of the covariances that one kind each would give.
+
+    Args:
+        model: the sums over runs, whitened by the noise within runs, of runs that differ by some kind.
+    """
+    alone = [_one(model.part([kind]), np.zeros(1), 0) for kind in range(model.gram.shape[1])]
+    found = {kind: float(variance[0]) for kind, variance in enumerate(alone) if variance[0] > 0}
+    gain = {kind: model.part([kind]).log_likelihood(alone[kind]) for kind in found}
+    best = max(gain.values())
+    weight = {kind: float(np.exp(gain[kind] - best)) for kind in found if best - gain[kind] < _ALIKE}
+    shared = np.zeros(len(alone))
+    for kind, share in weight.items():
+        shared[kind] = found[kind] * share / sum(weight.values())
+    return shared
 
 
 def _restricted(model: MixedModel, variance: Float) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TypeVar
 
@@ -52,18 +53,22 @@ def study_noise(problem: Problem, x: Float, *, singular: bool = False) -> Findin
     offsets = bool(offset_entries(problem))
     forced = [data.kinds.index("run_phase")] if offsets and data.kinds else []
     search = search_noise(data, forced=forced)
-    effects = tuple(
-        RunEffect(
-            kind="phase" if kind in forced else data.kinds[kind],
-            sd=float(np.sqrt(search.variance[kind])),
-            freedom=float(freedom),
-            runs=data.runs,
-            sensitivities=_by_block(problem, _relative(problem, search, kind)),
+    kinds = ["phase" if kind in forced else name for kind, name in enumerate(data.kinds)]
+
+    def effects_of(variance: Float) -> tuple[RunEffect, ...]:
+        """Those of some variance, the forced one first."""
+        return tuple(
+            RunEffect(
+                kind=kinds[kind],
+                sd=float(np.sqrt(variance[kind])),
+                freedom=float(search.freedom[kind]),
+                runs=data.runs,
+                sensitivities=_by_block(problem, _relative(problem, search, kind)),
+            )
+            for kind in sorted(np.flatnonzero(variance).tolist(), key=lambda kind: kind not in forced)
         )
-        for kind, freedom in sorted(
-            zip(search.chosen, search.freedom, strict=True), key=lambda pair: pair[0] not in forced
-        )
-    )
+
+    effects, perhaps = effects_of(search.variance), effects_of(search.perhaps)
     changed = bool(effects) or search.verdict is NoiseVerdict.SHAPED
     factors = _by_block(problem, search.sigma / data.sigma)
     found = FoundNoise(factors=factors, effects=effects, before=x) if changed else None
@@ -71,10 +76,9 @@ def study_noise(problem: Problem, x: Float, *, singular: bool = False) -> Findin
     steps = np.zeros(data.kept.size) if singular else search.solved.step
     start = {names[entry]: float(x[entry] + step) for entry, step in zip(data.kept, steps, strict=True)}
     for effect in effects:
-        kind = data.kinds.index("run_phase" if effect.kind == "phase" else effect.kind)
-        own = search.solved.own[:, search.chosen.index(kind)]
+        own = search.solved.own[:, search.chosen.index(kinds.index(effect.kind))]
         start |= dict(zip(effect.names, own.tolist(), strict=True))
-    return Finding(record=_record(problem, search, effects), found=found, start=start)
+    return Finding(record=_record(problem, search, effects, perhaps), found=found, start=start)
 
 
 def _relative(problem: Problem, search: Search, kind: int) -> NDArray[np.complex128]:
@@ -95,7 +99,7 @@ def _by_block(problem: Problem, values: NDArray[_Number]) -> tuple[NDArray[_Numb
 # ---- words ---------------------------------------------------------------------------------------
 
 
-def _record(problem: Problem, search: Search, effects: tuple[RunEffect, ...]) -> Noise:
+def _record(problem: Problem, search: Search, effects: tuple[RunEffect, ...], perhaps: tuple[RunEffect, ...]) -> Noise:
     data = search.data
     real = 2 * float(search.weight.sum())
     if search.verdict is NoiseVerdict.SHAPED:
@@ -105,7 +109,7 @@ def _record(problem: Problem, search: Search, effects: tuple[RunEffect, ...]) ->
     else:
         freedom = float("inf") if data.told or search.verdict is NoiseVerdict.MISFIT else real
     misses = search.verdict is NoiseVerdict.MISFIT
-    differing = tuple(_differing(effect, len(data.runs)) for effect in effects)
+    differing = _differing(effects, len(data.runs))
     few = (_TWO_RUNS,) if len(data.runs) == 2 else ()
     return Noise(
         verdict=search.verdict,
@@ -113,20 +117,38 @@ def _record(problem: Problem, search: Search, effects: tuple[RunEffect, ...]) ->
         lags=search.memory.lags,
         levels=_levels(problem, search) if search.verdict is NoiseVerdict.SHAPED else (),
         between=tuple((effect.kind, effect.sd) for effect in effects),
+        perhaps=perhaps,
         places=_places(problem, search) if misses else (),
         odd_run=_odd_run(search),
         scatter_freedom=max(freedom, 1.0),
-        sentences=(*differing, *few),
+        sentences=(*differing, *_perhaps(perhaps, len(data.runs)), *few),
         notable=differing,
     )
 
 
-def _differing(effect: RunEffect, count: int) -> str:
-    size = f"{np.degrees(effect.sd):.2g} degrees" if "phase" in effect.kind else f"{100 * effect.sd:.2g} %"
-    return (
-        f"{_WORDS[effect.kind]} by {size} (standard deviation between {count} runs, {effect.freedom:.2g} degrees of "
-        "freedom). Standard errors hold that, and intervals have the quantile of Student's t"
+def _differing(effects: Sequence[RunEffect], count: int) -> tuple[str, ...]:
+    """What runs differ by; two runs do not tell which of several kinds it is."""
+    hold = "Standard errors hold that, and intervals have the quantile of Student's t"
+    if count == 2 and len(effects) > 1 and all(effect.kind in _WORDS for effect in effects):
+        sizes = " or ".join(f"{_WORDS[effect.kind]} by {_size(effect)}" for effect in effects)
+        return (f"runs differ in {sizes} (standard deviations, by how likely each is: two runs hardly tell). {hold}",)
+    who = "the phase reference, that of the first run included, differs from run to run"
+    return tuple(
+        f"{who if effect.kind == 'phase' else f'runs differ in {_WORDS[effect.kind]}'} by {_size(effect)} (standard "
+        f"deviation between {count} runs, {effect.freedom:.2g} degrees of freedom). {hold}"
+        for effect in effects
     )
+
+
+def _perhaps(effects: Sequence[RunEffect], count: int) -> tuple[str, ...]:
+    """What runs may differ by without it being more than chance."""
+    sizes = " or ".join(f"in {_WORDS[effect.kind]} by {_size(effect)}" for effect in effects)
+    told = f"the {count} runs may differ {sizes} (standard deviation), or by chance alone; standard errors allow for it"
+    return (told,) if effects else ()
+
+
+def _size(effect: RunEffect) -> str:
+    return f"{np.degrees(effect.sd):.2g} degrees" if "phase" in effect.kind else f"{100 * effect.sd:.2g} %"
 
 
 _TWO_RUNS = (
@@ -135,13 +157,12 @@ _TWO_RUNS = (
 )
 
 _WORDS = {
-    "run_force": "runs differ in force or gain",
-    "run_phase": "runs differ in their phase reference",
-    "phase": "the phase reference, that of the first run included, differs from run to run",
-    "run_K0": "runs differ in K0",
-    "run_D": "runs differ in D",
-    "run_lam": "runs differ in speed label or lam",
-    "run_fluid": "runs differ in viscosity (K0 and D together)",
+    "run_force": "force or gain",
+    "run_phase": "their phase reference",
+    "run_K0": "K0",
+    "run_D": "D",
+    "run_lam": "speed label or lam",
+    "run_fluid": "viscosity (K0 and D together)",
 }
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -58,16 +59,53 @@ def as_residuals_ask(
     return robust, replace(noise, robust=True, scatter_freedom=max(freedom, 1.0), sentences=sentences)
 
 
-def with_shares(noise: Noise, settings: FitSettings, problem: Problem, x: Float, covar: Float) -> Noise:
-    """The record with the parts of the covariance: effects of runs one by one, then all the rest."""
+def allowed_for(
+    noise: Noise, problem: Problem, x: Float, J: NDArray[np.complex128], scattered: Float
+) -> tuple[Float, ...]:
+    """What runs that may differ add to the covariance, kind by kind, each of shape ``(p, p)``.
+
+    Args:
+        noise: what the residuals are.
+        problem, x, J: the problem, its estimate and the derivatives of its whitened residuals, shape ``(R, p)``.
+        scattered: covariance by the noise alone, shape ``(p, p)``.
+    """
+    if not noise.perhaps:
+        return ()
+    run = np.concatenate([block.run for block in problem.blocks])
+    sigma = np.concatenate([block.sigma for block in problem.blocks])
+    whitened = np.concatenate(problem.predict(x)) / sigma
+    shares = []
+    for effect in noise.perhaps:
+        change = effect.sd * np.concatenate(effect.sensitivities) * whitened
+        columns = change[:, None] * (run[:, None] == np.array(effect.runs))
+        moves = scattered @ (J.conj().T @ columns).real
+        shares.append(moves @ moves.T)
+    return tuple(shares)
+
+
+def with_shares(
+    noise: Noise, settings: FitSettings, problem: Problem, x: Float, covar: Float, allowed: Sequence[Float] = ()
+) -> Noise:
+    """The record with the parts of the covariance: effects of runs one by one, then all the rest.
+
+    Args:
+        noise, settings: what the residuals are, and what was asked.
+        problem, x: the problem and its estimate.
+        covar: its covariance by the noise and by what surely differs, shape ``(p, p)``.
+        allowed: what runs that may differ add to it.
+    """
     effects = () if settings.noise is None else settings.noise.effects
     names = (*problem.space.names, *problem.space.nuisance)
-    shares, freedom = [], []
+    shares = []
     for effect in effects:
         columns = covar[:, [names.index(name) for name in effect.names]] / effect.sd
         shares.append(columns @ columns.T)
-        freedom.append(effect.freedom)
-    rest = covar - sum(shares) if shares else covar
+    rest = covar - np.sum(shares, axis=0) if shares else covar
+    shares += allowed
+    between = (*effects, *noise.perhaps)
+    freedom = [effect.freedom for effect in between]
+    if between and len(between[0].runs) == 2:  # whatever two runs differ by is read from the same difference
+        shares, freedom = [np.sum(shares, axis=0)], [max(freedom)]
     error = np.sqrt(np.maximum(np.diag(covar), 0.0)).tolist()
     runs = tuple((name, float(x[i]), error[i]) for i, name in enumerate(names) if is_run_effect(name))
     return replace(noise, runs=runs, shares=(*shares, rest), freedom=(*freedom, noise.scatter_freedom))

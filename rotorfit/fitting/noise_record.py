@@ -112,6 +112,8 @@ class Noise:
         lags: the same at distances 1, 2, ... as far as it is more than chance.
         levels: noise of the responses by restricted likelihood, where it replaced that of the data alone.
         between: kind and standard deviation of what differs from run to run.
+        perhaps: what runs may differ by though chance explains it as well: the errors allow for it, the estimate does
+            without.
         runs: name, estimate and standard error of each effect of a run.
         places: responses and frequencies where the model misses most, in words.
         odd_run: sentence on the one run without which the misfit would be a third or less; empty where there is none.
@@ -126,6 +128,7 @@ class Noise:
     lags: tuple[float, ...] = ()
     levels: tuple[ResponseNoise, ...] = ()
     between: tuple[tuple[str, float], ...] = ()
+    perhaps: tuple[RunEffect, ...] = ()
     runs: tuple[tuple[str, float, float], ...] = ()
     places: tuple[str, ...] = ()
     odd_run: str = ""

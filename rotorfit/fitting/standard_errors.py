@@ -12,7 +12,7 @@ from rotorfit.estimators.inference.identifiability import Identifiability, diagn
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.estimators.starting.closed_form import ClosedForm
 from rotorfit.fitting.goodness import Goodness
-from rotorfit.fitting.noise_judging import as_residuals_ask, with_shares
+from rotorfit.fitting.noise_judging import allowed_for, as_residuals_ask, with_shares
 from rotorfit.fitting.noise_record import Noise
 from rotorfit.fitting.settings import FitSettings
 from rotorfit.models.array_types import ComplexArray, Float
@@ -78,7 +78,9 @@ def standard_errors(
         covar = diagnose(space.model, names, base, x, wide, scales)[0]
     if noise is not None:
         covar, noise = as_residuals_ask(noise, problem, residuals, jacobian, scattered, covar, widening)
-        noise = with_shares(noise, settings, problem, x, covar)
+        allowed = allowed_for(noise, problem, x, jacobian, scattered)
+        noise = with_shares(noise, settings, problem, x, covar, allowed)
+        covar = np.sum([covar, *allowed], axis=0)
     freedom = min(known, float(goodness.nfree)) if widening > 1 and np.isfinite(known) else known
     degrees = (freedom,) * space.size if noise is None else noise.own_degrees(space.size)
     return StandardErrors(scattered=scattered, covar=covar, degrees=degrees, identifiability=verdict, noise=noise)
