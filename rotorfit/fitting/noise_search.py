@@ -31,9 +31,9 @@ _PERHAPS, _PERHAPS_OF_TWO = 0.1, 0.2
 
 Runs that differ agree by chance in some tests, and then nothing widens: the laxer this level, the fewer. Both tests of
 an effect err to the safe side: at 0.1 runs that agree are given one in 2 to 3 fits of 100, and at 0.2 in 5; each is
-several to forty times as wide, so that the mean width grows by 5 %, and at 0.2 by 15 %. Two runs need 0.2 to hold D in
-85 % where forces differ by 1 %: two that agree are then 1.3 to 2.8 times as wide on average (none of this moves the
-median). ``benchmarks/honest_errors.py`` counts both.
+several to forty times as wide, so that the mean width grows by 1 to 30 %. Two runs need 0.2 to hold D in 85 % where
+forces differ by 1 %: two that agree are then 1.4 to 2.1 times as wide on average. The median stays.
+``benchmarks/honest_errors.py`` counts all of it.
 """
 GAIN = 12.0
 """Twice the gain in log likelihood, for each probe, from which noise by residuals replaces that of the data alone."""
