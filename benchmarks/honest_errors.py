@@ -296,6 +296,7 @@ class Row:
     Attributes:
         cover_D, cover_lam, cover_threshold: share of 95 % intervals that hold the truth.
         width_D, width_lam, width_threshold: their mean half width over that of the right noise model.
+        spread_D, spread_lam, spread_threshold: standard errors of these means, draws being so many.
         redchi: median.
         warned: share of fits with a warning.
         allowed: share of fits whose intervals allow for runs that may differ, without a warning.
@@ -311,6 +312,9 @@ class Row:
     width_D: float
     width_lam: float
     width_threshold: float
+    spread_D: float
+    spread_lam: float
+    spread_threshold: float
     redchi: float
     warned: float
     allowed: float
@@ -352,11 +356,16 @@ def run(name: str, draws: int, seed: int) -> Row:
         sentences = () if fit.noise is None else fit.noise.sentences
         allowed.append(any("runs may differ" in words for words in sentences))
         told.append(any(words.startswith("two runs") for words in sentences))
-    cover, width = np.mean(held, axis=0), np.mean(half, axis=0)
+    cover, width, spread = np.mean(held, axis=0), np.mean(half, axis=0), np.std(half, axis=0) / np.sqrt(draws)
     return Row(
-        name, *map(float, cover), *map(float, width), float(np.median(redchi)), float(np.mean(warned)),
-        float(np.mean(allowed)), float(np.mean(told)), failures, 1e3 * float(np.median(times)),
+        name, *map(float, cover), *map(float, width), *map(float, spread), float(np.median(redchi)),
+        float(np.mean(warned)), float(np.mean(allowed)), float(np.mean(told)), failures, 1e3 * float(np.median(times)),
     )  # fmt: skip
+
+
+CHANCE = 0.01
+"""Probability of calling a row short that keeps its promise."""
+SURELY = float(stats.norm.isf(CHANCE))
 
 
 def short_of_promise(row: Row, draws: int) -> list[str]:
@@ -365,11 +374,11 @@ def short_of_promise(row: Row, draws: int) -> list[str]:
     for name in WATCHED:
         cover, width = getattr(row, f"cover_{name}"), getattr(row, f"width_{name}")
         low = 0.93 if world.ideal else world.promise
-        if stats.binom.cdf(round(cover * draws), draws, low) < 0.01:
+        if stats.binom.cdf(round(cover * draws), draws, low) < CHANCE:
             found.append(f"{name} covered in {100 * cover:.0f} %")
-        if world.ideal and stats.binom.sf(round(cover * draws) - 1, draws, 0.97) < 0.01:
+        if world.ideal and stats.binom.sf(round(cover * draws) - 1, draws, 0.97) < CHANCE:
             found.append(f"{name} covered in {100 * cover:.0f} %, too many")
-        if width > world.widest:
+        if width > world.widest + SURELY * getattr(row, f"spread_{name}"):
             found.append(f"{name} {width:.2f} wide")
     return found
 
