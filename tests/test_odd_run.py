@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -84,3 +85,25 @@ def test_runs_that_scatter_more_than_their_noise_are_not_blamed(seed: int) -> No
     fit = rf.fit(rf.models.OneMode(), test, known={name: world.truth[name] for name in ("K", "Ds")})
     assert fit.redchi > 10
     assert not said(fit)
+
+
+def test_what_one_run_alone_differs_by_is_said_with_its_name(rig: PerturbationTest) -> None:
+    """A speed label 5 % off, which the lumped model hides and the ladder lays bare."""
+    fit = rf.refine(rf.fit(rf.models.WhirlWhip(), in_one_run(rig, "speed", 1.05), known={"K3": 6000.0})).best
+    (told,) = [text for text in fit.warnings if "runs differ in speed label" in text]
+    found = re.search(rf"Nearly all of it is in run {ODD}, by ([0-9.]+) %", told)
+    assert found is not None
+    error = fit.noise.runs[-1][2]  # of one run's label
+    assert abs(float(found[1]) / 100 - 0.05) < 3 * error
+
+
+def test_runs_that_all_differ_blame_none() -> None:
+    """Oil 1 % from run to run: of 20 draws no more say that one run has it all than chance with twelve runs allows."""
+    world = WORLDS["oil 1 %, twelve runs"]
+    blamed = 0
+    for seed in range(20):
+        test = simulate(world, np.random.default_rng(seed))
+        fit = rf.fit(rf.models.OneMode(), test, known={name: world.truth[name] for name in ("K", "Ds")})
+        assert any("runs differ" in text for text in fit.warnings)
+        blamed += any("Nearly all of it" in text for text in fit.warnings)
+    assert blamed == 0

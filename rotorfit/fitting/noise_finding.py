@@ -22,6 +22,8 @@ _Number = TypeVar("_Number", np.float64, np.complex128)
 
 _WINDOW = 5  # lines over which residuals are averaged to see where the model misses
 _PLACES = 3
+_FEW = 2  # other runs that one run's effect is compared with
+_ALONE = 8.0  # times by which it must exceed theirs
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -109,7 +111,10 @@ def _record(problem: Problem, search: Search, effects: tuple[RunEffect, ...], pe
     else:
         freedom = float("inf") if data.told or search.verdict is NoiseVerdict.MISFIT else real
     misses = search.verdict is NoiseVerdict.MISFIT
-    differing = _differing(effects, len(data.runs))
+    differing = tuple(
+        f"{told}{alone}"
+        for told, alone in zip(_differing(effects, len(data.runs)), _alone(search, effects), strict=False)
+    )
     few = (_TWO_RUNS,) if len(data.runs) == 2 else ()
     return Noise(
         verdict=search.verdict,
@@ -140,6 +145,22 @@ def _differing(effects: Sequence[RunEffect], count: int) -> tuple[str, ...]:
     )
 
 
+def _alone(search: Search, effects: Sequence[RunEffect]) -> list[str]:
+    """For each effect, the one run that has nearly all of it; empty where several share it."""
+    found = []
+    for effect in effects:
+        kind = search.data.kinds.index("run_phase" if effect.kind == "phase" else effect.kind)
+        own = search.solved.own[:, search.chosen.index(kind)]
+        own = np.abs(own - np.median(own))  # what one run alone has shifts the mean of all
+        first = int(np.argmax(own))
+        others = np.delete(own, first)
+        odd = others.size >= _FEW and own[first] > _ALONE * np.sqrt(np.mean(others**2))
+        found.append(
+            f". Nearly all of it is in run {effect.runs[first]}, by {_amount(effect, own[first])}" if odd else ""
+        )
+    return found
+
+
 def _perhaps(effects: Sequence[RunEffect], count: int) -> tuple[str, ...]:
     """What runs may differ by without it being more than chance."""
     sizes = " or ".join(f"in {_WORDS[effect.kind]} by {_size(effect)}" for effect in effects)
@@ -148,7 +169,11 @@ def _perhaps(effects: Sequence[RunEffect], count: int) -> tuple[str, ...]:
 
 
 def _size(effect: RunEffect) -> str:
-    return f"{np.degrees(effect.sd):.2g} degrees" if "phase" in effect.kind else f"{100 * effect.sd:.2g} %"
+    return _amount(effect, effect.sd)
+
+
+def _amount(effect: RunEffect, value: float) -> str:
+    return f"{np.degrees(value):.2g} degrees" if "phase" in effect.kind else f"{100 * value:.2g} %"
 
 
 _TWO_RUNS = (
