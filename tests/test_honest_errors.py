@@ -19,8 +19,8 @@ from rotorfit.estimators.noise.noise_levels import fit_shape, fit_shapes
 from rotorfit.estimators.noise.reading_noise import deviations_of_repeats
 from rotorfit.estimators.noise.robust_covariance import line_scatter
 from rotorfit.estimators.noise.run_effects import MixedModel, select_effects, share_alike
-from rotorfit.fitting.noise_judging import allowed_for
-from rotorfit.fitting.noise_record import NoiseVerdict, RunEffect
+from rotorfit.fitting.noise.judging import allowed_for
+from rotorfit.fitting.noise.record import NoiseVerdict, RunEffect
 from rotorfit.fitting.problem_setup import build_problem
 from rotorfit.fitting.settings import FitSettings
 

@@ -56,6 +56,8 @@ RECORDING_FLOORS = (
 )  # fmt: skip
 """The same inside ``recordings/``; the third floor's are files, which may know each other."""
 INNER_FLOORS = {"estimators": ESTIMATOR_FLOORS, "recordings": RECORDING_FLOORS}
+ALONE = {"rotorfit.fitting.noise": {"rotorfit.fitting.settings"}}
+"""Rooms inside a room of loose files, and all that they may know of those."""
 UPWARD = ("rotorfit.fitting.result", "rotorfit.recordings.recording")
 """Their one-line convenience methods (plots, profile, sample, ...) import upwards when called, as pandas does."""
 
@@ -146,6 +148,13 @@ def test_imports_within_a_room_go_down(name: str) -> None:
         if room(other) == outer and other.split(".")[2] != own:
             there = floor[other.split(".")[2]]
             assert there < floor[own] or (there == floor[own] and there in files), f"{name} -> {other}"
+
+
+@pytest.mark.parametrize("inner", ALONE)
+def test_a_room_among_files_knows_few_of_them(inner: str) -> None:
+    outer = inner.rpartition(".")[0]
+    known = {other for name in modules(inner) for other, _ in arrows(name) if begins(other, (outer,))}
+    assert {name for name in known if not begins(name, (inner,))} == ALONE[inner]
 
 
 def test_no_circle_of_more_than_a_pair() -> None:

@@ -1,7 +1,8 @@
 """Files that version 0.1.0 wrote are read: the same numbers, whatever room a class lives in today.
 
-The files of ``data/saved-0.1.0`` were written by that version, before the front was divided into rooms, and are never
-written again; ``expected.json`` holds what it said of them.
+The files of ``data/saved-0.1.0`` were written by that version, before the front was divided into rooms
+(``found_noise.json`` before ``fitting`` was), and are never written again; ``expected.json`` holds what it said of
+them.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ SAVED = Path(__file__).parent / "data" / "saved-0.1.0"
 EXPECTED = json.loads((SAVED / "expected.json").read_text(encoding="utf-8"))
 
 
-@pytest.mark.parametrize("name", ["one_mode", "law", "whirl_whip", "sampled"])
+@pytest.mark.parametrize("name", ["one_mode", "law", "whirl_whip", "sampled", "found_noise"])
 def test_a_fit_of_version_0_1_0_is_read(name: str) -> None:
     fit = rf.load_fit(SAVED / f"{name}.json")
     expected = EXPECTED[name]
@@ -28,6 +29,14 @@ def test_a_fit_of_version_0_1_0_is_read(name: str) -> None:
     again = rf.fit(fit.model, list(fit.experiments), known=fit.settings.known) if name == "sampled" else None
     if again is not None:  # its settings still mean the same
         np.testing.assert_allclose(again.x, fit.x, rtol=1e-6)
+
+
+def test_found_noise_of_version_0_1_0_is_read() -> None:
+    fit = rf.load_fit(SAVED / "found_noise.json")
+    assert fit.settings.noise is not None
+    (effect,) = fit.settings.noise.effects
+    assert effect.kind == "run_force"
+    assert effect.sd == EXPECTED["found_noise"]["sd"]
 
 
 def test_a_posterior_of_version_0_1_0_is_read() -> None:

@@ -16,7 +16,7 @@ from rotorfit.data.experiments import Experiment
 from rotorfit.estimators.blocks.row_keys import words
 from rotorfit.executors import carry_out
 from rotorfit.fitting.fit import fit, judged
-from rotorfit.fitting.noise_record import FoundNoise
+from rotorfit.fitting.noise.record import FoundNoise
 from rotorfit.fitting.plain_fits import PlainFit, Solved, plain_fits
 from rotorfit.fitting.problem_setup import as_tuple, build_problem
 from rotorfit.fitting.quantities import FittedParameter

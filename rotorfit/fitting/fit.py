@@ -21,8 +21,8 @@ from rotorfit.estimators.starting.starts import start_vector
 from rotorfit.fitting.assumptions import assuming
 from rotorfit.fitting.calibration import Calibration
 from rotorfit.fitting.judge import judge, with_doubt
-from rotorfit.fitting.noise_finding import study_noise
-from rotorfit.fitting.noise_problem import with_noise
+from rotorfit.fitting.noise.finding import study_noise
+from rotorfit.fitting.noise.problem import with_noise
 from rotorfit.fitting.problem_setup import as_tuple, build_problem, make_priors
 from rotorfit.fitting.result import FitResult
 from rotorfit.fitting.settings import FitSettings, PhaseOffsets

@@ -18,8 +18,8 @@ import numpy as np
 from rotorfit.estimators.atomic_file import whole_file
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.fitting.json_values import UserDefinedError, decode, encode
-from rotorfit.fitting.noise_problem import estimate_before, without_noise
-from rotorfit.fitting.noise_record import is_run_effect
+from rotorfit.fitting.noise.problem import estimate_before, without_noise
+from rotorfit.fitting.noise.record import is_run_effect
 from rotorfit.fitting.problem_setup import build_problem, with_levels
 from rotorfit.fitting.result import FitResult
 from rotorfit.models import RotorModel

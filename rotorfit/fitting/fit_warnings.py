@@ -12,8 +12,8 @@ from rotorfit.estimators.blocks.nonlinear import responses_of
 from rotorfit.estimators.inference import covariance
 from rotorfit.estimators.inference.identifiability import Identifiability
 from rotorfit.estimators.misfit.problem import Problem
-from rotorfit.fitting.noise_judging import MODEL_LIMITED, is_misfit, noise_warnings
-from rotorfit.fitting.noise_record import Noise
+from rotorfit.fitting.noise.judging import MODEL_LIMITED, is_misfit, noise_warnings
+from rotorfit.fitting.noise.record import Noise
 from rotorfit.fitting.quantities import FittedParameter
 from rotorfit.fitting.refinable import why_not_refined
 from rotorfit.models import BLOCKS, Modal, RotorModel

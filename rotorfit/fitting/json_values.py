@@ -23,7 +23,7 @@ _HOMES = (
     "rotorfit.fitting.result",
     "rotorfit.fitting.settings",
     "rotorfit.fitting.calibration",
-    "rotorfit.fitting.noise_record",
+    "rotorfit.fitting.noise.record",
     "rotorfit.estimators.inference.identifiability",
 )
 """Modules whose records a file may name; nothing else is ever imported or called for a file."""

@@ -13,7 +13,7 @@ from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.estimators.starting.closed_form import ClosedForm
 from rotorfit.fitting.fit_warnings import fit_warnings
 from rotorfit.fitting.goodness import goodness_of
-from rotorfit.fitting.noise_record import Noise, NoiseVerdict
+from rotorfit.fitting.noise.record import Noise, NoiseVerdict
 from rotorfit.fitting.parameter_table import parameter_table
 from rotorfit.fitting.result import FitResult
 from rotorfit.fitting.settings import FitSettings

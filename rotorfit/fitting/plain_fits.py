@@ -27,9 +27,9 @@ from rotorfit.estimators.noise.robust_covariance import scatter_by_line
 from rotorfit.estimators.starting.start_points import given_starts, search_scale
 from rotorfit.estimators.starting.starts import starts_of_many
 from rotorfit.fitting.fit_warnings import NOISE_FLOOR, growth, too_quiet
-from rotorfit.fitting.noise_judging import UNEVEN
+from rotorfit.fitting.noise.judging import UNEVEN
+from rotorfit.fitting.noise.plain import plain_noise
 from rotorfit.fitting.parameter_table import parameter_table
-from rotorfit.fitting.plain_noise import plain_noise
 from rotorfit.fitting.quantities import FittedParameter
 from rotorfit.fitting.settings import FitSettings
 from rotorfit.models import Modal, RotorModel

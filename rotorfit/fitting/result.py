@@ -18,8 +18,8 @@ from rotorfit.estimators.inference.covariance import widening
 from rotorfit.estimators.inference.identifiability import Identifiability
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.fitting.assumption_table import THRESHOLD
-from rotorfit.fitting.noise_judging import is_misfit
-from rotorfit.fitting.noise_record import Noise
+from rotorfit.fitting.noise.judging import is_misfit
+from rotorfit.fitting.noise.record import Noise
 from rotorfit.fitting.quantities import FittedParameter, Quantity, ResponseQuality
 from rotorfit.fitting.settings import FitSettings
 from rotorfit.models import RotorModel, Threshold, threshold_speed

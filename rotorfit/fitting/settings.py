@@ -10,7 +10,7 @@ from rotorfit.estimators.misfit.losses import Loss
 
 if TYPE_CHECKING:
     from rotorfit.fitting.calibration import Calibration
-    from rotorfit.fitting.noise_record import FoundNoise
+    from rotorfit.fitting.noise.record import FoundNoise
 
 PhaseOffsets: TypeAlias = bool | Literal["common"]
 """An offset of the phase reference for every run but the first, one common to all, or none."""

@@ -12,8 +12,8 @@ from rotorfit.estimators.inference.identifiability import Identifiability, diagn
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.estimators.starting.closed_form import ClosedForm
 from rotorfit.fitting.goodness import Goodness
-from rotorfit.fitting.noise_judging import allowed_for, as_residuals_ask, with_shares
-from rotorfit.fitting.noise_record import Noise
+from rotorfit.fitting.noise.judging import allowed_for, as_residuals_ask, with_shares
+from rotorfit.fitting.noise.record import Noise
 from rotorfit.fitting.settings import FitSettings
 from rotorfit.models.array_types import ComplexArray, Float
 

@@ -13,7 +13,7 @@ from rotorfit.estimators.misfit.parameter_space import DATUM
 from rotorfit.fitting.anisotropy import lines_cut_off
 from rotorfit.fitting.assumptions import foundations_of
 from rotorfit.fitting.digits import interval, plus_minus, with_error
-from rotorfit.fitting.noise_record import NoiseVerdict, is_run_effect
+from rotorfit.fitting.noise.record import NoiseVerdict, is_run_effect
 from rotorfit.fitting.structure_error import structure_error
 from rotorfit.models import TurningOnSupports, eigenvalues, unstable_bands
 from rotorfit.models.parameters import bare_name

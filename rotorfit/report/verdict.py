@@ -10,7 +10,7 @@ import numpy as np
 
 from rotorfit.estimators.starting.many_starts import LOCAL_MINIMUM
 from rotorfit.fitting.fit import DATA_ERROR
-from rotorfit.fitting.noise_judging import MODEL_LIMITED
+from rotorfit.fitting.noise.judging import MODEL_LIMITED
 from rotorfit.fitting.quantities import Quantity
 from rotorfit.fitting.result import FitResult
 from rotorfit.fitting.structure_error import structure_error

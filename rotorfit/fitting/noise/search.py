@@ -17,7 +17,7 @@ from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.estimators.noise.correlation import Memory, memory
 from rotorfit.estimators.noise.noise_levels import Shape, fit_probes, likelihood
 from rotorfit.estimators.noise.run_effects import MixedModel, Solved, runs_agree, select_effects, share_alike
-from rotorfit.fitting.noise_record import NoiseVerdict
+from rotorfit.fitting.noise.record import NoiseVerdict
 from rotorfit.models.array_types import ComplexArray, Float, Index
 
 _CLEARLY = 4.0

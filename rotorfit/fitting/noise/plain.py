@@ -10,12 +10,12 @@ from rotorfit.estimators.misfit.run_stack import RunStack
 from rotorfit.estimators.noise.correlation import neighbours
 from rotorfit.estimators.noise.noise_levels import fit_probes, likelihood
 from rotorfit.estimators.noise.run_effects import inverse_of_determined, powers
-from rotorfit.fitting.noise_search import AGREES, GAIN, RESPONSE, channels_of, forgetful, made_good
+from rotorfit.fitting.noise.search import AGREES, GAIN, RESPONSE, channels_of, forgetful, made_good
 from rotorfit.models.array_types import Float
 
 
 def plain_noise(stack: RunStack, x: Float) -> tuple[NDArray[np.bool_], Float]:
-    """Which runs :func:`~rotorfit.fitting.noise_search.search_noise` would find as their noise says, shape ``(W,)``.
+    """Which runs :func:`~rotorfit.fitting.noise.search.search_noise` would find as their noise says, shape ``(W,)``.
 
     They are those within half of the limits from which it looks closer.
 

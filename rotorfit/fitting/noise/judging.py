@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.estimators.noise.correlation import scatter
 from rotorfit.estimators.noise.robust_covariance import line_scatter
-from rotorfit.fitting.noise_record import Noise, NoiseVerdict, is_run_effect
-from rotorfit.fitting.noise_search import lines_in, sweeps_in
+from rotorfit.fitting.noise.record import Noise, NoiseVerdict, is_run_effect
+from rotorfit.fitting.noise.search import lines_in, sweeps_in
 from rotorfit.fitting.settings import FitSettings
 from rotorfit.models.array_types import Float
 

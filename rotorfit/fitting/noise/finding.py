@@ -13,8 +13,8 @@ from rotorfit.estimators.blocks.nonlinear import responses_of
 from rotorfit.estimators.blocks.observations import Block
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.estimators.noise.odd_run import odd_run
-from rotorfit.fitting.noise_record import FoundNoise, Noise, NoiseVerdict, ResponseNoise, RunEffect
-from rotorfit.fitting.noise_search import Search, offset_entries, residuals_of, search_noise, turn_of
+from rotorfit.fitting.noise.record import FoundNoise, Noise, NoiseVerdict, ResponseNoise, RunEffect
+from rotorfit.fitting.noise.search import Search, offset_entries, residuals_of, search_noise, turn_of
 from rotorfit.models.array_types import Float
 from rotorfit.units import RPM_PER_RAD_S
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from rotorfit.estimators.misfit.priors import Prior
 from rotorfit.estimators.misfit.problem import Problem
-from rotorfit.fitting.noise_record import RUN_KINDS, FoundNoise
+from rotorfit.fitting.noise.record import RUN_KINDS, FoundNoise
 from rotorfit.models.array_types import Float
 
 
