@@ -59,7 +59,7 @@ INNER_FLOORS = {"estimators": ESTIMATOR_FLOORS, "recordings": RECORDING_FLOORS}
 ALONE = {"rotorfit.fitting.noise": {"rotorfit.fitting.settings"}}
 """Rooms inside a room of loose files, and all that they may know of those."""
 UPWARD = ("rotorfit.fitting.result", "rotorfit.recordings.recording")
-"""Their one-line convenience methods (plots, profile, sample, ...) import upwards when called, as pandas does."""
+"""Their convenience methods (plots, profile, sample, ...) import upwards when called, as pandas does."""
 
 
 def modules(package: str = "rotorfit") -> list[str]:
@@ -103,7 +103,9 @@ def arrows(name: str) -> list[tuple[str, bool]]:
     def visit(node: ast.AST, called: bool) -> None:
         for child in ast.iter_child_nodes(node):
             inside = called or isinstance(child, ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda)
-            if isinstance(child, ast.ImportFrom) and begins(str(child.module), ("rotorfit",)):
+            if isinstance(child, ast.Import):
+                found.extend((alias.name, called) for alias in child.names if begins(alias.name, ("rotorfit",)))
+            elif isinstance(child, ast.ImportFrom) and begins(str(child.module), ("rotorfit",)):
                 for alias in child.names:
                     full = f"{child.module}.{alias.name}"
                     found.append((full if full in MODULES else str(child.module), called))
@@ -137,6 +139,19 @@ def test_imports_go_down(name: str) -> None:
             continue
         assert room(other), f"{name} imports the front itself"
         assert floor[room(other)] < floor[room(name)], f"{name} -> {other}"
+
+
+def test_methods_of_a_fit_that_import_upwards_are_one_line() -> None:
+    floor = {name: i for i, names in enumerate(FLOORS) for name in names}
+    tree = ast.parse(source_of("rotorfit.fitting.result").read_text(encoding="utf-8"))
+    upward = []
+    for method in (node for node in ast.walk(tree) if isinstance(node, ast.FunctionDef)):
+        imports = [node for node in method.body if isinstance(node, ast.ImportFrom)]
+        if any(floor.get(room(str(node.module)), 0) > floor["fitting"] for node in imports):
+            upward.append(method.name)
+            rest = [node for node in method.body if node not in imports and not isinstance(node, ast.Expr)]
+            assert [type(node) for node in rest] == [ast.Return], method.name
+    assert "plot_bode" in upward
 
 
 @pytest.mark.parametrize("name", [name for name in MODULES if room(name) in INNER_FLOORS and len(name.split(".")) > 2])

@@ -18,6 +18,17 @@ def test_links_and_files_of_a_page_are_there(page: str) -> None:
     assert [link for link in links if link and not ((ROOT / page).parent / link).exists()] == []
     files = re.findall(r"`((?:rotorfit|models|estimators|tests|docs|benchmarks)/[\w/.]+?)/?`", text)
     assert [file for file in files if not (ROOT / file).exists()] == []
+    there = [str(file.relative_to(ROOT)) for file in ROOT.rglob("*.py")]
+    short = re.findall(r"`([\w/]+\.py)`", text)
+    assert [file for file in short if not any(f"/{path}".endswith(f"/{file}") for path in there)] == []
+
+
+def test_every_room_is_drawn() -> None:
+    drawing = (ROOT / "ARCHITECTURE.md").read_text(encoding="utf-8").split("```")[1]
+    rooms = {path.parent.name for path in (ROOT / "rotorfit").glob("*/__init__.py")}
+    rooms |= {path.parent.name for path in (ROOT / "estimators").glob("*/__init__.py")}
+    rooms |= {path.name for path in (ROOT / "rotorfit").glob("*.py")} - {"__init__.py", "__main__.py"}
+    assert sorted(name for name in rooms if not re.search(rf"\b{re.escape(name)}\b", drawing)) == []
 
 
 def test_functions_on_the_way_from_file_to_result_are_where_the_page_says() -> None:
