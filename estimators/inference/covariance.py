@@ -46,6 +46,19 @@ def widening(redchi: float, loss: Loss, *, levelled: bool = False, nfree: int = 
     return max(1.0, redchi)
 
 
+def standard_error(slope: Float, covar: Float) -> Float:
+    """Standard error of quantities that follow from an estimate, by the delta method.
+
+    Args:
+        slope: their derivatives by the estimate, shape ``(..., p)``.
+        covar: its covariance, shape ``(p, p)``.
+
+    Returns:
+        shape ``(...)``; zero where round-off makes a variance negative.
+    """
+    return np.asarray(np.sqrt(np.maximum(np.sum(slope @ covar * slope, axis=-1), 0.0)))
+
+
 @cache
 def _expected_loss(loss: Loss) -> float:
     """Mean robust cost of one complex reading under pure noise, |r|^2 being chi-squared with two degrees of freedom."""

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rotorfit.estimators.blocks.shaft_lines import PairResponses
+from rotorfit.estimators.inference.covariance import standard_error
 from rotorfit.models.array_types import Float
 
 if TYPE_CHECKING:
@@ -112,10 +113,10 @@ def turning_anisotropy(
     along = v / size if size else np.array([1.0, 0.0])
     across = np.array([-along[1], along[0]])
     interval = magnitude_interval(v, error, level)
-    turn = math.sqrt(max(float(across @ error @ across), 0.0)) / (2 * size) if interval[0] > 0 else math.inf
+    turn = float(standard_error(across, error)) / (2 * size) if interval[0] > 0 else math.inf
     return TurningAnisotropy(
-        dK=Quantity(size, math.sqrt(max(float(along @ error @ along), 0.0)), "N/m"),
-        ratio=Quantity(size / K, math.sqrt(max(float(along @ share @ along), 0.0)), "1"),
+        dK=Quantity(size, float(standard_error(along, error)), "N/m"),
+        ratio=Quantity(size / K, float(standard_error(along, share)), "1"),
         angle=Quantity(0.5 * math.atan2(v[1], v[0]), turn, "rad"),
         interval=interval,
         ratio_interval=magnitude_interval(v / K, share, level) if math.isfinite(K) else (math.nan, math.nan),

@@ -14,7 +14,7 @@ import numpy as np
 from rotorfit.data.experiments import Experiment
 from rotorfit.estimators.blocks.correlated import CorrelatedResponses, freedom_of
 from rotorfit.estimators.blocks.nonlinear import responses_of
-from rotorfit.estimators.inference.covariance import widening
+from rotorfit.estimators.inference.covariance import standard_error, widening
 from rotorfit.estimators.inference.identifiability import Identifiability
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.fitting.assumption_table import THRESHOLD
@@ -240,7 +240,7 @@ class FitResult:
         if not self.success:
             return Quantity(value, math.nan, unit)
         freedom = self.freedom if self.noise is None else self.noise.degrees(slope)
-        return Quantity(value, math.sqrt(max(float(slope @ self.covar @ slope), 0.0)), unit, freedom)
+        return Quantity(value, float(standard_error(slope, self.covar)), unit, freedom)
 
     def threshold_speed(self, at: Mapping[str, Any] | None = None, *, eccentricity: float | None = None) -> Quantity:
         """Rotative speed at which the rotor becomes unstable, rad/s, with its standard error.

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from rotorfit.estimators.inference.covariance import standard_error
 from rotorfit.estimators.misfit.parameter_space import DATUM
 from rotorfit.fitting.anisotropy import lines_cut_off
 from rotorfit.fitting.assumptions import foundations_of
@@ -49,7 +50,7 @@ def combined(fit: FitResult, combination: Combination) -> str:
     value, by_first, by_second = of(first.value, second.value)
     slope = np.zeros(fit.x.size)
     slope[[fit.var_names.index(name) for name in combination.names]] = by_first, by_second
-    error = float(np.sqrt(max(float(slope @ fit.covar @ slope), 0.0)))
+    error = float(standard_error(slope, fit.covar))
     unit = f" {first.unit}" if combination.kind in ("sum", "difference") and first.unit != "1" else ""
     return f"{first.name} {sign} {second.name} = {plus_minus(value, error)}{unit}"
 

@@ -14,6 +14,7 @@ from itertools import product
 import numpy as np
 
 from rotorfit.data.experiments import PerturbationTest
+from rotorfit.estimators.inference.covariance import widening
 from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.observing.circular import observe
 from rotorfit.observing.measured_stiffness import isotropic_planes
@@ -142,7 +143,7 @@ def straight_lines(speed: Float, stiffness: ComplexArray, sigma: Float) -> tuple
     freedom = y.size - 3
     redchi = float(rest[0] / freedom) if rest.size else float("nan")
     covariance = np.linalg.inv((design * weight[:, None]).T @ (design * weight[:, None]))
-    errors = np.sqrt(np.diag(covariance) * max(1.0, redchi if np.isfinite(redchi) else 1.0))
+    errors = np.sqrt(np.diag(covariance) * widening(redchi, "linear"))
     units = (1.0, scale**2, scale)
     names: Sequence[str] = tuple(UNITS)
     return {

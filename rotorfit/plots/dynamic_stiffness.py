@@ -10,6 +10,7 @@ import numpy as np
 
 from rotorfit.estimators.blocks.nonlinear import OrbitResponses
 from rotorfit.estimators.blocks.observations import Responses
+from rotorfit.estimators.inference.covariance import standard_error
 from rotorfit.estimators.starting.stiffness_inversion import stiffness_matrices
 from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.plots.journal import CONFIDENCE, half_width
@@ -228,9 +229,7 @@ def _fitted(
     by_theta = np.zeros((w.size, theta.size + 2), dtype=complex)  # two more inputs: speed and eccentricity
     np.add.at(by_theta.T, jacobian.inputs, entries.T)
     slope = space.pull_back(by_theta[:, : theta.size], condition.group)
-    bands = [
-        CONFIDENCE * np.sqrt(np.maximum(np.einsum("li,ij,lj->l", g, fit.covar, g), 0)) for g in (slope.real, slope.imag)
-    ]
+    bands = [CONFIDENCE * standard_error(part, fit.covar) for part in (slope.real, slope.imag)]
     return w, value, bands[0], bands[1]
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotorfit.estimators.blocks.nonlinear import OrbitResponses, responses_of
+from rotorfit.estimators.inference.covariance import standard_error
 from rotorfit.fitting.result import FitResult
 from rotorfit.fitting.summary import natural
 from rotorfit.models import RotorModel
@@ -116,8 +117,7 @@ def drive_stiffness(
 def half_width(fit: FitResult, group: int, slope: Float) -> Float:
     """Half-width of the 95 % band of a quantity whose derivatives by the model's parameters are ``(E, P)``."""
     by_fitted = fit.problem.space.pull_back(slope, group)
-    variance = np.einsum("ei,ij,ej->e", by_fitted, fit.covar, by_fitted)
-    return np.asarray(CONFIDENCE * np.sqrt(np.maximum(variance, 0.0)))
+    return np.asarray(CONFIDENCE * standard_error(by_fitted, fit.covar))
 
 
 def reach(fit: FitResult) -> float:

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from rotorfit.estimators.inference.covariance import standard_error
 from rotorfit.fitting.calibration import NUISANCE_KINDS, Calibration
 from rotorfit.fitting.digits import with_error
 from rotorfit.fitting.fit import solve_again
@@ -165,7 +166,7 @@ class Budget:
                 name=name, unit=unit, value=value, random=math.inf, systematic=math.inf, combined=math.inf, sources={}
             )
         sources = {source: float(np.linalg.norm(slope @ part)) for source, part in self._sources.items()}
-        total = max(float(slope @ self.fit.covar @ slope), 0.0)
+        total = float(standard_error(slope, self.fit.covar)) ** 2
         systematic = min(sum(part**2 for part in sources.values()), total)
         return Share(
             name=name,

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rotorfit.estimators.blocks.correlated import freedom_of, quantile
+from rotorfit.estimators.inference.covariance import standard_error
 from rotorfit.estimators.inference.log_posterior import box
 from rotorfit.estimators.inference.profile_curve import Curve, End, ValueAndGradient, hold_entry, hold_quantity, limits
 from rotorfit.estimators.minimisation.least_squares import minimise
@@ -191,10 +192,10 @@ def _curve(
             if math.isfinite(fit.stability_band):
                 raise ValueError(f"there is no threshold to profile: {fit.onset_note(group)}")
             raise ValueError("the fitted rotor is stable at every speed searched: there is no threshold to profile")
-        variance = float(slope @ covar @ slope)
-        direction = covar @ slope / variance if variance > 0 else np.zeros_like(x)
+        error = float(standard_error(slope, covar))
+        direction = covar @ slope / error**2 if error > 0 else np.zeros_like(x)
         curve = Curve(hold_quantity(problem, speed), value, x, problem.cost(x), direction)
-        return value, "rad/s", curve, *_reach(0.0, math.inf, value, value, math.sqrt(max(variance, 0.0)))
+        return value, "rad/s", curve, *_reach(0.0, math.inf, value, value, error)
     if name not in fit.var_names:
         if name in fit.params:
             raise ValueError(f"{name} is known here, so nothing is fitted that could have a profile")
