@@ -23,7 +23,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 sys.path.insert(0, str(Path(__file__).parent))
 import lmfit_rival
@@ -37,9 +36,7 @@ from rotorfit.estimators.minimisation.least_squares import minimise
 from rotorfit.estimators.misfit.kernels import Batch
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.models import RotorModel
-
-Float = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
+from rotorfit.models.array_types import ComplexArray, Float
 
 PACKAGES = ("numpy", "casadi", "numba", "lmfit", "optimistix", "jax")
 PLANES = (1, 2, 4, 8, 20)

@@ -33,8 +33,7 @@ from rotorfit.estimators.minimisation.least_squares import minimise
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.estimators.starting.closed_form import closed_form
 from rotorfit.estimators.starting.starts import start_vector
-
-Float = NDArray[np.float64]
+from rotorfit.models.array_types import Float
 
 OPTIMISED = "optimised"
 ESTIMATORS = ("closed form, unweighted", "closed form, weighted", OPTIMISED)

@@ -21,7 +21,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import stats
 
 sys.path.insert(0, str(Path(__file__).parent))
@@ -36,8 +35,7 @@ from rotorfit.estimators.inference.proposals import IndependenceMove
 from rotorfit.estimators.minimisation.least_squares import minimise
 from rotorfit.estimators.misfit.priors import Prior
 from rotorfit.estimators.misfit.problem import Problem
-
-Float = NDArray[np.float64]
+from rotorfit.models.array_types import Float
 
 NAMES = ("K0", "D", "lam")
 SPEED, TOP = 100.0, 3.0

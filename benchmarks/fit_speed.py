@@ -26,7 +26,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 sys.path.insert(0, str(Path(__file__).parent))
 import lmfit_rival
@@ -41,8 +40,7 @@ from rotorfit.estimators.starting.starts import start_vector
 from rotorfit.fitting.fit import fit as rf_fit
 from rotorfit.fitting.problem_setup import build_problem
 from rotorfit.fitting.settings import FitSettings
-
-Float = NDArray[np.float64]
+from rotorfit.models.array_types import Float
 
 LINES = 400
 SPEED = 150.0

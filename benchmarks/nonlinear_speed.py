@@ -27,7 +27,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 HERE = Path(__file__).parent
 sys.path[:0] = [str(HERE), str(HERE.parent / "tests")]  # the formulas live with the tests
@@ -43,8 +42,7 @@ from rotorfit.data.experiments import Experiment  # noqa: E402
 from rotorfit.estimators.misfit.problem import Problem  # noqa: E402
 from rotorfit.fitting.problem_setup import build_problem  # noqa: E402
 from rotorfit.fitting.settings import FitSettings  # noqa: E402
-
-Float = NDArray[np.float64]
+from rotorfit.models.array_types import Float  # noqa: E402
 
 LEVELS = (0.7, 1.8, 3.4, 5.2)
 HEAVIER = {n: v * (4.0 if n in ("M", "K", "Ds", "K0", "D", "Mf") else 1.0) for n, v in ONE_MODE.items()}

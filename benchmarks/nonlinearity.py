@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotorfit.estimators.misfit.problem import Problem
-
-Float = NDArray[np.float64]
+from rotorfit.models.array_types import Float
 
 
 @dataclass(frozen=True, eq=False)

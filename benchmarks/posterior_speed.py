@@ -27,7 +27,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 sys.path.insert(0, str(Path(__file__).parent))
 from fit_speed import Case, make_case
@@ -36,9 +35,9 @@ from reporting import RESULTS, environment, table, write_csv
 
 from rotorfit.estimators.inference.ensemble_sampler import sample
 from rotorfit.estimators.inference.log_posterior import LogPosterior
+from rotorfit.models.array_types import Float
 from rotorfit.uncertainty.arviz_loader import load_arviz
 
-Float = NDArray[np.float64]
 Run = Callable[[int], tuple[Float, float]]
 
 WALKERS = (32, 128, 512)

@@ -37,6 +37,7 @@ from rotorfit.data.experiments import PerturbationTest, perturbation_test
 from rotorfit.estimators.signals.tracking import track_windows
 from rotorfit.recordings.recording import Recording
 from rotorfit.recordings.reduction.reduced_record import ReducedRecord, reduce_record
+from rotorfit.units import RAD_S_PER_RPM
 
 RIG = rf.models.WhirlWhip()
 VALUES = {"Md": 0.97, "Ds": 3.0, "K1": 14e3, "K2": 14e3, "sigma": 1.0, "Mb": 0.33, "K3": 6e3, "K0": 9e3, "D": 450.0,
@@ -85,7 +86,7 @@ def as_test(record: Recording, w: NDArray, along: dict[str, NDArray], clear: NDA
     turned = [(plane, H * newton if force.whirl > 0 else (H * newton).conj()) for plane, H in parts]
     return perturbation_test(
         run=record.name,
-        speed=SPEED * np.pi / 30,
+        speed=SPEED * RAD_S_PER_RPM,
         frequency=np.tile(force.whirl * w, len(parts)),
         force_plane=force.plane,
         force=np.tile(newton, len(parts)),

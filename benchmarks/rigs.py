@@ -15,10 +15,8 @@ from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.fitting.problem_setup import build_problem
 from rotorfit.fitting.settings import FitSettings
 from rotorfit.models import Anisotropic, Chain, OneMode, Overhung, RotorModel, TwoDisk, WhirlWhip
+from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.models.stability import eigenvalues
-
-Float = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 FORCE = 5.0
 """Rotating force of every run, N."""

@@ -38,10 +38,8 @@ from rotorfit.estimators.minimisation.least_squares import minimise
 from rotorfit.estimators.misfit.priors import Prior
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.estimators.starting.starts import start_vector
+from rotorfit.models.array_types import Float, Index
 from rotorfit.models.stability import growth_rate
-
-Float = NDArray[np.float64]
-Index = NDArray[np.intp]
 
 DRAWS = 500
 LINES = 24

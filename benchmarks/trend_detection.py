@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from reporting import environment
 
 import rotorfit as rf
+from rotorfit.models.array_types import ComplexArray
 
 STARTS, CHANGE = 40, 25
 LOSSES = (0.05, 0.02, 0.01, 0.0)
@@ -28,8 +29,6 @@ SPEED = np.linspace(30.0, 80.0, 15)  # rad/s, to half of the first critical spee
 UNBALANCE = 2e-4  # kg m
 RESIDUAL = 1.2e-4 * np.exp(0.7j)
 BASELINE, SIGMAS = 15, 3.0
-
-ComplexArray = NDArray[np.complex128]
 
 
 def receptance(support: float, weight: tuple[int, int] = (0, 0)) -> ComplexArray:

@@ -25,7 +25,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 sys.path.insert(0, str(Path(__file__).parent))
@@ -36,8 +35,8 @@ import rotorfit as rf
 from rotorfit.estimators.misfit.kernels import Batch
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.models import threshold_speed
+from rotorfit.models.array_types import Float
 
-Float = NDArray[np.float64]
 Check = Callable[[Any], str]
 
 PACKAGES = ("numpy", "scipy", "emcee", "numba")

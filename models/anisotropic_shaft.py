@@ -15,7 +15,7 @@ from typing import Any, ClassVar, Literal
 
 import casadi as ca
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.models.combination_lines import LATERAL, TWIST, Lines, Order, ShaftValues, solve_lines
@@ -27,7 +27,7 @@ from rotorfit.models.parameters import Parameter, unknown_name
 from rotorfit.models.turning import TurningFrame
 
 Torsion = Literal["modal", "stiffness"] | None
-ArrayFunction = Callable[[Sequence[NDArray[np.float64]]], NDArray[np.float64]]
+ArrayFunction = Callable[[Sequence[Float]], Float]
 
 _TORSION = {
     "modal": (
@@ -179,7 +179,7 @@ class AnisotropicShaft(RotorModel):
         """``dK_cos`` and ``dK_sin`` of dK, N/m, with the stiff direction ``angle`` rad ahead of the mark."""
         return {"dK_cos": dK * math.cos(2 * angle), "dK_sin": dK * math.sin(2 * angle)}
 
-    def anisotropy(self, theta: ArrayLike) -> tuple[NDArray[np.float64], Float]:
+    def anisotropy(self, theta: ArrayLike) -> tuple[Float, Float]:
         """Turning anisotropy dK, N/m, and angle g of the stiff direction, rad in (-pi/2, pi/2]."""
         vectors = np.asarray(theta, dtype=float)
         c, s = (vectors[..., self.parameter_names.index(name)] for name in ("dK_cos", "dK_sin"))

@@ -9,3 +9,5 @@ Float = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 Index = NDArray[np.intp]
 """Places in another array."""
+Bool = NDArray[np.bool_]
+Text = NDArray[np.str_]

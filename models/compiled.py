@@ -10,7 +10,8 @@ from collections.abc import Callable, Sequence
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
+
+from rotorfit.models.array_types import Float
 
 _BINARY = {
     ca.OP_ADD: "{} + {}",
@@ -105,7 +106,7 @@ def statements(function: ca.Function, read: Callable[[int], str], write: Callabl
     return lines
 
 
-def array_function(function: ca.Function) -> Callable[[Sequence[NDArray[np.float64]]], NDArray[np.float64]]:
+def array_function(function: ca.Function) -> Callable[[Sequence[Float]], Float]:
     """Compile a CasADi SX function to work on arrays.
 
     Returns:
@@ -117,7 +118,7 @@ def array_function(function: ca.Function) -> Callable[[Sequence[NDArray[np.float
     kernel = namespace["kernel"]
     size = sum(function.nnz_out(i) for i in range(function.n_out()))
 
-    def evaluate(inputs: Sequence[NDArray[np.float64]]) -> NDArray[np.float64]:
+    def evaluate(inputs: Sequence[Float]) -> Float:
         shapes = {getattr(value, "shape", ()) for value in inputs}
         # Working out a common shape takes longer than evaluating scalars.
         shape = shapes.pop() if len(shapes) == 1 else np.broadcast_shapes(*shapes)

@@ -7,9 +7,9 @@ from types import SimpleNamespace
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from rotorfit.models.array_types import ComplexArray, Float
+from rotorfit.models.array_types import ComplexArray, Float, Index
 from rotorfit.models.complexes import Complex
 from rotorfit.models.fluid import fluid_at, fluid_parameters
 from rotorfit.models.laws import Constant, Law, clearance_of
@@ -208,7 +208,7 @@ def _part(name: str, part: Mapping[str, ArrayLike], whole: StructureMatrices, do
     return matrices
 
 
-def _places(planes: Mapping[str, int], tilts: Sequence[str], place: NDArray[np.intp]) -> NDArray[np.intp]:
+def _places(planes: Mapping[str, int], tilts: Sequence[str], place: Index) -> Index:
     """Coordinates of the shaft that the model sees."""
     if not planes:
         raise ValueError("planes must name at least one node, for instance planes={'journal': 14}")

@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
 
 import casadi as ca
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from rotorfit.models.array_types import ComplexArray, Float
+from rotorfit.models.array_types import ComplexArray, Float, Index
 from rotorfit.models.compiled import array_function
 from rotorfit.models.complexes import Complex, Number
 from rotorfit.models.onset import OnsetEquations
@@ -47,10 +47,10 @@ class CoefficientJacobian:
     ``values`` has shape ``(..., E)``; ``inputs`` counts the parameters first, then speed, then eccentricity.
     """
 
-    inputs: NDArray[np.intp]
-    powers: NDArray[np.intp]
-    rows: NDArray[np.intp]
-    columns: NDArray[np.intp]
+    inputs: Index
+    powers: Index
+    rows: Index
+    columns: Index
     values: ComplexArray
 
 

@@ -13,9 +13,8 @@ from functools import cached_property
 from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
 
-from rotorfit.models.array_types import ComplexArray, Float, Index
+from rotorfit.models.array_types import Bool, ComplexArray, Float, Index
 from rotorfit.models.journal import Journal
 
 LARGEST_ECCENTRICITY = 1.0 - 1e-9
@@ -121,7 +120,7 @@ def nearest_orbits(journal: Journal, equation: OrbitEquation, target: Float) -> 
     return found, change
 
 
-def _strides(journal: Journal, equation: OrbitEquation, target: Float) -> tuple[Float, ComplexArray, NDArray[np.bool_]]:
+def _strides(journal: Journal, equation: OrbitEquation, target: Float) -> tuple[Float, ComplexArray, Bool]:
     """A few Newton steps of all lines together, and where they surely lead to the nearest root.
 
     Between the target and the root the slope of the excess changes by some amount, and beyond the target, where
@@ -154,7 +153,7 @@ def _nearest_one_by_one(journal: Journal, equation: OrbitEquation, target: Float
     return found
 
 
-def _newton(journal: Journal, equation: OrbitEquation, start: Float) -> tuple[Float, NDArray[np.bool_]]:
+def _newton(journal: Journal, equation: OrbitEquation, start: Float) -> tuple[Float, Bool]:
     eps = np.clip(start, 0.0, LARGEST_ECCENTRICITY)
     step = np.full_like(eps, np.inf)
     for _ in range(_NEWTON):
@@ -170,7 +169,7 @@ def _newton(journal: Journal, equation: OrbitEquation, start: Float) -> tuple[Fl
     return eps, (step < 1e-9) & (eps < LARGEST_ECCENTRICITY)
 
 
-def _only_root_near(journal: Journal, equation: OrbitEquation, target: Float, found: Float) -> NDArray[np.bool_]:
+def _only_root_near(journal: Journal, equation: OrbitEquation, target: Float, found: Float) -> Bool:
     """Whether no other root is as near to the target: no sign change between it and the two points as far off."""
     far = np.abs(found - target)
     beyond = np.where(found >= target, target - far, target + far)

@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import brentq
 
 from rotorfit.data.experiments import (
@@ -17,9 +16,8 @@ from rotorfit.data.experiments import (
     StaticTest,
     perturbation_test,
 )
+from rotorfit.models.array_types import ComplexArray, Float
 
-Float = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 Values = Mapping[str, float]
 
 CLEARANCE = 200e-6

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from nonlinear_rigs import rig
-from numpy.typing import NDArray
 
 from rotorfit.models import RotorModel
+from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.models.journal import journal
 from rotorfit.models.off_centre import (
     coupled_stiffness,
@@ -19,9 +19,6 @@ from rotorfit.models.off_centre import (
 from rotorfit.models.stability import eigenvalues
 from rotorfit.simulation.integration import IntegrationError, Motion
 from rotorfit.simulation.steady_state import rest_position, steady_state
-
-Float = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 SPEED = 100.0
 RIGS = ["muszynska", "even", "spline", "two planes", "two ratios"]

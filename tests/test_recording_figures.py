@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from recorded import ATTRIBUTES, RATE, perturbator_angle, shaft_angle, volts, write_hdf5
 
 import rotorfit as rf
@@ -17,7 +16,6 @@ from rotorfit.recordings.marks import Marks, speeds
 from rotorfit.recordings.spectra import cascade, spectrum
 from rotorfit.recordings.views import centreline, stretch, vectors_over_time
 
-Float = NDArray[np.float64]
 FIGURES = ("timebase", "orbit", "centreline", "bode", "polar", "full_spectrum", "cascade", "speed")
 
 

@@ -6,12 +6,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from recorded import ATTRIBUTES, RATE, notch, shaft_angle, volts, write_hdf5
 
 import rotorfit as rf
-
-Float = NDArray[np.float64]
+from rotorfit.models.array_types import Float
 
 
 def codes(path: Path, channels: dict[str, Float], **said: float | str) -> dict[str, str]:

@@ -11,13 +11,12 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from recorded import ATTRIBUTES, RATE, SETUP, motion, perturbator_angle, shaft_angle, volts, write_hdf5
 from scipy.io import savemat, wavfile
 
 import rotorfit as rf
+from rotorfit.models.array_types import Float
 
-Float = NDArray[np.float64]
 CHANNELS = volts()
 TIME = np.arange(CHANNELS["disk_X"].size) / RATE
 

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.optimize import brentq
 
 from rotorfit.estimators.signals.pulses import find_edges, find_levels, from_index, number_pulses
 from rotorfit.estimators.signals.shaft_angle import smooth_angle
+from rotorfit.models.array_types import Float
 from rotorfit.simulation.turning_speeds import Sweep
 
-Float = NDArray[np.float64]
 RATE = 6400.0
 
 

@@ -6,10 +6,9 @@ from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rotorfit.models import RotorModel
-from rotorfit.models.array_types import ComplexArray, Float, Index
+from rotorfit.models.array_types import ComplexArray, Float, Index, Text
 from rotorfit.models.journal import journal
 
 
@@ -36,7 +35,7 @@ class JournalCoefficients:
     measured: ComplexArray
     label: Index
     labels: tuple[str, ...]
-    run: NDArray[np.str_]
+    run: Text
 
     @property
     def sigma(self) -> Float:

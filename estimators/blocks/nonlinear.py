@@ -7,12 +7,11 @@ from functools import cached_property
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rotorfit.estimators.blocks.correlated import CorrelatedResponses
 from rotorfit.estimators.blocks.observations import OnResponses, Responses
 from rotorfit.estimators.blocks.response import inverse
-from rotorfit.models.array_types import ComplexArray, Float, Index
+from rotorfit.models.array_types import Bool, ComplexArray, Float, Index
 from rotorfit.models.journal import Journal, journal
 from rotorfit.models.line_stiffness import known_structure, line_stiffness
 from rotorfit.models.orbits import LARGEST_ECCENTRICITY, OrbitEquation, followed_roots, nearest_orbits
@@ -69,7 +68,7 @@ class OrbitResponses(OnResponses):
         """
         return replace(self, mode="given", eccentricity=np.nan_to_num(self.eccentricity))
 
-    def lines(self, keep: NDArray[np.bool_]) -> OrbitResponses:
+    def lines(self, keep: Bool) -> OrbitResponses:
         """The observations of some lines."""
         return OrbitResponses(self.base.lines(keep), self.eccentricity[keep], self.mode, self.sweep[keep])
 

@@ -8,11 +8,10 @@ from functools import cached_property
 from typing import Any, Protocol, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rotorfit.estimators.blocks.response import displacement_to_force, respond
 from rotorfit.models import RotorModel
-from rotorfit.models.array_types import ComplexArray, Float, Index
+from rotorfit.models.array_types import Bool, ComplexArray, Float, Index, Text
 from rotorfit.models.shaft import KnownStiffness
 
 
@@ -50,7 +49,7 @@ class Block(Protocol):
         ...
 
     @property
-    def run(self) -> NDArray[np.str_]:
+    def run(self) -> Text:
         """Run of each."""
         ...
 
@@ -99,7 +98,7 @@ class Responses:
     sigma: Float
     label: Index
     labels: tuple[str, ...]
-    run: NDArray[np.str_]
+    run: Text
     imposed: bool = False
     told: bool = True
 
@@ -166,7 +165,7 @@ class Responses:
             begin = end
         return pieces
 
-    def lines(self, keep: NDArray[np.bool_]) -> Responses:
+    def lines(self, keep: Bool) -> Responses:
         """The observations of some lines."""
         readings = keep[self.line]
         names = ("coordinate", "measured", "sigma", "label", "run")
@@ -234,7 +233,7 @@ class OnResponses:
         return self.base.labels
 
     @property
-    def run(self) -> NDArray[np.str_]:
+    def run(self) -> Text:
         """See :class:`Block`."""
         return self.base.run
 

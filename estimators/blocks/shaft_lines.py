@@ -7,15 +7,12 @@ from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rotorfit.estimators.blocks.observations import OnResponses
 from rotorfit.models import AnisotropicShaft
-from rotorfit.models.array_types import ComplexArray, Float, Index
+from rotorfit.models.array_types import Bool, ComplexArray, Float, Index, Text
 from rotorfit.models.combination_lines import Order, line_order
 from rotorfit.models.turning_on_supports import LinesFrame
-
-Text = NDArray[np.str_]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -78,7 +75,7 @@ class LineResponses:
         return replace(self, sigma=self.sigma * factor)
 
 
-def is_image_line(line: Text) -> NDArray[np.bool_]:
+def is_image_line(line: Text) -> Bool:
     """Whether lines are images, whose frequency falls as w rises: ``2Om-w``, ``-w``.
 
     Args:

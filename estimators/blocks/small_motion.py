@@ -6,11 +6,10 @@ from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rotorfit.estimators.blocks.nonlinear import inverse_of_lines
 from rotorfit.models import RotorModel
-from rotorfit.models.array_types import ComplexArray, Float, Index
+from rotorfit.models.array_types import Bool, ComplexArray, Float, Index, Text
 from rotorfit.models.journal import journal
 from rotorfit.models.line_stiffness import known_structure, line_stiffness
 from rotorfit.models.off_centre import coupled_stiffness, off_centre_eigenvalues, off_centre_gradient
@@ -42,12 +41,12 @@ class OffCentreResponses:
     group: Index
     line: Index
     coordinate: Index
-    vertical: NDArray[np.bool_]
+    vertical: Bool
     measured: ComplexArray
     sigma: Float
     label: Index
     labels: tuple[str, ...]
-    run: NDArray[np.str_]
+    run: Text
 
     @property
     def reading_group(self) -> Index:
@@ -142,7 +141,7 @@ class FreeVibrations:
     sigma: Float
     label: Index
     labels: tuple[str, ...]
-    run: NDArray[np.str_]
+    run: Text
 
     def with_noise(self, factor: Float) -> Self:
         """See :meth:`~rotorfit.estimators.blocks.observations.Block.with_noise`."""

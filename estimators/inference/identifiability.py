@@ -6,10 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rotorfit.models import RotorModel
-from rotorfit.models.array_types import Float
+from rotorfit.models.array_types import Bool, Float
 
 UNRESOLVED = 1.0
 """A direction is unresolved when its standard error exceeds this multiple of the parameters' own size."""
@@ -90,7 +89,7 @@ def natural_scales(model: RotorModel, base: Sequence[str], values: Float, stiffn
     return np.where(scales > 0, scales, typical)
 
 
-def covariance(root: Float, scales: Float) -> tuple[Float, Float, Float, NDArray[np.bool_]]:
+def covariance(root: Float, scales: Float) -> tuple[Float, Float, Float, Bool]:
     """Covariance of the determined combinations.
 
     Args:
@@ -134,7 +133,7 @@ def covariance(root: Float, scales: Float) -> tuple[Float, Float, Float, NDArray
     return covar * np.outer(scales, scales), stderr, directions, stderr > UNRESOLVED
 
 
-def _null_basis(directions: Float, silent: NDArray[np.bool_]) -> Float:
+def _null_basis(directions: Float, silent: Bool) -> Float:
     """Orthonormal basis of null directions, parameters without any influence each on an axis of its own."""
     axes = np.eye(silent.size)[:, silent]
     others = directions.copy()

@@ -8,12 +8,11 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rotorfit.estimators.inference.log_posterior import box
 from rotorfit.estimators.minimisation.least_squares import Options, Status, minimise
 from rotorfit.estimators.misfit.problem import Problem
-from rotorfit.models.array_types import Float
+from rotorfit.models.array_types import Float, Index
 
 ValueAndGradient = Callable[[Float], tuple[float, Float]]
 """Value of a quantity and its gradient, shape ``(p,)``, at a fitted vector."""
@@ -181,7 +180,7 @@ def hold_entry(problem: Problem, entry: int, scale: Float) -> Held:
     return held
 
 
-def _polish(problem: Problem, free: NDArray[np.intp], x: Float, low: Float, high: Float) -> tuple[float | None, Float]:
+def _polish(problem: Problem, free: Index, x: Float, low: Float, high: Float) -> tuple[float | None, Float]:
     """Full Gauss-Newton steps as long as they descend: from a neighbour a few of them are enough.
 
     Returns:

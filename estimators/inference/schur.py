@@ -10,9 +10,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from rotorfit.models.array_types import Float
+from rotorfit.models.array_types import Float, Index
 
 _SINGULAR = 1e-11  # eigenvalue of the information on the shared parameters, unit diagonal, that counts as zero
 
@@ -61,8 +60,8 @@ class Parts:
         own_covar: covariance of the own ones, the shared ones known, shape ``(q, q)``.
     """
 
-    shared: NDArray[np.intp]
-    own: NDArray[np.intp]
+    shared: Index
+    own: Index
     schur: Float
     size: Float
     gradient: Float

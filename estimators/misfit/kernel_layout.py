@@ -107,7 +107,7 @@ def channels(problem: Problem) -> tuple[tuple[str, ...], Index, list[Index]]:
     return tuple(names), counts.astype(np.intp), numbers
 
 
-def _distinct(rows: NDArray[np.float64] | Index) -> tuple[Index, Index]:
+def _distinct(rows: Float | Index) -> tuple[Index, Index]:
     """First place of each distinct row, ascending by row, and the number of that row for each one.
 
     Column by column: rows as records, ``np.unique(axis=0)``, take several times as long to sort as numbers.
@@ -119,7 +119,7 @@ def _distinct(rows: NDArray[np.float64] | Index) -> tuple[Index, Index]:
     return np.unique(number, return_index=True)[1], number
 
 
-def _codes(columns: NDArray[np.float64] | Index) -> Index:
+def _codes(columns: Float | Index) -> Index:
     """Number rows by equality."""
     return _distinct(columns)[1]
 

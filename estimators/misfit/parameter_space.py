@@ -10,10 +10,9 @@ from numbers import Real
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rotorfit.models import RotorModel
-from rotorfit.models.array_types import Float, Index
+from rotorfit.models.array_types import Bool, Float, Index
 from rotorfit.models.parameters import bare_name
 
 DATUM = "datum"
@@ -60,7 +59,7 @@ class ParameterSpace:
         return theta
 
     @cached_property
-    def _free(self) -> tuple[NDArray[np.bool_], Index]:
+    def _free(self) -> tuple[Bool, Index]:
         """Places of the template that are fitted, and the entry that feeds each."""
         free = self.index >= 0
         return free, self.index[free]

@@ -10,9 +10,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from rotorfit.models.array_types import ComplexArray, Float
+from rotorfit.models.array_types import ComplexArray, Float, Index
 
 _DECADES = 12.0  # range of variances searched, about the mean square of the residuals
 _RANK = 1e-9  # relative singular value below which the columns of a design say the same
@@ -131,7 +130,7 @@ def _restricted(y: ComplexArray, X: ComplexArray, within: Float) -> float:
     return between
 
 
-def repeat_variance(readings: ComplexArray, mounting: NDArray[np.intp]) -> tuple[float, int]:
+def repeat_variance(readings: ComplexArray, mounting: Index) -> tuple[float, int]:
     """Variance of real and imaginary part between repeats of one mounting, pooled, and its complex degrees of freedom.
 
     Args:

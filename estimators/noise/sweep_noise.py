@@ -7,7 +7,6 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rotorfit.estimators.blocks.observations import Responses
 from rotorfit.estimators.blocks.row_keys import combined, in_order, numbers
@@ -18,7 +17,7 @@ from rotorfit.estimators.noise.reading_noise import (
     noise_from_samples,
     noise_from_smoothness,
 )
-from rotorfit.models.array_types import ComplexArray, Float, Index
+from rotorfit.models.array_types import Bool, ComplexArray, Float, Index
 
 _SMOOTH = 0.5  # lag-one correlation above which the wrong-direction component is anisotropy, not noise
 
@@ -105,7 +104,7 @@ def _both_ways(block: Responses, w: Float, speed: Float, plane: Index, sweeps: S
     return list(both.values())
 
 
-def _tells(wrong: ComplexArray, parts: Sequence[Index]) -> NDArray[np.bool_]:
+def _tells(wrong: ComplexArray, parts: Sequence[Index]) -> Bool:
     """Whether the direction against the force shows noise and no more, shape ``(...)`` of ``(..., R)``."""
     found = np.isfinite(wrong[..., np.concatenate(parts)]).all(axis=-1)
     for part in parts:
@@ -113,7 +112,7 @@ def _tells(wrong: ComplexArray, parts: Sequence[Index]) -> NDArray[np.bool_]:
     return np.asarray(found)
 
 
-def _pooled(wrong: ComplexArray, measured: ComplexArray, parts: Sequence[Index]) -> tuple[Float, NDArray[np.bool_]]:
+def _pooled(wrong: ComplexArray, measured: ComplexArray, parts: Sequence[Index]) -> tuple[Float, Bool]:
     """One noise of several sweeps, shape ``(..., n)``, and whether they can share it, from ``(..., R)``."""
     rows, sizes = np.concatenate(parts), np.array([part.size for part in parts])
     # In one piece along the readings, so that sums of many runs are those of one to the last digit.
@@ -159,7 +158,7 @@ def _agree(power: Sequence[float], freedom: Sequence[int]) -> bool:
     return math.erfc(math.sqrt(statistic / 2)) > _APART  # chi-squared with one degree of freedom is a squared normal
 
 
-def _is_smooth(samples: ComplexArray) -> NDArray[np.bool_]:
+def _is_smooth(samples: ComplexArray) -> Bool:
     """Whether samples follow one another, shape ``(...)`` of ``(..., L)``; few never do."""
     power = (np.abs(samples) ** 2).sum(axis=-1)
     follow = np.abs((samples[..., 1:] * samples[..., :-1].conj()).sum(axis=-1)) > _SMOOTH * power

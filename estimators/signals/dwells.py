@@ -10,7 +10,6 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rotorfit.estimators.signals.local_response import RecordSpectra
 from rotorfit.models.array_types import ComplexArray, Float
@@ -102,7 +101,7 @@ def dwell_response(spectra: RecordSpectra, at: float) -> DwellResponse:
     return DwellResponse(inverse @ projected, noise * float(np.sqrt(np.sum(np.abs(inverse) ** 2) / 2)), noise)
 
 
-def _orders(others: ComplexArray, lines: slice, smooth: ComplexArray, unknowns: int) -> NDArray[np.complex128]:
+def _orders(others: ComplexArray, lines: slice, smooth: ComplexArray, unknowns: int) -> ComplexArray:
     """Spectra of the shaft's orders that a smooth transient cannot stand for; half the lines stay free."""
     columns = others[:, lines].T
     greatest = np.abs(others).max(axis=1, initial=0.0)

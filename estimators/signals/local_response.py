@@ -24,11 +24,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rotorfit.estimators.signals.band_tiling import pooled_noise, tile
 from rotorfit.estimators.signals.local_poles import NUMERATOR, nearest_pole
-from rotorfit.models.array_types import ComplexArray, Float
+from rotorfit.models.array_types import Bool, ComplexArray, Float
 
 DEGREE = 2
 """Degree of the polynomials for H and T."""
@@ -287,7 +286,7 @@ def _drive(forces: ComplexArray, powers: ComplexArray) -> ComplexArray:
     return np.asarray((forces[:, :, None] * powers).transpose(1, 0, 2).reshape(powers.shape[0], -1))
 
 
-def _usually_seen(records: Sequence[RecordSpectra], inside: Sequence[NDArray[np.bool_]], degree: int) -> int:
+def _usually_seen(records: Sequence[RecordSpectra], inside: Sequence[Bool], degree: int) -> int:
     """How many of the other inputs nine in ten pieces of the band have: few of a steady shaft, all of a start-up."""
     counts = [0]
     for record, lines in zip(records, inside, strict=True):

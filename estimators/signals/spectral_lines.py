@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
-from rotorfit.models.array_types import Float
+from rotorfit.models.array_types import ComplexArray, Float
 
 _AROUND = 40
 """Bins on each side of a line from which the level around it is taken."""
@@ -15,7 +14,7 @@ _STANDS_OUT = 25.0
 """Power of a line over the median around it; chi-squared noise with two degrees reaches it once in 3e7 bins."""
 
 
-def turning_power(z: NDArray[np.complex128], angle: Float, turns: float = 6.0) -> tuple[float, float]:
+def turning_power(z: ComplexArray, angle: Float, turns: float = 6.0) -> tuple[float, float]:
     """Square of what turns with an angle, and of what turns against it, in half of the record at least.
 
     The signal is taken in blocks of some turns each, so that a response whose amplitude and phase change over the
@@ -106,7 +105,7 @@ def _standing_out(
     return found
 
 
-def full_spectrum(z: NDArray[np.complex128], rate: float) -> tuple[Float, Float]:
+def full_spectrum(z: ComplexArray, rate: float) -> tuple[Float, Float]:
     """Amplitudes of a complex motion over signed frequency: a circle of radius A has A at its frequency, not 2 A.
 
     A Hann window is laid over the motion, its mean taken out first; a line between two bins reads up to 15 % low.

@@ -16,10 +16,9 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rotorfit.estimators.signals.local_response import LocalResponse, RecordSpectra, local_response
-from rotorfit.models.array_types import ComplexArray, Float
+from rotorfit.models.array_types import Bool, ComplexArray, Float
 
 _ROUNDS = 6
 """Rounds of reweighting of the equation errors."""
@@ -163,7 +162,7 @@ def _rough_shaft(run: StartUp, image: ComplexArray) -> RoughShaft:
 
 
 def shaft_of_lines(
-    w: Float, first: NDArray[np.bool_], own: ComplexArray, partner: ComplexArray, sigma: Float, *, runout: bool = True
+    w: Float, first: Bool, own: ComplexArray, partner: ComplexArray, sigma: Float, *, runout: bool = True
 ) -> tuple[RoughShaft, complex, complex]:
     """Shaft whose equation lines 1x and 2x obey, by weighted linear least squares.
 

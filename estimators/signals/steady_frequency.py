@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import BSpline
 
 from rotorfit.estimators.signals.shaft_angle import DEGREE, SmoothAngle
 from rotorfit.estimators.signals.spectral_lines import full_spectrum
+from rotorfit.models.array_types import ComplexArray
 
 _BLOCKS = 24
 _STEADY = 0.35
@@ -19,7 +19,7 @@ _STANDS_OUT = 8.0
 
 
 def steady_angle(
-    z: NDArray[np.complex128], rate: float, direction: int, avoid: Sequence[float], start: float = 0.0
+    z: ComplexArray, rate: float, direction: int, avoid: Sequence[float], start: float = 0.0
 ) -> SmoothAngle:
     """Angle of a perturbation at a steady frequency; zero at the start, since nothing says where its mark would be.
 

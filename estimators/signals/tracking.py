@@ -12,9 +12,8 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
-from rotorfit.models.array_types import ComplexArray, Float
+from rotorfit.models.array_types import Bool, ComplexArray, Float, Index
 
 APART = 1.0
 """Turns over the window by which an order has to differ from the drive to be told from it."""
@@ -32,11 +31,11 @@ class Tracked:
         clear: whether no order of the shaft was too near to be told from the drive, shape ``(W,)``.
     """
 
-    centre: NDArray[np.intp]
+    centre: Index
     along: ComplexArray
     against: ComplexArray
     sigma: Float
-    clear: NDArray[np.bool_]
+    clear: Bool
 
 
 def track_windows(motion: ComplexArray, angle: Float, shaft: Float | None, *, turns: int, orders: int = 5) -> Tracked:

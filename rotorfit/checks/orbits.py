@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rotorfit.data.experiments import PerturbationTest, Text
+from rotorfit.data.experiments import PerturbationTest
 from rotorfit.data.linear_force import probe_pairs, whirl_parts
 from rotorfit.estimators.blocks.row_keys import combined, in_order, numbers, words
-from rotorfit.models.array_types import ComplexArray, Float, Index
+from rotorfit.models.array_types import ComplexArray, Float, Index, Text
 
 ENOUGH = 12
 """Readings needed for a verdict on a run."""

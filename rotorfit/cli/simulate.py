@@ -9,11 +9,9 @@ from typing import TYPE_CHECKING, Any
 from rotorfit.cli.arguments import add_model, given
 from rotorfit.fitting.option_kinds import number_word, pairs, whole_word, words
 from rotorfit.fitting.options import LAW, MODEL
+from rotorfit.models.array_types import Float
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
     from rotorfit.data.experiments import Experiment
     from rotorfit.models import RotorModel
 
@@ -189,7 +187,7 @@ def _settings(options: argparse.Namespace) -> dict[str, Any]:
     return given
 
 
-def numbers(text: str) -> NDArray[np.float64]:
+def numbers(text: str) -> Float:
     """Numbers with commas between; ``LO:HI:N`` stands for N of them evenly spaced.
 
     Raises:

@@ -7,10 +7,9 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rotorfit.data.experiments import SYNCHRONOUS_TOLERANCE, Experiment, PerturbationTest
-from rotorfit.models.array_types import ComplexArray, Float, Index
+from rotorfit.models.array_types import Bool, ComplexArray, Float, Index
 
 _PLAN = ("frequency", "force", "force_plane", "plane", "direction", "force_direction")
 _MOST_ROWS = 200_000  # in one group: some copies of its readings fit into tens of megabytes
@@ -79,7 +78,7 @@ def _plan(test: PerturbationTest) -> tuple[object, ...] | None:
     return (bool(told[0]), bool(test.speed[0] == 0), *((c.dtype.str, c.tobytes()) for c in columns))
 
 
-def _ordinary(found: AlikeTests) -> NDArray[np.bool_]:
+def _ordinary(found: AlikeTests) -> Bool:
     """Which tests have finite readings, none of them zero, a speed and possible noise, and are no start-ups."""
     finite = np.isfinite(found.response).all(axis=1) & found.response.all(axis=1) & np.isfinite(found.speed)
     possible = (np.isnan(found.sigma) | ((found.sigma > 0) & np.isfinite(found.sigma))).all(axis=1)

@@ -10,10 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotorfit.estimators.blocks.row_keys import combined, in_order, numbers, words
-from rotorfit.models.array_types import ComplexArray, Float
+from rotorfit.models.array_types import Bool, ComplexArray, Float, Text
 from rotorfit.units import RPM_PER_RAD_S
-
-Text = NDArray[np.str_]
 
 DIRECTIONS = ("x", "y", "z", "rx", "ry", "rz")
 """x, y: one probe, phasor relative to exp(+j|w|t); z: complex amplitude relative to exp(jwt) with w signed.
@@ -165,7 +163,7 @@ class PerturbationTest(_Rows):
         return tuple(plane if along == "circular" else f"{plane} along {along}" for plane, along in pairs)
 
     @property
-    def linear(self) -> NDArray[np.bool_]:
+    def linear(self) -> Bool:
         """Rows whose force acts along an axis and does not turn, shape ``(R,)``."""
         return np.asarray(self.force_direction != "circular")
 

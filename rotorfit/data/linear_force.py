@@ -6,11 +6,10 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rotorfit.data.experiments import PerturbationTest
 from rotorfit.data.synchronous import join
-from rotorfit.models.array_types import Index
+from rotorfit.models.array_types import Bool, Index
 
 
 def whirl_parts(test: PerturbationTest) -> tuple[PerturbationTest, Index]:
@@ -60,7 +59,7 @@ def whirl_parts(test: PerturbationTest) -> tuple[PerturbationTest, Index]:
     return join(parts), np.concatenate(origin)
 
 
-def probe_pairs(test: PerturbationTest, rows: NDArray[np.bool_]) -> tuple[Index, Index]:
+def probe_pairs(test: PerturbationTest, rows: Bool) -> tuple[Index, Index]:
     """Rows of x and y (rx and ry) readings taken together, shape ``(N, 2)``, and rows without a partner.
 
     Repeats pair in order of appearance.

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rotorfit.data.experiments import ImpulseTest, RingDownTest
 from rotorfit.estimators.signals.ring_down import Decay, decay_of
+from rotorfit.models.array_types import Index
 
 _FEWEST_TURNS = 2.0  # of the shaft in a record that can tell vibration at its speed from a mode's
 _UNDAMPED = 1e-4  # of the speed: decay and distance from it that count as none
@@ -48,7 +48,7 @@ def ring_down_modes(test: RingDownTest, *, modes: int = 1) -> ImpulseTest:
     )  # fmt: skip
 
 
-def _analyse(test: RingDownTest, rows: NDArray[np.intp], run: str, modes: int) -> Decay:
+def _analyse(test: RingDownTest, rows: Index, run: str, modes: int) -> Decay:
     order = rows[np.argsort(test.time[rows], kind="stable")]
     time, signals = test.time[order] - test.time[order[0]], np.stack([test.x[order], test.y[order]])
     where = f"{test.source or 'ring-down records'}, run {run}"

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotorfit.data.experiments import Experiment, PerturbationTest
+from rotorfit.models.array_types import Bool
 from rotorfit.models.parameters import unknown_name
 
 Wanted = str | float | tuple[float, float] | Sequence[str] | Sequence[float]
@@ -56,7 +57,7 @@ def _values(test: Experiment, name: str) -> NDArray[Any]:
     return np.asarray(getattr(test, name)) if name in own else np.asarray(test.attribute(name))
 
 
-def _matches(test: Experiment, name: str, wanted: Wanted) -> NDArray[np.bool_]:
+def _matches(test: Experiment, name: str, wanted: Wanted) -> Bool:
     values = _values(test, name)
     numeric = np.issubdtype(values.dtype, np.number)
     if isinstance(wanted, tuple) and len(wanted) == 2 and not any(isinstance(end, str) for end in wanted):
@@ -82,7 +83,7 @@ def _matches(test: Experiment, name: str, wanted: Wanted) -> NDArray[np.bool_]:
     return found
 
 
-def _near_1x(test: Experiment, share: float) -> NDArray[np.bool_]:
+def _near_1x(test: Experiment, share: float) -> Bool:
     if not isinstance(test, PerturbationTest) or test.synchronous:
         raise ValueError(
             f"{test.source or 'the test'}: readings near 1x can be dropped from nonsynchronous perturbation tests only"

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rotorfit.data.experiments import SYNCHRONOUS_TOLERANCE, PerturbationTest, Text
+from rotorfit.data.experiments import SYNCHRONOUS_TOLERANCE, PerturbationTest
 from rotorfit.estimators.signals.ratios import ratio_through
-from rotorfit.models.array_types import ComplexArray, Float
+from rotorfit.models.array_types import Bool, ComplexArray, Float, Text
 
 SPEED_TOLERANCE = 0.005
 """Speeds closer than this fraction are one constant speed that jitters; see :func:`group_speeds`."""
@@ -110,7 +110,7 @@ def difference_synchronous(test: PerturbationTest) -> PerturbationTest:
     return join([*parts, rest] if len(rest) else parts)
 
 
-def _pairs(test: PerturbationTest, rows: NDArray[np.bool_]) -> Iterator[tuple[NDArray[Any], NDArray[Any]]]:
+def _pairs(test: PerturbationTest, rows: Bool) -> Iterator[tuple[NDArray[Any], NDArray[Any]]]:
     """Rows of each two runs with the force at one plane in opposite directions, in order of appearance."""
     sectors = np.round(np.degrees(np.angle(test.force)), 1).tolist()  # a run whose weight was moved is two runs
     keys = list(zip(test.run.tolist(), test.force_plane.tolist(), _merge(sectors), strict=True))
@@ -130,7 +130,7 @@ def _pairs(test: PerturbationTest, rows: NDArray[np.bool_]) -> Iterator[tuple[ND
                 break
 
 
-def _with_reference(test: PerturbationTest, rows: NDArray[np.bool_]) -> Iterator[tuple[NDArray[Any], NDArray[Any]]]:
+def _with_reference(test: PerturbationTest, rows: Bool) -> Iterator[tuple[NDArray[Any], NDArray[Any]]]:
     """Rows of each run with a weight beside those of the first run without one."""
     bare = rows & (test.force == 0) & (test.speed != 0) & ~test.linear
     if not bare.any():
@@ -205,7 +205,7 @@ def _response_at(position: Float, run: PerturbationTest, force: ComplexArray) ->
     return ratio(position) + _at(position, run.speed, run.response - ratio(run.speed), smooth=True)
 
 
-def _covered(speed: Float, sampled: Float) -> NDArray[np.bool_]:
+def _covered(speed: Float, sampled: Float) -> Bool:
     """Whether each speed lies between two samples that are not too far apart, or on one."""
     samples = np.unique(sampled)
     on_sample = np.abs(speed - samples[np.abs(speed[:, None] - samples).argmin(axis=1)]) <= SAME_SPEED * np.abs(speed)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rotorfit.estimators.blocks.correlated import freedom_of
 from rotorfit.estimators.blocks.nonlinear import responses_of
@@ -17,7 +16,7 @@ from rotorfit.fitting.noise.record import Noise
 from rotorfit.fitting.quantities import FittedParameter
 from rotorfit.fitting.refinable import why_not_refined
 from rotorfit.models import BLOCKS, Modal, RotorModel
-from rotorfit.models.array_types import Float
+from rotorfit.models.array_types import Bool, Float
 from rotorfit.models.stability import growth_rate
 from rotorfit.units import RPM_PER_RAD_S
 
@@ -79,7 +78,7 @@ def fit_warnings(
     return found + _instability(problem, x)
 
 
-def too_quiet(redchi: Float | float, nfree: int) -> NDArray[np.bool_]:
+def too_quiet(redchi: Float | float, nfree: int) -> Bool:
     """Whether the noise is overestimated by more than is worth knowing, for one result or many."""
     chance = np.sqrt(2 / max(nfree, 1))
     return np.asarray((redchi > NOISE_FLOOR) & (redchi < min(_TOO_QUIET, 1 - _CLEARLY * chance)))
@@ -117,7 +116,7 @@ def _instability(problem: Problem, x: Float) -> list[str]:
     return found
 
 
-def growth(model: RotorModel, theta: Float, speed: Float, frequency: Float) -> tuple[Float, NDArray[np.bool_]]:
+def growth(model: RotorModel, theta: Float, speed: Float, frequency: Float) -> tuple[Float, Bool]:
     """Largest growth rate, 1/s, of rotors at tested speeds, and whether it is more than round-off, shape ``(K,)``.
 
     Args:

@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from numbers import Real
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rotorfit.checks.plain import keep_clean, surely_clean
 from rotorfit.data.alike import AlikeTests, alike
@@ -33,7 +32,7 @@ from rotorfit.fitting.parameter_table import parameter_table
 from rotorfit.fitting.quantities import FittedParameter
 from rotorfit.fitting.settings import FitSettings
 from rotorfit.models import Modal, RotorModel
-from rotorfit.models.array_types import Float, Index
+from rotorfit.models.array_types import Bool, Float, Index
 from rotorfit.observing.alike import AlikeResponses, observe_alike
 
 _TOGETHER = 16384  # readings evaluated together, which stay in the processor's cache
@@ -136,9 +135,7 @@ def _fits(space: ParameterSpace, group: AlikeTests, given: Float | None) -> dict
     return {int(group.numbers[member]): fit for member, fit in found.items()}
 
 
-def stacks_of(
-    space: ParameterSpace, seen: AlikeResponses, wanted: NDArray[np.bool_]
-) -> Iterator[tuple[Index, RunStack]]:
+def stacks_of(space: ParameterSpace, seen: AlikeResponses, wanted: Bool) -> Iterator[tuple[Index, RunStack]]:
     """Runs of one plan in stacks that are evaluated together, with their numbers in the group.
 
     Args:

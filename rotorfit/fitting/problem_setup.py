@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rotorfit.data.experiments import Experiment
 from rotorfit.data.weights import Influences, weighed
@@ -23,6 +22,7 @@ from rotorfit.fitting.calibration import nuisance_entries
 from rotorfit.fitting.noise.problem import normal, with_noise
 from rotorfit.fitting.settings import FitSettings, PhaseOffsets, check_phase_offsets
 from rotorfit.models import Modal, RotorModel
+from rotorfit.models.array_types import ComplexArray
 from rotorfit.models.parameters import unknown_name
 from rotorfit.observing.grouping import Grouping, group_rows
 from rotorfit.observing.influences import correlated
@@ -126,7 +126,7 @@ def _check_modes(model: RotorModel, influences: Influences, settings: FitSetting
 
 def _phase_entries(
     blocks: Sequence[Block], offsets: PhaseOffsets
-) -> tuple[tuple[str, ...], list[tuple[NDArray[np.complex128], ...]]]:
+) -> tuple[tuple[str, ...], list[tuple[ComplexArray, ...]]]:
     """Names of the phases to fit, and for each block the sensitivities to them."""
     check_phase_offsets(offsets)
     if not offsets:
@@ -158,7 +158,7 @@ def _has_phase(block: Block) -> bool:
     return isinstance(block, OffCentreResponses) or (circular is not None and bool(circular.frequency.any()))
 
 
-def _phase_factors(block: Block, runs: Sequence[str]) -> NDArray[np.complex128]:
+def _phase_factors(block: Block, runs: Sequence[str]) -> ComplexArray:
     """Sensitivity of the logarithm of each prediction to the phase reference of each run, shape ``(R, n_runs)``.
 
     In complex coordinates a backward run's amplitude is the conjugate of its phasors, and so is the effect of an

@@ -17,10 +17,9 @@ from rotorfit.data.experiments import (
     ImpulseTest,
     RingDownTest,
     StaticTest,
-    Text,
 )
 from rotorfit.data.synchronous import group_speeds
-from rotorfit.models.array_types import Float
+from rotorfit.models.array_types import Float, Text
 from rotorfit.units import RPM_PER_RAD_S, UNITS, si_factor
 
 if TYPE_CHECKING:

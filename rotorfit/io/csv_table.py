@@ -11,10 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rotorfit.data.experiments import Text
 from rotorfit.io.cells import read_cells
 from rotorfit.io.sampling import time_factor
-from rotorfit.models.array_types import Float
+from rotorfit.models.array_types import Float, Text
 from rotorfit.models.parameters import unknown_name
 from rotorfit.units import UNITS, find_unit, units_of
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from rotorfit.data.experiments import LineTest
 from rotorfit.data.synchronous import group_speeds
-from rotorfit.models.array_types import Float
+from rotorfit.models.array_types import Bool, Float
 from rotorfit.units import UNITS, si_factor
 
 if TYPE_CHECKING:
@@ -61,7 +61,7 @@ def line_test(table: Table, speed_tolerance: float) -> LineTest:
 
 def _either(
     table: Table,
-    twisting: NDArray[np.bool_],
+    twisting: Bool,
     motion: tuple[str, float] | None,
     twist: tuple[str, float] | None,
     part: str,

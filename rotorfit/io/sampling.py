@@ -7,7 +7,8 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+
+from rotorfit.models.array_types import Float
 
 FEWEST = 64
 """Samples below which an array is a table or a setting, not a signal."""
@@ -49,7 +50,7 @@ def time_factor(name: str) -> float | None:
     return None if match is None else _SECONDS[match[1].lower() if match[1] else "s"]
 
 
-def rate_of_times(times: NDArray[np.float64], where: str) -> float:
+def rate_of_times(times: Float, where: str) -> float:
     """Sampling rate, Hz, of evenly spaced times in s.
 
     Args:

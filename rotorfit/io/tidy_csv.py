@@ -20,7 +20,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rotorfit.data.experiments import (
     DIRECTIONS,
@@ -29,7 +28,6 @@ from rotorfit.data.experiments import (
     Experiment,
     LineTest,
     PerturbationTest,
-    Text,
     plane_groups,
 )
 from rotorfit.data.findings import Finding
@@ -41,7 +39,7 @@ from rotorfit.io.line_csv import line_columns, line_test
 from rotorfit.io.machine_samples import is_sample_table, sample_table
 from rotorfit.io.machine_tables import BODE_HEADER, bode_table, with_weight, without_weight_finding
 from rotorfit.io.wide import is_wide, renamed, tidy, with_constants
-from rotorfit.models.array_types import ComplexArray, Float
+from rotorfit.models.array_types import Bool, ComplexArray, Float, Text
 from rotorfit.models.parameters import unknown_name
 from rotorfit.units import UNITS, si_factor, units_of
 
@@ -269,7 +267,7 @@ def _force_directions(table: Table, name: str | None, w: Float, direction: Text)
     return cells
 
 
-def _refuse(table: Table, bad: NDArray[np.bool_], name: str, why: str) -> None:
+def _refuse(table: Table, bad: Bool, name: str, why: str) -> None:
     if bad.any():
         row = int(np.flatnonzero(bad)[0])
         raise ValueError(f"{table.where(row, name)}: {table.cells[name][row]} {why}")

@@ -35,7 +35,7 @@ from rotorfit.io.universal_foreign import (
     read_foreign,
     turned,
 )
-from rotorfit.models.array_types import Float
+from rotorfit.models.array_types import Float, Index
 from rotorfit.units import RAD_S_PER_RPM
 
 _MARK = "rotorfit circular force test"
@@ -84,7 +84,7 @@ def _refuse(test: PerturbationTest) -> None:
             )
 
 
-def _series(test: PerturbationTest) -> Iterator[NDArray[np.intp]]:
+def _series(test: PerturbationTest) -> Iterator[Index]:
     """Rows of each FRF: one channel, run, force plane, whirl direction and, unless it is swept, speed."""
     speed = [0.0] * len(test) if test.synchronous else test.speed.tolist()
     columns = (test.run, test.force_plane, test.force_direction, test.plane, test.direction, test.frequency < 0)
@@ -95,9 +95,7 @@ def _series(test: PerturbationTest) -> Iterator[NDArray[np.intp]]:
         yield np.array(rows)
 
 
-def _records(
-    test: PerturbationTest, rows: NDArray[np.intp], planes: Sequence[str], number: int
-) -> Iterator[dict[str, Any]]:
+def _records(test: PerturbationTest, rows: Index, planes: Sequence[str], number: int) -> Iterator[dict[str, Any]]:
     part = test.select(rows)
     plane, force_plane, direction = str(part.plane[0]), str(part.force_plane[0]), str(part.direction[0])
     swept = bool(np.ptp(part.speed) > 0) or test.synchronous

@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rotorfit.models.array_types import Index
 from rotorfit.models.law_curves import law_curves, law_of
 from rotorfit.plots.journal import (
     JournalLines,
@@ -117,7 +117,7 @@ def plot_nonlinear_stiffness(fit: FitResult) -> Figure:
     return figure
 
 
-def _sweeps(lines: JournalLines) -> list[tuple[str, JournalLines, NDArray[np.intp]]]:
+def _sweeps(lines: JournalLines) -> list[tuple[str, JournalLines, Index]]:
     """Rows of each speed and force level, by frequency, with a name for the legend."""
     level = np.array(levels(np.abs(lines.force), lines.frequency))
     found = []
@@ -128,9 +128,7 @@ def _sweeps(lines: JournalLines) -> list[tuple[str, JournalLines, NDArray[np.int
     return found
 
 
-def _draw_sweep(
-    fit: FitResult, axes: Any, lines: JournalLines, rows: NDArray[np.intp], colour: str, factor: float
-) -> None:
+def _draw_sweep(fit: FitResult, axes: Any, lines: JournalLines, rows: Index, colour: str, factor: float) -> None:
     theta = fit.thetas
     w, change = lines.frequency[rows], lines.stiffness[rows] - lines.linear[rows]
     eps, sigma = lines.eccentricity[rows], factor * lines.stiffness_sigma[rows]

@@ -6,14 +6,13 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rotorfit.estimators.blocks.nonlinear import OrbitResponses, responses_of
 from rotorfit.estimators.inference.covariance import standard_error
 from rotorfit.fitting.result import FitResult
 from rotorfit.fitting.summary import natural
 from rotorfit.models import RotorModel
-from rotorfit.models.array_types import ComplexArray, Float, Index
+from rotorfit.models.array_types import ComplexArray, Float, Index, Text
 from rotorfit.models.journal import journal
 from rotorfit.models.line_stiffness import line_stiffness
 
@@ -38,7 +37,7 @@ class JournalLines:
     """
 
     group: Index
-    run: NDArray[np.str_]
+    run: Text
     speed: Float
     frequency: Float
     force: ComplexArray

@@ -15,7 +15,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.transforms import Bbox, ScaledTranslation
-from numpy.typing import NDArray
+
+from rotorfit.models.array_types import Float, Index
 
 _PAD = 0.04167
 """Room around everything, inches: that of matplotlib's constrained layout."""
@@ -138,7 +139,7 @@ def _fix_labels(axis: Any, found: _Surroundings) -> None:
         axis.set_title(axis.get_title(), y=1.0, fontsize=axis.title.get_fontsize())
 
 
-def _largest(values: NDArray[np.float64], place: NDArray[np.intp], count: int) -> NDArray[np.float64]:
+def _largest(values: Float, place: Index, count: int) -> Float:
     found = np.full(count, _PAD)
     np.maximum.at(found, place, values)
     return found

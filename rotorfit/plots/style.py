@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from rotorfit.models.array_types import Float
 from rotorfit.plots.layout import PanelLayout
 from rotorfit.plots.ticks import few_ticks
 
@@ -73,7 +73,7 @@ def literal(text: str) -> str:
     return text.replace("$", r"\$")
 
 
-def prefix(values: NDArray[np.float64], unit: str) -> tuple[float, str]:
+def prefix(values: Float, unit: str) -> tuple[float, str]:
     """Factor and unit with an SI prefix that brings typical values between 1 and 1000."""
     finite = np.abs(values[np.isfinite(values)])
     top = float(finite.max(initial=0.0))

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rotorfit.models.array_types import Bool
 from rotorfit.recordings.signals import Signals
 
 
@@ -101,7 +102,7 @@ class _Extreme:
             self.samples += int(at.sum())
 
 
-def _entered(piece: NDArray[Any], at: NDArray[np.bool_], step: float) -> int:
+def _entered(piece: NDArray[Any], at: Bool, step: float) -> int:
     """Stretches of three and more samples at the extreme that begin or end with a jump of several counts.
 
     The crest of a slow and quiet signal stays on one count too, but comes there count by count.

@@ -12,9 +12,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rotorfit.data.findings import Finding
+from rotorfit.models.array_types import Float
 from rotorfit.recordings.angle_track import AngleTrack, steady_track, track
 from rotorfit.recordings.channel_statistics import ChannelStatistics, statistics
 from rotorfit.recordings.formats.files import open_raw
@@ -84,7 +84,7 @@ class Recording(Signals):
         slow = read_recording(self.path.parent / how.file, replace(self.setup, slow_roll=None))
         return find_run_out(slow, slow.shaft_angle(), how)
 
-    def without_run_out(self, probe: Probe, start: int = 0, stop: int | None = None) -> NDArray[np.float64]:
+    def without_run_out(self, probe: Probe, start: int = 0, stop: int | None = None) -> Float:
         """Voltage of a probe without its run-out; before the first mark and after the last the angle is continued.
 
         Args:
@@ -111,7 +111,7 @@ class Recording(Signals):
         return track(self, reference)  # type: ignore[arg-type]
 
     @cached_property
-    def twist(self) -> NDArray[np.float64]:
+    def twist(self) -> Float:
         """Twist at every sample, its mean taken out, rad, from a torsion channel or two tooth wheels.
 
         Raises:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rotorfit.models.array_types import Float
+from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.models.parameters import unknown_name
 from rotorfit.recordings.formats.raw_file import RawFile
 from rotorfit.recordings.rig.resolve import Rig
@@ -233,7 +233,7 @@ class Signals:
         """
         return np.asarray(np.tensordot(np.abs(self._mixing(plane)) ** 2, along, 1) / 2)
 
-    def _mixing(self, plane: str) -> NDArray[np.complex128]:
+    def _mixing(self, plane: str) -> ComplexArray:
         """Row that makes ``x + jy`` of the motions along the probes: least squares for more than two probes."""
         angles = np.array([float(probe.angle or 0.0) for probe in self._probes_of(plane)])
         directions = np.column_stack([np.cos(angles), np.sin(angles)])
@@ -243,7 +243,7 @@ class Signals:
         inverse = np.linalg.pinv(directions)
         return np.asarray(inverse[0] + 1j * self.rig.rotation * inverse[1])
 
-    def force_signal(self, start: int = 0, stop: int | None = None) -> NDArray[np.complex128]:
+    def force_signal(self, start: int = 0, stop: int | None = None) -> ComplexArray:
         """A measured force ``Fx + j Fy``, N.
 
         Args:

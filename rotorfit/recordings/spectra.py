@@ -5,10 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rotorfit.estimators.signals.spectral_lines import full_spectrum
-from rotorfit.models.array_types import Float
+from rotorfit.models.array_types import Float, Index
 from rotorfit.models.parameters import unknown_name
 from rotorfit.recordings.marks import Marks
 from rotorfit.recordings.signals import Signals
@@ -100,7 +99,7 @@ class CascadeTimes:
 
     over: str
     size: int
-    starts: NDArray[np.intp]
+    starts: Index
     position: Float
     shaft: Float
     perturbation: Float

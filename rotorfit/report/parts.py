@@ -5,11 +5,11 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rotorfit.fitting.quantities import Quantity
 from rotorfit.fitting.result import FitResult
 from rotorfit.models import RotorModel
+from rotorfit.models.array_types import Float
 from rotorfit.models.equation_text import symbol_mathml
 from rotorfit.plots.journal import group_label, groups_in_order
 from rotorfit.report.html import Html, element, join
@@ -58,7 +58,7 @@ def groups_of(fit: FitResult) -> list[tuple[str, int]]:
     return [(group_label(fit, group), group) for group in groups_in_order(fit)]
 
 
-def tested_speeds(fit: FitResult) -> NDArray[np.float64]:
+def tested_speeds(fit: FitResult) -> Float:
     """Rotative speeds of all tests, rad/s, empty for speeds that sweep."""
     found = np.unique(np.concatenate([np.asarray(e.speed, dtype=float) for e in fit.experiments]))
     return fit.speeds if found.size > _MANY else np.asarray(found)

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rotorfit.data.experiments import DisplacementTest, PerturbationTest, perturbation_test
 from rotorfit.models import RotorModel
-from rotorfit.models.array_types import ComplexArray, Float
+from rotorfit.models.array_types import ComplexArray, Float, Index, Text
 from rotorfit.simulation.rig import VirtualRig, positive, some_planes
 from rotorfit.simulation.steady_state import Steady, steady_state
 from rotorfit.units import RAD_S_PER_RPM, RPM_PER_RAD_S
@@ -24,15 +24,15 @@ Order = Literal["rest", "up", "down"]
 class _Lines:
     """Forced motion to integrate, all shape ``(L,)``, force and load ``(L, n)``."""
 
-    run: NDArray[np.str_]
-    plane: NDArray[np.str_]
+    run: Text
+    plane: Text
     speed: Float
     frequency: Float
     phasor: ComplexArray
     force: ComplexArray
     load: ComplexArray
     decay: Float
-    sweep: NDArray[np.intp]
+    sweep: Index
 
 
 def perturbation(
@@ -184,7 +184,7 @@ def _steady(rig: VirtualRig, lines: _Lines, order: Order) -> Steady:
     frequency = lines.frequency if rig.model.frame == "z" else np.abs(lines.frequency)
     motion = rig.motion(lines.speed)
 
-    def settle(part: NDArray[np.intp], start: tuple[ComplexArray, ComplexArray] | None) -> Steady:
+    def settle(part: Index, start: tuple[ComplexArray, ComplexArray] | None) -> Steady:
         return steady_state(
             motion.select(part), frequency[part], lines.force[part], lines.decay[part], load=lines.load[part],
             start=start, tolerance=rig.tolerance,

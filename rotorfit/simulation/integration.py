@@ -12,10 +12,10 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from rotorfit.models import RotorModel
-from rotorfit.models.array_types import ComplexArray, Float
+from rotorfit.models.array_types import ComplexArray, Float, Index
 from rotorfit.models.journal import Journal, journal
 
 Force = Callable[[float], ComplexArray]
@@ -91,7 +91,7 @@ class Motion:
         return np.asarray(-self._inverse_mass @ self._passive)
 
     @cached_property
-    def _free(self) -> NDArray[np.intp]:
+    def _free(self) -> Index:
         """Coordinates that are not imposed."""
         return np.array([i for i in range(len(self.model.coordinates)) if i != self.imposed], dtype=np.intp)
 
@@ -158,7 +158,7 @@ class Motion:
             total[:, self._journal.at] += inertia * a[:, self._journal.at]
         return np.asarray(total)
 
-    def select(self, lines: NDArray[np.intp]) -> Motion:
+    def select(self, lines: Index) -> Motion:
         """Some of the rotors."""
         return Motion(self.model, self.theta[lines], self.speed[lines], self.imposed)
 

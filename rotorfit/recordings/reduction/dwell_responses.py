@@ -7,11 +7,11 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.fft import prev_fast_len
 
 from rotorfit.estimators.signals.dwells import DwellResponse, dwell_response, dwells
 from rotorfit.estimators.signals.local_response import LocalResponse
+from rotorfit.models.array_types import Bool
 from rotorfit.recordings.reduction.response_rows import apart_from_orders, readings, rows
 
 if TYPE_CHECKING:
@@ -67,7 +67,7 @@ def dwells_of(reduced: ReducedRecord) -> list[ReducedRecord]:
 
 def dwell_responses(
     reduced: ReducedRecord, parts: Sequence[ReducedRecord], force: Force
-) -> tuple[PerturbationTest, NDArray[np.bool_]]:
+) -> tuple[PerturbationTest, Bool]:
     """A line for each dwell that no order of the shaft lies on, and which dwells these are.
 
     Args:

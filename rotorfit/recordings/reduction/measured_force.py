@@ -6,9 +6,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
-from rotorfit.models.array_types import ComplexArray, Float
+from rotorfit.models.array_types import Bool, ComplexArray, Float
 from rotorfit.recordings.reduction.reduced_record import ReducedRecord, motion_at, reduced_times
 
 if TYPE_CHECKING:
@@ -169,7 +168,7 @@ def _how_it_acts(record: Recording, force: ComplexArray, rate: float, seen: Meas
     )
 
 
-def clear_of_noise(found: LocalResponse, reduced: ReducedRecord, noise: float) -> NDArray[np.bool_]:
+def clear_of_noise(found: LocalResponse, reduced: ReducedRecord, noise: float) -> Bool:
     """Lines at which a measured force stands out of its noise, shape ``(L,)``.
 
     Args:

@@ -11,11 +11,10 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
-from rotorfit.models.array_types import Float
+from rotorfit.models.array_types import ComplexArray, Float
 
-Samples = NDArray[np.float64] | NDArray[np.complex128]
+Samples = Float | ComplexArray
 
 RATE_OVER_TOP = 3.0
 """Reduced rate over the highest frequency of the band: the filter falls from the top to twice the top."""

@@ -7,12 +7,12 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rotorfit.data.experiments import PerturbationTest
 from rotorfit.data.findings import Finding
 from rotorfit.data.synchronous import DIFFERENCED
 from rotorfit.estimators.signals.local_response import LocalResponse, RecordSpectra, local_response
+from rotorfit.models.array_types import Bool
 from rotorfit.recordings.reduction.dwell_responses import dwell_responses, dwelling, dwells_of
 from rotorfit.recordings.reduction.measured_force import clear_of_noise, reduce_measured
 from rotorfit.recordings.reduction.reduced_record import ReducedRecord, reduce_record
@@ -154,7 +154,7 @@ def _estimated(
         raise ValueError(f"{', '.join(record.name for record in records)}: {problem}") from problem
 
 
-def _clear(reduced: ReducedRecord, found: LocalResponse, power: int, report: Report) -> NDArray[np.bool_]:
+def _clear(reduced: ReducedRecord, found: LocalResponse, power: int, report: Report) -> Bool:
     """Lines where the force says enough and that no order of the shaft is too near to."""
     driven = _driven(found, power)
     apart = apart_from_orders(reduced, found.frequency)
@@ -184,7 +184,7 @@ def _drive(record: Recording) -> AngleTrack:
     return drive
 
 
-def _driven(found: LocalResponse, power: int) -> NDArray[np.bool_]:
+def _driven(found: LocalResponse, power: int) -> Bool:
     """Whether the force says enough at each node, its growth with a power of the frequency aside.
 
     Where a sweep begins and ends its spectrum falls off and cannot be told from the transient. Chosen by the force, not

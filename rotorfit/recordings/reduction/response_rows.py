@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotorfit.data.experiments import PerturbationTest, perturbation_test
-from rotorfit.models.array_types import ComplexArray, Float
+from rotorfit.models.array_types import Bool, ComplexArray, Float
 from rotorfit.recordings.reduction.reduced_record import is_pair
 
 if TYPE_CHECKING:
@@ -90,7 +90,7 @@ def single_direction(record: Recording, plane: str, whirl: int) -> tuple[str, co
 
 def rows(
     probes: Sequence[Readings],
-    kept: NDArray[np.bool_],
+    kept: Bool,
     *,
     run: str,
     frequency: Float,
@@ -151,7 +151,7 @@ def time_at(reduced: ReducedRecord, frequency: Float) -> Float:
     return time[np.clip(np.searchsorted(ascending, frequency), 0, time.size - 1)]
 
 
-def apart_from_orders(reduced: ReducedRecord, w: Float) -> NDArray[np.bool_]:
+def apart_from_orders(reduced: ReducedRecord, w: Float) -> Bool:
     """Whether lines are further from every order than the record can separate, its own wander of speed added.
 
     Args:

@@ -8,11 +8,10 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rotorfit.data.experiments import RingDownTest
 from rotorfit.executors import carry_out
-from rotorfit.models.array_types import ComplexArray, Float
+from rotorfit.models.array_types import Bool, ComplexArray, Float, Index
 from rotorfit.models.parameters import unknown_name
 from rotorfit.recordings.reduction.reduced_rate import ReducedRate
 from rotorfit.recordings.reduction.reduced_record import ORDERS, is_pair, motion_at
@@ -161,7 +160,7 @@ def _blows(record: Recording, plane: str, highest_hz: float) -> Iterator[_Blow]:
             yield speed, time[first:last] - time[first], left[first:last] - settled, settled
 
 
-def _after_quiet(rises: NDArray[np.intp], quiet: NDArray[np.bool_]) -> list[int]:
+def _after_quiet(rises: Index, quiet: Bool) -> list[int]:
     """Those before which it was quiet: a motion that dies out may rise again."""
     begins: list[int] = []
     for rise in rises.tolist():
