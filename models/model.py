@@ -369,7 +369,14 @@ def _last(values: Float) -> Float:
 
 
 class CompiledModel:
-    """Vectorised coefficient functions of a model, made once from its CasADi graph."""
+    """Vectorised coefficient functions of a model, made once from its CasADi graph.
+
+    Attributes:
+        inputs, powers, rows, columns: of each entry of the coefficients' Jacobian, see :class:`CoefficientJacobian`.
+        real_entry, imag_entry: entries that have a real part, and those that have an imaginary one.
+        n_parameters: length of a parameter vector.
+        has_probe_factors: whether readings are multiplied by something that depends on the parameters.
+    """
 
     def __init__(self, model: RotorModel) -> None:
         theta, speed, eccentricity, matrices, factors = model.symbolic
@@ -401,7 +408,7 @@ class CompiledModel:
         key = (column * self._shape[0] + power) * size * size + place
         entries, entry = np.unique(key, return_inverse=True)
         self._real, self._imag = np.flatnonzero(imaginary == 0), np.flatnonzero(imaginary == 1)
-        self._real_entry, self._imag_entry = entry[self._real], entry[self._imag]
+        self.real_entry, self.imag_entry = entry[self._real], entry[self._imag]
         self.inputs, rest = np.divmod(entries, self._shape[0] * size * size)
         self.powers, place = np.divmod(rest, size * size)
         self.rows, self.columns = np.divmod(place, size)
@@ -425,8 +432,8 @@ class CompiledModel:
         """Derivatives of the coefficients with respect to parameters, speed and eccentricity."""
         flat = _last(self._jacobian(self._arguments(theta, speed, eccentricity)))
         values = np.zeros((*flat.shape[:-1], self.inputs.size), dtype=complex)
-        values.real[..., self._real_entry] = flat[..., self._real]
-        values.imag[..., self._imag_entry] = flat[..., self._imag]
+        values.real[..., self.real_entry] = flat[..., self._real]
+        values.imag[..., self.imag_entry] = flat[..., self._imag]
         return CoefficientJacobian(
             inputs=self.inputs, powers=self.powers, rows=self.rows, columns=self.columns, values=values
         )

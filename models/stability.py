@@ -115,24 +115,56 @@ def growth_rate(model: RotorModel, theta: ArrayLike, speed: ArrayLike, band: flo
     return np.asarray(np.where(counted, s.real, -np.inf).max(axis=-1))
 
 
-def eigenvalue_gradient(model: RotorModel, theta: ArrayLike, speed: float, s: complex) -> tuple[complex, ComplexArray]:
-    """Derivatives of a simple eigenvalue.
+def eigenvalue_gradient(
+    model: RotorModel, theta: ArrayLike, speed: ArrayLike, s: ArrayLike
+) -> tuple[ComplexArray, ComplexArray]:
+    """Derivatives of simple eigenvalues.
+
+    Args:
+        model: the rotor.
+        theta: parameter vectors, shape ``(..., P)``.
+        speed: rotative speeds, rad/s, shape ``(...)``.
+        s: an eigenvalue of each, shape ``(...)``.
 
     Returns:
-        derivative with respect to the speed, and with respect to the parameters, shape ``(P,)``.
+        derivative with respect to the speed, shape ``(...)``, and with respect to the parameters, shape ``(..., P)``.
     """
     coefficients = model.motion(theta, speed)
-    powers = s ** np.arange(model.order + 1)
-    kappa = np.einsum("k,kij->ij", powers, coefficients)
-    left, _, right = np.linalg.svd(kappa)
-    u, v = left[:, -1].conj(), right[-1].conj()
-    slope = np.einsum("k,kij->ij", np.arange(1, model.order + 1) * powers[:-1], coefficients[1:])
+    powers = np.asarray(s)[..., None] ** np.arange(model.order + 1)
+    left, _, right = np.linalg.svd(np.einsum("...k,...kij->...ij", powers, coefficients))
+    u, v = left[..., -1].conj(), right[..., -1, :].conj()
+    slope = np.einsum(
+        "...k,...kij->...ij", np.arange(1, model.order + 1) * powers[..., :-1], coefficients[..., 1:, :, :]
+    )
     jacobian = model.motion_jacobian(theta, speed)
-    entries = powers[jacobian.powers] * u[jacobian.rows] * v[jacobian.columns] * jacobian.values
-    total = np.zeros(len(model.parameters) + 2, dtype=complex)
-    np.add.at(total, jacobian.inputs, entries)
-    total /= -(u @ slope @ v)
-    return complex(total[-2]), total[:-2]
+    entries = powers[..., jacobian.powers] * u[..., jacobian.rows] * v[..., jacobian.columns] * jacobian.values
+    total = np.zeros((*entries.shape[:-1], len(model.parameters) + 2), dtype=complex)
+    np.add.at(total.T, jacobian.inputs, entries.T)
+    total /= -np.einsum("...i,...ij,...j->...", u, slope, v)[..., None]
+    return total[..., -2], total[..., :-2]
+
+
+def least_stable(
+    model: RotorModel, theta: ArrayLike, speed: ArrayLike, *, band: float = math.inf
+) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
+    """The least stable eigenvalue of many rotors, each at a speed, and its derivatives.
+
+    Args:
+        model: the rotor.
+        theta: parameter vectors, shape ``(N, P)``.
+        speed: rad/s, shape ``(N,)``.
+        band: count only eigenvalues with ``|s|`` up to this, rad/s.
+
+    Returns:
+        the eigenvalue, NaN where none is counted, its derivative by the speed, both of shape ``(N,)``, and by the
+        parameters, shape ``(N, P)``.
+    """
+    s = eigenvalues(model, theta, speed)
+    growth = np.where(np.isfinite(s) & (np.abs(s) <= band), s.real, -np.inf)
+    least = np.take_along_axis(s, growth.argmax(axis=-1)[:, None], axis=-1)[:, 0]
+    counted = np.isfinite(growth).any(axis=-1)
+    by_speed, by_theta = eigenvalue_gradient(model, theta, speed, np.where(counted, least, 1j))
+    return np.where(counted, least, np.nan), by_speed, by_theta
 
 
 def growing_bands(model: RotorModel, theta: ArrayLike, max_speed: float) -> list[tuple[float, float]]:

@@ -15,6 +15,7 @@ from rotorfit.estimators.minimisation.least_squares import minimise
 from rotorfit.estimators.misfit import accelerator
 from rotorfit.estimators.misfit.kernels import Batch
 from rotorfit.estimators.misfit.losses import LOSSES
+from rotorfit.estimators.misfit.normal_equations import normal_equations
 from rotorfit.estimators.misfit.priors import Prior
 from rotorfit.fitting.problem_setup import build_problem
 from rotorfit.fitting.settings import FitSettings
@@ -48,10 +49,14 @@ def check(problem, x, accelerate):
     assert batch.compiled == bool(accelerate and len(problem.space.model.coordinates) <= 2)
     costs, gradients = batch.cost_and_gradient(x)
     np.testing.assert_allclose(batch.sums(x).sum(axis=1), 2 * costs, rtol=1e-12)
-    for row, cost, gradient in zip(x, costs, gradients, strict=True):
+    sums = normal_equations(problem, x)
+    for i, row in enumerate(x):
         expected, slope, matrix = problem.gauss_newton(row)
-        assert cost == pytest.approx(expected, rel=1e-10)
-        assert (np.abs(gradient - slope) < 1e-9 * np.sqrt(2 * expected * np.diag(matrix)) + 1e-300).all()
+        size = np.sqrt(np.diag(matrix))
+        for cost, gradient in ((costs[i], gradients[i]), (sums[0][i], sums[1][i])):
+            assert cost == pytest.approx(expected, rel=1e-10)
+            assert (np.abs(gradient - slope) < 1e-9 * np.sqrt(2 * expected) * size + 1e-300).all()
+        assert (np.abs(sums[2][i] - matrix) < 1e-10 * np.outer(size, size) + 1e-300).all()
 
 
 @pytest.mark.parametrize(

@@ -28,7 +28,7 @@ from rotorfit.models import (
     threshold_speed,
 )
 from rotorfit.models.complexes import Complex, cis
-from rotorfit.models.stability import eigenvalue_gradient, growth_rate, threshold_speed_near
+from rotorfit.models.stability import eigenvalue_gradient, growth_rate, least_stable, threshold_speed_near
 
 EPS = np.finfo(float).eps
 RPM = np.pi / 30
@@ -156,6 +156,18 @@ def test_threshold_from_that_of_a_rotor_much_like_it(model, values):
     still = theta.copy()
     still[model.parameter_names.index("lam")] = 0.0  # never unstable
     assert threshold_speed_near(model, still, first) is None
+
+
+@pytest.mark.parametrize("name", ["one-mode", "whirl-whip"])
+def test_the_least_stable_eigenvalues_of_many_rotors_are_undamped_at_their_thresholds(name):
+    rng, model = np.random.default_rng(9), MODELS[name]()
+    theta = model.vector(TYPICAL[name]) * (1 + 0.05 * rng.normal(size=(5, len(model.parameters))))
+    onsets = [threshold_speed(model, one) for one in theta]
+    s, by_speed, by_theta = least_stable(model, theta, np.array([onset.speed for onset in onsets]))
+    assert (np.abs(s.real) < 1e-9 * np.abs(s)).all()
+    np.testing.assert_allclose(s.imag, [onset.whirl_frequency for onset in onsets], rtol=1e-9)
+    gradients = -by_theta.real / by_speed.real[:, None]
+    np.testing.assert_allclose(gradients, [onset.gradient for onset in onsets], rtol=1e-6, atol=1e-9)
 
 
 @pytest.mark.parametrize("name", MODELS)

@@ -12,7 +12,15 @@ import numpy as np
 from rotorfit.estimators.blocks.correlated import freedom_of, quantile
 from rotorfit.estimators.inference.covariance import standard_error
 from rotorfit.estimators.inference.log_posterior import box
-from rotorfit.estimators.inference.profile_curve import Curve, End, ValueAndGradient, hold_entry, hold_quantity, limits
+from rotorfit.estimators.inference.profile_curve import (
+    Condition,
+    Curve,
+    End,
+    HeldEntry,
+    HeldQuantity,
+    ValueAndGradient,
+    limits,
+)
 from rotorfit.estimators.minimisation.least_squares import minimise
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.fitting.digits import interval, with_error
@@ -20,7 +28,7 @@ from rotorfit.fitting.result import FitResult
 from rotorfit.models import threshold_speed
 from rotorfit.models.array_types import Float
 from rotorfit.models.parameters import bare_name, unknown_name
-from rotorfit.models.stability import Threshold, threshold_speed_near
+from rotorfit.models.stability import Threshold, least_stable, threshold_speed_near
 from rotorfit.units import RPM_PER_RAD_S
 
 if TYPE_CHECKING:
@@ -129,10 +137,7 @@ def profile(
     value, unit, curve, step, reach = _curve(fit, problem, x, name, at)
     known = fit.threshold_speed(at) if name == THRESHOLD else fit.params[name]
     goal = quantile(level, known.freedom) ** 2 * scale
-    ends = [
-        curve.end(side, goal, math.sqrt(goal) * step, limit, bound)
-        for side, (limit, bound) in zip((-1, 1), reach, strict=True)
-    ]
+    ends = curve.ends(goal, math.sqrt(goal) * step, reach)
     values, rise = _grid(curve, value, ends, points)
     return Profile(
         name=name,
@@ -194,7 +199,8 @@ def _curve(
             raise ValueError("the fitted rotor is stable at every speed searched: there is no threshold to profile")
         error = float(standard_error(slope, covar))
         direction = covar @ slope / error**2 if error > 0 else np.zeros_like(x)
-        curve = Curve(hold_quantity(problem, speed), value, x, problem.cost(x), direction)
+        held = HeldQuantity(problem, speed, _condition(fit, group))
+        curve = Curve(held, value, x, problem.cost(x), direction)
         return value, "rad/s", curve, *_reach(0.0, math.inf, value, value, error)
     if name not in fit.var_names:
         if name in fit.params:
@@ -208,14 +214,14 @@ def _curve(
     typical = problem.space.model.parameter(bare_name(name)).scale if i < len(problem.space.names) else 0.1
     size = max(abs(float(x[i])), typical)
     scale = np.maximum(np.abs(x), 1e-6 * size)
-    curve = Curve(hold_entry(problem, i, scale), float(x[i]), x, problem.cost(x), direction)
+    curve = Curve(HeldEntry(problem, i, scale), float(x[i]), x, problem.cost(x), direction)
     return float(x[i]), p.unit, curve, *_reach(lower[i], upper[i], float(x[i]), size, error)
 
 
 def _speed(fit: FitResult, group: int) -> ValueAndGradient:
     """Threshold speed of a fitted vector and its gradient, each found from the one before."""
     space, model, band = fit.problem.space, fit.model, fit.stability_band
-    last: Threshold | None = None
+    last: Threshold | None = fit.onset(group)
 
     def speed(vector: Float) -> tuple[float, Float]:
         nonlocal last
@@ -227,6 +233,25 @@ def _speed(fit: FitResult, group: int) -> ValueAndGradient:
         return last.speed, space.pull_back(last.gradient, group)
 
     return speed
+
+
+def _condition(fit: FitResult, group: int) -> Condition | None:
+    """The threshold speed as a condition: the least stable eigenvalue at that speed lies on the imaginary axis.
+
+    It asks for the eigenvalues at one speed, not for a search along speeds. Other modes are stable there; what happens
+    at lower speeds is taken to be as for the fitted rotor. ``None`` for rotors with undamped modes, of which the least
+    stable one says nothing.
+    """
+    space, model, band = fit.problem.space, fit.model, fit.stability_band
+    if model.turns or model.shaft is not None:
+        return None
+
+    def condition(x: Float, values: Float) -> tuple[Float, Float, Float]:
+        s, by_speed, by_theta = least_stable(model, space.theta(x)[:, group], values, band=band)
+        growing = np.where(by_speed.real > 0, by_speed.real, np.nan)
+        return -s.real, space.pull_back(by_theta.real, group), growing
+
+    return condition
 
 
 def _reach(
@@ -248,7 +273,8 @@ def _grid(curve: Curve, value: float, ends: list[End], points: int) -> tuple[Flo
     below = np.linspace(value, outer[0], points // 2 + 1)
     above = np.linspace(value, outer[1], points - points // 2)
     # outwards on either side: every point starts from its neighbour
-    rises = {float(v): curve(float(v)) for v in (*below, *above)}
+    places = [*below.tolist(), *above.tolist()]
+    rises = dict(zip(places, curve(places), strict=True))
     values = np.array(sorted(rises))
     return values, np.array([rises[v] for v in values.tolist()])
 
