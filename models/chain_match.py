@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from rotorfit.models.array_types import Float
 from rotorfit.models.chain import MOST_MASSES, Chain
 from rotorfit.models.lanczos import bidiagonal, chain_modes, chain_of
+from rotorfit.models.text_table import text_table
 
 _Masses: TypeAlias = tuple[Float, Float, Float]  # masses, springs, psi
 
@@ -77,14 +78,13 @@ class ChainFromModes:
         return Chain(self.M.size, planes, fluid=fluid)
 
     def __str__(self) -> str:
-        head = f"{'mode':>5}{'w rad/s':>12}{'modal kg':>12}{'match':>11}{'deviation':>11}"
-        rows = zip(self.frequencies, self.modal_mass, self.match, self.deviation, strict=True)
+        modes = zip(self.frequencies, self.modal_mass, self.match, self.deviation, strict=True)
+        rows = [[f"{v}", f"{w:.6g}", f"{m:.5g}", f"{c:.6f}", f"{e:.2g}"] for v, (w, m, c, e) in enumerate(modes, 1)]
         return "\n".join(
             [
                 "M " + ", ".join(f"{m:.6g}" for m in self.M) + " kg",
                 "K " + ", ".join(f"{k:.6g}" for k in self.K) + " N/m",
-                head,
-                *(f"{v + 1:>5}{w:>12.6g}{m:>12.5g}{c:>11.6f}{e:>11.2g}" for v, (w, m, c, e) in enumerate(rows)),
+                *text_table([["mode", "w rad/s", "modal kg", "match", "deviation"], *rows], ">5 >12 >12 >11 >11"),
             ]
         )
 

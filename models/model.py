@@ -18,6 +18,7 @@ from rotorfit.models.compiled import array_function
 from rotorfit.models.complexes import Complex, Number
 from rotorfit.models.onset import OnsetEquations
 from rotorfit.models.parameters import Parameter, unknown_name
+from rotorfit.models.text_table import text_table
 
 if TYPE_CHECKING:
     from rotorfit.models.shaft import KnownStiffness, SeenShaft
@@ -355,12 +356,12 @@ class RotorModel(ABC):
 
     def describe(self) -> str:
         """Table of the parameters: name, unit, meaning, limits."""
-        rows = [f"{self.name}: planes {', '.join(self.planes)}"]
+        rows = []
         for q in self.parameters:
             limits = "" if np.isinf([q.lower, q.upper]).all() else f"  [{q.lower:g}, {q.upper:g}]"
             default = "" if q.default is None else f"  known = {q.default:g} unless freed"
-            rows.append(f"  {q.name:<8} {q.unit:<8} {q.meaning}{limits}{default}")
-        return "\n".join(rows)
+            rows.append(["", q.name, q.unit, f"{q.meaning}{limits}{default}"])
+        return "\n".join([f"{self.name}: planes {', '.join(self.planes)}", *text_table(rows, "<0 <7 <7 <1")])
 
 
 def _last(values: Float) -> Float:

@@ -23,7 +23,7 @@ HEAVY = ("matplotlib", "emcee", "xarray", "arviz", "numba", "scipy.stats", "h5py
 FLOORS = (
     ("models",),
     ("estimators",),
-    ("version", "units", "text_table", "executors"),
+    ("version", "units", "executors"),
     ("data",),
     ("io", "observing"),
     ("datasets", "checks", "simulation", "recordings"),

@@ -30,7 +30,7 @@ from rotorfit.fitting.summary import natural
 from rotorfit.models import RotorModel
 from rotorfit.models.array_types import Float
 from rotorfit.models.parameters import unknown_name
-from rotorfit.text_table import Wide, text_table
+from rotorfit.models.text_table import Wide, text_table
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

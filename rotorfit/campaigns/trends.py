@@ -12,7 +12,7 @@ from rotorfit.data.findings import listed
 from rotorfit.fitting.digits import plus_minus
 from rotorfit.fitting.quantities import Quantity
 from rotorfit.models.array_types import Float
-from rotorfit.text_table import Wide, text_table
+from rotorfit.models.text_table import Wide, text_table
 
 if TYPE_CHECKING:
     from rotorfit.campaigns.runs import RunFit

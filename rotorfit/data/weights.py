@@ -14,6 +14,7 @@ from rotorfit.data.synchronous import DIFFERENCED, difference_synchronous
 from rotorfit.estimators.starting.influence import Influence, Readings, UndeterminedError, solve_influence
 from rotorfit.estimators.starting.modes_seen import ModesSeen, modes_seen
 from rotorfit.models.array_types import ComplexArray, Float
+from rotorfit.models.text_table import text_table
 from rotorfit.units import RPM_PER_RAD_S
 
 
@@ -96,14 +97,15 @@ class Influences:
         """Table of residual vectors and influences with standard errors, um and um/(g mm), degrees of lead."""
         size = len(self.planes)
         errors = np.sqrt(np.real(np.diag(self.solved.covariance))).reshape(-1, size)
-        head = f"{'probe':<14}{'rpm':>8}{'residual':>18}" + "".join(f"{plane:>18}{'':<11}" for plane in self.planes)
-        lines = [head, f"{'':<22}{'um 0-pk':>18}" + f"{'um/(g mm)':>18}{'':<11}" * size]
+        heads = [cell for plane in self.planes for cell in (plane, "")]
+        rows = [["probe", "rpm", "residual", *heads], ["", "", "um 0-pk", *["um/(g mm)", ""] * size]]
         for cell, (channel, dwell) in enumerate(zip(self.solved.channel, self.solved.dwell, strict=True)):
             speed = self.solved.speed[dwell] * RPM_PER_RAD_S
-            line = f"{' '.join(self.channels[channel]):<14}{speed:>8.0f}" + _polar(self.solved.residual[cell] * 1e6, 18)
+            row = [" ".join(self.channels[channel]), f"{speed:.0f}", _polar(self.solved.residual[cell] * 1e6)]
             for value, error in zip(self.solved.influence[cell], errors[cell], strict=True):
-                line += _polar(value, 18) + f" +- {error:.1g}".ljust(11)
-            lines.append(line.rstrip())
+                row += [_polar(value), f"+- {error:.1g}"]
+            rows.append(row)
+        lines = text_table(rows, "<14 >8 >18" + " >18 <8" * size)
         seen = [self.modes_told] if self.modes_told else []
         return "\n".join([*lines, *self.remarks, *seen])
 
@@ -111,8 +113,8 @@ class Influences:
         return self.summary()
 
 
-def _polar(value: complex, width: int) -> str:
-    return f"{abs(value):.4g} @ {np.degrees(np.angle(value)):.1f}".rjust(width)
+def _polar(value: complex) -> str:
+    return f"{abs(value):.4g} @ {np.degrees(np.angle(value)):.1f}"
 
 
 def influence(test: PerturbationTest) -> Influences:

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from html import escape
 
-from rotorfit.text_table import text_table
+from rotorfit.models.text_table import text_table
 from rotorfit.units import RPM_PER_RAD_S
 
 THRESHOLD = "threshold speed"

@@ -18,8 +18,8 @@ from rotorfit.fitting.result import FitResult
 from rotorfit.models import Constant, EvenPolynomial, MonotoneSpline, Muszynska, RotorModel
 from rotorfit.models.laws import Law
 from rotorfit.models.parameters import bare_name, unknown_name
+from rotorfit.models.text_table import Wide, text_table
 from rotorfit.observing.observations import observe_any
-from rotorfit.text_table import Wide, text_table
 
 STRONG = 10.0
 """Difference of AIC beyond which the worse of two models has no support left (Burnham & Anderson 2002)."""

@@ -24,7 +24,7 @@ from rotorfit.models import BLOCKS, RotorModel, threshold_speed
 from rotorfit.models.array_types import Float
 from rotorfit.models.parameters import bare_name
 from rotorfit.models.structure import block_parameters, block_symbols, check_blocks
-from rotorfit.text_table import text_table
+from rotorfit.models.text_table import text_table
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,7 +19,7 @@ from rotorfit.fitting.structure_error import structure_error
 from rotorfit.models import TurningOnSupports, eigenvalues, unstable_bands
 from rotorfit.models.parameters import bare_name
 from rotorfit.models.stability import growing_bands
-from rotorfit.text_table import Wide, text_table
+from rotorfit.models.text_table import Wide, text_table
 from rotorfit.units import RPM_PER_RAD_S
 
 if TYPE_CHECKING:

@@ -16,6 +16,7 @@ import numpy as np
 from rotorfit.data.experiments import PerturbationTest
 from rotorfit.estimators.inference.covariance import widening
 from rotorfit.models.array_types import ComplexArray, Float
+from rotorfit.models.text_table import Wide, text_table
 from rotorfit.observing.circular import observe
 from rotorfit.observing.measured_stiffness import isotropic_planes
 from rotorfit.units import RAD_S_PER_RPM, RPM_PER_RAD_S
@@ -54,13 +55,15 @@ class ObservedStiffness:
 
     def __str__(self) -> str:
         head = f"{self.date or self.source or 'test'}: force at {self.force_plane}, motion at {self.plane}"
-        rows = [
-            f"{speed * RPM_PER_RAD_S:>10.5g} {kappa.real:>14.5g} {kappa.imag:>14.5g} {sigma:>10.2g}"
+        rows: list[list[str | Wide]] = [
+            [f"{speed * RPM_PER_RAD_S:.5g}", f"{kappa.real:.5g}", f"{kappa.imag:.5g}", f"{sigma:.2g}"]
             for speed, kappa, sigma in zip(self.speed, self.stiffness, self.sigma, strict=True)
         ]
         lines = [f"  {name} {value:.5g} +- {error:.2g} {UNITS[name]}" for name, (value, error) in self.observed.items()]
-        shown = rows if len(rows) <= 12 else [*rows[:6], f"       ... {len(rows) - 12} speeds more", *rows[-6:]]
-        return "\n".join([head, f"{'rpm':>10} {'direct N/m':>14} {'quadrature':>14} {'sigma':>10}", *shown, *lines])
+        more: list[str | Wide] = [Wide(f"       ... {len(rows) - 12} speeds more", 4, remark=True)]
+        shown = rows if len(rows) <= 12 else [*rows[:6], more, *rows[-6:]]
+        table = text_table([["rpm", "direct N/m", "quadrature", "sigma"], *shown], ">10 >15 >15 >11")
+        return "\n".join([head, *table, *lines])
 
 
 def observed_stiffness(

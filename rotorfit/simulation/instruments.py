@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
+from rotorfit.estimators.atomic_file import whole_file
 from rotorfit.models.array_types import ComplexArray, Float
 
 _HIGH, _LOW = -2.0, -8.0
@@ -149,8 +149,7 @@ def write_counts(
 
     limit = 2 ** (bits - 1)
     step = full_scale / limit
-    part = path.with_name(path.name + ".part")
-    with h5py.File(part, "w") as file:
+    with whole_file(path) as draft, h5py.File(draft, "w") as file:
         for name, volts in channels.items():
             counts = np.clip(np.rint(volts / step), -limit, limit - 1).astype(np.int16 if limit <= 2**15 else np.int32)
             data = file.create_dataset(
@@ -158,7 +157,6 @@ def write_counts(
             )
             data.attrs["volts_per_count"] = step
         file.attrs.update(attributes)
-    os.replace(part, path)
     return path
 
 

@@ -12,9 +12,9 @@ from rotorfit import datasets
 from rotorfit.data.experiments import Experiment, PerturbationTest
 from rotorfit.fitting.digits import interval, plus_minus, with_error
 from rotorfit.fitting.result import FitResult
+from rotorfit.models.text_table import text_table
 from rotorfit.studies.study import Outcome
 from rotorfit.studies.wording import spoken
-from rotorfit.text_table import text_table
 from rotorfit.uncertainty.budget import Budget
 from rotorfit.units import RPM_PER_RAD_S
 

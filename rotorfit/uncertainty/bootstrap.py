@@ -17,7 +17,7 @@ from rotorfit.fitting.digits import interval, with_error
 from rotorfit.fitting.result import FitResult
 from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.models.parameters import unknown_name
-from rotorfit.text_table import Wide, text_table
+from rotorfit.models.text_table import Wide, text_table
 from rotorfit.uncertainty.derived import Derived, Draws
 from rotorfit.uncertainty.onsets import onsets_of
 

@@ -21,7 +21,7 @@ from rotorfit.fitting.result import FitResult
 from rotorfit.models import threshold_speed
 from rotorfit.models.array_types import Float
 from rotorfit.models.parameters import bare_name
-from rotorfit.text_table import Wide, text_table
+from rotorfit.models.text_table import Wide, text_table
 from rotorfit.units import RPM_PER_RAD_S
 
 PRIORS, STRUCTURE = "priors", "structure"
@@ -208,6 +208,7 @@ class Budget:
         lines += [self.table(), "errors of calibration: assumed, and what the data leave of them"]
         names = self.fit.problem.space.nuisance
         sd = {prior.entry: float(prior.distribution.std()) for prior in self.fit.problem.priors}
+        rows = []
         for name in names:
             i = self.fit.var_names.index(name)
             kind = bare_name(name)
@@ -215,11 +216,9 @@ class Budget:
                 continue
             p = self.fit.params[name]
             unit, factor = ("deg", 180 / math.pi) if p.unit == "rad" else ("%", 100.0)
-            lines.append(
-                f"  {name:<20} 0 +- {sd[i] * factor:.3g} {unit:<4} found {p.value * factor:+.3g} +- "
-                f"{p.stderr * factor:.2g} {unit}, {NUISANCE_KINDS[kind][1]}"
-            )
-        return "\n".join(lines)
+            found = f"found {p.value * factor:+.3g} +- {p.stderr * factor:.2g} {unit}, {NUISANCE_KINDS[kind][1]}"
+            rows.append(["", name, f"0 +- {sd[i] * factor:.3g} {unit}", found])
+        return "\n".join([*lines, *text_table(rows, "<0 <19 <12 <1")])
 
     def __str__(self) -> str:
         return self.summary()

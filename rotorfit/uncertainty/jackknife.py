@@ -19,7 +19,7 @@ from rotorfit.fitting.result import FitResult
 from rotorfit.models import threshold_speed
 from rotorfit.models.array_types import Float
 from rotorfit.models.parameters import unknown_name
-from rotorfit.text_table import text_table
+from rotorfit.models.text_table import text_table
 
 _FEWEST = 3  # runs of which any two still tell something of the third
 _ROUND_OFF = 1e-13  # of the largest eigenvalue of a curvature of unit diagonal

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from rotorfit.fitting.digits import with_error
 from rotorfit.fitting.result import FitResult
 from rotorfit.models.parameters import unknown_name
-from rotorfit.text_table import text_table
+from rotorfit.models.text_table import text_table
 from rotorfit.uncertainty.derived import Derived, Draws, StiffnessBand
 from rotorfit.uncertainty.posterior import Posterior
 from rotorfit.uncertainty.sampling import sample

@@ -13,7 +13,7 @@ import numpy as np
 from rotorfit.estimators.atomic_file import whole_file
 from rotorfit.fitting.digits import with_error
 from rotorfit.fitting.result import FitResult
-from rotorfit.text_table import text_table
+from rotorfit.models.text_table import text_table
 from rotorfit.uncertainty.arviz_loader import load_arviz
 from rotorfit.uncertainty.posterior import Posterior, SampleSettings
 
