@@ -116,7 +116,7 @@ class AnisotropicShaft(RotorModel):
         """Lateral free motion in turning coordinates; its eigenvalues plus j Om are whirl frequencies in fixed ones."""
         return self.turning.coefficients(theta, speed)
 
-    def motion_jacobian(self, theta: ArrayLike, speed: float) -> CoefficientJacobian:
+    def motion_jacobian(self, theta: ArrayLike, speed: ArrayLike) -> CoefficientJacobian:
         """See :meth:`RotorModel.motion_jacobian`."""
         return self.turning.motion_jacobian(theta, speed)
 

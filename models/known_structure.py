@@ -167,7 +167,7 @@ class KnownStructure(RotorModel):
         total[..., at[:, None], at] += added
         return total
 
-    def motion_jacobian(self, theta: ArrayLike, speed: float) -> CoefficientJacobian:
+    def motion_jacobian(self, theta: ArrayLike, speed: ArrayLike) -> CoefficientJacobian:
         """See :meth:`RotorModel.motion_jacobian`."""
         added = self.functions.jacobian(theta, speed)
         scales = np.asarray(theta, dtype=float)[self._scale_places]

@@ -180,7 +180,7 @@ class Modal(RotorModel):
         rows = self._modal_rows()
         return np.asarray(self.coefficients(theta, speed)[..., rows, rows])
 
-    def motion_jacobian(self, theta: ArrayLike, speed: float) -> CoefficientJacobian:
+    def motion_jacobian(self, theta: ArrayLike, speed: ArrayLike) -> CoefficientJacobian:
         """See :meth:`RotorModel.motion_jacobian`."""
         whole, rows = self.functions.jacobian(theta, speed), self._modal_rows()
         mine = np.flatnonzero((whole.rows == whole.columns) & (whole.rows >= rows.start) & (whole.rows < rows.stop))

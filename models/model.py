@@ -254,12 +254,12 @@ class RotorModel(ABC):
         """
         return self.coefficients(theta, speed)
 
-    def motion_jacobian(self, theta: ArrayLike, speed: float) -> CoefficientJacobian:
+    def motion_jacobian(self, theta: ArrayLike, speed: ArrayLike) -> CoefficientJacobian:
         """Derivatives of :meth:`motion` by parameters and speed.
 
         Args:
             theta: parameter vector, shape ``(P,)``, or many, shape ``(..., P)``.
-            speed: rotative speed, rad/s.
+            speed: rotative speed, rad/s, one or as many as vectors; of a known structure one vector and speed.
         """
         return self.functions.jacobian(theta, speed)
 

@@ -163,7 +163,7 @@ class Orthotropic(RotorModel):
         total[..., self.shaft.at[:, None], self.shaft.at] += support
         return total
 
-    def motion_jacobian(self, theta: ArrayLike, speed: float) -> CoefficientJacobian:
+    def motion_jacobian(self, theta: ArrayLike, speed: ArrayLike) -> CoefficientJacobian:
         """See :meth:`RotorModel.motion_jacobian`."""
         added = self.functions.jacobian(theta, speed)
         if self.shaft is None:

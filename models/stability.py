@@ -301,7 +301,7 @@ def threshold_speed_near(
         if not s.size:
             return math.nan, math.nan
         near = complex(s[np.argmin(np.abs(s - near))])
-        return near.real, eigenvalue_gradient(model, theta, speed, near)[0].real
+        return near.real, float(eigenvalue_gradient(model, theta, speed, near)[0].real)
 
     if not rate(other.speed)[1] > 0:
         return None

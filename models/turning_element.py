@@ -128,7 +128,7 @@ class Turning(RotorModel):
         total[..., second[:, None], first] += own[..., n:, :n]
         return total
 
-    def motion_jacobian(self, theta: ArrayLike, speed: float) -> CoefficientJacobian:
+    def motion_jacobian(self, theta: ArrayLike, speed: ArrayLike) -> CoefficientJacobian:
         """See :meth:`RotorModel.motion_jacobian`."""
         if self.shaft is None:
             return self.turning.motion_jacobian(theta, speed)
@@ -137,7 +137,8 @@ class Turning(RotorModel):
         last, size = len(self.base.parameters), whole.shape[-1]
         inputs = np.where(found.inputs >= last, found.inputs + len(self.parameters) - last, found.inputs)
         parts = []
-        for image, shift in ((0, 1j * speed), (size, -1j * speed)):
+        turn = 1j * float(np.asarray(speed))
+        for image, shift in ((0, turn), (size, -turn)):
             values = found.values.conj() if image else found.values
             for low in range(len(whole)):
                 rises = found.powers >= low

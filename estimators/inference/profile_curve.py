@@ -382,7 +382,7 @@ def _full_steps(
         good = np.isfinite(value) & (size <= before[active])
         slowest = max(slowest, float(np.max(size / before[active], where=good, initial=0.0)))
         end = here + way
-        inside = ((end >= lower[active]) & (end <= upper[active])).all(axis=1)
+        inside = np.asarray(((end >= lower[active]) & (end <= upper[active])).all(axis=1))
         last = good & (size <= np.maximum(_FORETOLD / contraction, _CONVERGED * value))
         ended = active[last]
         found[ended], slope[ended] = True, along[last]
@@ -400,7 +400,7 @@ def _full_steps(
 def _solved(matrix: Float, *sides: Float) -> tuple[Float, ...]:
     """Solutions for positive matrices of shape ``(W, k, k)`` and right sides ``(W, k)``; NaN where there is none."""
     size = np.sqrt(np.maximum(np.diagonal(matrix, axis1=1, axis2=2), 0.0))
-    usable = np.isfinite(matrix).all(axis=(1, 2)) & (size > 0).all(axis=1)
+    usable = np.asarray(np.isfinite(matrix).all(axis=(1, 2)) & (size > 0).all(axis=1))
     size = np.where(usable[:, None], size, 1.0)
     unit = np.where(usable[:, None, None], matrix / (size[:, :, None] * size[:, None, :]), np.eye(matrix.shape[1]))
     right = np.stack(sides, axis=-1) / size[..., None]

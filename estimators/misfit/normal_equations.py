@@ -186,7 +186,7 @@ class _Sums:
             ):
                 fitted = space.index[group, jacobian.inputs[entries]]
                 free = fitted >= 0
-                np.subtract.at(numbers, (slice(None), fitted[free], places[free]), values[:, entries[free]])
+                np.subtract.at(numbers.transpose(1, 2, 0), (fitted[free], places[free]), values[:, entries[free]].T)
             first = len(space.names)
             for i in range(nuisance):
                 numbers[:, first + i, len(products.factors) + i] = 1.0
