@@ -209,7 +209,9 @@ def _check_known(
 
 def _limits(model: RotorModel, name: str, bounds: Mapping[str, tuple[float, float]]) -> tuple[float, float]:
     parameter = model.parameter(bare_name(name))
-    pair = bounds.get(name, bounds.get(parameter.name, (parameter.lower, parameter.upper)))
+    if name not in bounds and parameter.name not in bounds:
+        return parameter.lower, parameter.upper
+    pair = bounds[name] if name in bounds else bounds[parameter.name]
     if np.shape(pair) != (2,) or not all(isinstance(value, Real) for value in pair):
         raise ValueError(f"bounds of {name} must be two numbers, lower and upper (inf is one), got {pair!r}")
     low, high = pair

@@ -57,6 +57,8 @@ class Prior:
 
 def within_support(space: ParameterSpace, priors: Sequence[Prior]) -> ParameterSpace:
     """The space with its bounds narrowed to where the priors are not zero."""
+    if not priors:
+        return space
     lower, upper = space.lower.copy(), space.upper.copy()
     for prior in priors:
         low, high = prior.distribution.support()

@@ -10,6 +10,7 @@ import numpy as np
 
 from rotorfit.checks.checklist import errors
 from rotorfit.data.experiments import Experiment
+from rotorfit.data.kept import unchanged
 from rotorfit.estimators.minimisation.least_squares import Options, Solution, Status, minimise
 from rotorfit.estimators.misfit.losses import Loss
 from rotorfit.estimators.misfit.problem import Problem
@@ -92,10 +93,12 @@ def fit(
         phase_offsets=phase_offsets,
         calibration=calibration,
     )
-    problem = build_problem(model, experiments, settings)
-    begin, notes = start_vector(problem, start or {})
-    solution = solve(problem, begin, Options(max_iterations=max_iterations))
-    found = judged(problem, as_tuple(experiments), settings, begin, solution, notes)
+    several = as_tuple(experiments)
+    with unchanged(several):
+        problem = build_problem(model, several, settings)
+        begin, notes = start_vector(problem, start or {})
+        solution = solve(problem, begin, Options(max_iterations=max_iterations))
+        found = judged(problem, several, settings, begin, solution, notes)
     return assuming(found, assumptions) if assumptions else found
 
 
