@@ -255,7 +255,7 @@ def natural_sizes(problem: Problem, x: Float) -> Float:
     space = problem.space
     responses = [b for b in map(responses_of, problem.blocks) if b is not None]
     if not responses:
-        typical = np.array([space.model.parameter(name).scale for name in space.base] + [1.0] * len(space.nuisance))
+        typical = np.concatenate([space.typical, np.ones(len(space.nuisance))])
         return np.maximum(np.abs(x), 0.1 * typical)
     levels, top = [], 0.0
     for block in responses:

@@ -47,6 +47,11 @@ class ParameterSpace:
         """Length of the fitted vector."""
         return len(self.names) + len(self.nuisance)
 
+    @cached_property
+    def typical(self) -> Float:
+        """Sizes that the free entries have where data give none, the model's own, shape ``(len(names),)``."""
+        return np.array([self.model.parameter(name).scale for name in self.base])
+
     def theta(self, x: Float) -> Float:
         """Parameter vectors of the groups, shape ``(..., G, P)``, of fitted vectors of shape ``(..., p)``."""
         free, entries = self._free
