@@ -53,7 +53,7 @@ class Problem:
         key = x.tobytes()
         if key in self._last and not any(isinstance(block, CorrelatedResponses) for block in self.blocks):
             stops = np.cumsum([block.measured.size for block in self.blocks])
-            parts = np.split(self._last[key][0], stops[:-1])
+            parts = np.split(self._last[key][-1], stops[:-1])
             return [block.measured + r * block.sigma for block, r in zip(self.blocks, parts, strict=True)]
         theta = self.space.theta(x)
         return [block.predict(theta) * self._nuisance_factor(i, x) for i, block in enumerate(self.blocks)]
@@ -69,24 +69,29 @@ class Problem:
         What was asked for last is kept, unless it is large: the search ends where the residuals are then studied and
         the result is judged.
         """
+        rows = self._linearised(x)
+        return rows[-1], rows[:-1].T
+
+    def _linearised(self, x: Float) -> ComplexArray:
+        """Whitened derivatives and under them the residuals, shape ``(p + 1, R)``; what was asked for last is kept."""
         key = x.tobytes()
         if key not in self._last:
-            found = self._jacobian(x)
-            if found[0].size > _PIECE:
+            found = self._linearise(x)
+            if found.shape[1] > _PIECE:
                 return found
             self._last.clear()
             self._last[key] = found
         return self._last[key]
 
     @cached_property
-    def _last(self) -> dict[bytes, tuple[ComplexArray, ComplexArray]]:
+    def _last(self) -> dict[bytes, ComplexArray]:
         return {}
 
-    def _jacobian(self, x: Float) -> tuple[ComplexArray, ComplexArray]:
+    def _linearise(self, x: Float) -> ComplexArray:
         theta = self.space.theta(x)
         count = self.n_data // 2
-        residuals = np.empty(count, dtype=complex)
-        rows = np.zeros((self.space.size, count), dtype=complex)  # parameter by parameter: contiguous along the lines
+        whole = np.zeros((self.space.size + 1, count), dtype=complex)  # parameter by parameter: contiguous along lines
+        rows, residuals = whole[:-1], whole[-1]
         stop = 0
         for number, block in enumerate(self.blocks):
             start, stop = stop, stop + block.measured.size
@@ -102,8 +107,8 @@ class Problem:
             if isinstance(block, CorrelatedResponses):
                 part[:] = whiten(block, part) * block.sigma
         rows.view(float)[:] *= self._weight
-        residuals.flags.writeable = rows.flags.writeable = False
-        return residuals, rows.T
+        whole.flags.writeable = False
+        return whole
 
     @cached_property
     def _weight(self) -> Float:
@@ -158,17 +163,16 @@ class Problem:
         return 0.5 * float(robust_weights(self.loss, np.abs(r) ** 2)[0].sum())
 
     def _misfit_derivatives(self, x: Float) -> tuple[float, Float, Float]:
-        r, J = self.jacobian(x)
-        rows = J.T
+        rows = self._linearised(x)
         if self.loss == "linear":
-            misfit = 0.5 * float(np.vdot(r, r).real)
+            misfit = 0.5 * float(np.vdot(rows[-1], rows[-1]).real)
         else:
-            rho, weight = robust_weights(self.loss, np.abs(r) ** 2)
+            rho, weight = robust_weights(self.loss, np.abs(rows[-1]) ** 2)
             misfit = 0.5 * float(rho.sum())
-            root = np.sqrt(weight)
-            r, rows = r * root, rows * root
+            rows = rows * np.sqrt(weight)
         stacked = rows.view(float)
-        return misfit, stacked @ r.view(float), stacked @ stacked.T
+        products = stacked[:-1] @ stacked.T
+        return misfit, products[:, -1], products[:, :-1]
 
     def gauss_newton(self, x: Float) -> tuple[float, Float, Float]:
         """Cost, gradient and Gauss-Newton matrix, not to be written to; what was asked for last is kept."""
