@@ -14,12 +14,11 @@ from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
 from rotorfit.estimators.blocks.observations import Responses
 from rotorfit.estimators.misfit.parameter_space import ParameterSpace
 from rotorfit.models import RotorModel
-from rotorfit.models.array_types import ComplexArray, Float, Index
+from rotorfit.models.array_types import Bool, ComplexArray, Float, Index
 from rotorfit.models.compiled import array_function
 
 _DEPENDENT = 1e-9  # relative size below which one coefficient adds nothing to the others
@@ -208,7 +207,7 @@ class Lumped:
         x[unknown] = np.nan
         return x
 
-    def _alone(self, unknown: NDArray[np.bool_]) -> list[_Single]:
+    def _alone(self, unknown: Bool) -> list[_Single]:
         """Derivatives of coefficients by what is the only unknown in them, and can be solved for."""
         key = unknown.tobytes()
         if key not in self._singles:
