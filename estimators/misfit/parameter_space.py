@@ -53,7 +53,11 @@ class ParameterSpace:
         return np.array([self.model.parameter(name).scale for name in self.base])
 
     def theta(self, x: Float) -> Float:
-        """Parameter vectors of the groups, shape ``(..., G, P)``, of fitted vectors of shape ``(..., p)``."""
+        """Parameter vectors of the groups, shape ``(..., G, P)``, of fitted vectors of shape ``(..., p)``.
+
+        Args:
+            x: fitted vector, shape ``(p,)``, or many of them, ``(..., p)``.
+        """
         free, entries = self._free
         if x.ndim == 1:
             theta = self.template.copy()
@@ -100,6 +104,9 @@ class ParameterSpace:
 
     def group(self, at: Mapping[str, Any] | None = None) -> int:
         """Number of the parameter group with given attribute values, ``{"speed_rpm": 1000}``.
+
+        Args:
+            at: values of attributes that name one group; needed where parameters were fitted per attribute.
 
         Raises:
             ValueError: parameters were fitted per attribute and ``at`` does not name one group.

@@ -25,7 +25,11 @@ class Prior:
         return float(self.distribution.mean()), float(self.distribution.std())
 
     def terms(self, value: float) -> tuple[float, float, float]:
-        """Minus log of the density over its largest, at a value, its slope and its curvature (none below zero)."""
+        """Minus log of the density over its largest, at a value, its slope and its curvature (none below zero).
+
+        Args:
+            value: of the entry that the prior is about.
+        """
         mean, sd = self._moments
         if self.distribution.dist.name == "norm":
             pull = (value - mean) / sd
