@@ -172,7 +172,7 @@ def ways(case: Case, fit: rf.FitResult, size: float) -> list[Way]:
         Way(
             what=f"profiles of {len(names)} parameters",
             unit="point",
-            run=lambda: [fit.profile(name) for name in names],
+            run=fit.profiles,
             units=lambda profiles: sum(p.values.size for p in profiles),
             check=lambda profiles: ends_off(fit, profiles),
         ),

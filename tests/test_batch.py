@@ -15,7 +15,7 @@ from rotorfit.estimators.minimisation.least_squares import minimise
 from rotorfit.estimators.misfit import accelerator
 from rotorfit.estimators.misfit.kernels import Batch
 from rotorfit.estimators.misfit.losses import LOSSES
-from rotorfit.estimators.misfit.normal_equations import normal_equations
+from rotorfit.estimators.misfit.normal_equations import NormalEquations
 from rotorfit.estimators.misfit.priors import Prior
 from rotorfit.fitting.problem_setup import build_problem
 from rotorfit.fitting.settings import FitSettings
@@ -49,7 +49,7 @@ def check(problem, x, accelerate):
     assert batch.compiled == bool(accelerate and len(problem.space.model.coordinates) <= 2)
     costs, gradients = batch.cost_and_gradient(x)
     np.testing.assert_allclose(batch.sums(x).sum(axis=1), 2 * costs, rtol=1e-12)
-    sums = normal_equations(problem, x)
+    sums = NormalEquations(problem)(x)
     for i, row in enumerate(x):
         expected, slope, matrix = problem.gauss_newton(row)
         size = np.sqrt(np.diag(matrix))

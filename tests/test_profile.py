@@ -187,6 +187,18 @@ def test_the_curve_holds_the_others_at_their_best():
         np.testing.assert_allclose((refit.chisqr - fit.chisqr) / fit.redchi, rise, rtol=1e-6, atol=1e-6)
 
 
+def test_profiles_found_together_are_those_found_one_by_one():
+    fit = rf.fit(WhirlWhip(), rf.datasets.rig_open(), known={"K3": 6000.0})
+    names = (*fit.var_names, "threshold_speed")
+    together = fit.profiles(names)
+    assert [found.name for found in fit.profiles(points=3)] == list(fit.var_names)
+    for name, found in zip(names, together, strict=True):
+        alone = fit.profile(name)
+        np.testing.assert_allclose(found.interval, alone.interval, rtol=0, atol=1e-8 * alone.stderr)
+        np.testing.assert_allclose(found.rise, alone.rise, rtol=0, atol=1e-7)
+        assert str(found) == str(alone)
+
+
 def test_the_figure_shows_curve_level_and_ends(tmp_path):
     known = {name: RIG[name] for name in ("M", "K", "Ds", "K0", "Mf")}
     fit = rf.fit(OneMode(), one_mode_test(noise=0.5, seed=2), known=known)

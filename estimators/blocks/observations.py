@@ -59,27 +59,15 @@ class Block(Protocol):
         ...
 
     def predict(self, theta: Float) -> ComplexArray:
-        """Predictions, shape ``(R,)``.
-
-        Args:
-            theta: parameter vectors of the groups, shape ``(G, P)``.
-        """
+        """Predictions, shape ``(R,)``."""
         ...
 
     def predict_jacobian(self, theta: Float) -> tuple[ComplexArray, ComplexArray]:
-        """Predictions and their derivatives by the group's own parameters, shapes ``(R,)`` and ``(R, P)``.
-
-        Args:
-            theta: parameter vectors of the groups, shape ``(G, P)``.
-        """
+        """Predictions and their derivatives by the group's own parameters, shapes ``(R,)`` and ``(R, P)``."""
         ...
 
     def with_noise(self, factor: Float) -> Self:
-        """The same observations with each sigma multiplied by a factor, shape ``(R,)``.
-
-        Args:
-            factor: of each reading, shape ``(R,)``.
-        """
+        """The same observations with each sigma multiplied by a factor, shape ``(R,)``."""
         ...
 
 

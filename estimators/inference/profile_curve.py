@@ -1,76 +1,24 @@
 """Profile likelihood: the misfit as a function of one quantity, everything else at its best for each value of it.
 
-Points of the curve are found together: both ends of an interval are searched side by side, and then the whole curve at
-once, each point from the polynomial through its neighbours and their slopes, which is so near that one or two steps do.
+Points of the curves are found together: both ends of all intervals are searched side by side, and then the whole curves
+at once, each point from the polynomial through its neighbours and their slopes, which is so near that one or two steps
+do.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Generator, Sequence
-from contextlib import suppress
+from collections.abc import Generator, Sequence
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 
-from rotorfit.estimators.inference.log_posterior import box
-from rotorfit.estimators.minimisation.least_squares import Options, Status, minimise
-from rotorfit.estimators.misfit.normal_equations import normal_equations
-from rotorfit.estimators.misfit.problem import Problem
-from rotorfit.models.array_types import Bool, Float, Index
-
-ValueAndGradient = Callable[[Float], tuple[float, Float]]
-"""Value of a quantity and its gradient, shape ``(p,)``, at a fitted vector."""
+from rotorfit.estimators.inference.held_minima import Held, Minima
+from rotorfit.models.array_types import Float
 
 _ROOT = 1e-9  # relative error of the ends, in half-widths
 _STEPS = 60  # evaluations for an end at most
 _REACH = 100.0  # sizes of a parameter beyond which an end that was not met counts as open
-_SQP_STEPS = 40
-_OPTIONS = Options(max_iterations=60, hessian="gauss-newton")
-_FULL_STEPS = 15
-_CONVERGED = 1e-16  # squared step that remains, in standard errors, against chi-squared
-_FORETOLD = 1e-9
-"""What the quadratic model of a last step may miss of the cost.
-
-It misses the share of the step's square, in standard errors, by which Gauss-Newton steps contract.
-"""
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Minima:
-    """Minima over everything else with a quantity held at some values.
-
-    Attributes:
-        cost, x: at each minimum, shapes ``(W,)`` and ``(W, p)``.
-        slope: change of the minimum for a change of the value by one, shape ``(W, p)``.
-        found: whether full steps led there; the others have to be searched by themselves, shape ``(W,)``.
-        contraction: largest length of a step over that of the one before; zero where none took two.
-    """
-
-    cost: Float
-    x: Float
-    slope: Float
-    found: Bool
-    contraction: float
-
-
-class Held(Protocol):
-    """The minimum over everything else with one quantity held at a value."""
-
-    def together(self, values: Float, starts: Float, contraction: float) -> Minima:
-        """Minima for values of shape ``(W,)`` from starts nearby, shape ``(W, p)``, where full steps lead there.
-
-        Steps are taken to contract as given, and a step whose model tells the rest is the last.
-        """
-        ...
-
-    def alone(self, value: float, start: Float) -> tuple[float, Float, bool]:
-        """Cost and vector at the minimum for one value, and whether it is one to full precision.
-
-        The cost is infinite where there is nothing.
-        """
-        ...
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -100,7 +48,7 @@ class _Point:
     slope: Float | None  # None where it is not known
 
 
-_Search = Generator[float, float, End]
+Search = Generator[float, float, End]
 """Asks for the rise at a value, gets it, and so on, until it knows the end."""
 
 
@@ -111,14 +59,17 @@ class Curve:
         held: minimum over everything else.
         value, x, cost: quantity, vector and cost at the minimum.
         direction: change of the vector for a change of the quantity by one, at the minimum; zero if not known.
+        entry: entry of the vector that the quantity is, if it is one.
 
     Attributes:
+        held, entry: as given.
         unsettled: points that are not at a minimum to full precision, so that the curve may be too high there.
     """
 
-    def __init__(self, held: Held, value: float, x: Float, cost: float, direction: Float) -> None:
-        self._held, self._cost = held, cost
+    def __init__(self, held: Held, value: float, x: Float, cost: float, direction: Float, entry: int = 0) -> None:
+        self.held, self.entry, self._cost = held, entry, cost
         self._points = [_Point(value, x, 0.0, direction)]
+        self._rises = {value: 0.0}
         self._contraction = 0.0
         self.unsettled = 0
 
@@ -127,32 +78,34 @@ class Curve:
         """Least rise met, below zero if the minimum given was not the lowest."""
         return min(point.rise for point in self._points)
 
-    def __call__(self, values: Sequence[float]) -> list[float]:
-        """Rise at values of the quantity; those that full steps do not reach are followed in the order given."""
-        known = {point.value: point.rise for point in self._points}
-        new = [value for value in dict.fromkeys(values) if value not in known]
-        if new:
-            starts = np.array([self._predict(value) for value in new])
-            minima = self._held.together(np.array(new), starts, self._contraction or 1.0)
-            self._contraction = max(self._contraction, minima.contraction)
-            for i in np.flatnonzero(minima.found).tolist():
-                rise = 2 * (float(minima.cost[i]) - self._cost)
-                known[new[i]] = rise
-                self._points.append(_Point(new[i], minima.x[i], rise, minima.slope[i]))
-            for i in np.flatnonzero(~minima.found).tolist():
-                known[new[i]] = self._alone(new[i])
-        return [known[value] for value in values]
+    @property
+    def contraction(self) -> float:
+        """Of lengths of steps, the largest met; one where none was."""
+        return self._contraction or 1.0
 
-    def _alone(self, value: float) -> float:
-        cost, x, settled = self._held.alone(value, self._predict(value))
+    def unknown(self, values: Sequence[float]) -> list[float]:
+        """Those of some values where the rise has not been found yet."""
+        return [value for value in dict.fromkeys(values) if value not in self._rises]
+
+    def rise(self, value: float) -> float:
+        """Rise at a value where it has been found, infinite where there is no minimum."""
+        return self._rises[value]
+
+    def take(self, value: float, minima: Minima, number: int) -> None:
+        """Keep a point that was found."""
+        self._rises[value] = rise = 2 * (float(minima.cost[number]) - self._cost)
+        self._points.append(_Point(value, minima.x[number], rise, minima.slope[number]))
+        self._contraction = max(self._contraction, float(minima.contraction[number]))
+
+    def follow(self, value: float) -> None:
+        """Find a point by itself, from those that are known by now."""
+        cost, x, settled = self.held.alone(self.entry, value, self.predict(value))
         self.unsettled += not settled
-        if not math.isfinite(cost):
-            return math.inf
-        rise = 2 * (cost - self._cost)
-        self._points.append(_Point(value, x, rise, None))
-        return rise
+        self._rises[value] = rise = 2 * (cost - self._cost) if math.isfinite(cost) else math.inf
+        if math.isfinite(rise):
+            self._points.append(_Point(value, x, rise, None))
 
-    def _predict(self, value: float) -> Float:
+    def predict(self, value: float) -> Float:
         """Vector at a value, from the nearest point and the nearest one at least as far from that as the value is."""
         near = min(self._points, key=lambda point: abs(point.value - value))
         way = value - near.value
@@ -162,32 +115,18 @@ class Curve:
         other = min(others, key=lambda point: abs(point.value - value))
         return _between(near, other, way / (other.value - near.value))
 
-    def ends(self, level: float, step: float, reach: Sequence[tuple[float, bool]]) -> list[End]:
-        """Follow the curve to both sides until it has risen to a level.
+    def search(self, side: int, level: float, step: float, limit: float, at_bound: bool) -> Search:
+        """Follow the curve to one side until it has risen to a level.
 
         The signed root of the rise is nearly a straight line, so its zero is soon found.
 
         Args:
+            side: -1 for the lower end, 1 for the upper.
             level: rise asked for.
-            step: where the ends are guessed to be, from the minimum.
-            reach: how far to go, a value of the quantity, and whether that is a bound: downwards and upwards.
+            step: where the end is guessed to be, from the minimum.
+            limit: how far to go, a value of the quantity.
+            at_bound: whether the limit is a bound.
         """
-        searches = [
-            self._search(side, level, step, limit, bound) for side, (limit, bound) in zip((-1, 1), reach, strict=True)
-        ]
-        ends: dict[int, End] = {}
-        asked = {side: next(search) for side, search in enumerate(searches)}
-        while asked:
-            rises = self(list(asked.values()))
-            for side, rise in zip(tuple(asked), rises, strict=True):
-                try:
-                    asked[side] = searches[side].send(rise)
-                except StopIteration as last:
-                    ends[side] = last.value
-                    del asked[side]
-        return [ends[0], ends[1]]
-
-    def _search(self, side: int, level: float, step: float, limit: float, at_bound: bool) -> _Search:
         centre, goal = self._points[0].value, math.sqrt(level)
         reach = abs(limit - centre)
         inner, low = 0.0, -goal
@@ -213,6 +152,46 @@ class Curve:
             )
         distance, exact = yield from _solve(centre, side, (inner, low), (outer, high), goal, _STEPS - count)
         return End(value=centre + side * distance, limit=limit, rise=level, at_bound=False, exact=exact)
+
+
+def find_rises(curves: Sequence[Curve], values: Sequence[Sequence[float]]) -> None:
+    """Find the rises of curves at some values each; those that full steps do not reach are followed in their order."""
+    asked = [(curve, value) for curve, some in zip(curves, values, strict=True) for value in curve.unknown(some)]
+    for held in dict.fromkeys(curve.held for curve, _ in asked):
+        mine = [(curve, value) for curve, value in asked if curve.held is held]
+        minima = held.together(
+            np.array([curve.entry for curve, _ in mine]),
+            np.array([value for _, value in mine]),
+            np.array([curve.predict(value) for curve, value in mine]),
+            np.array([curve.contraction for curve, _ in mine]),
+        )
+        for number in np.flatnonzero(minima.found).tolist():
+            curve, value = mine[number]
+            curve.take(value, minima, number)
+        for number in np.flatnonzero(~minima.found).tolist():
+            curve, value = mine[number]
+            curve.follow(value)
+
+
+def find_ends(curves: Sequence[Curve], searches: Sequence[tuple[Search, ...]]) -> list[list[End]]:
+    """Ends that searches of each curve find, side by side.
+
+    Args:
+        curves: the curves.
+        searches: those of each, see :meth:`Curve.search`.
+    """
+    ends: list[dict[int, End]] = [{} for _ in curves]
+    asked = [{place: next(search) for place, search in enumerate(own)} for own in searches]
+    while any(asked):
+        find_rises(curves, [list(waiting.values()) for waiting in asked])
+        for curve, own, waiting, found in zip(curves, searches, asked, ends, strict=True):
+            for place, value in tuple(waiting.items()):
+                try:
+                    waiting[place] = own[place].send(curve.rise(value))
+                except StopIteration as last:
+                    found[place] = last.value
+                    del waiting[place]
+    return [[found[place] for place in sorted(found)] for found in ends]
 
 
 def _root(rise: float) -> float:
@@ -246,194 +225,6 @@ def _between(a: _Point, b: _Point, share: float) -> Float:
         return a.x + share * chord
     start, end = way * a.slope - chord, way * b.slope - chord
     return a.x + share * (chord + (1 - share) * ((1 - share) * start - share * end))
-
-
-@dataclass(frozen=True, eq=False)
-class HeldEntry:
-    """Minimum over all entries of the fitted vector but one.
-
-    Attributes:
-        problem: the problem.
-        entry: number of the entry that is held.
-        scale: typical sizes, as for :func:`minimise`.
-    """
-
-    problem: Problem
-    entry: int
-    scale: Float
-
-    def together(self, values: Float, starts: Float, contraction: float = 1.0) -> Minima:
-        """See :class:`Held`."""
-        free = np.arange(starts.shape[1]) != self.entry
-        lower, upper = (np.where(free, bound, values[:, None]) for bound in box(self.problem))
-
-        def step(x: Float, gradient: Float, matrix: Float, members: Index) -> tuple[Float, Float]:
-            down, along = _solved(matrix[:, free][:, :, free], -gradient[:, free], -matrix[:, free, self.entry])
-            steps, slopes = np.zeros_like(gradient), np.ones_like(gradient)
-            steps[:, free], slopes[:, free] = down, along
-            return steps, slopes
-
-        return _full_steps(self.problem, starts, lower, upper, step, contraction)
-
-    def alone(self, value: float, start: Float) -> tuple[float, Float, bool]:
-        """See :class:`Held`."""
-        minima = self.together(np.array([value]), start[None])
-        if minima.found[0]:
-            return float(minima.cost[0]), minima.x[0], True
-        low, high = (bound.copy() for bound in box(self.problem))
-        low[self.entry] = high[self.entry] = value
-        begin = np.clip(start, low, high)
-        if not math.isfinite(self.problem.cost(begin)):
-            return math.inf, begin, True
-        found = minimise(self.problem, begin, lower=low, upper=high, scale=self.scale, options=_OPTIONS)
-        return found.cost, found.x, found.status in (Status.CONVERGED, Status.SINGULAR)
-
-
-class Condition(Protocol):
-    """What holds a derived quantity at a value: an equation between the vector and the value."""
-
-    def __call__(self, x: Float, values: Float) -> tuple[Float, Float, Float]:
-        """What the equation misses at vectors of shape ``(W, p)``, and its derivatives by vector and value.
-
-        NaN where the equation does not hold the quantity there.
-        """
-        ...
-
-
-@dataclass(frozen=True, eq=False)
-class HeldQuantity:
-    """Minimum where a derived quantity has a value: Gauss-Newton steps inside the linearised condition.
-
-    The Lagrangian's stationary point of the quadratic model, ``H d = -g + mu c`` with ``c^T d = value - q``, is taken
-    until the step, in standard errors, is negligible; bounds of the vector are kept by shortening steps.
-
-    Attributes:
-        problem: the problem.
-        quantity: the quantity and its gradient.
-        condition: the same as an equation for many vectors, where there is one.
-    """
-
-    problem: Problem
-    quantity: ValueAndGradient
-    condition: Condition | None = None
-
-    def together(self, values: Float, starts: Float, contraction: float = 1.0) -> Minima:
-        """See :class:`Held`."""
-        condition = self.condition
-        if condition is None:
-            nothing = np.full(values.shape, np.inf)
-            found = np.zeros(values.shape, dtype=bool)
-            return Minima(cost=nothing, x=starts, slope=np.zeros_like(starts), found=found, contraction=0.0)
-
-        def step(x: Float, gradient: Float, matrix: Float, members: Index) -> tuple[Float, Float]:
-            missing, slope, by_value = condition(x, values[members])
-            down, turned = _solved(matrix, -gradient, slope)
-            turned /= np.einsum("wi,wi->w", slope, turned)[:, None]
-            return down + turned * (missing - np.einsum("wi,wi->w", slope, down))[:, None], -turned * by_value[:, None]
-
-        lower, upper = (np.broadcast_to(bound, starts.shape) for bound in box(self.problem))
-        return _full_steps(self.problem, starts, lower, upper, step, contraction)
-
-    def alone(self, value: float, start: Float) -> tuple[float, Float, bool]:
-        """See :class:`Held`."""
-        problem = self.problem
-        lower, upper = box(problem)
-        x = np.clip(start, lower, upper)
-        for _ in range(_SQP_STEPS):
-            cost, gradient, matrix = problem.gauss_newton(x)
-            q, slope = self.quantity(x)
-            if not (math.isfinite(cost) and math.isfinite(q)):
-                break
-            step = _held_step(gradient, matrix, slope, value - q, lower - x, upper - x)
-            with np.errstate(divide="ignore", invalid="ignore"):
-                room = np.where(step > 0, (upper - x) / step, np.where(step < 0, (lower - x) / step, np.inf))
-            x = np.clip(x + min(1.0, float(room.min())) * step, lower, upper)
-            if step @ matrix @ step <= 1e-18 * max(cost, 1.0):
-                return problem.cost(x), x, True
-        return math.inf, x, False
-
-
-def _full_steps(
-    problem: Problem,
-    starts: Float,
-    lower: Float,
-    upper: Float,
-    step: Callable[[Float, Float, Float, Index], tuple[Float, Float]],
-    contraction: float,
-) -> Minima:
-    """Full Gauss-Newton steps of many vectors as long as they shrink: from a neighbour a few of them are enough.
-
-    Args:
-        problem: the problem.
-        starts: where they begin, shape ``(W, p)``.
-        lower, upper: bounds, shape ``(W, p)``.
-        step: the step, and the change of the minimum with the value, at some vectors with their gradient, their
-            Gauss-Newton matrix and their numbers.
-        contraction: of lengths of steps, as far as it is known.
-    """
-    x = np.clip(starts, lower, upper)
-    cost, slope, found = np.full(len(x), np.inf), np.zeros_like(x), np.zeros(len(x), dtype=bool)
-    active, before, slowest = np.arange(len(x)), np.full(len(x), np.inf), 0.0
-    for _ in range(_FULL_STEPS):
-        here = x[active]
-        value, gradient, matrix = normal_equations(problem, here)
-        way, along = step(here, gradient, matrix, active)
-        size = np.einsum("wi,wij,wj->w", way, matrix, way)
-        good = np.isfinite(value) & (size <= before[active])
-        slowest = max(slowest, float(np.max(size / before[active], where=good, initial=0.0)))
-        end = here + way
-        inside = np.asarray(((end >= lower[active]) & (end <= upper[active])).all(axis=1))
-        last = good & (size <= np.maximum(_FORETOLD / contraction, _CONVERGED * value))
-        ended = active[last]
-        found[ended], slope[ended] = True, along[last]
-        x[ended] = np.where(inside[last, None], end[last], here[last])
-        fall = np.einsum("wi,wi->w", gradient[last], way[last]) + size[last] / 2
-        cost[ended] = value[last] + np.where(inside[last], fall, 0.0)
-        going = good & inside & ~last
-        active = active[going]
-        if not active.size:
-            break
-        x[active], before[active] = end[going], size[going]
-    return Minima(cost=cost, x=x, slope=slope, found=found, contraction=math.sqrt(slowest))
-
-
-def _solved(matrix: Float, *sides: Float) -> tuple[Float, ...]:
-    """Solutions for positive matrices of shape ``(W, k, k)`` and right sides ``(W, k)``; NaN where there is none."""
-    size = np.sqrt(np.maximum(np.diagonal(matrix, axis1=1, axis2=2), 0.0))
-    usable = np.asarray(np.isfinite(matrix).all(axis=(1, 2)) & (size > 0).all(axis=1))
-    size = np.where(usable[:, None], size, 1.0)
-    unit = np.where(usable[:, None, None], matrix / (size[:, :, None] * size[:, None, :]), np.eye(matrix.shape[1]))
-    right = np.stack(sides, axis=-1) / size[..., None]
-    right[~usable] = np.nan
-    try:
-        found = np.linalg.solve(unit, right)
-    except np.linalg.LinAlgError:  # one of them at least
-        found = np.full_like(right, np.nan)
-        for i, (one, side) in enumerate(zip(unit, right, strict=True)):
-            with suppress(np.linalg.LinAlgError):
-                found[i] = np.linalg.solve(one, side)
-    return tuple(found[..., i] / size for i in range(len(sides)))
-
-
-def _held_step(gradient: Float, matrix: Float, slope: Float, missing: float, low: Float, high: Float) -> Float:
-    """Step to the minimum of the quadratic model where the quantity changes by what is missing.
-
-    Entries that rest on a bound and would leave it stay where they are.
-    """
-    free = np.ones(gradient.size, dtype=bool)
-    step = np.zeros_like(gradient)
-    while free.any():
-        g, c, part = gradient[free], slope[free], matrix[np.ix_(free, free)]
-        size = np.sqrt(np.maximum(np.diag(part), 1e-300))
-        inverse = np.linalg.pinv(part / np.outer(size, size), rcond=1e-14, hermitian=True) / np.outer(size, size)
-        turned, down = inverse @ c, -inverse @ g
-        step[:] = 0.0
-        step[free] = down + turned * ((missing - c @ down) / (c @ turned))
-        leaving = ((step < 0) & (low >= 0)) | ((step > 0) & (high <= 0))
-        if not leaving.any():
-            break
-        free &= ~leaving
-    return step
 
 
 def limits(low: float, high: float, value: float, size: float, step: float) -> tuple[tuple[float, bool], ...]:

@@ -8,7 +8,8 @@ products, and the derivatives themselves are never formed.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import lru_cache
+from typing import TypeGuard
 
 import numpy as np
 
@@ -24,41 +25,41 @@ Normal = tuple[Float, Float, Float]
 _AT_ONCE = 8192  # readings whose products are held at once, so that they stay in cache
 
 
-def normal_equations(problem: Problem, x: Float) -> Normal:
+class NormalEquations:
     """What :meth:`Problem.gauss_newton` answers, for many vectors.
 
     Args:
         problem: the problem.
-        x: vectors, shape ``(W, p)``.
-
-    Returns:
-        cost, gradient and matrix, shapes ``(W,)``, ``(W, p)`` and ``(W, p, p)``.
     """
-    if not all(_is_summed(block) for block in problem.blocks):
-        found = [problem.gauss_newton(row) for row in x]
-        cost, gradient, matrix = (np.array(parts) for parts in zip(*found, strict=True))
+
+    def __init__(self, problem: Problem) -> None:
+        self._problem = problem
+        self._sums = [_Sums(problem, i, b) for i, b in enumerate(problem.blocks) if _is_summed(b)]
+
+    def __call__(self, x: Float) -> Normal:
+        """Cost, gradient and matrix, shapes ``(W,)``, ``(W, p)`` and ``(W, p, p)``, at vectors of shape ``(W, p)``."""
+        problem = self._problem
+        if len(self._sums) < len(problem.blocks):
+            found = [problem.gauss_newton(row) for row in x]
+            cost, gradient, matrix = (np.array(parts) for parts in zip(*found, strict=True))
+            return cost, gradient, matrix
+        cost, gradient = np.zeros(len(x)), np.zeros_like(x)
+        matrix = np.zeros((*x.shape, x.shape[1]))
+        for sums in self._sums:
+            sums.add(x, cost, gradient, matrix)
+        for prior in problem.priors:
+            terms = np.array([prior.terms(float(value)) for value in x[:, prior.entry]])
+            cost += terms[:, 0]
+            gradient[:, prior.entry] += terms[:, 1]
+            matrix[:, prior.entry, prior.entry] += terms[:, 2]
         return cost, gradient, matrix
-    cost, gradient = np.zeros(len(x)), np.zeros_like(x)
-    matrix = np.zeros((*x.shape, x.shape[1]))
-    for number, block in enumerate(problem.blocks):
-        sums = _Sums(problem, number)
-        step = max(1, _AT_ONCE // block.measured.size)
-        for begin in range(0, len(x), step):
-            part = slice(begin, begin + step)
-            sums.add(x[part], cost[part], gradient[part], matrix[part])
-    for prior in problem.priors:
-        terms = np.array([prior.terms(float(value)) for value in x[:, prior.entry]])
-        cost += terms[:, 0]
-        gradient[:, prior.entry] += terms[:, 1]
-        matrix[:, prior.entry, prior.entry] += terms[:, 2]
-    return cost, gradient, matrix
 
 
-def _is_summed(block: Block) -> bool:
+def _is_summed(block: Block) -> TypeGuard[Responses]:
     """Whether the sums of a block are taken here: plain responses, few enough that many vectors at once save much."""
-    if not is_plain(block) or block.measured.size > _AT_ONCE:
+    if not isinstance(block, Responses) or block.measured.size > _AT_ONCE:
         return False
-    return isinstance(block, Responses) and not block.model.functions.has_probe_factors
+    return is_plain(block) and not block.model.functions.has_probe_factors
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,66 +89,90 @@ def _products(functions: CompiledModel) -> _Products:
     return _Products(tuple(tuple(row) for row in distinct.tolist()), (entries[0], entries[1]), (real, imag))
 
 
-@dataclass(frozen=True, eq=False)
 class _Sums:
     """Sums over the readings of one block of a problem."""
 
-    problem: Problem
-    number: int
+    def __init__(self, problem: Problem, number: int, block: Responses) -> None:
+        self._block, self._space, self._loss = block, problem.space, problem.loss
+        self._nuisance = problem.factors[number] if problem.factors else None
+        count = 0 if self._nuisance is None else self._nuisance.shape[1]
+        products = _products(block.model.functions)
+        self._factors, self._width = products.factors, len(products.factors) + count
+        self._turned = {power: 1j * block.s_powers[power] for _, _, power, turned in self._factors if turned}
+        self._place = block.coordinate * block.speed.size + block.line
+        self._parts = [self._scattered(group, products) for group in block.condition[1].tolist()]
 
-    @cached_property
-    def _block(self) -> Responses:
-        block = self.problem.blocks[self.number]
-        if not isinstance(block, Responses):
-            raise TypeError(f"{type(block).__name__} is not evaluated as products")
-        return block
-
-    @cached_property
-    def _nuisance(self) -> ComplexArray | None:
-        return self.problem.factors[self.number] if self.problem.factors else None
+    def _scattered(self, group: int, products: _Products) -> list[tuple[Index, Index]]:
+        """Entries of the real and of the imaginary part of a Jacobian, and their places in a matrix ``(p, K)``."""
+        found = []
+        for entries, places in zip(products.entries, products.places, strict=True):
+            fitted = self._space.index[group, self._block.model.functions.inputs[entries]]
+            free = fitted >= 0
+            found.append((entries[free], fitted[free] * self._width + places[free]))
+        return found
 
     def add(self, x: Float, cost: Float, gradient: Float, matrix: Float) -> None:
         """Add what the block has for vectors of shape ``(W, p)``."""
-        block, theta = self._block, self.problem.space.theta(x)
-        predicted, left, right = self._responses(theta)
+        _, groups, speeds = self._block.condition
+        theta = self._space.theta(x)[:, groups]
+        coefficients = np.moveaxis(self._block.model.coefficients(theta, speeds), 1, -1)
+        numbers = self._numbers(theta, speeds)
+        step = max(1, _AT_ONCE // self._block.measured.size)
+        for begin in range(0, len(x), step):
+            some = slice(begin, begin + step)
+            self._add(x[some], coefficients[some], numbers[some], cost[some], gradient[some], matrix[some])
+
+    def _numbers(self, theta: Float, speeds: Float) -> Float:
+        """Real numbers by which the products make derivatives by the fitted vector, shape ``(W, C, p, K)``."""
+        jacobian = self._block.model.functions.jacobian(theta, speeds)
+        numbers = np.zeros((*theta.shape[:2], self._space.size * self._width))
+        for condition, parts in enumerate(self._parts):
+            mine = numbers[:, condition]
+            for values, (entries, places) in zip((jacobian.values.real, jacobian.values.imag), parts, strict=True):
+                np.subtract.at(mine.T, places, values[:, condition, entries].T)
+        numbers = numbers.reshape(*theta.shape[:2], self._space.size, self._width)
+        first = len(self._space.names)
+        for i in range(self._width - len(self._factors)):
+            numbers[..., first + i, len(self._factors) + i] = 1.0
+        return numbers
+
+    def _add(
+        self, x: Float, coefficients: ComplexArray, numbers: Float, cost: Float, gradient: Float, matrix: Float
+    ) -> None:
+        block = self._block
+        predicted, left, right = self._responses(coefficients)
         if self._nuisance is not None:
-            gain = np.exp(x[:, len(self.problem.space.names) :] @ self._nuisance.T)
+            gain = np.exp(x[:, len(self._space.names) :] @ self._nuisance.T)
             predicted *= gain
             left *= gain
-        miss = (predicted - block.measured) / block.sigma
         left /= block.sigma
-        rows = self._rows(left, right)
-        if self._nuisance is not None:
-            moved = (predicted / block.sigma)[:, None] * self._nuisance.T
-            rows = np.concatenate([rows, moved], axis=1)
-        if self.problem.loss == "linear":
-            parts = miss.view(float)
+        rows = self._rows(predicted, left, right)
+        predicted -= block.measured
+        predicted /= block.sigma
+        if self._loss == "linear":
+            parts = predicted.view(float)
             cost += 0.5 * np.einsum("wr,wr->w", parts, parts)
         else:
-            rho, weight = robust_weights(self.problem.loss, np.abs(miss) ** 2)
+            rho, weight = robust_weights(self._loss, np.abs(predicted) ** 2)
             cost += 0.5 * rho.sum(axis=1)
             root = np.sqrt(weight)
-            miss = miss * root
+            predicted *= root
             rows *= root[:, None]
-        _, groups, speeds = block.condition
-        numbers = self._numbers(theta[:, groups], groups, speeds)
-        for condition in range(groups.size):
-            some = slice(None) if groups.size == 1 else block.condition_readings[condition]
-            stacked = np.ascontiguousarray(rows[..., some]).view(float)
-            r = np.ascontiguousarray(miss[..., some]).view(float)
-            weights = numbers[condition]
-            gradient += (weights @ (stacked @ r[..., None]))[..., 0]
-            matrix += weights @ (stacked @ stacked.swapaxes(-1, -2)) @ weights.swapaxes(-1, -2)
+        alone = numbers.shape[1] == 1
+        for condition in range(numbers.shape[1]):
+            some = slice(None) if alone else block.condition_readings[condition]
+            stacked, misses = (np.ascontiguousarray(a[..., some]).view(float) for a in (rows, predicted))
+            own = numbers[:, condition]
+            gradient += (own @ (stacked @ misses[..., None]))[..., 0]
+            matrix += own @ (stacked @ stacked.swapaxes(-1, -2)) @ own.swapaxes(-1, -2)
 
-    def _responses(self, theta: Float) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
+    def _responses(self, coefficients: ComplexArray) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
         """Predictions, shape ``(W, R)``, and the row and the column of each reading, shape ``(n, W, R)``."""
-        block, W = self._block, len(theta)
-        index, groups, speeds = block.condition
+        block, vectors = self._block, len(coefficients)
         count, n = block.force.shape
-        coefficients = np.moveaxis(block.model.coefficients(theta[:, groups], speeds), 1, -1)
-        if groups.size > 1:
-            coefficients = coefficients[..., index]
-        kappa = np.empty((n, n, W, count), dtype=complex)
+        if coefficients.shape[-1] > 1:
+            coefficients = coefficients[..., block.condition[0]]
+        kappa = np.empty((n, n, vectors, count), dtype=complex)
         for i in range(n):
             for j in range(n):
                 entry = kappa[i, j]
@@ -157,41 +182,25 @@ class _Sums:
                     entry += coefficients[:, power, i, j]
         H = _inverse(kappa)  # [column, vector, row, line]
         amplitude = np.einsum("jwil,lj->iwl", H, block.force)
-        place = block.coordinate * count + block.line
-        left = H.reshape(n, W, n * count).take(place, axis=2)
-        predicted = amplitude.swapaxes(0, 1).reshape(W, n * count).take(place, axis=1)
+        left = H.reshape(n, vectors, n * count).take(self._place, axis=2)
+        predicted = amplitude.swapaxes(0, 1).reshape(vectors, n * count).take(self._place, axis=1)
         return predicted, left, amplitude.take(block.line, axis=2)
 
-    def _rows(self, left: ComplexArray, right: ComplexArray) -> ComplexArray:
-        """Products at every reading, shape ``(W, K, R)``."""
-        factors, powers = _products(self._block.model.functions).factors, self._block.s_powers
-        rows = np.empty((left.shape[1], len(factors), left.shape[2]), dtype=complex)
-        for number, (row, column, power, turned) in enumerate(factors):
-            np.multiply(left[row], right[column], out=rows[:, number])
-            if power or turned:
-                rows[:, number] *= powers[power] * (1j if turned else 1)
+    def _rows(self, predicted: ComplexArray, left: ComplexArray, right: ComplexArray) -> ComplexArray:
+        """Products at every reading over its noise, shape ``(W, K, R)``."""
+        powers = self._block.s_powers
+        rows = np.empty((len(predicted), self._width, predicted.shape[1]), dtype=complex)
+        for number, (row, column, power, turned) in enumerate(self._factors):
+            one = rows[:, number]
+            np.multiply(left[row], right[column], out=one)
+            if turned:
+                one *= self._turned[power]
+            elif power:
+                one *= powers[power]
+        if self._nuisance is not None:
+            moved = predicted / self._block.sigma
+            np.multiply(moved[:, None], self._nuisance.T, out=rows[:, len(self._factors) :])
         return rows
-
-    def _numbers(self, theta: Float, groups: Index, speeds: Float) -> list[Float]:
-        """Real numbers by which the products make derivatives by the fitted vector, ``(W, p, K)`` a condition."""
-        space, products = self.problem.space, _products(self._block.model.functions)
-        jacobian = self._block.model.functions.jacobian(theta, speeds)
-        found = []
-        for condition, group in enumerate(groups.tolist()):
-            nuisance = 0 if self._nuisance is None else self._nuisance.shape[1]
-            numbers = np.zeros((len(theta), space.size, len(products.factors) + nuisance))
-            parts = jacobian.values[:, condition]
-            for values, entries, places in zip(
-                (parts.real, parts.imag), products.entries, products.places, strict=True
-            ):
-                fitted = space.index[group, jacobian.inputs[entries]]
-                free = fitted >= 0
-                np.subtract.at(numbers.transpose(1, 2, 0), (fitted[free], places[free]), values[:, entries[free]].T)
-            first = len(space.names)
-            for i in range(nuisance):
-                numbers[:, first + i, len(products.factors) + i] = 1.0
-            found.append(numbers)
-        return found
 
 
 def _inverse(kappa: ComplexArray) -> ComplexArray:

@@ -80,43 +80,23 @@ class SmoothAngle:
         return float(np.trapezoid(np.minimum(self.shares, 1.0), angle) / (angle[-1] - angle[0]))
 
     def angle(self, t: Float) -> Float:
-        """Angle, rad, at times, s; zero at the first pulse's nominal position.
-
-        Args:
-            t: times, s, of any shape.
-        """
+        """Angle, rad, at times, s; zero at the first pulse's nominal position."""
         return np.asarray(self.spline(t))
 
     def speed(self, t: Float) -> Float:
-        """First derivative of the angle, rad/s.
-
-        Args:
-            t: times, s, of any shape.
-        """
+        """First derivative of the angle, rad/s."""
         return np.asarray(self.spline(t, nu=1))
 
     def acceleration(self, t: Float) -> Float:
-        """Second derivative of the angle, rad/s^2.
-
-        Args:
-            t: times, s, of any shape.
-        """
+        """Second derivative of the angle, rad/s^2."""
         return np.asarray(self.spline(t, nu=2))
 
     def stderr(self, t: Float) -> Float:
-        """Standard error of the angle, rad, between the first and the last pulse.
-
-        Args:
-            t: times, s, of any shape.
-        """
+        """Standard error of the angle, rad, between the first and the last pulse."""
         return np.asarray(self.scatter(t) * np.sqrt(np.interp(t, self.share_t, self.shares)))
 
     def scatter(self, t: Float) -> Float:
-        """Standard deviation of a single pulse's angle, rad, at times, s.
-
-        Args:
-            t: times, s, of any shape.
-        """
+        """Standard deviation of a single pulse's angle, rad, at times, s."""
         return np.asarray(np.exp(np.interp(t, self.groups[0], np.log(self.groups[1]))))
 
 

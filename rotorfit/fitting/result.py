@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -400,6 +400,24 @@ class FitResult:
         from rotorfit.uncertainty.profile import profile
 
         return profile(self, name, level=level, points=points, at=at)
+
+    def profiles(
+        self,
+        names: Sequence[str] | None = None,
+        *,
+        level: float = 0.95,
+        points: int = 21,
+        at: Mapping[str, Any] | None = None,
+    ) -> tuple[Profile, ...]:
+        """Profiles of several quantities, found together; see :func:`rotorfit.uncertainty.profile.profiles`.
+
+        Args:
+            names: as :meth:`profile` takes them; by default every fitted parameter.
+            level, points, at: as for :meth:`profile`.
+        """
+        from rotorfit.uncertainty.profile import profiles
+
+        return profiles(self, names, level=level, points=points, at=at)
 
     def bootstrap(self, *, n: int = 500, seed: int = 0, accelerate: bool | None = None) -> Bootstrap:
         """Fits of data simulated from this one and their spread; see rotorfit.uncertainty.bootstrap.bootstrap.

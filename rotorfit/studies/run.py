@@ -79,10 +79,9 @@ def _for_model(study: Study, file: DataFile | RecordingFiles) -> DataFile | Reco
 def _with_uncertainty(outcome: Outcome, progress: StudyProgress, checkpoint: Path | None) -> Outcome:
     """Profiles, simulated data and posterior, as far as the study asks for them."""
     study, best = outcome.study, outcome.best
-    profiles = []
-    for i, name in enumerate(study.profile):
-        progress(f"profile likelihood of {name}", i / len(study.profile))
-        profiles.append(best.profile(name))
+    if study.profile:
+        progress(f"profile likelihood of {', '.join(study.profile)}")
+    profiles = best.profiles(study.profile)
     simulated = None
     if study.bootstrap:
         progress(f"fitting {study.bootstrap} simulated tests")
@@ -97,4 +96,4 @@ def _with_uncertainty(outcome: Outcome, progress: StudyProgress, checkpoint: Pat
         posterior = best.sample(
             seed=study.seed, ess=study.ess, max_steps=study.max_steps, checkpoint=checkpoint, progress=report
         )
-    return replace(outcome, posterior=posterior, profiles=tuple(profiles), bootstrap=simulated)
+    return replace(outcome, posterior=posterior, profiles=profiles, bootstrap=simulated)

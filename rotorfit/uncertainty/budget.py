@@ -50,12 +50,7 @@ class Share:
     sources: Mapping[str, float]
 
     def times(self, factor: float, unit: str) -> Share:
-        """The same in another unit.
-
-        Args:
-            factor: this unit in the other one, 30 / pi from rad/s to rpm.
-            unit: name of the other one.
-        """
+        """The same in another unit."""
         sources = {source: factor * part for source, part in self.sources.items()}
         value, random, systematic, combined = (
             factor * number for number in (self.value, self.random, self.systematic, self.combined)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -11,19 +11,13 @@ import numpy as np
 
 from rotorfit.estimators.blocks.correlated import freedom_of, quantile
 from rotorfit.estimators.inference.covariance import standard_error
+from rotorfit.estimators.inference.held_minima import Condition, HeldEntry, HeldQuantity, ValueAndGradient
 from rotorfit.estimators.inference.log_posterior import box
-from rotorfit.estimators.inference.profile_curve import (
-    Condition,
-    Curve,
-    End,
-    HeldEntry,
-    HeldQuantity,
-    ValueAndGradient,
-    limits,
-)
+from rotorfit.estimators.inference.profile_curve import Curve, End, Search, find_ends, find_rises, limits
 from rotorfit.estimators.minimisation.least_squares import minimise
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.fitting.digits import interval, with_error
+from rotorfit.fitting.quantities import FittedParameter, Quantity
 from rotorfit.fitting.result import FitResult
 from rotorfit.models import threshold_speed
 from rotorfit.models.array_types import Float
@@ -129,47 +123,127 @@ def profile(
         KeyError: no such parameter.
         ValueError: a known parameter, a level outside 0 to 1, or a rotor without a threshold.
     """
+    return profiles(fit, (name,), level=level, points=points, at=at)[0]
+
+
+def profiles(
+    fit: FitResult,
+    names: Sequence[str] | None = None,
+    *,
+    level: float = 0.95,
+    points: int = 21,
+    at: Mapping[str, Any] | None = None,
+) -> tuple[Profile, ...]:
+    """Profiles of several quantities, found together: a fraction of the time that they take one after the other.
+
+    Args:
+        fit: the result.
+        names: what to profile, see :func:`profile`; by default every fitted parameter.
+        level, points, at: as for :func:`profile`.
+
+    Raises:
+        KeyError, ValueError: as for :func:`profile`.
+    """
     if not 0 < level < 1:
         raise ValueError(f"level is {level}; it must be between 0 and 1, for instance 0.95")
     if points < 3:
         raise ValueError(f"points is {points}; a curve needs at least 3")
-    problem, x, scale = _settled(fit, name)
-    value, unit, curve, step, reach = _curve(fit, problem, x, name, at)
-    known = fit.threshold_speed(at) if name == THRESHOLD else fit.params[name]
-    goal = quantile(level, known.freedom) ** 2 * scale
-    ends = curve.ends(goal, math.sqrt(goal) * step, reach)
-    values, rise = _grid(curve, value, ends, points)
-    return Profile(
-        name=name,
-        unit=unit,
-        value=value,
-        level=level,
-        lower=ends[0].value,
-        upper=ends[1].value,
-        values=values,
-        rise=rise / scale,
-        message=_message(curve, ends, scale, unit, goal, _beyond_tests(fit, at) if name == THRESHOLD else ""),
-        stderr=known.stderr,
-        freedom=known.freedom,
-    )
-
-
-def _settled(fit: FitResult, name: str) -> tuple[Problem, Float, float]:
-    """The problem with its noise as widened, its minimum, and the factor on the quantile."""
-    problem, x = fit.problem, fit.x
     if fit.method == "closed form":
         raise ValueError("a closed form is not a minimum, so it has no profile; use the result of rf.fit")
-    if problem.loss != "linear" or math.isfinite(freedom_of(problem.blocks)):
-        return problem, x, _robust_scale(fit, name)
-    if fit.widening == 1:
-        return problem, x, 1.0
-    if not problem.priors:
-        return problem, x, fit.widening
+    problem, x = _settled(fit)
+    held = HeldEntry(problem, np.maximum(np.abs(x), 1e-6 * _sizes(problem, x)))
+    lines = [
+        _threshold(fit, problem, x, level, at) if name == THRESHOLD else _parameter(fit, held, x, name, level)
+        for name in (fit.problem.space.names if names is None else names)
+    ]
+    curves = [line.curve for line in lines]
+    ends = find_ends(curves, [line.searches for line in lines])
+    values = [_grid(line.value, found, points) for line, found in zip(lines, ends, strict=True)]
+    find_rises(curves, values)
+    return tuple(line.profile(level, found, some) for line, found, some in zip(lines, ends, values, strict=True))
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Line:
+    """A quantity on its way to a profile.
+
+    Attributes:
+        known: its estimate with error and unit.
+        name, value: what it is, and where the curve is lowest.
+        curve: its curve.
+        step: its guessed standard error.
+        reach: how far it can go downwards and upwards, and whether that is a bound.
+        scale: factor on the quantile.
+        goal: rise at the ends.
+        beyond: what to say of it in any case.
+    """
+
+    known: FittedParameter | Quantity
+    name: str
+    value: float
+    curve: Curve
+    step: float
+    reach: tuple[tuple[float, bool], ...]
+    scale: float
+    goal: float
+    beyond: str = ""
+
+    @property
+    def searches(self) -> tuple[Search, ...]:
+        """For the lower and the upper end."""
+        step = math.sqrt(self.goal) * self.step
+        return tuple(
+            self.curve.search(side, self.goal, step, limit, bound)
+            for side, (limit, bound) in zip((-1, 1), self.reach, strict=True)
+        )
+
+    def profile(self, level: float, ends: list[End], values: list[float]) -> Profile:
+        """The profile with the ends and the values of its curve."""
+        places = sorted(set(values))
+        return Profile(
+            name=self.name,
+            unit=self.known.unit,
+            value=self.value,
+            level=level,
+            lower=ends[0].value,
+            upper=ends[1].value,
+            values=np.array(places),
+            rise=np.array([self.curve.rise(place) for place in places]) / self.scale,
+            message=_message(self.curve, ends, self.scale, self.known.unit, self.goal, self.beyond),
+            stderr=self.known.stderr,
+            freedom=self.known.freedom,
+        )
+
+
+def _settled(fit: FitResult) -> tuple[Problem, Float]:
+    """The problem with its noise as widened where priors keep their weight, and its minimum."""
+    problem, x = fit.problem, fit.x
+    if _is_scaled(problem) or fit.widening == 1 or not problem.priors:
+        return problem, x
     root = math.sqrt(fit.widening)
     blocks = [block.with_noise(np.full(block.measured.size, root)) for block in problem.blocks]
     widened = replace(problem, blocks=tuple(blocks))
     lower, upper = box(problem)
-    return widened, minimise(widened, np.clip(x, lower, upper), lower=lower, upper=upper).x, 1.0
+    return widened, minimise(widened, np.clip(x, lower, upper), lower=lower, upper=upper).x
+
+
+def _is_scaled(problem: Problem) -> bool:
+    """Whether the cost's own curvature is not the variance."""
+    return problem.loss != "linear" or math.isfinite(freedom_of(problem.blocks))
+
+
+def _scale(fit: FitResult, name: str) -> float:
+    """Factor on the quantile."""
+    if _is_scaled(fit.problem):
+        return _robust_scale(fit, name)
+    return 1.0 if fit.problem.priors else fit.widening
+
+
+def _sizes(problem: Problem, x: Float) -> Float:
+    """Sizes of the entries: their own, or what is typical of the parameter."""
+    model, names = problem.space.model, problem.space.names
+    typical = [model.parameter(bare_name(name)).scale for name in names] + [0.1] * len(problem.space.nuisance)
+    return np.maximum(np.abs(x), typical)
 
 
 def _robust_scale(fit: FitResult, name: str) -> float:
@@ -183,39 +257,57 @@ def _robust_scale(fit: FitResult, name: str) -> float:
     return float(fit.covar[i, i] / inverse[i, i])
 
 
-def _curve(
-    fit: FitResult, problem: Problem, x: Float, name: str, at: Mapping[str, Any] | None
-) -> tuple[float, str, Curve, float, tuple[tuple[float, bool], ...]]:
-    """Value, unit and curve of what is profiled, its guessed standard error, and how far it can go."""
+def _threshold(fit: FitResult, problem: Problem, x: Float, level: float, at: Mapping[str, Any] | None) -> _Line:
+    """The threshold speed of a group."""
+    group = fit.group(at)
+    speed = _speed(fit, group)
+    value, slope = speed(x)
+    if not math.isfinite(value):
+        if math.isfinite(fit.stability_band):
+            raise ValueError(f"there is no threshold to profile: {fit.onset_note(group)}")
+        raise ValueError("the fitted rotor is stable at every speed searched: there is no threshold to profile")
     covar = fit.covar / fit.widening
-    if name == THRESHOLD:
-        group = fit.group(at)
+    error = float(standard_error(slope, covar))
+    direction = covar @ slope / error**2 if error > 0 else np.zeros_like(x)
+    curve = Curve(HeldQuantity(problem, speed, _condition(fit, group)), value, x, problem.cost(x), direction)
+    known, scale = fit.threshold_speed(at), _scale(fit, THRESHOLD)
+    step, reach = _reach(0.0, math.inf, value, value, error)
+    return _Line(
+        known=known,
+        name=THRESHOLD,
+        value=value,
+        curve=curve,
+        step=step,
+        reach=reach,
+        scale=scale,
+        goal=quantile(level, known.freedom) ** 2 * scale,
+        beyond=_beyond_tests(fit, at),
+    )
 
-        speed = _speed(fit, group)
-        value, slope = speed(x)
-        if not math.isfinite(value):
-            if math.isfinite(fit.stability_band):
-                raise ValueError(f"there is no threshold to profile: {fit.onset_note(group)}")
-            raise ValueError("the fitted rotor is stable at every speed searched: there is no threshold to profile")
-        error = float(standard_error(slope, covar))
-        direction = covar @ slope / error**2 if error > 0 else np.zeros_like(x)
-        held = HeldQuantity(problem, speed, _condition(fit, group))
-        curve = Curve(held, value, x, problem.cost(x), direction)
-        return value, "rad/s", curve, *_reach(0.0, math.inf, value, value, error)
+
+def _parameter(fit: FitResult, held: HeldEntry, x: Float, name: str, level: float) -> _Line:
+    """A fitted parameter."""
     if name not in fit.var_names:
         if name in fit.params:
             raise ValueError(f"{name} is known here, so nothing is fitted that could have a profile")
         raise KeyError(unknown_name("fitted parameter", name, (*fit.var_names, THRESHOLD)))
     i = fit.var_names.index(name)
-    p = fit.params[name]
-    error = math.sqrt(max(float(covar[i, i]), 0.0)) if p.resolved else 0.0
+    known, scale, value = fit.params[name], _scale(fit, name), float(x[i])
+    covar = fit.covar / fit.widening
+    error = math.sqrt(max(float(covar[i, i]), 0.0)) if known.resolved else 0.0
     direction = covar[:, i] / covar[i, i] if error > 0 else np.zeros_like(x)
-    lower, upper = box(problem)
-    typical = problem.space.model.parameter(bare_name(name)).scale if i < len(problem.space.names) else 0.1
-    size = max(abs(float(x[i])), typical)
-    scale = np.maximum(np.abs(x), 1e-6 * size)
-    curve = Curve(HeldEntry(problem, i, scale), float(x[i]), x, problem.cost(x), direction)
-    return float(x[i]), p.unit, curve, *_reach(lower[i], upper[i], float(x[i]), size, error)
+    lower, upper = box(held.problem)
+    step, reach = _reach(lower[i], upper[i], value, float(_sizes(held.problem, x)[i]), error)
+    return _Line(
+        known=known,
+        name=name,
+        value=value,
+        curve=Curve(held, value, x, held.problem.cost(x), direction, i),
+        step=step,
+        reach=reach,
+        scale=scale,
+        goal=quantile(level, known.freedom) ** 2 * scale,
+    )
 
 
 def _speed(fit: FitResult, group: int) -> ValueAndGradient:
@@ -261,7 +353,7 @@ def _reach(
     return step, limits(float(low), float(high), value, size, step)
 
 
-def _grid(curve: Curve, value: float, ends: list[End], points: int) -> tuple[Float, Float]:
+def _grid(value: float, ends: list[End], points: int) -> list[float]:
     """Values a tenth beyond the interval (or up to the bound, or twice the other side where an end is open)."""
     width = [abs(end.value - value) for end in ends]
     finite = [w for w in width if math.isfinite(w)]
@@ -272,11 +364,7 @@ def _grid(curve: Curve, value: float, ends: list[End], points: int) -> tuple[Flo
         outer.append(value + side * min(way, abs(end.limit - value)))
     below = np.linspace(value, outer[0], points // 2 + 1)
     above = np.linspace(value, outer[1], points - points // 2)
-    # outwards on either side: every point starts from its neighbour
-    places = [*below.tolist(), *above.tolist()]
-    rises = dict(zip(places, curve(places), strict=True))
-    values = np.array(sorted(rises))
-    return values, np.array([rises[v] for v in values.tolist()])
+    return [*below.tolist(), *above.tolist()]  # outwards on either side: what is followed starts from its neighbour
 
 
 def _beyond_tests(fit: FitResult, at: Mapping[str, Any] | None) -> str:

@@ -1,0 +1,72 @@
+"""Share of processor time that goes to Python itself, by sampling where the processor stands.
+
+Linux's ``perf`` stops the process two thousand times a second of its processor time and notes the function of machine
+code that it is in; nothing is slowed down, as it is by profilers that are called at every function. A sample counts as
+work on arrays where the function belongs to BLAS, LAPACK, CasADi, SciPy, a random generator, compiled kernels or the
+C mathematics library, is a loop of NumPy over elements (by its name), moves memory, or is the system's. All else counts
+as Python: the interpreter, memory management, and the part of NumPy that takes calls, finds types and makes arrays.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import re
+import shutil
+import signal
+import subprocess
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+_FREQUENCY = 2000
+_LIBRARIES = re.compile(
+    r"openblas|lapack|casadi|gfortran|quadmath|_umath_linalg|scipy|_pcg64|_mt19937|_generator|mtrand|bounded_integers"
+    r"|libm\.|libmvec|libz\.|\[JIT\]|kernel|\[vdso\]|llvmlite"
+)
+_LOOPS = re.compile(
+    r"^[A-Z]+_[a-z]|_(aligned|strided|contig)|^(strided|contig)|sum_of_products|pairwise|mapiter_|take|sort|xss|^nc_|simd"
+)
+_MEMORY = re.compile(r"mem(cpy|move|set|cmp|chr)")
+
+
+def python_share(run: Callable[[], object], seconds: float = 2.0) -> float:
+    """Share of samples in Python itself.
+
+    Args:
+        run: what to sample, called again and again.
+        seconds: processor time to spend.
+
+    Returns:
+        0 to 1; NaN where ``perf`` is not installed or may not be used.
+    """
+    if shutil.which("perf") is None:
+        return math.nan
+    with tempfile.TemporaryDirectory() as folder:
+        notes = Path(folder) / "perf.data"
+        record = ["perf", "record", "-q", "-e", "cpu-clock", "-F", str(_FREQUENCY), "-p", str(os.getpid())]
+        with subprocess.Popen([*record, "-o", str(notes)], stderr=subprocess.DEVNULL) as recorder:
+            time.sleep(0.5)  # until it is attached
+            begin = time.process_time()
+            while time.process_time() - begin < seconds:
+                run()
+            recorder.send_signal(signal.SIGINT)
+        report = ["perf", "report", "-i", str(notes), "--stdio", "-F", "sample,dso,symbol", "-t", "|"]
+        lines = subprocess.run(report, capture_output=True, text=True, check=False).stdout.splitlines()
+    counts = {True: 0, False: 0}
+    for line in lines:
+        count, *rest = (cell.strip() for cell in line.split("|"))
+        if count.isdigit() and len(rest) >= 2:
+            counts[_is_array_work(rest[0], rest[1])] += int(count)
+    total = sum(counts.values())
+    return counts[False] / total if total else math.nan
+
+
+def _is_array_work(library: str, function: str) -> bool:
+    name = function.partition("]")[2].strip()
+    if "_multiarray_umath" in library:
+        return bool(_LOOPS.search(name))
+    if library.startswith("libc."):
+        return bool(_MEMORY.search(name))
+    return bool(_LIBRARIES.search(library))

@@ -1,0 +1,262 @@
+"""The minimum over everything else with one quantity held at a value, for many quantities and values at once."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Protocol
+
+import numpy as np
+
+from rotorfit.estimators.inference.log_posterior import box
+from rotorfit.estimators.minimisation.least_squares import Options, Status, minimise
+from rotorfit.estimators.misfit.normal_equations import NormalEquations
+from rotorfit.estimators.misfit.problem import Problem
+from rotorfit.models.array_types import Bool, Float, Index
+
+ValueAndGradient = Callable[[Float], tuple[float, Float]]
+"""Value of a quantity and its gradient, shape ``(p,)``, at a fitted vector."""
+
+_SQP_STEPS = 40
+_OPTIONS = Options(max_iterations=60, hessian="gauss-newton")
+_FULL_STEPS = 15
+_CONVERGED = 1e-16  # squared step that remains, in standard errors, against chi-squared
+_FORETOLD = 1e-9
+"""What the quadratic model of a last step may miss of the cost.
+
+It misses the share of the step's square, in standard errors, by which Gauss-Newton steps contract.
+"""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Minima:
+    """Minima over everything else with a quantity held at some values.
+
+    Attributes:
+        cost, x: at each minimum, shapes ``(W,)`` and ``(W, p)``.
+        slope: change of the minimum for a change of the value by one, shape ``(W, p)``.
+        found: whether full steps led there; the others have to be searched by themselves, shape ``(W,)``.
+        contraction: largest length of a step over that of the one before, shape ``(W,)``; zero where there was one.
+    """
+
+    cost: Float
+    x: Float
+    slope: Float
+    found: Bool
+    contraction: Float
+
+
+class Held(Protocol):
+    """The minimum over everything else with one quantity held at a value."""
+
+    def together(self, entries: Index, values: Float, starts: Float, contraction: Float) -> Minima:
+        """Minima of many, where full steps lead there.
+
+        Args:
+            entries: entry of the fitted vector that each holds, where that is what is held, shape ``(W,)``.
+            values: at which it is held, shape ``(W,)``.
+            starts: nearby, shape ``(W, p)``.
+            contraction: of lengths of steps, as far as it is known, else one, shape ``(W,)``: a step whose quadratic
+                model tells the rest is the last.
+        """
+        ...
+
+    def alone(self, entry: int, value: float, start: Float) -> tuple[float, Float, bool]:
+        """Cost and vector at the minimum for one value, and whether it is one to full precision.
+
+        The cost is infinite where there is nothing.
+        """
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class HeldEntry:
+    """Minimum over all entries of the fitted vector but one.
+
+    Attributes:
+        problem: the problem.
+        scale: typical sizes, as for :func:`minimise`.
+    """
+
+    problem: Problem
+    scale: Float
+
+    def together(self, entries: Index, values: Float, starts: Float, contraction: Float) -> Minima:
+        """See :class:`Held`."""
+        held = np.arange(starts.shape[1]) == entries[:, None]
+        lower, upper = (np.where(held, values[:, None], bound) for bound in box(self.problem))
+
+        def step(x: Float, gradient: Float, matrix: Float, members: Index) -> tuple[Float, Float]:
+            still = held[members]
+            aside = np.where(still, 0.0, np.take_along_axis(matrix, entries[members, None, None], axis=2)[..., 0])
+            others = np.where(still[:, :, None] | still[:, None, :], still[:, :, None] & still[:, None, :], matrix)
+            down, along = _solved(others, np.where(still, 0.0, -gradient), np.where(still, 1.0, -aside))
+            return down, along
+
+        return _full_steps(self._normal, starts, lower, upper, step, contraction)
+
+    @cached_property
+    def _normal(self) -> NormalEquations:
+        return NormalEquations(self.problem)
+
+    def alone(self, entry: int, value: float, start: Float) -> tuple[float, Float, bool]:
+        """See :class:`Held`."""
+        minima = self.together(np.array([entry]), np.array([value]), start[None], np.ones(1))
+        if minima.found[0]:
+            return float(minima.cost[0]), minima.x[0], True
+        low, high = (bound.copy() for bound in box(self.problem))
+        low[entry] = high[entry] = value
+        begin = np.clip(start, low, high)
+        if not math.isfinite(self.problem.cost(begin)):
+            return math.inf, begin, True
+        found = minimise(self.problem, begin, lower=low, upper=high, scale=self.scale, options=_OPTIONS)
+        return found.cost, found.x, found.status in (Status.CONVERGED, Status.SINGULAR)
+
+
+class Condition(Protocol):
+    """What holds a derived quantity at a value: an equation between the vector and the value."""
+
+    def __call__(self, x: Float, values: Float) -> tuple[Float, Float, Float]:
+        """What the equation misses at vectors of shape ``(W, p)``, and its derivatives by vector and value.
+
+        NaN where the equation does not hold the quantity there.
+        """
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class HeldQuantity:
+    """Minimum where a derived quantity has a value: Gauss-Newton steps inside the linearised condition.
+
+    The Lagrangian's stationary point of the quadratic model, ``H d = -g + mu c`` with ``c^T d = value - q``, is taken
+    until the step, in standard errors, is negligible; bounds of the vector are kept by shortening steps.
+
+    Attributes:
+        problem: the problem.
+        quantity: the quantity and its gradient.
+        condition: the same as an equation for many vectors, where there is one.
+    """
+
+    problem: Problem
+    quantity: ValueAndGradient
+    condition: Condition | None = None
+
+    def together(self, entries: Index, values: Float, starts: Float, contraction: Float) -> Minima:
+        """See :class:`Held`."""
+        condition = self.condition
+        if condition is None:
+            none = np.zeros(values.size)
+            return Minima(cost=none, x=starts, slope=np.zeros_like(starts), found=none > 0, contraction=none)
+
+        def step(x: Float, gradient: Float, matrix: Float, members: Index) -> tuple[Float, Float]:
+            missing, slope, by_value = condition(x, values[members])
+            down, turned = _solved(matrix, -gradient, slope)
+            turned /= np.einsum("wi,wi->w", slope, turned)[:, None]
+            return down + turned * (missing - np.einsum("wi,wi->w", slope, down))[:, None], -turned * by_value[:, None]
+
+        lower, upper = (np.broadcast_to(bound, starts.shape) for bound in box(self.problem))
+        return _full_steps(NormalEquations(self.problem), starts, lower, upper, step, contraction)
+
+    def alone(self, entry: int, value: float, start: Float) -> tuple[float, Float, bool]:
+        """See :class:`Held`."""
+        problem = self.problem
+        lower, upper = box(problem)
+        x = np.clip(start, lower, upper)
+        for _ in range(_SQP_STEPS):
+            cost, gradient, matrix = problem.gauss_newton(x)
+            q, slope = self.quantity(x)
+            if not (math.isfinite(cost) and math.isfinite(q)):
+                break
+            step = _held_step(gradient, matrix, slope, value - q, lower - x, upper - x)
+            with np.errstate(divide="ignore", invalid="ignore"):
+                room = np.where(step > 0, (upper - x) / step, np.where(step < 0, (lower - x) / step, np.inf))
+            x = np.clip(x + min(1.0, float(room.min())) * step, lower, upper)
+            if step @ matrix @ step <= 1e-18 * max(cost, 1.0):
+                return problem.cost(x), x, True
+        return math.inf, x, False
+
+
+def _full_steps(
+    normal: NormalEquations,
+    starts: Float,
+    lower: Float,
+    upper: Float,
+    step: Callable[[Float, Float, Float, Index], tuple[Float, Float]],
+    contraction: Float,
+) -> Minima:
+    """Full Gauss-Newton steps of many vectors as long as they shrink: from a neighbour a few of them are enough.
+
+    Args:
+        normal: what the steps are of.
+        starts: where they begin, shape ``(W, p)``.
+        lower, upper: bounds, shape ``(W, p)``.
+        step: the step, and the change of the minimum with the value, at some vectors with their gradient, their
+            Gauss-Newton matrix and their numbers.
+        contraction: as for :meth:`Held.together`.
+    """
+    x = np.clip(starts, lower, upper)
+    cost, slope, found = np.full(len(x), np.inf), np.zeros_like(x), np.zeros(len(x), dtype=bool)
+    active, before, slowest = np.arange(len(x)), np.full(len(x), np.inf), np.zeros(len(x))
+    for _ in range(_FULL_STEPS):
+        here = x[active]
+        value, gradient, matrix = normal(here)
+        way, along = step(here, gradient, matrix, active)
+        size = np.einsum("wi,wij,wj->w", way, matrix, way)
+        good = np.isfinite(value) & (size <= before[active])
+        slowest[active] = np.where(good, np.maximum(slowest[active], size / before[active]), slowest[active])
+        end = here + way
+        inside = np.asarray(((end >= lower[active]) & (end <= upper[active])).all(axis=1))
+        last = good & (size <= np.maximum(_FORETOLD / contraction[active], _CONVERGED * value))
+        ended = active[last]
+        found[ended], slope[ended] = True, along[last]
+        x[ended] = np.where(inside[last, None], end[last], here[last])
+        fall = np.einsum("wi,wi->w", gradient[last], way[last]) + size[last] / 2
+        cost[ended] = value[last] + np.where(inside[last], fall, 0.0)
+        going = good & inside & ~last
+        active = active[going]
+        if not active.size:
+            break
+        x[active], before[active] = end[going], size[going]
+    return Minima(cost=cost, x=x, slope=slope, found=found, contraction=np.sqrt(slowest))
+
+
+def _solved(matrix: Float, *sides: Float) -> tuple[Float, ...]:
+    """Solutions for positive matrices of shape ``(W, k, k)`` and right sides ``(W, k)``; NaN where there is none."""
+    size = np.sqrt(np.maximum(np.diagonal(matrix, axis1=1, axis2=2), 0.0))
+    usable = np.asarray(np.isfinite(matrix).all(axis=(1, 2)) & (size > 0).all(axis=1))
+    size = np.where(usable[:, None], size, 1.0)
+    unit = np.where(usable[:, None, None], matrix / (size[:, :, None] * size[:, None, :]), np.eye(matrix.shape[1]))
+    right = np.stack(sides, axis=-1) / size[..., None]
+    right[~usable] = np.nan
+    try:
+        found = np.linalg.solve(unit, right)
+    except np.linalg.LinAlgError:  # one of them at least
+        found = np.full_like(right, np.nan)
+        for i, (one, side) in enumerate(zip(unit, right, strict=True)):
+            with suppress(np.linalg.LinAlgError):
+                found[i] = np.linalg.solve(one, side)
+    return tuple(found[..., i] / size for i in range(len(sides)))
+
+
+def _held_step(gradient: Float, matrix: Float, slope: Float, missing: float, low: Float, high: Float) -> Float:
+    """Step to the minimum of the quadratic model where the quantity changes by what is missing.
+
+    Entries that rest on a bound and would leave it stay where they are.
+    """
+    free = np.ones(gradient.size, dtype=bool)
+    step = np.zeros_like(gradient)
+    while free.any():
+        g, c, part = gradient[free], slope[free], matrix[np.ix_(free, free)]
+        size = np.sqrt(np.maximum(np.diag(part), 1e-300))
+        inverse = np.linalg.pinv(part / np.outer(size, size), rcond=1e-14, hermitian=True) / np.outer(size, size)
+        turned, down = inverse @ c, -inverse @ g
+        step[:] = 0.0
+        step[free] = down + turned * ((missing - c @ down) / (c @ turned))
+        leaving = ((step < 0) & (low >= 0)) | ((step > 0) & (high <= 0))
+        if not leaving.any():
+            break
+        free &= ~leaving
+    return step
