@@ -7,9 +7,8 @@ from typing import Any, ClassVar, Literal
 
 from rotorfit.models.model import Matrix, RotorModel
 from rotorfit.models.one_mode import one_per_coordinate
-from rotorfit.models.parameters import Parameter
+from rotorfit.models.parameters import MATRIX_UNITS, Parameter
 
-_UNIT = {"K": "N/m", "D": "N s/m", "M": "kg"}
 _MEANING = {"K": "stiffness", "D": "damping", "M": "inertia"}
 _SCALE = {"K": 1e4, "D": 10.0, "M": 1.0}
 
@@ -30,7 +29,7 @@ class Anisotropic(RotorModel):
         names = (planes,) if isinstance(planes, str) else tuple(planes)
         self.planes = one_per_coordinate(names, max(len(names), 1), self.name)
         self.parameters = tuple(
-            Parameter(self._entry(kind, row, column), _UNIT[kind], _MEANING[kind] + " coefficient", _SCALE[kind])
+            Parameter(self._entry(kind, row, column), MATRIX_UNITS[kind], _MEANING[kind] + " coefficient", _SCALE[kind])
             for kind in "KDM"
             for row in range(2 * len(names))
             for column in range(2 * len(names))

@@ -46,6 +46,10 @@ class Parameter:
         return powers[0] - powers[1]
 
 
+MATRIX_UNITS = {"K": "N/m", "M": "kg", "D": "N s/m"}
+"""Units of the entries of stiffness, mass and damping matrices."""
+
+
 def bare_name(name: str) -> str:
     """Name of a parameter without its group: ``K0`` of ``K0[speed_rpm=1000]``."""
     return name.partition("[")[0]

@@ -12,7 +12,7 @@ from fe_rigs import JOURNAL, K3, TYPICAL, Rig
 import rotorfit as rf
 from rotorfit.estimators.inference.left_out_columns import whitened_columns
 from rotorfit.estimators.inference.score_tests import score_tests
-from rotorfit.fitting.assumption_table import THRESHOLD
+from rotorfit.fitting.assumption_table import THRESHOLD_COLUMN
 from rotorfit.fitting.assumptions import foundations_of
 from rotorfit.fitting.refine import refit
 from rotorfit.models import WhirlWhip, threshold_speed
@@ -43,7 +43,7 @@ def refitted(rig, name, size):
         pair.append(rf.fit(model, rig, known=values))
     up, down = pair
     slopes = {n: (up.params[n].value - down.params[n].value) / (2 * size) for n in ("K0", "D", "lam", "Mf")}
-    return slopes | {THRESHOLD: (up.threshold_speed().value - down.threshold_speed().value) / (2 * size)}
+    return slopes | {THRESHOLD_COLUMN: (up.threshold_speed().value - down.threshold_speed().value) / (2 * size)}
 
 
 @pytest.mark.parametrize(("name", "parameter", "size"), [("m[disk, journal]", "m12", 2e-4), ("K3", "K3", 20.0)])
@@ -52,7 +52,7 @@ def test_shifts_are_those_of_fits_with_the_term(rig, plain, name, parameter, siz
     shifts = plain.assumptions()[name].shifts
     # The plain model misses this rig by ten times the noise, and so Gauss-Newton by a share of that.
     for result, slope in refitted(rig, parameter, size).items():
-        scale = {"K0": 1e4, "D": 450.0, "lam": 0.475, "Mf": 0.35, THRESHOLD: 280.0}[result] * 1e-5 / size
+        scale = {"K0": 1e4, "D": 450.0, "lam": 0.475, "Mf": 0.35, THRESHOLD_COLUMN: 280.0}[result] * 1e-5 / size
         assert shifts[result] == pytest.approx(slope, rel=0.1, abs=scale), result
 
 

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from command_line import FIGURES, FIT, RIG, TABLES, TRUTH, WHOLE, Run, perturbed, refused, table
+from command_words import FIGURES, FIT, RIG, TABLES, TRUTH, WHOLE, Run, perturbed, refused, table
 from slips import thinned
 
 import rotorfit

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from command_line import Run
+from command_words import Run
 
 import rotorfit as rf
 from rotorfit.plots import responses as plots

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from command_line import FIGURES, SAMPLED, TABLES, WHOLE, Run, refused
+from command_words import FIGURES, SAMPLED, TABLES, WHOLE, Run, refused
 from synthetic import circular_test
 
 import rotorfit as rf

@@ -36,6 +36,12 @@ def shipped_files() -> set[str]:
     return names
 
 
+def test_helpers_on_the_path_of_tests_have_names_of_their_own() -> None:
+    folders = PYPROJECT["tool"]["pytest"]["ini_options"]["pythonpath"]
+    names = [file.name for folder in folders for file in (ROOT / folder).glob("*.py")]
+    assert sorted(names) == sorted(set(names))
+
+
 def test_packages_are_those_of_the_tree() -> None:
     found = set()
     for prefix, folder in PACKAGE_DIR.items():

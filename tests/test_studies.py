@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from command_line import FIGURES, FIT, RIG, TABLES, WHOLE, Run, refused
+from command_words import FIGURES, FIT, RIG, TABLES, WHOLE, Run, refused
 
 from rotorfit.studies.data_files import DataFile
 from rotorfit.studies.study import Study

@@ -27,7 +27,7 @@ _CHUNK = 60_000  # readings that NumPy holds at once, so that arrays stay in cac
 
 
 @dataclass(frozen=True, eq=False)
-class Readings:
+class MemberReadings:
     """Readings of many members.
 
     Attributes:
@@ -39,11 +39,11 @@ class Readings:
     re: Float
     im: Float
 
-    def of(self, members: Index) -> Readings:
+    def of(self, members: Index) -> MemberReadings:
         """Those of some members, numbers ascending; of all without a copy."""
         if members.size == self.measured.shape[0]:
             return self
-        return Readings(self.measured[members], self.re[members], self.im[members])
+        return MemberReadings(self.measured[members], self.re[members], self.im[members])
 
 
 class Batch:
@@ -143,20 +143,20 @@ class Batch:
             rest.add_sums(x, out)
         return out
 
-    def readings(self, measured: ComplexArray) -> Readings:
+    def readings(self, measured: ComplexArray) -> MemberReadings:
         """Readings of members in place of the problem's, shape ``(W, R)``, sorted once for many evaluations."""
         raw = measured if self._others else measured[:, :0]
         if self.layout is None:
-            return Readings(raw, np.zeros((measured.shape[0], 0)), np.zeros((measured.shape[0], 0)))
+            return MemberReadings(raw, np.zeros((measured.shape[0], 0)), np.zeros((measured.shape[0], 0)))
         order, per_drive = self.layout.reading, 1.0 / self.layout.drive
         shape = measured.shape[0], order.size
         re, im = np.empty(shape), np.empty(shape)
         for m, row in enumerate(measured):
             target = row[order] * per_drive
             re[m], im[m] = target.real, target.imag
-        return Readings(raw, re, im)
+        return MemberReadings(raw, re, im)
 
-    def cost_and_gradient(self, x: Float, readings: Readings | None = None) -> tuple[Float, Float]:
+    def cost_and_gradient(self, x: Float, readings: MemberReadings | None = None) -> tuple[Float, Float]:
         """Cost of :class:`Problem` without priors, and its exact gradient.
 
         Args:

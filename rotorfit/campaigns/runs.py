@@ -17,7 +17,7 @@ from rotorfit.estimators.blocks.row_keys import words
 from rotorfit.executors import carry_out
 from rotorfit.fitting.fit import fit, judged
 from rotorfit.fitting.noise.record import FoundNoise
-from rotorfit.fitting.plain_fits import PlainFit, Solved, plain_fits
+from rotorfit.fitting.plain_fits import PlainFit, SolvedRun, plain_fits
 from rotorfit.fitting.problem_setup import as_tuple, build_problem
 from rotorfit.fitting.quantities import FittedParameter
 from rotorfit.fitting.result import FitResult
@@ -154,7 +154,7 @@ def _distinct(runs: Sequence[Run]) -> Iterator[Run]:
 
 def fit_runs(model: RotorModel, batch: Batch) -> Iterator[RunFit]:
     """Fit runs, those of one plan together; data that cannot be fitted give a result that says why."""
-    together: dict[int, PlainFit | Solved] = {}
+    together: dict[int, PlainFit | SolvedRun] = {}
     settings = batch[0][1]["settings"]
     if all(option["settings"] is settings for _, option in batch):
         starts = [option["start"] for _, option in batch]
@@ -165,7 +165,7 @@ def fit_runs(model: RotorModel, batch: Batch) -> Iterator[RunFit]:
 
 
 def fit_run(
-    model: RotorModel, run: Run, *, settings: FitSettings, start: Mapping[str, float], solved: Solved | None = None
+    model: RotorModel, run: Run, *, settings: FitSettings, start: Mapping[str, float], solved: SolvedRun | None = None
 ) -> RunFit:
     """Fit one run, from its solution on where that is known; data that cannot be fitted give a result that says why."""
     try:

@@ -10,7 +10,7 @@ from html import escape
 from rotorfit.models.text_table import text_table
 from rotorfit.units import RPM_PER_RAD_S
 
-THRESHOLD = "threshold speed"
+THRESHOLD_COLUMN = "threshold speed"
 _NOTHING = 1e-3  # of a standard error: a shift below it is shown as none
 _MISSING = 4.0  # standard errors at which the data ask for a term; a dozen are tested at once
 
@@ -171,7 +171,7 @@ class Assumptions:
 
 
 def _titled(name: str) -> str:
-    return "threshold, rpm" if name == THRESHOLD else name
+    return "threshold, rpm" if name == THRESHOLD_COLUMN else name
 
 
 def _shown(name: str, shift: float, error: float) -> str:
@@ -179,7 +179,7 @@ def _shown(name: str, shift: float, error: float) -> str:
         return "open"
     if abs(shift) < _NOTHING * error:
         return "0"
-    return f"{shift * (RPM_PER_RAD_S if name == THRESHOLD else 1.0):+.2g}"
+    return f"{shift * (RPM_PER_RAD_S if name == THRESHOLD_COLUMN else 1.0):+.2g}"
 
 
 def _words(found: Assumptions) -> list[str]:
@@ -213,16 +213,16 @@ def _foundation(entry: Assumption) -> str:
         for name, error in entry.errors.items()
         if abs(entry.shifts[name] * entry.plausible) > error
     ]
-    if term and THRESHOLD in entry.errors and not any(words.startswith(THRESHOLD) for words in moved):
-        moved.append(f"{THRESHOLD} as it is")
+    if term and THRESHOLD_COLUMN in entry.errors and not any(words.startswith(THRESHOLD_COLUMN) for words in moved):
+        moved.append(f"{THRESHOLD_COLUMN} as it is")
     unit = "" if entry.unit == "1" else f" {entry.unit}"
     return f"{entry.name}, {entry.meaning}; {size:+.2g}{unit}: {', '.join(moved)}"
 
 
 def _moved(name: str, shift: float, error: float) -> str:
-    return f"{name} {_shown(name, shift, error)}{' rpm' if name == THRESHOLD else ''}"
+    return f"{name} {_shown(name, shift, error)}{' rpm' if name == THRESHOLD_COLUMN else ''}"
 
 
 def _share(found: Assumptions, name: str) -> str:
-    factor = RPM_PER_RAD_S if name == THRESHOLD else 1.0
+    factor = RPM_PER_RAD_S if name == THRESHOLD_COLUMN else 1.0
     return f"{factor * found.combined(name):.2g} ({factor * found.systematic(name):.2g})"

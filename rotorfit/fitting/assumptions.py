@@ -14,7 +14,7 @@ from rotorfit.estimators.inference.covariance import prior_curvature
 from rotorfit.estimators.inference.left_out_columns import Clearance, Offset, Term, is_linear, whitened_columns
 from rotorfit.estimators.inference.score_tests import score_tests
 from rotorfit.estimators.misfit.losses import robust_weights
-from rotorfit.fitting.assumption_table import THRESHOLD, Assumption, Assumptions
+from rotorfit.fitting.assumption_table import THRESHOLD_COLUMN, Assumption, Assumptions
 from rotorfit.fitting.result import FitResult
 from rotorfit.models import Threshold
 from rotorfit.models.array_types import Float
@@ -105,8 +105,8 @@ def _entries(fit: FitResult, terms: Sequence[Term]) -> list[Assumption]:
     if not errors:
         errors = {name: fit.params[name].stderr for name in fit.problem.space.names[:4]}
     if onset is not None and onset.speed > 0:
-        errors[THRESHOLD] = fit.threshold_of(0).stderr
-    results = [*fit.problem.space.names, *([THRESHOLD] if THRESHOLD in errors else [])]
+        errors[THRESHOLD_COLUMN] = fit.threshold_of(0).stderr
+    results = [*fit.problem.space.names, *([THRESHOLD_COLUMN] if THRESHOLD_COLUMN in errors else [])]
     entries = []
     for number, term in enumerate(terms):
         name, meaning, unit, plausible = _described(fit, term)
@@ -120,7 +120,7 @@ def _entries(fit: FitResult, terms: Sequence[Term]) -> list[Assumption]:
                 plausible=plausible,
                 shifts={
                     result: float(scores.shift[number, fit.var_names.index(result)])
-                    if result != THRESHOLD
+                    if result != THRESHOLD_COLUMN
                     else _onset_change(fit, onset, term, scores.shift[number])
                     for result in results
                 },
@@ -187,8 +187,8 @@ def _resting(
     values = dict(zip(model.parameter_names, fit.theta().tolist(), strict=True))
     change = {name: values[name] * (factor - 1) / _REST for name, factor in factors.items() if name in values}
     shifts = {name: change.get(name, 0.0) for name in results}
-    if onset is not None and THRESHOLD in errors:
-        shifts[THRESHOLD] = sum(
+    if onset is not None and THRESHOLD_COLUMN in errors:
+        shifts[THRESHOLD_COLUMN] = sum(
             float(onset.gradient[model.parameter_names.index(name)]) * size for name, size in change.items()
         )
     plane = model.coordinates[fluid_coordinates(model)[0]].plane

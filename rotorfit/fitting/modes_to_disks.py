@@ -9,10 +9,9 @@ from rotorfit.fitting.quantities import Quantity
 from rotorfit.fitting.result import FitResult
 from rotorfit.models import Modal
 from rotorfit.models.array_types import Float
+from rotorfit.models.parameters import MATRIX_UNITS
 
 _STEP = 1e-6  # relative step of central differences: errors of 1e-10 of smooth functions
-
-UNITS = {"M": "kg", "K": "N/m", "D": "N s/m"}
 
 
 def two_disk_from_modes(fit: FitResult) -> dict[str, Quantity]:
@@ -41,7 +40,7 @@ def two_disk_from_modes(fit: FitResult) -> dict[str, Quantity]:
     theta = np.asarray(space.theta(fit.x)[0])
     slopes = _gradients(model, theta)
     values = disk_values(model, theta)
-    return {name: fit.propagate(value, slopes[name], UNITS[name[0]]) for name, value in values.items()}
+    return {name: fit.propagate(value, slopes[name], MATRIX_UNITS[name[0]]) for name, value in values.items()}
 
 
 def disk_values(model: Modal, theta: Float) -> dict[str, float]:

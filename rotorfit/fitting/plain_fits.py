@@ -57,7 +57,7 @@ class PlainFit:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Solved:
+class SolvedRun:
     """A run whose search ended plainly, but whose residuals or errors have to be looked at by themselves.
 
     Attributes:
@@ -71,7 +71,7 @@ class Solved:
 
 def plain_fits(
     model: RotorModel, tests: Sequence[Experiment], settings: FitSettings, starts: Sequence[Mapping[str, float]]
-) -> dict[int, PlainFit | Solved]:
+) -> dict[int, PlainFit | SolvedRun]:
     """What fits of many runs come to as far as they are plain, by the number of the run.
 
     Runs that are not in the answer are to be fitted one by one; what was worked out of their data is kept with these.
@@ -88,7 +88,7 @@ def plain_fits(
         space = parameter_space(model, known=settings.known, bounds=settings.bounds, groups=({},))
     except (ValueError, KeyError):
         return {}  # what is wrong with the settings is told where a run is fitted
-    found: dict[int, PlainFit | Solved] = {}
+    found: dict[int, PlainFit | SolvedRun] = {}
     for names in (set(), set(space.names)):
         some = [number for number, start in enumerate(starts) if set(start) == names and _are_numbers(start)]
         for group in alike([tests[number] for number in some]):
@@ -109,14 +109,14 @@ def is_plain(model: RotorModel, settings: FitSettings) -> bool:
     return linear and simple and settings == FitSettings(known=settings.known, bounds=settings.bounds)
 
 
-def _fits(space: ParameterSpace, group: AlikeTests, given: Float | None) -> dict[int, PlainFit | Solved]:
+def _fits(space: ParameterSpace, group: AlikeTests, given: Float | None) -> dict[int, PlainFit | SolvedRun]:
     """Results by the number of the run; ``given`` are start values, shape ``(W, p)``."""
     clean = surely_clean(group)
     try:
         seen = observe_alike(space.model, group)
     except (ValueError, KeyError):
         return {}  # what is wrong with the data is told where a run is fitted
-    found: dict[int, PlainFit | Solved] = {}
+    found: dict[int, PlainFit | SolvedRun] = {}
     for some, stack in stacks_of(space, seen, clean):
         own = None if given is None else given[some]
         try:
@@ -153,7 +153,7 @@ def stacks_of(space: ParameterSpace, seen: AlikeResponses, wanted: Bool) -> Iter
             )  # fmt: skip
 
 
-def _solved(stack: RunStack, given: Float | None) -> Iterator[tuple[int, PlainFit | Solved]]:
+def _solved(stack: RunStack, given: Float | None) -> Iterator[tuple[int, PlainFit | SolvedRun]]:
     """Results by the number of the run in the stack."""
     space = stack.space
     begin, settled = starts_of_many(stack) if given is None else given_starts(space, given)
@@ -169,7 +169,7 @@ def _solved(stack: RunStack, given: Float | None) -> Iterator[tuple[int, PlainFi
     x = ends.x[smooth]
     judged = dict(_judged(stack.part(smooth, ends.x), x, begin[smooth], ends.n_evaluations[smooth]))
     for member, run in enumerate(smooth.tolist()):
-        yield run, judged[member] if member in judged else Solved(begin=begin[run], solution=ends.solution(run))
+        yield run, judged[member] if member in judged else SolvedRun(begin=begin[run], solution=ends.solution(run))
 
 
 def _judged(stack: RunStack, x: Float, begin: Float, n_evaluations: Index) -> Iterator[tuple[int, PlainFit]]:

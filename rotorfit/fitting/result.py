@@ -17,7 +17,7 @@ from rotorfit.estimators.blocks.nonlinear import responses_of
 from rotorfit.estimators.inference.covariance import standard_error, widening
 from rotorfit.estimators.inference.identifiability import Identifiability
 from rotorfit.estimators.misfit.problem import Problem
-from rotorfit.fitting.assumption_table import THRESHOLD
+from rotorfit.fitting.assumption_table import THRESHOLD_COLUMN
 from rotorfit.fitting.noise.judging import is_misfit
 from rotorfit.fitting.noise.record import Noise
 from rotorfit.fitting.quantities import FittedParameter, Quantity, ResponseQuality
@@ -155,7 +155,7 @@ class FitResult:
         """
         if self._assumed is None:
             return 0.0
-        column = THRESHOLD if name == "threshold_speed" else name
+        column = THRESHOLD_COLUMN if name == "threshold_speed" else name
         return self._assumed.systematic(column) if column in self._assumed.entries[0].shifts else 0.0
 
     @cached_property

@@ -63,7 +63,7 @@ def fit_summary(fit: FitResult) -> str:
         f"AIC {fit.aic:.6g}, BIC {fit.bic:.6g}",
         *noise_lines(fit),
         "",
-        *parameter_table(fit),
+        *_parameter_lines(fit),
         "",
         f"identifiability: {fit.identifiability}",
         *(f"  determined: {words}" for words in (combined(fit, c) for c in fit.identifiability.combinations) if words),
@@ -160,7 +160,7 @@ def _without_runs(fit: FitResult) -> list[str]:
     return [f"  standard errors from leaving out runs one by one: {', '.join(shown)}"] if shown else []
 
 
-def parameter_table(fit: FitResult) -> list[str]:
+def _parameter_lines(fit: FitResult) -> list[str]:
     """Lines of the parameter table; a parameter that the data do not determine shows no number."""
     both = any(p.stderr > p.stderr_noise * 1.01 for p in fit.params.values() if p.vary and p.resolved)
     rows: list[list[str | Wide]] = [["parameter", "value", "stderr", *(["noise only"] * both), "start", "unit", ""]]

@@ -16,12 +16,11 @@ import numpy as np
 from rotorfit.data.experiments import PerturbationTest
 from rotorfit.estimators.inference.covariance import widening
 from rotorfit.models.array_types import ComplexArray, Float
+from rotorfit.models.parameters import MATRIX_UNITS
 from rotorfit.models.text_table import Wide, text_table
 from rotorfit.observing.circular import observe
 from rotorfit.observing.measured_stiffness import isotropic_planes
 from rotorfit.units import RAD_S_PER_RPM, RPM_PER_RAD_S
-
-UNITS = {"K": "N/m", "M": "kg", "D": "N s/m"}
 
 _SPAN = 1.05
 """Ratio of the largest to the smallest speed from which stiffness and mass can be told apart."""
@@ -59,7 +58,10 @@ class ObservedStiffness:
             [f"{speed * RPM_PER_RAD_S:.5g}", f"{kappa.real:.5g}", f"{kappa.imag:.5g}", f"{sigma:.2g}"]
             for speed, kappa, sigma in zip(self.speed, self.stiffness, self.sigma, strict=True)
         ]
-        lines = [f"  {name} {value:.5g} +- {error:.2g} {UNITS[name]}" for name, (value, error) in self.observed.items()]
+        lines = [
+            f"  {name} {value:.5g} +- {error:.2g} {MATRIX_UNITS[name]}"
+            for name, (value, error) in self.observed.items()
+        ]
         more: list[str | Wide] = [Wide(f"       ... {len(rows) - 12} speeds more", 4, remark=True)]
         shown = rows if len(rows) <= 12 else [*rows[:6], more, *rows[-6:]]
         table = text_table([["rpm", "direct N/m", "quadrature", "sigma"], *shown], ">10 >15 >15 >11")
@@ -148,7 +150,7 @@ def straight_lines(speed: Float, stiffness: ComplexArray, sigma: Float) -> tuple
     covariance = np.linalg.inv((design * weight[:, None]).T @ (design * weight[:, None]))
     errors = np.sqrt(np.diag(covariance) * widening(redchi, "linear"))
     units = (1.0, scale**2, scale)
-    names: Sequence[str] = tuple(UNITS)
+    names: Sequence[str] = tuple(MATRIX_UNITS)
     return {
         name: (float(value / unit), float(error / unit))
         for name, value, error, unit in zip(names, solution, errors, units, strict=True)

@@ -11,7 +11,8 @@ import numpy as np
 
 from rotorfit.estimators.change_point import Change, along, fewest_dates, find_change
 from rotorfit.models.array_types import Float
-from rotorfit.monitoring.observed_stiffness import UNITS, ObservedStiffness
+from rotorfit.models.parameters import MATRIX_UNITS
+from rotorfit.monitoring.observed_stiffness import ObservedStiffness
 from rotorfit.units import RPM_PER_RAD_S
 
 if TYPE_CHECKING:
@@ -211,7 +212,7 @@ def _dated(test: ObservedStiffness | DatedValues) -> DatedValues:
     if isinstance(test, DatedValues):
         return test
     values: Mapping[str, tuple[float, float]] = test.observed
-    units: Mapping[str, str] = UNITS
+    units: Mapping[str, str] = MATRIX_UNITS
     if not values:
         values, units = {}, {}
         for speed, kappa, sigma in zip(test.speed, test.stiffness, test.sigma, strict=True):
@@ -298,7 +299,7 @@ def _place(place: str, entries: list[DatedValues], level: float, orders: int, se
 
 def _causes(change: Change, names: list[str]) -> tuple[Cause, ...]:
     """K, M and D one at a time, and all in proportion."""
-    if names != list(UNITS):
+    if names != list(MATRIX_UNITS):
         return ()
     directions = {name: np.where(np.arange(len(names)) == i, change.before, 0.0) for i, name in enumerate(names)}
     directions["all in proportion"] = change.before

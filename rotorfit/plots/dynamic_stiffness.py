@@ -15,7 +15,7 @@ from rotorfit.estimators.starting.stiffness_inversion import stiffness_matrices
 from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.plots.journal import CONFIDENCE, half_width
 from rotorfit.plots.style import GREY, grid, legend_below, literal, prefix
-from rotorfit.plots.sweeps import Condition, sweeps
+from rotorfit.plots.sweeps import SweepCondition, sweeps
 from rotorfit.units import RPM_PER_RAD_S
 
 if TYPE_CHECKING:
@@ -53,7 +53,7 @@ class _Line:
 class _Shown:
     """What a condition has to show: its range of frequencies, its points, and lines that only the data tell."""
 
-    condition: Condition
+    condition: SweepCondition
     low: float
     high: float
     points: list[_Points]

@@ -15,7 +15,7 @@ from rotorfit.plots.eccentricity import plot_law, plot_nonlinear_stiffness
 from rotorfit.plots.stability import plot_stability
 from rotorfit.plots.static_and_impulse import plot_static_locus, plot_static_stiffness, plot_velocity_ratio
 from rotorfit.plots.style import GREY, SMALL, grid, legend_below, literal
-from rotorfit.plots.sweeps import Condition, Curve, curves, joined
+from rotorfit.plots.sweeps import SweepCondition, SweepCurve, curves, joined
 from rotorfit.plots.ticks import plain_powers
 from rotorfit.plots.uncertainty import plot_corner, plot_traces
 from rotorfit.units import RPM_PER_RAD_S
@@ -52,7 +52,7 @@ class _Panels:
 
 
 def _panels(
-    found: Sequence[Curve], title: str, *, rows: int, size: tuple[float, float], one_abscissa: bool = False
+    found: Sequence[SweepCurve], title: str, *, rows: int, size: tuple[float, float], one_abscissa: bool = False
 ) -> tuple[Figure, _Panels]:
     """A figure with a panel for each probe (down) and force (across), packed where not all of them were measured."""
     pairs = sorted({(c.coordinate, c.force_plane) for c in found})
@@ -130,7 +130,7 @@ def plot_bode(fit: FitResult) -> Figure:
     return figure
 
 
-def _amplitude_limits(axis: Any, found: Sequence[Curve], fit: FitResult) -> None:
+def _amplitude_limits(axis: Any, found: Sequence[SweepCurve], fit: FitResult) -> None:
     """Limits around points and lines: bands of what is not determined would leave nothing else to be seen."""
     factor, _ = _response_unit(fit, found[0].coordinate)
     sizes = np.concatenate([np.abs(np.r_[c.measured, c.fitted]) for c in found])
@@ -139,7 +139,7 @@ def _amplitude_limits(axis: Any, found: Sequence[Curve], fit: FitResult) -> None
         axis.set_ylim(float(sizes.min()) / 1.5, 1.5 * float(sizes.max()))
 
 
-def _frequency_label(found: Sequence[Curve]) -> str:
+def _frequency_label(found: Sequence[SweepCurve]) -> str:
     both = any(c.frequency.min() < 0 for c in found) and any(c.frequency.max() > 0 for c in found)
     return "frequency, rpm (backward < 0 < forward)" if both else "frequency, rpm"
 
@@ -155,7 +155,7 @@ def _unwrapped(values: ComplexArray) -> Float:
 
 
 def _condition_legend(
-    figure: Figure, conditions: Sequence[Condition], line: str, marks: Sequence[tuple[str, str, str]] = ()
+    figure: Figure, conditions: Sequence[SweepCondition], line: str, marks: Sequence[tuple[str, str, str]] = ()
 ) -> None:
     """Legend: conditions, then points and line, then further marks (marker, face, words)."""
     from matplotlib.lines import Line2D
@@ -211,7 +211,7 @@ def plot_polar(fit: FitResult) -> Figure:
     return figure
 
 
-def _mark_frequencies(axis: Any, found: Sequence[Curve], factor: float, reach: float) -> None:
+def _mark_frequencies(axis: Any, found: Sequence[SweepCurve], factor: float, reach: float) -> None:
     """Crosses at round frequencies on the fitted lines, each with its number where there is room for it."""
     from matplotlib.ticker import MaxNLocator
 

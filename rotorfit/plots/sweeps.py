@@ -33,7 +33,7 @@ _ONE_LEVEL = 0.03  # relative difference of forces that were meant to be the sam
 
 
 @dataclass(frozen=True)
-class Condition:
+class SweepCondition:
     """One curve of every panel and one entry of the legend; lists of them are sorted by number.
 
     Attributes:
@@ -71,7 +71,7 @@ class _Key:
     level: str
 
 
-def sweeps(fit: FitResult) -> tuple[list[Condition], list[Sweeps]]:
+def sweeps(fit: FitResult) -> tuple[list[SweepCondition], list[Sweeps]]:
     """Conditions, and the blocks with responses to circular forces or imposed orbits.
 
     Raises:
@@ -94,7 +94,7 @@ def sweeps(fit: FitResult) -> tuple[list[Condition], list[Sweeps]]:
     distinct = sorted({key for keys in keyed for key in keys}, key=lambda k: _sorting(fit, k))
     names = _names(fit, distinct)
     conditions = [
-        Condition(key.group, math.nan if key.speed == _SWEEP else key.speed, name, colour_of(i, len(distinct)))
+        SweepCondition(key.group, math.nan if key.speed == _SWEEP else key.speed, name, colour_of(i, len(distinct)))
         for i, (key, name) in enumerate(zip(distinct, names, strict=True))
     ]
     parts = [
@@ -179,7 +179,7 @@ def _names(fit: FitResult, keys: Sequence[_Key]) -> list[str]:
 
 
 @dataclass(frozen=True, eq=False)
-class Curve:
+class SweepCurve:
     """One probe's response to one force in one condition and one direction of whirl, frequencies ascending.
 
     Attributes:
@@ -194,7 +194,7 @@ class Curve:
 
     coordinate: int
     force_plane: int
-    condition: Condition
+    condition: SweepCondition
     frequency: Float
     measured: ComplexArray
     whitened: ComplexArray
@@ -204,7 +204,7 @@ class Curve:
 
 
 @lru_cache(maxsize=1)  # three figures of a report show them
-def curves(fit: FitResult) -> tuple[Sequence[Condition], Sequence[Curve]]:
+def curves(fit: FitResult) -> tuple[Sequence[SweepCondition], Sequence[SweepCurve]]:
     """Conditions, and every measured and fitted response.
 
     Raises:
@@ -214,17 +214,17 @@ def curves(fit: FitResult) -> tuple[Sequence[Condition], Sequence[Curve]]:
     return tuple(conditions), tuple(curve for part in parts for curve in _curves(fit, conditions, part))
 
 
-def joined(found: Sequence[Curve]) -> list[Curve]:
+def joined(found: Sequence[SweepCurve]) -> list[SweepCurve]:
     """One curve for each probe, force and condition; its lines break between the sweeps that it is made of.
 
     Args:
         found: as :func:`curves` gives them.
     """
-    parts: dict[tuple[int, int, Condition], list[Curve]] = {}
+    parts: dict[tuple[int, int, SweepCondition], list[SweepCurve]] = {}
     for curve in found:
         parts.setdefault((curve.coordinate, curve.force_plane, curve.condition), []).append(curve)
     return [
-        Curve(
+        SweepCurve(
             *key,
             frequency=np.concatenate([c.frequency for c in same]),
             measured=np.concatenate([c.measured for c in same]),
@@ -242,7 +242,7 @@ def _broken(parts: Sequence[NDArray[Any]]) -> NDArray[Any]:
     return np.concatenate([np.append(part, np.nan) for part in parts])[:-1]
 
 
-def _curves(fit: FitResult, conditions: Sequence[Condition], part: Sweeps) -> Iterator[Curve]:
+def _curves(fit: FitResult, conditions: Sequence[SweepCondition], part: Sweeps) -> Iterator[SweepCurve]:
     base = part.responses
     predicted, by_theta = part.block.predict_jacobian(fit.thetas)
     w = base.frequency[base.line]
@@ -259,7 +259,7 @@ def _curves(fit: FitResult, conditions: Sequence[Condition], part: Sweeps) -> It
             fine, fitted, slope = _fine(fit, part.block, rows)
         else:
             fine, fitted, slope = w[rows], predicted[rows] / drive[rows], by_theta[rows] / drive[rows, None]
-        yield Curve(
+        yield SweepCurve(
             int(key[0]), int(key[1]), condition, w[rows], base.measured[rows] / drive[rows],
             (predicted[rows] - base.measured[rows]) / base.sigma[rows], fine, fitted,
             _band(fit, condition.group, fitted, slope),

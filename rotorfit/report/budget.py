@@ -15,9 +15,6 @@ if TYPE_CHECKING:
     from rotorfit.report.material import ReportInput
     from rotorfit.uncertainty.budget import Share
 
-_NOTHING = 1e-4
-"""Share of the combined uncertainty below which a source is left blank."""
-
 
 def budget_section(material: ReportInput) -> Html:
     """Standard uncertainty of every parameter by source, and what the data say of the calibration."""
@@ -49,8 +46,7 @@ def budget_section(material: ReportInput) -> Html:
 
 
 def _row(name: str, share: Share) -> list[str]:
-    least = _NOTHING * share.combined
-    sources = [plain(part, 2) if part > least else "" for part in share.sources.values()]
+    sources = [plain(part, 2) if part else "" for part in share.notable.values()]
     parts = (share.combined, share.random, share.systematic)
     return [name, *(plain(part, 2) for part in parts), *sources, unit_shown(share.unit)]
 

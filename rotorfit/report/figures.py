@@ -39,7 +39,7 @@ _FIRST = ("D", "lam", "lam_D", "lam_M", "Mf", "K0")
 
 
 @dataclass(frozen=True)
-class Kind:
+class ReportFigure:
     """A figure of the report and the kind of data that it shows.
 
     Attributes:
@@ -84,48 +84,48 @@ _TO_FORCE = "Responses to a unit force. Points: measured. Lines: fit, with its 9
 _POLAR = "Responses to a unit force. Points: measured, open ones backward. Lines: fit; crosses: frequencies in rpm."
 _BAND = "Residuals over their noise; noise alone would leave 95 % of them in the grey band."
 
-FIGURES: tuple[Kind, ...] = (
-    Kind(
+FIGURES: tuple[ReportFigure, ...] = (
+    ReportFigure(
         "Dynamic stiffness",
         FitResult.plot_dynamic_stiffness,
         "Points: measured ± σ. Lines: fit, with its 95 % band. Dotted: λΩ, where the fluid's part of the quadrature "
         "stiffness vanishes.",
         _turning,
     ),
-    Kind("Bode plots", FitResult.plot_bode, _TO_FORCE, _turning),
-    Kind("Polar plots", FitResult.plot_polar, _POLAR, _turning),
-    Kind("Residuals", FitResult.plot_residuals, _BAND, _turning),
-    Kind(
+    ReportFigure("Bode plots", FitResult.plot_bode, _TO_FORCE, _turning),
+    ReportFigure("Polar plots", FitResult.plot_polar, _POLAR, _turning),
+    ReportFigure("Residuals", FitResult.plot_residuals, _BAND, _turning),
+    ReportFigure(
         "Spectral lines",
         FitResult.plot_lines,
         "Lines per unit of force. Points: measured ± σ. Lines: fit. A line at w has its image at 2 Om − w.",
         lambda block: isinstance(block, LineResponses | PairResponses) and bool(block.force.any()),
     ),
-    Kind(
+    ReportFigure(
         "Fluid against eccentricity",
         FitResult.plot_law,
         "The law's K0, D and lam with their 95 % bands; ticks: eccentricities of the data, dotted: beyond them.",
         lambda block: _orbits(block) or _loads(block) or _impulses(block),
     ),
-    Kind(
+    ReportFigure(
         "Nonlinear dynamic stiffness",
         FitResult.plot_nonlinear_stiffness,
         "Nonlinear minus linear dynamic stiffness at the journal. Points: measured. Lines: fit.",
         _orbits,
     ),
-    Kind(
+    ReportFigure(
         "Static loads",
         FitResult.plot_static_locus,
         "Positions of the journal under constant loads over the clearance. Points: measured. Lines: fitted locus.",
         _loads,
     ),
-    Kind(
+    ReportFigure(
         "Static stiffness",
         FitResult.plot_static_stiffness,
         "Static load over displacement. Points: measured. Lines: fit, with its 95 % band.",
         _loads,
     ),
-    Kind(
+    ReportFigure(
         "Impulse tests",
         FitResult.plot_velocity_ratio,
         "Damped frequency over rotative speed. Points: measured. Solid lines: fitted eigenvalues; dashed: lam itself.",

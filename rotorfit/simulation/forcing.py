@@ -17,7 +17,7 @@ from rotorfit.simulation.rig import VirtualRig, positive, some_planes
 from rotorfit.simulation.steady_state import Steady, steady_state
 from rotorfit.units import RAD_S_PER_RPM, RPM_PER_RAD_S
 
-Order = Literal["rest", "up", "down"]
+LineOrder = Literal["rest", "up", "down"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +43,7 @@ def perturbation(
     force: complex | Sequence[complex] | None = None,
     unbalance: complex | Sequence[complex] | None = None,
     planes: str | Sequence[str] | None = None,
-    order: Order = "rest",
+    order: LineOrder = "rest",
     load: complex = 0.0,
     load_plane: str | None = None,
 ) -> PerturbationTest:
@@ -180,7 +180,7 @@ def displacement(
 # ---- integration and readings -------------------------------------------------------------------------------------
 
 
-def _steady(rig: VirtualRig, lines: _Lines, order: Order) -> Steady:
+def _steady(rig: VirtualRig, lines: _Lines, order: LineOrder) -> Steady:
     frequency = lines.frequency if rig.model.frame == "z" else np.abs(lines.frequency)
     motion = rig.motion(lines.speed)
 

@@ -14,7 +14,7 @@ from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.simulation.instruments import Played
 from rotorfit.simulation.recorded_rig import RecordedRig, constant
 from rotorfit.simulation.rig import some_planes
-from rotorfit.simulation.turning_speeds import Dwells, Sweep, Turning
+from rotorfit.simulation.turning_speeds import Dwells, Rotation, Sweep
 from rotorfit.units import RAD_S_PER_RPM as RPM
 
 _ACTS: Mapping[str, Callable[[float, Sweep, Float], ComplexArray]] = {
@@ -72,7 +72,7 @@ def dwell(
 
 
 def _perturbed(
-    rig: RecordedRig, turning: Turning, duration: float, rpm: float, plane: str, direction: str, unbalance: float
+    rig: RecordedRig, turning: Rotation, duration: float, rpm: float, plane: str, direction: str, unbalance: float
 ) -> Played:
     """One run of a perturbator; where its mark and its heavy spot are is left to chance."""
     if direction not in ("forward", "backward"):

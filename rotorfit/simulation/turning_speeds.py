@@ -14,7 +14,7 @@ RAMP = 1.0
 """Time in which a perturbator goes from one dwell to the next, s."""
 
 
-class Turning(Protocol):
+class Rotation(Protocol):
     """Angle, speed and acceleration over time."""
 
     def angle(self, t: Float) -> Float:
@@ -33,7 +33,7 @@ class Turning(Protocol):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Sweep(Turning):
+class Sweep(Rotation):
     """Angle of a perturbator or shaft that is swept, not quite evenly.
 
     Attributes:
@@ -72,7 +72,7 @@ class Sweep(Turning):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Dwells(Turning):
+class Dwells(Rotation):
     """Angle of a perturbator that dwells at one speed after the other, with even ramps of :data:`RAMP` between.
 
     Attributes:

@@ -49,6 +49,11 @@ class Share:
     combined: float
     sources: Mapping[str, float]
 
+    @property
+    def notable(self) -> dict[str, float]:
+        """Standard uncertainty by source, zero where it is nothing beside the combined one."""
+        return {source: part if part > _NOTHING * self.combined else 0.0 for source, part in self.sources.items()}
+
     def times(self, factor: float, unit: str) -> Share:
         """The same in another unit."""
         sources = {source: factor * part for source, part in self.sources.items()}
@@ -197,8 +202,8 @@ class Budget:
             if not math.isfinite(row.combined):
                 table.append([row.name, Wide("not determined by the data", 2)])
                 continue
-            parts = [row.sources[s] if row.sources[s] > _NOTHING * row.combined else 0.0 for s in sources]
-            errors = [f"{part:.2g}" for part in (row.combined, row.random, row.systematic, *parts)]
+            parts = (row.combined, row.random, row.systematic, *row.notable.values())
+            errors = [f"{part:.2g}" for part in parts]
             table.append([row.name, with_error(row.value, row.combined)[0], *errors, row.unit])
         return "\n".join(text_table(table, " ".join(["<22 >14 >10 >10 >10", *[">10"] * len(sources), "<1"])))
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from rotorfit.models.array_types import ComplexArray, Float
 
-Samples = Float | ComplexArray
+Signal = Float | ComplexArray
 
 RATE_OVER_TOP = 3.0
 """Reduced rate over the highest frequency of the band: the filter falls from the top to twice the top."""
@@ -92,7 +92,7 @@ class ReducedRate:
         """Their times from the start of the recording, s."""
         return (np.arange(self.count) + self._half) * self.factor / self.full_rate
 
-    def reduce(self, read: Callable[[int, int], Samples]) -> Samples:
+    def reduce(self, read: Callable[[int, int], Signal]) -> Signal:
         """A signal at the reduced rate.
 
         Args:

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Readings:
+class ProbeResponses:
     """Responses of one probe, output over force.
 
     Attributes:
@@ -35,7 +35,7 @@ class Readings:
     sigma: Float
 
 
-def readings(record: Recording, whirl: int, found: LocalResponse, disturbance: Float) -> list[Readings]:
+def readings(record: Recording, whirl: int, found: LocalResponse, disturbance: Float) -> list[ProbeResponses]:
     """Responses to the first force, probe by probe.
 
     The noise of x and of y is each one's own, widened together where the orbit's component in the direction of the
@@ -49,19 +49,19 @@ def readings(record: Recording, whirl: int, found: LocalResponse, disturbance: F
             is locked to adds to each output, shape ``(P, L)``.
     """
     response, variance = found.response[0], found.sigma[0] ** 2
-    listed: list[Readings] = []
+    listed: list[ProbeResponses] = []
     row = 0
     for plane in record.planes:
         if not is_pair(record, plane):
             sigma = np.sqrt(variance[row] + disturbance[row] ** 2 / 2)
             axis, factor = single_direction(record, plane, whirl)
-            listed.append(Readings(plane=plane, direction=axis, response=factor * response[row], sigma=sigma))
+            listed.append(ProbeResponses(plane=plane, direction=axis, response=factor * response[row], sigma=sigma))
             row += 1
             continue
         right = variance[row] + disturbance[row] ** 2 / 2
         widening = np.sqrt(np.maximum(1.0, right / ((variance[row + 2] + variance[row + 3]) / 4)))
         listed += [
-            Readings(
+            ProbeResponses(
                 plane=plane, direction=axis, response=response[row + at], sigma=np.sqrt(variance[row + at]) * widening
             )
             for at, axis in ((2, "x"), (3, "y"))
@@ -89,7 +89,7 @@ def single_direction(record: Recording, plane: str, whirl: int) -> tuple[str, co
 
 
 def rows(
-    probes: Sequence[Readings],
+    probes: Sequence[ProbeResponses],
     kept: Bool,
     *,
     run: str,

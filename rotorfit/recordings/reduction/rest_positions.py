@@ -28,7 +28,7 @@ _AT_REST = 20.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Rest:
+class RestPosition:
     """Mean positions of one plane in one recording.
 
     Attributes:
@@ -51,7 +51,7 @@ class Rest:
         return all(probe.centre is not None for probe in self.record.probes if probe.plane == self.plane)
 
 
-def rest_positions(record: Recording) -> tuple[list[Rest], list[str]]:
+def rest_positions(record: Recording) -> tuple[list[RestPosition], list[str]]:
     """Mean positions in all planes with two good probes, and why the others are left out.
 
     A recording of one speed gives one position a plane, one whose speed changes :data:`STEPS` of them. The error of a
@@ -83,7 +83,7 @@ def rest_positions(record: Recording) -> tuple[list[Rest], list[str]]:
     return found, left_out
 
 
-def _rest(record: Recording, plane: str, probes: Sequence[Probe]) -> Rest:
+def _rest(record: Recording, plane: str, probes: Sequence[Probe]) -> RestPosition:
     shaft = record.shaft_angle() if record.rig.shaft is not None else None
     edges, speeds = _stretches(record, shaft)
     fastest = 0.0 if shaft is None else float(np.abs(shaft.speed(np.linspace(shaft.begin, shaft.end, 200))).max())
@@ -103,7 +103,7 @@ def _rest(record: Recording, plane: str, probes: Sequence[Probe]) -> Rest:
             level, error = _mean(volts[inside], reduced.time[inside], shaft)
             mean[p, s], variance[p, s] = (level - (probe.centre or 0.0)) / scale, (error + rounding) / scale**2
     x, y = record.resolved(plane, mean)
-    return Rest(
+    return RestPosition(
         record=record, plane=plane, speed=speeds, z=x + 1j * y, variance=record.resolved_variance(plane, variance)
     )
 

@@ -14,7 +14,7 @@ from rotorfit.data.experiments import StaticTest
 from rotorfit.data.findings import Finding
 from rotorfit.executors import carry_out
 from rotorfit.recordings.reduction.reductions import Report
-from rotorfit.recordings.reduction.rest_positions import STEADY, Rest, rest_positions
+from rotorfit.recordings.reduction.rest_positions import STEADY, RestPosition, rest_positions
 from rotorfit.recordings.signals import source_of
 from rotorfit.units import RPM_PER_RAD_S
 
@@ -62,7 +62,7 @@ def static_positions(
     if not listed:
         raise ValueError("no recordings given")
     report = on_finding or (lambda finding: None)
-    rests: list[Rest] = []
+    rests: list[RestPosition] = []
     for record in listed:
         load_of(record)
     reduced = carry_out(rest_positions, listed, executor, lambda record: None)
@@ -92,7 +92,7 @@ def load_of(record: Recording) -> complex:
     return record.rig.load.newton
 
 
-def _zeros(loaded: Sequence[Rest], unloaded: Sequence[Rest], report: Report) -> list[_Zero]:
+def _zeros(loaded: Sequence[RestPosition], unloaded: Sequence[RestPosition], report: Report) -> list[_Zero]:
     """For each rest the place that it counts from; the same object for those that share it."""
     made: dict[tuple[str, float], _Zero] = {}
     found = []
@@ -123,7 +123,7 @@ def _zeros(loaded: Sequence[Rest], unloaded: Sequence[Rest], report: Report) -> 
     return found
 
 
-def _zero(unloaded: Sequence[Rest], speed: float) -> _Zero:
+def _zero(unloaded: Sequence[RestPosition], speed: float) -> _Zero:
     """Mean of the positions without load at about a speed."""
     near = [rest for rest in unloaded if abs(float(rest.speed[0]) - speed) <= STEADY * max(abs(speed), 1e-9)]
     z = np.array([rest.z[0] for rest in near])
@@ -132,7 +132,7 @@ def _zero(unloaded: Sequence[Rest], speed: float) -> _Zero:
     return _Zero(z=complex(z.mean()), variance=max(own, scatter) / z.size, repeat=max(scatter - own, 0.0))
 
 
-def _test(loaded: Sequence[Rest], zeros: Sequence[_Zero], source: str) -> StaticTest:
+def _test(loaded: Sequence[RestPosition], zeros: Sequence[_Zero], source: str) -> StaticTest:
     sizes = [rest.z.size for rest in loaded]
     sharing = [sum(size for size, other in zip(sizes, zeros, strict=True) if other is zero) for zero in zeros]
     sigma = [

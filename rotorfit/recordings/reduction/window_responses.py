@@ -8,7 +8,7 @@ import numpy as np
 
 from rotorfit.estimators.signals.tracking import track_windows
 from rotorfit.recordings.reduction.reduced_record import is_pair
-from rotorfit.recordings.reduction.response_rows import Readings, rows, single_direction
+from rotorfit.recordings.reduction.response_rows import ProbeResponses, rows, single_direction
 
 if TYPE_CHECKING:
     from rotorfit.data.experiments import PerturbationTest
@@ -44,14 +44,14 @@ def window_responses(reduced: ReducedRecord, force: Force, turns: int) -> Pertur
         if not is_pair(record, plane):
             axis, factor = single_direction(record, plane, reduced.whirl)
             single, sigma = factor * (along[p] + against[p]) / newton, 2 * found.sigma[p] / np.abs(newton)
-            probes.append(Readings(plane=plane, direction=axis, response=single, sigma=sigma))
+            probes.append(ProbeResponses(plane=plane, direction=axis, response=single, sigma=sigma))
             continue
         sigma = np.sqrt(2) * found.sigma[p] / np.abs(newton)
         for axis, phasor in (
             ("x", along[p] + against[p]),
             ("y", -1j * reduced.whirl * (along[p] - against[p])),
         ):
-            probes.append(Readings(plane=plane, direction=axis, response=phasor / newton, sigma=sigma))
+            probes.append(ProbeResponses(plane=plane, direction=axis, response=phasor / newton, sigma=sigma))
     return rows(
         probes,
         found.clear,
