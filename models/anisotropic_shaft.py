@@ -143,7 +143,11 @@ class AnisotropicShaft(RotorModel):
     def lines_jacobian(
         self, theta: ArrayLike, direction: str, order: Order, frequency: ArrayLike, speed: ArrayLike, force: ArrayLike
     ) -> tuple[ComplexArray, ComplexArray]:
-        """What :meth:`lines` gives, and its derivatives by the parameters, shape ``(..., P)``."""
+        """What :meth:`lines` gives, and its derivatives by the parameters, shape ``(..., P)``.
+
+        Args:
+            theta, direction, order, frequency, speed, force: see :meth:`lines`.
+        """
         found = self._evaluate(theta, direction, order, frequency, speed, force, True)
         return found[0], np.moveaxis(found[1:], 0, -1)
 
@@ -176,11 +180,20 @@ class AnisotropicShaft(RotorModel):
 
     @staticmethod
     def components(dK: float, angle: float) -> dict[str, float]:
-        """``dK_cos`` and ``dK_sin`` of dK, N/m, with the stiff direction ``angle`` rad ahead of the mark."""
+        """``dK_cos`` and ``dK_sin`` of dK, N/m, with the stiff direction ``angle`` rad ahead of the mark.
+
+        Args:
+            dK: difference of the two stiffnesses, N/m.
+            angle: of the stiff direction ahead of the Keyphasor mark, rad.
+        """
         return {"dK_cos": dK * math.cos(2 * angle), "dK_sin": dK * math.sin(2 * angle)}
 
     def anisotropy(self, theta: ArrayLike) -> tuple[Float, Float]:
-        """Turning anisotropy dK, N/m, and angle g of the stiff direction, rad in (-pi/2, pi/2]."""
+        """Turning anisotropy dK, N/m, and angle g of the stiff direction, rad in (-pi/2, pi/2].
+
+        Args:
+            theta: parameter vectors, shape ``(..., P)``.
+        """
         vectors = np.asarray(theta, dtype=float)
         c, s = (vectors[..., self.parameter_names.index(name)] for name in ("dK_cos", "dK_sin"))
         return np.hypot(c, s), np.arctan2(s, c) / 2

@@ -64,12 +64,6 @@ def line_order(direction: str, name: str) -> Order:
     return lines[plain]
 
 
-def line_frequency(direction: str, order: Order, frequency: float, speed: float) -> float:
-    """Signed frequency of a line in the signal itself, rad/s."""
-    m, n = order
-    return m * (frequency - speed) + (n + (direction != "twist")) * speed
-
-
 @dataclass(frozen=True, kw_only=True)
 class ShaftValues:
     """What the lines depend on, numbers or symbols.

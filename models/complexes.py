@@ -98,10 +98,5 @@ class Complex:
         return self.re**2 + self.im**2
 
 
-def cis(angle: Real) -> Complex:
-    """Return ``exp(j angle)``, the angle in rad."""
-    return Complex(ca.cos(angle), ca.sin(angle))
-
-
 J = Complex(0.0, 1.0)
 """The imaginary unit."""

@@ -76,21 +76,16 @@ class Journal:
         """
         return self._excess(arguments(theta, speed, eccentricity, w, drive, receptance.real, receptance.imag))
 
-    def coefficient_change(self, theta: ArrayLike, speed: ArrayLike, eccentricity: ArrayLike) -> ComplexArray:
-        """Change of the journal's coefficients by powers of s against the centred journal, shape ``(order + 1, ...)``.
+    def change_of(self, theta: ArrayLike, speed: ArrayLike) -> Callable[[Float], ComplexArray]:
+        """Change of the journal's coefficients by powers of s against the centred journal, by the eccentricity.
 
         Args:
             theta: parameter vectors, shape ``(..., P)``.
-            speed: rotative speed, rad/s, shape broadcasting with ``theta[..., 0]``; so the other.
-            eccentricity: orbit radius over clearance.
-        """
-        return self.change_of(theta, speed)(np.asarray(eccentricity))
+            speed: rotative speed, rad/s, shape broadcasting with ``theta[..., 0]``.
 
-    def change_of(self, theta: ArrayLike, speed: ArrayLike) -> Callable[[Float], ComplexArray]:
-        """:meth:`coefficient_change` as a function of the eccentricity, for one that changes from instant to instant.
-
-        Args:
-            theta, speed: as there.
+        Returns:
+            a function of orbit radius over clearance, of the same shape, which may change from instant to instant;
+            it answers with shape ``(order + 1, ...)``.
         """
         rotors = arguments(theta, speed)
 

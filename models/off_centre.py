@@ -50,36 +50,6 @@ def static_equilibria(model: RotorModel, theta: ArrayLike, speed: float, load: A
     return [model.receptance(theta, 0.0, speed, eps) @ load for eps in roots.tolist()]
 
 
-def linearised(model: RotorModel, theta: ArrayLike, speed: float, eccentricity: float, attitude: float = 0.0) -> Float:
-    """Coefficient matrices of small motion in real coordinates, all x then all y.
-
-    For one mode the first is ``[[kxx, kxy], [kyx, kyy]]``, then damping and mass.
-
-    Args:
-        model: the rotor.
-        theta: parameter vector, shape ``(P,)``.
-        speed: rotative speed, rad/s.
-        eccentricity: static eccentricity of the journal.
-        attitude: direction of its displacement from x towards y, rad.
-
-    Returns:
-        shape ``(order + 1, 2n, 2n)``.
-    """
-    C = model.coefficients(theta, speed, eccentricity)
-    n = C.shape[-1]
-    real = np.zeros((C.shape[0], 2 * n, 2 * n))
-    real[:, :n, :n], real[:, n:, n:] = C.real, C.real
-    real[:, n:, :n], real[:, :n, n:] = C.imag, -C.imag
-    if model.eccentricity_dependent:
-        seat = journal(model)
-        N = complex(seat.coupling(theta, speed, eccentricity))
-        # N (dz + exp(2 j phi) conj(dz)) = 2 N exp(j phi) Re(exp(-j phi) dz)
-        column = 2 * N * np.exp(1j * attitude) * np.array([np.cos(attitude), np.sin(attitude)])
-        real[0, seat.at, [seat.at, n + seat.at]] += column.real
-        real[0, n + seat.at, [seat.at, n + seat.at]] += column.imag
-    return real
-
-
 def coupled_stiffness(
     model: RotorModel, theta: ArrayLike, frequency: ArrayLike, speed: ArrayLike, eccentricity: ArrayLike,
     attitude: ArrayLike = 0.0,

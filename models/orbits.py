@@ -96,11 +96,6 @@ class OrbitEquation:
         return found[0], found[1]
 
 
-def nearest_roots(journal: Journal, equation: OrbitEquation, target: Float) -> Float:
-    """Root nearest to a target for each line, shape ``(..., L)``; arguments as for :func:`nearest_orbits`."""
-    return nearest_orbits(journal, equation, target)[0]
-
-
 def nearest_orbits(journal: Journal, equation: OrbitEquation, target: Float) -> tuple[Float, ComplexArray]:
     """Root nearest to a target for each line, and the change of the drive-point stiffness there, shape ``(..., L)``.
 

@@ -9,15 +9,46 @@ from numpy.typing import NDArray
 
 from rotorfit.data.experiments import PerturbationTest, perturbation_test
 from rotorfit.models import RotorModel
-from rotorfit.models.off_centre import linearised
+from rotorfit.models.array_types import Float
+from rotorfit.models.journal import journal
+
+
+def linearised(model: RotorModel, theta: Float, speed: float, eccentricity: float, attitude: float = 0.0) -> Float:
+    """Coefficient matrices of small motion in real coordinates, all x then all y.
+
+    For one mode the first is ``[[kxx, kxy], [kyx, kyy]]``, then damping and mass.
+
+    Args:
+        model: the rotor.
+        theta: parameter vector, shape ``(P,)``.
+        speed: rotative speed, rad/s.
+        eccentricity: static eccentricity of the journal.
+        attitude: direction of its displacement from x towards y, rad.
+
+    Returns:
+        shape ``(order + 1, 2n, 2n)``.
+    """
+    C = model.coefficients(theta, speed, eccentricity)
+    n = C.shape[-1]
+    real = np.zeros((C.shape[0], 2 * n, 2 * n))
+    real[:, :n, :n], real[:, n:, n:] = C.real, C.real
+    real[:, n:, :n], real[:, :n, n:] = C.imag, -C.imag
+    if model.eccentricity_dependent:
+        seat = journal(model)
+        N = complex(seat.coupling(theta, speed, eccentricity))
+        # N (dz + exp(2 j phi) conj(dz)) = 2 N exp(j phi) Re(exp(-j phi) dz)
+        column = 2 * N * np.exp(1j * attitude) * np.array([np.cos(attitude), np.sin(attitude)])
+        real[0, seat.at, [seat.at, n + seat.at]] += column.real
+        real[0, n + seat.at, [seat.at, n + seat.at]] += column.imag
+    return real
 
 
 def linear_test(
     model: RotorModel,
-    theta: NDArray[np.float64],
+    theta: Float,
     *,
     speed: float,
-    frequency: NDArray[np.float64],
+    frequency: Float,
     along: str,
     noise: float = 0.0,
     seed: int = 0,

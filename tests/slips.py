@@ -46,3 +46,29 @@ def thinned(test: PerturbationTest, step: int) -> PerturbationTest:
     """Every so many frequencies only."""
     lines = np.unique(np.abs(np.round(test.frequency, 6)))[::step]
     return test.select(np.isin(np.abs(np.round(test.frequency, 6)), lines))
+
+
+def told_as_constant(test: PerturbationTest) -> PerturbationTest:
+    """The force of an unbalance told as one that does not change with frequency."""
+    return replace(test, force=test.force / np.abs(test.force))
+
+
+def told_as_unbalance(test: PerturbationTest) -> PerturbationTest:
+    """A constant force told as that of an unbalance, at frequencies where the noise for it is much the same."""
+    size = np.abs(test.frequency)
+    test = test.select(size > size.max() / 3)
+    growing = (test.frequency / size.max()) ** 2
+    return replace(test, response=test.response / np.abs(test.force), force=growing * test.force / np.abs(test.force))
+
+
+def renamed(test: PerturbationTest, column: str) -> PerturbationTest:
+    """The two values of a column under each other's rows."""
+    values = getattr(test, column)
+    a, b = np.unique(values)
+    return replace(test, **{column: np.where(values == a, b, a)})
+
+
+def in_radians(test: PerturbationTest, column: str) -> PerturbationTest:
+    """Phases in radians in a column of degrees."""
+    values = getattr(test, column)
+    return replace(test, **{column: np.abs(values) * np.exp(1j * np.radians(np.angle(values)))})

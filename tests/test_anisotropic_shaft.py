@@ -4,13 +4,25 @@ import numpy as np
 import pytest
 
 from rotorfit.models import AnisotropicShaft, OneMode, eigenvalues, unstable_bands
-from rotorfit.models.combination_lines import LATERAL, TWIST, line_frequency, line_order
+from rotorfit.models.combination_lines import LATERAL, TWIST, line_order
 from rotorfit.simulation.shaft import Crack, shaft_motion
 
 SPEED = 120.0
 ROUND = {"M": 1.0, "D": 14.0, "K": 4e4, "ec": 6e-5, "es": 2e-5, "Px": 1.0, "Py": -8.0}
 VALUES = ROUND | AnisotropicShaft.components(2000.0, 0.6)
 TORSION = {"J": 2e-4, "nu_t": 340.0, "zeta_t": 0.01}
+
+
+def line_frequency(direction, order, frequency, speed):
+    """Signed frequency of a line in the signal itself, rad/s."""
+    m, n = order
+    return m * (frequency - speed) + (n + (direction != "twist")) * speed
+
+
+def test_components_and_anisotropy_are_inverse():
+    model = AnisotropicShaft()
+    dK, angle = model.anisotropy(model.vector(VALUES | TORSION))
+    assert (dK, angle) == (pytest.approx(2000.0), pytest.approx(0.6))
 
 
 def predicted(model, values, frequency, force, time):

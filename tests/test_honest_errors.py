@@ -15,7 +15,7 @@ from scipy import stats
 import rotorfit as rf
 from rotorfit.estimators.inference.covariance import inverse_curvature
 from rotorfit.estimators.noise.correlation import memory, scatter
-from rotorfit.estimators.noise.noise_levels import fit_shape, fit_shapes
+from rotorfit.estimators.noise.noise_levels import fit_probes
 from rotorfit.estimators.noise.reading_noise import deviations_of_repeats
 from rotorfit.estimators.noise.robust_covariance import line_scatter
 from rotorfit.estimators.noise.run_effects import MixedModel, select_effects, share_alike
@@ -252,12 +252,12 @@ def test_levels_of_the_noise_by_restricted_likelihood():
     variance = 0.3**2 + (0.2 * size) ** 2
     power = np.abs(np.sqrt(variance) * complex_normal(rng, 4000)) ** 2 / 2
     rows = np.arange(4000)
-    shape = fit_shape(rows, power, np.ones(4000), size**2)
+    ((shape,),) = fit_probes([[rows]], power, np.ones(4000), size**2)
     assert (shape.a, shape.b) == (pytest.approx(0.3, rel=0.05), pytest.approx(0.2, rel=0.05))
     halves = np.split(rows, 2)
-    assert len(fit_shapes(halves, power, np.ones(4000), size**2)) == 1
+    assert len(fit_probes([halves], power, np.ones(4000), size**2)[0]) == 1
     louder = np.where(rows < 2000, power, 1.5 * power)
-    assert len(fit_shapes(halves, louder, np.ones(4000), size**2)) == 2
+    assert len(fit_probes([halves], louder, np.ones(4000), size**2)[0]) == 2
 
 
 def test_memory_of_residuals():

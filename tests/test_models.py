@@ -27,7 +27,7 @@ from rotorfit.models import (
     fluid_force,
     threshold_speed,
 )
-from rotorfit.models.complexes import Complex, cis
+from rotorfit.models.complexes import Complex
 from rotorfit.models.stability import eigenvalue_gradient, growth_rate, least_stable, threshold_speed_near
 
 EPS = np.finfo(float).eps
@@ -390,7 +390,6 @@ def test_complex_matrices():
     a, b = (rng.normal(size=(2, 2)) + 1j * rng.normal(size=(2, 2)) for _ in range(2))
     product = Complex.matrix(a.tolist()) @ Complex.matrix(b.tolist()).T
     np.testing.assert_allclose(np.array(ca.DM(product.re)) + 1j * np.array(ca.DM(product.im)), a @ b.T, rtol=1e-14)
-    assert value(cis(0.3)) == pytest.approx(np.exp(0.3j))
 
 
 class Disk(RotorModel):

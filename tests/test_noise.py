@@ -8,7 +8,12 @@ from scipy.stats import bartlett, chi2
 from synthetic import TYPICAL, circular_test, covering_frequencies
 
 from rotorfit.estimators.noise.noise_levels import _no_chance
-from rotorfit.estimators.noise.reading_noise import FLOOR, noise_from_repeats, noise_from_samples, noise_from_smoothness
+from rotorfit.estimators.noise.reading_noise import (
+    FLOOR,
+    deviations_of_repeats,
+    noise_from_samples,
+    noise_from_smoothness,
+)
 from rotorfit.estimators.noise.sweep_noise import _agree
 from rotorfit.models import OneMode
 from rotorfit.observing.circular import observe
@@ -60,7 +65,8 @@ def test_outliers_do_not_inflate_the_noise():
 
 def test_repeats_are_unbiased():
     rng = np.random.default_rng(3)
-    estimates = [noise_from_repeats(5 + 0.2 * complex_normal(rng, 3, 50)) for _ in range(50)]
+    deviations = [deviations_of_repeats(5 + 0.2 * complex_normal(rng, 3, 50)) for _ in range(50)]
+    estimates = [np.sqrt(np.mean(np.abs(part) ** 2) / 2) for part in deviations]
     # 200 degrees of freedom each: mean of 50 has a relative sd of 0.7 %.
     assert np.mean(estimates) == pytest.approx(0.2, rel=0.03)
 

@@ -18,7 +18,7 @@ from rotorfit.fitting.problem_setup import build_problem
 from rotorfit.fitting.settings import FitSettings
 from rotorfit.models.journal import journal
 from rotorfit.models.line_stiffness import line_stiffness
-from rotorfit.models.orbits import OrbitEquation, all_roots, nearest_roots
+from rotorfit.models.orbits import OrbitEquation, all_roots, nearest_orbits
 
 LAW = rf.models.Muszynska()
 ONE = rf.models.OneMode(law=LAW, clearance_um=CLEARANCE_UM)
@@ -93,7 +93,7 @@ def test_steps_of_all_lines_together_end_at_the_nearest_of_all_roots() -> None:
     assert {len(found) for found in roots} == {1, 3}
     near = np.array([found[-1] for found in roots[:150]]) * (1 + 0.01 * rng.normal(size=150))
     for target in (near, rng.uniform(0.0, 1.0, 150)):
-        found, aim = nearest_roots(seat, equation, target).ravel(), np.tile(target, 4)
+        found, aim = nearest_orbits(seat, equation, target)[0].ravel(), np.tile(target, 4)
         np.testing.assert_allclose(flat.excess(seat, found)[0], 0.0, atol=1e-11)
         # Where two roots are about to vanish the search of all may miss them, on its grid, and not the other way round.
         distance = np.array([np.abs(some - at).min() for some, at in zip(roots, aim, strict=True)])

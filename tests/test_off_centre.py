@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from linear_tests import linearised
 from nonlinear_rigs import rig
 
 from rotorfit.models import RotorModel
@@ -11,7 +12,6 @@ from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.models.journal import journal
 from rotorfit.models.off_centre import (
     coupled_stiffness,
-    linearised,
     off_centre_eigenvalues,
     off_centre_gradient,
     static_equilibria,

@@ -12,7 +12,7 @@ from rotorfit.estimators.blocks.observations import Responses
 from rotorfit.models import RotorModel
 from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.models.journal import journal
-from rotorfit.models.orbits import OrbitEquation, all_roots, followed_roots, nearest_roots
+from rotorfit.models.orbits import OrbitEquation, all_roots, followed_roots, nearest_orbits
 from rotorfit.models.stability import growth_rate
 from rotorfit.simulation.integration import IntegrationError, Motion, integrate
 from rotorfit.simulation.steady_state import steady_state
@@ -71,7 +71,7 @@ def test_circular_orbits_integrated_in_time_obey_the_phasor_equation(
     decay = -growth_rate(model, theta, SPEED)
     steady = steady_state(motion, frequency, force, np.full(4, float(decay)), tolerance=tolerance)
     equation = orbit_equation(model, theta, SPEED, frequency, force)
-    eps = nearest_roots(journal(model), equation, motion.eccentricity(steady.forward))
+    eps = nearest_orbits(journal(model), equation, motion.eccentricity(steady.forward))[0]
     assert 0.3 < eps.max() < 0.95  # well into the nonlinear range
     expected = phasor(model, theta, SPEED, frequency, force, eps)
     # the integration's own tolerance, ten times of which counts as settled
@@ -109,7 +109,7 @@ def test_the_measured_orbit_selects_the_branch() -> None:
     roots = all_roots(journal(model), equation)[0]
     middle = (roots[1:] + roots[:-1]) / 2
     target = np.array([0.0, roots[0] + 0.01, middle[0] + 1e-6, middle[1] - 1e-6, middle[1] + 1e-6, 1.0])
-    found = nearest_roots(journal(model), equation, target)
+    found = nearest_orbits(journal(model), equation, target)[0]
     np.testing.assert_allclose(found, roots[[0, 0, 1, 1, 2, 2]], atol=1e-12)
 
 

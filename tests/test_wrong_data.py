@@ -10,7 +10,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 from linear_tests import linear_test
-from slips import exchanged, lag_as_lead, thinned, turned
+from slips import (
+    exchanged,
+    in_radians,
+    lag_as_lead,
+    renamed,
+    thinned,
+    told_as_constant,
+    told_as_unbalance,
+    turned,
+)
 from synthetic import TYPICAL
 
 import rotorfit as rf
@@ -25,6 +34,18 @@ SLIPS: dict[str, Slip] = {
     "negative forces": lambda test: replace(test, force=-test.force),
     "45-degree probes": lambda test: turned(test, 45.0),
     "unsigned frequencies": lambda test: replace(test, frequency=np.abs(test.frequency)),
+    "unbalance told as constant": told_as_constant,
+    "speeds exchanged": lambda test: renamed(test, "speed"),
+}
+
+ONLY_A_FIT_TELLS: dict[str, tuple[Slip, str]] = {
+    "unbalance told as constant": (told_as_constant, "the forces are those of an unbalance"),
+    "constant told as unbalance": (told_as_unbalance, "the forces are constant"),
+    "speeds exchanged": (SLIPS["speeds exchanged"], "the speeds 1000 and 2000 rpm are exchanged"),
+    "probes' planes exchanged": (lambda test: renamed(test, "plane"), "exchanged in the column plane"),
+    "forced planes exchanged": (lambda test: renamed(test, "force_plane"), "exchanged in the column force_plane"),
+    "force phases in radians": (lambda test: in_radians(test, "force"), "the phases of the forces are in radians"),
+    "phases in radians": (lambda test: in_radians(test, "response"), "the phases of the readings are in radians"),
 }
 
 
@@ -63,6 +84,30 @@ def test_a_fit_in_python_ends_with_the_sentence_of_the_check(rig: PerturbationTe
     assert "error in the data" in fit.summary()
     again = rf.fit(rf.models.WhirlWhip(), rig, known={"K3": 6000.0})
     assert not any("error in the data" in w for w in again.warnings)
+
+
+@pytest.mark.parametrize("slip", ONLY_A_FIT_TELLS)
+def test_a_slip_that_only_a_fit_gives_away_is_named(slip: str, rig: PerturbationTest) -> None:
+    """The rig is a shaft of finite elements, which the model is not; fits of it as it is say nothing (above)."""
+    make, words = ONLY_A_FIT_TELLS[slip]
+    fit = rf.fit(rf.models.WhirlWhip(), make(thinned(rig, 4)), known={"K3": 6000.0})
+    said = [warning for warning in fit.warnings if "A trial fit says" in warning]
+    assert len(said) == 1
+    assert said[0].startswith("error in the data: ")
+    assert words in said[0]
+
+
+@pytest.mark.parametrize("model", [rf.models.WhirlWhip(), rf.models.OneMode()])
+def test_a_model_that_is_wrong_is_no_slip(model: rf.models.RotorModel, rig: PerturbationTest) -> None:
+    """A second mode that the model lacks leaves most of the response, and no exchange of labels explains it."""
+    test = thinned(rig, 4)
+    if len(model.planes) == 1:
+        test = test.select((test.plane == "journal") & (test.force_plane == "journal"))
+        assert rf.fit(model, test).redchi > 100
+    else:  # a rotor of three masses, of which two are known of
+        test = replace(test, force=test.force * (1 + 20 * (test.frequency / 500.0) ** 2 * (test.force_plane == "disk")))
+    fit = rf.fit(model, test, known={"K3": 6000.0} if len(model.planes) == 2 else {})
+    assert not any("A trial fit says" in warning for warning in fit.warnings)
 
 
 def test_a_rotor_unstable_from_standstill_has_no_whirl_ratio() -> None:

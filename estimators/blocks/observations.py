@@ -59,15 +59,27 @@ class Block(Protocol):
         ...
 
     def predict(self, theta: Float) -> ComplexArray:
-        """Predictions, shape ``(R,)``."""
+        """Predictions, shape ``(R,)``.
+
+        Args:
+            theta: parameter vectors of the groups, shape ``(G, P)``.
+        """
         ...
 
     def predict_jacobian(self, theta: Float) -> tuple[ComplexArray, ComplexArray]:
-        """Predictions and their derivatives by the group's own parameters, shapes ``(R,)`` and ``(R, P)``."""
+        """Predictions and their derivatives by the group's own parameters, shapes ``(R,)`` and ``(R, P)``.
+
+        Args:
+            theta: parameter vectors of the groups, shape ``(G, P)``.
+        """
         ...
 
     def with_noise(self, factor: Float) -> Self:
-        """The same observations with each sigma multiplied by a factor, shape ``(R,)``."""
+        """The same observations with each sigma multiplied by a factor, shape ``(R,)``.
+
+        Args:
+            factor: of each reading, shape ``(R,)``.
+        """
         ...
 
 

@@ -15,21 +15,46 @@ _SPARSE = 4
 
 
 def numbers(column: NDArray[Any]) -> Index:
-    """Number of each entry among the distinct ones, which follow no order; equal entries that follow one another in
-    long stretches, as names of runs do, are compared with their neighbours only.
+    """Number of each entry among the distinct ones: of text in the order of the rows, of numbers in ascending order.
+
+    Equal entries that follow one another in long stretches, as names of runs do, are compared with their neighbours
+    only.
 
     Args:
-        column: numbers, none of them NaN, or text.
+        column: numbers or text.
     """
-    if not column.size:
-        return np.zeros(0, dtype=np.intp)
-    bounds = _changes(column) + 1  # where another stretch begins
-    if not bounds.size:
-        return np.zeros(column.size, dtype=np.intp)
-    if 2 * bounds.size + 2 > column.size:
-        return _distinct(column)
-    edges = np.concatenate([[0], bounds, [column.size]])
-    return np.repeat(_distinct(column[edges[:-1]]), edges[1:] - edges[:-1])
+    heads, lengths = _stretches(column)
+    return _spread(_first_places(heads)[1] if column.dtype.kind == "U" else _ranks(heads), lengths)
+
+
+def words(column: NDArray[Any]) -> tuple[list[Any], Index]:
+    """Distinct entries in the order of the rows, and the number of each row's entry among them.
+
+    Args:
+        column: text, or numbers, none of them NaN.
+    """
+    if column.dtype.kind != "U":
+        first, number = in_order(numbers(column))
+        return column[first].tolist(), number
+    heads, lengths = _stretches(column)
+    names, number = _first_places(heads)
+    return names, _spread(number, lengths)
+
+
+def _stretches(column: NDArray[Any]) -> tuple[NDArray[Any], Index | None]:
+    """First entries of the stretches of equal ones, and how long these are; the column itself where most are short."""
+    changes = _changes(column) if column.size else np.zeros(0, dtype=np.intp)
+    if 2 * changes.size + 2 > column.size:
+        return column, None
+    edges = np.concatenate([[0], changes + 1, [column.size]])
+    return column[edges[:-1]], edges[1:] - edges[:-1]
+
+
+def _spread(number: Index, lengths: Index | None) -> Index:
+    """Numbers of stretches, for each of their rows."""
+    if lengths is None:
+        return number
+    return np.zeros(int(lengths[0]), dtype=np.intp) if number.size == 1 else np.repeat(number, lengths)
 
 
 def _changes(column: NDArray[Any]) -> Index:
@@ -42,11 +67,26 @@ def _changes(column: NDArray[Any]) -> Index:
     return np.flatnonzero(differs)
 
 
-def _distinct(column: NDArray[Any]) -> Index:
-    if column.dtype.kind != "U":
-        return np.unique(column, return_inverse=True)[1].reshape(-1)
+def _first_places(column: NDArray[Any]) -> tuple[list[str], Index]:
+    """Distinct words in the order of the rows, and the number of each row's."""
     place: dict[str, int] = {}
-    return np.array([place.setdefault(word, len(place)) for word in column.tolist()], dtype=np.intp)
+    number = np.array([place.setdefault(word, len(place)) for word in column.tolist()], dtype=np.intp)
+    return list(place), number
+
+
+def _ranks(column: NDArray[Any]) -> Index:
+    """Rank of each number among the distinct ones, NaN being one and the last."""
+    if column.size < 2:
+        return np.zeros(column.size, dtype=np.intp)
+    order = np.argsort(column)
+    ordered = column[order]
+    rises = ordered[1:] != ordered[:-1]
+    if ordered[-1] != ordered[-1]:
+        rises &= ordered[:-1] == ordered[:-1]
+    number = np.empty(column.size, dtype=np.intp)
+    number[order[0]] = 0
+    number[order[1:]] = np.cumsum(rises)
+    return number
 
 
 def in_order(keys: Index) -> tuple[Index, Index]:
@@ -61,24 +101,13 @@ def in_order(keys: Index) -> tuple[Index, Index]:
     if most == 0:
         return np.zeros(1, dtype=np.intp), np.zeros(keys.size, dtype=np.intp)
     if most >= _SPARSE * keys.size:
-        _, keys = np.unique(keys, return_inverse=True)
-        keys = keys.reshape(-1)
+        keys = _ranks(keys)
         most = int(keys.max())
     first = np.full(most + 1, keys.size, dtype=np.intp)
     first[keys[::-1]] = np.arange(keys.size - 1, -1, -1)  # the first one is written last
     rank = np.empty(most + 1, dtype=np.intp)
     rank[np.argsort(first, kind="stable")] = np.arange(most + 1)
     return np.sort(first[first < keys.size]), rank[keys]
-
-
-def words(column: NDArray[Any]) -> tuple[list[Any], Index]:
-    """Distinct entries in the order of the rows, and the number of each row's entry among them.
-
-    Args:
-        column: text, or numbers, none of them NaN.
-    """
-    first, number = in_order(numbers(column))
-    return column[first].tolist(), number
 
 
 def combined(*columns: Index) -> Index:
@@ -92,7 +121,7 @@ def combined(*columns: Index) -> Index:
     for column in columns:
         own = int(column.max()) + 1 if column.size else 1
         if width * own >= _MOST:  # too many digits: number what there is so far
-            key = np.unique(key, return_inverse=True)[1].reshape(-1)
+            key = _ranks(key)
             width = int(key.max(initial=0)) + 1
         if own > 1:
             key = key * own + column

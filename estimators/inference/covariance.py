@@ -19,6 +19,7 @@ from rotorfit.estimators.noise.run_effects import real_rows
 from rotorfit.models.array_types import ComplexArray, Float
 
 _CHANCE = 0.05  # probability at which a misfit counts as the model's, where the noise itself is known from few data
+_MILD = 1e-5  # smallest eigenvalue of a curvature of unit diagonal from which its inverse has ten digits
 _LEAST_LEFT = 0.05  # share of a reading's residual that its fit leaves at least, in estimates of its noise
 
 
@@ -90,7 +91,9 @@ def per_freedom(loss: Loss, nfree: int) -> float:
     return 2 / nfree / _expected_loss(loss)
 
 
-def information(problem: Problem, x: Float, r: ComplexArray, J: ComplexArray) -> tuple[Float, Float | None]:
+def information(
+    problem: Problem, x: Float, r: ComplexArray, J: ComplexArray, *, widening: float = 1.0
+) -> tuple[Float, Float | None]:
     """Square root of the cost's expected curvature, and for a robust loss its gradient's scatter (the sandwich).
 
     Args:
@@ -98,21 +101,37 @@ def information(problem: Problem, x: Float, r: ComplexArray, J: ComplexArray) ->
         x: solution, shape ``(p,)``.
         r: whitened residuals there, shape ``(R,)``.
         J: their derivatives, shape ``(R, p)``.
+        widening: factor of the noise's variance over that by which they were whitened, of squares.
 
     Returns:
         ``R`` with ``R^T R`` the curvature, shape ``(p, p)``, and the scatter of the gradient, None for squares of
         independent errors.
     """
-    bend = 1.0 if problem.loss == "linear" else float(np.mean(bends(problem.loss, r)))
     prior = prior_curvature(problem, x)
-    rows = np.sqrt(bend) * real_rows(J).T
-    if prior.any():
-        rows = np.concatenate([rows, np.diag(np.sqrt(prior))[prior > 0]])
-    root = np.asarray(np.linalg.qr(rows, mode="r"))
     if problem.loss == "linear":
-        return root, _common_scatter(problem, x, J)
+        curvature = problem.gauss_newton(x)[2]
+        root = _mild_root((curvature - np.diag(prior)) / widening + np.diag(prior))
+        return _root(J / np.sqrt(widening), prior) if root is None else root, _common_scatter(problem, x, J)
+    bend = float(np.mean(bends(problem.loss, r)))
+    root = _root(np.sqrt(bend) * J, prior)
     covar = inverse(root, natural_sizes(problem, x))[0]
     return root, score_scatter(problem, x, r, J, bend=bend, covar=covar)
+
+
+def _mild_root(curvature: Float) -> Float | None:
+    """Triangle whose product with itself is a curvature, None where the product hides weak directions in round-off."""
+    size = np.sqrt(np.diag(curvature))
+    if not size.all() or np.linalg.eigvalsh(curvature / (size[:, None] * size))[0] < _MILD:
+        return None
+    return np.asarray(np.linalg.cholesky(curvature).T)
+
+
+def _root(J: ComplexArray, prior: Float) -> Float:
+    """Triangle of whitened derivatives and what priors add to the diagonal of the curvature, at any condition."""
+    rows = real_rows(J).T
+    if prior.any():
+        rows = np.concatenate([rows, np.diag(np.sqrt(prior))[prior > 0]])
+    return np.asarray(np.linalg.qr(rows, mode="r"))
 
 
 def bends(loss: Loss, r: ComplexArray) -> Float:
@@ -255,7 +274,7 @@ def natural_sizes(problem: Problem, x: Float) -> Float:
     space = problem.space
     responses = [b for b in map(responses_of, problem.blocks) if b is not None]
     if not responses:
-        typical = np.array([space.model.parameter(name).scale for name in space.base] + [1.0] * len(space.nuisance))
+        typical = np.concatenate([space.typical, np.ones(len(space.nuisance))])
         return np.maximum(np.abs(x), 0.1 * typical)
     levels, top = [], 0.0
     for block in responses:

@@ -83,6 +83,17 @@ def _solve(matrix: Matrix, right: Vector) -> Vector:
     return np.asarray(scale * (vectors @ (weights * (vectors.T @ (scale * right)))))
 
 
+def _surely_definite(matrix: Matrix) -> bool:
+    """Whether no eigenvalue of a symmetric matrix of unit diagonal can be as small as counts for zero.
+
+    The others sum up to its size at most, so that their product is below e: the determinant bounds the smallest.
+    """
+    try:
+        return bool(np.linalg.cholesky(matrix).diagonal().prod() ** 2 > math.e * SINGULAR)
+    except np.linalg.LinAlgError:
+        return False
+
+
 @dataclass(frozen=True)
 class _Candidate:
     """A point, the Gauss-Newton step that remains from it and the relative size of that step."""
@@ -288,9 +299,11 @@ class Minimisation:
         diagonal = point.matrix.diagonal()
         dead = free & ~(diagonal > 0)
         seen = free & ~dead
-        size = np.sqrt(diagonal[seen])
-        values = np.linalg.eigvalsh(point.matrix[np.ix_(seen, seen)] / np.outer(size, size))
-        return int(dead.sum()) + int((values < SINGULAR).sum())
+        matrix, size = point.matrix, np.sqrt(diagonal[seen])
+        if size.size < free.size:
+            matrix = matrix[np.ix_(seen, seen)]
+        matrix = matrix / (size[:, None] * size)
+        return int(dead.sum()) + (0 if _surely_definite(matrix) else int((np.linalg.eigvalsh(matrix) < SINGULAR).sum()))
 
     def status(self) -> Status:
         """How the run stands."""

@@ -47,8 +47,17 @@ class ParameterSpace:
         """Length of the fitted vector."""
         return len(self.names) + len(self.nuisance)
 
+    @cached_property
+    def typical(self) -> Float:
+        """Sizes that the free entries have where data give none, the model's own, shape ``(len(names),)``."""
+        return np.array([self.model.parameter(name).scale for name in self.base])
+
     def theta(self, x: Float) -> Float:
-        """Parameter vectors of the groups, shape ``(..., G, P)``, of fitted vectors of shape ``(..., p)``."""
+        """Parameter vectors of the groups, shape ``(..., G, P)``, of fitted vectors of shape ``(..., p)``.
+
+        Args:
+            x: fitted vector, shape ``(p,)``, or many of them, ``(..., p)``.
+        """
         free, entries = self._free
         if x.ndim == 1:
             theta = self.template.copy()
@@ -95,6 +104,9 @@ class ParameterSpace:
 
     def group(self, at: Mapping[str, Any] | None = None) -> int:
         """Number of the parameter group with given attribute values, ``{"speed_rpm": 1000}``.
+
+        Args:
+            at: values of attributes that name one group; needed where parameters were fitted per attribute.
 
         Raises:
             ValueError: parameters were fitted per attribute and ``at`` does not name one group.
@@ -209,7 +221,9 @@ def _check_known(
 
 def _limits(model: RotorModel, name: str, bounds: Mapping[str, tuple[float, float]]) -> tuple[float, float]:
     parameter = model.parameter(bare_name(name))
-    pair = bounds.get(name, bounds.get(parameter.name, (parameter.lower, parameter.upper)))
+    if name not in bounds and parameter.name not in bounds:
+        return parameter.lower, parameter.upper
+    pair = bounds[name] if name in bounds else bounds[parameter.name]
     if np.shape(pair) != (2,) or not all(isinstance(value, Real) for value in pair):
         raise ValueError(f"bounds of {name} must be two numbers, lower and upper (inf is one), got {pair!r}")
     low, high = pair

@@ -25,7 +25,11 @@ class Prior:
         return float(self.distribution.mean()), float(self.distribution.std())
 
     def terms(self, value: float) -> tuple[float, float, float]:
-        """Minus log of the density over its largest, at a value, its slope and its curvature (none below zero)."""
+        """Minus log of the density over its largest, at a value, its slope and its curvature (none below zero).
+
+        Args:
+            value: of the entry that the prior is about.
+        """
         mean, sd = self._moments
         if self.distribution.dist.name == "norm":
             pull = (value - mean) / sd
@@ -57,6 +61,8 @@ class Prior:
 
 def within_support(space: ParameterSpace, priors: Sequence[Prior]) -> ParameterSpace:
     """The space with its bounds narrowed to where the priors are not zero."""
+    if not priors:
+        return space
     lower, upper = space.lower.copy(), space.upper.copy()
     for prior in priors:
         low, high = prior.distribution.support()

@@ -49,17 +49,25 @@ class Problem:
         return np.asarray(np.exp(np.asarray(self.factors[number]) @ x[len(self.space.names) :]))
 
     def predict(self, x: Float) -> list[ComplexArray]:
-        """Predicted observations of each block; from the residuals where those are at hand and independent."""
+        """Predicted observations of each block; from the residuals where those are at hand and independent.
+
+        Args:
+            x: fitted vector, shape ``(p,)``.
+        """
         key = x.tobytes()
         if key in self._last and not any(isinstance(block, CorrelatedResponses) for block in self.blocks):
             stops = np.cumsum([block.measured.size for block in self.blocks])
-            parts = np.split(self._last[key][0], stops[:-1])
+            parts = np.split(self._last[key][-1], stops[:-1])
             return [block.measured + r * block.sigma for block, r in zip(self.blocks, parts, strict=True)]
         theta = self.space.theta(x)
         return [block.predict(theta) * self._nuisance_factor(i, x) for i, block in enumerate(self.blocks)]
 
     def residuals(self, x: Float) -> ComplexArray:
-        """Whitened complex residuals of all blocks, predicted minus measured over sigma, shape ``(R,)``."""
+        """Whitened complex residuals of all blocks, predicted minus measured over sigma, shape ``(R,)``.
+
+        Args:
+            x: fitted vector, shape ``(p,)``.
+        """
         pairs = zip(self.predict(x), self.blocks, strict=True)
         return np.concatenate([whiten(block, predicted - block.measured) for predicted, block in pairs])
 
@@ -68,25 +76,33 @@ class Problem:
 
         What was asked for last is kept, unless it is large: the search ends where the residuals are then studied and
         the result is judged.
+
+        Args:
+            x: fitted vector, shape ``(p,)``.
         """
+        rows = self._linearised(x)
+        return rows[-1], rows[:-1].T
+
+    def _linearised(self, x: Float) -> ComplexArray:
+        """Whitened derivatives and under them the residuals, shape ``(p + 1, R)``; what was asked for last is kept."""
         key = x.tobytes()
         if key not in self._last:
-            found = self._jacobian(x)
-            if found[0].size > _PIECE:
+            found = self._linearise(x)
+            if found.shape[1] > _PIECE:
                 return found
             self._last.clear()
             self._last[key] = found
         return self._last[key]
 
     @cached_property
-    def _last(self) -> dict[bytes, tuple[ComplexArray, ComplexArray]]:
+    def _last(self) -> dict[bytes, ComplexArray]:
         return {}
 
-    def _jacobian(self, x: Float) -> tuple[ComplexArray, ComplexArray]:
+    def _linearise(self, x: Float) -> ComplexArray:
         theta = self.space.theta(x)
         count = self.n_data // 2
-        residuals = np.empty(count, dtype=complex)
-        rows = np.zeros((self.space.size, count), dtype=complex)  # parameter by parameter: contiguous along the lines
+        whole = np.zeros((self.space.size + 1, count), dtype=complex)  # parameter by parameter: contiguous along lines
+        rows, residuals = whole[:-1], whole[-1]
         stop = 0
         for number, block in enumerate(self.blocks):
             start, stop = stop, stop + block.measured.size
@@ -102,8 +118,8 @@ class Problem:
             if isinstance(block, CorrelatedResponses):
                 part[:] = whiten(block, part) * block.sigma
         rows.view(float)[:] *= self._weight
-        residuals.flags.writeable = rows.flags.writeable = False
-        return residuals, rows.T
+        whole.flags.writeable = False
+        return whole
 
     @cached_property
     def _weight(self) -> Float:
@@ -128,7 +144,11 @@ class Problem:
     # ---- the optimiser's view -------------------------------------------------------------------------------------
 
     def cost(self, x: Float) -> float:
-        """Half the (robust) sum of squares plus minus the log prior."""
+        """Half the (robust) sum of squares plus minus the log prior.
+
+        Args:
+            x: fitted vector, shape ``(p,)``.
+        """
         misfit = sum(piece._misfit(x) for piece in self._pieces)
         return misfit + sum(prior.terms(float(x[prior.entry]))[0] for prior in self.priors)
 
@@ -158,20 +178,23 @@ class Problem:
         return 0.5 * float(robust_weights(self.loss, np.abs(r) ** 2)[0].sum())
 
     def _misfit_derivatives(self, x: Float) -> tuple[float, Float, Float]:
-        r, J = self.jacobian(x)
-        rows = J.T
+        rows = self._linearised(x)
         if self.loss == "linear":
-            misfit = 0.5 * float(np.vdot(r, r).real)
+            misfit = 0.5 * float(np.vdot(rows[-1], rows[-1]).real)
         else:
-            rho, weight = robust_weights(self.loss, np.abs(r) ** 2)
+            rho, weight = robust_weights(self.loss, np.abs(rows[-1]) ** 2)
             misfit = 0.5 * float(rho.sum())
-            root = np.sqrt(weight)
-            r, rows = r * root, rows * root
+            rows = rows * np.sqrt(weight)
         stacked = rows.view(float)
-        return misfit, stacked @ r.view(float), stacked @ stacked.T
+        products = stacked[:-1] @ stacked.T
+        return misfit, products[:, -1], products[:, :-1]
 
     def gauss_newton(self, x: Float) -> tuple[float, Float, Float]:
-        """Cost, gradient and Gauss-Newton matrix, not to be written to; what was asked for last is kept."""
+        """Cost, gradient and Gauss-Newton matrix, not to be written to; what was asked for last is kept.
+
+        Args:
+            x: fitted vector, shape ``(p,)``.
+        """
         key = x.tobytes()
         if key not in self._last_normal:
             found = self._gauss_newton(x)
@@ -202,6 +225,9 @@ class Problem:
         """Second derivatives of the cost, by differences of the exact gradient.
 
         Needed only where Gauss-Newton stalls; a relative step of 1.5e-8 leaves errors near 1e-8 of its size.
+
+        Args:
+            x: fitted vector, shape ``(p,)``.
         """
         step = np.sqrt(np.finfo(float).eps) * np.maximum(np.abs(x), 1e-8)
         here = self.gauss_newton(x)[1]

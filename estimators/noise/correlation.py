@@ -95,11 +95,11 @@ class _Products:
         order = np.concatenate(sweeps) if sweeps else np.zeros(0, dtype=np.intp)
         number = np.repeat(np.arange(len(sweeps)), [part.size for part in sweeps])
         along = r[..., order]
-        ours = np.ascontiguousarray(rows[..., order]).view(float)
+        ours = np.take(rows, order, axis=-1).view(float)
         power = np.mean(np.abs(r) ** 2, axis=-1)[..., None, None] / 2
         # A fit takes its share of every reading and makes neighbours oppose one another a little.
         moved = power * (outer @ ours)
-        total = np.sum(np.abs(along) ** 2, axis=-1) + np.sum(ours * moved, axis=(-2, -1))
+        total = np.sum(np.abs(along) ** 2, axis=-1) + np.einsum("...pr,...pr->...", ours, moved)
         return cls(number=number, along=along, ours=ours, moved=moved, total=np.asarray(total))
 
     def at(self, lag: int) -> tuple[Float, Float]:

@@ -66,39 +66,20 @@ def likelihood(power: Float, weight: Float, variance: Float) -> Float:
     return np.asarray(-np.sum(weight * (np.log(variance) + power / variance), axis=-1))
 
 
-def fit_shape(rows: Index, power: Float, weight: Float, size2: Float, *, along: str = "") -> Shape:
-    """Constant and proportional noise of a group by restricted likelihood.
-
-    For a given ratio of the two, the level has a closed form; the ratio is looked for on a grid, which no start can
-    lead astray.
-
-    Args:
-        rows: readings of the group.
-        power, weight: see :func:`likelihood`, of all readings, shape ``(R,)``.
-        size2: square of what the noise may grow with, the modulus of predictions for one, shape ``(R,)``.
-        along: that in words.
-    """
-    return _fit_many([rows], power, weight, size2, along)[0]
-
-
-def fit_shapes(sweeps: Sequence[Index], power: Float, weight: Float, size2: Float, *, along: str = "") -> list[Shape]:
-    """Noise of sweeps of one probe: one for all, or one each where the data refuse to pool them.
-
-    Args:
-        sweeps: readings of each sweep.
-        power, weight, size2, along: see :func:`fit_shape`.
-    """
-    return fit_probes([sweeps], power, weight, size2, along=along)[0]
-
-
 def fit_probes(
     probes: Sequence[Sequence[Index]], power: Float, weight: Float, size2: Float, *, along: str = ""
 ) -> list[list[Shape]]:
-    """Noise of several probes, each as by :func:`fit_shapes`, all of one size at once.
+    """Constant and proportional noise of several probes by restricted likelihood.
+
+    The sweeps of a probe share both parts, or have them each where the data refuse to pool them. For a given ratio of
+    the two, the level has a closed form; the ratio is looked for on a grid, which no start can lead astray. All probes
+    of one size are taken at once.
 
     Args:
-        probes: sweeps of each.
-        power, weight, size2, along: see :func:`fit_shape`.
+        probes: readings of each sweep of each probe.
+        power, weight: see :func:`likelihood`, of all readings, shape ``(R,)``.
+        size2: square of what the noise may grow with, the modulus of predictions for one, shape ``(R,)``.
+        along: that in words.
     """
     pooled = _fit_many([np.concatenate(sweeps) for sweeps in probes], power, weight, size2, along)
     several = [len(sweeps) > 1 and min(rows.size for rows in sweeps) >= _FEWEST for sweeps in probes]

@@ -131,8 +131,3 @@ def deviations_of_repeats(sweeps: ComplexArray) -> ComplexArray:
     factor = sweeps @ mean.conj() / power if power > 0 else np.ones(len(sweeps))
     left = sweeps - factor[:, None] * mean
     return np.asarray(left * np.sqrt(count * lines / ((count - 1) * (lines - 1))))
-
-
-def noise_from_repeats(sweeps: ComplexArray) -> float:
-    """Standard deviation of real and imaginary part from repeated sweeps, shape ``(n_repeats, L)``, pooled."""
-    return float(np.sqrt(np.mean(np.abs(deviations_of_repeats(sweeps)) ** 2) / 2))

@@ -8,7 +8,8 @@ restricted likelihood (Patterson and Thompson 1971). All of it is done with one 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -25,6 +26,36 @@ _LARGEST = 0.3
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
+class Common:
+    """Sums over all readings: what the fit is without any effects of runs.
+
+    Attributes:
+        information: ``J^T J`` and the curvature of the priors, shape ``(p, p)``.
+        gradient: ``J^T r``, shape ``(p,)``.
+        square: ``r^T r``.
+    """
+
+    information: Float
+    gradient: Float
+    square: float
+
+    @cached_property
+    def outer(self) -> Float:
+        """Covariance of the fitted values, shape ``(p, p)``."""
+        return inverse_of_determined(self.information)
+
+    @cached_property
+    def step(self) -> Float:
+        """Step to the optimum, shape ``(p,)``."""
+        return -self.outer @ self.gradient
+
+    @property
+    def left(self) -> float:
+        """What remains of the square there."""
+        return self.square + float(self.gradient @ self.step)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
 class MixedModel:
     """Sums over runs from which likelihoods and estimates follow.
 
@@ -32,17 +63,13 @@ class MixedModel:
         gram: ``Z^T Z`` of each run, shape ``(n_runs, k, k)``.
         cross: ``Z^T J`` of each run, shape ``(n_runs, k, p)``.
         moment: ``Z^T r`` of each run, shape ``(n_runs, k)``.
-        information: ``J^T J`` and the curvature of the priors, shape ``(p, p)``.
-        gradient: ``J^T r``, shape ``(p,)``.
-        square: ``r^T r``.
+        common: sums over all of them.
     """
 
     gram: Float
     cross: Float
     moment: Float
-    information: Float
-    gradient: Float
-    square: float
+    common: Common
 
     @classmethod
     def of(cls, r: ComplexArray, J: ComplexArray, Z: ComplexArray, runs: Sequence[Index], prior: Float) -> MixedModel:
@@ -57,37 +84,33 @@ class MixedModel:
         """
         k, p = Z.shape[1], J.shape[1]
         stacked = np.concatenate([real_rows(Z), real_rows(J), r.view(float)[None]])
-        whole = stacked @ stacked.T
-        square = np.array([part @ part.T for part in (_of_run(stacked, rows) for rows in runs)])
-        square = square.reshape(len(runs), k + p + 1, k + p + 1)
-        return cls(
-            gram=square[:, :k, :k], cross=square[:, :k, k:-1], moment=square[:, :k, -1],
-            information=whole[k:-1, k:-1] + np.diag(prior), gradient=whole[k:-1, -1], square=float(whole[-1, -1]),
-        )  # fmt: skip
+        whole = stacked[k:-1] @ stacked[k:].T
+        parts = np.array([part[:k] @ part.T for part in (_of_run(stacked, rows) for rows in runs)])
+        parts = parts.reshape(len(runs), k, k + p + 1)
+        information, square = whole[:, :-1] + np.diag(prior), float(np.vdot(r, r).real)
+        common = Common(information=information, gradient=whole[:, -1], square=square)
+        return cls(gram=parts[:, :, :k], cross=parts[:, :, k:-1], moment=parts[:, :, -1], common=common)
 
     def louder(self, factor: float, prior: Float) -> MixedModel:
         """The model under noise that is larger by a factor; the curvature of the priors stays."""
         if factor == 1:
             return self
-        less = factor**-2
-        return MixedModel(
-            gram=self.gram * less, cross=self.cross * less, moment=self.moment * less,
-            information=self.information * less + np.diag(prior) * (1 - less), gradient=self.gradient * less,
-            square=self.square * less,
+        less, common = factor**-2, self.common
+        common = Common(
+            information=common.information * less + np.diag(prior) * (1 - less), gradient=common.gradient * less,
+            square=common.square * less,
         )  # fmt: skip
+        return MixedModel(gram=self.gram * less, cross=self.cross * less, moment=self.moment * less, common=common)
 
     def part(self, kinds: Sequence[int]) -> MixedModel:
         """The model with some of the kinds only."""
         k = list(kinds)
-        return MixedModel(
-            gram=self.gram[:, k][:, :, k], cross=self.cross[:, k], moment=self.moment[:, k],
-            information=self.information, gradient=self.gradient, square=self.square,
-        )  # fmt: skip
+        return replace(self, gram=self.gram[:, k][:, :, k], cross=self.cross[:, k], moment=self.moment[:, k])
 
     @property
     def rows(self) -> int:
         """Number of fitted values."""
-        return self.gradient.size
+        return self.common.gradient.size
 
     def inner(self, variance: Float) -> Float:
         """``(Z^T Z + 1/variance)^-1`` of each run, infinite variances for effects that are free."""
@@ -102,25 +125,24 @@ class MixedModel:
         """Step to the optimum with effects of given variances, and what remains of the square."""
         if not variance.size:
             return self._alone()
-        inner = self.inner(variance)
+        inner, common = self.inner(variance), self.common
         onto = inner @ self.cross
-        matrix = self.information - np.einsum("ikp,ikq->pq", self.cross, onto)
-        slope = self.gradient - np.einsum("ikp,ik->p", onto, self.moment)
+        matrix = common.information - np.einsum("ikp,ikq->pq", self.cross, onto)
+        slope = common.gradient - np.einsum("ikp,ik->p", onto, self.moment)
         outer = inverse_of_determined(matrix)
         step = -outer @ slope
         own = -np.einsum("ikl,il->ik", inner, self.moment + self.cross @ step)
         quadratic = (
-            self.square - float(np.einsum("ik,ikl,il->", self.moment, inner, self.moment)) - slope @ outer @ slope
+            common.square - float(np.einsum("ik,ikl,il->", self.moment, inner, self.moment)) - slope @ outer @ slope
         )
         return Solved(inner=inner, onto=onto, outer=outer, matrix=matrix, step=step, own=own, square=float(quadratic))
 
     def _alone(self) -> Solved:
         """The step where no effects are looked for."""
-        outer, count = inverse_of_determined(self.information), len(self.gram)
-        step = -outer @ self.gradient
+        count, common = len(self.gram), self.common
         return Solved(
-            inner=np.zeros((count, 0, 0)), onto=np.zeros((count, 0, self.rows)), outer=outer, matrix=self.information,
-            step=step, own=np.zeros((count, 0)), square=self.square + float(self.gradient @ step),
+            inner=np.zeros((count, 0, 0)), onto=np.zeros((count, 0, self.rows)), outer=common.outer,
+            matrix=common.information, step=common.step, own=np.zeros((count, 0)), square=common.left,
         )  # fmt: skip
 
     def log_likelihood(self, variance: Float) -> float:
@@ -137,13 +159,13 @@ class MixedModel:
         """
         from scipy.special import gammaincc  # late: loading it takes longer than a fit
 
-        outer = inverse_of_determined(self.information)
+        outer = self.common.outer
         C, own = np.swapaxes(self.cross, 0, 1), np.einsum("ikk->ki", self.gram)
         size = np.sqrt(np.where(own > 0, own, 1.0))  # runs count alike
         S = -(C @ outer @ np.swapaxes(C, 1, 2))
         np.einsum("kii->ki", S)[:] += own
         S /= size[:, :, None] * size[:, None, :]
-        score = (self.moment.T - C @ (outer @ self.gradient)) / size
+        score = (self.moment.T + C @ self.common.step) / size
         mean, variance = np.einsum("kii->k", S), np.sum(S**2, axis=(1, 2))
         blind = mean <= _NULL * own.shape[1]
         over = np.where(blind, 0.0, mean) / np.where(blind, 1.0, variance)
@@ -233,7 +255,7 @@ def powers(left: Float, right: Float) -> Float:
     Args:
         left, right: as :func:`real_rows` makes them, shape ``(..., k, 2 R)``.
     """
-    found = (left * right).sum(axis=-2)
+    found = np.einsum("...kr,...kr->...r", left, right)
     return np.asarray(found[..., ::2] + found[..., 1::2])
 
 
@@ -328,8 +350,7 @@ def _restricted(model: MixedModel, variance: Float) -> float:
     kinds = np.flatnonzero(variance > 0)
     if kinds.size:
         return model.part(kinds.tolist()).log_likelihood(variance[kinds])
-    gain = float(model.gradient @ inverse_of_determined(model.information) @ model.gradient)
-    return -0.5 * (_log_det(model.information) + model.square - gain)
+    return -0.5 * (_log_det(model.common.information) + model.common.left)
 
 
 def _one(model: MixedModel, variance: Float, kind: int) -> Float:

@@ -80,23 +80,43 @@ class SmoothAngle:
         return float(np.trapezoid(np.minimum(self.shares, 1.0), angle) / (angle[-1] - angle[0]))
 
     def angle(self, t: Float) -> Float:
-        """Angle, rad, at times, s; zero at the first pulse's nominal position."""
+        """Angle, rad, at times, s; zero at the first pulse's nominal position.
+
+        Args:
+            t: times, s, of any shape.
+        """
         return np.asarray(self.spline(t))
 
     def speed(self, t: Float) -> Float:
-        """First derivative of the angle, rad/s."""
+        """First derivative of the angle, rad/s.
+
+        Args:
+            t: times, s, of any shape.
+        """
         return np.asarray(self.spline(t, nu=1))
 
     def acceleration(self, t: Float) -> Float:
-        """Second derivative of the angle, rad/s^2."""
+        """Second derivative of the angle, rad/s^2.
+
+        Args:
+            t: times, s, of any shape.
+        """
         return np.asarray(self.spline(t, nu=2))
 
     def stderr(self, t: Float) -> Float:
-        """Standard error of the angle, rad, between the first and the last pulse."""
+        """Standard error of the angle, rad, between the first and the last pulse.
+
+        Args:
+            t: times, s, of any shape.
+        """
         return np.asarray(self.scatter(t) * np.sqrt(np.interp(t, self.share_t, self.shares)))
 
     def scatter(self, t: Float) -> Float:
-        """Standard deviation of a single pulse's angle, rad, at times, s."""
+        """Standard deviation of a single pulse's angle, rad, at times, s.
+
+        Args:
+            t: times, s, of any shape.
+        """
         return np.asarray(np.exp(np.interp(t, self.groups[0], np.log(self.groups[1]))))
 
 

@@ -10,14 +10,13 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
-from hashlib import blake2b
 from itertools import islice
+from zlib import crc32
 
 import numpy as np
 
 from rotorfit.estimators.blocks.observations import Block, Responses
 from rotorfit.estimators.blocks.response import dynamic_stiffness, inverse
-from rotorfit.estimators.blocks.row_keys import numbers
 from rotorfit.estimators.misfit.parameter_space import ParameterSpace
 from rotorfit.estimators.starting.force_balance import ForceBalance, as_triangle, solve, solve_projected
 from rotorfit.estimators.starting.lumped import Lumped, LumpedStructure, lumped_coefficients
@@ -28,7 +27,7 @@ from rotorfit.estimators.starting.lumped_solution import (
     typical_values,
 )
 from rotorfit.estimators.starting.stiffness_inversion import complete_lines
-from rotorfit.models.array_types import Float
+from rotorfit.models.array_types import ComplexArray, Float
 
 _PIECE = 8192  # readings whose equations are held at once
 _SETTLED = 1e-6  # relative change of the lumped coefficients after which further passes bring nothing
@@ -117,7 +116,7 @@ def closed_forms(
     if weighted:
         return _weighted(space, lumped, _kept_passes(lumped, chosen, typical), passes, enough)
     equations = [ForceBalance(lumped, number, block, typical) for number, block in enumerate(chosen)]
-    solution = solve([e.stiffness_balance() for e in equations])
+    solution, _ = solve([e.stiffness_balance() for e in equations])
     x, notes = parameters_from(space, lumped, lumped.offset + lumped.spread @ solution, None)
     return [ClosedForm(x, None, notes=notes)] * len(passes)
 
@@ -201,28 +200,28 @@ def _passes(lumped: Lumped, blocks: list[Responses], typical: Float) -> Iterator
 
 def _passes_of(lumped: Lumped, equations: list[ForceBalance]) -> Iterator[tuple[Float, Float]]:
     """The same from equations of motion, of one run or, along a leading axis, of many."""
-    reduced = as_triangle if len(equations) > 1 else np.asarray  # the systems of many pieces fit no memory
-    solution = solve([reduced(e.force_balance(e.amplitude, e.force_weight())) for e in equations])
-    size = solution.shape[-1]
-    first = True
+    kept = equations[0].sides() if len(equations) == 1 else None  # those of many pieces fit no memory
+
+    def balance(e: ForceBalance, weight: ComplexArray | Float) -> Float:
+        return e.weigh(kept, weight) if kept is not None else as_triangle(e.weigh(e.sides(), weight))
+
+    def weight_of(e: ForceBalance) -> tuple[ComplexArray, ComplexArray]:
+        H = e.inverse(lumped.offset + solution @ lumped.spread.T)
+        return H, e.response_weight(H)
+
+    solution, _ = solve([balance(e, e.force_weight()) for e in equations])
+    solution, information = solve([balance(e, weight_of(e)[1]) for e in equations])
     while True:
-        values = lumped.offset + solution @ lumped.spread.T
-        systems = []
+        yield solution, information
+        size = solution.shape[-1]
         projected, information = (np.zeros((*solution.shape, count)) for count in (size + 1, size))
         for e in equations:
-            H = e.inverse(values)
-            weight = e.response_weight(H)
-            system = e.force_balance(e.amplitude, weight)
-            if first:
-                systems.append(reduced(system))
-                instruments = system[..., :-1, :]
-            else:
-                instruments = e.sensitivities(e.predicted(H), weight)
-                projected += instruments @ np.swapaxes(system, -1, -2)
+            H, weight = weight_of(e)
+            instruments = e.sensitivities(e.predicted(H), weight)
+            system = e.weigh(e.sides() if kept is None else kept, weight)
+            projected += instruments @ np.swapaxes(system, -1, -2)
             information += instruments @ np.swapaxes(instruments, -1, -2)
-        solution = solve(systems) if first else solve_projected(projected, information)
-        first = False
-        yield solution, information
+        solution = solve_projected(projected, information)
 
 
 def _covariance(jacobian: Float, information: Float) -> Float:
@@ -241,11 +240,11 @@ def _determined(space: ParameterSpace, lumped: Lumped, blocks: list[Responses]) 
     Noise hides the defect: the force balance of a plane that is never forced is homogeneous, and noisy data "solve" it
     with zeros.
     """
-    conditions = [part for b in blocks for part in (
-        numbers(b.speed), b.speed != 0, b.frequency,
-        b.coordinate if b.imposed else np.round(b.force / np.abs(b.force).max(axis=1, keepdims=True), 6),
-    )]  # fmt: skip
-    key = blake2b(b"".join(np.ascontiguousarray(part).tobytes() for part in conditions)).digest()
+    key = 0
+    for b in blocks:
+        where = b.coordinate if b.imposed else np.round(b.force.T / np.abs(b.force.T).max(axis=0), 6)
+        for part in (b.condition[0], b.speed != 0, b.frequency, where):
+            key = crc32(np.ascontiguousarray(part).data, key)
     if key not in lumped.determined:
         lumped.determined[key] = _is_determined(space, lumped, blocks)
     return lumped.determined[key]

@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
+from numpy.typing import NDArray
 
 from rotorfit.estimators.blocks.observations import Responses
 from rotorfit.estimators.blocks.response import inverse
-from rotorfit.estimators.starting.lumped import Lumped
+from rotorfit.estimators.starting.lumped import Lumped, Place
 from rotorfit.estimators.starting.stiffness_inversion import stiffness_matrices
-from rotorfit.models.array_types import ComplexArray, Float
+from rotorfit.models.array_types import ComplexArray, Float, Index
+
+_NEARLY_DEPENDENT = 1e-8
+"""Square of what is left of a column of unit length by those before it, down to which normal equations do."""
 
 
 class ForceBalance:
@@ -34,31 +40,29 @@ class ForceBalance:
             self.amplitude, self.sigma = block.amplitudes()
             self.force = block.force
         place = lumped.place
-        self._mine = mine = np.flatnonzero(place.block == number)
-        self._row, self._column = place.row[mine], place.column[mine]
-        s_powers = block.s ** np.arange(place.power.max() + 1)[:, None]
-        speed_powers = block.speed ** np.arange(place.speed_power.max() + 1)[:, None]
-        self._factor = place.unit[mine, None] * s_powers[place.power[mine]] * speed_powers[place.speed_power[mine]]
-        here = place.group[mine, None] == block.group
-        here &= np.isnan(place.speed[mine, None]) | (place.speed[mine, None] == block.speed)
-        self._factor *= here
+        mine = np.flatnonzero(place.block == number)
+        # Coefficients of an entry of the dynamic stiffness after one another, entries row by row.
+        self._mine = mine = mine[np.lexsort([place.column[mine], place.row[mine]])]
+        n = self.amplitude.shape[1]
+        entry = place.row[mine] * n + place.column[mine]
+        self._column, self._factor = place.column[mine], _factors(place, mine, block)
+        self._entries = [slice(*np.searchsorted(entry, [own, own + 1])) for own in range(n * n)]
         combine = np.vstack([lumped.spread[mine].T, lumped.offset[mine]])
         self._unknowns = len(combine)
-        # For each row of the equation of motion: columns and factors of its coefficients, and what combines them.
-        rows = [np.flatnonzero(self._row == row) for row in range(self.amplitude.shape[1])]
-        self._rows = [(self._column[own], self._factor[own], np.ascontiguousarray(combine[:, own])) for own in rows]
+        # For each row of the equation of motion: its coefficients, and what combines them.
+        rows = [slice(*np.searchsorted(entry, [row * n, row * n + n])) for row in range(n)]
+        self._rows = [(own, np.ascontiguousarray(combine[:, own])) for own in rows]
 
     def kappa(self, values: Float) -> ComplexArray:
         """Dynamic stiffness of each line from lumped coefficients, shape ``(..., E)``, as ``(L, n, n)``."""
         count, n = self.amplitude.shape
-        result = np.zeros((n, n, count), dtype=complex)
-        own = values.T[self._mine]
-        of_lines = np.repeat(own, count // self._runs[0], axis=1) if self._runs else own
-        for row, column, factor, value in zip(
-            self._row.tolist(), self._column.tolist(), self._factor, of_lines, strict=True
-        ):
-            result[row, column] += value * factor
-        kappa = np.moveaxis(result, -1, 0)
+        runs = self._runs or (1,)
+        result = np.empty((n * n, *runs, 2 * count // runs[0]))
+        own = values.T[self._mine].reshape(-1, *runs)
+        factor = self._factor.view(float).reshape(-1, *result.shape[1:])
+        for place, entry in enumerate(self._entries):
+            np.einsum("ew,ewl->wl", own[entry], factor[entry], out=result[place])
+        kappa = np.moveaxis(result.view(complex).reshape(n, n, count), -1, 0)
         return kappa if self._known is None else kappa + self._known
 
     def inverse(self, values: Float) -> ComplexArray:
@@ -71,18 +75,22 @@ class ForceBalance:
 
     def force_weight(self) -> Float:
         """Weight of each line that brings it to a force of one, shape ``(L,)``."""
-        return np.asarray(1 / np.abs(self.force).max(axis=1))
+        return np.asarray(1 / np.abs(self.force.T).max(axis=0))
 
     def response_weight(self, H: ComplexArray) -> ComplexArray:
         """Weights that turn the force error into the response error over its noise, independent between readings."""
         return np.asarray((np.eye(1) + 0j if self.block.imposed else H) / self.sigma[:, :, None])
 
-    def force_balance(self, amplitude: ComplexArray, weight: ComplexArray | Float) -> Float:
+    def sides(self) -> ComplexArray:
+        """Both sides of ``kappa A = F`` with the measured amplitudes, shape ``(n, B + 1, L)``."""
+        return self._sides(self.amplitude, self.force)
+
+    def weigh(self, sides: ComplexArray, weight: ComplexArray | Float) -> Float:
         """Columns ``weight kappa A`` over ``weight F``, one an equation, shape ``(..., B + 1, 2 L n)``."""
-        return self._by_run(_weigh(self._sides(amplitude, self.force), weight))
+        return self._by_run(_weigh(sides, weight))
 
     def sensitivities(self, amplitude: ComplexArray, weight: ComplexArray) -> Float:
-        """The left side of :meth:`force_balance` alone, shape ``(..., B, 2 L n)``."""
+        """The left sides alone, with other amplitudes than those measured, shape ``(..., B, 2 L n)``."""
         return self._by_run(_weigh(self._sides(amplitude, self.force)[:, :-1], weight))
 
     def _by_run(self, system: Float) -> Float:
@@ -97,8 +105,8 @@ class ForceBalance:
         count, n = amplitude.shape
         result = np.zeros((n, self._unknowns, count), dtype=complex)
         columns = np.ascontiguousarray(amplitude.T)
-        for row, (column, factor, combine) in enumerate(self._rows):
-            products = factor * columns[column]
+        for row, (own, combine) in enumerate(self._rows):
+            products = self._factor[own] * columns[self._column[own]]
             # Real times complex along the lines: BLAS has that for real numbers only.
             np.matmul(combine, products.view(float), out=result[row].view(float))
         result[:, -1] = force.T - result[:, -1]
@@ -109,10 +117,10 @@ class ForceBalance:
     def stiffness_balance(self) -> Float:
         """Entries of the inverted dynamic stiffness (eq. 7), equally weighted; force balance where there are none."""
         if self.block.imposed:
-            return self.force_balance(self.amplitude, self.force_weight())
+            return self.weigh(self.sides(), self.force_weight())
         stiffness = stiffness_matrices(self.block)
         if stiffness.kappa.size == 0:
-            return self.force_balance(self.amplitude, np.ones(len(self.force)))
+            return self.weigh(self.sides(), np.ones(len(self.force)))
         systems = []
         for column in range(stiffness.kappa.shape[-1]):
             unit = np.zeros_like(self.amplitude)
@@ -121,6 +129,25 @@ class ForceBalance:
             sides[:, -1] += stiffness.kappa[:, :, column].T
             systems.append(_one_a_column(np.swapaxes(sides, 0, 1)))
         return np.concatenate(systems, axis=1)
+
+
+def _factors(place: Place, mine: Index, block: Responses) -> ComplexArray:
+    """What lumped coefficients are multiplied by at each line, zero where they do not hold, shape ``(E, L)``."""
+    number, group, speed = block.condition
+    coefficient = place.unit[mine, None] * _powers(speed, place.speed_power.max())[place.speed_power[mine]]
+    here = np.isnan(place.speed[mine, None]) | (place.speed[mine, None] == speed)
+    coefficient *= here & (place.group[mine, None] == group)
+    factor = _powers(block.s, place.power.max())[place.power[mine]]
+    factor *= coefficient if speed.size == 1 else coefficient[:, number]
+    return factor
+
+
+def _powers(values: NDArray[Any], most: int) -> NDArray[Any]:
+    """Powers from zero on, shape ``(most + 1, ...)``."""
+    found = np.ones((most + 1, *values.shape), dtype=values.dtype)
+    for power in range(1, most + 1):
+        np.multiply(found[power - 1], values, out=found[power])
+    return found
 
 
 def _weigh(sides: ComplexArray, weight: ComplexArray | Float) -> Float:
@@ -151,14 +178,30 @@ def as_triangle(system: Float) -> Float:
     return np.swapaxes(np.linalg.qr(np.swapaxes(system, -1, -2), mode="r"), -1, -2)
 
 
-def solve(systems: list[Float]) -> Float:
-    """Least squares with equilibrated unknowns; the last row of each system is the right side."""
+def solve(systems: list[Float]) -> tuple[Float, Float]:
+    """Least squares, and the products of the left sides; the last row of each system is the right side.
+
+    By normal equations, a tenth of the work of a triangle; that is made where digits of theirs would be lost.
+    """
     system = np.concatenate(systems, axis=-1) if len(systems) > 1 else systems[0]
-    norm = np.linalg.norm(system, axis=-1)
-    norm = np.where(norm > 0, norm, 1.0)
+    projected = system[..., :-1, :] @ np.swapaxes(system, -1, -2)
+    information = projected[..., :-1]
+    norm = _lengths(information)
+    try:
+        pivots = np.linalg.cholesky(information / (norm[..., :, None] * norm[..., None, :]))
+        if (np.diagonal(pivots, axis1=-2, axis2=-1) ** 2).min() > _NEARLY_DEPENDENT:
+            return solve_projected(projected, information), information
+    except np.linalg.LinAlgError:
+        pass
+    norm = np.concatenate([norm, np.ones_like(norm[..., :1])], axis=-1)
     triangle = np.swapaxes(as_triangle(system / norm[..., None]), -1, -2)
-    solution = least_squares(triangle[..., :-1], triangle[..., -1], 1e-13)
-    return np.asarray(solution * norm[..., -1:] / norm[..., :-1])
+    return least_squares(triangle[..., :-1], triangle[..., -1], 1e-13) / norm[..., :-1], information
+
+
+def _lengths(information: Float) -> Float:
+    """Lengths of the columns whose products are given, one where a column is zero."""
+    norm = np.sqrt(np.diagonal(information, axis1=-2, axis2=-1))
+    return np.where(norm > 0, norm, 1.0)
 
 
 def least_squares(matrix: Float, right: Float, rcond: float) -> Float:
@@ -176,7 +219,6 @@ def least_squares(matrix: Float, right: Float, rcond: float) -> Float:
 
 def solve_projected(projected: Float, information: Float) -> Float:
     """Solve equations projected on instruments, whose own products are the information."""
-    norm = np.sqrt(np.diagonal(information, axis1=-2, axis2=-1))
-    norm = np.where(norm > 0, norm, 1.0)
+    norm = _lengths(information)
     scaled = projected / norm[..., None]
     return np.asarray(np.linalg.solve(scaled[..., :-1] / norm[..., None, :], scaled[..., -1:])[..., 0] / norm)

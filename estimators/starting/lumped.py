@@ -9,17 +9,16 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from copy import copy
 from dataclasses import dataclass, field, replace
-from functools import lru_cache
-from typing import Any
+from functools import lru_cache, reduce
+from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
 from rotorfit.estimators.blocks.observations import Responses
 from rotorfit.estimators.misfit.parameter_space import ParameterSpace
 from rotorfit.models import RotorModel
-from rotorfit.models.array_types import ComplexArray, Float, Index
+from rotorfit.models.array_types import Bool, ComplexArray, Float, Index
 from rotorfit.models.compiled import array_function
 
 _DEPENDENT = 1e-9  # relative size below which one coefficient adds nothing to the others
@@ -51,10 +50,10 @@ class LumpedStructure:
         """LumpedStructure of a fit to these blocks."""
         speeds = []
         for block in blocks:
-            pairs: dict[int, set[float]] = {}
-            for group, speed in set(zip(block.group.tolist(), block.speed.tolist(), strict=True)):
-                pairs.setdefault(group, set()).add(speed)
-            speeds.append(tuple((group, tuple(sorted(own))) for group, own in sorted(pairs.items())))
+            pairs: dict[int, list[float]] = {}
+            for group, speed in zip(*(column.tolist() for column in block.condition[1:]), strict=True):
+                pairs.setdefault(group, []).append(speed)
+            speeds.append(tuple((group, tuple(own)) for group, own in pairs.items()))
         return cls(
             model=space.model,
             names=space.names,
@@ -94,7 +93,7 @@ class Lumped:
         place: where each enters kappa.
         basis: rows of independent coefficients b, shape ``(B,)``.
         spread, offset: matrix and vector with ``all = spread b + offset``, shapes ``(E, B)`` and ``(E,)``.
-        determined: verdicts on tests of this layout that were judged before, by a digest of their conditions.
+        determined: verdicts on tests of this layout that were judged before, by a checksum of their conditions.
     """
 
     def __init__(self, graph: _Graph, speeds: Sequence[float], scale: Float) -> None:
@@ -114,8 +113,8 @@ class Lumped:
             self.basis, self.spread, self.offset = _independent(self, scale)
             notes["independent"] = self.basis.size == count
         self._back = np.eye(count) if notes["independent"] else np.linalg.pinv(self.spread)
-        self.determined: dict[bytes, bool] = notes.setdefault("determined", {})
-        self._singles: dict[bytes, Index] = notes.setdefault("singles", {})
+        self.determined: dict[int, bool] = notes.setdefault("determined", {})
+        self._singles: dict[bytes, list[_Single]] = notes.setdefault("singles", {})
 
     def _evaluate(self, x: Float) -> tuple[Float, Float]:
         """Coefficients and their nonzero derivatives, shapes ``(E, ...)``, of vectors of shape ``(p, ...)``."""
@@ -185,44 +184,75 @@ class Lumped:
             parameters, NaN where no coefficient gives one singly, and for runs that would go another way than the
             first one, shape ``(p,)`` or ``(p, W)``.
         """
-        members = (1,) * (values.ndim - 1)
-        typical = typical.reshape(-1, *members)
-        x = np.full((self.size, *values.shape[1:]), np.nan)
-        alike = np.ones(values.shape[1:], dtype=bool)
-        while (unknown := np.asarray(np.isnan(x).reshape(self.size, -1).all(axis=1))).any():
-            point = np.where(unknown.reshape(typical.shape), typical, x)
-            if not np.isfinite(point).all(axis=0).any():
-                break
-            now, slopes = self._evaluate(point)
-            pairs = self._alone(unknown)
-            pairs = pairs[(slopes[pairs] != 0).all(axis=tuple(range(1, values.ndim)))]
-            if not pairs.size:
-                break
-            row, column = self._rows[pairs], self._columns[pairs]
-            reciprocal = (self._kind[pairs] == _RECIPROCAL).reshape(-1, *members)
-            t = np.where(reciprocal, 1 / point[column], point[column])
-            slope = np.where(reciprocal, -slopes[pairs] * point[column] ** 2, slopes[pairs])
-            rest = now[row] - slope * t
-            rest[np.abs(rest) < 1e-13 * np.abs(now[row])] = 0.0
-            root = (values[row] - rest) / slope
-            share = np.abs(slope * root) / (np.abs(rest) + np.abs(slope * root) + 1e-300)
-            with np.errstate(divide="ignore"):
-                solved = np.where(reciprocal, 1 / root, root)
-            good = (share >= (1 - 1e-12) * share.max(axis=0)).reshape(pairs.size, -1)
-            # Backwards, so that of several equally good coefficients the first one counts.
-            best = np.flatnonzero(good[:, 0])[::-1]
-            x[column[best]] = solved[best]
-            alike &= (good == good[:, :1]).all(axis=0).reshape(alike.shape)
-        return np.where(alike, x, np.nan)
+        # One by one, each a number or an array of runs: there are few, and arrays of them cost more than they save.
+        one = np.ones(values.shape[1:])
+        point = [size * one for size in typical]
+        unknown, alike = np.ones(self.size, dtype=bool), one == 1
+        with np.errstate(divide="ignore"):
+            while unknown.any() and np.isfinite(sum(point)).any():
+                now, slopes = self._evaluate(np.array(point))
+                own = [single for single in self._alone(unknown) if slopes[single.derivative].all()]
+                found = [single.solve(now, slopes, values, point) for single in own]
+                most = (1 - 1e-12) * reduce(np.maximum, (share for _, share in found), 0.0 * one)
+                before = unknown.copy()
+                # Backwards, so that of several equally good coefficients the first one counts.
+                for single, (solved, share) in zip(reversed(own), reversed(found), strict=True):
+                    good = share >= most
+                    alike &= good == good.flat[0]
+                    if good.flat[0]:
+                        point[single.column], unknown[single.column] = solved, False
+                if (unknown == before).all():
+                    break
+        x = np.where(alike, np.array(point), np.nan)
+        x[unknown] = np.nan
+        return x
 
-    def _alone(self, unknown: NDArray[np.bool_]) -> Index:
+    def _alone(self, unknown: Bool) -> list[_Single]:
         """Derivatives of coefficients by what is the only unknown in them, and can be solved for."""
         key = unknown.tobytes()
         if key not in self._singles:
             count = np.bincount(self._rows[unknown[self._columns]], minlength=self.place.row.size)
             alone = unknown[self._columns] & (count[self._rows] == 1) & (self._kind != _NEITHER)
-            self._singles[key] = np.flatnonzero(alone)
+            self._singles[key] = [
+                _Single(int(place), int(self._rows[place]), int(self._columns[place]), self._kind[place] == _RECIPROCAL)
+                for place in np.flatnonzero(alone)
+            ]
         return self._singles[key]
+
+
+class _Single(NamedTuple):
+    """A coefficient in which one parameter is the only unknown.
+
+    Attributes:
+        derivative: number of the derivative of the one by the other.
+        row, column: numbers of the coefficient and of the parameter.
+        reciprocal: linear in one over the parameter, not in the parameter.
+    """
+
+    derivative: int
+    row: int
+    column: int
+    reciprocal: bool
+
+    def solve(self, now: Float, slopes: Float, values: Float, point: Sequence[Float]) -> tuple[Float, Float]:
+        """The parameter by one coefficient, and the share of the coefficient that depends on it.
+
+        Args:
+            now, slopes: coefficients and derivatives at a point.
+            values: the coefficients as found.
+            point: the parameters.
+        """
+        here, level, slope = point[self.column], now[self.row], slopes[self.derivative]
+        # The coefficient is rest + slope t, with t the parameter or its reciprocal.
+        if self.reciprocal:
+            slope = -slope * here**2
+            rest = level - slope / here
+        else:
+            rest = level - slope * here
+        rest = rest * (abs(rest) >= 1e-13 * abs(level))
+        own = values[self.row] - rest
+        solved = slope / own if self.reciprocal else own / slope
+        return solved, abs(own) / (abs(rest) + abs(own) + 1e-300)
 
 
 @lru_cache(maxsize=32)

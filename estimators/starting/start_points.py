@@ -32,8 +32,7 @@ def inside_bounds(values: Float, space: ParameterSpace) -> Float:
     """Values moved off the bounds, where Ipopt's barrier wants them, shape ``(..., n)``."""
     lower, upper = space.lower[: values.shape[-1]], space.upper[: values.shape[-1]]
     margin = 1e-3 * np.where(np.isfinite(upper - lower), upper - lower, np.maximum(np.abs(values), 1e-3))
-    scale = np.array([space.model.parameter(name).scale for name in space.base])
-    margin = np.minimum(margin, 1e-3 * scale)
+    margin = np.minimum(margin, 1e-3 * space.typical)
     return np.asarray(np.clip(values, lower + margin, upper - margin))
 
 
@@ -43,21 +42,16 @@ def given_starts(space: ParameterSpace, values: Float) -> tuple[Float, NDArray[n
     return inside_bounds(values, space), np.asarray(allowed)
 
 
-def typical_sizes(space: ParameterSpace) -> Float:
-    """Sizes that the model's parameters have where data give none."""
-    return np.array([space.model.parameter(name).scale for name in space.base])
-
-
 def search_scale(space: ParameterSpace, start: Float) -> Float:
     """Sizes by which a search from a start, shape ``(..., p)``, is scaled."""
-    typical = np.concatenate([typical_sizes(space), np.full(len(space.nuisance), 0.1)])
+    typical = np.concatenate([space.typical, np.full(len(space.nuisance), 0.1)])
     return np.where(np.abs(start) > 1e-6 * typical, np.abs(start), typical)
 
 
 def random_starts(problem: Problem, count: int) -> Iterator[Float]:
     """Starts spread over a decade around typical values, always the same ones."""
     rng = np.random.default_rng(0)
-    scale = typical_sizes(problem.space)
+    scale = problem.space.typical
     for _ in range(count):
         yield full_vector(problem, scale * np.exp(rng.normal(0.0, _SPREAD, scale.size)))
 
@@ -66,7 +60,7 @@ def loose_fits(problem: Problem, starts: Float) -> ShortFits:
     """Short fits held loosely at their starts, shape ``(W, p)``."""
     sizes = np.abs(starts) + (starts == 0)
     count = len(problem.space.names)
-    sizes[:, :count] = np.maximum(np.abs(starts[:, :count]), typical_sizes(problem.space))
+    sizes[:, :count] = np.maximum(np.abs(starts[:, :count]), problem.space.typical)
     return short_fits(problem, starts, sizes)
 
 

@@ -43,7 +43,6 @@ from rotorfit.estimators.starting.start_points import (
     loose_fits,
     noise_limit,
     random_starts,
-    typical_sizes,
 )
 from rotorfit.models import Modal
 from rotorfit.models.array_types import Float
@@ -320,7 +319,7 @@ def _quick_fit(problem: Problem, start: Float) -> Solution:
     from scipy.stats import norm
 
     count = len(problem.space.names)
-    size = np.maximum(np.abs(start[:count]), typical_sizes(problem.space))
+    size = np.maximum(np.abs(start[:count]), problem.space.typical)
     held = tuple(Prior(i, norm(value, LOOSE * size[i])) for i, value in enumerate(start[:count].tolist()))
     problem = replace(problem, priors=(*problem.priors, *held))
     return _short_fit(problem, start, Options(max_iterations=25, hessian="gauss-newton"))

@@ -17,7 +17,7 @@ from rotorfit.estimators.blocks.response import dynamic_stiffness
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.estimators.starting.closed_form import ClosedFormError, closed_form
 from rotorfit.estimators.starting.rational_fit import RationalFit
-from rotorfit.estimators.starting.start_points import full_vector, random_starts, typical_sizes
+from rotorfit.estimators.starting.start_points import full_vector, random_starts
 from rotorfit.models.array_types import Float, Index
 from rotorfit.models.stability import companion
 
@@ -35,7 +35,7 @@ def unread_starts(problem: Problem, blocks: Sequence[Responses], fit: RationalFi
     unread = _unread(blocks)
     if unread is None:
         return
-    typical = full_vector(problem, typical_sizes(problem.space))
+    typical = full_vector(problem, problem.space.typical)
     for drawn in (typical, *random_starts(problem, _DRAWS - 1)):
         for zero in fit.zeros:
             start = _with_rest_at(problem, blocks[0], drawn, unread, zero)

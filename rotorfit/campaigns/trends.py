@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rotorfit.data.findings import listed
+from rotorfit.estimators.inference.covariance import standard_error
 from rotorfit.fitting.digits import plus_minus
 from rotorfit.fitting.quantities import Quantity
 from rotorfit.models.array_types import Float
@@ -69,10 +70,14 @@ class Trend:
         return tuple(np.array(self.runs)[off > _FAR * np.hypot(usual, self.stderr)].tolist())
 
     def at(self, x: float) -> Quantity:
-        """Parameter on the line, its error widened where the runs scatter more than their errors say."""
+        """Parameter on the line, its error widened where the runs scatter more than their errors say.
+
+        Args:
+            x: value of the attribute, in its unit.
+        """
         basis = np.array([1.0, x - self._centre])[: self._coefficients.size]
-        variance = float(basis @ self._covar @ basis)
-        return Quantity(float(basis @ self._coefficients), float(np.sqrt(variance)), self.unit)
+        error = float(standard_error(basis, self._covar))
+        return Quantity(float(basis @ self._coefficients), error, self.unit)
 
 
 def trends_of(

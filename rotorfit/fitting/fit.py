@@ -10,6 +10,7 @@ import numpy as np
 
 from rotorfit.checks.checklist import errors
 from rotorfit.data.experiments import Experiment
+from rotorfit.data.kept import unchanged
 from rotorfit.estimators.minimisation.least_squares import Options, Solution, Status, minimise
 from rotorfit.estimators.misfit.losses import Loss
 from rotorfit.estimators.misfit.problem import Problem
@@ -26,12 +27,15 @@ from rotorfit.fitting.noise.problem import with_noise
 from rotorfit.fitting.problem_setup import as_tuple, build_problem, make_priors
 from rotorfit.fitting.result import FitResult
 from rotorfit.fitting.settings import FitSettings, PhaseOffsets
+from rotorfit.fitting.slips import slip
 from rotorfit.models import Modal, RotorModel
 from rotorfit.models.array_types import Float
 from rotorfit.observing.jumps import usable
 
+_TRIAL = Options(hessian="gauss-newton", max_iterations=30)  # it leads to an explanation soon, or to none
+
 DATA_ERROR = "error in the data: "
-"""Beginning of the warnings of a result that tell what the check of the data found wrong."""
+"""Beginning of the warnings of a result that tell what the check of the data, or a trial fit, found wrong."""
 
 
 def fit(
@@ -92,11 +96,30 @@ def fit(
         phase_offsets=phase_offsets,
         calibration=calibration,
     )
-    problem = build_problem(model, experiments, settings)
-    begin, notes = start_vector(problem, start or {})
-    solution = solve(problem, begin, Options(max_iterations=max_iterations))
-    found = judged(problem, as_tuple(experiments), settings, begin, solution, notes)
+    several = as_tuple(experiments)
+    with unchanged(several):
+        problem = build_problem(model, several, settings)
+        begin, notes = start_vector(problem, start or {})
+        solution = solve(problem, begin, Options(max_iterations=max_iterations))
+        found = judged(problem, several, settings, begin, solution, notes)
+    if told := slip(found, lambda tests: _misfit(model, tests, settings)):
+        found = replace(found, warnings=(f"{DATA_ERROR}{told}", *found.warnings))
     return assuming(found, assumptions) if assumptions else found
+
+
+def _misfit(model: RotorModel, experiments: tuple[Experiment, ...], settings: FitSettings) -> float:
+    """Sum of squares that a short search leaves; infinite where the data do not allow one."""
+    try:
+        problem = build_problem(model, experiments, settings)
+        space = problem.space
+        try:  # what is right needs no better start, and to look for one takes longer than all the rest
+            begin = np.zeros(space.size)
+            begin[: len(space.names)] = solve_closed_form(space, problem.blocks).x
+        except ClosedFormError:
+            begin, _ = start_vector(problem, {})
+        return 2 * solve(problem, np.clip(begin, space.lower, space.upper), _TRIAL).cost
+    except (ValueError, np.linalg.LinAlgError):  # what cannot be fitted explains nothing
+        return float("inf")
 
 
 def judged(

@@ -74,7 +74,7 @@ def standard_errors(
     covar = scattered * widening
     if problem.priors and widening > 1 and sandwich is None:
         # what is known beforehand is no less certain for a model that does not fit
-        wide = covariance.information(problem, x, residuals / np.sqrt(widening), jacobian / np.sqrt(widening))[0]
+        wide = covariance.information(problem, x, residuals, jacobian, widening=widening)[0]
         covar = diagnose(space.model, names, base, x, wide, scales)[0]
     if noise is not None:
         covar, noise = as_residuals_ask(noise, problem, residuals, jacobian, scattered, covar, widening)

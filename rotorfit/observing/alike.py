@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotorfit.data.alike import AlikeTests
+from rotorfit.data.directional import directional, directional_noise
 from rotorfit.estimators.blocks.observations import Responses
 from rotorfit.estimators.noise.sweep_noise import noise_of_many
 from rotorfit.models import RotorModel
@@ -59,10 +60,8 @@ def observe_alike(model: RotorModel, group: AlikeTests) -> AlikeResponses:
     """
     first = group.tests[0]
     layout = observe(model, first, np.zeros(len(first), dtype=np.intp))
-    right, wrong, sigma = Places.of(model, first).directional(group.response, group.sigma)
-    at = (slice(None), layout.line, layout.coordinate)
-    measured, sigma = np.ascontiguousarray(right[at]), np.ascontiguousarray(sigma[at])
-    if not layout.told:
-        sigma = noise_of_many(layout, measured, wrong[at])
+    places = Places.of(model, first)
+    measured, wrong = directional(group.response, places.rows, places.backward)
+    sigma = noise_of_many(layout, measured, wrong) if not layout.told else directional_noise(group.sigma, places.rows)
     told = np.asarray(np.isfinite(sigma).all(axis=1))
     return AlikeResponses(group=group, layout=layout, measured=measured, sigma=sigma, told=told)

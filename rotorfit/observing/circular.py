@@ -9,18 +9,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rotorfit.data.directional import directional, directional_noise
 from rotorfit.data.experiments import DisplacementTest, Experiment, PerturbationTest
-from rotorfit.data.kept import kept
+from rotorfit.data.kept import MOST_KEPT, kept, unchanged
 from rotorfit.data.linear_force import whirl_parts
+from rotorfit.data.lines import Lines, lines_of
 from rotorfit.estimators.blocks.observations import Responses
-from rotorfit.estimators.blocks.row_keys import combined, in_order, numbers
+from rotorfit.estimators.blocks.row_keys import combined, in_order, numbers, words
 from rotorfit.estimators.noise.sweep_noise import estimate_noise
 from rotorfit.models import RotorModel
 from rotorfit.models.array_types import ComplexArray, Float, Index
 from rotorfit.observing.refusals import check_planes
-
-_MOST_KEPT = 100_000
-"""Rows up to which the observations of an experiment are kept for the next fit."""
 
 
 def observe(model: RotorModel, experiment: Experiment, group: Index) -> Responses:
@@ -39,11 +38,12 @@ def observe(model: RotorModel, experiment: Experiment, group: Index) -> Response
     """
     if not isinstance(experiment, DisplacementTest | PerturbationTest):
         raise TypeError(f"{type(experiment).__name__} has no responses")
-    if len(experiment) > _MOST_KEPT:
+    if len(experiment) > MOST_KEPT:
         return _observe(model, experiment, group)
-    notes, key = kept(experiment), _key(model, group)
-    if key not in notes:
-        keep_observed(experiment, _observe(model, experiment, group), group)
+    with unchanged([experiment]):
+        notes, key = kept(experiment), _key(model, group)
+        if key not in notes:
+            keep_observed(experiment, _observe(model, experiment, group), group)
     found: Responses = notes[key]
     if found.model is not model:
         found = notes[key] = replace(found, model=model)
@@ -65,7 +65,8 @@ def _observe(model: RotorModel, experiment: DisplacementTest | PerturbationTest,
     if isinstance(experiment, DisplacementTest):
         return _observe_displacement(model, experiment, group)
     _check_finite(experiment)
-    check_planes(model, experiment, forces="force planes")
+    names = lines_of(experiment).names
+    check_planes(model, experiment, names["plane"], names["force_plane"], forces="force planes")
     if model.frame != "z":
         return _observe_xy(model, experiment, group)
     parts, origin = whirl_parts(experiment)
@@ -112,150 +113,96 @@ def _places(bad: NDArray[np.bool_]) -> str:
     return f"rows {rows}{', ...' if bad.sum() > 8 else ''}"
 
 
-def _lines(experiment: PerturbationTest, coordinate: Index, slot: Index) -> tuple[Index, Index]:
-    """Line of each row, and first row of each line; repeats of a reading within a run go to lines of their own."""
-    columns = (
-        experiment.run,
-        experiment.speed,
-        experiment.frequency,
-        experiment.force_plane,
-        experiment.force.real,
-        experiment.force.imag,
-        experiment.force_direction,
-    )
-    first, line = in_order(combined(*[numbers(column) for column in columns]))
-    reading = combined(line, coordinate, slot)
-    if not reading.size or np.bincount(reading).max() == 1:
-        return line, first
-    _, same = in_order(reading)
-    order = np.argsort(same, kind="stable")
-    starts = np.r_[0, np.flatnonzero(np.diff(same[order])) + 1]
-    occurrence = np.empty(same.size, dtype=np.intp)
-    occurrence[order] = np.arange(same.size) - np.repeat(starts, np.diff(np.r_[starts, same.size]))
-    first, line = in_order(combined(occurrence, line))
-    return line, first
-
-
-def lines_of(model: RotorModel, test: PerturbationTest) -> Index:
-    """First row of each line of a test that holds readings of one direction only, in the order of its lines."""
-    coordinate = _by_kind(test, lambda plane, direction: model.coordinate(plane, direction[:-1] or "z"))
-    return _lines(test, coordinate, np.zeros(len(test), dtype=np.intp))[1]
+def first_rows(test: PerturbationTest) -> Index:
+    """First row of each line of a test, in the order of the lines of its observations."""
+    return lines_of(test).apart()[1]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Places:
-    """Where the rows of a test stand in an isotropic model's coordinates.
+    """Which rows of a test make each reading in an isotropic model's coordinates, line by line.
 
     Attributes:
-        size: number of coordinates.
-        line, coordinate, slot: line, coordinate and probe (x, y or z) of each row, shape ``(N,)``.
+        lines: the test's rows by lines.
         first: first row of each line, shape ``(L,)``.
-        frequency: rad/s of each line, shape ``(L,)``.
+        line, coordinate: line and coordinate of each reading, shape ``(R,)``.
+        rows: its readings x, y and z, -1 where there is none, shape ``(R, 3)``.
+        backward: whether its force turns backward, shape ``(R,)``.
     """
 
-    size: int
+    lines: Lines
+    first: Index
     line: Index
     coordinate: Index
-    slot: Index
-    first: Index
-    frequency: Float
+    rows: Index
+    backward: NDArray[np.bool_]
 
     @classmethod
     def of(cls, model: RotorModel, test: PerturbationTest) -> Places:
         """Those of a test."""
-        places = _by_kind(
-            test, lambda plane, direction: (model.coordinate(plane, direction[:-1] or "z"), "xyz".index(direction[-1]))
-        )
-        coordinate, slot = places.T
-        line, first = _lines(test, coordinate, slot)
+        lines, size = lines_of(test), len(model.coordinates)
+        line, first = lines.apart()
+        coordinate = _of_kinds(lines, lambda plane, direction: model.coordinate(plane, direction[:-1] or "z"))
+        probe = np.array(["xyz".index(direction[-1]) for direction in lines.names["direction"]], dtype=np.intp)
+        cell = line * size + coordinate
+        rows = np.full(3 * first.size * size, -1, dtype=np.intp)
+        rows[3 * cell + probe[lines.number["direction"]]] = np.arange(cell.size)
+        read = np.zeros(first.size * size, dtype=bool)
+        read[cell] = True
+        line, coordinate = np.divmod(np.flatnonzero(read), size)
         return cls(
-            size=len(model.coordinates), line=line, coordinate=coordinate, slot=slot, first=first,
-            frequency=test.frequency[first],
+            lines=lines, first=first, line=line, coordinate=coordinate, rows=rows.reshape(-1, 3)[read],
+            backward=(test.frequency[first] < 0)[line],
         )  # fmt: skip
-
-    def directional(self, response: ComplexArray, sigma: Float) -> tuple[ComplexArray, ComplexArray, Float]:
-        """What :func:`directional` answers for each line and coordinate, shape ``(..., L, n)``.
-
-        Args:
-            response, sigma: readings and their noise in the order of the rows, shape ``(..., N)``.
-        """
-        shape = (*response.shape[:-1], self.first.size, self.size, 3)
-        values, sigmas = np.full(shape, np.nan, dtype=complex), np.full(shape, np.nan)
-        values[..., self.line, self.coordinate, self.slot] = response
-        sigmas[..., self.line, self.coordinate, self.slot] = sigma
-        return directional(values, sigmas, self.frequency[:, None])
 
 
 def _observe_isotropic(model: RotorModel, test: PerturbationTest, group: Index) -> Responses:
     places = Places.of(model, test)
-    right, wrong, sigma = places.directional(test.response, test.sigma)
-    readings = np.argwhere(np.isfinite(right))
+    measured, wrong = directional(test.response, places.rows, places.backward)
     return _assemble(
         model,
         test,
-        group[places.first],
+        places.lines,
+        group,
         places.first,
-        test.speed[places.first],
-        places.frequency,
-        readings,
-        right[tuple(readings.T)],
-        sigma[tuple(readings.T)],
-        wrong[tuple(readings.T)],
+        places.line,
+        places.coordinate,
+        measured,
+        directional_noise(test.sigma, places.rows),
+        wrong,
         [str(c) if c.axis != "z" else c.plane for c in model.coordinates],
     )
 
 
-def directional(values: ComplexArray, sigmas: Float, frequency: Float) -> tuple[ComplexArray, ComplexArray, Float]:
-    """Complex amplitude in the direction of the force, and in the other one, from x, y and z readings.
-
-    Args:
-        values, sigmas: readings and noise in x, y, z, shape ``(..., 3)``, NaN where not measured.
-        frequency: signed frequency, rad/s, broadcasting with ``values[..., 0]``.
-
-    Returns:
-        amplitude relative to ``exp(j w t)``, the wrong-direction amplitude (NaN without an x/y pair) and sigma.
-    """
-    forward = np.broadcast_to(frequency >= 0, values.shape[:-1])
-    x, y, z = np.moveaxis(values, -1, 0)
-    sx, sy, sz = np.moveaxis(sigmas, -1, 0)
-    plus, minus = (x + 1j * y) / 2, np.conj(x - 1j * y) / 2
-    right, wrong = np.where(forward, plus, minus), np.where(forward, np.conj(minus), np.conj(plus))
-    sigma = np.sqrt(sx**2 + sy**2) / 2
-    alone_x, alone_y = np.where(forward, x, x.conj()), np.where(forward, 1j * y, 1j * y.conj())
-    for value, error in ((alone_x, sx), (alone_y, sy), (z, sz)):
-        gap = np.isnan(right)
-        right, sigma = np.where(gap, value, right), np.where(gap, error, sigma)
-    return right, wrong, sigma
-
-
-def _by_kind(test: PerturbationTest | DisplacementTest, number: Callable[[str, str], int | tuple[int, int]]) -> Index:
-    """A number, or two, for each row that its plane and its direction tell."""
-    direction = test.direction if isinstance(test, PerturbationTest) else np.full(len(test), "z")
-    first, kind = in_order(combined(numbers(test.plane), numbers(direction)))
-    pairs = zip(test.plane[first].tolist(), direction[first].tolist(), strict=True)
-    return np.array([number(*pair) for pair in pairs], dtype=np.intp)[kind]
+def _of_kinds(lines: Lines, number: Callable[[str, str], int]) -> Index:
+    """A number for each row that its plane and its direction tell."""
+    planes, directions = lines.names["plane"], lines.names["direction"]
+    kind = lines.number["plane"] * len(directions) + lines.number["direction"]
+    found = np.zeros(len(planes) * len(directions), dtype=np.intp)
+    for one in np.flatnonzero(np.bincount(kind)).tolist():
+        found[one] = number(planes[one // len(directions)], directions[one % len(directions)])
+    return np.asarray(found[kind])
 
 
 def _observe_xy(model: RotorModel, test: PerturbationTest, group: Index) -> Responses:
-    other = sorted(set(test.direction.tolist()) - {"x", "y"})
+    lines = lines_of(test)
+    other = sorted(set(lines.names["direction"]) - {"x", "y"})
     if other:
         raise ValueError(f"{model.name} keeps x and y apart; readings in direction {', '.join(other)} do not fit it")
-    coordinate = _by_kind(test, model.coordinate)
-    line, first = _lines(test, coordinate, np.zeros(len(test), dtype=np.intp))
+    coordinate = _of_kinds(lines, model.coordinate)
+    line, first = lines.apart()
     order = np.lexsort([coordinate, line])
-    readings = np.column_stack([line, coordinate])[order]
-    nothing = np.full(order.size, np.nan, dtype=complex)
     return _assemble(
         model,
         test,
-        group[first],
+        lines,
+        group,
         first,
-        test.speed[first],
-        test.frequency[first],
-        readings,
+        line[order],
+        coordinate[order],
         test.response[order],
         test.sigma[order],
-        nothing,
+        np.full(order.size, np.nan, dtype=complex),
         [str(c) for c in model.coordinates],
     )
 
@@ -263,51 +210,55 @@ def _observe_xy(model: RotorModel, test: PerturbationTest, group: Index) -> Resp
 def _assemble(
     model: RotorModel,
     test: PerturbationTest,
+    lines: Lines,
     group: Index,
     first: Index,
-    speed: Float,
-    frequency: Float,
-    readings: Index,
+    line: Index,
+    coordinate: Index,
     measured: ComplexArray,
     sigma: Float,
     wrong: ComplexArray,
     channel_names: Sequence[str],
 ) -> Responses:
-    force = np.zeros((first.size, len(model.coordinates)), dtype=complex)
-    planes = test.force_plane[first]
-    along = test.force_direction[first]
-    begin, kind = in_order(combined(numbers(planes), numbers(along)))
-    for number, start in enumerate(begin.tolist()):
-        at, plane, axis = kind == number, str(planes[start]), str(along[start])
-        force[at] = model.force_vector(plane, frequency[at], test.force[first][at], axis)
-    line, coordinate = readings[:, 0], readings[:, 1]
-    run = test.run[first][line]
-    begin, label = in_order(combined(numbers(run), coordinate))
-    labels = tuple(f"{run[i]} / {channel_names[coordinate[i]]}" for i in begin.tolist())
+    frequency, row = test.frequency[first], first[line]
+    runs, run = lines.names["run"], lines.number["run"][row]
+    begin, label = in_order(combined(run, coordinate))
+    labels = tuple(f"{runs[run[i]]} / {channel_names[coordinate[i]]}" for i in begin.tolist())
     gaps = np.isnan(sigma)
     block = Responses(
         model=model,
-        speed=speed,
+        speed=test.speed[first],
         frequency=frequency,
-        force=force,
-        group=group,
+        force=_forces(model, lines, first, frequency, test.force[first]),
+        group=group[first],
         line=line,
         coordinate=coordinate,
         measured=measured,
         sigma=sigma,
         label=label,
         labels=labels,
-        run=run,
+        run=test.run[row],
         told=not gaps.any(),
     )
     if gaps.any():
-        sigma[gaps] = estimate_noise(block, wrong, test.synchronous, _conditions(test)[first][line])[gaps]
+        sigma[gaps] = estimate_noise(block, wrong, test.synchronous, _conditions(test, lines.number["run"])[row])[gaps]
     return block
 
 
-def _conditions(test: PerturbationTest) -> Index:
+def _forces(model: RotorModel, lines: Lines, first: Index, frequency: Float, force: ComplexArray) -> ComplexArray:
+    """Generalised force of each line, shape ``(L, n)``."""
+    planes, axes = lines.names["force_plane"], lines.names["force_direction"]
+    kind = lines.number["force_plane"][first] * len(axes) + lines.number["force_direction"][first]
+    found = np.zeros((first.size, len(model.coordinates)), dtype=complex)
+    for one in np.flatnonzero(np.bincount(kind)).tolist():
+        at = np.flatnonzero(kind == one)
+        found[at] = model.force_vector(planes[one // len(axes)], frequency[at], force[at], axes[one % len(axes)])
+    return found
+
+
+def _conditions(test: PerturbationTest, run: Index) -> Index:
     """Number of the conditions of each row: attributes that one run has one value of, the number of a repeat aside."""
-    run, codes = numbers(test.run), [np.zeros(len(test), dtype=np.intp)]
+    codes = [np.zeros(len(test), dtype=np.intp)]
     for name, values in test.attributes.items():
         if name.startswith("repeat"):
             continue
@@ -328,10 +279,12 @@ def _observe_displacement(model: RotorModel, test: DisplacementTest, group: Inde
             f"{', '.join(model.planes)}. Map names with {type(model).__name__}(planes=(...)) or --planes"
         )
     count = len(test)
-    coordinate = _by_kind(test, model.coordinate)
-    values = np.stack([test.force_x, test.force_y, np.full(count, np.nan, dtype=complex)], axis=-1)
-    sigmas = np.stack([test.sigma, test.sigma, np.full(count, np.nan)], axis=-1)
-    right, wrong, sigma = directional(values, sigmas, test.frequency)
+    planes, plane = words(test.plane)
+    coordinate = np.array([model.coordinate(name, "z") for name in planes], dtype=np.intp)[plane]
+    values = np.concatenate([test.force_x, test.force_y])
+    rows = np.vstack([np.where(np.isnan(values), -1, np.arange(2 * count)).reshape(2, count), np.full(count, -1)]).T
+    right, wrong = directional(values, rows, test.frequency < 0)
+    sigma = directional_noise(np.tile(test.sigma, 2), rows)
     if not np.isfinite(right).all():
         raise ValueError(f"{test.source or 'experiment'}: forces are not all finite")
     imposed = np.zeros((count, len(model.coordinates)), dtype=complex)

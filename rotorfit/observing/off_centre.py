@@ -13,7 +13,7 @@ from rotorfit.estimators.blocks.small_motion import OffCentreResponses
 from rotorfit.models import RotorModel
 from rotorfit.models.array_types import ComplexArray, Index
 from rotorfit.models.journal import journal
-from rotorfit.observing.circular import lines_of, observe
+from rotorfit.observing.circular import first_rows, observe
 from rotorfit.observing.refusals import check_clearance, check_finite
 from rotorfit.observing.row_labels import numbered_labels
 
@@ -45,7 +45,7 @@ def off_centre_responses(
         if rows.size:
             part = test.select(rows)
             block = observe(model, part, group[rows])
-            first = lines_of(model, part)
+            first = first_rows(part)
             parts.append((axis, block, eps[rows][first], np.angle(position[rows][first])))
     phasors = [_probe_phasors(axis, block) for axis, block, _, _ in parts]
     names = [f"{block.labels[k]} {axis}" for axis, block, _, _ in parts for k in block.label.tolist()]

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
-from rotorfit.data.experiments import Experiment, PerturbationTest, StaticTest
+from rotorfit.data.experiments import Experiment
 from rotorfit.models import RotorModel
 from rotorfit.models.array_types import Float
 
@@ -50,20 +52,23 @@ def check_finite(test: Experiment, *columns: NDArray[np.generic]) -> None:
         raise ValueError(f"{test.source or test.title}: {bad.sum()} rows are not finite ({rows}); remove them")
 
 
-def check_planes(model: RotorModel, test: PerturbationTest | StaticTest, *, forces: str) -> None:
+def check_planes(
+    model: RotorModel, test: Experiment, planes: Sequence[str], forced: Sequence[str], *, forces: str
+) -> None:
     """Refuse planes that the model does not have.
 
     Args:
         model: the rotor.
-        test: the test.
+        test: the test, for the message.
+        planes, forced: its planes, measured and under a force.
         forces: what its force planes are called.
 
     Raises:
         ValueError: says which planes there are on either side.
     """
-    if not {*test.planes, *test.force_planes} <= set(model.planes):
-        theirs, forced, ours = (", ".join(planes) for planes in (test.planes, test.force_planes, model.planes))
+    if not {*planes, *forced} <= set(model.planes):
         raise ValueError(
-            f"{test.source or test.title} has planes {theirs} and {forces} {forced}, the model {model.name} has "
-            f"{ours}. Map names with {type(model).__name__}(planes=(...)) or --planes"
+            f"{test.source or test.title} has planes {', '.join(planes)} and {forces} {', '.join(forced)}, the model "
+            f"{model.name} has {', '.join(model.planes)}. Map names with {type(model).__name__}(planes=(...)) or "
+            "--planes"
         )

@@ -24,7 +24,7 @@ def static_loads(model: RotorModel, test: StaticTest, group: Index) -> Block:
         group: parameter group of each row.
     """
     check_finite(test, test.load, test.displacement)
-    check_planes(model, test, forces="load planes")
+    check_planes(model, test, test.planes, test.force_planes, forces="load planes")
     if model.frame != "z":
         raise ValueError(f"{model.name} keeps x and y apart; static loads need a model in complex coordinates")
     count = len(test)

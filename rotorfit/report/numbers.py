@@ -9,9 +9,6 @@ import numpy as np
 from rotorfit.fitting import digits
 from rotorfit.units import RPM_PER_RAD_S
 
-NORMAL_95 = 1.959963984540054
-"""Half-width of a normal distribution's central 95 % interval in standard deviations."""
-
 
 def plain(value: float, places: int = 5) -> str:
     """A number with a few significant digits and a real minus sign; a dash where there is none."""

@@ -59,14 +59,14 @@ def verdict_section(material: ReportInput) -> Html:
 
 
 def data_errors(material: ReportInput) -> tuple[str, ...]:
-    """What the check of the data calls an error, from the findings given or as the fit remembers it.
+    """What the check of the data, or the fit, calls an error in them: as the fit tells it, and from the findings given.
 
     Args:
         material: what the report is made of.
     """
     found = [f.message for findings in material.findings for f in findings if f.severity == "error"]
     told = [w.removeprefix(DATA_ERROR) for w in material.fit.warnings if w.startswith(DATA_ERROR)]
-    return tuple(found or told)
+    return (*told, *(message for message in found if not any(words.endswith(message) for words in told)))
 
 
 def _headline(material: ReportInput) -> Iterator[str]:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from rotorfit.data.experiments import Experiment
 from rotorfit.data.findings import Finding, error_sentence, errors_in
+from rotorfit.fitting.fit import DATA_ERROR
 from rotorfit.fitting.refine import Refinement
 from rotorfit.fitting.result import FitResult
 from rotorfit.fitting.settings import PhaseOffsets
@@ -109,8 +110,10 @@ class Outcome:
 
     @property
     def data_errors(self) -> tuple[str, ...]:
-        """What the check of the data calls an error."""
-        return errors_in(self.findings, [experiment.source for experiment in self.experiments])
+        """What the check of the data, or the fit, calls an error in them."""
+        checked = errors_in(self.findings, [experiment.source for experiment in self.experiments])
+        told = (w.removeprefix(DATA_ERROR) for w in self.fit.warnings if w.startswith(DATA_ERROR))
+        return tuple(dict.fromkeys((*checked, *told)))
 
     @property
     def failure(self) -> str:

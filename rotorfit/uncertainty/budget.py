@@ -55,7 +55,12 @@ class Share:
         return {source: part if part > _NOTHING * self.combined else 0.0 for source, part in self.sources.items()}
 
     def times(self, factor: float, unit: str) -> Share:
-        """The same in another unit."""
+        """The same in another unit.
+
+        Args:
+            factor: this unit in the other one, 30 / pi from rad/s to rpm.
+            unit: name of the other one.
+        """
         sources = {source: factor * part for source, part in self.sources.items()}
         value, random, systematic, combined = (
             factor * number for number in (self.value, self.random, self.systematic, self.combined)

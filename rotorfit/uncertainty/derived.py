@@ -52,6 +52,9 @@ class Derived:
     def interval(self, probability: float = 0.95) -> tuple[Any, Any]:
         """Bounds between which the value lies with a probability, equal shares of the rest on both sides.
 
+        Args:
+            probability: share of the draws inside, between 0 and 1.
+
         Raises:
             ValueError: a probability outside 0 to 1.
         """
@@ -83,7 +86,11 @@ class Draws(ABC):
 
     @abstractmethod
     def parameter(self, name: str) -> Derived:
-        """One parameter with its spread."""
+        """One parameter with its spread.
+
+        Args:
+            name: of a fitted parameter or nuisance entry, ``"lam"``.
+        """
 
     @abstractmethod
     def summary(self) -> str:

@@ -222,8 +222,10 @@ def _effects(problem: Problem, x: Float, y: ComplexArray, J: ComplexArray) -> tu
 
 
 def _leave(data: Residuals, sigma: Float, kinds: Sequence[int], variance: Float) -> _Left:
-    scale = sigma / data.sigma
-    r, J, Z = data.r / scale, data.J / scale[:, None], data.Z[:, list(kinds)] / scale[:, None]
+    r, J, Z = data.r, data.J, data.Z[:, list(kinds)]
+    if sigma is not data.sigma:
+        scale = sigma / data.sigma
+        r, J, Z = r / scale, J / scale[:, None], Z / scale[:, None]
     solved = _model(data, sigma).part(kinds).solve(variance)
     rest = solved.rest(r, J, Z, data.rows)
     power, weight = made_good(rest.residuals, rest.leverage, sigma)
@@ -399,6 +401,8 @@ def _slow(data: Residuals, within: _Left, sigma: Float) -> float:
 
 
 def _model(data: Residuals, sigma: Float) -> MixedModel:
+    if sigma is data.sigma:
+        return data.sums
     scale = sigma / data.sigma
     if np.ptp(scale) <= _SAME * scale[0]:
         return data.sums.louder(float(scale[0]), data.prior)

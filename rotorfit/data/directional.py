@@ -1,0 +1,56 @@
+"""Readings x and y put together as motion in the direction of the force and against it."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotorfit.models.array_types import ComplexArray, Float, Index
+
+
+def directional(response: ComplexArray, rows: Index, backward: NDArray[np.bool_]) -> tuple[ComplexArray, ComplexArray]:
+    """Motion in the direction of the force, relative to ``exp(jwt)``, and against it, relative to ``exp(-jwt)``.
+
+    ``Re(X exp(j|w|t)) + j Re(Y exp(j|w|t))`` is ``(X + jY)/2`` forward and ``conj(X - jY)/2`` backward. What one probe
+    reads alone is taken for that of a circular orbit, ``Y = -jX`` forward and ``Y = +jX`` backward; a reading z is
+    motion in the direction of the force as it is, and counts where neither x nor y was read.
+
+    Args:
+        response: readings, of one test or of many of one plan, shape ``(..., N)``.
+        rows: readings x, y and z that belong together, -1 where there is none, shape ``(M, 3)``.
+        backward: whether the force turns backward, shape ``(M,)``.
+
+    Returns:
+        both, shape ``(..., M)``; NaN in the first where nothing was read, in the second without an x/y pair.
+    """
+    seen = rows >= 0
+    right = np.where(seen[:, 2], response[..., rows[:, 2]], np.nan)
+    wrong = np.full(right.shape, np.nan, dtype=complex)
+    at = np.flatnonzero(seen[:, 0] | seen[:, 1])
+    if at.size:
+        back, both = backward[at], seen[at, :2].all(axis=1)
+        x, y = (np.where(seen[at, axis], response[..., rows[at, axis]], 0.0) for axis in (0, 1))
+        y = y * np.where(back, -1j, 1j)
+        share = np.where(both, 0.5, 1.0)
+        along, against = (x + y) * share, (x - y) * share
+        right[..., at] = np.where(back, along.conj(), along)
+        wrong[..., at] = np.where(both, np.where(back, against, against.conj()), np.nan)
+    return right, wrong
+
+
+def directional_noise(sigma: Float, rows: Index) -> Float:
+    """Standard deviation of each part of the motion in the direction of the force, shape ``(..., M)``.
+
+    Args:
+        sigma: that of each part of each reading, shape ``(..., N)``.
+        rows: as for :func:`directional`.
+    """
+    seen = rows >= 0
+    noise = np.where(seen[:, 2], sigma[..., rows[:, 2]], np.nan)
+    for axis in (1, 0):
+        if seen[:, axis].any():
+            noise = np.where(seen[:, axis], sigma[..., rows[:, axis]], noise)
+    both = np.flatnonzero(seen[:, 0] & seen[:, 1])
+    if both.size:
+        noise[..., both] = np.sqrt(sigma[..., rows[both, 0]] ** 2 + sigma[..., rows[both, 1]] ** 2) / 2
+    return noise

@@ -1,0 +1,70 @@
+"""Rows of a test put together by lines: what one run at one frequency under one force is."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from rotorfit.data.experiments import PerturbationTest
+from rotorfit.data.kept import MOST_KEPT, kept
+from rotorfit.estimators.blocks.row_keys import combined, in_order, numbers, words
+from rotorfit.models.array_types import Index
+
+_TEXT = ("run", "force_plane", "force_direction", "plane", "direction")
+_LINE = ("run", "speed", "frequency", "force_plane", "force", "force_direction")
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Lines:
+    """Rows of a test told apart by numbers, and put together by lines.
+
+    Attributes:
+        names: distinct entries of each column of text, in the order of the rows.
+        number: number of each row's entry by column, of text among ``names``, shape ``(N,)`` each.
+        line: line of each row, in the order of the rows, shape ``(N,)``.
+        first: first row of each line, shape ``(L,)``.
+    """
+
+    names: Mapping[str, list[str]]
+    number: Mapping[str, Index]
+    line: Index
+    first: Index
+
+    def apart(self) -> tuple[Index, Index]:
+        """Line of each row, and first row of each line, where a reading that a line holds again goes to a line of its
+        own."""
+        reading = combined(self.line, self.number["plane"], self.number["direction"])
+        if not reading.size or np.bincount(reading).max() == 1:
+            return self.line, self.first
+        _, same = in_order(reading)
+        order = np.argsort(same, kind="stable")
+        starts = np.r_[0, np.flatnonzero(np.diff(same[order])) + 1]
+        before = np.empty(same.size, dtype=np.intp)  # how often each reading was there before
+        before[order] = np.arange(same.size) - np.repeat(starts, np.diff(np.r_[starts, same.size]))
+        first, line = in_order(combined(before, self.line))
+        return line, first
+
+
+def lines_of(test: PerturbationTest) -> Lines:
+    """Lines of a test, worked out once as long as its columns stay as they are.
+
+    Args:
+        test: what was measured; none of its numbers are NaN.
+    """
+    if len(test) > MOST_KEPT:
+        return _lines_of(test)
+    notes = kept(test)
+    if Lines not in notes:
+        notes[Lines] = _lines_of(test)
+    found: Lines = notes[Lines]
+    return found
+
+
+def _lines_of(test: PerturbationTest) -> Lines:
+    text = {name: words(getattr(test, name)) for name in _TEXT}
+    number = {name: own for name, (_, own) in text.items()}
+    number |= {name: numbers(getattr(test, name)) for name in ("speed", "frequency", "force")}
+    first, line = in_order(combined(*[number[name] for name in _LINE]))
+    return Lines(names={name: found for name, (found, _) in text.items()}, number=number, line=line, first=first)

@@ -1,0 +1,128 @@
+"""Slips in a file that only a fit gives away: forces, speeds, planes and phases told as something else.
+
+An unbalance told as a constant force, or two speeds exchanged, leave responses like those of a rotor, only of another
+one: nothing in the signs and sizes of the readings is odd. Where the model misses them by far, the fit is therefore
+tried with each slip undone, and the one that explains the data is named.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from itertools import combinations, islice
+
+import numpy as np
+
+from rotorfit.data.experiments import Experiment, PerturbationTest
+from rotorfit.fitting.noise.record import NoiseVerdict
+from rotorfit.fitting.result import FitResult
+from rotorfit.models.array_types import ComplexArray, Float
+from rotorfit.units import RPM_PER_RAD_S
+
+EXPLAINS = 0.1
+"""Misfit that is left, of that of the data as told, if a slip is the explanation: missing structure alone is up to a
+hundred times the noise, but does not vanish by what has nothing to do with it."""
+
+_FAR, _UNEXPLAINED = 10.0, 0.02
+"""redchi, and share of the power of the responses that a fit leaves, beyond which slips are tried."""
+
+_PLAINLY = 0.01  # the same, from which nothing else has to be tried
+_CONSTANT = 0.01  # relative spread of what is taken as constant
+_MOST_PAIRS = 3
+_TURN = 6.3  # degrees: what a whole turn in radians is, read as degrees
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Slip:
+    """One slip: what is wrong and what to do, in words, and how a test is without it."""
+
+    told: str
+    mend: Callable[[PerturbationTest], PerturbationTest]
+
+
+def slip(fit: FitResult, misfit: Callable[[tuple[Experiment, ...]], float]) -> str:
+    """The slip that explains what a fit misses, in words; empty where none does, or nothing has to be explained.
+
+    Args:
+        fit: by least squares.
+        misfit: sum of squares that the same fit of other data leaves.
+    """
+    still = sum(float(np.sum(np.abs(block.measured / block.sigma) ** 2)) for block in fit.problem.blocks)
+    astray = not fit.success or (fit.noise is not None and fit.noise.verdict is NoiseVerdict.MISFIT)
+    if fit.problem.loss != "linear" or not astray or fit.redchi < _FAR or fit.chisqr < _UNEXPLAINED * still:
+        return ""
+    missed = min(fit.chisqr, misfit(fit.experiments))  # a search that went astray by itself is no slip
+    least, told = np.inf, ""
+    for tried in _slips([test for test in fit.experiments if isinstance(test, PerturbationTest)]):
+        mended = (tried.mend(test) if isinstance(test, PerturbationTest) else test for test in fit.experiments)
+        left = misfit(tuple(mended))
+        least, told = (left, tried.told) if left < least else (least, told)
+        if least < _PLAINLY * missed:
+            break
+    if not least < EXPLAINS * missed:
+        return ""
+    better = float(f"{missed / least:.2g}")
+    return f"A trial fit says: {told}. So taken, the model misses the data {better:,.0f} times less."
+
+
+def _slips(tests: Sequence[PerturbationTest]) -> Iterator[_Slip]:
+    """Every slip that these data may have."""
+    if not tests or any(test.linear.any() or not (test.force.all() and test.frequency.all()) for test in tests):
+        return
+    if all(_is_constant(test, np.abs(test.force)) for test in tests):
+        told = (
+            "the forces are those of an unbalance, which grow with the square of the frequency, and are told as "
+            "constant. Give the unbalance (mr_g_mm) in place of force_N"
+        )
+        yield _Slip(told=told, mend=lambda test: replace(test, force=test.force * test.frequency**2))
+    if all(_is_constant(test, np.abs(test.force) / test.frequency**2) for test in tests):
+        told = "the forces are constant, and are told as those of an unbalance. Give force_N in place of mr_g_mm"
+        yield _Slip(told=told, mend=lambda test: replace(test, force=test.force / test.frequency**2))
+    yield from _exchanges(tests)
+    if all(_are_radians(test.force) for test in tests):
+        told = "the phases of the forces are in radians and read as degrees (force_phase_deg)"
+        yield _Slip(told=told, mend=lambda test: replace(test, force=_as_radians(test.force)))
+    if all(_are_radians(test.response) and not np.char.endswith(test.direction, "z").any() for test in tests):
+        told = "the phases of the readings are in radians and read as degrees (phase_deg)"
+        yield _Slip(told=told, mend=lambda test: replace(test, response=_as_radians(test.response)))
+
+
+def _exchanges(tests: Sequence[PerturbationTest]) -> Iterator[_Slip]:
+    """Two speeds, or two planes, under each other's names."""
+    for column in ("speed", "plane", "force_plane"):
+        if column == "speed" and any(test.synchronous for test in tests):
+            continue  # there the speed is the frequency
+        values = np.unique(np.concatenate([getattr(test, column) for test in tests])).tolist()
+        for a, b in islice(combinations(values, 2), _MOST_PAIRS):
+            told = f"the planes {a} and {b} are exchanged in the column {column}"
+            if column == "speed":
+                told = f"the speeds {a * RPM_PER_RAD_S:.6g} and {b * RPM_PER_RAD_S:.6g} rpm are exchanged"
+            yield _Slip(told=told, mend=partial(_exchanged, column=column, a=a, b=b))
+
+
+def _exchanged(test: PerturbationTest, *, column: str, a: object, b: object) -> PerturbationTest:
+    values = getattr(test, column)
+    changed = values.copy()
+    changed[values == a], changed[values == b] = b, a
+    return replace(test, **{column: changed})
+
+
+def _is_constant(test: PerturbationTest, size: Float) -> bool:
+    """Whether something is the same all through each run."""
+    for run in test.runs:
+        own = size[test.run == run]
+        if np.ptp(own) > _CONSTANT * own.max():
+            return False
+    swept = np.abs(test.frequency)
+    return bool(np.ptp(swept) > _CONSTANT * swept.max())
+
+
+def _are_radians(values: ComplexArray) -> bool:
+    """Whether all phases, read as degrees, lie within what a turn is in radians, and are not simply zero."""
+    degrees = np.abs(np.degrees(np.angle(values)))
+    return bool(degrees.max() <= _TURN and degrees.max() > 0)
+
+
+def _as_radians(values: ComplexArray) -> ComplexArray:
+    return np.asarray(np.abs(values) * np.exp(1j * np.degrees(np.angle(values))))
