@@ -7,8 +7,9 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from rotorfit import models
 from rotorfit.data.experiments import PerturbationTest, perturbation_test
-from rotorfit.models import Anisotropic, OneMode, Overhung, RotorModel, TwoDisk, WhirlWhip
+from rotorfit.models import RotorModel
 from rotorfit.models.stability import eigenvalues, growth_rate
 
 TYPICAL: dict[str, dict[str, float]] = {
@@ -84,7 +85,7 @@ SPEEDS: dict[str, tuple[float, ...]] = {
 }
 """Tested rotative speeds, rad/s."""
 
-MODELS: dict[str, type[RotorModel]] = {m.name: m for m in (OneMode, WhirlWhip, TwoDisk, Overhung, Anisotropic)}
+MODELS: dict[str, type[RotorModel]] = {name: models.MODELS[name] for name in TYPICAL}
 
 
 def known_of(name: str, values: Mapping[str, float]) -> dict[str, float]:

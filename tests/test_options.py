@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import fields
+from inspect import signature
 from pathlib import Path
 
 import pytest
@@ -10,7 +11,10 @@ from scipy import stats
 
 from rotorfit.cli.arguments import fit_study
 from rotorfit.cli.main import build_parser
+from rotorfit.fitting.fit import fit
 from rotorfit.fitting.options import CAMPAIGN, FIT, LAW_RANKING, command_words
+from rotorfit.fitting.settings import FitSettings
+from rotorfit.studies import run
 from rotorfit.studies.study import Study
 
 SETTINGS = {
@@ -47,6 +51,21 @@ def test_every_setting_of_a_study_is_in_the_table() -> None:
     """The files, the model and the folder are what they apply to."""
     assert {f.name for f in fields(Study)} - {"files", "model", "out"} == {option.name for option in FIT}
     assert set(CAMPAIGN) | set(LAW_RANKING) <= set(FIT)
+
+
+def test_a_study_hands_every_setting_of_a_fit_on(monkeypatch: pytest.MonkeyPatch) -> None:
+    def instead(model: object, experiments: object, **settings: object) -> None:
+        raise RuntimeError(settings)
+
+    monkeypatch.setattr(run, "read_files", lambda *given: ((), ()))
+    monkeypatch.setattr(run, "build_model", lambda *given: None)
+    monkeypatch.setattr(run, "closed_form", lambda *given, **settings: None)
+    monkeypatch.setattr(run, "fit", instead)
+    settings = {option.name for option in FIT}
+    with pytest.raises(RuntimeError) as handed:
+        run.run_study(Study(files=(), model="one-mode"), lambda *given: None)
+    assert set(handed.value.args[0]) == settings & set(signature(fit).parameters)
+    assert settings & {f.name for f in fields(FitSettings)} == settings & set(signature(fit).parameters) - {"start"}
 
 
 @pytest.mark.parametrize("option", FIT, ids=lambda option: option.name)

@@ -12,8 +12,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rotorfit.data.experiments import Experiment, LineTest, RingDownTest, StaticTest
-from rotorfit.fitting.options import command_words
+from rotorfit.fitting.calibration import Calibration
+from rotorfit.fitting.options import FIT, command_words
 from rotorfit.fitting.result import FitResult
+from rotorfit.fitting.settings import FitSettings
 from rotorfit.models import LAWS, MODELS, Law, Orthotropic, RotorModel
 from rotorfit.recordings.formats.files import ALWAYS_RAW
 from rotorfit.report.html import Html, element, paragraph
@@ -22,7 +24,7 @@ from rotorfit.report.parts import section, sentence
 if TYPE_CHECKING:
     from rotorfit.report.material import ReportInput
 
-_ASKED = ("ess", "walkers", "max_steps", "noise")
+_SAMPLER = ("ess", "walkers", "max_steps", "noise")
 """Settings of the sampler."""
 
 
@@ -92,25 +94,13 @@ def _runout(experiment: Experiment) -> float | None:
 
 def _calls(material: ReportInput) -> Iterator[str]:
     fit, refined = _origin(material)
-    settings = fit.settings
     yield "import rotorfit as rf"
-    if settings.priors:
+    if fit.settings.priors:
         yield "import scipy.stats"
     sources = [_source(experiment) for experiment in fit.experiments]
     yield f"model = {_shown(fit.model)}"
     yield f"experiments = [{', '.join(sources)}]"
-    parts = []
-    for name in ("known", "bounds", "per"):
-        given = getattr(settings, name)
-        parts += [f"{name}={_shown(dict(given))}"] if given else []
-    if settings.priors:
-        shown = ", ".join(f"{name!r}: {_distribution(prior)}" for name, prior in settings.priors.items())
-        parts.append(f"priors={{{shown}}}")
-    if fit.method == "least squares":
-        parts += [f"loss={settings.loss!r}"] if settings.loss != "linear" else []
-        parts += [f"phase_offsets={settings.phase_offsets!r}"] if settings.phase_offsets else []
-        parts += [f"calibration=rf.{settings.calibration!r}"] if settings.calibration else []
-        parts += [f"assumptions={_shown(dict(settings.assumptions))}"] if settings.assumptions else []
+    parts = [f"{name}={_shown(value)}" for name, value in _given(fit.settings).items()]
     call = "rf.closed_form" if fit.method == "closed form" else "rf.fit"
     made = f"{call}({', '.join(['model, experiments', *parts])})"
     yield f"fit = rf.refine({made}).best" if refined else f"fit = {made}"
@@ -120,8 +110,15 @@ def _calls(material: ReportInput) -> Iterator[str]:
     if simulated is not None:
         yield f"fit.bootstrap(n={len(simulated.samples) + simulated.failures}, seed={simulated.seed})"
     if posterior is not None:
-        asked = {"seed": posterior.seed, **{n: getattr(posterior.settings, n) for n in _ASKED}}
+        asked = {"seed": posterior.seed, **{n: getattr(posterior.settings, n) for n in _SAMPLER}}
         yield f"posterior = fit.sample({', '.join(f'{name}={value!r}' for name, value in asked.items())})"
+
+
+def _given(settings: FitSettings) -> dict[str, Any]:
+    """Settings of a fit by name, those left out that it has by default."""
+    usual = FitSettings()
+    found = {option.name: getattr(settings, option.name) for option in FIT if hasattr(settings, option.name)}
+    return {name: value for name, value in found.items() if value and value != getattr(usual, name)}
 
 
 def _own_options(model: RotorModel) -> dict[str, Any]:
@@ -140,12 +137,14 @@ def _shown(value: Any) -> str:
         return "{" + ", ".join(f"{k!r}: {_shown(v)}" for k, v in value.items()) + "}"
     if isinstance(value, np.ndarray):
         return f"<array {' × '.join(map(str, value.shape))}>"
+    if hasattr(value, "dist"):
+        return _distribution(value)
     if isinstance(value, RotorModel):
         options = ", ".join(f"{name}={_shown(option)}" for name, option in _own_options(value).items())
         home = "rf.models." if type(value).__module__.startswith("rotorfit.models.") else ""
         return f"{home}{type(value).__name__}({options})"
-    if isinstance(value, Law):
-        return f"rf.models.{value!r}"
+    if isinstance(value, Law | Calibration):
+        return f"rf.{'models.' if isinstance(value, Law) else ''}{value!r}"
     return repr(tuple(value) if isinstance(value, list) else value)
 
 
@@ -178,15 +177,9 @@ def _command(material: ReportInput) -> str:
         **options,
         "orthotropic": supports,
         "law": options["law"].name if "law" in options else "",
-        "known": settings.known,
-        "bounds": settings.bounds,
-        "priors": settings.priors,
-        "per": settings.per,
-        "loss": settings.loss if settings.loss != "linear" else "",
-        "phase_offsets": settings.phase_offsets,
-        "refine": refined,
+        **_given(settings),
         "calibration": {name: value for name, value in calibrated.items() if value},
-        "assumptions": settings.assumptions,
+        "refine": refined,
         "profile": tuple(p.name for p in material.profiles),
         **_draws(material),
     }
