@@ -20,8 +20,10 @@ class Complex:
     __slots__ = ("im", "re")
 
     def __init__(self, re: Real, im: Real = 0.0) -> None:
-        self.re = ca.SX(re)
-        self.im = ca.SX(im) if ca.SX(im).shape == self.re.shape else ca.SX(im) * ca.SX.ones(self.re.shape)
+        self.re = re if isinstance(re, ca.SX) else ca.SX(re)
+        self.im = im if isinstance(im, ca.SX) else ca.SX(im)
+        if self.im.shape != self.re.shape:
+            self.im = self.im * ca.SX.ones(self.re.shape)
 
     @staticmethod
     def of(value: Number) -> Complex:

@@ -106,7 +106,7 @@ class RotorModel(ABC):
         axes: tuple[Literal["x", "y", "z"], ...] = ("z",) if self.frame == "z" else ("x", "y")
         return tuple(Coordinate(plane, axis) for axis in axes for plane in self.planes)
 
-    @property
+    @cached_property
     def parameter_names(self) -> tuple[str, ...]:
         """Names of the parameters, in the order of every parameter vector."""
         return tuple(parameter.name for parameter in self.parameters)

@@ -4,13 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
 
 from rotorfit.estimators.misfit.parameter_space import ParameterSpace
 from rotorfit.models.array_types import Float, Index
+
+
+@lru_cache(maxsize=256)
+def _moments(distribution: Any) -> tuple[float, float]:
+    """Mean and standard deviation; SciPy's checks cost far more than the arithmetic."""
+    return float(distribution.mean()), float(distribution.std())
 
 
 @dataclass(frozen=True, eq=False)
@@ -20,17 +26,13 @@ class Prior:
     entry: int
     distribution: Any  # a frozen scipy.stats distribution
 
-    @cached_property
-    def _moments(self) -> tuple[float, float]:
-        return float(self.distribution.mean()), float(self.distribution.std())
-
     def terms(self, value: float) -> tuple[float, float, float]:
         """Minus log of the density over its largest, at a value, its slope and its curvature (none below zero).
 
         Args:
             value: of the entry that the prior is about.
         """
-        mean, sd = self._moments
+        mean, sd = _moments(self.distribution)
         if self.distribution.dist.name == "norm":
             pull = (value - mean) / sd
             return 0.5 * pull**2, pull / sd, 1.0 / sd**2

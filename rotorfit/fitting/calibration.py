@@ -105,9 +105,10 @@ def nuisance_entries(calibration: Calibration, experiments: Sequence[Experiment]
             there.
     """
     pairs = [_checked(experiment, block) for experiment, block in zip(experiments, blocks, strict=True)]
+    probes = [_probes(test, block) for test, block in pairs]
     columns = [
-        *_probe_columns("gain", "probe_gain", calibration.probe_gain, 1.0, pairs),
-        *_probe_columns("probe_phase", "probe_phase_deg", calibration.probe_phase_deg, math.pi / 180, pairs),
+        *_probe_columns("gain", "probe_gain", calibration.probe_gain, 1.0, pairs, probes),
+        *_probe_columns("probe_phase", "probe_phase_deg", calibration.probe_phase_deg, math.pi / 180, pairs, probes),
         *_force_columns(calibration.mr, pairs),
     ]
     if calibration.keyphasor_deg:
@@ -138,11 +139,15 @@ def _turn(block: Responses) -> ComplexArray:
 
 
 def _probe_columns(
-    kind: str, option: str, given: Uncertainty, unit: float, pairs: Sequence[tuple[PerturbationTest, Responses]]
+    kind: str,
+    option: str,
+    given: Uncertainty,
+    unit: float,
+    pairs: Sequence[tuple[PerturbationTest, Responses]],
+    where: Sequence[list[tuple[_Probe, ...]]],
 ) -> list[_Column]:
     if not given:
         return []
-    where = [_probes(test, block) for test, block in pairs]
     every = list(dict.fromkeys(group for groups in where for group in groups if group))
     probes = list(dict.fromkeys(probe for group in every for probe in group))
     if isinstance(given, Mapping):
