@@ -18,7 +18,14 @@ import numpy as np
 from rotorfit.estimators.blocks.observations import Block, Responses
 from rotorfit.estimators.blocks.response import dynamic_stiffness, inverse
 from rotorfit.estimators.misfit.parameter_space import ParameterSpace
-from rotorfit.estimators.starting.force_balance import ForceBalance, as_triangle, solve, solve_projected
+from rotorfit.estimators.starting.force_balance import (
+    ForceBalance,
+    as_triangle,
+    one_by_one,
+    products,
+    solve,
+    solve_projected,
+)
 from rotorfit.estimators.starting.lumped import Lumped, LumpedStructure, lumped_coefficients
 from rotorfit.estimators.starting.lumped_solution import (
     parameters_from,
@@ -219,8 +226,8 @@ def _passes_of(lumped: Lumped, equations: list[ForceBalance]) -> Iterator[tuple[
             H, weight = weight_of(e)
             instruments = e.sensitivities(e.predicted(H), weight)
             system = e.weigh(e.sides() if kept is None else kept, weight)
-            projected += instruments @ np.swapaxes(system, -1, -2)
-            information += instruments @ np.swapaxes(instruments, -1, -2)
+            projected += products(instruments, system)
+            information += products(instruments, instruments)
         solution = solve_projected(projected, information)
 
 
@@ -260,7 +267,7 @@ def _is_determined(space: ParameterSpace, lumped: Lumped, blocks: list[Responses
         H = inverse(dynamic_stiffness(block, theta))
         amplitude = equations.predicted(H)
         weight = H / np.abs(amplitude).max(axis=1)[:, None, None]
-        designs.append(equations.sensitivities(amplitude, weight))
+        designs.append(one_by_one(equations.sensitivities(amplitude, weight)))
     design = np.concatenate(designs, axis=1)
     norm = np.linalg.norm(design, axis=1, keepdims=True)
     if not norm.all():

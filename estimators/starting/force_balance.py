@@ -79,26 +79,26 @@ class ForceBalance:
 
     def response_weight(self, H: ComplexArray) -> ComplexArray:
         """Weights that turn the force error into the response error over its noise, independent between readings."""
-        return np.asarray((np.eye(1) + 0j if self.block.imposed else H) / self.sigma[:, :, None])
+        # Stored as H is: what runs along the lines is contiguous.
+        return np.asarray((np.ones((1, 1, 1)) + 0j if self.block.imposed else H.T) / self.sigma.T.copy()).T
 
     def sides(self) -> ComplexArray:
         """Both sides of ``kappa A = F`` with the measured amplitudes, shape ``(n, B + 1, L)``."""
         return self._sides(self.amplitude, self.force)
 
     def weigh(self, sides: ComplexArray, weight: ComplexArray | Float) -> Float:
-        """Columns ``weight kappa A`` over ``weight F``, one an equation, shape ``(..., B + 1, 2 L n)``."""
+        """Columns ``weight kappa A`` over ``weight F``, one an equation, shape ``(..., n, B + 1, 2 L)``."""
         return self._by_run(_weigh(sides, weight))
 
     def sensitivities(self, amplitude: ComplexArray, weight: ComplexArray) -> Float:
-        """The left sides alone, with other amplitudes than those measured, shape ``(..., B, 2 L n)``."""
+        """The left sides alone, with other amplitudes than those measured, shape ``(..., n, B, 2 L)``."""
         return self._by_run(_weigh(self._sides(amplitude, self.force)[:, :-1], weight))
 
     def _by_run(self, system: Float) -> Float:
-        """Equations of all runs, shape ``(B, 2 L n)``, with the leading axis of runs."""
+        """Equations of all runs, shape ``(n, C, 2 L)``, with the leading axis of runs."""
         if not self._runs:
             return system
-        parts = system.reshape(len(system), self.amplitude.shape[1], *self._runs, -1)
-        return np.ascontiguousarray(parts.transpose(2, 0, 1, 3)).reshape(*self._runs, len(system), -1)
+        return np.ascontiguousarray(np.moveaxis(system.reshape(*system.shape[:2], *self._runs, -1), 2, 0))
 
     def _sides(self, amplitude: ComplexArray, force: ComplexArray) -> ComplexArray:
         """Both sides of kappa A = F, shape ``(n, B + 1, L)``."""
@@ -127,8 +127,8 @@ class ForceBalance:
             unit[:, column] = 1.0
             sides = self._sides(unit, np.zeros_like(unit))[:, :, stiffness.first_line]
             sides[:, -1] += stiffness.kappa[:, :, column].T
-            systems.append(_one_a_column(np.swapaxes(sides, 0, 1)))
-        return np.concatenate(systems, axis=1)
+            systems.append(np.ascontiguousarray(sides).view(float))
+        return np.concatenate(systems, axis=-1)
 
 
 def _factors(place: Place, mine: Index, block: Responses) -> ComplexArray:
@@ -151,31 +151,35 @@ def _powers(values: NDArray[Any], most: int) -> NDArray[Any]:
 
 
 def _weigh(sides: ComplexArray, weight: ComplexArray | Float) -> Float:
-    """Sides of equations, shape ``(n, C, L)``, mixed by weights of shape ``(L, n, n)``: real, shape ``(C, 2 L n)``.
+    """Sides of equations, shape ``(n, C, L)``, mixed by weights of shape ``(L, n, n)``: real, shape ``(n, C, 2 L)``.
 
     Weights of shape ``(L,)`` are those of whole lines.
     """
-    n, rows, count = sides.shape
-    mixed = np.empty((rows, n, count), dtype=complex)
-    product = np.empty((rows, count), dtype=complex)
-    for i in range(n):
-        if weight.ndim == 1:
-            np.multiply(sides[i], weight, out=mixed[:, i])
-            continue
-        np.multiply(sides[0], weight[:, i, 0], out=mixed[:, i])
-        for j in range(1, n):
+    if weight.ndim == 1:
+        return (sides * weight).view(float)
+    mixed, product = np.empty_like(sides), np.empty_like(sides[0])
+    for i, part in enumerate(mixed):
+        np.multiply(sides[0], weight[:, i, 0], out=part)
+        for j in range(1, len(sides)):
             np.multiply(sides[j], weight[:, i, j], out=product)
-            mixed[:, i] += product
-    return _one_a_column(mixed)
+            part += product
+    return mixed.view(float)
 
 
-def _one_a_column(values: ComplexArray) -> Float:
-    return np.ascontiguousarray(values).reshape(values.shape[0], -1).view(float)
+def one_by_one(system: Float) -> Float:
+    """Equations ``(..., n, C, 2 L)`` after one another, shape ``(..., C, 2 L n)``."""
+    return np.swapaxes(system, -3, -2).reshape(*system.shape[:-3], system.shape[-2], -1)
 
 
 def as_triangle(system: Float) -> Float:
-    """As few equations as unknowns with the same least-squares solution."""
-    return np.swapaxes(np.linalg.qr(np.swapaxes(system, -1, -2), mode="r"), -1, -2)
+    """As few equations as unknowns with the same least-squares solution, shape ``(..., 1, C, C)``."""
+    rows = np.swapaxes(one_by_one(system), -1, -2)
+    return np.swapaxes(np.linalg.qr(rows, mode="r"), -1, -2)[..., None, :, :]
+
+
+def products(left: Float, right: Float) -> Float:
+    """Sums over all equations of the products of columns, shape ``(..., C, D)``."""
+    return np.asarray((left @ np.swapaxes(right, -1, -2)).sum(axis=-3))
 
 
 def solve(systems: list[Float]) -> tuple[Float, Float]:
@@ -183,8 +187,7 @@ def solve(systems: list[Float]) -> tuple[Float, Float]:
 
     By normal equations, a tenth of the work of a triangle; that is made where digits of theirs would be lost.
     """
-    system = np.concatenate(systems, axis=-1) if len(systems) > 1 else systems[0]
-    projected = system[..., :-1, :] @ np.swapaxes(system, -1, -2)
+    projected = np.sum([products(system[..., :-1, :], system) for system in systems], axis=0)
     information = projected[..., :-1]
     norm = _lengths(information)
     try:
@@ -193,9 +196,10 @@ def solve(systems: list[Float]) -> tuple[Float, Float]:
             return solve_projected(projected, information), information
     except np.linalg.LinAlgError:
         pass
-    norm = np.concatenate([norm, np.ones_like(norm[..., :1])], axis=-1)
-    triangle = np.swapaxes(as_triangle(system / norm[..., None]), -1, -2)
-    return least_squares(triangle[..., :-1], triangle[..., -1], 1e-13) / norm[..., :-1], information
+    scale = np.concatenate([norm, np.ones_like(norm[..., :1])], axis=-1)[..., None, :, None]
+    triangle = as_triangle(np.concatenate([as_triangle(system / scale) for system in systems], axis=-1))
+    triangle = np.swapaxes(triangle[..., 0, :, :], -1, -2)
+    return least_squares(triangle[..., :-1], triangle[..., -1], 1e-13) / norm, information
 
 
 def _lengths(information: Float) -> Float:
