@@ -81,17 +81,21 @@ def eigenvalues(model: RotorModel, theta: ArrayLike, speed: ArrayLike) -> Comple
     Returns:
         shape ``(..., order n)``, rad/s; infinite ones (massless coordinates) are NaN and stand last.
     """
+    s = _spectrum(model, theta, speed)
+    return np.asarray(np.take_along_axis(s, np.argsort(s.imag, axis=-1), axis=-1))
+
+
+def _spectrum(model: RotorModel, theta: ArrayLike, speed: ArrayLike) -> ComplexArray:
+    """:func:`eigenvalues` in no order."""
     coefficients = model.motion(theta, speed)
     if model.shaft is not None and model.shaft.has_mass:
         # Its many high modes would carry the round-off of s^2 over the lowest one.
         matrix, scale = companion(coefficients[..., ::-1, :, :])
-        s = np.linalg.eigvals(matrix) / scale
-        return np.asarray(np.take_along_axis(s, np.argsort(s.imag, axis=-1), axis=-1))
+        return np.asarray(np.linalg.eigvals(matrix) / scale)
     matrix, scale = companion(coefficients)
     mu = np.linalg.eigvals(matrix)
     finite = np.abs(mu) > 1e-9 * np.abs(mu).max(axis=-1, keepdims=True)
-    s = np.where(finite, scale / np.where(finite, mu, 1.0), complex(np.nan, np.nan))
-    return np.asarray(np.take_along_axis(s, np.argsort(s.imag, axis=-1), axis=-1))
+    return np.where(finite, scale / np.where(finite, mu, 1.0), complex(np.nan, np.nan))
 
 
 def is_image(model: RotorModel, theta: ArrayLike, speed: float, s: complex) -> bool:
@@ -110,7 +114,7 @@ def is_image(model: RotorModel, theta: ArrayLike, speed: float, s: complex) -> b
 
 def growth_rate(model: RotorModel, theta: ArrayLike, speed: ArrayLike, band: float = math.inf) -> Float:
     """Largest real part of the eigenvalues with ``|s| <= band``, 1/s; positive means unstable."""
-    s = eigenvalues(model, theta, speed)
+    s = _spectrum(model, theta, speed)
     counted = np.isfinite(s) & (np.abs(s) <= band)
     return np.asarray(np.where(counted, s.real, -np.inf).max(axis=-1))
 

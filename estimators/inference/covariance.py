@@ -67,28 +67,14 @@ def _expected_loss(loss: Loss) -> float:
     return float(np.mean(robust_weights(loss, -2 * np.log1p(-q))[0]))
 
 
-def reduced_chi_square(problem: Problem, residuals: ComplexArray, nfree: int) -> float:
-    """Cost per degree of freedom against that of noise alone: one where the model explains the data, for any loss.
-
-    Args:
-        problem: the problem, for its loss.
-        residuals: residuals over the noise, shape ``(R,)``, each part of which has standard deviation one.
-        nfree: real data less parameters; NaN comes back where none is left.
-    """
-    if nfree <= 0:
-        return float("nan")
-    cost = float(robust_weights(problem.loss, np.abs(residuals) ** 2)[0].sum())
-    return cost * per_freedom(problem.loss, nfree)
-
-
 def per_freedom(loss: Loss, nfree: int) -> float:
-    """Factor from the (robust) sum of squared residuals to its ratio to what noise alone leaves.
+    """Factor from the (robust) sum of squared residuals to its ratio to what noise alone leaves, for any loss.
 
     Args:
         loss: of the problem.
-        nfree: real data less parameters, one at least.
+        nfree: real data less parameters; NaN comes back where none is left.
     """
-    return 2 / nfree / _expected_loss(loss)
+    return 2 / nfree / _expected_loss(loss) if nfree > 0 else float("nan")
 
 
 def information(

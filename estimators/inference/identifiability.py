@@ -109,8 +109,7 @@ def covariance(root: Float, scales: Float) -> tuple[Float, Float, Float, Bool]:
     if singular.size < scales.size:  # fewer data than parameters
         rows = np.linalg.svd(scaled / safe, full_matrices=True)[2]
         singular = np.concatenate([singular, np.zeros(scales.size - singular.size)])
-    order = np.argsort(singular)
-    power, basis = singular[order], rows.T[:, order]
+    power, basis = singular[::-1], rows[::-1].T
     lost = power <= _NULL * power.max(initial=0.0)
     # Directions that the equilibrated matrix resolves, back in scaled parameters.
     kept = basis[:, ~lost] / safe[:, None] / power[~lost]
@@ -130,7 +129,7 @@ def covariance(root: Float, scales: Float) -> tuple[Float, Float, Float, Bool]:
         keep = stderr.size - count
         directions = np.concatenate([null, directions[:, :keep]], axis=1)
         stderr = np.concatenate([np.full(count, np.inf), stderr[:keep]])
-    return covar * np.outer(scales, scales), stderr, directions, stderr > UNRESOLVED
+    return covar * (scales[:, None] * scales), stderr, directions, stderr > UNRESOLVED
 
 
 def _null_basis(directions: Float, silent: Bool) -> Float:

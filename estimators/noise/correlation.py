@@ -105,9 +105,9 @@ class _Products:
     def at(self, lag: int) -> tuple[Float, Float]:
         """Sum of the products of readings a number of lines apart, and its standard deviation by chance."""
         same = self.number[lag:] == self.number[:-lag]
-        product = (self.along[..., lag:] * self.along[..., :-lag].conj()).real[..., same]
-        brought = powers(self.moved[..., 2 * lag :], self.ours[..., : -2 * lag])[..., same]
-        amount = product.sum(axis=-1) + brought.sum(axis=-1)
+        product = (self.along[..., lag:] * self.along[..., :-lag].conj()).real * same
+        brought = powers(self.moved[..., 2 * lag :], self.ours[..., : -2 * lag])
+        amount = product.sum(axis=-1) + brought @ same
         return np.asarray(amount), np.asarray(np.sqrt(np.sum(product**2, axis=-1)))
 
 

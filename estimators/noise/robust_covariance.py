@@ -83,10 +83,12 @@ def _sums_by_line(line: Index) -> Callable[[Float], Float]:
     Args:
         line: number of the line of each reading.
     """
-    order = np.argsort(line, kind="stable")
-    starts = np.flatnonzero(np.diff(line[order], prepend=-1))
+    parts: slice | Index = slice(None)
+    if (line[1:] < line[:-1]).any():
+        order = np.argsort(line, kind="stable")
+        line, parts = line[order], (2 * order[:, None] + np.arange(2)).ravel()
+    starts = np.flatnonzero(np.diff(line, prepend=-1))
     size = line.size // max(starts.size, 1)
-    parts = slice(None) if np.all(np.diff(order) == 1) else (2 * order[:, None] + np.arange(2)).ravel()
     if np.array_equal(starts, np.arange(0, line.size, size)):  # lines of one length: ten times as fast
         ones = np.ones(2 * size)
         return lambda values: values[..., parts].reshape(*values.shape[:-1], -1, 2 * size) @ ones

@@ -162,7 +162,7 @@ def _weigh(sides: ComplexArray, weight: ComplexArray | Float) -> Float:
         np.multiply(sides[0], weight[:, i, 0], out=part)
         for j in range(1, len(sides)):
             np.multiply(sides[j], weight[:, i, j], out=product)
-            part += product
+            np.add(part, product, out=part)
     return mixed.view(float)
 
 

@@ -266,11 +266,12 @@ def _settled_at(cost: Float | float, gradient: Float, matrix: Float, limit: floa
     good = np.asarray((cost < limit) & (size > 0).all(axis=-1))
     if not good.any():
         return good
-    safe = np.where(good[..., None], size, 1.0)
-    along = np.where(good[..., None], gradient / safe, 0.0)
-    unit = np.where(good[..., None, None], matrix / (safe[..., :, None] * safe[..., None, :]), np.eye(size.shape[-1]))
+    if not good.all():  # the others are not to be solved
+        gradient, size = np.where(good[..., None], gradient, 0.0), np.where(good[..., None], size, 1.0)
+        matrix = np.where(good[..., None, None], matrix, np.eye(size.shape[-1]))
+    along = gradient / size
     try:
-        step = np.linalg.solve(unit, along[..., None])[..., 0]
+        step = np.linalg.solve(matrix / (size[..., :, None] * size[..., None, :]), along[..., None])[..., 0]
     except np.linalg.LinAlgError:
         return np.zeros_like(good)
     length = np.sum(step * along, axis=-1)

@@ -53,10 +53,12 @@ def goodness_of(problem: Problem, settings: FitSettings, x: Float, residuals: Co
     # A nuisance entry with a prior brings the datum that pays for it.
     paid = sum(prior.entry >= len(problem.space.names) for prior in given.priors)
     nfree = problem.n_data - count + paid
-    deviance = float(robust_weights(problem.loss, np.abs(whitened) ** 2)[0].sum())
+    size2 = np.abs(whitened) ** 2
+    chisqr = float(size2.sum())
+    deviance = chisqr if problem.loss == "linear" else float(robust_weights(problem.loss, size2)[0].sum())
     return Goodness(
-        chisqr=float(np.sum(np.abs(whitened) ** 2)),
-        redchi=covariance.reduced_chi_square(problem, whitened, nfree),
+        chisqr=chisqr,
+        redchi=deviance * covariance.per_freedom(problem.loss, nfree),
         nvarys=count,
         nfree=nfree,
         aic=deviance + 2 * count,

@@ -38,9 +38,10 @@ def parameter_table(
         degrees: of freedom of each entry's error.
         unresolved: entries that the data do not determine.
     """
-    begin = np.concatenate([begin, np.zeros(space.size - begin.size)])
     # With priors or tight noise a variance may come out as -0.
-    error, wide = (np.sqrt(np.maximum(np.diag(matrix), 0.0)) for matrix in (scattered, covar))
+    error, wide = (np.sqrt(np.maximum(np.diag(matrix), 0.0)).tolist() for matrix in (scattered, covar))
+    values, lower, upper = x.tolist(), space.lower.tolist(), space.upper.tolist()
+    first = [*begin.tolist(), *[0.0] * (space.size - begin.size)]
     entries: dict[str, FittedParameter] = {}
     for i, name in enumerate((*space.names, *space.nuisance)):
         if is_run_effect(name):
@@ -49,18 +50,18 @@ def parameter_table(
         meta = space.model.parameter(space.base[i]) if known_to_model else None
         unit, meaning = (meta.unit, meta.meaning) if meta else _MEANING[bare_name(name)]
         resolved = name not in unresolved
-        span = max(abs(float(x[i])), 1e-12)
-        at_bound = bool(min(x[i] - space.lower[i], space.upper[i] - x[i]) <= 1e-7 * span)
+        span = max(abs(values[i]), 1e-12)
+        at_bound = min(values[i] - lower[i], upper[i] - values[i]) <= 1e-7 * span
         entries[name] = FittedParameter(
             name=name,
-            value=float(x[i]),
-            stderr=float(wide[i]) if resolved else float("inf"),
-            stderr_noise=float(error[i]) if resolved else float("inf"),
-            init_value=float(begin[i]),
+            value=values[i],
+            stderr=wide[i] if resolved else float("inf"),
+            stderr_noise=error[i] if resolved else float("inf"),
+            init_value=first[i],
             unit=unit,
             meaning=meaning,
-            min=float(space.lower[i]),
-            max=float(space.upper[i]),
+            min=lower[i],
+            max=upper[i],
             vary=True,
             resolved=resolved,
             at_bound=at_bound,

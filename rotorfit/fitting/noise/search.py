@@ -11,7 +11,7 @@ import numpy as np
 
 from rotorfit.estimators.blocks.correlated import CorrelatedResponses
 from rotorfit.estimators.blocks.nonlinear import responses_of
-from rotorfit.estimators.blocks.row_keys import in_order, numbers
+from rotorfit.estimators.blocks.row_keys import words
 from rotorfit.estimators.blocks.sweeps import force_plane, sweeps_of
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.estimators.noise.correlation import Memory, memory
@@ -131,9 +131,8 @@ def residuals_of(problem: Problem, x: Float) -> Residuals | None:
     for one in problem.priors:
         prior[one.entry] += one.terms(float(x[one.entry]))[2]
     channels = channels_of(problem)
-    name = np.concatenate([block.run for block in problem.blocks])
-    first, number = in_order(numbers(name))
-    runs = tuple(name[first].tolist())
+    names, number = words(np.concatenate([block.run for block in problem.blocks]))
+    runs = tuple(names)
     if not 2 <= len(runs) <= _MOST_RUNS:
         runs = ()
     order, ends = np.argsort(number, kind="stable"), np.cumsum(np.bincount(number))
@@ -215,7 +214,7 @@ def _effects(problem: Problem, x: Float, y: ComplexArray, J: ComplexArray) -> tu
     for base in _FLUID:
         entries = [i for i, name in enumerate(problem.space.base) if name == base]
         if entries:
-            columns["run_lam" if base == "lam_D" else f"run_{base}"] = J[:, entries] @ x[entries]
+            columns["run_lam" if base == "lam_D" else f"run_{base}"] = sum(J[:, i] * x[i] for i in entries)
     if {"run_K0", "run_D"} <= set(columns):
         columns["run_fluid"] = columns["run_K0"] + columns["run_D"]
     return tuple(columns), np.array(list(columns.values())).T
