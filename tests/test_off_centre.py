@@ -71,7 +71,9 @@ def test_equilibria_balance_the_load_and_the_integrated_rotor_comes_to_rest_ther
     balance = model.coefficients(theta, SPEED, eps)[0] @ z
     np.testing.assert_allclose(balance, load, atol=4e-12)
     decay = -off_centre_eigenvalues(model, theta, SPEED, eps).real.max()
-    found = rest_position(Motion(model, theta[None], np.array([SPEED])), load[None], np.array([decay]), tolerance=1e-9)
+    found = rest_position(
+        Motion(model=model, theta=theta[None], speed=np.array([SPEED])), load[None], np.array([decay]), tolerance=1e-9
+    )
     np.testing.assert_allclose(found[0], z, atol=1e-8 * np.abs(z).max())
 
 
@@ -82,7 +84,7 @@ def test_small_orbits_about_the_equilibrium_integrated_in_time_obey_the_coupled_
 ) -> None:
     model, theta, z, eps, attitude = loaded(name, newton * np.exp(-0.8j))
     seat, n = journal(model), len(model.coordinates)
-    motion = Motion(model, theta[None], np.array([SPEED]))
+    motion = Motion(model=model, theta=theta[None], speed=np.array([SPEED]))
     load, unit = np.zeros((2, 1, n), dtype=complex)
     load[0, seat.at], unit[0, seat.at] = newton * np.exp(-0.8j), np.exp(0.5j)
     stiffness = coupled_stiffness(model, theta, frequency, SPEED, eps, attitude)[0]
@@ -111,7 +113,7 @@ def test_small_orbits_about_the_equilibrium_integrated_in_time_obey_the_coupled_
 def test_eigenvalues_are_those_of_the_numerically_linearised_first_order_system(name: str) -> None:
     model, theta, z, eps, _ = loaded(name, 3.0 * np.exp(0.3j))
     n, seat = len(model.coordinates), journal(model)
-    motion = Motion(model, theta[None], np.array([SPEED]))
+    motion = Motion(model=model, theta=theta[None], speed=np.array([SPEED]))
     load = np.zeros((1, n), dtype=complex)
     load[0, seat.at] = 3.0 * np.exp(0.3j)
     scale = np.r_[np.full(2 * n, 1e-4), np.full(2 * n, 1e-2)]  # states of like size
@@ -163,7 +165,7 @@ def test_gradients_of_eigenvalues_are_exact(name: str) -> None:
 
 def test_a_load_that_no_equilibrium_carries_does_not_come_to_rest() -> None:
     model, theta = rig("jumping")
-    motion = Motion(model, theta[None], np.array([400.0]))
+    motion = Motion(model=model, theta=theta[None], speed=np.array([400.0]))
     assert eigenvalues(model, theta, 400.0).real.max() > 0
     with pytest.raises(IntegrationError, match=r"touches the wall|not come to rest"):
         rest_position(motion, np.array([[0.01 + 0j]]), np.array([20.0]), tolerance=1e-6)

@@ -67,7 +67,7 @@ def test_circular_orbits_integrated_in_time_obey_the_phasor_equation(
     model, theta = rig(name)
     frequency = np.array([50.0, 70.0, 100.0, -70.0])
     force = forces(model, plane, newton * np.exp(0.4j) * np.ones(4))
-    motion = Motion(model, np.tile(theta, (4, 1)), np.full(4, SPEED))
+    motion = Motion(model=model, theta=np.tile(theta, (4, 1)), speed=np.full(4, SPEED))
     decay = -growth_rate(model, theta, SPEED)
     steady = steady_state(motion, frequency, force, np.full(4, float(decay)), tolerance=tolerance)
     equation = orbit_equation(model, theta, SPEED, frequency, force)
@@ -93,7 +93,7 @@ def test_of_three_orbits_under_one_force_the_outer_two_attract_and_the_middle_on
     assert (np.sign(slope) == [-1, 1, -1]).all()
     # put each orbit two per mille beside the root and let it run
     orbits = phasor(model, theta, speed, frequency, force, roots)
-    motion = Motion(model, np.tile(theta, (3, 1)), np.full(3, speed))
+    motion = Motion(model=model, theta=np.tile(theta, (3, 1)), speed=np.full(3, speed))
     z = np.asarray(orbits * 1.002, dtype=complex)
     decay = np.full(3, -float(growth_rate(model, theta, speed)))
     steady = steady_state(motion, frequency, force, decay, start=(z, 1j * frequency[:, None] * z), tolerance=1e-9)
@@ -122,7 +122,7 @@ def test_followed_sweeps_jump_where_their_branch_ends_as_the_integrated_motion_d
     for name, frequency in (("up", rising), ("down", rising[::-1])):
         equation = orbit_equation(model, theta, speed, frequency, forces(model, 0, force))
         followed[name] = followed_roots(journal(model), equation, np.zeros(rising.size, dtype=np.intp))
-        motion = Motion(model, theta[None], np.array([speed]))
+        motion = Motion(model=model, theta=theta[None], speed=np.array([speed]))
         decay = np.array([-float(growth_rate(model, theta, speed))])
         last: tuple[ComplexArray, ComplexArray] | None = None
         for line, w in enumerate(frequency):
@@ -140,7 +140,7 @@ def test_roots_do_not_exist_beyond_the_clearance() -> None:
     model, theta = rig("even")
     equation = orbit_equation(model, theta, SPEED, np.array([70.0]), forces(model, 0, np.array([50.0])))
     assert all_roots(journal(model), equation)[0] == pytest.approx([1.0], abs=1e-8)
-    motion = Motion(model, theta[None], np.array([SPEED]))
+    motion = Motion(model=model, theta=theta[None], speed=np.array([SPEED]))
     with pytest.raises(IntegrationError, match="touches the wall"):
         steady_state(motion, np.array([70.0]), forces(model, 0, np.array([50.0])), np.array([30.0]), tolerance=1e-6)
 
@@ -192,7 +192,7 @@ def test_energy_of_an_undamped_rotor_without_fluid_is_kept() -> None:
     theta = model.vector({
         "M": 1.0, "K": 1e4, "Ds": 0.0, "K0": 0.0, "D": 0.0, "lam": 0.0, "Mf": 0.0, "n_K": 0.0, "n_D": 0.0, "b": 0.0,
     })  # fmt: skip
-    motion = Motion(model, theta[None], np.zeros(1))
+    motion = Motion(model=model, theta=theta[None], speed=np.zeros(1))
     z, v = np.array([[1e-5 + 0j]]), np.array([[2e-3j]])
     path = integrate(
         motion, lambda _: np.zeros((1, 1), dtype=complex), z, v, (0.0, 1.0), size=1e-5, rate=100.0, tolerance=1e-10

@@ -80,9 +80,9 @@ def test_confidence_band_is_that_of_refitted_noise():
     values = []
     for fit in fits_of_draws():
         (condition,) = _shown(fit)
-        _, kappa, direct, quadrature = _fitted(fit, condition, 0, 0, True)
-        values.append(kappa[[10, 200]])
-    band = np.array([direct[[10, 200]], quadrature[[10, 200]]]) / 1.96
+        line = _fitted(fit, condition, 0, 0, True)
+        values.append(line.kappa[[10, 200]])
+    band = np.array([line.direct[[10, 200]], line.quadrature[[10, 200]]]) / 1.96
     scatter = np.array([np.std(np.real(values), axis=0), np.std(np.imag(values), axis=0)])
     # The standard deviation of 80 draws is known to 8 % (one sd).
     np.testing.assert_allclose(band, scatter, rtol=0.3)

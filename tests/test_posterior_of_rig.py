@@ -127,13 +127,13 @@ def test_draws_without_a_threshold():
     unstable = theta[:3].copy()
     unstable[:, model.parameter_names.index("Ds")] = -2000.0
     np.testing.assert_array_equal(threshold_speeds(model, unstable)[0], 0.0)
-    onset = Derived("threshold speed", "rad/s", speed)
+    onset = Derived(name="threshold speed", unit="rad/s", samples=speed)
     assert onset.missing == 0.5
     assert onset.interval(0.95)[0] == speed[1]
     assert onset.interval(0.95)[1] == np.inf
-    ratio = Derived("whirl ratio", "1", whirl)
+    ratio = Derived(name="whirl ratio", unit="1", samples=whirl)
     assert np.isfinite([ratio.value, *ratio.interval()]).all()
-    assert np.isnan(Derived("none", "1", np.full(3, np.nan)).value)
+    assert np.isnan(Derived(name="none", unit="1", samples=np.full(3, np.nan)).value)
     with pytest.raises(ValueError, match="lies between 0 and 1"):
         onset.interval(95)
 

@@ -33,7 +33,7 @@ _TIMED = 16  # of them enough to estimate the autocorrelation time from
 _DISAGREE = 4.0  # spread of 32 means over its expectation, beyond all chance (chi-squared over 31: p < 1e-12)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class SamplerProgress:
     """State of a run.
 
@@ -154,7 +154,7 @@ def _progress(verdict: WalkerPaths, ess: float) -> SamplerProgress:
         needed = RESOLVED * longest
         words = f"{min(kept, needed):.0f} of the {needed:.0f} steps that resolve the autocorrelation time"
     done = 1.0 if verdict.converged else min(samples, resolved, 0.99)
-    return SamplerProgress(verdict.steps, verdict.ess, longest, done, words)
+    return SamplerProgress(steps=verdict.steps, ess=verdict.ess, tau=longest, done=done, waiting=words)
 
 
 def _should_learn(memory: Any, verdict: WalkerPaths, learned: int, max_steps: int) -> bool:

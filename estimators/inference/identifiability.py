@@ -17,7 +17,7 @@ _TRACE = 1e-6  # share in an unseen direction that is more than round-off
 _SHARE = 0.02  # entries of an unresolved direction below this fraction of the largest are not named
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Combination:
     """One direction in parameter space that the data leave open.
 
@@ -192,11 +192,11 @@ def diagnose(
         pair = _pair(model, base, values, vector * scales, chosen) if len(chosen) == 2 else None
         combinations.append(
             Combination(
-                tuple(names[i] for i in chosen),
-                tuple(float(vector[i]) for i in chosen),
-                error,
-                _message(model, names, base, chosen, error, pair),
-                "" if pair is None else pair[1],
+                names=tuple(names[i] for i in chosen),
+                direction=tuple(float(vector[i]) for i in chosen),
+                stderr=error,
+                message=_message(model, names, base, chosen, error, pair),
+                kind="" if pair is None else pair[1],
             )
         )
     return covar, Identifiability(

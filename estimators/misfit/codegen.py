@@ -88,7 +88,7 @@ def _rho(loss: Loss, size2: ca.SX) -> ca.SX:
     return c2 * ca.log1p(size2 / c2)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class _PatternGraph:
     """Symbols and squared residuals of one node."""
 
@@ -127,7 +127,7 @@ def _pattern_graph(model: RotorModel, pattern: Pattern) -> _PatternGraph:
         data.append(ca.vertcat(target, weight))
         gains.append(gain)
         directions.append(u)
-    return _PatternGraph(c, w, data, gains, directions, rho)
+    return _PatternGraph(c=c, w=w, data=data, gains=gains, directions=directions, rho=rho)
 
 
 class _Names:

@@ -26,7 +26,7 @@ GRADIENT = 5.0
 _CHUNK = 60_000  # readings that NumPy holds at once, so that arrays stay in cache
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class MemberReadings:
     """Readings of many members.
 
@@ -43,7 +43,7 @@ class MemberReadings:
         """Those of some members, numbers ascending; of all without a copy."""
         if members.size == self.measured.shape[0]:
             return self
-        return MemberReadings(self.measured[members], self.re[members], self.im[members])
+        return MemberReadings(measured=self.measured[members], re=self.re[members], im=self.im[members])
 
 
 class Batch:
@@ -147,14 +147,15 @@ class Batch:
         """Readings of members in place of the problem's, shape ``(W, R)``, sorted once for many evaluations."""
         raw = measured if self._others else measured[:, :0]
         if self.layout is None:
-            return MemberReadings(raw, np.zeros((measured.shape[0], 0)), np.zeros((measured.shape[0], 0)))
+            none = np.zeros((measured.shape[0], 0))
+            return MemberReadings(measured=raw, re=none, im=none)
         order, per_drive = self.layout.reading, 1.0 / self.layout.drive
         shape = measured.shape[0], order.size
         re, im = np.empty(shape), np.empty(shape)
         for m, row in enumerate(measured):
             target = row[order] * per_drive
             re[m], im[m] = target.real, target.imag
-        return MemberReadings(raw, re, im)
+        return MemberReadings(measured=raw, re=re, im=im)
 
     def cost_and_gradient(self, x: Float, readings: MemberReadings | None = None) -> tuple[Float, Float]:
         """Cost of :class:`Problem` without priors, and its exact gradient.

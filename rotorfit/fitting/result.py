@@ -457,7 +457,10 @@ class FitResult:
         from rotorfit.fitting.calibration import Calibration
         from rotorfit.uncertainty.budget import budget
 
-        return budget(self, Calibration(probe_gain, probe_phase_deg, mr, keyphasor_deg))
+        return budget(
+            self,
+            Calibration(probe_gain=probe_gain, probe_phase_deg=probe_phase_deg, mr=mr, keyphasor_deg=keyphasor_deg),
+        )
 
     # ---- files, imported when asked for ------------------------------------------------------------------------------
 

@@ -27,7 +27,7 @@ FRF, GENERAL = 4, 0
 AXES = {1: "x", 2: "y"}
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class _Receptance:
     """One FRF of a unidirectional test in SI units: response at a channel to a force along x or y."""
 

@@ -20,7 +20,7 @@ _CHANNEL = re.compile(r"(?P<plane>.+)_(?P<direction>rx|ry|x|y|z)_(?P<rest>.+)")
 _NOT_PLANES = ("force", "load", "sigma")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class _Column:
     """A column of one probe: its name in the table, the tidy column that it becomes, and the factor to its unit."""
 
@@ -83,10 +83,10 @@ def _column(name: str, direction: str, rest: str) -> _Column | None:
     for prefix in ("real", "imag", "amplitude"):
         unit = rest.removeprefix(f"{prefix}_")
         if unit in MOTION and (unit != rest or prefix == "amplitude"):
-            return _Column(name, f"{prefix}_{tidy_unit}", MOTION[unit] * 1e6)
+            return _Column(name=name, tidy=f"{prefix}_{tidy_unit}", factor=MOTION[unit] * 1e6)
     unit = rest.removeprefix("phase_")
     if unit in UNITS["phase"]:
-        return _Column(name, "phase_deg", UNITS["phase"][unit] / UNITS["phase"]["deg"])
+        return _Column(name=name, tidy="phase_deg", factor=UNITS["phase"][unit] / UNITS["phase"]["deg"])
     return None
 
 

@@ -28,7 +28,7 @@ _CURVE_POINTS = 300
 _SHOWN = 400  # measured points a panel; more only blacken it
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class _Points:
     """Measured stiffness of one entry: frequency, value, sigma."""
 
@@ -39,7 +39,7 @@ class _Points:
     sigma: Float
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class _Line:
     """Fitted stiffness of one entry and the half-widths of its 95 % band: frequency, value, direct, quadrature."""
 
@@ -49,7 +49,7 @@ class _Line:
     quadrature: Float
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class _Shown:
     """What a condition has to show: its range of frequencies, its points, and lines that only the data tell."""
 
@@ -108,7 +108,7 @@ def _shown(fit: FitResult) -> list[_Shown]:
             if isinstance(part.block, OrbitResponses):
                 for place, line in _along_the_data(fit, part.block.lines(keep), condition.group):
                     lines.setdefault((place, place), []).append(line)
-        found.append(_Shown(condition, float(w.min()), float(w.max()), points, lines))
+        found.append(_Shown(condition=condition, low=float(w.min()), high=float(w.max()), points=points, lines=lines))
     return found
 
 
@@ -120,7 +120,13 @@ def _measured(block: Responses, fit: FitResult) -> list[_Points]:
             some = slice(None, None, max(1, measured.frequency.size // _SHOWN))
             n = len(block.model.coordinates)
             return [
-                _Points(i, j, measured.frequency[some], measured.kappa[some, i, j], measured.sigma[some, i, j])
+                _Points(
+                    row=i,
+                    column=j,
+                    frequency=measured.frequency[some],
+                    kappa=measured.kappa[some, i, j],
+                    sigma=measured.sigma[some, i, j],
+                )
                 for i in range(n)
                 for j in range(n)
             ]
@@ -139,7 +145,7 @@ def _drive_points(block: Responses) -> list[_Points]:
         drive, value = block.force[line[rows], p], block.measured[rows]
         ratio = value / drive if block.imposed else drive / value
         sigma = block.sigma[rows] / np.abs(drive) if block.imposed else block.sigma[rows] * np.abs(drive / value**2)
-        points.append(_Points(p, p, block.frequency[line[rows]], ratio, sigma))
+        points.append(_Points(row=p, column=p, frequency=block.frequency[line[rows]], kappa=ratio, sigma=sigma))
     return points
 
 
@@ -159,8 +165,8 @@ def _along_the_data(fit: FitResult, block: OrbitResponses, group: int) -> Iterat
             by_theta = slope[rows]
             kappa = response / drive if base.imposed else drive / response
             change = by_theta / drive[:, None] if base.imposed else -by_theta * (drive / response**2)[:, None]
-            bands = half_width(fit, group, change.real), half_width(fit, group, change.imag)
-            yield p, _Line(w[rows], kappa, *bands)
+            direct, quadrature = half_width(fit, group, change.real), half_width(fit, group, change.imag)
+            yield p, _Line(frequency=w[rows], kappa=kappa, direct=direct, quadrature=quadrature)
 
 
 def _entry(fit: FitResult, shown: Sequence[_Shown], pair: tuple[Any, ...], row: int, column: int, full: bool) -> None:
@@ -194,7 +200,7 @@ def _lines(fit: FitResult, shown: _Shown, row: int, column: int, full: bool) -> 
     """Fitted lines of an entry: those along the data of a nonlinear rotor, else one on a fine grid."""
     if fit.model.eccentricity_dependent:
         return shown.lines.get((row, column), [])
-    return [_Line(*_fitted(fit, shown, row, column, full))]
+    return [_fitted(fit, shown, row, column, full)]
 
 
 def _points(pair: tuple[Any, ...], frequency: Float, value: ComplexArray, sigma: Float, colour: str) -> None:
@@ -205,10 +211,8 @@ def _points(pair: tuple[Any, ...], frequency: Float, value: ComplexArray, sigma:
         axis.plot(x, part, "o", ms=2, mfc=face, mec=colour, mew=0.5, alpha=0.45, zorder=2)
 
 
-def _fitted(
-    fit: FitResult, shown: _Shown, row: int, column: int, full: bool
-) -> tuple[Float, ComplexArray, Float, Float]:
-    """Fitted entry on a fine grid and half-widths of its 95 % band (direct, quadrature), by the delta method."""
+def _fitted(fit: FitResult, shown: _Shown, row: int, column: int, full: bool) -> _Line:
+    """Fitted entry on a fine grid and half-widths of its 95 % band, by the delta method."""
     model, space = fit.model, fit.problem.space
     condition = shown.condition
     w = np.linspace(shown.low, shown.high, _CURVE_POINTS)
@@ -230,7 +234,7 @@ def _fitted(
     np.add.at(by_theta.T, jacobian.inputs, entries.T)
     slope = space.pull_back(by_theta[:, : theta.size], condition.group)
     bands = [CONFIDENCE * standard_error(part, fit.covar) for part in (slope.real, slope.imag)]
-    return w, value, bands[0], bands[1]
+    return _Line(frequency=w, kappa=value, direct=bands[0], quadrature=bands[1])
 
 
 def _limits(

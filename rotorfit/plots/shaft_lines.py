@@ -31,7 +31,7 @@ _MARKED = 30
 """Tested speeds that are marked one by one; of more the lowest and the highest."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class _Curve:
     """One line of one signal at one speed per unit of force, frequencies ascending.
 
@@ -105,10 +105,19 @@ def _curves(fit: FitResult) -> Iterator[_Curve]:
                 here = here[np.argsort(block.frequency[here])]
                 if here.size:
                     drive = np.abs(block.force[here])
-                    parts = (block.measured[here] / drive, block.sigma[here] / drive, predicted[here] / drive)
                     fine, fitted = _fitted_line(fit, block, here)
                     unit = "rad/N" if block.direction[rows[0]] == "twist" else "m/N"
-                    yield _Curve(title, unit, speed, block.frequency[here], *parts, fine, fitted)
+                    yield _Curve(
+                        title=title,
+                        unit=unit,
+                        speed=speed,
+                        frequency=block.frequency[here],
+                        measured=block.measured[here] / drive,
+                        sigma=block.sigma[here] / drive,
+                        fitted=predicted[here] / drive,
+                        fine=fine,
+                        line_fitted=fitted,
+                    )
 
 
 def _run_up(fit: FitResult, block: LineResponses, title: str, rows: Index, predicted: ComplexArray) -> _Curve:
@@ -117,15 +126,15 @@ def _run_up(fit: FitResult, block: LineResponses, title: str, rows: Index, predi
     speed, direction = block.speed[rows], str(block.direction[first])
     fine = np.linspace(speed[0], speed[-1], _FINE)
     return _Curve(
-        f"{title}\nstart-up",
-        "rad" if direction == "twist" else "m",
-        np.nan,
-        speed,
-        block.measured[rows],
-        block.sigma[rows],
-        predicted[rows],
-        fine,
-        block.model.lines(
+        title=f"{title}\nstart-up",
+        unit="rad" if direction == "twist" else "m",
+        speed=np.nan,
+        frequency=speed,
+        measured=block.measured[rows],
+        sigma=block.sigma[rows],
+        fitted=predicted[rows],
+        fine=fine,
+        line_fitted=block.model.lines(
             fit.thetas[int(block.reading_group[first])],
             direction,
             line_order(direction, str(block.line[first])),

@@ -32,7 +32,7 @@ _ONE_SPEED = 2e-3  # relative difference of speeds that were meant to be the sam
 _ONE_LEVEL = 0.03  # relative difference of forces that were meant to be the same
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class SweepCondition:
     """One curve of every panel and one entry of the legend; lists of them are sorted by number.
 
@@ -49,7 +49,7 @@ class SweepCondition:
     colour: str
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Sweeps:
     """The lines of one block.
 
@@ -64,7 +64,7 @@ class Sweeps:
     condition: Index
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class _Key:
     group: int
     speed: float
@@ -94,11 +94,16 @@ def sweeps(fit: FitResult) -> tuple[list[SweepCondition], list[Sweeps]]:
     distinct = sorted({key for keys in keyed for key in keys}, key=lambda k: _sorting(fit, k))
     names = _names(fit, distinct)
     conditions = [
-        SweepCondition(key.group, math.nan if key.speed == _SWEEP else key.speed, name, colour_of(i, len(distinct)))
+        SweepCondition(
+            group=key.group,
+            speed=math.nan if key.speed == _SWEEP else key.speed,
+            name=name,
+            colour=colour_of(i, len(distinct)),
+        )
         for i, (key, name) in enumerate(zip(distinct, names, strict=True))
     ]
     parts = [
-        Sweeps(clean, block, np.array([distinct.index(key) for key in keys], dtype=np.intp))
+        Sweeps(responses=clean, block=block, condition=np.array([distinct.index(key) for key in keys], dtype=np.intp))
         for (clean, block), keys in zip(found, keyed, strict=True)
     ]
     return conditions, parts
@@ -123,7 +128,7 @@ def _keys(blocks: Sequence[Responses], *, nonlinear: bool) -> list[list[_Key]]:
         by_force = nonlinear and not base.imposed
         names = levels(np.abs(base.force).max(axis=1), base.frequency) if by_force else [""] * count
         keys = zip(base.group.tolist(), speeds.tolist(), names, strict=True)
-        found.append([_Key(group, speed, level) for group, speed, level in keys])
+        found.append([_Key(group=group, speed=speed, level=level) for group, speed, level in keys])
     return found
 
 
@@ -178,7 +183,7 @@ def _names(fit: FitResult, keys: Sequence[_Key]) -> list[str]:
     ]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class SweepCurve:
     """One probe's response to one force in one condition and one direction of whirl, frequencies ascending.
 
@@ -225,7 +230,9 @@ def joined(found: Sequence[SweepCurve]) -> list[SweepCurve]:
         parts.setdefault((curve.coordinate, curve.force_plane, curve.condition), []).append(curve)
     return [
         SweepCurve(
-            *key,
+            coordinate=coordinate,
+            force_plane=force_plane,
+            condition=condition,
             frequency=np.concatenate([c.frequency for c in same]),
             measured=np.concatenate([c.measured for c in same]),
             whitened=np.concatenate([c.whitened for c in same]),
@@ -233,7 +240,7 @@ def joined(found: Sequence[SweepCurve]) -> list[SweepCurve]:
             fitted=_broken([c.fitted for c in same]),
             band=(_broken([c.band[0] for c in same]), _broken([c.band[1] for c in same])),
         )
-        for key, same in parts.items()
+        for (coordinate, force_plane, condition), same in parts.items()
     ]
 
 
@@ -260,10 +267,16 @@ def _curves(fit: FitResult, conditions: Sequence[SweepCondition], part: Sweeps) 
         else:
             fine, fitted, slope = w[rows], predicted[rows] / drive[rows], by_theta[rows] / drive[rows, None]
         yield SweepCurve(
-            int(key[0]), int(key[1]), condition, w[rows], base.measured[rows] / drive[rows],
-            (predicted[rows] - base.measured[rows]) / base.sigma[rows], fine, fitted,
-            _band(fit, condition.group, fitted, slope),
-        )  # fmt: skip
+            coordinate=int(key[0]),
+            force_plane=int(key[1]),
+            condition=condition,
+            frequency=w[rows],
+            measured=base.measured[rows] / drive[rows],
+            whitened=(predicted[rows] - base.measured[rows]) / base.sigma[rows],
+            fine=fine,
+            fitted=fitted,
+            band=_band(fit, condition.group, fitted, slope),
+        )
 
 
 _FINE = 1200  # points of a fitted line

@@ -82,7 +82,7 @@ def statistics(record: Signals, name: str) -> ChannelStatistics:
     )
 
 
-@dataclass
+@dataclass(kw_only=True)
 class _Extreme:
     """The highest or lowest stored value so far, how often the signal stayed there and how long."""
 

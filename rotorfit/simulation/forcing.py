@@ -20,7 +20,7 @@ from rotorfit.units import RAD_S_PER_RPM, RPM_PER_RAD_S
 LineOrder = Literal["rest", "up", "down"]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class _Lines:
     """Forced motion to integrate, all shape ``(L,)``, force and load ``(L, n)``."""
 

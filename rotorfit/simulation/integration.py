@@ -36,7 +36,7 @@ class Path(NamedTuple):
     v: ComplexArray
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Motion:
     """The equation of motion of L rotors, each in n coordinates.
 
@@ -160,7 +160,7 @@ class Motion:
 
     def select(self, lines: Index) -> Motion:
         """Some of the rotors."""
-        return Motion(self.model, self.theta[lines], self.speed[lines], self.imposed)
+        return Motion(model=self.model, theta=self.theta[lines], speed=self.speed[lines], imposed=self.imposed)
 
 
 def integrate(

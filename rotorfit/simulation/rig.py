@@ -18,7 +18,7 @@ from rotorfit.simulation.integration import Motion
 from rotorfit.units import RPM_PER_RAD_S
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class VirtualRig:
     """What is measured on, and how well.
 
@@ -46,7 +46,7 @@ class VirtualRig:
 
     def motion(self, speed: Float, imposed: int | None = None) -> Motion:
         """Equations of motion at rotative speeds, rad/s, shape ``(L,)``."""
-        return Motion(self.model, np.tile(self.theta, (speed.size, 1)), speed, imposed)
+        return Motion(model=self.model, theta=np.tile(self.theta, (speed.size, 1)), speed=speed, imposed=imposed)
 
     def decay(self, speed: float, load: ComplexArray | None = None) -> float:
         """Rate at which the slowest transient about the resting rotor dies out, 1/s.

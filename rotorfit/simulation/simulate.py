@@ -89,7 +89,13 @@ def simulate(
     if not (np.isfinite(noise) and noise >= 0 and 0 < tolerance < 1e-2):
         raise ValueError(f"noise must be zero or positive and tolerance within (0, 0.01), got {noise} and {tolerance}")
     check_options(kind, options)
-    rig = VirtualRig(model, model.vector(params), float(noise), tolerance, np.random.default_rng(seed))
+    rig = VirtualRig(
+        model=model,
+        theta=model.vector(params),
+        noise=float(noise),
+        tolerance=tolerance,
+        rng=np.random.default_rng(seed),
+    )
     return SIMULATED[kind](rig, **options)
 
 

@@ -61,7 +61,7 @@ class Bootstrap(Draws):
             raise KeyError(unknown_name("fitted parameter", name, self.names))
         if not self.fit.params[name].resolved:
             raise ValueError(f"{name} is not determined by these data: its estimates mean nothing")
-        return Derived(name, self.fit.params[name].unit, self.samples[:, self.names.index(name)])
+        return Derived(name=name, unit=self.fit.params[name].unit, samples=self.samples[:, self.names.index(name)])
 
     @property
     def stderr(self) -> dict[str, float]:
@@ -96,7 +96,7 @@ class Bootstrap(Draws):
         space = self.fit.problem.space
         theta = np.asarray(space.theta(self.samples)[:, self.fit.group(at)])
         found = onsets_of(self.fit, theta, self.fit.group(at), self.seed)
-        return Derived("threshold speed", "rad/s", found.speed, found.note)
+        return Derived(name="threshold speed", unit="rad/s", samples=found.speed, note=found.note)
 
     def summary(self) -> str:
         """Table of estimates, spreads and intervals beside the standard errors of the fit."""

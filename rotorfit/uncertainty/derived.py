@@ -15,7 +15,7 @@ from rotorfit.models import RotorModel, eigenvalues
 from rotorfit.models.array_types import ComplexArray, Float
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Derived:
     """A quantity of the rotor, one value (or array of values) for each draw of a posterior.
 
@@ -133,7 +133,7 @@ class Mode:
     phase: Derived
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class StiffnessBand:
     """Dynamic stiffness at some frequencies.
 
@@ -173,11 +173,13 @@ def modes(model: RotorModel, theta: Float, speed: float, band: float) -> list[Mo
         rate = np.abs(s[:, k])
         result.append(
             Mode(
-                frequency=Derived(f"natural frequency {k + 1}", "rad/s", s[:, k].imag),
-                damping_ratio=Derived(f"damping ratio {k + 1}", "1", -s[:, k].real / np.where(rate > 0, rate, np.nan)),
-                decay_rate=Derived(f"decay rate {k + 1}", "1/s", -s[:, k].real),
-                amplitude=Derived(f"mode shape {k + 1}, amplitude", "1", np.abs(vectors)),
-                phase=Derived(f"mode shape {k + 1}, phase", "rad", np.angle(vectors)),
+                frequency=Derived(name=f"natural frequency {k + 1}", unit="rad/s", samples=s[:, k].imag),
+                damping_ratio=Derived(
+                    name=f"damping ratio {k + 1}", unit="1", samples=-s[:, k].real / np.where(rate > 0, rate, np.nan)
+                ),
+                decay_rate=Derived(name=f"decay rate {k + 1}", unit="1/s", samples=-s[:, k].real),
+                amplitude=Derived(name=f"mode shape {k + 1}, amplitude", unit="1", samples=np.abs(vectors)),
+                phase=Derived(name=f"mode shape {k + 1}, phase", unit="rad", samples=np.angle(vectors)),
             )
         )
     return result

@@ -101,9 +101,9 @@ class ModelAverage(Draws):
         """
         bands = {id(p): p.dynamic_stiffness(frequency, speed, at) for p in self.posteriors}
         return StiffnessBand(
-            next(iter(bands.values())).frequency,
-            self._mixed(lambda posterior: bands[id(posterior)].direct),
-            self._mixed(lambda posterior: bands[id(posterior)].quadrature),
+            frequency=next(iter(bands.values())).frequency,
+            direct=self._mixed(lambda posterior: bands[id(posterior)].direct),
+            quadrature=self._mixed(lambda posterior: bands[id(posterior)].quadrature),
         )
 
     def _mixed(self, quantity: Callable[[Posterior], Derived]) -> Derived:
@@ -116,7 +116,7 @@ class ModelAverage(Draws):
             wanted = min(size, max(1, round(count * weight)))
             chosen.append(part.samples[np.linspace(0, size - 1, wanted).astype(np.intp)])
         notes = dict.fromkeys(part.note for part in parts if part.note)
-        return Derived(parts[0].name, parts[0].unit, np.concatenate(chosen), "; ".join(notes))
+        return Derived(name=parts[0].name, unit=parts[0].unit, samples=np.concatenate(chosen), note="; ".join(notes))
 
     def summary(self) -> str:
         """Table of the models with their weights and of the parameters that they share."""

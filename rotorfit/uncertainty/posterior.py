@@ -98,7 +98,7 @@ class Posterior(Draws):
             from rotorfit.models.parameters import unknown_name
 
             raise KeyError(unknown_name("sampled parameter", name, self.names))
-        return Derived(name, self.unit(name), self.samples[:, self.names.index(name)])
+        return Derived(name=name, unit=self.unit(name), samples=self.samples[:, self.names.index(name)])
 
     def unit(self, name: str) -> str:
         """SI unit of an entry.
@@ -130,7 +130,7 @@ class Posterior(Draws):
                 per attribute.
         """
         found = self._onsets(at)
-        return Derived("threshold speed", "rad/s", found.speed, found.note)
+        return Derived(name="threshold speed", unit="rad/s", samples=found.speed, note=found.note)
 
     def whirl_ratio(self, at: Mapping[str, Any] | None = None) -> Derived:
         """Frequency of the self-excited whirl at onset over the threshold speed, NaN for draws without a threshold.
@@ -140,7 +140,7 @@ class Posterior(Draws):
                 per attribute.
         """
         found = self._onsets(at)
-        return Derived("whirl ratio at onset", "1", found.whirl_ratio, found.note)
+        return Derived(name="whirl ratio at onset", unit="1", samples=found.whirl_ratio, note=found.note)
 
     def _onsets(self, at: Mapping[str, Any] | None) -> Onsets:
         group = self.fit.group(at)
@@ -185,7 +185,7 @@ class Posterior(Draws):
         """
         self.fit.model.parameter(name)
         ratio = self.thetas(at, draws=len(self.samples))[:, self.fit.model.parameter_names.index(name)]
-        return Derived(f"{name} * Omega", "rad/s", ratio * speed)
+        return Derived(name=f"{name} * Omega", unit="rad/s", samples=ratio * speed)
 
     def dynamic_stiffness(
         self, frequency: ArrayLike, speed: float, at: Mapping[str, Any] | None = None
@@ -201,9 +201,11 @@ class Posterior(Draws):
         w = np.atleast_1d(np.asarray(frequency, dtype=float))
         kappa = self.fit.model.dynamic_stiffness(self.thetas(at)[:, None, :], w, speed)
         return StiffnessBand(
-            w,
-            Derived("direct dynamic stiffness", "N/m", np.ascontiguousarray(kappa.real)),
-            Derived("quadrature dynamic stiffness", "N/m", np.ascontiguousarray(kappa.imag)),
+            frequency=w,
+            direct=Derived(name="direct dynamic stiffness", unit="N/m", samples=np.ascontiguousarray(kappa.real)),
+            quadrature=Derived(
+                name="quadrature dynamic stiffness", unit="N/m", samples=np.ascontiguousarray(kappa.imag)
+            ),
         )
 
     # ---- presentation and files, imported when asked for -------------------------------------------------------------

@@ -25,7 +25,7 @@ _PERCENT = (2.5, 50.0, 97.5)
 _TAIL = (0.05, 0.95)  # quantiles whose effective sample size counts for the tails
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Health:
     """What the chains of one entry are worth.
 
@@ -49,7 +49,7 @@ def health(posterior: Posterior) -> list[Health]:
     for i, name in enumerate(posterior.names):
         draws = posterior.chain[:, :, i].T
         bulk, tail = az.ess(draws, method="bulk"), az.ess(draws, method="tail", prob=_TAIL)
-        found.append(Health(name, float(az.rhat(draws)), float(bulk), float(tail)))
+        found.append(Health(name=name, rhat=float(az.rhat(draws)), bulk=float(bulk), tail=float(tail)))
     return found
 
 
