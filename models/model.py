@@ -366,7 +366,7 @@ class RotorModel(ABC):
 
 def _last(values: Float) -> Float:
     """What a compiled function answers, shape ``(n, ...)``, with its entries last."""
-    return values if values.ndim == 1 else np.moveaxis(values, 0, -1)
+    return values if values.ndim == 1 else values.transpose(*range(1, values.ndim), 0)
 
 
 class CompiledModel:

@@ -81,20 +81,20 @@ def eigenvalues(model: RotorModel, theta: ArrayLike, speed: ArrayLike) -> Comple
     Returns:
         shape ``(..., order n)``, rad/s; infinite ones (massless coordinates) are NaN and stand last.
     """
-    s = _spectrum(model, theta, speed)
+    s = _spectrum(model, model.motion(theta, speed))
     return np.asarray(np.take_along_axis(s, np.argsort(s.imag, axis=-1), axis=-1))
 
 
-def _spectrum(model: RotorModel, theta: ArrayLike, speed: ArrayLike) -> ComplexArray:
-    """:func:`eigenvalues` in no order."""
-    coefficients = model.motion(theta, speed)
+def _spectrum(model: RotorModel, coefficients: ComplexArray) -> ComplexArray:
+    """Eigenvalues of free motion with given coefficients, in no order."""
     if model.shaft is not None and model.shaft.has_mass:
         # Its many high modes would carry the round-off of s^2 over the lowest one.
         matrix, scale = companion(coefficients[..., ::-1, :, :])
         return np.asarray(np.linalg.eigvals(matrix) / scale)
     matrix, scale = companion(coefficients)
     mu = np.linalg.eigvals(matrix)
-    finite = np.abs(mu) > 1e-9 * np.abs(mu).max(axis=-1, keepdims=True)
+    size = np.abs(mu)
+    finite = size > 1e-9 * size.max(axis=-1, keepdims=True)
     return np.where(finite, scale / np.where(finite, mu, 1.0), complex(np.nan, np.nan))
 
 
@@ -114,7 +114,7 @@ def is_image(model: RotorModel, theta: ArrayLike, speed: float, s: complex) -> b
 
 def growth_rate(model: RotorModel, theta: ArrayLike, speed: ArrayLike, band: float = math.inf) -> Float:
     """Largest real part of the eigenvalues with ``|s| <= band``, 1/s; positive means unstable."""
-    s = _spectrum(model, theta, speed)
+    s = _spectrum(model, model.motion(theta, speed))
     counted = np.isfinite(s) & (np.abs(s) <= band)
     return np.asarray(np.where(counted, s.real, -np.inf).max(axis=-1))
 
@@ -133,8 +133,14 @@ def eigenvalue_gradient(
     Returns:
         derivative with respect to the speed, shape ``(...)``, and with respect to the parameters, shape ``(..., P)``.
     """
-    coefficients = model.motion(theta, speed)
-    powers = np.asarray(s)[..., None] ** np.arange(model.order + 1)
+    return _gradient(model, theta, speed, np.asarray(s), model.motion(theta, speed))
+
+
+def _gradient(
+    model: RotorModel, theta: ArrayLike, speed: ArrayLike, s: ComplexArray, coefficients: ComplexArray
+) -> tuple[ComplexArray, ComplexArray]:
+    """See :func:`eigenvalue_gradient`, with the coefficients of free motion at hand."""
+    powers = s[..., None] ** np.arange(model.order + 1)
     left, _, right = np.linalg.svd(np.einsum("...k,...kij->...ij", powers, coefficients))
     u, v = left[..., -1].conj(), right[..., -1, :].conj()
     slope = np.einsum(
@@ -163,11 +169,13 @@ def least_stable(
         the eigenvalue, NaN where none is counted, its derivative by the speed, both of shape ``(N,)``, and by the
         parameters, shape ``(N, P)``.
     """
-    s = eigenvalues(model, theta, speed)
+    coefficients = model.motion(theta, speed)
+    s = _spectrum(model, coefficients)
     growth = np.where(np.isfinite(s) & (np.abs(s) <= band), s.real, -np.inf)
-    least = np.take_along_axis(s, growth.argmax(axis=-1)[:, None], axis=-1)[:, 0]
-    counted = np.isfinite(growth).any(axis=-1)
-    by_speed, by_theta = eigenvalue_gradient(model, theta, speed, np.where(counted, least, 1j))
+    rows, place = np.arange(len(s)), growth.argmax(axis=-1)
+    counted = np.isfinite(growth[rows, place])
+    least = s[rows, place]
+    by_speed, by_theta = _gradient(model, theta, speed, np.where(counted, least, 1j), coefficients)
     return np.where(counted, least, np.nan), by_speed, by_theta
 
 

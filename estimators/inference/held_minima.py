@@ -158,7 +158,11 @@ class HeldQuantity:
             return down + turned * (missing - np.einsum("wi,wi->w", slope, down))[:, None], -turned * by_value[:, None]
 
         lower, upper = (np.broadcast_to(bound, starts.shape) for bound in box(self.problem))
-        return _full_steps(NormalEquations(self.problem), starts, lower, upper, step, contraction)
+        return _full_steps(self._normal, starts, lower, upper, step, contraction)
+
+    @cached_property
+    def _normal(self) -> NormalEquations:
+        return NormalEquations(self.problem)
 
     def alone(self, entry: int, value: float, start: Float) -> tuple[float, Float, bool]:
         """See :class:`Held`."""

@@ -18,6 +18,7 @@ from rotorfit.models.array_types import Float
 
 _ROOT = 1e-9  # relative error of the ends, in half-widths
 _STEPS = 60  # evaluations for an end at most
+_NEAR = 1.1  # level over a first guess up to which a step beyond the line's zero will do
 _REACH = 100.0  # sizes of a parameter beyond which an end that was not met counts as open
 
 
@@ -140,7 +141,10 @@ class Curve:
                 high = _root((yield limit)) - goal
             if high >= 0 or outer == reach:
                 break
-            grown = outer * min(max(1.1 * goal / (high + goal), 1.3), 4.0) if high > -goal else 4 * outer
+            ratio = goal / (high + goal) if high > -goal else math.inf
+            grown = outer * min(max(1.1 * ratio, 1.3), 4.0)
+            if count == 1 and ratio < _NEAR:  # the first guess is mostly short by little
+                grown = outer * (1.5 * ratio - 0.5)
             inner, low, outer = outer, high, min(grown, reach)
         if high < 0:
             return End(

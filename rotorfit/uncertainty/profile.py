@@ -260,8 +260,11 @@ def _robust_scale(fit: FitResult, name: str) -> float:
 def _threshold(fit: FitResult, problem: Problem, x: Float, level: float, at: Mapping[str, Any] | None) -> _Line:
     """The threshold speed of a group."""
     group = fit.group(at)
-    speed = _speed(fit, group)
-    value, slope = speed(x)
+    speed, onset = _speed(fit, group), fit.onset(group)
+    if onset is not None and np.array_equal(x, fit.x):
+        value, slope = onset.speed, fit.problem.space.pull_back(onset.gradient, group)
+    else:
+        value, slope = speed(x)
     if not math.isfinite(value):
         if math.isfinite(fit.stability_band):
             raise ValueError(f"there is no threshold to profile: {fit.onset_note(group)}")
