@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any, ClassVar
 
@@ -90,34 +91,27 @@ class KnownStructure(RotorModel):
             "law": self.law, "clearance_um": clearance_um,
         }  # fmt: skip
         self.shaft: Shaft = Shaft(matrices, parts, _places(planes, self.tilts, place))
-        self.parameters = (
-            *(
-                Parameter(_named("Ds", plane, self.damping), "N s/m", f"external damping at the {plane}", scale=5.0)
-                for plane in self.damping
-            ),
-            *(
-                Parameter(
-                    _named(q.name, plane, self.fluid),
-                    q.unit,
-                    q.meaning,
-                    q.scale,
-                    q.lower,
-                    q.upper,
-                    q.default,
-                    q.nominal,
-                )
-                for plane in self.fluid
-                for q in fluid_parameters(two_lam)
-            ),
-            *self.law.parameters,
-            *(
-                Parameter(name, "1", "scale factor of the known structure", lower=0.0, default=1.0, nominal=1.0)
-                for name in scales or {}
-            ),
-        )
+        self.parameters = self._all_parameters(scales or {})
         if len({q.name for q in self.parameters}) != len(self.parameters):
             raise ValueError(f"parameters need different names, got {', '.join(q.name for q in self.parameters)}")
         self._scale_places = np.arange(len(self.parameters) - len(parts), len(self.parameters), dtype=np.intp)
+
+    def _all_parameters(self, scales: Iterable[str]) -> tuple[Parameter, ...]:
+        """Dampers, fluids, the law and the factors of the structure."""
+        dampers = (
+            Parameter(_named("Ds", plane, self.damping), "N s/m", f"external damping at the {plane}", scale=5.0)
+            for plane in self.damping
+        )
+        fluids = (
+            replace(q, name=_named(q.name, plane, self.fluid))
+            for plane in self.fluid
+            for q in fluid_parameters(self.two_lam)
+        )
+        factors = (
+            Parameter(name, "1", "scale factor of the known structure", lower=0.0, default=1.0, nominal=1.0)
+            for name in scales
+        )
+        return (*dampers, *fluids, *self.law.parameters, *factors)
 
     @property
     def coordinates(self) -> tuple[Coordinate, ...]:

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rotorfit.data.findings import listed
-from rotorfit.estimators.inference.covariance import standard_error
+from rotorfit.estimators.inference.covariance import standard_error, widening
 from rotorfit.fitting.digits import plus_minus
 from rotorfit.fitting.quantities import Quantity
-from rotorfit.models.array_types import Float
+from rotorfit.models.array_types import Float, Index
 from rotorfit.models.text_table import Wide, text_table
 
 if TYPE_CHECKING:
@@ -97,34 +97,20 @@ def trends_of(
     x = np.array([[float(run.attributes[name]) for name in against] for run in runs])
     value = np.array([run.params[parameter].value for run in runs])
     stderr = np.array([run.params[parameter].stderr for run in runs])
-    spread = np.ptp(x, axis=0)
-    moving = np.flatnonzero(spread > 0)
-    around = (x - centre)[:, moving] / spread[moving]
-    design = np.column_stack([np.ones(len(runs)), around]) / stderr[:, None]
-    if np.linalg.matrix_rank(design / np.linalg.norm(design, axis=0), tol=1e-6) < design.shape[1]:
-        if len(against) > 1:
-            raise ValueError(
-                f"the runs{f' with {group}' if group else ''} do not tell {', '.join(against)} apart: they change "
-                "together, or there are too few runs; give fewer of them"
-            )
-        moving, design = moving[:0], design[:, :1]
-    coefficients, *_ = np.linalg.lstsq(design, value / stderr, rcond=None)
-    covar = np.linalg.inv(design.T @ design)
-    free = x.shape[0] - design.shape[1]
-    scatter = float(np.sum((value / stderr - design @ coefficients) ** 2) / free) if free > 0 else float("nan")
-    covar = covar * max(1.0, scatter if free > 0 else 1.0)
-    size = np.concatenate([[1.0], 1 / spread[moving]])
-    coefficients, covar = coefficients * size, covar * np.outer(size, size)
+    plane = _plane(x - centre, value, stderr)
+    if plane is None:
+        raise ValueError(
+            f"the runs{f' with {group}' if group else ''} do not tell {', '.join(against)} apart: they change "
+            "together, or there are too few runs; give fewer of them"
+        )
     slopes = np.zeros(len(against))
-    slopes[moving] = coefficients[1:]
+    slopes[plane.moving] = plane.coefficients[1:]
     found = []
     for k, name in enumerate(against):
         others = np.where(np.arange(len(against)) == k, 0.0, slopes)
-        place = moving.tolist().index(k) + 1 if k in moving else 0
+        place = plane.moving.tolist().index(k) + 1 if k in plane.moving else 0
         chosen = [0, place] if place else [0]
-        slope = Quantity(float("nan"), float("nan"), f"{unit} per {name}")
-        if place:
-            slope = Quantity(float(coefficients[place]), float(np.sqrt(covar[place, place])), slope.unit)
+        slope = (float(slopes[k]), float(np.sqrt(plane.covar[place, place]))) if place else (float("nan"),) * 2
         order = np.argsort(x[:, k], kind="stable")
         adjusted = value - (x - centre) @ others
         found.append(
@@ -137,14 +123,48 @@ def trends_of(
                 value=adjusted[order],
                 stderr=stderr[order],
                 runs=tuple(runs[i].name for i in order),
-                slope=slope,
-                scatter=scatter,
+                slope=Quantity(*slope, f"{unit} per {name}"),
+                scatter=plane.scatter,
                 _centre=float(centre[k]),
-                _coefficients=coefficients[chosen],
-                _covar=covar[np.ix_(chosen, chosen)],
+                _coefficients=plane.coefficients[chosen],
+                _covar=plane.covar[np.ix_(chosen, chosen)],
             )
         )
     return found
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Plane:
+    """A plane through the values of runs.
+
+    Attributes:
+        moving: attributes that change, and so have a slope; none where a single one does not tell it, shape ``(m,)``.
+        coefficients: value at the centre, then the slopes, shape ``(m + 1,)``.
+        covar: their covariance, widened where the runs scatter more than their errors say.
+        scatter: chi-squared over the degrees of freedom, NaN where none are left.
+    """
+
+    moving: Index
+    coefficients: Float
+    covar: Float
+    scatter: float
+
+
+def _plane(x: Float, value: Float, stderr: Float) -> _Plane | None:
+    """The plane over attributes ``(R, A)``, counted from the centre; ``None`` where several are not told apart."""
+    spread = np.ptp(x, axis=0)
+    moving = np.flatnonzero(spread > 0)
+    design = np.column_stack([np.ones(len(x)), x[:, moving] / spread[moving]]) / stderr[:, None]
+    if np.linalg.matrix_rank(design / np.linalg.norm(design, axis=0), tol=1e-6) < design.shape[1]:
+        if x.shape[1] > 1:
+            return None
+        moving, design = moving[:0], design[:, :1]
+    coefficients, *_ = np.linalg.lstsq(design, value / stderr, rcond=None)
+    free = design.shape[0] - design.shape[1]
+    scatter = float(np.sum((value / stderr - design @ coefficients) ** 2) / free) if free > 0 else float("nan")
+    size = np.concatenate([[1.0], 1 / spread[moving]])
+    covar = np.linalg.inv(design.T @ design) * widening(scatter, "linear") * np.outer(size, size)
+    return _Plane(moving=moving, coefficients=coefficients * size, covar=np.asarray(covar), scatter=scatter)
 
 
 def trend_table(trends: Sequence[Trend]) -> str:
