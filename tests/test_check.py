@@ -283,6 +283,59 @@ def test_other_findings_keep_their_rows_beside_readings_that_are_not_finite(rig:
     assert set(found(test, "wrong-direction").rows) | {2} == set(rows(disk)) - {3}
 
 
+def rounded(test: PerturbationTest, step: float) -> PerturbationTest:
+    """Amplitudes rounded to so many metres."""
+    size = np.round(np.abs(test.response) / step) * step
+    return replace(test, response=size * np.exp(1j * np.angle(test.response)))
+
+
+def codes_of(test: PerturbationTest) -> set[str]:
+    return {finding.code for finding in check(test)}
+
+
+def test_zeros_in_the_midst_of_a_sweep(rig: PerturbationTest) -> None:
+    response = rig.response.copy()
+    response[40::77] = 0
+    found = [finding for finding in check(replace(rig, response=response)) if finding.code == "zero"]
+    assert [finding.severity for finding in found] == ["error"]
+    assert found[0].rows == tuple(range(40, len(rig), 77))
+
+
+def test_a_probe_that_reads_nothing_at_all(rig: PerturbationTest) -> None:
+    dead = (rig.plane == "disk") & (rig.direction == "y")
+    found = [f for f in check(replace(rig, response=np.where(dead, 0, rig.response))) if f.code == "dead-probe"]
+    assert [finding.severity for finding in found] == ["error"]
+    assert "y at disk" in found[0].message
+    assert found[0].rows == tuple(np.flatnonzero(dead).tolist())
+
+
+@pytest.mark.parametrize("share", [0.3, 0.6, 0.8])
+def test_amplitudes_cut_off_at_one_value(rig: PerturbationTest, share: float) -> None:
+    size = np.abs(rig.response)
+    limit = share * size[rig.plane == "disk"].max()
+    some = (rig.plane == "disk") & (size > limit)
+    cut = replace(rig, response=np.where(some, limit / size, 1) * rig.response)
+    found = [finding for finding in check(cut) if finding.code == "clipped"]
+    assert [finding.severity for finding in found] == ["error"]
+    assert "x at disk" in found[0].message
+    assert found[0].rows == tuple(np.flatnonzero(some).tolist())
+
+
+@pytest.mark.parametrize("step", [1e-7, 5e-7, 1e-6, 2e-6, 5e-6])
+def test_rounded_amplitudes_are_neither_holes_nor_cut_off(rig: PerturbationTest, step: float) -> None:
+    """Zeros far from resonance, and flat tops of resonances, are then what was read."""
+    coarse = rounded(rig, step)
+    assert (coarse.response == 0).any() == (step > 2e-7)
+    assert not codes_of(coarse) & {"zero", "clipped", "dead-probe"}
+
+
+@pytest.mark.parametrize(("name", "factor"), [("frequency", 1 / 60), ("speed", 60.0)])
+def test_frequencies_and_speeds_in_different_units(rig: PerturbationTest, name: str, factor: float) -> None:
+    found = [f for f in check(replace(rig, **{name: getattr(rig, name) * factor})) if f.code == "frequency-unit"]
+    assert [finding.severity for finding in found] == ["warning"]
+    assert "name its unit" in found[0].message
+
+
 def test_copies_of_readings(rig: PerturbationTest) -> None:
     order = np.r_[0:100, 7, 100 : len(rig), 250]
     finding = found(rig.select(order), "duplicate")

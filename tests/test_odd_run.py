@@ -52,6 +52,17 @@ def test_what_is_left_without_a_run_is_that_of_a_fit_to_the_rest() -> None:
     np.testing.assert_allclose(misfit_without(r, J, np.zeros(4), runs), expected, rtol=1e-10)
 
 
+def test_what_the_ladder_takes_in_to_follow_a_run_does_not_hide_it(rig: PerturbationTest) -> None:
+    """Peak-to-peak amplitudes in one run, which thirty parameters follow half-way."""
+    spoiled = in_one_run(thinned(rig, 2), "response", 2.0)
+    plain = rf.fit(rf.models.WhirlWhip(), spoiled, known={"K3": 6000.0})
+    assert len(said(plain)) == 1
+    best = rf.refine(plain).best
+    assert best.redchi > 2
+    assert len(said(best)) == 1
+    assert f"run {ODD} does not go" in said(best)[0]
+
+
 @pytest.mark.parametrize("slip", SLIPS)
 def test_a_slip_of_one_run_is_named_with_what_the_others_would_leave(slip: str, rig: PerturbationTest) -> None:
     model, known = rf.models.WhirlWhip(), {"K3": 6000.0}

@@ -44,6 +44,7 @@ ONLY_A_FIT_TELLS: dict[str, tuple[Slip, str]] = {
     "speeds exchanged": (SLIPS["speeds exchanged"], "the speeds 1000 and 2000 rpm are exchanged"),
     "probes' planes exchanged": (lambda test: renamed(test, "plane"), "exchanged in the column plane"),
     "forced planes exchanged": (lambda test: renamed(test, "force_plane"), "exchanged in the column force_plane"),
+    "speeds in Hz": (lambda test: replace(test, speed=test.speed / 60), "the speeds are in Hz and read as rpm"),
     "force phases in radians": (lambda test: in_radians(test, "force"), "the phases of the forces are in radians"),
     "phases in radians": (lambda test: in_radians(test, "response"), "the phases of the readings are in radians"),
 }

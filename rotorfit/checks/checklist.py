@@ -12,6 +12,7 @@ from rotorfit.checks.linear_force import linear_force
 from rotorfit.checks.orbits import NEAR_1X, orbits_of
 from rotorfit.checks.probes import turned_probes, uneven_probes
 from rotorfit.checks.ramp import ramps
+from rotorfit.checks.readings import clipped, unread
 from rotorfit.checks.scale import peak_to_peak
 from rotorfit.checks.signs import signs, wrong_direction
 from rotorfit.data.experiments import DisplacementTest, Experiment, PerturbationTest, plane_groups
@@ -21,19 +22,26 @@ from rotorfit.data.synchronous import DIFFERENCED
 from rotorfit.data.weights import Influences, weighed
 from rotorfit.estimators.blocks.row_keys import words
 from rotorfit.models.array_types import ComplexArray, Float
+from rotorfit.units import RPM_PER_RAD_S
 
 LARGEST, SUSPECT, SMALLEST = 0.05, 5e-3, 1e-10
 """Displacements, m: impossible, larger than any clearance in use, and smaller than any probe resolves."""
 
 
+SLOWEST = 0.1
+"""Highest frequency of a test over the highest speed below which it is likely in another unit: whirl by the fluid, near
+half the speed, is out of reach of such a test, and in Hz for rpm a sixtieth is left of what was meant."""
+
+
 def check(test: Experiment) -> list[Finding]:
     """Findings about a test, errors first.
 
-    Recognised are readings that are not finite or doubled, forces of zero, implausible amplitudes, readings at 1x,
-    gaps in the plan of the test (planes without force, one direction only, one frequency only), conjugated FRFs,
-    responses in the wrong direction, forces along an axis given as circular, a reversed sense of rotation, peak-to-peak
-    amplitudes in some channels, start-ups without partner, run-ups too fast to settle; said are the scatter between
-    mountings of weights and the number of modes that weights at dwell speeds show.
+    Recognised are readings that are not finite, doubled, zero or cut off, forces of zero, implausible amplitudes,
+    frequencies in another unit than speeds, readings at 1x, gaps in the plan of the test (planes without force, one
+    direction only, one frequency only), conjugated FRFs, responses in the wrong direction, forces along an axis given
+    as circular, a reversed sense of rotation, peak-to-peak amplitudes in some channels, start-ups without partner,
+    run-ups too fast to settle; said are the scatter between mountings of weights and the number of modes that weights
+    at dwell speeds show.
 
     Args:
         test: what was measured, SI units.
@@ -81,6 +89,8 @@ def _physics(test: PerturbationTest | DisplacementTest, only_errors: bool) -> It
     if not only_errors:
         yield from _plan(test)
     if isinstance(test, PerturbationTest):
+        yield from unread(test)
+        yield from clipped(test)
         forced = np.flatnonzero(test.force != 0)
         if not forced.size:
             return  # a reference run alone
@@ -193,6 +203,7 @@ def sizes(test: PerturbationTest, response: ComplexArray) -> Float:
 
 def _frequencies(test: PerturbationTest | DisplacementTest) -> Iterator[Finding]:
     synchronous = isinstance(test, PerturbationTest) and test.synchronous
+    yield from _units(test)
     turning = test.speed != 0
     near = turning & (np.abs(np.abs(test.frequency) - np.abs(test.speed)) <= NEAR_1X * np.abs(test.speed))
     if near.any() and not synchronous:
@@ -217,6 +228,18 @@ def _frequencies(test: PerturbationTest | DisplacementTest) -> Iterator[Finding]
     if single and not (isinstance(test, PerturbationTest) and _solved(test) is not None):
         text = f"Runs with one frequency only: {listed(single)}; they cannot show how dynamic stiffness varies with it."
         yield Finding("warning", "single-frequency", text, _rows(np.isin(test.run, single)))
+
+
+def _units(test: PerturbationTest | DisplacementTest) -> Iterator[Finding]:
+    """Frequencies far below the speeds, as where they are in Hz and read as rpm."""
+    highest, fastest = float(np.abs(test.frequency).max()), float(np.abs(test.speed).max())
+    if 0 < highest < SLOWEST * fastest:
+        text = (
+            f"The frequencies are low: {highest * RPM_PER_RAD_S:.4g} rpm at the most, at speeds up to "
+            f"{fastest * RPM_PER_RAD_S:.4g} rpm. If one of the two is in Hz or rad/s, name its unit (frequency_hz, "
+            "speed_hz): wrong, it falsifies every parameter, lam first of all, and a fit may not notice."
+        )
+        yield Finding("warning", "frequency-unit", text)
 
 
 def _planes(test: PerturbationTest) -> Iterator[Finding]:

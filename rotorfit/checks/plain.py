@@ -9,6 +9,7 @@ from rotorfit.checks.checklist import SUSPECT, sizes
 from rotorfit.checks.linear_force import SHARE, powers
 from rotorfit.checks.orbits import directions_of, orbits_of
 from rotorfit.checks.probes import surely_straight
+from rotorfit.checks.readings import surely_whole
 from rotorfit.checks.signs import surely_right
 from rotorfit.data.alike import AlikeTests
 from rotorfit.data.experiments import PerturbationTest
@@ -28,6 +29,7 @@ def surely_clean(group: AlikeTests) -> NDArray[np.bool_]:
         _, _, right, wrong = directions_of(group.response, probes, orbits.frequency < 0)
         both, against = powers(orbits, right, wrong)
         found = (sizes(first, group.response) <= SUSPECT).all(axis=1) & (against <= SHARE[0] * both).all(axis=1)
+        found &= surely_whole(first, group.response)
         found &= surely_straight(orbits, right) & surely_right(orbits, right, group.speed)
     return np.asarray(found)
 

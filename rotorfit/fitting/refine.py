@@ -108,7 +108,7 @@ def refine(fit: FitResult) -> Refinement:
         best, steps = _climb(fit, may_leave_open=True)
     chosen = _in_doubt(level_noise(best), best, steps)
     found = _rung_onsets(steps, best)
-    warnings = (*chosen.warnings, *_told_of_hidden(fit, chosen))
+    warnings = (*chosen.warnings, *_told_of_hidden(fit, chosen), *_told_of_a_run(fit, chosen))
     chosen = replace(chosen, settings=replace(chosen.settings, onsets=found), warnings=warnings)
     return Refinement(tuple(steps), chosen)
 
@@ -172,6 +172,14 @@ def _told_of_hidden(plain: FitResult, chosen: FitResult) -> list[str]:
         f"these data, as those at one speed, cannot tell {', '.join(names)} from the fluid's inertia: taken to be 0 +- "
         f"{size:.2g} kg, which the errors of K0, Mf and the threshold speed hold; tests at another speed would tell"
     ]
+
+
+def _told_of_a_run(plain: FitResult, chosen: FitResult) -> list[str]:
+    """The run that did not go with the others before, where the ladder does not explain the data: what it took in to
+    follow that run hides it."""
+    odd = "" if plain.noise is None else plain.noise.odd_run
+    said = any(words.startswith("run ") and "does not go with" in words for words in chosen.warnings)
+    return [f"before the ladder, {odd}"] if odd and chosen.model_limited and not said else []
 
 
 def _in_doubt(chosen: FitResult, best: FitResult, steps: Sequence[FitResult]) -> FitResult:

@@ -32,6 +32,13 @@ _CONSTANT = 0.01  # relative spread of what is taken as constant
 _MOST_PAIRS = 3
 _TURN = 6.3  # degrees: what a whole turn in radians is, read as degrees
 
+_SPEED_UNITS = {
+    "the speeds are in Hz and read as rpm (speed_hz)": 60.0,
+    "the speeds are in rpm and read as Hz (speed_rpm)": 1 / 60,
+    "the speeds are in rad/s and read as rpm (speed_rad_s)": RPM_PER_RAD_S,
+    "the speeds are in rpm and read as rad/s (speed_rpm)": 1 / RPM_PER_RAD_S,
+}
+
 
 @dataclass(frozen=True, kw_only=True)
 class _Slip:
@@ -80,6 +87,8 @@ def _slips(tests: Sequence[PerturbationTest]) -> Iterator[_Slip]:
         told = "the forces are constant, and are told as those of an unbalance. Give force_N in place of mr_g_mm"
         yield _Slip(told=told, mend=lambda test: replace(test, force=test.force / test.frequency**2))
     yield from _exchanges(tests)
+    for told, factor in () if any(test.synchronous for test in tests) else _SPEED_UNITS.items():
+        yield _Slip(told=told, mend=partial(_times, factor=factor))
     if all(_are_radians(test.force) for test in tests):
         told = "the phases of the forces are in radians and read as degrees (force_phase_deg)"
         yield _Slip(told=told, mend=lambda test: replace(test, force=_as_radians(test.force)))
@@ -99,6 +108,10 @@ def _exchanges(tests: Sequence[PerturbationTest]) -> Iterator[_Slip]:
             if column == "speed":
                 told = f"the speeds {a * RPM_PER_RAD_S:.6g} and {b * RPM_PER_RAD_S:.6g} rpm are exchanged"
             yield _Slip(told=told, mend=partial(_exchanged, column=column, a=a, b=b))
+
+
+def _times(test: PerturbationTest, *, factor: float) -> PerturbationTest:
+    return replace(test, speed=test.speed * factor)
 
 
 def _exchanged(test: PerturbationTest, *, column: str, a: object, b: object) -> PerturbationTest:
