@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from rotorfit.models.array_types import ComplexArray, Float, Index
+from rotorfit.models.array_types import Bool, ComplexArray, Float, Index
 
 
-def directional(response: ComplexArray, rows: Index, backward: NDArray[np.bool_]) -> tuple[ComplexArray, ComplexArray]:
+def directional(response: ComplexArray, rows: Index, backward: Bool) -> tuple[ComplexArray, ComplexArray]:
     """Motion in the direction of the force, relative to ``exp(jwt)``, and against it, relative to ``exp(-jwt)``.
 
     ``Re(X exp(j|w|t)) + j Re(Y exp(j|w|t))`` is ``(X + jY)/2`` forward and ``conj(X - jY)/2`` backward. What one probe

@@ -11,7 +11,7 @@ from rotorfit.fitting.calibration import NUISANCE_KINDS
 from rotorfit.fitting.noise.record import is_run_effect
 from rotorfit.fitting.quantities import FittedParameter
 from rotorfit.models.array_types import Float
-from rotorfit.models.parameters import bare_name
+from rotorfit.models.parameters import Parameter, bare_name
 
 _MEANING = {
     "phase": ("rad", "offset of the phase reference"),
@@ -67,22 +67,26 @@ def parameter_table(
             at_bound=at_bound,
             freedom=degrees[i],
         )
-    theta = space.theta(x)
+    theta = space.theta(x)[0].tolist()
     for place, meta in enumerate(space.model.parameters):
         if (space.index[:, place] < 0).all():
-            value = float(theta[0, place])
-            entries[meta.name] = FittedParameter(
-                name=meta.name,
-                value=value,
-                stderr=0.0,
-                stderr_noise=0.0,
-                init_value=value,
-                unit=meta.unit,
-                meaning=meta.meaning,
-                min=meta.lower,
-                max=meta.upper,
-                vary=False,
-            )
+            entries[meta.name] = _known(meta, theta[place])
     order = {name: i for i, name in enumerate(space.model.parameter_names)}
     last = len(order)
     return dict(sorted(entries.items(), key=lambda item: order.get(bare_name(item[0]), last)))
+
+
+def _known(parameter: Parameter, value: float) -> FittedParameter:
+    """A parameter that was not fitted."""
+    return FittedParameter(
+        name=parameter.name,
+        value=value,
+        stderr=0.0,
+        stderr_noise=0.0,
+        init_value=value,
+        unit=parameter.unit,
+        meaning=parameter.meaning,
+        min=parameter.lower,
+        max=parameter.upper,
+        vary=False,
+    )
