@@ -9,7 +9,7 @@ import numpy as np
 from rotorfit.data.experiments import PerturbationTest
 from rotorfit.data.findings import Finding
 from rotorfit.data.lines import lines_of
-from rotorfit.estimators.blocks.row_keys import combined, in_order
+from rotorfit.estimators.blocks.row_keys import combined
 from rotorfit.models.array_types import Bool, ComplexArray, Float, Index
 
 _SAME = 1e-9  # relative difference of what is equal to the last digit
@@ -78,15 +78,14 @@ def surely_whole(first: PerturbationTest, response: ComplexArray) -> Bool:
 
 def _at_the_top(channel: Index, size: Float) -> Bool:
     """Which amplitudes are the largest of their channel, to the last digit, shape ``(..., N)``."""
-    top = np.zeros((*size.shape[:-1], int(channel.max(initial=0)) + 1))
-    for number in range(top.shape[-1]):
-        top[..., number] = size[..., channel == number].max(axis=-1)
-    return (size >= top[..., channel] * (1 - _SAME)) & (size > 0)
+    top = np.zeros((int(channel.max(initial=0)) + 1, *size.shape[:-1]))
+    np.maximum.at(top, channel, size.T)
+    return (size >= top[channel].T * (1 - _SAME)) & (size > 0)
 
 
 def _channels(test: PerturbationTest) -> Index:
     number = lines_of(test).number
-    return in_order(combined(number["plane"], number["direction"]))[1]
+    return combined(number["plane"], number["direction"])
 
 
 def _sweeps(test: PerturbationTest, channel: Index) -> Iterator[Index]:
