@@ -3,10 +3,13 @@
 Eq. (18), ten free parameters, four responses of 400 lines, 1 % noise: one fit, then what its result offers. Evaluations
 are parameter vectors for which the misfit (posterior), the misfit with its gradient (bootstrap) or with the
 Gauss-Newton matrix (the others) is found; "in them" is the share of the processor time spent there, the rest being
-random numbers, eigenvalues, judgement and Python. The limit is what the evaluations take as compiled code: kernels as
-measured here, and for a matrix the product of the derivatives by BLAS on top. Warm: kernels loaded, medians over
-rounds. Profiles are checked by SciPy's SLSQP with the quantity held at each end, budgets by fits of readings moved by
-one standard deviation of each calibration, rungs by Newton's step with the exact Hessian.
+random numbers, eigenvalues, judgement and Python; "in Python" is the share of samples of the processor that are neither
+in BLAS, compiled kernels and other libraries nor in NumPy's loops over elements (`time_shares.py`). The limit is what
+the evaluations take as compiled code: kernels as measured here, and for a matrix the product of the derivatives by BLAS
+on top. Warm: kernels loaded, medians over rounds; "first" is the first call in a process, with imports, kernels and the
+equations of new variants of the model. Profiles are checked by SciPy's SLSQP with the quantity held at each end,
+budgets by fits of readings moved by one standard deviation of each calibration, rungs by Newton's step with the exact
+Hessian where the data determine all parameters.
 
     python benchmarks/uncertainty_speed.py
 """
@@ -30,9 +33,11 @@ from scipy.optimize import minimize
 sys.path.insert(0, str(Path(__file__).parent))
 from fit_speed import Case, make_case
 from reporting import RESULTS, environment, table, write_csv
+from time_shares import library_shares, python_share
 
 import rotorfit as rf
 from rotorfit.estimators.misfit.kernels import Batch
+from rotorfit.estimators.misfit.normal_equations import NormalEquations
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.models import threshold_speed
 from rotorfit.models.array_types import Float
@@ -42,6 +47,7 @@ Check = Callable[[Any], str]
 PACKAGES = ("numpy", "scipy", "emcee", "numba")
 ENGINE = {
     "misfit": (Batch, "sums"), "gradient": (Batch, "cost_and_gradient"), "matrix": (Problem, "gauss_newton"),
+    "matrices": (NormalEquations, "__call__"),
     "cost": (Problem, "cost"), "residuals": (Problem, "residuals"), "hessian": (Problem, "hessian"),
 }  # fmt: skip
 GAIN, PHASE = 0.01, 0.5
@@ -55,9 +61,9 @@ class Row:
     Attributes:
         what, unit: what was done, and what is counted.
         units: how many of them.
-        ms: time of one.
+        ms, first_ms: time of one, and where nothing has been called before.
         evaluations: parameter vectors for one.
-        inside: share of the time spent in evaluations.
+        inside, python: shares of the time spent in evaluations, and in Python itself.
         limit_ms: what these evaluations take as compiled code.
         accuracy: in words.
     """
@@ -66,8 +72,10 @@ class Row:
     unit: str
     units: float
     ms: float
+    first_ms: float
     evaluations: float
     inside: float
+    python: float
     limit_ms: float
     accuracy: str
 
@@ -100,7 +108,7 @@ def metered() -> Iterator[Meter]:
                 meter.depth -= 1
                 if not meter.depth:
                     meter.seconds += time.process_time() - begin
-                    meter.counts[kind] += len(x) if ENGINE[kind][0] is Batch else 1
+                    meter.counts[kind] += 1 if ENGINE[kind][0] is Problem else len(x)
 
         return call
 
@@ -132,8 +140,8 @@ def limits(case: Case) -> dict[str, float]:
     rows = np.random.default_rng(0).normal(size=(case.optimum.size, case.problem.n_data))
     matrix = gradient + seconds_of(lambda: [rows @ rows.T for _ in range(50)]) / 50
     hessian = 2 * case.optimum.size * gradient  # differences of gradients
-    found = {"misfit": misfit, "gradient": gradient, "matrix": matrix, "cost": misfit, "residuals": misfit}
-    return {**found, "hessian": hessian}
+    found = {"misfit": misfit, "gradient": gradient, "matrix": matrix, "matrices": matrix}
+    return {**found, "cost": misfit, "residuals": misfit, "hessian": hessian}
 
 
 # ---- the ways --------------------------------------------------------------------------------------------------------
@@ -202,7 +210,9 @@ def ways(case: Case, fit: rf.FitResult, size: float) -> list[Way]:
 
 def measure(way: Way, cost: dict[str, float], rounds: int) -> Row:
     """Time, evaluations and accuracy of one way."""
+    begin = time.process_time()
     result = way.run()
+    first = time.process_time() - begin
     units = way.units(result)
     spent = seconds_of(way.run, rounds)
     with metered() as meter:
@@ -214,8 +224,10 @@ def measure(way: Way, cost: dict[str, float], rounds: int) -> Row:
         unit=way.unit,
         units=units,
         ms=1e3 * spent / units,
+        first_ms=1e3 * first / units,
         evaluations=sum(meter.counts.values()) / units,
         inside=meter.seconds / whole,
+        python=python_share(way.run),
         limit_ms=1e3 * sum(cost[kind] * count for kind, count in meter.counts.items()) / units,
         accuracy=way.check(result),
     )
@@ -282,9 +294,11 @@ def budget_off(case: Case, budget: rf.Budget) -> str:
 
 
 def rungs_off(ladder: rf.Refinement) -> str:
-    """Newton's step from each rung's optimum, with the exact Hessian, in standard errors."""
+    """Newton's step from each rung's optimum, with the exact Hessian, in standard errors, where the optimum is one."""
     off = []
     for rung in ladder.steps:
+        if rung.identifiability.unresolved:
+            continue
         size = np.sqrt(np.diag(rung.covar))
         step = np.linalg.solve(
             rung.problem.hessian(rung.x) * np.outer(size, size), size * rung.problem.gauss_newton(rung.x)[1]
@@ -296,18 +310,20 @@ def rungs_off(ladder: rf.Refinement) -> str:
 # ---- output ------------------------------------------------------------------------------------------------------
 
 
-def markdown(rows: Sequence[Row], cost: dict[str, float], command: str) -> str:
+def markdown(rows: Sequence[Row], cost: dict[str, float], shares: str, command: str) -> str:
     cells = [
         [
-            row.what, row.unit, f"{row.units:,.0f}", f"{row.ms:.3g}", f"{row.evaluations:.3g}",
-            f"{100 * row.inside:.0f}", f"{row.limit_ms:.2g}", row.accuracy,
+            row.what, row.unit, f"{row.units:,.0f}", f"{row.ms:.3g}", f"{row.first_ms:.3g}", f"{row.evaluations:.3g}",
+            f"{100 * row.inside:.0f}", f"{100 * row.python:.0f}", f"{row.limit_ms:.2g}", row.accuracy,
         ]
         for row in rows
     ]  # fmt: skip
-    header = ["way", "unit", "units", "ms a unit", "evaluations a unit", "in them, %", "limit, ms a unit", "accuracy"]
+    header = ["way", "unit", "units", "ms a unit", "first", "evaluations a unit", "in them, %", "in Python, %"]
+    header += ["limit, ms a unit", "accuracy"]
     kinds = ", ".join(f"{name} {1e6 * cost[kind]:.2g} us" for name, kind in KINDS.items())
     lines = ["# Cost of error bars", "", f"Made by `{command}` on {environment(*PACKAGES)}.", ""]
-    lines += [*(__doc__ or "").splitlines()[2:11], "", *table(header, cells), "", f"Limits of one evaluation: {kinds}."]
+    lines += [*(__doc__ or "").splitlines()[2:12], "", *table(header, cells), "", f"Limits of one evaluation: {kinds}."]
+    lines += ["", f"The posterior's time by who asked for the work: {shares}."]
     return "\n".join(lines) + "\n"
 
 
@@ -332,7 +348,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     for way in ways(case, fit, options.size):
         rows.append(measure(way, cost, options.rounds))
         print(rows[-1], flush=True)
-    text = markdown(rows, cost, command)
+    asked = library_shares(lambda: fit.sample(seed=1, noise="fixed"), "Batch.sums")
+    shares = ", ".join(f"{owner} {100 * share:.0f} %" for owner, share in asked.items())
+    text = markdown(rows, cost, shares.replace("Batch.sums", "the likelihood"), command)
     options.out.mkdir(parents=True, exist_ok=True)
     (options.out / "uncertainty_speed.md").write_text(text, encoding="utf-8")
     write_csv(rows, options.out / "uncertainty_speed.csv", command, environment(*PACKAGES))

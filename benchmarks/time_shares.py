@@ -1,10 +1,13 @@
-"""Share of processor time that goes to Python itself, by sampling where the processor stands.
+"""Where processor time goes, by sampling: Python itself against work on arrays, and library by library.
 
 Linux's ``perf`` stops the process two thousand times a second of its processor time and notes the function of machine
 code that it is in; nothing is slowed down, as it is by profilers that are called at every function. A sample counts as
 work on arrays where the function belongs to BLAS, LAPACK, CasADi, SciPy, a random generator, compiled kernels or the
 C mathematics library, is a loop of NumPy over elements (by its name), moves memory, or is the system's. All else counts
 as Python: the interpreter, memory management, and the part of NumPy that takes calls, finds types and makes arrays.
+
+Libraries are told apart by the interpreter's own stack at ticks of the process's timer: a sample belongs to the
+likelihood where that is being evaluated, else to the library whose function called whatever runs.
 """
 
 from __future__ import annotations
@@ -17,8 +20,10 @@ import signal
 import subprocess
 import tempfile
 import time
+from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
+from types import FrameType
 
 _FREQUENCY = 2000
 _LIBRARIES = re.compile(
@@ -70,3 +75,40 @@ def _is_array_work(library: str, function: str) -> bool:
     if library.startswith("libc."):
         return bool(_MEMORY.search(name))
     return bool(_LIBRARIES.search(library))
+
+
+_OWNERS = re.compile(r"[/\\](emcee|scipy|rotorfit|estimators)[/\\]")
+
+
+def library_shares(run: Callable[[], object], evaluation: str, seconds: float = 4.0) -> dict[str, float]:
+    """Shares of processor time by who asked for the work: ``evaluation``, emcee, scipy, rotorfit, or other.
+
+    Args:
+        run: what to sample, called again and again.
+        evaluation: name of the function that evaluates the likelihood.
+        seconds: processor time to spend.
+    """
+    counts: Counter[str] = Counter()
+
+    def note(number: int, frame: FrameType | None) -> None:
+        owner = ""
+        while frame is not None:
+            if frame.f_code.co_qualname == evaluation:
+                owner = evaluation
+                break
+            found = _OWNERS.search(frame.f_code.co_filename)
+            owner = owner or (found[1].replace("estimators", "rotorfit") if found else "")
+            frame = frame.f_back
+        counts[owner or "other"] += 1
+
+    before = signal.signal(signal.SIGPROF, note)
+    signal.setitimer(signal.ITIMER_PROF, 0.002, 0.002)
+    try:
+        begin = time.process_time()
+        while time.process_time() - begin < seconds:
+            run()
+    finally:
+        signal.setitimer(signal.ITIMER_PROF, 0.0)
+        signal.signal(signal.SIGPROF, before)
+    total = sum(counts.values())
+    return {owner: count / total for owner, count in counts.most_common()}
