@@ -18,7 +18,45 @@ _NOTCH, _RAMP = np.radians(24.0), np.radians(6.0)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Instruments:
+class Probes:
+    """Displacement probes in x and y and what reads them, alike on every virtual rig.
+
+    Attributes:
+        sample_rate: Hz.
+        sensitivity: V/m.
+        gap: voltage at rest.
+        noise: standard deviation of the noise, V.
+    """
+
+    sample_rate: float = 6400.0
+    sensitivity: float = 7870.0
+    gap: float = -10.0
+    noise: float = 3e-3
+
+    def volts(self, towards: Float) -> Float:
+        """Voltage of a probe without noise.
+
+        Args:
+            towards: motion in its direction, m.
+        """
+        return self.gap + self.sensitivity * towards
+
+    def said(self, angles: tuple[float, float] = (0.0, 90.0)) -> dict[str, str | float]:
+        """Attributes of a file that tell of the probes.
+
+        Args:
+            angles: of the probes named X and Y, degrees.
+        """
+        return {
+            "sample_rate_hz": self.sample_rate,
+            "sensitivity_V_per_mm": self.sensitivity / 1e3,
+            "probe_angle_deg_X": angles[0],
+            "probe_angle_deg_Y": angles[1],
+        }
+
+
+@dataclass(frozen=True, kw_only=True)
+class Instruments(Probes):
     """What measures and records; the defaults are a good set of instruments on a rotor with ordinary run-out.
 
     Attributes:
@@ -38,10 +76,6 @@ class Instruments:
         ac_coupled: whether the recorder takes out the gap voltage.
     """
 
-    sample_rate: float = 6400.0
-    sensitivity: float = 7870.0
-    gap: float = -10.0
-    noise: float = 3e-3
     keyphasor_noise: float = 0.05
     bits: int = 16
     full_scale: float = 20.0
@@ -105,7 +139,7 @@ def record(played: Played, instruments: Instruments, folder: Path, rng: np.rando
         seen = z + _runout(played.shaft, instruments, plane)
         for axis, degrees in zip("XY", instruments.probe_angles, strict=True):
             towards = np.real(seen * np.exp(-1j * np.radians(degrees)))
-            channels[f"{plane}_{axis}"] = instruments.gap + instruments.sensitivity * towards
+            channels[f"{plane}_{axis}"] = instruments.volts(towards)
     channels = {name: _disturbed(name, clean, time, instruments, rng) for name, clean in channels.items()}
     for name, newton in played.forces.items():
         measured = newton + instruments.force_noise * rng.standard_normal(newton.size)
@@ -113,13 +147,7 @@ def record(played: Played, instruments: Instruments, folder: Path, rng: np.rando
     channels["keyphasor_shaft"] = _keyphasor(played.shaft, instruments, rng, mishaps=True)
     if played.perturbator is not None:
         channels["keyphasor_perturbator"] = _keyphasor(played.perturbator, instruments, rng, mishaps=False)
-    said: dict[str, str | float] = {
-        "sample_rate_hz": instruments.sample_rate,
-        "sensitivity_V_per_mm": instruments.sensitivity / 1e3,
-        "probe_angle_deg_X": instruments.probe_angles[0],
-        "probe_angle_deg_Y": instruments.probe_angles[1],
-        "keyphasor": "falling edge of a notch, -2 V to -8 V",
-    }
+    said = instruments.said(instruments.probe_angles) | {"keyphasor": "falling edge of a notch, -2 V to -8 V"}
     path = folder / f"{played.name}.h5"
     return write_counts(
         path, channels, {**said, **played.attributes}, bits=instruments.bits, full_scale=instruments.full_scale

@@ -11,7 +11,7 @@ import numpy as np
 
 from rotorfit.models import AnisotropicShaft
 from rotorfit.models.array_types import Float
-from rotorfit.simulation.instruments import keyphasor_volts, notch, write_counts
+from rotorfit.simulation.instruments import Probes, keyphasor_volts, notch, write_counts
 from rotorfit.simulation.shaft import Crack, Perturbation, RunUp, shaft_motion, steady
 from rotorfit.units import RPM_PER_RAD_S
 
@@ -22,23 +22,17 @@ _RAMP = 0.35
 
 
 @dataclass(frozen=True, kw_only=True)
-class Acquisition:
-    """How the virtual signals are taken.
+class Acquisition(Probes):
+    """How the virtual signals are taken: by probes as on other rigs, and one for the twist.
 
     Attributes:
-        sample_rate: Hz.
-        sensitivity: of the probes, V/m.
+        sample_rate, sensitivity, gap, noise: see :class:`~rotorfit.simulation.instruments.Probes`.
         twist_sensitivity: V/rad.
-        gap: voltage of the probes at rest, V.
-        noise: white noise of every signal, V.
         runout: 1x run-out of the shaft, m, ahead of its mark as a complex number.
     """
 
     sample_rate: float = 3200.0
-    sensitivity: float = 7870.0
     twist_sensitivity: float = 1000.0
-    gap: float = -10.0
-    noise: float = 3e-3
     runout: complex = 0.0
 
 
@@ -95,8 +89,8 @@ def record_shaft(
     seen = motion.z + how.runout * np.exp(1j * turn)
     plane = model.planes[0]
     signals = {
-        f"{plane}_X": how.gap + how.sensitivity * seen.real,
-        f"{plane}_Y": how.gap + how.sensitivity * seen.imag,
+        f"{plane}_X": how.volts(seen.real),
+        f"{plane}_Y": how.volts(seen.imag),
         "keyphasor_shaft": _keyphasor(turn),
     }
     if model.torsion is not None:
@@ -122,14 +116,8 @@ def _keyphasor(angle: Float) -> Float:
     return keyphasor_volts(notch(angle, width=_NOTCH, ramp=_RAMP))
 
 
-def _attributes(how: Acquisition, perturbation: Perturbation | None, motor: RunUp) -> dict[str, float | str]:
-    found: dict[str, float | str] = {
-        "sample_rate_hz": how.sample_rate,
-        "sensitivity_V_per_mm": how.sensitivity / 1e3,
-        "probe_angle_deg_X": 0.0,
-        "probe_angle_deg_Y": 90.0,
-        "twist_V_per_rad": how.twist_sensitivity,
-    }
+def _attributes(how: Acquisition, perturbation: Perturbation | None, motor: RunUp) -> dict[str, str | float]:
+    found = how.said() | {"twist_V_per_rad": how.twist_sensitivity}
     if not motor.acceleration:
         found["speed_rpm"] = motor.first * RPM_PER_RAD_S
     if perturbation is not None:
