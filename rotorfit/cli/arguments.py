@@ -203,7 +203,7 @@ def data_files(options: argparse.Namespace) -> tuple[DataFile | RecordingFiles, 
             "files of vectors"
         )
     tests = tuple(DataFile(file, read) for file in options.files if file not in raw)
-    return (*tests, RecordingFiles(raw, options.setup, options.windows)) if raw else tests
+    return (*tests, RecordingFiles(paths=raw, setup=options.setup, windows=options.windows)) if raw else tests
 
 
 def chosen(option: str, words: Sequence[str]) -> dict[str, Any]:

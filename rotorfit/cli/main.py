@@ -96,7 +96,9 @@ def _demo(options: argparse.Namespace) -> int:
     from rotorfit.studies.study import Study
 
     name = "volts" if options.from_volts else "rig_open"
-    rig = RecordingFiles(tuple(datasets.volts())) if options.from_volts else DataFile(datasets.path("rig_open.csv"))
+    rig = (
+        RecordingFiles(paths=tuple(datasets.volts())) if options.from_volts else DataFile(datasets.path("rig_open.csv"))
+    )
     study = Study(files=(rig,), model="whirl-whip", known={"K3": 6000.0}, refine=True, out=options.out)
     return _identify(study, options, rig=name)
 

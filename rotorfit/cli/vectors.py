@@ -33,7 +33,7 @@ def run(options: argparse.Namespace) -> int:
     checked(lambda: check_target(options.out))  # before the work, which may take long
     progress = ProgressLine(enabled=not options.quiet and sys.stderr.isatty())
     try:
-        source = RecordingFiles(tuple(options.files), options.setup, options.windows)
+        source = RecordingFiles(paths=tuple(options.files), setup=options.setup, windows=options.windows)
         with executor as workers:
             tests, found = checked(lambda: read_files([source], progress, workers))
     finally:

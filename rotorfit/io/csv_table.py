@@ -39,7 +39,7 @@ _PREFIXES = {
 }
 
 
-@dataclass
+@dataclass(kw_only=True)
 class Table:
     """Cells of a CSV file as text, and what of it has been understood so far.
 
@@ -215,4 +215,4 @@ def read_table(path: str | Path, sheet: str | None = None) -> Table:
     if len(names) < len(header) or "" in names:
         raise ValueError(f"{source}: every column needs a name of its own, the header is {', '.join(header)}")
     columns = [list(column) for column in zip(*found.rows, strict=True)]
-    return Table(source, dict(zip(names, columns, strict=True)), found.lines, names)
+    return Table(source=source, cells=dict(zip(names, columns, strict=True)), lines=found.lines, names=names)

@@ -119,7 +119,9 @@ def checked(
         found = [*found, Finding("note", "empty", words)]
     names = list(kept[0][1])
     columns = {name: [row[name] for _, row in kept] for name in names}
-    return Table(source, columns, [line for line, _ in kept], {name: name for name in names}), found
+    return Table(
+        source=source, cells=columns, lines=[line for line, _ in kept], names={name: name for name in names}
+    ), found
 
 
 def with_weight(table: Table) -> Table:

@@ -25,7 +25,7 @@ def constant(speed: float) -> Callable[[Float], Float]:
     return lambda t: np.full(np.shape(t), speed)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class RecordedRig:
     """A rotor with its instruments.
 

@@ -86,7 +86,9 @@ def simulate_recordings(
     rng = np.random.default_rng(seed)
     how = instruments or Instruments()
     rig = RecordedRig(
-        VirtualRig(model=model, theta=model.vector(params), noise=0.0, tolerance=1e-6, rng=rng), how, residual
+        virtual=VirtualRig(model=model, theta=model.vector(params), noise=0.0, tolerance=1e-6, rng=rng),
+        instruments=how,
+        residual=residual,
     )
     files = [record(played, how, place, rng) for played in RECORDED[kind](rig, **options)]
     (place / "rig.toml").write_text(_setup(kind, how, options), encoding="utf-8")

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from rotorfit.recordings.recording import Recording
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class RecordingFiles:
     """Recordings of one rig, see :func:`rotorfit.read_recording`.
 
