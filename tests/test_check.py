@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 from clean_rigs import clean_test
+from synthetic import MODELS, SPEEDS, TYPICAL, circular_test, covering_frequencies
 
 import rotorfit as rf
 from rotorfit.checks.checklist import Finding, check, errors
@@ -475,3 +476,16 @@ def test_info_of_a_clean_file(capsys: pytest.CaptureFixture[str]) -> None:
     printed = capsys.readouterr().out
     assert "[" not in printed
     assert "disk, journal" in printed
+
+
+def test_slopes_alone_are_checked_and_fitted() -> None:
+    """They make no orbits to be looked at; of an overhung disk they tell the stiffness that couples both motions."""
+    model, truth = MODELS["overhung"](), TYPICAL["overhung"]
+    theta, speeds = model.vector(truth), SPEEDS["overhung"]
+    frequency = covering_frequencies(model, theta, speeds, 40)
+    test = circular_test(model, theta, speeds=speeds, frequency=frequency, noise=0.01, seed=1, sigma_known=True)
+    slopes = test.select(np.char.startswith(test.direction, "r"))
+    assert not check(slopes)
+    coupling = rf.fit(model, slopes).params["k12"]
+    assert coupling.stderr is not None
+    assert abs(coupling.value - truth["k12"]) < 4 * coupling.stderr < 0.05 * abs(truth["k12"])

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rotorfit.checks.amplitudes import amplitudes
 from rotorfit.checks.linear_force import linear_force
 from rotorfit.checks.orbits import NEAR_1X, orbits_of
+from rotorfit.checks.plain import surely_turning
 from rotorfit.checks.probes import turned_probes, uneven_probes
 from rotorfit.checks.ramp import ramps
 from rotorfit.checks.readings import clipped, unread
@@ -17,16 +19,11 @@ from rotorfit.checks.scale import peak_to_peak
 from rotorfit.checks.signs import signs, wrong_direction
 from rotorfit.data.experiments import DisplacementTest, Experiment, PerturbationTest, plane_groups
 from rotorfit.data.findings import Finding, listed
-from rotorfit.data.kept import kept
+from rotorfit.data.kept import kept, unchanged
 from rotorfit.data.synchronous import DIFFERENCED
 from rotorfit.data.weights import Influences, weighed
 from rotorfit.estimators.blocks.row_keys import words
-from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.units import RPM_PER_RAD_S
-
-LARGEST, SUSPECT, SMALLEST = 0.05, 5e-3, 1e-10
-"""Displacements, m: impossible, larger than any clearance in use, and smaller than any probe resolves."""
-
 
 SLOWEST = 0.1
 """Highest frequency of a test over the highest speed below which it is likely in another unit: whirl by the fluid, near
@@ -50,9 +47,10 @@ def check(test: Experiment) -> list[Finding]:
         >>> [finding.code for finding in rf.check(rig) if finding.severity == "error"]
         []
     """
-    notes = kept(test)
-    if "findings" not in notes:
-        notes["findings"] = tuple(_check(test))
+    with unchanged([test]):
+        notes = kept(test)
+        if "findings" not in notes:
+            notes["findings"] = tuple(_check(test))
     return list(notes["findings"])
 
 
@@ -62,16 +60,18 @@ def errors(test: Experiment) -> list[Finding]:
     Args:
         test: what was measured, SI units.
     """
-    notes = kept(test)
-    if "findings" not in notes and "errors" not in notes:
-        notes["errors"] = tuple(_check(test, only_errors=True))
+    with unchanged([test]):
+        notes = kept(test)
+        if "findings" not in notes and "errors" not in notes:
+            notes["errors"] = tuple(_check(test, only_errors=True))
     found: tuple[Finding, ...] = notes["findings"] if "findings" in notes else notes["errors"]
     return [finding for finding in found if finding.severity == "error"]
 
 
 def _check(test: Experiment, *, only_errors: bool = False) -> list[Finding]:
-    findings = list(_numbers(test))
-    finite = np.flatnonzero(_finite(test))
+    numeric = _finite(test)
+    findings = list(_numbers(test, numeric))
+    finite = np.flatnonzero(numeric)
     if isinstance(test, PerturbationTest | DisplacementTest) and finite.size:
         rest = test if finite.size == len(test) else test.select(finite)
         for finding in _physics(rest, only_errors):
@@ -85,7 +85,7 @@ def _check(test: Experiment, *, only_errors: bool = False) -> list[Finding]:
 def _physics(test: PerturbationTest | DisplacementTest, only_errors: bool) -> Iterator[Finding]:
     if not only_errors:
         yield from _duplicates(test)
-    yield from _amplitudes(test)
+    yield from amplitudes(test)
     if not only_errors:
         yield from _plan(test)
     if isinstance(test, PerturbationTest):
@@ -95,6 +95,10 @@ def _physics(test: PerturbationTest | DisplacementTest, only_errors: bool) -> It
         if not forced.size:
             return  # a reference run alone
         orbits = orbits_of(test if forced.size == len(test) else test.select(forced), forced)
+        if not orbits.frequency.size or (
+            only_errors and surely_turning(orbits, orbits.right, orbits.wrong, orbits.speed)
+        ):
+            return
         linear = list(linear_force(orbits))
         wrong = linear or list(wrong_direction(orbits))
         yield from wrong
@@ -138,14 +142,13 @@ _REFERENCE = (
 )
 
 
-def _numbers(test: Experiment) -> Iterator[Finding]:
+def _numbers(test: Experiment, finite: NDArray[np.bool_]) -> Iterator[Finding]:
     if not len(test):
         yield Finding("error", "empty", "The test has no readings.")
         return
-    bad = ~_finite(test)
-    if bad.any():
-        text = f"Not finite: {bad.sum()} readings; remove them, test.select(...) with the rows to keep."
-        yield Finding("error", "not-finite", text, _rows(bad))
+    if not finite.all():
+        text = f"Not finite: {(~finite).sum()} readings; remove them, test.select(...) with the rows to keep."
+        yield Finding("error", "not-finite", text, _rows(~finite))
     sigma = getattr(test, "sigma", np.array([1.0]))
     if (sigma <= 0).any():
         text = f"The noise sigma is not positive in {(sigma <= 0).sum()} rows; NaN stands for unknown noise."
@@ -172,33 +175,6 @@ def _duplicates(test: PerturbationTest | DisplacementTest) -> Iterator[Finding]:
             "and makes errors look smaller than they are. Remove them."
         )
         yield Finding("warning", "duplicate", text, _rows(again))
-
-
-def _amplitudes(test: PerturbationTest | DisplacementTest) -> Iterator[Finding]:
-    size = sizes(test, test.response) if isinstance(test, PerturbationTest) else np.abs(test.displacement)
-    largest = float(size.max())
-    if largest > SUSPECT:
-        severity: Literal["error", "warning"] = "error" if largest > LARGEST else "warning"
-        text = (
-            f"Amplitudes reach {largest:.3g} m 0-peak; no rotor in a bearing or seal moves that far. Check the unit "
-            "of the amplitude column (um, mil, m)."
-        )
-        yield Finding(severity, "large-amplitude", text, _rows(size > SUSPECT))
-    elif 0 < largest < SMALLEST:
-        text = f"The largest amplitude is {largest:.3g} m, less than probes resolve. Check the unit of the column."
-        yield Finding("warning", "small-amplitude", text)
-
-
-def sizes(test: PerturbationTest, response: ComplexArray) -> Float:
-    """Amplitudes in metres, slopes with a tenth of a metre: one of 0.5 rad is as impossible as 50 mm.
-
-    Args:
-        test: what was read.
-        response: its readings, or those of many tests of its plan, shape ``(..., N)``.
-    """
-    directions, number = words(test.direction)
-    lever = np.array([0.1 if direction.startswith("r") else 1.0 for direction in directions])[number]
-    return np.asarray(np.abs(response) * lever)
 
 
 def _frequencies(test: PerturbationTest | DisplacementTest) -> Iterator[Finding]:

@@ -62,14 +62,11 @@ def powers(orbits: Orbits, right: ComplexArray, wrong: ComplexArray) -> tuple[Fl
         orbits: what was read where.
         right, wrong: responses in and against the direction of the force, of one test or many, shape ``(..., N)``.
     """
-    groups = orbits.groups("run", "speed", "force_plane", "plane")
-    if not groups:
-        return np.zeros(0), np.zeros(0)
-    at = np.concatenate([own for _, own in groups])
-    begin = np.cumsum([0, *(own.size for _, own in groups[:-1])])
-    paired = np.isfinite(wrong)
+    if not orbits.paired.any():
+        return np.zeros(1), np.zeros(1)
     along, against = (
-        np.add.reduceat(np.where(paired, np.abs(part) ** 2, 0.0)[..., at], begin, axis=-1) for part in (right, wrong)
+        orbits.total(np.where(orbits.paired, np.abs(part) ** 2, 0.0), "run", "speed", "force_plane", "plane")
+        for part in (right, wrong)
     )
     return along + against, against
 

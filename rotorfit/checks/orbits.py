@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rotorfit.data.directional import directional
 from rotorfit.data.experiments import PerturbationTest
 from rotorfit.data.linear_force import probe_pairs, whirl_parts
-from rotorfit.estimators.blocks.row_keys import combined, in_order, numbers, words
-from rotorfit.models.array_types import ComplexArray, Float, Index, Text
+from rotorfit.data.lines import Lines, lines_of
+from rotorfit.estimators.blocks.response import inverse
+from rotorfit.estimators.blocks.row_keys import combined, in_order, numbers
+from rotorfit.models.array_types import ComplexArray, Float, Index
 
 ENOUGH = 12
 """Readings needed for a verdict on a run."""
@@ -28,84 +31,172 @@ class Orbits:
     """Readings of one plane at one frequency, x and y put together; arrays of one length.
 
     ``force``, ``right`` and ``wrong`` (the component in and against the direction of the force) are relative to
-    exp(jwt) with w signed. ``wrong``, ``x`` and ``y`` are NaN where only one probe was read, which then counts as a
-    circular orbit. ``behind`` are the rows of the test that each was read in, -1 where there is none, shape ``(N, k)``.
+    exp(jwt) with w signed, ``wrong`` to exp(-jwt). It is NaN where only one probe was read, which then counts as a
+    circular orbit.
+
+    Attributes:
+        test: what was measured, forces along an axis as their halves.
+        lines: its rows by lines.
+        origin: numbers that each of its rows has in the whole test, shape ``(rows, k)``.
+        first: first row of each orbit, shape ``(N,)``.
+        rows: rows of its readings x, y and z, -1 where there is none, shape ``(N, 3)``.
     """
 
-    run: Text
-    speed: Float
+    test: PerturbationTest
+    lines: Lines
+    origin: Index
+    first: Index
+    rows: Index
     frequency: Float
-    force_plane: Text
-    plane: Text
     force: ComplexArray
-    x: ComplexArray
-    y: ComplexArray
     right: ComplexArray
     wrong: ComplexArray
-    behind: Index
-
-    @property
-    def names(self) -> list[str]:
-        """Names of planes, measured or forced, in order of appearance."""
-        return self._planes[0]
-
-    @property
-    def place(self) -> Index:
-        """Number of the measured plane of each among :attr:`names`."""
-        return self._planes[1]
-
-    @property
-    def force_place(self) -> Index:
-        """Number of the plane of the force of each among :attr:`names`."""
-        return self._planes[2]
 
     @cached_property
-    def _planes(self) -> tuple[list[str], Index, Index]:
-        measured, place = words(self.plane)
-        forced, force_place = words(self.force_plane)
-        names = list(dict.fromkeys([*measured, *forced]))
-        return names, place, np.array([names.index(name) for name in forced], dtype=np.intp)[force_place]
+    def run(self) -> NDArray[np.str_]:
+        """Run of each."""
+        return self.test.run[self.first]
+
+    @cached_property
+    def plane(self) -> NDArray[np.str_]:
+        """Measured plane of each."""
+        return self.test.plane[self.first]
+
+    @cached_property
+    def force_plane(self) -> NDArray[np.str_]:
+        """Plane of the force of each."""
+        return self.test.force_plane[self.first]
+
+    @cached_property
+    def speed(self) -> Float:
+        """Rotative speed of each, rad/s."""
+        return self.test.speed[self.first]
+
+    @cached_property
+    def x(self) -> ComplexArray:
+        """Reading x of each, NaN where there is none."""
+        return self._read(0)
+
+    @cached_property
+    def y(self) -> ComplexArray:
+        """Reading y of each, NaN where there is none."""
+        return self._read(1)
+
+    def _read(self, probe: int) -> ComplexArray:
+        rows = self.rows[:, probe]
+        return np.where(rows >= 0, self.test.response[rows], np.nan)
+
+    @cached_property
+    def paired(self) -> NDArray[np.bool_]:
+        """Where both x and y were read."""
+        return np.asarray((self.rows[:, 0] >= 0) & (self.rows[:, 1] >= 0))
+
+    @cached_property
+    def names(self) -> list[str]:
+        """Names of planes, measured or forced, in order of appearance."""
+        return list(dict.fromkeys([*self.lines.names["plane"], *self.lines.names["force_plane"]]))
+
+    @cached_property
+    def place(self) -> Index:
+        """Number of the measured plane of each among :attr:`names`."""
+        return self._numbers("plane")
+
+    @cached_property
+    def force_place(self) -> Index:
+        """Number of the plane of the force of each among :attr:`names`."""
+        forced = [self.names.index(name) for name in self.lines.names["force_plane"]]
+        return np.array(forced, dtype=np.intp)[self._numbers("force_plane")]
+
+    @cached_property
+    def frequencies(self) -> tuple[Float, Index]:
+        """Distinct frequencies to a millionth of a rad/s, ascending, and the number of that of each."""
+        w, number = self.lines.frequencies
+        return w, number[self.first]
 
     @cached_property
     def conditions(self) -> Index:
         """Number of the speed and, to a millionth of a rad/s, the frequency of each."""
-        return combined(self._numbers("speed"), numbers(np.round(self.frequency, 6)))
+        return combined(self._numbers("speed"), self.frequencies[1])
 
-    @cached_property
-    def receptances(self) -> list[Receptances | None]:
-        """Complete matrices of responses at each speed, in the order of the groups by speed; None where too few."""
-        return [receptances_of(self, self.right, at) for _, at in self.groups("speed")]
+    def receptances(self, most: int | None = None) -> list[Receptances | None]:
+        """Complete matrices of responses at each speed, in the order of the groups by speed; None where too few.
+
+        Args:
+            most: of so many speeds, of all if left out.
+        """
+        groups = self.groups("speed")[:most]
+        for _, at in groups[len(self._receptances) :]:
+            self._receptances.append(receptances_of(self, self.right, at))
+        return self._receptances[: len(groups)]
 
     def groups(self, *names: str) -> list[tuple[tuple[Any, ...], Index]]:
         """Indices by equal values of columns."""
         if names not in self._groups:
-            columns = [getattr(self, name) for name in names]
-            first, number = in_order(combined(*[self._numbers(name) for name in names]))
-            keys = zip(*[column[first].tolist() for column in columns], strict=True)
-            order = np.argsort(number, kind="stable") if first.size > 1 else np.arange(number.size)
-            parts = np.split(order, np.cumsum(np.bincount(number))[:-1]) if first.size > 1 else [order]
-            self._groups[names] = list(zip(keys, parts, strict=True)) if first.size else []
+            number = self.number(*names)
+            first = in_order(number)[0]
+            keys = zip(*[getattr(self, name)[first].tolist() for name in names], strict=True)
+            order, begin = self._sorted(names)
+            self._groups[names] = list(zip(keys, np.split(order, begin[1:]), strict=True)) if first.size else []
         return self._groups[names]
 
+    def number(self, *names: str) -> Index:
+        """Number of the group of each, in order of appearance; the columns are run, speed and planes."""
+        if names not in self._number:
+            first, sweep = self._sweeps
+            self._number[names] = in_order(combined(*[self._numbers(name)[first] for name in names]))[1][sweep]
+        return self._number[names]
+
+    def total(self, values: NDArray[Any], *names: str) -> NDArray[Any]:
+        """Sums over the groups, shape ``(..., G)`` of ``(..., N)``."""
+        order, begin = self._sorted(names)
+        return np.asarray(np.add.reduceat(values[..., order], begin, axis=-1))
+
+    def largest(self, values: Float, *names: str) -> Float:
+        """Largest value in the group of each, shape ``(..., N)``."""
+        order, begin = self._sorted(names)
+        return np.asarray(np.maximum.reduceat(values[..., order], begin, axis=-1)[..., self.number(*names)])
+
+    def _sorted(self, names: tuple[str, ...]) -> tuple[Index, Index]:
+        """All group by group, and where each group begins."""
+        if names not in self._order:
+            number = self.number(*names)
+            order = np.argsort(number, kind="stable")
+            self._order[names] = order, np.concatenate([[0], np.cumsum(np.bincount(number))[:-1]])
+        return self._order[names]
+
     def _numbers(self, name: str) -> Index:
-        if name not in self._codes:
-            self._codes[name] = numbers(getattr(self, name))
-        return self._codes[name]
+        return self.lines.number[name][self.first]
 
     @cached_property
-    def _codes(self) -> dict[str, Index]:
-        return {}
+    def _sweeps(self) -> tuple[Index, Index]:
+        """First orbit, and number of each, of what one run at one speed under one force measures at one plane."""
+        return in_order(combined(*[self._numbers(name) for name in ("run", "speed", "force_plane", "plane")]))
+
+    @cached_property
+    def _receptances(self) -> list[Receptances | None]:
+        return []
 
     @cached_property
     def _groups(self) -> dict[tuple[str, ...], list[tuple[tuple[Any, ...], Index]]]:
         return {}
 
+    @cached_property
+    def _number(self) -> dict[tuple[str, ...], Index]:
+        return {}
+
+    @cached_property
+    def _order(self) -> dict[tuple[str, ...], tuple[Index, Index]]:
+        return {}
+
+    def part(self, at: Index) -> Orbits:
+        """Some of them."""
+        arrays = ("first", "rows", "frequency", "force", "right", "wrong")
+        return replace(self, **{name: getattr(self, name)[at] for name in arrays})
+
     def rows_of(self, indices: Index) -> tuple[int, ...]:
-        """Rows of the test behind orbits."""
-        rows = np.sort(self.behind[indices], axis=1)
-        again = np.zeros(rows.shape, dtype=bool)
-        again[:, 1:] = rows[:, 1:] == rows[:, :-1]
-        return tuple(np.sort(rows[(rows >= 0) & ~again]).tolist())
+        """Rows of the whole test behind orbits."""
+        rows = self.rows[indices]
+        return tuple(np.unique(self.origin[rows[rows >= 0]]).tolist())
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -143,7 +234,7 @@ def receptances_of(orbits: Orbits, amplitude: ComplexArray, at: Index) -> Recept
         return None
     n = len(planes)
     H = (amplitude[..., index] / orbits.force[index]).reshape(*amplitude.shape[:-1], -1, n, n)
-    kappa = _inverse(H)
+    kappa = surely_inverse(H)
     regular = np.ones(w.size, dtype=bool)
     if kappa is None:
         regular = np.asarray(invertible(H.reshape(-1, n, n)).reshape(-1, w.size).all(axis=0))
@@ -152,15 +243,21 @@ def receptances_of(orbits: Orbits, amplitude: ComplexArray, at: Index) -> Recept
     return Receptances(planes=planes, frequency=w, at=index, regular=regular, H=H, kappa=kappa)
 
 
-def _inverse(matrices: ComplexArray) -> ComplexArray | None:
-    """Inverses of matrices, where their sizes alone show that all are finite and far from singular."""
+def surely_inverse(matrices: NDArray[Any]) -> NDArray[Any] | None:
+    """Inverses of matrices, shape ``(..., n, n)``, where their sizes alone show that all are finite and far from
+    singular."""
     try:
-        found = np.asarray(np.linalg.inv(matrices), dtype=complex)
+        with np.errstate(all="ignore"):
+            found = inverse(matrices.reshape(-1, *matrices.shape[-2:])).reshape(matrices.shape)
     except np.linalg.LinAlgError:
         return None
     # By the norm of Frobenius, which no condition number exceeds; not a number is not smaller.
-    size = np.linalg.norm(matrices, axis=(-2, -1)) * np.linalg.norm(found, axis=(-2, -1))
-    return found if (size < _FAR).all() else None
+    return found if (squared_norm(matrices) * squared_norm(found) < _FAR**2).all() else None
+
+
+def squared_norm(matrices: NDArray[Any]) -> Float:
+    """Square of the norm of Frobenius of matrices, shape ``(...)`` of ``(..., n, n)``."""
+    return np.asarray((matrices.real**2 + matrices.imag**2).sum(axis=(-2, -1)))
 
 
 def orbits_of(test: PerturbationTest, rows: Index) -> Orbits:
@@ -169,67 +266,51 @@ def orbits_of(test: PerturbationTest, rows: Index) -> Orbits:
     Under a force along an axis the forward and the backward part are two orbits, each with its half of the force;
     readings of one probe alone, which do not tell them apart, are left out.
     """
-    if test.linear.any():
+    lines, origin = lines_of(test), rows[:, None]
+    if lines.names["force_direction"] != ["circular"]:
         kept = np.setdiff1d(np.arange(len(test)), probe_pairs(test, test.linear)[1])
-        test, rows = test.select(kept), rows[kept]
-    test, origin = whirl_parts(test)
-    columns = (
-        test.run, test.speed, test.frequency, test.force_plane, test.force.real, test.force.imag,
-        test.force_direction, test.plane,
-    )  # fmt: skip
-    directions, number = words(test.direction)
-    kind = np.array(["xyz".find(direction) for direction in directions], dtype=np.intp)[number]
-    readings = np.flatnonzero(kind >= 0)
-    whole = readings.size == kind.size
-    first, orbit = in_order(combined(*[numbers(column if whole else column[readings]) for column in columns]))
-    first = readings[first]
+        test, pairs = whirl_parts(test.select(kept))
+        lines, origin = lines_of(test), rows[kept][pairs]
+    probe = np.array(["xyz".find(direction) for direction in lines.names["direction"]], dtype=np.intp)
+    probe = probe[lines.number["direction"]]
+    readings = np.flatnonzero(probe >= 0)
+    first, orbit = in_order(combined(lines.line, lines.number["plane"])[readings])
     place = np.full((first.size, 3), -1, dtype=np.intp)
-    place[orbit[::-1], kind[readings][::-1]] = readings[::-1]  # of repeats the first stands for all
+    place[orbit[::-1], probe[readings][::-1]] = readings[::-1]  # of repeats the first stands for all
+    first = readings[first]
     backward = test.frequency[first] < 0
-    x, y, right, wrong = directions_of(test.response, place, backward)
+    right, wrong = directional(test.response, place, backward)
+    axes = lines.names["force_direction"]
+    share = np.array([{"x": 0.5, "y": 0.5j}.get(axis, 1.0) for axis in axes], dtype=complex)
     force = np.where(backward, test.force[first].conj(), test.force[first])
-    along, number = words(test.force_direction[first])
-    share = np.array([{"x": 0.5, "y": 0.5j}.get(axis, 1.0) for axis in along], dtype=complex)[number]
     return Orbits(
-        run=test.run[first],
-        speed=test.speed[first],
+        test=test,
+        lines=lines,
+        origin=origin,
+        first=first,
+        rows=place,
         frequency=test.frequency[first],
-        force_plane=test.force_plane[first],
-        plane=test.plane[first],
-        force=force * share,
-        x=x,
-        y=y,
+        force=force * share[lines.number["force_direction"][first]],
         right=right,
         wrong=wrong,
-        behind=np.where(place[:, :, None] >= 0, rows[origin][place], -1).reshape(first.size, -1),
     )
 
 
-def directions_of(
-    response: ComplexArray, place: Index, backward: NDArray[np.bool_]
-) -> tuple[ComplexArray, ComplexArray, ComplexArray, ComplexArray]:
-    """Readings x and y of orbits, and their parts in and against the direction of the force, shape ``(..., N)`` each.
+def mirrored(orbits: Orbits, at: Index, *names: str) -> Index:
+    """Forward and backward orbits at the same |w| in the same group, shape ``(N, 2)``; of repeats the last.
 
     Args:
-        response: readings of one test or of many of one plan, shape ``(..., rows)``.
-        place: rows of x, y and z of each orbit, -1 where there is none, shape ``(N, 3)``.
-        backward: orbits under a force that turns backward, shape ``(N,)``.
+        orbits: what was read where.
+        at: orbits to look among.
+        names: columns that tell groups apart.
     """
-    x, y, z = np.moveaxis(np.where(place >= 0, response[..., place], np.nan), -1, 0)
-    single = np.where(np.isnan(x), np.where(backward, -1j, 1j) * y, x)  # a circular orbit has Y = -j X, backward +j X
-    plus, minus = (x + 1j * y) / 2, np.conj(x - 1j * y) / 2
-    right = np.where(np.isnan(plus), np.where(backward, single.conj(), single), np.where(backward, minus, plus))
-    return x, y, np.where(np.isnan(right), z, right), np.where(backward, plus, minus)
-
-
-def mirrored(orbits: Orbits, at: Index) -> Index:
-    """Forward and backward orbits at the same |w|, in ascending order, shape ``(N, 2)``."""
-    w, last = np.unique(np.round(orbits.frequency[at][::-1], 6), return_index=True)
-    of = at[::-1][last]
-    ahead = np.flatnonzero(w > 0)
-    place = np.minimum(np.searchsorted(w, -w[ahead]), max(w.size - 1, 0))
-    both = w[place] == -w[ahead]
-    return np.column_stack([of[ahead[both]], of[place[both]]])
+    w, number = orbits.frequencies
+    keys = [numbers(np.abs(w))[number[at]], *([orbits.number(*names)[at]] if names else [])]
+    first, pair = in_order(combined(*keys))
+    found = np.full((2, first.size), -1, dtype=np.intp)
+    for one, some in zip(found, (w[number[at]] > 0, w[number[at]] < 0), strict=True):
+        one[pair[some]] = at[some]
+    return found[:, (found[0] >= 0) & (found[1] >= 0)].T
 
 
 def complete_matrices(orbits: Orbits, at: Index) -> tuple[list[str], Float, Index]:
@@ -243,10 +324,13 @@ def complete_matrices(orbits: Orbits, at: Index) -> tuple[list[str], Float, Inde
     n = len(planes)
     rank = np.array([planes.index(name) if name in planes else -1 for name in orbits.names], dtype=np.intp)
     row, column = rank[orbits.place[at]], rank[orbits.force_place[at]]
-    w, number = np.unique(np.round(orbits.frequency[at], 6), return_inverse=True)
+    w, number = orbits.frequencies
+    if at.size < number.size:
+        there, number = np.unique(number[at], return_inverse=True)
+        w = w[there]
     found = np.full((w.size, n * n), -1, dtype=np.intp)
     some = column >= 0
-    found[number.reshape(-1)[some], (row * n + column)[some]] = at[some]
+    found[number[some], (row * n + column)[some]] = at[some]
     whole = (found >= 0).all(axis=1)
     return planes, w[whole], found[whole]
 

@@ -1,19 +1,21 @@
-"""Tests of one plan in which the check surely finds no error, by its own first questions, put to all at once."""
+"""Tests in which the check surely finds no error, by its own first questions, put to one test or to many at once."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rotorfit.checks.checklist import SUSPECT, sizes
+from rotorfit.checks.amplitudes import SUSPECT, sizes
 from rotorfit.checks.linear_force import SHARE, powers
-from rotorfit.checks.orbits import directions_of, orbits_of
+from rotorfit.checks.orbits import Orbits, orbits_of
 from rotorfit.checks.probes import surely_straight
 from rotorfit.checks.readings import surely_whole
 from rotorfit.checks.signs import surely_right
 from rotorfit.data.alike import AlikeTests
+from rotorfit.data.directional import directional
 from rotorfit.data.experiments import PerturbationTest
 from rotorfit.data.kept import kept
+from rotorfit.models.array_types import ComplexArray, Float
 
 
 def surely_clean(group: AlikeTests) -> NDArray[np.bool_]:
@@ -24,13 +26,30 @@ def surely_clean(group: AlikeTests) -> NDArray[np.bool_]:
     """
     first = group.tests[0]
     orbits = orbits_of(first, np.arange(len(first)))
+    right, wrong = directional(group.response, orbits.rows, orbits.frequency < 0)
+    found = (sizes(first, group.response) <= SUSPECT).all(axis=1) & surely_whole(first, group.response)
+    return np.asarray(found & surely_turning(orbits, right, wrong, group.speed[:, None]))
+
+
+def surely_turning(orbits: Orbits, right: ComplexArray, wrong: ComplexArray, speed: Float) -> NDArray[np.bool_]:
+    """Whether nothing is wrong with the sense in which the rotor, its forces and its probes turn, for sure, shape
+    ``(...)``.
+
+    No plane in any run that turns as little against the force as :func:`powers` is asked for here leaves a force along
+    an axis or a wrong direction to be found.
+
+    Args:
+        orbits: what was read where.
+        right, wrong: responses in and against the direction of the force, of one test or of many, shape ``(..., N)``.
+        speed: rad/s, broadcasting with them.
+    """
     with np.errstate(all="ignore"):  # of readings that are zero nothing is sure, and comparisons say so
-        probes = orbits.behind.reshape(orbits.frequency.size, 3, -1)[..., 0]  # of two rows behind each, here the same
-        _, _, right, wrong = directions_of(group.response, probes, orbits.frequency < 0)
         both, against = powers(orbits, right, wrong)
-        found = (sizes(first, group.response) <= SUSPECT).all(axis=1) & (against <= SHARE[0] * both).all(axis=1)
-        found &= surely_whole(first, group.response)
-        found &= surely_straight(orbits, right) & surely_right(orbits, right, group.speed)
+        found = np.broadcast_to((against <= SHARE[0] * both).all(axis=-1), right.shape[:-1])
+        if found.any():
+            found = found & surely_straight(orbits, right)
+        if found.any():
+            found = found & surely_right(orbits, right, speed)
     return np.asarray(found)
 
 

@@ -15,7 +15,7 @@ from itertools import islice
 import numpy as np
 from numpy.typing import NDArray
 
-from rotorfit.checks.orbits import ENOUGH, Orbits, Receptances, receptances_of
+from rotorfit.checks.orbits import ENOUGH, Orbits, Receptances, receptances_of, squared_norm, surely_inverse
 from rotorfit.data.findings import Finding, listed
 from rotorfit.estimators.blocks.row_keys import combined, in_order, numbers
 from rotorfit.estimators.minimisation.least_squares import Options, minimise
@@ -258,11 +258,11 @@ class _Pose:
 
 def turned_probes(orbits: Orbits) -> Iterator[Finding]:
     """Pairs of probes that sit at another angle than they are said to."""
-    paired = np.isfinite(orbits.wrong)
-    if _surely_straight(orbits):
-        return
+    paired = orbits.paired
     if not paired.any() or _power(orbits.wrong[paired]) > CIRCULAR**2 * _power(orbits.right[paired]):
         return  # anisotropic, of which inertia as seen by circular orbits says nothing
+    if surely_straight(orbits, orbits.right):
+        return
     found = {
         plane: pose
         for plane, pose in poses(orbits, ()).items()
@@ -284,11 +284,6 @@ def turned_probes(orbits: Orbits) -> Iterator[Finding]:
         yield Finding("error", "probe-angle", text, orbits.rows_of(np.flatnonzero(orbits.plane == plane)))
 
 
-def _surely_straight(orbits: Orbits) -> bool:
-    """Whether straight lines through the dynamic stiffness show every pair far from turned: no trial is needed."""
-    return all(bool(_upright(measured)) for measured in orbits.receptances[:MOST_SPEEDS])
-
-
 def _upright(measured: Receptances | None) -> NDArray[np.bool_]:
     """Whether straight lines through the dynamic stiffness show every pair far from turned, shape ``(...)``."""
     found = np.ones((), dtype=bool)
@@ -298,24 +293,30 @@ def _upright(measured: Receptances | None) -> NDArray[np.bool_]:
 
 
 def surely_straight(orbits: Orbits, right: ComplexArray) -> NDArray[np.bool_]:
-    """Which of many tests of one plan :func:`turned_probes` has surely nothing to say of, shape ``(W,)``.
+    """Whether :func:`turned_probes` has surely nothing to say, of one test or many of one plan, shape ``(...)``.
+
+    There is no pair, or straight lines through the dynamic stiffness show every pair far from turned.
 
     Args:
         orbits: what was read where.
-        right: responses in the direction of the force, shape ``(W, N)``.
+        right: responses in the direction of the force, shape ``(..., N)``.
     """
-    found = np.ones(len(right), dtype=bool)
-    for _, at in orbits.groups("speed")[:MOST_SPEEDS]:
-        measured = receptances_of(orbits, right, at)
-        if measured is not None and not measured.regular.all():
-            return np.zeros(len(right), dtype=bool)  # each has to be looked at by itself
+    found = np.ones(right.shape[:-1], dtype=bool)
+    if not orbits.paired.any():
+        return found
+    alone = right is orbits.right
+    speeds = orbits.groups("speed")[:MOST_SPEEDS]
+    told = orbits.receptances(MOST_SPEEDS) if alone else [receptances_of(orbits, right, at) for _, at in speeds]
+    for measured in told:
+        if measured is not None and not alone and not measured.regular.all():
+            return np.zeros(right.shape[:-1], dtype=bool)  # each has to be looked at by itself
         found = found & _upright(measured)
     return found
 
 
 def _turn_pays(orbits: Orbits) -> bool:
     """Whether turned probes explain what straight ones do not, at one speed at least."""
-    for measured in orbits.receptances[:MOST_SPEEDS]:
+    for measured in orbits.receptances(MOST_SPEEDS):
         lines = _some_lines(measured)
         if lines is not None:
             free, upright = (_unexplained(lines, upright=kept) for kept in (False, True))
@@ -360,7 +361,7 @@ def poses(orbits: Orbits, mirrored: tuple[str, ...]) -> dict[str, _Pose]:
         mirrored: planes whose orbits turn the wrong way round, and are turned back first.
     """
     found: dict[str, list[tuple[float, float, bool]]] = {}
-    measured = orbits.receptances[:MOST_SPEEDS]
+    measured = orbits.receptances(MOST_SPEEDS)
     if mirrored:
         amplitude = np.where(np.isin(orbits.plane, mirrored), orbits.wrong.conj(), orbits.right)
         speeds = islice(orbits.groups("speed"), MOST_SPEEDS)
@@ -426,17 +427,17 @@ def _inertia(
     if found is None:
         return
     terms, values, errors = found
+    directions, uncertain = _sure(values, errors)
     for q, plane in enumerate(planes):
         inertia, damping = terms.index((q, q, 2)), terms.index((q, q, 1))
         if not values[..., inertia].any():
             continue
-        turn, error = _sure(values[..., inertia], errors[..., inertia])
-        turn = -turn
+        turn, error = -directions[..., inertia], uncertain[..., inertia]
         for k in range(len(planes)):  # coupling is real as well, and better known, but may have either sign
             i = terms.index((k, q, 0))
             if k == q or not values[..., i].any():
                 continue
-            along, own = _sure(values[..., i], errors[..., i])
+            along, own = directions[..., i], uncertain[..., i]
             better = (own < error) & (error < 1)
             turn = np.where(better, along * np.sign((along / turn).real), turn)
             error = np.where(better, own, error)
@@ -545,24 +546,37 @@ def _unexplained(lines: _Lines, *, upright: bool) -> float:
 
 def _straight_lines(lines: _Lines) -> tuple[list[tuple[int, int, int]], ComplexArray, Float]:
     """What :func:`_polynomial` answers by linear least squares on the inverse of each response matrix."""
-    u, kappa = lines.u, lines.kappa
-    n = kappa.shape[-1]
-    weight = 1 / np.linalg.norm(kappa, axis=(-2, -1)) ** 2  # d kappa = -kappa dH kappa
-    powers = np.stack([weight, weight * u, weight * u**2], axis=-1)
-    weighed = kappa * weight[..., None, None]
-    terms: list[tuple[int, int, int]] = []
-    values, errors = [], []
-    designs = {count: powers[..., :count] for count in ((1, 3) if n > 1 else (3,))}
-    across = {count: np.swapaxes(design, -1, -2) for count, design in designs.items()}
-    inverses = {count: np.linalg.pinv(across[count] @ design) for count, design in designs.items()}
-    for q in range(n):
-        for k in range(n):
-            count = 3 if q == k else 1
-            right, inverse = weighed[..., q, k, None], inverses[count]
-            solution = inverse @ (across[count] @ right)
-            miss = right - designs[count] @ solution
-            variance = np.sum(np.abs(miss) ** 2, axis=-2) / (2 * max(u.size - count, 1))
-            terms += [(q, k, power) for power in range(count)]
-            values.append(solution[..., 0])
-            errors.append(np.sqrt(np.maximum(np.diagonal(inverse, axis1=-2, axis2=-1), 0.0) * variance))
-    return terms, np.concatenate(values, axis=-1), np.concatenate(errors, axis=-1)
+    kappa, n = lines.kappa, lines.kappa.shape[-1]
+    weight = 1 / squared_norm(kappa)  # d kappa = -kappa dH kappa
+    entries = (kappa * weight[..., None, None]).reshape(*weight.shape, n * n)
+    own = np.arange(n * n) % (n + 1) == 0
+    parts = [_least_squares(weight[..., None] * lines.u[:, None] ** np.arange(3), entries[..., own])]
+    terms = [(q, q, order) for q in range(n) for order in range(3)]
+    if n > 1:
+        parts.append(_least_squares(weight[..., None], entries[..., ~own]))
+        terms += [(q, k, 0) for q in range(n) for k in range(n) if q != k]
+    values, errors = (np.concatenate(found, axis=-1) for found in zip(*parts, strict=True))
+    return terms, values, errors
+
+
+def _least_squares(design: Float, readings: ComplexArray) -> tuple[ComplexArray, Float]:
+    """Factors of ``k`` columns, and their errors, for each of some readings, the factors of one following one another.
+
+    Args:
+        design: shape ``(..., L, k)``.
+        readings: shape ``(..., L, m)``.
+
+    Returns:
+        both, shape ``(..., m k)``.
+    """
+    across = np.swapaxes(design, -1, -2)
+    normal = across @ design
+    inverse = surely_inverse(normal)
+    if inverse is None:
+        inverse = np.linalg.pinv(normal)
+    factors = inverse @ (across @ readings)
+    miss = readings - design @ factors
+    variance = (miss.real**2 + miss.imag**2).sum(axis=-2) / (2 * max(design.shape[-2] - design.shape[-1], 1))
+    known = np.maximum(np.diagonal(inverse, axis1=-2, axis2=-1).real, 0.0)
+    errors = np.sqrt(variance[..., :, None] * known[..., None, :])
+    return np.swapaxes(factors, -1, -2).reshape(*errors.shape[:-2], -1), errors.reshape(*errors.shape[:-2], -1)

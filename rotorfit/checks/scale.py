@@ -36,7 +36,7 @@ def peak_to_peak(orbits: Orbits) -> Iterator[Finding]:
         )
         if _is_two(_log_ratio(orbits.x[strong], orbits.y[strong])) and _turns(orbits, strong):
             yield _twice(f"The x and y probes at {plane} differ by a factor of two", orbits, at)
-    for ((speed,), at), measured in zip(orbits.groups("speed"), orbits.receptances, strict=True):
+    for ((speed,), at), measured in zip(orbits.groups("speed"), orbits.receptances(), strict=True):
         rpm = f"{float(speed) * RPM_PER_RAD_S:.6g} rpm"
         kappa = _stiffness_matrices(orbits, measured)
         if kappa is not None:

@@ -28,6 +28,8 @@ SMALL_SINE = 0.1
 SLOW = (0.1, 0.2, 0.3, 0.5)
 """Fractions of the speed below which whirl may be slower than the fluid; the largest is more than any lam."""
 
+_DRIVE = ("run", "plane", "force_plane")
+_SWEEP = ("plane", "force_plane", "speed")
 _MOSTLY = 0.8  # share of the energy against the force that is an error; short of that it may be strong anisotropy
 _MONOTONIC = 0.8  # rank correlation with frequency from which quadrature falls throughout
 
@@ -77,113 +79,116 @@ def _established(values: Float) -> Float:
 
 
 def surely_right(orbits: Orbits, right: ComplexArray, speed: Float) -> NDArray[np.bool_]:
-    """Which of many tests of one plan :func:`signs` has surely nothing to say of, shape ``(W,)``.
+    """Which of many tests of one plan :func:`signs` has surely nothing to say of, shape ``(...)``.
 
     Args:
         orbits: what was read where.
-        right: responses in the direction of the force, shape ``(W, N)``.
-        speed: of each test, rad/s, shape ``(W,)``.
+        right: responses in the direction of the force, shape ``(..., N)``.
+        speed: rad/s, broadcasting with them.
     """
     at = np.flatnonzero(orbits.place == orbits.force_place)
-    moved = (np.abs(right[:, at]) > 0).all(axis=1)
-    kappa = np.zeros(right.shape, dtype=complex)
-    kappa[:, at] = orbits.force[at] / np.where(right[:, at] == 0, 1.0, right[:, at])
-    drives = [np.intersect1d(group, at) for _, group in orbits.groups("run", "plane", "force_plane")]
-    signs = [_dissipates(orbits.frequency[group], speed[:, None], kappa[:, group]) for group in drives]
-    sweeps = [np.intersect1d(group, at) for _, group in orbits.groups("plane", "force_plane", "speed")]
-    falls = np.any([_falls(orbits, kappa, group) for group in sweeps], axis=0)
-    told = np.all([sign >= 0 for sign in signs], axis=0) & (np.any([sign > 0 for sign in signs], axis=0) | ~falls)
-    reversals = [(score <= CERTAIN).all(axis=0) for score, *_ in _reversals(orbits, kappa, right, speed[:, None], at)]
-    return np.asarray(moved & told & np.all(reversals, axis=0))
+    if not at.size:
+        return np.ones(right.shape[:-1], dtype=bool)
+    drives, moved = orbits.part(at), right[..., at]
+    kappa, speed = drives.force / moved, np.broadcast_to(speed, right.shape)[..., at]
+    signs = _dissipates(drives, kappa, speed)
+    damped = (signs > 0).any(axis=-1)
+    if not damped.all():
+        falls = [_falls(drives, kappa, sweep, len(orbits.groups("plane"))) for _, sweep in drives.groups(*_SWEEP)]
+        damped = damped | ~np.any(falls, axis=0)
+    found = moved.all(axis=-1) & (signs >= 0).all(axis=-1) & damped
+    if found.any():
+        for score, *_ in _reversals(drives, kappa, moved, speed):
+            found = found & (score <= CERTAIN).all(axis=0)
+    return np.asarray(found)
 
 
 def signs(orbits: Orbits) -> Iterator[Finding]:
     """Conjugated FRFs, or else a reversed sense of rotation, from the sign of Im kappa at drive points."""
-    at = np.flatnonzero((orbits.place == orbits.force_place) & (np.abs(orbits.right) > 0))
-    kappa = np.zeros(orbits.right.size, dtype=complex)
-    kappa[at] = orbits.force[at] / orbits.right[at]
-    driven = kappa != 0
-    drives = [group[driven[group]] for _, group in orbits.groups("run", "plane", "force_plane")]
-    signs = [_dissipates(orbits.frequency[group], orbits.speed[group], kappa[group]) for group in drives]
-    conjugated = [group for group, sign in zip(drives, signs, strict=True) if sign < 0]
-    if not any(signs):
-        sweeps = [group[driven[group]] for _, group in orbits.groups("plane", "force_plane", "speed")]
-        conjugated = [group for group in sweeps if _falls(orbits, kappa, group)]
-    if not conjugated:
-        yield from _reversed(orbits, kappa, at)
+    drives = orbits.part(np.flatnonzero((orbits.place == orbits.force_place) & (orbits.right != 0)))
+    if not drives.frequency.size:
         return
-    hit = np.concatenate(conjugated)
+    kappa = drives.force / drives.right
+    signs = _dissipates(drives, kappa, drives.speed)
+    hit = np.flatnonzero((signs < 0)[drives.number(*_DRIVE)])
+    if not signs.any():
+        planes = len(orbits.groups("plane"))
+        falling = [sweep for _, sweep in drives.groups(*_SWEEP) if _falls(drives, kappa, sweep, planes)]
+        hit = np.concatenate([hit, *falling])
+    if not hit.size:
+        yield from _reversed(drives, kappa)
+        return
     text = (
         "Damping would be negative at the drive point (quadrature dynamic stiffness falls with frequency) in "
-        f"{listed(_names(orbits, hit))}: the FRF is conjugated. Give phases of lag as phase_lag_deg and "
+        f"{listed(_names(drives, hit))}: the FRF is conjugated. Give phases of lag as phase_lag_deg and "
         "force_phase_lag_deg, or check the sign convention of the analyser."
     )
-    yield Finding("error", "conjugated", text, orbits.rows_of(hit))
+    yield Finding("error", "conjugated", text, drives.rows_of(hit))
 
 
-def _dissipates(w: Float, speed: Float, kappa: ComplexArray) -> Float:
-    """Sign of the dissipation at |w| >= Omega, where the force leads or opposes the fluid whatever lam < 1 is; 0:
-    unknown. Shape ``(...)`` of ``(..., N)``."""
-    fast = np.abs(w) >= np.abs(speed) * (1 - NEAR_1X)
-    sine = kappa.imag / np.abs(kappa) * np.sign(w)
+def _dissipates(drives: Orbits, kappa: ComplexArray, speed: Float) -> Float:
+    """Sign of the dissipation of each drive at |w| >= Omega, where the force leads or opposes the fluid whatever
+    lam < 1 is; 0: unknown. Shape ``(..., G)``.
+
+    Args:
+        drives: orbits at drive points.
+        kappa, speed: their dynamic stiffness and speed, shape ``(..., N)``.
+    """
+    fast = np.abs(drives.frequency) >= np.abs(speed) * (1 - NEAR_1X)
+    sine = kappa.imag / np.abs(kappa) * np.sign(drives.frequency)
     # a phase of a few degrees may be an error of the reference: such readings hardly count
-    score = _established(np.where(fast, sine / np.hypot(sine, SMALL_SINE), 0.0))
-    return np.where((np.sum(fast, axis=-1) >= ENOUGH) & (np.abs(score) > CERTAIN), np.sign(score), 0.0)
+    sign = np.where(fast, sine / np.hypot(sine, SMALL_SINE), 0.0)
+    total, square, count = drives.total(np.stack([sign, sign**2, fast]), *_DRIVE)
+    score = total / np.where(square > 0, np.sqrt(square), 1.0)
+    return np.where((count >= ENOUGH) & (np.abs(score) > CERTAIN), np.sign(score), 0.0)
 
 
-def _falls(orbits: Orbits, kappa: ComplexArray, at: Index) -> NDArray[np.bool_]:
+def _falls(drives: Orbits, kappa: ComplexArray, sweep: Index, planes: int) -> NDArray[np.bool_]:
     """Whether quadrature falls from backward to forward in a sweep below the speed, shape ``(...)`` of ``(..., N)``.
 
     One direction is enough if there is but one plane; else the other planes' motion turns the slope within a direction.
     """
-    w = orbits.frequency[at]
-    tells = np.unique(orbits.plane).size == 1 or bool((w > 0).any() and (w < 0).any())
-    return np.asarray(tells & (_rank_correlation(w, kappa[..., at].imag) < -_MONOTONIC))
+    w = drives.frequency[sweep]
+    tells = planes == 1 or bool((w > 0).any() and (w < 0).any())
+    return np.asarray(tells & (_rank_correlation(w, kappa[..., sweep].imag) < -_MONOTONIC))
 
 
-def _reversed(orbits: Orbits, kappa: ComplexArray, at: Index) -> Iterator[Finding]:
+def _reversed(drives: Orbits, kappa: ComplexArray) -> Iterator[Finding]:
     """A reversed sense of rotation: the fluid, which drives slow forward whirl, seems to drive slow backward whirl."""
-    found = list(_reversals(orbits, kappa, orbits.right, orbits.speed, at))
+    found = list(_reversals(drives, kappa, drives.right, drives.speed))
     score, rows, slow = max(found, key=lambda one: float(one[0].max()))
     best = int(np.argmax(score))
     if score[best] > CERTAIN:
         hit = np.unique(rows[slow[best]])
         text = (
-            f"Slow backward forces drive the rotor instead of damping it in {listed(_names(orbits, hit))}: lam would "
+            f"Slow backward forces drive the rotor instead of damping it in {listed(_names(drives, hit))}: lam would "
             "be negative. The sense of rotation is reversed, or x and y are exchanged together with the sign of the "
             "frequency; x has to turn towards y with the rotor."
         )
-        yield Finding("error", "reversed-rotation", text, orbits.rows_of(hit))
+        yield Finding("error", "reversed-rotation", text, drives.rows_of(hit))
 
 
 def _reversals(
-    orbits: Orbits, kappa: ComplexArray, right: ComplexArray, speed: Float, at: Index
+    drives: Orbits, kappa: ComplexArray, right: ComplexArray, speed: Float
 ) -> Iterator[tuple[Float, Index, NDArray[np.bool_]]]:
     """Scores of a drive by backward forces, for each limit of what is slow, shape ``(4, ...)``, with the orbits that
     they look at, and which of these count.
 
     Args:
-        orbits: what was read where.
-        kappa, right: drive-point stiffness, zero where there is none, and responses, shape ``(..., N)``.
-        speed: rad/s, broadcasting with them.
-        at: orbits at drive points.
+        drives: orbits at drive points.
+        kappa, right, speed: their dynamic stiffness, response and speed, shape ``(..., N)``.
     """
+    ratio = drives.frequency / np.where(speed == 0, np.nan, np.abs(speed))
+    at = np.flatnonzero((np.abs(ratio) < SLOW[-1]).any(axis=tuple(range(ratio.ndim - 1))))
+    size = np.abs(right)
     # slow unbalance moves the rotor little and noise turns its phase: weigh the sign by the response
-    power = kappa.imag / np.maximum(np.abs(kappa), np.finfo(float).tiny) * np.abs(right)
-    for _, group in orbits.groups("run", "plane", "force_plane"):
-        largest = np.abs(right[..., group]).max(axis=-1, keepdims=True)
-        power[..., group] /= np.where(largest > 0, largest, 1.0)
-    turning = np.broadcast_to(np.where(speed == 0, np.nan, np.abs(speed)), right.shape)
+    share = (size / drives.largest(size, *_DRIVE))[..., at]
     limits = np.array(SLOW).reshape(-1, *(1,) * right.ndim)
-    ratio = orbits.frequency[at] / turning[..., at]
-    slow = (ratio < 0) & (ratio > -limits)
-    yield _established(np.where(slow, power[..., at], 0.0)), at, slow
-    driven = np.zeros(right.shape[-1], dtype=bool)
-    driven[at] = True
-    groups = [some[driven[some]] for _, some in orbits.groups("plane", "force_plane", "speed")]
-    pairs = np.concatenate([mirrored(orbits, some) for some in groups])
+    slow = (ratio[..., at] < 0) & (ratio[..., at] > -limits)
+    yield _established(np.where(slow, kappa.imag[..., at] / np.abs(kappa[..., at]) * share, 0.0)), at, slow
+    pairs = mirrored(drives, at, *_SWEEP)
     even = _even_quadrature(kappa[..., pairs], right[..., pairs])
-    slow = np.abs(orbits.frequency[pairs[:, 0]]) / turning[..., pairs[:, 0]] < limits
+    slow = np.abs(ratio[..., pairs[:, 0]]) < limits
     yield _established(np.where(slow, even, 0.0)), pairs, slow
 
 

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from rotorfit.data.experiments import PerturbationTest
 from rotorfit.data.kept import MOST_KEPT, kept
 from rotorfit.estimators.blocks.row_keys import combined, in_order, numbers, words
-from rotorfit.models.array_types import Index
+from rotorfit.models.array_types import Float, Index
 
 _TEXT = ("run", "force_plane", "force_direction", "plane", "direction")
 _LINE = ("run", "speed", "frequency", "force_plane", "force", "force_direction")
@@ -25,12 +26,25 @@ class Lines:
         number: number of each row's entry by column, of text among ``names``, shape ``(N,)`` each.
         line: line of each row, in the order of the rows, shape ``(N,)``.
         first: first row of each line, shape ``(L,)``.
+        frequency: of each row, rad/s, shape ``(N,)``.
     """
 
     names: Mapping[str, list[str]]
     number: Mapping[str, Index]
     line: Index
     first: Index
+    frequency: Float
+
+    @cached_property
+    def frequencies(self) -> tuple[Float, Index]:
+        """Distinct frequencies to a millionth of a rad/s, ascending, and the number of that of each row."""
+        rank = self.number["frequency"]
+        value = np.empty(int(rank.max(initial=-1)) + 1)
+        value[rank] = self.frequency
+        value = np.round(value, 6)
+        new = np.ones(value.size, dtype=bool)
+        new[1:] = value[1:] != value[:-1]
+        return value[new], (np.cumsum(new) - 1)[rank]
 
     def apart(self) -> tuple[Index, Index]:
         """Line of each row, and first row of each line, where a reading that a line holds again goes to a line of its
@@ -67,4 +81,5 @@ def _lines_of(test: PerturbationTest) -> Lines:
     number = {name: own for name, (_, own) in text.items()}
     number |= {name: numbers(getattr(test, name)) for name in ("speed", "frequency", "force")}
     first, line = in_order(combined(*[number[name] for name in _LINE]))
-    return Lines(names={name: found for name, (found, _) in text.items()}, number=number, line=line, first=first)
+    names = {name: found for name, (found, _) in text.items()}
+    return Lines(names=names, number=number, line=line, first=first, frequency=test.frequency)
