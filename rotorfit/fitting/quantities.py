@@ -8,6 +8,9 @@ from dataclasses import dataclass
 from rotorfit.estimators.blocks.correlated import quantile
 from rotorfit.fitting.digits import plus_minus
 
+THRESHOLD = "threshold_speed"
+"""What the threshold speed is called where a parameter could stand."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class FittedParameter:

@@ -20,7 +20,7 @@ from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.fitting.assumption_table import THRESHOLD_COLUMN
 from rotorfit.fitting.noise.judging import is_misfit
 from rotorfit.fitting.noise.record import Noise
-from rotorfit.fitting.quantities import FittedParameter, Quantity, ResponseQuality
+from rotorfit.fitting.quantities import THRESHOLD, FittedParameter, Quantity, ResponseQuality
 from rotorfit.fitting.settings import FitSettings
 from rotorfit.models import RotorModel, Threshold, threshold_speed
 from rotorfit.models.array_types import Float
@@ -137,9 +137,9 @@ class FitResult:
             KeyError: no such parameter; the message names the nearest.
             ValueError: a level that is no probability.
         """
-        if name != "threshold_speed" and name not in self.params:
+        if name != THRESHOLD and name not in self.params:
             raise KeyError(unknown_name("parameter", name, self.params))
-        p = self.threshold_speed() if name == "threshold_speed" else self.params[name]
+        p = self.threshold_speed() if name == THRESHOLD else self.params[name]
         more = self.systematic(name)
         if not more or not 0 < p.stderr < math.inf:
             return p.interval(level)
@@ -155,7 +155,7 @@ class FitResult:
         """
         if self._assumed is None:
             return 0.0
-        column = THRESHOLD_COLUMN if name == "threshold_speed" else name
+        column = THRESHOLD_COLUMN if name == THRESHOLD else name
         return self._assumed.systematic(column) if column in self._assumed.entries[0].shifts else 0.0
 
     @cached_property

@@ -15,6 +15,7 @@ from rotorfit.fitting.anisotropy import lines_cut_off
 from rotorfit.fitting.assumptions import foundations_of
 from rotorfit.fitting.digits import interval, plus_minus, with_error
 from rotorfit.fitting.noise.record import NoiseVerdict, is_run_effect
+from rotorfit.fitting.quantities import THRESHOLD
 from rotorfit.fitting.structure_error import structure_error
 from rotorfit.models import TurningOnSupports, eigenvalues, unstable_bands
 from rotorfit.models.parameters import bare_name
@@ -130,9 +131,9 @@ def assumed_lines(fit: FitResult) -> list[str]:
         rows.append([f"  {p.name}", *_apart(*cells), p.unit])
     onset = fit.threshold_speed()
     if math.isfinite(onset.value) and math.isfinite(onset.stderr):
-        parts = onset.value, onset.stderr, fit.systematic("threshold_speed")
+        parts = onset.value, onset.stderr, fit.systematic(THRESHOLD)
         value, error, more = (RPM_PER_RAD_S * part for part in parts)
-        low, high = fit.interval("threshold_speed")
+        low, high = fit.interval(THRESHOLD)
         rows.append(
             ["  threshold speed", *_apart(value, error, more, (RPM_PER_RAD_S * low, RPM_PER_RAD_S * high)), "rpm"]
         )

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from rotorfit.estimators.blocks.correlated import quantile
-from rotorfit.fitting.quantities import FittedParameter, Quantity
+from rotorfit.fitting.quantities import THRESHOLD, FittedParameter, Quantity
 from rotorfit.fitting.result import FitResult
 from rotorfit.fitting.summary import combined, in_order, interval_lines, notable_correlations
 from rotorfit.models import RotorModel
@@ -24,7 +24,6 @@ from rotorfit.report.parts import (
     threshold_interval,
     unit_shown,
 )
-from rotorfit.uncertainty.profile import THRESHOLD
 from rotorfit.units import RPM_PER_RAD_S
 
 if TYPE_CHECKING:
@@ -168,7 +167,7 @@ def _onset_shares(fit: FitResult, onset: Quantity) -> tuple[str, str]:
     """Random and systematic share of the threshold speed, rpm, where uncertainties of assumptions were given."""
     if not fit.settings.assumptions:
         return "", ""
-    random, systematic = (RPM_PER_RAD_S * share for share in (onset.stderr, fit.systematic("threshold_speed")))
+    random, systematic = (RPM_PER_RAD_S * share for share in (onset.stderr, fit.systematic(THRESHOLD)))
     return plain(random, 2), plain(systematic, 2)
 
 

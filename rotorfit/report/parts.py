@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rotorfit.fitting.quantities import Quantity
+from rotorfit.fitting.quantities import THRESHOLD, Quantity
 from rotorfit.fitting.result import FitResult
 from rotorfit.models import RotorModel
 from rotorfit.models.array_types import Float
@@ -72,7 +72,7 @@ def at_of(fit: FitResult, group: int) -> dict[str, str] | None:
 
 def onset_interval(fit: FitResult, onset: Quantity) -> tuple[float, float]:
     """95 % interval of a threshold speed, rad/s, uncertainties of assumptions included, which go with one group."""
-    return fit.interval("threshold_speed") if fit.settings.assumptions else onset.interval(0.95)
+    return fit.interval(THRESHOLD) if fit.settings.assumptions else onset.interval(0.95)
 
 
 def threshold_interval(draws: Posterior | Bootstrap | None, at: dict[str, str] | None) -> str:

@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from rotorfit.fitting.quantities import THRESHOLD
 from rotorfit.fitting.refine import Refinement
 from rotorfit.fitting.result import FitResult
 from rotorfit.report.html import Html
@@ -122,7 +123,7 @@ def _check(material: ReportInput) -> None:
     if len(material.findings) != len(fit.experiments):
         raise ValueError(f"findings of {len(material.findings)} experiments, but the fit has {len(fit.experiments)}")
     given = {
-        "profiles": [p.name for p in material.profiles if p.name not in ("threshold_speed", *fit.var_names)],
+        "profiles": [p.name for p in material.profiles if p.name not in (THRESHOLD, *fit.var_names)],
         "shares": [name for name in material.shares if name not in fit.params],
     }
     for where, unknown in given.items():

@@ -17,7 +17,7 @@ from rotorfit.estimators.inference.profile_curve import Curve, End, Search, find
 from rotorfit.estimators.minimisation.least_squares import minimise
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.fitting.digits import interval, with_error
-from rotorfit.fitting.quantities import FittedParameter, Quantity
+from rotorfit.fitting.quantities import THRESHOLD, FittedParameter, Quantity
 from rotorfit.fitting.result import FitResult
 from rotorfit.models import threshold_speed
 from rotorfit.models.array_types import Float
@@ -29,7 +29,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-THRESHOLD = "threshold_speed"
 _LOWER_MINIMUM = 1e-4  # fall of the scaled curve below its minimum that is more than round-off
 
 
