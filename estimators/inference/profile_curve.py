@@ -46,7 +46,7 @@ class _Point:
     value: float
     x: Float
     rise: float
-    slope: Float | None  # None where it is not known
+    slope: Float  # NaN where it is not known
 
 
 Search = Generator[float, float, End]
@@ -100,21 +100,33 @@ class Curve:
 
     def follow(self, value: float) -> None:
         """Find a point by itself, from those that are known by now."""
-        cost, x, settled = self.held.alone(self.entry, value, self.predict(value))
+        cost, x, settled = self.held.alone(self.entry, value, self.predict([value])[0])
         self.unsettled += not settled
         self._rises[value] = rise = 2 * (cost - self._cost) if math.isfinite(cost) else math.inf
         if math.isfinite(rise):
-            self._points.append(_Point(value, x, rise, None))
+            self._points.append(_Point(value, x, rise, np.full_like(x, np.nan)))
 
-    def predict(self, value: float) -> Float:
-        """Vector at a value, from the nearest point and the nearest one at least as far from that as the value is."""
-        near = min(self._points, key=lambda point: abs(point.value - value))
-        way = value - near.value
-        others = [point for point in self._points if point is not near and abs(point.value - near.value) >= abs(way)]
-        if not others:
-            return near.x if near.slope is None else near.x + way * near.slope
-        other = min(others, key=lambda point: abs(point.value - value))
-        return _between(near, other, way / (other.value - near.value))
+    def predict(self, values: Sequence[float]) -> Float:
+        """Vectors at values, shape ``(W, p)``: Hermite's cubic where slopes are known, else a straight line.
+
+        It goes through the nearest point and the nearest one at least as far from that as the value is.
+        """
+        known, wanted = np.array([point.value for point in self._points]), np.array(values)
+        x, slope = (np.array(part) for part in zip(*((point.x, point.slope) for point in self._points), strict=True))
+        off = np.abs(wanted[:, None] - known)
+        near = off.argmin(axis=1)
+        way = wanted - known[near]
+        off[np.abs(known - known[near, None]) < np.abs(way)[:, None]] = np.inf
+        off[np.arange(wanted.size), near] = np.inf
+        other = off.argmin(axis=1)
+        lone = np.isinf(off[np.arange(wanted.size), other])
+        between = np.where(lone, 1.0, known[other] - known[near])[:, None]
+        share, chord = way[:, None] / between, x[other] - x[near]
+        start, end = between * slope[near] - chord, between * slope[other] - chord
+        bend = (1 - share) * ((1 - share) * start - share * end)
+        straight = np.where(lone[:, None], np.nan_to_num(slope[near]), chord / between)
+        curved = np.where(lone[:, None], 0.0, share * np.nan_to_num(bend))
+        return np.asarray(x[near] + way[:, None] * straight + curved)
 
     def search(self, side: int, level: float, step: float, limit: float, at_bound: bool) -> Search:
         """Follow the curve to one side until it has risen to a level.
@@ -160,20 +172,21 @@ class Curve:
 
 def find_rises(curves: Sequence[Curve], values: Sequence[Sequence[float]]) -> None:
     """Find the rises of curves at some values each; those that full steps do not reach are followed in their order."""
-    asked = [(curve, value) for curve, some in zip(curves, values, strict=True) for value in curve.unknown(some)]
-    for held in dict.fromkeys(curve.held for curve, _ in asked):
-        mine = [(curve, value) for curve, value in asked if curve.held is held]
+    unknown = [(curve, curve.unknown(some)) for curve, some in zip(curves, values, strict=True)]
+    for held in dict.fromkeys(curve.held for curve, some in unknown if some):
+        mine = [(curve, some) for curve, some in unknown if some and curve.held is held]
+        each = [(curve, value) for curve, some in mine for value in some]
         minima = held.together(
-            np.array([curve.entry for curve, _ in mine]),
-            np.array([value for _, value in mine]),
-            np.array([curve.predict(value) for curve, value in mine]),
-            np.array([curve.contraction for curve, _ in mine]),
+            np.array([curve.entry for curve, _ in each]),
+            np.array([value for _, value in each]),
+            np.concatenate([curve.predict(some) for curve, some in mine]),
+            np.array([curve.contraction for curve, _ in each]),
         )
         for number in np.flatnonzero(minima.found).tolist():
-            curve, value = mine[number]
+            curve, value = each[number]
             curve.take(value, minima, number)
         for number in np.flatnonzero(~minima.found).tolist():
-            curve, value = mine[number]
+            curve, value = each[number]
             curve.follow(value)
 
 
@@ -220,15 +233,6 @@ def _solve(
         else:
             v, g, f, kept = w, h, (f / 2 if kept > 0 else f), 1
     return v, False
-
-
-def _between(a: _Point, b: _Point, share: float) -> Float:
-    """Vector at a share of the way from one point to another: Hermite's cubic where both slopes are known."""
-    chord, way = b.x - a.x, b.value - a.value
-    if a.slope is None or b.slope is None:
-        return a.x + share * chord
-    start, end = way * a.slope - chord, way * b.slope - chord
-    return a.x + share * (chord + (1 - share) * ((1 - share) * start - share * end))
 
 
 def limits(low: float, high: float, value: float, size: float, step: float) -> tuple[tuple[float, bool], ...]:
