@@ -3,8 +3,8 @@
 Linux's ``perf`` stops the process two thousand times a second of its processor time and notes the function of machine
 code that it is in; nothing is slowed down, as it is by profilers that are called at every function. A sample counts as
 work on arrays where the function belongs to BLAS, LAPACK, CasADi, SciPy, a random generator, compiled kernels or the
-C mathematics library, is a loop of NumPy over elements (by its name), moves memory, or is the system's. All else counts
-as Python: the interpreter, memory management, and the part of NumPy that takes calls, finds types and makes arrays.
+C mathematics library, is a loop of NumPy over elements (by its name), moves memory, or is the system's. The rest of
+NumPy takes calls, finds types and makes arrays; all else is the interpreter with its memory management.
 
 Libraries are told apart by the interpreter's own stack at ticks of the process's timer: a sample belongs to the
 likelihood where that is being evaluated, else to the library whose function called whatever runs.
@@ -31,13 +31,13 @@ _LIBRARIES = re.compile(
     r"|libm\.|libmvec|libz\.|\[JIT\]|kernel|\[vdso\]|llvmlite"
 )
 _LOOPS = re.compile(
-    r"^[A-Z]+_[a-z]|_(aligned|strided|contig)|^(strided|contig)|sum_of_products|pairwise|mapiter_|take|sort|xss|^nc_|simd"
+    r"^[A-Z]+_[a-z]|_(aligned|strided|contig)|^(strided|contig)|sum_of_products|pairwise|mapiter_|[tT]ake|sort|xss|^nc_|simd"
 )
 _MEMORY = re.compile(r"mem(cpy|move|set|cmp|chr)")
 
 
-def python_share(run: Callable[[], object], seconds: float = 2.0) -> float:
-    """Share of samples in Python itself.
+def python_shares(run: Callable[[], object], seconds: float = 2.0) -> tuple[float, float]:
+    """Shares of samples in the interpreter and in what NumPy does for a call besides its loops.
 
     Args:
         run: what to sample, called again and again.
@@ -47,7 +47,7 @@ def python_share(run: Callable[[], object], seconds: float = 2.0) -> float:
         0 to 1; NaN where ``perf`` is not installed or may not be used.
     """
     if shutil.which("perf") is None:
-        return math.nan
+        return math.nan, math.nan
     with tempfile.TemporaryDirectory() as folder:
         notes = Path(folder) / "perf.data"
         record = ["perf", "record", "-q", "-e", "cpu-clock", "-F", str(_FREQUENCY), "-p", str(os.getpid())]
@@ -59,22 +59,21 @@ def python_share(run: Callable[[], object], seconds: float = 2.0) -> float:
             recorder.send_signal(signal.SIGINT)
         report = ["perf", "report", "-i", str(notes), "--stdio", "-F", "sample,dso,symbol", "-t", "|"]
         lines = subprocess.run(report, capture_output=True, text=True, check=False).stdout.splitlines()
-    counts = {True: 0, False: 0}
+    counts: Counter[str] = Counter()
     for line in lines:
         count, *rest = (cell.strip() for cell in line.split("|"))
         if count.isdigit() and len(rest) >= 2:
-            counts[_is_array_work(rest[0], rest[1])] += int(count)
+            counts[_kind(rest[0], rest[1].partition("]")[2].strip())] += int(count)
     total = sum(counts.values())
-    return counts[False] / total if total else math.nan
+    return (counts["interpreter"] / total, counts["calls"] / total) if total else (math.nan, math.nan)
 
 
-def _is_array_work(library: str, function: str) -> bool:
-    name = function.partition("]")[2].strip()
+def _kind(library: str, function: str) -> str:
     if "_multiarray_umath" in library:
-        return bool(_LOOPS.search(name))
+        return "arrays" if _LOOPS.search(function) else "calls"
     if library.startswith("libc."):
-        return bool(_MEMORY.search(name))
-    return bool(_LIBRARIES.search(library))
+        return "arrays" if _MEMORY.search(function) else "interpreter"
+    return "arrays" if _LIBRARIES.search(library) else "interpreter"
 
 
 _OWNERS = re.compile(r"[/\\](emcee|scipy|rotorfit|estimators)[/\\]")

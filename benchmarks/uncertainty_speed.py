@@ -3,8 +3,8 @@
 Eq. (18), ten free parameters, four responses of 400 lines, 1 % noise: one fit, then what its result offers. Evaluations
 are parameter vectors for which the misfit (posterior), the misfit with its gradient (bootstrap) or with the
 Gauss-Newton matrix (the others) is found; "in them" is the share of the processor time spent there, the rest being
-random numbers, eigenvalues, judgement and Python; "in Python" is the share of samples of the processor that are neither
-in BLAS, compiled kernels and other libraries nor in NumPy's loops over elements (`time_shares.py`). The limit is what
+random numbers, eigenvalues, judgement and Python. "Interpreter" and "calls" are shares of samples of the processor: in
+Python itself, and in what NumPy does for a call besides its loops over elements (`time_shares.py`). The limit is what
 the evaluations take as compiled code: kernels as measured here, and for a matrix the product of the derivatives by BLAS
 on top. Warm: kernels loaded, medians over rounds; "first" is the first call in a process, with imports, kernels and the
 equations of new variants of the model. Profiles are checked by SciPy's SLSQP with the quantity held at each end,
@@ -33,7 +33,7 @@ from scipy.optimize import minimize
 sys.path.insert(0, str(Path(__file__).parent))
 from fit_speed import Case, make_case
 from reporting import RESULTS, environment, table, write_csv
-from time_shares import library_shares, python_share
+from time_shares import library_shares, python_shares
 
 import rotorfit as rf
 from rotorfit.estimators.misfit.kernels import Batch
@@ -63,7 +63,7 @@ class Row:
         units: how many of them.
         ms, first_ms: time of one, and where nothing has been called before.
         evaluations: parameter vectors for one.
-        inside, python: shares of the time spent in evaluations, and in Python itself.
+        inside, interpreter, calls: shares of the time spent in evaluations, in Python itself, and in calls of NumPy.
         limit_ms: what these evaluations take as compiled code.
         accuracy: in words.
     """
@@ -75,7 +75,8 @@ class Row:
     first_ms: float
     evaluations: float
     inside: float
-    python: float
+    interpreter: float
+    calls: float
     limit_ms: float
     accuracy: str
 
@@ -219,6 +220,7 @@ def measure(way: Way, cost: dict[str, float], rounds: int) -> Row:
         begin = time.process_time()
         way.run()
         whole = time.process_time() - begin
+    interpreter, calls = python_shares(way.run)
     return Row(
         what=way.what,
         unit=way.unit,
@@ -227,7 +229,8 @@ def measure(way: Way, cost: dict[str, float], rounds: int) -> Row:
         first_ms=1e3 * first / units,
         evaluations=sum(meter.counts.values()) / units,
         inside=meter.seconds / whole,
-        python=python_share(way.run),
+        interpreter=interpreter,
+        calls=calls,
         limit_ms=1e3 * sum(cost[kind] * count for kind, count in meter.counts.items()) / units,
         accuracy=way.check(result),
     )
@@ -314,12 +317,13 @@ def markdown(rows: Sequence[Row], cost: dict[str, float], shares: str, command: 
     cells = [
         [
             row.what, row.unit, f"{row.units:,.0f}", f"{row.ms:.3g}", f"{row.first_ms:.3g}", f"{row.evaluations:.3g}",
-            f"{100 * row.inside:.0f}", f"{100 * row.python:.0f}", f"{row.limit_ms:.2g}", row.accuracy,
+            *(f"{100 * share:.0f}" for share in (row.inside, row.interpreter, row.calls)), f"{row.limit_ms:.2g}",
+            row.accuracy,
         ]
         for row in rows
     ]  # fmt: skip
-    header = ["way", "unit", "units", "ms a unit", "first", "evaluations a unit", "in them, %", "in Python, %"]
-    header += ["limit, ms a unit", "accuracy"]
+    header = ["way", "unit", "units", "ms a unit", "first", "evaluations a unit", "in them, %"]
+    header += ["interpreter, %", "calls, %", "limit, ms a unit", "accuracy"]
     kinds = ", ".join(f"{name} {1e6 * cost[kind]:.2g} us" for name, kind in KINDS.items())
     lines = ["# Cost of error bars", "", f"Made by `{command}` on {environment(*PACKAGES)}.", ""]
     lines += [*(__doc__ or "").splitlines()[2:12], "", *table(header, cells), "", f"Limits of one evaluation: {kinds}."]
