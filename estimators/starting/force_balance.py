@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import reduce
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -46,11 +48,12 @@ class ForceBalance:
         n = self.amplitude.shape[1]
         entry = place.row[mine] * n + place.column[mine]
         self._column, self._factor = place.column[mine], _factors(place, mine, block)
-        self._entries = [slice(*np.searchsorted(entry, [own, own + 1])) for own in range(n * n)]
+        edges = np.searchsorted(entry, np.arange(n * n + 1)).tolist()
+        self._entries = [slice(*pair) for pair in pairwise(edges)]
         combine = np.vstack([lumped.spread[mine].T, lumped.offset[mine]])
         self._unknowns = len(combine)
         # For each row of the equation of motion: its coefficients, and what combines them.
-        rows = [slice(*np.searchsorted(entry, [row * n, row * n + n])) for row in range(n)]
+        rows = [slice(*pair) for pair in pairwise(edges[::n])]
         self._rows = [(own, np.ascontiguousarray(combine[:, own])) for own in rows]
 
     def kappa(self, values: Float) -> ComplexArray:
@@ -187,25 +190,46 @@ def solve(systems: list[Float]) -> tuple[Float, Float]:
 
     By normal equations, a tenth of the work of a triangle; that is made where digits of theirs would be lost.
     """
-    projected = np.sum([products(system[..., :-1, :], system) for system in systems], axis=0)
+    projected = reduce(np.add, [products(system[..., :-1, :], system) for system in systems])
     information = projected[..., :-1]
-    norm = _lengths(information)
-    try:
-        pivots = np.linalg.cholesky(information / (norm[..., :, None] * norm[..., None, :]))
-        if (np.diagonal(pivots, axis1=-2, axis2=-1) ** 2).min() > _NEARLY_DEPENDENT:
-            return solve_projected(projected, information), information
-    except np.linalg.LinAlgError:
-        pass
+    unit, right, norm = _of_unit_length(projected, information)
+    found = solve_definite(unit, right)
+    if found is not None:
+        return found / norm, information
     scale = np.concatenate([norm, np.ones_like(norm[..., :1])], axis=-1)[..., None, :, None]
     triangle = as_triangle(np.concatenate([as_triangle(system / scale) for system in systems], axis=-1))
     triangle = np.swapaxes(triangle[..., 0, :, :], -1, -2)
     return least_squares(triangle[..., :-1], triangle[..., -1], 1e-13) / norm, information
 
 
-def _lengths(information: Float) -> Float:
-    """Lengths of the columns whose products are given, one where a column is zero."""
+def solve_projected(projected: Float, information: Float) -> Float:
+    """Solve equations projected on instruments, whose own products are the information."""
+    unit, right, norm = _of_unit_length(projected, information)
+    return np.asarray(np.linalg.solve(unit, right[..., None])[..., 0] / norm)
+
+
+def solve_definite(unit: Float, right: Float) -> Float | None:
+    """Solution of symmetric systems of unit diagonal, shape ``(..., p)``; None where one of them is nearly singular.
+
+    Args:
+        unit: shape ``(..., p, p)``.
+        right: shape ``(..., p)``.
+    """
+    try:
+        pivots = np.diagonal(np.linalg.cholesky(unit), axis1=-2, axis2=-1)
+    except np.linalg.LinAlgError:
+        return None
+    if pivots.min() ** 2 <= _NEARLY_DEPENDENT:
+        return None
+    return np.asarray(np.linalg.solve(unit, right[..., None])[..., 0])
+
+
+def _of_unit_length(projected: Float, information: Float) -> tuple[Float, Float, Float]:
+    """Left and right side for columns of length one, shapes ``(..., B, B)`` and ``(..., B)``, and the lengths."""
     norm = np.sqrt(np.diagonal(information, axis1=-2, axis2=-1))
-    return np.where(norm > 0, norm, 1.0)
+    norm = np.where(norm > 0, norm, 1.0)
+    scaled = projected / norm[..., None]
+    return scaled[..., :-1] / norm[..., None, :], scaled[..., -1], norm
 
 
 def least_squares(matrix: Float, right: Float, rcond: float) -> Float:
@@ -219,10 +243,3 @@ def least_squares(matrix: Float, right: Float, rcond: float) -> Float:
     if matrix.ndim == 2:
         return np.asarray(np.linalg.lstsq(matrix, right, rcond=rcond)[0])
     return np.asarray((np.linalg.pinv(matrix, rcond=rcond) @ right[..., None])[..., 0])
-
-
-def solve_projected(projected: Float, information: Float) -> Float:
-    """Solve equations projected on instruments, whose own products are the information."""
-    norm = _lengths(information)
-    scaled = projected / norm[..., None]
-    return np.asarray(np.linalg.solve(scaled[..., :-1] / norm[..., None, :], scaled[..., -1:])[..., 0] / norm)

@@ -134,7 +134,7 @@ class Lumped:
 
     def solve_spread(self, values: Float) -> Float:
         """Independent coefficients whose spread comes nearest to ``values``, shape ``(E, ...)``."""
-        return np.asarray(np.tensordot(self._back, values, axes=1))
+        return np.asarray(self._back @ values.reshape(len(values), -1)).reshape(-1, *values.shape[1:])
 
     def same_relations(self, other: Lumped) -> bool:
         """Whether the coefficients at another speed depend on one another in the same way."""
@@ -187,21 +187,22 @@ class Lumped:
         # One by one, each a number or an array of runs: there are few, and arrays of them cost more than they save.
         one = np.ones(values.shape[1:])
         point = [size * one for size in typical]
-        unknown, alike = np.ones(self.size, dtype=bool), one == 1
+        unknown, alike, left = np.ones(self.size, dtype=bool), one == 1, self.size
         with np.errstate(divide="ignore"):
-            while unknown.any() and np.isfinite(sum(point)).any():
+            while left and np.isfinite(sum(point)).any():
                 now, slopes = self._evaluate(np.array(point))
                 own = [single for single in self._alone(unknown) if slopes[single.derivative].all()]
                 found = [single.solve(now, slopes, values, point) for single in own]
                 most = (1 - 1e-12) * reduce(np.maximum, (share for _, share in found), 0.0 * one)
-                before = unknown.copy()
+                before = left
                 # Backwards, so that of several equally good coefficients the first one counts.
                 for single, (solved, share) in zip(reversed(own), reversed(found), strict=True):
                     good = share >= most
                     alike &= good == good.flat[0]
                     if good.flat[0]:
+                        left -= int(unknown[single.column])
                         point[single.column], unknown[single.column] = solved, False
-                if (unknown == before).all():
+                if left == before:
                     break
         x = np.where(alike, np.array(point), np.nan)
         x[unknown] = np.nan

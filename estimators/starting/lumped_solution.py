@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from rotorfit.estimators.misfit.parameter_space import ParameterSpace
-from rotorfit.estimators.starting.force_balance import least_squares
+from rotorfit.estimators.starting.force_balance import least_squares, solve_definite
 from rotorfit.estimators.starting.lumped import Lumped
 from rotorfit.models.array_types import Float
 
@@ -100,7 +100,10 @@ def _one_step(lumped: Lumped, values: Float, information: Float, x: Float) -> Fl
     normal = across @ information @ np.swapaxes(across, -1, -2) * _outer(scale)
     root = np.sqrt(np.maximum(np.diagonal(normal, axis1=-2, axis2=-1), 1e-300))
     right = (across @ information @ miss)[..., 0] * scale / root
-    step = least_squares(normal / _outer(root), right, 1e-10)
+    unit = normal / _outer(root)
+    step = solve_definite(unit, right)
+    if step is None:
+        step = least_squares(unit, right, 1e-10)
     moved = x + (step / root * scale).T
     # The linearisation holds near the solution only; a step that changes a parameter beyond its size is not taken.
     return np.where((np.abs(moved - x) <= 0.5 * np.abs(x) + 1e-300).all(axis=0), moved, x)
