@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from rotorfit.estimators.minimisation.definite import surely_above
 from rotorfit.estimators.minimisation.objective import HessianKind, Matrix, Objective, Options, Status, Vector
 
 HANDOVER = 1e-3  # relative offset, its square the relative excess cost, at which refinement takes over
@@ -81,17 +82,6 @@ def _solve(matrix: Matrix, right: Vector) -> Vector:
     weights = np.zeros_like(values)
     weights[keep] = 1 / values[keep]
     return np.asarray(scale * (vectors @ (weights * (vectors.T @ (scale * right)))))
-
-
-def _surely_definite(matrix: Matrix) -> bool:
-    """Whether no eigenvalue of a symmetric matrix of unit diagonal can be as small as counts for zero.
-
-    The others sum up to its size at most, so that their product is below e: the determinant bounds the smallest.
-    """
-    try:
-        return bool(np.linalg.cholesky(matrix).diagonal().prod() ** 2 > math.e * SINGULAR)
-    except np.linalg.LinAlgError:
-        return False
 
 
 @dataclass(frozen=True)
@@ -303,7 +293,9 @@ class Minimisation:
         if size.size < free.size:
             matrix = matrix[np.ix_(seen, seen)]
         matrix = matrix / (size[:, None] * size)
-        return int(dead.sum()) + (0 if _surely_definite(matrix) else int((np.linalg.eigvalsh(matrix) < SINGULAR).sum()))
+        if surely_above(matrix, SINGULAR):
+            return int(dead.sum())
+        return int(dead.sum()) + int((np.linalg.eigvalsh(matrix) < SINGULAR).sum())
 
     def status(self) -> Status:
         """How the run stands."""
