@@ -107,7 +107,7 @@ def _bound(name: str, value: ArrayLike | None, absent: float, n: int) -> Vector:
         raise ValueError(f"{name} has shape {bound.shape}; a scalar or shape ({n},) is needed")
     if np.isnan(bound).any():
         raise ValueError(f"{name} is {bound.tolist()}; nan is not allowed, use infinities for absent bounds")
-    return np.broadcast_to(bound, (n,))
+    return bound if bound.shape else np.full(n, bound)
 
 
 def _check_inside(x: Vector, lower: Vector, upper: Vector) -> None:

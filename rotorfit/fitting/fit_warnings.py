@@ -125,5 +125,8 @@ def growth(model: RotorModel, theta: Float, speed: Float, frequency: Float) -> t
         frequency: tested frequencies, in whose band terms of higher order hold.
     """
     band = float(np.abs(frequency).max()) if model.order > 2 else np.inf
-    rates = growth_rate(model, theta, speed, band)
+    if len(speed) == 1:  # one by numbers: arrays of one entry cost several times as much
+        rates = growth_rate(model, theta[0], speed[0], band)[None]
+    else:
+        rates = growth_rate(model, theta, speed, band)
     return rates, np.asarray(rates > 1e-9 * np.abs(theta).max(axis=1))

@@ -72,8 +72,9 @@ def study_noise(problem: Problem, x: Float, *, singular: bool = False) -> Findin
 
     effects, perhaps = effects_of(search.variance), effects_of(search.perhaps)
     changed = bool(effects) or search.verdict is NoiseVerdict.SHAPED
-    factors = _by_block(problem, search.sigma / data.sigma)
-    found = FoundNoise(factors=factors, effects=effects, before=x) if changed else None
+    found = None
+    if changed:
+        found = FoundNoise(factors=_by_block(problem, search.sigma / data.sigma), effects=effects, before=x)
     names = (*problem.space.names, *problem.space.nuisance)
     steps = np.zeros(data.kept.size) if singular else search.solved.step
     start = {names[entry]: float(x[entry] + step) for entry, step in zip(data.kept, steps, strict=True)}
