@@ -74,8 +74,9 @@ def _check(test: Experiment, *, only_errors: bool = False) -> list[Finding]:
     finite = np.flatnonzero(numeric)
     if isinstance(test, PerturbationTest | DisplacementTest) and finite.size:
         rest = test if finite.size == len(test) else test.select(finite)
-        for finding in _physics(rest, only_errors):
-            # rows of the finite part back to rows of the test
+        with unchanged([rest]):
+            told = list(_physics(rest, only_errors))
+        for finding in told:  # rows of the finite part back to rows of the test
             rows = tuple(finite[list(finding.rows)].tolist())
             findings.append(Finding(finding.severity, finding.code, finding.message, rows))
     order = ("error", "warning", "note")

@@ -14,7 +14,7 @@ from rotorfit.checks.signs import surely_right
 from rotorfit.data.alike import AlikeTests
 from rotorfit.data.directional import directional
 from rotorfit.data.experiments import PerturbationTest
-from rotorfit.data.kept import kept
+from rotorfit.data.kept import kept, unchanged
 from rotorfit.models.array_types import ComplexArray, Float
 
 
@@ -25,9 +25,10 @@ def surely_clean(group: AlikeTests) -> NDArray[np.bool_]:
         group: the tests.
     """
     first = group.tests[0]
-    orbits = orbits_of(first, np.arange(len(first)))
+    with unchanged([first]):
+        orbits = orbits_of(first, np.arange(len(first)))
+        found = (sizes(first, group.response) <= SUSPECT).all(axis=1) & surely_whole(first, group.response)
     right, wrong = directional(group.response, orbits.rows, orbits.frequency < 0)
-    found = (sizes(first, group.response) <= SUSPECT).all(axis=1) & surely_whole(first, group.response)
     return np.asarray(found & surely_turning(orbits, right, wrong, group.speed[:, None]))
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
+from functools import cached_property
 from types import MappingProxyType
 from typing import Any
 from weakref import WeakKeyDictionary
@@ -28,14 +29,25 @@ def kept(experiment: Experiment) -> dict[Any, Any]:
     Args:
         experiment: the data.
     """
-    now = _UNCHANGED.get().get(experiment)
-    if now is None:
-        now = _checksum(experiment)
+    held = _UNCHANGED.get().get(experiment)
+    now = (_Columns(experiment) if held is None else held[0]).checksum
     before, notes = _KEPT.get(experiment, (now, None))
     if notes is None or before != now:
         notes = {}
         _KEPT[experiment] = now, notes
     return notes
+
+
+def kept_rows(experiment: Experiment) -> dict[Any, Any]:
+    """Notes that take memory for each row, which last no longer than :func:`unchanged` where there are many.
+
+    Args:
+        experiment: the data.
+    """
+    if len(experiment) <= MOST_KEPT:
+        return kept(experiment)
+    held = _UNCHANGED.get().get(experiment)
+    return {} if held is None else held[1]
 
 
 @contextmanager
@@ -46,21 +58,32 @@ def unchanged(experiments: Sequence[Experiment]) -> Iterator[None]:
         experiments: what somebody works on.
     """
     known = _UNCHANGED.get()
-    before = _UNCHANGED.set({**known, **{one: _checksum(one) for one in experiments if one not in known}})
+    own = {one: (known[one][0] if one in known else _Columns(one), dict[Any, Any]()) for one in experiments}
+    before = _UNCHANGED.set({**known, **own})
     try:
         yield
     finally:
         _UNCHANGED.reset(before)
 
 
+class _Columns:
+    """Columns of an experiment at one moment."""
+
+    def __init__(self, experiment: Experiment) -> None:
+        self._experiment = experiment
+
+    @cached_property
+    def checksum(self) -> int:
+        """Tells whether they were written to."""
+        columns = [getattr(self._experiment, name) for name in self._experiment._columns()]
+        found = 0
+        for values in map(np.asarray, [*columns, *self._experiment.attributes.values()]):
+            told = np.array(values.tolist(), dtype=str) if values.dtype.kind == "O" else values
+            found = crc32(np.ascontiguousarray(told).data, found)
+        return found
+
+
 _KEPT: WeakKeyDictionary[Experiment, tuple[int, dict[Any, Any]]] = WeakKeyDictionary()
-_UNCHANGED: ContextVar[Mapping[Experiment, int]] = ContextVar("unchanged", default=MappingProxyType({}))
-
-
-def _checksum(experiment: Experiment) -> int:
-    columns = [getattr(experiment, name) for name in experiment._columns()]
-    found = 0
-    for values in map(np.asarray, [*columns, *experiment.attributes.values()]):
-        told = np.array(values.tolist(), dtype=str) if values.dtype.kind == "O" else values
-        found = crc32(np.ascontiguousarray(told).data, found)
-    return found
+_UNCHANGED: ContextVar[Mapping[Experiment, tuple[_Columns, dict[Any, Any]]]] = ContextVar(
+    "unchanged", default=MappingProxyType({})
+)

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from rotorfit.data.experiments import PerturbationTest
-from rotorfit.data.kept import MOST_KEPT, kept
+from rotorfit.data.kept import kept_rows
 from rotorfit.estimators.blocks.row_keys import combined, in_order, numbers, words
 from rotorfit.models.array_types import Float, Index
 
@@ -67,9 +67,7 @@ def lines_of(test: PerturbationTest) -> Lines:
     Args:
         test: what was measured; none of its numbers are NaN.
     """
-    if len(test) > MOST_KEPT:
-        return _lines_of(test)
-    notes = kept(test)
+    notes = kept_rows(test)
     if Lines not in notes:
         notes[Lines] = _lines_of(test)
     found: Lines = notes[Lines]

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from rotorfit.data.alike import AlikeTests
 from rotorfit.data.directional import directional, directional_noise
+from rotorfit.data.kept import unchanged
 from rotorfit.estimators.blocks.observations import Responses
 from rotorfit.estimators.noise.sweep_noise import noise_of_many
 from rotorfit.models import RotorModel
@@ -59,8 +60,9 @@ def observe_alike(model: RotorModel, group: AlikeTests) -> AlikeResponses:
         ValueError: planes or directions that the model does not have.
     """
     first = group.tests[0]
-    layout = observe(model, first, np.zeros(len(first), dtype=np.intp))
-    places = Places.of(model, first)
+    with unchanged([first]):
+        layout = observe(model, first, np.zeros(len(first), dtype=np.intp))
+        places = Places.of(model, first)
     measured, wrong = directional(group.response, places.rows, places.backward)
     sigma = noise_of_many(layout, measured, wrong) if not layout.told else directional_noise(group.sigma, places.rows)
     told = np.asarray(np.isfinite(sigma).all(axis=1))

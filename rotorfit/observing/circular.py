@@ -38,9 +38,9 @@ def observe(model: RotorModel, experiment: Experiment, group: Index) -> Response
     """
     if not isinstance(experiment, DisplacementTest | PerturbationTest):
         raise TypeError(f"{type(experiment).__name__} has no responses")
-    if len(experiment) > MOST_KEPT:
-        return _observe(model, experiment, group)
     with unchanged([experiment]):
+        if len(experiment) > MOST_KEPT:
+            return _observe(model, experiment, group)
         notes, key = kept(experiment), _key(model, group)
         if key not in notes:
             keep_observed(experiment, _observe(model, experiment, group), group)
