@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from copy import copy
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import lru_cache, reduce
 from typing import Any, NamedTuple
 
@@ -24,6 +24,7 @@ from rotorfit.models.compiled import array_function
 _DEPENDENT = 1e-9  # relative size below which one coefficient adds nothing to the others
 _PARALLEL = 1e-12  # one less the cosine of columns that say the same
 _SPEED_TERMS = 5  # powers of the speed looked for in a coefficient
+_SPECIAL = (-1.0, 0.0, 1.0)  # known values with which terms of the equation of motion vanish
 _NEITHER, _LINEAR, _RECIPROCAL = 0, 1, 2
 
 
@@ -96,16 +97,17 @@ class Lumped:
         determined: verdicts on tests of this layout that were judged before, by a checksum of their conditions.
     """
 
-    def __init__(self, graph: _Graph, speeds: Sequence[float], scale: Float) -> None:
+    def __init__(self, graph: _Graph, speeds: Sequence[float], known: tuple[float, ...], scale: Float) -> None:
         told = np.array([*speeds, np.nan])  # the last one is that of all speeds
         self.place = replace(graph.place, speed=told[graph.place.speed.astype(np.intp)])
         self.size = scale.size
-        self._function, self._speeds = graph.function, list[Any](speeds)
+        self._function, self._speeds, self._known = graph.function, list[Any](speeds), known
         self._rows, self._columns = graph.rows, graph.columns
-        notes = graph.notes.setdefault(tuple(speed != 0 for speed in speeds), {})
-        if "kind" not in notes:
-            notes["kind"] = self._dependence(scale)
-        self._kind: Index = notes["kind"]
+        pattern = tuple(speed != 0 for speed in speeds)
+        anyhow, notes = _kept(graph, pattern), _kept(graph, (pattern, *known))
+        if "kind" not in anyhow:  # what is linear in what does not change with known values
+            anyhow["kind"] = self._dependence(scale)
+        self._kind: Index = anyhow["kind"]
         count = self.place.row.size
         if notes.get("independent"):  # relations between coefficients do not come and go with the speed
             self.basis, self.spread, self.offset = np.arange(count), np.eye(count), np.zeros(count)
@@ -114,11 +116,11 @@ class Lumped:
             notes["independent"] = self.basis.size == count
         self._back = np.eye(count) if notes["independent"] else np.linalg.pinv(self.spread)
         self.determined: dict[int, bool] = notes.setdefault("determined", {})
-        self._singles: dict[bytes, list[_Single]] = notes.setdefault("singles", {})
+        self._singles: dict[bytes, list[_Single]] = anyhow.setdefault("singles", {})
 
     def _evaluate(self, x: Float) -> tuple[Float, Float]:
         """Coefficients and their nonzero derivatives, shapes ``(E, ...)``, of vectors of shape ``(p, ...)``."""
-        found = self._function([*(x.tolist() if x.ndim == 1 else x), *self._speeds])
+        found = self._function([*(x.tolist() if x.ndim == 1 else x), *self._speeds, *self._known])
         return found[: self.place.row.size], found[self.place.row.size :]
 
     def values(self, x: Float) -> Float:
@@ -262,46 +264,59 @@ def lumped_coefficients(layout: LumpedStructure) -> Lumped:
     speeds = [speed for groups in layout.speeds for _, own in groups for speed in own]
     kinds = tuple(tuple((group, len(own), any(own)) for group, own in groups) for groups in layout.speeds)
     scale = np.array([layout.model.parameter(name).scale for name in layout.base])
-    return Lumped(_graph_of(layout.model, layout.template, layout.index, kinds, len(layout.names)), speeds, scale)
+    rows = zip(layout.index, layout.template, strict=True)
+    told = [[0.0 if k >= 0 else value for k, value in zip(*row, strict=True)] for row in rows]
+    form = tuple(tuple(value if value in _SPECIAL else None for value in row) for row in told)
+    known = tuple(value for row in told for value in row if value not in _SPECIAL)
+    return Lumped(_graph_of(layout.model, form, layout.index, kinds, len(layout.names)), speeds, known, scale)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _Graph:
-    """Expressions of lumped coefficients, the speeds among their variables: runs that differ in speed share one.
+    """Expressions of lumped coefficients, speeds and known values among their variables: fits that differ in those
+    share one.
 
     Attributes:
-        function: coefficients, then their nonzero derivatives, of fitted values and speeds.
+        function: coefficients, then their nonzero derivatives, of fitted values, speeds and known values.
         rows, columns: coefficient and fitted value of each derivative.
         place: where they enter, ``speed`` being the running number of the speed, -1 for all.
-        notes: what holds at any speeds of the same pattern (which are zero).
     """
 
     function: Callable[[Sequence[Any]], Float]
     rows: Index
     columns: Index
     place: Place
-    notes: dict[Any, Any] = field(default_factory=dict)
+
+
+@lru_cache(maxsize=256)
+def _kept(graph: _Graph, conditions: tuple[Any, ...]) -> dict[Any, Any]:
+    """What others worked out of a graph and keep here, for a pattern of speeds (which are zero) or known values too."""
+    return {}
 
 
 @lru_cache(maxsize=32)
 def _graph_of(
     model: RotorModel,
-    template: tuple[tuple[float, ...], ...],
+    template: tuple[tuple[float | None, ...], ...],
     index: tuple[tuple[int, ...], ...],
     kinds: tuple[tuple[tuple[int, int, bool], ...], ...],
     size: int,
 ) -> _Graph:
-    """Expressions for known values, free entries, and for each block its groups, their speeds and whether any turns."""
+    """Expressions for known values (None where any will do), free entries, and for each block its groups, their speeds
+    and whether any turns."""
     n = len(model.coordinates)
     x = ca.SX.sym("x", size)
     speed = ca.SX.sym("speed")
     speeds = ca.SX.sym("speeds", sum(count for groups in kinds for _, count, _ in groups))
+    known = ca.SX.sym("known", sum(value is None for row in template for value in row))
+    symbols = iter(range(known.numel()))
+    thetas = [[known[next(symbols)] if value is None else value for value in row] for row in template]
     rows: list[tuple[int, int, int, int, int, complex, int, int]] = []
     expressions: list[ca.SX] = []
     first = 0
     for number, groups in enumerate(kinds):
         for group, count, turns in groups:
-            theta = [x[k] if k >= 0 else value for k, value in zip(index[group], template[group], strict=True)]
+            theta = [x[k] if k >= 0 else value for k, value in zip(index[group], thetas[group], strict=True)]
             inputs = ca.vertcat(*theta, speed, 0.0)
             flat = model.functions.graph(inputs)
             factors = model.functions.factor_graph(inputs)
@@ -333,7 +348,7 @@ def _graph_of(
     jacobian = ca.jacobian(values, x)
     found_rows, columns = (np.asarray(part, dtype=np.intp) for part in jacobian.sparsity().get_triplet())
     # As an array function: calls of CasADi's own spend most of their time on converting matrices.
-    function = array_function(ca.Function("lumped", [x, speeds], [ca.densify(values), jacobian]))
+    function = array_function(ca.Function("lumped", [x, speeds, known], [ca.densify(values), jacobian]))
     return _Graph(function=function, rows=found_rows, columns=columns, place=where)
 
 
