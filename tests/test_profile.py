@@ -178,6 +178,16 @@ def test_a_robust_loss_agrees_with_its_standard_error():
         np.testing.assert_allclose(found.upper - found.lower, 2 * np.sqrt(Q95) * p.stderr, rtol=5e-3)
 
 
+def test_curves_of_a_robust_loss_are_followed_where_full_steps_contract_slowly():
+    """With a redescending loss on noisy data Gauss-Newton steps need help, from where they have led."""
+    w = np.r_[-np.linspace(20, 300, 14)[::-1], np.linspace(20, 300, 14)]
+    test = one_mode_test(noise=0.1, seed=3, w=w, speeds=(100.0, 180.0))
+    fit = rf.fit(OneMode(), test, known={"K": 8000.0, "Ds": 8.0}, loss="cauchy")
+    for found in fit.profiles(points=9):
+        assert found.message == ""
+        assert (np.diff(np.sign(np.diff(found.rise))) >= 0).all()  # falls to the estimate and rises beyond
+
+
 def test_the_curve_holds_the_others_at_their_best():
     fit = rf.fit(WhirlWhip(), rf.datasets.rig_open(), known={"K3": 6000.0})
     found = fit.profile("lam", points=5)

@@ -109,7 +109,7 @@ class HeldEntry:
             return float(minima.cost[0]), minima.x[0], True
         low, high = (bound.copy() for bound in box(self.problem))
         low[entry] = high[entry] = value
-        begin = np.clip(start, low, high)
+        begin = minima.x[0]  # as far as full steps led
         if not math.isfinite(self.problem.cost(begin)):
             return math.inf, begin, True
         found = minimise(self.problem, begin, lower=low, upper=high, scale=self.scale, options=_OPTIONS)
