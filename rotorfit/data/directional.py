@@ -22,19 +22,26 @@ def directional(response: ComplexArray, rows: Index, backward: Bool) -> tuple[Co
     Returns:
         both, shape ``(..., M)``; NaN in the first where nothing was read, in the second without an x/y pair.
     """
-    seen = rows >= 0
+    seen, turn = rows >= 0, np.where(backward, -1j, 1j)
     right = np.where(seen[:, 2], response[..., rows[:, 2]], np.nan)
     wrong = np.full(right.shape, np.nan, dtype=complex)
-    at = np.flatnonzero(seen[:, 0] | seen[:, 1])
-    if at.size:
-        back, both = backward[at], seen[at, :2].all(axis=1)
-        x, y = (np.where(seen[at, axis], response[..., rows[at, axis]], 0.0) for axis in (0, 1))
-        y = y * np.where(back, -1j, 1j)
-        share = np.where(both, 0.5, 1.0)
-        along, against = (x + y) * share, (x - y) * share
-        right[..., at] = np.where(back, along.conj(), along)
-        wrong[..., at] = np.where(both, np.where(back, against, against.conj()), np.nan)
+    x, y, pair = (
+        np.flatnonzero(some) for some in (seen[:, 0] & ~seen[:, 1], seen[:, 1] & ~seen[:, 0], seen[:, 0] & seen[:, 1])
+    )
+    if x.size:
+        right[..., x] = _folded(response[..., rows[x, 0]], backward[x])
+    if y.size:
+        right[..., y] = _folded(response[..., rows[y, 1]] * turn[y], backward[y])
+    if pair.size:
+        along, across = response[..., rows[pair, 0]], response[..., rows[pair, 1]] * turn[pair]
+        right[..., pair] = _folded((along + across) / 2, backward[pair])
+        wrong[..., pair] = _folded((along - across) / 2, ~backward[pair])
     return right, wrong
+
+
+def _folded(values: ComplexArray, backward: Bool) -> ComplexArray:
+    """Conjugates where a phasor relative to exp(j|w|t) is that of motion backward."""
+    return np.where(backward, values.conj(), values)
 
 
 def directional_noise(sigma: Float, rows: Index) -> Float:
