@@ -20,7 +20,8 @@ from rotorfit.models.array_types import Bool, Float, Index
 ValueAndGradient = Callable[[Float], tuple[float, Float]]
 """Value of a quantity and its gradient, shape ``(p,)``, at a fitted vector."""
 
-_SQP_STEPS = 40
+_SQP_STEPS = 200
+_STRETCH = 20  # steps after which the squared step must have come down to a hundredth, else it leads nowhere
 _OPTIONS = Options(max_iterations=60, hessian="gauss-newton")
 _FULL_STEPS = 15
 _CONVERGED = 1e-16  # squared step that remains, in standard errors, against chi-squared
@@ -169,7 +170,8 @@ class HeldQuantity:
         problem = self.problem
         lower, upper = box(problem)
         x = np.clip(start, lower, upper)
-        for _ in range(_SQP_STEPS):
+        before = math.inf
+        for number in range(_SQP_STEPS):
             cost, gradient, matrix = problem.gauss_newton(x)
             q, slope = self.quantity(x)
             if not (math.isfinite(cost) and math.isfinite(q)):
@@ -178,8 +180,13 @@ class HeldQuantity:
             with np.errstate(divide="ignore", invalid="ignore"):
                 room = np.where(step > 0, (upper - x) / step, np.where(step < 0, (lower - x) / step, np.inf))
             x = np.clip(x + min(1.0, float(room.min())) * step, lower, upper)
-            if step @ matrix @ step <= 1e-18 * max(cost, 1.0):
+            size = float(step @ matrix @ step)
+            if size <= 1e-18 * max(cost, 1.0):
                 return problem.cost(x), x, True
+            if number % _STRETCH == _STRETCH - 1:
+                if size > 0.01 * before:
+                    break
+                before = size
         return math.inf, x, False
 
 
