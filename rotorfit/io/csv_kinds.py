@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -19,6 +19,7 @@ from rotorfit.data.experiments import (
     StaticTest,
 )
 from rotorfit.data.synchronous import group_speeds
+from rotorfit.io.csv_columns import Columns, columns_for, optional, quantity, words
 from rotorfit.models.array_types import Float, Text
 from rotorfit.units import RPM_PER_RAD_S, UNITS, si_factor
 
@@ -45,43 +46,32 @@ COEFFICIENT_COLUMNS = (
 _ANGLES = {"deg": UNITS["phase"]["deg"], "rad": 1.0}
 _TIMES = {"s": 1.0, "ms": 1e-3, "us": 1e-6}
 _PURE = {"ratio": 1.0}
-_COEFFICIENTS = {
-    "kxx": {"n_m": 1.0}, "kxy": {"n_m": 1.0}, "cxx": {"n_s_m": 1.0}, "cxy": {"n_s_m": 1.0}, "mxx": {"kg": 1.0},
-}  # fmt: skip
-_WRITTEN = {"kxx": "kxx_N_m", "kxy": "kxy_N_m", "cxx": "cxx_N_s_m", "cxy": "cxy_N_s_m", "mxx": "mxx_kg"}
+_COEFFICIENTS = {"kxx": "N_m", "kxy": "N_m", "cxx": "N_s_m", "cxy": "N_s_m", "mxx": "kg"}
+"""Unit by coefficient."""
+_SPEED = quantity("speed", "rpm", UNITS["frequency"])
 
 
-def _name(table: Table, column: str, otherwise: str) -> Text:
-    if column in table.cells:
-        return table.words(table.text(column))
-    return np.full(len(table.lines), otherwise)
+def _groups(columns: Columns, run: Text, tolerance: float) -> Float:
+    return group_speeds(columns.number("speed"), np.zeros(run.size), run, tolerance)
 
 
-def _numbers(table: Table, columns: Mapping[str, tuple[str, float] | None], known: str) -> dict[str, Float]:
-    """Required columns as numbers, after the check that all are there."""
-    table.check_columns(known)
-    return {name: table.number(column) for name, column in columns.items() if column is not None}
-
-
-def _positive(table: Table, column: tuple[str, float] | None) -> Float:
+def _positive(columns: Columns, name: str) -> Float:
     """Noise column, NaN where it is blank or missing."""
-    if column is None:
-        return np.full(len(table.lines), np.nan)
-    values = table.number(column, blank=True)
+    values = columns.number(name, blank=True)
     if (values <= 0).any():
         row = int(np.flatnonzero(values <= 0)[0])
-        raise ValueError(f"{table.where(row, column[0])}: must be positive, or blank where the noise is not known")
+        raise ValueError(f"{columns.where(row, name)}: must be positive, or blank where the noise is not known")
     return values
 
 
-def _eccentricity(table: Table, column: tuple[str, float], *, blank: bool = False) -> Float:
-    values = table.number(column, blank=blank)
+def _eccentricity(columns: Columns, *, blank: bool = False) -> Float:
+    values = columns.number("eccentricity", blank=blank)
     bad = (values < 0) | (values >= 1)
     if bad.any():
         row = int(np.flatnonzero(bad)[0])
         raise ValueError(
-            f"{table.where(row, column[0])}: {values[row]:g}; an eccentricity is |displacement| / clearance, from 0 "
-            f"to below 1"
+            f"{columns.where(row, 'eccentricity')}: {values[row]:g}; an eccentricity is |displacement| / clearance, "
+            f"from 0 to below 1"
         )
     return values
 
@@ -92,22 +82,28 @@ def static_test(table: Table, speed_tolerance: float) -> StaticTest:
     Raises:
         ValueError: what is wrong, in which line and column, and what is allowed.
     """
-    run = _name(table, "run", "static")
-    plane = _name(table, "plane", "journal")
-    load_plane = _name(table, "load_plane", "journal") if "load_plane" in table.cells else plane
-    columns = {
-        "speed": table.one("speed", UNITS["frequency"], "speed_rpm"),
-        "load": table.one("load", UNITS["force"], "load_N"),
-        "angle": table.one("load", _ANGLES, "load_deg"),
-        "x": table.one("x", UNITS["length"], "x_um"),
-        "y": table.one("y", UNITS["length"], "y_um"),
-    }
-    sigma = table.one("sigma", UNITS["length"])
-    v = _numbers(table, columns, STATIC_COLUMNS)
+    columns = columns_for(
+        table,
+        (
+            words("run", needed=False),
+            words("plane", needed=False),
+            words("load_plane", needed=False),
+            _SPEED,
+            quantity("load", "N", UNITS["force"]),
+            quantity("load", "deg", _ANGLES, name="angle"),
+            quantity("x", "um", UNITS["length"]),
+            quantity("y", "um", UNITS["length"]),
+            optional("sigma", UNITS["length"]),
+        ),
+        STATIC_COLUMNS,
+    )
+    run, plane = columns.words("run", "static"), columns.words("plane", "journal")
     return StaticTest(
-        run=run, speed=group_speeds(v["speed"], np.zeros(run.size), run, speed_tolerance), load_plane=load_plane,
-        load=v["load"] * np.exp(1j * v["angle"]), plane=plane, displacement=v["x"] + 1j * v["y"],
-        sigma=_positive(table, sigma), attributes=table.attributes(), source=table.source,
+        run=run, speed=_groups(columns, run, speed_tolerance),
+        load_plane=columns.words("load_plane") if columns.has("load_plane") else plane,
+        load=columns.number("load") * np.exp(1j * columns.number("angle")), plane=plane,
+        displacement=columns.number("x") + 1j * columns.number("y"), sigma=_positive(columns, "sigma"),
+        attributes=columns.attributes, source=table.source,
     )  # fmt: skip
 
 
@@ -117,29 +113,34 @@ def impulse_test(table: Table, speed_tolerance: float) -> ImpulseTest:
     Raises:
         ValueError: what is wrong, in which line and column, and what is allowed.
     """
-    run = _name(table, "run", "impulse")
-    ratio = table.one("eccentricity", _PURE)
-    columns = {
-        "speed": table.one("speed", UNITS["frequency"], "speed_rpm"),
-        "frequency": table.one("frequency", UNITS["frequency"], "frequency_rpm"),
-        "damping_ratio": table.one("damping", _PURE, "damping_ratio"),
-    }
-    if ratio is None:
-        columns |= {axis: table.one(axis, UNITS["length"], f"{axis}_um") for axis in "xy"}
-    sigma = table.one("sigma", UNITS["frequency"])
-    v = _numbers(table, columns, IMPULSE_COLUMNS)
-    if (np.abs(v["damping_ratio"]) >= 1).any():
-        row = int(np.flatnonzero(np.abs(v["damping_ratio"]) >= 1)[0])
+    by_ratio = bool(table.find("eccentricity", _PURE))
+    position = (quantity("x", "um", UNITS["length"]), quantity("y", "um", UNITS["length"]))
+    columns = columns_for(
+        table,
+        (
+            words("run", needed=False),
+            optional("eccentricity", _PURE),
+            _SPEED,
+            quantity("frequency", "rpm", UNITS["frequency"]),
+            quantity("damping", "ratio", _PURE),
+            *(() if by_ratio else position),
+            optional("sigma", UNITS["frequency"]),
+        ),
+        IMPULSE_COLUMNS,
+    )
+    run, damping_ratio = columns.words("run", "impulse"), columns.number("damping")
+    if (np.abs(damping_ratio) >= 1).any():
+        row = int(np.flatnonzero(np.abs(damping_ratio) >= 1)[0])
         raise ValueError(
-            f"{table.where(row, 'damping_ratio')}: {v['damping_ratio'][row]:g}; a mode that vibrates has a damping "
+            f"{columns.where(row, 'damping')}: {damping_ratio[row]:g}; a mode that vibrates has a damping "
             f"ratio between -1 and 1"
         )
-    gap = np.full(run.size, np.nan)
+    nowhere = np.full(run.size, complex(np.nan))
     return ImpulseTest(
-        run=run, speed=group_speeds(v["speed"], np.zeros(run.size), run, speed_tolerance), frequency=v["frequency"],
-        damping_ratio=v["damping_ratio"], eccentricity=gap if ratio is None else _eccentricity(table, ratio),
-        position=v["x"] + 1j * v["y"] if ratio is None else gap.astype(complex), sigma=_positive(table, sigma),
-        attributes=table.attributes(), source=table.source,
+        run=run, speed=_groups(columns, run, speed_tolerance), frequency=columns.number("frequency"),
+        damping_ratio=damping_ratio, eccentricity=_eccentricity(columns),
+        position=nowhere if by_ratio else columns.number("x") + 1j * columns.number("y"),
+        sigma=_positive(columns, "sigma"), attributes=columns.attributes, source=table.source,
     )  # fmt: skip
 
 
@@ -149,19 +150,23 @@ def ring_down_test(table: Table, speed_tolerance: float) -> RingDownTest:
     Raises:
         ValueError: what is wrong, in which line and column, and what is allowed.
     """
-    run = _name(table, "run", "ring-down")
-    columns = {
-        "speed": table.one("speed", UNITS["frequency"], "speed_rpm"),
-        "time": table.one("time", _TIMES, "time_s"),
-        "x": table.one("x", UNITS["length"], "x_um"),
-        "y": table.one("y", UNITS["length"], "y_um"),
-    }
-    ratio = table.one("eccentricity", _PURE)
-    v = _numbers(table, columns, RING_DOWN_COLUMNS)
+    columns = columns_for(
+        table,
+        (
+            words("run", needed=False),
+            _SPEED,
+            quantity("time", "s", _TIMES),
+            quantity("x", "um", UNITS["length"]),
+            quantity("y", "um", UNITS["length"]),
+            optional("eccentricity", _PURE),
+        ),
+        RING_DOWN_COLUMNS,
+    )
+    run = columns.words("run", "ring-down")
     return RingDownTest(
-        run=run, speed=group_speeds(v["speed"], np.zeros(run.size), run, speed_tolerance), time=v["time"], x=v["x"],
-        y=v["y"], eccentricity=np.full(run.size, np.nan) if ratio is None else _eccentricity(table, ratio, blank=True),
-        attributes=table.attributes(), source=table.source,
+        run=run, speed=_groups(columns, run, speed_tolerance), time=columns.number("time"), x=columns.number("x"),
+        y=columns.number("y"), eccentricity=_eccentricity(columns, blank=True), attributes=columns.attributes,
+        source=table.source,
     )  # fmt: skip
 
 
@@ -171,22 +176,27 @@ def coefficient_table(table: Table, speed_tolerance: float) -> CoefficientTable:
     Raises:
         ValueError: what is wrong, in which line and column, and what is allowed.
     """
-    columns = {
-        "speed": table.one("speed", UNITS["frequency"], "speed_rpm"),
-        "eccentricity": table.one("eccentricity", _PURE, "eccentricity_ratio"),
-        **{name: table.one(name, units, _WRITTEN[name]) for name, units in _COEFFICIENTS.items()},
-    }
-    sigma = table.one("sigma", _PURE)
-    run = _name(table, "run", "")
-    v = _numbers(table, columns, COEFFICIENT_COLUMNS)
-    if columns["eccentricity"] is not None:
-        _eccentricity(table, columns["eccentricity"])
-    speed = group_speeds(v.pop("speed"), np.zeros(run.size), run, speed_tolerance)
+    columns = columns_for(
+        table,
+        (
+            _SPEED,
+            quantity("eccentricity", "ratio", _PURE),
+            *(quantity(name, unit, {unit.lower(): 1.0}) for name, unit in _COEFFICIENTS.items()),
+            optional("sigma", _PURE),
+            words("run", needed=False),
+        ),
+        COEFFICIENT_COLUMNS,
+    )
+    run = columns.words("run")
+    coefficients = {name: columns.number(name) for name in _COEFFICIENTS}
+    eccentricity = _eccentricity(columns)
+    speed = _groups(columns, run, speed_tolerance)
     if not run.any():
         run = np.array([f"{value:.6g} rpm" for value in (speed * RPM_PER_RAD_S).tolist()])
     return CoefficientTable(
-        run=run, speed=speed, sigma=_positive(table, sigma), attributes=table.attributes(), source=table.source, **v
-    )
+        run=run, speed=speed, eccentricity=eccentricity, sigma=_positive(columns, "sigma"),
+        attributes=columns.attributes, source=table.source, **coefficients,
+    )  # fmt: skip
 
 
 BUILDERS: tuple[tuple[str, Callable[[Table, float], Experiment]], ...] = (
@@ -228,7 +238,7 @@ def columns_of(test: Experiment) -> dict[str, NDArray[Any]]:
             head["eccentricity_ratio"] = test.eccentricity
         case CoefficientTable():
             head["eccentricity_ratio"] = test.eccentricity
-            head |= {column: getattr(test, name) for name, column in _WRITTEN.items()}
+            head |= {f"{name}_{unit}": getattr(test, name) for name, unit in _COEFFICIENTS.items()}
             head["sigma_ratio"] = test.sigma
         case _:
             raise TypeError(f"{type(test).__name__} is not one of the experiments of this module")

@@ -20,10 +20,8 @@ def without_empty(table: Table) -> tuple[Table, list[Finding]]:
 
     A reading is empty where none of its amplitudes (or its real or imaginary part) or where its phase has a number.
     """
-    found = table.find
-    lengths = [list(found(prefix, MOTION)) for prefix in ("amplitude", "real", "imag")]
-    needed = [names for names in (*lengths, list(found("phase", UNITS["phase"]))) if names]
-    table.used.clear()
+    lengths = [list(table.find(prefix, MOTION)) for prefix in ("amplitude", "real", "imag")]
+    needed = [names for names in (*lengths, list(table.find("phase", UNITS["phase"]))) if names]
     if not needed:
         return table, []
     empty = np.array([
@@ -77,7 +75,6 @@ def completed(table: Table, *, forced: bool) -> Table:
 def _runs(table: Table, forced: Sequence[str]) -> list[str]:
     """Names of runs: the plane that is forced, and the speed where there are several that are held."""
     columns = table.find("speed", UNITS["frequency"])
-    table.used -= set(columns)
     speeds: Sequence[str] = [""] * len(forced)
     if len(columns) == 1:
         values = table.number(next(iter(columns.items())))

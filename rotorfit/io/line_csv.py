@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from rotorfit.data.experiments import LineTest
 from rotorfit.data.synchronous import group_speeds
+from rotorfit.io.csv_columns import Columns, columns_for, optional, quantity, words
 from rotorfit.models.array_types import Bool, Float
 from rotorfit.units import UNITS, si_factor
 
@@ -34,46 +35,43 @@ def line_test(table: Table, speed_tolerance: float) -> LineTest:
     Raises:
         ValueError: what is wrong, in which line and column, and what is allowed.
     """
-    text = [table.text(name) for name in ("run", "force_plane", "plane", "direction", "line")]
-    columns = {
-        "speed": table.one("speed", UNITS["frequency"], "speed_rpm"),
-        "frequency": table.one("frequency", UNITS["frequency"], "frequency_rpm"),
-        "force": table.one("force", UNITS["force"], "force_N"),
-        "phase": table.one("force_phase", UNITS["phase"], "force_phase_deg"),
-    }
-    motion = {part: table.one(part, UNITS["length"], f"{part}_um") for part in _PARTS}
-    twist = {part: table.one(part, _TURNS) for part in _PARTS}
-    table.check_columns(LINE_COLUMNS)
-    run, force_plane, plane, direction, line = (table.words(name) for name in text)
+    columns = columns_for(
+        table,
+        (
+            *(words(name) for name in ("run", "force_plane", "plane", "direction", "line")),
+            quantity("speed", "rpm", UNITS["frequency"]),
+            quantity("frequency", "rpm", UNITS["frequency"]),
+            quantity("force", "N", UNITS["force"]),
+            quantity("force_phase", "deg", UNITS["phase"]),
+            *(quantity(part, "um", UNITS["length"]) for part in _PARTS),
+            *(optional(part, _TURNS, name=f"{part} of twist") for part in _PARTS),
+        ),
+        LINE_COLUMNS,
+    )
+    run, direction = columns.words("run"), columns.words("direction")
     wrong = np.flatnonzero(~np.isin(direction, ("z", "twist")))
     if wrong.size:
         row = int(wrong[0])
         raise ValueError(f"{table.where(row, 'direction')}: {str(direction[row])!r} unknown; allowed: z, twist")
-    v = {name: table.number(column) for name, column in columns.items() if column is not None}
-    parts = {part: _either(table, direction == "twist", motion[part], twist[part], part) for part in _PARTS}
+    speed = columns.number("speed")
+    parts = {part: _either(columns, direction == "twist", part) for part in _PARTS}
     return LineTest(
-        run=run, speed=group_speeds(v["speed"], np.zeros(run.size), run, speed_tolerance), frequency=v["frequency"],
-        force_plane=force_plane, force=v["force"] * np.exp(1j * v["phase"]), plane=plane, direction=direction,
-        line=line, response=parts["real"] + 1j * parts["imag"], sigma=parts["sigma"], attributes=table.attributes(),
-        source=table.source,
+        run=run, speed=group_speeds(speed, np.zeros(run.size), run, speed_tolerance),
+        frequency=columns.number("frequency"), force_plane=columns.words("force_plane"),
+        force=columns.number("force") * np.exp(1j * columns.number("force_phase")), plane=columns.words("plane"),
+        direction=direction, line=columns.words("line"), response=parts["real"] + 1j * parts["imag"],
+        sigma=parts["sigma"], attributes=columns.attributes, source=table.source,
     )  # fmt: skip
 
 
-def _either(
-    table: Table,
-    twisting: Bool,
-    motion: tuple[str, float] | None,
-    twist: tuple[str, float] | None,
-    part: str,
-) -> Float:
+def _either(columns: Columns, twisting: Bool, part: str) -> Float:
     """A quantity that stands in the column of motion or of twist, each row in its own."""
-    blank = np.full(twisting.size, np.nan)
-    columns = [blank if c is None else table.number(c, blank=True) for c in (motion, twist)]
-    values = np.where(twisting, columns[1], columns[0])
+    motion, twist = columns.number(part, blank=True), columns.number(f"{part} of twist", blank=True)
+    values = np.where(twisting, twist, motion)
     if np.isnan(values).any() and part != "sigma":
         row = int(np.flatnonzero(np.isnan(values))[0])
         wanted = f"{part}_urad" if twisting[row] else f"{part}_um"
-        raise ValueError(f"{table.source}: line {table.lines[row]} has no {wanted}")
+        raise ValueError(f"{columns.table.source}: line {columns.table.lines[row]} has no {wanted}")
     return values
 
 

@@ -15,7 +15,7 @@ Columns of the other experiments: :mod:`rotorfit.io.csv_kinds`. Exports of condi
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +32,7 @@ from rotorfit.data.experiments import (
 )
 from rotorfit.data.findings import Finding
 from rotorfit.data.synchronous import SPEED_TOLERANCE, group_speeds
+from rotorfit.io.csv_columns import Columns, columns_for, optional, quantity, words
 from rotorfit.io.csv_kinds import BUILDERS, columns_of
 from rotorfit.io.csv_table import MOTION, PERTURBATION_COLUMNS, Table, read_table
 from rotorfit.io.left_out import completed, without_empty
@@ -39,7 +40,7 @@ from rotorfit.io.line_csv import line_columns, line_test
 from rotorfit.io.machine_samples import is_sample_table, sample_table
 from rotorfit.io.machine_tables import BODE_HEADER, bode_table, with_weight, without_weight_finding
 from rotorfit.io.wide import is_wide, renamed, tidy, with_constants
-from rotorfit.models.array_types import Bool, ComplexArray, Float, Text
+from rotorfit.models.array_types import ComplexArray, Float, Text
 from rotorfit.models.parameters import unknown_name
 from rotorfit.units import UNITS, si_factor, units_of
 
@@ -146,41 +147,23 @@ def _warn(finding: Finding) -> None:
 
 
 def _perturbation(table: Table, speed_tolerance: float) -> PerturbationTest:
-    text = [table.text(name) for name in ("run", "force_plane", "plane", "direction")]
-    along = table.text("force_direction") if "force_direction" in table.cells else None
-    speed = table.one("speed", UNITS["frequency"], "speed_rpm")
-    frequency = table.one("frequency", UNITS["frequency"], "frequency_rpm")
-    unbalance = table.one("mr", UNITS["unbalance"])
-    force = table.one("force", UNITS["force"], "" if unbalance else "force_N")
-    force_phase = table.one("force_phase", UNITS["phase"], "force_phase_deg")
-    polar = not (table.find("real", MOTION) or table.find("imag", MOTION))
-    motion = [table.find(p, MOTION, f"{p}_um") for p in (("amplitude",) if polar else ("real", "imag"))]
-    phase = table.one("phase", UNITS["phase"], "phase_deg") if polar else None
-    sigma = table.find("sigma", MOTION)
-    radius = table.one("probe_radius", UNITS["length"])
-    table.check_columns(PERTURBATION_COLUMNS)
-    if unbalance and force:
-        given = f"{table.names[force[0]]} and {table.names[unbalance[0]]}"
-        raise ValueError(f"{table.source}: both {given} are given; keep one of them")
-
-    run, force_plane, plane, direction = (table.words(name) for name in text)
-    direction = _directions(table, direction)
-    w = table.number(_there(frequency))
-    force_direction = _force_directions(table, along, w, direction)
-    size = table.number(_there(unbalance)) * w**2 if unbalance else table.number(_there(force))
-    parts = [_motion(table, columns, direction, radius) for columns in motion]
-    response = _polar(table, motion[0], parts[0], table.number(_there(phase))) if polar else parts[0] + 1j * parts[1]
-    noise = _motion(table, sigma, direction, radius, blank=True) if sigma else np.full(run.shape, np.nan)
-    _refuse(table, noise <= 0, next(iter(sigma), ""), "must be positive, or blank where the noise is not known")
-    angle = table.number(_there(force_phase))
-    omega = group_speeds(table.number(_there(speed)), w, run, speed_tolerance)
-    columns = {"force": size * np.exp(1j * angle), "response": response, "frequency": w, "speed": omega}
-    for name, values in columns.items():
-        _refuse(table, ~np.isfinite(values), "run", f"is a row whose {name} overflows; check its units")
+    columns = _perturbation_columns(table)
+    run, force_plane, plane = (columns.words(name) for name in ("run", "force_plane", "plane"))
+    direction = _directions(columns)
+    w = columns.number("frequency")
+    force_direction = _force_directions(columns, w, direction)
+    size = columns.number("mr") * w**2 if columns.has("mr") else columns.number("force")
+    response = _response(columns, direction)
+    noise = _motion(columns, "sigma", direction, blank=True) if columns.has("sigma") else np.full(run.shape, np.nan)
+    columns.refuse(noise <= 0, "sigma", "must be positive, or blank where the noise is not known")
+    force = size * np.exp(1j * columns.number("force_phase"))
+    omega = group_speeds(columns.number("speed"), w, run, speed_tolerance)
+    for name, values in {"force": force, "response": response, "frequency": w, "speed": omega}.items():
+        columns.refuse(~np.isfinite(values), "run", f"is a row whose {name} overflows; check its units")
     test = PerturbationTest(
         run=run, force_plane=force_plane, plane=plane, direction=direction, sigma=noise,
-        speed=omega, frequency=w, force=columns["force"], response=response, force_direction=force_direction,
-        attributes=table.attributes(), source=table.source,
+        speed=omega, frequency=w, force=force, response=response, force_direction=force_direction,
+        attributes=columns.attributes, source=table.source,
     )  # fmt: skip
     if len(groups := plane_groups(test)) > 1 and max(map(len, groups)) > 1:
         listed = "; ".join(", ".join(group) for group in groups)
@@ -191,41 +174,65 @@ def _perturbation(table: Table, speed_tolerance: float) -> PerturbationTest:
     return test
 
 
-def _displacement(table: Table, speed_tolerance: float) -> DisplacementTest:
-    text = [table.text(name) for name in ("run", "plane")]
-    needed = {
-        "speed": table.one("speed", UNITS["frequency"], "speed_rpm"),
-        "frequency": table.one("frequency", UNITS["frequency"], "frequency_rpm"),
-        "amplitude": table.one("amplitude", UNITS["displacement"], "amplitude_um"),
-        "phase": table.one("phase", UNITS["phase"], "phase_deg"),
-        **{
-            f"force_{axis}{part}": table.one(f"force_{axis}{part}", UNITS[kind], f"force_{axis}{part}_{unit}")
-            for axis in "xy"
-            for part, kind, unit in (("", "force", "N"), ("_phase", "phase", "deg"))
-        },
-    }
-    sigma = table.one("sigma", UNITS["force"])
-    table.check_columns(DISPLACEMENT_COLUMNS)
-
-    run, plane = (table.words(name) for name in text)
-    v = {name: table.number(_there(column)) for name, column in needed.items()}
-    noise = table.number(sigma, blank=True) if sigma else np.full(run.shape, np.nan)
-    _refuse(
+def _perturbation_columns(table: Table) -> Columns:
+    """The columns of a perturbation test: its force by force or unbalance, its motion by amplitude or real part."""
+    unbalance = table.find("mr", UNITS["unbalance"])
+    force = table.find("force", UNITS["force"])
+    polar = not (table.find("real", MOTION) or table.find("imag", MOTION))
+    columns = columns_for(
         table,
-        noise <= 0,
-        sigma[0] if sigma else "",
-        "must be positive, or blank where the noise is not known",
+        (
+            *(words(name) for name in ("run", "force_plane", "plane", "direction")),
+            words("force_direction", needed=False),
+            quantity("speed", "rpm", UNITS["frequency"]),
+            quantity("frequency", "rpm", UNITS["frequency"]),
+            optional("mr", UNITS["unbalance"]),
+            optional("force", UNITS["force"]) if unbalance else quantity("force", "N", UNITS["force"]),
+            quantity("force_phase", "deg", UNITS["phase"]),
+            *(quantity(p, "um", MOTION, several=True) for p in (("amplitude",) if polar else ("real", "imag"))),
+            *((quantity("phase", "deg", UNITS["phase"]),) if polar else ()),
+            optional("sigma", MOTION, several=True),
+            optional("probe_radius", UNITS["length"]),
+        ),
+        PERTURBATION_COLUMNS,
     )
+    if unbalance and force:
+        given = " and ".join(table.names[next(iter(found))] for found in (force, unbalance))
+        raise ValueError(f"{table.source}: both {given} are given; keep one of them")
+    return columns
+
+
+def _displacement(table: Table, speed_tolerance: float) -> DisplacementTest:
+    columns = columns_for(
+        table,
+        (
+            words("run"),
+            words("plane"),
+            quantity("speed", "rpm", UNITS["frequency"]),
+            quantity("frequency", "rpm", UNITS["frequency"]),
+            quantity("amplitude", "um", UNITS["displacement"]),
+            quantity("phase", "deg", UNITS["phase"]),
+            quantity("force_x", "N", UNITS["force"]),
+            quantity("force_x_phase", "deg", UNITS["phase"]),
+            quantity("force_y", "N", UNITS["force"]),
+            quantity("force_y_phase", "deg", UNITS["phase"]),
+            optional("sigma", UNITS["force"]),
+        ),
+        DISPLACEMENT_COLUMNS,
+    )
+    run, frequency = columns.words("run"), columns.number("frequency")
+    noise = columns.number("sigma", blank=True)
+    columns.refuse(noise <= 0, "sigma", "must be positive, or blank where the noise is not known")
     test = DisplacementTest(
-        run=run, plane=plane, sigma=noise, frequency=v["frequency"],
-        speed=group_speeds(v["speed"], v["frequency"], run, speed_tolerance),
-        displacement=v["amplitude"] * np.exp(1j * v["phase"]),
-        force_x=v["force_x"] * np.exp(1j * v["force_x_phase"]),
-        force_y=v["force_y"] * np.exp(1j * v["force_y_phase"]),
-        attributes=table.attributes(), source=table.source,
+        run=run, plane=columns.words("plane"), sigma=noise, frequency=frequency,
+        speed=group_speeds(columns.number("speed"), frequency, run, speed_tolerance),
+        displacement=columns.number("amplitude") * np.exp(1j * columns.number("phase")),
+        force_x=columns.number("force_x") * np.exp(1j * columns.number("force_x_phase")),
+        force_y=columns.number("force_y") * np.exp(1j * columns.number("force_y_phase")),
+        attributes=columns.attributes, source=table.source,
     )  # fmt: skip
     finite = np.isfinite(test.displacement) & np.isfinite(test.force_x) & np.isfinite(test.force_y)
-    _refuse(table, ~finite, "run", "is a row whose displacement or force overflows; check its units")
+    columns.refuse(~finite, "run", "is a row whose displacement or force overflows; check its units")
     return test
 
 
@@ -236,91 +243,84 @@ _KINDS: tuple[tuple[str, Callable[[Table, float], Experiment]], ...] = (
 """Beginning of a column name that tells an experiment, and what builds it; a perturbation test if none is there."""
 
 
-def _there(column: tuple[str, float] | None) -> tuple[str, float]:
-    if column is None:  # check_columns has refused the table before
-        raise ValueError("a required column is missing")
-    return column
-
-
-def _directions(table: Table, cells: Text) -> Text:
+def _directions(columns: Columns) -> Text:
+    cells = columns.words("direction")
     direction: Text = np.char.lower(cells)
     unknown = ~np.isin(direction, DIRECTIONS)
     if unknown.any():
         row = int(np.flatnonzero(unknown)[0])
-        raise ValueError(f"{table.where(row, 'direction')}: {unknown_name('direction', str(cells[row]), DIRECTIONS)}")
+        allowed = unknown_name("direction", str(cells[row]), DIRECTIONS)
+        raise ValueError(f"{columns.where(row, 'direction')}: {allowed}")
     return direction
 
 
-def _force_directions(table: Table, name: str | None, w: Float, direction: Text) -> Text:
+def _force_directions(columns: Columns, w: Float, direction: Text) -> Text:
     """Whether each force turns or acts along an axis; a blank cell is a circular force, as is a missing column."""
-    if name is None:
+    if not columns.has("force_direction"):
         return np.full(w.shape, "circular")
-    cells = np.array([cell.lower() or "circular" for cell in table.cells[name]])
+    written = columns.table.cells["force_direction"]
+    cells = np.array([cell.lower() or "circular" for cell in written])
     unknown = ~np.isin(cells, FORCE_DIRECTIONS)
     if unknown.any():
         row = int(np.flatnonzero(unknown)[0])
-        raise ValueError(
-            f"{table.where(row, name)}: {unknown_name('force_direction', table.cells[name][row], FORCE_DIRECTIONS)}"
-        )
+        allowed = unknown_name("force_direction", written[row], FORCE_DIRECTIONS)
+        raise ValueError(f"{columns.where(row, 'force_direction')}: {allowed}")
     backward = (cells != "circular") & (w < 0) & ~np.char.endswith(direction, "z")
-    _refuse(table, backward, name, "is a force that does not turn; its frequency has to be positive")
+    columns.refuse(backward, "force_direction", "is a force that does not turn; its frequency has to be positive")
     return cells
 
 
-def _refuse(table: Table, bad: Bool, name: str, why: str) -> None:
-    if bad.any():
-        row = int(np.flatnonzero(bad)[0])
-        raise ValueError(f"{table.where(row, name)}: {table.cells[name][row]} {why}")
-
-
-def _polar(table: Table, columns: Iterable[str], amplitude: Float, phase: Float) -> ComplexArray:
+def _response(columns: Columns, direction: Text) -> ComplexArray:
+    """Readings from amplitude and phase, or from real and imaginary part."""
+    if "amplitude" not in columns.found:
+        return np.asarray(_motion(columns, "real", direction) + 1j * _motion(columns, "imag", direction))
+    amplitude = _motion(columns, "amplitude", direction)
+    phase = columns.number("phase")
     # a negative amplitude is a real part, a level in dB or a sign slip, never an amplitude
-    for name in columns:
-        values = table.number((name, 1.0), blank=True)
-        _refuse(table, values < 0, name, "is negative; amplitudes are not, real parts go to real_um, imag_um")
+    table = columns.table
+    for name in columns.found["amplitude"]:
+        negative = table.number((name, 1.0), blank=True) < 0
+        table.refuse(negative, name, "is negative; amplitudes are not, real parts go to real_um, imag_um")
     return np.asarray(amplitude * np.exp(1j * phase))
 
 
-def _motion(
-    table: Table,
-    columns: Mapping[str, float],
-    direction: Text,
-    radius: tuple[str, float] | None,
-    *,
-    blank: bool = False,
-) -> Float:
+def _motion(columns: Columns, name: str, direction: Text, *, blank: bool = False) -> Float:
     """Each row's value from the column of its kind; a slope is an angle, or a length over the probe's radius."""
     tilt = np.char.startswith(direction, "r")
-    angles = units_of("tilt")
-    by_kind: dict[bool, list[str]] = {
-        kind: [c for c in columns if (c.split("_", 1)[1] in angles) == kind] for kind in (False, True)
-    }
-    for names in by_kind.values():
-        if len(names) > 1:
-            raise ValueError(f"{table.source}: given twice, as {' and '.join(names)}; keep one of them")
+    lengths, angles = _by_kind(columns, name)
     value = np.full(direction.shape, np.nan)
-    for name in by_kind[False]:
-        length = table.number((name, columns[name]), blank=True)
+    if lengths:
+        length = columns.table.number(lengths, blank=True)
         value = np.where(tilt, np.nan, length)
-        if radius:
-            r = table.number(radius, blank=True)
+        if columns.has("probe_radius"):
+            r = columns.number("probe_radius", blank=True)
             value = np.where(tilt, np.divide(length, r, out=np.full_like(length, np.nan), where=r != 0), length)
-            if name.startswith("sigma"):
+            if name == "sigma":
                 value = np.abs(value)
-    for name in by_kind[True]:
-        angle = table.number((name, columns[name]), blank=True)
+    if angles:
+        angle = columns.table.number(angles, blank=True)
         value = np.where(tilt & np.isfinite(angle), angle, value)
     lacking = np.isnan(value) & (not blank)
     if lacking.any():
         row = int(np.flatnonzero(lacking)[0])
-        what = (
-            f"{next(iter(columns)).split('_')[0]}_urad, or a length with probe_radius_mm," if tilt[row] else "a length"
-        )
+        what = f"{name}_urad, or a length with probe_radius_mm," if tilt[row] else "a length"
         raise ValueError(
-            f"{table.source}: line {table.lines[row]}, direction {direction[row]}: {what} is needed, "
-            f"columns {', '.join(columns)} give none"
+            f"{columns.table.source}: line {columns.table.lines[row]}, direction {direction[row]}: {what} is needed, "
+            f"columns {', '.join(columns.found[name])} give none"
         )
     return value
+
+
+def _by_kind(columns: Columns, name: str) -> tuple[tuple[str, float] | None, tuple[str, float] | None]:
+    """The column in units of length and the one in units of angle, each with its factor to SI."""
+    angles = units_of("tilt")
+    found = columns.found[name].items()
+    kinds = [[one for one in found if (one[0].split("_", 1)[1] in angles) == turns] for turns in (False, True)]
+    for same in kinds:
+        if len(same) > 1:
+            twice = " and ".join(column for column, _ in same)
+            raise ValueError(f"{columns.table.source}: given twice, as {twice}; keep one of them")
+    return next(iter(kinds[0]), None), next(iter(kinds[1]), None)
 
 
 def _cell(value: Any) -> str:
@@ -331,7 +331,7 @@ def _cell(value: Any) -> str:
     return '"' + value.replace('"', '""') + '"' if any(c in value for c in ',;"#\t') else value
 
 
-def _perturbation_columns(test: PerturbationTest) -> dict[str, Any]:
+def _written_perturbation(test: PerturbationTest) -> dict[str, Any]:
     tilt = np.char.startswith(test.direction, "r")
     columns: dict[str, Any] = {
         "run": test.run,
@@ -357,7 +357,7 @@ def _perturbation_columns(test: PerturbationTest) -> dict[str, Any]:
     return columns
 
 
-def _displacement_columns(test: DisplacementTest) -> dict[str, Any]:
+def _written_displacement(test: DisplacementTest) -> dict[str, Any]:
     columns: dict[str, Any] = {
         "run": test.run,
         "speed_rpm": test.speed / si_factor("frequency", "rpm"),
@@ -379,9 +379,9 @@ def write_csv(experiment: Experiment, path: str | Path) -> None:
         ValueError: a name that a CSV cell cannot hold, or an attribute named like a column.
     """
     if isinstance(experiment, PerturbationTest):
-        columns = _perturbation_columns(experiment)
+        columns = _written_perturbation(experiment)
     elif isinstance(experiment, DisplacementTest):
-        columns = _displacement_columns(experiment)
+        columns = _written_displacement(experiment)
     elif isinstance(experiment, LineTest):
         columns = line_columns(experiment)
     else:

@@ -60,7 +60,7 @@ def tidy(table: Table) -> Table:
             target[k::count] = _converted(table, column)
     lines = np.repeat(np.asarray(table.lines), count).tolist()
     names = {name: table.names.get(name, name) for name in cells}
-    return replace(table, cells=cells, lines=lines, names=names, used=set(), missing=[])
+    return replace(table, cells=cells, lines=lines, names=names)
 
 
 def _channels(table: Table) -> dict[tuple[str, str], list[_Column]]:

@@ -1,0 +1,241 @@
+"""Which columns a test is read from: declared first, found all together or refused, then read.
+
+A builder says with :func:`words`, :func:`quantity` and :func:`optional` what it wants, and :func:`columns_for` answers
+with a record that has all of it. Only that record hands out values, so none is read from a file that lacks a column.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotorfit.io.csv_table import MOTION, Table, floats
+from rotorfit.io.sampling import time_factor
+from rotorfit.models.array_types import Bool, Float, Text
+from rotorfit.models.parameters import unknown_name
+from rotorfit.units import UNITS
+
+_PREFIXES = {
+    "speed": UNITS["frequency"],
+    "frequency": UNITS["frequency"],
+    "force_phase": UNITS["phase"],
+    "phase": UNITS["phase"],
+    "force": UNITS["force"],
+    "mr": UNITS["unbalance"],
+    "amplitude": MOTION,
+    "real": MOTION,
+    "imag": MOTION,
+    "sigma": MOTION,
+    "probe_radius": UNITS["length"],
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Wanted:
+    """A column that a test is read from; made by :func:`words`, :func:`quantity`, :func:`optional`.
+
+    Attributes:
+        name: by which the values are asked for.
+        prefix: beginning of the column's name, before its unit; the whole name of a column of text.
+        units: factor to SI by unit; none for text.
+        missing: as which a file is told that it lacks the column; empty where the column may be left out.
+        several: whether there may be one in units of length and one in units of angle.
+    """
+
+    name: str
+    prefix: str
+    units: Mapping[str, float] | None = None
+    missing: str = ""
+    several: bool = False
+
+    def columns(self, table: Table) -> dict[str, float]:
+        """Columns of a table that are this one, with their factors to SI.
+
+        Raises:
+            ValueError: there are several where one is wanted.
+        """
+        if self.units is None:
+            return {self.prefix: 1.0} if self.prefix in table.cells else {}
+        found = table.find(self.prefix, self.units)
+        if len(found) > 1 and not self.several:
+            raise ValueError(
+                f"{table.source}: {self.prefix} is given twice, as {' and '.join(found)}; keep one of them"
+            )
+        return found
+
+
+def words(name: str, *, needed: bool = True) -> Wanted:
+    """A column of text.
+
+    Args:
+        name: of the column.
+        needed: whether a file without it is refused.
+    """
+    return Wanted(name=name, prefix=name, missing=name if needed else "")
+
+
+def quantity(prefix: str, usual: str, units: Mapping[str, float], *, name: str = "", several: bool = False) -> Wanted:
+    """A column of numbers in a unit that its name ends with, without which a file is refused.
+
+    Args:
+        prefix: beginning of the column's name.
+        usual: unit that the refusal proposes.
+        units: factor to SI by unit.
+        name: by which the values are asked for, by default ``prefix``.
+        several: whether there may be one in units of length and one in units of angle.
+    """
+    return Wanted(name=name or prefix, prefix=prefix, units=units, missing=f"{prefix}_{usual}", several=several)
+
+
+def optional(prefix: str, units: Mapping[str, float], *, name: str = "", several: bool = False) -> Wanted:
+    """A column of numbers that may be left out.
+
+    Args:
+        prefix, units, name, several: see :func:`quantity`.
+    """
+    return Wanted(name=name or prefix, prefix=prefix, units=units, several=several)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Columns:
+    """Columns of a table under the names by which a test asks for them; made by :func:`columns_for`.
+
+    Attributes:
+        table: where they stand.
+        found: factor to SI by column of the table, by name; empty for an optional column that is not there.
+    """
+
+    table: Table
+    found: Mapping[str, Mapping[str, float]]
+
+    @property
+    def rows(self) -> int:
+        """Number of rows."""
+        return len(self.table.lines)
+
+    @cached_property
+    def attributes(self) -> dict[str, NDArray[Any]]:
+        """All other columns, as numbers where every cell is one (blank: NaN), else as text."""
+        used = _names(self.found)
+        extra = {self.table.names[name]: cells for name, cells in self.table.cells.items() if name not in used}
+        numbers = {name: floats(cells) if any(cells) else None for name, cells in extra.items()}
+        return {
+            name: np.array(cells, dtype=str) if (values := numbers[name]) is None else values
+            for name, cells in extra.items()
+        }
+
+    def has(self, name: str) -> bool:
+        """Whether an optional column is there."""
+        return bool(self.found[name])
+
+    def words(self, name: str, otherwise: str = "") -> Text:
+        """Cells of a column of text, none of them blank; ``otherwise`` throughout if the column is not there.
+
+        Raises:
+            ValueError: a cell is blank.
+        """
+        if not self.found[name]:
+            return np.full(self.rows, otherwise)
+        column = next(iter(self.found[name]))
+        cells = self.table.cells[column]
+        if "" in cells:
+            raise ValueError(f"{self.table.where(cells.index(''), column)} is blank; every reading needs its {column}")
+        return np.array(cells, dtype=str)
+
+    def number(self, name: str, *, blank: bool = False) -> Float:
+        """A column in SI units; NaN in blank cells, where ``blank`` allows them, and throughout if it is not there.
+
+        Raises:
+            ValueError: a cell is not a finite number.
+        """
+        if not self.found[name]:
+            return np.full(self.rows, np.nan)
+        return self.table.number(next(iter(self.found[name].items())), blank=blank)
+
+    def where(self, row: int, name: str) -> str:
+        """Place of a cell of a column that is there, for messages."""
+        return self.table.where(row, next(iter(self.found[name])))
+
+    def refuse(self, bad: Bool, name: str, why: str) -> None:
+        """Refuse the first bad row of a column that is there, as :meth:`Table.refuse` does."""
+        if bad.any():
+            self.table.refuse(bad, next(iter(self.found[name])), why)
+
+
+def columns_for(table: Table, wanted: Iterable[Wanted], known: str) -> Columns:
+    """The columns that a test is read from.
+
+    Args:
+        table: columns of text.
+        wanted: what the test is read from.
+        known: the columns of this kind of test, for messages.
+
+    Raises:
+        ValueError: lists what is missing, what was not recognised and what is known; or names a column that is given
+            twice, or that is a known quantity with an unknown unit.
+    """
+    wanted = tuple(wanted)
+    found = {one.name: one.columns(table) for one in wanted}
+    missing = [one.missing for one in wanted if one.missing and not found[one.name]]
+    used = _names(found)
+    if missing:
+        _refuse_missing(table, used, missing, known)
+    for name in table.cells:
+        if name not in used:
+            _refuse_mistaken(table, name, known)
+    return Columns(table=table, found=found)
+
+
+def _names(found: Mapping[str, Mapping[str, float]]) -> set[str]:
+    return {name for columns in found.values() for name in columns}
+
+
+def _refuse_missing(table: Table, used: set[str], missing: Sequence[str], known: str) -> None:
+    if _looks_raw(table, used):
+        columns = ", ".join(table.names.values())[:80]
+        raise ValueError(
+            f"{table.source} looks like raw signals ({len(table.lines)} samples of {columns}), not like vectors: "
+            f"`rotorfit template {table.source} > rig.toml` makes a setup to fill in; then give --setup rig.toml, "
+            "or use rf.read_recording"
+        )
+    unknown = ", ".join(_suggest(table.names[name]) for name in table.cells if name not in used) or "none"
+    raise ValueError(
+        f"{table.source}: missing columns: {', '.join(missing)}. Columns not recognised: {unknown}. Known: {known}"
+    )
+
+
+def _refuse_mistaken(table: Table, name: str, known: str) -> None:
+    """Refuse a column that nothing asks for if it was hardly meant as an attribute of the test."""
+    prefix = next((p for p in _PREFIXES if name.startswith(p + "_")), None)
+    near = difflib.get_close_matches(name, ["sigma_um", "probe_radius_mm"], n=1, cutoff=0.85)
+    if prefix and table.factor(name, prefix, _PREFIXES[prefix]) is not None:
+        raise ValueError(
+            f"{table.source}: column {table.names[name]!r} has no place in this test. Known: {known}. If it is "
+            "an attribute of the test, give it another name"
+        )
+    if prefix or near:
+        tail = unknown_name("unit", name[len(prefix) + 1 :], _PREFIXES[prefix]) if prefix else ""
+        raise ValueError(
+            f"{table.source}: unknown column {table.names[name]!r}; "
+            f"{tail or f'did you mean {near[0]!r}?'} If it is an attribute of the test, give it another name"
+        )
+
+
+def _looks_raw(table: Table, used: set[str]) -> bool:
+    """Whether this holds samples over time: nothing of a test is in it, but times or very many rows."""
+    times = {name for name in table.cells if time_factor(name) is not None}
+    if used - times:
+        return False
+    return bool(times) or len(table.lines) >= 1000
+
+
+def _suggest(name: str) -> str:
+    columns = [f"{prefix}_{unit}" for prefix, units in _PREFIXES.items() for unit in units]
+    near = difflib.get_close_matches(name.lower(), ["run", "force_plane", "plane", "direction", *columns], n=1)
+    return f"{name!r} (did you mean {near[0]!r}?)" if near else repr(name)
