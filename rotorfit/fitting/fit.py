@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -102,7 +103,7 @@ def fit(
         begin, notes = start_vector(problem, start or {})
         solution = solve(problem, begin, Options(max_iterations=max_iterations))
         found = judged(problem, several, settings, begin, solution, notes)
-    if told := slip(found, lambda tests: _misfit(model, tests, settings)):
+    if told := slip(found, partial(_misfit, model)):
         found = replace(found, warnings=(f"{DATA_ERROR}{told}", *found.warnings))
     return assuming(found, assumptions) if assumptions else found
 
@@ -111,15 +112,20 @@ def _misfit(model: RotorModel, experiments: tuple[Experiment, ...], settings: Fi
     """Sum of squares that a short search leaves; infinite where the data do not allow one."""
     try:
         problem = build_problem(model, experiments, settings)
-        space = problem.space
-        try:  # what is right needs no better start, and to look for one takes longer than all the rest
-            begin = np.zeros(space.size)
-            begin[: len(space.names)] = solve_closed_form(space, problem.blocks).x
-        except ClosedFormError:
-            begin, _ = start_vector(problem, {})
-        return 2 * solve(problem, np.clip(begin, space.lower, space.upper), _TRIAL).cost
+        begin = _quick_start(problem)
+        return 2 * solve(problem, np.clip(begin, problem.space.lower, problem.space.upper), _TRIAL).cost
     except (ValueError, np.linalg.LinAlgError):  # what cannot be fitted explains nothing
         return float("inf")
+
+
+def _quick_start(problem: Problem) -> Float:
+    """The closed form where there is one: what is right needs no better start, and to look for one takes longest."""
+    if problem.space.nuisance:
+        return start_vector(problem, {})[0]
+    try:
+        return solve_closed_form(problem.space, problem.blocks).x
+    except ClosedFormError:
+        return start_vector(problem, {})[0]
 
 
 def judged(

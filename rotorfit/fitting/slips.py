@@ -17,6 +17,7 @@ import numpy as np
 from rotorfit.data.experiments import Experiment, PerturbationTest
 from rotorfit.fitting.noise.record import NoiseVerdict
 from rotorfit.fitting.result import FitResult
+from rotorfit.fitting.settings import FitSettings
 from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.units import RPM_PER_RAD_S
 
@@ -32,6 +33,8 @@ _CONSTANT = 0.01  # relative spread of what is taken as constant
 _MOST_PAIRS = 3
 _TURN = 6.3  # degrees: what a whole turn in radians is, read as degrees
 
+_MOUNTINGS = (45.0, -45.0, 90.0, -90.0, 135.0, -135.0, 180.0)
+_PLANES = {"plane": "readings", "force_plane": "forces"}
 _SPEED_UNITS = {
     "the speeds are in Hz and read as rpm (speed_hz)": 60.0,
     "the speeds are in rpm and read as Hz (speed_rpm)": 1 / 60,
@@ -42,28 +45,32 @@ _SPEED_UNITS = {
 
 @dataclass(frozen=True, kw_only=True)
 class _Slip:
-    """One slip: what is wrong and what to do, in words, and how a test is without it."""
+    """One slip: what is wrong and what to do, how a test is without it, and whether a datum is to be fitted."""
 
     told: str
     mend: Callable[[PerturbationTest], PerturbationTest]
+    datum: bool = False
 
 
-def slip(fit: FitResult, misfit: Callable[[tuple[Experiment, ...]], float]) -> str:
+def slip(fit: FitResult, misfit: Callable[[tuple[Experiment, ...], FitSettings], float]) -> str:
     """The slip that explains what a fit misses, in words; empty where none does, or nothing has to be explained.
 
     Args:
         fit: by least squares.
-        misfit: sum of squares that the same fit of other data leaves.
+        misfit: sum of squares that the same fit leaves with other data and settings.
     """
     still = sum(float(np.sum(np.abs(block.measured / block.sigma) ** 2)) for block in fit.problem.blocks)
     astray = not fit.success or (fit.noise is not None and fit.noise.verdict is NoiseVerdict.MISFIT)
     if fit.problem.loss != "linear" or not astray or fit.redchi < _FAR or fit.chisqr < _UNEXPLAINED * still:
         return ""
-    missed = min(fit.chisqr, misfit(fit.experiments))  # a search that went astray by itself is no slip
+    missed = min(fit.chisqr, misfit(fit.experiments, fit.settings))  # a search that went astray by itself is no slip
     least, told = np.inf, ""
     for tried in _slips([test for test in fit.experiments if isinstance(test, PerturbationTest)]):
+        if tried.datum and fit.settings.phase_offsets:
+            continue
         mended = (tried.mend(test) if isinstance(test, PerturbationTest) else test for test in fit.experiments)
-        left = misfit(tuple(mended))
+        settings = replace(fit.settings, phase_offsets="common") if tried.datum else fit.settings
+        left = misfit(tuple(mended), settings)
         least, told = (left, tried.told) if left < least else (least, told)
         if least < _PLAINLY * missed:
             break
@@ -87,6 +94,14 @@ def _slips(tests: Sequence[PerturbationTest]) -> Iterator[_Slip]:
         told = "the forces are constant, and are told as those of an unbalance. Give force_N in place of mr_g_mm"
         yield _Slip(told=told, mend=lambda test: replace(test, force=test.force / test.frequency**2))
     yield from _exchanges(tests)
+    told = (
+        "all forces are one angle off against all readings, as where weight holes, Keyphasor and probes have no common "
+        "zero. Give the angle, or fit it (phase_offsets common)"
+    )
+    yield _Slip(told=told, mend=lambda test: test, datum=True)
+    for degrees in _MOUNTINGS:
+        told = f"all probes sit {degrees:g} degrees from where they are told to be, counted from x towards y"
+        yield _Slip(told=told, mend=partial(_turned_back, degrees=degrees))
     for told, factor in () if any(test.synchronous for test in tests) else _SPEED_UNITS.items():
         yield _Slip(told=told, mend=partial(_times, factor=factor))
     if all(_are_radians(test.force) for test in tests):
@@ -104,10 +119,16 @@ def _exchanges(tests: Sequence[PerturbationTest]) -> Iterator[_Slip]:
             continue  # there the speed is the frequency
         values = np.unique(np.concatenate([getattr(test, column) for test in tests])).tolist()
         for a, b in islice(combinations(values, 2), _MOST_PAIRS):
-            told = f"the planes {a} and {b} are exchanged in the column {column}"
+            told = f"the planes {a} and {b} of the {_PLANES.get(column)} are exchanged"
             if column == "speed":
                 told = f"the speeds {a * RPM_PER_RAD_S:.6g} and {b * RPM_PER_RAD_S:.6g} rpm are exchanged"
             yield _Slip(told=told, mend=partial(_exchanged, column=column, a=a, b=b))
+
+
+def _turned_back(test: PerturbationTest, *, degrees: float) -> PerturbationTest:
+    """Readings as probes in their place would have them, as far as orbits are circular."""
+    sense = np.where(np.char.endswith(test.direction, "z") | (test.frequency > 0), 1.0, -1.0)
+    return replace(test, response=test.response * np.exp(1j * np.radians(degrees) * sense))
 
 
 def _times(test: PerturbationTest, *, factor: float) -> PerturbationTest:
