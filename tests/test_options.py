@@ -65,7 +65,7 @@ def test_a_study_hands_every_setting_of_a_fit_on(monkeypatch: pytest.MonkeyPatch
     with pytest.raises(RuntimeError) as handed:
         run.run_study(Study(files=(), model="one-mode"), lambda *given: None)
     assert set(handed.value.args[0]) == settings & set(signature(fit).parameters)
-    assert settings & {f.name for f in fields(FitSettings)} == settings & set(signature(fit).parameters) - {"start"}
+    assert settings & {f.name for f in fields(FitSettings)} == settings & set(signature(fit).parameters)
 
 
 @pytest.mark.parametrize("option", FIT, ids=lambda option: option.name)

@@ -226,14 +226,15 @@ def test_groups_outliers_priors_and_closed_form(tmp_path: Path) -> None:
     rig = rf.datasets.rig_open()
     fit = rf.fit(
         rf.models.WhirlWhip(), rig, known={"K3": 6000.0}, per={"D": "speed_rpm"}, loss="huber",
-        priors={"sigma": stats.norm(1.0, 0.01)}, bounds={"lam": (0.0, 0.6)}, phase_offsets=True,
+        priors={"sigma": stats.norm(1.0, 0.01)}, bounds={"lam": (0.0, 0.6)}, start={"D": 300.0}, phase_offsets=True,
     )  # fmt: skip
     page = report_of(fit, tmp_path / "report.html")
     assert "Threshold of instability, speed_rpm=1000" in page.shown
     assert "D[speed_rpm=2000]" in page.shown
     assert "Outliers were given less weight (huber loss)" in page.shown
-    command = "--known K3=6000 --bounds lam=0:0.6 --prior sigma=1:0.01 --per D=speed_rpm --loss huber --phase-offsets"
-    assert command in page.shown
+    words = "--known K3=6000 --bounds lam=0:0.6 --prior sigma=1:0.01 --start D=300 --per D=speed_rpm"
+    assert f"{words} --loss huber --phase-offsets" in page.shown
+    assert "start={'D': 300.0}" in page.shown
     closed = rf.closed_form(rf.models.WhirlWhip(), rig, known={"K3": 6000.0})
     page = report_of(closed, tmp_path / "report.html")
     assert "fit = rf.closed_form(model, experiments, known={'K3': 6000.0})" in page.shown

@@ -87,6 +87,7 @@ def test_everything_that_can_be_asked_for_comes_back():
         bounds={"lam": (0.1, np.inf)},
         priors={"Mf": stats.norm(0.4, scale=0.1), "lam": stats.beta(20, 22), "K0": stats.uniform(0, 1e5)},
         per={"D": "oil_C"},
+        start={"D[oil_C=40.5]": 150.0},
         loss="soft_l1",
         phase_offsets=True,
     )

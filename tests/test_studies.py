@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import html
 import json
+import re
+import shlex
 from pathlib import Path
 
 import numpy as np
 import pytest
 from command_words import FIGURES, FIT, RIG, TABLES, WHOLE, Run, refused
 
+from rotorfit.cli.arguments import fit_study
+from rotorfit.cli.main import build_parser
 from rotorfit.studies.data_files import DataFile
 from rotorfit.studies.study import Study
 from rotorfit.studies.study_file import read_study
@@ -34,6 +39,23 @@ def test_run_is_fit_from_a_file(run: Run, tmp_path: Path, monkeypatch: pytest.Mo
     assert {p.name for p in (folder / "results").iterdir()} == TABLES | FIGURES | WHOLE
     same = run(*FIT, "--bounds", "lam=0:0.6", "--refine", "--json")[1]
     assert json.loads(out)["parameters"] == json.loads(same)["parameters"]
+
+
+def test_the_report_of_a_study_writes_its_start_back(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The command that it proposes is read as the settings of the study."""
+    (tmp_path / "rig.csv").write_bytes(Path(RIG).read_bytes())
+    (tmp_path / "study.toml").write_text(
+        'files = ["rig.csv"]\nmodel = "whirl-whip"\nout = "results"\nknown = {K3 = 6000.0}\nstart = {D = 312.5}\n',
+        encoding="utf-8",
+    )
+    monkeypatch.chdir(tmp_path)
+    assert run("run", "study.toml", "--no-figures")[0] == 0
+    page = (tmp_path / "results" / "report.html").read_text(encoding="utf-8")
+    command = re.search("<pre>(rotorfit fit .*?)</pre>", page)
+    assert command is not None
+    asked = fit_study(build_parser().parse_args(shlex.split(html.unescape(command[1]))[1:]))
+    assert (asked.start, asked.known) == ({"D": 312.5}, {"K3": 6000.0})
+    assert "start={'D': 312.5}" in html.unescape(page)
 
 
 def test_every_key_of_a_study(tmp_path: Path) -> None:

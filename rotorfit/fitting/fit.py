@@ -93,6 +93,7 @@ def fit(
         bounds=bounds or {},
         priors=priors or {},
         per=per or {},
+        start=start or {},
         loss=loss,
         phase_offsets=phase_offsets,
         calibration=calibration,
@@ -100,7 +101,7 @@ def fit(
     several = as_tuple(experiments)
     with unchanged(several):
         problem = build_problem(model, several, settings)
-        begin, notes = start_vector(problem, start or {})
+        begin, notes = start_vector(problem, settings.start)
         solution = solve(problem, begin, Options(max_iterations=max_iterations))
         found = judged(problem, several, settings, begin, solution, notes)
     if told := slip(found, partial(_misfit, model)):

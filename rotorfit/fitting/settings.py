@@ -60,6 +60,7 @@ class FitSettings:
     bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     priors: Mapping[str, Any] = field(default_factory=dict)
     per: Mapping[str, str] = field(default_factory=dict)
+    start: Mapping[str, float] = field(default_factory=dict)
     loss: Loss = "linear"
     phase_offsets: PhaseOffsets = False
     levels: Mapping[str, float] = field(default_factory=dict)
