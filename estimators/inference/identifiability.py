@@ -174,21 +174,11 @@ def diagnose(
         return covar, Identifiability(
             rank=size, size=size, condition=condition, combinations=(), unresolved=(), null_space=nothing
         )
-    sparse = _sparse_basis(directions[:, open_])
-    weak = open_ & np.isfinite(stderr)
-    unresolved = [
-        name
-        for i, name in enumerate(names)
-        if np.abs(directions[i, np.isinf(stderr)]).max(initial=0.0) > _TRACE
-        or np.linalg.norm(directions[i, weak] * stderr[weak]) > 0.5 * UNRESOLVED
-    ]
+    errors, basis = stderr[open_], directions[:, open_]
     combinations = []
-    for k in range(sparse.shape[1]):
-        vector = sparse[:, k]
+    for vector in _sparse_basis(basis).T:
         chosen = np.flatnonzero(np.abs(vector) > _SHARE * np.abs(vector).max()).tolist()
-        along = directions[:, open_].T @ vector
-        silent = np.isinf(stderr[open_]) & (np.abs(along) > 1e-9)
-        error = float("inf") if silent.any() else float(np.linalg.norm(along * np.minimum(stderr[open_], 1e100)))
+        error = _error_along(vector, basis, errors)
         pair = _pair(model, base, values, vector * scales, chosen) if len(chosen) == 2 else None
         combinations.append(
             Combination(
@@ -204,9 +194,28 @@ def diagnose(
         size=size,
         condition=condition,
         combinations=tuple(combinations),
-        unresolved=tuple(unresolved),
+        unresolved=_unresolved(names, directions, stderr, open_),
         null_space=directions[:, np.isinf(stderr)] * scales[:, None],
     )
+
+
+def _unresolved(names: Sequence[str], directions: Float, stderr: Float, open_: Bool) -> tuple[str, ...]:
+    """Entries that a direction without any information moves, or that the weak ones leave too wide an error."""
+    weak = open_ & np.isfinite(stderr)
+    return tuple(
+        name
+        for i, name in enumerate(names)
+        if np.abs(directions[i, np.isinf(stderr)]).max(initial=0.0) > _TRACE
+        or np.linalg.norm(directions[i, weak] * stderr[weak]) > 0.5 * UNRESOLVED
+    )
+
+
+def _error_along(vector: Float, basis: Float, stderr: Float) -> float:
+    """Standard error along a vector in the span of directions with errors of their own; infinite if one it has is."""
+    along = basis.T @ vector
+    if (np.isinf(stderr) & (np.abs(along) > 1e-9)).any():
+        return float("inf")
+    return float(np.linalg.norm(along * np.minimum(stderr, 1e100)))
 
 
 def _sparse_basis(vectors: Float) -> Float:

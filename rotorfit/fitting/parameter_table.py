@@ -46,12 +46,8 @@ def parameter_table(
     for i, name in enumerate((*space.names, *space.nuisance)):
         if is_run_effect(name):
             continue
-        known_to_model = i < len(space.names)
-        meta = space.model.parameter(space.base[i]) if known_to_model else None
-        unit, meaning = (meta.unit, meta.meaning) if meta else _MEANING[bare_name(name)]
+        unit, meaning = _described(space, i, name)
         resolved = name not in unresolved
-        span = max(abs(values[i]), 1e-12)
-        at_bound = min(values[i] - lower[i], upper[i] - values[i]) <= 1e-7 * span
         entries[name] = FittedParameter(
             name=name,
             value=values[i],
@@ -64,16 +60,25 @@ def parameter_table(
             max=upper[i],
             vary=True,
             resolved=resolved,
-            at_bound=at_bound,
+            at_bound=min(values[i] - lower[i], upper[i] - values[i]) <= 1e-7 * max(abs(values[i]), 1e-12),
             freedom=degrees[i],
         )
     theta = space.theta(x)[0].tolist()
-    for place, meta in enumerate(space.model.parameters):
-        if (space.index[:, place] < 0).all():
-            entries[meta.name] = _known(meta, theta[place])
+    known = {
+        meta.name: _known(meta, theta[place])
+        for place, meta in enumerate(space.model.parameters)
+        if (space.index[:, place] < 0).all()
+    }
     order = {name: i for i, name in enumerate(space.model.parameter_names)}
-    last = len(order)
-    return dict(sorted(entries.items(), key=lambda item: order.get(bare_name(item[0]), last)))
+    return dict(sorted((entries | known).items(), key=lambda item: order.get(bare_name(item[0]), len(order))))
+
+
+def _described(space: ParameterSpace, i: int, name: str) -> tuple[str, str]:
+    """Unit and meaning of an entry of the fitted vector: the model's, or those of a nuisance entry."""
+    if i >= len(space.names):
+        return _MEANING[bare_name(name)]
+    own = space.model.parameter(space.base[i])
+    return own.unit, own.meaning
 
 
 def _known(parameter: Parameter, value: float) -> FittedParameter:

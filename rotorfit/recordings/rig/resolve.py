@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -138,37 +139,17 @@ def complete(raw: RawFile, setup: RigSetup | None) -> Rig:
     """
     own = file_setup(raw)
     given = None if setup is None else setup.of_file(raw.name)
-    whole = own if given is None else prefer(given, own)
-    if given is not None and given.probes:
-        whole = replace(whole, probes=tuple(_with_own_angle(probe, own) for probe in given.probes))
-    measured = {whole.force.channel_x, whole.force.channel_y} if whole.force is not None else set()
-    whole = replace(whole, probes=tuple(p for p in whole.probes or () if p.channel not in measured))
     source = setup.source if setup is not None and setup.source else "the setup"
+    whole = _merged(given, own)
     probes = tuple(_complete_probe(raw, probe, whole, source) for probe in whole.probes or ())
     # a shaft that stands still passes no mark
     shaft, perturbator = (_reference(r) for r in (whole.shaft if whole.speed != 0 else None, whole.perturbator))
     planes = tuple(dict.fromkeys(probe.plane for probe in probes))
     force = _force(raw, whole.force, perturbator, planes)
-    twist = given.twist if given is not None and given.twist is not None and given.twist.wheel else whole.twist
-    if twist is not None:
-        _check_twist(twist, raw.name)
-    named = [probe.channel for probe in probes]
-    named += [r.channel for r in (shaft, perturbator, twist) if r is not None and r.channel]
-    named += [wheel for wheel in (twist.even_wheel, twist.wheel) if wheel] if twist is not None else []
-    named += [channel for channel in (force.channels if force is not None else ()) if channel]
-    for name in [*named, *whole.scales]:
-        if name not in raw.channels:
-            raise ValueError(f"{raw.name}, as {source} describes it: {unknown_name('channel', name, raw.channels)}")
-    if not named:
-        raise ValueError(f"{raw.name} does not say which channel is which probe; {_how(raw)}")
-    own_ones = [p.channel for p in probes] + [r.channel for r in (shaft, perturbator) if r is not None and r.channel]
-    twice = [name for name in own_ones if own_ones.count(name) > 1]
-    if twice:
-        raise ValueError(
-            f"{raw.name}, as {source} describes it: the channel {twice[0]} is used twice; every probe and every mark "
-            "has a channel of its own"
-        )
-    used = [raw.channels[name] for name in dict.fromkeys(named)]
+    if whole.twist is not None:
+        _check_twist(whole.twist, raw.name)
+    marked = [p.channel for p in probes] + [r.channel for r in (shaft, perturbator) if r is not None and r.channel]
+    used = _used(raw, whole, source, marked, () if force is None else force.channels)
     return Rig(
         sample_rate=_rate(raw, used, whole),
         size=_size(raw, used),
@@ -179,13 +160,54 @@ def complete(raw: RawFile, setup: RigSetup | None) -> Rig:
         force=force,
         load=_load(raw, whole.load, planes, whole.rotation or 1),
         impulse=whole.impulse,
-        twist=twist,
+        twist=whole.twist,
         slow_roll=_slow_roll(whole.slow_roll, shaft, source),
         scales={channel.name: _scale(raw, channel, whole) for channel in used},
         speed=whole.speed,
         attributes=dict(whole.attributes),
         findings=() if given is None else tuple(_contradictions(given, own, raw, source)),
     )
+
+
+def _merged(given: RigSetup | None, own: RigSetup) -> RigSetup:
+    """What the setup says, and where it is silent the file; channels that measure a force are no probes."""
+    whole = own if given is None else prefer(given, own)
+    if given is not None and given.probes:
+        whole = replace(whole, probes=tuple(_with_own_angle(probe, own) for probe in given.probes))
+    if given is not None and given.twist is not None and given.twist.wheel:
+        whole = replace(whole, twist=given.twist)
+    forces = {whole.force.channel_x, whole.force.channel_y} if whole.force is not None else set()
+    return replace(whole, probes=tuple(p for p in whole.probes or () if p.channel not in forces))
+
+
+def _used(raw: RawFile, whole: RigSetup, source: str, marked: Sequence[str], forces: Sequence[str]) -> list[RawChannel]:
+    """Channels of the file that the rig is read from.
+
+    Args:
+        raw: the file.
+        whole: what setup and file say.
+        source: of the setup, for messages.
+        marked: channels of probes and marks.
+        forces: channels of forces, empty for an axis that none measures.
+
+    Raises:
+        ValueError: none is named, one is named that is not there, or one has two duties.
+    """
+    twist = whole.twist
+    named = [*marked, *((twist.channel, twist.even_wheel, twist.wheel) if twist is not None else ()), *forces]
+    named = [name for name in named if name]
+    for name in [*named, *whole.scales]:
+        if name not in raw.channels:
+            raise ValueError(f"{raw.name}, as {source} describes it: {unknown_name('channel', name, raw.channels)}")
+    if not named:
+        raise ValueError(f"{raw.name} does not say which channel is which probe; {_how(raw)}")
+    twice = [name for name in marked if marked.count(name) > 1]
+    if twice:
+        raise ValueError(
+            f"{raw.name}, as {source} describes it: the channel {twice[0]} is used twice; every probe and every mark "
+            "has a channel of its own"
+        )
+    return [raw.channels[name] for name in dict.fromkeys(named)]
 
 
 def _slow_roll(how: SlowRollSetup | None, shaft: Reference | None, source: str) -> SlowRollSetup | None:
