@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from inspect import signature
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,8 @@ from rotorfit.data.ring_down import ring_down_modes
 from rotorfit.models.off_centre import off_centre_eigenvalues, static_equilibria
 from rotorfit.observing.observations import observe_any
 from rotorfit.simulation.integration import IntegrationError
+from rotorfit.simulation.options import ExperimentOptions, RecordingOptions
+from rotorfit.simulation.recordings import RECORDED
 from rotorfit.simulation.simulate import SIMULATED
 
 RPM = np.pi / 30
@@ -237,3 +240,9 @@ def test_equations_that_no_integrator_can_follow_are_refused() -> None:
         rf.simulate(shaft, {"K0": 1e4, "D": 400.0, "lam": 0.4, "Mf": 0.1}, **options)
     with pytest.raises(ValueError, match="keeps x and y apart"):
         rf.simulate(rf.models.Anisotropic(), TYPICAL["anisotropic"], "static-load", speed_rpm=100.0, load=1.0)
+
+
+@pytest.mark.parametrize(("kinds", "options"), [(SIMULATED, ExperimentOptions), (RECORDED, RecordingOptions)])
+def test_an_editor_offers_every_option_that_some_kind_has(kinds: dict[str, Any], options: type) -> None:
+    taken = {name for kind in kinds.values() for name in signature(kind).parameters} - {"rig"}
+    assert set(options.__annotations__) == taken

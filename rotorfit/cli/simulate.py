@@ -94,7 +94,8 @@ def run(options: argparse.Namespace) -> int:
 def _simulated(options: argparse.Namespace) -> Experiment:
     from rotorfit.io.files import SUFFIXES
     from rotorfit.models.parameters import unknown_name
-    from rotorfit.simulation.simulate import SIMULATED, check_options, simulate
+    from rotorfit.simulation.options import check_options
+    from rotorfit.simulation.simulate import SIMULATED, simulate
 
     if options.out.suffix.lower() not in SUFFIXES:  # before the simulation, which may take long
         raise ValueError(f"--out {options.out.name}: {unknown_name('suffix', options.out.suffix, SUFFIXES)}")
@@ -105,7 +106,7 @@ def _simulated(options: argparse.Namespace) -> Experiment:
     model, params = _model(options), pairs("--set", options.set, number_word)
     settings = _settings(options)
     try:
-        check_options(options.kind, settings)
+        check_options(options.kind, settings, SIMULATED)
     except TypeError as problem:
         raise ValueError(str(problem)) from problem
     return simulate(model, params, options.kind, noise=options.noise, seed=options.seed, **settings)

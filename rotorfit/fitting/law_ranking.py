@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import SimpleNamespace
-from typing import Any
+from typing import Unpack
 
 import casadi as ca
 import numpy as np
@@ -13,6 +13,7 @@ import numpy as np
 from rotorfit.data.experiments import Experiment
 from rotorfit.estimators.starting.closed_form import ClosedFormError
 from rotorfit.fitting.fit import fit, solve_again
+from rotorfit.fitting.keywords import FitKeywords, check_keywords
 from rotorfit.fitting.problem_setup import as_tuple, build_problem
 from rotorfit.fitting.result import FitResult
 from rotorfit.models import Constant, EvenPolynomial, MonotoneSpline, Muszynska, RotorModel
@@ -143,7 +144,7 @@ def compare_laws(
     *,
     clearance_um: float | None = None,
     known: Mapping[str, float | None] | None = None,
-    **options: Any,
+    **options: Unpack[FitKeywords],
 ) -> LawComparison:
     """Fit the same data with several laws of eccentricity and rank them by AIC and BIC.
 
@@ -154,7 +155,8 @@ def compare_laws(
             a monotone spline over the eccentricities of the data.
         clearance_um: radial clearance; by default that of the model.
         known: values that are not fitted; parameters of a law hold for that law.
-        options: further arguments of :func:`rotorfit.fit`.
+        options: further keywords of :func:`rotorfit.fit`: ``bounds``, ``priors``, ``per``, ``loss``, ``start``,
+            ``phase_offsets``, ``calibration``, ``assumptions``, ``max_iterations``.
 
     Returns:
         the ranking; print it. A law whose fit fails is listed with the reason.
@@ -162,7 +164,9 @@ def compare_laws(
     Raises:
         ValueError: a model that takes no law, no clearance, or not one law that can be fitted.
         KeyError: known parameters that no law has.
+        TypeError: a keyword that is none of these.
     """
+    check_keywords("compare_laws", options, FitKeywords, "laws", "clearance_um", "known")
     if "law" not in model.options():
         raise ValueError(f"{model.name} takes no law of eccentricity; models with a fluid do")
     several = as_tuple(experiments)
@@ -199,7 +203,7 @@ def _stiffness_support(entry: LawFit) -> float:
 
 def _try(
     model: RotorModel, law: Law, experiments: tuple[Experiment, ...], known: Mapping[str, float | None],
-    options: Mapping[str, Any],
+    options: FitKeywords,
 ) -> LawFit:  # fmt: skip
     mine = {name: value for name, value in known.items() if name in model.parameter_names}
     try:
@@ -232,7 +236,7 @@ def _try(
 
 def _on_the_same_data(
     entries: list[LawFit], model: RotorModel, experiments: tuple[Experiment, ...], gap: float,
-    known: Mapping[str, float | None], options: Mapping[str, Any],
+    known: Mapping[str, float | None], options: FitKeywords,
 ) -> list[LawFit]:  # fmt: skip
     """Fit the linear fluid to the readings that the others see.
 

@@ -7,7 +7,7 @@ import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Unpack
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from rotorfit.estimators.inference.covariance import standard_error, widening
 from rotorfit.estimators.inference.identifiability import Identifiability
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.fitting.assumption_table import THRESHOLD_COLUMN
+from rotorfit.fitting.keywords import SampleKeywords, check_keywords
 from rotorfit.fitting.noise.judging import is_misfit
 from rotorfit.fitting.noise.record import Noise
 from rotorfit.fitting.quantities import THRESHOLD, FittedParameter, Quantity, ResponseQuality
@@ -476,11 +477,16 @@ class FitResult:
 
     # ---- posterior, imported when asked for --------------------------------------------------------------------------
 
-    def sample(self, **options: Any) -> Posterior:
+    def sample(self, **options: Unpack[SampleKeywords]) -> Posterior:
         """Sample the posterior with emcee; options as for :func:`rotorfit.sample`, for instance ``seed=1``.
 
         Args:
-            **options: ``seed``, ``walkers``, ``ess``, ``max_steps``, ``checkpoint``, ...: see :func:`rotorfit.sample`.
+            **options: ``seed``, ``walkers``, ``ess``, ``max_steps``, ``noise``, ``refine``, ``checkpoint``,
+                ``progress``, ``moves``, ``accelerate``: see :func:`rotorfit.sample`.
+
+        Raises:
+            TypeError: a keyword that is none of these.
+            ValueError: see there.
 
         Example:
             >>> posterior = fit.sample(seed=1, walkers=32, ess=100)
@@ -490,6 +496,7 @@ class FitResult:
         """
         from rotorfit.uncertainty.sampling import sample
 
+        check_keywords("sample", options, SampleKeywords)
         return sample(self, **options)
 
     # ---- presentation, imported when asked for ----------------------------------------------------------------------

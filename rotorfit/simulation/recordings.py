@@ -4,18 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Unpack
 
 import numpy as np
 
 from rotorfit.models import RotorModel
 from rotorfit.models.parameters import unknown_name
 from rotorfit.simulation.instruments import Instruments, Played, record
+from rotorfit.simulation.options import RecordingOptions, check_options
 from rotorfit.simulation.recorded_forces import balance, dwell, measured_force, perturbation, synchronous
 from rotorfit.simulation.recorded_loads import hammer, impulse, release, static_load
 from rotorfit.simulation.recorded_rig import RecordedRig
 from rotorfit.simulation.rig import VirtualRig
-from rotorfit.simulation.simulate import check_options
 
 RECORDED: Mapping[str, Callable[..., Iterator[Played]]] = {
     "perturbation": perturbation,
@@ -40,7 +40,7 @@ def simulate_recordings(
     instruments: Instruments | None = None,
     residual: float = 1e-5,
     seed: int = 0,
-    **options: Any,
+    **options: Unpack[RecordingOptions],
 ) -> list[Path]:
     """Record tests of a virtual rig: raw volts of probes and Keyphasors in HDF5 files that say what they are.
 
@@ -95,7 +95,7 @@ def simulate_recordings(
     return files
 
 
-def _setup(kind: str, instruments: Instruments, options: Mapping[str, Any]) -> str:
+def _setup(kind: str, instruments: Instruments, options: RecordingOptions) -> str:
     """What the files of a kind do not say themselves, as ``rig.toml``."""
     said = '# the files say the rest themselves\nrotation = "ccw"\n'
     if kind == "dwell" and not options.get("mark", True):

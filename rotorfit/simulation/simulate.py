@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import inspect
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import Unpack
 
 import numpy as np
 
@@ -13,6 +12,7 @@ from rotorfit.models import RotorModel
 from rotorfit.models.parameters import unknown_name
 from rotorfit.simulation.forcing import displacement, perturbation, squeeze_film, synchronous
 from rotorfit.simulation.loads import impulse, static_load
+from rotorfit.simulation.options import ExperimentOptions, check_options
 from rotorfit.simulation.rig import VirtualRig
 
 SIMULATED: Mapping[str, Callable[..., Experiment]] = {
@@ -34,7 +34,7 @@ def simulate(
     noise: float = 0.01,
     seed: int | np.random.Generator = 0,
     tolerance: float = 1e-6,
-    **options: Any,
+    **options: Unpack[ExperimentOptions],
 ) -> Experiment:
     """Test a virtual rig: integrate its nonlinear equation of motion in time, read probes, add noise.
 
@@ -88,7 +88,7 @@ def simulate(
         raise ValueError(unknown_name("kind of experiment", kind, SIMULATED))
     if not (np.isfinite(noise) and noise >= 0 and 0 < tolerance < 1e-2):
         raise ValueError(f"noise must be zero or positive and tolerance within (0, 0.01), got {noise} and {tolerance}")
-    check_options(kind, options)
+    check_options(kind, options, SIMULATED)
     rig = VirtualRig(
         model=model,
         theta=model.vector(params),
@@ -97,24 +97,3 @@ def simulate(
         rng=np.random.default_rng(seed),
     )
     return SIMULATED[kind](rig, **options)
-
-
-def check_options(kind: str, options: Mapping[str, Any], kinds: Mapping[str, Callable[..., Any]] = SIMULATED) -> None:
-    """Refuse options that a kind of experiment does not have, or lacks.
-
-    Args:
-        kind: a key of ``kinds``.
-        options: those given.
-        kinds: functions of a virtual rig and their options.
-
-    Raises:
-        TypeError: names them and the kind's options.
-    """
-    allowed = {name: p for name, p in inspect.signature(kinds[kind]).parameters.items() if name != "rig"}
-    unknown = [name for name in options if name not in allowed]
-    missing = [name for name, p in allowed.items() if p.default is p.empty and name not in options]
-    if unknown or missing:
-        wrong = [f"does not know {', '.join(unknown)}"] * bool(unknown) + [f"needs {', '.join(missing)}"] * bool(
-            missing
-        )
-        raise TypeError(f"simulation of kind {kind} {' and '.join(wrong)}; its options are {', '.join(allowed)}")

@@ -1,0 +1,71 @@
+"""Keywords that are handed on to another function: their names and types, and the refusal of others.
+
+An editor completes them where they are handed on; what they do is said at the function that takes them.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, TypedDict
+
+from rotorfit.estimators.misfit.losses import Loss
+from rotorfit.fitting.settings import PhaseOffsets
+from rotorfit.models.parameters import unknown_name
+
+if TYPE_CHECKING:
+    from rotorfit.estimators.inference.ensemble_sampler import SamplerProgress
+    from rotorfit.estimators.inference.log_posterior import Noise
+    from rotorfit.fitting.calibration import Calibration
+
+
+class FitKeywords(TypedDict, total=False):
+    """Keywords of :func:`rotorfit.fit` but for ``known``; see there."""
+
+    bounds: Mapping[str, tuple[float, float]] | None
+    priors: Mapping[str, Any] | None
+    per: Mapping[str, str] | None
+    loss: Loss
+    start: Mapping[str, float] | None
+    phase_offsets: PhaseOffsets
+    calibration: Calibration | None
+    assumptions: Mapping[str, float] | None
+    max_iterations: int
+
+
+class SamplerKeywords(TypedDict, total=False):
+    """Keywords of :func:`rotorfit.sample` for one model or several; see there."""
+
+    seed: int | None
+    walkers: int | None
+    ess: float
+    max_steps: int
+    noise: Noise | None
+    progress: bool | Callable[[SamplerProgress], None]
+    moves: Sequence[tuple[Any, float]] | None
+    accelerate: bool | None
+
+
+class SampleKeywords(SamplerKeywords, total=False):
+    """All keywords of :func:`rotorfit.sample`; see there."""
+
+    refine: bool
+    checkpoint: str | os.PathLike[str] | None
+
+
+def check_keywords(function: str, given: Iterable[str], keywords: type, *own: str) -> None:
+    """Refuse a keyword that a function does not take.
+
+    Args:
+        function: its name, for the message.
+        given: the keywords.
+        keywords: a TypedDict of those it hands on.
+        own: further ones that it takes.
+
+    Raises:
+        TypeError: names the keyword, the nearest one and all of them.
+    """
+    allowed = (*own, *keywords.__annotations__)
+    for name in given:
+        if name not in allowed:
+            raise TypeError(unknown_name(f"keyword of {function}", name, allowed))

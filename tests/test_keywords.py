@@ -1,0 +1,30 @@
+"""Keywords that are handed on are those of the function that takes them; another word is answered with all of them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from inspect import Parameter, signature
+from typing import Any
+
+import pytest
+
+import rotorfit as rf
+from rotorfit.fitting.keywords import FitKeywords, SampleKeywords
+
+
+@pytest.mark.parametrize(
+    ("function", "keywords", "own"), [(rf.fit, FitKeywords, {"known"}), (rf.sample, SampleKeywords, set())]
+)
+def test_handed_on_is_what_the_function_takes(function: Callable[..., Any], keywords: type, own: set[str]) -> None:
+    taken = {p.name: p.annotation for p in signature(function).parameters.values() if p.kind is Parameter.KEYWORD_ONLY}
+    told = {name: kind.__forward_arg__ for name, kind in keywords.__annotations__.items()}
+    assert told == {name: kind for name, kind in taken.items() if name not in own}
+
+
+def test_a_wrong_word_is_answered_with_those_there_are() -> None:
+    rig = rf.datasets.rig_open()
+    fit = rf.closed_form(rf.models.WhirlWhip(), rig, known={"K3": 6000.0})
+    with pytest.raises(TypeError, match=r"keyword of sample 'walker', did you mean 'walkers'\? Allowed: .*checkpoint"):
+        fit.sample(walker=32)
+    with pytest.raises(TypeError, match=r"keyword of compare_laws 'bound', did you mean 'bounds'\? Allowed: laws, cle"):
+        rf.compare_laws(rf.models.WhirlWhip(), rig, clearance_um=100, bound={})
