@@ -29,7 +29,7 @@ EXAMPLES = examples()
 
 
 def test_the_most_used_have_an_example() -> None:
-    assert len(EXAMPLES) >= 20
+    assert len(EXAMPLES) >= 30
 
 
 @pytest.mark.usefixtures("sketched")

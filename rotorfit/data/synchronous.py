@@ -80,6 +80,12 @@ def difference_synchronous(test: PerturbationTest) -> PerturbationTest:
 
     Raises:
         ValueError: the test is not synchronous.
+
+    Example:
+        >>> twice = rf.read(rf.datasets.path("rk4_sync.csv"))
+        >>> changed = rf.difference_synchronous(twice)
+        >>> len(twice.runs), len(changed.runs)
+        (21, 17)
     """
     if not test.synchronous:
         raise ValueError(

@@ -129,6 +129,11 @@ def influence(test: PerturbationTest) -> Influences:
 
     Raises:
         ValueError: the test is no such test, or its weights do not determine an influence.
+
+    Example:
+        >>> weighed = rf.influence(rf.read(rf.datasets.path("rk4_sync.csv")))
+        >>> weighed.planes
+        ('disk1', 'disk2')
     """
     name = test.source or "the test"
     if not test.synchronous:

@@ -41,6 +41,12 @@ class Calibration:
         mr: relative uncertainty of the force's amplitude (mass-radius product), the same error in all runs; a mapping
             by force plane gives each plane a weight, and an error, of its own.
         keyphasor_deg: uncertainty of the angle between phase reference and force, degrees, the same error in all runs.
+
+    Example:
+        >>> gains = rf.Calibration(probe_gain=0.01)
+        >>> wider = rf.fit(rf.models.WhirlWhip(), rig, known={"K3": 6000.0}, calibration=gains)
+        >>> wider.params["D"].stderr > fit.params["D"].stderr
+        True
     """
 
     probe_gain: Uncertainty = 0.0

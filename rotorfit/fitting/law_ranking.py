@@ -165,6 +165,18 @@ def compare_laws(
         ValueError: a model that takes no law, no clearance, or not one law that can be fitted.
         KeyError: known parameters that no law has.
         TypeError: a keyword that is none of these.
+
+    Example:
+        >>> values = {"M": 1.2, "K": 8e3, "Ds": 8.0, "K0": 9e3, "D": 450.0, "lam": 0.46, "Mf": 0.4}
+        >>> law = rf.models.Muszynska()
+        >>> true = values | law.start(values["K0"], values["D"])
+        >>> test = rf.simulate(
+        ...     rf.models.OneMode(law=law, clearance_um=127.0), true, speed_rpm=1500,
+        ...     frequency_rpm=[300, 600, 900, 1200, 1500, 1800, 2100, 2400], force=[2.0, 8.0],
+        ... )
+        >>> found = rf.compare_laws(rf.models.OneMode(), test, [rf.models.Constant(), law], clearance_um=127.0)
+        >>> found.laws[0].law, found.nonlinear
+        (Muszynska(), True)
     """
     check_keywords("compare_laws", options, FitKeywords, "laws", "clearance_um", "known")
     if "law" not in model.options():

@@ -137,6 +137,10 @@ class FitResult:
         Raises:
             KeyError: no such parameter; the message names the nearest.
             ValueError: a level that is no probability.
+
+        Example:
+            >>> [round(end, 4) for end in fit.interval("lam", 0.95)]
+            [0.473, 0.4737]
         """
         if name != THRESHOLD and name not in self.params:
             raise KeyError(unknown_name("parameter", name, self.params))
@@ -415,6 +419,11 @@ class FitResult:
         Args:
             names: as :meth:`profile` takes them; by default every fitted parameter.
             level, points, at: as for :meth:`profile`.
+
+        Example:
+            >>> lam, D = fit.profiles(["lam", "D"])
+            >>> lam.lower < fit.params["lam"].value < lam.upper
+            True
         """
         from rotorfit.uncertainty.profile import profiles
 
@@ -527,7 +536,11 @@ class FitResult:
         return plot_dynamic_stiffness(self)
 
     def plot_bode(self) -> Figure:
-        """Amplitude and phase of every response against frequency."""
+        """Amplitude and phase of every response against frequency.
+
+        Example:
+            >>> fit.plot_bode().savefig(folder / "bode.png")
+        """
         from rotorfit.plots.responses import plot_bode
 
         return plot_bode(self)

@@ -318,6 +318,13 @@ def read_recording(path: str | Path, setup: str | Path | RigSetup | None = None)
     Raises:
         ValueError: what in file or setup is wrong or not said, and what to do.
         FileNotFoundError: no such file.
+
+    Example:
+        >>> record = rf.read_recording(rf.datasets.path("volts_journal-fwd.h5"))
+        >>> record.planes, record.sample_rate
+        (('disk', 'journal'), 4096.0)
+        >>> record.findings
+        ()
     """
     raw = open_raw(path)
     given = setup if isinstance(setup, RigSetup) or setup is None else read_setup(setup)

@@ -77,6 +77,13 @@ def simulate_recordings(
         ValueError: unknown kind, or a rotor that is unstable or whose motion depends on its eccentricity.
         TypeError: an option that the kind does not have; names those that it has.
         KeyError: unknown or missing parameters.
+
+    Example:
+        >>> values = {"M": 1.2, "K": 8e3, "Ds": 8.0, "K0": 9e3, "D": 450.0, "lam": 0.46, "Mf": 0.4}
+        >>> rotor = rf.models.OneMode()
+        >>> files = rf.simulate_recordings(rotor, values, folder / "balance", "balance", speed_rpm=[600, 900])
+        >>> [file.name for file in files]
+        ['reference-600.h5', 'reference-900.h5', 'journal-0-600.h5', 'journal-0-900.h5']
     """
     if kind not in RECORDED:
         raise ValueError(unknown_name("kind of recorded test", kind, RECORDED))

@@ -92,6 +92,12 @@ def responses(
     Raises:
         ValueError: a recording whose force is not known, or that is too short for what was swept; start-ups that are
             all without a weight.
+
+    Example:
+        >>> names = ["volts_journal-fwd.h5", "volts_journal-bwd.h5"]
+        >>> test = rf.responses([rf.read_recording(rf.datasets.path(name)) for name in names])
+        >>> test.runs, test.planes
+        (('volts_journal-fwd', 'volts_journal-bwd'), ('disk', 'journal'))
     """
     listed = list(records) if isinstance(records, Sequence) else [records]
     report = on_finding or (lambda finding: None)

@@ -59,6 +59,13 @@ def ring_downs(
 
     Raises:
         ValueError: no blow stands out, no such plane, or a plane with one probe.
+
+    Example:
+        >>> values = {"M": 1.2, "K": 8e3, "Ds": 8.0, "K0": 9e3, "D": 450.0, "lam": 0.46, "Mf": 0.4}
+        >>> files = rf.simulate_recordings(rf.models.OneMode(), values, folder / "blows", "impulse", blows=3)
+        >>> struck = rf.ring_downs([rf.read_recording(file, folder / "blows" / "rig.toml") for file in files])
+        >>> len(struck.runs), len(rf.ring_down_modes(struck))
+        (3, 3)
     """
     listed = list(records) if isinstance(records, Sequence) else [records]
     columns: dict[str, list[Float]] = {name: [] for name in ("speed", "time", "x", "y")}
