@@ -308,12 +308,15 @@ def threshold_speed_near(
 
     def rate(speed: float) -> tuple[float, float]:
         nonlocal near
+        if not math.isfinite(speed):
+            return math.nan, math.nan
         s = eigenvalues(model, theta, speed)
         s = s[np.isfinite(s) & (np.abs(s) <= band)]
         if not s.size:
             return math.nan, math.nan
         near = complex(s[np.argmin(np.abs(s - near))])
-        return near.real, float(eigenvalue_gradient(model, theta, speed, near)[0].real)
+        slope = float(eigenvalue_gradient(model, theta, speed, near)[0].real)
+        return near.real, slope or math.nan  # along a level line there is no step
 
     if not rate(other.speed)[1] > 0:
         return None

@@ -8,6 +8,8 @@ from scipy import stats
 from synthetic import TYPICAL, circular_test
 
 import rotorfit as rf
+from rotorfit.estimators.inference.held_minima import Minima
+from rotorfit.estimators.inference.profile_curve import Curve, find_ends
 from rotorfit.estimators.minimisation.batch import with_measured
 from rotorfit.fitting.fit import solve_again
 from rotorfit.models import OneMode, WhirlWhip
@@ -239,3 +241,49 @@ def test_what_cannot_be_profiled_is_refused():
         fit.profile("lam", level=95)
     with pytest.raises(ValueError, match="closed form is not a minimum"):
         rf.closed_form(OneMode(), test, known={"K": 8000.0, "Ds": 8.0}).profile("lam")
+
+
+class ParabolaWithAnEnd:
+    """A minimum over everything else that is found up to a value only."""
+
+    def __init__(self, end):
+        self.end = end
+
+    def together(self, entries, values, starts, contraction):
+        nothing = np.zeros_like(starts)
+        found = np.zeros(values.size, dtype=bool)
+        return Minima(cost=np.zeros(values.size), x=nothing, slope=nothing, found=found, contraction=contraction)
+
+    def alone(self, entry, value, start):
+        return (value**2 / 2, np.array([value]), True) if value < self.end else (np.inf, start, False)
+
+
+@pytest.mark.parametrize(("end", "met"), [(1.5, False), (1.9, False), (2.5, True)])
+def test_a_curve_that_ends_short_of_the_level_has_no_end_there(end, met):
+    """The rise is the square of the value; the level of 3.84 is met at 1.96."""
+    curve = Curve(ParabolaWithAnEnd(end), 0.0, np.zeros(1), 0.0, np.ones(1))
+    (found,) = find_ends([curve], [(curve.search(1, Q95, 1.0, 100.0, False),)])[0]
+    if met:
+        assert found.exact
+        assert found.value == pytest.approx(np.sqrt(Q95), rel=1e-8)
+    else:
+        assert not found.exact
+        assert found.value == np.inf
+        assert found.limit == pytest.approx(end, rel=1e-6)
+        assert found.rise == pytest.approx(end**2, rel=1e-6)
+
+
+def test_the_threshold_of_responses_that_noise_hides_is_said_to_be_open():
+    """Noise of 80 % of the response: on the way up no rotor is found that would be unstable at that speed only."""
+    model, rig = WhirlWhip(), TYPICAL["whirl-whip"]
+    w = np.r_[-np.linspace(20, 500, 20)[::-1], np.linspace(20, 500, 20)]
+    said = []
+    for seed in range(6):
+        test = circular_test(model, model.vector(rig), speeds=(150.0,), frequency=w, noise=0.8, seed=seed)
+        fit = rf.fit(model, test, known={"K3": rig["K3"]})
+        if fit.success and np.isfinite(fit.threshold_speed().stderr):
+            profile = fit.profile("threshold_speed", points=3)
+            said.append(profile.message)
+            for side, word in ((profile.lower, "below"), (profile.upper, "above")):
+                assert np.isinf(side) == (f"open {word}" in profile.message)
+    assert any("no minimum was found" in message for message in said)

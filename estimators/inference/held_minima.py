@@ -173,8 +173,10 @@ class HeldQuantity:
         before = math.inf
         for number in range(_SQP_STEPS):
             cost, gradient, matrix = problem.gauss_newton(x)
+            if not math.isfinite(cost):
+                break
             q, slope = self.quantity(x)
-            if not (math.isfinite(cost) and math.isfinite(q)):
+            if not math.isfinite(q):
                 break
             step = _held_step(gradient, matrix, slope, value - q, lower - x, upper - x)
             with np.errstate(divide="ignore", invalid="ignore"):

@@ -17,6 +17,7 @@ from rotorfit.estimators.inference.held_minima import Held, Minima
 from rotorfit.models.array_types import Float
 
 _ROOT = 1e-9  # relative error of the ends, in half-widths
+_REACHED = 0.99  # rise over the level, short of which it is not met
 _STEPS = 60  # evaluations for an end at most
 _NEAR = 1.1  # level over a first guess up to which a step beyond the line's zero will do
 _REACH = 100.0  # sizes of a parameter beyond which an end that was not met counts as open
@@ -28,7 +29,8 @@ class End:
 
     Attributes:
         value: where the curve meets the level; infinite if it does not.
-        limit: how far it was followed: a bound, or some hundred times the quantity's own size.
+        limit: how far it was followed: a bound, some hundred times the quantity's own size, or, not ``exact``, where
+            the last minimum was found.
         rise: rise of the curve at the end, or at the limit.
         at_bound: the limit is a bound.
         exact: whether the end was found to full precision.
@@ -166,8 +168,11 @@ class Curve:
                 at_bound=at_bound and outer == reach,
                 exact=True,
             )
-        distance, exact = yield from _solve(centre, side, (inner, low), (outer, high), goal, _STEPS - count)
-        return End(value=centre + side * distance, limit=limit, rise=level, at_bound=False, exact=exact)
+        distance, left, exact = yield from _solve(centre, side, (inner, low), (outer, high), goal, _STEPS - count)
+        end, rise = centre + side * distance, (left + goal) ** 2
+        if rise < _REACHED * level:  # the curve ends before
+            return End(value=side * math.inf, limit=end, rise=rise, at_bound=False, exact=False)
+        return End(value=end, limit=limit, rise=rise, at_bound=False, exact=exact)
 
 
 def find_rises(curves: Sequence[Curve], values: Sequence[Sequence[float]]) -> None:
@@ -217,22 +222,30 @@ def _root(rise: float) -> float:
 
 def _solve(
     centre: float, side: int, a: tuple[float, float], b: tuple[float, float], goal: float, steps: int
-) -> Generator[float, float, tuple[float, bool]]:
-    """Zero of root minus goal between two distances: false position, the end that stays halved (Illinois)."""
+) -> Generator[float, float, tuple[float, float, bool]]:
+    """Zero of root minus goal between two distances: false position, the end that stays halved (Illinois).
+
+    Returns:
+        the distance, what is left of root minus goal there, and whether it is the zero: where the curve ends short of
+        the goal, as no minimum is found beyond, it is the last place before that.
+    """
     (u, f), (v, g), kept = a, b, 0
+    short = f  # root minus goal at u, which f is not where it was halved
     for _ in range(steps):
         if g == 0:
-            return v, True
+            return v, g, True
         # halved where nothing fits on the far side
         w = v - g * (v - u) / (g - f) if math.isfinite(g) else (u + v) / 2
         h = _root((yield centre + side * w)) - goal
-        if abs(h) <= _ROOT * goal or abs(v - u) <= _ROOT * abs(v):
-            return w, True
+        if abs(h) <= _ROOT * goal:
+            return w, h, True
+        if abs(v - u) <= _ROOT * abs(v):
+            return (w, h, True) if math.isfinite(g) else (u, short, False)
         if (h < 0) == (f < 0):
-            u, f, g, kept = w, h, (g / 2 if kept < 0 and math.isfinite(g) else g), -1
+            u, f, short, g, kept = w, h, h, (g / 2 if kept < 0 and math.isfinite(g) else g), -1
         else:
             v, g, f, kept = w, h, (f / 2 if kept > 0 else f), 1
-    return v, False
+    return v, g, False
 
 
 def limits(low: float, high: float, value: float, size: float, step: float) -> tuple[tuple[float, bool], ...]:

@@ -386,7 +386,12 @@ def _message(curve: Curve, ends: list[End], scale: float, unit: str, goal: float
     unit = "" if unit == "1" else f" {unit}"
     parts = []
     for word, end in zip(("below", "above"), ends, strict=True):
-        if math.isinf(end.value):
+        if math.isinf(end.value) and not end.exact:
+            parts.append(
+                f"open {word}: beyond {end.limit:.6g}{unit}, where chi-squared has risen by {end.rise / scale:.3g}, no "
+                f"minimum was found; {goal / scale:.3g} would end the interval"
+            )
+        elif math.isinf(end.value):
             where = "its bound" if end.at_bound else "far beyond any sensible value,"
             parts.append(
                 f"open {word}: up to {where} {end.limit:.6g}{unit} chi-squared rises by {end.rise / scale:.3g} only, "
