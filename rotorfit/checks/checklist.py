@@ -12,7 +12,8 @@ from rotorfit.checks.amplitudes import amplitudes
 from rotorfit.checks.linear_force import linear_force
 from rotorfit.checks.orbits import NEAR_1X, orbits_of
 from rotorfit.checks.plain import surely_turning
-from rotorfit.checks.probes import turned_probes, uneven_probes
+from rotorfit.checks.probe_angles import turned_probes
+from rotorfit.checks.probe_pairs import uneven_probes
 from rotorfit.checks.ramp import ramps
 from rotorfit.checks.readings import clipped, unread
 from rotorfit.checks.scale import peak_to_peak

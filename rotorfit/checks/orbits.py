@@ -255,6 +255,11 @@ def surely_inverse(matrices: NDArray[Any]) -> NDArray[Any] | None:
     return found if (squared_norm(matrices) * squared_norm(found) < _FAR**2).all() else None
 
 
+def total_power(amplitude: ComplexArray) -> float:
+    """Sum of squared magnitudes."""
+    return float(np.sum(np.abs(amplitude) ** 2))
+
+
 def squared_norm(matrices: NDArray[Any]) -> Float:
     """Square of the norm of Frobenius of matrices, shape ``(...)`` of ``(..., n, n)``."""
     return np.asarray((matrices.real**2 + matrices.imag**2).sum(axis=(-2, -1)))

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from rotorfit.checks.amplitudes import SUSPECT, sizes
 from rotorfit.checks.linear_force import SHARE, powers
 from rotorfit.checks.orbits import Orbits, orbits_of
-from rotorfit.checks.probes import surely_straight
+from rotorfit.checks.probe_angles import surely_straight
 from rotorfit.checks.readings import surely_whole
 from rotorfit.checks.signs import surely_right
 from rotorfit.data.alike import AlikeTests

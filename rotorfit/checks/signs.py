@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotorfit.checks.orbits import ENOUGH, NEAR_1X, Orbits, mirrored
-from rotorfit.checks.probes import pose_in_words
+from rotorfit.checks.probe_angles import pose_in_words
 from rotorfit.data.findings import Finding, listed
 from rotorfit.models.array_types import ComplexArray, Float, Index
 

@@ -1,0 +1,218 @@
+"""What x and y of a pair of probes give away together: a wrong gain or delay of one, and anisotropy beyond the noise.
+
+On an isotropic rotor y follows x by 90 degrees in the direction of the force, ``Y = -j X`` forward and ``Y = +j X``
+backward, at every frequency. A wrong gain multiplies one side by one number; anisotropy, whose shares change across
+resonances, does not.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotorfit.checks.orbits import ENOUGH, Orbits, total_power
+from rotorfit.data.findings import Finding, listed
+from rotorfit.estimators.blocks.row_keys import combined, in_order, numbers
+from rotorfit.estimators.noise.reading_noise import noise_from_smoothness
+from rotorfit.models.array_types import ComplexArray, Float, Index
+
+AGREES = 1.5
+"""Misfit over noise below which a statement explains the readings: the estimate of the noise is uncertain itself."""
+
+ESTABLISHED = 8.0
+"""Departures from what is expected, over their standard error, that are no accident among many planes."""
+
+SMALLEST_GAIN = 0.03
+"""Departure of the gains' ratio from one that is worth a warning: it moves parameters by half of it."""
+
+DYNAMIC = 6.0
+"""Ratio of largest to smallest response across a band in which anisotropy could not look like a constant gain."""
+
+
+def uneven_probes(orbits: Orbits) -> Iterator[Finding]:
+    """Planes where x and y differ by more than their noise: by one factor, or as on an anisotropic rotor."""
+    pairs = {plane: _pair(orbits, at) for (plane,), at in orbits.groups("plane")}
+    told = {plane: pair for plane, pair in pairs.items() if pair is not None}
+    good = [plane for plane, pair in told.items() if pair.even]
+    uneven = []
+    for plane, pair in told.items():
+        if pair.even:
+            continue
+        if pair.constant and abs(pair.ratio - 1) >= SMALLEST_GAIN and (pair.dynamic or good):
+            yield _gain(plane, pair)
+        elif not pair.constant or abs(pair.ratio - 1) >= SMALLEST_GAIN:
+            uneven.append(plane)
+    if uneven:
+        power = max(told[plane].share for plane in uneven) / 100
+        part = 100 * (power / (1 - power)) ** 0.5  # share is below one half
+        static = [plane for plane in uneven if told[plane].constant]
+        doubt = (
+            f" At {listed(static)} one factor explains it, which a wrong gain and an anisotropic stiffness share as "
+            "long as no resonance lies in the band: these data cannot tell."
+            if static
+            else ""
+        )
+        text = (
+            f"At {listed(uneven)} the motion against the direction of the force has up to {part:.2g} % of the "
+            "amplitude of that along it, and is no noise: anisotropy, probes that differ, or a force that does not "
+            f"turn (force_direction).{doubt} Compare with the model Anisotropic before trusting an isotropic one."
+        )
+        yield Finding("note", "anisotropy", text)
+
+
+@dataclass(frozen=True)
+class _Pair:
+    """How y follows x at one plane.
+
+    Attributes:
+        even: as on an isotropic rotor, to within the noise.
+        constant: by one factor at all frequencies, to within the noise.
+        ratio: that factor, forward, complex; 1 for a perfect pair.
+        mirrored: whether the factor of backward orbits is its conjugate, a mounting angle, rather than the same.
+        share: part of the response's power against the force, %.
+        dynamic: the band holds enough dynamics to tell a gain from an anisotropic stiffness.
+        rows: rows of the test.
+    """
+
+    even: bool
+    constant: bool
+    ratio: complex
+    mirrored: bool
+    share: float
+    dynamic: bool
+    rows: tuple[int, ...]
+
+
+def _pair(orbits: Orbits, at: Index) -> _Pair | None:
+    at = at[np.isfinite(orbits.wrong[at]) & (np.abs(orbits.x[at]) > 0)]
+    if at.size < ENOUGH:
+        return None
+    powers = [total_power(part[at]) for part in (orbits.wrong, orbits.right)]
+    share = powers[0] / sum(powers)
+    if share > 0.5:  # that is the other check's business
+        return None
+    backward = orbits.frequency[at] < 0
+    expected = np.where(backward, 1j, -1j) * orbits.x[at]
+    seen = orbits.y[at]
+    if _plainly_even(orbits, at, expected, seen):
+        return _Pair(True, False, 1.0, False, 100 * share, False, ())
+    noise = _noise(orbits, at)
+    known = np.isfinite(noise).all(axis=1)
+    at, noise, backward = at[known], noise[known], backward[known]
+    expected, seen = expected[known], seen[known]
+    if at.size < ENOUGH:
+        return None
+    even = _misfit(expected, seen, noise, 1.0)
+    sides = {side: _ratio(expected[some], seen[some], noise[some]) for side, some in _sides(backward)}
+    ratio, error = sides.get(False, sides.get(True, (1.0 + 0j, 1.0)))
+    if False not in sides:
+        ratio = ratio.conjugate()
+    mirrored = False
+    if len(sides) == 2:
+        back = sides[True][0]
+        mirrored = abs(back - ratio.conjugate()) < abs(back - ratio)
+    of_line = np.where(backward & mirrored, np.conj(ratio), ratio)
+    constant = _misfit(expected, seen, noise, of_line)
+    size = np.abs(orbits.right[at] / orbits.force[at])
+    clear = size[np.abs(orbits.x[at]) > 10 * noise[:, 0]]
+    certain = abs(ratio - 1) > ESTABLISHED * error
+    return _Pair(
+        even=even < AGREES**2 and not (certain and constant < AGREES**2 and abs(ratio - 1) >= SMALLEST_GAIN),
+        constant=constant < AGREES**2 and certain,
+        ratio=ratio,
+        mirrored=mirrored,
+        share=100 * share,
+        dynamic=clear.size >= ENOUGH and bool(clear.max() > DYNAMIC * clear.min()),
+        rows=orbits.rows_of(at),
+    )
+
+
+def _plainly_even(orbits: Orbits, at: Index, expected: ComplexArray, seen: ComplexArray) -> bool:
+    """Whether what departs from an isotropic rotor jumps from line to line, as noise does, sweep by sweep."""
+    first, sweep = in_order(
+        combined(
+            numbers(orbits.run[at]), numbers(orbits.force_plane[at]), np.sign(orbits.frequency[at]).astype(int) + 1
+        )
+    )
+    order = np.lexsort([orbits.frequency[at], sweep])
+    for rows in np.split(order, np.cumsum(np.bincount(sweep, minlength=first.size))[:-1]):
+        u, rest = expected[rows], seen[rows] - expected[rows]
+        slope = np.vdot(u, rest) / np.vdot(u, u)  # what one factor more explains
+        jumps = np.abs(np.diff(rest - slope * u)) ** 2 / 2
+        level = float(np.mean(jumps)) if rows.size > 1 else 0.0
+        certain = abs(slope) > ESTABLISHED * np.sqrt(level / np.vdot(u, u).real)
+        if total_power(rest) > AGREES**2 * level * rows.size or (certain and abs(slope) >= SMALLEST_GAIN):
+            return False
+    return True
+
+
+def _sides(backward: NDArray[np.bool_]) -> Iterator[tuple[bool, NDArray[np.bool_]]]:
+    for side in (False, True):
+        if (backward == side).any():
+            yield side, backward == side
+
+
+def _noise(orbits: Orbits, at: Index) -> Float:
+    """Noise of x and of y at each orbit, from the smoothness of their sweeps, NaN where those are too short."""
+    noise = np.full((at.size, 2), np.nan)
+    place = {int(i): k for k, i in enumerate(at.tolist())}
+    speeds = orbits.speed if np.unique(orbits.speed[at]).size <= ENOUGH else np.zeros(orbits.speed.size)
+    sweeps: dict[tuple[str, float, str, bool], list[int]] = {}
+    for i in at.tolist():
+        key = (str(orbits.run[i]), float(speeds[i]), str(orbits.force_plane[i]), bool(orbits.frequency[i] < 0))
+        sweeps.setdefault(key, []).append(i)
+    for rows in sweeps.values():
+        if len(rows) >= ENOUGH:
+            w = np.abs(orbits.frequency[rows])
+            where = [place[i] for i in rows]
+            for k, readings in enumerate((orbits.x[rows], orbits.y[rows])):
+                noise[where, k] = noise_from_smoothness(w, readings)
+    return noise
+
+
+def _misfit(expected: ComplexArray, seen: ComplexArray, noise: Float, ratio: complex | ComplexArray) -> float:
+    """Mean square of ``seen - ratio expected`` over its noise, 1 for noise alone."""
+    variance = noise[:, 1] ** 2 + np.abs(ratio) ** 2 * noise[:, 0] ** 2
+    return float(np.mean(np.abs(seen - ratio * expected) ** 2 / (2 * variance)))
+
+
+def _ratio(expected: ComplexArray, seen: ComplexArray, noise: Float) -> tuple[complex, float]:
+    """Ratio of two noisy readings and its standard error; the noise's own power is taken out of the denominator."""
+    ratio, power = 1.0 + 0j, 1.0
+    for _ in range(5):
+        weight = 1 / (noise[:, 1] ** 2 + abs(ratio) ** 2 * noise[:, 0] ** 2)
+        power = float(np.sum(weight * (np.abs(expected) ** 2 - 2 * noise[:, 0] ** 2)))
+        if power <= 0:
+            return 1.0 + 0j, np.inf
+        ratio = complex(np.sum(weight * expected.conj() * seen) / power)
+    return ratio, float(np.sqrt(2 / power))
+
+
+def _gain(plane: str, pair: _Pair) -> Finding:
+    g, phase = abs(pair.ratio), np.degrees(np.angle(pair.ratio))
+    # Motion is seen (1 + ratio)/2 times as large where x is right, that over the ratio where y is.
+    if_x, if_y = (1 - 1 / factor for factor in (abs(1 + pair.ratio) / 2, abs(1 + 1 / pair.ratio) / 2))
+    if abs(np.radians(phase)) > abs(g - 1) and pair.mirrored:
+        what = f"The probes at {plane} are {90 - phase:.1f} degrees apart instead of 90, at every frequency"
+        cure = f"give their angles, probe_angles, {plane} at 0 and {90 - phase:.1f}"
+    elif abs(np.radians(phase)) > abs(g - 1):
+        what = f"The y probe at {plane} is {phase:+.1f} degrees off in phase against the x probe, at every frequency"
+        cure = "correct it with a complex gain or a delay (gains, delays)"
+    else:
+        what = f"The y probe at {plane} reads {g:.3g} times what the x probe does, at every frequency"
+        cure = f"if x is right, divide y by it: gains, {plane}.y = {g:.3g}; if y is right, {plane}.x = {1 / g:.3g}"
+    effect = (
+        "Every stiffness, damping and mass that is seen there (K, D, M, Mf) comes out some "
+        f"{_bias(if_x)} if the y probe is wrong, {_bias(if_y)} if the x probe is; lam, a ratio, hardly changes"
+        if max(abs(if_x), abs(if_y)) >= 0.01
+        else "Stiffness, damping and mass hardly change, quadrature parts and small cross terms do"
+    )
+    return Finding("warning", "probe-gain", f"{what}, as no rotor does. {effect}. Find out which probe is wrong: "
+                   f"{cure}.", pair.rows)  # fmt: skip
+
+
+def _bias(share: float) -> str:
+    return f"{100 * abs(share):.2g} % too {'small' if share > 0 else 'large'}"
