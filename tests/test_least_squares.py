@@ -8,8 +8,9 @@ import casadi as ca
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from symbolic_residuals import SymbolicResiduals
 
-from rotorfit.estimators.minimisation.least_squares import Options, Solution, Status, SymbolicResiduals, minimise
+from rotorfit.estimators.minimisation.least_squares import Options, Solution, Status, minimise
 
 Array = NDArray[np.float64]
 

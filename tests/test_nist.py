@@ -11,8 +11,9 @@ import casadi as ca
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from symbolic_residuals import SymbolicResiduals
 
-from rotorfit.estimators.minimisation.least_squares import Solution, Status, SymbolicResiduals, minimise
+from rotorfit.estimators.minimisation.least_squares import Solution, Status, minimise
 
 PROBLEMS: dict[str, dict[str, Any]] = json.loads(
     (Path(__file__).parent / "data" / "nist" / "nist.json").read_text(encoding="utf-8")

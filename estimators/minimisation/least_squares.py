@@ -27,11 +27,10 @@ from numpy.typing import ArrayLike
 from rotorfit.estimators.minimisation.descent import HANDOVER, Minimisation, exact_scale
 from rotorfit.estimators.minimisation.ipopt import borrow, give_back
 from rotorfit.estimators.minimisation.objective import Objective, Options, Solution, Status, Vector
-from rotorfit.estimators.minimisation.symbolic import SymbolicResiduals
 
 _DEFAULTS = Options()
 
-__all__ = ["Objective", "Options", "Solution", "Status", "SymbolicResiduals", "minimise"]
+__all__ = ["Objective", "Options", "Solution", "Status", "minimise"]
 
 
 def minimise(
