@@ -28,3 +28,7 @@ def test_a_wrong_word_is_answered_with_those_there_are() -> None:
         fit.sample(walker=32)
     with pytest.raises(TypeError, match=r"keyword of compare_laws 'bound', did you mean 'bounds'\? Allowed: laws, cle"):
         rf.compare_laws(rf.models.WhirlWhip(), rig, clearance_um=100, bound={})
+    with pytest.raises(
+        TypeError, match=r"keyword of sample_models 'step', did you mean 'max_steps'\? Allowed: seed, wal"
+    ):
+        rf.sample_models([fit], step=32)

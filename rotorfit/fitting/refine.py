@@ -352,10 +352,6 @@ def one_lam_test(fit: FitResult, *, level: float = 0.01) -> OneLamTest:
 
     Raises:
         ValueError: the model has no single lam, or the data do not determine both ratios.
-
-    Example:
-        >>> rf.one_lam_test(rf.refine(fit).best).rejected  # of a model that explains the data
-        False
     """
     from scipy.stats import chi2
 

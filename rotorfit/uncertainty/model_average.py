@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from rotorfit.fitting.digits import with_error
+from rotorfit.fitting.keywords import SamplerKeywords, check_keywords
 from rotorfit.fitting.result import FitResult
 from rotorfit.models.parameters import unknown_name
 from rotorfit.models.text_table import text_table
@@ -136,18 +137,22 @@ class ModelAverage(Draws):
         return "\n".join([*text_table(models, "<58 >12 >9 <1"), "", *text_table(rows, "<22 >13 >10 >13 >13 <1")])
 
 
-def sample_models(fits: Sequence[FitResult], **options: Any) -> ModelAverage:
+def sample_models(fits: Sequence[FitResult], **options: Unpack[SamplerKeywords]) -> ModelAverage:
     """Sample several models of the same data and average over them by BIC.
 
     Args:
         fits: results for the same readings, for instance ``rf.refine(fit).steps``.
-        options: as for :func:`rotorfit.sample`, without ``checkpoint`` and ``refine``.
+        options: ``seed``, ``walkers``, ``ess``, ``max_steps``, ``noise``, ``progress``, ``moves``, ``accelerate``: see
+            :func:`rotorfit.sample`.
 
     Raises:
         ValueError: no fits, fits of different data, or an option that does not go with several models.
+        TypeError: a keyword that is none of these.
     """
+    given: Mapping[str, object] = options
+    check_keywords("sample_models", given.keys() - {"checkpoint", "refine"}, SamplerKeywords)
     for name in ("checkpoint", "refine"):
-        if options.get(name):
+        if given.get(name):
             raise ValueError(f"{name} does not go with several models: sample them one by one")
     if not fits:
         raise ValueError("no fits to average over")
