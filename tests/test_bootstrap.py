@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from honest_errors import WORLDS, simulate
 from law_data import CLEARANCE_UM, ONE_MODE, impulse, off_centre, squeeze, static, sweep
 from scipy import stats
 from synthetic import TYPICAL, circular_test
@@ -150,3 +153,24 @@ def test_what_cannot_be_bootstrapped_is_refused():
         fit.bootstrap(n=4).interval("lamda")
     with pytest.raises(ValueError, match="closed form"):
         rf.closed_form(fit.model, fit.experiments, known=fit.settings.known).bootstrap()
+
+
+def test_a_fit_whose_runs_differ_is_bootstrapped_without_their_entries():
+    """Forces that are off by one per cent from run to run are entries of the fit, but no parameters."""
+    test = simulate(WORLDS["force 1 % from run to run"], np.random.default_rng(1))
+    fit = rf.fit(OneMode(), test, known={"K": 8000.0, "Ds": 8.0})
+    assert any(name.startswith("run_") for name in fit.var_names)
+    found = fit.bootstrap(n=20, seed=1)
+    assert set(found.stderr) == {name for name, p in fit.params.items() if p.vary}
+    assert "run_" not in found.summary()
+    with pytest.raises(KeyError, match="run_force"):
+        found.parameter(next(name for name in fit.var_names if name.startswith("run_force")))
+
+
+def test_a_bootstrap_of_which_no_fit_converges_says_so():
+    fit = one_mode_fit(0.01, ("K", "Ds"))
+    found = replace(fit.bootstrap(n=4, seed=1), samples=np.zeros((0, fit.x.size)), failures=4)
+    assert all(np.isinf(list(found.stderr.values())))
+    assert np.isnan(found.covar).all()
+    assert found.interval("D") == (-np.inf, np.inf)
+    assert "inf" in found.summary()

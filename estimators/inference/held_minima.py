@@ -155,7 +155,10 @@ class HeldQuantity:
         def step(x: Float, gradient: Float, matrix: Float, members: Index) -> tuple[Float, Float]:
             missing, slope, by_value = condition(x, values[members])
             down, turned = _solved(matrix, -gradient, slope)
-            turned /= np.einsum("wi,wi->w", slope, turned)[:, None]
+            with np.errstate(
+                divide="ignore", invalid="ignore"
+            ):  # of what does not move with the vector nothing is found
+                turned /= np.einsum("wi,wi->w", slope, turned)[:, None]
             return down + turned * (missing - np.einsum("wi,wi->w", slope, down))[:, None], -turned * by_value[:, None]
 
         lower, upper = (np.broadcast_to(bound, starts.shape) for bound in box(self.problem))
@@ -172,7 +175,8 @@ class HeldQuantity:
         x = np.clip(start, lower, upper)
         before = math.inf
         for number in range(_SQP_STEPS):
-            cost, gradient, matrix = problem.gauss_newton(x)
+            with np.errstate(all="ignore"):  # a step may well lead astray, where there is no cost
+                cost, gradient, matrix = problem.gauss_newton(x)
             if not math.isfinite(cost):
                 break
             q, slope = self.quantity(x)

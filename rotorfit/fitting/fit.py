@@ -99,34 +99,39 @@ def fit(
         calibration=calibration,
     )
     several = as_tuple(experiments)
-    with unchanged(several):
-        problem = build_problem(model, several, settings)
-        begin, notes = start_vector(problem, settings.start)
-        solution = solve(problem, begin, Options(max_iterations=max_iterations))
-        found = judged(problem, several, settings, begin, solution, notes)
+    found = fitted(model, several, settings, max_iterations)
     if told := slip(found, partial(_misfit, model)):
         found = replace(found, warnings=(f"{DATA_ERROR}{told}", *found.warnings))
     return assuming(found, assumptions) if assumptions else found
 
 
+def fitted(
+    model: RotorModel, experiments: tuple[Experiment, ...], settings: FitSettings, max_iterations: int = 200
+) -> FitResult:
+    """What :func:`fit` does, without a look for what a misfit may come from: for fits of data already looked at so.
+
+    Args:
+        model, experiments, settings, max_iterations: as for :func:`fit`.
+    """
+    with unchanged(experiments):
+        problem = build_problem(model, experiments, settings)
+        begin, notes = start_vector(problem, settings.start)
+        solution = solve(problem, begin, Options(max_iterations=max_iterations))
+        return judged(problem, experiments, settings, begin, solution, notes)
+
+
 def _misfit(model: RotorModel, experiments: tuple[Experiment, ...], settings: FitSettings) -> float:
-    """Sum of squares that a short search leaves; infinite where the data do not allow one."""
+    """Sum of squares that a short search from the closed form leaves; infinite where the data do not allow one.
+
+    What is right needs no better start, and to look for one takes longer than all the rest.
+    """
     try:
         problem = build_problem(model, experiments, settings)
-        begin = _quick_start(problem)
+        begin = np.zeros(problem.space.size)
+        begin[: len(problem.space.names)] = solve_closed_form(problem.space, problem.blocks).x
         return 2 * solve(problem, np.clip(begin, problem.space.lower, problem.space.upper), _TRIAL).cost
     except (ValueError, np.linalg.LinAlgError):  # what cannot be fitted explains nothing
         return float("inf")
-
-
-def _quick_start(problem: Problem) -> Float:
-    """The closed form where there is one: what is right needs no better start, and to look for one takes longest."""
-    if problem.space.nuisance:
-        return start_vector(problem, {})[0]
-    try:
-        return solve_closed_form(problem.space, problem.blocks).x
-    except ClosedFormError:
-        return start_vector(problem, {})[0]
 
 
 def judged(

@@ -13,14 +13,13 @@ import numpy as np
 from rotorfit.estimators.inference.covariance import excess
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.fitting.assumptions import assuming
-from rotorfit.fitting.fit import fit as fit_model
-from rotorfit.fitting.fit import solve_again
+from rotorfit.fitting.fit import DATA_ERROR, fitted, solve_again
 from rotorfit.fitting.judge import with_doubt
 from rotorfit.fitting.notebook import text_html
 from rotorfit.fitting.problem_setup import with_levels
 from rotorfit.fitting.refinable import why_not_refined
 from rotorfit.fitting.result import FitResult
-from rotorfit.fitting.settings import Onset
+from rotorfit.fitting.settings import FitSettings, Onset
 from rotorfit.models import BLOCKS, RotorModel, threshold_speed
 from rotorfit.models.array_types import Float
 from rotorfit.models.parameters import bare_name
@@ -108,7 +107,8 @@ def refine(fit: FitResult) -> Refinement:
         best, steps = _climb(fit, may_leave_open=True)
     chosen = _in_doubt(level_noise(best), best, steps)
     found = _rung_onsets(steps, best)
-    warnings = (*chosen.warnings, *_told_of_hidden(fit, chosen), *_told_of_a_run(fit, chosen))
+    wrong = (words for words in fit.warnings if words.startswith(DATA_ERROR) and words not in chosen.warnings)
+    warnings = (*wrong, *chosen.warnings, *_told_of_hidden(fit, chosen), *_told_of_a_run(fit, chosen))
     chosen = replace(chosen, settings=replace(chosen.settings, onsets=found), warnings=warnings)
     return Refinement(tuple(steps), chosen)
 
@@ -300,9 +300,7 @@ def refit(
     start = {name: p.value for name, p in fit.params.items() if p.vary and name in _names(model, fit)}
     block_start = {q.name: 0.0 for q in model.parameters if q.name not in {bare_name(b) for b in fit.params}}
     known = {k: v for k, v in {**settings.known, **(extra_known or {})}.items() if k in model.parameter_names}
-    found = fit_model(
-        model,
-        fit.experiments,
+    wanted = FitSettings(
         known=known,
         bounds=settings.bounds,
         priors={**settings.priors, **(priors or {})},
@@ -312,6 +310,7 @@ def refit(
         calibration=settings.calibration,
         start={**start, **block_start},
     )
+    found = fitted(model, fit.experiments, wanted)
     return assuming(found, settings.assumptions, also_fitted=True) if settings.assumptions else found
 
 
@@ -361,9 +360,7 @@ def one_lam_test(fit: FitResult, *, level: float = 0.01) -> OneLamTest:
     model = fit.model.variant(two_lam=True)
     start = {name: p.value for name, p in fit.params.items() if p.vary and name != "lam"}
     settings = fit.settings
-    wide = fit_model(
-        model,
-        fit.experiments,
+    wanted = FitSettings(
         known={k: v for k, v in settings.known.items() if k != "lam"},
         bounds={k: v for k, v in settings.bounds.items() if k != "lam"},
         priors={k: v for k, v in settings.priors.items() if k != "lam"},
@@ -373,6 +370,7 @@ def one_lam_test(fit: FitResult, *, level: float = 0.01) -> OneLamTest:
         calibration=settings.calibration,
         start={**start, "lam_D": lam, "lam_M": lam},
     )
+    wide = fitted(model, fit.experiments, wanted)
     d, m = wide.params["lam_D"], wide.params["lam_M"]
     if not (d.resolved and m.resolved):
         raise ValueError("these data do not determine lam_D and lam_M apart: " + str(wide.identifiability))

@@ -98,7 +98,8 @@ def _slips(tests: Sequence[PerturbationTest]) -> Iterator[_Slip]:
         "all forces are one angle off against all readings, as where weight holes, Keyphasor and probes have no common "
         "zero. Give the angle, or fit it (phase_offsets common)"
     )
-    yield _Slip(told=told, mend=lambda test: test, datum=True)
+    for degrees in (*_MOUNTINGS, 0.0):  # near one of which the search finds the angle
+        yield _Slip(told=told, mend=partial(_other_zero, degrees=degrees), datum=True)
     for degrees in _MOUNTINGS:
         told = f"all probes sit {degrees:g} degrees from where they are told to be, counted from x towards y"
         yield _Slip(told=told, mend=partial(_turned_back, degrees=degrees))
@@ -129,6 +130,10 @@ def _turned_back(test: PerturbationTest, *, degrees: float) -> PerturbationTest:
     """Readings as probes in their place would have them, as far as orbits are circular."""
     sense = np.where(np.char.endswith(test.direction, "z") | (test.frequency > 0), 1.0, -1.0)
     return replace(test, response=test.response * np.exp(1j * np.radians(degrees) * sense))
+
+
+def _other_zero(test: PerturbationTest, *, degrees: float) -> PerturbationTest:
+    return replace(test, force=test.force * np.exp(1j * np.radians(degrees)))
 
 
 def _times(test: PerturbationTest, *, factor: float) -> PerturbationTest:

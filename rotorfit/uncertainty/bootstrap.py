@@ -24,6 +24,7 @@ from rotorfit.uncertainty.onsets import onsets_of
 # Data without a minimum nearby are common where the noise is large; what runs away need not be followed far. At a bound
 # Gauss-Newton may stall: the exact Hessian then finishes.
 _OPTIONS = Options(max_iterations=50)
+_FEWEST = 2  # estimates that have a spread
 _AT_ONCE = 4_000_000  # readings simulated and fitted in one go
 
 
@@ -57,23 +58,36 @@ class Bootstrap(Draws):
             KeyError: no such entry; the message names the nearest.
             ValueError: the data do not determine it.
         """
-        if name not in self.names:
-            raise KeyError(unknown_name("fitted parameter", name, self.names))
+        if name not in self.fit.params or name not in self.names:
+            raise KeyError(unknown_name("fitted parameter", name, tuple(self.stderr)))
         if not self.fit.params[name].resolved:
             raise ValueError(f"{name} is not determined by these data: its estimates mean nothing")
         return Derived(name=name, unit=self.fit.params[name].unit, samples=self.samples[:, self.names.index(name)])
 
     @property
     def stderr(self) -> dict[str, float]:
-        """Standard deviation of the estimates by name, infinite for what the data do not determine."""
-        spread = self.samples.std(axis=0, ddof=1)
-        resolved = [self.fit.params[name].resolved for name in self.names]
-        return {n: float(s) if r else math.inf for n, s, r in zip(self.names, spread, resolved, strict=True)}
+        """Standard deviation of the estimates by name, infinite for what the data do not determine.
+
+        What runs differ by is no parameter and is left out.
+        """
+        known = self.fit.params
+        spread = np.full(len(self.names), math.inf) if self._few else self.samples.std(axis=0, ddof=1)
+        return {
+            name: float(own) if known[name].resolved else math.inf
+            for name, own in zip(self.names, spread, strict=True)
+            if name in known
+        }
+
+    @property
+    def _few(self) -> bool:
+        """Whether there are too few estimates for a spread."""
+        return len(self.samples) < _FEWEST
 
     @property
     def covar(self) -> Float:
         """Covariance of the estimates, shape ``(p, p)``."""
-        return np.asarray(np.cov(self.samples, rowvar=False)).reshape(len(self.names), len(self.names))
+        shape = len(self.names), len(self.names)
+        return np.full(shape, math.nan) if self._few else np.asarray(np.cov(self.samples, rowvar=False)).reshape(shape)
 
     def interval(self, name: str, probability: float = 0.95) -> tuple[float, float]:
         """Interval from the central quantiles of the estimates; infinite for what the data do not determine.
@@ -82,7 +96,7 @@ class Bootstrap(Draws):
             name: of a fitted parameter or nuisance entry, ``"lam"``.
             probability: share of the distribution inside, between 0 and 1.
         """
-        if name in self.names and not self.fit.params[name].resolved:
+        if self._few or (name in self.stderr and not self.fit.params[name].resolved):
             return -math.inf, math.inf
         return super().interval(name, probability)
 
@@ -101,13 +115,13 @@ class Bootstrap(Draws):
     def summary(self) -> str:
         """Table of estimates, spreads and intervals beside the standard errors of the fit."""
         rows: list[list[str | Wide]] = [["parameter", "fit", "stderr", "bootstrap", "bias", "95 % interval", "unit"]]
-        for i, (name, spread) in enumerate(self.stderr.items()):
+        for name, spread in self.stderr.items():
             p = self.fit.params[name]
             if not p.resolved:
                 rows.append([name, Wide("not determined by the data", 2)])
                 continue
             low, high = self.interval(name)
-            bias = float(self.samples[:, i].mean()) - p.value
+            bias = math.nan if self._few else float(self.samples[:, self.names.index(name)].mean()) - p.value
             value, error = with_error(p.value, p.stderr)
             rows.append([name, value, error, f"{spread:.2g}", f"{bias:.2g}", interval(low, high), p.unit])
         head = f"parametric bootstrap: {len(self.samples)} simulated data sets, {self.failures} fits failed"
@@ -147,6 +161,8 @@ def bootstrap(fit: FitResult, *, n: int = 500, seed: int = 0, accelerate: bool |
     message = f"noise of the data times {math.sqrt(fit.widening):.3g}" if fit.widening > 1 else "noise of the data"
     if not converged.all():
         message += f"; {n - converged.sum()} of {n} fits did not converge and are left out"
+    if converged.sum() < _FEWEST:
+        message += ", which leaves too few for a spread: the data do not hold these estimates fast"
     return Bootstrap(
         fit=fit,
         names=fit.var_names,
