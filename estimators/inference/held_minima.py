@@ -175,11 +175,11 @@ class HeldQuantity:
         x = np.clip(start, lower, upper)
         before = math.inf
         for number in range(_SQP_STEPS):
-            with np.errstate(all="ignore"):  # a step may well lead astray, where there is no cost
+            with np.errstate(all="ignore"):  # a step may well lead astray, where there is no cost or no quantity
                 cost, gradient, matrix = problem.gauss_newton(x)
-            if not math.isfinite(cost):
-                break
-            q, slope = self.quantity(x)
+                if not math.isfinite(cost):
+                    break
+                q, slope = self.quantity(x)
             if not math.isfinite(q):
                 break
             step = _held_step(gradient, matrix, slope, value - q, lower - x, upper - x)
