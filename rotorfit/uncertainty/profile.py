@@ -320,8 +320,11 @@ def _speed(fit: FitResult, group: int) -> ValueAndGradient:
     def speed(vector: Float) -> tuple[float, Float]:
         nonlocal last
         theta = space.theta(vector)[group]
-        found = threshold_speed_near(model, theta, last, band=band) if last else None
-        last = found or threshold_speed(model, theta, band=band)
+        try:
+            found = threshold_speed_near(model, theta, last, band=band) if last else None
+            last = found or threshold_speed(model, theta, band=band)
+        except np.linalg.LinAlgError:  # so far astray that the equations of motion overflow
+            last = None
         if last is None:
             return math.inf, np.zeros_like(vector)
         return last.speed, space.pull_back(last.gradient, group)
