@@ -241,8 +241,15 @@ def test_kanki_long_seal_refuses_one_lam():
     verdict = rf.one_lam_test(fit)
     assert verdict.rejected
     assert "one lam is refused" in verdict.message
+    assert "misses" not in verdict.message
     assert abs(verdict.lam_D[0] - 0.3508) < 3.5 * verdict.lam_D[1]
     assert abs(verdict.lam_M[0] - 0.5960) < 3.5 * verdict.lam_M[1]
+
+
+def test_one_lam_is_not_refused_in_silence_by_what_the_model_leaves_out():
+    """The bundled rig turns with one ratio, and has structure that whirl-whip lacks."""
+    fit = rf.fit(rf.models.WhirlWhip(), rf.datasets.rig_open(), known={"K3": 6000.0})
+    assert "the model still misses the data (redchi " in rf.one_lam_test(fit).message
 
 
 def test_one_lam_is_kept_where_it_holds():

@@ -12,8 +12,11 @@ from rotorfit.data.findings import Finding
 from rotorfit.data.lines import lines_of
 from rotorfit.models.array_types import ComplexArray, Float
 
-LARGEST, SUSPECT, SMALLEST = 0.05, 5e-3, 1e-10
-"""Displacements, m: impossible, larger than any clearance in use, and smaller than any probe resolves."""
+LARGEST, SUSPECT, SMALLEST = 0.05, 5e-3, 1e-6
+"""Displacements, m: impossible, larger than any clearance in use, and the largest of a sweep that hardly shows.
+
+A fit cannot notice a wrong unit: forces over displacements scale every mass, damping and stiffness alike.
+"""
 
 
 def amplitudes(test: PerturbationTest | DisplacementTest) -> Iterator[Finding]:
@@ -32,7 +35,11 @@ def amplitudes(test: PerturbationTest | DisplacementTest) -> Iterator[Finding]:
         )
         yield Finding(severity, "large-amplitude", text, tuple(np.flatnonzero(size > SUSPECT).tolist()))
     elif 0 < largest < SMALLEST:
-        text = f"The largest amplitude is {largest:.3g} m, less than probes resolve. Check the unit of the column."
+        text = (
+            f"The largest amplitude is {largest:.3g} m 0-peak, little for a rotor and hardly more than probes resolve. "
+            "Check the unit of the amplitude column (amplitude_um, amplitude_mm): wrong, it goes into every mass, "
+            "damping and stiffness, and no fit can notice."
+        )
         yield Finding("warning", "small-amplitude", text)
 
 

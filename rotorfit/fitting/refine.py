@@ -19,7 +19,7 @@ from rotorfit.fitting.notebook import text_html
 from rotorfit.fitting.problem_setup import with_levels
 from rotorfit.fitting.refinable import why_not_refined
 from rotorfit.fitting.result import FitResult
-from rotorfit.fitting.settings import FitSettings, Onset
+from rotorfit.fitting.settings import Onset
 from rotorfit.models import BLOCKS, RotorModel, threshold_speed
 from rotorfit.models.array_types import Float
 from rotorfit.models.parameters import bare_name
@@ -300,15 +300,8 @@ def refit(
     start = {name: p.value for name, p in fit.params.items() if p.vary and name in _names(model, fit)}
     block_start = {q.name: 0.0 for q in model.parameters if q.name not in {bare_name(b) for b in fit.params}}
     known = {k: v for k, v in {**settings.known, **(extra_known or {})}.items() if k in model.parameter_names}
-    wanted = FitSettings(
-        known=known,
-        bounds=settings.bounds,
-        priors={**settings.priors, **(priors or {})},
-        per=settings.per,
-        loss=settings.loss,
-        phase_offsets=settings.phase_offsets,
-        calibration=settings.calibration,
-        start={**start, **block_start},
+    wanted = replace(
+        settings.asked, known=known, priors={**settings.priors, **(priors or {})}, start={**start, **block_start}
     )
     found = fitted(model, fit.experiments, wanted)
     return assuming(found, settings.assumptions, also_fitted=True) if settings.assumptions else found
@@ -359,15 +352,12 @@ def one_lam_test(fit: FitResult, *, level: float = 0.01) -> OneLamTest:
     lam = fit.params["lam"].value if "lam" in fit.params else float("nan")
     model = fit.model.variant(two_lam=True)
     start = {name: p.value for name, p in fit.params.items() if p.vary and name != "lam"}
-    settings = fit.settings
-    wanted = FitSettings(
-        known={k: v for k, v in settings.known.items() if k != "lam"},
-        bounds={k: v for k, v in settings.bounds.items() if k != "lam"},
-        priors={k: v for k, v in settings.priors.items() if k != "lam"},
-        per=settings.per,
-        loss=settings.loss,
-        phase_offsets=settings.phase_offsets,
-        calibration=settings.calibration,
+    asked = fit.settings.asked
+    wanted = replace(
+        asked,
+        known={name: value for name, value in asked.known.items() if name != "lam"},
+        bounds={name: limits for name, limits in asked.bounds.items() if name != "lam"},
+        priors={name: prior for name, prior in asked.priors.items() if name != "lam"},
         start={**start, "lam_D": lam, "lam_M": lam},
     )
     wide = fitted(model, fit.experiments, wanted)
@@ -385,6 +375,11 @@ def one_lam_test(fit: FitResult, *, level: float = 0.01) -> OneLamTest:
         if rejected
         else f"one lam agrees with the data (p = {p:.2g})"
     )
+    if wide.model_limited:
+        verdict += (
+            f"; but with both ratios the model still misses the data (redchi {wide.redchi:.3g}), and what it leaves "
+            f"out can look like a second ratio: ask again of the structure that rf.refine finds"
+        )
     return OneLamTest(
         lam_D=(d.value, d.stderr),
         lam_M=(m.value, m.stderr),

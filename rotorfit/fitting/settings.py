@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 from rotorfit.estimators.misfit.losses import Loss
@@ -68,6 +68,11 @@ class FitSettings:
     calibration: Calibration | None = None
     assumptions: Mapping[str, float] = field(default_factory=dict)
     noise: FoundNoise | None = None
+
+    @property
+    def asked(self) -> FitSettings:
+        """What goes for another model of the same data too: without what the fit found for itself, and assumptions."""
+        return replace(self, levels={}, onsets=(), noise=None, assumptions={})
 
     @property
     def levelled(self) -> bool:
