@@ -101,22 +101,9 @@ def covariance(root: Float, scales: Float) -> tuple[Float, Float, Float, Bool]:
         covariance with directions that the data do not see at all left out, shape ``(p, p)``; standard error of each
         scaled direction, ascending information, shape ``(p,)``; scaled directions as columns; their unresolved mask.
     """
-    scaled = root * scales
-    norm = np.linalg.norm(scaled, axis=0)
-    safe = np.where(norm > 0, norm, 1.0)
-    # Columns of equal length: a singular value then tells dependence, not the units.
-    _, singular, rows = np.linalg.svd(scaled / safe, full_matrices=False)
-    if singular.size < scales.size:  # fewer data than parameters
-        rows = np.linalg.svd(scaled / safe, full_matrices=True)[2]
-        singular = np.concatenate([singular, np.zeros(scales.size - singular.size)])
-    power, basis = singular[::-1], rows[::-1].T
-    lost = power <= _NULL * power.max(initial=0.0)
-    # Directions that the equilibrated matrix resolves, back in scaled parameters.
-    kept = basis[:, ~lost] / safe[:, None] / power[~lost]
-    silent = norm == 0
-    kept[silent] = 0.0
+    kept, unseen, lost, silent = _scaled_directions(root, scales)
     seen = not (lost.any() or silent.any())
-    null = np.zeros((scales.size, 0)) if seen else _null_basis(basis[:, lost] / safe[:, None], silent)
+    null = np.zeros((scales.size, 0)) if seen else _null_basis(unseen[:, lost], silent)
     covar = kept @ kept.T
     if null.size:  # covariance seen across the null space: leave that space out
         across = np.eye(scales.size) - null @ null.T
@@ -130,6 +117,45 @@ def covariance(root: Float, scales: Float) -> tuple[Float, Float, Float, Bool]:
         directions = np.concatenate([null, directions[:, :keep]], axis=1)
         stderr = np.concatenate([np.full(count, np.inf), stderr[:keep]])
     return covar * (scales[:, None] * scales), stderr, directions, stderr > UNRESOLVED
+
+
+def covariances(roots: Float, scales: Float) -> tuple[Float, Bool]:
+    """Covariances of many fits at once, and whose data determine every combination.
+
+    Args:
+        roots, scales: as for :func:`covariance`, shape ``(W, m, p)`` and ``(W, p)``.
+
+    Returns:
+        covariances, shape ``(W, p, p)``, those of :func:`covariance` where every combination is determined, and where
+        that is so, shape ``(W,)``.
+    """
+    kept, _, lost, silent = _scaled_directions(roots, scales)
+    covar = kept @ np.swapaxes(kept, -1, -2)
+    largest = np.sqrt(np.maximum(np.linalg.eigvalsh(covar)[..., -1], 0.0))
+    determined = ~(lost.any(axis=-1) | silent.any(axis=-1)) & (largest <= UNRESOLVED)
+    return covar * (scales[..., :, None] * scales[..., None, :]), determined
+
+
+def _scaled_directions(root: Float, scales: Float) -> tuple[Float, Float, Bool, Bool]:
+    """Directions of scaled parameters as columns, ascending information.
+
+    Each is over what the data tell of it, zero where that is nothing; then as they are; which of them the data do not
+    tell; and which of the parameters have no influence at all.
+    """
+    scaled = root * scales[..., None, :]
+    norm = np.linalg.norm(scaled, axis=-2)
+    silent = norm == 0
+    safe = np.where(silent, 1.0, norm)
+    # Columns of equal length: a singular value then tells dependence, not the units.
+    fewer = root.shape[-2] < scales.shape[-1]  # data than parameters
+    _, singular, rows = np.linalg.svd(scaled / safe[..., None, :], full_matrices=fewer)
+    power = np.zeros(scales.shape)
+    power[..., scales.shape[-1] - singular.shape[-1] :] = singular[..., ::-1]
+    lost = power <= _NULL * power.max(axis=-1, initial=0.0, keepdims=True)
+    basis = np.swapaxes(rows[..., ::-1, :], -1, -2) / safe[..., :, None]
+    kept = basis / np.where(lost, np.inf, power)[..., None, :]
+    kept[silent] = 0.0
+    return kept, basis, lost, silent
 
 
 def _null_basis(directions: Float, silent: Bool) -> Float:

@@ -17,7 +17,7 @@ from rotorfit.checks.plain import keep_clean, surely_clean
 from rotorfit.data.alike import AlikeTests, alike
 from rotorfit.data.experiments import Experiment
 from rotorfit.estimators.inference import covariance
-from rotorfit.estimators.inference.identifiability import diagnose
+from rotorfit.estimators.inference.identifiability import covariances
 from rotorfit.estimators.minimisation.descent_of_many import smooth_descents
 from rotorfit.estimators.minimisation.least_squares import Options, Solution, Status
 from rotorfit.estimators.misfit.parameter_space import ParameterSpace, parameter_space
@@ -183,11 +183,10 @@ def _judged(stack: RunStack, x: Float, begin: Float, n_evaluations: Index) -> It
     noise, freedom = plain_noise(stack, x)
     speed = stack.speed if space.model.speed_dependent else np.zeros_like(stack.speed)
     plain = noise & ~too_quiet(redchi, nfree) & ~growth(space.model, stack.theta(x), speed, layout.frequency)[1]
-    roots = np.linalg.qr(np.swapaxes(rows.view(float), -1, -2), mode="r")
+    roots = np.asarray(np.linalg.qr(np.swapaxes(rows.view(float), -1, -2), mode="r"))
     scales = covariance.natural_sizes_of_many(stack, x)
-    told = [diagnose(space.model, space.names, space.base, *one) for one in zip(x, roots, scales, strict=True)]
-    scattered = np.array([covar for covar, _ in told])
-    plain &= [not verdict.combinations for _, verdict in told]
+    scattered, determined = covariances(roots, scales)
+    plain &= determined
     uneven = scatter_by_line(r, rows.view(float), scattered, layout.line, widening).excess
     plain &= (uneven < UNEVEN).all(axis=1)
     covar = scattered * widening[:, None, None]

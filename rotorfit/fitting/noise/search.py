@@ -100,11 +100,13 @@ class _Left:
     """What a mixed model with given noise leaves.
 
     Attributes:
+        data: the fit.
         solved: its estimates.
         left, own: residuals and sensitivities in units of that noise.
         power, weight: squared residuals, leverage made good, in units of the readings, and 1 - leverage.
     """
 
+    data: Residuals
     solved: Solved
     left: ComplexArray
     own: ComplexArray
@@ -114,6 +116,17 @@ class _Left:
     def redchi(self, sigma: Float) -> float:
         """Mean squared residual over the noise's."""
         return float(np.sum(self.weight * self.power / sigma**2) / np.sum(self.weight))
+
+    def shapes(self, along: str) -> list[list[Shape]]:
+        """Noise of each probe by restricted likelihood; ``along`` names what it may grow with."""
+        if along not in self._shapes:
+            size2 = self.data.along[along]
+            self._shapes[along] = fit_probes(self.data.channels, self.power, self.weight, size2, along=along)
+        return self._shapes[along]
+
+    @cached_property
+    def _shapes(self) -> dict[str, list[list[Shape]]]:
+        return {}
 
 
 def residuals_of(problem: Problem, x: Float) -> Residuals | None:
@@ -228,7 +241,7 @@ def _leave(data: Residuals, sigma: Float, kinds: Sequence[int], variance: Float)
     solved = _model(data, sigma).part(kinds).solve(variance)
     rest = solved.rest(r, J, Z, data.rows)
     power, weight = made_good(rest.residuals, rest.leverage, sigma)
-    return _Left(solved=solved, left=rest.residuals, own=rest.own, power=power, weight=weight)
+    return _Left(data=data, solved=solved, left=rest.residuals, own=rest.own, power=power, weight=weight)
 
 
 def made_good(residuals: ComplexArray, leverage: Float, sigma: Float) -> tuple[Float, Float]:
@@ -244,20 +257,16 @@ def made_good(residuals: ComplexArray, leverage: Float, sigma: Float) -> tuple[F
     return np.abs(residuals) ** 2 / 2 * sigma**2 / weight, weight
 
 
-def _shapes(data: Residuals, found: _Left, along: dict[str, Float]) -> tuple[list[Shape], Float]:
+def _shapes(data: Residuals, found: _Left, along: Sequence[str]) -> tuple[list[Shape], Float]:
     """Noise of all probes by restricted likelihood, and sigma of each reading."""
     shapes: list[Shape] = []
-    every = {
-        name: fit_probes(data.channels, found.power, found.weight, size2, along=name) for name, size2 in along.items()
-    }
-    for probe in range(len(data.channels)):
-        trials = {name: probes[probe] for name, probes in every.items()}
-        gains = {name: sum(shape.log_likelihood for shape in trial) for name, trial in trials.items()}
-        best = max(gains, key=lambda name: gains[name])
-        shapes += trials[best if 2 * (gains[best] - gains[RESPONSE]) > GAIN else RESPONSE]
+    for trials in zip(*(found.shapes(name) for name in along), strict=True):
+        gains = [sum(shape.log_likelihood for shape in trial) for trial in trials]
+        best = int(np.argmax(gains))
+        shapes += trials[best if 2 * (gains[best] - gains[0]) > GAIN else 0]
     sigma = np.empty(data.r.size)
     for shape in shapes:
-        sigma[shape.rows] = np.sqrt(shape.variance(along[shape.along]))
+        sigma[shape.rows] = np.sqrt(shape.variance(data.along[shape.along]))
     return shapes, sigma
 
 
@@ -367,7 +376,7 @@ def _between_runs(data: Residuals, forced: Sequence[int]) -> tuple[Float, Float]
 
 def _own_noise(data: Residuals, found: _Left) -> tuple[list[Shape], Float]:
     """Noise by the residuals, where none was told."""
-    return ([], data.sigma) if data.told else _shapes(data, found, data.along)
+    return ([], data.sigma) if data.told else _shapes(data, found, tuple(data.along))
 
 
 def _plainly(data: Residuals, found: _Left, shapes: Sequence[Shape], remembered: Memory) -> bool:
@@ -389,7 +398,7 @@ def _taken(data: Residuals, found: _Left) -> Float:
     """Noise by which readings are weighed on the way: as told, but not less than residuals ask; else by their shape."""
     if data.told:
         return np.asarray(data.sigma * np.sqrt(max(1.0, found.redchi(data.sigma))))
-    return _shapes(data, found, {RESPONSE: data.along[RESPONSE]})[1]
+    return _shapes(data, found, (RESPONSE,))[1]
 
 
 def _slow(data: Residuals, within: _Left, sigma: Float) -> float:
