@@ -58,7 +58,7 @@ _UNARY = {
 }
 
 
-def python_source(function: ca.Function, name: str = "kernel") -> str:
+def _python_source(function: ca.Function, name: str = "kernel") -> str:
     """Write the scalar instructions of a CasADi SX function as Python source.
 
     The source defines ``name(v0, v1, ..., out)``: one argument for each scalar input (the nonzeros of all inputs in
@@ -75,7 +75,7 @@ def python_source(function: ca.Function, name: str = "kernel") -> str:
 
 
 def statements(function: ca.Function, read: Callable[[int], str], write: Callable[[int, str], str]) -> list[str]:
-    """Statements of :func:`python_source`, with inputs and outputs spelled by the caller.
+    """Statements of :func:`_python_source`, with inputs and outputs spelled by the caller.
 
     Args:
         function: SX function.
@@ -114,7 +114,7 @@ def array_function(function: ca.Function) -> Callable[[Sequence[Float]], Float]:
         ``S``; it returns the output nonzeros as an array of shape ``(n_outputs, *S)``.
     """
     namespace: dict[str, object] = {"np": np}
-    exec(compile(python_source(function), f"<casadi {function.name()}>", "exec"), namespace)
+    exec(compile(_python_source(function), f"<casadi {function.name()}>", "exec"), namespace)
     kernel = namespace["kernel"]
     size = sum(function.nnz_out(i) for i in range(function.n_out()))
 

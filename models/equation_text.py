@@ -106,7 +106,7 @@ def _polynomial(expression: ca.SX) -> Polynomial:  # noqa: PLR0911  one return a
 # ---- writing ---------------------------------------------------------------------------------
 
 
-def split_symbol(name: str) -> tuple[str, str]:
+def _split_symbol(name: str) -> tuple[str, str]:
     """Letter and subscript of a name: ``lam_D`` is λ and D, ``K12`` is K and 12, ``Kxy_1`` is K and xy,1."""
     stem, _, index = name.partition("_")
     greek = re.fullmatch(rf"({'|'.join(sorted(_GREEK, key=len, reverse=True))})(\d*)", stem)
@@ -118,7 +118,7 @@ def symbol_mathml(name: str) -> str:
     """A parameter's symbol in MathML."""
     if not name.isidentifier():
         return f"<mtext>{escape(name)}</mtext>"
-    letter, index = split_symbol(name)
+    letter, index = _split_symbol(name)
     mi = f"<mi>{escape(letter)}</mi>"
     return mi if not index else f"<msub>{mi}<mtext>{escape(index)}</mtext></msub>"
 

@@ -49,7 +49,7 @@ def fluid_parameters(two_lam: bool) -> tuple[Parameter, ...]:
     )
 
 
-def velocity_ratios(p: Any, two_lam: bool) -> tuple[Any, Any]:
+def _velocity_ratios(p: Any, two_lam: bool) -> tuple[Any, Any]:
     """The pair (lam_D, lam_M) of a parameter namespace."""
     return (p.lam_D, p.lam_M) if two_lam else (p.lam, p.lam)
 
@@ -57,5 +57,5 @@ def velocity_ratios(p: Any, two_lam: bool) -> tuple[Any, Any]:
 def fluid_at(law: Law, p: Any, two_lam: bool, speed: Any, eccentricity: Any) -> FluidForce:
     """Fluid force of eq. (13) with the coefficients that a law gives at an eccentricity; one factor for both ratios."""
     fluid = law.at(p, eccentricity)
-    lam_D, lam_M = velocity_ratios(p, two_lam)
+    lam_D, lam_M = _velocity_ratios(p, two_lam)
     return fluid_force(fluid.K0, fluid.D, p.Mf, lam_D * fluid.ratio, lam_M * fluid.ratio, speed)

@@ -147,7 +147,7 @@ def batch_fit(
     def evaluate(points: Float, members: Index) -> tuple[Float, Float]:
         cost, gradient = batch.cost_and_gradient(points, readings.of(members))
         for prior in problem.priors:
-            add_prior(prior, points[:, prior.entry], cost, gradient)
+            _add_prior(prior, points[:, prior.entry], cost, gradient)
         return cost, gradient
 
     with np.errstate(all="ignore"):  # a trial point may well be absurd
@@ -162,7 +162,7 @@ def batch_fit(
     return BatchFit(state.x, state.cost, converged, np.isin(np.arange(x.shape[0]), alone))
 
 
-def add_prior(prior: Prior, values: Float, cost: Float, gradient: Float) -> None:
+def _add_prior(prior: Prior, values: Float, cost: Float, gradient: Float) -> None:
     """Add minus the log density of a prior, and its slope, to costs of shape ``(W,)`` and gradients ``(W, p)``."""
     if prior.distribution.dist.name == "norm":
         mean, sd = float(prior.distribution.mean()), float(prior.distribution.std())

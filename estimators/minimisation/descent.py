@@ -151,7 +151,7 @@ class Minimisation:
         self.point = _Point(u.copy(), cost, gradient * (scale / unit), matrix * (scale[:, None] * (scale / unit)))
         return self.point
 
-    def log_cost(self, cost: float) -> float:
+    def _log_cost(self, cost: float) -> float:
         """Logarithm of a cost over that of the start."""
         # The constant keeps the function away from zero: Ipopt's allowance for round-off is relative to it.
         return 10.0 + math.log(max(cost / self.reference, _COST_FLOOR))
@@ -162,13 +162,13 @@ class Minimisation:
         if self._trials == 0 or key == self._key:
             self._trials += key != self._key
             point = self.evaluate(u)
-            return math.nan if point is None else self.log_cost(point.cost)
+            return math.nan if point is None else self._log_cost(point.cost)
         if key != self._trial_key:
             self._trials += 1
             self.n_evaluations += 1
             self._trial_key, self._trial_cost = key, float(self.objective.cost(self.unscaled(u)))
         cost = self._trial_cost
-        return self.log_cost(cost) if math.isfinite(cost) and cost >= 0 else math.nan
+        return self._log_cost(cost) if math.isfinite(cost) and cost >= 0 else math.nan
 
     def gradient(self, u: Vector) -> Vector | None:
         """Gradient of the logarithm of the cost; asked for accepted points only."""
@@ -181,22 +181,22 @@ class Minimisation:
         point = self.evaluate(u)
         if point is None:
             return None
-        return point.matrix if self.kind == "gauss-newton" else self.exact_hessian(point)
+        return point.matrix if self.kind == "gauss-newton" else self._exact_hessian(point)
 
-    def exact_hessian(self, point: _Point) -> Matrix:
+    def _exact_hessian(self, point: _Point) -> Matrix:
         """Exact Hessian at a point, scaled like its Gauss-Newton matrix."""
         unit = self.unit(point.cost)
         return np.asarray(self.objective.hessian(self.unscaled(point.u))) * (self.scale[:, None] * (self.scale / unit))
 
     # -- convergence ---------------------------------------------------------------------------------------
 
-    def newton_step(self, point: _Point, matrix: Matrix) -> Vector:
+    def _newton_step(self, point: _Point, matrix: Matrix) -> Vector:
         """Step to the minimum of the local quadratic model inside the bounds."""
         return _box_step(point.gradient, matrix, self.low - point.u, self.high - point.u)
 
     def assess(self, point: _Point) -> _Candidate:
         """The step that remains, relative to the misfit or to the parameters, whichever is smaller."""
-        step = self.newton_step(point, point.matrix)
+        step = self._newton_step(point, point.matrix)
         offset = math.sqrt(max(float(step @ point.matrix @ step), 0.0) / 2)
         change = float((np.abs(step) / np.maximum(np.abs(point.u), LEAST_SIZE)).max())
         return _Candidate(point, step, min(offset, CHANGE_WEIGHT * change))
@@ -256,7 +256,7 @@ class Minimisation:
             before = self.best
             if not self.options.tolerance < before.offset <= HANDOVER or self.exhausted():
                 return
-            step = self.newton_step(before.point, self.exact_hessian(before.point)) if exact else before.step
+            step = self._newton_step(before.point, self._exact_hessian(before.point)) if exact else before.step
             point = self.evaluate(np.clip(before.point.u + step, self.low, self.high))
             self.n_iterations += 1
             allowed = before.point.cost * (1 + COST_NOISE) + _COST_FLOOR * self.reference

@@ -113,7 +113,7 @@ class MixedModel:
         """Number of fitted values."""
         return self.common.gradient.size
 
-    def inner(self, variance: Float) -> Float:
+    def _inner(self, variance: Float) -> Float:
         """``(Z^T Z + 1/variance)^-1`` of each run, infinite variances for effects that are free."""
         free = np.isinf(variance)
         curvature = np.diag(np.where(free, 0.0, 1 / np.where(free, 1.0, variance)))
@@ -126,7 +126,7 @@ class MixedModel:
         """Step to the optimum with effects of given variances, and what remains of the square."""
         if not variance.size:
             return self._alone()
-        inner, common = self.inner(variance), self.common
+        inner, common = self._inner(variance), self.common
         onto = inner @ self.cross
         matrix = common.information - np.einsum("ikp,ikq->pq", self.cross, onto)
         slope = common.gradient - np.einsum("ikp,ik->p", onto, self.moment)

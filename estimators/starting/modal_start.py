@@ -52,14 +52,14 @@ def modal_start(model: Modal, blocks: Sequence[Responses]) -> tuple[dict[str, fl
     """
     forced, probe = (model.planes.index(names[0]) for names in (model.force_planes, model.probe_planes))
     axes = ("x", "y") if model.frame == "xy" else ("z",)
-    along = {axis: lines for axis in axes if (lines := lines_along(model, blocks, axis)).value.size}
-    every = joined(along, len(model.planes))
+    along = {axis: lines for axis in axes if (lines := _lines_along(model, blocks, axis)).value.size}
+    every = _joined(along, len(model.planes))
     values: dict[str, float] = {}
     unit: ComplexArray | None = None  # exp(j datum) / M of each mode
     for axis, lines in along.items():
         end = axis if model.apart else ""
-        wn, zeta = poles(lines if model.apart else every, model.modes)
-        parts = residues(lines, wn, zeta, len(model.planes))
+        wn, zeta = _poles(lines if model.apart else every, model.modes)
+        parts = _residues(lines, wn, zeta, len(model.planes))
         if unit is None:
             unit = np.where(parts[:, probe, forced] == 0, np.abs(parts).max(axis=(1, 2)), parts[:, probe, forced])
         for i, part in enumerate(parts):
@@ -76,7 +76,7 @@ def modal_start(model: Modal, blocks: Sequence[Responses]) -> tuple[dict[str, fl
     return {name: values[name] for name in model.parameter_names if name in values}, datum
 
 
-def joined(along: dict[str, Lines], planes: int) -> Lines:
+def _joined(along: dict[str, Lines], planes: int) -> Lines:
     """Readings of all axes together, the probes of each axis numbered after those of the last."""
     parts = [replace(lines, probe=lines.probe + planes * i) for i, lines in enumerate(along.values())]
     return Lines(**{f.name: np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(Lines)})
@@ -90,7 +90,7 @@ def _pair(name: str, value: complex) -> dict[str, float]:
     return {name: value.real, f"{name}_im": value.imag}
 
 
-def lines_along(model: Modal, blocks: Sequence[Responses], axis: str) -> Lines:
+def _lines_along(model: Modal, blocks: Sequence[Responses], axis: str) -> Lines:
     """Responses of the planes' probes along an axis, x, y or (combined) z, to a unit force along it."""
     at = [model.coordinate(plane, axis) for plane in model.planes]
     parts = []
@@ -107,7 +107,7 @@ def lines_along(model: Modal, blocks: Sequence[Responses], axis: str) -> Lines:
     return Lines(frequency=frequency, value=value, weight=weight, probe=probe, plane=plane)
 
 
-def poles(lines: Lines, modes: int) -> tuple[Float, Float]:
+def _poles(lines: Lines, modes: int) -> tuple[Float, Float]:
     """Natural frequencies, rad/s, ascending, and damping ratios of so many modes, shape ``(modes,)`` each."""
     top = float(np.abs(lines.frequency).max())
     s = 1j * lines.frequency / top
@@ -138,7 +138,7 @@ def poles(lines: Lines, modes: int) -> tuple[Float, Float]:
     return wn[order] * top, np.clip(zeta[order], *_DAMPING)
 
 
-def residues(lines: Lines, wn: Float, zeta: Float, planes: int) -> ComplexArray:
+def _residues(lines: Lines, wn: Float, zeta: Float, planes: int) -> ComplexArray:
     """Strength of each mode between force and probe planes, 1/kg, shape ``(modes, planes, planes)``; zero where unseen.
 
     ``H_pr = sum_i R_ipr / (wn_i^2 - w^2 + 2 j zeta_i wn_i w)``.

@@ -229,7 +229,7 @@ def receptances_of(orbits: Orbits, amplitude: ComplexArray, at: Index) -> Recept
             frequency have to be regular, or it is left out.
         at: orbits of one speed.
     """
-    planes, w, index = complete_matrices(orbits, at)
+    planes, w, index = _complete_matrices(orbits, at)
     if w.size < ENOUGH:
         return None
     n = len(planes)
@@ -237,7 +237,7 @@ def receptances_of(orbits: Orbits, amplitude: ComplexArray, at: Index) -> Recept
     kappa = surely_inverse(H)
     regular = np.ones(w.size, dtype=bool)
     if kappa is None:
-        regular = np.asarray(invertible(H.reshape(-1, n, n)).reshape(-1, w.size).all(axis=0))
+        regular = np.asarray(_invertible(H.reshape(-1, n, n)).reshape(-1, w.size).all(axis=0))
         H = H[..., regular, :, :]
         kappa = np.asarray(np.linalg.inv(H), dtype=complex)
     return Receptances(planes=planes, frequency=w, at=index, regular=regular, H=H, kappa=kappa)
@@ -318,7 +318,7 @@ def mirrored(orbits: Orbits, at: Index, *names: str) -> Index:
     return found[:, (found[0] >= 0) & (found[1] >= 0)].T
 
 
-def complete_matrices(orbits: Orbits, at: Index) -> tuple[list[str], Float, Index]:
+def _complete_matrices(orbits: Orbits, at: Index) -> tuple[list[str], Float, Index]:
     """Measured planes, the frequencies at which each of them was read under a force at each, and the orbits there.
 
     Returns:
@@ -340,7 +340,7 @@ def complete_matrices(orbits: Orbits, at: Index) -> tuple[list[str], Float, Inde
     return planes, w[whole], found[whole]
 
 
-def invertible(matrices: ComplexArray) -> NDArray[np.bool_]:
+def _invertible(matrices: ComplexArray) -> NDArray[np.bool_]:
     """Which of many matrices, shape ``(N, n, n)``, are finite and far from singular."""
     found = np.asarray(np.isfinite(matrices).all(axis=(1, 2)))
     if matrices.shape[-1] == 1:

@@ -49,7 +49,7 @@ def add_options(to: argparse.ArgumentParser) -> None:
     )
     to.add_argument("--kind", default="perturbation", help="perturbation, static-load, impulse, ... [%(default)s]")
     for name, help_text in _LISTS.items():
-        to.add_argument(name, type=numbers, metavar="A,B|LO:HI:N", help=help_text)
+        to.add_argument(name, type=_numbers, metavar="A,B|LO:HI:N", help=help_text)
     to.add_argument("--backward", action="store_true", help="the same frequencies backward as well")
     to.add_argument("--load-deg", type=float, default=-90.0, metavar="DEG", help="direction of the load [%(default)g]")
     for name, (metavar, help_text) in _NUMBERS.items():
@@ -188,7 +188,7 @@ def _settings(options: argparse.Namespace) -> dict[str, Any]:
     return given
 
 
-def numbers(text: str) -> Float:
+def _numbers(text: str) -> Float:
     """Numbers with commas between; ``LO:HI:N`` stands for N of them evenly spaced.
 
     Raises:

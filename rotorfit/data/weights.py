@@ -182,7 +182,7 @@ def weighed(experiment: Experiment) -> Influences | None:
     Raises:
         ValueError: weights at a few speeds that determine nothing, or readings whose noise nothing tells.
     """
-    if not isinstance(experiment, PerturbationTest) or not unsolved(experiment):
+    if not isinstance(experiment, PerturbationTest) or not _unsolved(experiment):
         return None
     try:
         found = influence(experiment)
@@ -203,7 +203,7 @@ def _noise_is_known(test: PerturbationTest) -> bool:
     return bool(np.isfinite(test.sigma).all()) or np.unique(dwell_number(test.speed)).size >= SHORTEST_SWEEP
 
 
-def unsolved(test: PerturbationTest) -> bool:
+def _unsolved(test: PerturbationTest) -> bool:
     """Whether a test dwells at a few speeds with weights in it that were not differenced."""
     if not len(test) or not test.synchronous or DIFFERENCED in test.attributes or not dwells(test):
         return False

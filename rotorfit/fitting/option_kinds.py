@@ -39,7 +39,7 @@ def number(key: str, value: Any) -> float:
     return float(value)
 
 
-def positive(key: str, value: Any) -> float:
+def _positive(key: str, value: Any) -> float:
     """A number above zero."""
     if not number(key, value) > 0:
         raise ValueError(f"{key} must be above zero, got {value!r}")
@@ -74,7 +74,7 @@ def pair(key: str, value: Any) -> tuple[float, float]:
     return number(key, value[0]), number(key, value[1])
 
 
-def texts(key: str, value: Any) -> tuple[str, ...]:
+def _texts(key: str, value: Any) -> tuple[str, ...]:
     """A list of texts."""
     if not isinstance(value, list):
         raise ValueError(f"{key} must be a list of texts, got {value!r}")
@@ -92,7 +92,7 @@ def table(of: Parser) -> Parser:
     return parse
 
 
-def number_or_free(key: str, value: Any) -> float | None:
+def _number_or_free(key: str, value: Any) -> float | None:
     """A number, or "free" for a parameter that is to be fitted."""
     if value == "free":
         return None
@@ -115,10 +115,10 @@ def prior(key: str, value: Any) -> Any:
     name, numbers = next(iter(value.items()))
     if not isinstance(numbers, list):
         raise ValueError(f"{key}: {name} needs a list of numbers, got {numbers!r}")
-    return frozen_prior(key, name, [number(key, item) for item in numbers])
+    return _frozen_prior(key, name, [number(key, item) for item in numbers])
 
 
-def frozen_prior(where: str, name: str, numbers: Sequence[float]) -> Any:
+def _frozen_prior(where: str, name: str, numbers: Sequence[float]) -> Any:
     """A ``scipy.stats`` distribution by name, frozen with its shape numbers, location and scale.
 
     Raises:
@@ -197,7 +197,7 @@ def _range_word(word: str) -> tuple[float, float]:
 
 
 def _gaussian_word(word: str) -> Any:
-    return frozen_prior("prior", "norm", two_numbers(word))
+    return _frozen_prior("prior", "norm", two_numbers(word))
 
 
 def _common_word(word: str) -> str:
@@ -268,13 +268,13 @@ def _range_written(value: tuple[float, float]) -> str:
 FLAG = Kind(toml=flag, word=None, written=lambda value: "")
 PHASES = Kind(toml=phase_offsets, word=_common_word, written=str, bare=True)
 TEXT = Kind(toml=text, word=str, written=str)
-TEXTS = Kind(toml=texts, word=words, written=",".join)
-POSITIVE = Kind(toml=positive, word=positive_word, written=_digits)
+TEXTS = Kind(toml=_texts, word=words, written=",".join)
+POSITIVE = Kind(toml=_positive, word=positive_word, written=_digits)
 WHOLE = Kind(toml=whole, word=whole_word, written=str)
 COUNT = Kind(toml=count, word=count_word, written=str)
 NUMBERS_BY_NAME = Kind(toml=table(number), word=number_word, written=_digits, paired=True)
 KNOWN = Kind(
-    toml=table(number_or_free),
+    toml=table(_number_or_free),
     word=_number_or_free_word,
     written=lambda value: "free" if value is None else _digits(value),
     paired=True,

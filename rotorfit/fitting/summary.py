@@ -62,7 +62,7 @@ def fit_summary(fit: FitResult) -> str:
         f"{fit.model.name}, {fit.method}: {fit.message}",
         f"{fit.ndata} real data, {fit.nvarys} fitted values, redchi {fit.redchi:.4g}, "
         f"AIC {fit.aic:.6g}, BIC {fit.bic:.6g}",
-        *noise_lines(fit),
+        *_noise_lines(fit),
         "",
         *_parameter_lines(fit),
         "",
@@ -74,8 +74,8 @@ def fit_summary(fit: FitResult) -> str:
         lines.append("correlations: " + ", ".join(f"{a}-{b} {r:+.2f}" for a, b, r in pairs))
     lines += _stability_lines(fit) if fit.success else ["threshold speed: not stated, as the fit did not converge"]
     lines += interval_lines(fit)
-    lines += foundation_lines(fit)
-    lines += assumed_lines(fit)
+    lines += _foundation_lines(fit)
+    lines += _assumed_lines(fit)
     lines += [f"errors: {remark}" for remark in fit.remarks]
     reduced = structure_error(fit)
     lines += [f"note: {caveat}" for caveat in (*fit.model.caveats, *([str(reduced)] if reduced else []))]
@@ -83,7 +83,7 @@ def fit_summary(fit: FitResult) -> str:
     return "\n".join(lines)
 
 
-def noise_lines(fit: FitResult) -> list[str]:
+def _noise_lines(fit: FitResult) -> list[str]:
     """What the residuals are, where that is more than noise as expected; warnings say the rest."""
     noise = fit.noise
     if noise is None or (noise.verdict is NoiseVerdict.AS_FOUND and not noise.sentences):
@@ -109,7 +109,7 @@ def _small(value: float, unit: str) -> str:
     return f"{1e6 * value:.2g} u{unit}" if unit in ("m", "rad") else f"{value:.2g} {unit}".rstrip()
 
 
-def foundation_lines(fit: FitResult) -> list[str]:
+def _foundation_lines(fit: FitResult) -> list[str]:
     """What the numbers rest on although these data cannot tell it."""
     found = foundations_of(fit).foundations
     return (
@@ -119,7 +119,7 @@ def foundation_lines(fit: FitResult) -> list[str]:
     )
 
 
-def assumed_lines(fit: FitResult) -> list[str]:
+def _assumed_lines(fit: FitResult) -> list[str]:
     """Results with their statistical and systematic errors, where uncertainties of assumptions were given."""
     given = ", ".join(f"{name} {size:g}" for name, size in fit.settings.assumptions.items())
     shown = [p for p in in_order(fit.params.values()) if p.vary and p.resolved and _matters(fit, p)]

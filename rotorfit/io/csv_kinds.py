@@ -76,7 +76,7 @@ def _eccentricity(columns: Columns, *, blank: bool = False) -> Float:
     return values
 
 
-def static_test(table: Table, speed_tolerance: float) -> StaticTest:
+def _static_test(table: Table, speed_tolerance: float) -> StaticTest:
     """Build a static test; columns: :data:`STATIC_COLUMNS`.
 
     Raises:
@@ -107,7 +107,7 @@ def static_test(table: Table, speed_tolerance: float) -> StaticTest:
     )  # fmt: skip
 
 
-def impulse_test(table: Table, speed_tolerance: float) -> ImpulseTest:
+def _impulse_test(table: Table, speed_tolerance: float) -> ImpulseTest:
     """Build an impulse test; columns: :data:`IMPULSE_COLUMNS`.
 
     Raises:
@@ -144,7 +144,7 @@ def impulse_test(table: Table, speed_tolerance: float) -> ImpulseTest:
     )  # fmt: skip
 
 
-def ring_down_test(table: Table, speed_tolerance: float) -> RingDownTest:
+def _ring_down_test(table: Table, speed_tolerance: float) -> RingDownTest:
     """Build ring-down records; columns: :data:`RING_DOWN_COLUMNS`.
 
     Raises:
@@ -170,7 +170,7 @@ def ring_down_test(table: Table, speed_tolerance: float) -> RingDownTest:
     )  # fmt: skip
 
 
-def coefficient_table(table: Table, speed_tolerance: float) -> CoefficientTable:
+def _coefficient_table(table: Table, speed_tolerance: float) -> CoefficientTable:
     """Build a table of coefficients; columns: :data:`COEFFICIENT_COLUMNS`. Without runs, each speed is one.
 
     Raises:
@@ -200,10 +200,10 @@ def coefficient_table(table: Table, speed_tolerance: float) -> CoefficientTable:
 
 
 BUILDERS: tuple[tuple[str, Callable[[Table, float], Experiment]], ...] = (
-    ("time_", ring_down_test),
-    ("damping_ratio", impulse_test),
-    ("load_", static_test),
-    ("kxx_", coefficient_table),
+    ("time_", _ring_down_test),
+    ("damping_ratio", _impulse_test),
+    ("load_", _static_test),
+    ("kxx_", _coefficient_table),
 )
 """Beginning of a column name that tells an experiment, in files without force_plane and direction."""
 

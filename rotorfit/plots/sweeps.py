@@ -117,7 +117,7 @@ def _at_1x(base: Responses) -> bool:
 def _keys(blocks: Sequence[Responses], *, nonlinear: bool) -> list[list[_Key]]:
     """What tells the lines of each block apart; equal speeds of several blocks have equal keys."""
     swept = [np.unique(base.speed).size > SWEPT or _at_1x(base) for base in blocks]
-    steady = rounded(
+    steady = _rounded(
         np.concatenate([np.zeros(0) if s else b.speed for s, b in zip(swept, blocks, strict=True)]), _ONE_SPEED
     )
     found, begin = [], 0
@@ -139,14 +139,14 @@ def levels(force: Float, frequency: Float) -> list[str]:
         force: size, N, shape ``(L,)``.
         frequency: rad/s, same shape.
     """
-    by_force = rounded(force, _ONE_LEVEL)
-    by_unbalance = rounded(force / np.maximum(frequency**2, 1e-12), _ONE_LEVEL)
+    by_force = _rounded(force, _ONE_LEVEL)
+    by_unbalance = _rounded(force / np.maximum(frequency**2, 1e-12), _ONE_LEVEL)
     if np.unique(by_unbalance).size < np.unique(by_force).size:
         return [f"{value * 1e6:.3g} g mm" for value in by_unbalance]
     return [f"{value:.3g} N" for value in by_force]
 
 
-def rounded(values: Float, tolerance: float) -> Float:
+def _rounded(values: Float, tolerance: float) -> Float:
     """Values with those that differ by little replaced by their mean."""
     if not values.size:
         return values

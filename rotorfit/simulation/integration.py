@@ -119,7 +119,7 @@ class Motion:
             return np.zeros(z.shape[:-1])
         return np.asarray(np.abs(z[..., self._journal.at]) / self._journal.clearance)
 
-    def internal(self, z: ComplexArray, v: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
+    def _internal(self, z: ComplexArray, v: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
         """Forces of stiffness and damping, and the change of the journal's inertia, shapes ``(L, n)`` and ``(L,)``."""
         force = (self._passive @ np.concatenate([z, v], axis=1)[:, :, None])[:, :, 0]
         if self._journal is None:
@@ -135,7 +135,7 @@ class Motion:
             moved = self._inverse_mass @ force[:, :, None]
             moved += self._own_acceleration @ np.concatenate([z, v], axis=1)[:, :, None]
             return np.asarray(moved[:, :, 0])
-        internal, inertia = self.internal(z, v)
+        internal, inertia = self._internal(z, v)
         free, given = self._free, self.imposed
         drive = force - internal
         a = np.zeros_like(z)
@@ -152,7 +152,7 @@ class Motion:
 
     def force(self, z: ComplexArray, v: ComplexArray, a: ComplexArray) -> ComplexArray:
         """Force that a motion needs at an instant, shape ``(L, n)``."""
-        internal, inertia = self.internal(z, v)
+        internal, inertia = self._internal(z, v)
         total = internal + (self.mass @ a[:, :, None])[:, :, 0]
         if self._journal is not None:
             total[:, self._journal.at] += inertia * a[:, self._journal.at]

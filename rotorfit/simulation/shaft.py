@@ -177,7 +177,7 @@ def _equations(
     p = dict(zip(model.parameter_names, model.vector(values).tolist(), strict=True))
     M, D, K = p["M"], p["D"], p["K"]
     delta, eps, side = complex(p["dK_cos"], p["dK_sin"]), complex(p["ec"], p["es"]), complex(p["Px"], p["Py"])
-    inertia, kt, ct = torsion_constants(model, p)
+    inertia, kt, ct = _torsion_constants(model, p)
     rise = motor.acceleration
 
     def slope(t: float, state: Float) -> list[float]:
@@ -203,7 +203,7 @@ def _equations(
     return slope
 
 
-def torsion_constants(model: AnisotropicShaft, p: dict[str, float]) -> tuple[float, float, float]:
+def _torsion_constants(model: AnisotropicShaft, p: dict[str, float]) -> tuple[float, float, float]:
     """J, kt and ct of named values, zero for a shaft that does not twist."""
     if model.torsion is None:
         return 0.0, 0.0, 0.0

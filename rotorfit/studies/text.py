@@ -52,7 +52,7 @@ def summary(outcome: Outcome, rig: str = "") -> str:
         note = f"; {onset.note}" if onset.note else ""
         parts.append(f"threshold speed in rpm, 95 % of the posterior: {ends}{note}")
     if rig:
-        parts.append(truth_table(outcome, rig))
+        parts.append(_truth_table(outcome, rig))
     return spoken("\n\n".join(parts))
 
 
@@ -99,7 +99,7 @@ def _comparison(closed: FitResult, fit: FitResult) -> str:
     return "\n".join(text_table(rows, "<22 >14 >14 <1"))
 
 
-def truth_table(outcome: Outcome, rig: str) -> str:
+def _truth_table(outcome: Outcome, rig: str) -> str:
     """The fluid's parameters and the threshold speed beside those a simulated rig was made with."""
     truth = datasets.truth(rig)
     results = {"closed form": outcome.closed, "optimised": outcome.fit}
