@@ -52,7 +52,11 @@ class Change:
 
 
 def fewest_dates(count: int) -> int:
-    """Dates that a full covariance of ``count`` values needs before a change can be told from it."""
+    """Dates that a full covariance needs before a change can be told from it.
+
+    Args:
+        count: values at each date.
+    """
     return max(2 * FEWEST + 2, count + 4)
 
 

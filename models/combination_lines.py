@@ -53,6 +53,10 @@ _SPELLINGS = {"2(w-Om)": "2w-2Om", "Om": "1x", "2Om": "2x", "-w+2Om": "2Om-w", "
 def line_order(direction: str, name: str) -> Order:
     """Orders (m, n) of a line, of the lateral motion or (direction ``twist``) of the twist.
 
+    Args:
+        direction: ``twist``, or anything else for the lateral motion.
+        name: of the line as files write it, ``2Om-w`` for instance; blanks and ``*`` do not count.
+
     Raises:
         ValueError: no such line; the message lists those there are.
     """
@@ -93,12 +97,20 @@ class ShaftValues:
     force: Complex
 
     def turning_frequency(self, order: Order) -> Complex:
-        """Frequency of an order in turning coordinates, rad/s."""
+        """Frequency of an order in turning coordinates, rad/s.
+
+        Args:
+            order: the pair (m, n) of :func:`line_order`.
+        """
         m, n = order
         return float(m) * (Complex.of(self.frequency) - self.speed) + float(n) * Complex.of(self.speed)
 
     def fixed_frequency(self, order: Order) -> Complex:
-        """Frequency of a lateral line in fixed coordinates, rad/s."""
+        """Frequency of a lateral line in fixed coordinates, rad/s.
+
+        Args:
+            order: the pair (m, n) of :func:`line_order`, of the lateral motion.
+        """
         return self.turning_frequency(order) + self.speed
 
 

@@ -109,6 +109,9 @@ def statements(function: ca.Function, read: Callable[[int], str], write: Callabl
 def array_function(function: ca.Function) -> Callable[[Sequence[Float]], Float]:
     """Compile a CasADi SX function to work on arrays.
 
+    Args:
+        function: of SX symbols.
+
     Returns:
         a function of a sequence of scalars or arrays, one for each input nonzero, that broadcast to a common shape
         ``S``; it returns the output nonzeros as an array of shape ``(n_outputs, *S)``.

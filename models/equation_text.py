@@ -38,7 +38,11 @@ class Entry:
 
 
 def stiffness_entries(model: RotorModel) -> list[list[Entry]]:
-    """Entries of the dynamic stiffness matrix, row by row; what a known shaft adds is not in them."""
+    """Entries of the dynamic stiffness matrix, row by row; what a known shaft adds is not in them.
+
+    Args:
+        model: the rotor.
+    """
     p = SimpleNamespace(**{name: ca.SX.sym(name) for name in model.parameter_names})
     equation = model.equation(p, ca.SX.sym(SPEED), ca.SX.sym(ECCENTRICITY))
     matrices = [m if isinstance(m, Complex) else Complex.matrix(m) for m in equation]
@@ -115,7 +119,11 @@ def _split_symbol(name: str) -> tuple[str, str]:
 
 
 def symbol_mathml(name: str) -> str:
-    """A parameter's symbol in MathML."""
+    """A parameter's symbol in MathML.
+
+    Args:
+        name: of a parameter, ``lam_D`` for instance; what is no name of one is shown as text.
+    """
     if not name.isidentifier():
         return f"<mtext>{escape(name)}</mtext>"
     letter, index = _split_symbol(name)

@@ -22,6 +22,13 @@ def fluid_force(K0: Any, D: Any, Mf: Any, lam_D: Any, lam_M: Any, speed: Any) ->
 
     ``kappa_fluid = K0 + D (s - j lam_D Om) + Mf (s - j lam_M Om)^2`` with ``s = j w``, sorted by powers of s.
     Damping and inertia may turn at different ratios, as measured seals do; eq. (13) has ``lam_D = lam_M = lam``.
+
+    Args:
+        K0: radial stiffness, N/m.
+        D: radial damping, N s/m.
+        Mf: fluid inertia, kg.
+        lam_D, lam_M: velocity ratios of damping and inertia.
+        speed: rotative speed Omega, rad/s; all of these numbers or CasADi symbols.
     """
     whirl_D, whirl_M = J * (lam_D * speed), J * (lam_M * speed)
     return FluidForce(K=K0 - D * whirl_D + Mf * whirl_M * whirl_M, C=D - 2.0 * (Mf * whirl_M), M=Complex.of(Mf))
@@ -31,6 +38,9 @@ def fluid_parameters(two_lam: bool) -> tuple[Parameter, ...]:
     """Parameters K0, D, lam (or lam_D and lam_M) and Mf.
 
     K0 has no lower limit: machines near stall show negative radial stiffness.
+
+    Args:
+        two_lam: whether damping and inertia turn at ratios of their own.
     """
     ratio = "circumferential average velocity ratio"
     lams = (
@@ -55,7 +65,15 @@ def _velocity_ratios(p: Any, two_lam: bool) -> tuple[Any, Any]:
 
 
 def fluid_at(law: Law, p: Any, two_lam: bool, speed: Any, eccentricity: Any) -> FluidForce:
-    """Fluid force of eq. (13) with the coefficients that a law gives at an eccentricity; one factor for both ratios."""
+    """Fluid force of eq. (13) with the coefficients that a law gives at an eccentricity; one factor for both ratios.
+
+    Args:
+        law: of eccentricity.
+        p: parameters by name, CasADi symbols: ``p.K0``.
+        two_lam: whether damping and inertia turn at ratios of their own.
+        speed: rotative speed Omega, rad/s, symbolic.
+        eccentricity: orbit radius over clearance, symbolic.
+    """
     fluid = law.at(p, eccentricity)
     lam_D, lam_M = _velocity_ratios(p, two_lam)
     return fluid_force(fluid.K0, fluid.D, p.Mf, lam_D * fluid.ratio, lam_M * fluid.ratio, speed)

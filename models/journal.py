@@ -99,12 +99,21 @@ class Journal:
 
         About an equilibrium at an angle phi a small displacement ``dz`` of the journal changes the force by
         ``C0 dz + coupling (dz + exp(2 j phi) conj(dz))``.
+
+        Args:
+            theta: parameter vectors, shape ``(..., P)``.
+            speed: rotative speed, rad/s, shape broadcasting with ``theta[..., 0]``.
+            eccentricity: distance of the equilibrium from the centre over clearance, likewise.
         """
         flat = self._coupling(arguments(theta, speed, eccentricity))
         return np.asarray(flat[0] + 1j * flat[1])
 
     def coupling_jacobian(self, theta: ArrayLike, speed: ArrayLike, eccentricity: ArrayLike) -> ComplexArray:
-        """Derivatives of :meth:`coupling` by the parameters, shape ``(P, ...)``."""
+        """Derivatives of :meth:`coupling` by the parameters, shape ``(P, ...)``.
+
+        Args:
+            theta, speed, eccentricity: as for :meth:`coupling`.
+        """
         flat = self._coupling_jacobian(arguments(theta, speed, eccentricity))
         return np.asarray(flat[0::2] + 1j * flat[1::2])
 
@@ -112,6 +121,9 @@ class Journal:
 @lru_cache(maxsize=64)
 def journal(model: RotorModel) -> Journal:
     """The journal of a model that depends on eccentricity, compiled once.
+
+    Args:
+        model: a rotor with a law of eccentricity.
 
     Raises:
         ValueError: the model has none, or eccentricity enters in more than one place.

@@ -29,6 +29,9 @@ class LawCurve(NamedTuple):
 def law_of(model: RotorModel) -> Law:
     """The law of eccentricity of a model.
 
+    Args:
+        model: the rotor.
+
     Raises:
         ValueError: it has none, or its fluid is linear.
     """

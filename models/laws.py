@@ -250,6 +250,11 @@ LAWS: dict[str, type[Law]] = {law.name: law for law in (Constant, Muszynska, Eve
 def clearance_of(law: Law, clearance_um: float | None, model: str) -> float | None:
     """Clearance in m, checked against the law.
 
+    Args:
+        law: of eccentricity.
+        clearance_um: radial clearance, micrometres; ``None`` where it was not given.
+        model: its name, for messages.
+
     Raises:
         ValueError: a law that changes with eccentricity without a clearance, or one that is not positive.
     """

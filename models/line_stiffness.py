@@ -37,9 +37,13 @@ def at_frequency(coefficients: list[tuple[Any, Any]], w: Any) -> tuple[Any, Any]
 
 
 def arguments(theta: ArrayLike, *others: ArrayLike) -> list[Any]:
-    """Parameter vectors, shape ``(..., P)``, parameter by parameter, and what else a compiled graph takes.
+    """Inputs of a compiled graph: the parameters one by one, then what else it takes.
 
     A single vector is passed as numbers, whose arithmetic costs a fraction of that of arrays of one element.
+
+    Args:
+        theta: parameter vectors, shape ``(..., P)``.
+        others: speeds, eccentricities and so on, shapes broadcasting with ``theta[..., 0]``.
     """
     theta = np.asarray(theta, dtype=float)
     single = theta.ndim < 3 and theta.size == theta.shape[-1]
@@ -86,12 +90,20 @@ class LineStiffness:
         return complex_pairs(flat).reshape(self._size, self._size, *flat.shape[1:])
 
     def slopes(self, theta: ArrayLike, w: ArrayLike, speed: ArrayLike, eccentricity: ArrayLike) -> ComplexArray:
-        """Derivatives by parameters and eccentricity, shape ``(K, ...)``; arguments as for :meth:`values`."""
+        """Derivatives by parameters and eccentricity, shape ``(K, ...)``.
+
+        Args:
+            theta, w, speed, eccentricity: as for :meth:`values`.
+        """
         return complex_pairs(self._slopes(arguments(theta, speed, eccentricity, w)))
 
 
 def complex_pairs(flat: Float) -> ComplexArray:
-    """Real and imaginary parts in turn along axis 0 as complex numbers."""
+    """Real and imaginary parts in turn as complex numbers, shape ``(n, ...)``.
+
+    Args:
+        flat: shape ``(2 n, ...)``.
+    """
     result = np.empty((flat.shape[0] // 2, *flat.shape[1:]), dtype=complex)
     result.real, result.imag = flat[0::2], flat[1::2]
     return result
@@ -99,7 +111,11 @@ def complex_pairs(flat: Float) -> ComplexArray:
 
 @lru_cache(maxsize=64)
 def line_stiffness(model: RotorModel) -> LineStiffness:
-    """The functions of a model, compiled once."""
+    """The functions of a model, compiled once.
+
+    Args:
+        model: the rotor.
+    """
     return LineStiffness(model)
 
 

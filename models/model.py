@@ -266,7 +266,7 @@ class RotorModel(ABC):
     def receptance(
         self, theta: ArrayLike, frequency: ArrayLike, speed: ArrayLike, eccentricity: ArrayLike = 0.0
     ) -> ComplexArray:
-        """Matrix of responses to unit forces, ``inv(kappa)``, m/N, arguments as for :meth:`dynamic_stiffness`.
+        """Matrix of responses to unit forces, ``inv(kappa)``, m/N.
 
         Args:
             theta: parameter vector, shape ``(P,)``, or many, shape ``(..., P)``.
@@ -423,14 +423,24 @@ class CompiledModel:
         return [*parameters, np.asarray(speed, dtype=float)[()], np.asarray(eccentricity, dtype=float)[()]]
 
     def values(self, theta: ArrayLike, speed: ArrayLike, eccentricity: ArrayLike) -> ComplexArray:
-        """Coefficient matrices, shape ``(..., order + 1, n, n)``."""
+        """Coefficient matrices, shape ``(..., order + 1, n, n)``.
+
+        Args:
+            theta: parameter vectors, shape ``(..., P)``, SI units.
+            speed: rotative speed, rad/s, shape broadcasting with ``theta[..., 0]``.
+            eccentricity: orbit radius over clearance, likewise.
+        """
         flat = _last(self._values(self._arguments(theta, speed, eccentricity)))
         powers, size, _ = self._shape
         parts = flat.reshape(*flat.shape[:-1], powers, 2, size, size)
         return np.asarray(parts[..., 0, :, :] + 1j * parts[..., 1, :, :])
 
     def jacobian(self, theta: ArrayLike, speed: ArrayLike, eccentricity: ArrayLike = 0.0) -> CoefficientJacobian:
-        """Derivatives of the coefficients with respect to parameters, speed and eccentricity."""
+        """Derivatives of the coefficients with respect to parameters, speed and eccentricity.
+
+        Args:
+            theta, speed, eccentricity: as for :meth:`values`.
+        """
         flat = _last(self._jacobian(self._arguments(theta, speed, eccentricity)))
         values = np.zeros((*flat.shape[:-1], self.inputs.size), dtype=complex)
         values.real[..., self.real_entry] = flat[..., self._real]
@@ -440,12 +450,20 @@ class CompiledModel:
         )
 
     def factors(self, theta: ArrayLike) -> ComplexArray:
-        """Probe factors, shape ``(..., n)``."""
+        """Probe factors, shape ``(..., n)``.
+
+        Args:
+            theta: parameter vectors, shape ``(..., P)``.
+        """
         flat = np.moveaxis(self._factors(self._arguments(theta, 0.0, 0.0)), 0, -1)
         return np.asarray(flat[..., 0::2] + 1j * flat[..., 1::2])
 
     def factor_jacobian(self, theta: ArrayLike) -> ComplexArray:
-        """Derivatives of the probe factors, shape ``(..., n, P)``."""
+        """Derivatives of the probe factors, shape ``(..., n, P)``.
+
+        Args:
+            theta: parameter vectors, shape ``(..., P)``.
+        """
         flat = np.moveaxis(self._factor_jacobian(self._arguments(theta, 0.0, 0.0)), 0, -1)
         size = self._shape[1]
         parts = np.swapaxes(flat.reshape(*flat.shape[:-1], self.n_parameters, 2 * size), -1, -2)

@@ -64,6 +64,11 @@ class OneMode(RotorModel):
 def one_per_coordinate(planes: Sequence[str], count: int, model: str) -> tuple[str, ...]:
     """Check the plane names of a model.
 
+    Args:
+        planes: names that were given; a text is one name.
+        count: how many the model has.
+        model: its name, for messages.
+
     Raises:
         ValueError: wrong number of names, or one twice.
     """

@@ -64,7 +64,11 @@ class OrbitEquation:
         return self.s.imag
 
     def select(self, lines: Index | tuple[Index, ...]) -> Self:
-        """The equation of some lines, in one row."""
+        """The equation of some lines, in one row.
+
+        Args:
+            lines: their numbers, or one array of numbers for each axis of :attr:`shape`.
+        """
         shape = self.shape
         return type(self)(
             theta=np.broadcast_to(self.theta, (*shape, self.theta.shape[-1]))[lines],
@@ -75,13 +79,21 @@ class OrbitEquation:
         )
 
     def at(self, journal: Journal, eccentricity: Float) -> Float:
-        """See :meth:`~rotorfit.models.journal.Journal.excess`; arguments as for :meth:`excess`."""
+        """What :meth:`~rotorfit.models.journal.Journal.excess` answers for these lines, shape ``(6, ...)``.
+
+        Args:
+            journal, eccentricity: as for :meth:`excess`.
+        """
         extra = (...,) + (None,) * (eccentricity.ndim - len(self.shape))
         w, speed, size = (values[extra] for values in (self._frequency, self.speed, self._size))
         return journal.excess(self.theta[(*extra, slice(None))], w, speed, size, self.receptance[extra], eccentricity)
 
     def change(self, journal: Journal, eccentricity: Float) -> ComplexArray:
-        """Change of the drive-point stiffness against the centred journal, N/m; arguments as for :meth:`excess`."""
+        """Change of the drive-point stiffness against the centred journal, N/m.
+
+        Args:
+            journal, eccentricity: as for :meth:`excess`.
+        """
         found = self.at(journal, eccentricity)
         return np.asarray(found[2] + 1j * found[3])
 

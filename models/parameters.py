@@ -51,12 +51,22 @@ MATRIX_UNITS = {"K": "N/m", "M": "kg", "D": "N s/m"}
 
 
 def bare_name(name: str) -> str:
-    """Name of a parameter without its group: ``K0`` of ``K0[speed_rpm=1000]``."""
+    """Name of a parameter without its group: ``K0`` of ``K0[speed_rpm=1000]``.
+
+    Args:
+        name: as a fit writes it.
+    """
     return name.partition("[")[0]
 
 
 def unknown_name(kind: str, name: str, allowed: Iterable[str]) -> str:
-    """Sentence for an error: the unknown name, the nearest known one, and all that is allowed."""
+    """Sentence for an error: the unknown name, the nearest known one, and all that is allowed.
+
+    Args:
+        kind: what the name is of, in words: ``parameter of whirl-whip``.
+        name: the unknown one.
+        allowed: all that there are.
+    """
     allowed = list(allowed)
     near = difflib.get_close_matches(name, allowed, n=1, cutoff=0.5)
     if not near:

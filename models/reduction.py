@@ -45,7 +45,13 @@ class Terms:
 
     @staticmethod
     def of(whole: StructureMatrices, parts: Sequence[StructureMatrices], seen: Index) -> Terms:
-        """The terms of a structure and its parts, of which some coordinates are seen."""
+        """The terms of a structure and its parts, of which some coordinates are seen.
+
+        Args:
+            whole: the structure, its parts included.
+            parts: those that a factor multiplies, ``S`` of them.
+            seen: numbers of the coordinates seen, shape ``(n,)``.
+        """
         order = np.concatenate([seen, np.setdiff1d(np.arange(len(whole.K)), seen)])
         terms = np.stack([matrix for each in (whole, *parts) for matrix in (each.K, each.C, each.G, each.M)])
         return Terms(matrices=terms[:, order[:, None], order], n=seen.size)
@@ -56,7 +62,13 @@ class Terms:
         return len(self.matrices[0])
 
     def weights(self, s: ComplexArray, speed: Float, scales: Float) -> ComplexArray:
-        """The numbers of each line, shape ``(L, 4 + 4 S)``."""
+        """The numbers of each line, shape ``(L, 4 + 4 S)``.
+
+        Args:
+            s: j w of each line, rad/s, shape ``(L,)``.
+            speed: rotative speed, rad/s, shape ``(L,)``.
+            scales: factors of the parts, shape ``(L, S)``.
+        """
         powers = np.stack([np.ones_like(s), s, s * speed, s**2], axis=1)
         factors = np.concatenate([np.ones((s.size, 1)), scales - 1.0], axis=1)
         return np.asarray((factors[:, :, None] * powers[:, None, :]).reshape(s.size, -1))

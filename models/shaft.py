@@ -40,7 +40,11 @@ class StructureMatrices:
     K: ComplexArray
 
     def coefficients(self, speed: ArrayLike) -> ComplexArray:
-        """Coefficients of s^0, s^1, s^2 at rotative speeds, rad/s; shape ``(..., 3, N, N)``."""
+        """Coefficients of s^0, s^1, s^2, shape ``(..., 3, N, N)``.
+
+        Args:
+            speed: rotative speeds, rad/s, shape ``(...)``.
+        """
         Om = np.asarray(speed, dtype=float)[..., None, None]
         damping = self.C + Om * self.G
         return np.stack(np.broadcast_arrays(self.K, damping, self.M), axis=-3)

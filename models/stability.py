@@ -102,6 +102,12 @@ def is_image(model: RotorModel, theta: ArrayLike, speed: float, s: complex) -> b
     """Whether an eigenvalue in turning coordinates is that of another line, such as the image, of a motion.
 
     Where motion and image grow together, between the edges of an unstable band, neither is.
+
+    Args:
+        model: the rotor.
+        theta: parameter vector, shape ``(P,)``.
+        speed: rotative speed, rad/s.
+        s: the eigenvalue, 1/s, in turning coordinates.
     """
     if not model.turns:
         return False
@@ -113,7 +119,14 @@ def is_image(model: RotorModel, theta: ArrayLike, speed: float, s: complex) -> b
 
 
 def growth_rate(model: RotorModel, theta: ArrayLike, speed: ArrayLike, band: float = math.inf) -> Float:
-    """Largest real part of the eigenvalues with ``|s| <= band``, 1/s; positive means unstable."""
+    """Largest real part of the eigenvalues with ``|s| <= band``, 1/s; positive means unstable.
+
+    Args:
+        model: the rotor.
+        theta: parameter vectors, shape ``(..., P)``.
+        speed: rotative speed, rad/s, one or as many as vectors.
+        band: modulus beyond which eigenvalues do not count, rad/s.
+    """
     s = _spectrum(model, model.motion(theta, speed))
     counted = np.isfinite(s) & (np.abs(s) <= band)
     return np.asarray(np.where(counted, s.real, -np.inf).max(axis=-1))

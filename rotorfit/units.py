@@ -87,5 +87,9 @@ def find_unit(unit: str, units: Mapping[str, float]) -> float | None:
 
 
 def units_of(*quantities: str) -> dict[str, float]:
-    """Units of several quantities in one table, for columns that may hold either (displacement or tilt)."""
+    """Units of several quantities in one table, for columns that may hold either.
+
+    Args:
+        quantities: keys of :data:`UNITS`, ``displacement`` and ``tilt`` for instance.
+    """
     return {unit: factor for quantity in quantities for unit, factor in UNITS[quantity].items()}

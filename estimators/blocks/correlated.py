@@ -85,18 +85,32 @@ class CorrelatedResponses(OnResponses):
 
 
 def whiten(block: Block, misses: ComplexArray) -> ComplexArray:
-    """Residuals of a block, shape ``(..., R)``, over their noise and free of what they have in common."""
+    """Residuals of a block, shape ``(..., R)``, over their noise and free of what they have in common.
+
+    Args:
+        block: observations that the misses are of.
+        misses: predicted minus measured, in units of the readings, shape ``(..., R)``.
+    """
     scaled = misses / block.sigma
     return np.asarray(scaled @ block.mixing.T) if isinstance(block, CorrelatedResponses) else scaled
 
 
 def freedom_of(blocks: Iterable[Block]) -> float:
-    """Degrees of freedom from which the noise of the readings is known; infinite where it was given or sampled well."""
+    """Degrees of freedom from which the noise of the readings is known; infinite where it was given or sampled well.
+
+    Args:
+        blocks: all observations of a fit.
+    """
     return min((b.freedom for b in blocks if isinstance(b, CorrelatedResponses)), default=math.inf)
 
 
 def quantile(level: float, freedom: float) -> float:
-    """Standard errors on either side of an estimate that make an interval of a level; Student's t for few mountings."""
+    """Standard errors on either side of an estimate that make an interval; Student's t for few mountings.
+
+    Args:
+        level: probability that the interval is to have, 0.95 for instance.
+        freedom: degrees of freedom behind the error, infinite for the normal distribution.
+    """
     reach = (1 + level) / 2
     if not math.isfinite(freedom):
         return NormalDist().inv_cdf(reach)

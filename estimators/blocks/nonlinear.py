@@ -69,11 +69,19 @@ class OrbitResponses(OnResponses):
         return replace(self, mode="given", eccentricity=np.nan_to_num(self.eccentricity))
 
     def lines(self, keep: Bool) -> OrbitResponses:
-        """The observations of some lines."""
+        """The observations of some lines.
+
+        Args:
+            keep: which of the lines, shape ``(L,)``.
+        """
         return OrbitResponses(self.base.lines(keep), self.eccentricity[keep], self.mode, self.sweep[keep])
 
     def orbits(self, theta: Float) -> Float:
-        """Eccentricity of the journal in each line, shape ``(..., L)``; theta of shape ``(..., G, P)``."""
+        """Eccentricity of the journal in each line, shape ``(..., L)``.
+
+        Args:
+            theta: parameter vectors of the groups, shape ``(..., G, P)``.
+        """
         return self._state(theta).eps
 
     def _state(self, theta: Float) -> _State:
@@ -224,7 +232,11 @@ class OrbitResponses(OnResponses):
 
 
 def inverse_of_lines(kappa: ComplexArray) -> ComplexArray:
-    """Inverse of matrices of shape ``(n, n, ..., L)``, lines along the last axis."""
+    """Inverse of many small matrices, lines along the last axis, same shape.
+
+    Args:
+        kappa: shape ``(n, n, ..., L)``.
+    """
     if kappa.shape[0] == 1:
         return np.asarray(1.0 / kappa)
     flat = inverse(np.moveaxis(kappa.reshape(*kappa.shape[:2], -1), -1, 0))
@@ -232,7 +244,11 @@ def inverse_of_lines(kappa: ComplexArray) -> ComplexArray:
 
 
 def responses_of(block: object) -> Responses | None:
-    """The responses to circular forces or constant loads that a block holds, if any."""
+    """The responses to circular forces or constant loads that a block holds, if any.
+
+    Args:
+        block: any observations, or what may be such.
+    """
     if isinstance(block, OrbitResponses | CorrelatedResponses):
         return block.base
     return block if isinstance(block, Responses) else None

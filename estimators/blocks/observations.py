@@ -157,11 +157,19 @@ class Responses:
         return size if np.array_equal(number, np.repeat(np.arange(pairs), size)) else 0
 
     def known_stiffness(self, theta: Float) -> KnownStiffness | None:
-        """Dynamic stiffness of the model's known structure at each line, if it has one; theta of shape ``(G, P)``."""
+        """Dynamic stiffness of the model's known structure at each line, if it has one.
+
+        Args:
+            theta: parameter vectors of the groups, shape ``(G, P)``.
+        """
         return None if self.model.shaft is None else self.model.known_stiffness(theta[self.group], self.s, self.speed)
 
     def split(self, readings: int) -> list[Responses]:
-        """The same observations in pieces of whole lines, of at most so many readings where lines are no longer."""
+        """The same observations in pieces of whole lines.
+
+        Args:
+            readings: how many a piece has at most; a line with more is a piece of its own.
+        """
         if self.measured.size <= readings:
             return [self]
         first = np.searchsorted(self.line, np.arange(self.speed.size + 1))
@@ -178,7 +186,11 @@ class Responses:
         return pieces
 
     def lines(self, keep: Bool) -> Responses:
-        """The observations of some lines."""
+        """The observations of some lines.
+
+        Args:
+            keep: which of the lines, shape ``(L,)``.
+        """
         readings = keep[self.line]
         names = ("coordinate", "measured", "sigma", "label", "run")
         by_reading = {name: getattr(self, name)[readings] for name in names}
@@ -255,5 +267,9 @@ class OnResponses:
         return self.base.reading_group
 
     def with_noise(self, factor: Float) -> Self:
-        """See :class:`Block`."""
+        """See :meth:`Block.with_noise`.
+
+        Args:
+            factor: of each reading, shape ``(R,)``.
+        """
         return replace(self, base=self.base.with_noise(factor))

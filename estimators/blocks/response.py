@@ -21,9 +21,12 @@ if TYPE_CHECKING:
 
 
 def inverse(kappa: ComplexArray) -> ComplexArray:
-    """Inverse of many small matrices, shape ``(L, n, n)``; one and two rows in closed form.
+    """Inverse of many small matrices; one and two rows in closed form.
 
     The result is stored as ``[column, row, line]``: what runs along the lines is contiguous.
+
+    Args:
+        kappa: shape ``(L, n, n)``.
     """
     n = kappa.shape[-1]
     result = np.empty((n, n, kappa.shape[0]), dtype=complex)
@@ -43,7 +46,12 @@ def inverse(kappa: ComplexArray) -> ComplexArray:
 
 
 def dynamic_stiffness(block: Responses, theta: Float) -> ComplexArray:
-    """Dynamic stiffness of every line, shape ``(L, n, n)``, stored as ``[row, column, line]``."""
+    """Dynamic stiffness of every line, shape ``(L, n, n)``, stored as ``[row, column, line]``.
+
+    Args:
+        block: the readings, whose conditions and frequencies are taken.
+        theta: parameter vectors of the groups, shape ``(G, P)``.
+    """
     index, group, speed = block.condition
     if speed.size == 1:
         coefficients = block.model.coefficients(theta[group[0]], speed[0])[..., None]
@@ -160,6 +168,11 @@ def displacement_to_force(
 
     The force is the displacement over the drive-point receptance; with one plane, ``kappa A``.
     Arguments and results as for :func:`respond`.
+
+    Args:
+        block: readings of forces under imposed orbits; its ``force`` is the displacement, m.
+        theta: parameter vectors of the groups, shape ``(G, P)``.
+        jacobian: whether to differentiate.
     """
     line, coordinate = block.line, block.coordinate
     H = inverse(dynamic_stiffness(block, theta))

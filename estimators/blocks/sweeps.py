@@ -10,7 +10,11 @@ from rotorfit.models.array_types import Float, Index
 
 
 def force_plane(block: Responses) -> Index:
-    """Coordinate that the force of each reading acts at, shape ``(R,)``."""
+    """Coordinate that the force of each reading acts at, shape ``(R,)``.
+
+    Args:
+        block: the readings.
+    """
     return np.asarray(np.argmax(np.abs(block.force), axis=1))[block.line]
 
 

@@ -69,6 +69,11 @@ class Held(Protocol):
         """Cost and vector at the minimum for one value, and whether it is one to full precision.
 
         The cost is infinite where there is nothing.
+
+        Args:
+            entry: entry of the fitted vector that is held, where that is what is held.
+            value: at which it is held.
+            start: vector nearby, shape ``(p,)``.
         """
         ...
 

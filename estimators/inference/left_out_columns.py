@@ -63,7 +63,11 @@ def whitened_columns(problem: Problem, x: Float, terms: Sequence[Term]) -> Compl
 
 
 def is_linear(block: Block) -> bool:
-    """Whether a block holds responses of a linear rotor to circular forces, which left-out terms act on."""
+    """Whether a block holds responses of a linear rotor to circular forces, which left-out terms act on.
+
+    Args:
+        block: any observations.
+    """
     base = responses_of(block)
     return isinstance(base, Responses) and not isinstance(block, OrbitResponses) and not base.imposed
 

@@ -196,6 +196,10 @@ class LogPosterior:
 
 
 def box(problem: Problem) -> tuple[Float, Float]:
-    """Bounds narrowed to where the priors are not zero, shapes ``(p,)``."""
+    """Bounds narrowed to where the priors are not zero, shapes ``(p,)``.
+
+    Args:
+        problem: the problem, whose bounds and priors are taken.
+    """
     space = within_support(problem.space, problem.priors)
     return space.lower, space.upper

@@ -87,21 +87,39 @@ class Curve:
         return self._contraction or 1.0
 
     def unknown(self, values: Sequence[float]) -> list[float]:
-        """Those of some values where the rise has not been found yet."""
+        """Those of some values where the rise has not been found yet.
+
+        Args:
+            values: of the quantity.
+        """
         return [value for value in dict.fromkeys(values) if value not in self._rises]
 
     def rise(self, value: float) -> float:
-        """Rise at a value where it has been found, infinite where there is no minimum."""
+        """Rise at a value where it has been found, infinite where there is no minimum.
+
+        Args:
+            value: of the quantity, for which :func:`find_rises` was asked.
+        """
         return self._rises[value]
 
     def take(self, value: float, minima: Minima, number: int) -> None:
-        """Keep a point that was found."""
+        """Keep a point that was found.
+
+        Args:
+            value: of the quantity.
+            minima: those of several curves and values, found together.
+            number: which of them is the minimum at this value.
+        """
         self._rises[value] = rise = 2 * (float(minima.cost[number]) - self._cost)
         self._points.append(_Point(value, minima.x[number], rise, minima.slope[number]))
         self._contraction = max(self._contraction, float(minima.contraction[number]))
 
     def follow(self, value: float) -> None:
-        """Find a point by itself, from those that are known by now."""
+        """Find a point by itself, from those that are known by now.
+
+        Args:
+            value: of the quantity.
+        """
         cost, x, settled = self.held.alone(self.entry, value, self.predict([value])[0])
         self.unsettled += not settled
         self._rises[value] = rise = 2 * (cost - self._cost) if math.isfinite(cost) else math.inf
@@ -112,6 +130,9 @@ class Curve:
         """Vectors at values, shape ``(W, p)``: Hermite's cubic where slopes are known, else a straight line.
 
         It goes through the nearest point and the nearest one at least as far from that as the value is.
+
+        Args:
+            values: of the quantity, ``W`` of them.
         """
         known, wanted = np.array([point.value for point in self._points]), np.array(values)
         x, slope = (np.array(part) for part in zip(*((point.x, point.slope) for point in self._points), strict=True))
@@ -176,7 +197,12 @@ class Curve:
 
 
 def find_rises(curves: Sequence[Curve], values: Sequence[Sequence[float]]) -> None:
-    """Find the rises of curves at some values each; those that full steps do not reach are followed in their order."""
+    """Find the rises of curves at some values each; those that full steps do not reach are followed in their order.
+
+    Args:
+        curves: of one problem or of several.
+        values: where each of them is asked for, one sequence a curve.
+    """
     unknown = [(curve, curve.unknown(some)) for curve, some in zip(curves, values, strict=True)]
     for held in dict.fromkeys(curve.held for curve, some in unknown if some):
         mine = [(curve, some) for curve, some in unknown if some and curve.held is held]
@@ -249,7 +275,15 @@ def _solve(
 
 
 def limits(low: float, high: float, value: float, size: float, step: float) -> tuple[tuple[float, bool], ...]:
-    """How far a quantity is followed downwards and upwards, and whether a bound stands there."""
+    """How far a quantity is followed downwards and upwards, and whether a bound stands there.
+
+    Args:
+        low: lower bound of the quantity.
+        high: upper bound.
+        value: its estimate.
+        size: a typical size of it.
+        step: its standard error, or a tenth of the size where it has none.
+    """
     reach = _REACH * max(size, abs(value), step)
     return (low, True) if low >= value - reach else (value - reach, False), (high, True) if high <= value + reach else (
         value + reach,

@@ -51,18 +51,32 @@ class IndependenceMove(emcee.moves.MHMove):  # type: ignore[misc]
         super().__init__(self.draw, centre.size)
 
     def draw(self, coords: Float, random: np.random.RandomState) -> tuple[Float, Float]:
-        """Proposed positions and log Hastings factors."""
+        """Proposed positions and log Hastings factors.
+
+        Args:
+            coords: positions of the walkers to be moved, shape ``(W, p)``.
+            random: emcee's source of random numbers.
+        """
         white = self.white(len(coords), random)
         here = (coords - self.centre) @ self._whiten
         density = self.proposal.logpdf(np.concatenate([here, white]))
         return self.place(white), density[: len(coords)] - density[len(coords) :]
 
     def white(self, count: int, random: np.random.RandomState) -> Float:
-        """Draws in units of the spread along each direction that has one, shape ``(count, rank)``."""
+        """Draws in units of the spread along each direction that has one, shape ``(count, rank)``.
+
+        Args:
+            count: how many.
+            random: source of random numbers.
+        """
         return np.reshape(self.proposal.rvs(count, random_state=random), (count, -1))
 
     def place(self, white: Float) -> Float:
-        """Positions of such draws, shape ``(count, p)``."""
+        """Positions of such draws, shape ``(count, p)``.
+
+        Args:
+            white: draws as of :meth:`white`, shape ``(count, rank)``.
+        """
         return np.asarray(self.centre + white @ self._colour)
 
 

@@ -53,7 +53,12 @@ class BatchFit:
 
 
 def with_measured(problem: Problem, measured: ComplexArray) -> Problem:
-    """The same problem with other readings, shape ``(R,)`` in the order of the blocks."""
+    """The same problem with other readings.
+
+    Args:
+        problem: the problem.
+        measured: readings in the order of the blocks, shape ``(R,)``.
+    """
     stops = np.cumsum([block.measured.size for block in problem.blocks])[:-1]
     parts = np.split(measured, stops)
     return replace(problem, blocks=tuple(_read(block, m) for block, m in zip(problem.blocks, parts, strict=True)))

@@ -47,7 +47,11 @@ class SmoothEnds:
     smooth: NDArray[np.bool_]
 
     def solution(self, run: int) -> Solution:
-        """How a smooth search ended, as if it had been done by itself."""
+        """How a smooth search ended, as if it had been done by itself.
+
+        Args:
+            run: number of the search, one that was ``smooth``.
+        """
         return Solution(
             x=self.x[run].copy(),
             cost=float(self.normal[0][run]),

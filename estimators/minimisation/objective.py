@@ -22,15 +22,27 @@ class Objective(Protocol):
     """
 
     def cost(self, x: Vector) -> float:
-        """Cost at ``x``; ``nan`` or ``inf`` where the model is undefined."""
+        """Cost at ``x``; ``nan`` or ``inf`` where the model is undefined.
+
+        Args:
+            x: point in the caller's units, shape (n,).
+        """
         ...
 
     def gauss_newton(self, x: Vector) -> tuple[float, Vector, Matrix]:
-        """Cost, gradient of shape (n,) and the Gauss-Newton matrix JᵀJ of shape (n, n)."""
+        """Cost, gradient of shape (n,) and the Gauss-Newton matrix JᵀJ of shape (n, n).
+
+        Args:
+            x: point in the caller's units, shape (n,).
+        """
         ...
 
     def hessian(self, x: Vector) -> Matrix:
-        """Exact Hessian of the cost, shape (n, n)."""
+        """Exact Hessian of the cost, shape (n, n).
+
+        Args:
+            x: point in the caller's units, shape (n,).
+        """
         ...
 
 

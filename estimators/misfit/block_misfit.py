@@ -20,7 +20,11 @@ _TOGETHER = 8000  # readings that NumPy holds at once, so that arrays stay in ca
 
 
 def takes_many(block: Block) -> bool:
-    """Whether a block predicts from parameter vectors of shape ``(W, G, P)`` as well as ``(G, P)``."""
+    """Whether a block predicts from parameter vectors of shape ``(W, G, P)`` as well as ``(G, P)``.
+
+    Args:
+        block: any observations.
+    """
     if isinstance(block, FreeVibrations):
         return block.model.shaft is None
     return isinstance(block, OrbitResponses | OffCentreResponses)
@@ -46,7 +50,12 @@ class BlockMisfit:
         return self.problem.blocks[0]
 
     def add_sums(self, x: Float, out: Float) -> None:
-        """Add the robust sums of squared whitened residuals of vectors ``(W, p)`` to those by channel, ``(W, C)``."""
+        """Add the robust sums of squared whitened residuals to those by channel.
+
+        Args:
+            x: fitted vectors, shape ``(W, p)``.
+            out: what is added to, in place, shape ``(W, C)``.
+        """
         to_channel = np.zeros((self.channel.size, out.shape[1]))
         to_channel[np.arange(self.channel.size), self.channel] = 1.0
         for part in self._parts(x.shape[0]):
@@ -55,7 +64,14 @@ class BlockMisfit:
             out[part] += rho @ to_channel
 
     def add_slopes(self, x: Float, measured: ComplexArray | None, cost: Float, gradient: Float) -> None:
-        """Add cost and gradient of vectors ``(W, p)``, with readings of each, ``(W, R)``, in place of the block's."""
+        """Add cost and gradient.
+
+        Args:
+            x: fitted vectors, shape ``(W, p)``.
+            measured: readings of each vector in place of the problem's, shape ``(W, R)``, or ``None``.
+            cost: what is added to, in place, shape ``(W,)``.
+            gradient: likewise, shape ``(W, p)``.
+        """
         if not takes_many(self.block):
             self._add_slopes_one_by_one(x, measured, cost, gradient)
             return
@@ -105,7 +121,12 @@ class BlockMisfit:
 
 
 def alone(problem: Problem, number: int) -> Problem:
-    """One block of a problem as a problem of its own, without priors."""
+    """One block of a problem as a problem of its own, without priors.
+
+    Args:
+        problem: the problem.
+        number: which of its blocks.
+    """
     return Problem(
         space=problem.space,
         blocks=(problem.blocks[number],),
@@ -116,7 +137,12 @@ def alone(problem: Problem, number: int) -> Problem:
 
 
 def costs(problem: Problem, x: Float) -> Float:
-    """Cost of vectors ``(W, p)`` of a problem, infinite where undefined."""
+    """Costs of many vectors, shape ``(W,)``, infinite where undefined.
+
+    Args:
+        problem: the problem.
+        x: fitted vectors, shape ``(W, p)``.
+    """
     total = np.zeros((len(x), 1))
     with np.errstate(all="ignore"):  # a start may well be absurd
         for number, block in enumerate(problem.blocks):
@@ -130,7 +156,11 @@ def costs(problem: Problem, x: Float) -> Float:
 
 
 def normal_equations(problem: Problem, x: Float) -> tuple[Float, Float, Float]:
-    """Cost, gradient and Gauss-Newton matrix of vectors ``(W, p)`` of a problem of one block without priors.
+    """Cost, gradient and Gauss-Newton matrix of many vectors.
+
+    Args:
+        problem: of one block, without priors.
+        x: fitted vectors, shape ``(W, p)``.
 
     Returns:
         shapes ``(W,)``, ``(W, p)`` and ``(W, p, p)``.

@@ -86,7 +86,11 @@ class KernelLayout:
 
 
 def is_plain(block: Block) -> bool:
-    """Whether a block holds responses to forces of a linear model given by its coefficients, as this layout asks."""
+    """Whether a block holds responses to forces of a linear model given by its coefficients, as this layout asks.
+
+    Args:
+        block: any observations.
+    """
     if not isinstance(block, Responses) or block.imposed:
         return False
     return block.model.shaft is None and not block.model.eccentricity_dependent
@@ -94,6 +98,9 @@ def is_plain(block: Block) -> bool:
 
 def channels(problem: Problem) -> tuple[tuple[str, ...], Index, list[Index]]:
     """Noise channels of a problem: one for each response of each block.
+
+    Args:
+        problem: the problem.
 
     Returns:
         names, number of real data in each, and the channel of each reading, block by block.
@@ -134,7 +141,11 @@ def _occurrence(codes: Index) -> Index:
 
 
 def layout(problem: Problem) -> KernelLayout | None:
-    """Sort the responses of a problem; ``None`` if it has none."""
+    """Sort the responses of a problem; ``None`` if it has none.
+
+    Args:
+        problem: the problem; blocks that are not plain are passed over.
+    """
     chosen = [i for i, block in enumerate(problem.blocks) if is_plain(block)]
     if not chosen:
         return None

@@ -40,7 +40,11 @@ class MemberReadings:
     im: Float
 
     def of(self, members: Index) -> MemberReadings:
-        """Those of some members, numbers ascending; of all without a copy."""
+        """Those of some members; of all without a copy.
+
+        Args:
+            members: their numbers, ascending.
+        """
         if members.size == self.measured.shape[0]:
             return self
         return MemberReadings(measured=self.measured[members], re=self.re[members], im=self.im[members])
@@ -88,7 +92,7 @@ class Batch:
         factored = self.problem.space.model.functions.has_probe_factors
         return self.layout is not None and (factored or bool(self.layout.nuisance.any()))
 
-    def theta(self, x: Float) -> Float:
+    def _theta(self, x: Float) -> Float:
         """Parameter vectors of the groups for each vector, shape ``(W, G, P)``."""
         space = self.problem.space
         theta = np.broadcast_to(space.template, (x.shape[0], *space.template.shape)).copy()
@@ -96,7 +100,7 @@ class Batch:
         theta[:, free] = x[:, space.index[free]]
         return theta
 
-    def gains(self, x: Float) -> ComplexArray:
+    def _gains(self, x: Float) -> ComplexArray:
         """Factor of each distinct gain, shape ``(W, number of gains)``."""
         plan = self._plan
         if not self.has_gains:
@@ -104,18 +108,18 @@ class Batch:
         gain = np.exp(x[:, len(self.problem.space.names) :] @ plan.nuisance.T)
         functions = self.problem.space.model.functions
         if functions.has_probe_factors:
-            gain = gain * functions.factors(self.theta(x))[:, plan.gain_group, plan.gain_coordinate]
+            gain = gain * functions.factors(self._theta(x))[:, plan.gain_group, plan.gain_coordinate]
         return np.asarray(gain, dtype=complex)
 
     def _gain_gradient(self, x: Float, slope: ComplexArray) -> Float:
         """Chain the slope of the cost with respect to the gains (by re + j by im) to the vector, shape ``(W, p)``."""
         plan, space = self._plan, self.problem.space
         result = np.zeros_like(x)
-        gain = self.gains(x)
+        gain = self._gains(x)
         result[:, len(space.names) :] = ((slope.conj() * gain) @ plan.nuisance).real
         functions = space.model.functions
         if functions.has_probe_factors:
-            theta = self.theta(x)
+            theta = self._theta(x)
             factor = functions.factors(theta)[:, plan.gain_group, plan.gain_coordinate]
             by_theta = functions.factor_jacobian(theta)[:, plan.gain_group, plan.gain_coordinate]
             pull = ((slope.conj() * gain / factor)[:, :, None] * by_theta).real
@@ -144,7 +148,11 @@ class Batch:
         return out
 
     def readings(self, measured: ComplexArray) -> MemberReadings:
-        """Readings of members in place of the problem's, shape ``(W, R)``, sorted once for many evaluations."""
+        """Readings of members in place of the problem's, sorted once for many evaluations.
+
+        Args:
+            measured: in the order of the blocks, shape ``(W, R)``.
+        """
         raw = measured if self._others else measured[:, :0]
         if self.layout is None:
             none = np.zeros((measured.shape[0], 0))
@@ -203,7 +211,7 @@ class Batch:
     def _amplitude(self, x: Float) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
         """Receptance of each node, response to each force direction, and prediction of each datum before the gain."""
         plan, model = self._plan, self.problem.space.model
-        coefficients = model.coefficients(self.theta(x)[:, plan.group], plan.speed)
+        coefficients = model.coefficients(self._theta(x)[:, plan.group], plan.speed)
         s = 1j * plan.frequency[:, None, None]
         kappa = coefficients[:, plan.node_condition, -1]
         for power in range(coefficients.shape[2] - 2, -1, -1):
@@ -222,7 +230,7 @@ class Batch:
         to_channel[np.arange(plan.datum.size), plan.channel] = 1.0
         for part in self._parts(x):
             _, _, value = self._amplitude(x[part])
-            miss = value * self.gains(x[part])[:, plan.gain[plan.entry]] - plan.target
+            miss = value * self._gains(x[part])[:, plan.gain[plan.entry]] - plan.target
             rho, _ = robust_weights(self.problem.loss, plan.weight * (miss.real**2 + miss.imag**2))
             out[part] += np.add.reduceat(rho, plan.datum, axis=1) @ to_channel
 
@@ -234,7 +242,7 @@ class Batch:
         """Adjoint of the prediction: ``d cost = Re sum Y dA`` and ``dA = -H dkappa H u`` give the slope by kappa."""
         plan = self._plan
         H, _, value = self._amplitude(x)
-        gain = self.gains(x)[:, plan.gain[plan.entry]]
+        gain = self._gains(x)[:, plan.gain[plan.entry]]
         miss = value * gain - target
         rho, weight = robust_weights(self.problem.loss, plan.weight * (miss.real**2 + miss.imag**2))
         cost += rho.sum(axis=1) / 2
@@ -255,7 +263,7 @@ class Batch:
         """Chain the slope by the dynamic stiffness of each node through the coefficients to the vector."""
         plan, space = self._plan, self.problem.space
         powers = (1j * plan.frequency[:, None]) ** np.arange(space.model.order + 1)
-        jacobian = space.model.functions.jacobian(self.theta(x)[:, plan.group], plan.speed)
+        jacobian = space.model.functions.jacobian(self._theta(x)[:, plan.group], plan.speed)
         result = np.zeros_like(x)
         for k, g in enumerate(plan.group):
             nodes = np.flatnonzero(plan.node_condition == k)
@@ -329,7 +337,7 @@ class Batch:
         return _split(np.ones((1, self._plan.gain_group.size), dtype=complex))
 
     def _gain_parts(self, x: Float) -> tuple[Float, Float]:
-        return _split(self.gains(x)) if self.has_gains else self._unit_gains
+        return _split(self._gains(x)) if self.has_gains else self._unit_gains
 
     def _compiled_slopes(self, x: Float, target_re: Float, target_im: Float, cost: Float, gradient: Float) -> None:
         re, im = self._gain_parts(x)

@@ -62,7 +62,12 @@ class Prior:
 
 
 def within_support(space: ParameterSpace, priors: Sequence[Prior]) -> ParameterSpace:
-    """The space with its bounds narrowed to where the priors are not zero."""
+    """The space with its bounds narrowed to where the priors are not zero.
+
+    Args:
+        space: the fitted vector.
+        priors: of some of its entries.
+    """
     if not priors:
         return space
     lower, upper = space.lower.copy(), space.upper.copy()

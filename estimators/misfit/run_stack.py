@@ -30,7 +30,12 @@ class RunStack:
     sigma: Float
 
     def part(self, members: Index, x: Float) -> RunStack:
-        """Some of the runs; what is known of them at points ``x`` of all, shape ``(W, p)``, goes along."""
+        """Some of the runs; what is known of them goes along.
+
+        Args:
+            members: numbers of the runs.
+            x: fitted vectors of all runs, shape ``(W, p)``, at which residuals and derivatives are kept.
+        """
         found = replace(self, speed=self.speed[members], measured=self.measured[members], sigma=self.sigma[members])
         r, rows = self.jacobian(x)
         found._last[x[members].tobytes()] = r[members], rows[members]
@@ -66,13 +71,20 @@ class RunStack:
         return replace(self.block, group=np.zeros_like(self.block.group))
 
     def theta(self, x: Float) -> Float:
-        """Parameter vectors of the model, shape ``(W, P)``, of fitted ones, shape ``(W, p)``."""
+        """Parameter vectors of the model, shape ``(W, P)``.
+
+        Args:
+            x: fitted vectors, shape ``(W, p)``.
+        """
         return self.space.theta(x)[:, 0]
 
     def jacobian(self, x: Float) -> tuple[ComplexArray, ComplexArray]:
-        """Whitened residuals and their derivatives, shapes ``(W, R)`` and ``(W, p, R)``, at ``x`` of ``(W, p)``.
+        """Whitened residuals and their derivatives, shapes ``(W, R)`` and ``(W, p, R)``.
 
         What was asked for last is kept: a search ends where its residuals are then studied.
+
+        Args:
+            x: fitted vectors, shape ``(W, p)``.
         """
         key = x.tobytes()
         if key not in self._last:
@@ -100,7 +112,11 @@ class RunStack:
         return np.repeat(1 / self.sigma, 2, axis=1)
 
     def gauss_newton(self, x: Float) -> tuple[Float, Float, Float]:
-        """Cost, gradient and Gauss-Newton matrix of each run, shapes ``(W,)``, ``(W, p)`` and ``(W, p, p)``."""
+        """Cost, gradient and Gauss-Newton matrix of each run, shapes ``(W,)``, ``(W, p)`` and ``(W, p, p)``.
+
+        Args:
+            x: fitted vectors, shape ``(W, p)``.
+        """
         r, rows = self.jacobian(x)
         parts, stacked = r.view(float), rows.view(float)
         cost = 0.5 * np.einsum("wr,wr->w", parts, parts)

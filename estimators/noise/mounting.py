@@ -90,7 +90,11 @@ def solve(reading: ComplexArray, count: Float, design: ComplexArray, repeat: flo
 
 
 def determines(design: ComplexArray) -> bool:
-    """Whether the columns of a design can be told apart."""
+    """Whether the columns of a design can be told apart.
+
+    Args:
+        design: change of the readings by a unit of each unknown, shape ``(readings, unknowns)``.
+    """
     if design.shape[0] < design.shape[1]:
         return False
     size = np.linalg.norm(design, axis=0)
@@ -153,6 +157,9 @@ def scatter(cells: list[Solved]) -> ComplexArray:
 
     No structure is assumed: whatever a mounting does to several channels and speeds at once is in it. Its rank is that
     of the residuals, so that it serves for error bars but cannot weigh.
+
+    Args:
+        cells: what solving the weights left, one entry for each channel at each speed, ``C`` of them.
     """
     found = np.zeros((len(cells), len(cells)), dtype=complex)
     for i, one in enumerate(cells):

@@ -51,7 +51,11 @@ class Shape:
     along: str
 
     def variance(self, size2: Float) -> Float:
-        """Variance of the real and of the imaginary part at squared amplitudes of all readings, shape ``(R,)``."""
+        """Variance of the real and of the imaginary part of each reading of the group.
+
+        Args:
+            size2: squared amplitudes of all readings, shape ``(R,)``.
+        """
         return self.a**2 + self.b**2 * np.asarray(size2)[self.rows]
 
 

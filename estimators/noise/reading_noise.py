@@ -122,6 +122,9 @@ def deviations_of_repeats(sweeps: ComplexArray) -> ComplexArray:
     """Samples of the noise from repeated sweeps, of its own size, shape ``(n_repeats, L)``.
 
     Each sweep's gain and phase against the mean are taken out: a force or a mark that is set anew is no noise.
+
+    Args:
+        sweeps: readings at the same lines, one repeat a row, shape ``(n_repeats, L)``.
     """
     mean = sweeps.mean(axis=0)
     count, lines = sweeps.shape

@@ -93,7 +93,12 @@ class MixedModel:
         return cls(gram=parts[:, :, :k], cross=parts[:, :, k:-1], moment=parts[:, :, -1], common=common)
 
     def louder(self, factor: float, prior: Float) -> MixedModel:
-        """The model under noise that is larger by a factor; the curvature of the priors stays."""
+        """The model under noise that is larger by a factor; the curvature of the priors stays.
+
+        Args:
+            factor: by which the standard deviation of the noise is larger.
+            prior: curvature of the priors of the fitted values, shape ``(p,)``.
+        """
         if factor == 1:
             return self
         less, common = factor**-2, self.common
@@ -104,7 +109,11 @@ class MixedModel:
         return MixedModel(gram=self.gram * less, cross=self.cross * less, moment=self.moment * less, common=common)
 
     def part(self, kinds: Sequence[int]) -> MixedModel:
-        """The model with some of the kinds only."""
+        """The model with some of the kinds only.
+
+        Args:
+            kinds: numbers of the kinds of effect that stay.
+        """
         k = list(kinds)
         return replace(self, gram=self.gram[:, k][:, :, k], cross=self.cross[:, k], moment=self.moment[:, k])
 
@@ -123,7 +132,11 @@ class MixedModel:
         return inverse_of_determined(matrix, _NULL)
 
     def solve(self, variance: Float) -> Solved:
-        """Step to the optimum with effects of given variances, and what remains of the square."""
+        """Step to the optimum with effects of given variances, and what remains of the square.
+
+        Args:
+            variance: of each kind of effect, infinite for effects that are free, shape ``(k,)``.
+        """
         if not variance.size:
             return self._alone()
         inner, common = self._inner(variance), self.common
@@ -147,7 +160,11 @@ class MixedModel:
         )  # fmt: skip
 
     def log_likelihood(self, variance: Float) -> float:
-        """Restricted log likelihood of finite variances of the effects, up to a constant."""
+        """Restricted log likelihood, up to a constant.
+
+        Args:
+            variance: of each kind of effect, finite, shape ``(k,)``.
+        """
         solved = self.solve(variance)
         root = np.sqrt(variance)
         spread = np.eye(root.size) + root[:, None] * self.gram * root
@@ -177,6 +194,9 @@ class MixedModel:
         """Degrees of freedom that each estimated variance has, at least two (one for two runs), shape ``(k,)``.
 
         A variance that was chosen because it is large errs to the safe side, and fewer would widen without end.
+
+        Args:
+            variance: estimates for each kind of effect, shape ``(k,)``.
         """
         solved = self.solve(variance)
         found = []
@@ -210,7 +230,12 @@ class Solved:
     square: float
 
     def rest(self, r: ComplexArray, J: ComplexArray, Z: ComplexArray, runs: Sequence[Index]) -> Rest:
-        """What the step and the effects leave; arguments as for :meth:`MixedModel.of`."""
+        """What the step and the effects leave.
+
+        Args:
+            r, J, Z: residuals, sensitivities and effects as for :meth:`MixedModel.of`.
+            runs: readings of each run.
+        """
         count = r.size
         left = r.view(float) + self.step @ real_rows(J)
         own, leverage = real_rows(J), np.zeros(count)
@@ -397,7 +422,12 @@ def _scale(matrix: Float) -> Float:
 
 
 def inverse_of_determined(matrix: Float, null: float = 1e-12) -> Float:
-    """Inverse of symmetric matrices, shape ``(..., k, k)``; directions without information are left out."""
+    """Inverse of symmetric matrices; directions without information are left out.
+
+    Args:
+        matrix: shape ``(..., k, k)``.
+        null: eigenvalues of the matrix of unit diagonal below this share of the largest are no information.
+    """
     scale = _scale(matrix)
     over = 1 / (scale[..., :, None] * scale[..., None, :])
     unit = matrix * over

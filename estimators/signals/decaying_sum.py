@@ -66,12 +66,20 @@ class DecayingSum:
         self._last: tuple[Float, Projected] | None = None
 
     def eigenvalues(self, u: Float) -> tuple[ComplexArray, Float]:
-        """The vibrating and the real eigenvalues, 1/s."""
+        """The vibrating and the real eigenvalues, 1/s.
+
+        Args:
+            u: eigenvalues as one vector, over the scale.
+        """
         m = self.modes
         return np.asarray((u[:m] + 1j * u[m : 2 * m]) * self.scale, dtype=complex), np.asarray(u[2 * m :] * self.scale)
 
     def project(self, u: Float) -> Projected:
-        """The best sum; a search asks for residuals and derivatives at the same points, so the last is kept."""
+        """The best sum; a search asks for residuals and derivatives at the same points, so the last is kept.
+
+        Args:
+            u: eigenvalues as one vector, over the scale.
+        """
         if self._last is None or not np.array_equal(u, self._last[0]):
             basis = columns_of_sum(self.time, *self.eigenvalues(u), self.steady)
             q, r = np.linalg.qr(basis)
@@ -82,11 +90,19 @@ class DecayingSum:
         return self._last[1]
 
     def residual(self, u: Float) -> Float:
-        """What the best sum leaves of x, then of y, over the level of the record, shape ``(2 n,)``."""
+        """What the best sum leaves of x, then of y, over the level of the record, shape ``(2 n,)``.
+
+        Args:
+            u: eigenvalues as one vector, over the scale.
+        """
         return np.asarray(self.project(u).rest.T.ravel() / self.level)
 
     def slopes(self, u: Float) -> Float:
-        """Derivatives of the residuals, the change of the amplitudes left out where that is allowed."""
+        """Derivatives of the residuals, the change of the amplitudes left out where that is allowed.
+
+        Args:
+            u: eigenvalues as one vector, over the scale.
+        """
         at, m = self.project(u), self.modes
         cosine, sine, decay = at.basis[:, :m], at.basis[:, m : 2 * m], at.basis[:, 2 * m : u.size]
         columns = []
@@ -98,7 +114,11 @@ class DecayingSum:
         return np.concatenate(columns)
 
     def energy(self, u: Float) -> Float:
-        """Mean square of each vibrating mode in the record, shape ``(m,)``."""
+        """Mean square of each vibrating mode in the record, shape ``(m,)``.
+
+        Args:
+            u: eigenvalues as one vector, over the scale.
+        """
         at, m = self.project(u), self.modes
         power = (at.basis[:, : 2 * m] ** 2).mean(axis=0).reshape(2, m).sum(axis=0)
         return np.asarray(power * np.sum(at.amplitudes[: 2 * m].reshape(2, m, 2) ** 2, axis=(0, 2)))

@@ -62,7 +62,13 @@ def ramp_response(speed: Float, wn: float, zeta: float, rate: float) -> ComplexA
 
 
 def steady_response(speed: Float, wn: float, zeta: float) -> ComplexArray:
-    """The same where the speed does not change: ``Omega^2/(wn^2 - Omega^2 + 2 j zeta wn Omega)``."""
+    """The same where the speed does not change: ``Omega^2/(wn^2 - Omega^2 + 2 j zeta wn Omega)``.
+
+    Args:
+        speed: rad/s.
+        wn: undamped natural frequency, rad/s.
+        zeta: damping ratio.
+    """
     return np.asarray(speed**2 / (wn**2 - speed**2 + 2j * zeta * wn * speed))
 
 

@@ -57,7 +57,11 @@ class ForceBalance:
         self._rows = [(own, np.ascontiguousarray(combine[:, own])) for own in rows]
 
     def kappa(self, values: Float) -> ComplexArray:
-        """Dynamic stiffness of each line from lumped coefficients, shape ``(..., E)``, as ``(L, n, n)``."""
+        """Dynamic stiffness of each line from lumped coefficients, shape ``(L, n, n)``.
+
+        Args:
+            values: the coefficients, shape ``(E,)``, of many runs ``(runs, E)``.
+        """
         count, n = self.amplitude.shape
         runs = self._runs or (1,)
         result = np.empty((n * n, *runs, 2 * count // runs[0]))
@@ -69,11 +73,19 @@ class ForceBalance:
         return kappa if self._known is None else kappa + self._known
 
     def inverse(self, values: Float) -> ComplexArray:
-        """Receptance of each line from lumped coefficients, shape ``(L, n, n)``."""
+        """Receptance of each line from lumped coefficients, shape ``(L, n, n)``.
+
+        Args:
+            values: the coefficients, as for :meth:`kappa`.
+        """
         return inverse(self.kappa(values))
 
     def predicted(self, H: ComplexArray) -> ComplexArray:
-        """Amplitudes with a receptance, shape ``(L, n)``; imposed ones are what they are."""
+        """Amplitudes with a receptance, shape ``(L, n)``; imposed ones are what they are.
+
+        Args:
+            H: receptance of each line, m/N, shape ``(L, n, n)``.
+        """
         return self.block.force if self.block.imposed else np.asarray(np.einsum("lij,lj->li", H, self.block.force))
 
     def force_weight(self) -> Float:
@@ -81,7 +93,11 @@ class ForceBalance:
         return np.asarray(1 / np.abs(self.force.T).max(axis=0))
 
     def response_weight(self, H: ComplexArray) -> ComplexArray:
-        """Weights that turn the force error into the response error over its noise, independent between readings."""
+        """Weights that turn the force error into the response error over its noise, independent between readings.
+
+        Args:
+            H: receptance of each line, m/N, shape ``(L, n, n)``.
+        """
         # Stored as H is: what runs along the lines is contiguous.
         return np.asarray((np.ones((1, 1, 1)) + 0j if self.block.imposed else H.T) / self.sigma.T.copy()).T
 
@@ -90,11 +106,21 @@ class ForceBalance:
         return self._sides(self.amplitude, self.force)
 
     def weigh(self, sides: ComplexArray, weight: ComplexArray | Float) -> Float:
-        """Columns ``weight kappa A`` over ``weight F``, one an equation, shape ``(..., n, B + 1, 2 L)``."""
+        """Columns ``weight kappa A`` over ``weight F``, one an equation, shape ``(..., n, B + 1, 2 L)``.
+
+        Args:
+            sides: as of :meth:`sides`, shape ``(n, B + 1, L)``.
+            weight: of the equations, shape ``(L,)`` or, where they are combined, ``(L, n, n)``.
+        """
         return self._by_run(_weigh(sides, weight))
 
     def sensitivities(self, amplitude: ComplexArray, weight: ComplexArray) -> Float:
-        """The left sides alone, with other amplitudes than those measured, shape ``(..., n, B, 2 L)``."""
+        """The left sides alone, with other amplitudes than those measured, shape ``(..., n, B, 2 L)``.
+
+        Args:
+            amplitude: at every coordinate of every line, m, shape ``(L, n)``.
+            weight: as for :meth:`weigh`.
+        """
         return self._by_run(_weigh(self._sides(amplitude, self.force)[:, :-1], weight))
 
     def _by_run(self, system: Float) -> Float:
@@ -170,25 +196,41 @@ def _weigh(sides: ComplexArray, weight: ComplexArray | Float) -> Float:
 
 
 def one_by_one(system: Float) -> Float:
-    """Equations ``(..., n, C, 2 L)`` after one another, shape ``(..., C, 2 L n)``."""
+    """Equations after one another, shape ``(..., C, 2 L n)``.
+
+    Args:
+        system: shape ``(..., n, C, 2 L)``, the last of the ``C`` rows the right side.
+    """
     return np.swapaxes(system, -3, -2).reshape(*system.shape[:-3], system.shape[-2], -1)
 
 
 def as_triangle(system: Float) -> Float:
-    """As few equations as unknowns with the same least-squares solution, shape ``(..., 1, C, C)``."""
+    """As few equations as unknowns with the same least-squares solution, shape ``(..., 1, C, C)``.
+
+    Args:
+        system: equations as for :func:`one_by_one`.
+    """
     rows = np.swapaxes(one_by_one(system), -1, -2)
     return np.swapaxes(np.linalg.qr(rows, mode="r"), -1, -2)[..., None, :, :]
 
 
 def products(left: Float, right: Float) -> Float:
-    """Sums over all equations of the products of columns, shape ``(..., C, D)``."""
+    """Sums over all equations of the products of columns, shape ``(..., C, D)``.
+
+    Args:
+        left: shape ``(..., n, C, 2 L)``.
+        right: shape ``(..., n, D, 2 L)``.
+    """
     return np.asarray((left @ np.swapaxes(right, -1, -2)).sum(axis=-3))
 
 
 def solve(systems: list[Float]) -> tuple[Float, Float]:
-    """Least squares, and the products of the left sides; the last row of each system is the right side.
+    """Least squares, and the products of the left sides.
 
     By normal equations, a tenth of the work of a triangle; that is made where digits of theirs would be lost.
+
+    Args:
+        systems: equations as for :func:`one_by_one`, one entry a block.
     """
     projected = reduce(np.add, [products(system[..., :-1, :], system) for system in systems])
     information = projected[..., :-1]
@@ -203,7 +245,12 @@ def solve(systems: list[Float]) -> tuple[Float, Float]:
 
 
 def solve_projected(projected: Float, information: Float) -> Float:
-    """Solve equations projected on instruments, whose own products are the information."""
+    """Solve equations projected on instruments, whose own products are the information.
+
+    Args:
+        projected: products of instruments and both sides, shape ``(..., B, B + 1)``.
+        information: products of the instruments, shape ``(..., B, B)``.
+    """
     unit, right, norm = _of_unit_length(projected, information)
     return np.asarray(np.linalg.solve(unit, right[..., None])[..., 0] / norm)
 

@@ -48,7 +48,12 @@ class LumpedStructure:
 
     @classmethod
     def of(cls, space: ParameterSpace, blocks: Sequence[Responses]) -> LumpedStructure:
-        """LumpedStructure of a fit to these blocks."""
+        """LumpedStructure of a fit to these blocks.
+
+        Args:
+            space: the fitted vector.
+            blocks: responses that are fitted.
+        """
         speeds = []
         for block in blocks:
             pairs: dict[int, list[float]] = {}
@@ -124,22 +129,38 @@ class Lumped:
         return found[: self.place.row.size], found[self.place.row.size :]
 
     def values(self, x: Float) -> Float:
-        """Coefficients, shape ``(E, ...)``, of one vector or of many, shape ``(p, ...)``."""
+        """Lumped coefficients, shape ``(E, ...)``.
+
+        Args:
+            x: fitted parameters of one vector or of many, shape ``(p, ...)``.
+        """
         return self._evaluate(x)[0]
 
     def linearise(self, x: Float) -> tuple[Float, Float]:
-        """Coefficients and their derivatives, shapes ``(E, ...)`` and ``(E, p, ...)``, of vectors ``(p, ...)``."""
+        """Coefficients and their derivatives, shapes ``(E, ...)`` and ``(E, p, ...)``.
+
+        Args:
+            x: fitted parameters of one vector or of many, shape ``(p, ...)``.
+        """
         values, slopes = self._evaluate(x)
         jacobian = np.zeros((len(values), self.size, *values.shape[1:]))
         jacobian[self._rows, self._columns] = slopes
         return values, jacobian
 
     def solve_spread(self, values: Float) -> Float:
-        """Independent coefficients whose spread comes nearest to ``values``, shape ``(E, ...)``."""
+        """Independent coefficients whose spread comes nearest to given ones, shape ``(B, ...)``.
+
+        Args:
+            values: all coefficients, the offset taken off, shape ``(E, ...)``.
+        """
         return np.asarray(self._back @ values.reshape(len(values), -1)).reshape(-1, *values.shape[1:])
 
     def same_relations(self, other: Lumped) -> bool:
-        """Whether the coefficients at another speed depend on one another in the same way."""
+        """Whether the coefficients at another speed depend on one another in the same way.
+
+        Args:
+            other: coefficients of the same layout at another speed.
+        """
         size = np.abs(self.values(np.ones(self.size))) + np.abs(other.values(np.ones(self.size)))
         return (
             np.array_equal(self.basis, other.basis)
@@ -148,8 +169,11 @@ class Lumped:
         )
 
     def at_speeds(self, speeds: Float) -> Lumped:
-        """The same for many runs of one plan at one speed each, shape ``(W,)``: the last axis of vectors is that of
-        runs."""
+        """The same for many runs of one plan: the last axis of vectors is that of runs.
+
+        Args:
+            speeds: one a run, rad/s, shape ``(W,)``.
+        """
         found = copy(self)
         found.place = replace(self.place, speed=np.full_like(self.place.speed, np.nan))
         found._speeds = [speeds]
@@ -260,7 +284,11 @@ class _Single(NamedTuple):
 
 @lru_cache(maxsize=32)
 def lumped_coefficients(layout: LumpedStructure) -> Lumped:
-    """Lumped coefficients of a model in some blocks of observations."""
+    """Lumped coefficients of a model in some blocks of observations.
+
+    Args:
+        layout: what they depend on.
+    """
     speeds = [speed for groups in layout.speeds for _, own in groups for speed in own]
     kinds = tuple(tuple((group, len(own), any(own)) for group, own in groups) for groups in layout.speeds)
     scale = np.array([layout.model.parameter(name).scale for name in layout.base])

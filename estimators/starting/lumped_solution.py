@@ -13,7 +13,14 @@ from rotorfit.models.array_types import Float
 def parameters_from(
     space: ParameterSpace, lumped: Lumped, values: Float, information: Float | None
 ) -> tuple[Float, tuple[str, ...]]:
-    """Solve the lumped expressions for the parameters, one unknown at a time, then take one weighted step on all."""
+    """Solve the lumped expressions for the parameters, one unknown at a time, then take one weighted step on all.
+
+    Args:
+        space: the fitted vector.
+        lumped: coefficients as functions of it.
+        values: of the coefficients, shape ``(E,)``.
+        information: of the independent coefficients, shape ``(B, B)``; ``None`` for no weighted step.
+    """
     size = len(space.names)
     x = lumped.parameters(values, typical_values(space))
     notes: tuple[str, ...] = ()
@@ -69,7 +76,11 @@ def _remaining(space: ParameterSpace, lumped: Lumped, values: Float, x: Float) -
 
 
 def typical_values(space: ParameterSpace) -> Float:
-    """Nonzero sizes of the free parameters, shape ``(p,)``."""
+    """Nonzero sizes of the free parameters, shape ``(p,)``.
+
+    Args:
+        space: the fitted vector.
+    """
     parameters = [space.model.parameter(name) for name in space.base]
     size = len(parameters)
     guess = np.array([p.scale if p.nominal is None else p.nominal for p in parameters])
@@ -78,7 +89,11 @@ def typical_values(space: ParameterSpace) -> Float:
 
 
 def typical_theta(space: ParameterSpace) -> Float:
-    """All parameters of a model with the free ones at typical values."""
+    """All parameters of a model with the free ones at typical values.
+
+    Args:
+        space: the fitted vector.
+    """
     return space.theta(np.concatenate([typical_values(space), np.zeros(len(space.nuisance))]))
 
 

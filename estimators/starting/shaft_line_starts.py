@@ -22,7 +22,11 @@ _ROUNDS = 4
 
 
 def has_lines(problem: Problem) -> bool:
-    """Whether spectral lines are among what is fitted."""
+    """Whether spectral lines are among what is fitted.
+
+    Args:
+        problem: the problem.
+    """
     return any(isinstance(block, LineResponses) for block in problem.blocks)
 
 
@@ -30,6 +34,9 @@ def round_part(problem: Problem) -> Problem | None:
     """The problem of a rotor with a turning element as if it were round, from its motion at w; None of others.
 
     What is fitted besides comes last, so that the start of this problem is the beginning of that of the whole one.
+
+    Args:
+        problem: the problem.
     """
     space = problem.space
     if not isinstance(space.model, Turning):
@@ -92,7 +99,11 @@ def _taken_for_round(model: Turning, block: PairResponses) -> Responses:
 
 
 def line_start(problem: Problem) -> Float:
-    """Start values of the fitted parameters, shape ``(p,)``; typical sizes where the lines do not tell."""
+    """Start values of the fitted parameters, shape ``(p,)``; typical sizes where the lines do not tell.
+
+    Args:
+        problem: of a shaft that is not round.
+    """
     space = problem.space
     model = space.model
     values = {name: model.parameter(name).scale for name in model.parameter_names}

@@ -269,7 +269,7 @@ class Campaign:
     def plot_trends(
         self, parameters: str | Sequence[str] | None = None, *, against: str | Sequence[str], by: str | None = None
     ) -> Figure:
-        """Parameters with error bars and trend lines against attributes; arguments as for :meth:`trends`.
+        """Parameters with error bars and trend lines against attributes, as of :meth:`trends`.
 
         Args:
             parameters: names to show, by default K0, lam and D where fitted.

@@ -29,7 +29,12 @@ from rotorfit.observing.alike import observe_alike
 
 def curvatures(model: RotorModel, batch: Batch) -> Iterator[Curvature | str]:
     """What :func:`curvature` answers for each run, or :func:`least_curvature` where ``shared`` values are among its
-    options; runs of one plan and settings together, where the noise is that of the data."""
+    options; runs of one plan and settings together, where the noise is that of the data.
+
+    Args:
+        model: the rotor.
+        batch: runs, each with the options that :func:`curvature` or :func:`least_curvature` takes by keyword.
+    """
     asked: list[FitSettings] = [option["settings"] for _, option in batch]
     settings = next((one for one in asked if one.noise is None), None)
     together: dict[int, Curvature] = {}
@@ -131,7 +136,13 @@ def least_curvature(
 
 
 def bends_of(model: RotorModel, run: Run, *, settings: FitSettings, at: Mapping[str, float]) -> tuple[Float, Float]:
-    """Bends of a robust loss in one run's readings, shape ``(R,)``, and its matrix by squares, shape ``(p, p)``."""
+    """Bends of a robust loss in one run's readings, shape ``(R,)``, and its matrix by squares, shape ``(p, p)``.
+
+    Args:
+        model, run: what is fitted.
+        settings: of the fit, with the noise that the readings are taken with.
+        at: values by name, those of all entries of the fitted vector.
+    """
     problem = build_problem(model, run.experiment, settings)
     r, J = problem.jacobian(np.array([at[name] for name in problem.space.names]))
     return bends(problem.loss, r), np.asarray((J.conj().T @ J).real)
@@ -140,7 +151,13 @@ def bends_of(model: RotorModel, run: Run, *, settings: FitSettings, at: Mapping[
 def scatter_of(
     model: RotorModel, run: Run, *, settings: FitSettings, at: Mapping[str, float], bend: float, covar: Float
 ) -> Float:
-    """Scatter of the slope of one run's cost, shape ``(p, p)``; ``bend`` and ``covar`` are those of the joint fit."""
+    """Scatter of the slope of one run's cost, shape ``(p, p)``.
+
+    Args:
+        model, run, settings, at: as for :func:`bends_of`.
+        bend: mean bend of the loss over all readings of the joint fit.
+        covar: covariance of the run's fitted values in the joint fit, shape ``(p, p)``.
+    """
     problem = build_problem(model, run.experiment, settings)
     x = np.array([at[name] for name in problem.space.names])
     return score_scatter(problem, x, *problem.jacobian(x), bend=bend, covar=covar)

@@ -153,7 +153,12 @@ def _distinct(runs: Sequence[Run]) -> Iterator[Run]:
 
 
 def fit_runs(model: RotorModel, batch: Batch) -> Iterator[RunFit]:
-    """Fit runs, those of one plan together; data that cannot be fitted give a result that says why."""
+    """Fit runs, those of one plan together; data that cannot be fitted give a result that says why.
+
+    Args:
+        model: the rotor.
+        batch: runs, each with the keywords that :func:`fit_run` takes.
+    """
     together: dict[int, PlainFit | SolvedRun] = {}
     settings = batch[0][1]["settings"]
     if all(option["settings"] is settings for _, option in batch):
@@ -167,7 +172,14 @@ def fit_runs(model: RotorModel, batch: Batch) -> Iterator[RunFit]:
 def fit_run(
     model: RotorModel, run: Run, *, settings: FitSettings, start: Mapping[str, float], solved: SolvedRun | None = None
 ) -> RunFit:
-    """Fit one run, from its solution on where that is known; data that cannot be fitted give a result that says why."""
+    """Fit one run, from its solution on where that is known; data that cannot be fitted give a result that says why.
+
+    Args:
+        model, run: what is fitted.
+        settings: of the fit.
+        start: values by name to begin at, empty for the closed form's.
+        solved: its solution where it is known.
+    """
     try:
         if solved is not None:
             problem = build_problem(model, run.experiment, settings)
@@ -267,6 +279,11 @@ class Workers:
         """What ``work(model, batch)`` answers for every run of each batch, in their order.
 
         A batch whose worker was lost is not: see :func:`~rotorfit.executors.carry_out`.
+
+        Args:
+            work: a function of a module, so that it can be sent to another process.
+            runs: of the campaign.
+            options: of each run, handed to ``work`` with it.
         """
         pairs = list(zip(runs, options, strict=True))
         size = _AT_ONCE if self.executor is None else _BATCH

@@ -168,7 +168,11 @@ def _plane(x: Float, value: Float, stderr: Float) -> _Plane | None:
 
 
 def trend_table(trends: Sequence[Trend]) -> str:
-    """Slopes of all trends, and the groups of a parameter compared where they were all tested."""
+    """Slopes of all trends, and the groups of a parameter compared where they were all tested.
+
+    Args:
+        trends: of some parameters against some conditions, group by group.
+    """
     if not trends:
         return "no run has a resolved value"
     names = list(dict.fromkeys(t.against for t in trends))

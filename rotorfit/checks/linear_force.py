@@ -28,7 +28,11 @@ AGREES = 1.5
 
 
 def linear_force(orbits: Orbits) -> Iterator[Finding]:
-    """Runs that only a force along x or along y explains, though it was given as circular."""
+    """Runs that only a force along x or along y explains, though it was given as circular.
+
+    Args:
+        orbits: readings of a test.
+    """
     found: dict[str, set[str]] = {}
     if not _any_share(orbits):
         return

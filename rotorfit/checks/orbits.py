@@ -130,7 +130,11 @@ class Orbits:
         return self._receptances[: len(groups)]
 
     def groups(self, *names: str) -> list[tuple[tuple[Any, ...], Index]]:
-        """Indices by equal values of columns."""
+        """Indices by equal values of columns.
+
+        Args:
+            names: of columns, ``run``, ``speed``, ``plane``, ``force_plane``.
+        """
         if names not in self._groups:
             number = self.number(*names)
             first = in_order(number)[0]
@@ -140,19 +144,33 @@ class Orbits:
         return self._groups[names]
 
     def number(self, *names: str) -> Index:
-        """Number of the group of each, in order of appearance; the columns are run, speed and planes."""
+        """Number of the group of each, in order of appearance.
+
+        Args:
+            names: of columns, ``run``, ``speed``, ``plane``, ``force_plane``.
+        """
         if names not in self._number:
             first, sweep = self._sweeps
             self._number[names] = in_order(combined(*[self._numbers(name)[first] for name in names]))[1][sweep]
         return self._number[names]
 
     def total(self, values: NDArray[Any], *names: str) -> NDArray[Any]:
-        """Sums over the groups, shape ``(..., G)`` of ``(..., N)``."""
+        """Sums over the groups, shape ``(..., G)``.
+
+        Args:
+            values: one for each orbit, shape ``(..., N)``.
+            names: of the columns that make the groups, as for :meth:`groups`.
+        """
         order, begin = self._sorted(names)
         return np.asarray(np.add.reduceat(values[..., order], begin, axis=-1))
 
     def largest(self, values: Float, *names: str) -> Float:
-        """Largest value in the group of each, shape ``(..., N)``."""
+        """Largest value in the group of each, shape ``(..., N)``.
+
+        Args:
+            values: one for each orbit, shape ``(..., N)``.
+            names: of the columns that make the groups, as for :meth:`groups`.
+        """
         order, begin = self._sorted(names)
         return np.asarray(np.maximum.reduceat(values[..., order], begin, axis=-1)[..., self.number(*names)])
 
@@ -189,12 +207,20 @@ class Orbits:
         return {}
 
     def part(self, at: Index) -> Orbits:
-        """Some of them."""
+        """Some of them.
+
+        Args:
+            at: their numbers, or whether each is one of them.
+        """
         arrays = ("first", "rows", "frequency", "force", "right", "wrong")
         return replace(self, **{name: getattr(self, name)[at] for name in arrays})
 
     def rows_of(self, indices: Index) -> tuple[int, ...]:
-        """Rows of the whole test behind orbits."""
+        """Rows of the whole test behind orbits.
+
+        Args:
+            indices: numbers of orbits.
+        """
         rows = self.rows[indices]
         return tuple(np.unique(self.origin[rows[rows >= 0]]).tolist())
 
@@ -244,8 +270,11 @@ def receptances_of(orbits: Orbits, amplitude: ComplexArray, at: Index) -> Recept
 
 
 def surely_inverse(matrices: NDArray[Any]) -> NDArray[Any] | None:
-    """Inverses of matrices, shape ``(..., n, n)``, where their sizes alone show that all are finite and far from
-    singular."""
+    """Inverses of matrices where their sizes alone show that all are finite and far from singular.
+
+    Args:
+        matrices: shape ``(..., n, n)``.
+    """
     try:
         with np.errstate(all="ignore"):
             found = inverse(matrices.reshape(-1, *matrices.shape[-2:])).reshape(matrices.shape)
@@ -256,20 +285,32 @@ def surely_inverse(matrices: NDArray[Any]) -> NDArray[Any] | None:
 
 
 def total_power(amplitude: ComplexArray) -> float:
-    """Sum of squared magnitudes."""
+    """Sum of squared magnitudes.
+
+    Args:
+        amplitude: of any shape.
+    """
     return float(np.sum(np.abs(amplitude) ** 2))
 
 
 def squared_norm(matrices: NDArray[Any]) -> Float:
-    """Square of the norm of Frobenius of matrices, shape ``(...)`` of ``(..., n, n)``."""
+    """Square of the norm of Frobenius, shape ``(...)``.
+
+    Args:
+        matrices: shape ``(..., n, n)``.
+    """
     return np.asarray((matrices.real**2 + matrices.imag**2).sum(axis=(-2, -1)))
 
 
 def orbits_of(test: PerturbationTest, rows: Index) -> Orbits:
-    """Put readings together; ``rows`` are the numbers that those of the test have in the whole of it.
+    """Put readings together.
 
     Under a force along an axis the forward and the backward part are two orbits, each with its half of the force;
     readings of one probe alone, which do not tell them apart, are left out.
+
+    Args:
+        test: the readings, all with forces of one kind: turning ones, or such along an axis.
+        rows: numbers that they have in the whole of the test.
     """
     lines, origin = lines_of(test), rows[:, None]
     if lines.names["force_direction"] != ["circular"]:

@@ -55,5 +55,9 @@ def surely_turning(orbits: Orbits, right: ComplexArray, wrong: ComplexArray, spe
 
 
 def keep_clean(test: PerturbationTest) -> None:
-    """Keep with a test that it has no errors, for :func:`~rotorfit.checks.checklist.errors`."""
+    """Keep with a test that it has no errors, for :func:`~rotorfit.checks.checklist.errors`.
+
+    Args:
+        test: without errors.
+    """
     kept(test).setdefault("errors", ())

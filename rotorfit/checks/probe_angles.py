@@ -45,7 +45,11 @@ class _Pose:
 
 
 def turned_probes(orbits: Orbits) -> Iterator[Finding]:
-    """Pairs of probes that sit at another angle than they are said to."""
+    """Pairs of probes that sit at another angle than they are said to.
+
+    Args:
+        orbits: readings of a test.
+    """
     paired = orbits.paired
     if not paired.any() or total_power(orbits.wrong[paired]) > CIRCULAR**2 * total_power(orbits.right[paired]):
         return  # anisotropic, of which inertia as seen by circular orbits says nothing
@@ -114,7 +118,12 @@ def _turn_pays(orbits: Orbits) -> bool:
 
 
 def pose_in_words(orbits: Orbits, mirrored: tuple[str, ...]) -> str:
-    """What is wrong with pairs of probes whose orbits turn the wrong way round; empty where that is not known."""
+    """What is wrong with pairs of probes whose orbits turn the wrong way round; empty where that is not known.
+
+    Args:
+        orbits: readings of a test.
+        mirrored: planes whose orbits turn against the force.
+    """
     found = poses(orbits, mirrored)
     words = []
     for plane in mirrored:

@@ -33,7 +33,11 @@ DYNAMIC = 6.0
 
 
 def uneven_probes(orbits: Orbits) -> Iterator[Finding]:
-    """Planes where x and y differ by more than their noise: by one factor, or as on an anisotropic rotor."""
+    """Planes where x and y differ by more than their noise: by one factor, or as on an anisotropic rotor.
+
+    Args:
+        orbits: readings of a test.
+    """
     pairs = {plane: _pair(orbits, at) for (plane,), at in orbits.groups("plane")}
     told = {plane: pair for plane, pair in pairs.items() if pair is not None}
     good = [plane for plane, pair in told.items() if pair.even]

@@ -20,7 +20,11 @@ _LOOKED_AT = 20  # distinct amplitudes that show the step
 
 
 def unread(test: PerturbationTest) -> Iterator[Finding]:
-    """Zeros where the readings beside are far from it, and probes that read nothing but zero."""
+    """Zeros where the readings beside are far from it, and probes that read nothing but zero.
+
+    Args:
+        test: as it was read.
+    """
     zero = test.response == 0
     if not zero.any():
         return
@@ -43,7 +47,11 @@ def unread(test: PerturbationTest) -> Iterator[Finding]:
 
 
 def clipped(test: PerturbationTest) -> Iterator[Finding]:
-    """Amplitudes that stay at the largest value of their probe, to the last digit, over several lines."""
+    """Amplitudes that stay at the largest value of their probe, to the last digit, over several lines.
+
+    Args:
+        test: as it was read.
+    """
     channel, size = _channels(test), np.abs(test.response)
     flat = _at_the_top(channel, size)
     if np.bincount(channel[flat]).max(initial=0) < _FEWEST:

@@ -28,7 +28,11 @@ _NEAR_ZERO = 0.5, 0.2  # shares of the speed, and of the highest frequency, with
 
 
 def peak_to_peak(orbits: Orbits) -> Iterator[Finding]:
-    """Ratios of two between readings that should agree: x and y, forward and backward at w -> 0, H_ab and H_ba."""
+    """Ratios of two between readings that should agree: x and y, forward and backward at w -> 0, H_ab and H_ba.
+
+    Args:
+        orbits: readings of a test.
+    """
     for (plane,), at in orbits.groups("plane"):
         strong = at[np.isfinite(orbits.wrong[at])]
         strong = (

@@ -35,7 +35,11 @@ _MONOTONIC = 0.8  # rank correlation with frequency from which quadrature falls 
 
 
 def wrong_direction(orbits: Orbits) -> Iterator[Finding]:
-    """Responses nearly all of which are against the direction of the force."""
+    """Responses nearly all of which are against the direction of the force.
+
+    Args:
+        orbits: readings of a test.
+    """
     share: dict[tuple[str, ...], float] = {}
     for key, at in orbits.groups("run", "plane"):
         paired = at[np.isfinite(orbits.wrong[at])]
@@ -104,7 +108,11 @@ def surely_right(orbits: Orbits, right: ComplexArray, speed: Float) -> NDArray[n
 
 
 def signs(orbits: Orbits) -> Iterator[Finding]:
-    """Conjugated FRFs, or else a reversed sense of rotation, from the sign of Im kappa at drive points."""
+    """Conjugated FRFs, or else a reversed sense of rotation, from the sign of Im kappa at drive points.
+
+    Args:
+        orbits: readings of a test.
+    """
     drives = orbits.part(np.flatnonzero((orbits.place == orbits.force_place) & (orbits.right != 0)))
     if not drives.frequency.size:
         return

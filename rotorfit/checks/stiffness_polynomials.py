@@ -39,7 +39,11 @@ class Lines:
 
 
 def some_lines(measured: Receptances | None) -> Lines | None:
-    """Lines of the responses at one speed, every so many that some :data:`MOST_LINES` are left; None of too few."""
+    """Lines of the responses at one speed, every so many that some :data:`MOST_LINES` are left; None of too few.
+
+    Args:
+        measured: complete matrices of responses at one speed, where there are any.
+    """
     if measured is None or measured.H.shape[-3] < ENOUGH:
         return None
     every = max(1, measured.H.shape[-3] // MOST_LINES)

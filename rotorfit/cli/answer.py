@@ -41,10 +41,18 @@ def give(options: argparse.Namespace, write: Callable[[Path], None], plain: Call
 
 
 def finite(value: float) -> float | None:
-    """A number as JSON has it, which knows no infinities."""
+    """A number as JSON has it, which knows no infinities.
+
+    Args:
+        value: any float.
+    """
     return value if math.isfinite(value) else None
 
 
 def say(problem: str) -> None:
-    """One sentence on what is wrong, beside the answer."""
+    """One sentence on what is wrong, beside the answer.
+
+    Args:
+        problem: sentence in the words of Python, which are turned into those of the command line.
+    """
     print(f"rotorfit: {spoken(problem)}", file=sys.stderr)

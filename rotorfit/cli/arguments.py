@@ -22,13 +22,22 @@ if TYPE_CHECKING:
 
 
 def add_output(to: argparse.ArgumentParser) -> None:
-    """How much is printed."""
+    """How much is printed.
+
+    Args:
+        to: the command.
+    """
     to.add_argument("--json", action="store_true", help="print the result as JSON instead of tables")
     to.add_argument("--quiet", action="store_true", help="print neither progress nor tables")
 
 
 def add_figure_format(to: argparse.ArgumentParser, *, may_lack: bool = False) -> None:
-    """Format of the figures in the folder for results, and where they may be left out, that."""
+    """Format of the figures in the folder for results, and where they may be left out, that.
+
+    Args:
+        to: the command.
+        may_lack: whether the command can do without figures.
+    """
     one = to.add_mutually_exclusive_group()
     one.add_argument(
         "--figure-format", choices=("png", "pdf", "svg"), default="png", help="of the figures in --out [%(default)s]"
@@ -39,7 +48,11 @@ def add_figure_format(to: argparse.ArgumentParser, *, may_lack: bool = False) ->
 
 
 def add_files(to: argparse.ArgumentParser) -> None:
-    """Test files and how they are read."""
+    """Test files and how they are read.
+
+    Args:
+        to: the command.
+    """
     to.add_argument(
         "files",
         nargs="+",
@@ -91,7 +104,11 @@ def add_files(to: argparse.ArgumentParser) -> None:
 
 
 def add_setup(to: argparse.ArgumentParser) -> None:
-    """Setup of the rig for recordings."""
+    """Setup of the rig for recordings.
+
+    Args:
+        to: the command.
+    """
     to.add_argument(
         "--setup", type=Path, metavar="rig.toml", help="channels of the recordings; all files are recordings then"
     )
@@ -114,6 +131,9 @@ def add_jobs(to: argparse.ArgumentParser, what: str) -> None:
 def processes(count: int) -> AbstractContextManager[Executor | None]:
     """An executor of so many processes; None within for one.
 
+    Args:
+        count: of processes.
+
     Raises:
         ValueError: less than one.
     """
@@ -128,13 +148,23 @@ def processes(count: int) -> AbstractContextManager[Executor | None]:
 
 
 def add_model(to: argparse.ArgumentParser, options: Sequence[Option] = option_table.MODEL) -> None:
-    """The model, and settings from the table of options."""
+    """The model, and settings from the table of options.
+
+    Args:
+        to: the command.
+        options: settings beside the model.
+    """
     to.add_argument("--model", required=True, help="see `rotorfit models`")
     add_options(to, options)
 
 
 def add_options(to: argparse._ActionsContainer, options: Sequence[Option]) -> None:
-    """Settings from the table of options; what is not given is ``None``."""
+    """Settings from the table of options; what is not given is ``None``.
+
+    Args:
+        to: the command, or a group of its options.
+        options: which settings.
+    """
     for option in options:
         kind = option.kind
         if kind.word is None:
@@ -156,7 +186,11 @@ def add_options(to: argparse._ActionsContainer, options: Sequence[Option]) -> No
 
 
 def add_fit_options(fit: argparse.ArgumentParser) -> None:
-    """All that a single fit takes."""
+    """All that a single fit takes.
+
+    Args:
+        fit: the command ``rotorfit fit``.
+    """
     add_files(fit)
     fit.add_argument("--out", type=Path, help="folder for tables and figures")
     add_model(fit, [option for option in option_table.FIT if option not in option_table.UNCERTAINTY])
@@ -168,6 +202,9 @@ def add_fit_options(fit: argparse.ArgumentParser) -> None:
 
 def data_files(options: argparse.Namespace) -> tuple[DataFile | RecordingFiles, ...]:
     """The files of the command line with their read options; recordings together are one test.
+
+    Args:
+        options: what the command line said, as :func:`add_files` laid it down.
 
     Raises:
         ValueError: options that cannot be understood.
@@ -256,7 +293,12 @@ def given(options: argparse.Namespace, settings: Sequence[Option]) -> dict[str, 
 
 
 def fit_study(options: argparse.Namespace, settings: Sequence[Option] = option_table.FIT) -> Study:
-    """The study that the options of a command describe; see :func:`given`."""
+    """The study that the options of a command describe; see :func:`given`.
+
+    Args:
+        options: what the command line said.
+        settings: which of it are settings of the fit.
+    """
     from rotorfit.studies.study import Study
 
     return Study(files=data_files(options), model=options.model, out=options.out, **given(options, settings))

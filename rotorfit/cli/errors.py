@@ -15,7 +15,11 @@ class BadInputError(Exception):
 
 
 def sentence(problem: BaseException) -> str:
-    """Message of an exception as a person would write it."""
+    """Message of an exception as a person would write it.
+
+    Args:
+        problem: the exception.
+    """
     if isinstance(problem, KeyError) and problem.args:
         return str(problem.args[0])  # str() of a KeyError puts quotes around the sentence
     if isinstance(problem, OSError) and problem.strerror:
@@ -24,7 +28,11 @@ def sentence(problem: BaseException) -> str:
 
 
 def checked(work: Callable[[], T]) -> T:
-    """Do work that depends on the user's files and settings; what they get wrong becomes a :class:`BadInputError`."""
+    """Do work that depends on the user's files and settings; what they get wrong becomes a :class:`BadInputError`.
+
+    Args:
+        work: called once, without arguments.
+    """
     try:
         return work()
     except (ValueError, KeyError, OSError) as problem:

@@ -42,7 +42,11 @@ _ONE_VALUE = {("perturbation", "load"), ("synchronous", "unbalance")}
 
 
 def add_options(to: argparse.ArgumentParser) -> None:
-    """Options of the command."""
+    """Options of the command.
+
+    Args:
+        to: the command.
+    """
     add_model(to, (*MODEL, *LAW))
     to.add_argument(
         "--set", action="append", default=[], metavar="NAME=VALUE", help="true value of a parameter, SI units"
@@ -68,7 +72,11 @@ def add_options(to: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Do what the command line says; returns the exit code."""
+    """Do what the command line says; returns the exit code.
+
+    Args:
+        options: what the command line said.
+    """
     from rotorfit.checks.checklist import check
     from rotorfit.cli.errors import DONE, BadInputError, checked, sentence
     from rotorfit.io.files import read, write

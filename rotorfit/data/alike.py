@@ -33,7 +33,11 @@ class AlikeTests:
     sigma: Float
 
     def part(self, members: Index) -> AlikeTests:
-        """Some of the tests."""
+        """Some of the tests.
+
+        Args:
+            members: their places in ``tests``.
+        """
         return AlikeTests(
             numbers=self.numbers[members], tests=tuple(self.tests[i] for i in members.tolist()),
             speed=self.speed[members], response=self.response[members], sigma=self.sigma[members],

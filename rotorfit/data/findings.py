@@ -44,7 +44,11 @@ def _places(what: str, places: Sequence[int]) -> str:
 
 
 def listed(names: Sequence[str]) -> str:
-    """Names with commas between, the first six of them."""
+    """Names with commas between, the first six of them.
+
+    Args:
+        names: of runs, planes or probes.
+    """
     return ", ".join(names[:6]) + (f" and {len(names) - 6} more" if len(names) > 6 else "")
 
 
@@ -67,5 +71,9 @@ def errors_in(findings: Sequence[Sequence[Finding]], sources: Sequence[str]) -> 
 
 
 def error_sentence(errors: Sequence[str]) -> str:
-    """The errors in one sentence for the end of an answer; empty where there are none."""
+    """The errors in one sentence for the end of an answer; empty where there are none.
+
+    Args:
+        errors: messages of findings.
+    """
     return f"the check of the data calls these an error: {' '.join(errors)}" if errors else ""

@@ -38,9 +38,14 @@ def check_channels(test: PerturbationTest, given: Mapping[Channel, Any], option:
 def correct_channels(
     test: PerturbationTest, gains: Mapping[Channel, complex], delays: Mapping[Channel, float]
 ) -> PerturbationTest:
-    """Undo each channel's complex gain and time delay (s): ``response exp(j |w| tau) / gain``.
+    """Undo gain and delay of channels: ``response exp(j |w| tau) / gain``.
 
     Combined readings (z, rz) at negative w are conjugated phasors and are corrected as such.
+
+    Args:
+        test: as it was recorded.
+        gains: complex gain by channel.
+        delays: time delay tau by channel, s.
 
     Raises:
         ValueError: a channel that the test does not have, or a gain of zero.
@@ -61,7 +66,11 @@ def correct_channels(
 
 
 def subtract_measured_slow_roll(test: PerturbationTest, below: float) -> PerturbationTest:
-    """Subtract from each channel of each run its mean reading below a rotative speed, rad/s, of a synchronous test.
+    """Subtract from each channel of each run of a synchronous test its mean reading at low speed.
+
+    Args:
+        test: a synchronous one.
+        below: rotative speed below which readings are run-out, rad/s.
 
     Raises:
         ValueError: the test is not synchronous, or a run has no reading of a channel below that speed.

@@ -163,6 +163,9 @@ def differenced(test: PerturbationTest) -> PerturbationTest:
 
     Runs that dwell at a few speeds are left alone where some would stay without a partner, or where a mounting was
     repeated: :func:`influence` uses them all.
+
+    Args:
+        test: a synchronous one.
     """
     paired = difference_synchronous(test)
     if not dwells(test) or (test.speed <= 0).any():

@@ -68,6 +68,9 @@ class Calibration:
 def calibration_of(values: Mapping[str, Any]) -> Calibration | None:
     """A calibration from names and values, none from none.
 
+    Args:
+        values: standard uncertainties by name, the attributes of :class:`Calibration`.
+
     Raises:
         ValueError: a name that a calibration does not have, or a value that is no uncertainty.
     """

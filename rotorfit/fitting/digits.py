@@ -30,7 +30,12 @@ def with_error(value: float, error: float, *, digits: int = 6) -> tuple[str, str
 
 
 def plus_minus(value: float, error: float) -> str:
-    """``value +- error``, the value alone where the error is zero, or that the data do not determine it."""
+    """``value +- error``, the value alone where the error is zero, or that the data do not determine it.
+
+    Args:
+        value: the number.
+        error: its standard error.
+    """
     if not (math.isfinite(value) and math.isfinite(error)):
         return "not determined"
     if error <= 0:
@@ -39,7 +44,11 @@ def plus_minus(value: float, error: float) -> str:
 
 
 def interval(low: float, high: float) -> str:
-    """An interval, to the second digit of a quarter of its width, about the standard error; words where it is NaN."""
+    """An interval, to the second digit of a quarter of its width, about the standard error; words where it is NaN.
+
+    Args:
+        low, high: ends of a 95 % interval.
+    """
     if math.isnan(low) or math.isnan(high):
         return "not determined"
     width = (high - low) / 4

@@ -33,7 +33,11 @@ _AGREEMENT = 1e-6  # of chi-squared: other processors and libraries round differ
 
 
 def fit_to_json(fit: FitResult) -> str:
-    """A result as JSON text; see :func:`save_fit`."""
+    """A result as JSON text; see :func:`save_fit`.
+
+    Args:
+        fit: the result.
+    """
     from rotorfit.version import __version__
 
     _check(fit, build_problem(fit.model, fit.experiments, fit.settings), "the result")
@@ -90,7 +94,13 @@ def load_fit(path: str | os.PathLike[str], *, model: RotorModel | None = None) -
 
 
 def fit_from_json(text: str, *, model: RotorModel | None = None, source: str = "the text") -> FitResult:
-    """The result that :func:`fit_to_json` wrote; arguments and errors as for :func:`load_fit`."""
+    """The result that :func:`fit_to_json` wrote.
+
+    Args:
+        text: what was written.
+        model: needed for a model of your own, as for :func:`load_fit`, whose errors are raised here too.
+        source: what the text is called in messages.
+    """
     try:
         content = json.loads(text)
     except json.JSONDecodeError as reason:

@@ -79,7 +79,12 @@ def fit_warnings(
 
 
 def too_quiet(redchi: Float | float, nfree: int) -> Bool:
-    """Whether the noise is overestimated by more than is worth knowing, for one result or many."""
+    """Whether the noise is overestimated by more than is worth knowing, for one result or many.
+
+    Args:
+        redchi: chi-squared over degrees of freedom, shape ``(...)``.
+        nfree: degrees of freedom.
+    """
     chance = np.sqrt(2 / max(nfree, 1))
     return np.asarray((redchi > NOISE_FLOOR) & (redchi < min(_TOO_QUIET, 1 - _CLEARLY * chance)))
 

@@ -38,6 +38,9 @@ class UserDefinedError(ValueError):
 def encode(value: Any) -> Any:
     """A value as JSON's own types.
 
+    Args:
+        value: number, text, array, distribution, record, or a list or mapping of such.
+
     Raises:
         UserDefinedError: a model, law or record of the user's own.
         ValueError: a value of another kind that a file cannot hold.
@@ -56,6 +59,9 @@ def encode(value: Any) -> Any:
 
 def decode(value: Any) -> Any:
     """The value that :func:`encode` was given.
+
+    Args:
+        value: what JSON gave.
 
     Raises:
         ValueError: not written by :func:`encode`, or by a newer rotorfit.

@@ -109,7 +109,11 @@ def with_doubt(fit: FitResult, doubt: Float) -> FitResult:
 
 
 def inverse_curvature(fit: FitResult) -> Float:
-    """Change of the estimate by the slope of the cost, shape ``(p, p)``: mostly ``covar`` itself."""
+    """Change of the estimate by the slope of the cost, shape ``(p, p)``: mostly ``covar`` itself.
+
+    Args:
+        fit: the result.
+    """
     wider = fit.noise is not None and (fit.noise.robust or fit.noise.verdict is NoiseVerdict.FOLLOWING)
     wider = wider or fit.doubt is not None or (fit.noise is not None and bool(fit.noise.perhaps))
     return fit.covar if fit.problem.loss == "linear" and not wider else covariance.inverse_curvature(fit.problem, fit.x)

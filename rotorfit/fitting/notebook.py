@@ -16,7 +16,11 @@ _HEAD = ("parameter", "value", "standard error", "unit", "meaning")
 
 
 def fit_html(fit: FitResult) -> str:
-    """Parameters as a table, the rest of the summary below it."""
+    """Parameters as a table, the rest of the summary below it.
+
+    Args:
+        fit: the result.
+    """
     rows = "".join(_row(p) for p in in_order(fit.params.values()))
     head = "".join(f"<th>{name}</th>" for name in _HEAD)
     text = fit.summary().split("\n\n")
@@ -37,5 +41,9 @@ def _row(p: FittedParameter) -> str:
 
 
 def text_html(text: str) -> str:
-    """Text whose columns stand under one another."""
+    """Text whose columns stand under one another.
+
+    Args:
+        text: with spaces that align it.
+    """
     return f"<pre>{escape(text)}</pre>"

@@ -19,21 +19,36 @@ Parser = Callable[[str, Any], Any]
 
 
 def text(key: str, value: Any) -> str:
-    """A text that is not empty."""
+    """A text that is not empty.
+
+    Args:
+        key: of the setting, for messages.
+        value: as TOML gives it.
+    """
     if not isinstance(value, str) or not value:
         raise ValueError(f"{key} must be a text, got {value!r}")
     return value
 
 
 def flag(key: str, value: Any) -> bool:
-    """True or false."""
+    """True or false.
+
+    Args:
+        key: of the setting, for messages.
+        value: as TOML gives it.
+    """
     if not isinstance(value, bool):
         raise ValueError(f"{key} must be true or false, got {value!r}")
     return value
 
 
 def number(key: str, value: Any) -> float:
-    """A number."""
+    """A number.
+
+    Args:
+        key: of the setting, for messages.
+        value: as TOML gives it.
+    """
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise ValueError(f"{key} must be a number, got {value!r}")
     return float(value)
@@ -47,28 +62,48 @@ def _positive(key: str, value: Any) -> float:
 
 
 def phase_offsets(key: str, value: Any) -> Any:
-    """True, false or "common"."""
+    """True, false or "common".
+
+    Args:
+        key: of the setting, for messages.
+        value: as TOML gives it.
+    """
     if value != "common" and not isinstance(value, bool):
         raise ValueError(f'{key} must be true, false or "common", got {value!r}')
     return value
 
 
 def whole(key: str, value: Any) -> int:
-    """A whole number from zero."""
+    """A whole number from zero.
+
+    Args:
+        key: of the setting, for messages.
+        value: as TOML gives it.
+    """
     if isinstance(value, bool) or not isinstance(value, int) or value < 0:
         raise ValueError(f"{key} must be a whole number, not below zero; got {value!r}")
     return value
 
 
 def count(key: str, value: Any) -> int:
-    """A whole number from one."""
+    """A whole number from one.
+
+    Args:
+        key: of the setting, for messages.
+        value: as TOML gives it.
+    """
     if whole(key, value) == 0:
         raise ValueError(f"{key} must be at least 1, got {value!r}")
     return int(value)
 
 
 def pair(key: str, value: Any) -> tuple[float, float]:
-    """Two numbers."""
+    """Two numbers.
+
+    Args:
+        key: of the setting, for messages.
+        value: as TOML gives it.
+    """
     if not isinstance(value, list) or len(value) != 2:
         raise ValueError(f"{key} must be two numbers in brackets, got {value!r}")
     return number(key, value[0]), number(key, value[1])
@@ -82,7 +117,11 @@ def _texts(key: str, value: Any) -> tuple[str, ...]:
 
 
 def table(of: Parser) -> Parser:
-    """A table whose values are of one kind."""
+    """Reader of a table whose values are of one kind.
+
+    Args:
+        of: reader of one value.
+    """
 
     def parse(key: str, value: Any) -> dict[str, Any]:
         if not isinstance(value, dict):
@@ -102,14 +141,24 @@ def _number_or_free(key: str, value: Any) -> float | None:
 
 
 def uncertainty(key: str, value: Any) -> Any:
-    """A number for all probes or planes, or one by plane."""
+    """A number for all probes or planes, or one by plane.
+
+    Args:
+        key: of the setting, for messages.
+        value: as TOML gives it.
+    """
     if isinstance(value, dict):
         return {place: number(f"{key}.{place}", item) for place, item in value.items()}
     return number(key, value)
 
 
 def prior(key: str, value: Any) -> Any:
-    """A distribution of scipy.stats with its numbers."""
+    """A distribution of scipy.stats with its numbers.
+
+    Args:
+        key: of the setting, for messages.
+        value: as TOML gives it, ``{norm = [1.0, 0.01]}``.
+    """
     if not isinstance(value, dict) or len(value) != 1:
         raise ValueError(f"{key} must be one distribution with its numbers, {{norm = [1.0, 0.01]}}; got {value!r}")
     name, numbers = next(iter(value.items()))
@@ -146,7 +195,11 @@ def _frozen_prior(where: str, name: str, numbers: Sequence[float]) -> Any:
 
 
 def positive_word(word: str) -> float:
-    """A number above zero."""
+    """A number above zero.
+
+    Args:
+        word: as the command line gives it.
+    """
     value = float(word)
     if not 0 < value < math.inf:
         raise argparse.ArgumentTypeError(f"{word} is not above zero")
@@ -154,7 +207,11 @@ def positive_word(word: str) -> float:
 
 
 def whole_word(word: str) -> int:
-    """A whole number from zero."""
+    """A whole number from zero.
+
+    Args:
+        word: as the command line gives it.
+    """
     value = int(word)
     if value < 0:
         raise argparse.ArgumentTypeError(f"{word} is below zero")
@@ -162,19 +219,31 @@ def whole_word(word: str) -> int:
 
 
 def count_word(word: str) -> int:
-    """A whole number from one."""
+    """A whole number from one.
+
+    Args:
+        word: as the command line gives it.
+    """
     if whole_word(word) == 0:
         raise argparse.ArgumentTypeError("at least 1 is needed")
     return int(word)
 
 
 def words(word: str) -> tuple[str, ...]:
-    """Words with commas between."""
+    """Words with commas between.
+
+    Args:
+        word: as the command line gives it.
+    """
     return tuple(part.strip() for part in word.split(","))
 
 
 def number_word(word: str) -> float:
-    """A number, refused in words otherwise."""
+    """A number, refused in words otherwise.
+
+    Args:
+        word: as the command line gives it.
+    """
     try:
         return float(word)
     except ValueError:
@@ -182,7 +251,11 @@ def number_word(word: str) -> float:
 
 
 def two_numbers(word: str) -> tuple[float, float]:
-    """Two numbers with a colon between."""
+    """Two numbers with a colon between.
+
+    Args:
+        word: as the command line gives it, ``0:90``.
+    """
     first, second = _two(word)
     return number_word(first), number_word(second)
 
@@ -216,7 +289,13 @@ def _two(word: str) -> tuple[str, str]:
 
 
 def pairs(option: str, given: Sequence[str], parse: Callable[[str], Any]) -> dict[str, Any]:
-    """``NAME=VALUE`` words, several of them also in one word with commas between."""
+    """``NAME=VALUE`` words, several of them also in one word with commas between.
+
+    Args:
+        option: as it is written, for messages.
+        given: what stood behind it, each time it was given.
+        parse: reads one VALUE.
+    """
     values: dict[str, Any] = {}
     for item in (part for word in given for part in word.split(",")):
         name, _, value = (part.strip() for part in item.partition("="))
@@ -308,5 +387,9 @@ def written(kind: Kind, name: str, value: Any) -> list[str] | None:
 
 
 def is_set(value: Any) -> bool:
-    """Whether a setting says anything: not empty, not false, not left out."""
+    """Whether a setting says anything: not empty, not false, not left out.
+
+    Args:
+        value: of a setting.
+    """
     return value is not None and value is not False and not (isinstance(value, Mapping | tuple | str) and not value)

@@ -103,7 +103,12 @@ def _are_numbers(start: Mapping[str, float]) -> bool:
 
 
 def is_plain(model: RotorModel, settings: FitSettings) -> bool:
-    """Whether a fit is one of linear responses in complex coordinates, by squares, with nothing known of its values."""
+    """Whether a fit is one of linear responses in complex coordinates, by squares, with nothing known of its values.
+
+    Args:
+        model: the rotor.
+        settings: of the fit.
+    """
     linear = model.frame == "z" and not model.eccentricity_dependent and not model.turns
     simple = model.shaft is None and not isinstance(model, Modal)
     return linear and simple and settings == FitSettings(known=settings.known, bounds=settings.bounds)

@@ -33,6 +33,9 @@ from rotorfit.observing.observations import observe_any
 def as_tuple(experiments: Experiment | Sequence[Experiment]) -> tuple[Experiment, ...]:
     """One experiment or several, as a tuple.
 
+    Args:
+        experiments: what :func:`fit` was given.
+
     Raises:
         ValueError: none at all.
         TypeError: something else.
@@ -49,7 +52,13 @@ def as_tuple(experiments: Experiment | Sequence[Experiment]) -> tuple[Experiment
 
 
 def build_problem(model: RotorModel, experiments: Experiment | Sequence[Experiment], settings: FitSettings) -> Problem:
-    """Lay a fit out as an optimisation problem; arguments and errors as for :func:`fit`."""
+    """Lay a fit out as an optimisation problem; errors as for :func:`fit`.
+
+    Args:
+        model: the rotor.
+        experiments: what is fitted.
+        settings: what was asked of the fit.
+    """
     if not isinstance(model, RotorModel):
         raise TypeError(f"the model must be an instance such as rf.models.WhirlWhip(), not {model!r}")
     several = as_tuple(experiments)
@@ -142,7 +151,13 @@ def _phase_entries(
 
 
 def with_levels(problem: Problem, levels: Mapping[str, float], power: int = 1) -> Problem:
-    """The problem with the noise of responses multiplied by a power of their levels, those not named by one."""
+    """The problem with the noise of responses multiplied by their levels.
+
+    Args:
+        problem: the problem.
+        levels: factor on the noise by name of the response; those not named keep theirs.
+        power: of the factors, -1 to take them back.
+    """
     if not levels:
         return problem
     blocks = []
@@ -173,6 +188,10 @@ def _phase_factors(block: Block, runs: Sequence[str]) -> ComplexArray:
 
 def make_priors(space: ParameterSpace, priors: Mapping[str, Any]) -> tuple[Prior, ...]:
     """Priors of the fitted entries that names stand for, a parameter fitted per attribute for all of its own.
+
+    Args:
+        space: the fitted vector.
+        priors: frozen ``scipy.stats`` distributions by name of a parameter or of an entry.
 
     Raises:
         ValueError: no frozen ``scipy.stats`` distribution, or a prior of a known parameter.

@@ -66,7 +66,11 @@ class Refinement:
 
 
 def structure_name(model: RotorModel) -> str:
-    """Structural blocks of a model in words."""
+    """Structural blocks of a model in words.
+
+    Args:
+        model: the rotor.
+    """
     blocks = getattr(model, "blocks", ())
     return "as printed" if not blocks else "+ " + " + ".join(block.replace("_", " ") for block in blocks)
 
@@ -295,6 +299,12 @@ def refit(
     """Fit another model to the data of a result with the same settings.
 
     New parameters start from zero influence, the others from the result, so a richer nested model can only gain.
+
+    Args:
+        fit: the result.
+        model: what is fitted now.
+        extra_known: values to hold beside those that the result held.
+        priors: beside those of the result.
     """
     settings = fit.settings
     start = {name: p.value for name, p in fit.params.items() if p.vary and name in _names(model, fit)}

@@ -19,6 +19,9 @@ PhaseOffsets: TypeAlias = bool | Literal["common"]
 def check_phase_offsets(given: object) -> None:
     """Refuse what is no choice of phase offsets.
 
+    Args:
+        given: the choice.
+
     Raises:
         ValueError: neither true nor false nor "common".
     """

@@ -57,6 +57,9 @@ class Wanted:
     def columns(self, table: Table) -> dict[str, float]:
         """Columns of a table that are this one, with their factors to SI.
 
+        Args:
+            table: as it was read.
+
         Raises:
             ValueError: there are several where one is wanted.
         """
@@ -131,11 +134,19 @@ class Columns:
         }
 
     def has(self, name: str) -> bool:
-        """Whether an optional column is there."""
+        """Whether an optional column is there.
+
+        Args:
+            name: by which the column was asked for.
+        """
         return bool(self.found[name])
 
     def words(self, name: str, otherwise: str = "") -> Text:
-        """Cells of a column of text, none of them blank; ``otherwise`` throughout if the column is not there.
+        """Cells of a column of text, none of them blank.
+
+        Args:
+            name: by which the column was asked for.
+            otherwise: what stands in all rows if the column is not there.
 
         Raises:
             ValueError: a cell is blank.
@@ -149,7 +160,11 @@ class Columns:
         return np.array(cells, dtype=str)
 
     def number(self, name: str, *, blank: bool = False) -> Float:
-        """A column in SI units; NaN in blank cells, where ``blank`` allows them, and throughout if it is not there.
+        """A column in SI units; NaN in blank cells, and throughout if it is not there.
+
+        Args:
+            name: by which the column was asked for.
+            blank: whether cells may be blank.
 
         Raises:
             ValueError: a cell is not a finite number.
@@ -159,11 +174,22 @@ class Columns:
         return self.table.number(next(iter(self.found[name].items())), blank=blank)
 
     def where(self, row: int, name: str) -> str:
-        """Place of a cell of a column that is there, for messages."""
+        """Place of a cell of a column that is there, for messages.
+
+        Args:
+            row: number of the row, from 0.
+            name: by which the column was asked for.
+        """
         return self.table.where(row, next(iter(self.found[name])))
 
     def refuse(self, bad: Bool, name: str, why: str) -> None:
-        """Refuse the first bad row of a column that is there, as :meth:`Table.refuse` does."""
+        """Refuse the first bad row of a column that is there, as :meth:`Table.refuse` does.
+
+        Args:
+            bad: whether each row is.
+            name: by which the column was asked for.
+            why: what follows its cell in the message.
+        """
         if bad.any():
             self.table.refuse(bad, next(iter(self.found[name])), why)
 

@@ -211,6 +211,9 @@ BUILDERS: tuple[tuple[str, Callable[[Table, float], Experiment]], ...] = (
 def columns_of(test: Experiment) -> dict[str, NDArray[Any]]:
     """Columns of a CSV file by name, in rpm, um, N, degrees and s.
 
+    Args:
+        test: of a kind that this module reads.
+
     Raises:
         TypeError: an experiment of another kind.
     """

@@ -41,12 +41,22 @@ class Table:
     names: Mapping[str, str]
 
     def find(self, prefix: str, units: Mapping[str, float]) -> dict[str, float]:
-        """Columns ``prefix_unit`` with their factors to SI."""
+        """Columns ``prefix_unit`` with their factors to SI, by lower-case name.
+
+        Args:
+            prefix: beginning of the name.
+            units: factor to SI by unit.
+        """
         factors = {name: self.factor(name, prefix, units) for name in self.cells}
         return {name: factor for name, factor in factors.items() if factor is not None}
 
     def factor(self, name: str, prefix: str, units: Mapping[str, float]) -> float | None:
-        """Factor to SI of a column that is a quantity in a known unit.
+        """Factor to SI of a column; ``None`` where it is not this quantity in a known unit.
+
+        Args:
+            name: of the column, lower case.
+            prefix: beginning of the name before the unit.
+            units: factor to SI by unit.
 
         Raises:
             ValueError: the case of the unit leaves open whether milli or mega is meant.
@@ -59,7 +69,12 @@ class Table:
             raise ValueError(f"{self.source}: column {self.names[name]!r}: {reason}") from reason
 
     def number(self, column: tuple[str, float], *, blank: bool = False) -> Float:
-        """Cells of a numeric column times its factor; blank cells are NaN where ``blank`` allows them."""
+        """Cells of a numeric column in SI units; blank ones are NaN.
+
+        Args:
+            column: its lower-case name and its factor to SI.
+            blank: whether cells may be blank.
+        """
         name, factor = column
         values = floats(self.cells[name])
         if values is None:
@@ -79,7 +94,12 @@ class Table:
         return np.asarray(values * factor)
 
     def where(self, row: int, name: str) -> str:
-        """Place of a cell, for messages."""
+        """Place of a cell, for messages.
+
+        Args:
+            row: number of the row, from 0.
+            name: of the column, lower case.
+        """
         return f"{self.source}: line {self.lines[row]}, column {self.names[name]!r}"
 
     def refuse(self, bad: Bool, name: str, why: str) -> None:

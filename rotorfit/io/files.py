@@ -229,7 +229,11 @@ def _writer(kind: str) -> Callable[[Any, Path], None]:
 
 
 def table_suffix(path: str | Path) -> bool:
-    """Whether a file is a table, CSV or Excel, by its suffix."""
+    """Whether a file is a table, CSV or Excel, by its suffix.
+
+    Args:
+        path: of the file, which need not exist.
+    """
     suffix = Path(path).suffix.lower()
     return suffix in EXCEL or SUFFIXES.get(suffix) == "csv"
 

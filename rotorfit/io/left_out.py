@@ -19,6 +19,9 @@ def without_empty(table: Table) -> tuple[Table, list[Finding]]:
     """The table without the rows whose reading was not taken, and how many these are.
 
     A reading is empty where none of its amplitudes (or its real or imaginary part) or where its phase has a number.
+
+    Args:
+        table: as it was read.
     """
     lengths = [list(table.find(prefix, MOTION)) for prefix in ("amplitude", "real", "imag")]
     needed = [names for names in (*lengths, list(table.find("phase", UNITS["phase"]))) if names]

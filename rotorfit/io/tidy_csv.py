@@ -375,6 +375,10 @@ def _written_displacement(test: DisplacementTest) -> dict[str, Any]:
 def write_csv(experiment: Experiment, path: str | Path) -> None:
     """Write a tidy CSV in rpm, um (urad for slopes), N and degrees, 15 significant digits.
 
+    Args:
+        experiment: of any kind.
+        path: of the file; one that exists is replaced.
+
     Raises:
         ValueError: a name that a CSV cell cannot hold, or an attribute named like a column.
     """

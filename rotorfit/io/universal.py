@@ -46,6 +46,10 @@ _CODES = {"x": 1, "y": 2, "rx": 5, "ry": -4, "z": 0, "rz": 0}
 def write_uff(experiment: Experiment, path: str | Path) -> None:
     """Write a perturbation test as a universal file in ASCII, 12 digits (abscissa, by the format, 6).
 
+    Args:
+        experiment: a perturbation test.
+        path: of the file; one that exists is replaced.
+
     Raises:
         ValueError: another experiment, readings that are not finite, zero force, text attributes, names too long.
     """

@@ -30,12 +30,19 @@ class _Column:
 
 
 def is_wide(table: Table) -> bool:
-    """Whether the readings stand in a column a probe."""
+    """Whether the readings stand in a column a probe.
+
+    Args:
+        table: as it was read.
+    """
     return not {"plane", "direction"} & set(table.cells) and bool(_channels(table))
 
 
 def tidy(table: Table) -> Table:
     """The same readings, one a row.
+
+    Args:
+        table: a wide one.
 
     Raises:
         ValueError: a probe has an amplitude without a phase, or the other way round.
@@ -123,6 +130,10 @@ def renamed(table: Table, columns: Mapping[str, str]) -> Table:
 
 def with_constants(table: Table, values: Mapping[str, str | float]) -> Table:
     """The table with columns that have one value throughout, for what a file does not say of itself.
+
+    Args:
+        table: as it was read.
+        values: by the name that the column gets, ``speed_rpm`` for instance, in the unit of that name.
 
     Raises:
         ValueError: a column that the file has already.

@@ -35,7 +35,11 @@ class AlikeResponses:
     told: NDArray[np.bool_]
 
     def keep(self, number: int) -> None:
-        """Keep the observations of one run for whoever observes it next."""
+        """Keep the observations of one run for whoever observes it next.
+
+        Args:
+            number: of the run, among the tests of the group.
+        """
         test, layout = self.group.tests[number], self.layout
         name = test.run[0]
         block = replace(

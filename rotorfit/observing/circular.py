@@ -51,7 +51,13 @@ def observe(model: RotorModel, experiment: Experiment, group: Index) -> Response
 
 
 def keep_observed(experiment: Experiment, block: Responses, group: Index) -> None:
-    """Keep the observations of an experiment for whoever observes it next; arguments as for :func:`observe`."""
+    """Keep the observations of an experiment for whoever observes it next.
+
+    Args:
+        experiment: what was observed.
+        block: its observations.
+        group: parameter group of each row, as :func:`observe` was given it.
+    """
     for values in (block.measured, block.sigma, block.force):
         values.flags.writeable = False
     kept(experiment)[_key(block.model, group)] = block
@@ -114,7 +120,11 @@ def _places(bad: NDArray[np.bool_]) -> str:
 
 
 def first_rows(test: PerturbationTest) -> Index:
-    """First row of each line of a test, in the order of the lines of its observations."""
+    """First row of each line of a test, in the order of the lines of its observations.
+
+    Args:
+        test: the readings.
+    """
     return lines_of(test).apart()[1]
 
 
@@ -139,7 +149,12 @@ class Places:
 
     @classmethod
     def of(cls, model: RotorModel, test: PerturbationTest) -> Places:
-        """Those of a test."""
+        """Those of a test.
+
+        Args:
+            model: an isotropic one, whose coordinates the readings are put into.
+            test: the readings.
+        """
         lines, size = lines_of(test), len(model.coordinates)
         line, first = lines.apart()
         coordinate = _of_kinds(lines, lambda plane, direction: model.coordinate(plane, direction[:-1] or "z"))

@@ -69,7 +69,11 @@ def _excursion(model: RotorModel, test: Experiment) -> Float:
 
 
 def same_line(test: Experiment) -> NDArray[np.intp]:
-    """Rows that share the journal's position."""
+    """Rows that share the journal's position.
+
+    Args:
+        test: of any kind; where nothing tells lines, each row is one.
+    """
     match test:
         case PerturbationTest():
             return same_rows(test.run, test.speed, test.frequency, test.force_plane)

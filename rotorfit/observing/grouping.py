@@ -26,7 +26,11 @@ class Grouping:
 
 
 def group_rows(experiments: Sequence[Experiment], per: Mapping[str, str]) -> Grouping:
-    """Group rows by the distinct values of the attributes named in ``per`` (parameter name to attribute).
+    """Group rows by the distinct values of attributes.
+
+    Args:
+        experiments: what is fitted.
+        per: attribute by name of the parameter that has one value for each of its values.
 
     Raises:
         KeyError: an experiment lacks the attribute.

@@ -28,7 +28,11 @@ class _Planes(RotorModel):
 
 
 def isotropic_planes(names: Sequence[str]) -> RotorModel:
-    """Coordinates ``z`` of some planes, for observing a test of which no model is known."""
+    """Coordinates ``z`` of some planes, for observing a test of which no model is known.
+
+    Args:
+        names: of the planes.
+    """
     return _Planes(names)
 
 

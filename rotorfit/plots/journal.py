@@ -51,10 +51,14 @@ class JournalLines:
 
 
 def journal_lines(fit: FitResult, *, static: bool) -> Iterator[JournalLines]:
-    """Lines of each block in which the journal was measured, of constant loads or else of circular forces.
+    """Lines of each block in which the journal was measured.
 
     With h the drive-point receptance of the centred rotor and ``A0 = (H F)_b`` its response, the journal's drive-point
     stiffness is ``A0 / (h A_b)``: it is force over response where the journal itself is forced.
+
+    Args:
+        fit: of a model with a law of eccentricity.
+        static: whether lines of constant loads are wanted, not those of circular forces.
     """
     for block in fit.problem.blocks:
         base = responses_of(block)
@@ -114,13 +118,22 @@ def drive_stiffness(
 
 
 def half_width(fit: FitResult, group: int, slope: Float) -> Float:
-    """Half-width of the 95 % band of a quantity whose derivatives by the model's parameters are ``(E, P)``."""
+    """Half-width of the 95 % band of a quantity, shape ``(E,)``.
+
+    Args:
+        fit: the result.
+        group: number of the parameter group.
+        slope: derivatives of the quantity by the model's parameters, shape ``(E, P)``.
+    """
     by_fitted = fit.problem.space.pull_back(slope, group)
     return np.asarray(CONFIDENCE * standard_error(by_fitted, fit.covar))
 
 
 def reach(fit: FitResult) -> float:
     """Largest eccentricity that the data have.
+
+    Args:
+        fit: the result.
 
     Raises:
         ValueError: none of them tells an eccentricity.
@@ -133,10 +146,19 @@ def reach(fit: FitResult) -> float:
 
 
 def group_label(fit: FitResult, group: int) -> str:
-    """``attribute=value`` of a parameter group, empty where there is but one; values from files hold any characters."""
+    """``attribute=value`` of a parameter group, empty where there is but one; values from files hold any characters.
+
+    Args:
+        fit: the result.
+        group: number of the parameter group.
+    """
     return ", ".join(fit.problem.space.labels[group])
 
 
 def groups_in_order(fit: FitResult) -> list[int]:
-    """Parameter groups, sorted by the numbers in their labels."""
+    """Parameter groups, sorted by the numbers in their labels.
+
+    Args:
+        fit: the result.
+    """
     return sorted(range(len(fit.problem.space.index)), key=lambda group: natural(group_label(fit, group)))

@@ -74,6 +74,9 @@ class _Key:
 def sweeps(fit: FitResult) -> tuple[list[SweepCondition], list[Sweeps]]:
     """Conditions, and the blocks with responses to circular forces or imposed orbits.
 
+    Args:
+        fit: the result.
+
     Raises:
         ValueError: the fit has none.
     """
@@ -211,6 +214,9 @@ class SweepCurve:
 @lru_cache(maxsize=1)  # three figures of a report show them
 def curves(fit: FitResult) -> tuple[Sequence[SweepCondition], Sequence[SweepCurve]]:
     """Conditions, and every measured and fitted response.
+
+    Args:
+        fit: the result.
 
     Raises:
         ValueError: the fit has no circular responses.

@@ -52,12 +52,20 @@ class _PlainPowers(LogFormatter):
 
 
 def few_ticks(axis: Any) -> None:
-    """Give a linear axis of x or y few ticks."""
+    """Give a linear axis of x or y few ticks.
+
+    Args:
+        axis: matplotlib's, ``axes.xaxis`` for instance.
+    """
     axis.set_major_locator(_Few())
 
 
 def plain_powers(axis: Any) -> None:
-    """Write the labels of a logarithmic axis as 0.1, 1, 10, and powers only where that gets long."""
+    """Write the labels of a logarithmic axis as 0.1, 1, 10, and powers only where that gets long.
+
+    Args:
+        axis: matplotlib's, ``axes.xaxis`` for instance.
+    """
     axis.set_major_locator(_Powers())
     axis.set_minor_locator(_Powers(subs=(2.0, 5.0)))
     axis.set_major_formatter(_PlainPowers())

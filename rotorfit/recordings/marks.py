@@ -25,6 +25,10 @@ class Marks:
     def named(self, name: str, record: Signals) -> AngleTrack:
         """The angle of a mark.
 
+        Args:
+            name: ``shaft`` or ``perturbator``.
+            record: the recording, for messages.
+
         Raises:
             ValueError: no such mark in this recording.
         """
@@ -68,7 +72,12 @@ class SpeedTrack:
 
 
 def speeds(marks: Marks, points: int = 2000) -> list[SpeedTrack]:
-    """Speed of each mark between its first and its last pulse, with the speed that single intervals would give."""
+    """Speed of each mark between its first and its last pulse, with the speed that single intervals would give.
+
+    Args:
+        marks: angles of a recording.
+        points: times at which each speed is given.
+    """
     found = []
     for name, angle in marks.present.items():
         t = np.linspace(angle.begin, angle.end, points)

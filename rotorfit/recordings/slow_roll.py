@@ -105,7 +105,12 @@ def find_run_out(record: Signals, shaft: AngleTrack, how: SlowRollSetup) -> RunO
 
 
 def in_words(record: Signals, found: RunOut) -> str:
-    """What was taken out of the signals of a recording."""
+    """What was taken out of the signals of a recording.
+
+    Args:
+        record: the recording.
+        found: its run-out.
+    """
     sizes = ", ".join(
         f"{probe.channel} {abs(found.amplitudes[probe.channel][0] / float(probe.sensitivity or 1.0)) * 1e6:.3g} µm"
         for probe in record.probes

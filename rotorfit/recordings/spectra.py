@@ -106,7 +106,14 @@ class CascadeTimes:
 
 
 def cascade_times(record: Signals, marks: Marks, over: str | None, spectra: int) -> CascadeTimes:
-    """Even steps of time, speed or perturbation frequency; arguments and errors as for :func:`cascade`."""
+    """Even steps of time, speed or perturbation frequency; errors as for :func:`cascade`.
+
+    Args:
+        record: the recording.
+        marks: its angles.
+        over: ``"time"``, ``"speed"`` or ``"perturbation"``; ``None``: what changes in this recording.
+        spectra: how many.
+    """
     over = _changing(marks) if over is None else over
     if over not in ("time", "speed", "perturbation"):
         raise ValueError(unknown_name("axis of a cascade", over, ("time", "speed", "perturbation")))
@@ -147,7 +154,12 @@ def _changing(marks: Marks) -> str:
 
 
 def steady_lines(marks: Marks, start: float, stop: float) -> dict[str, float]:
-    """Frequencies of orders, Hz, of the marks whose speed hardly changes from one time (s) to another, by label."""
+    """Frequencies of orders, Hz, by label, of the marks whose speed hardly changes meanwhile.
+
+    Args:
+        marks: angles of a recording.
+        start, stop: times, s.
+    """
     lines: dict[str, float] = {}
     t = np.linspace(start, stop, 50)
     for name, angle in marks.present.items():

@@ -162,6 +162,12 @@ def centreline(record: Signals, marks: Marks, plane: str, windows: int = 100) ->
     """Mean positions along the recording, by windows that overlap by half and fade at their ends: an orbit of more
     than two turns in a window leaves nothing.
 
+    Args:
+        record: the recording.
+        marks: its angles.
+        plane: one of its planes.
+        windows: how many half windows at most.
+
     Raises:
         ValueError: no such plane, or one with a single probe.
     """

@@ -25,7 +25,11 @@ def found_assumptions(material: ReportInput) -> Assumptions:
 
 
 def assumptions_section(material: ReportInput) -> Html:
-    """Score tests of what the model leaves out, and the shift of each result."""
+    """Score tests of what the model leaves out, and the shift of each result.
+
+    Args:
+        material: what the report is of.
+    """
     found = found_assumptions(material)
     if not found.entries:
         return Html("")

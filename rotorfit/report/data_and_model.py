@@ -34,7 +34,11 @@ _FROM_MOUNTINGS = (
 
 
 def data_section(material: ReportInput) -> Html:
-    """The experiments and what the check of the data found."""
+    """The experiments and what the check of the data found.
+
+    Args:
+        material: what the report is of.
+    """
     fit = material.fit
     rows = [_experiment_row(e) for e in fit.experiments]
     head = ["source", "kind", "readings", "runs", "speeds", "frequencies", "forced at", "measured at"]
@@ -82,7 +86,11 @@ def _experiment_row(test: Experiment) -> list[str]:
 
 
 def model_section(material: ReportInput) -> Html:
-    """The equation of motion as dynamic stiffness, written from the model itself."""
+    """The equation of motion as dynamic stiffness, written from the model itself.
+
+    Args:
+        material: what the report is of.
+    """
     model = material.fit.model
     kappa = "<msub><mi>κ</mi><mrow><mi>i</mi><mi>k</mi></mrow></msub>"
     general = (
@@ -147,7 +155,11 @@ def _equation(inner: str) -> Html:
 
 
 def refinement_section(material: ReportInput) -> Html:
-    """The ladder of structural blocks."""
+    """The ladder of structural blocks.
+
+    Args:
+        material: what the report is of.
+    """
     ladder = material.refinement
     if ladder is None:
         return Html("")

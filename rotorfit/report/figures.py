@@ -136,7 +136,11 @@ FIGURES: tuple[ReportFigure, ...] = (
 
 
 def figure_sections(material: ReportInput) -> Iterator[Html]:
-    """Figures of each kind of data, stability, posterior."""
+    """Figures of each kind of data, stability, posterior.
+
+    Args:
+        material: what the report is of.
+    """
     fit = material.fit
     for kind in FIGURES:
         if material.figure_format != "none" and any(kind.shows(block) for block in fit.problem.blocks):
@@ -152,7 +156,14 @@ def figure_sections(material: ReportInput) -> Iterator[Html]:
 
 
 def embedded(material: ReportInput, name: str, draw: Callable[[], Figure], caption: str) -> Html:
-    """Draw a figure, keep the file, embed it; nothing where figures are left out."""
+    """Draw a figure, keep the file, embed it; nothing where figures are left out.
+
+    Args:
+        material: what the report is of; the picture is kept in it.
+        name: of the file, without its suffix.
+        draw: makes the figure; not called where figures are left out.
+        caption: what stands below it.
+    """
     if material.figure_format == "none":
         return Html("")
     from rotorfit.plots.layout import picture_of

@@ -18,7 +18,13 @@ class Html(str):
 
 
 def element(tag: str, /, *children: str, **attributes: str) -> Html:
-    """An element; a trailing underscore of an attribute's name is dropped (``class_``)."""
+    """An element of a page.
+
+    Args:
+        tag: its name.
+        children: text, which is escaped, and markup.
+        attributes: by name, a trailing underscore (``class_``) being dropped and others becoming hyphens.
+    """
     written = "".join(f' {key.rstrip("_").replace("_", "-")}="{escape(value)}"' for key, value in attributes.items())
     if tag in _VOID:
         return Html(f"<{tag}{written}>")
@@ -26,17 +32,31 @@ def element(tag: str, /, *children: str, **attributes: str) -> Html:
 
 
 def join(children: Iterable[str], separator: str = "") -> Html:
-    """Text and markup in a row."""
+    """Text and markup in a row.
+
+    Args:
+        children: text, which is escaped, and markup.
+        separator: what stands between them.
+    """
     return Html(separator.join(child if isinstance(child, Html) else escape(child) for child in children))
 
 
 def paragraph(*children: str) -> Html:
-    """A paragraph."""
+    """A paragraph.
+
+    Args:
+        children: text, which is escaped, and markup.
+    """
     return element("p", *children)
 
 
 def bullets(items: Iterable[str], **attributes: str) -> Html:
-    """An unordered list."""
+    """An unordered list.
+
+    Args:
+        items: text, which is escaped, or markup.
+        attributes: of the list, as for :func:`element`.
+    """
     return element("ul", *(element("li", item) for item in items), **attributes)
 
 
@@ -70,7 +90,13 @@ def table(
 
 
 def picture(png: bytes, caption: str, inches: float) -> Html:
-    """A PNG file with its caption, embedded, at its natural width where the page is wide enough."""
+    """A PNG file with its caption, embedded, at its natural width where the page is wide enough.
+
+    Args:
+        png: content of the file.
+        caption: what stands below it.
+        inches: natural width.
+    """
     data = base64.b64encode(png).decode("ascii")
     image = element("img", src=f"data:image/png;base64,{data}", alt=caption, width=f"{96 * inches:.0f}")
     return element("figure", image, element("figcaption", caption))

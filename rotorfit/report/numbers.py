@@ -11,7 +11,12 @@ from rotorfit.units import RPM_PER_RAD_S
 
 
 def plain(value: float, places: int = 5) -> str:
-    """A number with a few significant digits and a real minus sign; a dash where there is none."""
+    """A number with a few significant digits and a real minus sign; a dash where there is none.
+
+    Args:
+        value: the number.
+        places: significant digits.
+    """
     if not math.isfinite(value):
         return "–"
     if value and not 1e-4 <= abs(value) < 1e7:
@@ -22,7 +27,12 @@ def plain(value: float, places: int = 5) -> str:
 
 
 def with_error(value: float, error: float) -> tuple[str, str]:
-    """Value and error, both to the second significant digit of the error; see :mod:`rotorfit.fitting.digits`."""
+    """Value and error, both to the second significant digit of the error; see :mod:`rotorfit.fitting.digits`.
+
+    Args:
+        value: the number.
+        error: its standard error.
+    """
     if not (math.isfinite(value) and math.isfinite(error) and error > 0):
         return plain(value), "–"
     shown, spread = digits.with_error(value, error)
@@ -35,7 +45,11 @@ def _typeset(number: str) -> str:
 
 
 def interval(low: float, high: float) -> str:
-    """An interval, to the second digit of a quarter of its width, about the standard error."""
+    """An interval, to the second digit of a quarter of its width, about the standard error.
+
+    Args:
+        low, high: ends of a 95 % interval.
+    """
     width = (high - low) / 4
     if not (math.isfinite(low) and math.isfinite(high) and width > 0):
         return "–"
@@ -52,7 +66,11 @@ def _superscript(exponent: int) -> str:
 
 
 def speeds_in_words(speeds: np.ndarray[tuple[int], np.dtype[np.float64]]) -> str:
-    """Speeds (rad/s) in rpm: all of them if they are few, else their range."""
+    """Speeds in rpm: all of them if they are few, else their range.
+
+    Args:
+        speeds: rad/s, shape ``(N,)``.
+    """
     rpm = np.unique(np.round(speeds * RPM_PER_RAD_S, 1))
     if rpm.size > 6:
         return f"{rpm[0]:g} to {rpm[-1]:g} rpm"

@@ -42,7 +42,12 @@ def page(title: str, source: str, sections: Sequence[str]) -> Html:
 
 
 def write_whole(path: Path, content: bytes) -> Path:
-    """Write a file whole or not at all."""
+    """Write a file whole or not at all.
+
+    Args:
+        path: of the file, which is returned.
+        content: of the file.
+    """
     with whole_file(path) as draft:
         draft.write_bytes(content)
     return path

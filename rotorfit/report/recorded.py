@@ -40,7 +40,11 @@ _BY_SPECTRA = (
 
 
 def recordings_section(material: ReportInput) -> Iterator[Html]:
-    """Files, marks, probes, forces and cascades of the recordings; nothing where the data were not recorded."""
+    """Files, marks, probes, forces and cascades of the recordings; nothing where the data were not recorded.
+
+    Args:
+        material: what the report is of.
+    """
     records = material.recordings
     if not records:
         return

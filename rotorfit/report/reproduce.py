@@ -29,7 +29,11 @@ _SAMPLER = ("ess", "walkers", "max_steps", "noise")
 
 
 def reproduce_section(material: ReportInput) -> Html:
-    """Versions and settings."""
+    """Versions and settings.
+
+    Args:
+        material: what the report is of.
+    """
     from rotorfit.version import __version__
 
     fit = material.fit

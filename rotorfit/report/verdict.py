@@ -30,7 +30,11 @@ _CARDS = 6
 
 
 def verdict_section(material: ReportInput) -> Html:
-    """Headline, figures that matter, warnings."""
+    """Headline, figures that matter, warnings.
+
+    Args:
+        material: what the report is of.
+    """
     fit = material.fit
     cards = [*_stability_cards(material), _quality_card(fit), *_fluid_cards(fit)]
     content = [

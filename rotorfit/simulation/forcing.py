@@ -93,7 +93,12 @@ def squeeze_film(
     rig: VirtualRig, *, frequency_rpm: ArrayLike, force: complex | Sequence[complex] | None = None,
     unbalance: complex | Sequence[complex] | None = None, planes: str | Sequence[str] | None = None,
 ) -> PerturbationTest:  # fmt: skip
-    """Squeeze film (Fig. 25): rotating forces on a rotor that does not turn; arguments as for a perturbation."""
+    """Squeeze film (Fig. 25): rotating forces on a rotor that does not turn.
+
+    Args:
+        rig: the virtual rig.
+        frequency_rpm, force, unbalance, planes: as for :func:`perturbation`.
+    """
     return perturbation(
         rig, speed_rpm=0.0, frequency_rpm=frequency_rpm, force=force, unbalance=unbalance, planes=planes
     )  # fmt: skip

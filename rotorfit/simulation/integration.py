@@ -114,7 +114,11 @@ class Motion:
         return self._journal.change_of(self.theta[rotors], self.speed[rotors])
 
     def eccentricity(self, z: ComplexArray) -> Float:
-        """Eccentricity of the journal, shape ``(..., L)``, zero in a linear model."""
+        """Eccentricity of the journal, shape ``(..., L)``, zero in a linear model.
+
+        Args:
+            z: displacements, m, shape ``(..., L, n)``.
+        """
         if self._journal is None:
             return np.zeros(z.shape[:-1])
         return np.asarray(np.abs(z[..., self._journal.at]) / self._journal.clearance)
@@ -130,7 +134,13 @@ class Motion:
         return force, change[2]
 
     def acceleration(self, z: ComplexArray, v: ComplexArray, force: ComplexArray) -> ComplexArray:
-        """Acceleration of all coordinates, that of an imposed one being its entry in ``force``, shape ``(L, n)``."""
+        """Acceleration of all coordinates, m/s^2, shape ``(L, n)``.
+
+        Args:
+            z: displacements, m, shape ``(L, n)``.
+            v: velocities, m/s, likewise.
+            force: N, likewise; the entry of an imposed coordinate is its acceleration.
+        """
         if self._journal is None and self.imposed is None:
             moved = self._inverse_mass @ force[:, :, None]
             moved += self._own_acceleration @ np.concatenate([z, v], axis=1)[:, :, None]
@@ -151,7 +161,13 @@ class Motion:
         return a
 
     def force(self, z: ComplexArray, v: ComplexArray, a: ComplexArray) -> ComplexArray:
-        """Force that a motion needs at an instant, shape ``(L, n)``."""
+        """Force that a motion needs at an instant, N, shape ``(L, n)``.
+
+        Args:
+            z: displacements, m, shape ``(L, n)``.
+            v: velocities, m/s, likewise.
+            a: accelerations, m/s^2, likewise.
+        """
         internal, inertia = self._internal(z, v)
         total = internal + (self.mass @ a[:, :, None])[:, :, 0]
         if self._journal is not None:
@@ -159,7 +175,11 @@ class Motion:
         return np.asarray(total)
 
     def select(self, lines: Index) -> Motion:
-        """Some of the rotors."""
+        """Some of the rotors.
+
+        Args:
+            lines: numbers of the rotors.
+        """
         return Motion(model=self.model, theta=self.theta[lines], speed=self.speed[lines], imposed=self.imposed)
 
 

@@ -45,11 +45,20 @@ class VirtualRig:
         return journal(self.model).at if self.model.eccentricity_dependent else len(self.model.planes) - 1
 
     def motion(self, speed: Float, imposed: int | None = None) -> Motion:
-        """Equations of motion at rotative speeds, rad/s, shape ``(L,)``."""
+        """Equations of motion of as many rotors as speeds.
+
+        Args:
+            speed: rotative speeds, rad/s, shape ``(L,)``.
+            imposed: coordinate whose acceleration is given, if any.
+        """
         return Motion(model=self.model, theta=np.tile(self.theta, (speed.size, 1)), speed=speed, imposed=imposed)
 
     def decay(self, speed: float, load: ComplexArray | None = None) -> float:
         """Rate at which the slowest transient about the resting rotor dies out, 1/s.
+
+        Args:
+            speed: rotative speed, rad/s.
+            load: constant load at each coordinate, N, shape ``(n,)``; ``None`` for none.
 
         Raises:
             ValueError: the rotor is unstable there and cannot be tested.
@@ -78,7 +87,11 @@ class VirtualRig:
         return float(off_centre_eigenvalues(self.model, self.theta, speed, eccentricity).real.max())
 
     def load(self, newton: complex, plane: str | None) -> ComplexArray:
-        """Vector of a constant load, shape ``(n,)``.
+        """Vector of a constant load, N, shape ``(n,)``.
+
+        Args:
+            newton: the load Px + j Py, N.
+            plane: where it acts; ``None`` for the :attr:`seat`.
 
         Raises:
             ValueError: a model that keeps x and y apart.
@@ -91,6 +104,9 @@ class VirtualRig:
     def need_circular(self, what: str) -> None:
         """Refuse a model that keeps x and y apart.
 
+        Args:
+            what: is asked of the model, in words, a plural.
+
         Raises:
             ValueError: it does.
         """
@@ -98,22 +114,40 @@ class VirtualRig:
             raise ValueError(f"{self.model.name} keeps x and y apart; {what} are simulated in complex coordinates only")
 
     def sigma(self, exact: NDArray[Any], groups: NDArray[Any]) -> Float:
-        """Standard deviation of the noise of each reading: the same for all of a group."""
+        """Standard deviation of the noise of each reading: the same for all of a group.
+
+        Args:
+            exact: readings without noise, shape ``(N,)``.
+            groups: readings with equal values or rows belong together, shape ``(N,)`` or ``(N, k)``.
+        """
         number = np.unique(groups, axis=0, return_inverse=True)[1].reshape(-1)
         power = np.bincount(number, np.abs(exact) ** 2) / np.bincount(number)
         return np.asarray(self.noise * np.sqrt(power)[number])
 
     def noisy(self, exact: ComplexArray, sigma: Float) -> ComplexArray:
-        """Phasors with independent noise of equal size in real and imaginary part."""
+        """Phasors with independent noise of equal size in real and imaginary part.
+
+        Args:
+            exact: phasors, shape ``(N,)``.
+            sigma: standard deviation of the real and of the imaginary part, shape ``(N,)``.
+        """
         return np.asarray(exact + sigma * (self.rng.normal(size=exact.size) + 1j * self.rng.normal(size=exact.size)))
 
     def told(self, sigma: Float) -> Float:
-        """The noise as it is told to whoever fits: unknown where there is none."""
+        """The noise as it is told to whoever fits: unknown where there is none.
+
+        Args:
+            sigma: of each reading, shape ``(N,)``.
+        """
         return np.where(sigma > 0, sigma, np.nan)
 
 
 def positive(name: str, values: ArrayLike) -> Float:
     """Values as an array, all positive.
+
+    Args:
+        name: of the values, for messages.
+        values: one number or several.
 
     Raises:
         ValueError: some are not.
@@ -126,6 +160,10 @@ def positive(name: str, values: ArrayLike) -> Float:
 
 def some_planes(model: RotorModel, planes: str | Sequence[str] | None) -> tuple[str, ...]:
     """Planes by name, all by default.
+
+    Args:
+        model: the rotor.
+        planes: one name or several; ``None`` for all.
 
     Raises:
         ValueError: a plane that the model does not have.

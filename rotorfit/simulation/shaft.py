@@ -51,11 +51,20 @@ class Perturbation:
     heavy_spot: float = 0.0
 
     def angle(self, time: Float, duration: float) -> Float:
-        """Angle of the perturbator's mark, rad."""
+        """Angle of the perturbator's mark, rad.
+
+        Args:
+            time: s, shape ``(N,)``.
+            duration: of the sweep, s.
+        """
         return np.asarray(self.first * time + (self.last - self.first) / (2 * duration) * time**2)
 
     def force(self, time: Float, duration: float) -> ComplexArray:
-        """Force of the swept unbalance, N."""
+        """Force of the swept unbalance, N, shape ``(N,)``.
+
+        Args:
+            time, duration: as for :meth:`angle`.
+        """
         d = 1.0 if self.forward else -1.0
         rate = self.first + (self.last - self.first) / duration * time
         turn = np.exp(1j * d * (self.angle(time, duration) + self.heavy_spot))
@@ -90,7 +99,11 @@ class RunUp:
 
 
 def steady(speed: float) -> RunUp:
-    """A motor that turns evenly, speed in rad/s."""
+    """A motor that turns evenly.
+
+    Args:
+        speed: rad/s.
+    """
     return RunUp(first=speed, last=speed, duration=1.0)
 
 

@@ -18,16 +18,33 @@ class Rotation(Protocol):
     """Angle, speed and acceleration over time."""
 
     def angle(self, t: Float) -> Float:
-        """rad."""
+        """Angle, rad, shape ``(N,)``.
+
+        Args:
+            t: times, s, shape ``(N,)``.
+        """
 
     def speed(self, t: Float) -> Float:
-        """rad/s."""
+        """Speed, rad/s, shape ``(N,)``.
+
+        Args:
+            t: times, s, shape ``(N,)``.
+        """
 
     def acceleration(self, t: Float) -> Float:
-        """rad/s^2."""
+        """Acceleration, rad/s^2, shape ``(N,)``.
+
+        Args:
+            t: times, s, shape ``(N,)``.
+        """
 
     def force(self, t: Float, heavy_spot: float) -> ComplexArray:
-        """Force of one kg m as seen from x turning with it, N."""
+        """Force of one kg m as seen from x turning with it, N, shape ``(N,)``.
+
+        Args:
+            t: times, s, shape ``(N,)``.
+            heavy_spot: angle of the unbalance ahead of the mark, rad.
+        """
         turned = np.exp(1j * (self.angle(t) + heavy_spot))
         return np.asarray((self.speed(t) ** 2 - 1j * self.acceleration(t)) * turned)
 
@@ -56,17 +73,17 @@ class Sweep(Rotation):
         return abs(self.last - self.first) * self.uneven, 2 * np.pi * 7.3 / self.duration
 
     def angle(self, t: Float) -> Float:
-        """rad."""
+        """See :meth:`Rotation.angle`."""
         size, rate = self._wave
         return np.asarray(self.first * t + self._slope * t**2 / 2 - size / rate * (np.cos(rate * t) - 1))
 
     def speed(self, t: Float) -> Float:
-        """rad/s."""
+        """See :meth:`Rotation.speed`."""
         size, rate = self._wave
         return np.asarray(self.first + self._slope * t + size * np.sin(rate * t))
 
     def acceleration(self, t: Float) -> Float:
-        """rad/s^2."""
+        """See :meth:`Rotation.acceleration`."""
         size, rate = self._wave
         return np.asarray(self._slope + size * rate * np.cos(rate * t))
 
@@ -85,7 +102,12 @@ class Dwells(Rotation):
 
     @classmethod
     def at(cls, speeds: Sequence[float], each: float) -> Dwells:
-        """Dwells at speeds, rad/s, of so many seconds."""
+        """Dwells one after the other.
+
+        Args:
+            speeds: of each, rad/s.
+            each: how long it lasts, s.
+        """
         return cls(speeds=np.asarray(speeds, dtype=float), each=each)
 
     @property
@@ -102,18 +124,18 @@ class Dwells(Rotation):
         return time, speed, angle
 
     def speed(self, t: Float) -> Float:
-        """rad/s."""
+        """See :meth:`Rotation.speed`."""
         time, speed, _ = self._corners()
         return np.interp(t, time, speed)
 
     def acceleration(self, t: Float) -> Float:
-        """rad/s^2."""
+        """See :meth:`Rotation.acceleration`."""
         time, speed, _ = self._corners()
         slope = np.append(np.diff(speed) / np.diff(time), 0.0)
         return np.asarray(slope[np.clip(np.searchsorted(time, t, side="right") - 1, 0, slope.size - 1)])
 
     def angle(self, t: Float) -> Float:
-        """rad."""
+        """See :meth:`Rotation.angle`."""
         time, speed, angle = self._corners()
         at = np.clip(np.searchsorted(time, t, side="right") - 1, 0, time.size - 1)
         into = t - time[at]

@@ -16,6 +16,9 @@ CHECKPOINT = "posterior.checkpoint.h5"
 def complete_folder(out: Path) -> Iterator[Path]:
     """A temporary folder whose files move into ``out`` when the block ends well; otherwise nothing is left behind.
 
+    Args:
+        out: the folder, made where it is missing.
+
     Raises:
         OSError: ``out`` is a file, or its place cannot be written to.
     """
@@ -37,6 +40,9 @@ def complete_folder(out: Path) -> Iterator[Path]:
 @contextmanager
 def kept_checkpoint(out: Path) -> Iterator[Path]:
     """The sampler's checkpoint in ``out``: kept when the run is stopped, gone when it is complete.
+
+    Args:
+        out: folder for the results.
 
     Raises:
         KeyboardInterrupt: as it came, with the words that tell how to go on.

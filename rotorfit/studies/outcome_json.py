@@ -17,7 +17,11 @@ if TYPE_CHECKING:
 
 
 def outcome_json(outcome: Outcome) -> str:
-    """The numbers of a study as one JSON object; what the data do not determine is null."""
+    """The numbers of a study as one JSON object; what the data do not determine is null.
+
+    Args:
+        outcome: of the study.
+    """
     best = outcome.best
     onset = _threshold(best)
     return json.dumps(

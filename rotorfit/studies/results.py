@@ -69,7 +69,11 @@ def _write_csv(path: Path, rows: Iterable[Sequence[Any]]) -> None:
 
 
 def status(p: FittedParameter) -> str:
-    """How a parameter came to its value, in a word or two for tables."""
+    """How a parameter came to its value, in a word or two for tables.
+
+    Args:
+        p: the parameter.
+    """
     if not p.vary:
         return "known"
     if not p.resolved:
@@ -78,7 +82,12 @@ def status(p: FittedParameter) -> str:
 
 
 def closed_value(outcome: Outcome, name: str) -> float | None:
-    """The closed form's value of a parameter, ``None`` where it has none."""
+    """The closed form's value of a parameter, ``None`` where it has none.
+
+    Args:
+        outcome: of the study.
+        name: of the parameter.
+    """
     if isinstance(outcome.closed, str) or name not in outcome.closed.params:
         return None
     p = outcome.closed.params[name]

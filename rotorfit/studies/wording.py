@@ -21,7 +21,11 @@ _SPOKEN = (
 
 
 def spoken(text: str) -> str:
-    """A message, or several, with options where it names functions and arguments of Python."""
+    """A message, or several, with options where it names functions and arguments of Python.
+
+    Args:
+        text: with names of functions and arguments of Python.
+    """
     for python, option in _SPOKEN:
         text = re.sub(python, option, text)
     return text

@@ -42,7 +42,11 @@ class Health:
 
 
 def health(posterior: Posterior) -> list[Health]:
-    """Split R-hat and effective samples of every entry, by ArviZ, walkers as chains."""
+    """Split R-hat and effective samples of every entry, by ArviZ, walkers as chains.
+
+    Args:
+        posterior: the draws.
+    """
     az = load_arviz()
 
     found = []
@@ -54,7 +58,11 @@ def health(posterior: Posterior) -> list[Health]:
 
 
 def summary(posterior: Posterior) -> str:
-    """Table of the draws and of the chains' health."""
+    """Table of the draws and of the chains' health.
+
+    Args:
+        posterior: the draws.
+    """
     state = posterior.settings
     lines = [
         posterior.message if posterior.converged else f"NOT CONVERGED: {posterior.message.partition(': ')[2]}",
@@ -78,6 +86,9 @@ def datasets(posterior: Posterior) -> dict[str, xr.Dataset]:
     """Groups in ArviZ's layout, walkers as chains: ``posterior`` and ``sample_stats``.
 
     Variables carry the names of the parameters, ``/`` written ``|``, and the name as it is in ``parameter``.
+
+    Args:
+        posterior: the draws.
     """
     import xarray as xr
 
@@ -115,7 +126,11 @@ def datasets(posterior: Posterior) -> dict[str, xr.Dataset]:
 
 
 def to_arviz(posterior: Posterior) -> Any:
-    """``arviz.InferenceData`` with ArviZ before 1.0, ``xarray.DataTree`` from there on."""
+    """``arviz.InferenceData`` with ArviZ before 1.0, ``xarray.DataTree`` from there on.
+
+    Args:
+        posterior: the draws.
+    """
     az = load_arviz()
     import xarray as xr
 
@@ -126,7 +141,12 @@ def to_arviz(posterior: Posterior) -> Any:
 
 
 def save(posterior: Posterior, path: Path) -> None:
-    """Write the draws, exact to the last bit and compressed, whole or not at all."""
+    """Write the draws, exact to the last bit and compressed, whole or not at all.
+
+    Args:
+        posterior: the draws.
+        path: of the file; one that exists is replaced.
+    """
     with whole_file(path) as draft:
         for number, (group, dataset) in enumerate(datasets(posterior).items()):
             packed = {name: {"zlib": True, "complevel": 4, "shuffle": True} for name in dataset.data_vars}

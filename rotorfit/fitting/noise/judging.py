@@ -112,12 +112,22 @@ def with_shares(
 
 
 def is_misfit(noise: Noise | None, widening: float) -> bool:
-    """Whether the model, not the noise, limits a fit: by its residuals' memory, or else by their size alone."""
+    """Whether the model, not the noise, limits a fit: by its residuals' memory, or else by their size alone.
+
+    Args:
+        noise: what the residuals told of the noise, where they were asked.
+        widening: factor on the covariance, by which residuals exceed the stated noise.
+    """
     return widening > MODEL_LIMITED if noise is None else noise.verdict is NoiseVerdict.MISFIT
 
 
 def noise_warnings(noise: Noise, redchi: float) -> list[str]:
-    """What of the noise a reader should not miss."""
+    """What of the noise a reader should not miss.
+
+    Args:
+        noise: what the residuals told of the noise.
+        redchi: chi-squared over degrees of freedom, by the noise of the data.
+    """
     found = list(noise.notable)
     if noise.verdict is NoiseVerdict.SHAPED and redchi > MODEL_LIMITED:
         found.append(

@@ -46,7 +46,11 @@ def with_noise(problem: Problem, noise: FoundNoise) -> Problem:
 
 @lru_cache(maxsize=64)
 def normal(sd: float) -> Any:
-    """The normal distribution about zero with a standard deviation; SciPy takes a millisecond to make one."""
+    """The normal distribution about zero with a standard deviation; SciPy takes a millisecond to make one.
+
+    Args:
+        sd: the standard deviation.
+    """
     from scipy.stats import norm
 
     return norm(0.0, sd)
@@ -64,7 +68,12 @@ def estimate_before(noise: FoundNoise | None, x: Float, count: int) -> Float:
 
 
 def without_noise(problem: Problem, noise: FoundNoise) -> Problem:
-    """The problem before :func:`with_noise`; offsets of phase_offsets stay, with their priors."""
+    """The problem before :func:`with_noise`; offsets of phase_offsets stay, with their priors.
+
+    Args:
+        problem: with the noise in it.
+        noise: what was found.
+    """
     blocks = tuple(block.with_noise(1 / factor) for block, factor in zip(problem.blocks, noise.factors, strict=True))
     count = problem.space.size - sum(len(effect.runs) for effect in noise.effects if effect.kind in RUN_KINDS)
     own = count - len(problem.space.names)

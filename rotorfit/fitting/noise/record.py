@@ -23,7 +23,11 @@ RUN_KINDS = {
 
 
 def is_run_effect(name: str) -> bool:
-    """Whether an entry of the fitted vector stands for what differs from run to run; such are no parameters."""
+    """Whether an entry of the fitted vector stands for what differs from run to run; such are no parameters.
+
+    Args:
+        name: of the entry, ``run_force[b]`` for instance.
+    """
     return bare_name(name) in RUN_KINDS
 
 

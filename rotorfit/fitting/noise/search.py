@@ -130,7 +130,12 @@ class _Left:
 
 
 def residuals_of(problem: Problem, x: Float) -> Residuals | None:
-    """The fit about its optimum; nothing where the data are no sweeps."""
+    """The fit about its optimum; nothing where the data are no sweeps.
+
+    Args:
+        problem: what was solved.
+        x: the optimum, shape ``(p,)``.
+    """
     blocks = [responses_of(block) for block in problem.blocks]
     if any(block is None or not block.frequency.any() for block in blocks) or any(
         isinstance(block, CorrelatedResponses) for block in problem.blocks
@@ -169,7 +174,11 @@ def residuals_of(problem: Problem, x: Float) -> Residuals | None:
 
 
 def channels_of(problem: Problem) -> tuple[list[Index], ...]:
-    """Sweeps of each probe and force plane, readings counted over all blocks."""
+    """Sweeps of each probe and force plane, readings counted over all blocks.
+
+    Args:
+        problem: of responses.
+    """
     channels: list[list[Index]] = []
     start = 0
     for whole in problem.blocks:
@@ -188,12 +197,20 @@ def channels_of(problem: Problem) -> tuple[list[Index], ...]:
 
 
 def sweeps_in(problem: Problem) -> list[Index]:
-    """All sweeps of a problem."""
+    """All sweeps of a problem.
+
+    Args:
+        problem: of responses.
+    """
     return [sweep for sweeps in channels_of(problem) for sweep in sweeps]
 
 
 def lines_in(problem: Problem) -> Index:
-    """Number of the line of each reading, readings that are no responses each on their own."""
+    """Number of the line of each reading, readings that are no responses each on their own.
+
+    Args:
+        problem: the problem.
+    """
     parts, start = [], 0
     for whole in problem.blocks:
         block = responses_of(whole)
@@ -204,7 +221,11 @@ def lines_in(problem: Problem) -> Index:
 
 
 def offset_entries(problem: Problem) -> dict[int, str]:
-    """Entries of the fitted vector that offset the phase reference of a run without a prior, and the run."""
+    """Entries of the fitted vector that offset the phase reference of a run without a prior, and the run.
+
+    Args:
+        problem: the problem.
+    """
     first = len(problem.space.names)
     bound = {prior.entry for prior in problem.priors}
     parts = [name.partition("[") for name in problem.space.nuisance]
@@ -212,7 +233,11 @@ def offset_entries(problem: Problem) -> dict[int, str]:
 
 
 def turn_of(problem: Problem) -> ComplexArray:
-    """Change of the logarithm of each prediction by a phase lead; a backward complex amplitude is a conjugate."""
+    """Change of the logarithm of each prediction by a phase lead, per rad; a backward complex amplitude is a conjugate.
+
+    Args:
+        problem: of responses only.
+    """
     parts = []
     for block in map(responses_of, problem.blocks):
         assert block is not None
@@ -390,7 +415,12 @@ def _plainly(data: Residuals, found: _Left, shapes: Sequence[Shape], remembered:
 
 
 def forgetful(first: Float | float, z: Float | float) -> Any:
-    """Whether residuals hardly follow one another, by half of either limit; arguments as in :class:`Memory`."""
+    """Whether residuals hardly follow one another, by half of either limit.
+
+    Args:
+        first: correlation of neighbouring lines, as in :class:`Memory`, of one fit or of many.
+        z: that over its standard deviation, likewise.
+    """
     return (np.asarray(first) < _SHORT / 2) | (np.asarray(z) < _CLEARLY / 2)
 
 

@@ -55,12 +55,20 @@ class RawFile:
 
 
 def full_count(kind: np.dtype[Any]) -> float | None:
-    """Largest count that an integer type holds; None for floating-point samples, which are volts."""
+    """Largest count that an integer type holds; None for floating-point samples, which are volts.
+
+    Args:
+        kind: of the samples in the file.
+    """
     return float(np.iinfo(kind).max) if kind.kind in "iu" else None
 
 
 def plain(values: Mapping[str, Any]) -> dict[str, float | str]:
-    """Attributes as plain numbers and text; what is neither, an array for instance, is left out."""
+    """Attributes as plain numbers and text; what is neither, an array for instance, is left out.
+
+    Args:
+        values: attributes as the file's reader gives them.
+    """
     found: dict[str, float | str] = {}
     for name, value in values.items():
         item = (

@@ -222,6 +222,10 @@ def read_setup(path: str | Path) -> RigSetup:
 def setup_of(content: Mapping[str, Any], source: str) -> RigSetup:
     """The setup that a TOML document describes.
 
+    Args:
+        content: the document, as ``tomllib`` reads it.
+        source: name of its file, for messages.
+
     Raises:
         ValueError: see :func:`read_setup`.
     """

@@ -209,7 +209,12 @@ class RigSetup:
 
 
 def prefer(first: T, second: T) -> T:
-    """What ``first`` says, and where it says nothing, what ``second`` says; records within records likewise."""
+    """What ``first`` says, and where it says nothing, what ``second`` says; records within records likewise.
+
+    Args:
+        first: a record.
+        second: one of the same class.
+    """
     merged: dict[str, Any] = {}
     for each in fields(first):  # type: ignore[arg-type]
         mine, other = getattr(first, each.name), getattr(second, each.name)
