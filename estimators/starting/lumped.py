@@ -6,24 +6,22 @@ model's graph once for each model and kind of test, and kept: identifying again 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 from functools import lru_cache, reduce
 from typing import Any, NamedTuple
 
-import casadi as ca
 import numpy as np
 
 from rotorfit.estimators.blocks.observations import Responses
 from rotorfit.estimators.misfit.parameter_space import ParameterSpace
+from rotorfit.estimators.starting.lumped_graph import LumpedGraph, lumped_graph
 from rotorfit.models import RotorModel
-from rotorfit.models.array_types import Bool, ComplexArray, Float, Index
-from rotorfit.models.compiled import array_function
+from rotorfit.models.array_types import Bool, Float, Index
 
 _DEPENDENT = 1e-9  # relative size below which one coefficient adds nothing to the others
 _PARALLEL = 1e-12  # one less the cosine of columns that say the same
-_SPEED_TERMS = 5  # powers of the speed looked for in a coefficient
 _SPECIAL = (-1.0, 0.0, 1.0)  # known values with which terms of the equation of motion vanish
 _NEITHER, _LINEAR, _RECIPROCAL = 0, 1, 2
 
@@ -70,28 +68,6 @@ class LumpedStructure:
         )
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Place:
-    """Where lumped coefficients enter the dynamic stiffness, one entry a coefficient, shape ``(E,)``.
-
-    Attributes:
-        block, group: observations that see it.
-        row, column, power: entry of kappa and power of s.
-        unit: 1 or j.
-        speed_power: power of the rotative speed.
-        speed: speed to which it is restricted, NaN for all.
-    """
-
-    block: Index
-    group: Index
-    row: Index
-    column: Index
-    power: Index
-    unit: ComplexArray
-    speed_power: Index
-    speed: Float
-
-
 class Lumped:
     """Lumped coefficients as functions of the fitted vector.
 
@@ -102,7 +78,7 @@ class Lumped:
         determined: verdicts on tests of this layout that were judged before, by a checksum of their conditions.
     """
 
-    def __init__(self, graph: _Graph, speeds: Sequence[float], known: tuple[float, ...], scale: Float) -> None:
+    def __init__(self, graph: LumpedGraph, speeds: Sequence[float], known: tuple[float, ...], scale: Float) -> None:
         told = np.array([*speeds, np.nan])  # the last one is that of all speeds
         self.place = replace(graph.place, speed=told[graph.place.speed.astype(np.intp)])
         self.size = scale.size
@@ -296,120 +272,13 @@ def lumped_coefficients(layout: LumpedStructure) -> Lumped:
     told = [[0.0 if k >= 0 else value for k, value in zip(*row, strict=True)] for row in rows]
     form = tuple(tuple(value if value in _SPECIAL else None for value in row) for row in told)
     known = tuple(value for row in told for value in row if value not in _SPECIAL)
-    return Lumped(_graph_of(layout.model, form, layout.index, kinds, len(layout.names)), speeds, known, scale)
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class _Graph:
-    """Expressions of lumped coefficients, speeds and known values among their variables: fits that differ in those
-    share one.
-
-    Attributes:
-        function: coefficients, then their nonzero derivatives, of fitted values, speeds and known values.
-        rows, columns: coefficient and fitted value of each derivative.
-        place: where they enter, ``speed`` being the running number of the speed, -1 for all.
-    """
-
-    function: Callable[[Sequence[Any]], Float]
-    rows: Index
-    columns: Index
-    place: Place
+    return Lumped(lumped_graph(layout.model, form, layout.index, kinds, len(layout.names)), speeds, known, scale)
 
 
 @lru_cache(maxsize=256)
-def _kept(graph: _Graph, conditions: tuple[Any, ...]) -> dict[Any, Any]:
+def _kept(graph: LumpedGraph, conditions: tuple[Any, ...]) -> dict[Any, Any]:
     """What others worked out of a graph and keep here, for a pattern of speeds (which are zero) or known values too."""
     return {}
-
-
-@lru_cache(maxsize=32)
-def _graph_of(
-    model: RotorModel,
-    template: tuple[tuple[float | None, ...], ...],
-    index: tuple[tuple[int, ...], ...],
-    kinds: tuple[tuple[tuple[int, int, bool], ...], ...],
-    size: int,
-) -> _Graph:
-    """Expressions for known values (None where any will do), free entries, and for each block its groups, their speeds
-    and whether any turns."""
-    n = len(model.coordinates)
-    x = ca.SX.sym("x", size)
-    speed = ca.SX.sym("speed")
-    speeds = ca.SX.sym("speeds", sum(count for groups in kinds for _, count, _ in groups))
-    known = ca.SX.sym("known", sum(value is None for row in template for value in row))
-    symbols = iter(range(known.numel()))
-    thetas = [[known[next(symbols)] if value is None else value for value in row] for row in template]
-    rows: list[tuple[int, int, int, int, int, complex, int, int]] = []
-    expressions: list[ca.SX] = []
-    first = 0
-    for number, groups in enumerate(kinds):
-        for group, count, turns in groups:
-            theta = [x[k] if k >= 0 else value for k, value in zip(index[group], thetas[group], strict=True)]
-            inputs = ca.vertcat(*theta, speed, 0.0)
-            flat = model.functions.graph(inputs)
-            factors = model.functions.factor_graph(inputs)
-            own = [(first + k, speeds[first + k]) for k in range(count)]
-            for entry in range(flat.numel()):
-                power, rest = divmod(entry, 2 * n * n)
-                imaginary, place = divmod(rest, n * n)
-                row, column = divmod(place, n)
-                unit = 1j if imaginary else 1.0
-                if flat[entry].is_zero():
-                    continue
-                expression = ca.simplify(flat[entry] / factors[2 * column])
-                for degree, at, part in _speed_parts(expression, speed, own, turns):
-                    expressions.append(part)
-                    rows.append((number, group, row, column, power, unit, degree, at))
-            first += count
-    block_, group_, row_, column_, power_, unit_, degree_, speed_ = (np.array(c) for c in zip(*rows, strict=True))
-    where = Place(
-        block=block_,
-        group=group_,
-        row=row_,
-        column=column_,
-        power=power_,
-        unit=unit_.astype(complex),
-        speed_power=degree_,
-        speed=speed_.astype(float),
-    )
-    values = ca.vertcat(*expressions)
-    jacobian = ca.jacobian(values, x)
-    found_rows, columns = (np.asarray(part, dtype=np.intp) for part in jacobian.sparsity().get_triplet())
-    # As an array function: calls of CasADi's own spend most of their time on converting matrices.
-    function = array_function(ca.Function("lumped", [x, speeds, known], [ca.densify(values), jacobian]))
-    return _Graph(function=function, rows=found_rows, columns=columns, place=where)
-
-
-def _speed_parts(
-    expression: ca.SX, speed: ca.SX, speeds: Sequence[tuple[int, ca.SX]], turns: bool
-) -> list[tuple[int, int, ca.SX]]:
-    """Split a coefficient by powers of the speed, or by speed where too few speeds were tested for that.
-
-    Args:
-        expression: the coefficient.
-        speed: its symbol of the speed.
-        speeds: running numbers and symbols of the tested speeds.
-        turns: whether any of them is not zero.
-
-    Returns:
-        power of the speed, running number of the speed or -1 for all, and expression of each part.
-    """
-    if not turns:  # a rotor at rest: terms with the speed say nothing
-        expression = ca.simplify(ca.substitute(expression, speed, ca.SX(0.0)))
-    if not ca.depends_on(expression, speed):
-        return [] if expression.is_zero() else [(0, -1, expression)]
-    parts, derivative, factorial = [], expression, 1.0
-    for degree in range(_SPEED_TERMS):
-        part = ca.simplify(ca.substitute(derivative, speed, ca.SX(0.0)) / factorial)
-        if not part.is_zero():
-            parts.append((degree, -1, part))
-        derivative = ca.simplify(ca.jacobian(derivative, speed))
-        factorial *= degree + 1
-        if derivative.is_zero() or not derivative.nnz():
-            if len(parts) <= len(speeds):
-                return parts
-            break
-    return [(0, number, ca.substitute(expression, speed, own)) for number, own in speeds]
 
 
 def _independent(lumped: Lumped, scale: Float) -> tuple[Index, Float, Float]:

@@ -1,0 +1,184 @@
+"""The graph of a model's lumped coefficients: an entry of the dynamic stiffness by powers of s and of the speed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any, NamedTuple
+
+import casadi as ca
+import numpy as np
+
+from rotorfit.models import RotorModel
+from rotorfit.models.array_types import ComplexArray, Float, Index
+from rotorfit.models.compiled import array_function
+
+_SPEED_TERMS = 5  # powers of the speed looked for in a coefficient
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Place:
+    """Where lumped coefficients enter the dynamic stiffness, one entry a coefficient, shape ``(E,)``.
+
+    Attributes:
+        block, group: observations that see it.
+        row, column, power: entry of kappa and power of s.
+        unit: 1 or j.
+        speed_power: power of the rotative speed.
+        speed: speed to which it is restricted, NaN for all.
+    """
+
+    block: Index
+    group: Index
+    row: Index
+    column: Index
+    power: Index
+    unit: ComplexArray
+    speed_power: Index
+    speed: Float
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class LumpedGraph:
+    """Expressions of lumped coefficients, speeds and known values among their variables: fits that differ in those
+    share one.
+
+    Attributes:
+        function: coefficients, then their nonzero derivatives, of fitted values, speeds and known values.
+        rows, columns: coefficient and fitted value of each derivative.
+        place: where they enter, ``speed`` being the running number of the speed, -1 for all.
+    """
+
+    function: Callable[[Sequence[Any]], Float]
+    rows: Index
+    columns: Index
+    place: Place
+
+
+class _Entry(NamedTuple):
+    """Real or imaginary part of an entry of kappa at a power of s.
+
+    Attributes:
+        row, column, power, unit: as in :class:`Place`.
+        expression: of the fitted values, the speed and known values.
+    """
+
+    row: int
+    column: int
+    power: int
+    unit: complex
+    expression: ca.SX
+
+
+@lru_cache(maxsize=32)
+def lumped_graph(
+    model: RotorModel,
+    template: tuple[tuple[float | None, ...], ...],
+    index: tuple[tuple[int, ...], ...],
+    kinds: tuple[tuple[tuple[int, int, bool], ...], ...],
+    size: int,
+) -> LumpedGraph:
+    """Expressions of the lumped coefficients of a model in some blocks of observations.
+
+    Args:
+        model: the rotor.
+        template: known values of each parameter group, ``None`` where any will do.
+        index: number of the fitted value of each parameter of each group, -1 where it is known.
+        kinds: for each block its groups, how many speeds each has and whether any of them turns.
+        size: number of fitted values.
+    """
+    x = ca.SX.sym("x", size)
+    speed = ca.SX.sym("speed")
+    speeds = ca.SX.sym("speeds", sum(count for groups in kinds for _, count, _ in groups))
+    known = ca.SX.sym("known", sum(value is None for row in template for value in row))
+    symbols = iter(range(known.numel()))
+    thetas = [[known[next(symbols)] if value is None else value for value in row] for row in template]
+    places: list[_Where] = []
+    expressions: list[ca.SX] = []
+    first = 0
+    for block, groups in enumerate(kinds):
+        for group, count, turns in groups:
+            theta = [x[k] if k >= 0 else value for k, value in zip(index[group], thetas[group], strict=True)]
+            own = [(first + k, speeds[first + k]) for k in range(count)]
+            for entry in _entries(model, theta, speed):
+                for degree, at, part in _speed_parts(entry.expression, speed, own, turns):
+                    places.append((block, group, *entry[:-1], degree, at))
+                    expressions.append(part)
+            first += count
+    return _compiled(ca.vertcat(*expressions), _place(places), (x, speeds, known))
+
+
+def _entries(model: RotorModel, theta: Sequence[ca.SX | float], speed: ca.SX) -> Iterator[_Entry]:
+    """Parts of the centred rotor's dynamic stiffness that are not zero, as the probes see it: without their factors."""
+    n = len(model.coordinates)
+    inputs = ca.vertcat(*theta, speed, 0.0)
+    flat = model.functions.graph(inputs)
+    factors = model.functions.factor_graph(inputs)
+    for number in range(flat.numel()):
+        power, rest = divmod(number, 2 * n * n)
+        imaginary, place = divmod(rest, n * n)
+        row, column = divmod(place, n)
+        if not flat[number].is_zero():
+            seen = ca.simplify(flat[number] / factors[2 * column])
+            yield _Entry(row=row, column=column, power=power, unit=1j if imaginary else 1.0, expression=seen)
+
+
+def _speed_parts(
+    expression: ca.SX, speed: ca.SX, speeds: Sequence[tuple[int, ca.SX]], turns: bool
+) -> list[tuple[int, int, ca.SX]]:
+    """Split a coefficient by powers of the speed, or by speed where too few speeds were tested for that.
+
+    Args:
+        expression: the coefficient.
+        speed: its symbol of the speed.
+        speeds: running numbers and symbols of the tested speeds.
+        turns: whether any of them is not zero.
+
+    Returns:
+        power of the speed, running number of the speed or -1 for all, and expression of each part.
+    """
+    if not turns:  # a rotor at rest: terms with the speed say nothing
+        expression = ca.simplify(ca.substitute(expression, speed, ca.SX(0.0)))
+    if not ca.depends_on(expression, speed):
+        return [] if expression.is_zero() else [(0, -1, expression)]
+    parts, derivative, factorial = [], expression, 1.0
+    for degree in range(_SPEED_TERMS):
+        part = ca.simplify(ca.substitute(derivative, speed, ca.SX(0.0)) / factorial)
+        if not part.is_zero():
+            parts.append((degree, -1, part))
+        derivative = ca.simplify(ca.jacobian(derivative, speed))
+        factorial *= degree + 1
+        if derivative.is_zero() or not derivative.nnz():
+            if len(parts) <= len(speeds):
+                return parts
+            break
+    return [(0, number, ca.substitute(expression, speed, own)) for number, own in speeds]
+
+
+_Where = tuple[int, int, int, int, int, complex, int, int]
+"""The attributes of :class:`Place` for one coefficient, the speed as its running number."""
+
+
+def _place(rows: Sequence[_Where]) -> Place:
+    """The places of all coefficients."""
+    block, group, row, column, power, unit, degree, speed = (np.array(c) for c in zip(*rows, strict=True))
+    return Place(
+        block=block,
+        group=group,
+        row=row,
+        column=column,
+        power=power,
+        unit=unit.astype(complex),
+        speed_power=degree,
+        speed=speed.astype(float),
+    )
+
+
+def _compiled(values: ca.SX, place: Place, inputs: tuple[ca.SX, ca.SX, ca.SX]) -> LumpedGraph:
+    """Coefficients and their derivatives by the first of the inputs as one function."""
+    jacobian = ca.jacobian(values, inputs[0])
+    rows, columns = (np.asarray(part, dtype=np.intp) for part in jacobian.sparsity().get_triplet())
+    # As an array function: calls of CasADi's own spend most of their time on converting matrices.
+    function = array_function(ca.Function("lumped", list(inputs), [ca.densify(values), jacobian]))
+    return LumpedGraph(function=function, rows=rows, columns=columns, place=place)
