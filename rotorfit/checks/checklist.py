@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotorfit.checks.amplitudes import amplitudes
+from rotorfit.checks.imposed_orbits import imposed_orbits
 from rotorfit.checks.linear_force import linear_force
 from rotorfit.checks.orbits import NEAR_1X, orbits_of
 from rotorfit.checks.plain import surely_turning
@@ -18,7 +19,16 @@ from rotorfit.checks.ramp import ramps
 from rotorfit.checks.readings import clipped, unread
 from rotorfit.checks.scale import peak_to_peak
 from rotorfit.checks.signs import signs, wrong_direction
-from rotorfit.data.experiments import DisplacementTest, Experiment, PerturbationTest, plane_groups
+from rotorfit.checks.still_and_free import free_vibration, static_positions
+from rotorfit.data.experiments import (
+    DisplacementTest,
+    Experiment,
+    ImpulseTest,
+    PerturbationTest,
+    RingDownTest,
+    StaticTest,
+    plane_groups,
+)
 from rotorfit.data.findings import Finding, listed
 from rotorfit.data.kept import kept, unchanged
 from rotorfit.data.synchronous import DIFFERENCED
@@ -38,6 +48,7 @@ def check(test: Experiment) -> list[Finding]:
     frequencies in another unit than speeds, readings at 1x, gaps in the plan of the test (planes without force, one
     direction only, one frequency only), conjugated FRFs, responses in the wrong direction, forces along an axis given
     as circular, a reversed sense of rotation, peak-to-peak amplitudes in some channels, start-ups without partner,
+    positions against their load, records without a mode, free vibration in another unit than the speed,
     run-ups too fast to settle; said are the scatter between mountings of weights and the number of modes that weights
     at dwell speeds show.
 
@@ -73,15 +84,25 @@ def _check(test: Experiment, *, only_errors: bool = False) -> list[Finding]:
     numeric = _finite(test)
     findings = list(_numbers(test, numeric))
     finite = np.flatnonzero(numeric)
-    if isinstance(test, PerturbationTest | DisplacementTest) and finite.size:
+    if finite.size:
         rest = test if finite.size == len(test) else test.select(finite)
         with unchanged([rest]):
-            told = list(_physics(rest, only_errors))
+            told = list(_of_its_kind(rest, only_errors))
         for finding in told:  # rows of the finite part back to rows of the test
             rows = tuple(finite[list(finding.rows)].tolist())
             findings.append(Finding(finding.severity, finding.code, finding.message, rows))
     order = ("error", "warning", "note")
     return sorted(findings, key=lambda finding: order.index(finding.severity))
+
+
+def _of_its_kind(test: Experiment, only_errors: bool) -> Iterator[Finding]:
+    match test:
+        case PerturbationTest() | DisplacementTest():
+            yield from _physics(test, only_errors)
+        case StaticTest():
+            yield from static_positions(test)
+        case ImpulseTest() | RingDownTest():
+            yield from free_vibration(test)
 
 
 def _physics(test: PerturbationTest | DisplacementTest, only_errors: bool) -> Iterator[Finding]:
@@ -90,6 +111,8 @@ def _physics(test: PerturbationTest | DisplacementTest, only_errors: bool) -> It
     yield from amplitudes(test)
     if not only_errors:
         yield from _plan(test)
+    if isinstance(test, DisplacementTest):
+        yield from imposed_orbits(test)
     if isinstance(test, PerturbationTest):
         yield from unread(test)
         yield from clipped(test)

@@ -14,6 +14,7 @@ from collections.abc import Collection, Iterator, Mapping
 import numpy as np
 from numpy.typing import NDArray
 
+from rotorfit.checks.linear_force import SHARE
 from rotorfit.checks.orbits import ENOUGH, NEAR_1X, Orbits, mirrored
 from rotorfit.checks.probe_angles import pose_in_words
 from rotorfit.data.findings import Finding, listed
@@ -25,28 +26,40 @@ CERTAIN = 3.5
 SMALL_SINE = 0.1
 """Sine of the phase of kappa below which its sign says little."""
 
+MOSTLY = 0.8
+"""Share of the energy against the force that is an error; short of that it may be strong anisotropy."""
+
+CLEAR = 0.9
+"""Share of a line's energy from which it turns clearly one way, or the other."""
+
 SLOW = (0.1, 0.2, 0.3, 0.5)
 """Fractions of the speed below which whirl may be slower than the fluid; the largest is more than any lam."""
 
 _DRIVE = ("run", "plane", "force_plane")
 _SWEEP = ("plane", "force_plane", "speed")
-_MOSTLY = 0.8  # share of the energy against the force that is an error; short of that it may be strong anisotropy
+_RESPONSE = ("run", "speed", "force_plane", "plane")
+_SOME = 3  # lines of either kind from which a run is torn
 _MONOTONIC = 0.8  # rank correlation with frequency from which quadrature falls throughout
 
 
 def wrong_direction(orbits: Orbits) -> Iterator[Finding]:
-    """Responses nearly all of which are against the direction of the force.
+    """Responses against the direction of the force: in some lines of a run, or in nearly all.
 
     Args:
         orbits: readings of a test.
     """
+    torn = np.zeros(orbits.frequency.size, dtype=bool)
+    for _, at in orbits.groups(*_RESPONSE):
+        torn[at] = turned(orbits.right[at], orbits.wrong[at])
+    if torn.any():
+        yield _in_some_lines(orbits, np.flatnonzero(torn))
     share: dict[tuple[str, ...], float] = {}
     for key, at in orbits.groups("run", "plane"):
-        paired = at[np.isfinite(orbits.wrong[at])]
+        paired = at[np.isfinite(orbits.wrong[at]) & ~torn[at]]
         if paired.size:
             right, wrong = (float(np.sum(np.abs(part[paired]) ** 2)) for part in (orbits.right, orbits.wrong))
             share[key] = wrong / (right + wrong) if right + wrong > 0 else 0.0
-    bad = dict.fromkeys(key for key, part in share.items() if part > _MOSTLY)
+    bad = dict.fromkeys(key for key, part in share.items() if part > MOSTLY)
     if bad:
         runs = list(dict.fromkeys(run for run, _ in bad))
         planes = list(dict.fromkeys(plane for _, plane in share if any(plane == p for _, p in bad)))
@@ -67,6 +80,35 @@ def wrong_direction(orbits: Orbits) -> Iterator[Finding]:
             f"{'all runs' if everywhere else listed(runs)}. Check {cause}."
         )
         yield Finding("error", "wrong-direction", text, orbits.rows_of(np.flatnonzero(hit)))
+
+
+def _in_some_lines(orbits: Orbits, at: Index) -> Finding:
+    places = zip(orbits.run[at].tolist(), orbits.plane[at].tolist(), strict=True)
+    named = listed(list(dict.fromkeys(f"{run} / {plane}" for run, plane in places)))
+    text = (
+        f"In {at.size} lines the rotor answers against the direction of the force, in the others of the same runs "
+        f"along it, and nowhere between the two: {named}. Check whether a probe was turned round, or x and y "
+        "exchanged, in these lines, and the sign of their frequency."
+    )
+    return Finding("error", "turned-lines", text, orbits.rows_of(at))
+
+
+def turned(along: ComplexArray, against: ComplexArray) -> NDArray[np.bool_]:
+    """Lines that are clearly against the force, if of a run some are, some are clearly along it, and few are neither.
+
+    Strong anisotropy turns orbits between two resonances too, but through lines that are neither, eight for each that
+    is clearly against; noise makes mostly such lines.
+
+    Args:
+        along, against: the motion in and against the direction of the force, NaN where it is not known, shape ``(N,)``.
+    """
+    wrong, both = np.abs(against) ** 2, np.abs(along) ** 2 + np.abs(against) ** 2
+    told = np.isfinite(both) & (both > 0)
+    share = np.divide(wrong, both, out=np.full(both.shape, np.nan), where=told)
+    clear, neither = share > CLEAR, (share <= CLEAR) & (share >= 1 - CLEAR)
+    fewer = min(int(clear.sum()), int((share < 1 - CLEAR).sum()))
+    torn = fewer >= _SOME and fewer > 2 * neither.sum()
+    return np.asarray(clear & bool(torn and wrong[told].sum() > SHARE[0] * both[told].sum()))
 
 
 def _whole(bad: Collection[tuple[str, ...]], every: Mapping[tuple[str, ...], float]) -> bool:

@@ -302,6 +302,11 @@ def _observe_displacement(model: RotorModel, test: DisplacementTest, group: Inde
     sigma = directional_noise(np.tile(test.sigma, 2), rows)
     if not np.isfinite(right).all():
         raise ValueError(f"{test.source or 'experiment'}: forces are not all finite")
+    if not test.displacement.all():
+        raise ValueError(
+            f"{test.source or 'experiment'}: the imposed orbit is zero ({_places(test.displacement == 0)}); these "
+            "readings have no dynamic stiffness, remove them"
+        )
     imposed = np.zeros((count, len(model.coordinates)), dtype=complex)
     imposed[np.arange(count), coordinate] = np.where(test.frequency < 0, test.displacement.conj(), test.displacement)
     names = [f"{r} / force at {p}" for r, p in zip(test.run.tolist(), test.plane.tolist(), strict=True)]

@@ -27,6 +27,12 @@ def static_loads(model: RotorModel, test: StaticTest, group: Index) -> Block:
     check_planes(model, test, test.planes, test.force_planes, forces="load planes")
     if model.frame != "z":
         raise ValueError(f"{model.name} keeps x and y apart; static loads need a model in complex coordinates")
+    idle = np.flatnonzero(test.load == 0)
+    if idle.size:
+        raise ValueError(
+            f"{test.source or test.title}: the load is zero in {idle.size} rows ({', '.join(map(str, idle[:8] + 1))}); "
+            "positions count from that without a load: subtract it from the others and remove its row"
+        )
     count = len(test)
     still = np.zeros(count)
     force = np.zeros((count, len(model.coordinates)), dtype=complex)

@@ -1,0 +1,87 @@
+"""Slips in tests without a turning force: positions under constant loads, free vibration after a blow."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from rotorfit.data.experiments import ImpulseTest, RingDownTest, StaticTest
+from rotorfit.data.findings import Finding, listed
+from rotorfit.data.ring_down import ring_down_modes
+from rotorfit.models.array_types import Bool, Float
+from rotorfit.units import RPM_PER_RAD_S
+
+_FEWEST = 3  # loads of a run from which their positions say a direction
+_ASIDE = 0.05  # share of the positions that is more than noise and a probe a few degrees off, all loads agreeing
+_SPAN = 0.02, 50.0
+"""Frequency of free vibration over the speed outside of which one of the two, or the time, has another unit."""
+
+
+def static_positions(test: StaticTest) -> Iterator[Finding]:
+    """Rows without a load, and positions against the load or, by a fluid that turns backward, against the rotation.
+
+    Under a load P a stable journal rests at P / (K - j D lam Omega): along the load and ahead of it in the sense of
+    rotation where lam > 0.
+
+    Args:
+        test: what was measured, finite.
+    """
+    idle = np.flatnonzero(test.load == 0)
+    if idle.size:
+        text = (
+            f"The load is zero in {idle.size} rows. Positions count from that without a load: subtract it from the "
+            "others and remove its row."
+        )
+        yield Finding("error", "no-load", text, tuple(idle.tolist()))
+    turned = test.displacement * np.exp(-1j * np.angle(test.load))
+    at_load = (test.plane == test.load_plane) & (test.load != 0)
+    if back := _runs(test, at_load, turned.real):
+        text = (
+            f"The journal moves against the load in {listed(back)}. Check the direction of the load (load_deg, from x "
+            "towards y), the signs of x and y, or x and y exchanged."
+        )
+        yield Finding("error", "against-load", text, tuple(np.flatnonzero(np.isin(test.run, back)).tolist()))
+    elif aside := _runs(test, at_load, turned.imag * np.sign(test.speed)):
+        text = (
+            f"Under load the journal moves to the side against the rotation in {listed(aside)}: lam would be negative. "
+            "Check that x turns towards y with the rotor, the sign of x and y, or x and y exchanged."
+        )
+        yield Finding("warning", "against-rotation", text, tuple(np.flatnonzero(np.isin(test.run, aside)).tolist()))
+
+
+def _runs(test: StaticTest, at_load: Bool, part: Float) -> list[str]:
+    """Runs in which a part of the positions is negative under every load and more than a share of them."""
+    found = []
+    for run in test.runs:
+        here = at_load & (test.run == run)
+        size = float(np.abs(test.displacement[here]).sum())
+        if here.sum() >= _FEWEST and (part[here] < 0).all() and -float(part[here].sum()) > _ASIDE * size:
+            found.append(run)
+    return found
+
+
+def free_vibration(test: ImpulseTest | RingDownTest) -> Iterator[Finding]:
+    """Records that show no mode, and frequencies in another unit than the speed.
+
+    Args:
+        test: what was measured, finite.
+    """
+    if isinstance(test, RingDownTest):
+        try:
+            test, unit = ring_down_modes(test), "the time (time_s, time_ms)"
+        except ValueError as error:
+            yield Finding("error", "ring-down", f"A record of free vibration cannot be used: {error}.")
+            return
+    else:
+        unit = "the frequency (frequency_rpm, frequency_hz)"
+    ratio = np.abs(test.frequency) / np.where(test.speed == 0, np.nan, np.abs(test.speed))
+    odd = np.flatnonzero((ratio < _SPAN[0]) | (ratio > _SPAN[1]))
+    if odd.size:
+        first, runs = int(odd[0]), list(dict.fromkeys(test.run[odd].tolist()))
+        text = (
+            f"Free vibration at {abs(test.frequency[first]) * RPM_PER_RAD_S:.4g} cycles a minute, at a speed of "
+            f"{abs(test.speed[first]) * RPM_PER_RAD_S:.4g} rpm, in {listed(runs)}. "
+            f"Check the unit of {unit}, or of the speed."
+        )
+        yield Finding("warning", "frequency-unit", text)
