@@ -81,9 +81,13 @@ class Chain(RotorModel):
     def options(self) -> dict[str, Any]:
         """See :meth:`RotorModel.options`."""
         return {
-            "planes": self.planes, "fluid": self.fluid, "blocks": self.blocks, "two_lam": self.two_lam,
-            "law": self.law, "clearance_um": self.clearance_um,
-        }  # fmt: skip
+            "planes": self.planes,
+            "fluid": self.fluid,
+            "blocks": self.blocks,
+            "two_lam": self.two_lam,
+            "law": self.law,
+            "clearance_um": self.clearance_um,
+        }
 
     def equation(self, p: Any, speed: Any, eccentricity: Any) -> Sequence[Matrix]:
         """See :meth:`RotorModel.equation`."""

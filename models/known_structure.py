@@ -86,10 +86,20 @@ class KnownStructure(RotorModel):
         if self.law.parameters and len(self.fluid) != 1:
             raise ValueError(f"a law of eccentricity needs exactly one fluid, got {len(self.fluid)}")
         self._given = {
-            "M": M, "C": C, "G": G, "K": K, "planes": dict(planes), "fluid": self.fluid, "damping": self.damping,
-            "scales": scales, "tilts": self.tilts, "dofs": tuple(dofs), "two_lam": two_lam,
-            "law": self.law, "clearance_um": clearance_um,
-        }  # fmt: skip
+            "M": M,
+            "C": C,
+            "G": G,
+            "K": K,
+            "planes": dict(planes),
+            "fluid": self.fluid,
+            "damping": self.damping,
+            "scales": scales,
+            "tilts": self.tilts,
+            "dofs": tuple(dofs),
+            "two_lam": two_lam,
+            "law": self.law,
+            "clearance_um": clearance_um,
+        }
         self.shaft: Shaft = Shaft(matrices, parts, _places(planes, self.tilts, place))
         self.parameters = self._all_parameters(scales or {})
         if len({q.name for q in self.parameters}) != len(self.parameters):

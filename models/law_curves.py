@@ -56,9 +56,7 @@ def law_curves(model: RotorModel, theta: ArrayLike, eccentricity: ArrayLike) -> 
     vector, eps = np.asarray(theta, dtype=float), np.asarray(eccentricity, dtype=float)
     names, kernel = _compiled(model)
     flat = kernel([*(np.full(eps.size, value) for value in vector), eps]).reshape(vector.size + 1, len(names), eps.size)
-    return tuple(
-        LawCurve(name, model.parameter(name).unit, flat[0, i], flat[1:, i].T) for i, name in enumerate(names)
-    )  # fmt: skip
+    return tuple(LawCurve(name, model.parameter(name).unit, flat[0, i], flat[1:, i].T) for i, name in enumerate(names))
 
 
 @lru_cache(maxsize=64)

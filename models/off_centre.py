@@ -51,9 +51,13 @@ def static_equilibria(model: RotorModel, theta: ArrayLike, speed: float, load: A
 
 
 def coupled_stiffness(
-    model: RotorModel, theta: ArrayLike, frequency: ArrayLike, speed: ArrayLike, eccentricity: ArrayLike,
+    model: RotorModel,
+    theta: ArrayLike,
+    frequency: ArrayLike,
+    speed: ArrayLike,
+    eccentricity: ArrayLike,
     attitude: ArrayLike = 0.0,
-) -> ComplexArray:  # fmt: skip
+) -> ComplexArray:
     """Dynamic stiffness of small motion, which acts on the forward amplitudes A and on conj(B), B the backward ones.
 
     Args:

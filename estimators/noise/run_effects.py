@@ -103,9 +103,10 @@ class MixedModel:
             return self
         less, common = factor**-2, self.common
         common = Common(
-            information=common.information * less + np.diag(prior) * (1 - less), gradient=common.gradient * less,
+            information=common.information * less + np.diag(prior) * (1 - less),
+            gradient=common.gradient * less,
             square=common.square * less,
-        )  # fmt: skip
+        )
         return MixedModel(gram=self.gram * less, cross=self.cross * less, moment=self.moment * less, common=common)
 
     def part(self, kinds: Sequence[int]) -> MixedModel:
@@ -155,9 +156,14 @@ class MixedModel:
         """The step where no effects are looked for."""
         count, common = len(self.gram), self.common
         return Solved(
-            inner=np.zeros((count, 0, 0)), onto=np.zeros((count, 0, self.rows)), outer=common.outer,
-            matrix=common.information, step=common.step, own=np.zeros((count, 0)), square=common.left,
-        )  # fmt: skip
+            inner=np.zeros((count, 0, 0)),
+            onto=np.zeros((count, 0, self.rows)),
+            outer=common.outer,
+            matrix=common.information,
+            step=common.step,
+            own=np.zeros((count, 0)),
+            square=common.left,
+        )
 
     def log_likelihood(self, variance: Float) -> float:
         """Restricted log likelihood, up to a constant.
@@ -401,9 +407,11 @@ def _one(model: MixedModel, variance: Float, kind: int) -> Float:
     if best == 0:
         return variance
     found = minimize_scalar(
-        lambda v: -model.log_likelihood(at(v)), bounds=(grid[best - 1], grid[min(best + 1, 6)]), method="bounded",
+        lambda v: -model.log_likelihood(at(v)),
+        bounds=(grid[best - 1], grid[min(best + 1, 6)]),
+        method="bounded",
         options={"xatol": 0.02},
-    )  # fmt: skip
+    )
     return at(float(found.x))
 
 

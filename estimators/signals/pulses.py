@@ -107,9 +107,14 @@ def find_levels(voltage: Float, *, edge: str = "", level: float | None = None) -
     falling = lower.size <= upper.size if not edge else edge == "falling"
     timed = (low + high) / 2 if level is None else level
     return PulseLevels(
-        low=low, high=high, level=timed, hysteresis=0.4 * min(high - timed, timed - low), falling=falling, duty=duty,
+        low=low,
+        high=high,
+        level=timed,
+        hysteresis=0.4 * min(high - timed, timed - low),
+        falling=falling,
+        duty=duty,
         noise=float(1.4826 * np.median(np.abs(upper - high))),
-    )  # fmt: skip
+    )
 
 
 def _plateau(voltage: Float, span: float) -> float:
@@ -189,9 +194,12 @@ def number_pulses(times: Float) -> NumberedPulses:
         )
     gaps = np.flatnonzero(count > 1)
     return NumberedPulses(
-        times=kept, numbers=np.concatenate([[0], np.cumsum(count)]), missing=kept[gaps], missing_count=count[gaps] - 1,
+        times=kept,
+        numbers=np.concatenate([[0], np.cumsum(count)]),
+        missing=kept[gaps],
+        missing_count=count[gaps] - 1,
         extra=extra,
-    )  # fmt: skip
+    )
 
 
 def from_index(pulses: NumberedPulses, per_turn: int) -> tuple[NumberedPulses, int]:

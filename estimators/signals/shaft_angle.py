@@ -181,11 +181,17 @@ def _fit(times: Float, numbers: Index, step: float, duration: float, per_turn: i
     # between pulses that are far apart the angle is less well known than at them
     at = np.union1d(times[rows], (times[rows[:-1]] + times[rows[:-1] + 1]) / 2)
     return SmoothAngle(
-        spline=spline, begin=float(times[0]), end=float(times[-1]), jitter=float(np.median(scatter / slope)),
+        spline=spline,
+        begin=float(times[0]),
+        end=float(times[-1]),
+        jitter=float(np.median(scatter / slope)),
         groups=np.stack([times[told], scatter[told]]),
-        shares=posed.leverages(log_penalty, at) / np.interp(at, times, relative) ** 2, share_t=at,
-        pattern=pattern, outlying=np.zeros(0), pulses=times.size,
-    )  # fmt: skip
+        shares=posed.leverages(log_penalty, at) / np.interp(at, times, relative) ** 2,
+        share_t=at,
+        pattern=pattern,
+        outlying=np.zeros(0),
+        pulses=times.size,
+    )
 
 
 def _looked_at(count: int) -> Index:
@@ -279,9 +285,17 @@ class _Problem:
             teeth += indicator.T @ weighted
             teeth_right += weighted.T @ y[part]
         return cls(
-            knots=knots, trend=trend, normal=normal, penalty=_third_differences(m), right=right,
-            squares=float(weight @ y**2), cross=cross, teeth=teeth, teeth_right=teeth_right, size=times.size,
-        )  # fmt: skip
+            knots=knots,
+            trend=trend,
+            normal=normal,
+            penalty=_third_differences(m),
+            right=right,
+            squares=float(weight @ y**2),
+            cross=cross,
+            teeth=teeth,
+            teeth_right=teeth_right,
+            size=times.size,
+        )
 
     def criterion(self, log_penalty: float) -> float:
         """Minus twice the restricted log-likelihood, constants left out."""
@@ -306,9 +320,11 @@ class _Problem:
         free = max(self.size - 3 - teeth, 1)
         variance = max(self.squares - fitted, 1e-30) / free
         return _Solution(
-            coefficients=spline_part, pattern=np.concatenate([pattern, [-pattern.sum()]]),
-            sigma=float(np.sqrt(variance)), criterion=free * np.log(variance) + determinant - (m - 3) * np.log(penalty),
-        )  # fmt: skip
+            coefficients=spline_part,
+            pattern=np.concatenate([pattern, [-pattern.sum()]]),
+            sigma=float(np.sqrt(variance)),
+            criterion=free * np.log(variance) + determinant - (m - 3) * np.log(penalty),
+        )
 
     def leverages(self, log_penalty: float, times: Float) -> Float:
         """Variance of the spline at some times over that of a pulse of weight one; the pattern's share left out."""

@@ -261,9 +261,9 @@ def _refined(shaft: RoughShaft, run: StartUp) -> RoughShaft:
     way = _Passage(shaft, run)
     z = way.motion(shaft.eps * way.unbalance + shaft.side, _SETTLED)
     pull, steady = -way.turn * z.conj(), np.ones(z.size)
-    forces = np.array([
-        -z, -way.spread(z, way.s), pull, 1j * pull, way.unbalance, 1j * way.unbalance, steady, 1j * steady
-    ])  # fmt: skip
+    forces = np.array(
+        [-z, -way.spread(z, way.s), pull, 1j * pull, way.unbalance, 1j * way.unbalance, steady, 1j * steady]
+    )
     slopes = way.motion(forces, _SLOPES)[:, way.lead :]
     other = np.array([np.exp(1j * n * run.angle) for n in (0, 1, 2)])
     matrix = np.concatenate([slopes, other, 1j * other]).T

@@ -65,7 +65,14 @@ def steady_angle(
     coefficients = speed * np.linspace(start, end, DEGREE + 1)
     error = max(float(np.sqrt(covariance[1, 1])), 1e-12)
     return SmoothAngle(
-        spline=BSpline(knots, coefficients, DEGREE, extrapolate=True), begin=start, end=end, jitter=error / abs(speed),
-        groups=np.array([[start, end], [error, error]]), shares=np.ones(2), share_t=np.array([start, end]),
-        pattern=np.zeros(1), outlying=np.zeros(0), pulses=0,
-    )  # fmt: skip
+        spline=BSpline(knots, coefficients, DEGREE, extrapolate=True),
+        begin=start,
+        end=end,
+        jitter=error / abs(speed),
+        groups=np.array([[start, end], [error, error]]),
+        shares=np.ones(2),
+        share_t=np.array([start, end]),
+        pattern=np.zeros(1),
+        outlying=np.zeros(0),
+        pulses=0,
+    )

@@ -183,9 +183,7 @@ def _start_up(readings: _Readings, values: dict[str, float]) -> dict[str, float]
     except ValueError:  # noise; the start need not be good
         return {}
     M, delta, load, eps = values["M"], found.delta, found.side, found.eps
-    scaled = {
-        "K": found.k, "D": found.d, "dK_cos": delta.real, "dK_sin": delta.imag, "Px": load.real, "Py": load.imag
-    }  # fmt: skip
+    scaled = {"K": found.k, "D": found.d, "dK_cos": delta.real, "dK_sin": delta.imag, "Px": load.real, "Py": load.imag}
     lengths = {"ec": eps.real, "es": eps.imag}
     lengths |= {"R1c": R1.real, "R1s": R1.imag, "R2c": R2.real, "R2s": R2.imag} if "R1c" in values else {}
     return {name: M * v for name, v in scaled.items()} | lengths

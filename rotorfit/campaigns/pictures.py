@@ -68,18 +68,25 @@ def _together(
             smooth = np.arange(len(x))
             if shared:
                 x, smooth = _least(stack, x)
-            whole = np.column_stack([
+            columns = (
                 x[:, own.names.index(name)] if name in own.names else np.full(len(x), shared[name])
                 for name in free.names
-            ])  # fmt: skip
+            )
+            whole = np.column_stack(list(columns))
             with np.errstate(all="ignore"):  # of searches that went astray, which are left out
                 pictures = replace(stack, space=free).gauss_newton(whole)
             for member in smooth.tolist():
                 cost, gradient, matrix = (part[member] for part in pictures)
-                yield numbers[member], Curvature(
-                    names=free.names, x=whole[member], cost=float(cost), squares=2 * float(cost), gradient=gradient,
-                    matrix=matrix, prior=np.zeros(free.size),
-                )  # fmt: skip
+                picture = Curvature(
+                    names=free.names,
+                    x=whole[member],
+                    cost=float(cost),
+                    squares=2 * float(cost),
+                    gradient=gradient,
+                    matrix=matrix,
+                    prior=np.zeros(free.size),
+                )
+                yield numbers[member], picture
 
 
 def _least(stack: RunStack, x: Float) -> tuple[Float, Index]:

@@ -186,9 +186,14 @@ def fit_run(
             found = judged(problem, (run.experiment,), settings, solved.begin, solved.solution)
         else:
             found = fit(
-                model, run.experiment, known=settings.known, bounds=settings.bounds, priors=settings.priors,
-                loss=settings.loss, start=start,
-            )  # fmt: skip
+                model,
+                run.experiment,
+                known=settings.known,
+                bounds=settings.bounds,
+                priors=settings.priors,
+                loss=settings.loss,
+                start=start,
+            )
     except (ValueError, KeyError, np.linalg.LinAlgError) as problem_:
         reason = problem_.args[0] if isinstance(problem_, KeyError) and problem_.args else problem_
         return RunFit(name=run.name, attributes=run.attributes, message=f"not fitted: {reason}")
@@ -233,10 +238,9 @@ def _says_nothing(found: FitResult) -> bool:
     """Whether no motion at all would explain the readings as well as the fit does."""
     measured = np.concatenate([block.measured / block.sigma for block in found.problem.blocks])
     still = float(np.sum(np.abs(measured) ** 2))
-    missed = float(np.sum(np.abs(np.concatenate([
-        (predicted - block.measured) / block.sigma
-        for block, predicted in zip(found.problem.blocks, found.problem.predict(found.x), strict=True)
-    ])) ** 2))  # fmt: skip
+    predictions = zip(found.problem.blocks, found.problem.predict(found.x), strict=True)
+    misses = np.concatenate([(predicted - block.measured) / block.sigma for block, predicted in predictions])
+    missed = float(np.sum(np.abs(misses) ** 2))
     return _by_chance(still - missed, found.redchi, found.nvarys)
 
 

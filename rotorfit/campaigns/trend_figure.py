@@ -64,9 +64,15 @@ def _panel(axis: Any, trends: Sequence[Trend], groups: Sequence[str], handles: d
         number = groups.index(trend.group)
         colour, marker = colour_of(number, len(groups)), _MARKERS[number % len(_MARKERS)]
         handles[trend.group] = axis.errorbar(
-            trend.x, trend.value * factor, trend.stderr * factor, fmt=marker, color=colour, markersize=4,
-            linewidth=1, capsize=2,
-        )  # fmt: skip
+            trend.x,
+            trend.value * factor,
+            trend.stderr * factor,
+            fmt=marker,
+            color=colour,
+            markersize=4,
+            linewidth=1,
+            capsize=2,
+        )
         if np.isfinite(trend.slope.value):
             x = np.linspace(trend.x[0], trend.x[-1], 50)
             line = [trend.at(float(at)) for at in x]

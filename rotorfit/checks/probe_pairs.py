@@ -214,8 +214,12 @@ def _gain(plane: str, pair: _Pair) -> Finding:
         if max(abs(if_x), abs(if_y)) >= 0.01
         else "Stiffness, damping and mass hardly change, quadrature parts and small cross terms do"
     )
-    return Finding("warning", "probe-gain", f"{what}, as no rotor does. {effect}. Find out which probe is wrong: "
-                   f"{cure}.", pair.rows)  # fmt: skip
+    return Finding(
+        "warning",
+        "probe-gain",
+        f"{what}, as no rotor does. {effect}. Find out which probe is wrong: {cure}.",
+        pair.rows,
+    )
 
 
 def _bias(share: float) -> str:

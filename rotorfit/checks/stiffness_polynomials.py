@@ -179,9 +179,14 @@ def unexplained(lines: Lines, *, upright: bool) -> float:
     trial = _Trial(lines, terms, upright=upright)
     try:
         solved = least_squares(
-            trial.residuals, start.view(float)[trial.free], jac=trial.jacobian, x_scale="jac", ftol=1e-4, xtol=1e-4,
+            trial.residuals,
+            start.view(float)[trial.free],
+            jac=trial.jacobian,
+            x_scale="jac",
+            ftol=1e-4,
+            xtol=1e-4,
             max_nfev=_LONG if upright else _SHORT,
-        )  # fmt: skip
+        )
     except (ValueError, np.linalg.LinAlgError):  # a singular matrix on the way: no verdict
         return float("nan")
     return float(solved.cost)

@@ -113,9 +113,11 @@ def add_setup(to: argparse.ArgumentParser) -> None:
         "--setup", type=Path, metavar="rig.toml", help="channels of the recordings; all files are recordings then"
     )
     to.add_argument(
-        "--windows", type=count_word, metavar="TURNS",
+        "--windows",
+        type=count_word,
+        metavar="TURNS",
         help="vectors of recordings by windows of whole turns: for rotors that are not linear",
-    )  # fmt: skip
+    )
 
 
 def add_jobs(to: argparse.ArgumentParser, what: str) -> None:

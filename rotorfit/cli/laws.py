@@ -69,11 +69,18 @@ def _comparison(options: argparse.Namespace) -> tuple[LawComparison, str]:
             raise ValueError(f"--laws: {unknown_name('law', name, LAWS)}")
     tests, findings = read_files(study.files, no_progress)
     found = compare_laws(
-        build_model(study, tests), tests, None if options.laws is None else [LAWS[name]() for name in options.laws],
-        clearance_um=options.clearance_um, known=study.known, bounds=study.bounds, priors=study.priors, per=study.per,
-        start=study.start, phase_offsets=study.phase_offsets,
+        build_model(study, tests),
+        tests,
+        None if options.laws is None else [LAWS[name]() for name in options.laws],
+        clearance_um=options.clearance_um,
+        known=study.known,
+        bounds=study.bounds,
+        priors=study.priors,
+        per=study.per,
+        start=study.start,
+        phase_offsets=study.phase_offsets,
         loss=study.loss,  # type: ignore[arg-type]
-    )  # fmt: skip
+    )
     return found, error_sentence(errors_in(findings, [test.source for test in tests]))
 
 

@@ -192,8 +192,12 @@ COMMANDS = {
 """What each word does."""
 
 _MODULES = (
-    ("campaign", campaign), ("compare-laws", laws), ("simulate", simulate), ("vectors", vectors), ("join", join),
-)  # fmt: skip
+    ("campaign", campaign),
+    ("compare-laws", laws),
+    ("simulate", simulate),
+    ("vectors", vectors),
+    ("join", join),
+)
 
 
 def build_parser() -> argparse.ArgumentParser:

@@ -121,11 +121,17 @@ def _simulated(options: argparse.Namespace) -> Experiment:
 
 
 _COUNTS = {
-    ("perturbation", "sweep_rpm"): 2, ("perturbation", "unbalance"): 1, ("dwell", "unbalance"): 1,
-    ("synchronous", "speed_rpm"): 2, ("synchronous", "unbalance"): 1, ("balance", "unbalance"): 1,
+    ("perturbation", "sweep_rpm"): 2,
+    ("perturbation", "unbalance"): 1,
+    ("dwell", "unbalance"): 1,
+    ("synchronous", "speed_rpm"): 2,
+    ("synchronous", "unbalance"): 1,
+    ("balance", "unbalance"): 1,
     ("measured-force", "sweep_rpm"): 2,
-    ("measured-force", "speed_rpm"): 1, ("measured-force", "force"): 1, ("release", "load"): 1,
-}  # fmt: skip
+    ("measured-force", "speed_rpm"): 1,
+    ("measured-force", "force"): 1,
+    ("release", "load"): 1,
+}
 """How many numbers an option of a recorded test takes, where that is fixed."""
 
 

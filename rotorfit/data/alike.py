@@ -39,9 +39,12 @@ class AlikeTests:
             members: their places in ``tests``.
         """
         return AlikeTests(
-            numbers=self.numbers[members], tests=tuple(self.tests[i] for i in members.tolist()),
-            speed=self.speed[members], response=self.response[members], sigma=self.sigma[members],
-        )  # fmt: skip
+            numbers=self.numbers[members],
+            tests=tuple(self.tests[i] for i in members.tolist()),
+            speed=self.speed[members],
+            response=self.response[members],
+            sigma=self.sigma[members],
+        )
 
 
 def alike(tests: Sequence[Experiment]) -> Iterator[AlikeTests]:
@@ -63,9 +66,12 @@ def alike(tests: Sequence[Experiment]) -> Iterator[AlikeTests]:
         for begin in range(0, len(members), step):
             numbers, chosen = zip(*members[begin : begin + step], strict=True)
             found = AlikeTests(
-                numbers=np.array(numbers), tests=chosen, speed=np.array([test.speed[0] for test in chosen]),
-                response=np.stack([test.response for test in chosen]), sigma=np.stack([test.sigma for test in chosen]),
-            )  # fmt: skip
+                numbers=np.array(numbers),
+                tests=chosen,
+                speed=np.array([test.speed[0] for test in chosen]),
+                response=np.stack([test.response for test in chosen]),
+                sigma=np.stack([test.sigma for test in chosen]),
+            )
             ordinary = np.flatnonzero(_ordinary(found))
             if ordinary.size:
                 yield found if ordinary.size == len(chosen) else found.part(ordinary)

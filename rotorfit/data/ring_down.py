@@ -41,11 +41,16 @@ def ring_down_modes(test: RingDownTest, *, modes: int = 1) -> ImpulseTest:
     eps = test.eccentricity[first]
     centre = np.array([found.centre for _, found, _ in rows])
     return ImpulseTest(
-        run=test.run[first], speed=test.speed[first], frequency=s.imag, damping_ratio=-s.real / np.abs(s),
-        eccentricity=eps, position=np.where(np.isnan(eps), centre, complex(np.nan, np.nan)),
+        run=test.run[first],
+        speed=test.speed[first],
+        frequency=s.imag,
+        damping_ratio=-s.real / np.abs(s),
+        eccentricity=eps,
+        position=np.where(np.isnan(eps), centre, complex(np.nan, np.nan)),
         sigma=np.array([found.sigma[k] for _, found, k in rows]),
-        attributes={name: values[first] for name, values in test.attributes.items()}, source=test.source,
-    )  # fmt: skip
+        attributes={name: values[first] for name, values in test.attributes.items()},
+        source=test.source,
+    )
 
 
 def _analyse(test: RingDownTest, rows: Index, run: str, modes: int) -> Decay:

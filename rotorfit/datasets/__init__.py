@@ -93,6 +93,15 @@ def seal_muszynska_tum() -> CoefficientTable:
     run = np.array([f"seal {s:g} at {n:g} rpm" for s, n in zip(seal.tolist(), rpm.tolist(), strict=True)])
     half_digit = 0.5e-5 / np.sqrt(3)  # rounding to six digits: uniform, at most half of the last one
     return CoefficientTable(
-        run=run, speed=rpm * RAD_S_PER_RPM, eccentricity=eps, kxx=kxx, kxy=kxy, cxx=cxx, cxy=cxy, mxx=mxx,
-        sigma=np.full(eps.size, half_digit), attributes={"seal": seal}, source=file.name,
-    )  # fmt: skip
+        run=run,
+        speed=rpm * RAD_S_PER_RPM,
+        eccentricity=eps,
+        kxx=kxx,
+        kxy=kxy,
+        cxx=cxx,
+        cxy=cxy,
+        mxx=mxx,
+        sigma=np.full(eps.size, half_digit),
+        attributes={"seal": seal},
+        source=file.name,
+    )

@@ -214,9 +214,12 @@ def _stiffness_support(entry: LawFit) -> float:
 
 
 def _try(
-    model: RotorModel, law: Law, experiments: tuple[Experiment, ...], known: Mapping[str, float | None],
+    model: RotorModel,
+    law: Law,
+    experiments: tuple[Experiment, ...],
+    known: Mapping[str, float | None],
     options: FitKeywords,
-) -> LawFit:  # fmt: skip
+) -> LawFit:
     mine = {name: value for name, value in known.items() if name in model.parameter_names}
     try:
         result = fit(model, experiments, known=mine, **options)
@@ -247,9 +250,13 @@ def _try(
 
 
 def _on_the_same_data(
-    entries: list[LawFit], model: RotorModel, experiments: tuple[Experiment, ...], gap: float,
-    known: Mapping[str, float | None], options: FitKeywords,
-) -> list[LawFit]:  # fmt: skip
+    entries: list[LawFit],
+    model: RotorModel,
+    experiments: tuple[Experiment, ...],
+    gap: float,
+    known: Mapping[str, float | None],
+    options: FitKeywords,
+) -> list[LawFit]:
     """Fit the linear fluid to the readings that the others see.
 
     A linear rotor moves in circles wherever it rests and is told one number from each x/y pair, an off-centre

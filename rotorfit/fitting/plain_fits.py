@@ -152,10 +152,14 @@ def stacks_of(space: ParameterSpace, seen: AlikeResponses, wanted: Bool) -> Iter
     readings = seen.measured.shape[1]
     for some in np.split(good, range(0, good.size, max(1, _TOGETHER // readings))[1:]):
         if some.size and 2 * readings > space.size:
-            yield some, RunStack(
-                space=space, layout=seen.layout, speed=seen.group.speed[some], measured=seen.measured[some],
+            stack = RunStack(
+                space=space,
+                layout=seen.layout,
+                speed=seen.group.speed[some],
+                measured=seen.measured[some],
                 sigma=seen.sigma[some],
-            )  # fmt: skip
+            )
+            yield some, stack
 
 
 def _solved(stack: RunStack, given: Float | None) -> Iterator[tuple[int, PlainFit | SolvedRun]]:
@@ -200,8 +204,15 @@ def _judged(stack: RunStack, x: Float, begin: Float, n_evaluations: Index) -> It
         degrees = (max(float(freedom[member]), 1.0),) * space.size
         params = parameter_table(space, x[member], begin[member], scattered[member], covar[member], degrees, ())
         if not any(parameter.at_bound for parameter in params.values()):
-            yield member, PlainFit(
-                params=params, var_names=space.names, covar=covar[member], chisqr=float(chisqr[member]),
-                redchi=float(redchi[member]), ndata=stack.n_data, nfev=int(n_evaluations[member]),
-                message=Status.CONVERGED.value, still=float(still[member]),
-            )  # fmt: skip
+            found = PlainFit(
+                params=params,
+                var_names=space.names,
+                covar=covar[member],
+                chisqr=float(chisqr[member]),
+                redchi=float(redchi[member]),
+                ndata=stack.n_data,
+                nfev=int(n_evaluations[member]),
+                message=Status.CONVERGED.value,
+                still=float(still[member]),
+            )
+            yield member, found

@@ -99,12 +99,16 @@ def _static_test(table: Table, speed_tolerance: float) -> StaticTest:
     )
     run, plane = columns.words("run", "static"), columns.words("plane", "journal")
     return StaticTest(
-        run=run, speed=_groups(columns, run, speed_tolerance),
+        run=run,
+        speed=_groups(columns, run, speed_tolerance),
         load_plane=columns.words("load_plane") if columns.has("load_plane") else plane,
-        load=columns.number("load") * np.exp(1j * columns.number("angle")), plane=plane,
-        displacement=columns.number("x") + 1j * columns.number("y"), sigma=_positive(columns, "sigma"),
-        attributes=columns.attributes, source=table.source,
-    )  # fmt: skip
+        load=columns.number("load") * np.exp(1j * columns.number("angle")),
+        plane=plane,
+        displacement=columns.number("x") + 1j * columns.number("y"),
+        sigma=_positive(columns, "sigma"),
+        attributes=columns.attributes,
+        source=table.source,
+    )
 
 
 def _impulse_test(table: Table, speed_tolerance: float) -> ImpulseTest:
@@ -137,11 +141,16 @@ def _impulse_test(table: Table, speed_tolerance: float) -> ImpulseTest:
         )
     nowhere = np.full(run.size, complex(np.nan))
     return ImpulseTest(
-        run=run, speed=_groups(columns, run, speed_tolerance), frequency=columns.number("frequency"),
-        damping_ratio=damping_ratio, eccentricity=_eccentricity(columns),
+        run=run,
+        speed=_groups(columns, run, speed_tolerance),
+        frequency=columns.number("frequency"),
+        damping_ratio=damping_ratio,
+        eccentricity=_eccentricity(columns),
         position=nowhere if by_ratio else columns.number("x") + 1j * columns.number("y"),
-        sigma=_positive(columns, "sigma"), attributes=columns.attributes, source=table.source,
-    )  # fmt: skip
+        sigma=_positive(columns, "sigma"),
+        attributes=columns.attributes,
+        source=table.source,
+    )
 
 
 def _ring_down_test(table: Table, speed_tolerance: float) -> RingDownTest:
@@ -164,10 +173,15 @@ def _ring_down_test(table: Table, speed_tolerance: float) -> RingDownTest:
     )
     run = columns.words("run", "ring-down")
     return RingDownTest(
-        run=run, speed=_groups(columns, run, speed_tolerance), time=columns.number("time"), x=columns.number("x"),
-        y=columns.number("y"), eccentricity=_eccentricity(columns, blank=True), attributes=columns.attributes,
+        run=run,
+        speed=_groups(columns, run, speed_tolerance),
+        time=columns.number("time"),
+        x=columns.number("x"),
+        y=columns.number("y"),
+        eccentricity=_eccentricity(columns, blank=True),
+        attributes=columns.attributes,
         source=table.source,
-    )  # fmt: skip
+    )
 
 
 def _coefficient_table(table: Table, speed_tolerance: float) -> CoefficientTable:
@@ -194,9 +208,14 @@ def _coefficient_table(table: Table, speed_tolerance: float) -> CoefficientTable
     if not run.any():
         run = np.array([f"{value:.6g} rpm" for value in (speed * RPM_PER_RAD_S).tolist()])
     return CoefficientTable(
-        run=run, speed=speed, eccentricity=eccentricity, sigma=_positive(columns, "sigma"),
-        attributes=columns.attributes, source=table.source, **coefficients,
-    )  # fmt: skip
+        run=run,
+        speed=speed,
+        eccentricity=eccentricity,
+        sigma=_positive(columns, "sigma"),
+        attributes=columns.attributes,
+        source=table.source,
+        **coefficients,
+    )
 
 
 BUILDERS: tuple[tuple[str, Callable[[Table, float], Experiment]], ...] = (
@@ -222,11 +241,14 @@ def columns_of(test: Experiment) -> dict[str, NDArray[Any]]:
     match test:
         case StaticTest():
             head |= {
-                "load_plane": test.load_plane, "load_N": np.abs(test.load),
-                "load_deg": np.degrees(np.angle(test.load)), "plane": test.plane,
-                "x_um": test.displacement.real * 1e6, "y_um": test.displacement.imag * 1e6,
+                "load_plane": test.load_plane,
+                "load_N": np.abs(test.load),
+                "load_deg": np.degrees(np.angle(test.load)),
+                "plane": test.plane,
+                "x_um": test.displacement.real * 1e6,
+                "y_um": test.displacement.imag * 1e6,
                 "sigma_um": test.sigma * 1e6,
-            }  # fmt: skip
+            }
         case ImpulseTest():
             head |= {"frequency_rpm": test.frequency / rpm, "damping_ratio": test.damping_ratio}
             if np.isfinite(test.eccentricity).all():

@@ -27,8 +27,14 @@ from rotorfit.models.parameters import unknown_name
 from rotorfit.units import RAD_S_PER_RPM
 
 SUFFIXES = {
-    ".csv": "csv", ".txt": "csv", ".tsv": "csv", ".uff": "uff", ".unv": "uff", ".nc": "netcdf", ".mat": "mat",
-}  # fmt: skip
+    ".csv": "csv",
+    ".txt": "csv",
+    ".tsv": "csv",
+    ".uff": "uff",
+    ".unv": "uff",
+    ".nc": "netcdf",
+    ".mat": "mat",
+}
 """Format by suffix of the file."""
 RECORDINGS = (".h5", ".hdf5", ".hdf", ".tdms", ".wav", ".parquet", ".uf58")
 """Suffixes that only recordings of raw signals have."""

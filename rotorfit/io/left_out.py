@@ -27,10 +27,11 @@ def without_empty(table: Table) -> tuple[Table, list[Finding]]:
     needed = [names for names in (*lengths, list(table.find("phase", UNITS["phase"]))) if names]
     if not needed:
         return table, []
-    empty = np.array([
+    lacking = (
         any(all(table.cells[name][row].lower() in _EMPTY for name in names) for names in needed)
         for row in range(len(table.lines))
-    ])  # fmt: skip
+    )
+    empty = np.array(list(lacking))
     if not empty.any() or empty.all():
         return table, []
     lines = [table.lines[i] for i in np.flatnonzero(empty).tolist()]

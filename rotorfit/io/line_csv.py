@@ -56,12 +56,19 @@ def line_test(table: Table, speed_tolerance: float) -> LineTest:
     speed = columns.number("speed")
     parts = {part: _either(columns, direction == "twist", part) for part in _PARTS}
     return LineTest(
-        run=run, speed=group_speeds(speed, np.zeros(run.size), run, speed_tolerance),
-        frequency=columns.number("frequency"), force_plane=columns.words("force_plane"),
-        force=columns.number("force") * np.exp(1j * columns.number("force_phase")), plane=columns.words("plane"),
-        direction=direction, line=columns.words("line"), response=parts["real"] + 1j * parts["imag"],
-        sigma=parts["sigma"], attributes=columns.attributes, source=table.source,
-    )  # fmt: skip
+        run=run,
+        speed=group_speeds(speed, np.zeros(run.size), run, speed_tolerance),
+        frequency=columns.number("frequency"),
+        force_plane=columns.words("force_plane"),
+        force=columns.number("force") * np.exp(1j * columns.number("force_phase")),
+        plane=columns.words("plane"),
+        direction=direction,
+        line=columns.words("line"),
+        response=parts["real"] + 1j * parts["imag"],
+        sigma=parts["sigma"],
+        attributes=columns.attributes,
+        source=table.source,
+    )
 
 
 def _either(columns: Columns, twisting: Bool, part: str) -> Float:
@@ -84,11 +91,16 @@ def line_columns(test: LineTest) -> dict[str, NDArray[Any]]:
     rpm = si_factor("frequency", "rpm")
     twisting = test.direction == "twist"
     found: dict[str, NDArray[Any]] = {
-        "run": test.run, "speed_rpm": test.speed / rpm, "frequency_rpm": test.frequency / rpm,
-        "force_plane": test.force_plane, "force_N": np.abs(test.force),
-        "force_phase_deg": np.degrees(np.angle(test.force)), "plane": test.plane, "direction": test.direction,
+        "run": test.run,
+        "speed_rpm": test.speed / rpm,
+        "frequency_rpm": test.frequency / rpm,
+        "force_plane": test.force_plane,
+        "force_N": np.abs(test.force),
+        "force_phase_deg": np.degrees(np.angle(test.force)),
+        "plane": test.plane,
+        "direction": test.direction,
         "line": test.line,
-    }  # fmt: skip
+    }
     values = {"real": test.response.real, "imag": test.response.imag, "sigma": test.sigma}
     for unit, rows in (("um", ~twisting), ("urad", twisting)):
         if rows.any():

@@ -119,10 +119,15 @@ def _samples(source: str, text: str) -> Iterator[tuple[_Channel, Row]]:
         key = (row["CH#"], row["Channel Name"])
         if "Sample#" not in header:
             channels[key] = _Channel(
-                number=row["CH#"], name=row["Channel Name"], machine=row.get("Machine Name", ""),
-                amplitude=row["Amp Unit"], phase=row.get("Phase Unit", "deg"), speed=row.get("Speed Units(P)", "rpm"),
-                angle=row.get("Angle", ""), side=row.get("Direction", ""),
-            )  # fmt: skip
+                number=row["CH#"],
+                name=row["Channel Name"],
+                machine=row.get("Machine Name", ""),
+                amplitude=row["Amp Unit"],
+                phase=row.get("Phase Unit", "deg"),
+                speed=row.get("Speed Units(P)", "rpm"),
+                angle=row.get("Angle", ""),
+                side=row.get("Direction", ""),
+            )
         elif key in channels:
             yield channels[key], (line, row)
         else:

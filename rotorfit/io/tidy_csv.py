@@ -161,10 +161,19 @@ def _perturbation(table: Table, speed_tolerance: float) -> PerturbationTest:
     for name, values in {"force": force, "response": response, "frequency": w, "speed": omega}.items():
         columns.refuse(~np.isfinite(values), "run", f"is a row whose {name} overflows; check its units")
     test = PerturbationTest(
-        run=run, force_plane=force_plane, plane=plane, direction=direction, sigma=noise,
-        speed=omega, frequency=w, force=force, response=response, force_direction=force_direction,
-        attributes=columns.attributes, source=table.source,
-    )  # fmt: skip
+        run=run,
+        force_plane=force_plane,
+        plane=plane,
+        direction=direction,
+        sigma=noise,
+        speed=omega,
+        frequency=w,
+        force=force,
+        response=response,
+        force_direction=force_direction,
+        attributes=columns.attributes,
+        source=table.source,
+    )
     if len(groups := plane_groups(test)) > 1 and max(map(len, groups)) > 1:
         listed = "; ".join(", ".join(group) for group in groups)
         raise ValueError(
@@ -224,13 +233,17 @@ def _displacement(table: Table, speed_tolerance: float) -> DisplacementTest:
     noise = columns.number("sigma", blank=True)
     columns.refuse(noise <= 0, "sigma", "must be positive, or blank where the noise is not known")
     test = DisplacementTest(
-        run=run, plane=columns.words("plane"), sigma=noise, frequency=frequency,
+        run=run,
+        plane=columns.words("plane"),
+        sigma=noise,
+        frequency=frequency,
         speed=group_speeds(columns.number("speed"), frequency, run, speed_tolerance),
         displacement=columns.number("amplitude") * np.exp(1j * columns.number("phase")),
         force_x=columns.number("force_x") * np.exp(1j * columns.number("force_x_phase")),
         force_y=columns.number("force_y") * np.exp(1j * columns.number("force_y_phase")),
-        attributes=columns.attributes, source=table.source,
-    )  # fmt: skip
+        attributes=columns.attributes,
+        source=table.source,
+    )
     finite = np.isfinite(test.displacement) & np.isfinite(test.force_x) & np.isfinite(test.force_y)
     columns.refuse(~finite, "run", "is a row whose displacement or force overflows; check its units")
     return test

@@ -166,9 +166,13 @@ class Places:
         read[cell] = True
         line, coordinate = np.divmod(np.flatnonzero(read), size)
         return cls(
-            lines=lines, first=first, line=line, coordinate=coordinate, rows=rows.reshape(-1, 3)[read],
+            lines=lines,
+            first=first,
+            line=line,
+            coordinate=coordinate,
+            rows=rows.reshape(-1, 3)[read],
             backward=(test.frequency[first] < 0)[line],
-        )  # fmt: skip
+        )
 
 
 def _observe_isotropic(model: RotorModel, test: PerturbationTest, group: Index) -> Responses:

@@ -301,10 +301,15 @@ def _mark_whirl(fit: FitResult, shown: Sequence[_Shown], axis: Any, row: int, co
         if np.isfinite(whirl) and some.low < whirl < some.high:
             axis.axvline(whirl * RPM_PER_RAD_S, color=condition.colour, lw=0.9, ls=":", zorder=1)
             axis.annotate(
-                f"λΩ = {whirl * RPM_PER_RAD_S:.0f} rpm", (whirl * RPM_PER_RAD_S, 0.97 - 0.1 * number),
-                xycoords=("data", "axes fraction"), xytext=(4, 0), textcoords="offset points", fontsize=7,
-                color=condition.colour, va="top",
-            )  # fmt: skip
+                f"λΩ = {whirl * RPM_PER_RAD_S:.0f} rpm",
+                (whirl * RPM_PER_RAD_S, 0.97 - 0.1 * number),
+                xycoords=("data", "axes fraction"),
+                xytext=(4, 0),
+                textcoords="offset points",
+                fontsize=7,
+                color=condition.colour,
+                va="top",
+            )
     axis.axhline(0, color="0.6", lw=0.7, zorder=1)
 
 

@@ -133,10 +133,11 @@ def _draw_sweep(fit: FitResult, axes: Any, lines: JournalLines, rows: Index, col
     w, change = lines.frequency[rows], lines.stiffness[rows] - lines.linear[rows]
     eps, sigma = lines.eccentricity[rows], factor * lines.stiffness_sigma[rows]
     fitted_eps = lines.fitted_eccentricity[rows]
-    fitted = np.array([
+    drive = [
         drive_stiffness(fit.model, theta[g], 1j * f, speed, np.array([e]))[0][0]
         for g, f, speed, e in zip(lines.group[rows], w, lines.speed[rows], fitted_eps, strict=True)
-    ]) - lines.linear[rows]  # fmt: skip
+    ]
+    fitted = np.array(drive) - lines.linear[rows]
     for row, part in enumerate((np.real, np.imag)):
         for axis, x, x_fit in ((axes[row, 0], w * RPM_PER_RAD_S, w * RPM_PER_RAD_S), (axes[row, 1], eps, fitted_eps)):
             axis.errorbar(

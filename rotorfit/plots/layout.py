@@ -105,9 +105,11 @@ def _surroundings(axis: Any) -> _Surroundings:
     highest = ceiling + _title_reach(axis)
     # Axes of equal scales are smaller than their place; what stands around them stands around what is drawn.
     margins = (
-        inner.x0 - min(box.x0, leftmost), inner.y0 - min(box.y0, lowest),
-        box.x1 - inner.x1, max(box.y1, highest) - inner.y1,
-    )  # fmt: skip
+        inner.x0 - min(box.x0, leftmost),
+        inner.y0 - min(box.y0, lowest),
+        box.x1 - inner.x1,
+        max(box.y1, highest) - inner.y1,
+    )
     return _Surroundings(margins=margins, below=below, left=left)
 
 

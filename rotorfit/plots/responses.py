@@ -227,10 +227,16 @@ def _mark_frequencies(axis: Any, found: Sequence[SweepCurve], factor: float, rea
                 axis.plot(z.real, z.imag, "x", ms=4.5, mew=1.1, color="black", zorder=5)
                 left = z.real > np.mean(axis.get_xlim())  # towards the middle, where there is room
                 axis.annotate(
-                    f"{rpm:.0f}".replace("-", "−"), (z.real, z.imag), xytext=(-4 if left else 4, 3),
-                    textcoords="offset points", ha="right" if left else "left", fontsize=SMALL,
-                    color=curve.condition.colour, zorder=5, clip_on=True,
-                )  # fmt: skip
+                    f"{rpm:.0f}".replace("-", "−"),
+                    (z.real, z.imag),
+                    xytext=(-4 if left else 4, 3),
+                    textcoords="offset points",
+                    ha="right" if left else "left",
+                    fontsize=SMALL,
+                    color=curve.condition.colour,
+                    zorder=5,
+                    clip_on=True,
+                )
 
 
 def _square(axis: Any, values: ComplexArray) -> None:

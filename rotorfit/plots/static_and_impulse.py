@@ -70,9 +70,15 @@ def plot_static_locus(fit: FitResult) -> Figure:
             colour = colour_of(speeds.index(round(speed, 6)))
             here = (lines.group == group) & (lines.speed == speed)
             axis.errorbar(
-                turned[here].real, turned[here].imag, xerr=lines.sigma[here] / clearance,
-                yerr=lines.sigma[here] / clearance, fmt="o", ms=3.5, color=colour, elinewidth=0.7,
-            )  # fmt: skip
+                turned[here].real,
+                turned[here].imag,
+                xerr=lines.sigma[here] / clearance,
+                yerr=lines.sigma[here] / clearance,
+                fmt="o",
+                ms=3.5,
+                color=colour,
+                elinewidth=0.7,
+            )
             eps = np.linspace(0.0, largest, _POINTS)
             kappa, _ = drive_stiffness(fit.model, theta[group], 0j, speed, eps)
             locus = -1j * eps * np.abs(kappa) / kappa
@@ -123,9 +129,14 @@ def plot_static_stiffness(fit: FitResult) -> Figure:
                 if not np.isfinite(factor):
                     continue
                 axis.errorbar(
-                    lines.eccentricity[here], factor * points, yerr=np.abs(factor) * sigma, fmt="o", ms=3.5,
-                    color=colour, elinewidth=0.7,
-                )  # fmt: skip
+                    lines.eccentricity[here],
+                    factor * points,
+                    yerr=np.abs(factor) * sigma,
+                    fmt="o",
+                    ms=3.5,
+                    color=colour,
+                    elinewidth=0.7,
+                )
                 band = np.abs(factor) * half_width(fit, group, by)
                 axis.plot(eps, factor * curve, "-", color=colour, lw=1.3)
                 axis.fill_between(eps, factor * curve - band, factor * curve + band, color=colour, alpha=0.25, lw=0)
@@ -167,9 +178,15 @@ def plot_velocity_ratio(fit: FitResult) -> Figure:
             here = np.flatnonzero((block.reading_group == group) & (block.speed == speed))
             colour = colour_of(speeds.index(round(float(speed), 6)))
             axis.errorbar(
-                block.eccentricity[here], block.measured[here].imag / speed, yerr=block.sigma[here] / speed, fmt="o",
-                ms=4, color=colour, elinewidth=0.8, zorder=3,
-            )  # fmt: skip
+                block.eccentricity[here],
+                block.measured[here].imag / speed,
+                yerr=block.sigma[here] / speed,
+                fmt="o",
+                ms=4,
+                color=colour,
+                elinewidth=0.8,
+                zorder=3,
+            )
             for branch in _branches(fit, theta[int(group)], float(speed), eps, block.eccentricity[here], fitted[here]):
                 axis.plot(eps, branch / speed, "-", color=colour, lw=1.3)
     for group, vector in enumerate(theta):

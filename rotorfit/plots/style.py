@@ -109,6 +109,10 @@ def legend_below(figure: Figure, handles: Sequence[Any], labels: Sequence[str]) 
         room = figure.get_figwidth() * 72 / (0.55 * SMALL)  # letters in a row
         columns = int(room / (max(len(label) for label in labels) + 6))
         figure.legend(
-            handles, labels, loc="outside lower center", ncols=min(max(columns, 1), len(labels), 6), fontsize=SMALL,
+            handles,
+            labels,
+            loc="outside lower center",
+            ncols=min(max(columns, 1), len(labels), 6),
+            fontsize=SMALL,
             frameon=False,
-        )  # fmt: skip
+        )

@@ -296,11 +296,18 @@ def _fine(fit: FitResult, block: Responses, rows: Index) -> tuple[Float, Complex
     force = block.force[line[0]]
     count = np.arange(_FINE)
     grid = replace(
-        block, speed=np.interp(fine, w, block.speed[line]), frequency=fine, force=np.tile(force, (_FINE, 1)),
-        group=np.full(_FINE, block.group[line[0]]), line=count,
-        coordinate=np.full(_FINE, block.coordinate[rows[0]]), measured=np.zeros(_FINE, dtype=complex),
-        sigma=np.ones(_FINE), label=np.zeros(_FINE, dtype=np.intp), run=np.full(_FINE, ""),
-    )  # fmt: skip
+        block,
+        speed=np.interp(fine, w, block.speed[line]),
+        frequency=fine,
+        force=np.tile(force, (_FINE, 1)),
+        group=np.full(_FINE, block.group[line[0]]),
+        line=count,
+        coordinate=np.full(_FINE, block.coordinate[rows[0]]),
+        measured=np.zeros(_FINE, dtype=complex),
+        sigma=np.ones(_FINE),
+        label=np.zeros(_FINE, dtype=np.intp),
+        run=np.full(_FINE, ""),
+    )
     value, slope = grid.predict_jacobian(fit.thetas)
     drive = force[np.argmax(np.abs(force))]
     return fine, value / drive, slope / drive

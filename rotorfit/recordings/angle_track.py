@@ -182,10 +182,11 @@ def _wheel(where: str, smooth: SmoothAngle, per_turn: int, gap: int) -> Finding:
     if gap:
         zero = f"the first tooth after the gap of {gap} that every turn has"
     return Finding(
-        "note", "tooth-pattern",
+        "note",
+        "tooth-pattern",
         f"{where}: spacing of the {per_turn} pulses a turn is off by up to {degrees:.3f} degrees; the pattern is taken "
         f"out. Angle zero is {zero}.",
-    )  # fmt: skip
+    )
 
 
 def _times(times: Float) -> str:
@@ -220,8 +221,9 @@ def steady_track(record: Signals, shaft: AngleTrack | None, whirl: int) -> Angle
         raise ValueError(f"{record.name}, perturbator without a mark: {problem}") from problem
     hertz = float(smooth.speed(np.array([0.0]))[0]) / (2 * np.pi)
     said = Finding(
-        "note", "steady-perturbation",
+        "note",
+        "steady-perturbation",
         f"{record.name}: the perturbator has no mark; it runs at {hertz:.4f} Hz by the motion. Its phase counts from "
         'the start of the recording: fit with phase_offsets="common" or True.',
-    )  # fmt: skip
+    )
     return AngleTrack(smooth=smooth, pulses=np.zeros(0), findings=(said,))

@@ -45,10 +45,11 @@ def probe_findings(record: Signals, found: Mapping[str, ChannelStatistics]) -> I
         each, where = found[probe.channel], f"{record.name}, channel {probe.channel}"
         if _dead(each, largest):
             yield Finding(
-                "error", "channel-dead",
+                "error",
+                "channel-dead",
                 f"{where} is dead: it stays at {each.mean:.3f} V and moves by {each.deviation * 1e3:.2g} mV rms, the "
                 f"others by up to {largest * 1e3:.3g} mV. Leave its plane out or repair the probe.",
-            )  # fmt: skip
+            )
             continue
         if each.clipped:
             share = (each.at_low if each.flat_low >= 3 else 0.0) + (each.at_high if each.flat_high >= 3 else 0.0)
@@ -56,16 +57,18 @@ def probe_findings(record: Signals, found: Mapping[str, ChannelStatistics]) -> I
                 f"{v:.3f} V" for v, n in ((each.low, each.flat_low), (each.high, each.flat_high)) if n >= 3
             )
             yield Finding(
-                "error", "channel-clipped",
+                "error",
+                "channel-clipped",
                 f"{where} is clipped at {limit} ({share:.1%} of the samples): amplitudes there are too small. Set the "
                 "input range wider and measure again, or leave the probe out.",
-            )  # fmt: skip
+            )
         if max(abs(each.low), abs(each.high)) > _HIGHEST:
             yield Finding(
-                "error", "channel-scale",
+                "error",
+                "channel-scale",
                 f"{where}: {each.low:.6g} to {each.high:.6g} V are no voltages of a probe: counts, or millivolts? Say "
                 f'volts_per_count in [[channel]] name = "{probe.channel}".',
-            )  # fmt: skip
+            )
             continue
         yield from _sensitivity(probe, each, where)
         if each.without_gap:
@@ -74,10 +77,11 @@ def probe_findings(record: Signals, found: Mapping[str, ChannelStatistics]) -> I
             yield from _out_of_range(probe, each, where)
     if coupled:
         yield Finding(
-            "note", "ac-coupled",
+            "note",
+            "ac-coupled",
             f"{record.name}: {listed(coupled)}: no gap voltage (mean below 0.25 V): AC-coupled? There is no shaft "
             "centreline and no eccentricity, and whether the probe is in its linear range cannot be seen.",
-        )  # fmt: skip
+        )
 
 
 def _sensitivity(probe: Probe, each: ChannelStatistics, where: str) -> Iterator[Finding]:
@@ -86,10 +90,11 @@ def _sensitivity(probe: Probe, each: ChannelStatistics, where: str) -> Iterator[
     said = abs(float(probe.sensitivity or 0.0))
     if not low <= said <= high:
         yield Finding(
-            "warning", "probe-sensitivity",
+            "warning",
+            "probe-sensitivity",
             f"{where}: {said / 1e3:.3g} V/mm is no usual sensitivity of a probe, {low / 1e3:g} to {high / 1e3:g} V/mm; "
             f"the shaft would move by {(each.high - each.low) / max(said, 1e-9) * 1e6:.3g} µm. Is its unit right?",
-        )  # fmt: skip
+        )
 
 
 def _dead(each: ChannelStatistics, largest: float) -> bool:
@@ -113,10 +118,11 @@ def _out_of_range(probe: Probe, each: ChannelStatistics, where: str) -> Iterator
     if each.low < low or each.high > high:
         said = "the setup's" if probe.linear_range else "the usual"
         yield Finding(
-            "warning", "probe-range",
+            "warning",
+            "probe-range",
             f"{where}: {each.low:.2f} to {each.high:.2f} V leaves {said} linear range, {low:g} to {high:g} V: there "
             "the probe reads wrong amplitudes. Say linear_range_V in [[probe]] where another range holds.",
-        )  # fmt: skip
+        )
 
 
 def direction_findings(record: Signals, shaft: AngleTrack | None, perturbator: AngleTrack | None) -> Iterator[Finding]:
@@ -142,23 +148,26 @@ def direction_findings(record: Signals, shaft: AngleTrack | None, perturbator: A
             opposite += [plane] if reversed_force else []
     if backward and len(backward) == len(pairs) > 1:
         yield Finding(
-            "error", "rotation-sense",
+            "error",
+            "rotation-sense",
             f"{record.name}: once-per-turn motion is mostly backward in every plane: the shaft turns the other way "
             f"than rotation says ({'ccw' if record.rig.rotation > 0 else 'cw'}), or all its probes are exchanged.",
-        )  # fmt: skip
+        )
     elif backward:
         yield Finding(
-            "error", "probes-exchanged",
+            "error",
+            "probes-exchanged",
             f"{record.name}: once-per-turn motion is mostly backward in {listed(backward)}: are its two probes "
             "exchanged, or is their angle_deg wrong?",
-        )  # fmt: skip
+        )
     if opposite and len(opposite) * 2 > len(judged):
         said = "forward" if whirl > 0 else "backward"
         yield Finding(
-            "error", "whirl-reversed",
+            "error",
+            "whirl-reversed",
             f"{record.name}: the response in {listed(opposite)} turns against the perturbation, said to be {said}, "
             "while the once-per-turn motion is forward: the perturbator turns the other way than whirl says.",
-        )  # fmt: skip
+        )
 
 
 def _reversed(record: Signals, plane: str, angle: AngleTrack, direction: int) -> bool | None:
@@ -213,17 +222,19 @@ def hum_findings(record: Signals, shaft: AngleTrack | None) -> Iterator[Finding]
                 hidden.setdefault(float(round(frequency)), []).append(probe.channel)
     for frequency, channels in sorted(hidden.items()):
         yield Finding(
-            "note", "hum-on-order",
+            "note",
+            "hum-on-order",
             f"{record.name}: the shaft turns at {frequency:g} Hz, where mains hum would stand too: what of the 1x in "
             f"{listed(channels)} is hum cannot be told. Record at another speed, or with the shaft at rest.",
-        )  # fmt: skip
+        )
     for frequency, seen in sorted(lines.items()):
         worst = max(amplitude for _, amplitude in seen)
         yield Finding(
-            "warning", "hum",
+            "warning",
+            "hum",
             f"{record.name}: mains hum at {frequency:g} Hz, seen in {listed([name for name, _ in seen])} with up to "
             f"{abs(worst) * 1e6:.3g} µm: lines of the response at that frequency are spoiled.",
-        )  # fmt: skip
+        )
 
 
 def folding_findings(record: Signals, shaft: AngleTrack) -> Iterator[Finding]:
@@ -246,11 +257,12 @@ def folding_findings(record: Signals, shaft: AngleTrack) -> Iterator[Finding]:
             seen.setdefault(order, []).append((probe.channel, frequency))
     for order, lines in seen.items():
         yield Finding(
-            "warning", "aliasing",
+            "warning",
+            "aliasing",
             f"{record.name}: the line at {lines[0][1]:.2f} Hz in {listed([name for name, _ in lines])} is order "
             f"{order} of the shaft ({order * turning:.1f} Hz) folded by sampling at {record.sample_rate:g} Hz: use an "
             "anti-aliasing filter or sample faster.",
-        )  # fmt: skip
+        )
 
 
 def speed_findings(record: Signals, shaft: AngleTrack) -> Iterator[Finding]:
@@ -267,11 +279,12 @@ def speed_findings(record: Signals, shaft: AngleTrack) -> Iterator[Finding]:
     if np.ptp(speeds) < 0.05 * abs(middle) and abs(middle - abs(record.speed)) > 0.03 * abs(record.speed):
         marks, told = middle * RPM_PER_RAD_S, record.speed * RPM_PER_RAD_S
         yield Finding(
-            "warning", "speed-disagrees",
+            "warning",
+            "speed-disagrees",
             f"{record.name}: the marks say {marks:.4g} rpm, file or setup {told:.4g} rpm: is pulses_per_turn right "
             f"({record.rig.shaft.pulses_per_turn if record.rig.shaft else 1}), and the sampling rate "
             f"({record.sample_rate:g} Hz)?",
-        )  # fmt: skip
+        )
 
 
 def setting_findings(record: Signals) -> Iterator[Finding]:
@@ -282,16 +295,18 @@ def setting_findings(record: Signals) -> Iterator[Finding]:
     """
     if record.sample_rate < _SLOWEST:
         yield Finding(
-            "error", "sampling-slow",
+            "error",
+            "sampling-slow",
             f"{record.name}: {record.sample_rate:.4g} Hz is no sampling rate for a turning shaft: are the times in ms?",
-        )  # fmt: skip
+        )
     force = record.force
     if force is not None and force.mr > _HEAVIEST:
         yield Finding(
-            "error", "unbalance-large",
+            "error",
+            "unbalance-large",
             f"{record.name}: an unbalance of {force.mr:g} kg m is that of no trial weight: is its unit right (mr_kg_m, "
             "mr_g_mm)?",
-        )  # fmt: skip
+        )
 
 
 def mark_findings(record: Signals, shaft: AngleTrack, perturbator: AngleTrack) -> Iterator[Finding]:
@@ -309,7 +324,8 @@ def mark_findings(record: Signals, shaft: AngleTrack, perturbator: AngleTrack) -
         turning = float(np.mean(perturbator.speed(np.linspace(perturbator.begin, perturbator.end, 200))))
         told = record.speed is not None and abs(turning - abs(record.speed)) < 0.03 * abs(record.speed)
         yield Finding(
-            "error" if told else "warning", "marks-exchanged",
+            "error" if told else "warning",
+            "marks-exchanged",
             f"{record.name}: the shaft's mark sweeps and the perturbator's is steady: are the channels of [shaft] and "
             "[perturbator] exchanged?",
-        )  # fmt: skip
+        )

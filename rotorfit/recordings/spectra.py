@@ -80,9 +80,14 @@ def cascade(record: Signals, marks: Marks, plane: str, *, over: str | None = Non
         frequency, amplitude = full_spectrum(z.astype(complex), record.sample_rate)
         rows.append(amplitude if np.iscomplexobj(z) else 2 * amplitude)
     return Cascade(
-        plane=plane, over=places.over, position=places.position, frequency=frequency, amplitude=np.array(rows),
-        shaft=places.shaft, perturbation=places.perturbation,
-    )  # fmt: skip
+        plane=plane,
+        over=places.over,
+        position=places.position,
+        frequency=frequency,
+        amplitude=np.array(rows),
+        shaft=places.shaft,
+        perturbation=places.perturbation,
+    )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -88,12 +88,16 @@ def _verdict(campaign: Campaign) -> Html:
 def _trend_table(campaign: Campaign, trends: Sequence[Trend]) -> Html:
     rows = [
         [
-            symbol(t.parameter, campaign.model), t.against, t.group, str(t.x.size),
+            symbol(t.parameter, campaign.model),
+            t.against,
+            t.group,
+            str(t.x.size),
             plus_minus(t.slope.value, t.slope.stderr).replace("+-", "±") if np.isfinite(t.slope.value) else "–",
-            t.slope.unit.replace("1 per", "per"), f"{t.scatter:.2f}" if np.isfinite(t.scatter) else "–",
+            t.slope.unit.replace("1 per", "per"),
+            f"{t.scatter:.2f}" if np.isfinite(t.scatter) else "–",
         ]
         for t in trends
-    ]  # fmt: skip
+    ]
     return table(["parameter", "against", "group", "runs", "slope", "unit", "scatter"], rows, numeric=(3, 4, 6))
 
 

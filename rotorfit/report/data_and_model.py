@@ -80,9 +80,15 @@ def _experiment_row(test: Experiment) -> list[str]:
     span = f"{plain(float(w.min()), 5)} to {plain(float(w.max()), 5)} rpm" if w.size else ""
     forced = ", ".join(getattr(test, "forces", getattr(test, "force_planes", ())))
     return [
-        test.source or "data in memory", kind, str(len(test)), str(len(test.runs)), speeds_in_words(test.speed),
-        span, forced, measured,
-    ]  # fmt: skip
+        test.source or "data in memory",
+        kind,
+        str(len(test)),
+        str(len(test.runs)),
+        speeds_in_words(test.speed),
+        span,
+        forced,
+        measured,
+    ]
 
 
 def model_section(material: ReportInput) -> Html:
@@ -104,11 +110,12 @@ def model_section(material: ReportInput) -> Html:
     )
     content = [
         paragraph(
-            f"Model “{model.name}” with coordinates ", ", ".join(_coordinate_name(c) for c in model.coordinates),
+            f"Model “{model.name}” with coordinates ",
+            ", ".join(_coordinate_name(c) for c in model.coordinates),
             f"; A are the responses and F the forces ({frame}). Ω is the rotative speed.",
         ),
         _equation(general),
-    ]  # fmt: skip
+    ]
     if model.shaft is not None:
         content.append(paragraph("To the entries below the condensed dynamic stiffness of the known shaft is added."))
     law = model.options().get("law") if model.eccentricity_dependent else None
@@ -165,11 +172,15 @@ def refinement_section(material: ReportInput) -> Html:
         return Html("")
     rows = [
         [
-            structure_name(step.model), str(step.nvarys), plain(step.redchi, 4), f"{step.aic:.1f}",
-            _threshold_cell(step), "chosen" if step is ladder.best else "",
+            structure_name(step.model),
+            str(step.nvarys),
+            plain(step.redchi, 4),
+            f"{step.aic:.1f}",
+            _threshold_cell(step),
+            "chosen" if step is ladder.best else "",
         ]
         for step in ladder.rungs
-    ]  # fmt: skip
+    ]
     words = (
         "Structural blocks that a lumped model leaves out (coupling mass, gyroscopic, damping between and within, "
         "out-of-band modes) were tried whole, each beside those that paid. The rung of the lowest Akaike "

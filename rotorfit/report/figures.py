@@ -213,9 +213,11 @@ def _mode_rows(fit: FitResult, label: str, group: int) -> Iterator[list[str]]:
         for frequency, damping in fit.natural_frequencies(speed, at):
             shown = f"{speed * RPM_PER_RAD_S:.0f}" if fit.model.speed_dependent else "any"
             yield [
-                label, shown, *with_error(frequency.value * RPM_PER_RAD_S, frequency.stderr * RPM_PER_RAD_S),
+                label,
+                shown,
+                *with_error(frequency.value * RPM_PER_RAD_S, frequency.stderr * RPM_PER_RAD_S),
                 *with_error(damping.value, damping.stderr),
-            ]  # fmt: skip
+            ]
 
 
 def _profiles(material: ReportInput) -> Iterator[Html]:

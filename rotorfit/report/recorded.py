@@ -129,8 +129,13 @@ def _probe_rows(records: Sequence[Recording]) -> list[list[str]]:
         probe = next(p for p in holding[0].probes if p.channel == channel)
         each = [record.statistics[channel] for record in holding]
         low, high = min(s.low for s in each), max(s.high for s in each)
-        found.append([
-            channel, plane, f"{np.degrees(probe.angle or 0.0):.4g}",
-            f"{1e-3 * abs(float(probe.sensitivity or np.nan)):.4g}", f"{low:.3f} to {high:.3f}".replace("-", "−"),
-        ])  # fmt: skip
+        found.append(
+            [
+                channel,
+                plane,
+                f"{np.degrees(probe.angle or 0.0):.4g}",
+                f"{1e-3 * abs(float(probe.sensitivity or np.nan)):.4g}",
+                f"{low:.3f} to {high:.3f}".replace("-", "−"),
+            ]
+        )
     return found

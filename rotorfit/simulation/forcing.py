@@ -79,20 +79,31 @@ def perturbation(
         phasor = np.full(w.size, level) if unbalance is None else level * w**2
         unit = "N" if unbalance is None else "kg m"
         name = f"{plane}, {speed * RPM_PER_RAD_S:.6g} rpm, {abs(level):.4g} {unit}"
-        parts.append({
-            "run": np.where(w > 0, f"{name}, forward", f"{name}, backward"),
-            "plane": np.full(w.size, plane), "speed": np.full(w.size, speed), "frequency": w, "phasor": phasor,
-            "force": rig.model.force_vector(plane, w, phasor), "load": np.tile(constant, (w.size, 1)),
-            "decay": np.full(w.size, decay[speed]), "sweep": 2 * number + (w < 0),
-        })  # fmt: skip
+        parts.append(
+            {
+                "run": np.where(w > 0, f"{name}, forward", f"{name}, backward"),
+                "plane": np.full(w.size, plane),
+                "speed": np.full(w.size, speed),
+                "frequency": w,
+                "phasor": phasor,
+                "force": rig.model.force_vector(plane, w, phasor),
+                "load": np.tile(constant, (w.size, 1)),
+                "decay": np.full(w.size, decay[speed]),
+                "sweep": 2 * number + (w < 0),
+            }
+        )
     lines = _Lines(**{name: np.concatenate([part[name] for part in parts]) for name in parts[0]})
     return _test(rig, lines, _steady(rig, lines, order), off_centre=bool(load))
 
 
 def squeeze_film(
-    rig: VirtualRig, *, frequency_rpm: ArrayLike, force: complex | Sequence[complex] | None = None,
-    unbalance: complex | Sequence[complex] | None = None, planes: str | Sequence[str] | None = None,
-) -> PerturbationTest:  # fmt: skip
+    rig: VirtualRig,
+    *,
+    frequency_rpm: ArrayLike,
+    force: complex | Sequence[complex] | None = None,
+    unbalance: complex | Sequence[complex] | None = None,
+    planes: str | Sequence[str] | None = None,
+) -> PerturbationTest:
     """Squeeze film (Fig. 25): rotating forces on a rotor that does not turn.
 
     Args:
@@ -101,7 +112,7 @@ def squeeze_film(
     """
     return perturbation(
         rig, speed_rpm=0.0, frequency_rpm=frequency_rpm, force=force, unbalance=unbalance, planes=planes
-    )  # fmt: skip
+    )
 
 
 def synchronous(
@@ -131,19 +142,31 @@ def synchronous(
     for number, (plane, degrees) in enumerate(product(some_planes(model, planes), (0, 180))):
         weight = float(unbalance[plane] if isinstance(unbalance, Mapping) else unbalance)
         phasor = weight * np.exp(1j * np.radians(degrees)) * speed**2
-        parts.append({
-            "run": np.full(speed.size, f"{plane} {degrees} deg"), "plane": np.full(speed.size, plane), "speed": speed,
-            "frequency": speed, "phasor": phasor, "force": model.force_vector(plane, speed, phasor) + rest,
-            "load": np.zeros_like(rest), "decay": decay, "sweep": np.full(speed.size, 2 * number),
-        })  # fmt: skip
+        parts.append(
+            {
+                "run": np.full(speed.size, f"{plane} {degrees} deg"),
+                "plane": np.full(speed.size, plane),
+                "speed": speed,
+                "frequency": speed,
+                "phasor": phasor,
+                "force": model.force_vector(plane, speed, phasor) + rest,
+                "load": np.zeros_like(rest),
+                "decay": decay,
+                "sweep": np.full(speed.size, 2 * number),
+            }
+        )
     lines = _Lines(**{name: np.concatenate([part[name] for part in parts]) for name in parts[0]})
     return _test(rig, lines, _steady(rig, lines, "rest"), off_centre=False)
 
 
 def displacement(
-    rig: VirtualRig, *, speed_rpm: ArrayLike, frequency_rpm: ArrayLike, amplitude_um: ArrayLike,
+    rig: VirtualRig,
+    *,
+    speed_rpm: ArrayLike,
+    frequency_rpm: ArrayLike,
+    amplitude_um: ArrayLike,
     plane: str | None = None,
-) -> DisplacementTest:  # fmt: skip
+) -> DisplacementTest:
     """Constant circular displacement input (Figs 4, 16 and 17): an orbit is imposed, its force measured.
 
     Args:
@@ -176,10 +199,16 @@ def displacement(
     sigma = rig.sigma(x, np.column_stack([speed, radius]))
     names = [f"{v * RPM_PER_RAD_S:.6g} rpm, {a * 1e6:.4g} um" for v, a in zip(speed, radius, strict=True)]
     return DisplacementTest(
-        run=np.array(names), speed=speed, frequency=w, plane=np.full(w.size, rig.model.coordinates[at].plane),
-        displacement=radius.astype(complex), force_x=rig.noisy(x, sigma), force_y=rig.noisy(y, sigma),
-        sigma=rig.told(sigma), source="simulated",
-    )  # fmt: skip
+        run=np.array(names),
+        speed=speed,
+        frequency=w,
+        plane=np.full(w.size, rig.model.coordinates[at].plane),
+        displacement=radius.astype(complex),
+        force_x=rig.noisy(x, sigma),
+        force_y=rig.noisy(y, sigma),
+        sigma=rig.told(sigma),
+        source="simulated",
+    )
 
 
 # ---- integration and readings -------------------------------------------------------------------------------------
@@ -191,9 +220,14 @@ def _steady(rig: VirtualRig, lines: _Lines, order: LineOrder) -> Steady:
 
     def settle(part: Index, start: tuple[ComplexArray, ComplexArray] | None) -> Steady:
         return steady_state(
-            motion.select(part), frequency[part], lines.force[part], lines.decay[part], load=lines.load[part],
-            start=start, tolerance=rig.tolerance,
-        )  # fmt: skip
+            motion.select(part),
+            frequency[part],
+            lines.force[part],
+            lines.decay[part],
+            load=lines.load[part],
+            start=start,
+            tolerance=rig.tolerance,
+        )
 
     if order == "rest":
         return settle(np.arange(frequency.size), None)
@@ -221,11 +255,16 @@ def _test(rig: VirtualRig, lines: _Lines, steady: Steady, *, off_centre: bool) -
         for direction, exact in _probes(rig.model, coordinate.axis, lines.frequency, forward, backward):
             sigma = rig.sigma(exact, lines.sweep // 2)
             cells = {
-                "run": lines.run, "speed": lines.speed, "frequency": lines.frequency, "force_plane": lines.plane,
-                "force": lines.phasor, "plane": np.full(sigma.size, coordinate.plane),
-                "direction": np.full(sigma.size, direction), "response": rig.noisy(exact, sigma),
+                "run": lines.run,
+                "speed": lines.speed,
+                "frequency": lines.frequency,
+                "force_plane": lines.plane,
+                "force": lines.phasor,
+                "plane": np.full(sigma.size, coordinate.plane),
+                "direction": np.full(sigma.size, direction),
+                "response": rig.noisy(exact, sigma),
                 "sigma": rig.told(sigma),
-            }  # fmt: skip
+            }
             if off_centre:
                 rest = steady.mean[:, rig.seat]
                 cells |= {"static_x_um": rest.real * 1e6, "static_y_um": rest.imag * 1e6}

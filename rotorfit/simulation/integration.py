@@ -227,14 +227,22 @@ def integrate(
     begin = np.concatenate([z.ravel(), v.ravel()]).astype(complex)
     with np.errstate(all="ignore"):  # a trial step beyond the clearance gives NaN and is cut
         result = solve_ivp(
-            slope, span, begin, method="DOP853", t_eval=times, rtol=max(strict, 1e-13), atol=atol,
+            slope,
+            span,
+            begin,
+            method="DOP853",
+            t_eval=times,
+            rtol=max(strict, 1e-13),
+            atol=atol,
             max_step=0.25 * np.pi / fast.max(),  # least squares need some instants in each period
-        )  # fmt: skip
+        )
     states = result.y.T.reshape(-1, 2, count, n)
     path = Path(result.t, states[:, 0], states[:, 1])
     if not result.success or not np.isfinite(states).all():
-        raise IntegrationError(f"{motion.model.name}: the motion cannot be followed past {result.t[-1]:.4g} s: the "
-                               f"journal touches the wall or the motion grows without limit")  # fmt: skip
+        raise IntegrationError(
+            f"{motion.model.name}: the motion cannot be followed past {result.t[-1]:.4g} s: the "
+            f"journal touches the wall or the motion grows without limit"
+        )
     eccentricity = motion.eccentricity(path.z)
     if eccentricity.max(initial=0.0) >= 1.0:
         worst = int(np.argmax(eccentricity.max(axis=0)))

@@ -43,10 +43,13 @@ def static_load(
     return StaticTest(
         run=np.array([f"{speeds[i] * RPM_PER_RAD_S:.6g} rpm" for i, _, _ in cases]),
         speed=np.array([speeds[i] for i, _, _ in cases]),
-        load_plane=np.full(len(cases), acts), load=np.array([turned[k] for _, _, k in cases]),
-        plane=np.array([rig.model.coordinates[c].plane for _, c, _ in cases]), displacement=rig.noisy(exact, sigma),
-        sigma=rig.told(sigma), source="simulated",
-    )  # fmt: skip
+        load_plane=np.full(len(cases), acts),
+        load=np.array([turned[k] for _, _, k in cases]),
+        plane=np.array([rig.model.coordinates[c].plane for _, c, _ in cases]),
+        displacement=rig.noisy(exact, sigma),
+        sigma=rig.told(sigma),
+        source="simulated",
+    )
 
 
 def rest_under(rig: VirtualRig, speed: float, loads: ComplexArray, plane: str | None) -> ComplexArray:
@@ -108,15 +111,25 @@ def impulse(
             columns[name].append(values)
     speed_of, instant, x, y = (np.concatenate(parts) for parts in columns.values())
     return RingDownTest(
-        run=np.array(runs), speed=speed_of, time=instant, x=x, y=y, eccentricity=np.full(len(runs), np.nan),
+        run=np.array(runs),
+        speed=speed_of,
+        time=instant,
+        x=x,
+        y=y,
+        eccentricity=np.full(len(runs), np.nan),
         source="simulated",
-    )  # fmt: skip
+    )
 
 
 def _record(
-    rig: VirtualRig, speed: float, load: ComplexArray, rest: ComplexArray, blow: ComplexArray,
-    duration: float | None, sampling_hz: float | None,
-) -> tuple[Float, ComplexArray]:  # fmt: skip
+    rig: VirtualRig,
+    speed: float,
+    load: ComplexArray,
+    rest: ComplexArray,
+    blow: ComplexArray,
+    duration: float | None,
+    sampling_hz: float | None,
+) -> tuple[Float, ComplexArray]:
     motion = rig.motion(np.array([speed]))
     s = off_centre_eigenvalues(rig.model, rig.theta, speed, float(motion.eccentricity(rest[None])[0]))
     slowest, fastest = -float(s.real.max()), float(np.abs(s.imag).max())
@@ -126,7 +139,14 @@ def _record(
     v = np.asarray(np.linalg.solve(motion.mass[0], blow), dtype=complex)
     size = float(np.abs(v).max()) / max(fastest, slowest)
     path = integrate(
-        motion, lambda _: load[None], rest[None], v[None], (0.0, float(time[-1])), size=size,
-        rate=max(fastest, slowest), times=time, tolerance=rig.tolerance,
-    )  # fmt: skip
+        motion,
+        lambda _: load[None],
+        rest[None],
+        v[None],
+        (0.0, float(time[-1])),
+        size=size,
+        rate=max(fastest, slowest),
+        times=time,
+        tolerance=rig.tolerance,
+    )
     return time, path.z[:, 0, rig.seat]

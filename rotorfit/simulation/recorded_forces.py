@@ -109,10 +109,13 @@ def _perturbed(
         shaft=rig.shaft(time, rpm * RPM),
         perturbator=turning.angle(time) + mark,
         attributes={
-            "force_plane": plane, "whirl": direction, "mr_kg_m": unbalance, "speed_rpm": rpm,
+            "force_plane": plane,
+            "whirl": direction,
+            "mr_kg_m": unbalance,
+            "speed_rpm": rpm,
             "heavy_spot_deg_ahead_of_mark": float(np.degrees(spot)),
         },
-    )  # fmt: skip
+    )
 
 
 def synchronous(

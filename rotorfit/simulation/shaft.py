@@ -168,9 +168,15 @@ def shaft_motion(
     fast = max(abs(motor.first), abs(motor.last), np.sqrt(values["K"] / values["M"]), values.get("nu_t", 0.0), 1.0)
     small = 1e-6 * tolerance * np.array([1.0, 1.0, fast, fast, 1.0, fast])
     found = solve_ivp(
-        slope, (instants[0], instants[-1]), begin, method="DOP853", t_eval=instants, rtol=max(tolerance, 1e-13),
-        atol=small, max_step=0.5 / fast,
-    )  # fmt: skip
+        slope,
+        (instants[0], instants[-1]),
+        begin,
+        method="DOP853",
+        t_eval=instants,
+        rtol=max(tolerance, 1e-13),
+        atol=small,
+        max_step=0.5 / fast,
+    )
     if not found.success or not np.isfinite(found.y).all():
         raise RuntimeError(
             f"{model.name}: the motion cannot be followed past {found.t[-1]:.4g} s; it grows without limit"

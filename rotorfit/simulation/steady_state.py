@@ -99,9 +99,15 @@ def rest_position(motion: Motion, load: ComplexArray, decay: Float, *, tolerance
 
 
 def _settle(
-    motion: Motion, w: Float, force: ComplexArray, load: ComplexArray, decay: Float,
-    z: ComplexArray, v: ComplexArray, tolerance: float,
-) -> Steady:  # fmt: skip
+    motion: Motion,
+    w: Float,
+    force: ComplexArray,
+    load: ComplexArray,
+    decay: Float,
+    z: ComplexArray,
+    v: ComplexArray,
+    tolerance: float,
+) -> Steady:
     result = {name: np.zeros_like(force) for name in Steady._fields}
     window = max(2 * np.pi / np.abs(w).min(), _DECAYS / decay.min())
     size = _typical(motion, w, force, load) if motion.imposed is None else np.abs(z).max(axis=1)
@@ -118,9 +124,7 @@ def _settle(
             return np.asarray(drive * np.exp(1j * omega * t)[:, None] + constant)
 
         span = (time, time + window)
-        path = integrate(
-            motion.select(left), push, z, v, span, size=size[left], rate=rate[left], tolerance=tolerance
-        )  # fmt: skip
+        path = integrate(motion.select(left), push, z, v, span, size=size[left], rate=rate[left], tolerance=tolerance)
         mean, forward, backward = _phasors(path, omega)
         z, v, time = path.z[-1], path.v[-1], span[1]
         # Within a window a transient shrinks by exp(-3): what has changed is nearly all that is left of it.

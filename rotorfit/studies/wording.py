@@ -11,12 +11,14 @@ _SPOKEN = (
     (r"give it, read\(path, speed=\.\.\.\) in rad/s", "give it, --speed RPM"),
     (r"free a default with known=\{name: None\}", "free a default with --known NAME=free"),
     (r"use rf\.fit\(model, experiments\)", "use `rotorfit fit`"),
-    (r"sample a refined fit instead, rf\.refine\(fit\)\.best\.sample\(\).*?\(rf\.refine\(fit\)\.steps\)",
-     "sample a refined fit instead, --refine"),
+    (
+        r"sample a refined fit instead, rf\.refine\(fit\)\.best\.sample\(\).*?\(rf\.refine\(fit\)\.steps\)",
+        "sample a refined fit instead, --refine",
+    ),
     (r"Fit rf\.models\.Modal\(.*?modes=(\d+)\) \(--model modal\)", r"Fit --model modal --modes \1"),
     (r",? or (?:use )?rf\.read_recording(?:\([^)]*\))?", ""),
     (r"\(?\baxes, (--axes(?: yz)?)\)?", r"\1"),
-)  # fmt: skip
+)
 """What a message says in Python, as a pattern, and with options."""
 
 

@@ -168,9 +168,20 @@ def residuals_of(problem: Problem, x: Float) -> Residuals | None:
         J, prior = J[:, kept], prior[kept]
     free = sum(kind != "run_fluid" for kind in kinds)
     return Residuals(
-        r=r, J=J, prior=prior, y=y, sigma=sigma, told=all(block.told for block in blocks if block is not None),
-        channels=channels, runs=runs, rows=rows, kinds=kinds, Z=Z, free=free, kept=kept,
-    )  # fmt: skip
+        r=r,
+        J=J,
+        prior=prior,
+        y=y,
+        sigma=sigma,
+        told=all(block.told for block in blocks if block is not None),
+        channels=channels,
+        runs=runs,
+        rows=rows,
+        kinds=kinds,
+        Z=Z,
+        free=free,
+        kept=kept,
+    )
 
 
 def channels_of(problem: Problem) -> tuple[list[Index], ...]:
@@ -371,9 +382,17 @@ def search_noise(data: Residuals, *, forced: Sequence[int] = ()) -> Search:
     if both.any():
         freedom[both > 0] = _model(data, other).part(np.flatnonzero(both).tolist()).freedom(both[both > 0])
     return Search(
-        data=data, verdict=verdict, memory=remembered, shapes=shapes, sigma=other, variance=variance, perhaps=perhaps,
-        freedom=freedom, solved=found.solved, weight=found.weight,
-    )  # fmt: skip
+        data=data,
+        verdict=verdict,
+        memory=remembered,
+        shapes=shapes,
+        sigma=other,
+        variance=variance,
+        perhaps=perhaps,
+        freedom=freedom,
+        solved=found.solved,
+        weight=found.weight,
+    )
 
 
 def _between_runs(data: Residuals, forced: Sequence[int]) -> tuple[Float, Float]:

@@ -9,10 +9,20 @@ from rotorfit.models.parameters import unknown_name
 from rotorfit.recordings.formats.raw_file import RawFile
 
 FORMATS = {
-    ".h5": "hdf5", ".hdf5": "hdf5", ".hdf": "hdf5", ".tdms": "tdms", ".mat": "matlab", ".wav": "wav",
-    ".uff": "universal", ".unv": "universal", ".uf58": "universal", ".csv": "text", ".txt": "text", ".tsv": "text",
+    ".h5": "hdf5",
+    ".hdf5": "hdf5",
+    ".hdf": "hdf5",
+    ".tdms": "tdms",
+    ".mat": "matlab",
+    ".wav": "wav",
+    ".uff": "universal",
+    ".unv": "universal",
+    ".uf58": "universal",
+    ".csv": "text",
+    ".txt": "text",
+    ".tsv": "text",
     ".parquet": "parquet",
-}  # fmt: skip
+}
 """Module by suffix."""
 
 ALWAYS_RAW = (".h5", ".hdf5", ".hdf", ".tdms", ".wav", ".parquet")

@@ -168,10 +168,12 @@ def _say_lost(record: Recording, lost: int, count: int, seconds: float, report: 
     if lost:
         report(
             Finding(
-                "note", "lines-at-orders", f"{record.name}: {lost} of {count} lines left out: closer to "
+                "note",
+                "lines-at-orders",
+                f"{record.name}: {lost} of {count} lines left out: closer to "
                 f"an order of the shaft than {seconds:.3g} s can separate.",
             )
-        )  # fmt: skip
+        )
 
 
 def _drive(record: Recording) -> AngleTrack:
@@ -207,10 +209,12 @@ def _start_ups(records: Sequence[Recording], groups: int, report: Report) -> Per
     if not differenced:
         report(
             Finding(
-                "warning", "not-differenced", f"{', '.join(r.name for r in records)}: no second run with the weight "
+                "warning",
+                "not-differenced",
+                f"{', '.join(r.name for r in records)}: no second run with the weight "
                 "elsewhere or taken off, so residual unbalance, bow and run-out are in the response.",
             )
-        )  # fmt: skip
+        )
     drives = [np.array([weight, 1.0]) if differenced else np.array([weight]) for weight in weights]
     spectra = [r.spectra(drive, r.orders(2)) for r, drive in zip(reduced, drives, strict=True)]
     low = max(r.band[0] for r in reduced)

@@ -213,13 +213,17 @@ def _datum_finding(records: Sequence[Recording]) -> Finding:
     unmarked = [r.name for r in records if r.rig.perturbator is not None and r.rig.perturbator.channel is None]
     if len(unmarked) > 1:
         return Finding(
-            "error", "phase-datum", f"{listed(unmarked)} have no mark of the perturbator: the phases of each count "
+            "error",
+            "phase-datum",
+            f"{listed(unmarked)} have no mark of the perturbator: the phases of each count "
             "from a datum of its own that nothing tells, so that a fit cannot take them together. Give it a mark.",
-        )  # fmt: skip
+        )
     return Finding(
-        "note", "phase-datum", "the angle between weight and mark is not known; fit with "
+        "note",
+        "phase-datum",
+        "the angle between weight and mark is not known; fit with "
         'phase_offsets="common" (--phase-offsets common), one angle for all runs.',
-    )  # fmt: skip
+    )
 
 
 def _reduced(job: _Job, tell: Callable[[str], None] = lambda stage: None) -> Reduced:

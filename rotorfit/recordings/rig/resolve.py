@@ -265,9 +265,15 @@ def _force(
             raise ValueError(f"{raw.name}: the measured force needs its {lacking} in [force]")
         nan = math.nan
         return Force(
-            plane=force.plane, mr=nan, angle=0.0, datum_known=True, whirl=force.whirl or 1, reference="",
-            channels=channels, sensitivity=force.sensitivity,
-        )  # fmt: skip
+            plane=force.plane,
+            mr=nan,
+            angle=0.0,
+            datum_known=True,
+            whirl=force.whirl or 1,
+            reference="",
+            channels=channels,
+            sensitivity=force.sensitivity,
+        )
     if force.mr is None:
         return None
     if perturbator is not None and force.whirl is None:
@@ -279,9 +285,13 @@ def _force(
     angle = force.angle if force.angle is not None else force.hole_angle
     marked = perturbator is None or perturbator.channel is not None
     return Force(
-        plane=plane, mr=force.mr, angle=angle or 0.0, datum_known=(force.angle is not None or force.mr == 0) and marked,
-        whirl=force.whirl or 1, reference="shaft" if perturbator is None else "perturbator",
-    )  # fmt: skip
+        plane=plane,
+        mr=force.mr,
+        angle=angle or 0.0,
+        datum_known=(force.angle is not None or force.mr == 0) and marked,
+        whirl=force.whirl or 1,
+        reference="shaft" if perturbator is None else "perturbator",
+    )
 
 
 def _load(raw: RawFile, load: LoadSetup | None, planes: tuple[str, ...], rotation: int) -> Load | None:

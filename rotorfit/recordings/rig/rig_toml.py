@@ -29,9 +29,14 @@ from rotorfit.recordings.rig.setup import (
 from rotorfit.units import RAD_S_PER_RPM, UNITS
 
 SENSITIVITIES = {
-    "V_per_m": 1.0, "V_per_mm": 1e3, "V_per_um": 1e6, "V_per_mil": 1 / 25.4e-6, "mV_per_um": 1e3,
-    "mV_per_mm": 1.0, "mV_per_mil": 1e-3 / 25.4e-6,
-}  # fmt: skip
+    "V_per_m": 1.0,
+    "V_per_mm": 1e3,
+    "V_per_um": 1e6,
+    "V_per_mil": 1 / 25.4e-6,
+    "mV_per_um": 1e3,
+    "mV_per_mm": 1.0,
+    "mV_per_mil": 1e-3 / 25.4e-6,
+}
 """Factor to V/m by unit of a probe's sensitivity."""
 _FORCE_SENSITIVITIES = {"V_per_N": 1.0, "mV_per_N": 1e-3, "V_per_lbf": 1 / 4.4482216152605}
 _EDGES = ("falling", "rising")
