@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
 
@@ -24,6 +24,10 @@ if TYPE_CHECKING:
     from rotorfit.models.shaft import KnownStiffness, SeenShaft
 
 Matrix = Complex | Sequence[Sequence[Number]]
+Symbolic = tuple[ca.SX, ca.SX, ca.SX, list[Complex], list[Complex]]
+
+_KEPT = 64
+"""Models of which graphs and compiled functions are kept."""
 
 
 @dataclass(frozen=True)
@@ -144,20 +148,9 @@ class RotorModel(ABC):
     # ---- the equation of motion as compiled functions -------------------------------------------------------------
 
     @cached_property
-    def symbolic(self) -> tuple[ca.SX, ca.SX, ca.SX, list[Complex], list[Complex]]:
+    def symbolic(self) -> Symbolic:
         """The symbols (parameters, speed, eccentricity), the coefficient matrices and the probe factors."""
-        theta = ca.SX.sym("theta", len(self.parameters))
-        speed, eccentricity = ca.SX.sym("speed"), ca.SX.sym("eccentricity")
-        p = SimpleNamespace(**{name: theta[i] for i, name in enumerate(self.parameter_names)})
-        matrices = [m if isinstance(m, Complex) else Complex.matrix(m) for m in self.equation(p, speed, eccentricity)]
-        size = len(self.coordinates)
-        for power, matrix in enumerate(matrices):
-            if matrix.shape != (size, size):
-                raise ValueError(
-                    f"{self.name}: coefficient of s^{power} has shape {matrix.shape}, "
-                    f"but {size} coordinates need ({size}, {size})"
-                )
-        return theta, speed, eccentricity, matrices, [Complex.of(f) for f in self.probe_factors(p)]
+        return _symbolic(self)
 
     @property
     def order(self) -> int:
@@ -181,14 +174,12 @@ class RotorModel(ABC):
     @cached_property
     def functions(self) -> CompiledModel:
         """The compiled coefficient functions."""
-        return CompiledModel(self)
+        return _compiled(self)
 
     @cached_property
     def onset_equations(self) -> OnsetEquations:
         """The equations of an eigenvalue on the imaginary axis."""
-        theta, speed, eccentricity, matrices, _ = self.symbolic
-        centred = [Complex(*(ca.substitute(part, eccentricity, 0) for part in (m.re, m.im))) for m in matrices]
-        return OnsetEquations(theta, speed, centred)
+        return _onset_equations(self)
 
     def coefficients(self, theta: ArrayLike, speed: ArrayLike, eccentricity: ArrayLike = 0.0) -> ComplexArray:
         """Coefficient matrices of the equation of motion.
@@ -348,6 +339,30 @@ class RotorModel(ABC):
         cached = [n for kind in type(self).__mro__ for n, v in vars(kind).items() if isinstance(v, cached_property)]
         return {name: value for name, value in self.__dict__.items() if name not in cached}
 
+    @cached_property
+    def _told_by(self) -> Hashable:
+        """What tells this model from others, for all that was compiled of a model serves every model that is the same.
+
+        Class and attributes of a model of this package. The equation of any other may draw on more than that, and
+        arrays cannot be told apart quickly: such a model is the same as itself only.
+        """
+        whole = type(self), *self.__getstate__().items()
+        try:
+            hash(whole)
+        except TypeError:
+            return object()
+        return whole if self.__module__.partition(".")[0] == _PACKAGE and _is_ours(whole[1:]) else object()
+
+    @cached_property
+    def _hash(self) -> int:
+        return hash(self._told_by)
+
+    def __eq__(self, other: object) -> bool:
+        return self is other or (isinstance(other, RotorModel) and self._told_by == other._told_by)
+
+    def __hash__(self) -> int:
+        return self._hash
+
     def __iter__(self) -> Iterator[Parameter]:
         return iter(self.parameters)
 
@@ -362,6 +377,44 @@ class RotorModel(ABC):
             default = "" if q.default is None else f"  known = {q.default:g} unless freed"
             rows.append(["", q.name, q.unit, f"{q.meaning}{limits}{default}"])
         return "\n".join([f"{self.name}: planes {', '.join(self.planes)}", *text_table(rows, "<0 <7 <7 <1")])
+
+
+_PACKAGE = __name__.partition(".")[0]
+
+
+def _is_ours(value: object) -> bool:
+    """Whether a value is plain, or of a class of this package, or holds nothing else."""
+    if isinstance(value, tuple):
+        return all(map(_is_ours, value))
+    return type(value).__module__.partition(".")[0] in ("builtins", _PACKAGE)
+
+
+@lru_cache(maxsize=_KEPT)
+def _symbolic(model: RotorModel) -> Symbolic:
+    theta = ca.SX.sym("theta", len(model.parameters))
+    speed, eccentricity = ca.SX.sym("speed"), ca.SX.sym("eccentricity")
+    p = SimpleNamespace(**{name: theta[i] for i, name in enumerate(model.parameter_names)})
+    matrices = [m if isinstance(m, Complex) else Complex.matrix(m) for m in model.equation(p, speed, eccentricity)]
+    size = len(model.coordinates)
+    for power, matrix in enumerate(matrices):
+        if matrix.shape != (size, size):
+            raise ValueError(
+                f"{model.name}: coefficient of s^{power} has shape {matrix.shape}, "
+                f"but {size} coordinates need ({size}, {size})"
+            )
+    return theta, speed, eccentricity, matrices, [Complex.of(f) for f in model.probe_factors(p)]
+
+
+@lru_cache(maxsize=_KEPT)
+def _compiled(model: RotorModel) -> CompiledModel:
+    return CompiledModel(model)
+
+
+@lru_cache(maxsize=_KEPT)
+def _onset_equations(model: RotorModel) -> OnsetEquations:
+    theta, speed, eccentricity, matrices, _ = model.symbolic
+    centred = [Complex(*(ca.substitute(part, eccentricity, 0) for part in (m.re, m.im))) for m in matrices]
+    return OnsetEquations(theta, speed, centred)
 
 
 def _last(values: Float) -> Float:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import pickle
 
 import casadi as ca
 import numpy as np
@@ -420,6 +421,32 @@ def test_a_model_of_ones_own_fits_from_its_own_closed_form():
     for name, expected in truth.items():
         assert fit.params[name].value == pytest.approx(expected, rel=1e-8)
     assert fit.threshold_speed().value == pytest.approx(np.sqrt(3e4 / 2) / 0.45, rel=1e-6)
+
+
+def test_models_that_are_the_same_share_what_was_compiled():
+    made = [
+        lambda: WhirlWhip(blocks=("coupling_mass",), law=rf.models.Muszynska(), clearance_um=150.0),
+        lambda: rf.models.Orthotropic(rf.models.Chain(2, fluid="mass-2"), at=("mass-1",)),
+    ]
+    for make in made:
+        assert make() == make()
+        assert len({make(), make()}) == 1
+        assert make().functions is make().functions
+        assert pickle.loads(pickle.dumps(make())) == make()
+    others = [
+        WhirlWhip(), WhirlWhip(("a", "b")), WhirlWhip(blocks=("coupling_mass",)), WhirlWhip(two_lam=True), OneMode(),
+        *(WhirlWhip(law=rf.models.Muszynska(), clearance_um=size) for size in (150.0, 160.0)),
+        WhirlWhip(law=rf.models.EvenPolynomial(1), clearance_um=150.0), made[0](), made[1](),
+    ]  # fmt: skip
+    assert len({id(model.functions) for model in others}) == len(set(others)) == len(others)
+
+
+def test_what_is_not_all_in_the_attributes_of_a_model_is_its_own():
+    """An equation written elsewhere may draw on anything, and matrices are not compared."""
+    shaft = [rf.models.KnownStructure(np.eye(2), None, None, np.eye(2) * 1e5, planes={"journal": 0}) for _ in range(2)]
+    for one, other in ((Disk(), Disk()), shaft, [rf.models.Orthotropic(Disk(), at=("disk",)) for _ in range(2)]):
+        assert {one, other} != {one}
+        assert one.functions is not other.functions
 
 
 def test_errors_name_what_is_wrong_and_what_is_allowed():

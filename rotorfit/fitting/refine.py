@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -126,7 +125,7 @@ def _climb(fit: FitResult, *, may_leave_open: bool) -> tuple[FitResult, list[Fit
     steps, best = [fit], fit
 
     def try_with(blocks: Iterable[str]) -> FitResult:
-        step = refit(best, _with_blocks(best.model, check_blocks(tuple(blocks))))
+        step = refit(best, best.model.variant(blocks=check_blocks(tuple(blocks))))
         hidden = _hidden(step)
         step = refit(best, step.model, priors=hidden) if hidden else step
         steps.append(step)
@@ -140,12 +139,6 @@ def _climb(fit: FitResult, *, may_leave_open: bool) -> tuple[FitResult, list[Fit
     if not any(step.model.blocks == BLOCKS for step in steps):  # type: ignore[attr-defined]
         best = try_with(BLOCKS)  # and those that only pay together
     return best, steps
-
-
-@lru_cache(maxsize=64)
-def _with_blocks(model: RotorModel, blocks: tuple[str, ...]) -> RotorModel:
-    """The model with these blocks, made once: to write its equations and compile them takes as long as to fit it."""
-    return model.variant(blocks=blocks)
 
 
 def _hidden(step: FitResult) -> dict[str, Any]:
