@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sys
 import warnings
 from dataclasses import replace
@@ -69,6 +70,54 @@ def test_points_and_commas_in_one_column_are_refused(tmp_path):
         rf.read(path)
 
 
+@pytest.mark.parametrize(
+    ("separator", "decimal", "speed", "words"),
+    [
+        (";", ".", "1,500", "'1,500' may be 1500 or 1.500"),
+        (",", ".", '"1,500"', "'1,500' may be 1500 or 1.500"),
+        (";", ",", "1.500", "'1.500' may be 1500 or 1.500"),
+        ("\t", ",", "1.500", "'1.500' may be 1500 or 1.500"),
+    ],
+)
+def test_marks_between_thousands_are_refused(tmp_path, separator, decimal, speed, words):
+    rows = [line.split(",") for line in example("perturbation").splitlines() if not line.startswith("#")]
+    for row in rows[1:]:
+        row[:] = [cell.replace(".", decimal) for cell in row]
+        row[1] = speed
+    path = tmp_path / "lab.csv"
+    path.write_text("\n".join(separator.join(row) for row in rows) + "\n")
+    with pytest.raises(ValueError, match=f"line 2, column 'speed_rpm': {re.escape(words)}"):
+        rf.read(path)
+
+
+def test_a_row_of_units_is_refused(tmp_path):
+    header, *rows = [line for line in example("perturbation").splitlines() if not line.startswith("#")]
+    path = tmp_path / "lab.csv"
+    path.write_text("\n".join([header, "-,[rpm],[rpm],-,[N],[deg],-,-,[mil],[deg],[degC]", *rows]) + "\n")
+    with pytest.raises(ValueError, match=r"line 2 has no numbers, but '\[rpm\]'.* ends with its own"):
+        rf.read(path)
+
+
+@pytest.mark.parametrize(("column", "mark"), [("amplitude_um", "9999"), ("phase_deg", "-999.0"), ("phase_deg", "999")])
+def test_marks_of_instruments_for_no_reading_are_refused(tmp_path, column, mark):
+    header, *rows = [line.split(",") for line in example("perturbation").splitlines() if not line.startswith("#")]
+    at = header.index(column)
+    path = tmp_path / "lab.csv"
+
+    def write():
+        path.write_text("\n".join(",".join(row) for row in [header, *rows]) + "\n")
+
+    rows[3][at] = mark
+    write()
+    with pytest.raises(ValueError, match=f"line 5, column '{column}': {mark} is far from all others"):
+        rf.read(path)
+    for shift, row in enumerate(rows):  # phases that were never wrapped, and amplitudes that are as large
+        row[at] = str(float(mark) - 5 * (shift - 3))
+    rows[3][at] = mark
+    write()
+    assert len(rf.read(path)) == len(rows)
+
+
 # ---- Excel ----------------------------------------------------------------------------------------------------------
 
 
@@ -119,8 +168,16 @@ def test_rows_of_a_sheet_are_named_as_the_sheet_counts_them(tmp_path, tidy):
 def test_what_is_no_workbook_says_so(tmp_path):
     path = tmp_path / "lab.xlsx"
     path.write_text("run,speed_rpm\n")
-    with pytest.raises(ValueError, match="not a readable Excel file"):
+    with pytest.raises(ValueError, match=r"not a readable Excel file: it is no workbook; a text file is named .csv"):
         rf.read(path)
+    (tmp_path / "lab.csv").write_bytes(workbook(tmp_path / "book.xlsx", "a,b\n1,2\n").read_bytes())
+    with pytest.raises(ValueError, match=r"lab.csv is no text but a workbook, as Excel writes them: name it .xlsx"):
+        rf.read(tmp_path / "lab.csv")
+    (tmp_path / "old.csv").write_bytes(bytes.fromhex("d0cf11e0a1b11ae1") + bytes(500))
+    with pytest.raises(ValueError, match=r"old kind, .xls; save it as .xlsx"):
+        rf.read(tmp_path / "old.csv")
+    with pytest.raises(ValueError, match=r"unknown suffix '.xls', did you mean '.xlsx'"):
+        rf.read(tmp_path / "old.xls")
     with pytest.raises(ValueError, match="sheet is an option of Excel files"):
         rf.read(rf.datasets.path("rig_open.csv"), sheet="a")
 

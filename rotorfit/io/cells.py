@@ -21,6 +21,10 @@ _MARKS = (
 """Bytes at the beginning of a file that tell its encoding."""
 _COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?|[+-]?\d+,")
 _POINT = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
+_THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2}[.,]\d{3}")
+NOT_TAKEN = ("", "nan", "n/a", "na", "-", "--")
+"""How a reading that was not taken is written."""
+_ARCHIVE, _OLD_EXCEL = b"PK\x03\x04", b"\xd0\xcf\x11\xe0"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -67,8 +71,60 @@ def read_cells(path: Path, sheet: str | None = None) -> Cells | None:
             size = max((i + 1 for i, cell in enumerate(row) if cell), default=0) if len(row) > width else len(row)
             raise ValueError(f"{path.name}: line {line} has {size} cells, the header has {width} columns")
     rows = [row[:width] for _, row in kept]
+    if kept:
+        _refuse_units(path.name, kept[:4])
+    _refuse_thousands(path.name, header, [line for line, _ in kept], list(zip(*rows, strict=True)))
     columns = [_pointed(list(column), path.name, name) for column, name in zip(zip(*rows, strict=True), header)]  # noqa: B905 - the header may have empty names at its end
     return Cells(header=header[:width], rows=list(zip(*columns, strict=True)), lines=[line for line, _ in kept])
+
+
+def _refuse_units(source: str, first: Sequence[tuple[int, Sequence[str]]]) -> None:
+    """Refuse a first row without a number in any of the columns that hold numbers in the rows below it."""
+    (line, row), *below = first
+    numeric = [i for i in range(len(row)) if below and all(_is_number(other[i]) for _, other in below)]
+    told = [row[i] for i in numeric if row[i]]
+    if len(told) > 1 and not any(_is_number(cell) or cell.lower() in NOT_TAKEN for cell in told):
+        raise ValueError(
+            f"{source}: line {line} has no numbers, but {', '.join(map(repr, told[:4]))}. If these are units, the name "
+            "of each column ends with its own (amplitude_um, frequency_hz): rename the columns and remove the line"
+        )
+
+
+def _refuse_thousands(
+    source: str, header: Sequence[str], lines: Sequence[int], columns: Sequence[Sequence[str]]
+) -> None:
+    """Refuse numbers such as 1,000 in a table with decimal points, and 1.000 in one with decimal commas."""
+    for mark, other in ((",", "."), (".", ",")):
+        found = {i: next((k for k, cell in enumerate(cells) if mark in cell), None) for i, cells in enumerate(columns)}
+        doubtful = [i for i, k in found.items() if k is not None and _only_thousands(columns[i], mark)]
+        if not doubtful:
+            continue
+        decimal = next(
+            ((i, cell) for i, cells in enumerate(columns) for cell in cells if _is_decimal(cell, other)), None
+        )
+        if decimal:
+            at, row = doubtful[0], found[doubtful[0]] or 0
+            cell = columns[at][row]
+            raise ValueError(
+                f"{source}: line {lines[row]}, column {header[at]!r}: {cell!r} may be {cell.replace(mark, '')} or "
+                f"{cell.replace(mark, '.')}; column {header[decimal[0]]!r} writes decimals as in {decimal[1]!r}. Write "
+                "all numbers in one way, without marks between thousands"
+            )
+
+
+def _only_thousands(cells: Sequence[str], mark: str) -> bool:
+    """Whether a column holds numbers, and all with the mark may be whole ones with a mark between thousands."""
+    return all(
+        _THOUSANDS.fullmatch(cell) if mark in cell else not cell or cell.lstrip("+-").isdigit() for cell in cells
+    )
+
+
+def _is_decimal(cell: str, mark: str) -> bool:
+    return mark in cell and _is_number(cell) and not _THOUSANDS.fullmatch(cell)
+
+
+def _is_number(cell: str) -> bool:
+    return bool(_POINT.fullmatch(cell) or _COMMA.fullmatch(cell))
 
 
 def marked_encoding(raw: bytes) -> str:
@@ -93,6 +149,8 @@ def decoded(path: Path) -> str:
         ValueError: it is not such text.
     """
     raw = path.read_bytes()
+    if raw.startswith((_ARCHIVE, _OLD_EXCEL)):
+        raise ValueError(f"{path.name} is no text but a workbook, as Excel writes them: {_workbook_advice(raw)}")
     encoding = marked_encoding(raw)
     try:
         return raw.decode(encoding or "utf-8")
@@ -105,6 +163,12 @@ def decoded(path: Path) -> str:
         raise ValueError(
             f"{path.name} is neither UTF-8 nor Windows-1252 text (byte {error.start}); save it as CSV UTF-8"
         ) from error
+
+
+def _workbook_advice(raw: bytes) -> str:
+    if raw.startswith(_OLD_EXCEL):
+        return "it is of the old kind, .xls; save it as .xlsx, or as CSV"
+    return "name it .xlsx, or save it as CSV"
 
 
 def _text_rows(path: Path) -> Iterator[tuple[int, list[str]]]:
@@ -135,7 +199,15 @@ def _sheet(path: Path, sheet: str | None) -> Iterator[tuple[int, list[str]]]:
     try:
         book = load_workbook(path, read_only=True, data_only=True)
     except (BadZipFile, InvalidFileException, KeyError) as reason:
-        raise ValueError(f"{path.name} is not a readable Excel file: {reason}") from reason
+        head = path.read_bytes()[:4]
+        advice = (
+            str(reason)
+            if head == _ARCHIVE
+            else _workbook_advice(head)
+            if head == _OLD_EXCEL
+            else "it is no workbook; a text file is named .csv or .txt"
+        )
+        raise ValueError(f"{path.name} is not a readable Excel file: {advice}") from reason
     try:
         if sheet is not None and sheet not in book.sheetnames:
             raise ValueError(f"{path.name}: {unknown_name('sheet', sheet, book.sheetnames)}")

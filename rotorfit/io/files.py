@@ -254,8 +254,9 @@ def _format(path: str | Path) -> str:
         )
     if suffix in EXCEL:
         return "csv"
+    allowed = (*SUFFIXES, *EXCEL)
     if suffix not in SUFFIXES and Path(path).is_dir():
-        raise ValueError(f"{path} is a folder; name a file in it, with one of the suffixes {', '.join(SUFFIXES)}")
+        raise ValueError(f"{path} is a folder; name a file in it, with one of the suffixes {', '.join(allowed)}")
     if suffix not in SUFFIXES:
-        raise ValueError(f"{Path(path).name}: {unknown_name('suffix', suffix, SUFFIXES)}")
+        raise ValueError(f"{Path(path).name}: {unknown_name('suffix', suffix, allowed)}")
     return SUFFIXES[suffix]

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from rotorfit.data.findings import Finding
-from rotorfit.io.csv_table import MOTION, Table
+from rotorfit.io.cells import NOT_TAKEN
+from rotorfit.io.csv_table import MOTION, Table, floats
 from rotorfit.units import RPM_PER_RAD_S, UNITS
 
-_EMPTY = ("", "nan", "n/a", "na", "-", "--")
-"""How a reading that was not taken is written."""
+_MARK = re.compile(r"[+-]?9{3,5}(\.(0+|9+))?")
+"""What instruments write where they have no reading: 999, -999, 9999.9, ..."""
+_BEYOND = 10.0  # times the largest other amplitude
+_TURN = 360.0  # degrees from every other phase
 
 
 def without_empty(table: Table) -> tuple[Table, list[Finding]]:
@@ -22,13 +26,17 @@ def without_empty(table: Table) -> tuple[Table, list[Finding]]:
 
     Args:
         table: as it was read.
+
+    Raises:
+        ValueError: a reading is a mark of instruments for none, such as -999.
     """
+    _refuse_marks(table)
     lengths = [list(table.find(prefix, MOTION)) for prefix in ("amplitude", "real", "imag")]
     needed = [names for names in (*lengths, list(table.find("phase", UNITS["phase"]))) if names]
     if not needed:
         return table, []
     lacking = (
-        any(all(table.cells[name][row].lower() in _EMPTY for name in names) for names in needed)
+        any(all(table.cells[name][row].lower() in NOT_TAKEN for name in names) for names in needed)
         for row in range(len(table.lines))
     )
     empty = np.array(list(lacking))
@@ -42,6 +50,23 @@ def without_empty(table: Table) -> tuple[Table, list[Finding]]:
         f"(line{'s' * (len(distinct) > 1)} {where})"
     )
     return _kept(table, np.flatnonzero(~empty).tolist()), [Finding("note", "empty", words)]
+
+
+def _refuse_marks(table: Table) -> None:
+    """Refuse 999 and its like where no other amplitude, or no other phase, comes near."""
+    amplitudes = [name for prefix in ("amplitude", "real", "imag") for name in table.find(prefix, MOTION)]
+    for name in (*amplitudes, *table.find("phase", UNITS["phase"])):
+        cells = table.cells[name]
+        marked = [row for row, cell in enumerate(cells) if _MARK.fullmatch(cell)]
+        values = floats([cell for cell in cells if not _MARK.fullmatch(cell) and cell.lower() not in NOT_TAKEN])
+        if not marked or values is None or not values.size:
+            continue
+        mark = float(cells[marked[0]])
+        if abs(mark) > _BEYOND * np.abs(values).max() if name in amplitudes else np.abs(values - mark).min() > _TURN:
+            raise ValueError(
+                f"{table.where(marked[0], name)}: {cells[marked[0]]} is far from all others ({len(marked)} such "
+                "cells in the column). If instruments write it where there is no reading, leave the cells blank"
+            )
 
 
 def _kept(table: Table, rows: Sequence[int]) -> Table:
