@@ -29,6 +29,13 @@ def ring_down_modes(test: RingDownTest, *, modes: int = 1) -> ImpulseTest:
     Raises:
         ValueError: unequal sampling, a record that is too short or has too few modes, or a strongest mode that is the
             turning of the shaft.
+
+    Example:
+        >>> rotor = rf.models.OneMode()
+        >>> truth = {"M": 2.0, "K": 1e5, "Ds": 50.0, "K0": 2e4, "D": 800.0, "lam": 0.45, "Mf": 1.0}
+        >>> records = rf.simulate(rotor, truth, "impulse", speed_rpm=[1500, 3000], impulse=0.01)
+        >>> [f"{mode:.0f} rad/s" for mode in rf.ring_down_modes(records).frequency]
+        ['167 rad/s', '196 rad/s']
     """
     rows: list[tuple[int, Decay, int]] = []
     for run in test.runs:

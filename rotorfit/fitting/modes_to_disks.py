@@ -30,6 +30,12 @@ def two_disk_from_modes(fit: FitResult) -> dict[str, Quantity]:
 
     Raises:
         ValueError: another model, or modes of one shape.
+
+    Example:
+        >>> modes = rf.models.Modal(("inboard", "outboard"), modes=2, gains="plane")
+        >>> disks = rf.two_disk_from_modes(rf.fit(modes, rf.datasets.two_disk()))
+        >>> f"{disks['M1'].value:.2f} {disks['M1'].unit}"
+        '0.73 kg'
     """
     model = fit.model
     if not isinstance(model, Modal) or model.modes != 2 or len(model.planes) != 2 or model.apart:

@@ -347,6 +347,14 @@ def one_lam_test(fit: FitResult, *, level: float = 0.01) -> OneLamTest:
 
     Raises:
         ValueError: the model has no single lam, or the data do not determine both ratios.
+
+    Example:
+        >>> rotor, bench = rf.models.OneMode(), {"M": 2.0, "K": 1e5, "Ds": 50.0}
+        >>> truth = {**bench, "K0": 2e4, "D": 800.0, "lam": 0.45, "Mf": 1.0}
+        >>> rpm = [-4000, -3000, -2000, -1000, 1000, 2000, 3000, 4000]
+        >>> test = rf.simulate(rotor, truth, speed_rpm=[1500, 3000], frequency_rpm=rpm, force=1.0, noise=0.01, seed=1)
+        >>> rf.one_lam_test(rf.fit(rotor, test, known=bench)).rejected
+        False
     """
     from scipy.stats import chi2
 

@@ -15,15 +15,14 @@ RATIO = "dK/K"
 def dated_anisotropy(fit: FitResult, date: str = "") -> DatedValues:
     """dK/K of a fit, or dK where there is no one K, as a value to follow: a crack that propagates makes it grow.
 
+    ``rf.trend([rf.dated_anisotropy(fit, date) for fit, date in zip(fits, dates)])`` says whether it did.
+
     Args:
         fit: of a model with the parameters dK_cos and dK_sin, such as :class:`rotorfit.models.AnisotropicShaft`.
         date: ISO 8601; by default the attribute ``date`` of the test, and empty without one.
 
     Raises:
         ValueError: a model without turning anisotropy, a test that does not determine it, or tests of several dates.
-
-    Example:
-        rf.trend([rf.dated_anisotropy(fit, date) for fit, date in zip(fits, dates)])
     """
     sources = [experiment.source for experiment in fit.experiments if experiment.source]
     where = ", ".join(sources) or "the fit"

@@ -83,6 +83,14 @@ def observed_stiffness(
 
     Raises:
         ValueError: not a synchronous test, or nothing forced in the range of speeds.
+
+    Example:
+        >>> for found in rf.observed_stiffness(rf.datasets.two_disk(), speed_rpm=(250, 1500)):
+        ...     print(found.force_plane, found.plane, f"{1e-3 * found.observed['K'][0]:.0f} N/mm")
+        inboard inboard 38 N/mm
+        inboard outboard 44 N/mm
+        outboard inboard 44 N/mm
+        outboard outboard 40 N/mm
     """
     where = test.source or "the test"
     if not test.synchronous:

@@ -40,6 +40,11 @@ def write_campaign_report(
     Raises:
         KeyError, ValueError: as :meth:`Campaign.trends`.
         OSError: the file cannot be written.
+
+    Example:
+        >>> found = rf.campaign(rf.models.WhirlWhip(), rig, split="speed_rpm", known={"K3": 6000.0})
+        >>> rf.write_campaign_report(found, folder / "campaign.html").name
+        'campaign.html'
     """
     sections = [_verdict(campaign)]
     if against is not None:

@@ -148,6 +148,16 @@ def sample_models(fits: Sequence[FitResult], **options: Unpack[SamplerKeywords])
     Raises:
         ValueError: no fits, fits of different data, or an option that does not go with several models.
         TypeError: a keyword that is none of these.
+
+    Example:
+        >>> rotor, bench = rf.models.OneMode(), {"M": 2.0, "K": 1e5, "Ds": 50.0}
+        >>> truth = {**bench, "K0": 2e4, "D": 800.0, "lam": 0.45, "Mf": 1.0}
+        >>> rpm = [-4000, -3000, -2000, -1000, 1000, 2000, 3000, 4000]
+        >>> test = rf.simulate(rotor, truth, speed_rpm=[1500, 3000], frequency_rpm=rpm, force=1.0, noise=0.01, seed=1)
+        >>> fits = [rf.fit(model, test, known=bench) for model in (rotor, rf.models.OneMode(two_lam=True))]
+        >>> average = rf.sample_models(fits, seed=1, walkers=32, ess=100)
+        >>> average.posteriors[0].fit.model is rotor
+        True
     """
     given: Mapping[str, object] = options
     check_keywords("sample_models", given.keys() - {"checkpoint", "refine"}, SamplerKeywords)

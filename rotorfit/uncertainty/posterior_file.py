@@ -163,6 +163,13 @@ def load_posterior(path: str | os.PathLike[str], fit: FitResult) -> Posterior:
     Raises:
         FileNotFoundError: no such file.
         ValueError: not such a file, or the posterior of another fit.
+
+    Example:
+        >>> posterior = rf.sample(fit, seed=1, walkers=32, ess=100)
+        >>> posterior.save(folder / "posterior.nc")
+        >>> again = rf.load_posterior(folder / "posterior.nc", fit)
+        >>> again.interval("lam") == posterior.interval("lam")
+        True
     """
     import xarray as xr
 

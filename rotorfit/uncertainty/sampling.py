@@ -72,6 +72,11 @@ def sample(
     Raises:
         ValueError: a closed-form result or a fit that did not converge, an unknown noise treatment or one that the loss
             rules out, a posterior without limits in some direction, too few walkers, a checkpoint of another run.
+
+    Example:
+        >>> posterior = rf.sample(fit, seed=1, walkers=32, ess=100)
+        >>> posterior.converged
+        True
     """
     structure = ""
     if refine:

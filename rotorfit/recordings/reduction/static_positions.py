@@ -57,6 +57,15 @@ def static_positions(
 
     Raises:
         ValueError: a recording without load, gap voltages or a second probe, or nothing to count positions from.
+
+    Example:
+        >>> rotor = rf.models.WhirlWhip()
+        >>> truth = {"Md": 1.0, "Ds": 3.0, "K1": 13e3, "K2": 15e3, "sigma": 1.0, "K3": 6e3, "Mb": 0.3}
+        >>> truth |= {"K0": 3e3, "D": 450.0, "lam": 0.47, "Mf": 0.35}
+        >>> files = rf.simulate_recordings(rotor, truth, folder, "static-load", load=[4.0, 8.0], duration=2.0)
+        >>> test = rf.static_positions([rf.read_recording(file) for file in files])
+        >>> [f"{1e6 * abs(z):.0f} um" for z in test.displacement[test.plane == "journal"]]
+        ['111 um', '222 um']
     """
     listed = list(records) if isinstance(records, Sequence) else [records]
     if not listed:
