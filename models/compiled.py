@@ -116,7 +116,7 @@ def array_function(function: ca.Function) -> Callable[[Sequence[Float]], Float]:
         a function of a sequence of scalars or arrays, one for each input nonzero, that broadcast to a common shape
         ``S``; it returns the output nonzeros as an array of shape ``(n_outputs, *S)``.
     """
-    namespace: dict[str, object] = {"np": np}
+    namespace: dict[str, object] = {"np": np, "inf": np.inf, "nan": np.nan}  # as constants are written
     exec(compile(_python_source(function), f"<casadi {function.name()}>", "exec"), namespace)
     kernel = namespace["kernel"]
     size = sum(function.nnz_out(i) for i in range(function.n_out()))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import lru_cache
 
 import casadi as ca
@@ -26,6 +26,7 @@ class Journal:
         model: the rotor.
         at: number of the coordinate b.
         clearance: m.
+        inertia_changes: whether the mass there depends on the eccentricity.
     """
 
     def __init__(self, model: RotorModel) -> None:
@@ -44,7 +45,9 @@ class Journal:
         # F = C0(|z|/c) z has the derivative C0 + coupling (1 + exp(2 j phi) conj) by z, phi being the direction of z.
         coupling = ca.densify(slope[:2] * eccentricity / 2)
         inputs = ca.vertcat(theta, speed, eccentricity)
-        self._coefficient_change = array_function(ca.Function("change", [inputs], [ca.cse(change)]))
+        self.inertia_changes = bool(ca.depends_on(change[4:], eccentricity))
+        self._change_graph = ca.Function("change", [inputs], [ca.cse(change)])
+        self._coefficient_change = array_function(self._change_graph)
         self._coupling = array_function(ca.Function("coupling", [inputs], [coupling]))
         by_theta = ca.densify(ca.jacobian(coupling, theta))
         self._coupling_jacobian = array_function(ca.Function("coupling_jacobian", [inputs], [by_theta]))
@@ -88,11 +91,24 @@ class Journal:
             it answers with shape ``(order + 1, ...)``.
         """
         rotors = arguments(theta, speed)
+        if all(np.ndim(value) == 0 for value in rotors):
+            of_one = _change_of_one(self, tuple(map(float, rotors)))
+            return lambda eccentricity: complex_pairs(of_one([np.asarray(eccentricity, dtype=float)[()]]))
 
         def change(eccentricity: Float) -> ComplexArray:
             return complex_pairs(self._coefficient_change([*rotors, np.asarray(eccentricity, dtype=float)[()]]))
 
         return change
+
+    def change_graph(self, rotor: Sequence[float]) -> ca.Function:
+        """What :meth:`change_of` evaluates for one rotor: real and imaginary parts by the eccentricity alone.
+
+        Args:
+            rotor: parameters in SI units, and the speed, rad/s.
+        """
+        eccentricity = ca.SX.sym("eccentricity")
+        parts = self._change_graph(ca.vertcat(*rotor, eccentricity))
+        return ca.Function("change", [eccentricity], [ca.cse(ca.densify(parts))])
 
     def coupling(self, theta: ArrayLike, speed: ArrayLike, eccentricity: ArrayLike) -> ComplexArray:
         """Half the eccentricity times the slope of the static stiffness, N/m.
@@ -116,6 +132,12 @@ class Journal:
         """
         flat = self._coupling_jacobian(arguments(theta, speed, eccentricity))
         return np.asarray(flat[0::2] + 1j * flat[1::2])
+
+
+@lru_cache(maxsize=64)
+def _change_of_one(seat: Journal, rotor: tuple[float, ...]) -> Callable[[Sequence[Float]], Float]:
+    """One rotor is integrated over thousands of instants: what its values alone decide is worked out once."""
+    return array_function(seat.change_graph(rotor))
 
 
 @lru_cache(maxsize=64)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import BSpline
 
 import rotorfit as rf
+from rotorfit.models.journal import journal
 from rotorfit.models.laws import LAWS, Law, i_spline
 
 GRID = np.linspace(0.0, 0.99, 397)
@@ -107,6 +108,16 @@ def test_the_slope_in_eccentricity_is_exact_and_continuous(name: str) -> None:
     # across a knot the slope changes by no more than its own slope times the step
     knots = np.array([0.35, 0.65])
     np.testing.assert_allclose(slope(knots + 1e-9) / scale, slope(knots - 1e-9) / scale, atol=1e-6)
+
+
+@pytest.mark.parametrize("name", ["muszynska", "even", "spline", "two planes"])
+def test_what_changes_of_one_rotor_and_of_many_is_what_its_coefficients_change_by(name: str) -> None:
+    model, theta = rig(name)
+    seat, eps = journal(model), np.array([0.0, 0.3, 0.9])
+    expected = (model.coefficients(theta, 120.0, eps) - model.coefficients(theta, 120.0))[:, :, seat.at, seat.at].T
+    size = np.abs(model.coefficients(theta, 120.0, eps)).max()
+    for vectors, speed in ((theta, 120.0), (np.tile(theta, (3, 1)), np.full(3, 120.0))):
+        np.testing.assert_allclose(seat.change_of(vectors, speed)(eps), expected, rtol=1e-12, atol=1e-14 * size)
 
 
 def test_zero_exponents_and_factors_are_the_linear_fluid() -> None:

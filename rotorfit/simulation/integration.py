@@ -87,8 +87,8 @@ class Motion:
 
     @cached_property
     def _own_acceleration(self) -> ComplexArray:
-        """Acceleration of the centred rotor by its displacement and velocity, shape ``(L, n, 2n)``."""
-        return np.asarray(-self._inverse_mass @ self._passive)
+        """Acceleration of the centred rotor by its displacement and velocity, the free rows of ``(L, n, 2n)``."""
+        return np.asarray(-self._inverse_mass @ self._passive[:, self._free])
 
     @cached_property
     def _free(self) -> Index:
@@ -141,24 +141,27 @@ class Motion:
             v: velocities, m/s, likewise.
             force: N, likewise; the entry of an imposed coordinate is its acceleration.
         """
-        if self._journal is None and self.imposed is None:
-            moved = self._inverse_mass @ force[:, :, None]
-            moved += self._own_acceleration @ np.concatenate([z, v], axis=1)[:, :, None]
-            return np.asarray(moved[:, :, 0])
-        internal, inertia = self._internal(z, v)
-        free, given = self._free, self.imposed
-        drive = force - internal
-        a = np.zeros_like(z)
-        if given is not None:
-            a[:, given] = force[:, given]
-            drive = drive - self.mass[:, :, given] * a[:, [given]]
-        a[:, free] = (self._inverse_mass @ drive[:, free, None])[:, :, 0]
-        if self._journal is not None and self._journal.at in free and inertia.any():
+        seat, free, given = self._journal, self._free, self.imposed
+        inertia: ComplexArray | None = None
+        if seat is not None:
+            change = self._change(self.eccentricity(z))
+            force = force.copy()
+            if seat.at != given:
+                force[:, seat.at] -= change[0] * z[:, seat.at] + change[1] * v[:, seat.at]
+                inertia = change[2] if seat.inertia_changes else None
+        a = (self._own_acceleration @ np.concatenate([z, v], axis=1)[:, :, None])[:, :, 0]
+        if given is None:
+            a += (self._inverse_mass @ force[:, :, None])[:, :, 0]
+        else:
+            drive = force[:, free] - self.mass[:, free, given] * force[:, [given]]
+            own, a = a, force.copy()
+            a[:, free] = own + (self._inverse_mass @ drive[:, :, None])[:, :, 0]
+        if seat is not None and inertia is not None:
             # Only the entry (b, b) of the mass matrix changes: a rank-one change of its inverse.
-            at, place = self._journal.at, int(np.flatnonzero(free == self._journal.at)[0])
+            at, place = seat.at, int(np.flatnonzero(free == seat.at)[0])
             gain = inertia * a[:, at] / (1.0 + inertia * self._inverse_mass[:, place, place])
             a[:, free] -= self._inverse_mass[:, :, place] * gain[:, None]
-        return a
+        return np.asarray(a)
 
     def force(self, z: ComplexArray, v: ComplexArray, a: ComplexArray) -> ComplexArray:
         """Force that a motion needs at an instant, N, shape ``(L, n)``.
@@ -216,8 +219,9 @@ def integrate(
 
     def slope(time: float, state: ComplexArray) -> ComplexArray:
         position, velocity = state.reshape(2, count, n)
-        a = motion.acceleration(position, velocity, force(time))
-        return np.concatenate([velocity.ravel(), a.ravel()])
+        change = np.empty((2, count, n), dtype=complex)
+        change[0], change[1] = velocity, motion.acceleration(position, velocity, force(time))
+        return change.ravel()
 
     # The error norm is a mean over all states: one line of many must not hide behind the others.
     strict = tolerance / np.sqrt(2 * count * n)
