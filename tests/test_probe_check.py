@@ -53,6 +53,20 @@ def test_an_angle_between_the_probes_is_told_from_a_gain(rig: PerturbationTest) 
     assert "The probes at disk are 100.0 degrees apart instead of 90" in found[0].message
 
 
+@pytest.mark.parametrize(("direction", "delay"), [("y", 8e-4), ("x", 1.2e-3)])
+def test_a_channel_that_comes_late_is_named_with_its_delay(rig: PerturbationTest, direction: str, delay: float) -> None:
+    late = (rig.plane == "journal") & (rig.direction == direction)
+    turn = np.exp(-1j * np.abs(rig.frequency) * delay)
+    wrong = replace(rig, response=np.where(late, rig.response * turn, rig.response))
+    (found,) = only(wrong, "probe-delay")
+    assert f"The {direction} probe at journal is " in found.message
+    said = float(found.message.split(f"delays, journal.{direction} = ")[1].split()[0])
+    assert said == pytest.approx(delay, rel=0.02)
+    right = rf.data.probes.correct_channels(wrong, {}, {("journal", direction): said})
+    assert not only(right, "probe-delay")
+    assert not {f.code for f in rf.check(wrong)} & {"probe-gain", "anisotropy"}
+
+
 @pytest.mark.parametrize(
     ("slip", "words"),
     [
@@ -88,7 +102,7 @@ def test_clean_rigs_are_left_alone(name: str) -> None:
     """Isotropic ones without a word on their probes, anisotropic ones with a note that says what it may be."""
     for seed in range(25):
         codes = {finding.code for finding in rf.check(clean_test(name, 1000 + seed))}
-        assert not codes & {"probe-gain", "probe-angle", "wrong-direction"}, (name, seed)
+        assert not codes & {"probe-gain", "probe-delay", "probe-angle", "wrong-direction"}, (name, seed)
         assert name == "anisotropic" or "anisotropy" not in codes, (name, seed)
 
 

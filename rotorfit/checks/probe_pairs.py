@@ -1,8 +1,8 @@
 """What x and y of a pair of probes give away together: a wrong gain or delay of one, and anisotropy beyond the noise.
 
 On an isotropic rotor y follows x by 90 degrees in the direction of the force, ``Y = -j X`` forward and ``Y = +j X``
-backward, at every frequency. A wrong gain multiplies one side by one number; anisotropy, whose shares change across
-resonances, does not.
+backward, at every frequency. A wrong gain multiplies one side by one number, a delay turns it in proportion to the
+frequency; anisotropy, whose shares change across resonances, does neither.
 """
 
 from __future__ import annotations
@@ -31,9 +31,12 @@ SMALLEST_GAIN = 0.03
 DYNAMIC = 6.0
 """Ratio of largest to smallest response across a band in which anisotropy could not look like a constant gain."""
 
+_PHASE_STEP = 0.2
+"""Phase between neighbouring tried delays at the end of the band, rad; at most half a turn is looked for."""
+
 
 def uneven_probes(orbits: Orbits) -> Iterator[Finding]:
-    """Planes where x and y differ by more than their noise: by one factor, or as on an anisotropic rotor.
+    """Planes where x and y differ by more than their noise: by one factor, a delay, or as on an anisotropic rotor.
 
     Args:
         orbits: readings of a test.
@@ -45,8 +48,11 @@ def uneven_probes(orbits: Orbits) -> Iterator[Finding]:
     for plane, pair in told.items():
         if pair.even:
             continue
-        if pair.constant and abs(pair.ratio - 1) >= SMALLEST_GAIN and (pair.dynamic or good):
+        sure = pair.dynamic or good
+        if pair.constant and abs(pair.ratio - 1) >= SMALLEST_GAIN and sure:
             yield _gain(plane, pair)
+        elif pair.delay and sure:
+            yield _late(plane, pair)
         elif not pair.constant or abs(pair.ratio - 1) >= SMALLEST_GAIN:
             uneven.append(plane)
     if uneven:
@@ -76,6 +82,8 @@ class _Pair:
         constant: by one factor at all frequencies, to within the noise.
         ratio: that factor, forward, complex; 1 for a perfect pair.
         mirrored: whether the factor of backward orbits is its conjugate, a mounting angle, rather than the same.
+        delay: time by which y comes late, s, where that explains what no factor does; else zero.
+        highest: highest frequency, rad/s.
         share: part of the response's power against the force, %.
         dynamic: the band holds enough dynamics to tell a gain from an anisotropic stiffness.
         rows: rows of the test.
@@ -85,6 +93,8 @@ class _Pair:
     constant: bool
     ratio: complex
     mirrored: bool
+    delay: float
+    highest: float
     share: float
     dynamic: bool
     rows: tuple[int, ...]
@@ -102,7 +112,7 @@ def _pair(orbits: Orbits, at: Index) -> _Pair | None:
     expected = np.where(backward, 1j, -1j) * orbits.x[at]
     seen = orbits.y[at]
     if _plainly_even(orbits, at, expected, seen):
-        return _Pair(True, False, 1.0, False, 100 * share, False, ())
+        return _Pair(True, False, 1.0, False, 0.0, 0.0, 100 * share, False, ())
     noise = _noise(orbits, at)
     known = np.isfinite(noise).all(axis=1)
     at, noise, backward = at[known], noise[known], backward[known]
@@ -123,11 +133,15 @@ def _pair(orbits: Orbits, at: Index) -> _Pair | None:
     size = np.abs(orbits.right[at] / orbits.force[at])
     clear = size[np.abs(orbits.x[at]) > 10 * noise[:, 0]]
     certain = abs(ratio - 1) > ESTABLISHED * error
+    w = np.abs(orbits.frequency[at])
+    by_delay = constant >= AGREES**2 and even >= AGREES**2
     return _Pair(
         even=even < AGREES**2 and not (certain and constant < AGREES**2 and abs(ratio - 1) >= SMALLEST_GAIN),
         constant=constant < AGREES**2 and certain,
         ratio=ratio,
         mirrored=mirrored,
+        delay=_delay(w, expected, seen, noise) if by_delay else 0.0,
+        highest=float(w.max()),
         share=100 * share,
         dynamic=clear.size >= ENOUGH and bool(clear.max() > DYNAMIC * clear.min()),
         rows=orbits.rows_of(at),
@@ -193,6 +207,38 @@ def _ratio(expected: ComplexArray, seen: ComplexArray, noise: Float) -> tuple[co
             return 1.0 + 0j, np.inf
         ratio = complex(np.sum(weight * expected.conj() * seen) / power)
     return ratio, float(np.sqrt(2 / power))
+
+
+def _delay(w: Float, expected: ComplexArray, seen: ComplexArray, noise: Float) -> float:
+    """Time by which the readings seen are late, s; zero where no delay explains them."""
+    product = seen * expected.conj() / np.sum(noise**2, axis=1)
+
+    def together(delays: Float) -> Float:
+        return np.asarray(np.real(np.exp(1j * np.multiply.outer(delays, w)) @ product))
+
+    step = _PHASE_STEP / w.max()
+    tried = step * np.arange(-np.ceil(np.pi / _PHASE_STEP), np.ceil(np.pi / _PHASE_STEP) + 1)
+    best = float(tried[np.argmax(together(tried))])
+    for _ in range(3):  # each ten times as fine
+        step /= 10
+        near = best + step * np.arange(-10, 11)
+        best = float(near[np.argmax(together(near))])
+    late = expected * np.exp(-1j * w * best)
+    ratio, _ = _ratio(late, seen, noise)
+    return best if _misfit(late, seen, noise, ratio) < AGREES**2 else 0.0
+
+
+def _late(plane: str, pair: _Pair) -> Finding:
+    late, early = ("y", "x") if pair.delay > 0 else ("x", "y")
+    lag = np.degrees(pair.highest * abs(pair.delay))
+    text = (
+        f"The {late} probe at {plane} is {abs(pair.delay):.3g} s late against the {early} probe: it lags in proportion "
+        f"to the frequency, by {lag:.2g} degrees at the highest, as no rotor does. Half of that is in every response "
+        f"there, and in the damping and lam that follow from it. Find out which probe is wrong: if {early} is right, "
+        f"delays, {plane}.{late} = {abs(pair.delay):.3g} s; if {late} is right, {plane}.{early} = "
+        f"-{abs(pair.delay):.3g} s."
+    )
+    return Finding("warning", "probe-delay", text, pair.rows)
 
 
 def _gain(plane: str, pair: _Pair) -> Finding:
