@@ -41,6 +41,33 @@ def test_a_dead_channel_is_named(tmp_path: Path) -> None:
     assert "channel disk_X is dead" in codes(tmp_path, channels)["channel-dead"]
 
 
+def test_a_channel_that_stops_for_a_while_is_named_and_left_out(tmp_path: Path) -> None:
+    channels = volts(8.0)
+    begin, end = round(3.0 * RATE), round(6.2 * RATE)
+    stopped = channels["disk_Y"].copy()
+    stopped[begin:end] = stopped[begin]
+    found = codes(tmp_path, {**channels, "disk_Y": stopped})
+    assert set(found) == {"channel-stops"}
+    (low, high) = found["channel-stops"].split(" on one count from ")[1].split(" s, and")[0].split(" to ")
+    assert float(low) == pytest.approx(3.0, abs=0.05)
+    assert float(high) == pytest.approx(6.2, abs=0.05)
+    record = rf.read_recording(write_hdf5(tmp_path / "run.h5", {**channels, "disk_Y": stopped}, ATTRIBUTES))
+    said = []
+    test = rf.responses([record], on_finding=said.append)
+    assert any("disk_Y left out: dead, interrupted or clipped" in finding.message for finding in said)
+    assert not ((test.plane == "disk") & (test.direction == "y")).any()
+
+
+def test_a_coarse_card_that_sees_nothing_for_a_while_does_not_stop(tmp_path: Path) -> None:
+    """Steps of an eighth of a volt, in a file of finer counts, swallow the motion at first."""
+    channels = volts(8.0, noise=0.0)
+    growing = np.linspace(0.0, 1.0, channels["disk_Y"].size)
+    for name in ("disk_X", "disk_Y"):
+        rest = channels[name] - channels[name].mean()
+        channels[name] = np.round((channels[name].mean() + rest * growing) * 8) / 8
+    assert "channel-stops" not in codes(tmp_path, channels)
+
+
 def test_ac_coupling_and_range_are_said(tmp_path: Path) -> None:
     channels = volts()
     found = codes(tmp_path, {**channels, "disk_X": channels["disk_X"] + 10.0, "disk_Y": channels["disk_Y"] + 10.0})

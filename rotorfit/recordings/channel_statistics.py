@@ -1,15 +1,25 @@
-"""What one pass over a channel tells: mean, range and scatter of its voltage, and how often it stays at an extreme."""
+"""What one pass over a channel tells: mean, range and scatter of its voltage, how often it stays at an extreme, and for
+how long it stands still."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rotorfit.models.array_types import Bool
+from rotorfit.models.array_types import Bool, Float, Index
 from rotorfit.recordings.signals import Signals
+
+_WINDOW, _FEWEST = 0.05, 32
+"""Length of the windows in which a channel is looked at, s, and the samples they have at least."""
+
+_STRETCH = 4
+"""Windows in a row that a channel stands still for, from which no chance is left."""
+
+_NOISY = 3.0
+"""Deviation within the windows beside such a stretch, counts, from which no motion that dies down led there."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -22,6 +32,7 @@ class ChannelStatistics:
             signal enters with a jump.
         step: smallest difference between samples, V: one count.
         at_low, at_high: share of the samples at the extremes.
+        still: from when to when, s, the channel stays on one count though it carries noise elsewhere.
     """
 
     mean: float
@@ -33,6 +44,7 @@ class ChannelStatistics:
     step: float
     at_low: float
     at_high: float
+    still: tuple[tuple[float, float], ...]
 
     @property
     def clipped(self) -> bool:
@@ -57,10 +69,12 @@ def statistics(record: Signals, name: str) -> ChannelStatistics:
     total = squares = 0.0
     step = 1.0 if integers else np.inf  # in counts, or in what the file stores
     bottom, top = _Extreme(highest=False), _Extreme(highest=True)
+    windows = _Windows(length=max(_FEWEST, round(_WINDOW * record.sample_rate)))
     for piece in record.stored_pieces(name):
         values = piece.astype(float)
         total += float(values.sum())
         squares += float(values @ values)
+        windows.see(values)
         if not np.isfinite(step):
             differences = np.abs(np.diff(values[:4096]))
             step = float(differences[differences > 0].min(initial=np.inf))
@@ -79,7 +93,51 @@ def statistics(record: Signals, name: str) -> ChannelStatistics:
         step=step * abs(factor) if np.isfinite(step) else 0.0,
         at_low=bottom.samples / record.size,
         at_high=top.samples / record.size,
+        still=tuple((low / record.sample_rate, high / record.sample_rate) for low, high in windows.still()),
     )
+
+
+@dataclass(kw_only=True)
+class _Windows:
+    """How far a channel moves within each whole window of its pieces.
+
+    Attributes:
+        length: samples of a window.
+        seen: samples so far.
+        begin, moves: first sample, and standard deviation, of the windows of each piece.
+        step: smallest change between samples: a card may have fewer bits than the file.
+    """
+
+    length: int
+    seen: int = 0
+    begin: list[Index] = field(default_factory=list)
+    moves: list[Float] = field(default_factory=list)
+    step: float = np.inf
+
+    def see(self, values: Float) -> None:
+        windows = values[: values.size // self.length * self.length].reshape(-1, self.length)
+        mean = windows.mean(axis=1)
+        square = np.einsum("ij,ij->i", windows, windows) / self.length
+        self.moves.append(np.sqrt(np.maximum(square - mean**2, 0.0)))
+        self.begin.append(self.seen + self.length * np.arange(len(windows)))
+        self.seen += values.size
+        changes = np.abs(np.diff(values))
+        self.step = min(self.step, float(changes.min(where=changes > 0, initial=np.inf)))
+
+    def still(self) -> list[tuple[int, int]]:
+        """Stretches on one count, samples from and to, that the channel enters or leaves with all its noise."""
+        begin, moves = np.concatenate(self.begin), np.concatenate(self.moves)
+        still = moves <= 0.6 * self.step  # to and fro between two neighbouring counts has 0.5
+        if not np.isfinite(self.step) or not still.any():
+            return []
+        edges = np.flatnonzero(np.diff(np.concatenate([[False], still, [False]]).astype(np.int8)))
+        found = []
+        for low, high in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
+            # The window that holds the end of the stretch is passed over.
+            beside = [*moves[max(low - 2, 0) : max(low - 1, 0)].tolist(), *moves[high + 1 : high + 2].tolist()]
+            if high - low >= _STRETCH and beside and min(beside) >= _NOISY * self.step:
+                found.append((int(begin[low]), int(begin[high - 1]) + self.length))
+        return found
 
 
 @dataclass(kw_only=True)

@@ -33,7 +33,7 @@ _MOSTLY = 4.0
 
 
 def probe_findings(record: Signals, found: Mapping[str, ChannelStatistics]) -> Iterator[Finding]:
-    """Clipped, dead, AC-coupled and out-of-range probes.
+    """Clipped, dead, interrupted, AC-coupled and out-of-range probes.
 
     Args:
         record: the recording.
@@ -51,6 +51,14 @@ def probe_findings(record: Signals, found: Mapping[str, ChannelStatistics]) -> I
                 f"others by up to {largest * 1e3:.3g} mV. Leave its plane out or repair the probe.",
             )
             continue
+        if each.still:
+            when = listed([f"{low:.2f} to {high:.2f} s" for low, high in each.still])
+            yield Finding(
+                "error",
+                "channel-stops",
+                f"{where} stays on one count from {when}, and carries noise before or after: a loose cable, or samples "
+                "that were lost. Measure again, cut these times out of the file, or leave the probe out.",
+            )
         if each.clipped:
             share = (each.at_low if each.flat_low >= 3 else 0.0) + (each.at_high if each.flat_high >= 3 else 0.0)
             limit = " and ".join(
@@ -102,13 +110,13 @@ def _dead(each: ChannelStatistics, largest: float) -> bool:
 
 
 def spoiled(found: Mapping[str, ChannelStatistics]) -> tuple[str, ...]:
-    """Channels of probes that are dead or clipped, so that no response can be had of them.
+    """Channels of probes that are dead, interrupted or clipped, so that no response can be had of them.
 
     Args:
         found: statistics of the probes' channels.
     """
     largest = max((each.deviation for each in found.values()), default=0.0)
-    return tuple(name for name, each in found.items() if each.clipped or _dead(each, largest))
+    return tuple(name for name, each in found.items() if each.clipped or each.still or _dead(each, largest))
 
 
 def _out_of_range(probe: Probe, each: ChannelStatistics, where: str) -> Iterator[Finding]:

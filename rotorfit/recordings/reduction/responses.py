@@ -238,14 +238,18 @@ def _reduced(job: _Job, tell: Callable[[str], None] = lambda stage: None) -> Red
 
 
 def _usable(record: Recording, report: Report) -> Recording:
-    """The recording without probes that are dead or clipped."""
+    """The recording without probes that are dead, interrupted or clipped."""
     lost = spoiled(record.statistics)
     if not lost:
         return record
     kept = tuple(probe for probe in record.probes if probe.channel not in lost)
     if not kept:
-        raise ValueError(f"{record.name}: all probes are dead or clipped: {', '.join(lost)}")
-    report(Finding("warning", "probe-left-out", f"{record.name}: {', '.join(lost)} left out: dead or clipped."))
+        raise ValueError(f"{record.name}: all probes are dead, interrupted or clipped: {', '.join(lost)}")
+    report(
+        Finding(
+            "warning", "probe-left-out", f"{record.name}: {', '.join(lost)} left out: dead, interrupted or clipped."
+        )
+    )
     return replace(record, rig=replace(record.rig, probes=kept))
 
 
