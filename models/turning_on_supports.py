@@ -41,8 +41,9 @@ LINES: dict[str, Line] = {
 class TurningOnSupports(Turning):
     """A rotor with a turning element on supports whose stiffness and damping differ in two directions.
 
-    Parameters are those of :class:`Turning`, then those of :class:`Orthotropic`: for each support ``dKs = K_1 - K_2``
-    and ``dDs = D_1 - D_2`` along and across a direction at the angle ``angle_s`` from x, known to be 0 unless freed.
+    Parameters are those of :class:`Turning`, then those of :class:`~rotorfit.models.orthotropic.Orthotropic`: for each
+    support ``dKs = K_1 - K_2`` and ``dDs = D_1 - D_2`` along and across a direction at the angle ``angle_s`` from x,
+    known to be 0 unless freed.
 
     Args:
         base: the rotor with its turning element.
@@ -76,7 +77,7 @@ class TurningOnSupports(Turning):
         self.parameters = (*base.parameters, *support_parameters(self.at))
 
     def options(self) -> dict[str, Any]:
-        """See :meth:`RotorModel.options`."""
+        """See :meth:`~rotorfit.models.model.RotorModel.options`."""
         return {"base": self.rotor, "at": self.at, "terms": self.terms}
 
     @cached_property

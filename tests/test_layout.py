@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import ast
+import builtins
+import dataclasses
 import importlib
 import inspect
 import pkgutil
@@ -10,6 +12,7 @@ import re
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -378,3 +381,53 @@ def test_an_argument_that_is_not_documented_is_found() -> None:
     kinds = {kind.__name__: kind for kind in (Base, Alike, Other)}
     methods: dict[str, object] = {f"{name}.moved": vars(kind)["moved"] for name, kind in kinds.items()}
     assert undocumented(methods, kinds) == ["Other.moved"]
+
+
+def told_attributes(kind: type) -> set[str] | None:
+    """Names in the Attributes section of a class, None without one."""
+    section = re.search(r"^Attributes:\n((?:    .*\n|\n)+)", inspect.cleandoc(kind.__doc__ or "") + "\n", re.MULTILINE)
+    if section is None:
+        return None
+    entries = re.findall(r"^    (\w+(?:, \w+)*):(?:\s|$)", section[1], re.MULTILINE)
+    return {name for entry in entries for name in entry.split(", ")}
+
+
+@pytest.mark.parametrize("name", sorted(name for name, kind in CLASSES.items() if told_attributes(kind) is not None))
+def test_documented_attributes_are_those_of_the_class(name: str) -> None:
+    kind = CLASSES[name]
+    told = told_attributes(kind) or set()
+    fields = {field.name for field in dataclasses.fields(kind)} if dataclasses.is_dataclass(kind) else set()
+    assert {field for field in fields if not field.startswith("_")} <= told
+    source = inspect.getsource(kind)
+    assert [own for own in told - members(kind) if not re.search(rf"\bself\.{own}\b", source)] == []
+
+
+def there(target: str, scopes: list[object]) -> bool:
+    """Whether a dotted name leads somewhere from one of the scopes."""
+    for start in scopes:
+        place = start
+        for part in target.split("."):
+            if not (hasattr(place, part) or (inspect.isclass(place) and part in members(place))):
+                break
+            place = getattr(place, part, None)
+        else:
+            return True
+    return False
+
+
+@pytest.mark.parametrize("name", MODULES)
+def test_names_that_docstrings_refer_to_are_there(name: str) -> None:
+    module = importlib.import_module(name)
+
+    def missing(node: ast.AST, kind: object) -> list[str]:
+        found = []
+        for child in ast.iter_child_nodes(node):
+            outermost = isinstance(child, ast.ClassDef) and kind is module
+            found += missing(child, getattr(module, child.name) if outermost else kind)  # type: ignore[attr-defined]
+            if isinstance(child, ast.Constant) and isinstance(child.value, str):
+                told = re.findall(r":(?:func|meth|class|data|attr|mod|exc):`~?([^`]+)`", child.value)
+                scopes = [kind, module, rotorfit, builtins, SimpleNamespace(rotorfit=rotorfit)]
+                found += [target for target in told if not there(target, scopes)]
+        return found
+
+    assert missing(ast.parse(source_of(name).read_text(encoding="utf-8")), module) == []

@@ -28,8 +28,8 @@ class OffCentreResponses:
         group: parameter group of each line.
         line, coordinate: line and complex coordinate of each reading, shape ``(R,)``.
         vertical: whether a reading is that of the y probe, shape ``(R,)``.
-        measured: phasors relative to ``exp(+j|w|t)``; sigma, label, run, labels: see
-            :class:`~rotorfit.estimators.blocks.observations.Block`.
+        measured: phasors relative to ``exp(+j|w|t)``, shape ``(R,)``.
+        sigma, label, labels, run: see :class:`~rotorfit.estimators.blocks.observations.Block`.
     """
 
     model: RotorModel
@@ -129,8 +129,8 @@ class FreeVibrations:
         model: the rotor.
         speed, eccentricity: rotative speed, rad/s, and static eccentricity of the journal, shape ``(R,)``.
         reading_group: parameter group, shape ``(R,)``.
-        measured: eigenvalues ``s = -zeta |s| + j w_d``, 1/s; sigma, label, run, labels: see
-            :class:`~rotorfit.estimators.blocks.observations.Block`.
+        measured: eigenvalues ``s = -zeta |s| + j w_d``, 1/s, shape ``(R,)``.
+        sigma, label, labels, run: see :class:`~rotorfit.estimators.blocks.observations.Block`.
     """
 
     model: RotorModel

@@ -95,7 +95,7 @@ class Options:
 
 @dataclass(frozen=True, kw_only=True)
 class Solution:
-    """Outcome of :func:`minimise`.
+    """Outcome of :func:`~rotorfit.estimators.minimisation.least_squares.minimise`.
 
     Attributes:
         x: best point seen, shape (n,), the caller's units; never outside the bounds.

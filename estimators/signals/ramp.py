@@ -26,7 +26,7 @@ class Ramp:
     """One mode under a ramp of speed.
 
     Attributes:
-        rate: of the speed, rad/s^2, with its standard error.
+        rate, rate_error: of the speed and its standard error, rad/s^2.
         wn, wn_error: natural frequency and standard error, rad/s.
         zeta: damping ratio.
         steady_wn: natural frequency that a quasi-steady fit up to the beating gives, rad/s.

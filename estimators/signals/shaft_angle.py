@@ -55,7 +55,7 @@ class SmoothAngle:
         begin, end: times of the first and the last pulse used, s.
         jitter: typical standard deviation of a pulse's time about the smooth angle, s.
         groups: times (s) and standard deviations of a pulse's angle about the smooth angle (rad) at them, ``(2, G)``.
-        shares: variance of the smooth angle over that of one pulse, at times ``share_t`` (s), shape ``(S,)`` both;
+        shares, share_t: variance of the smooth angle over that of one pulse, and times (s) of it, shape ``(S,)`` both;
             above one between pulses that are far apart.
         pattern: how far each pulse of a turn is ahead of even spacing, rad, shape ``(P,)``; zeros for one pulse a turn.
         outlying: times of pulses left out because they are far from the smooth angle, s.

@@ -40,6 +40,9 @@ class Orbits:
         origin: numbers that each of its rows has in the whole test, shape ``(rows, k)``.
         first: first row of each orbit, shape ``(N,)``.
         rows: rows of its readings x, y and z, -1 where there is none, shape ``(N, 3)``.
+        frequency: signed, rad/s, shape ``(N,)`` like all that follow.
+        force: N.
+        right, wrong: component in and against the direction of the force, m.
     """
 
     test: PerturbationTest

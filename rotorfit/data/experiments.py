@@ -222,6 +222,7 @@ class DisplacementTest(_Rows):
         displacement: imposed circular orbit as in eq. (2), ``A exp(j delta)``, m.
         force_x, force_y: measured force phasors relative to exp(+j|w|t), N.
         sigma: standard deviation of real and imaginary part of each force reading, N, NaN if unknown.
+        attributes, source: see :class:`PerturbationTest`.
     """
 
     title: ClassVar[str] = "displacement-in test"
@@ -248,6 +249,7 @@ class StaticTest(_Rows):
         plane: plane of the probes.
         displacement: displacement from the centre of the bearing or seal, ``x + j y``, m.
         sigma: standard deviation of x and of y, m, NaN if unknown.
+        attributes, source: see :class:`PerturbationTest`.
     """
 
     title: ClassVar[str] = "static-load test"
@@ -280,6 +282,7 @@ class ImpulseTest(_Rows):
         eccentricity: static eccentricity of the journal, NaN where ``position`` is given.
         position: static position of the journal, ``x + j y``, m, NaN where ``eccentricity`` is given.
         sigma: standard deviation of the real and of the imaginary part of s, 1/s, NaN if unknown.
+        attributes, source: see :class:`PerturbationTest`.
     """
 
     title: ClassVar[str] = "impulse test"
@@ -325,6 +328,7 @@ class RingDownTest(_Rows):
         time: s, equally spaced in each record.
         x, y: displacements of the journal, m; they settle at its static position.
         eccentricity: static eccentricity; NaN where it follows from where x and y settle.
+        attributes, source: see :class:`PerturbationTest`.
     """
 
     title: ClassVar[str] = "ring-down records"
@@ -352,6 +356,7 @@ class CoefficientTable(_Rows):
         cxx, cxy: N s/m.
         mxx: kg.
         sigma: standard deviation of each coefficient as a fraction of it, for instance 3e-7 for a table of six digits.
+        attributes, source: see :class:`PerturbationTest`.
     """
 
     title: ClassVar[str] = "table of coefficients"
@@ -386,6 +391,7 @@ class LineTest(_Rows):
         response: complex amplitude relative to ``exp(j nu t)``, nu the line's signed frequency, m or rad; of the twist
             ``phi = Re(response exp(j nu t))``.
         sigma: standard deviation of its real and of its imaginary part, NaN if unknown.
+        attributes, source: see :class:`PerturbationTest`.
     """
 
     title: ClassVar[str] = "line test"

@@ -54,7 +54,9 @@ def fit(
     assumptions: Mapping[str, float] | None = None,
     max_iterations: int = 200,
 ) -> FitResult:
-    """Fit a model by weighted nonlinear least squares on the complex responses (Ipopt, started from the closed form).
+    """Fit a model by weighted nonlinear least squares on the complex responses, started from the closed form.
+
+    The search takes Gauss-Newton steps, and goes on with Ipopt where these do not lead to the optimum.
 
     Args:
         model: the rotor, for instance ``rf.models.WhirlWhip()``.

@@ -19,8 +19,9 @@ class FittedParameter:
     Attributes:
         name: name, with the group in brackets where it was fitted per attribute.
         value: estimate or known value, SI.
-        stderr: standard error, widened by sqrt(redchi) where the model, not the noise, limits the fit; zero for known
-            parameters, infinite where the data do not determine the parameter, NaN where the search did not converge.
+        stderr: standard error, as wide as the residuals ask, see ``noise`` of a result; where they were not studied,
+            by sqrt(redchi) if that is above one; zero for known parameters, infinite where the data do not determine
+            the parameter, NaN where the search did not converge.
         stderr_noise: standard error from the noise alone.
         init_value: start of the optimisation.
         unit: SI unit.

@@ -32,7 +32,8 @@ class Refinement:
 
     Attributes:
         steps: results from the plainest model to the richest tried.
-        best: the result with the lowest AIC, each response with the noise level of its residuals.
+        best: the result chosen, each response with the noise level of its residuals where the model does not limit
+            the fit.
     """
 
     steps: tuple[FitResult, ...]
@@ -80,14 +81,14 @@ def refine(fit: FitResult) -> Refinement:
     No rung is the rotor itself: BIC, which looks for the true one, ends the ladder while what is left out still moves
     lam by more than its error; AIC (Akaike 1974) takes a block in while that pays.
 
-    A rung that leaves parameters open is taken only where those that leave none miss the data by more than a fifth of
-    the noise: what one speed cannot tell apart (the polar inertia and the fluid's) is then said to be open, instead of
-    being told wrongly.
+    A rung that leaves parameters open is taken only where the best of those that leave none misses the data by a fifth
+    more, in redchi, than the best of all: what one speed cannot tell apart (the polar inertia and the fluid's) is then
+    said to be open, instead of being told wrongly.
 
     The errors of parameters that all rungs share count the doubt between rungs.
 
-    What misfit is left is noise: the chosen model is fitted once more with the noise level of each response as its
-    residuals have it, so that a response that the model misses, or whose noise was estimated too small, weighs less.
+    Where the chosen model does not limit the fit, what misfit is left is noise: it is fitted once more with the noise
+    level of each response as its residuals have it, so that one whose noise was estimated too small weighs less.
     Goodness of fit (redchi, AIC, BIC) still refers to the noise estimated from the data.
 
     Args:
@@ -254,7 +255,7 @@ def level_noise(fit: FitResult) -> FitResult:
     Alternates between levels and fit, which climbs their joint likelihood. Responses of few readings keep their level.
 
     Args:
-        fit: the result to draw.
+        fit: with the structure that is settled on.
     """
     if fit.settings.loss != "linear" or fit.model_limited or (fit.noise is None and fit.redchi > _NEAR_NOISE):
         return fit

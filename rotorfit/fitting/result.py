@@ -104,9 +104,9 @@ class FitResult:
 
     @property
     def widening(self) -> float:
-        """Factor on the variances of the noise: redchi where the model, not the noise, limits the fit, else one.
+        """Factor on the variances of the noise: redchi where it is above one and, with few mountings, beyond chance.
 
-        One, too, where each response has the noise level of its residuals.
+        One for robust losses, and where the noise was found in the residuals or scaled to them.
         """
         known = freedom_of(self.problem.blocks)
         return widening(
@@ -125,7 +125,7 @@ class FitResult:
         return min(known, float(self.nfree)) if self.widening > 1 and math.isfinite(known) else known
 
     def interval(self, name: str, level: float = 0.95) -> tuple[float, float]:
-        """Interval of a parameter: estimate and standard error, by Student's t where few mountings tell the noise.
+        """Interval of a parameter: estimate and standard error, by Student's t where these have few degrees of freedom.
 
         Infinite where the data do not determine the parameter. Holds the uncertainties of assumptions that the fit was
         given, see :meth:`systematic`, as the intervals of ``params`` do not.

@@ -60,7 +60,7 @@ def read(
     drop_near_1x: float = 0.0,
     on_finding: Callable[[Finding], None] | None = None,
 ) -> Experiment:
-    """Read a test: CSV (.csv, .tsv, .txt), Excel (.xlsx), universal file (.uff, .unv), netCDF (.nc) or MAT 5 (.mat).
+    """Read a test: CSV (.csv .tsv .txt), Excel (.xlsx .xlsm), universal file (.uff .unv), netCDF (.nc) or MAT 5 (.mat).
 
     Corrections are applied in the order of the arguments, before synchronous runs are differenced; a selection comes
     first of all. Units of a table are in its column names; what is read is SI. A table is tidy (a row a reading) or
@@ -184,7 +184,8 @@ def write(experiment: Experiment, path: str | Path) -> None:
         path: the file, replaced if it exists.
 
     Raises:
-        ValueError: unknown suffix, or something that the format cannot hold.
+        ValueError: unknown suffix, an Excel file, which is read only, or something that the format cannot hold.
+        FileNotFoundError: no such folder.
 
     Example:
         >>> rf.write(rig, folder / "rig.nc")

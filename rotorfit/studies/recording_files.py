@@ -22,6 +22,7 @@ class RecordingFiles:
     Attributes:
         paths: the files.
         setup: ``rig.toml``, where the files do not say everything themselves.
+        windows: track by windows of so many whole turns, see ``turns`` of :func:`rotorfit.responses`.
         lines: reduce them to the combination lines of a shaft that is not round.
         runout_um: see :func:`rotorfit.shaft_lines`.
     """

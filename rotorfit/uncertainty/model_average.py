@@ -85,7 +85,7 @@ class ModelAverage(Draws):
             speed: rotative speed, rad/s.
             at: values of attributes that name one group, ``{"speed_rpm": 1000}``; needed where parameters were fitted
                 per attribute.
-            name: of a fitted parameter or nuisance entry, ``"lam"``.
+            name: velocity ratio to use, of models that have ``lam_D`` and ``lam_M``.
         """
         return self._mixed(lambda posterior: posterior.lam_speed(speed, at, name=name))
 

@@ -60,8 +60,8 @@ def sample(
             given with the data, the only one for a robust loss; widened by redchi where the model limits the fit).
         refine: first add the structural blocks that AIC asks for, see :func:`rotorfit.refine`.
         checkpoint: HDF5 file to write at every look at the chain; a run that was stopped continues from it.
-        progress: print a line of progress to stderr, or a function that is called with steps, effective samples and
-            autocorrelation time.
+        progress: print a line of progress to stderr, or a function that is called with a
+            :class:`~rotorfit.estimators.inference.ensemble_sampler.SamplerProgress`.
         moves: emcee moves with weights, by default independence proposals from the normal approximation mixed with
             emcee's DE and stretch moves.
         accelerate: compile the likelihood with numba; by default where it is installed and pays.
@@ -70,8 +70,9 @@ def sample(
         the draws; :attr:`Posterior.converged` and :attr:`Posterior.message` say how the run ended.
 
     Raises:
-        ValueError: a closed-form result or a fit that did not converge, an unknown noise treatment or one that the loss
-            rules out, a posterior without limits in some direction, too few walkers, a checkpoint of another run.
+        ValueError: a closed-form result or a fit that did not converge, noise that few mountings of weights tell, an
+            unknown noise treatment or one that the loss rules out, a posterior without limits in some direction, too
+            few walkers, a checkpoint of another run.
 
     Example:
         >>> posterior = rf.sample(fit, seed=1, walkers=32, ess=100)

@@ -44,7 +44,8 @@ def readings(record: Recording, whirl: int, found: LocalResponse, disturbance: F
     Args:
         record: where the probes are.
         whirl: +1 where the force turns with the shaft, -1 against it.
-        found: outputs in the order of :meth:`ReducedRecord.outputs`.
+        found: one output after the other, as
+            :meth:`~rotorfit.recordings.reduction.reduced_record.ReducedRecord.spectra` lays them out.
         disturbance: standard deviation, real and imaginary part together, of what the error of the angle that the force
             is locked to adds to each output, shape ``(P, L)``.
     """

@@ -56,7 +56,8 @@ def static_positions(
         on_finding: called with each thing that was found odd.
 
     Raises:
-        ValueError: a recording without load, gap voltages or a second probe, or nothing to count positions from.
+        ValueError: a recording whose load is not told, without gap voltages or without a plane of two good probes, no
+            load at all, or nothing to count positions from.
 
     Example:
         >>> rotor = rf.models.WhirlWhip()
