@@ -305,7 +305,20 @@ def test_binary_junk(run: Callable[..., str], tmp_path: Path, suffix: str, conte
         ("fit rig.csv --model one-mode --slow-roll-below 300", "slow roll can only be taken"),
         ("info rig.csv --probe-angles journal=45:135", "no partner"),
         ("models one-mod", "did you mean 'one-mode'"),
+        ("fit rig.csv --model one-mode --drop-near-1x 500", "--drop-near-1x is per cent of the speed, above 0"),
+        (
+            "fit rig.csv --model one-mode --windows 24",
+            "--windows is for recordings of raw signals, which rig.csv is not",
+        ),
+        ("fit rig.csv --model one-mode --law muszynska", "give --clearance-um, the radial clearance"),
+        ("fit rig.csv --model two-disk --known K1=1", "Map names with --planes A,B"),
+        ("fit rig.csv --model one-mode --known K=0,Ds=0 --calibration probe_gain=2", "below 0.5 (as a fraction, 0.02"),
+        ("fit rig.csv --model one-mode --known K=0,Ds=0,lam=3", "known lam = 3 is outside the physical limits [-2, 2]"),
+        ("info rig.csv --probe-angles journal=0:0", "--probe-angles: probes at 0.0 and 0.0 degrees"),
+        ("look rig.csv", "rig.csv is a table of vectors, not of raw signals: `rotorfit info`"),
         ("run absent.toml", "absent.toml: No such file or directory"),
+        ("run windows.toml", "byte 0 is not; save it as UTF-8"),
+        ("run law.toml", "give clearance_um, the radial clearance"),
         ("run study.toml", "unknown key 'modell', did you mean 'model'"),
     ],
 )
@@ -314,9 +327,31 @@ def test_bad_words(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     Path("rig.csv").write_text(sweep(), encoding="utf-8")
+    Path("windows.toml").write_bytes(b'\xf6 = "one-mode"')
+    Path("law.toml").write_bytes(b'\xef\xbb\xbffiles = ["rig.csv"]\nmodel = "one-mode"\nlaw = "muszynska"\n')
     Path("study.toml").write_text('files = ["rig.csv"]\nmodell = "one-mode"\n', encoding="utf-8")
     assert message in run(*words.split(), *(["--out", "out"] if words.startswith(("fit", "run")) else []))
-    assert sorted(p.name for p in tmp_path.iterdir()) == ["rig.csv", "study.toml"]
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["law.toml", "rig.csv", "study.toml", "windows.toml"]
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        ("fit rig.csv", "the following arguments are required: --model; `rotorfit fit --help` says what there is"),
+        ("fit rig.csv --model one-mode --seed -1", "argument --seed:"),
+        ("fitt rig.csv", "invalid choice: 'fitt'"),
+    ],
+)
+def test_words_that_the_command_line_does_not_know(
+    capsys: pytest.CaptureFixture[str], words: str, message: str
+) -> None:
+    with pytest.raises(SystemExit) as stop:
+        cli.main(words.split())
+    assert stop.value.code == 2
+    err = capsys.readouterr().err
+    assert err.startswith("rotorfit: ")
+    assert len(err.splitlines()) == 1
+    assert message in err
 
 
 def test_the_program_itself_exits_with_two(tmp_path: Path) -> None:

@@ -144,7 +144,7 @@ def test_info_tells_of_a_conjugated_response(run: Run, tmp_path: Path) -> None:
     rig = perturbed()
     rf.write(replace(rig, response=rig.response.conj(), force=rig.force.conj()), tmp_path / "conjugated.csv")
     code, out, _ = run("info", tmp_path / "conjugated.csv", RIG)
-    assert code == 0
+    assert code == 1
     bad, good = out.split("\n\n")
     assert "4032 readings in 8 runs" in good
     assert "check: nothing found" in good

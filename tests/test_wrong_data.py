@@ -120,6 +120,28 @@ def test_a_model_that_is_wrong_is_no_slip(model: rf.models.RotorModel, rig: Pert
     assert not any("A trial fit says" in warning for warning in fit.warnings)
 
 
+def test_what_data_leave_open_is_no_sign_of_wrong_signs() -> None:
+    """Start-ups tell D and lam only together: that the values shown would be unstable says nothing of the signs."""
+    model, w = rf.models.OneMode(), np.linspace(60.0, 300.0, 60)
+    z = [model.receptance(model.vector(TYPICAL["one-mode"]), np.array([v]), v)[0, 0, 0] for v in w]
+    noise = 1e-9 * np.random.default_rng(4).normal(size=(2, w.size))
+    test = rf.perturbation_test(
+        run="up",
+        speed=w,
+        frequency=w,
+        force_plane="journal",
+        force=1.0,
+        plane="journal",
+        direction="z",
+        response=np.array(z) + noise[0] + 1j * noise[1],
+        sigma=1e-9,
+    )
+    fit = rf.fit(model, test, known={"K": 0.0, "Ds": 0.0}, bounds={"lam": (1.2, 2.0)})
+    unstable = [warning for warning in fit.warnings if "the fitted rotor is unstable" in warning]
+    assert unstable
+    assert all("leave M, D, lam, Mf open" in warning for warning in unstable), unstable
+
+
 def test_a_rotor_unstable_from_standstill_has_no_whirl_ratio() -> None:
     """Negative damping that does not turn: the onset speed is zero, and nothing is divided by it."""
     model = rf.models.OneMode()

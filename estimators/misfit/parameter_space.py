@@ -205,16 +205,15 @@ def _check_known(
         parameter = model.parameter(bare_name(name))
         if not (isinstance(given, Real) and np.isfinite(value := float(given))):
             raise ValueError(f"known {name} = {given!r} is not a finite number")
+        unit = f" {parameter.unit}" if parameter.unit != "1" else ""
         if not parameter.lower <= value <= parameter.upper:
             raise ValueError(
-                f"known {name} = {value:g} {parameter.unit} is outside the physical limits "
+                f"known {name} = {value:g}{unit} is outside the physical limits "
                 f"[{parameter.lower:g}, {parameter.upper:g}]"
             )
         low, high = _limits(model, name, bounds)
         if not low <= value <= high:
-            raise ValueError(
-                f"known {name} = {value:g} {parameter.unit} is outside its bounds [{low:g}, {high:g}]; change either"
-            )
+            raise ValueError(f"known {name} = {value:g}{unit} is outside its bounds [{low:g}, {high:g}]; change either")
         if name in per:
             raise ValueError(f"{name} is both known and fitted per attribute: choose one")
 

@@ -222,9 +222,7 @@ def data_files(options: argparse.Namespace) -> tuple[DataFile | RecordingFiles, 
         read["slow_roll_below_rpm"] = options.slow_roll_below
     if options.speed is not None:
         read["speed"] = options.speed * RAD_S_PER_RPM
-    for name in ("axes", "sheet"):
-        if getattr(options, name):
-            read[name] = getattr(options, name)
+    read |= {name: getattr(options, name) for name in ("axes", "sheet") if getattr(options, name)}
     if options.constant:
         read["constants"] = pairs("--constant", options.constant, str)
     if options.column:
@@ -233,6 +231,10 @@ def data_files(options: argparse.Namespace) -> tuple[DataFile | RecordingFiles, 
         if getattr(options, name):
             read[name] = chosen(f"--{name}", getattr(options, name))
     if options.drop_near_1x is not None:
+        if not 0 < options.drop_near_1x < 100:
+            raise ValueError(
+                f"--drop-near-1x is per cent of the speed, above 0 and below 100; got {options.drop_near_1x:g}"
+            )
         read["drop_near_1x"] = options.drop_near_1x / 100
     raw = tuple(file for file in options.files if options.setup or file.suffix.lower() in ALWAYS_RAW)
     if raw and read:
@@ -242,7 +244,17 @@ def data_files(options: argparse.Namespace) -> tuple[DataFile | RecordingFiles, 
             "files of vectors"
         )
     tests = tuple(DataFile(file, read) for file in options.files if file not in raw)
-    return (*tests, RecordingFiles(paths=raw, setup=options.setup, windows=options.windows)) if raw else tests
+    if raw:
+        return (*tests, RecordingFiles(paths=raw, setup=options.setup, windows=options.windows))
+    if options.windows is not None:
+        raise ValueError(f"--windows is for recordings of raw signals, which {options.files[0].name} is not")
+    return tests
+
+
+def _share_near_1x(percent: float) -> float:
+    if not 0 < percent < 100:
+        raise ValueError(f"--drop-near-1x is per cent of the speed, above 0 and below 100; got {percent:g}")
+    return percent / 100
 
 
 def chosen(option: str, words: Sequence[str]) -> dict[str, Any]:

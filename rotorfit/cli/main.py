@@ -1,6 +1,7 @@
 """The command line: ``rotorfit demo``, ``fit``, ``run``, ``campaign``, ``compare-laws``, ``simulate`` and others.
 
-Exit codes: 0 done, 1 the fit or the sampling did not converge, 2 bad input (one sentence on stderr), 130 interrupted.
+Exit codes: 0 done, 1 the data have an error or the fit or sampling did not converge, 2 bad input (one sentence on
+stderr), 130 interrupted.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from collections.abc import Sequence
 from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NoReturn
 
 from rotorfit.cli import campaign, join, laws, recordings, simulate, trend, vectors
 from rotorfit.cli.arguments import (
@@ -26,7 +27,7 @@ from rotorfit.cli.arguments import (
 )
 from rotorfit.cli.errors import BAD_INPUT, DONE, INTERRUPTED, NOT_CONVERGED, BadInputError, checked, sentence
 from rotorfit.cli.progress import ProgressLine
-from rotorfit.studies.wording import spoken
+from rotorfit.studies.wording import in_options, spoken
 from rotorfit.version import __version__
 
 if TYPE_CHECKING:
@@ -68,7 +69,8 @@ def _carry_out(options: argparse.Namespace) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # nor may the last flush complain
         return DONE
     except BadInputError as problem:
-        print(f"rotorfit: {spoken(str(problem))}", file=sys.stderr)
+        said = spoken(str(problem))
+        print(f"rotorfit: {said if options.command is _run else in_options(said)}", file=sys.stderr)
         return BAD_INPUT
     except KeyboardInterrupt as stop:
         print(f"rotorfit: interrupted, {stop.args[0] if stop.args else 'nothing was written'}", file=sys.stderr)
@@ -161,7 +163,8 @@ def _info(options: argparse.Namespace) -> int:
 
     tests = checked(lambda: read_files(data_files(options), no_progress))
     print("\n\n".join(describe_test(test, findings) for test, findings in zip(*tests, strict=True)))
-    return DONE
+    wrong = any(finding.severity == "error" for findings in tests[1] for finding in findings)
+    return NOT_CONVERGED if wrong else DONE
 
 
 def _completion(options: argparse.Namespace) -> int:
@@ -200,9 +203,16 @@ _MODULES = (
 )
 
 
+class _Parser(argparse.ArgumentParser):
+    """A parser that refuses in one sentence, as the rest of the program does."""
+
+    def error(self, message: str) -> NoReturn:
+        self.exit(BAD_INPUT, f"rotorfit: {message}; `{self.prog} --help` says what there is\n")
+
+
 def build_parser() -> argparse.ArgumentParser:
     """The words that the command line understands."""
-    whole = argparse.ArgumentParser(
+    whole = _Parser(
         prog="rotorfit",
         allow_abbrev=False,
         description="Identify rotor and fluid-force parameters from rotating-force perturbation tests.",
@@ -240,5 +250,7 @@ def build_parser() -> argparse.ArgumentParser:
     models.add_argument("name", nargs="?", help="only this one")
     add_files(command("info", "say what a test file holds and what is odd about it"))
     shell = command("completion", "print a script that completes rotorfit's words in a shell")
-    shell.add_argument("shell", choices=("bash", "zsh", "tcsh"), help="the shell; see docs/command-line.md")
+    shell.add_argument(
+        "shell", choices=("bash", "zsh", "tcsh"), help="the shell; source what is printed where it starts"
+    )
     return whole

@@ -89,5 +89,5 @@ def _near_1x(test: Experiment, share: float) -> Bool:
             f"{test.source or 'the test'}: readings near 1x can be dropped from nonsynchronous perturbation tests only"
         )
     if not 0 < share < 1:
-        raise ValueError(f"nearness to 1x is a fraction of the speed, above 0 and below 1; got {share:g}")
+        raise ValueError(f"drop_near_1x is a fraction of the speed, above 0 and below 1; got {share:g}")
     return np.asarray(np.abs(np.abs(test.frequency) - test.speed) < share * test.speed)

@@ -29,6 +29,9 @@ NUISANCE_KINDS = {
 }
 """Unit and meaning of each kind of nuisance entry, the name being the kind or ``kind[where]``."""
 
+_USELESS = {"probe_gain": 0.5, "probe_phase_deg": 90.0, "mr": 0.5, "keyphasor_deg": 90.0}
+"""Uncertainties from which on nothing is calibrated: rather per cent where a fraction is wanted."""
+
 
 @dataclass(frozen=True)
 class Calibration:
@@ -61,6 +64,10 @@ class Calibration:
                 if not (isinstance(value, (int, float)) and math.isfinite(value) and value >= 0):
                     place = f" of {where}" if where else ""
                     raise ValueError(f"{name}{place} is {value!r}; a standard uncertainty is zero or a positive number")
+                if value >= _USELESS[name]:
+                    place, most = f" of {where}" if where else "", _USELESS[name]
+                    unit = "degrees" if name.endswith("_deg") else "as a fraction, 0.02 for 2 %"
+                    raise ValueError(f"{name}{place} is {value!r}; it is below {most:g} ({unit})")
         if not any(np.any(list(v.values()) if isinstance(v, Mapping) else v) for v in vars(self).values()):
             raise ValueError("every uncertainty of the calibration is zero: give at least one")
 

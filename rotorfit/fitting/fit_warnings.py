@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -75,7 +75,7 @@ def fit_warnings(
         for p in params.values()
         if p.at_bound
     ]
-    return found + _instability(problem, x)
+    return found + _instability(problem, x, identifiability.unresolved)
 
 
 def too_quiet(redchi: Float | float, nfree: int) -> Bool:
@@ -103,7 +103,8 @@ def _advice(model: RotorModel, identifiability: Identifiability, levelled: bool)
     return "try rf.refine(fit) (--refine)"
 
 
-def _instability(problem: Problem, x: Float) -> list[str]:
+def _instability(problem: Problem, x: Float, unresolved: Sequence[str]) -> list[str]:
+    """Speeds at which a rotor with the fitted values could not have been tested, three at most."""
     theta = problem.space.theta(x)
     model = problem.space.model
     found: list[str] = []
@@ -113,12 +114,19 @@ def _instability(problem: Problem, x: Float) -> list[str]:
         _, group, speed = block.condition
         rates, grows = growth(model, theta[group], speed, block.frequency)
         for v, rate, some in zip(speed, rates, grows, strict=True):
-            if some and len(found) < 3:
+            if some and len(set(found)) < 3:
+                where = f"the tested speed of {v * RPM_PER_RAD_S:.0f} rpm" if model.speed_dependent else "any speed"
                 found.append(
-                    f"the fitted rotor is unstable at the tested speed of {v * RPM_PER_RAD_S:.0f} rpm (growth rate "
-                    f"{rate:.3g} 1/s): a rig could not have been measured there. Check signs, directions and the model"
+                    f"the fitted rotor is unstable at {where} (growth rate {rate:.3g} 1/s): a rig could not have been "
+                    f"measured there. {_remedy(unresolved)}"
                 )
-    return found
+    return list(dict.fromkeys(found))
+
+
+def _remedy(unresolved: Sequence[str]) -> str:
+    if unresolved:
+        return f"These data leave {', '.join(unresolved)} open: give known values or priors before you look for a slip"
+    return "Check signs, directions and the model"
 
 
 def growth(model: RotorModel, theta: Float, speed: Float, frequency: Float) -> tuple[Float, Bool]:

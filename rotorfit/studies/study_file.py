@@ -44,8 +44,10 @@ def read_study(path: str | Path) -> Study:
     """
     path = Path(path)
     try:
-        content = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as reason:
+        content = tomllib.loads(path.read_text(encoding="utf-8-sig"))
+    except UnicodeDecodeError as reason:
+        raise ValueError(f"{path}: a TOML file is UTF-8 text, byte {reason.start} is not; save it as UTF-8") from reason
+    except tomllib.TOMLDecodeError as reason:
         raise ValueError(f"{path}: not a TOML file: {reason}") from reason
     try:
         _refuse_unknown(content, _KEYS)

@@ -18,8 +18,28 @@ _SPOKEN = (
     (r"Fit rf\.models\.Modal\(.*?modes=(\d+)\) \(--model modal\)", r"Fit --model modal --modes \1"),
     (r",? or (?:use )?rf\.read_recording(?:\([^)]*\))?", ""),
     (r"\(?\baxes, (--axes(?: yz)?)\)?", r"\1"),
+    (r"\w+\(planes=\(\.\.\.\)\) or --planes", "--planes A,B"),
+    (r"Give their angles \(probe_angles\)", "Give their angles (--probe-angles)"),
 )
 """What a message says in Python, as a pattern, and with options."""
+
+_OPTIONS = (
+    (r"\b(give|check) clearance_um\b", r"\1 --clearance-um"),
+    (r"^probe_angles: ", "--probe-angles: "),
+    (r"^runout_um belongs", "--runout-um belongs"),
+)
+"""The same of settings that a study calls by the names of the library."""
+
+
+def in_options(text: str) -> str:
+    """A refusal with options in place of the names of settings.
+
+    Args:
+        text: as the library, or a study, says it.
+    """
+    for setting, option in _OPTIONS:
+        text = re.sub(setting, option, text)
+    return text
 
 
 def spoken(text: str) -> str:

@@ -151,6 +151,12 @@ def _first_numbers(path: Path, lines: list[_Line]) -> int:
         if alike and all(row.numeric and all(row.numeric) for row in rows):
             return first
     mixed = [line for line in lines if any(line.numeric) and len(line.cells) == len(lines[-1].cells) > 1]
+    header = {cell.strip().lower() for cell in lines[0].cells}
+    if {"plane", "direction"} <= header or {"force_plane", "speed_rpm"} <= header:
+        raise ValueError(
+            f"{path.name} is a table of vectors, not of raw signals: `rotorfit info` and `rotorfit fit` take it, "
+            "rf.read reads it"
+        )
     if mixed:
         raise ValueError(f"{path.name}: line {mixed[0].number + 1} holds what is not a number: {mixed[0].text[:80]}")
     raise ValueError(f"{path.name} holds no signals: there are no numbers in columns in it")
