@@ -280,10 +280,25 @@ def test_default_trends_and_single_conditions(small, fitted):
     assert "one condition" in one.summary(against="pressure_psi")
 
 
+def test_conditions_that_are_not_known_or_change_within_a_run_are_told(small):
+    table, _ = small
+    pressure = table.attributes["pressure_psi"].copy()
+    pressure[table.run == "r00"] = np.nan
+    pressure[np.flatnonzero(table.run == "r01")[::2]] += 50.0
+    odd = replace(table, attributes={**table.attributes, "pressure_psi": pressure})
+    found = rf.campaign(OneMode(), odd, known=KNOWN)
+    told = found.condition_remarks("pressure_psi")
+    assert told[0] == "pressure_psi is not known in r00; left out of its trends"
+    assert told[1].startswith("pressure_psi changed within r01, ")
+    assert len(told) == 2
+    assert all(sentence in found.summary(against="pressure_psi") for sentence in told)
+    assert rf.campaign(OneMode(), table, known=KNOWN).condition_remarks("pressure_psi") == []
+
+
 def test_wrong_words_for_trends(fitted):
     with pytest.raises(KeyError, match=r"unknown attribute of the runs 'pressure', did you mean 'pressure_psi'"):
         fitted.trends(against="pressure")
-    with pytest.raises(ValueError, match="inlet holds text"):
+    with pytest.raises(ValueError, match=r"inlet holds text \('radial' in run r00\)"):
         fitted.trends(against="inlet")
     with pytest.raises(KeyError, match="unknown parameter fitted run by run 'M'"):
         fitted.trends("M", against="pressure_psi")

@@ -201,3 +201,18 @@ def test_errors_of_the_check_say_which_file(tmp_path, capsys, small):
     errors = capsys.readouterr().err
     assert "the check of the data calls these an error: r02.csv: " in errors
     assert "r00.csv: " not in errors
+
+
+def test_a_file_given_twice_is_warned_of(tmp_path, capsys, small):
+    table, _ = small
+    file = tmp_path / "seal.csv"
+    rf.write(table.select(np.isin(table.run, ["r00", "r01", "r02", "r03"])), file)
+    words = ["campaign", str(file), str(file), "--model", "one-mode", "--known", "M=1.2,K=8000,Ds=8"]
+    words += ["--against", "pressure_psi"]
+    assert main(words) == 0
+    warned = "warning: seal.csv: Copies of runs: to the last digit r00 is r00 of seal.csv, r01 is r01 of seal.csv"
+    assert warned in capsys.readouterr().out
+    assert main([*words, "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["warnings"][0].startswith(warned)
+    assert main(["info", str(file), str(file)]) == 0
+    assert "check: warning [duplicate] Copies of runs" in " ".join(capsys.readouterr().out.split())

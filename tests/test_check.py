@@ -349,6 +349,15 @@ def test_copies_of_readings(rig: PerturbationTest) -> None:
     assert "2 readings repeat" in finding.message
 
 
+def test_a_run_that_is_a_copy_under_another_name(rig: PerturbationTest) -> None:
+    again = rig.select(rig.run == "disk-fwd-1000")
+    copy = replace(again, run=np.full(len(again), "repeat"))
+    both = rf.join_runs([rig, copy])
+    finding = found(both, "duplicate")
+    assert "repeat is disk-fwd-1000" in finding.message
+    assert finding.rows == rows(both.run == "repeat")
+
+
 def test_a_second_sweep_is_no_copy(rig: PerturbationTest) -> None:
     twice = rig.select(np.r_[0 : len(rig), 0 : len(rig)])
     again = replace(twice, response=twice.response * np.r_[np.ones(len(rig)), np.full(len(rig), 1.001)])

@@ -39,6 +39,17 @@ if TYPE_CHECKING:
 _FLUID = ("K0", "lam", "lam_D", "D")  # what the source follows in a campaign, where the model has it
 
 
+_CHANGED = 0.1  # of the range of a condition over the runs, by which it may change within one
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
+
+
 def _misfits(runs: Sequence[RunFit]) -> list[str]:
     """A line on the runs whose misfit is more than their noise."""
     missed = sorted((run for run in runs if run.redchi > MODEL_LIMITED and not run.silent), key=lambda run: -run.redchi)
@@ -125,9 +136,12 @@ class Campaign:
             if attribute is not None and attribute not in self.attributes:
                 raise KeyError(unknown_name("attribute of the runs", attribute, self.attributes))
         for axis in axes:
-            texts = [run.attributes[axis] for run in self.runs if isinstance(run.attributes.get(axis), str)]
+            texts = {run.name: text for run in self.runs if isinstance(text := run.attributes.get(axis), str)}
             if texts:
-                raise ValueError(f"{axis} holds text ({texts[0]!r}): trends need numbers, text makes groups (by)")
+                odd, text = next(((n, t) for n, t in texts.items() if not _is_number(t)), next(iter(texts.items())))
+                raise ValueError(
+                    f"{axis} holds text ({text!r} in run {odd}): trends need numbers, text makes groups (by)"
+                )
         found = []
         for name in names:
             groups: dict[str, list[RunFit]] = {}
@@ -229,8 +243,32 @@ class Campaign:
         ]
         lines += _misfits(done)
         if against is not None:
-            lines += ["", trend_table(self.trends(parameters, against=against, by=by))]
+            trends = trend_table(self.trends(parameters, against=against, by=by))
+            lines += [*self.condition_remarks(against), "", trends]
         return "\n".join(lines)
+
+    def condition_remarks(self, against: str | Sequence[str]) -> list[str]:
+        """Runs that have no number for a condition, and runs in which it changed by more than a tenth of its range.
+
+        Args:
+            against: attribute, or attributes, that trends are shown against.
+        """
+        axes = (against,) if isinstance(against, str) else tuple(against)
+        told: list[str] = []
+        for axis in axes:
+            means = {run.name: run.attributes.get(axis, np.nan) for run in self.runs}
+            numbers = {name: float(value) for name, value in means.items() if not isinstance(value, str)}
+            without = [name for name, value in numbers.items() if not np.isfinite(value)]
+            if without:
+                told.append(f"{axis} is not known in {listed(without)}; left out of its trends")
+            known = [value for value in numbers.values() if np.isfinite(value)]
+            for data in self._data:
+                values = np.asarray(data.experiment.attribute(axis)) if data.name in numbers else np.zeros(0)
+                values = values[np.isfinite(values)] if values.dtype.kind in "fiu" else np.zeros(0)
+                if values.size and np.ptp(values) > _CHANGED * (np.ptp(known) or np.abs(values).max()):
+                    ends = f"{values.min():.4g} to {values.max():.4g}"
+                    told.append(f"{axis} changed within {data.name}, {ends}: its mean stands for the run")
+        return told
 
     def __str__(self) -> str:
         return self.summary()

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotorfit.checks.amplitudes import amplitudes
+from rotorfit.checks.copies import copied_runs
 from rotorfit.checks.imposed_orbits import imposed_orbits
 from rotorfit.checks.linear_force import linear_force
 from rotorfit.checks.orbits import NEAR_1X, orbits_of
@@ -200,6 +201,7 @@ def _duplicates(test: PerturbationTest | DisplacementTest) -> Iterator[Finding]:
             "and makes errors look smaller than they are. Remove them."
         )
         yield Finding("warning", "duplicate", text, _rows(again))
+    yield from copied_runs([test])[0]
 
 
 def _frequencies(test: PerturbationTest | DisplacementTest) -> Iterator[Finding]:

@@ -14,6 +14,7 @@ from rotorfit.cli.arguments import add_figure_format, add_files, add_jobs, add_m
 from rotorfit.cli.progress import ProgressLine
 from rotorfit.fitting.option_kinds import words
 from rotorfit.fitting.options import CAMPAIGN
+from rotorfit.studies.wording import spoken
 
 if TYPE_CHECKING:
     from rotorfit.campaigns.campaign import Campaign
@@ -51,11 +52,12 @@ def run(options: argparse.Namespace) -> int:
     """
     from rotorfit.cli.errors import DONE, NOT_CONVERGED, checked
 
-    found, wrong = checked(lambda: _campaign(options))
+    found, wrong, warned = checked(lambda: _campaign(options))
     text = checked(lambda: found.summary(options.follow, against=options.against, by=options.by))
     table = found.table(None if options.against is None else [a for a in (*options.against, options.by) if a])
-    write, plain = partial(_write, found, text, options), partial(_plain, found, options)
-    give(options, write, plain, f"{table}\n\n{text}")
+    text = "\n".join([*warned, *([""] if warned else []), text])
+    write = partial(_write, found, text, options)
+    give(options, write, lambda: {**_plain(found, options), "warnings": warned}, f"{table}\n\n{text}")
     if wrong:
         say(wrong)
     silent = [one.name for one in found.runs if one.silent]
@@ -68,10 +70,10 @@ def run(options: argparse.Namespace) -> int:
     return DONE if found.success and not wrong else NOT_CONVERGED
 
 
-def _campaign(options: argparse.Namespace) -> tuple[Campaign, str]:
-    """The fits of all runs, and what is wrong with the data."""
+def _campaign(options: argparse.Namespace) -> tuple[Campaign, str, list[str]]:
+    """The fits of all runs, what is wrong with the data, and what their check warns of."""
     from rotorfit.campaigns.campaign import campaign
-    from rotorfit.data.findings import error_sentence, errors_in
+    from rotorfit.data.findings import error_sentence, errors_in, warnings_in
     from rotorfit.studies.data_files import no_progress, read_files
     from rotorfit.studies.study_model import build_model, check_model_name
 
@@ -97,7 +99,8 @@ def _campaign(options: argparse.Namespace) -> tuple[Campaign, str]:
             executor=executor,
             progress=lambda done, total: line(f"{done} of {total} runs", done / total),
         )
-    return found, error_sentence(errors_in(findings, [test.source for test in tests]))
+    sources = [test.source for test in tests]
+    return found, error_sentence(errors_in(findings, sources)), list(map(spoken, warnings_in(findings, sources)))
 
 
 def _write(found: Campaign, text: str, options: argparse.Namespace, folder: Path) -> None:

@@ -12,6 +12,7 @@ from rotorfit.cli.answer import finite, give, say
 from rotorfit.cli.arguments import add_files, add_model, add_output, fit_study
 from rotorfit.fitting.option_kinds import positive_word, words
 from rotorfit.fitting.options import LAW_RANKING
+from rotorfit.studies.wording import spoken
 
 if TYPE_CHECKING:
     from rotorfit.fitting.law_ranking import LawComparison, LawFit
@@ -44,18 +45,20 @@ def run(options: argparse.Namespace) -> int:
     """
     from rotorfit.cli.errors import DONE, NOT_CONVERGED, checked
 
-    found, wrong = checked(lambda: _comparison(options))
+    found, wrong, warned = checked(lambda: _comparison(options))
     failed = [entry for entry in found.laws if entry.fit is not None and not entry.fit.success]
     problems = [*([wrong] if wrong else []), *(f"{entry.law!r}: {entry.reason}" for entry in failed)]
-    give(options, partial(_write, found), lambda: _plain(found), str(found))
+    give(
+        options, partial(_write, found), lambda: {**_plain(found), "warnings": warned}, "\n".join([str(found), *warned])
+    )
     for problem in problems:
         say(problem)
     return NOT_CONVERGED if problems else DONE
 
 
-def _comparison(options: argparse.Namespace) -> tuple[LawComparison, str]:
-    """The ranking, and what is wrong with the data."""
-    from rotorfit.data.findings import error_sentence, errors_in
+def _comparison(options: argparse.Namespace) -> tuple[LawComparison, str, list[str]]:
+    """The ranking, what is wrong with the data, and what their check warns of."""
+    from rotorfit.data.findings import error_sentence, errors_in, warnings_in
     from rotorfit.fitting.law_ranking import compare_laws
     from rotorfit.models import LAWS
     from rotorfit.models.parameters import unknown_name
@@ -81,7 +84,8 @@ def _comparison(options: argparse.Namespace) -> tuple[LawComparison, str]:
         phase_offsets=study.phase_offsets,
         loss=study.loss,  # type: ignore[arg-type]
     )
-    return found, error_sentence(errors_in(findings, [test.source for test in tests]))
+    sources = [test.source for test in tests]
+    return found, error_sentence(errors_in(findings, sources)), list(map(spoken, warnings_in(findings, sources)))
 
 
 def _write(found: LawComparison, folder: Path) -> None:

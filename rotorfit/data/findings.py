@@ -70,6 +70,21 @@ def errors_in(findings: Sequence[Sequence[Finding]], sources: Sequence[str]) -> 
     )
 
 
+def warnings_in(findings: Sequence[Sequence[Finding]], sources: Sequence[str]) -> list[str]:
+    """What the check of the data warns of, each once, with the sets of data that it was said of.
+
+    Args:
+        findings: of each set of data.
+        sources: what each set was read from.
+    """
+    told: dict[str, list[str]] = {}
+    for own, source in zip(findings, sources, strict=True):
+        for found in own:
+            if found.severity == "warning":
+                told.setdefault(found.message, []).append(source)
+    return [f"warning: {', '.join(filter(None, dict.fromkeys(of[:3])))}: {text}" for text, of in told.items()]
+
+
 def error_sentence(errors: Sequence[str]) -> str:
     """The errors in one sentence for the end of an answer; empty where there are none.
 

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rotorfit.io.cells import NOT_TAKEN
 from rotorfit.io.csv_table import MOTION, Table, floats
 from rotorfit.io.sampling import time_factor
 from rotorfit.models.array_types import Bool, Float, Text
@@ -124,10 +125,11 @@ class Columns:
 
     @cached_property
     def attributes(self) -> dict[str, NDArray[Any]]:
-        """All other columns, as numbers where every cell is one (blank: NaN), else as text."""
+        """All other columns, as numbers where every cell is one (blank, or as n/a: NaN), else as text."""
         used = _names(self.found)
         extra = {self.table.names[name]: cells for name, cells in self.table.cells.items() if name not in used}
-        numbers = {name: floats(cells) if any(cells) else None for name, cells in extra.items()}
+        told = {n: ["" if cell.lower() in NOT_TAKEN else cell for cell in cells] for n, cells in extra.items()}
+        numbers = {name: floats(cells) if any(cells) else None for name, cells in told.items()}
         return {
             name: np.array(cells, dtype=str) if (values := numbers[name]) is None else values
             for name, cells in extra.items()

@@ -60,6 +60,7 @@ def write_campaign_report(
                     "Trends",
                     picture(picture_of(figure), caption, figure.get_figwidth()),
                     _trend_table(campaign, trends),
+                    *(note(sentence(remark)) for remark in campaign.condition_remarks(against)),
                     note(words),
                 )
             )

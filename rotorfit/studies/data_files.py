@@ -69,6 +69,7 @@ def read_files(
         ValueError: what is wrong in a file.
     """
     from rotorfit.checks.checklist import check
+    from rotorfit.checks.copies import copied_runs
 
     experiments: list[Experiment] = []
     findings: list[tuple[Finding, ...]] = []
@@ -85,7 +86,16 @@ def read_files(
             findings.append(tuple(sorted(found, key=lambda finding: order.index(finding.severity))))
             found = []  # what was found odd in recordings of several kinds is told with the first
         experiments += tests
+    if len(experiments) > 1:
+        copies = copied_runs(experiments)
+        findings = [_joined(*both) for both in zip(findings, copies, strict=True)]
     return tuple(experiments), tuple(findings)
+
+
+def _joined(own: tuple[Finding, ...], copies: Sequence[Finding]) -> tuple[Finding, ...]:
+    """Findings of a test, copies of other tests' runs before its own warnings."""
+    errors = [finding for finding in own if finding.severity == "error"]
+    return (*errors, *copies, *own[len(errors) :])
 
 
 def _with_lines(findings: list[Finding], file: DataFile | RecordingFiles, count: int) -> list[Finding]:
