@@ -11,6 +11,7 @@ import pkgutil
 import re
 import subprocess
 import sys
+import textwrap
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -308,13 +309,18 @@ CLASSES = {name: thing for name, thing in CALLABLES.items() if inspect.isclass(t
 PROTOCOLS = [thing for thing in CLASSES.values() if getattr(thing, "_is_protocol", False)]
 
 
-def documented(docstring: str | None) -> list[str] | None:
-    """Names in the Args section, None without one."""
-    section = re.search(r"^Args:\n((?:    .*\n|\n)+)", inspect.cleandoc(docstring or "") + "\n", re.MULTILINE)
+def entries(docstring: str | None, title: str) -> list[str] | None:
+    """Names that a section of a docstring explains, None without it."""
+    section = re.search(rf"^{title}:\n((?:    .*\n|\n)+)", inspect.cleandoc(docstring or "") + "\n", re.MULTILINE)
     if section is None:
         return None
-    entries = re.findall(r"^    ((?:\*{0,2}\w+)(?:, \*{0,2}\w+)*):(?:\s|$)", section[1], re.MULTILINE)
-    return [name.lstrip("*") for entry in entries for name in entry.split(", ")]
+    found = re.findall(r"^    (\*{0,2}[\w.]+(?:, \*{0,2}[\w.]+)*):(?:\s|$)", section[1], re.MULTILINE)
+    return [name.lstrip("*") for names in found for name in names.split(", ")]
+
+
+def documented(docstring: str | None) -> list[str] | None:
+    """Names in the Args section, None without one."""
+    return entries(docstring, "Args")
 
 
 def arguments(thing: object) -> list[str]:
@@ -383,19 +389,41 @@ def test_an_argument_that_is_not_documented_is_found() -> None:
     assert undocumented(methods, kinds) == ["Other.moved"]
 
 
-def told_attributes(kind: type) -> set[str] | None:
-    """Names in the Attributes section of a class, None without one."""
-    section = re.search(r"^Attributes:\n((?:    .*\n|\n)+)", inspect.cleandoc(kind.__doc__ or "") + "\n", re.MULTILINE)
-    if section is None:
-        return None
-    entries = re.findall(r"^    (\w+(?:, \w+)*):(?:\s|$)", section[1], re.MULTILINE)
-    return {name for entry in entries for name in entry.split(", ")}
+def raised(function: object) -> list[str]:
+    """Exceptions that a function makes and raises itself; what others in it raise, called or defined, is theirs."""
+    todo: list[ast.AST] = list(ast.parse(textwrap.dedent(inspect.getsource(function))).body[0].body)  # type: ignore
+    found = []
+    while todo:
+        node = todo.pop()
+        if isinstance(node, ast.Raise) and isinstance(node.exc, ast.Call):
+            found.append(ast.unparse(node.exc.func).rpartition(".")[2])
+        if not isinstance(node, ast.FunctionDef | ast.Lambda):
+            todo += ast.iter_child_nodes(node)
+    return [name for name in found if name != "NotImplementedError"]
 
 
-@pytest.mark.parametrize("name", sorted(name for name, kind in CLASSES.items() if told_attributes(kind) is not None))
+def exceptions(kind: type) -> dict[str, type]:
+    """An exception and all that are kinds of it, by name."""
+    kinds = {name: one for below in kind.__subclasses__() for name, one in exceptions(below).items()}
+    return {**kinds, kind.__name__: kind}
+
+
+def test_errors_that_a_function_raises_are_documented() -> None:
+    kinds = exceptions(BaseException) | {
+        name: one for name, one in vars(builtins).items() if name.endswith("Error") and inspect.isclass(one)
+    }
+    found = []
+    for name, function in CALLABLES.items():
+        told = tuple(kinds[one.rpartition(".")[2]] for one in entries(function.__doc__, "Raises") or ())
+        own = [] if name in CLASSES else raised(function)
+        found += [f"{name}: {error}" for error in own if not issubclass(kinds[error], told)]
+    assert found == []
+
+
+@pytest.mark.parametrize("name", sorted(name for name, kind in CLASSES.items() if entries(kind.__doc__, "Attributes")))
 def test_documented_attributes_are_those_of_the_class(name: str) -> None:
     kind = CLASSES[name]
-    told = told_attributes(kind) or set()
+    told = set(entries(kind.__doc__, "Attributes") or ())
     fields = {field.name for field in dataclasses.fields(kind)} if dataclasses.is_dataclass(kind) else set()
     assert {field for field in fields if not field.startswith("_")} <= told
     source = inspect.getsource(kind)

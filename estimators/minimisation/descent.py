@@ -150,6 +150,9 @@ class Minimisation:
 
         Args:
             u: scaled variables, shape ``(n,)``.
+
+        Raises:
+            ValueError: the objective returned a negative cost.
         """
         key = u.tobytes()
         if key == self._key:

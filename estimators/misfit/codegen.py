@@ -264,6 +264,9 @@ def source(model: RotorModel, patterns: tuple[Pattern, ...]) -> str:
     Args:
         model: the rotor, of one or two coordinates.
         patterns: how nodes are read.
+
+    Raises:
+        ValueError: a model of more coordinates than are unrolled.
     """
     if len(model.coordinates) > LARGEST_UNROLLED:
         raise ValueError(

@@ -108,6 +108,9 @@ def closed_forms(
         space, blocks, weighted: as there.
         passes: numbers of passes, ascending.
         enough: whether an estimate is so good that further passes are not worth their time.
+
+    Raises:
+        ClosedFormError: see :func:`closed_form`.
     """
     chosen = [complete_lines(block) for block in blocks if isinstance(block, Responses)]
     chosen = [block for block in chosen if block.speed.size]

@@ -93,6 +93,9 @@ def trends_of(
         against: attributes with numbers.
         group: label of the group.
         centre: values of the attributes about which the plane is laid, shape ``(A,)``: the same for all groups.
+
+    Raises:
+        ValueError: attributes that change together in some group, or too few runs in it.
     """
     x = np.array([[float(run.attributes[name]) for name in against] for run in runs])
     value = np.array([run.params[parameter].value for run in runs])

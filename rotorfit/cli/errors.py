@@ -32,6 +32,9 @@ def checked(work: Callable[[], T]) -> T:
 
     Args:
         work: called once, without arguments.
+
+    Raises:
+        BadInputError: the work raised a ``ValueError``, ``KeyError`` or ``OSError``.
     """
     try:
         return work()

@@ -76,6 +76,9 @@ def run(options: argparse.Namespace) -> int:
 
     Args:
         options: what the command line said.
+
+    Raises:
+        BadInputError: options that contradict each other, or a rig that cannot be tested so.
     """
     from rotorfit.checks.checklist import check
     from rotorfit.cli.errors import DONE, BadInputError, checked, sentence

@@ -29,6 +29,9 @@ def run(options: argparse.Namespace) -> int:
 
     Args:
         options: what the command line said.
+
+    Raises:
+        BadInputError: files or options that cannot be used, or recordings of more than one kind of test.
     """
     from rotorfit.cli.errors import DONE, NOT_CONVERGED, BadInputError, checked
     from rotorfit.cli.progress import ProgressLine

@@ -81,9 +81,10 @@ def fit(
         the result; a fit that did not converge has ``success`` false and the best estimate found.
 
     Raises:
+        TypeError: a class or a name in place of a model, or something else than experiments.
         KeyError: unknown parameter names; the message names the nearest. Unknown assumptions.
-        ValueError: data that do not fit the model, contradictory bounds, more unknowns than data, uncertainties of
-            assumptions that are not positive or of a fit with parameters per attribute.
+        ValueError: data that do not fit the model, an unknown loss, contradictory bounds, more unknowns than data,
+            uncertainties of assumptions that are not positive or of a fit with parameters per attribute.
 
     Example:
         >>> fit = rf.fit(rf.models.WhirlWhip(), rig, known={"K3": 6000.0})

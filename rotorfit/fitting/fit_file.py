@@ -98,8 +98,11 @@ def fit_from_json(text: str, *, model: RotorModel | None = None, source: str = "
 
     Args:
         text: what was written.
-        model: needed for a model of your own, as for :func:`load_fit`, whose errors are raised here too.
+        model: needed for a model of your own.
         source: what the text is called in messages.
+
+    Raises:
+        ValueError: see :func:`load_fit`.
     """
     try:
         content = json.loads(text)

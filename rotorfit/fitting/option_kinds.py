@@ -24,6 +24,9 @@ def text(key: str, value: Any) -> str:
     Args:
         key: of the setting, for messages.
         value: as TOML gives it.
+
+    Raises:
+        ValueError: another value; the message says what is allowed.
     """
     if not isinstance(value, str) or not value:
         raise ValueError(f"{key} must be a text, got {value!r}")
@@ -36,6 +39,9 @@ def flag(key: str, value: Any) -> bool:
     Args:
         key: of the setting, for messages.
         value: as TOML gives it.
+
+    Raises:
+        ValueError: another value; the message says what is allowed.
     """
     if not isinstance(value, bool):
         raise ValueError(f"{key} must be true or false, got {value!r}")
@@ -48,6 +54,9 @@ def number(key: str, value: Any) -> float:
     Args:
         key: of the setting, for messages.
         value: as TOML gives it.
+
+    Raises:
+        ValueError: another value; the message says what is allowed.
     """
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise ValueError(f"{key} must be a number, got {value!r}")
@@ -67,6 +76,9 @@ def phase_offsets(key: str, value: Any) -> Any:
     Args:
         key: of the setting, for messages.
         value: as TOML gives it.
+
+    Raises:
+        ValueError: another value; the message says what is allowed.
     """
     if value != "common" and not isinstance(value, bool):
         raise ValueError(f'{key} must be true, false or "common", got {value!r}')
@@ -79,6 +91,9 @@ def whole(key: str, value: Any) -> int:
     Args:
         key: of the setting, for messages.
         value: as TOML gives it.
+
+    Raises:
+        ValueError: another value; the message says what is allowed.
     """
     if isinstance(value, bool) or not isinstance(value, int) or value < 0:
         raise ValueError(f"{key} must be a whole number, not below zero; got {value!r}")
@@ -91,6 +106,9 @@ def count(key: str, value: Any) -> int:
     Args:
         key: of the setting, for messages.
         value: as TOML gives it.
+
+    Raises:
+        ValueError: another value; the message says what is allowed.
     """
     if whole(key, value) == 0:
         raise ValueError(f"{key} must be at least 1, got {value!r}")
@@ -103,6 +121,9 @@ def pair(key: str, value: Any) -> tuple[float, float]:
     Args:
         key: of the setting, for messages.
         value: as TOML gives it.
+
+    Raises:
+        ValueError: another value; the message says what is allowed.
     """
     if not isinstance(value, list) or len(value) != 2:
         raise ValueError(f"{key} must be two numbers in brackets, got {value!r}")
@@ -146,6 +167,9 @@ def uncertainty(key: str, value: Any) -> Any:
     Args:
         key: of the setting, for messages.
         value: as TOML gives it.
+
+    Raises:
+        ValueError: another value; the message says what is allowed.
     """
     if isinstance(value, dict):
         return {place: number(f"{key}.{place}", item) for place, item in value.items()}
@@ -158,6 +182,9 @@ def prior(key: str, value: Any) -> Any:
     Args:
         key: of the setting, for messages.
         value: as TOML gives it, ``{norm = [1.0, 0.01]}``.
+
+    Raises:
+        ValueError: another value; the message says what is allowed.
     """
     if not isinstance(value, dict) or len(value) != 1:
         raise ValueError(f"{key} must be one distribution with its numbers, {{norm = [1.0, 0.01]}}; got {value!r}")
@@ -199,6 +226,9 @@ def positive_word(word: str) -> float:
 
     Args:
         word: as the command line gives it.
+
+    Raises:
+        argparse.ArgumentTypeError: another number.
     """
     value = float(word)
     if not 0 < value < math.inf:
@@ -211,6 +241,9 @@ def whole_word(word: str) -> int:
 
     Args:
         word: as the command line gives it.
+
+    Raises:
+        argparse.ArgumentTypeError: another number.
     """
     value = int(word)
     if value < 0:
@@ -223,6 +256,9 @@ def count_word(word: str) -> int:
 
     Args:
         word: as the command line gives it.
+
+    Raises:
+        argparse.ArgumentTypeError: another number.
     """
     if whole_word(word) == 0:
         raise argparse.ArgumentTypeError("at least 1 is needed")
@@ -243,6 +279,9 @@ def number_word(word: str) -> float:
 
     Args:
         word: as the command line gives it.
+
+    Raises:
+        ValueError: another word.
     """
     try:
         return float(word)
@@ -255,6 +294,9 @@ def two_numbers(word: str) -> tuple[float, float]:
 
     Args:
         word: as the command line gives it, ``0:90``.
+
+    Raises:
+        ValueError: other words.
     """
     first, second = _two(word)
     return number_word(first), number_word(second)
@@ -295,6 +337,9 @@ def pairs(option: str, given: Sequence[str], parse: Callable[[str], Any]) -> dic
         option: as it is written, for messages.
         given: what stood behind it, each time it was given.
         parse: reads one VALUE.
+
+    Raises:
+        ValueError: another word than NAME=VALUE, a name that was given twice, or a VALUE that cannot be read.
     """
     values: dict[str, Any] = {}
     for item in (part for word in given for part in word.split(",")):

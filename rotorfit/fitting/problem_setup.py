@@ -52,12 +52,15 @@ def as_tuple(experiments: Experiment | Sequence[Experiment]) -> tuple[Experiment
 
 
 def build_problem(model: RotorModel, experiments: Experiment | Sequence[Experiment], settings: FitSettings) -> Problem:
-    """Lay a fit out as an optimisation problem; errors as for :func:`fit`.
+    """Lay a fit out as an optimisation problem.
 
     Args:
         model: the rotor.
         experiments: what is fitted.
         settings: what was asked of the fit.
+
+    Raises:
+        TypeError, KeyError, ValueError: see :func:`~rotorfit.fitting.fit.fit`.
     """
     if not isinstance(model, RotorModel):
         raise TypeError(f"the model must be an instance such as rf.models.WhirlWhip(), not {model!r}")

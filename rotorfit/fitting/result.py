@@ -257,6 +257,9 @@ class FitResult:
             at: group of parameters, where some were fitted per attribute.
             eccentricity: static eccentricity at which a load keeps the journal; by default it is centred.
 
+        Raises:
+            ValueError: an eccentricity outside of 0 to 1.
+
         Example:
             >>> onset = fit.threshold_speed()
             >>> round(onset.value * 30 / 3.14159), onset.unit

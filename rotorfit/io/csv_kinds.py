@@ -235,6 +235,7 @@ def columns_of(test: Experiment) -> dict[str, NDArray[Any]]:
 
     Raises:
         TypeError: an experiment of another kind.
+        ValueError: impulses some of which have eccentricities and some positions.
     """
     rpm = si_factor("frequency", "rpm")
     head: dict[str, NDArray[Any]] = {"run": test.run, "speed_rpm": test.speed / rpm}

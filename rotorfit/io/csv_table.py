@@ -74,6 +74,9 @@ class Table:
         Args:
             column: its lower-case name and its factor to SI.
             blank: whether cells may be blank.
+
+        Raises:
+            ValueError: a cell is not a finite number; the message says which.
         """
         name, factor = column
         values = floats(self.cells[name])

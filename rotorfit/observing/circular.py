@@ -35,6 +35,7 @@ def observe(model: RotorModel, experiment: Experiment, group: Index) -> Response
 
     Raises:
         ValueError: planes or directions that the model does not have, or readings that are not finite.
+        TypeError: an experiment without responses.
     """
     if not isinstance(experiment, DisplacementTest | PerturbationTest):
         raise TypeError(f"{type(experiment).__name__} has no responses")

@@ -19,6 +19,9 @@ def journal_coefficients(model: RotorModel, test: CoefficientTable, group: Index
         model: the rotor.
         test: what was measured.
         group: parameter group of each row.
+
+    Raises:
+        ValueError: the accuracy of the coefficients is not known.
     """
     values = np.stack([test.kxx, test.kxy, test.cxx, test.cxy, test.mxx], axis=1)
     check_finite(test, test.speed, test.eccentricity, *values.T)

@@ -19,6 +19,9 @@ def free_vibrations(model: RotorModel, test: ImpulseTest, group: Index) -> FreeV
         model: the rotor.
         test: what was measured.
         group: parameter group of each row.
+
+    Raises:
+        ValueError: an impulse without eccentricity and position of the journal, or of unknown noise.
     """
     check_finite(test, test.frequency, test.damping_ratio)
     eps = test.eccentricity.copy()

@@ -28,6 +28,9 @@ def off_centre_responses(
         test: what was measured.
         group: parameter group of each row.
         position: static position of the journal, m, of each row.
+
+    Raises:
+        ValueError: readings other than x and y.
     """
     other = sorted(set(test.direction.tolist()) - {"x", "y"})
     if other:

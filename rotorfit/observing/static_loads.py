@@ -22,6 +22,9 @@ def static_loads(model: RotorModel, test: StaticTest, group: Index) -> Block:
         model: the rotor.
         test: what was measured.
         group: parameter group of each row.
+
+    Raises:
+        ValueError: a model that keeps x and y apart, or a load of zero.
     """
     check_finite(test, test.load, test.displacement)
     check_planes(model, test, test.planes, test.force_planes, forces="load planes")

@@ -111,13 +111,16 @@ class CascadeTimes:
 
 
 def cascade_times(record: Signals, marks: Marks, over: str | None, spectra: int) -> CascadeTimes:
-    """Even steps of time, speed or perturbation frequency; errors as for :func:`cascade`.
+    """Even steps of time, speed or perturbation frequency.
 
     Args:
         record: the recording.
         marks: its angles.
         over: ``"time"``, ``"speed"`` or ``"perturbation"``; ``None``: what changes in this recording.
         spectra: how many.
+
+    Raises:
+        ValueError: see :func:`cascade`.
     """
     over = _changing(marks) if over is None else over
     if over not in ("time", "speed", "perturbation"):

@@ -61,6 +61,9 @@ def perturbation(
         load: constant load Px + j Py, N, which moves the journal off centre; the position is told in the attributes
             ``static_x_um`` and ``static_y_um``.
         load_plane: where it acts, by default the journal.
+
+    Raises:
+        ValueError: both of force and unbalance or neither, an unknown order, or frequencies and forces that are zero.
     """
     if (force is None) == (unbalance is None):
         raise ValueError("give either force, in N, or unbalance, in kg m")
@@ -175,6 +178,9 @@ def displacement(
         frequency_rpm: frequencies of the orbit, negative backward.
         amplitude_um: radius of the orbit or radii, micrometres.
         plane: where, by default at the journal.
+
+    Raises:
+        ValueError: an orbit that does not fit into the clearance.
     """
     rig.need_circular("imposed orbits")
     radii, speeds = (

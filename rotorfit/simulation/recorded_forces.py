@@ -236,6 +236,9 @@ def measured_force(
         force: its amplitude, N.
         planes: where it acts, one after the other, all by default.
         directions: ``forward``, ``backward``, ``x``, ``y``.
+
+    Raises:
+        ValueError: another direction.
     """
     sweep = Sweep(first=sweep_rpm[0] * RPM, last=sweep_rpm[1] * RPM, duration=duration)
     time = rig.instruments.time(duration)
