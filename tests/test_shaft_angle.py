@@ -98,6 +98,25 @@ def test_start_from_rest_is_counted(first: float, direction: int) -> None:
     np.testing.assert_array_equal(mended.numbers, numbers if direction > 0 else (numbers[-1] - numbers)[::-1])
 
 
+@pytest.mark.parametrize("sweeps", [False, True])
+@pytest.mark.parametrize(("missing", "double"), [(0.1, 0.0), (0.2, 0.0), (0.0, 0.3), (0.1, 0.05)])
+def test_a_badly_set_trigger_costs_pulses_and_no_turn(missing: float, double: float, sweeps: bool) -> None:
+    """One pulse in ten or five missing at random, doubles anywhere in the turn, 0.1 % of jitter: all are counted."""
+    rng = np.random.default_rng(3)
+    turns = np.arange(800.0)
+    times = (np.sqrt(1 + 5.5 * turns) - 1) / 2.75 if sweeps else 0.04 * turns
+    length = np.gradient(times)
+    times = times + 1e-3 * length * rng.normal(size=turns.size)
+    inner = (turns > 12) & (turns < 788)
+    kept = ~inner | (rng.random(turns.size) >= missing)
+    doubled = inner & (rng.random(turns.size) < double)
+    doubles = times[doubled] + length[doubled] * rng.uniform(0.1, 0.9, doubled.sum())
+    found = number_pulses(np.sort(np.concatenate([times[kept], doubles])))
+    np.testing.assert_array_equal(found.times, times[kept])
+    np.testing.assert_array_equal(found.numbers, np.flatnonzero(kept))
+    np.testing.assert_array_equal(found.extra, np.sort(doubles))
+
+
 def test_a_mark_that_chatters_every_turn_counts_once() -> None:
     times = pulse_times(20.0)
     seen = np.sort(np.concatenate([times, times + 0.002]))

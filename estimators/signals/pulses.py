@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.ndimage import median_filter, percentile_filter
 
+from rotorfit.estimators.signals.pulse_path import steadier
 from rotorfit.models.array_types import Float, Index
 
 NOISE_ALONE = 3.3
@@ -23,6 +24,9 @@ _SHORT = 0.6
 """Interval, in expected ones, below which one of its two edges is one too many."""
 _BOUNCE = 0.2
 """The same below which it is the second one: a mark that chatters does so after its edge."""
+_DENSE, _MOST = 0.03, 100_000
+"""Share of edges too many and of gaps from which neighbours tell too little of each other, and the most edges for which
+the way through all of them is looked for, a quarter of a millisecond each."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -169,37 +173,49 @@ def _crossing(values: Float, first: int, last: int) -> float:
 def number_pulses(times: Float) -> NumberedPulses:
     """Count pulses by the intervals around them: a gap of n intervals counts n, an edge too close to others is not one.
 
+    Where many are missing or too many, the way through the edges on which the speed changes least decides.
+
     Args:
         times: of all edges, ascending, shape ``(N,)``, any unit.
 
     Raises:
         ValueError: fewer than four pulses, or intervals so uneven that they are no turns.
     """
-    kept, extra = _without_extra(times)
+    kept, turns = _by_neighbours(times)
     if kept.size < 4:
         raise ValueError(f"{kept.size} pulses; at least four are needed to know the angle")
-    intervals = np.diff(kept)
-    count = np.ones(intervals.size, dtype=np.intp)
-    for _ in range(8):
-        turn = _expected(intervals / count)
-        counted = np.maximum(np.rint(intervals / turn).astype(np.intp), 1)
-        if np.array_equal(counted, count):
-            break
-        count = counted
-    uneven = np.abs(intervals / (count * _expected(intervals / count)) - 1) > 0.35
+    odd = times.size - kept.size + np.count_nonzero(turns > 1)
+    if _DENSE * times.size < odd and times.size <= _MOST:
+        kept, turns = steadier(times, kept, turns)
+    pulses, extra = times[kept], np.delete(times, kept)
+    intervals = np.diff(pulses)
+    uneven = np.abs(intervals / (turns * _expected(intervals / turns)) - 1) > 0.35
     if extra.size > kept.size or np.mean(uneven) > 0.2:
         raise ValueError(
             f"no regular pulses: {times.size} edges, {extra.size} of them too close to others, and {np.sum(uneven)} of "
             f"{intervals.size} intervals unlike their neighbours"
         )
-    gaps = np.flatnonzero(count > 1)
+    gaps = np.flatnonzero(turns > 1)
     return NumberedPulses(
-        times=kept,
-        numbers=np.concatenate([[0], np.cumsum(count)]),
-        missing=kept[gaps],
-        missing_count=count[gaps] - 1,
+        times=pulses,
+        numbers=np.concatenate([[0], np.cumsum(turns)]),
+        missing=pulses[gaps],
+        missing_count=turns[gaps] - 1,
         extra=extra,
     )
+
+
+def _by_neighbours(times: Float) -> tuple[Index, Index]:
+    """Edges that are pulses, and the turns between them, by the intervals beside each."""
+    pulses = _without_extra(times)[0]
+    intervals = np.diff(pulses)
+    turns = np.ones(intervals.size, dtype=np.intp)
+    for _ in range(8 if intervals.size > 2 else 0):
+        counted = np.maximum(np.rint(intervals / _expected(intervals / turns)).astype(np.intp), 1)
+        if np.array_equal(counted, turns):
+            break
+        turns = counted
+    return np.searchsorted(times, pulses), turns
 
 
 def from_index(pulses: NumberedPulses, per_turn: int) -> tuple[NumberedPulses, int]:

@@ -25,6 +25,8 @@ from rotorfit.recordings.signals import Signals
 _SAMPLED = 12
 """Pieces of a channel from which the levels of its pulses are found."""
 _PIECE = 1 << 16
+_UNSURE = 0.05
+"""Share of the pulses far off the smooth angle from which turns may have been lost."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -153,7 +155,11 @@ def _mended(where: str, pulses: NumberedPulses, smooth: SmoothAngle) -> Iterator
         yield _warning("pulses-double", f"{where}: {text}")
     if smooth.outlying.size:
         text = f"{smooth.outlying.size} pulses far off their place left out, at {_times(smooth.outlying)}."
-        yield _warning("pulses-noisy", f"{where}: {text}")
+        if smooth.outlying.size <= _UNSURE * pulses.times.size:
+            yield _warning("pulses-noisy", f"{where}: {text}")
+        else:
+            text += " With so many the turns cannot be counted for sure: set the level of the trigger anew (level_V)."
+            yield Finding("error", "pulses-noisy", f"{where}: {text}")
 
 
 def _warning(code: str, message: str) -> Finding:

@@ -1,0 +1,121 @@
+"""Count pulses of which many are missing, or many too many: the way through all edges on which the speed changes least.
+
+Counting an interval by its few neighbours loses its way where several of these are doubled or halved themselves. Here
+every edge may be left out and every interval may be several turns, at a price; among all ways through the edges the one
+is taken whose logarithm of the speed changes least in sum, prices included (dynamic programming over the edges).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from rotorfit.models.array_types import Float, Index
+
+_EXTRA = 0.3
+"""Price of an edge left out. To keep one in the middle of a turn costs twice the logarithm of 2."""
+_MISSING = 0.1
+"""Price of a doubled interval, and of each further doubling. To count it once costs twice the logarithm of 2."""
+_SKIPPED = 5
+"""Edges in a row that may be left out, less one."""
+_TURNS = np.arange(1.0, 5.0)
+"""Turns that an interval may be of, besides those that the speed before it gives."""
+_WAYS = 8
+"""Ways to an edge that are followed further."""
+_ALIKE, _CLEAN = 0.15, 6
+"""Change of an interval from the last, and intervals in a row with less, at which the count is beyond doubt."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Ways:
+    """The best ways to an edge.
+
+    Attributes:
+        period: logarithm of the last turn's length on each, shape ``(S,)``.
+        price: of each, shape ``(S,)``.
+        before, way, turns: edge before this one, which of its ways, and turns in between, shape ``(S,)``.
+    """
+
+    period: Float
+    price: Float
+    before: Index
+    way: Index
+    turns: Index
+
+
+def steadier(times: Float, kept: Index, turns: Index) -> tuple[Index, Index]:
+    """A count of pulses, or the one on which the speed changes less.
+
+    Before the first and after the last stretch of even intervals, where a shaft that starts or stops changes its speed
+    much within a turn, the count stays as it was.
+
+    Args:
+        times: of all edges, ascending, shape ``(N,)``.
+        kept: numbers of the edges that were taken for pulses.
+        turns: counted between each and the next, one fewer.
+
+    Returns:
+        the better ``kept`` and ``turns``.
+    """
+    intervals = np.diff(times)
+    alike = np.abs(np.log(intervals[1:] / intervals[:-1])) < _ALIKE
+    clean = np.flatnonzero(np.convolve(alike, np.ones(_CLEAN), mode="valid") == _CLEAN)
+    if not clean.size:
+        return kept, turns
+    first, last = int(clean[0]), int(clean[-1]) + _CLEAN + 1
+    ends = np.searchsorted(kept, [first, last])
+    if ends[1] >= kept.size or kept[ends[0]] != first or kept[ends[1]] != last:
+        return kept, turns
+    own, found = kept[ends[0] : ends[1] + 1] - first, turns[ends[0] : ends[1]]
+    between = times[first : last + 1]
+    other = _traced(_followed(between))
+    if _price(between, *other) >= _price(between, own, found):
+        return kept, turns
+    return (
+        np.concatenate([kept[: ends[0]], other[0] + first, kept[ends[1] + 1 :]]),
+        np.concatenate([turns[: ends[0]], other[1], turns[ends[1] :]]),
+    )
+
+
+def _price(times: Float, kept: Index, turns: Index) -> float:
+    """What a count costs: changes of the logarithm of the speed, edges left out, turns without an edge."""
+    period = np.log(np.diff(times[kept]) / turns)
+    left_out = times.size - kept.size
+    return float(np.abs(np.diff(period)).sum() + _EXTRA * left_out + _MISSING * np.log2(turns).sum())
+
+
+def _followed(times: Float) -> list[_Ways]:
+    """The best ways to every edge, from the first one on."""
+    none = np.zeros(1, dtype=np.intp)
+    ways = [_Ways(np.full(1, np.nan), np.zeros(1), none, none, none)]
+    for edge in range(1, times.size):
+        found: list[tuple[Float, Float, Index, Index, Index]] = []
+        for before in range(max(0, edge - _SKIPPED), edge):
+            left_out = _EXTRA * (edge - before - 1)
+            here, interval = ways[before], float(times[edge] - times[before])
+            turns = _TURNS
+            if before and interval > _TURNS[-1] * np.exp(here.period[0]):
+                turns = np.append(_TURNS, np.rint(interval / np.exp(here.period[0])))
+            period = np.log(interval / turns)
+            change = np.zeros((turns.size, 1)) if before == 0 else np.abs(period[:, None] - here.period)
+            whole = here.price + change
+            way = np.argmin(whole, axis=1)
+            price = whole[np.arange(turns.size), way] + left_out + _MISSING * np.log2(turns)
+            found.append((period, price, np.full(turns.size, before), way, turns.astype(np.intp)))
+        columns = [np.concatenate(parts) for parts in zip(*found, strict=True)]
+        best = np.argsort(columns[1], kind="stable")[:_WAYS]
+        ways.append(_Ways(*(column[best] for column in columns)))
+    return ways
+
+
+def _traced(ways: list[_Ways]) -> tuple[Index, Index]:
+    """The cheapest way to the last edge: the edges on it, and the turns between them."""
+    edges, turns = [len(ways) - 1], []
+    way = 0
+    while edges[-1]:
+        here = ways[edges[-1]]
+        edges.append(int(here.before[way]))
+        turns.append(int(here.turns[way]))
+        way = int(here.way[way])
+    return np.array(edges[::-1], dtype=np.intp), np.array(turns[::-1], dtype=np.intp)
