@@ -97,6 +97,8 @@ def in_millivolts(channels: dict[str, NDArray[np.float64]]) -> None:
     channels.update({name: values * 1e3 for name, values in channels.items()})
 
 
+PROBE = '[[probe]]\nplane = "{}"\nchannel = "{}"\n{}\n'
+
 SLIPS = {
     "marks exchanged": (exchanged("keyphasor_shaft", "keyphasor_perturbator"), "", "", "marks-exchanged"),
     "millivolts": (in_millivolts, "", "", "channel-scale"),
@@ -106,6 +108,30 @@ SLIPS = {
     "another rate": (nothing, "3200.0", "6400.0", "setup-contradicts-file"),
     "another angle": (nothing, "angle_deg = 90.0", "angle_deg = 135.0", "setup-contradicts-file"),
 }
+
+
+@pytest.mark.parametrize(
+    ("told", "words"),
+    [
+        ("speed_rpm = 2400", "speed (rpm): rig.toml says 2400, the file 1200"),
+        ("[force]\nangle_deg = 43.0", "angle of the heavy spot (deg): rig.toml says 43, the file 40"),
+        ("[force]\nangle_deg = 400.0", ""),
+        ("[force]\nmr_g_mm = 40", "unbalance (g mm): rig.toml says 40, the file 20"),
+        (PROBE.format("disk", "disk_X", "sensitivity_V_per_mm = 3.93"), "X (V/mm): rig.toml says 3.93, the file 7.87"),
+        (
+            PROBE.format("seal", "disk_X", "angle_deg = 0.0") + PROBE.format("seal", "journal_Y", "angle_deg = 90.0"),
+            "rig.toml has disk_X at seal and journal_Y at seal, by their names they are at disk and journal",
+        ),
+        (PROBE.format("a", "disk_X", "angle_deg = 0.0") + PROBE.format("b", "journal_Y", "angle_deg = 90.0"), ""),
+    ],
+)
+def test_a_setup_against_the_file_is_said_in_its_own_units(tmp_path: Path, told: str, words: str) -> None:
+    path = write_hdf5(tmp_path / "a.h5", {**CHANNELS, "journal_Y": CHANNELS["disk_Y"]})
+    rig = tmp_path / "rig.toml"
+    rig.write_text(told + "\n", encoding="utf-8")
+    said = [f.message for f in rf.read_recording(path, rig).findings if f.code == "setup-contradicts-file"]
+    assert len(said) == bool(words), said
+    assert words in "".join(said)
 
 
 @pytest.mark.parametrize("name", SLIPS)

@@ -240,7 +240,7 @@ def test_setup_that_contradicts_the_file_is_followed_and_said(tmp_path: Path) ->
     record = rf.read_recording(path, setup_file(tmp_path, SETUP.replace('"forward"', '"backward"')))
     assert record.force is not None
     assert record.force.whirl == -1
-    assert any("direction of whirl: rig.toml says -1, the file 1" in f.message for f in record.findings)
+    assert any("direction of whirl: rig.toml says backward, the file forward" in f.message for f in record.findings)
 
 
 def test_a_measured_force_is_read_in_newtons(tmp_path: Path) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -27,6 +27,7 @@ from rotorfit.recordings.rig.setup import (
     Twist,
     prefer,
 )
+from rotorfit.units import RPM_PER_RAD_S
 
 _PROBE_NAME = re.compile(r"(?i)^(.+?)[ _.\-]?([xy])$")
 _REFERENCE_NAME = re.compile(r"(?i)keyph|tacho|kph|trigger")
@@ -353,33 +354,67 @@ def _contradictions(given: RigSetup, own: RigSetup, raw: RawFile, source: str) -
     rates = (own.sample_rate, raw.sample_rate, *(channel.sample_rate for channel in raw.channels.values()))
     pairs: list[tuple[str, float | str | None, float | str | None]] = [
         ("sample rate (Hz)", given.sample_rate, next((rate for rate in rates if rate is not None), None)),
-        ("speed (rad/s)", given.speed, own.speed),
-        ("sensitivity (V/m)", given.sensitivity, own.sensitivity),
+        ("speed (rpm)", _times(given.speed, RPM_PER_RAD_S), _times(own.speed, RPM_PER_RAD_S)),
+        ("sensitivity (V/mm)", _times(given.sensitivity, 1e-3), _times(own.sensitivity, 1e-3)),
     ]
     if given.force is not None and own.force is not None:
         pairs += [
             ("plane of the force", given.force.plane, own.force.plane),
-            ("unbalance (kg m)", given.force.mr, own.force.mr),
-            ("angle of the heavy spot (rad)", given.force.angle, own.force.angle),
-            ("direction of whirl", given.force.whirl, own.force.whirl),
+            ("unbalance (g mm)", _times(given.force.mr, 1e6), _times(own.force.mr, 1e6)),
+            ("angle of the heavy spot (deg)", *_degrees(given.force.angle, own.force.angle)),
+            ("direction of whirl", _WHIRL.get(given.force.whirl or 0), _WHIRL.get(own.force.whirl or 0)),
         ]
-    angles = {probe.channel: probe.angle for probe in own.probes or ()}
-    pairs += [(f"angle of {p.channel} (rad)", p.angle, angles.get(p.channel)) for p in given.probes or ()]
-    found = []
-    for what, mine, other in pairs:
-        if mine is None or other is None:
-            continue
-        same = (
-            np.isclose(mine, other, rtol=1e-4)
-            if not isinstance(mine, str) and not isinstance(other, str)
-            else mine == other
-        )
-        if not same:
-            message = (
-                f"{raw.name}: {what}: {source} says {_text(mine)}, the file {_text(other)}; the setup is followed."
-            )
-            found.append(Finding("warning", "setup-contradicts-file", message))
-    return found
+    told = {probe.channel: probe for probe in own.probes or ()}
+    for probe in given.probes or ():
+        angle = told[probe.channel].angle if probe.channel in told else None
+        mine, other = (_times(setup.sensitivity, 1e-3) for setup in (probe, own))
+        pairs += [
+            (f"angle of {probe.channel} (deg)", *_degrees(probe.angle, angle)),
+            (f"sensitivity of {probe.channel} (V/mm)", mine, other),
+        ]
+    found = [
+        f"{what}: {source} says {_text(mine)}, the file {_text(other)}"
+        for what, mine, other in pairs
+        if mine is not None and other is not None and not _same(mine, other)
+    ]
+    found += [f"planes of the probes: {words}" for words in _parted(given.probes or (), told, source)]
+    return [
+        Finding("warning", "setup-contradicts-file", f"{raw.name}: {words}; the setup is followed.") for words in found
+    ]
+
+
+_WHIRL = {1: "forward", -1: "backward"}
+
+
+def _times(value: float | None, factor: float) -> float | None:
+    return None if value is None else value * factor
+
+
+def _degrees(mine: float | None, other: float | None) -> tuple[float | None, float | None]:
+    """Two angles in degrees, the first within half a turn of the second."""
+    if mine is None or other is None:
+        return None, None
+    between = (mine - other + np.pi) % (2 * np.pi) - np.pi
+    return float(np.degrees(other + between)), float(np.degrees(other))
+
+
+def _same(mine: float | str, other: float | str) -> bool:
+    if isinstance(mine, str) or isinstance(other, str):
+        return mine == other
+    return bool(np.isclose(mine, other, rtol=1e-4, atol=1e-9))
+
+
+def _parted(given: Sequence[Probe], told: Mapping[str, Probe], source: str) -> Iterator[str]:
+    """Pairs of probes that setup and file do not agree about: of one plane by the one, of two by the other."""
+    both = [(probe, told[probe.channel].plane) for probe in given if probe.channel in told and probe.plane]
+    for number, (one, of_one) in enumerate(both):
+        for other, of_other in both[number + 1 :]:
+            if of_one and of_other and (one.plane == other.plane) != (of_one == of_other):
+                yield (
+                    f"{source} has {one.channel} at {one.plane} and {other.channel} at {other.plane}, by their names "
+                    f"they are at {of_one} and {of_other}"
+                )
+                return
 
 
 def _text(value: float | str) -> str:
