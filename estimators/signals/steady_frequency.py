@@ -9,7 +9,7 @@ from scipy.interpolate import BSpline
 
 from rotorfit.estimators.signals.shaft_angle import DEGREE, SmoothAngle
 from rotorfit.estimators.signals.spectral_lines import full_spectrum
-from rotorfit.models.array_types import ComplexArray
+from rotorfit.models.array_types import ComplexArray, Float
 
 _BLOCKS = 24
 _STEADY = 0.35
@@ -21,7 +21,7 @@ _STANDS_OUT = 8.0
 def steady_angle(
     z: ComplexArray, rate: float, direction: int, avoid: Sequence[float], start: float = 0.0
 ) -> SmoothAngle:
-    """Angle of a perturbation at a steady frequency; zero at the start, since nothing says where its mark would be.
+    """Angle of a perturbation at a steady frequency; zero at time zero, since nothing says where its mark would be.
 
     Args:
         z: motion, shape ``(N,)``.
@@ -33,37 +33,13 @@ def steady_angle(
     Raises:
         ValueError: no line stands out, or the one that does is not steady.
     """
-    frequency, amplitude = full_spectrum(z, rate)
-    step = rate / z.size
-    mine = (direction * frequency > 3 * step) & (amplitude > 0)
-    for line in avoid:
-        mine &= np.abs(frequency - line) > 4 * step
-    if not mine.any():
-        raise ValueError("the recording is too short to tell the perturbation from the orders of the shaft")
-    peak = int(np.argmax(np.where(mine, amplitude, 0.0)))
-    if amplitude[peak] < _STANDS_OUT * float(np.median(amplitude[mine])):
-        raise ValueError(
-            "no line stands out of the spectrum beside the orders of the shaft: is the perturbator running?"
-        )
+    near = _outstanding_line(z, rate, direction, avoid)
     t = start + np.arange(z.size) / rate
-    turned = z * np.exp(-2j * np.pi * frequency[peak] * t)
-    size = z.size // _BLOCKS
-    weight = np.hanning(size + 2)[1:-1]
-    vectors = (turned[: size * _BLOCKS].reshape(_BLOCKS, size) * weight).sum(axis=1)
-    middle = t[: size * _BLOCKS].reshape(_BLOCKS, size).mean(axis=1)
-    phase = np.unwrap(np.angle(vectors))
-    line, covariance = np.polyfit(middle, phase, 1, cov=True)
-    scatter = float(np.std(phase - np.polyval(line, middle)))
-    if scatter > _STEADY:
-        raise ValueError(
-            f"the line at {abs(frequency[peak]):.3f} Hz is not steady, its phase wanders by {scatter:.2f} rad; "
-            "a swept perturbation needs a mark"
-        )
-    speed = direction * (2 * np.pi * float(frequency[peak]) + float(line[0]))
+    beyond, error = _rate_of_phase(z * np.exp(-2j * np.pi * near * t), t, near)
+    speed = direction * (2 * np.pi * near + beyond)
     end = start + z.size / rate
     knots = np.concatenate([np.full(DEGREE + 1, start), np.full(DEGREE + 1, end)])
     coefficients = speed * np.linspace(start, end, DEGREE + 1)
-    error = max(float(np.sqrt(covariance[1, 1])), 1e-12)
     return SmoothAngle(
         spline=BSpline(knots, coefficients, DEGREE, extrapolate=True),
         begin=start,
@@ -76,3 +52,41 @@ def steady_angle(
         outlying=np.zeros(0),
         pulses=0,
     )
+
+
+def _outstanding_line(z: ComplexArray, rate: float, direction: int, avoid: Sequence[float]) -> float:
+    """Signed frequency of the spectrum's largest line on a side, Hz, other than those to avoid."""
+    frequency, amplitude = full_spectrum(z, rate)
+    step = rate / z.size
+    mine = (direction * frequency > 3 * step) & (amplitude > 0)
+    for line in avoid:
+        mine &= np.abs(frequency - line) > 4 * step
+    if not mine.any():
+        raise ValueError("the recording is too short to tell the perturbation from the orders of the shaft")
+    peak = int(np.argmax(np.where(mine, amplitude, 0.0)))
+    if amplitude[peak] < _STANDS_OUT * float(np.median(amplitude[mine])):
+        raise ValueError(
+            "no line stands out of the spectrum beside the orders of the shaft: is the perturbator running?"
+        )
+    return float(frequency[peak])
+
+
+def _rate_of_phase(turned: ComplexArray, t: Float, near: float) -> tuple[float, float]:
+    """Rate at which a slow vector turns, rad/s, and its standard error, by the phases of its means over blocks.
+
+    Raises:
+        ValueError: the phase is no straight line; ``near`` names the frequency, Hz, about which it is.
+    """
+    size = turned.size // _BLOCKS
+    weight = np.hanning(size + 2)[1:-1]
+    vectors = (turned[: size * _BLOCKS].reshape(_BLOCKS, size) * weight).sum(axis=1)
+    middle = t[: size * _BLOCKS].reshape(_BLOCKS, size).mean(axis=1)
+    phase = np.unwrap(np.angle(vectors))
+    line, covariance = np.polyfit(middle, phase, 1, cov=True)
+    scatter = float(np.std(phase - np.polyval(line, middle)))
+    if scatter > _STEADY:
+        raise ValueError(
+            f"the line at {abs(near):.3f} Hz is not steady, its phase wanders by {scatter:.2f} rad; "
+            "a swept perturbation needs a mark"
+        )
+    return float(line[0]), max(float(np.sqrt(covariance[1, 1])), 1e-12)

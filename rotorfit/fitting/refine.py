@@ -361,18 +361,7 @@ def one_lam_test(fit: FitResult, *, level: float = 0.01) -> OneLamTest:
 
     if "lam" not in fit.model.parameter_names:
         raise ValueError(f"{fit.model.name} as used here has no single lam to test")
-    lam = fit.params["lam"].value if "lam" in fit.params else float("nan")
-    model = fit.model.variant(two_lam=True)
-    start = {name: p.value for name, p in fit.params.items() if p.vary and name != "lam"}
-    asked = fit.settings.asked
-    wanted = replace(
-        asked,
-        known={name: value for name, value in asked.known.items() if name != "lam"},
-        bounds={name: limits for name, limits in asked.bounds.items() if name != "lam"},
-        priors={name: prior for name, prior in asked.priors.items() if name != "lam"},
-        start={**start, "lam_D": lam, "lam_M": lam},
-    )
-    wide = fitted(model, fit.experiments, wanted)
+    wide = _of_two_lams(fit)
     d, m = wide.params["lam_D"], wide.params["lam_M"]
     if not (d.resolved and m.resolved):
         raise ValueError("these data do not determine lam_D and lam_M apart: " + str(wide.identifiability))
@@ -402,3 +391,18 @@ def one_lam_test(fit: FitResult, *, level: float = 0.01) -> OneLamTest:
         message=verdict,
         fit=wide,
     )
+
+
+def _of_two_lams(fit: FitResult) -> FitResult:
+    """The same data fitted with a ratio each for damping and inertia; what was said of the single one is dropped."""
+    lam = fit.params["lam"].value if "lam" in fit.params else float("nan")
+    start = {name: p.value for name, p in fit.params.items() if p.vary and name != "lam"}
+    asked = fit.settings.asked
+    wanted = replace(
+        asked,
+        known={name: value for name, value in asked.known.items() if name != "lam"},
+        bounds={name: limits for name, limits in asked.bounds.items() if name != "lam"},
+        priors={name: prior for name, prior in asked.priors.items() if name != "lam"},
+        start={**start, "lam_D": lam, "lam_M": lam},
+    )
+    return fitted(fit.model.variant(two_lam=True), fit.experiments, wanted)

@@ -290,14 +290,7 @@ def _conditions(test: PerturbationTest, run: Index) -> Index:
 
 
 def _observe_displacement(model: RotorModel, test: DisplacementTest, group: Index) -> Responses:
-    if model.frame != "z":
-        raise ValueError(f"{model.name} keeps x and y apart; an imposed circular orbit needs an isotropic model")
-    unknown = set(test.planes) - set(model.planes)
-    if unknown:
-        raise ValueError(
-            f"{test.source or 'experiment'} has planes {', '.join(test.planes)}, the model {model.name} has "
-            f"{', '.join(model.planes)}. Map names with {type(model).__name__}(planes=(...)) or --planes"
-        )
+    _refuse_model(model, test)
     count = len(test)
     planes, plane = words(test.plane)
     coordinate = np.array([model.coordinate(name, "z") for name in planes], dtype=np.intp)[plane]
@@ -305,13 +298,7 @@ def _observe_displacement(model: RotorModel, test: DisplacementTest, group: Inde
     rows = np.vstack([np.where(np.isnan(values), -1, np.arange(2 * count)).reshape(2, count), np.full(count, -1)]).T
     right, wrong = directional(values, rows, test.frequency < 0)
     sigma = directional_noise(np.tile(test.sigma, 2), rows)
-    if not np.isfinite(right).all():
-        raise ValueError(f"{test.source or 'experiment'}: forces are not all finite")
-    if not test.displacement.all():
-        raise ValueError(
-            f"{test.source or 'experiment'}: the imposed orbit is zero ({_places(test.displacement == 0)}); these "
-            "readings have no dynamic stiffness, remove them"
-        )
+    _refuse_unforced(test, right)
     imposed = np.zeros((count, len(model.coordinates)), dtype=complex)
     imposed[np.arange(count), coordinate] = np.where(test.frequency < 0, test.displacement.conj(), test.displacement)
     names = [f"{r} / force at {p}" for r, p in zip(test.run.tolist(), test.plane.tolist(), strict=True)]
@@ -337,3 +324,25 @@ def _observe_displacement(model: RotorModel, test: DisplacementTest, group: Inde
     if gaps.any():
         sigma[gaps] = estimate_noise(block, wrong, False)[gaps]
     return block
+
+
+def _refuse_model(model: RotorModel, test: DisplacementTest) -> None:
+    """Refuse a model that keeps x and y apart, or has other planes than the test."""
+    if model.frame != "z":
+        raise ValueError(f"{model.name} keeps x and y apart; an imposed circular orbit needs an isotropic model")
+    if set(test.planes) - set(model.planes):
+        raise ValueError(
+            f"{test.source or 'experiment'} has planes {', '.join(test.planes)}, the model {model.name} has "
+            f"{', '.join(model.planes)}. Map names with {type(model).__name__}(planes=(...)) or --planes"
+        )
+
+
+def _refuse_unforced(test: DisplacementTest, force: ComplexArray) -> None:
+    """Refuse forces that are not finite and orbits of size zero."""
+    if not np.isfinite(force).all():
+        raise ValueError(f"{test.source or 'experiment'}: forces are not all finite")
+    if not test.displacement.all():
+        raise ValueError(
+            f"{test.source or 'experiment'}: the imposed orbit is zero ({_places(test.displacement == 0)}); these "
+            "readings have no dynamic stiffness, remove them"
+        )

@@ -61,6 +61,13 @@ def static_loads(model: RotorModel, test: StaticTest, group: Index) -> Block:
     )
     if not model.eccentricity_dependent:
         return block
+    eps = _eccentricity(model, test, coordinate)
+    sweep = same_rows(test.run, test.speed, test.load_plane, test.plane)
+    return OrbitResponses(block, eps, "nearest" if np.isfinite(eps).all() else "followed", sweep)
+
+
+def _eccentricity(model: RotorModel, test: StaticTest, coordinate: Index) -> Float:
+    """Measured eccentricity of the journal in each row, NaN where no probe read it under that load."""
     seat = journal(model)
     eps = np.where(coordinate == seat.at, np.abs(test.displacement) / seat.clearance, np.nan)
     check_clearance(eps, model, "static positions")
@@ -69,8 +76,7 @@ def static_loads(model: RotorModel, test: StaticTest, group: Index) -> Block:
         here = loads == load
         if np.isfinite(eps[here]).any():
             eps[here] = np.where(np.isnan(eps[here]), np.nanmean(eps[here]), eps[here])
-    sweep = same_rows(test.run, test.speed, test.load_plane, test.plane)
-    return OrbitResponses(block, eps, "nearest" if np.isfinite(eps).all() else "followed", sweep)
+    return np.asarray(eps)
 
 
 def _static_noise(test: StaticTest, label: Index) -> Float:

@@ -63,16 +63,7 @@ def plot_stability(fit: FitResult, *, group: int = 0) -> Figure:
             axis.plot(speeds * RPM_PER_RAD_S, values[:, mode], color=_MODES[mode % len(_MODES)], lw=1.4)
         axis.set_xlabel("rotative speed, rpm", fontsize=8)
         axis.set_xlim(0, top * RPM_PER_RAD_S)
-        for speed in tested.tolist():
-            axis.plot(
-                speed * RPM_PER_RAD_S,
-                0.0,
-                "^",
-                color="black",
-                ms=5,
-                clip_on=False,
-                transform=axis.get_xaxis_transform(),
-            )
+        _mark_tested(axis, tested)
         _mark_threshold(axis, onset)
     _unstable_half(growth, s.real, above=True)
     _unstable_half(damping, zeta, above=False)
@@ -85,6 +76,13 @@ def plot_stability(fit: FitResult, *, group: int = 0) -> Figure:
         axis.set_ylabel(name, fontsize=8)
     _legend(figure, _mode_names(s, speeds, float(tested.max(initial=0.0))), onset, tested=bool(tested.size))
     return figure
+
+
+def _mark_tested(axis: Any, speeds: Float) -> None:
+    """A triangle on the speed axis at each tested speed."""
+    for speed in speeds.tolist():
+        at = speed * RPM_PER_RAD_S
+        axis.plot(at, 0.0, "^", color="black", ms=5, clip_on=False, transform=axis.get_xaxis_transform())
 
 
 def _tested_speeds(fit: FitResult, group: int) -> Float:

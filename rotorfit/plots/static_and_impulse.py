@@ -165,36 +165,13 @@ def plot_velocity_ratio(fit: FitResult) -> Figure:
     if not blocks:
         raise ValueError("this fit has no impulse tests to plot")
     speeds = sorted({round(float(v), 6) for block in blocks for v in block.speed})
-    theta, vibrations = (
-        fit.thetas,
-        [block.predict(fit.thetas) for block in blocks],
-    )
     figure, axes = grid(1, 1, f"Velocity ratio from impulse tests, {fit.model.name}", size=(5.6, 3.6))
     axis = axes[0, 0]
     limit = max(float(block.eccentricity.max()) for block in blocks)
     eps = np.linspace(0.0, min(1.1 * limit, 0.99) or 0.5, _POINTS)
-    for block, fitted in zip(blocks, vibrations, strict=True):
-        for group, speed in np.unique(np.column_stack([block.reading_group, block.speed]), axis=0):
-            here = np.flatnonzero((block.reading_group == group) & (block.speed == speed))
-            colour = colour_of(speeds.index(round(float(speed), 6)))
-            axis.errorbar(
-                block.eccentricity[here],
-                block.measured[here].imag / speed,
-                yerr=block.sigma[here] / speed,
-                fmt="o",
-                ms=4,
-                color=colour,
-                elinewidth=0.8,
-                zorder=3,
-            )
-            for branch in _branches(fit, theta[int(group)], float(speed), eps, block.eccentricity[here], fitted[here]):
-                axis.plot(eps, branch / speed, "-", color=colour, lw=1.3)
-    for group, vector in enumerate(theta):
-        for curve in law_curves(fit.model, vector, eps)[2:]:
-            band = half_width(fit, group, curve.slope)
-            axis.plot(eps, curve.value, "--", color=GREY, lw=1.2)
-            axis.fill_between(eps, curve.value - band, curve.value + band, color=GREY, alpha=0.2, lw=0)
-            axis.text(eps[-1], curve.value[-1], f" {curve.name.replace('lam', 'λ')}", fontsize=8, color=GREY)
+    for block in blocks:
+        _draw_vibrations(fit, axis, block, speeds, eps)
+    _draw_ratios(fit, axis, eps)
     axis.set_ylabel("damped frequency over rotative speed", fontsize=8)
     axis.set_xlabel("eccentricity of the journal over clearance", fontsize=8)
     axis.set_ylim(bottom=min(0.0, axis.get_ylim()[0]))
@@ -206,6 +183,36 @@ def plot_velocity_ratio(fit: FitResult) -> Figure:
         dashed="lam and 95 % band",
     )
     return figure
+
+
+def _draw_vibrations(fit: FitResult, axis: Any, block: FreeVibrations, speeds: list[float], eps: Float) -> None:
+    """Measured frequencies over speed, and the fitted eigenvalues along the eccentricities, a colour each speed."""
+    theta, fitted = fit.thetas, block.predict(fit.thetas)
+    for group, speed in np.unique(np.column_stack([block.reading_group, block.speed]), axis=0):
+        here = np.flatnonzero((block.reading_group == group) & (block.speed == speed))
+        colour = colour_of(speeds.index(round(float(speed), 6)))
+        axis.errorbar(
+            block.eccentricity[here],
+            block.measured[here].imag / speed,
+            yerr=block.sigma[here] / speed,
+            fmt="o",
+            ms=4,
+            color=colour,
+            elinewidth=0.8,
+            zorder=3,
+        )
+        for branch in _branches(fit, theta[int(group)], float(speed), eps, block.eccentricity[here], fitted[here]):
+            axis.plot(eps, branch / speed, "-", color=colour, lw=1.3)
+
+
+def _draw_ratios(fit: FitResult, axis: Any, eps: Float) -> None:
+    """Velocity ratios of the law, dashed, with their 95 % bands."""
+    for group, vector in enumerate(fit.thetas):
+        for curve in law_curves(fit.model, vector, eps)[2:]:
+            band = half_width(fit, group, curve.slope)
+            axis.plot(eps, curve.value, "--", color=GREY, lw=1.2)
+            axis.fill_between(eps, curve.value - band, curve.value + band, color=GREY, alpha=0.2, lw=0)
+            axis.text(eps[-1], curve.value[-1], f" {curve.name.replace('lam', 'λ')}", fontsize=8, color=GREY)
 
 
 def _branches(

@@ -52,24 +52,9 @@ def probe_findings(record: Signals, found: Mapping[str, ChannelStatistics]) -> I
             )
             continue
         if each.still:
-            when = listed([f"{low:.2f} to {high:.2f} s" for low, high in each.still])
-            yield Finding(
-                "error",
-                "channel-stops",
-                f"{where} stays on one count from {when}, and carries noise before or after: a loose cable, or samples "
-                "that were lost. Measure again, cut these times out of the file, or leave the probe out.",
-            )
+            yield _stops(each, where)
         if each.clipped:
-            share = (each.at_low if each.flat_low >= 3 else 0.0) + (each.at_high if each.flat_high >= 3 else 0.0)
-            limit = " and ".join(
-                f"{v:.3f} V" for v, n in ((each.low, each.flat_low), (each.high, each.flat_high)) if n >= 3
-            )
-            yield Finding(
-                "error",
-                "channel-clipped",
-                f"{where} is clipped at {limit} ({share:.1%} of the samples): amplitudes there are too small. Set the "
-                "input range wider and measure again, or leave the probe out.",
-            )
+            yield _clips(each, where)
         if max(abs(each.low), abs(each.high)) > _HIGHEST:
             yield Finding(
                 "error",
@@ -90,6 +75,27 @@ def probe_findings(record: Signals, found: Mapping[str, ChannelStatistics]) -> I
             f"{record.name}: {listed(coupled)}: no gap voltage (mean below 0.25 V): AC-coupled? There is no shaft "
             "centreline and no eccentricity, and whether the probe is in its linear range cannot be seen.",
         )
+
+
+def _stops(each: ChannelStatistics, where: str) -> Finding:
+    when = listed([f"{low:.2f} to {high:.2f} s" for low, high in each.still])
+    return Finding(
+        "error",
+        "channel-stops",
+        f"{where} stays on one count from {when}, and carries noise before or after: a loose cable, or samples that "
+        "were lost. Measure again, cut these times out of the file, or leave the probe out.",
+    )
+
+
+def _clips(each: ChannelStatistics, where: str) -> Finding:
+    share = (each.at_low if each.flat_low >= 3 else 0.0) + (each.at_high if each.flat_high >= 3 else 0.0)
+    limit = " and ".join(f"{v:.3f} V" for v, n in ((each.low, each.flat_low), (each.high, each.flat_high)) if n >= 3)
+    return Finding(
+        "error",
+        "channel-clipped",
+        f"{where} is clipped at {limit} ({share:.1%} of the samples): amplitudes there are too small. Set the input "
+        "range wider and measure again, or leave the probe out.",
+    )
 
 
 def _sensitivity(probe: Probe, each: ChannelStatistics, where: str) -> Iterator[Finding]:

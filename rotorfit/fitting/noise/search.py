@@ -149,14 +149,7 @@ def residuals_of(problem: Problem, x: Float) -> Residuals | None:
     for one in problem.priors:
         prior[one.entry] += one.terms(float(x[one.entry]))[2]
     channels = channels_of(problem)
-    names, number = words(np.concatenate([block.run for block in problem.blocks]))
-    runs = tuple(names)
-    if not 2 <= len(runs) <= _MOST_RUNS:
-        runs = ()
-    order, ends = np.argsort(number, kind="stable"), np.cumsum(np.bincount(number))
-    rows = np.split(order, ends[:-1]) if runs else []
-    if any(own.size < _FEWEST for own in rows):
-        runs, rows = (), []
+    runs, rows = _runs_of(problem)
     kinds, Z = _effects(problem, x, y / sigma, J) if runs else ((), np.zeros((r.size, 0), dtype=complex))
     kept = np.arange(x.size)
     if offsets and kinds:  # offsets of the phase reference are effects of runs, of unknown size
@@ -182,6 +175,16 @@ def residuals_of(problem: Problem, x: Float) -> Residuals | None:
         free=free,
         kept=kept,
     )
+
+
+def _runs_of(problem: Problem) -> tuple[tuple[str, ...], list[Index]]:
+    """Runs that may differ, with the readings of each; none where they are one, too many, or one has too few."""
+    names, number = words(np.concatenate([block.run for block in problem.blocks]))
+    order, ends = np.argsort(number, kind="stable"), np.cumsum(np.bincount(number))
+    rows = np.split(order, ends[:-1])
+    if not 2 <= len(names) <= _MOST_RUNS or any(own.size < _FEWEST for own in rows):
+        return (), []
+    return tuple(names), rows
 
 
 def channels_of(problem: Problem) -> tuple[list[Index], ...]:
@@ -360,16 +363,8 @@ def search_noise(data: Residuals, *, forced: Sequence[int] = ()) -> Search:
             found = _leave(data, sigma, chosen, variance[chosen])
         shapes, other = _own_noise(data, found)
         remembered = memory(found.left, found.own, found.solved.outer, data.sweeps)
-    follows = remembered.first > _SHORT and remembered.z > _CLEARLY
     ratio = found.redchi(data.sigma)
-    known = data.told or _explains(data, found, shapes)
-    verdict = NoiseVerdict.AS_FOUND
-    if follows:
-        verdict = NoiseVerdict.FOLLOWING if ratio < AGREES else NoiseVerdict.MISFIT
-    elif not known:
-        verdict = NoiseVerdict.SHAPED
-    elif data.told and ratio > AGREES:
-        verdict = NoiseVerdict.LARGER
+    verdict = _verdict(data, remembered, ratio, known=data.told or _explains(data, found, shapes))
     if verdict is not NoiseVerdict.SHAPED:
         other = data.sigma * (np.sqrt(max(1.0, ratio)) if chosen else 1.0)
         shapes = []
@@ -393,6 +388,15 @@ def search_noise(data: Residuals, *, forced: Sequence[int] = ()) -> Search:
         solved=found.solved,
         weight=found.weight,
     )
+
+
+def _verdict(data: Residuals, remembered: Memory, ratio: float, *, known: bool) -> NoiseVerdict:
+    """What residuals with a memory and a redchi are; ``known``: noise that was told, or is as the data have it."""
+    if remembered.first > _SHORT and remembered.z > _CLEARLY:
+        return NoiseVerdict.FOLLOWING if ratio < AGREES else NoiseVerdict.MISFIT
+    if not known:
+        return NoiseVerdict.SHAPED
+    return NoiseVerdict.LARGER if data.told and ratio > AGREES else NoiseVerdict.AS_FOUND
 
 
 def _between_runs(data: Residuals, forced: Sequence[int]) -> tuple[Float, Float]:
