@@ -278,7 +278,7 @@ def test_the_threshold_of_responses_that_noise_hides_is_said_to_be_open():
     model, rig = WhirlWhip(), TYPICAL["whirl-whip"]
     w = np.r_[-np.linspace(20, 500, 20)[::-1], np.linspace(20, 500, 20)]
     said = []
-    for seed in range(6):
+    for seed in (0, 1):  # the threshold of one draw is open below, that of the other is not
         test = circular_test(model, model.vector(rig), speeds=(150.0,), frequency=w, noise=0.8, seed=seed)
         fit = rf.fit(model, test, known={"K3": rig["K3"]})
         if fit.success and np.isfinite(fit.threshold_speed().stderr):

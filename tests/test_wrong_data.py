@@ -61,7 +61,7 @@ ONLY_A_FIT_TELLS: dict[str, tuple[Slip, str]] = {
 
 @pytest.fixture(scope="module")
 def rig() -> PerturbationTest:
-    return thinned(rf.datasets.rig_open(), 2)
+    return thinned(rf.datasets.rig_open(), 4)
 
 
 @pytest.mark.usefixtures("sketched")
@@ -100,7 +100,7 @@ def test_a_fit_in_python_ends_with_the_sentence_of_the_check(rig: PerturbationTe
 def test_a_slip_that_only_a_fit_gives_away_is_named(slip: str, rig: PerturbationTest) -> None:
     """The rig is a shaft of finite elements, which the model is not; fits of it as it is say nothing (above)."""
     make, words = ONLY_A_FIT_TELLS[slip]
-    fit = rf.fit(rf.models.WhirlWhip(), make(thinned(rig, 4)), known={"K3": 6000.0})
+    fit = rf.fit(rf.models.WhirlWhip(), make(thinned(rig, 2)), known={"K3": 6000.0})
     said = [warning for warning in fit.warnings if "A trial fit says" in warning]
     assert len(said) == 1
     assert said[0].startswith("error in the data: ")
@@ -110,7 +110,7 @@ def test_a_slip_that_only_a_fit_gives_away_is_named(slip: str, rig: Perturbation
 @pytest.mark.parametrize("model", [rf.models.WhirlWhip(), rf.models.OneMode()])
 def test_a_model_that_is_wrong_is_no_slip(model: rf.models.RotorModel, rig: PerturbationTest) -> None:
     """A second mode that the model lacks leaves most of the response, and no exchange of labels explains it."""
-    test = thinned(rig, 4)
+    test = thinned(rig, 2)
     if len(model.planes) == 1:
         test = test.select((test.plane == "journal") & (test.force_plane == "journal"))
         assert rf.fit(model, test).redchi > 100
