@@ -16,10 +16,12 @@ TORSION = {"J": 2e-4, "nu_t": 340.0, "zeta_t": 0.01}
 NOISE = {"z": 2e-7, "twist": 5e-7}
 
 
-def line_test(model, values, kinds, rng, steady=(), w=W):
+def line_test(model, values, kinds, rng, steady=(), sweep=W):
     """Lines of a model with white noise."""
     theta = model.vector(values)
-    kinds = [(*kind, w, 3e-5 * w**2) for kind in kinds] + [("z", name, np.zeros(1), np.zeros(1)) for name in steady]
+    kinds = [(*kind, sweep, 3e-5 * sweep**2) for kind in kinds] + [
+        ("z", name, np.zeros(1), np.zeros(1)) for name in steady
+    ]
     columns = {name: [] for name in ("frequency", "force", "direction", "line", "response", "sigma")}
     for direction, line, w, force in kinds:
         clean = np.broadcast_to(model.lines(theta, direction, line_order(direction, line), w, SPEED, force), w.shape)
@@ -66,11 +68,11 @@ def test_stiffness_and_damping_of_the_twist_are_another_way_to_say_the_same():
 
 def test_what_the_lines_do_not_tell_is_said():
     few = -np.linspace(30.0, 310.0, 24)
-    test = line_test(rf.models.AnisotropicShaft(), VALUES | TORSION, ALL, np.random.default_rng(3), w=few)
+    test = line_test(rf.models.AnisotropicShaft(), VALUES | TORSION, ALL, np.random.default_rng(3), sweep=few)
     fit = rf.fit(rf.models.AnisotropicShaft(), test)  # J, eccentricity and side load only by their ratios
     assert {"J", "ec", "es", "Px", "Py"} <= set(fit.identifiability.unresolved)
     assert fit.params["nu_t"].value == pytest.approx(340.0, rel=1e-3)
-    lateral = line_test(rf.models.AnisotropicShaft(), VALUES | TORSION, ALL[:2], np.random.default_rng(3), w=few)
+    lateral = line_test(rf.models.AnisotropicShaft(), VALUES | TORSION, ALL[:2], np.random.default_rng(3), sweep=few)
     assert {"ec", "Px"} <= set(rf.fit(rf.models.AnisotropicShaft(torsion=None), lateral).identifiability.unresolved)
 
 

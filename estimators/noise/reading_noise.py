@@ -14,6 +14,7 @@ FLOOR = 1e-9
 
 
 _CLEARLY = 0.8  # how much tighter proportional noise must fit to be preferred; else the amplitude hardly varies
+_SINGULAR = 1e-13  # columns of a window depend on each other below it
 _OUTLIERS = 2.0  # mean over median-based power; noise alone exceeds this in 30 samples about once in 10^3
 
 
@@ -109,13 +110,30 @@ def _local_variances(w: Float, y: ComplexArray, poles: int) -> Float:
     denominator = np.ones_like(y)
     for _ in range(3):  # the equation error is the response error times the denominator: divide by the last one
         scaled, target = basis / denominator[..., None], y / denominator
-        coefficients = np.einsum("npm,nm->np", np.linalg.pinv(scaled, rcond=1e-13), target)
+        coefficients = _solved(scaled, target)
         miss = target - np.einsum("nmp,np->nm", scaled, coefficients)
         powers = np.stack([d**k for k in range(poles + 1)], axis=-1)
         leading = np.concatenate([np.ones((len(y), 1)), coefficients[:, 3:]], axis=1)
         denominator = np.einsum("nmp,np->nm", powers, leading)
         denominator = np.where(denominator == 0, 1.0, denominator)
     return np.asarray(np.sum(np.abs(miss) ** 2, axis=1) / (2 * (w.shape[1] - basis.shape[2])))
+
+
+def _solved(design: ComplexArray, target: ComplexArray) -> ComplexArray:
+    """Least squares in each window, ``(N, m, p)`` and ``(N, m)``.
+
+    Triangles take a part of the time of singular values, which are left to windows whose columns depend on each other,
+    as those of exact data may.
+    """
+    q, r = np.linalg.qr(design)
+    size = np.abs(np.diagonal(r, axis1=1, axis2=2))
+    sound = size.min(axis=1) > _SINGULAR * size.max(axis=1)
+    found = np.empty((len(design), design.shape[2]), dtype=complex)
+    along = np.matmul(q[sound].conj().swapaxes(1, 2), target[sound, :, None])
+    found[sound] = np.linalg.solve(r[sound], along)[..., 0]
+    if not sound.all():
+        found[~sound] = np.einsum("npm,nm->np", np.linalg.pinv(design[~sound], rcond=_SINGULAR), target[~sound])
+    return found
 
 
 def deviations_of_repeats(sweeps: ComplexArray) -> ComplexArray:

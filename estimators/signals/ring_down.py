@@ -89,8 +89,9 @@ def _decays(time: Float, signals: Float, modes: int, steady: Float) -> Iterator[
     top = min(2 * (modes + _EXTRA) + 1, time.size // 4)
     waves = columns_of_sum(time, np.zeros(0, dtype=complex), np.zeros(0), steady)[:, :-1]
     moving = signals - (waves @ np.linalg.lstsq(waves, signals.T, rcond=None)[0]).T if steady.size else signals
+    directions = _directions(moving)
     for count in range(2 * modes, top + 1):
-        ratio = _pencil(moving, count)
+        ratio = _pencil(directions[:count])
         size = np.abs(ratio) ** (time.size - 1)
         if (np.abs(ratio) < _SHORTEST).any() or (size > GROWTH).any():
             continue  # more exponentials than the record holds: the rest of them are noise
@@ -103,14 +104,18 @@ def _decays(time: Float, signals: Float, modes: int, steady: Float) -> Iterator[
             yield _refine(time, signals, vibrating, real, steady)
 
 
-def _pencil(signals: Float, count: int) -> ComplexArray:
-    """Ratios of successive samples of the ``count`` strongest exponentials that x and y share."""
+def _directions(signals: Float) -> Float:
+    """Directions of windows of the signals by their strength, strongest first, one a row."""
     n = signals.shape[1]
     width = min(n // 3, _PENCIL)
     stride = max(1, (n - width) // _ROWS)
     windows = np.lib.stride_tricks.sliding_window_view(signals, width + 1, axis=1)[:, ::stride].reshape(-1, width + 1)
-    _, _, right = np.linalg.svd(windows, full_matrices=False)
-    V = right[:count].T
+    return np.asarray(np.linalg.svd(windows, full_matrices=False)[2])
+
+
+def _pencil(strongest: Float) -> ComplexArray:
+    """Ratios of successive samples of as many exponentials as directions, the strongest that x and y share."""
+    V = strongest.T
     return np.asarray(np.linalg.eigvals(np.linalg.lstsq(V[:-1], V[1:], rcond=None)[0]).astype(complex))
 
 
