@@ -228,3 +228,29 @@ def test_start_ups_are_compared_with_a_reference_run_without_a_weight() -> None:
     expected = model.receptance(theta, net.speed, 0.0)[:, 0, 0] * net.force
     # a cubic spline through steps of 1.5 rad/s across a resonance 10 rad/s wide: some 1e-4 of the reference's peak
     np.testing.assert_allclose(net.response, expected, atol=1e-3 * np.abs(test.response).max())
+
+
+def test_each_plane_is_compared_with_a_reference_run_of_its_own():
+    speed = np.linspace(60.0, 200.0, 90)
+    starts = [
+        start_up(f"{plane} {'trial' if mr else 'bare'}", 20, speed, plane=plane, mr=mr)
+        for plane in MODEL.planes
+        for mr in (0.0, MR)
+    ]
+    net = difference_synchronous(join(*starts))
+    assert net.runs == tuple(f"{plane} trial minus {plane} bare" for plane in MODEL.planes)
+    np.testing.assert_allclose(net.response, exact(net), atol=1e-12)
+
+
+def test_opposite_weights_of_different_size_are_warned_of(tmp_path):
+    path = tmp_path / "ups.csv"
+    write(join(start_up("a", 30, SPEED), start_up("b", 210, SPEED, mr=10 * MR)), path)
+    with pytest.warns(UserWarning, match=r"opposite weights differ: a \(15 g mm\) and b \(150 g mm\)"):
+        read(path)
+    told = []
+    read(path, on_finding=told.append)
+    assert [finding.code for finding in told] == ["uneven-weights"]
+    write(join(start_up("a", 30, SPEED), start_up("b", 210, SPEED, mr=1.02 * MR)), path)
+    told.clear()
+    read(path, on_finding=told.append)
+    assert told == []

@@ -26,6 +26,8 @@ SAME_SPEED = 1e-6
 LARGEST_GAP = 5.0
 """Readings are not interpolated across gaps longer than this many median steps."""
 
+_UNEVEN = 0.05  # difference of two weights, over the larger, from which they are hardly one that was turned
+
 DIFFERENCED = "differenced"
 """Attribute that marks rows made by :func:`difference_synchronous` with 1, rows left as they were with 0."""
 
@@ -67,7 +69,8 @@ def difference_synchronous(test: PerturbationTest) -> PerturbationTest:
     attributes are averaged over the pair.
 
     A start-up without an opposite one is compared with a reference run, one without a weight (force zero), if there is
-    one; several may be compared with the same, whose noise they then share.
+    one, and of several with that of its own plane; several start-ups may be compared with the same, whose noise they
+    then share.
 
     Runs without a partner, and readings that only one run of a pair has, stay as they are; the attribute
     :data:`DIFFERENCED` tells them apart. Rows differenced before are left alone, so doing it twice changes nothing.
@@ -116,6 +119,24 @@ def difference_synchronous(test: PerturbationTest) -> PerturbationTest:
     return join([*parts, rest] if len(rest) else parts)
 
 
+def uneven_weights(test: PerturbationTest) -> list[str]:
+    """Pairs of start-ups with the weight at opposite angles whose weights differ, in words.
+
+    The difference of their responses is told by the sum of their weights: where one weight was turned, and is told
+    twice the size in one of the runs, everything comes out too stiff, and no fit notices.
+
+    Args:
+        test: a synchronous test before it is differenced.
+    """
+    told: list[str] = []
+    for pair in _pairs(test, np.asarray(test.attributes.get(DIFFERENCED, np.zeros(len(test))) != 1)):
+        sizes = [float(np.median(np.abs(test.force[rows]) / test.speed[rows] ** 2)) * 1e6 for rows in pair]
+        if abs(sizes[0] - sizes[1]) > _UNEVEN * max(sizes):
+            runs = [f"{test.run[rows[0]]} ({size:.4g} g mm)" for rows, size in zip(pair, sizes, strict=True)]
+            told.append(" and ".join(runs))
+    return told
+
+
 def _pairs(test: PerturbationTest, rows: Bool) -> Iterator[tuple[NDArray[Any], NDArray[Any]]]:
     """Rows of each two runs with the force at one plane in opposite directions, in order of appearance."""
     sectors = np.round(np.degrees(np.angle(test.force)), 1).tolist()  # a run whose weight was moved is two runs
@@ -137,15 +158,16 @@ def _pairs(test: PerturbationTest, rows: Bool) -> Iterator[tuple[NDArray[Any], N
 
 
 def _with_reference(test: PerturbationTest, rows: Bool) -> Iterator[tuple[NDArray[Any], NDArray[Any]]]:
-    """Rows of each run with a weight beside those of the first run without one."""
+    """Rows of each run with a weight beside those of the first run without one, of its own plane if there is one."""
     bare = rows & (test.force == 0) & (test.speed != 0) & ~test.linear
     if not bare.any():
         return
-    reference = np.flatnonzero(bare & (test.run == test.run[np.argmax(bare)]))
     for run in test.runs:
         loaded = np.flatnonzero(rows & (test.run == run) & (test.force != 0) & (test.speed != 0) & ~test.linear)
         if loaded.size:
-            yield loaded, reference
+            own = bare & np.isin(test.force_plane, test.force_plane[loaded])
+            among = own if own.any() else bare
+            yield loaded, np.flatnonzero(bare & (test.run == test.run[np.argmax(among)]))
 
 
 def _merge(degrees: list[float]) -> list[float]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -10,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from rotorfit.data.experiments import DisplacementTest, Experiment, PerturbationTest
-from rotorfit.data.findings import Finding
+from rotorfit.data.findings import Finding, listed
 from rotorfit.data.probes import (
     Channel,
     check_channels,
@@ -19,7 +20,7 @@ from rotorfit.data.probes import (
     subtract_measured_slow_roll,
 )
 from rotorfit.data.selection import Wanted, selected
-from rotorfit.data.synchronous import SPEED_TOLERANCE, group_speeds
+from rotorfit.data.synchronous import SPEED_TOLERANCE, group_speeds, uneven_weights
 from rotorfit.data.weights import differenced
 from rotorfit.estimators.atomic_file import whole_file
 from rotorfit.io.cells import EXCEL
@@ -113,10 +114,30 @@ def read(
     given = {name: value for name, value in options.items() if value is not None}
     if isinstance(test, PerturbationTest):
         test = _corrected(test, **given)
-        return differenced(test) if difference and test.synchronous else test
+        if not (difference and test.synchronous):
+            return test
+        apart = differenced(test)
+        if apart is not test:
+            _tell_uneven(test, on_finding)
+        return apart
     if given:
         raise ValueError(f"{', '.join(given)} correct probe readings; {test.source} is a {type(test).__name__}")
     return test
+
+
+def _tell_uneven(test: PerturbationTest, on_finding: Callable[[Finding], None] | None) -> None:
+    """Warn of opposite weights that are not one and the same."""
+    pairs = uneven_weights(test)
+    if not pairs:
+        return
+    message = (
+        f"{test.source}: opposite weights differ: {listed(pairs)}. If it is one weight that was turned by 180 degrees, "
+        "one of the two is told wrong, and all masses, stiffnesses and dampings with it."
+    )
+    if on_finding is None:
+        warnings.warn(message, stacklevel=4)
+    else:
+        on_finding(Finding("warning", "uneven-weights", message))
 
 
 def _corrected(
