@@ -10,7 +10,11 @@ from rotorfit.models.parameters import Parameter
 
 
 class FluidForce(NamedTuple):
-    """Stiffness, damping and mass by which the fluid adds to a journal's dynamic stiffness, complex symbols."""
+    """Stiffness, damping and mass by which the fluid adds to a journal's dynamic stiffness, complex symbols.
+
+    Attributes:
+        K, C, M: factors of s^0, s^1 and s^2: N/m, N s/m, kg.
+    """
 
     K: Complex
     C: Complex

@@ -18,7 +18,14 @@ from rotorfit.models.model import RotorModel
 
 
 class LawCurve(NamedTuple):
-    """A coefficient of the fluid against eccentricity: values ``(E,)``, derivatives by parameters ``(E, P)``."""
+    """A coefficient of the fluid against eccentricity: values ``(E,)``, derivatives by parameters ``(E, P)``.
+
+    Attributes:
+        name: ``K0``, ``D``, ``lam``, or ``lam_D`` and ``lam_M``.
+        unit: SI unit.
+        value: at each eccentricity, shape ``(E,)``.
+        slope: its derivatives by the model's parameters, shape ``(E, P)``.
+    """
 
     name: str
     unit: str

@@ -18,7 +18,13 @@ from rotorfit.models.parameters import Parameter
 
 
 class Fluid(NamedTuple):
-    """Radial stiffness and damping at an eccentricity, and the factor on the velocity ratio; symbolic."""
+    """Radial stiffness and damping at an eccentricity, and the factor on the velocity ratio; symbolic.
+
+    Attributes:
+        K0: N/m.
+        D: N s/m.
+        ratio: velocity ratio over that at eps = 0.
+    """
 
     K0: Any
     D: Any

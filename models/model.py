@@ -34,8 +34,10 @@ _KEPT = 64
 class Coordinate:
     """One generalised coordinate: what is measured (or left unmeasured) at a plane.
 
-    ``axis`` is ``z`` for the complex displacement x + j y, ``r`` for the complex slope dx/ds + j dy/ds, and ``x`` or
-    ``y`` in models that keep the two lateral directions apart.
+    Attributes:
+        plane: name of the plane.
+        axis: ``z`` for the complex displacement x + j y, ``r`` for the complex slope dx/ds + j dy/ds, and ``x`` or
+            ``y`` in models that keep the two lateral directions apart.
     """
 
     plane: str
@@ -49,7 +51,10 @@ class Coordinate:
 class CoefficientJacobian:
     """Structurally nonzero derivatives of the coefficients, entry e being d C[power, row, column] / d input.
 
-    ``values`` has shape ``(..., E)``; ``inputs`` counts the parameters first, then speed, then eccentricity.
+    Attributes:
+        inputs: number of the input of each entry, parameters first, then speed, then eccentricity, shape ``(E,)``.
+        powers, rows, columns: place of each entry, shape ``(E,)``.
+        values: shape ``(..., E)``.
     """
 
     inputs: Index
@@ -303,7 +308,7 @@ class RotorModel(ABC):
 
         Args:
             plane: one of the model's planes.
-            axis: ``"z"``, or ``"x"`` or ``"y"`` of models with both; ``"phi"`` for a tilt.
+            axis: ``"z"``, ``"r"`` for a slope, or ``"x"`` or ``"y"`` of models with both.
 
         Raises:
             KeyError: the model has no such plane or axis; both lists are shown.

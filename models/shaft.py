@@ -32,7 +32,11 @@ _RANGE = 0.2  # range of the logarithm of a scale factor for which one reduction
 
 @dataclass(frozen=True, eq=False)
 class StructureMatrices:
-    """Matrices in complex coordinates of ``M q'' + (C + Om G) q' + K q = F``, shape ``(N, N)`` each."""
+    """Matrices in complex coordinates of ``M q'' + (C + Om G) q' + K q = F``, shape ``(N, N)`` each.
+
+    Attributes:
+        M, C, G, K: mass, kg, damping, N s/m, gyroscopic matrix, kg, and stiffness, N/m; of slopes times m or m^2.
+    """
 
     M: ComplexArray
     C: ComplexArray
@@ -179,7 +183,11 @@ class SeenShaft(Protocol):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ShaftApart:
-    """A known structure with x and y apart, all x first; see :class:`SeenShaft`."""
+    """A known structure with x and y apart, all x first; see :class:`SeenShaft`.
+
+    Attributes:
+        at, has_mass: see :class:`SeenShaft`.
+    """
 
     at: Index
     has_mass: bool

@@ -7,7 +7,13 @@ from typing import NamedTuple
 
 
 class Wide(NamedTuple):
-    """A cell that reaches over several columns, aligned as the first of them; a remark begins at its left."""
+    """A cell that reaches over several columns, aligned as the first of them; a remark begins at its left.
+
+    Attributes:
+        text: what it says.
+        columns: how many it reaches over.
+        remark: whether it begins at the left whatever the alignment, and makes no column wider.
+    """
 
     text: str
     columns: int

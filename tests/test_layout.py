@@ -420,14 +420,21 @@ def test_errors_that_a_function_raises_are_documented() -> None:
     assert found == []
 
 
-@pytest.mark.parametrize("name", sorted(name for name, kind in CLASSES.items() if entries(kind.__doc__, "Attributes")))
+def fields(kind: type) -> set[str]:
+    """Fields that a record has of its own; those of its base are documented there."""
+    names = [field.name for field in dataclasses.fields(kind)] if dataclasses.is_dataclass(kind) else []
+    own = vars(kind).get("__annotations__", ())
+    return {name for name in (*names, *getattr(kind, "_fields", ())) if name in own and not name.startswith("_")}
+
+
+@pytest.mark.parametrize("name", sorted(n for n, k in CLASSES.items() if fields(k) or entries(k.__doc__, "Attributes")))
 def test_documented_attributes_are_those_of_the_class(name: str) -> None:
     kind = CLASSES[name]
-    told = set(entries(kind.__doc__, "Attributes") or ())
-    fields = {field.name for field in dataclasses.fields(kind)} if dataclasses.is_dataclass(kind) else set()
-    assert {field for field in fields if not field.startswith("_")} <= told
+    told = {*(entries(kind.__doc__, "Attributes") or ()), *(entries(kind.__doc__, "Args") or ())}
+    assert fields(kind) <= told
     source = inspect.getsource(kind)
-    assert [own for own in told - members(kind) if not re.search(rf"\bself\.{own}\b", source)] == []
+    gone = {*(entries(kind.__doc__, "Attributes") or ())} - members(kind)
+    assert [own for own in gone if not re.search(rf"\bself\.{own}\b", source)] == []
 
 
 def there(target: str, scopes: list[object]) -> bool:

@@ -27,7 +27,13 @@ Entry = tuple[int, int]
 
 @dataclass(frozen=True)
 class Pattern:
-    """How a node is read: its entries, whether readings carry a gain, and the loss."""
+    """How a node is read: its entries, whether readings carry a gain, and the loss.
+
+    Attributes:
+        entries: what each reading of a node is of, see :data:`Entry`.
+        gains: whether readings carry a gain.
+        loss: of the fit.
+    """
 
     entries: tuple[Entry, ...]
     gains: bool

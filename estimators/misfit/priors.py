@@ -21,7 +21,12 @@ def _moments(distribution: Any) -> tuple[float, float]:
 
 @dataclass(frozen=True, eq=False)
 class Prior:
-    """Logarithm of a prior density of one entry and its two derivatives."""
+    """Logarithm of a prior density of one entry and its two derivatives.
+
+    Attributes:
+        entry: number of the entry in the fitted vector.
+        distribution: a frozen ``scipy.stats`` distribution.
+    """
 
     entry: int
     distribution: Any  # a frozen scipy.stats distribution

@@ -34,7 +34,13 @@ _BY_CHANCE = 10.0  # fall of chi-squared a parameter that fitting noise does not
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """One run of a campaign: its readings and what is known of its conditions."""
+    """One run of a campaign: its readings and what is known of its conditions.
+
+    Attributes:
+        name: by which the campaign lists it.
+        experiment: its readings.
+        attributes: conditions of the run: the mean of numbers, the text of texts.
+    """
 
     name: str
     experiment: Experiment

@@ -85,7 +85,11 @@ class Assumption:
 
 @dataclass(frozen=True)
 class Assumptions:
-    """Assumptions of a fit, those first that the data refuse, then by how much they would move results."""
+    """Assumptions of a fit, those first that the data refuse, then by how much they would move results.
+
+    Attributes:
+        entries: one for each term that is left out or taken as known.
+    """
 
     entries: tuple[Assumption, ...]
 

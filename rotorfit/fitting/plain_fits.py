@@ -40,9 +40,11 @@ _TOGETHER = 16384  # readings evaluated together, which stay in the processor's 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class PlainFit:
-    """Result of one run, attributes as of :class:`~rotorfit.fitting.result.FitResult`: it has no warnings.
+    """Result of one run, a :class:`~rotorfit.fitting.result.FitResult` in little: it has no warnings.
 
-    ``still`` is what chi-squared would be without any motion.
+    Attributes:
+        params, var_names, covar, chisqr, redchi, ndata, nfev, message: as of a result.
+        still: chi-squared of no motion at all.
     """
 
     params: Mapping[str, FittedParameter]

@@ -60,7 +60,11 @@ class FittedParameter:
 class Quantity:
     """A derived quantity and its standard error, infinite where the data do not determine it, NaN for a stalled fit.
 
-    ``freedom`` and :meth:`interval` are as those of :class:`FittedParameter`.
+    Attributes:
+        value: in ``unit``.
+        stderr: its standard error, likewise.
+        unit: SI unit.
+        freedom: degrees of freedom of ``stderr``.
     """
 
     value: float

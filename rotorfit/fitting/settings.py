@@ -48,15 +48,19 @@ class Onset:
 
 @dataclass(frozen=True, kw_only=True)
 class FitSettings:
-    """What the user asked for; see :func:`rotorfit.fit`.
+    """What the user asked for, and what was found out while doing it; it lays the problem out again.
 
-    ``calibration`` holds the uncertainties that enter as nuisance entries, ``assumptions`` those of terms that the
-    model leaves out or takes as known, by their names in :meth:`FitResult.assumptions`; they enter intervals as a
-    systematic share. ``levels`` are factors on the noise by
-    response, which :func:`rotorfit.refine` reads off the residuals once the structure explains the data. ``noise`` is
-    what the fit found in its residuals where these are noise of another shape than the data alone show, or where runs
-    differ. ``onsets`` are the threshold speeds, group by group, of the models without terms that hold in the tested
-    band only; :func:`rotorfit.refine` takes them from the other rungs of its ladder.
+    Attributes:
+        known, bounds, priors, per, start, loss, phase_offsets: see :func:`rotorfit.fit`.
+        levels: factors on the noise by response, which :func:`rotorfit.refine` reads off the residuals once the
+            structure explains the data.
+        onsets: threshold speeds, group by group, of the models without terms that hold in the tested band only;
+            :func:`rotorfit.refine` takes them from the other rungs of its ladder.
+        calibration: uncertainties that enter as nuisance entries.
+        assumptions: uncertainties of terms that the model leaves out or takes as known, by their names in
+            :meth:`~rotorfit.fitting.result.FitResult.assumptions`; they enter intervals as a systematic share.
+        noise: what the fit found in its residuals where these are noise of another shape than the data alone show, or
+            where runs differ.
     """
 
     known: Mapping[str, float | None] = field(default_factory=dict)

@@ -140,7 +140,11 @@ class PlaceTrend:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class MachineTrend:
-    """What :func:`trend` found, place by place."""
+    """What :func:`trend` found, place by place.
+
+    Attributes:
+        places: one entry a place, for observed stiffness a pair of force plane and probe plane.
+    """
 
     places: tuple[PlaceTrend, ...]
 

@@ -16,7 +16,13 @@ _MARKS = ("shaft", "perturbator")
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Marks:
-    """The two angles of a recording, either may be missing."""
+    """The two angles of a recording, either may be missing.
+
+    Attributes:
+        shaft: angle of the shaft, ``None`` without its mark.
+        perturbator: angle of the perturbator, growing whichever way it turns, likewise.
+        whirl: +1 where the perturbator turns with the shaft, -1 against it.
+    """
 
     shaft: AngleTrack | None
     perturbator: AngleTrack | None

@@ -44,7 +44,7 @@ def spectrum(record: Signals, plane: str, start: float, stop: float | None) -> t
     Args:
         record: the recording.
         plane: one of its planes.
-        start, stop: s; by default all, of a long recording the first million samples.
+        start, stop: s; by default all; of more than a million samples the first million.
 
     Raises:
         ValueError: no such plane, or a stretch that is empty.

@@ -26,7 +26,13 @@ FigureFormat = Literal["png", "pdf", "svg", "none"]
 
 @dataclass(frozen=True, kw_only=True)
 class ReportInput:
-    """All that a report is written from; see :func:`write_report`."""
+    """All that a report is written from; see :func:`write_report`.
+
+    Attributes:
+        fit, posterior, refinement, findings, profiles, bootstrap, shares: as :func:`write_report` takes them.
+        operating_speed, figure_format, recordings, turns: likewise.
+        pictures: files of that format by name, filled in as figures are drawn.
+    """
 
     fit: FitResult
     posterior: Posterior | None = None
@@ -40,4 +46,3 @@ class ReportInput:
     recordings: Sequence[Recording] = ()
     turns: int | None = None
     pictures: dict[str, bytes] = field(default_factory=dict)
-    """Files of that format by name, filled in as figures are drawn."""

@@ -29,7 +29,13 @@ class IntegrationError(RuntimeError):
 
 
 class Path(NamedTuple):
-    """Motion in time: instants ``(T,)``, displacements and velocities ``(T, L, n)``."""
+    """Motion in time: instants ``(T,)``, displacements and velocities ``(T, L, n)``.
+
+    Attributes:
+        time: s, shape ``(T,)``.
+        z: displacements, m, shape ``(T, L, n)``.
+        v: velocities, m/s, likewise.
+    """
 
     time: Float
     z: ComplexArray

@@ -36,7 +36,12 @@ def no_progress(stage: str, done: float | None = None) -> None:
 
 @dataclass(frozen=True)
 class DataFile:
-    """A test file and the options to read it with, see :func:`rotorfit.read`."""
+    """A test file and the options to read it with, see :func:`rotorfit.read`.
+
+    Attributes:
+        path: the file.
+        options: by name, those of :func:`rotorfit.read`.
+    """
 
     path: Path
     options: Mapping[str, Any] = field(default_factory=dict)

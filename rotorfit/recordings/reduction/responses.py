@@ -34,7 +34,12 @@ _BALANCE = "the shaft itself, at steady speeds"
 
 
 class Reduced(NamedTuple):
-    """What came of recordings that were reduced together: their test, and what was found odd on the way."""
+    """What came of recordings that were reduced together: their test, and what was found odd on the way.
+
+    Attributes:
+        test: the responses.
+        findings: what was odd.
+    """
 
     test: PerturbationTest
     findings: tuple[Finding, ...]
