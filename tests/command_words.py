@@ -15,6 +15,8 @@ FIT = ["fit", RIG, "--model", "whirl-whip", "--known", "K3=6000"]
 FIGURES = {"dynamic_stiffness.png", "bode.png", "polar.png", "residuals.png", "stability.png"}
 TABLES = {"summary.txt", "parameters.csv", "covariance.csv", "responses.csv"}
 WHOLE = {"report.html", "fit.json"}
+FROM_VOLTS = ["demo", "--from-volts"]
+"""A command of the README that tests/test_responses.py runs, and looks at what it writes."""
 SAMPLED = {"posterior.nc", "corner.png", "chains.png"}
 
 Run = Callable[..., tuple[int, str, str]]

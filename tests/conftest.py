@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 import gc
 import os
 from collections.abc import Callable
@@ -15,18 +14,12 @@ for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
 os.environ.setdefault("MPLBACKEND", "agg")
 
 
-DOT = base64.b64decode(
-    "iVBORw0KGgoAAAANSUhEUgAAAAEAAAABCAYAAAAfFcSJAAAADUlEQVR42mNkYPhfDwAChwGA60e6kgAAAABJRU5ErkJggg=="
-)
-"""A picture of one pixel."""
-
-
 @pytest.fixture
 def sketched(monkeypatch: pytest.MonkeyPatch) -> None:
     """Leave the pixels of a report's figures out, which take most of the time, where a test is about something else."""
-    from rotorfit.plots import layout
+    from report_pages import leave_pixels_out
 
-    monkeypatch.setattr(layout, "picture_of", lambda figure, *_, **__: DOT)
+    leave_pixels_out(monkeypatch)
 
 
 @pytest.fixture

@@ -10,11 +10,23 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 
 import rotorfit as rf
 from rotorfit.fitting.result import FitResult
+from rotorfit.plots import layout
 from rotorfit.uncertainty.posterior import SampleSettings
 from rotorfit.uncertainty.profile import Profile
+
+DOT = base64.b64decode(
+    "iVBORw0KGgoAAAANSUhEUgAAAAEAAAABCAYAAAAfFcSJAAAADUlEQVR42mNkYPhfDwAChwGA60e6kgAAAABJRU5ErkJggg=="
+)
+"""A picture of one pixel."""
+
+
+def leave_pixels_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Put one pixel in the place of every figure of a report and of the command line."""
+    monkeypatch.setattr(layout, "picture_of", lambda figure, *_, **__: DOT)
 
 
 @dataclass
@@ -92,7 +104,7 @@ def normal_draws(fit: FitResult, **changes: Any) -> rf.Posterior:
     """A posterior made by hand: independent draws from the normal approximation of a fit."""
     rng = np.random.default_rng(5)
     size = np.sqrt(np.diag(fit.covar))
-    steps, walkers = 100, 40
+    steps, walkers = 25, 40
     whitened = rng.multivariate_normal(np.zeros(size.size), fit.covar / np.outer(size, size), (steps, walkers))
     made: dict[str, Any] = {
         "fit": fit,

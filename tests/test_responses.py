@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from command_words import FROM_VOLTS
 from scipy.integrate import solve_ivp
 
 import rotorfit as rf
@@ -208,17 +209,21 @@ def test_bundled_recordings_are_those_that_their_words_make(tmp_path: Path) -> N
 
 
 @pytest.mark.usefixtures("sketched")
-def test_demo_from_volts_meets_the_truth(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["demo", "--from-volts", "--out", str(tmp_path / "out")]) == 0
+def test_demo_from_volts_meets_the_truth(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    out = tmp_path / "rotorfit-demo"
+    assert main(FROM_VOLTS) == 0
     shown = capsys.readouterr()
     assert shown.err == ""
     assert "against the rig's truth" in shown.out
-    fit = rf.load_fit(tmp_path / "out" / "fit.json")
+    fit = rf.load_fit(out / "fit.json")
     for name, value in rf.datasets.truth("volts")["params"].items():
         if name != "K3":
             assert abs(fit.params[name].value - value) < 4 * fit.params[name].stderr, name
     # The report shows what was recorded, what was done to it, and a cascade of each recording.
-    page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+    page = (out / "report.html").read_text(encoding="utf-8")
     recorded = page[page.index("<h2>Recordings") : page.index("<h2>Model")]
     for path in rf.datasets.volts():
         record = rf.read_recording(path)
@@ -226,7 +231,7 @@ def test_demo_from_volts_meets_the_truth(tmp_path: Path, capsys: pytest.CaptureF
         assert f"({record.shaft_angle().pulses.size} pulses)" in recorded
         assert f"{record.force.mr * 1e6:.4g}"[:3] in recorded
     assert "local models in the signed frequency" in recorded
-    assert len(list((tmp_path / "out").glob("cascade_*.png"))) == 4
+    assert len(list(out.glob("cascade_*.png"))) == 4
 
 
 def test_recordings_from_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -12,11 +12,19 @@ import numpy as np
 from rotorfit.estimators.misfit.parameter_space import ParameterSpace
 from rotorfit.models.array_types import Float, Index
 
+_SCIPY = "scipy.stats._continuous_distns"
+"""Where SciPy's own distributions are; a user's may hold more than their arguments."""
+
 
 @lru_cache(maxsize=256)
 def _moments(distribution: Any) -> tuple[float, float]:
     """Mean and standard deviation; SciPy's checks cost far more than the arithmetic."""
     return float(distribution.mean()), float(distribution.std())
+
+
+def _is_normal(distribution: Any) -> bool:
+    """Whether it is SciPy's own normal one, which takes little arithmetic."""
+    return type(distribution.dist).__module__ == _SCIPY and distribution.dist.name == "norm"
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +46,7 @@ class Prior:
             value: of the entry that the prior is about.
         """
         mean, sd = _moments(self.distribution)
-        if self.distribution.dist.name == "norm":
+        if _is_normal(self.distribution):
             pull = (value - mean) / sd
             return 0.5 * pull**2, pull / sd, 1.0 / sd**2
         step = 1e-4 * sd
@@ -97,8 +105,7 @@ class LogPriors:
         families: dict[Any, list[Prior]] = {}
         for number, prior in enumerate(priors):
             frozen = prior.distribution
-            # A user's own distribution may hold more than its arguments: one by itself.
-            plain = type(frozen.dist).__module__ == "scipy.stats._continuous_distns"
+            plain = type(frozen.dist).__module__ == _SCIPY
             key = (type(frozen.dist), len(frozen.args), *sorted(frozen.kwds)) if plain else number
             families.setdefault(key, []).append(prior)
         self._families: list[tuple[Index, Callable[[Float], Float]]] = []
@@ -117,6 +124,10 @@ class LogPriors:
 def _log_density(members: Sequence[Any]) -> Callable[[Float], Float]:
     """Log density of each of several frozen distributions of a family, their values side by side."""
     first = members[0]
+    if all(_is_normal(m) for m in members):
+        mean, sd = np.array([_moments(m) for m in members]).T
+        peak = -np.log(sd * np.sqrt(2 * np.pi))
+        return lambda values: np.asarray(peak - 0.5 * ((values - mean) / sd) ** 2)
     if len(members) == 1:
         return lambda values: np.asarray(first.logpdf(values))
     arguments = np.array([m.args for m in members], dtype=float).T
