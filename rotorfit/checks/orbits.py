@@ -213,7 +213,7 @@ class Orbits:
         """Some of them.
 
         Args:
-            at: their numbers, or whether each is one of them.
+            at: their numbers.
         """
         arrays = ("first", "rows", "frequency", "force", "right", "wrong")
         return replace(self, **{name: getattr(self, name)[at] for name in arrays})
@@ -312,7 +312,7 @@ def orbits_of(test: PerturbationTest, rows: Index) -> Orbits:
     readings of one probe alone, which do not tell them apart, are left out.
 
     Args:
-        test: the readings, all with forces of one kind: turning ones, or such along an axis.
+        test: the readings; forces that turn and such along an axis may be mixed.
         rows: numbers that they have in the whole of the test.
     """
     lines, origin = lines_of(test), rows[:, None]

@@ -101,7 +101,7 @@ def legend_below(figure: Figure, handles: Sequence[Any], labels: Sequence[str]) 
     """One legend for all axes, outside of the data, in as many columns as the width holds.
 
     Args:
-        figure: with constrained layout, which makes room for it.
+        figure: of :func:`grid`, whose layout makes room for it.
         handles: what is drawn for each label.
         labels: none for no legend.
     """
