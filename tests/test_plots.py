@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import io
+import itertools
 from functools import cache
 
 import numpy as np
@@ -238,3 +240,24 @@ def test_points_are_shown_without_the_fits_errors_of_phase():
         miss = np.angle(curve.measured * np.exp(-1j * at))
         # noise 0.2 % of the rms, resonances apart some per cent; the error was 0.2
         assert np.median(np.abs(miss)) < 0.02
+
+
+def labels_on_page(figure, axis):
+    """Boxes of the labels of an axis that have text and lie on it, with their sizes of type."""
+    figure.savefig(io.BytesIO())
+    low, high = sorted(axis.get_view_interval())
+    ticks = [*axis.get_major_ticks(), *axis.get_minor_ticks()]
+    shown = [t.label1 for t in ticks if t.label1.get_text() and low <= t.get_loc() <= high]
+    return [label.get_window_extent() for label in shown], {label.get_fontsize() for label in shown}
+
+
+def test_labels_of_low_logarithmic_panels_stand_apart_and_are_of_one_size():
+    """Eight panels above each other, each over a third of a decade."""
+    fit = rf.fit(rf.models.Modal(("disk2", "disk1")), rf.datasets.rk4(), phase_offsets="common")
+    figure = fit.plot_bode()
+    for axis in figure.axes[::2]:
+        boxes, sizes = labels_on_page(figure, axis.yaxis)
+        assert len(boxes) >= 2
+        assert len(sizes) == 1
+        boxes.sort(key=lambda box: box.y0)
+        assert all(below.y1 < above.y0 + 1 for below, above in itertools.pairwise(boxes))

@@ -8,10 +8,14 @@ from __future__ import annotations
 from typing import Any, cast
 
 import numpy as np
-from matplotlib.ticker import AutoLocator, Locator, LogFormatter, LogLocator
+from matplotlib.ticker import AutoLocator, Locator, LogFormatter, LogLocator, MaxNLocator
 
 _MOST = 6
 """Intervals between labelled ticks, at most."""
+_LABELLED = 1.5
+"""Decades up to which ticks between powers are labelled too."""
+_FEWEST = 2
+"""Labelled ticks of a logarithmic axis, at least."""
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
@@ -36,6 +40,26 @@ class _Few(_InView, AutoLocator):
 
 class _Powers(_InView, LogLocator):
     """Ticks of a logarithmic axis."""
+
+
+class _Between(_InView, LogLocator):
+    """Twice and five times the powers, or a few round numbers where that and the powers leave less than two ticks.
+
+    Matplotlib's own choice there is as many as a linear axis has, which in a low panel stand on one another.
+    """
+
+    def __init__(self) -> None:
+        super().__init__(subs=(2.0, 5.0))
+
+    def tick_values(self, vmin: float, vmax: float) -> list[float]:
+        low, high = sorted((vmin, vmax))
+        if not 0 < low < high < np.inf:
+            return super().tick_values(vmin, vmax)
+        decades = 10.0 ** np.arange(np.floor(np.log10(low)), np.ceil(np.log10(high)) + 1)
+        ticks = np.outer(decades, [1.0, 2.0, 5.0]).ravel()
+        if np.count_nonzero((ticks >= low) & (ticks <= high)) < _FEWEST:
+            ticks = np.asarray(MaxNLocator(nbins=_FEWEST + 1, steps=[1, 2, 5, 10]).tick_values(low, high))
+        return [float(tick) for tick in ticks if low <= tick <= high and not np.isclose(decades, tick).any()]
 
 
 class _PlainPowers(LogFormatter):
@@ -67,6 +91,7 @@ def plain_powers(axis: Any) -> None:
         axis: matplotlib's, ``axes.xaxis`` for instance.
     """
     axis.set_major_locator(_Powers())
-    axis.set_minor_locator(_Powers(subs=(2.0, 5.0)))
+    axis.set_minor_locator(_Between())
     axis.set_major_formatter(_PlainPowers())
-    axis.set_minor_formatter(_PlainPowers(labelOnlyBase=False))
+    axis.set_minor_formatter(_PlainPowers(labelOnlyBase=False, minor_thresholds=(_LABELLED, _LABELLED)))
+    axis.set_tick_params(which="minor", labelsize=axis.get_tick_params(which="major").get("labelsize"))
