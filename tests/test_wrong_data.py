@@ -153,3 +153,34 @@ def test_a_rotor_unstable_from_standstill_has_no_whirl_ratio() -> None:
     assert fit.threshold_speed().value == 0
     assert np.isnan(fit.whirl_ratio())
     assert "unstable from standstill on" in fit.summary()
+
+
+@pytest.mark.parametrize("degrees", [-60.0, 120.0, 170.0])
+def test_forces_from_another_zero_are_no_error_where_the_fit_finds_it(tmp_path: Path, degrees: float) -> None:
+    """Without the zero the sign of damping, and of inertia, seems wrong; with it nothing is."""
+    rig = thinned(rf.datasets.rig_open(), 3)
+    wrong = replace(rig, force=rig.force * np.exp(-1j * np.radians(degrees)))
+    assert [f.code for f in rf.check(wrong) if f.severity == "error"] == ["conjugated"]
+    path, out = tmp_path / "rig.csv", tmp_path / "out"
+    rf.write(wrong, path)
+    words = ["fit", str(path), "--model", "whirl-whip", "--known", "K3=6000", "--phase-offsets", "common"]
+    assert cli.main([*words, "--no-figures", "--out", str(out), "--quiet"]) == 0
+    fit = rf.load_fit(out / "fit.json")
+    assert np.degrees(fit.params["datum"].value) % 360 == pytest.approx(degrees % 360, abs=1.0)
+    assert not [w for w in fit.warnings if w.startswith("error in the data")]
+    assert "can be relied on" not in (out / "summary.txt").read_text(encoding="utf-8")
+    report = rf.write_report(fit, tmp_path / "report.html").read_text(encoding="utf-8")
+    assert "Damping would be negative" not in report
+
+
+def test_forces_half_a_turn_off_in_one_plane_are_told_from_a_conjugated_frf(rig: PerturbationTest) -> None:
+    off = replace(rig, force=np.where(rig.force_plane == "journal", -rig.force, rig.force))
+    told = next(finding.message for finding in rf.check(off) if finding.code == "conjugated")
+    assert "and so would stiffness: phases are half a turn off" in told
+    conjugated = next(finding.message for finding in rf.check(told_by_one_probe(rig)) if finding.code == "conjugated")
+    assert "half a turn" not in conjugated
+
+
+def told_by_one_probe(test: PerturbationTest) -> PerturbationTest:
+    """The x probes alone, phases of their FRF given as lag: no orbit gives it away."""
+    return replace(test, response=test.response.conj(), force=test.force.conj()).select(test.direction == "x")

@@ -168,10 +168,17 @@ def signs(orbits: Orbits) -> Iterator[Finding]:
     if not hit.size:
         yield from _reversed(drives, kappa)
         return
+    slow = hit[np.abs(drives.frequency[hit]) <= np.quantile(np.abs(drives.frequency[hit]), 0.2)]
+    cause = (
+        ": the FRF is conjugated. Give phases of lag as phase_lag_deg and force_phase_lag_deg, or check the sign "
+        "convention of the analyser."
+        if np.median(kappa.real[slow]) > 0
+        else ", and so would stiffness: phases are half a turn off. Check the angle of the force or of the weight, and "
+        "whether the probes are inverted."
+    )
     text = (
         "Damping would be negative at the drive point (quadrature dynamic stiffness falls with frequency) in "
-        f"{listed(_names(drives, hit))}: the FRF is conjugated. Give phases of lag as phase_lag_deg and "
-        "force_phase_lag_deg, or check the sign convention of the analyser."
+        f"{listed(_names(drives, hit))}{cause}"
     )
     yield Finding("error", "conjugated", text, drives.rows_of(hit))
 

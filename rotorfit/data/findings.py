@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -83,6 +83,22 @@ def warnings_in(findings: Sequence[Sequence[Finding]], sources: Sequence[str]) -
             if found.severity == "warning":
                 told.setdefault(found.message, []).append(source)
     return [f"warning: {', '.join(filter(None, dict.fromkeys(of[:3])))}: {text}" for text, of in told.items()]
+
+
+PHASE_DATUM = "phase-datum"
+"""Code of the note that the zero of forces and that of readings are unknown to each other."""
+
+_BY_PHASE = frozenset({"conjugated", "reversed-rotation", "probe-angle"})
+"""Codes of what is judged by the phase between force and response."""
+
+
+def without_phases(findings: Iterable[Finding]) -> tuple[Finding, ...]:
+    """Findings but those that the phase between force and response was judged by, where it has no common zero yet.
+
+    Args:
+        findings: of a set of data.
+    """
+    return tuple(finding for finding in findings if finding.code not in _BY_PHASE)
 
 
 def error_sentence(errors: Sequence[str]) -> str:

@@ -10,10 +10,12 @@ from typing import Any
 import numpy as np
 
 from rotorfit.checks.checklist import errors
+from rotorfit.data.common_zero import at_common_zero
 from rotorfit.data.experiments import Experiment
 from rotorfit.data.kept import unchanged
 from rotorfit.estimators.minimisation.least_squares import Options, Solution, Status, minimise
 from rotorfit.estimators.misfit.losses import Loss
+from rotorfit.estimators.misfit.parameter_space import DATUM
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.estimators.starting.closed_form import ClosedFormError
 from rotorfit.estimators.starting.closed_form import closed_form as solve_closed_form
@@ -154,7 +156,8 @@ def judged(
         notes: warnings that came up on the way.
     """
     left_out = (sentence for test in experiments for sentence in usable(problem.space.model, test)[1])
-    notes = (*data_errors(experiments), *left_out, *notes)
+    datum = _datum(problem, solution.x)
+    notes = (*data_errors(at_common_zero(experiments, datum) if datum else experiments), *left_out, *notes)
     noise = None
     singular = solution.status is Status.SINGULAR  # a minimum along a whole line is one
     studied = settings.loss == "linear" and (solution.success or singular)
@@ -169,6 +172,12 @@ def judged(
         again = solve(problem, _cheapest(problem, before, finding.start), Options())
         solution = replace(again, n_evaluations=solution.n_evaluations + again.n_evaluations)
     return judge(problem, experiments, settings, solution.x, begin, "least squares", solution, notes, noise=noise)
+
+
+def _datum(problem: Problem, x: Float) -> float:
+    """The common datum angle that was fitted, rad; zero where none was."""
+    space = problem.space
+    return float(x[len(space.names) + space.nuisance.index(DATUM)]) if DATUM in space.nuisance else 0.0
 
 
 def _cheapest(problem: Problem, *starts: Mapping[str, float]) -> Float:

@@ -8,6 +8,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from rotorfit.data.common_zero import at_common_zero
+from rotorfit.estimators.misfit.parameter_space import DATUM
 from rotorfit.fitting.quantities import THRESHOLD
 from rotorfit.fitting.refine import Refinement
 from rotorfit.fitting.result import FitResult
@@ -75,7 +77,8 @@ def write_report(
     if findings is None:
         from rotorfit.checks.checklist import check
 
-        findings = [check(experiment) for experiment in fit.experiments]
+        datum = fit.params[DATUM].value if DATUM in fit.params else 0.0
+        findings = [check(experiment) for experiment in at_common_zero(fit.experiments, datum)]
     material = ReportInput(
         fit=fit,
         posterior=posterior,

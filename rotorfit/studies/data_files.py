@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
 from rotorfit.data.experiments import Experiment
+from rotorfit.data.findings import PHASE_DATUM, without_phases
 from rotorfit.io.files import read, table_suffix
 from rotorfit.io.tidy_csv import lines_of
 from rotorfit.studies.recording_files import RecordingFiles
@@ -85,7 +86,8 @@ def read_files(
         else:
             tests = (file.read(found.append, progress),)
         for test in tests:
-            found += check(test)
+            checked = check(test)
+            found += without_phases(checked) if any(f.code == PHASE_DATUM for f in found) else checked
             found = _with_lines(found, file, len(test))
             order = ("error", "warning", "note")
             findings.append(tuple(sorted(found, key=lambda finding: order.index(finding.severity))))

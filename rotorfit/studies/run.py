@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from rotorfit.data.findings import without_phases
 from rotorfit.estimators.starting.closed_form import ClosedFormError
 from rotorfit.fitting.calibration import calibration_of
 from rotorfit.fitting.fit import closed_form, fit
@@ -36,6 +37,8 @@ def run_study(study: Study, progress: StudyProgress, checkpoint: Path | None = N
     """
     check_model_name(study.model)  # before files are read, which may take long
     experiments, findings = read_files([_for_model(study, file) for file in study.files], progress)
+    if study.phase_offsets == "common":  # the fit judges by the zero that it finds
+        findings = tuple(without_phases(found) for found in findings)
     model = build_model(study, experiments)
     progress("closed form")
     closed: FitResult | str

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from rotorfit.data.experiments import PerturbationTest
-from rotorfit.data.findings import Finding, listed
+from rotorfit.data.findings import PHASE_DATUM, Finding, listed
 from rotorfit.data.synchronous import group_speeds, join
 from rotorfit.data.weights import differenced
 from rotorfit.executors import carry_out
@@ -219,13 +219,13 @@ def _datum_finding(records: Sequence[Recording]) -> Finding:
     if len(unmarked) > 1:
         return Finding(
             "error",
-            "phase-datum",
+            PHASE_DATUM,
             f"{listed(unmarked)} have no mark of the perturbator: the phases of each count "
             "from a datum of its own that nothing tells, so that a fit cannot take them together. Give it a mark.",
         )
     return Finding(
         "note",
-        "phase-datum",
+        PHASE_DATUM,
         "the angle between weight and mark is not known; fit with "
         'phase_offsets="common" (--phase-offsets common), one angle for all runs.',
     )
