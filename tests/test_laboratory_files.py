@@ -446,3 +446,21 @@ def test_messages_on_the_command_line_speak_of_options():
     said = spoken(f"{words}structures, rf.sample_models(rf.refine(fit).steps)")
     assert said == "sample a refined fit instead, --refine"
     assert spoken("say which directions are x and y (axes, --axes yz)").endswith("x and y --axes yz")
+
+
+@pytest.mark.parametrize(
+    ("kind", "words"),
+    [
+        ("perturbation", ["amplitude    15.7 to 55.6 um 0-peak", "force        2 N"]),
+        ("wide", ["amplitude    6.6 to 37 um 0-peak", "unbalance    150 g mm"]),
+        ("displacement", ["amplitude    30 um 0-peak", "force        0.515 to 1.26 N"]),
+        ("static-load", ["load         0.5 to 2 N", "position     32.2 to 117 um"]),
+    ],
+)
+def test_info_says_how_large_everything_was_taken_to_be(tmp_path, capsys, kind, words):
+    """Peak-to-peak amplitudes, mils and pounds read as something else show in nothing but their size."""
+    path = tmp_path / "lab.csv"
+    path.write_text(example(kind))
+    main(["info", str(path)])
+    printed = capsys.readouterr().out
+    assert all(f"  {line}\n" in printed for line in words), printed

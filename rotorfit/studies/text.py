@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rotorfit import datasets
-from rotorfit.data.experiments import Experiment, PerturbationTest
+from rotorfit.data.experiments import DisplacementTest, Experiment, PerturbationTest, StaticTest
 from rotorfit.fitting.digits import interval, plus_minus, with_error
 from rotorfit.fitting.result import FitResult
+from rotorfit.models.array_types import Float
 from rotorfit.models.text_table import text_table
 from rotorfit.studies.study import Outcome
 from rotorfit.studies.wording import spoken
@@ -87,10 +88,41 @@ def describe_test(test: Experiment, findings: Sequence[Finding]) -> str:
     if w.size:
         turning = "" if (w > 0).all() or (w < 0).all() else " (negative: backward whirl)"
         lines.append(f"  frequency    {w.min():.5g} to {w.max():.5g} rpm{turning}")
+    lines += _sizes(test)
     if test.attributes:
         lines.append(f"  attributes   {', '.join(test.attributes)}")
     lines += [f"  check: {finding}" for finding in findings] or ["  check: nothing found"]
     return spoken("\n".join(lines))
+
+
+def _sizes(test: Experiment) -> list[str]:
+    """How large readings and forces are, in the units that they were taken to have."""
+    match test:
+        case PerturbationTest():
+            lateral = ~np.char.startswith(test.direction, "r")
+            moved, forced = np.abs(test.response[lateral]), np.abs(test.force)
+        case DisplacementTest():
+            moved, forced = np.abs(test.displacement), np.hypot(np.abs(test.force_x), np.abs(test.force_y)) / np.sqrt(2)
+        case StaticTest():
+            return [_range("load", np.abs(test.load), "N"), _range("position", np.abs(test.displacement) * 1e6, "um")]
+        case _:
+            return []
+    found = [_range("amplitude", moved * 1e6, "um 0-peak")] if moved.size else []
+    if isinstance(test, PerturbationTest) and test.frequency.all():
+        weight = forced / test.frequency**2 * 1e6
+        if (
+            np.ptp(weight) * forced.max() < np.ptp(forced) * weight.max()
+        ):  # it is the weight that is held, not the force
+            return [*found, _range("unbalance", weight, "g mm")]
+    return [*found, _range("force", forced, "N")]
+
+
+def _range(name: str, values: Float, unit: str) -> str:
+    known = values[np.isfinite(values)]
+    if not known.size:
+        return f"  {name:<12} not known"
+    low, high = f"{known.min():.3g}", f"{known.max():.3g}"
+    return f"  {name:<12} {low} {unit}" if low == high else f"  {name:<12} {low} to {high} {unit}"
 
 
 def _channels(test: PerturbationTest) -> list[str]:
