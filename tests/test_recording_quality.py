@@ -10,6 +10,7 @@ from recorded import ATTRIBUTES, RATE, notch, shaft_angle, volts, write_hdf5
 
 import rotorfit as rf
 from rotorfit.models.array_types import Float
+from rotorfit.recordings.reduction.recorded_tests import recorded_tests
 
 
 def codes(path: Path, channels: dict[str, Float], **said: float | str) -> dict[str, str]:
@@ -56,6 +57,15 @@ def test_a_channel_that_stops_for_a_while_is_named_and_left_out(tmp_path: Path) 
     test = rf.responses([record], on_finding=said.append)
     assert any("disk_Y left out: dead, interrupted or clipped" in finding.message for finding in said)
     assert not ((test.plane == "disk") & (test.direction == "y")).any()
+
+
+def test_a_recording_given_twice_is_said(tmp_path: Path) -> None:
+    files = [write_hdf5(tmp_path / f"{name}.h5", volts(8.0), ATTRIBUTES) for name in ("one", "two")]
+    files.append(write_hdf5(tmp_path / "three.h5", volts(8.0, whirl=-1), {**ATTRIBUTES, "whirl": "backward"}))
+    said = []
+    recorded_tests([rf.read_recording(file) for file in files], on_finding=said.append)
+    (copy,) = [finding.message for finding in said if finding.code == "duplicate"]
+    assert "Copies of recordings: two.h5 is one.h5, to the last digit." in copy
 
 
 def test_a_coarse_card_that_sees_nothing_for_a_while_does_not_stop(tmp_path: Path) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
@@ -28,6 +28,8 @@ _SLOWEST = 100.0
 """Sampling rate, Hz, at which no turning shaft is recorded."""
 _SWEEPS, _STEADY = 0.2, 0.02
 """Range of a speed over its mean beyond which it sweeps, and below which it is steady."""
+_ENDS = 4096
+"""Samples at either end of a recording by which copies are known."""
 _MOSTLY = 4.0
 """Power ratio from which a motion counts as mostly in one direction: twice the amplitude."""
 
@@ -123,6 +125,30 @@ def spoiled(found: Mapping[str, ChannelStatistics]) -> tuple[str, ...]:
     """
     largest = max((each.deviation for each in found.values()), default=0.0)
     return tuple(name for name, each in found.items() if each.clipped or each.still or _dead(each, largest))
+
+
+def copied_recordings(records: Sequence[Signals]) -> Iterator[Finding]:
+    """Recordings whose first and last samples one before them has, channel by channel.
+
+    Args:
+        records: of one rig.
+    """
+    seen: dict[tuple[object, ...], Signals] = {}
+    copies = []
+    for record in records:
+        ends = ((0, _ENDS), (max(record.size - _ENDS, 0), record.size))
+        parts = [record.channel(p.channel, *end).tobytes() for p in record.probes for end in ends]
+        key = (record.size, *parts)
+        first = seen.setdefault(key, record)
+        if first is not record:
+            name = first.path.name
+            copies.append(f"{name} given twice" if first.path == record.path else f"{record.path.name} is {name}")
+    if copies:
+        text = (
+            f"Copies of recordings: {listed(copies)}, to the last digit. A copy is no second measurement and makes "
+            "errors look smaller than they are. Leave it out."
+        )
+        yield Finding("warning", "duplicate", text)
 
 
 def _out_of_range(probe: Probe, each: ChannelStatistics, where: str) -> Iterator[Finding]:

@@ -19,7 +19,7 @@ from rotorfit.data.findings import PHASE_DATUM, Finding, listed
 from rotorfit.data.synchronous import group_speeds, join
 from rotorfit.data.weights import differenced
 from rotorfit.executors import carry_out
-from rotorfit.recordings.quality import spoiled
+from rotorfit.recordings.quality import copied_recordings, spoiled
 from rotorfit.recordings.reduction.dwell_responses import dwelling
 from rotorfit.recordings.reduction.reductions import Report, force_of, reduced_responses
 from rotorfit.recordings.signals import source_of
@@ -134,6 +134,8 @@ def checked_responses(
     tell = progress or (lambda stage: None)
     forces = [force_of(record) for record in records]
     _same_kind(records)
+    for finding in copied_recordings(records) if checked else ():
+        on_finding(finding)
     if not all(force.datum_known for force in forces):
         on_finding(_datum_finding(records))
     if forces[0].measured and turns:
