@@ -305,7 +305,7 @@ def test_binary_junk(run: Callable[..., str], tmp_path: Path, suffix: str, conte
         ("fit rig.csv --model one-mode --slow-roll-below 300", "slow roll can only be taken"),
         ("info rig.csv --probe-angles journal=45:135", "no partner"),
         ("models one-mod", "did you mean 'one-mode'"),
-        ("fit rig.csv --model one-mode --drop-near-1x 500", "--drop-near-1x is per cent of the speed, above 0"),
+        ("fit rig.csv --model one-mode --drop-near-1x 500", "--drop-near-1x is per cent of the speed, from 0"),
         (
             "fit rig.csv --model one-mode --windows 24",
             "--windows is for recordings of raw signals, which rig.csv is not",

@@ -359,7 +359,7 @@ def test_rows_are_chosen_by_conditions(tmp_path, tidy, test_data, capsys):
         (["--where", "oil_C"], "--where takes NAME=VALUE or NAME=LO:HI"),
         (["--where", "oil_C=60:"], "no reading is left"),
         (["--drop-near-1x", "0.0"], None),
-        (["--drop-near-1x", "100"], "nearness to 1x"),
+        (["--drop-near-1x", "100"], "--drop-near-1x is per cent of the speed, from 0 to below 100; got 100"),
         (["--sheet", "a"], "sheet is an option of Excel files"),
         (["--axes", "yz"], "axes is an option of universal files"),
     ],

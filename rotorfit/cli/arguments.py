@@ -252,8 +252,8 @@ def data_files(options: argparse.Namespace) -> tuple[DataFile | RecordingFiles, 
 
 
 def _share_near_1x(percent: float) -> float:
-    if not 0 < percent < 100:
-        raise ValueError(f"--drop-near-1x is per cent of the speed, above 0 and below 100; got {percent:g}")
+    if not 0 <= percent < 100:
+        raise ValueError(f"--drop-near-1x is per cent of the speed, from 0 to below 100; got {percent:g}")
     return percent / 100
 
 
