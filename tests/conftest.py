@@ -1,4 +1,4 @@
-"""What every test process needs: one thread of linear algebra, no collection of what stays, reports without pixels."""
+"""What every test process needs: one thread of linear algebra, no collection of what stays, fits that tests share."""
 
 from __future__ import annotations
 
@@ -6,8 +6,13 @@ import gc
 import os
 from collections.abc import Callable
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pytest
+
+if TYPE_CHECKING:
+    from rotorfit.fitting.refine import Refinement
+    from rotorfit.fitting.result import FitResult
 
 for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(_variable, "1")  # before NumPy is imported: pytest-xdist's processes fight over the cores
@@ -41,6 +46,22 @@ def draw(capsys: pytest.CaptureFixture[str]) -> Callable[..., tuple[int, str, st
         return code, *capsys.readouterr()
 
     return call
+
+
+@pytest.fixture(scope="session")
+def rig_fit() -> FitResult:
+    """The bundled finite-element rig as the printed model fits it."""
+    import rotorfit as rf
+
+    return rf.fit(rf.models.WhirlWhip(), rf.datasets.rig_open(), known={"K3": 6000.0})
+
+
+@pytest.fixture(scope="session")
+def rig_ladder(rig_fit: FitResult) -> Refinement:
+    """All rungs of structural blocks from there."""
+    from rotorfit.fitting.refine import refine
+
+    return refine(rig_fit)
 
 
 def pytest_collection_finish() -> None:

@@ -35,11 +35,6 @@ def exact_test(noise=0.005, seed=0, model=None, rig=RIG, frequency=W, **options)
     )
 
 
-@pytest.fixture(scope="module")
-def rig_fit():
-    return rf.fit(WhirlWhip(), rf.datasets.rig_open(), known={"K3": 6000.0})
-
-
 def test_sigma_and_the_probes_gains_are_confounded(rig_fit):
     """Gains a, b of the probes multiply the columns of kappa by 1/a, 1/b: another rotor of the same form.
 

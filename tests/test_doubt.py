@@ -11,19 +11,13 @@ import rotorfit as rf
 from rotorfit.estimators.inference.covariance import excess
 from rotorfit.fitting.calibration import Calibration
 from rotorfit.fitting.judge import inverse_curvature
-from rotorfit.models import WhirlWhip
 from rotorfit.uncertainty.budget import budget
 
 
-@pytest.fixture(scope="module")
-def ladder():
-    return rf.refine(rf.fit(WhirlWhip(), rf.datasets.rig_open(), known={"K3": 6000.0}))
-
-
-def averaged(ladder, value):
+def averaged(rig_ladder, value):
     """Mean square distance from the chosen rung, and the larger variance, over rungs by weights of their AIC."""
-    best = min((s for s in ladder.steps if not s.identifiability.unresolved), key=lambda step: step.aic)
-    rungs = [step for step in ladder.steps if not step.identifiability.unresolved]
+    best = min((s for s in rig_ladder.steps if not s.identifiability.unresolved), key=lambda step: step.aic)
+    rungs = [step for step in rig_ladder.steps if not step.identifiability.unresolved]
     scatter = max(1.0, min(step.redchi for step in rungs))
     weight = np.exp([(best.aic - step.aic) / (4 * scatter) for step in rungs])
     weight /= weight.sum()
@@ -32,27 +26,27 @@ def averaged(ladder, value):
     return float(np.sqrt(weight @ (values - centre) ** 2 + max(own**2, weight @ errors**2)))
 
 
-def test_errors_are_those_of_all_rungs_and_no_smaller_than_of_the_chosen_one(ladder):
-    best = ladder.best
-    chosen = next(step for step in ladder.steps if step.model.blocks == best.model.blocks)
+def test_errors_are_those_of_all_rungs_and_no_smaller_than_of_the_chosen_one(rig_ladder):
+    best = rig_ladder.best
+    chosen = next(step for step in rig_ladder.steps if step.model.blocks == best.model.blocks)
     for name in ("D", "lam", "K0", "Mf", "Md"):
         p = best.params[name]
-        expected = averaged(ladder, lambda s, n=name: (s.params[n].value, s.params[n].stderr))
+        expected = averaged(rig_ladder, lambda s, n=name: (s.params[n].value, s.params[n].stderr))
         # The part by which variances grow is taken direction by direction: the whole may be a little wider.
         assert expected * 0.999 <= p.stderr <= 1.5 * max(expected, chosen.params[name].stderr)
         assert p.stderr == pytest.approx(np.sqrt(best.covar[best.var_names.index(name)][best.var_names.index(name)]))
 
 
-def test_the_threshold_speed_holds_what_rungs_differ_by(ladder):
+def test_the_threshold_speed_holds_what_rungs_differ_by(rig_ladder):
     """The delta method with the wider covariance, against the threshold speeds of the rungs themselves."""
-    speeds = averaged(ladder, lambda s: (s.threshold_speed().value, s.threshold_speed().stderr))
-    found = ladder.best.threshold_speed()
+    speeds = averaged(rig_ladder, lambda s: (s.threshold_speed().value, s.threshold_speed().stderr))
+    found = rig_ladder.best.threshold_speed()
     # A rung with terms that the chosen model lacks moves the threshold by these too, here by a tenth at most.
     assert found.stderr > 0.8 * speeds
 
 
-def test_the_budget_has_the_structure_as_a_systematic_source_of_its_own(ladder):
-    best = ladder.best
+def test_the_budget_has_the_structure_as_a_systematic_source_of_its_own(rig_ladder):
+    best = rig_ladder.best
     found = budget(best, Calibration(probe_gain=0.01))
     share = found.share("lam")
     lam = best.var_names.index("lam")
@@ -61,18 +55,18 @@ def test_the_budget_has_the_structure_as_a_systematic_source_of_its_own(ladder):
     assert "structure" in found.table()
 
 
-def test_newton_steps_do_not_take_doubt_for_curvature(ladder):
-    best = ladder.best
+def test_newton_steps_do_not_take_doubt_for_curvature(rig_ladder):
+    best = rig_ladder.best
     curvature = inverse_curvature(best)
     assert np.all(np.diag(curvature) <= np.diag(best.covar) * (1 + 1e-9))
     assert curvature == pytest.approx(best.covar - np.pad(best.doubt, (0, len(best.covar) - len(best.doubt))), rel=1e-3)
 
 
-def test_a_saved_fit_keeps_it(ladder, tmp_path: Path):
-    rf.save_fit(ladder.best, tmp_path / "fit.json")
+def test_a_saved_fit_keeps_it(rig_ladder, tmp_path: Path):
+    rf.save_fit(rig_ladder.best, tmp_path / "fit.json")
     again = rf.load_fit(tmp_path / "fit.json")
-    assert np.array_equal(again.doubt, ladder.best.doubt)
-    assert again.threshold_speed().stderr == pytest.approx(ladder.best.threshold_speed().stderr, rel=1e-9)
+    assert np.array_equal(again.doubt, rig_ladder.best.doubt)
+    assert again.threshold_speed().stderr == pytest.approx(rig_ladder.best.threshold_speed().stderr, rel=1e-9)
 
 
 def test_what_joins_a_covariance_makes_no_direction_surer():

@@ -174,15 +174,14 @@ def test_told_noise_that_is_too_small_is_said_to_be():
     assert any("larger than sigma_um says" in warning for warning in fit.warnings)
 
 
-def test_a_model_that_does_not_fit_is_named_with_its_places():
-    fit = rf.fit(rf.models.WhirlWhip(), rf.datasets.rig_open(), known={"K3": 6000.0})
+def test_a_model_that_does_not_fit_is_named_with_its_places(rig_fit, rig_ladder):
+    fit = rig_fit
     assert fit.noise.verdict is NoiseVerdict.MISFIT
     assert fit.noise.correlation > 0.5
     (warning,) = [w for w in fit.warnings if "the model, not the noise" in w]
     assert "It misses most:" in warning
     assert " rpm" in warning
-    refined = rf.refine(fit).best
-    assert not refined.model_limited
+    assert not rig_ladder.best.model_limited
 
 
 @pytest.mark.parametrize(

@@ -11,17 +11,12 @@ from posteriors import KNOWN, TRUTH, one_mode_test, quick
 
 import rotorfit as rf
 from rotorfit.estimators.inference.log_posterior import LogPosterior
-from rotorfit.models import OneMode, WhirlWhip, threshold_speed
+from rotorfit.models import OneMode, threshold_speed
 from rotorfit.models.stability import threshold_speeds
 from rotorfit.uncertainty.arviz_loader import load_arviz
 from rotorfit.uncertainty.derived import Derived
 
 # ---- the finite-element rig -----------------------------------------------------------------------------------------
-
-
-@pytest.fixture(scope="module")
-def rig_fit():
-    return rf.fit(WhirlWhip(), rf.datasets.rig_open(), known={"K3": 6000.0})
 
 
 @pytest.fixture(scope="module")

@@ -40,25 +40,16 @@ def perturbed() -> rf.PerturbationTest:
     return rig
 
 
-@pytest.fixture(scope="module")
-def plain() -> FitResult:
-    return rf.fit(rf.models.WhirlWhip(), rf.datasets.rig_open(), known={"K3": 6000.0})
-
-
-@pytest.fixture(scope="module")
-def ladder(plain: FitResult) -> rf.Refinement:
-    return rf.refine(plain)
-
-
 # ---- content ------------------------------------------------------------------------------------
 
 
-def test_report_of_the_rig_says_what_the_fit_says(plain: FitResult, tmp_path: Path) -> None:
-    page = report_of(plain, tmp_path / "report.html")
-    onset = plain.threshold_speed()
+def test_report_of_the_rig_says_what_the_fit_says(rig_fit: FitResult, tmp_path: Path) -> None:
+    page = report_of(rig_fit, tmp_path / "report.html")
+    onset = rig_fit.threshold_speed()
     assert f"{onset.value * RPM:.1f} ± {onset.stderr * RPM:.1f} rpm" in page.shown
     assert (
-        f"{100 * (onset.value / plain.speeds.max() - 1):.1f} % above the highest tested speed (2000 rpm)" in page.shown
+        f"{100 * (onset.value / rig_fit.speeds.max() - 1):.1f} % above the highest tested speed (2000 rpm)"
+        in page.shown
     )
     assert "only roughly (redchi 10.6)" in page.shown
     assert "try rf.refine(fit)" in page.shown
@@ -68,12 +59,12 @@ def test_report_of_the_rig_says_what_the_fit_says(plain: FitResult, tmp_path: Pa
     ):  # fmt: skip
         assert f"<h2>{title}</h2>" in page.text
     assert page.tags.count("img") == 5
-    for p in plain.params.values():
+    for p in rig_fit.params.values():
         assert p.meaning in page.shown
         if p.vary:
             digits = 1 - int(np.floor(np.log10(p.stderr)))
             assert f"{p.value:.{max(digits, 0)}f}"[:5] in page.shown
-    for r in plain.responses:
+    for r in rig_fit.responses:
         assert r.name in page.shown
     assert "rotorfit fit rig_open.csv --model whirl-whip --known K3=6000 --out results/" in page.shown
     for package in ("casadi", "numpy", "scipy", "matplotlib"):
@@ -82,25 +73,25 @@ def test_report_of_the_rig_says_what_the_fit_says(plain: FitResult, tmp_path: Pa
 
 @pytest.mark.usefixtures("sketched")
 def test_the_python_call_gives_the_same_numbers(
-    ladder: rf.Refinement, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    rig_ladder: rf.Refinement, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(rf.datasets.path("rig_open.csv").parent)
-    page = report_of(ladder.best, tmp_path / "report.html", refinement=ladder)
+    page = report_of(rig_ladder.best, tmp_path / "report.html", refinement=rig_ladder)
     (call,) = re.findall(r"import rotorfit as rf\n.*?(?=</pre>)", page.text, re.DOTALL)
     names: dict[str, Any] = {}
     exec(Page(call).words[0], names)
     # Two descents to one optimum, each to a small fraction of the standard errors.
-    assert (np.abs(names["fit"].x - ladder.best.x) < 1e-2 * np.sqrt(np.diag(ladder.best.covar))).all()
-    assert names["fit"].var_names == ladder.best.var_names
+    assert (np.abs(names["fit"].x - rig_ladder.best.x) < 1e-2 * np.sqrt(np.diag(rig_ladder.best.covar))).all()
+    assert names["fit"].var_names == rig_ladder.best.var_names
 
 
-def test_refined_report_with_all_extras(ladder: rf.Refinement, tmp_path: Path) -> None:
-    best = ladder.best
+def test_refined_report_with_all_extras(rig_ladder: rf.Refinement, tmp_path: Path) -> None:
+    best = rig_ladder.best
     posterior = normal_draws(best)
     page = report_of(
         best,
         tmp_path / "report.html",
-        refinement=ladder,
+        refinement=rig_ladder,
         posterior=posterior,
         profiles=[made_profile("lam", 0.4749, 0.4752), made_profile("threshold_speed", 277.0, 279.0)],
         shares={"D": (0.1, 4.5)},
@@ -138,8 +129,10 @@ def test_refined_report_with_all_extras(ladder: rf.Refinement, tmp_path: Path) -
 
 
 @pytest.mark.usefixtures("sketched")
-def test_a_posterior_that_did_not_converge_is_said_at_the_top(plain: FitResult, tmp_path: Path) -> None:
-    page = report_of(plain, tmp_path / "r.html", posterior=normal_draws(plain, converged=False, message="too short"))
+def test_a_posterior_that_did_not_converge_is_said_at_the_top(rig_fit: FitResult, tmp_path: Path) -> None:
+    page = report_of(
+        rig_fit, tmp_path / "r.html", posterior=normal_draws(rig_fit, converged=False, message="too short")
+    )
     assert "too short" in page.shown.partition("Parameters")[0]
 
 
@@ -169,21 +162,24 @@ def test_what_the_data_leave_open_has_no_number(tmp_path: Path) -> None:
 
 
 @pytest.mark.usefixtures("sketched")
-def test_the_verdict_tells_the_misfit_of_the_responses(plain: FitResult, ladder: rf.Refinement, tmp_path: Path) -> None:
+def test_the_verdict_tells_the_misfit_of_the_responses(
+    rig_fit: FitResult, rig_ladder: rf.Refinement, tmp_path: Path
+) -> None:
     """The words, the span of the responses and what is said of the noise agree with each other."""
     for name in ("refined", "plain"):
         (tmp_path / name).mkdir()
-    refined = report_of(ladder.best, tmp_path / "refined" / "report.html", refinement=ladder).text
-    sizes = sorted(r.redchi for r in ladder.best.responses)
+    refined = report_of(rig_ladder.best, tmp_path / "refined" / "report.html", refinement=rig_ladder).text
+    sizes = sorted(r.redchi for r in rig_ladder.best.responses)
     assert f"by response {sizes[0]:.2g} to {sizes[-1]:.2g}" in refined
     assert "never from the residuals" not in refined
-    assert ("follow the residuals of each response instead" in refined) == bool(ladder.best.settings.levels)
-    assert "the residuals of the fit have no part in it" in report_of(plain, tmp_path / "plain" / "report.html").text
+    assert ("follow the residuals of each response instead" in refined) == bool(rig_ladder.best.settings.levels)
+    assert "the residuals of the fit have no part in it" in report_of(rig_fit, tmp_path / "plain" / "report.html").text
     # one threshold: that of the chosen row is that of the verdict
-    value = f"{ladder.best.threshold_speed().value * 30 / np.pi:.2f}"
+    value = f"{rig_ladder.best.threshold_speed().value * 30 / np.pi:.2f}"
     assert refined.count(value) >= 3
 
 
+@pytest.mark.usefixtures("sketched")
 def test_a_failed_fit_says_so_first(tmp_path: Path) -> None:
     start = {"K1": 100.0, "K2": 100.0, "Md": 0.1, "Mb": 5.0, "D": 1.0}
     fit = rf.fit(rf.models.WhirlWhip(), rf.datasets.rig_open(), known={"K3": 6000.0}, start=start, max_iterations=1)
@@ -342,7 +338,7 @@ def test_names_from_files_stay_text(tmp_path: Path) -> None:
 
 
 @pytest.mark.usefixtures("sketched")
-def test_an_old_report_survives_a_failure(plain: FitResult, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_old_report_survives_a_failure(rig_fit: FitResult, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "report.html"
     path.write_text("old", encoding="utf-8")
 
@@ -353,16 +349,16 @@ def test_an_old_report_survives_a_failure(plain: FitResult, tmp_path: Path, monk
 
     monkeypatch.setattr(Path, "write_bytes", full)
     with pytest.raises(OSError, match="No space left"):
-        rf.write_report(plain, path)
+        rf.write_report(rig_fit, path)
     monkeypatch.undo()
     assert path.read_text(encoding="utf-8") == "old"
     assert list(tmp_path.iterdir()) == [path]
 
 
 @pytest.mark.usefixtures("sketched")
-def test_a_path_that_cannot_be_written(plain: FitResult, tmp_path: Path) -> None:
+def test_a_path_that_cannot_be_written(rig_fit: FitResult, tmp_path: Path) -> None:
     with pytest.raises(FileNotFoundError):
-        rf.write_report(plain, tmp_path / "absent" / "report.html")
+        rf.write_report(rig_fit, tmp_path / "absent" / "report.html")
     assert list(tmp_path.iterdir()) == []
 
 
@@ -376,23 +372,25 @@ def test_a_path_that_cannot_be_written(plain: FitResult, tmp_path: Path) -> None
     ],
 )
 def test_material_that_does_not_go_together(
-    plain: FitResult, tmp_path: Path, options: dict[str, Any], message: str
+    rig_fit: FitResult, tmp_path: Path, options: dict[str, Any], message: str
 ) -> None:
     with pytest.raises(ValueError, match=re.escape(message)):
-        rf.write_report(plain, tmp_path / "report.html", **options)
+        rf.write_report(rig_fit, tmp_path / "report.html", **options)
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_posterior_of_something_else(plain: FitResult, ladder: rf.Refinement, tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match=rf"posterior of Md, .*, {ladder.best.var_names[-1]}, but the fit is of Md"):
-        rf.write_report(plain, tmp_path / "report.html", posterior=normal_draws(ladder.best))
+def test_a_posterior_of_something_else(rig_fit: FitResult, rig_ladder: rf.Refinement, tmp_path: Path) -> None:
+    with pytest.raises(
+        ValueError, match=rf"posterior of Md, .*, {rig_ladder.best.var_names[-1]}, but the fit is of Md"
+    ):
+        rf.write_report(rig_fit, tmp_path / "report.html", posterior=normal_draws(rig_ladder.best))
 
 
 @pytest.mark.usefixtures("sketched")
-def test_document_is_deterministic_but_for_its_date(plain: FitResult) -> None:
+def test_document_is_deterministic_but_for_its_date(rig_fit: FitResult) -> None:
     from rotorfit.report.material import ReportInput
 
-    material = ReportInput(fit=plain, findings=[[]])
+    material = ReportInput(fit=rig_fit, findings=[[]])
     first, second = (re.sub(r"\d{4}-\d\d-\d\d \d\d:\d\d", "", document(material, "title")) for _ in range(2))
     assert first == second
     assert io.StringIO(first).readline().strip() == "<!DOCTYPE html>"

@@ -13,7 +13,6 @@ import pytest
 from report_pages import normal_draws
 
 import rotorfit as rf
-from rotorfit.fitting.result import FitResult
 
 CHROMIUM = shutil.which("chromium")
 MEASURE = """<script>
@@ -29,19 +28,11 @@ window.onload = () => {
 
 
 @pytest.fixture(scope="module")
-def plain() -> FitResult:
-    return rf.fit(rf.models.WhirlWhip(), rf.datasets.rig_open(), known={"K3": 6000.0})
-
-
-@pytest.fixture(scope="module")
-def ladder(plain: FitResult) -> rf.Refinement:
-    return rf.refine(plain)
-
-
-@pytest.fixture(scope="module")
-def browsed(ladder: rf.Refinement, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def browsed(rig_ladder: rf.Refinement, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("browser")
-    return rf.write_report(ladder.best, folder / "report.html", refinement=ladder, posterior=normal_draws(ladder.best))
+    return rf.write_report(
+        rig_ladder.best, folder / "report.html", refinement=rig_ladder, posterior=normal_draws(rig_ladder.best)
+    )
 
 
 @pytest.fixture

@@ -49,11 +49,6 @@ def differences(a, b, where="fit"):
     return [d for key in mine for d in differences(mine[key], theirs[key], f"{where}.{key}")]
 
 
-@pytest.fixture(scope="module")
-def rig_fit():
-    return rf.fit(WhirlWhip(), rf.datasets.rig_open(), known={"K3": 6000.0})
-
-
 def one_mode_test(**options):
     model = OneMode()
     return circular_test(
