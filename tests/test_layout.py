@@ -196,6 +196,17 @@ def test_no_circle_of_more_than_a_pair() -> None:
     assert [sorted(circle) for circle in circles if len(circle) > 2] == []
 
 
+@pytest.mark.parametrize("name", MODULES)
+def test_no_private_name_is_left_unused(name: str) -> None:
+    """Functions, methods, classes and constants of one leading underscore, which their own file alone may use."""
+    nodes = list(ast.walk(ast.parse(source_of(name).read_text(encoding="utf-8"))))
+    made = {n.name for n in nodes if isinstance(n, ast.FunctionDef | ast.ClassDef)}
+    made |= {n.id for n in nodes if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store)}
+    used = {n.id for n in nodes if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Load)}
+    used |= {n.attr for n in nodes if isinstance(n, ast.Attribute)}
+    assert [one for one in made - used if re.fullmatch(r"_[a-zA-Z0-9].*[^_]", one)] == []
+
+
 @pytest.mark.parametrize("package", ["rotorfit.models", "rotorfit.estimators"])
 def test_lower_packages_draw_nothing(package: str) -> None:
     for name in modules(package):

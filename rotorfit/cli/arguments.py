@@ -231,11 +231,7 @@ def data_files(options: argparse.Namespace) -> tuple[DataFile | RecordingFiles, 
         if getattr(options, name):
             read[name] = chosen(f"--{name}", getattr(options, name))
     if options.drop_near_1x is not None:
-        if not 0 < options.drop_near_1x < 100:
-            raise ValueError(
-                f"--drop-near-1x is per cent of the speed, above 0 and below 100; got {options.drop_near_1x:g}"
-            )
-        read["drop_near_1x"] = options.drop_near_1x / 100
+        read["drop_near_1x"] = _share_near_1x(options.drop_near_1x)
     raw = tuple(file for file in options.files if options.setup or file.suffix.lower() in ALWAYS_RAW)
     if raw and read:
         raise ValueError(
