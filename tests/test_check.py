@@ -342,6 +342,13 @@ def test_frequencies_and_speeds_in_different_units(rig: PerturbationTest, name: 
     assert "name its unit" in found[0].message
 
 
+def test_speeds_that_a_spreadsheet_continued_downwards(rig: PerturbationTest) -> None:
+    run = rig.select((rig.run == "disk-fwd-1000") & (rig.direction == "x"))
+    filled = replace(run, speed=run.speed + np.arange(len(run)) * np.pi / 30)
+    assert found(filled, "filled-speed").rows == rows(np.ones(len(run)))
+    assert "filled-speed" not in codes(replace(run, frequency=filled.speed, speed=filled.speed))  # a start-up
+
+
 def test_copies_of_readings(rig: PerturbationTest) -> None:
     order = np.r_[0:100, 7, 100 : len(rig), 250]
     finding = found(rig.select(order), "duplicate")

@@ -42,6 +42,11 @@ SLOWEST = 0.1
 half the speed, is out of reach of such a test, and in Hz for rpm a sixtieth is left of what was meant."""
 
 
+_ONE = np.array([1.0, 60.0, RPM_PER_RAD_S])
+"""One rpm, Hz and rad/s in rpm."""
+_FEWEST = 4  # steps of a run from which they are no chance
+
+
 def check(test: Experiment) -> list[Finding]:
     """Findings about a test, errors first.
 
@@ -141,6 +146,7 @@ def _physics(test: PerturbationTest | DisplacementTest, only_errors: bool) -> It
 
 def _plan(test: PerturbationTest | DisplacementTest) -> Iterator[Finding]:
     """What is missing in the plan of a test, which is no error."""
+    yield from _filled(test)
     yield from _frequencies(test)
     if isinstance(test, PerturbationTest):
         yield from _planes(test)
@@ -231,6 +237,22 @@ def _frequencies(test: PerturbationTest | DisplacementTest) -> Iterator[Finding]
     if single and not (isinstance(test, PerturbationTest) and _solved(test) is not None):
         text = f"Runs with one frequency only: {listed(single)}; they cannot show how dynamic stiffness varies with it."
         yield Finding("warning", "single-frequency", text, _rows(np.isin(test.run, single)))
+
+
+def _filled(test: PerturbationTest | DisplacementTest) -> Iterator[Finding]:
+    """Speeds that rise by one from row to row, as where a spreadsheet continued a number downwards."""
+    step = np.diff(test.speed) * RPM_PER_RAD_S
+    if not step.any():
+        return
+    inside = (test.run[1:] == test.run[:-1]) & (np.abs(test.frequency - test.speed)[1:] > 0)
+    ones = np.isclose(step[:, None], _ONE, rtol=1e-6).any(axis=1)
+    runs = [run for run in test.runs if (of := inside & (test.run[1:] == run)).sum() >= _FEWEST and ones[of].all()]
+    if runs:
+        text = (
+            f"The speed rises by one from row to row in {listed(runs)}, as where a spreadsheet continued the number "
+            "downwards instead of copying it. Check the column of the speed."
+        )
+        yield Finding("warning", "filled-speed", text, _rows(np.isin(test.run, runs)))
 
 
 def _units(test: PerturbationTest | DisplacementTest) -> Iterator[Finding]:
