@@ -312,6 +312,7 @@ def test_binary_junk(run: Callable[..., str], tmp_path: Path, suffix: str, conte
         ),
         ("fit rig.csv --model one-mode --law muszynska", "give --clearance-um, the radial clearance"),
         ("fit rig.csv --model two-disk --known K1=1", "Map names with --planes A,B"),
+        ("fit two.csv --model one-mode --known K=0,Ds=0", "those chosen (--where plane=A --where force_plane=A)"),
         ("fit rig.csv --model one-mode --known K=0,Ds=0 --calibration probe_gain=2", "below 0.5 (as a fraction, 0.02"),
         ("fit rig.csv --model one-mode --known K=0,Ds=0,lam=3", "known lam = 3 is outside the physical limits [-2, 2]"),
         ("info rig.csv --probe-angles journal=0:0", "--probe-angles: probes at 0.0 and 0.0 degrees"),
@@ -327,11 +328,18 @@ def test_bad_words(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     Path("rig.csv").write_text(sweep(), encoding="utf-8")
+    Path("two.csv").write_text(sweep() + others("journal", "seal"), encoding="utf-8")
     Path("windows.toml").write_bytes(b'\xf6 = "one-mode"')
     Path("law.toml").write_bytes(b'\xef\xbb\xbffiles = ["rig.csv"]\nmodel = "one-mode"\nlaw = "muszynska"\n')
     Path("study.toml").write_text('files = ["rig.csv"]\nmodell = "one-mode"\n', encoding="utf-8")
     assert message in run(*words.split(), *(["--out", "out"] if words.startswith(("fit", "run")) else []))
-    assert sorted(p.name for p in tmp_path.iterdir()) == ["law.toml", "rig.csv", "study.toml", "windows.toml"]
+    assert sorted(p.name for p in tmp_path.iterdir()) == [
+        "law.toml",
+        "rig.csv",
+        "study.toml",
+        "two.csv",
+        "windows.toml",
+    ]
 
 
 @pytest.mark.parametrize(

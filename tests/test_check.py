@@ -346,6 +346,8 @@ def test_speeds_that_a_spreadsheet_continued_downwards(rig: PerturbationTest) ->
     run = rig.select((rig.run == "disk-fwd-1000") & (rig.direction == "x"))
     filled = replace(run, speed=run.speed + np.arange(len(run)) * np.pi / 30)
     assert found(filled, "filled-speed").rows == rows(np.ones(len(run)))
+    blocks = np.arange(len(run)) % (len(run) // 2)  # x and y below each other, each continued by itself
+    assert found(replace(run, speed=run.speed + blocks * np.pi / 30), "filled-speed").severity == "warning"
     assert "filled-speed" not in codes(replace(run, frequency=filled.speed, speed=filled.speed))  # a start-up
 
 

@@ -70,5 +70,12 @@ def check_planes(
         raise ValueError(
             f"{test.source or test.title} has planes {', '.join(planes)} and {forces} {', '.join(forced)}, the model "
             f"{model.name} has {', '.join(model.planes)}. Map names with {type(model).__name__}(planes=(...)) or "
-            "--planes"
+            f"--planes{_or_fewer(len({*planes, *forced}), model)}"
         )
+
+
+def _or_fewer(planes: int, model: RotorModel) -> str:
+    """What else to do where a test has more planes than the model."""
+    if planes <= len(model.planes):
+        return ""
+    return "; of so many planes it takes only those chosen (where={'plane': ..., 'force_plane': ...})"

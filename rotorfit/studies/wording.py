@@ -19,6 +19,7 @@ _SPOKEN = (
     (r",? or (?:use )?rf\.read_recording(?:\([^)]*\))?", ""),
     (r"\(?\baxes, (--axes(?: yz)?)\)?", r"\1"),
     (r"\w+\(planes=\(\.\.\.\)\) or --planes", "--planes A,B"),
+    (r"\(where=\{'plane': \.\.\., 'force_plane': \.\.\.\}\)", "(--where plane=A --where force_plane=A)"),
     (r"Give their angles \(probe_angles\)", "Give their angles (--probe-angles)"),
 )
 """What a message says in Python, as a pattern, and with options."""
