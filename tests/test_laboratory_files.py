@@ -199,7 +199,10 @@ def wide_text(test, style):
         cells = [run, speed * 30 / np.pi, w / 2 / np.pi, plane, abs(force), np.degrees(np.angle(force))]
         for channel in channels:
             z = found[channel]
-            cells += [abs(z) * 2e6, -np.degrees(np.angle(z))] if "lag" in style[1] else [z.real * 1e3, z.imag * 1e3]
+            turn = {"lag_deg": -np.degrees(1), "_deg": np.degrees(1), "_rad": 1.0}
+            ending = "lag_deg" if "lag" in style[1] else next((end for end in turn if style[1].endswith(end)), "")
+            factor = turn.get(ending)
+            cells += [z.real * 1e3, z.imag * 1e3] if factor is None else [abs(z) * 2e6, factor * np.angle(z)]
         rows.append(",".join(c if isinstance(c, str) else f"{c:.15g}" for c in cells))
     return "\n".join(rows) + "\n"
 
@@ -209,7 +212,15 @@ def ordered(test):
     return test.select(rows)
 
 
-@pytest.mark.parametrize("style", [("{p}_{d}_um_pp", "{p}_{d}_lag_deg"), ("{p}_{d}_real_mm", "{p}_{d}_imag_mm")])
+@pytest.mark.parametrize(
+    "style",
+    [
+        ("{p}_{d}_um_pp", "{p}_{d}_lag_deg"),
+        ("{p}_{d}_um_pp", "{p}_{d}_deg"),
+        ("{p}_{d}_um_pp", "{p}_{d}_phase_rad"),
+        ("{p}_{d}_real_mm", "{p}_{d}_imag_mm"),
+    ],
+)
 def test_a_wide_table_is_recognised(tmp_path, test_data, style):
     path = tmp_path / "wide.csv"
     path.write_text(wide_text(test_data, style))

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from rotorfit.io.csv_table import MOTION, Table
-from rotorfit.units import UNITS
+from rotorfit.units import UNITS, units_of
 
 _CHANNEL = re.compile(r"(?P<plane>.+)_(?P<direction>rx|ry|x|y|z)_(?P<rest>.+)")
 _NOT_PLANES = ("force", "load", "sigma")
@@ -87,10 +87,11 @@ def _channels(table: Table) -> dict[tuple[str, str], list[_Column]]:
 def _column(name: str, direction: str, rest: str) -> _Column | None:
     tilt = direction.startswith("r")
     tidy_unit = "urad" if tilt else "um"
+    units = MOTION if tilt else units_of("displacement")  # degrees beside a length are those of its phase
     for prefix in ("real", "imag", "amplitude"):
         unit = rest.removeprefix(f"{prefix}_")
-        if unit in MOTION and (unit != rest or prefix == "amplitude"):
-            return _Column(name=name, tidy=f"{prefix}_{tidy_unit}", factor=MOTION[unit] * 1e6)
+        if unit in units and (unit != rest or prefix == "amplitude"):
+            return _Column(name=name, tidy=f"{prefix}_{tidy_unit}", factor=units[unit] * 1e6)
     unit = rest.removeprefix("phase_")
     if unit in UNITS["phase"]:
         return _Column(name=name, tidy="phase_deg", factor=UNITS["phase"][unit] / UNITS["phase"]["deg"])
