@@ -74,12 +74,14 @@ def test_a_killed_run_resumes_where_it_was(tmp_path):
     post = interrupted(path, lambda state: resumed.append(state.steps))
     assert resumed[0] > kept
     straight = interrupted(tmp_path / "straight.h5")
-    np.testing.assert_array_equal(post.chain, straight.chain)
-    np.testing.assert_array_equal(post.log_density, straight.log_density)
+    # The fit that walkers start from differs in its last digits from process to process, where NumPy's arrays lie
+    # elsewhere in memory. Moves carry that along and do not let it grow; other draws would differ by a hundredth.
+    np.testing.assert_allclose(post.chain, straight.chain, rtol=1e-9)
+    np.testing.assert_allclose(post.log_density, straight.log_density, atol=1e-6)
     np.testing.assert_array_equal(post.acceptance, straight.acceptance)
     assert post.message == straight.message
     # Asked again, there is nothing left to do.
-    np.testing.assert_array_equal(interrupted(path).chain, straight.chain)
+    np.testing.assert_array_equal(interrupted(path).chain, post.chain)
 
 
 def test_checkpoints_of_something_else_are_refused(tmp_path):
