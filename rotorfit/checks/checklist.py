@@ -21,6 +21,7 @@ from rotorfit.checks.readings import clipped, unread
 from rotorfit.checks.scale import peak_to_peak
 from rotorfit.checks.signs import signs, wrong_direction
 from rotorfit.checks.still_and_free import free_vibration, static_positions
+from rotorfit.checks.turning_force import turning_force
 from rotorfit.data.experiments import (
     DisplacementTest,
     Experiment,
@@ -54,10 +55,10 @@ def check(test: Experiment) -> list[Finding]:
     Recognised are readings that are not finite, doubled, zero or cut off, forces of zero, implausible amplitudes,
     frequencies in another unit than speeds, readings at 1x, gaps in the plan of the test (planes without force, one
     direction only, one frequency only), conjugated FRFs, responses in the wrong direction, forces along an axis given
-    as circular, a reversed sense of rotation, peak-to-peak amplitudes in some channels, start-ups without partner,
-    positions against their load, records without a mode, free vibration in another unit than the speed,
-    run-ups too fast to settle; said are the scatter between mountings of weights and the number of modes that weights
-    at dwell speeds show.
+    as circular and the reverse, a reversed sense of rotation, peak-to-peak amplitudes in some channels, start-ups
+    without partner, positions against their load, records without a mode, free vibration in another unit than the
+    speed, run-ups too fast to settle; said are the scatter between mountings of weights and the number of modes that
+    weights at dwell speeds show.
 
     Args:
         test: what was measured, SI units.
@@ -123,6 +124,7 @@ def _physics(test: PerturbationTest | DisplacementTest, only_errors: bool) -> It
     if isinstance(test, PerturbationTest):
         yield from unread(test)
         yield from clipped(test)
+        yield from turning_force(test)
         forced = np.flatnonzero(test.force != 0)
         if not forced.size:
             return  # a reference run alone
