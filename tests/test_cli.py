@@ -42,7 +42,7 @@ def demo(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
 
 def test_demo_writes_everything_and_meets_the_truth(demo: tuple[Path, str]) -> None:
     folder, out = demo
-    assert {p.name for p in (folder / "results").iterdir()} == TABLES | FIGURES | WHOLE
+    assert {p.name for p in (folder / "results").iterdir()} == TABLES | FIGURES | WHOLE | {"rig_open.csv"}
     assert [p.name for p in folder.iterdir()] == ["results"]
     rows = table(folder / "results" / "parameters.csv")
     for name, tolerance in (("D", 0.002), ("lam", 0.002), ("Mf", 0.025)):
@@ -51,6 +51,20 @@ def test_demo_writes_everything_and_meets_the_truth(demo: tuple[Path, str]) -> N
     for words in ("closed form", "structural refinement", "<- chosen", "threshold speed", "against the rig's truth"):
         assert words in out
     assert (folder / "results" / "summary.txt").read_text(encoding="utf-8").strip() in out
+
+
+def test_what_the_report_of_the_demo_says_to_reproduce_it_runs_in_its_folder(
+    demo: tuple[Path, str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    folder = demo[0] / "results"
+    page = (folder / "report.html").read_text(encoding="utf-8")
+    command = page.split("On the command line:</p><pre>")[1].split("</pre>")[0]
+    monkeypatch.chdir(folder)
+    words = command.split()[1:]
+    words[words.index("--out") + 1] = str(tmp_path / "again")
+    assert cli.main([*words, "--no-figures", "--quiet"]) == 0
+    again, first = rf.load_fit(tmp_path / "again" / "fit.json"), rf.load_fit(folder / "fit.json")
+    assert (np.abs(again.x - first.x) < 1e-6 * np.sqrt(np.diag(first.covar))).all()
 
 
 def test_figures_are_pictures_of_some_size(draw: Run, tmp_path: Path) -> None:

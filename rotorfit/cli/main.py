@@ -14,6 +14,7 @@ from collections.abc import Sequence
 from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
+from shutil import copyfile
 from typing import TYPE_CHECKING, Any, NoReturn
 
 from rotorfit.cli import campaign, join, laws, recordings, simulate, trend, vectors
@@ -139,6 +140,8 @@ def _work(study: Study, progress: ProgressLine, rig: str, figure_format: FigureF
         outcome = checked(lambda: run_study(study, progress, checkpoint))
         if folder is not None:
             write_outcome(outcome, folder, progress, rig, figure_format)
+            for path in [path for file in study.files for path in file.paths] if rig else ():
+                copyfile(path, folder / path.name)  # so that what the report says to reproduce it runs there
     return outcome
 
 

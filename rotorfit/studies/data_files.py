@@ -47,6 +47,11 @@ class DataFile:
     path: Path
     options: Mapping[str, Any] = field(default_factory=dict)
 
+    @property
+    def paths(self) -> tuple[Path, ...]:
+        """The file, as those of recordings."""
+        return (self.path,)
+
     def read(
         self, on_finding: Callable[[Finding], None] | None = None, progress: Callable[[str], None] = no_progress
     ) -> Experiment:
