@@ -10,13 +10,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+from checked import codes, found, rows
 from clean_rigs import clean_test
 from synthetic import MODELS, SPEEDS, TYPICAL, circular_test, covering_frequencies
 
 import rotorfit as rf
 from rotorfit.checks.checklist import Finding, check, errors
 from rotorfit.cli import main as cli
-from rotorfit.data.experiments import DisplacementTest, Experiment, PerturbationTest, RingDownTest, StaticTest
+from rotorfit.data.experiments import PerturbationTest
 
 Change = Callable[[PerturbationTest], PerturbationTest]
 
@@ -27,24 +28,6 @@ def rig() -> PerturbationTest:
     test = rf.datasets.rig_open()
     assert isinstance(test, PerturbationTest)
     return test
-
-
-def found(test: Experiment, code: str) -> Finding:
-    """The only finding of its kind."""
-    findings = [finding for finding in check(test) if finding.code == code]
-    assert len(findings) == 1, [str(f) for f in check(test)]
-    finding = findings[0]
-    assert finding.message[0].isupper()
-    assert finding.message.endswith(".")
-    return finding
-
-
-def codes(test: Experiment, *severities: str) -> set[str]:
-    return {f.code for f in check(test) if not severities or f.severity in severities}
-
-
-def rows(mask: Any) -> tuple[int, ...]:
-    return tuple(np.flatnonzero(mask).tolist())
 
 
 # ---- clean data are left alone ------------------------------------------------------------------
@@ -169,6 +152,16 @@ def test_frequency_sign_of_one_run(rig: PerturbationTest) -> None:
     assert "disk-bwd-2000. Check the sign of the frequency in these runs" in finding.message
 
 
+def test_other_findings_keep_their_rows_beside_readings_that_are_not_finite(rig: PerturbationTest) -> None:
+    response = rig.response.copy()
+    response[3] = np.nan
+    disk = rig.plane == "disk"
+    test = replace(rig, response=response, direction=np.where(disk, exchanged(rig).direction, rig.direction))
+    # row 3 is left out, and row 2 is the other probe at the same line, which alone tells no direction
+    assert {2, 3} <= set(rows(disk))
+    assert set(found(test, "wrong-direction").rows) | {2} == set(rows(disk)) - {3}
+
+
 @pytest.mark.parametrize("change", [mirrored, lambda t: in_x(mirrored(t)), lambda t: combined(mirrored(t))])
 def test_reversed_sense_of_rotation(rig: PerturbationTest, change: Change) -> None:
     test = change(rig)
@@ -264,128 +257,6 @@ def test_amplitudes_in_another_unit(rig: PerturbationTest, factor: float, code: 
         assert finding.rows == rows(np.abs(test.response) > 5e-3)
 
 
-# ---- numbers that are none, doubled readings -------------------------------------------------------------
-
-
-@pytest.mark.parametrize("column", ["response", "force", "frequency", "speed"])
-def test_readings_that_are_not_finite(rig: PerturbationTest, column: str) -> None:
-    values = getattr(rig, column).copy()
-    values[[5, 77]] = [np.nan, np.inf]
-    test = replace(rig, **{column: values})
-    finding = found(test, "not-finite")
-    assert finding.severity == "error"
-    assert finding.rows == (5, 77)
-    assert str(finding).startswith("error [not-finite] Not finite: 2 readings; remove them")
-    assert str(finding).endswith(" Readings 6, 78.")  # counted from 1
-
-
-def test_other_findings_keep_their_rows_beside_readings_that_are_not_finite(rig: PerturbationTest) -> None:
-    response = rig.response.copy()
-    response[3] = np.nan
-    disk = rig.plane == "disk"
-    test = replace(rig, response=response, direction=np.where(disk, exchanged(rig).direction, rig.direction))
-    # row 3 is left out, and row 2 is the other probe at the same line, which alone tells no direction
-    assert {2, 3} <= set(rows(disk))
-    assert set(found(test, "wrong-direction").rows) | {2} == set(rows(disk)) - {3}
-
-
-def rounded(test: PerturbationTest, step: float) -> PerturbationTest:
-    """Amplitudes rounded to so many metres."""
-    size = np.round(np.abs(test.response) / step) * step
-    return replace(test, response=size * np.exp(1j * np.angle(test.response)))
-
-
-def codes_of(test: PerturbationTest) -> set[str]:
-    return {finding.code for finding in check(test)}
-
-
-def test_zeros_in_the_midst_of_a_sweep(rig: PerturbationTest) -> None:
-    response = rig.response.copy()
-    response[40::77] = 0
-    found = [finding for finding in check(replace(rig, response=response)) if finding.code == "zero"]
-    assert [finding.severity for finding in found] == ["error"]
-    assert found[0].rows == tuple(range(40, len(rig), 77))
-
-
-def test_a_probe_that_reads_nothing_at_all(rig: PerturbationTest) -> None:
-    dead = (rig.plane == "disk") & (rig.direction == "y")
-    found = [f for f in check(replace(rig, response=np.where(dead, 0, rig.response))) if f.code == "dead-probe"]
-    assert [finding.severity for finding in found] == ["error"]
-    assert "y at disk" in found[0].message
-    assert found[0].rows == tuple(np.flatnonzero(dead).tolist())
-
-
-@pytest.mark.parametrize("share", [0.3, 0.6, 0.8])
-def test_amplitudes_cut_off_at_one_value(rig: PerturbationTest, share: float) -> None:
-    size = np.abs(rig.response)
-    limit = share * size[rig.plane == "disk"].max()
-    some = (rig.plane == "disk") & (size > limit)
-    cut = replace(rig, response=np.where(some, limit / size, 1) * rig.response)
-    found = [finding for finding in check(cut) if finding.code == "clipped"]
-    assert [finding.severity for finding in found] == ["error"]
-    assert "x at disk" in found[0].message
-    assert found[0].rows == tuple(np.flatnonzero(some).tolist())
-
-
-@pytest.mark.parametrize("step", [1e-7, 5e-7, 1e-6, 2e-6, 5e-6])
-def test_rounded_amplitudes_are_neither_holes_nor_cut_off(rig: PerturbationTest, step: float) -> None:
-    """Zeros far from resonance, and flat tops of resonances, are then what was read."""
-    coarse = rounded(rig, step)
-    assert (coarse.response == 0).any() == (step > 2e-7)
-    assert not codes_of(coarse) & {"zero", "clipped", "dead-probe"}
-
-
-@pytest.mark.parametrize(("name", "factor"), [("frequency", 1 / 60), ("speed", 60.0)])
-def test_frequencies_and_speeds_in_different_units(rig: PerturbationTest, name: str, factor: float) -> None:
-    found = [f for f in check(replace(rig, **{name: getattr(rig, name) * factor})) if f.code == "frequency-unit"]
-    assert [finding.severity for finding in found] == ["warning"]
-    assert "name its unit" in found[0].message
-
-
-def test_speeds_that_a_spreadsheet_continued_downwards(rig: PerturbationTest) -> None:
-    run = rig.select((rig.run == "disk-fwd-1000") & (rig.direction == "x"))
-    filled = replace(run, speed=run.speed + np.arange(len(run)) * np.pi / 30)
-    assert found(filled, "filled-speed").rows == rows(np.ones(len(run)))
-    blocks = np.arange(len(run)) % (len(run) // 2)  # x and y below each other, each continued by itself
-    assert found(replace(run, speed=run.speed + blocks * np.pi / 30), "filled-speed").severity == "warning"
-    assert "filled-speed" not in codes(replace(run, frequency=filled.speed, speed=filled.speed))  # a start-up
-
-
-def test_copies_of_readings(rig: PerturbationTest) -> None:
-    order = np.r_[0:100, 7, 100 : len(rig), 250]
-    finding = found(rig.select(order), "duplicate")
-    assert finding.rows == (100, len(rig) + 1)
-    assert "2 readings repeat" in finding.message
-
-
-def test_a_run_that_is_a_copy_under_another_name(rig: PerturbationTest) -> None:
-    again = rig.select(rig.run == "disk-fwd-1000")
-    copy = replace(again, run=np.full(len(again), "repeat"))
-    both = rf.join_runs([rig, copy])
-    finding = found(both, "duplicate")
-    assert "repeat is disk-fwd-1000" in finding.message
-    assert finding.rows == rows(both.run == "repeat")
-
-
-def test_a_second_sweep_is_no_copy(rig: PerturbationTest) -> None:
-    twice = rig.select(np.r_[0 : len(rig), 0 : len(rig)])
-    again = replace(twice, response=twice.response * np.r_[np.ones(len(rig)), np.full(len(rig), 1.001)])
-    assert "duplicate" not in codes(again)
-
-
-def test_forces_of_zero_and_noise_that_is_not_positive(rig: PerturbationTest) -> None:
-    force, sigma = rig.force.copy(), np.full(len(rig), 1e-7)
-    force[[2, 3]] = 0
-    sigma[9] = 0.0
-    test = replace(rig, force=force, sigma=sigma)
-    assert found(test, "no-force").rows == (2, 3)
-    assert found(test, "sigma").rows == (9,)
-
-
-def test_a_test_without_readings(rig: PerturbationTest) -> None:
-    assert found(rig.select(np.zeros(len(rig), dtype=bool)), "empty").severity == "error"
-
-
 # ---- the plan of the test ------------------------------------------------------------------------------------
 
 
@@ -443,54 +314,6 @@ def test_start_ups_without_partner() -> None:
     assert finding.rows == rows(half.run == "outboard-0")
 
 
-def test_imposed_orbits() -> None:
-    test = imposed()
-    w = test.frequency
-    assert check(test) == []
-    assert codes(test.select(w > 0)) == {"one-direction"}
-    assert codes(replace(test, displacement=test.displacement * 1e4)) == {"large-amplitude"}
-    force = test.force_x.copy()
-    force[4] = np.nan
-    assert found(replace(test, force_x=force), "not-finite").rows == (4,)
-
-
-def imposed() -> DisplacementTest:
-    """The force of one mode in a fluid, ``K - M w^2 + j D (w - lam Omega)``, at a circular orbit, either way round."""
-    w = np.r_[-100.0:-10:5, 10:100:5]
-    along = (9e3 - 1.2 * w**2 + 60j * (w - 0.46 * 92.0)) * 5e-5
-    phasor = np.where(w < 0, along.conj(), along)
-    return DisplacementTest(
-        run=np.full(w.size, "orbit"), plane=np.full(w.size, "seal"), speed=np.full(w.size, 92.0), frequency=w,
-        displacement=np.full(w.size, 5e-5 + 0j), force_x=phasor, force_y=phasor * np.where(w < 0, 1j, -1j),
-        sigma=np.full(w.size, np.nan),
-    )  # fmt: skip
-
-
-IMPOSED: dict[str, tuple[Callable[[DisplacementTest], DisplacementTest], str]] = {
-    "x inverted": (lambda t: replace(t, force_x=-t.force_x), "wrong-direction"),
-    "x and y exchanged": (lambda t: replace(t, force_x=t.force_y, force_y=t.force_x), "wrong-direction"),
-    "lag as lead": (lambda t: replace(t, force_x=t.force_x.conj(), force_y=t.force_y.conj()), "wrong-direction"),
-    "the bearing's forces": (lambda t: replace(t, force_x=-t.force_x, force_y=-t.force_y), "conjugated"),
-    "unsigned frequencies": (lambda t: replace(t, frequency=np.abs(t.frequency)), "turned-lines"),
-}
-
-
-@pytest.mark.parametrize("slip", IMPOSED)
-def test_slips_of_imposed_orbits_are_errors(slip: str) -> None:
-    change, code = IMPOSED[slip]
-    assert check(imposed()) == []
-    assert found(change(imposed()), code).severity == "error"
-
-
-def test_an_orbit_of_no_size_is_an_error_and_no_fit(recwarn: pytest.WarningsRecorder) -> None:
-    test = imposed()
-    test.displacement[3] = 0
-    assert found(test, "no-orbit").rows == (3,)
-    with pytest.raises(ValueError, match=r"the imposed orbit is zero \(rows 4\)"):
-        rf.fit(rf.models.OneMode(planes=("seal",)), test, known={"K": 0.0, "Ds": 0.0})
-    assert not recwarn.list
-
-
 # ---- lines in which a probe was turned round ---------------------------------------------------------------------
 
 
@@ -525,61 +348,6 @@ def test_backward_whirl_between_split_resonances_is_no_turned_probe() -> None:
     against = np.abs(x - y) > 4 * np.abs(x + y)
     assert against.sum() > 10
     assert "turned-lines" not in codes(test)
-
-
-# ---- loads and free vibration ------------------------------------------------------------------------------------
-
-
-def under_load() -> StaticTest:
-    """Positions ``P / (K - j D lam Omega)`` under loads downwards, at two speeds."""
-    load = np.tile([0.5, 1.0, 2.0, 4.0], 2) * -1j
-    speed = np.repeat([30.0, 60.0], 4)
-    return StaticTest(
-        run=np.repeat(["slow", "fast"], 4), speed=speed, load_plane=np.full(8, "journal"), load=load,
-        plane=np.full(8, "journal"), displacement=load / (11e3 - 1j * 60 * 0.46 * speed), sigma=np.full(8, 1e-6),
-    )  # fmt: skip
-
-
-def swapped(z: Any) -> Any:
-    return z.imag + 1j * z.real
-
-
-LOADED: dict[str, tuple[Callable[[StaticTest], StaticTest], str, str]] = {
-    "load told upwards": (lambda t: replace(t, load=-t.load), "against-load", "error"),
-    "positions of the other sign": (lambda t: replace(t, displacement=-t.displacement), "against-load", "error"),
-    "x and y exchanged": (lambda t: replace(t, displacement=swapped(t.displacement)), "against-load", "error"),
-    "x mirrored": (lambda t: replace(t, displacement=-t.displacement.conj()), "against-rotation", "warning"),
-}
-
-
-@pytest.mark.parametrize("slip", LOADED)
-def test_positions_against_load_or_rotation(slip: str) -> None:
-    change, code, severity = LOADED[slip]
-    assert check(under_load()) == []
-    assert found(change(under_load()), code).severity == severity
-
-
-def test_a_position_without_load_is_refused_in_words(recwarn: pytest.WarningsRecorder) -> None:
-    test = under_load()
-    test.load[0] = 0
-    assert found(test, "no-load").rows == (0,)
-    with pytest.raises(ValueError, match="the load is zero in 1 rows"):
-        rf.fit(rf.models.OneMode(law=rf.models.Muszynska(), clearance_um=900.0), test)
-    assert not recwarn.list
-
-
-def test_times_in_milliseconds_and_records_that_do_not_move() -> None:
-    t = np.arange(120) * 1e-3
-    z = 4e-5 * np.exp((-30 + 75j) * t)
-    record = RingDownTest(
-        run=np.full(t.size, "r1"), speed=np.full(t.size, 157.0), time=t, x=z.real, y=z.imag,
-        eccentricity=np.full(t.size, np.nan),
-    )  # fmt: skip
-    assert check(record) == []
-    finding = found(replace(record, time=1e3 * t), "frequency-unit")
-    assert finding.severity == "warning"
-    assert "time_ms" in finding.message
-    assert found(replace(record, x=0 * t, y=0 * t), "ring-down").severity == "error"
 
 
 def test_anisotropy_is_a_note() -> None:
