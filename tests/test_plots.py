@@ -261,3 +261,16 @@ def test_labels_of_low_logarithmic_panels_stand_apart_and_are_of_one_size():
         assert len(sizes) == 1
         boxes.sort(key=lambda box: box.y0)
         assert all(below.y1 < above.y0 + 1 for below, above in itertools.pairwise(boxes))
+
+
+def test_boxes_of_dynamic_stiffness_hide_no_fit(rig_ladder):
+    figure = rig_ladder.best.plot_dynamic_stiffness()
+    figure.canvas.draw()
+    boxes = [(axis, text) for axis in figure.axes for text in axis.texts if "at 0" in text.get_text()]
+    boxes += [(axis, text) for axis in figure.axes for text in axis.texts if "slope" in text.get_text()]
+    assert len(boxes) == 8
+    for axis, text in boxes:
+        covered = text.get_window_extent()
+        for line in (line for line in axis.lines if line.get_linestyle() == "-" and line.get_linewidth() > 1):
+            at = axis.transData.transform(line.get_xydata())
+            assert not any(covered.contains(x, y) for x, y in at.tolist()), text.get_text()

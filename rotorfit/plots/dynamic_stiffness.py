@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
 _CURVE_POINTS = 300
 _SHOWN = 400  # measured points a panel; more only blacken it
+_FIT = 3  # drawing order of fitted lines, above what was measured
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -182,7 +183,7 @@ def _entry(fit: FitResult, shown: Sequence[_Shown], pair: tuple[Any, ...], row: 
             parts = ((line.kappa.real, line.direct, "-"), (line.kappa.imag, line.quadrature, "--" if together else "-"))
             x = line.frequency * RPM_PER_RAD_S
             for axis, (value, band, style) in zip(pair, parts, strict=True):
-                axis.plot(x, factor * value, style, color=colour, lw=1.3, zorder=3)
+                axis.plot(x, factor * value, style, color=colour, lw=1.3, zorder=_FIT)
                 axis.fill_between(x, factor * (value - band), factor * (value + band), color=colour, alpha=0.25, lw=0)
         for p in measured:
             _points(pair, p.frequency, factor * p.kappa, factor * p.sigma, colour)
@@ -285,8 +286,25 @@ def _readings(fit: FitResult, shown: Sequence[_Shown], pair: tuple[Any, ...], ro
     box = {"boxstyle": "round,pad=0.25", "facecolor": "white", "edgecolor": "0.8", "alpha": 0.85}
     for axis, text in zip(pair, (direct, quadrature), strict=True):
         if text:
-            axis.text(0.02, 0.04, where + text, transform=axis.transAxes, fontsize=7, va="bottom", bbox=box, zorder=5)
+            side, x = _clear_side(axis)
+            axis.text(
+                x, 0.04, where + text, transform=axis.transAxes, fontsize=7, va="bottom", ha=side, bbox=box, zorder=5
+            )
     _mark_whirl(fit, shown, pair[1], row, column)
+
+
+_BOX = 0.46, 0.28
+"""Width and height of the boxes of readings, generously, in parts of an axis."""
+
+
+def _clear_side(axis: Any) -> tuple[str, float]:
+    """Where along the lower edge a box hides least of the fit: its alignment and place, in parts of the axis."""
+    fits = [line.get_xydata() for line in axis.lines if line.get_zorder() == _FIT]
+    at = axis.transAxes.inverted().transform(axis.transData.transform(np.concatenate(fits)))
+    low = at[at[:, 1] < _BOX[1], 0]
+    begins = {"left": 0.02, "center": 0.5 - _BOX[0] / 2, "right": 0.98 - _BOX[0]}
+    side = min(begins, key=lambda name: int(np.sum((low > begins[name]) & (low < begins[name] + _BOX[0]))))
+    return side, {"left": 0.02, "center": 0.5, "right": 0.98}[side]
 
 
 def _mark_whirl(fit: FitResult, shown: Sequence[_Shown], axis: Any, row: int, column: int) -> None:
