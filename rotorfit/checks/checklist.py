@@ -31,7 +31,7 @@ from rotorfit.data.experiments import (
     StaticTest,
     plane_groups,
 )
-from rotorfit.data.findings import Finding, listed
+from rotorfit.data.findings import NO_COPIES, Finding, listed
 from rotorfit.data.kept import kept, unchanged
 from rotorfit.data.synchronous import DIFFERENCED
 from rotorfit.data.weights import Influences, weighed
@@ -205,10 +205,7 @@ def _duplicates(test: PerturbationTest | DisplacementTest) -> Iterator[Finding]:
     first: dict[Any, int] = {}
     again = np.array([first.setdefault(key, i) != i for i, key in enumerate(zip(*columns, strict=True))])
     if again.any():
-        text = (
-            f"Copies: {again.sum()} readings repeat an earlier row to the last digit. A copy is no second measurement "
-            "and makes errors look smaller than they are. Remove them."
-        )
+        text = f"Copies: {again.sum()} readings repeat an earlier row to the last digit. {NO_COPIES}"
         yield Finding("warning", "duplicate", text, _rows(again))
     yield from copied_runs([test])[0]
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from rotorfit.data.experiments import Experiment, PerturbationTest
-from rotorfit.data.findings import Finding, listed
+from rotorfit.data.findings import NO_COPIES, Finding, listed
 from rotorfit.models.array_types import Index
 
 _FEWEST = 3  # readings of a run that agree to the last digit from which that is no chance
@@ -50,8 +50,5 @@ _PLACES = ("force_plane", "plane", "direction")
 
 def _finding(test: PerturbationTest, copies: dict[str, str]) -> Finding:
     pairs = listed([f"{run} is {original}" for run, original in copies.items()])
-    text = (
-        f"Copies of runs: to the last digit {pairs}. A copy is no second measurement and makes errors look smaller "
-        "than they are. Leave it out."
-    )
+    text = f"Copies of runs: to the last digit {pairs}. {NO_COPIES}"
     return Finding("warning", "duplicate", text, tuple(np.flatnonzero(np.isin(test.run, list(copies))).tolist()))

@@ -85,6 +85,9 @@ def warnings_in(findings: Sequence[Sequence[Finding]], sources: Sequence[str]) -
     return [f"warning: {', '.join(filter(None, dict.fromkeys(of[:3])))}: {text}" for text, of in told.items()]
 
 
+NO_COPIES = "A copy is no second measurement and makes errors look smaller than they are. Leave it out."
+"""What is wrong with readings, runs and recordings that are there twice."""
+
 PHASE_DATUM = "phase-datum"
 """Code of the note that the zero of forces and that of readings are unknown to each other."""
 

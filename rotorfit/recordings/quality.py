@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
-from rotorfit.data.findings import Finding, listed
+from rotorfit.data.findings import NO_COPIES, Finding, listed
 from rotorfit.estimators.signals.spectral_lines import folded_orders, mains_hum, turning_power
 from rotorfit.recordings.angle_track import AngleTrack
 from rotorfit.recordings.channel_statistics import ChannelStatistics
@@ -144,10 +144,7 @@ def copied_recordings(records: Sequence[Signals]) -> Iterator[Finding]:
             name = first.path.name
             copies.append(f"{name} given twice" if first.path == record.path else f"{record.path.name} is {name}")
     if copies:
-        text = (
-            f"Copies of recordings: {listed(copies)}, to the last digit. A copy is no second measurement and makes "
-            "errors look smaller than they are. Leave it out."
-        )
+        text = f"Copies of recordings: {listed(copies)}, to the last digit. {NO_COPIES}"
         yield Finding("warning", "duplicate", text)
 
 
