@@ -9,25 +9,26 @@ Equations (g is the angle of the stiff direction ahead of the Keyphasor mark, th
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from functools import cached_property, lru_cache
+from collections.abc import Sequence
+from functools import cached_property
 from typing import Any, ClassVar, Literal
 
-import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
 from rotorfit.models.array_types import ComplexArray, Float
-from rotorfit.models.combination_lines import LATERAL, TWIST, Lines, Order, ShaftValues, solve_lines
-from rotorfit.models.compiled import array_function
+from rotorfit.models.combination_lines import LATERAL, TWIST, Order, ShaftValues, Torsion, solve_lines
 from rotorfit.models.complexes import Complex
+from rotorfit.models.jets import Jet
 from rotorfit.models.model import CoefficientJacobian, Matrix, RotorModel
 from rotorfit.models.one_mode import one_per_coordinate
 from rotorfit.models.parameters import Parameter, unknown_name
 from rotorfit.models.turning import TurningFrame
 
-Torsion = Literal["modal", "stiffness"] | None
-ArrayFunction = Callable[[Sequence[Float]], Float]
+Wording = Literal["modal", "stiffness"] | None
+
+_PIECE, _WITH_DERIVATIVES = 1024, 128
+"""Frequencies whose lines are worked out together, without and with derivatives: they stay in the processor's cache."""
 
 _TORSION = {
     "modal": (
@@ -67,7 +68,7 @@ class AnisotropicShaft(RotorModel):
     name: ClassVar[str] = "anisotropic-shaft"
     turns = True
 
-    def __init__(self, planes: Sequence[str] = ("disk",), *, torsion: Torsion = "modal", runout: bool = False) -> None:
+    def __init__(self, planes: Sequence[str] = ("disk",), *, torsion: Wording = "modal", runout: bool = False) -> None:
         if torsion is not None and torsion not in _TORSION:
             raise ValueError(unknown_name("torsion", torsion, _TORSION))
         self.planes = one_per_coordinate(planes, 1, self.name)
@@ -138,7 +139,7 @@ class AnisotropicShaft(RotorModel):
         Returns:
             m or rad, relative to ``exp(j nu t)`` with nu the line's signed frequency.
         """
-        return np.asarray(self._evaluate(theta, direction, order, frequency, speed, force, False)[0])
+        return np.asarray(self.several_lines(theta, [(direction, order)], frequency, speed, force)[0, 0])
 
     def lines_jacobian(
         self, theta: ArrayLike, direction: str, order: Order, frequency: ArrayLike, speed: ArrayLike, force: ArrayLike
@@ -148,33 +149,95 @@ class AnisotropicShaft(RotorModel):
         Args:
             theta, direction, order, frequency, speed, force: see :meth:`lines`.
         """
-        found = self._evaluate(theta, direction, order, frequency, speed, force, True)
+        found = self.several_lines(theta, [(direction, order)], frequency, speed, force, derivatives=True)[:, 0]
         return found[0], np.moveaxis(found[1:], 0, -1)
 
-    def _evaluate(
+    def several_lines(
         self,
         theta: ArrayLike,
-        direction: str,
-        order: Order,
+        kinds: Sequence[tuple[str, Order]],
         frequency: ArrayLike,
         speed: ArrayLike,
         force: ArrayLike,
-        jacobian: bool,
+        *,
+        derivatives: bool = False,
     ) -> ComplexArray:
-        vectors = np.asarray(theta, dtype=float)
-        drive = np.asarray(force, dtype=complex)
-        others = (frequency, speed, drive.real, drive.imag)
-        inputs = [vectors[..., i] for i in range(vectors.shape[-1])]
-        parts = self._line_function(direction, order, jacobian)([*inputs, *(np.asarray(v, float) for v in others)])
-        half = parts.shape[0] // 2
-        return np.asarray(parts[:half] + 1j * parts[half:])
+        """Lines of several kinds, which have nearly all their arithmetic in common.
 
-    def _line_function(self, direction: str, order: Order, jacobian: bool) -> ArrayFunction:
+        Args:
+            theta: parameter vectors, shape ``(..., P)``.
+            kinds: direction and orders of each.
+            frequency, speed, force: see :meth:`lines`.
+            derivatives: whether the derivatives by the parameters are wanted too.
+
+        Returns:
+            complex amplitudes, and behind them their derivatives where wanted, shape ``(1 or 1 + P, len(kinds), ...)``.
+
+        Raises:
+            ValueError: the shaft has no such line.
+        """
+        for kind in kinds:
+            self._check(*kind)
+        vectors = np.asarray(theta, dtype=float)
+        count = vectors.shape[-1]
+        others = [np.asarray(frequency, dtype=float), np.asarray(speed, dtype=float), np.asarray(force, dtype=complex)]
+        shape = np.broadcast_shapes(vectors.shape[:-1], *(other.shape for other in others))
+        if vectors.size > count:  # one vector is not repeated
+            vectors = np.broadcast_to(vectors, (*shape, count))
+        vectors = vectors.reshape(-1, count)
+        w, Om, F = (np.broadcast_to(other, shape).ravel() for other in others)
+        found = np.zeros((1 + count if derivatives else 1, len(kinds), w.size), dtype=complex)
+        step = _WITH_DERIVATIVES if derivatives else _PIECE
+        for start in range(0, w.size, step):
+            piece = slice(start, start + step)
+            own = vectors if len(vectors) == 1 else vectors[piece]
+            parameters = Jet.parameters(own, derivatives=derivatives)
+            for k, line in enumerate(self._lines(parameters, kinds, w[piece].real, Om[piece].real, F[piece])):
+                found[0, k, piece] = line.value[0]
+                if line.slope is not None:
+                    found[1:, k, piece] = line.slope[:, 0]
+        return np.asarray(found.reshape(*found.shape[:2], *shape))
+
+    def _check(self, direction: str, order: Order) -> None:
         if order not in (TWIST if direction == "twist" else LATERAL).values():
             raise ValueError(f"{self.name} has no line of orders {order} in the direction {direction}")
         if direction == "twist" and self.torsion is None:
             raise ValueError(f"{self.name} with torsion=None does not twist: leave readings of the twist out")
-        return _line_function(self.torsion, self.runout, direction, order, jacobian)
+
+    def _lines(
+        self,
+        parameters: Sequence[Jet],
+        kinds: Sequence[tuple[str, Order]],
+        frequency: Float,
+        speed: Float,
+        force: ComplexArray,
+    ) -> list[Jet]:
+        p = dict(zip(self.parameter_names, parameters, strict=True))
+        if self.torsion == "modal":
+            p["kt"] = p["J"] * p["nu_t"] * p["nu_t"]
+            p["ct"] = p["zeta_t"] * p["nu_t"] * p["J"] * 2.0
+        values = ShaftValues(
+            M=p["M"],
+            D=p["D"],
+            K=p["K"],
+            delta=p["dK_cos"] + p["dK_sin"] * 1j,
+            eps=p["ec"] + p["es"] * 1j,
+            side=p["Px"] + p["Py"] * 1j,
+            speed=speed,
+            frequency=frequency,
+            force=force,
+            torsion=None if self.torsion is None else Torsion(J=p["J"], kt=p["kt"], ct=p["ct"]),
+        )
+        wanted: tuple[list[Order], list[Order]] = ([], [])
+        for direction, order in kinds:
+            wanted[direction == "twist"].append(order)
+        lateral, twist = solve_lines(values, lateral=wanted[0], twist=wanted[1])
+        if self.runout:  # seen by the probes alone
+            for place, name in (((0, 0), "R1"), ((0, 1), "R2")):
+                if place in lateral:
+                    lateral[place] = lateral[place] + (p[f"{name}c"] + p[f"{name}s"] * 1j)
+        still = Jet(np.zeros((1, speed.size)))  # what only the twist drives, of a shaft that does not twist
+        return [twist[order] if direction == "twist" else lateral.get(order, still) for direction, order in kinds]
 
     # ---- the anisotropy in other words -----------------------------------------------------------------------------
 
@@ -197,44 +260,3 @@ class AnisotropicShaft(RotorModel):
         vectors = np.asarray(theta, dtype=float)
         c, s = (vectors[..., self.parameter_names.index(name)] for name in ("dK_cos", "dK_sin"))
         return np.hypot(c, s), np.arctan2(s, c) / 2
-
-
-@lru_cache(maxsize=8)
-def _line_graphs(torsion: Torsion, runout: bool) -> tuple[ca.SX, Lines, Lines]:
-    """Inputs (parameters, w, Om, real and imaginary part of the force) and all lines as expressions of them."""
-    names = AnisotropicShaft(torsion=torsion, runout=runout).parameter_names
-    x = ca.SX.sym("x", len(names) + 4)
-    p = {name: x[i] for i, name in enumerate(names)}
-    if torsion == "modal":
-        p["kt"] = p["J"] * p["nu_t"] ** 2
-        p["ct"] = 2 * p["zeta_t"] * p["nu_t"] * p["J"]
-    frequency, speed, re, im = ca.vertsplit(x[len(names) :])
-    values = ShaftValues(
-        M=p["M"],
-        D=p["D"],
-        K=p["K"],
-        delta=Complex(p["dK_cos"], p["dK_sin"]),
-        eps=Complex(p["ec"], p["es"]),
-        side=Complex(p["Px"], p["Py"]),
-        **{name: p.get(name, 0.0) for name in ("J", "kt", "ct")},
-        speed=speed,
-        frequency=frequency,
-        force=Complex(re, im),
-    )
-    lateral, twist = solve_lines(values, twisting=torsion is not None)
-    for place, name in (((0, 0), "R1"), ((0, 1), "R2")):
-        if runout:  # seen by the probes alone
-            lateral[place] = lateral[place] + Complex(p[f"{name}c"], p[f"{name}s"])
-    return x, lateral, twist
-
-
-@lru_cache(maxsize=64)
-def _line_function(torsion: Torsion, runout: bool, direction: str, order: Order, jacobian: bool) -> ArrayFunction:
-    """Real parts of a line and its derivatives, then the imaginary parts."""
-    x, lateral, twist = _line_graphs(torsion, runout)
-    line = (twist if direction == "twist" else lateral).get(order, Complex(0.0))
-    parts = []
-    for part in (line.re, line.im):
-        slopes = ca.jacobian(part, x[: x.numel() - 4]).T if jacobian else ca.SX(0, 1)
-        parts += [part, slopes]
-    return array_function(ca.Function("line", [x], [ca.densify(ca.vertcat(*parts))]))

@@ -10,10 +10,14 @@ weak: at the resonance of the twist of the record behind Figs 37 and 38 first or
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import cache
 
-from rotorfit.models.complexes import Complex, J, Number
+import numpy as np
+
+from rotorfit.models.array_types import ComplexArray, Float, Index
+from rotorfit.models.jets import Jet
 from rotorfit.models.parameters import unknown_name
 
 Order = tuple[int, int]
@@ -68,143 +72,179 @@ def line_order(direction: str, name: str) -> Order:
     return lines[plain]
 
 
+_LATERAL = tuple(LATERAL.values())
+_DRIVEN: tuple[Order, ...] = ((1, 0), (-1, 0), (0, 0), (0, 1), (0, -1))
+"""Lateral lines that force, unbalance and side load drive by themselves; twist adds the others."""
+_TWIST = tuple(TWIST.values())
+_BOTH = tuple(dict.fromkeys((*_TWIST, *((-m, -n) for m, n in _TWIST))))
+"""Orders of the twist and their negatives, which a real motion has too."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Torsion:
+    """What resists the twist, jets of one row.
+
+    Attributes:
+        J, kt, ct: polar inertia, stiffness and damping, kg m^2, N m/rad, N m s/rad.
+    """
+
+    J: Jet
+    kt: Jet
+    ct: Jet
+
+
 @dataclass(frozen=True, kw_only=True)
 class ShaftValues:
-    """What the lines depend on, numbers or symbols.
+    """What the lines depend on: jets of one row, and arrays of shape ``(R,)``.
 
     Attributes:
         M, D, K: kg, N s/m, N/m.
         delta: ``dK exp(2jg)``, N/m.
         eps: eccentricity, ahead of the Keyphasor mark as a complex number, m.
         side: side load, N.
-        J, kt, ct: polar inertia, stiffness and damping of the twist, kg m^2, N m/rad, N m s/rad;
-            unused without twist.
         speed, frequency: Om and w, rad/s.
         force: complex amplitude at w, N.
+        torsion: inertia, stiffness and damping of the twist; None of a shaft that does not twist.
     """
 
-    M: Number
-    D: Number
-    K: Number
-    delta: Complex
-    eps: Complex
-    side: Complex
-    J: Number
-    kt: Number
-    ct: Number
-    speed: Number
-    frequency: Number
-    force: Complex
+    M: Jet
+    D: Jet
+    K: Jet
+    delta: Jet
+    eps: Jet
+    side: Jet
+    speed: Float
+    frequency: Float
+    force: ComplexArray
+    torsion: Torsion | None
 
-    def turning_frequency(self, order: Order) -> Complex:
-        """Frequency of an order in turning coordinates, rad/s.
+    def turning_frequency(self, orders: Sequence[Order]) -> Float:
+        """Frequencies of orders in turning coordinates, rad/s, shape ``(n, R)``.
 
         Args:
-            order: the pair (m, n) of :func:`line_order`.
+            orders: pairs (m, n) of :func:`line_order`.
         """
-        m, n = order
-        return float(m) * (Complex.of(self.frequency) - self.speed) + float(n) * Complex.of(self.speed)
+        m, n = np.array(orders, dtype=float).T[:, :, None]
+        return np.asarray(m * (self.frequency - self.speed) + n * self.speed)
 
-    def fixed_frequency(self, order: Order) -> Complex:
-        """Frequency of a lateral line in fixed coordinates, rad/s.
+    def fixed_frequency(self, orders: Sequence[Order]) -> Float:
+        """Frequencies of lateral lines in fixed coordinates, rad/s, shape ``(n, R)``.
 
         Args:
-            order: the pair (m, n) of :func:`line_order`, of the lateral motion.
+            orders: pairs (m, n) of :func:`line_order`, of the lateral motion.
         """
-        return self.turning_frequency(order) + self.speed
+        return self.turning_frequency(orders) + self.speed
 
 
-Lines = dict[Order, Complex]
+Lines = dict[Order, Jet]
 
 
-def solve_lines(v: ShaftValues, sweeps: int = SWEEPS, *, twisting: bool = True) -> tuple[Lines, Lines]:
-    """Lateral lines and lines of the twist.
+def solve_lines(
+    v: ShaftValues, sweeps: int = SWEEPS, *, lateral: Sequence[Order] = _LATERAL, twist: Sequence[Order] = _TWIST
+) -> tuple[Lines, Lines]:
+    """Lateral lines and, of a shaft that twists, lines of the twist.
 
     Args:
         v: the shaft, its speed and its force.
         sweeps: passes of the twist's action back on the lateral motion; zero is first order in the coupling.
-        twisting: whether the shaft twists at all.
+        lateral, twist: orders of the lines that are wanted.
 
     Returns:
-        complex amplitudes of ``z exp(-j Om t)``, m, and of ``phi = Re(...)``, rad, by their orders.
+        complex amplitudes of ``z exp(-j Om t)``, m, and of ``phi = Re(...)``, rad, by their orders; lateral lines that
+        only the twist drives are left out of a shaft that does not twist.
     """
-    unbalance = Complex.of(v.M) * v.eps * v.speed * v.speed
-    sources: Lines = {(1, 0): v.force, (0, 0): unbalance, (0, -1): v.side}
-    lateral = _pairs(v, sources, [(1, 0), (0, 0), (0, 1)])
-    if not twisting:
-        return lateral, {}
-    twist = _twist(v, lateral)
-    for _ in range(sweeps):
-        back = _back_action(v, lateral, twist)
-        total = {order: back[order] + sources[order] if order in sources else back[order] for order in back}
-        lateral = _pairs(v, total, [(1, 0), (0, 0), (0, 1), (1, 1), (1, -1), (2, 0)])
-        twist = _twist(v, lateral)
-    return lateral, twist
+    none = Jet(np.zeros((1, v.speed.size), dtype=complex))
+    sources = {(1, 0): none + v.force, (0, 0): v.M * v.eps * v.speed**2, (0, -1): v.side}
+
+    def driven(orders: Sequence[Order]) -> Jet:
+        return Jet.rows([sources.get(order, none) for order in orders])
+
+    if v.torsion is None:
+        wanted = _with_images(order for order in lateral if order in _DRIVEN)
+        return _by_order(wanted, _lateral(v, wanted, driven(wanted))) if wanted else {}, {}
+    orders, lines = _DRIVEN, _lateral(v, _DRIVEN, driven(_DRIVEN))
+    for number in range(sweeps):
+        phi = _twist(v, v.torsion, orders, lines, _TWIST)
+        last = number == sweeps - 1
+        wanted = _with_images(lateral) if last and not twist else _LATERAL
+        lines = _lateral(v, wanted, driven(wanted) + _back_action(v, orders, lines, phi, wanted))
+        orders = wanted
+    wanted = tuple(twist)
+    return _by_order(orders, lines), _by_order(wanted, _twist(v, v.torsion, orders, lines, wanted)) if wanted else {}
 
 
-def _pairs(v: ShaftValues, force: Mapping[Order, Complex], orders: list[Order]) -> Lines:
-    """Solve ``kappa(w) A + delta conj(B) = F, kappa(2 Om - w) B + delta conj(A) = G`` for each pair of orders."""
-    zero = Complex(0.0)
-    lines: Lines = {}
-    for order in orders:
-        image = (-order[0], -order[1])
-        own, other = _stiffness(v, order), _stiffness(v, image)
-        F, G = force.get(order, zero), force.get(image, zero)
-        below = other.conj() * own - v.delta.abs2()
-        lines[order] = (other.conj() * F - v.delta * G.conj()) / below
-        if image != order:
-            lines[image] = (own.conj() * G - v.delta * F.conj()) / below.conj()
-    return lines
+def _with_images(orders: Iterable[Order]) -> tuple[Order, ...]:
+    return tuple(dict.fromkeys(both for m, n in orders for both in ((m, n), (-m, -n))))
 
 
-def _stiffness(v: ShaftValues, order: Order) -> Complex:
-    w = v.fixed_frequency(order)
-    return Complex.of(v.K) + J * w * v.D - w * w * v.M
+def _by_order(orders: Sequence[Order], lines: Jet) -> Lines:
+    return {order: lines.take([i]) for i, order in enumerate(orders)}
 
 
-def _twist(v: ShaftValues, lateral: Lines) -> Lines:
+def _lateral(v: ShaftValues, orders: tuple[Order, ...], force: Jet) -> Jet:
+    """Solve ``kappa(w) A + delta conj(B) = F, kappa(2 Om - w) B + delta conj(A) = G``, B the image of A."""
+    image = [orders.index((-m, -n)) for m, n in orders]
+    w = v.fixed_frequency(orders)
+    own = v.K + v.D * (1j * w) - v.M * w**2
+    other = own.take(image).conj()
+    return (other * force - v.delta * force.take(image).conj()) / (other * own - v.delta * v.delta.conj())
+
+
+def _twist(v: ShaftValues, torsion: Torsion, lines: tuple[Order, ...], lateral: Jet, wanted: tuple[Order, ...]) -> Jet:
     """Twist under the torque ``Im(delta conj(zeta)^2) - M Im(conj(eps) z'' exp(-j Om t))``, zeta with all its lines."""
-    torque: Lines = {}
-    for order, z in lateral.items():
-        w = v.fixed_frequency(order)
-        _add(torque, order, v.eps.conj() * z * w * w * v.M)
-    for (m, n), first in lateral.items():
-        for (k, j), second in lateral.items():
-            _add(torque, (-m - k, -n - j), v.delta * first.conj() * second.conj())
-    zero = Complex(0.0)
-    lines: Lines = {}
-    inertia = v.eps * v.eps.conj() * v.M + v.J
-    stiffness = _turned(v, lateral) + v.kt
-    for order in TWIST.values():
-        both = torque.get(order, zero) - torque.get((-order[0], -order[1]), zero).conj()
-        if order == (0, 0):
-            both = both * 0.5
-        nu = v.turning_frequency(order)
-        lines[order] = both / J / (stiffness + J * nu * v.ct - nu * nu * inertia)
-    return lines
+    orders = (*wanted, *((-m, -n) for m, n in wanted))
+    w = v.fixed_frequency(orders)
+    own = v.eps.conj() * v.M * (lateral.placed([_place(lines, order) for order in orders]) * w**2)
+    torque = own + v.delta * lateral.folded(lateral, _partners(orders, lines, lines, (-1, -1))).conj()
+    count = len(wanted)
+    both = torque.take(range(count)) - torque.take(range(count, 2 * count)).conj()
+    nu = v.turning_frequency(wanted)
+    inertia = torsion.J + v.eps * v.eps.conj() * v.M
+    stiffness = _turned(v, lines, lateral) + torsion.kt + torsion.ct * (1j * nu) - inertia * nu**2
+    # The mean twist is not the real part of a vector that turns.
+    return both * np.array([[-0.5j if order == (0, 0) else -1j] for order in wanted]) / stiffness
 
 
-def _turned(v: ShaftValues, lateral: Lines) -> Complex:
+def _turned(v: ShaftValues, lines: tuple[Order, ...], lateral: Jet) -> Jet:
     """What the steady motion adds to the torsional stiffness, ``M Om^2 Re(conj(eps) U) - 2 Re(delta conj(zeta)^2)``."""
-    U, sag, twice = (lateral[0, n].conj() for n in (0, -1, 1))
-    steady = v.eps.conj() * lateral[0, 0] * v.speed * v.speed * v.M - v.delta * (U * U + sag * twice * 2.0) * 2.0
-    return Complex(steady.re)
+    U, sag, twice = (lateral.take([lines.index((0, n))]) for n in (0, -1, 1))
+    steady = v.eps.conj() * v.M * (U * v.speed**2) - v.delta * (U * U + sag * twice * 2.0).conj() * 2.0
+    return steady.real()
 
 
-def _back_action(v: ShaftValues, lateral: Lines, twist: Lines) -> Lines:
+def _back_action(v: ShaftValues, lines: tuple[Order, ...], lateral: Jet, twist: Jet, wanted: tuple[Order, ...]) -> Jet:
     """Lateral force ``M eps (2 Om phi' - j phi'' + j Om^2 phi) - 2j phi delta conj(zeta)`` in turning coordinates."""
-    both: Lines = {}
-    for (m, n), amplitude in twist.items():
-        _add(both, (m, n), amplitude * 0.5)
-        _add(both, (-m, -n), amplitude.conj() * 0.5)
-    force: Lines = {}
-    for order, phi in both.items():
-        w = v.fixed_frequency(order)
-        _add(force, order, J * v.eps * w * w * v.M * phi)
-        for (k, j), z in lateral.items():
-            _add(force, (order[0] - k, order[1] - j), J * (-2.0) * v.delta * phi * z.conj())
-    return force
+    own = [_place(_TWIST, order) for order in _BOTH]
+    other = [_place(_TWIST, (-m, -n)) for m, n in _BOTH]
+    phi = (twist.placed(own) + twist.conj().placed(other)) * 0.5
+    alone = phi.take([_BOTH.index(order) for order in wanted]) * (1j * v.fixed_frequency(wanted) ** 2)
+    crossed = phi.folded(lateral.conj(), _partners(wanted, _BOTH, lines, (1, -1)))
+    return v.eps * v.M * alone + v.delta * (crossed * -2j)
 
 
-def _add(lines: Lines, order: Order, value: Complex) -> None:
-    lines[order] = lines[order] + value if order in lines else value
+def _place(orders: tuple[Order, ...], order: Order) -> int:
+    """Number of an order, -1 where it is none of them."""
+    return orders.index(order) if order in orders else -1
+
+
+@cache
+def _partners(
+    made: tuple[Order, ...], first: tuple[Order, ...], second: tuple[Order, ...], signs: tuple[int, int]
+) -> tuple[Index, Index]:
+    """Products that make some orders: which second factor goes with each first, and the other way round, -1 for none.
+
+    Args:
+        made: orders of the products.
+        first, second: orders of the factors.
+        signs: of the factors' orders in the sum that is the order of their product.
+
+    Returns:
+        shapes ``(len(made), len(first))`` and ``(len(made), len(second))``.
+    """
+    tables = np.full((len(made), len(first)), -1), np.full((len(made), len(second)), -1)
+    for row, (p, q) in enumerate(made):
+        for i, (m, n) in enumerate(first):
+            k = _place(second, (signs[1] * (p - signs[0] * m), signs[1] * (q - signs[0] * n)))
+            if k >= 0:
+                tables[0][row, i], tables[1][row, k] = k, i
+    return tables

@@ -129,6 +129,23 @@ def test_derivatives_of_lines_are_those_of_differences():
             assert slopes[i] == pytest.approx(difference, abs=1e-7 * (abs(slopes[i]) + abs(value / scale))), name
 
 
+@pytest.mark.parametrize("torsion", ["modal", None])
+def test_many_vectors_frequencies_and_kinds_at_once_are_those_one_by_one(torsion):
+    model = AnisotropicShaft(torsion=torsion)
+    values = VALUES | (TORSION if torsion else {})
+    vectors = np.array([model.vector(values | {"K": K}) for K in (3e4, 4e4, 5e4)])[:, None]
+    w, force = np.linspace(-310.0, -30.0, 150), 0.3 - 0.1j
+    kinds = [("z", (-1, 0)), ("z", (0, 1)), *([("twist", (1, -1)), ("twist", (0, 0))] if torsion else [("z", (2, 0))])]
+    found = model.several_lines(vectors, kinds, w, SPEED, force, derivatives=True)
+    assert found.shape == (1 + len(model.parameters), len(kinds), 3, 150)
+    for k, (direction, order) in enumerate(kinds):
+        alone = model.lines_jacobian(vectors[2, 0], direction, order, w[140], SPEED, force)
+        size = np.abs(alone[1]) + np.abs(alone[0] / vectors[2, 0])
+        # Sums of some hundred products in another order.
+        assert abs(found[0, k, 2, 140] - alone[0]) <= 1e-12 * abs(alone[0])
+        assert (np.abs(found[1:, k, 2, 140] - alone[1]) <= 1e-12 * size).all()
+
+
 @pytest.mark.parametrize("dK", [2000.0, 20.0, 1e-2])
 def test_the_unstable_band_of_an_undamped_jeffcott_rotor_has_the_textbook_edges(dK):
     model = AnisotropicShaft(torsion=None)

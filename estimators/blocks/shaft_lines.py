@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Self
 
 import numpy as np
@@ -49,26 +50,38 @@ class LineResponses:
             rows = np.flatnonzero((self.direction == direction) & (self.line == line))
             yield direction, line_order(direction, line), rows
 
+    @cached_property
+    def _conditions(self) -> tuple[Index, Index]:
+        """A reading of each group, frequency, speed and force, and the number of that of every reading."""
+        parts = (self.reading_group, self.frequency, self.speed, self.force.real, self.force.imag)
+        _, first, number = np.unique(np.stack(parts, axis=1), axis=0, return_index=True, return_inverse=True)
+        return first, number.reshape(-1)
+
     def predict(self, theta: Float) -> ComplexArray:
         """See :meth:`~rotorfit.estimators.blocks.observations.Block.predict`."""
-        predicted = np.empty(self.measured.size, dtype=complex)
-        for direction, order, rows in self.kinds():
-            vectors = theta[self.reading_group[rows]]
-            predicted[rows] = self.model.lines(
-                vectors, direction, order, self.frequency[rows], self.speed[rows], self.force[rows]
-            )
-        return predicted
+        return np.asarray(self._lines(theta, derivatives=False)[0])
 
     def predict_jacobian(self, theta: Float) -> tuple[ComplexArray, ComplexArray]:
         """See :meth:`~rotorfit.estimators.blocks.observations.Block.predict_jacobian`."""
-        predicted = np.empty(self.measured.size, dtype=complex)
-        jacobian = np.empty((self.measured.size, theta.shape[1]), dtype=complex)
-        for direction, order, rows in self.kinds():
-            vectors = theta[self.reading_group[rows]]
-            predicted[rows], jacobian[rows] = self.model.lines_jacobian(
-                vectors, direction, order, self.frequency[rows], self.speed[rows], self.force[rows]
-            )
-        return predicted, jacobian
+        found = self._lines(theta, derivatives=True)
+        return found[0], found[1:].T
+
+    def _lines(self, theta: Float, *, derivatives: bool) -> ComplexArray:
+        """Every reading, and behind them all their derivatives where wanted, shape ``(1 or 1 + P, R)``."""
+        first, number = self._conditions
+        kinds = list(self.kinds())
+        found = self.model.several_lines(
+            theta if len(theta) == 1 else theta[self.reading_group[first]],
+            [(direction, order) for direction, order, _ in kinds],
+            self.frequency[first],
+            self.speed[first],
+            self.force[first],
+            derivatives=derivatives,
+        )
+        whole = np.empty((len(found), self.measured.size), dtype=complex)
+        for k, (_, _, rows) in enumerate(kinds):
+            whole[:, rows] = found[:, k, number[rows]]
+        return whole
 
     def with_noise(self, factor: Float) -> Self:
         """See :meth:`~rotorfit.estimators.blocks.observations.Block.with_noise`."""
