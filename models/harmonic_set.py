@@ -18,6 +18,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
+from rotorfit.models.angular_rates import angular_rate
 from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.models.complexes import Complex
 from rotorfit.models.model import RotorModel
@@ -89,11 +90,13 @@ def harmonic_set(
         most: largest N.
 
     Raises:
-        ValueError: a model in x and y, unknown planes, or lines that do not settle with ``most`` terms.
+        ValueError: a model in x and y, a frequency or speed that is no finite number, or lines that do not settle with
+            ``most`` terms.
         KeyError: a plane that the model does not have.
     """
     if model.frame != "z":
         raise ValueError(f"{model.name} keeps x and y apart; its supports may be orthotropic as they are")
+    frequency, speed = angular_rate(frequency, "frequency"), angular_rate(speed)
     n = len(model.coordinates)
     drive, still = np.zeros(n, dtype=complex), np.zeros((n, n), dtype=complex)
     for plane, amplitude in force.items():

@@ -13,6 +13,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
+from rotorfit.models.angular_rates import angular_rates
 from rotorfit.models.array_types import ComplexArray, Float, Index
 from rotorfit.models.compiled import array_function
 from rotorfit.models.complexes import Complex, Number
@@ -196,8 +197,11 @@ class RotorModel(ABC):
 
         Returns:
             shape ``(..., order + 1, n, n)``.
+
+        Raises:
+            ValueError: speeds that are not finite numbers, or none.
         """
-        return self.functions.values(theta, speed, eccentricity)
+        return self.functions.values(theta, angular_rates(speed), eccentricity)
 
     def dynamic_stiffness(
         self, theta: ArrayLike, frequency: ArrayLike, speed: ArrayLike, eccentricity: ArrayLike = 0.0
@@ -212,8 +216,11 @@ class RotorModel(ABC):
 
         Returns:
             shape ``(..., n, n)``, N/m for displacement coordinates.
+
+        Raises:
+            ValueError: frequencies or speeds that are not finite numbers, or none.
         """
-        w = np.asarray(frequency, dtype=float)
+        w = angular_rates(frequency, "frequency")
         s = np.asarray(1j * (w if self.frame == "z" else np.abs(w)))
         coefficients = self.coefficients(theta, speed, eccentricity)
         kappa = np.zeros(1, dtype=complex)

@@ -13,6 +13,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike
 
+from rotorfit.models.angular_rates import angular_rate
 from rotorfit.models.array_types import ComplexArray, Float, Index
 from rotorfit.models.journal import journal
 from rotorfit.models.line_stiffness import known_structure, line_stiffness
@@ -32,8 +33,11 @@ def static_equilibria(model: RotorModel, theta: ArrayLike, speed: float, load: A
 
     Returns:
         every equilibrium, shape ``(n,)`` each, m, the smallest eccentricity first; for a linear model the only one.
+
+    Raises:
+        ValueError: a speed that is no finite number.
     """
-    load = np.asarray(load, dtype=complex)
+    speed, load = angular_rate(speed), np.asarray(load, dtype=complex)
     H = model.receptance(theta, 0.0, speed)
     centred = H @ load
     if not model.eccentricity_dependent:

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from rotorfit.models.angular_rates import angular_rate, angular_rates
 from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.models.model import RotorModel
 from rotorfit.models.turning import unstable_bands
@@ -80,8 +81,11 @@ def eigenvalues(model: RotorModel, theta: ArrayLike, speed: ArrayLike) -> Comple
 
     Returns:
         shape ``(..., order n)``, rad/s; infinite ones (massless coordinates) are NaN and stand last.
+
+    Raises:
+        ValueError: speeds that are not finite numbers, or none.
     """
-    s = _spectrum(model, model.motion(theta, speed))
+    s = _spectrum(model, model.motion(theta, angular_rates(speed)))
     return np.asarray(np.take_along_axis(s, np.argsort(s.imag, axis=-1), axis=-1))
 
 
@@ -202,9 +206,13 @@ def growing_bands(model: RotorModel, theta: ArrayLike, max_speed: float) -> list
 
     Returns:
         lower and upper edge of each, rad/s, ascending; the last may end at ``max_speed``.
+
+    Raises:
+        ValueError: no positive speed to search up to.
     """
     from scipy.optimize import brentq
 
+    max_speed = angular_rate(max_speed, "max_speed", positive=True)
     values = np.asarray(theta, dtype=float)
 
     def rate(speed: float) -> float:
@@ -235,7 +243,14 @@ def threshold_speed(
     Returns:
         the threshold, or ``None`` if no eigenvalue within the band becomes unstable up to ``max_speed``. With a finite
         band that does not say that the rotor is stable: its onset may lie beyond.
+
+    Raises:
+        ValueError: no positive speed to search up to, or no positive band.
     """
+    if max_speed is not None:
+        max_speed = angular_rate(max_speed, "max_speed", positive=True)
+    if not (isinstance(band, int | float) and band > 0):
+        raise ValueError(f"band is {band!r}; it must be a positive frequency in rad/s, or infinite")
     theta = np.asarray(theta, dtype=float)
     if not model.speed_dependent:
         return None

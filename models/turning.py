@@ -14,6 +14,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
+from rotorfit.models.angular_rates import angular_rate
 from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.models.complexes import Complex, J, Number
 from rotorfit.models.model import Coordinate, Matrix, RotorModel
@@ -135,8 +136,7 @@ def unstable_bands(model: RotorModel, theta: ArrayLike, max_speed: float) -> lis
     """
     from scipy.optimize import brentq, minimize_scalar
 
-    if not (np.isfinite(max_speed) and max_speed > 0):
-        raise ValueError(f"max_speed must be a positive speed in rad/s, got {max_speed}")
+    max_speed = angular_rate(max_speed, "max_speed", positive=True)
     frame = TurningFrame(model)
     values = np.asarray(theta, dtype=float)
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from rotorfit.fitting.quantities import Quantity
 from rotorfit.models import eigenvalues
+from rotorfit.models.angular_rates import angular_rate
 from rotorfit.models.stability import eigenvalue_gradient, is_image
 
 if TYPE_CHECKING:
@@ -22,7 +23,11 @@ def natural_frequencies(fit: FitResult, speed: float, at: Mapping[str, Any] | No
         fit: a result.
         speed: rotative speed, rad/s.
         at: values of attributes that name one parameter group.
+
+    Raises:
+        ValueError: a speed that is no finite number.
     """
+    speed = angular_rate(speed)
     theta, model = fit.theta(at), fit.model
     modes = []
     back = 1j * speed if model.turns else 0.0  # from turning coordinates

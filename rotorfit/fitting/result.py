@@ -24,6 +24,7 @@ from rotorfit.fitting.noise.record import Noise
 from rotorfit.fitting.quantities import THRESHOLD, FittedParameter, Quantity, ResponseQuality
 from rotorfit.fitting.settings import FitSettings
 from rotorfit.models import RotorModel, Threshold, threshold_speed
+from rotorfit.models.angular_rates import real_number
 from rotorfit.models.array_types import Float
 from rotorfit.models.parameters import unknown_name
 
@@ -269,8 +270,10 @@ class FitResult:
             return self.threshold_of(self.group(at))
         from rotorfit.models.off_centre import off_centre_threshold
 
+        allowed = "|displacement| / clearance, from 0 to below 1"
+        eccentricity = real_number(eccentricity, "eccentricity", allowed)
         if not 0 <= eccentricity < 1:
-            raise ValueError(f"eccentricity {eccentricity} is |displacement| / clearance, from 0 to below 1")
+            raise ValueError(f"eccentricity is {eccentricity:g}; it must be {allowed}")
         onset = off_centre_threshold(self.model, self.theta(at), eccentricity, band=self.stability_band)
         if onset is None:
             return Quantity(math.nan, math.nan, "rad/s")
@@ -326,9 +329,12 @@ class FitResult:
         """Damped natural frequency (rad/s, signed) and damping ratio of each mode at a rotative speed (rad/s).
 
         Args:
-            speed: rotative speed, rad/s.
+            speed: rotative speed, rad/s, negative from y to x.
             at: values of attributes that name one group, ``{"speed_rpm": 1000}``; needed where parameters were fitted
                 per attribute.
+
+        Raises:
+            ValueError: a speed that is no finite number.
 
         Example:
             >>> [round(frequency.value) for frequency, damping in fit.natural_frequencies(speed=150.0)][-1] > 0

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from rotorfit.data.experiments import DisplacementTest, PerturbationTest, perturbation_test
 from rotorfit.models import RotorModel
 from rotorfit.models.array_types import ComplexArray, Float, Index, Text
-from rotorfit.simulation.rig import VirtualRig, positive, some_planes
+from rotorfit.simulation.rig import VirtualRig, positive, rates_rpm, some_planes
 from rotorfit.simulation.steady_state import Steady, steady_state
 from rotorfit.units import RAD_S_PER_RPM, RPM_PER_RAD_S
 
@@ -70,10 +70,10 @@ def perturbation(
     if order not in ("rest", "up", "down"):
         raise ValueError(f"order must be rest, up or down, got {order!r}")
     levels = np.atleast_1d(np.asarray(force if unbalance is None else unbalance, dtype=complex))
-    w = np.atleast_1d(np.asarray(frequency_rpm, dtype=float)) * RAD_S_PER_RPM
-    if not w.size or not (np.isfinite(w) & (w != 0)).all() or not (np.abs(levels) > 0).all():
+    w = rates_rpm("frequency_rpm", frequency_rpm) * RAD_S_PER_RPM
+    if not (levels.size and w.all() and levels.all() and np.isfinite(levels).all()):
         raise ValueError("frequencies and forces must be finite and not zero")
-    speeds = np.atleast_1d(np.asarray(speed_rpm, dtype=float)) * RAD_S_PER_RPM
+    speeds = rates_rpm("speed_rpm", speed_rpm) * RAD_S_PER_RPM
     constant = rig.load(load, load_plane) if load else np.zeros(len(rig.model.coordinates), dtype=complex)
     decay = {float(speed): rig.decay(float(speed), constant) for speed in speeds}
     cases = list(product(some_planes(rig.model, planes), speeds.tolist(), levels.tolist()))
@@ -185,9 +185,9 @@ def displacement(
     rig.need_circular("imposed orbits")
     radii, speeds = (
         positive("amplitude_um", amplitude_um) * 1e-6,
-        np.atleast_1d(np.asarray(speed_rpm, float)) * RAD_S_PER_RPM,
+        rates_rpm("speed_rpm", speed_rpm) * RAD_S_PER_RPM,
     )
-    cases = np.array(list(product(speeds, radii, np.atleast_1d(np.asarray(frequency_rpm, float)) * RAD_S_PER_RPM)))
+    cases = np.array(list(product(speeds, radii, rates_rpm("frequency_rpm", frequency_rpm) * RAD_S_PER_RPM)))
     speed, radius, w = cases.T
     at = rig.seat if plane is None else rig.model.coordinate(plane, "z")
     motion = rig.motion(speed, imposed=at)

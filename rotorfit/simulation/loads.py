@@ -11,7 +11,7 @@ from rotorfit.data.experiments import RingDownTest, StaticTest
 from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.models.off_centre import off_centre_eigenvalues
 from rotorfit.simulation.integration import integrate
-from rotorfit.simulation.rig import VirtualRig, positive
+from rotorfit.simulation.rig import VirtualRig, positive, rates_rpm
 from rotorfit.simulation.steady_state import rest_position
 from rotorfit.units import RAD_S_PER_RPM, RPM_PER_RAD_S
 
@@ -32,7 +32,7 @@ def static_load(
         load_deg: its direction from x towards y; downwards by default.
         plane: where it acts, by default at the journal.
     """
-    speeds, loads = np.atleast_1d(np.asarray(speed_rpm, dtype=float)) * RAD_S_PER_RPM, positive("load", load)
+    speeds, loads = rates_rpm("speed_rpm", speed_rpm) * RAD_S_PER_RPM, positive("load", load)
     turned = loads * np.exp(1j * np.radians(load_deg))
     rests = [rest_under(rig, speed, turned, plane) for speed in speeds.tolist()]
     planes = [number for number, c in enumerate(rig.model.coordinates) if c.axis == "z"]
@@ -91,10 +91,7 @@ def impulse(
         sampling_hz: by default 16 samples in a period of the fastest mode, 256 in a record at least.
     """
     rig.need_circular("impulses")
-    speeds, loads = (
-        np.atleast_1d(np.asarray(speed_rpm, dtype=float)) * RAD_S_PER_RPM,
-        np.atleast_1d(np.asarray(load, float)),
-    )
+    speeds, loads = rates_rpm("speed_rpm", speed_rpm) * RAD_S_PER_RPM, np.atleast_1d(np.asarray(load, float))
     blow = rig.load(positive("impulse", impulse)[0] * np.exp(1j * np.radians(impulse_deg)), plane)
     columns: dict[str, list[Float]] = {name: [] for name in ("speed", "time", "x", "y")}
     runs: list[str] = []

@@ -10,10 +10,11 @@ from itertools import product
 import numpy as np
 from numpy.typing import ArrayLike
 
+from rotorfit.models.angular_rates import angular_rate
 from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.simulation.instruments import Played
 from rotorfit.simulation.recorded_rig import RecordedRig, constant
-from rotorfit.simulation.rig import some_planes
+from rotorfit.simulation.rig import rates_rpm, some_planes
 from rotorfit.simulation.turning_speeds import Dwells, Rotation, Sweep
 from rotorfit.units import RAD_S_PER_RPM as RPM
 
@@ -48,7 +49,7 @@ def perturbation(
     """
     chosen = some_planes(rig.virtual.model, planes)
     sweep = Sweep(first=sweep_rpm[0] * RPM, last=sweep_rpm[1] * RPM, duration=duration)
-    for rpm in np.atleast_1d(np.asarray(speed_rpm, dtype=float)).tolist():
+    for rpm in rates_rpm("speed_rpm", speed_rpm).tolist():
         rig.virtual.decay(rpm * RPM)  # refuses an unstable rotor
         for plane, direction in product(chosen, directions):
             yield _perturbed(rig, sweep, duration, rpm, plane, direction, unbalance)
@@ -75,12 +76,12 @@ def dwell(
         unbalance, planes, directions: as for :func:`perturbation`.
         mark: whether the perturbator has a mark.
     """
-    steps = np.abs(np.atleast_1d(np.asarray(frequency_rpm, dtype=float))) * RPM
+    steps = np.abs(rates_rpm("frequency_rpm", frequency_rpm)) * RPM
     runs = [steps] if mark else np.split(steps, steps.size)
-    for rpm in np.atleast_1d(np.asarray(speed_rpm, dtype=float)).tolist():
+    for rpm in rates_rpm("speed_rpm", speed_rpm).tolist():
         rig.virtual.decay(rpm * RPM)
         for plane, direction, run in product(some_planes(rig.virtual.model, planes), directions, runs):
-            turning = Dwells.at(run, duration)
+            turning = Dwells.at(run.tolist(), duration)
             played = _perturbed(rig, turning, turning.duration, rpm, plane, direction, unbalance)
             if mark:
                 yield replace(played, name=f"{played.name}-dwells")
@@ -177,10 +178,10 @@ def balance(
         unbalance, planes, hole_zero_deg, hole_deg, reference: as for :func:`synchronous`.
     """
     time = rig.instruments.time(duration)
-    for rpm in np.atleast_1d(np.asarray(speed_rpm, dtype=float)).tolist():
+    for rpm in rates_rpm("speed_rpm", speed_rpm).tolist():
         rig.virtual.decay(rpm * RPM)
     for name, weights, said in _weighted(rig, unbalance, planes, hole_zero_deg, hole_deg, reference):
-        for rpm in np.atleast_1d(np.asarray(speed_rpm, dtype=float)).tolist():
+        for rpm in rates_rpm("speed_rpm", speed_rpm).tolist():
             shaft = rig.shaft(time, rpm * RPM)
             speed = np.gradient(shaft, time)
 
@@ -242,6 +243,7 @@ def measured_force(
     """
     sweep = Sweep(first=sweep_rpm[0] * RPM, last=sweep_rpm[1] * RPM, duration=duration)
     time = rig.instruments.time(duration)
+    speed_rpm = angular_rate(speed_rpm, "speed_rpm", "rpm")
     rig.virtual.decay(speed_rpm * RPM)
     for plane, direction in product(some_planes(rig.virtual.model, planes), directions):
         if direction not in _ACTS:

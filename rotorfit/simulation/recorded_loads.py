@@ -12,6 +12,7 @@ from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.simulation.instruments import Played
 from rotorfit.simulation.loads import rest_under
 from rotorfit.simulation.recorded_rig import Force, RecordedRig, constant
+from rotorfit.simulation.rig import rates_rpm
 from rotorfit.units import RAD_S_PER_RPM as RPM
 
 _BLOW = 4e-3
@@ -133,7 +134,7 @@ def static_load(
     where = plane or rig.virtual.model.coordinates[rig.virtual.seat].plane
     time = rig.instruments.time(duration)
     loads = [0.0, *np.atleast_1d(np.asarray(load, dtype=float)).tolist()]
-    for rpm in np.atleast_1d(np.asarray(speed_rpm, dtype=float)).tolist():
+    for rpm in rates_rpm("speed_rpm", speed_rpm).tolist():
         for size in loads:
             rest = _rest(rig, rpm, size * np.exp(1j * np.radians(load_deg)), where)
             yield Played(
@@ -147,7 +148,7 @@ def static_load(
 def _speeds(rig: RecordedRig, speed_rpm: ArrayLike) -> Iterator[float]:
     """Speeds, rpm, at which the rotor is stable."""
     rig.need_linear()
-    for rpm in np.atleast_1d(np.asarray(speed_rpm, dtype=float)).tolist():
+    for rpm in rates_rpm("speed_rpm", speed_rpm).tolist():
         rig.virtual.decay(rpm * RPM)
         yield rpm
 

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rotorfit.models import RotorModel, threshold_speed
+from rotorfit.models.angular_rates import angular_rates, real_numbers
 from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.models.journal import journal
 from rotorfit.models.off_centre import off_centre_eigenvalues, static_equilibria
@@ -152,10 +153,23 @@ def positive(name: str, values: ArrayLike) -> Float:
     Raises:
         ValueError: some are not.
     """
-    array = np.atleast_1d(np.asarray(values, dtype=float))
+    array = np.atleast_1d(real_numbers(values, name, "positive numbers"))
     if not array.size or not (np.isfinite(array) & (array > 0)).all():
         raise ValueError(f"{name} must be positive numbers, got {values!r}")
     return array
+
+
+def rates_rpm(name: str, values: ArrayLike) -> Float:
+    """Rotative speeds or frequencies as an array, signed, rpm.
+
+    Args:
+        name: of the values, for messages.
+        values: one number or several, rpm.
+
+    Raises:
+        ValueError: none, or some that are no finite numbers.
+    """
+    return np.atleast_1d(angular_rates(values, name, "rpm"))
 
 
 def some_planes(model: RotorModel, planes: str | Sequence[str] | None) -> tuple[str, ...]:

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rotorfit.fitting.result import FitResult
+from rotorfit.models.angular_rates import angular_rate, angular_rates
 from rotorfit.models.array_types import Float
 from rotorfit.uncertainty.derived import Derived, Draws, Mode, StiffnessBand, modes
 from rotorfit.uncertainty.onsets import Onsets, onsets_of
@@ -159,8 +160,11 @@ class Posterior(Draws):
             speed: rotative speed, rad/s.
             at: values of attributes that name one group, ``{"speed_rpm": 1000}``; needed where parameters were fitted
                 per attribute.
+
+        Raises:
+            ValueError: a speed that is no finite number.
         """
-        return modes(self.fit.model, self.thetas(at), speed, self.fit.stability_band)
+        return modes(self.fit.model, self.thetas(at), angular_rate(speed), self.fit.stability_band)
 
     def natural_frequencies(self, speed: float, at: Mapping[str, Any] | None = None) -> list[tuple[Derived, Derived]]:
         """Damped natural frequency (rad/s, signed) and damping ratio of each mode at a rotative speed (rad/s).
@@ -169,6 +173,9 @@ class Posterior(Draws):
             speed: rotative speed, rad/s.
             at: values of attributes that name one group, ``{"speed_rpm": 1000}``; needed where parameters were fitted
                 per attribute.
+
+        Raises:
+            ValueError: a speed that is no finite number.
         """
         return [(mode.frequency, mode.damping_ratio) for mode in self.modal_parameters(speed, at)]
 
@@ -182,7 +189,9 @@ class Posterior(Draws):
 
         Raises:
             KeyError: the model has no such velocity ratio.
+            ValueError: a speed that is no finite number.
         """
+        speed = angular_rate(speed)
         self.fit.model.parameter(name)
         ratio = self.thetas(at, draws=len(self.samples))[:, self.fit.model.parameter_names.index(name)]
         return Derived(name=f"{name} * Omega", unit="rad/s", samples=ratio * speed)
@@ -197,8 +206,11 @@ class Posterior(Draws):
             speed: rotative speed, rad/s.
             at: values of attributes that name one group, ``{"speed_rpm": 1000}``; needed where parameters were fitted
                 per attribute.
+
+        Raises:
+            ValueError: a frequency or a speed that is no finite number.
         """
-        w = np.atleast_1d(np.asarray(frequency, dtype=float))
+        w, speed = np.atleast_1d(angular_rates(frequency, "frequency")), angular_rate(speed)
         kappa = self.fit.model.dynamic_stiffness(self.thetas(at)[:, None, :], w, speed)
         return StiffnessBand(
             frequency=w,
