@@ -227,6 +227,91 @@ def test_a_wide_table_is_recognised(tmp_path, test_data, style):
     same(ordered(rf.read(path)), ordered(test_data))
 
 
+@pytest.mark.parametrize(
+    "style",
+    [
+        ("{p} {d} Amp (um pp)", "{p} {d} Phase (deg)"),
+        ("{p}-{d} Amplitude [µm pk-pk]", "{p}-{d} Phase Lag [deg]"),
+        ("1X Ampl {p} {d} (microns p-p)", "1X Phase {p} {d} (° lag)"),
+        ("{p} {d}_umpp", "{p} {d}_deg"),
+        ("{p} {d} Re (mm)", "{p} {d} Imag (mm)"),
+    ],
+)
+@pytest.mark.parametrize("case", [str.title, str.upper])
+def test_a_wide_table_with_names_as_people_write_them(tmp_path, test_data, style, case):
+    plain = ("{p}_{d}_um_pp", "{p}_{d}_lag_deg" if "lag" in style[1].lower() else "{p}_{d}_deg")
+    text = wide_text(test_data, ("{p}_{d}_real_mm", "{p}_{d}_imag_mm") if "Re" in style[0] else plain)
+    _, _, rows = text.partition("\n")
+    head = ["Run", "Speed (rpm)", "Freq [Hz]", "Force plane", "Force (N)", "Force Phase (deg)"]
+    channels = dict.fromkeys(zip(test_data.plane.tolist(), test_data.direction.tolist(), strict=True))
+    head += [case(name.format(p=p, d=d)) for p, d in channels for name in style]
+    path = tmp_path / "wide.csv"
+    path.write_text(",".join(head) + "\n" + rows, encoding="utf-8")
+    read = rf.read(path)
+    same(ordered(read), ordered(test_data))
+    assert not read.attributes
+
+
+def test_names_in_words_leave_tidy_tables_and_messages_as_they_are(tmp_path, tidy, test_data):
+    path = tmp_path / "tidy.csv"
+    head, _, rows = "\n".join(line for line in tidy.splitlines() if line[:1] != "#").partition("\n")
+    words = {"speed_rpm": "Speed (rpm)", "frequency_rpm": "FREQUENCY [RPM]", "force_N": "Force (N)", "run": "Run"}
+    path.write_text(",".join(words.get(name, name) for name in head.split(",")) + "\n" + rows)
+    same(rf.read(path), test_data)
+    path.write_text(path.read_text().replace(rows.splitlines()[0].split(",")[1], "slow", 1))
+    with pytest.raises(ValueError, match=r"line 2, column 'Speed \(rpm\)': 'slow' is not a number"):
+        rf.read(path)
+
+
+@pytest.mark.parametrize(
+    ("amplitude", "phase"),
+    [
+        ("Disk y", "Disk y phase"),
+        ("Disk Y (thou)", "Disk Y ang"),
+        ("2X Disk Y (um)", "2X Disk Y Phase (deg)"),
+        ("disk_y_amp", "disk_y_ph"),
+        ("Disk vertical (um)", "Disk vertical phase (deg)"),
+    ],
+)
+@pytest.mark.parametrize("alone", [False, True])
+def test_a_reading_in_doubt_is_no_attribute(tmp_path, run, amplitude, phase, alone):
+    text = example("wide").replace("disk_y_um", amplitude).replace("disk_y_lag_deg", phase)
+    path = tmp_path / "wide.csv"
+    path.write_text(text.replace("disk_x_um", "Disk x").replace("disk_x_lag_deg", "Disk x lag") if alone else text)
+    code, _, told = run("info", path)
+    assert code == 2
+    assert f"{amplitude!r}, {phase!r} look like readings" in told
+    assert "=journal_x_um_pp" in told
+    if not alone:
+        with pytest.warns(UserWarning, match="are empty"):
+            read = rf.read(path, columns={amplitude: "disk_y_um", phase: "disk_y_lag_deg"})
+        path.write_text(example("wide"))
+        with pytest.warns(UserWarning, match="are empty"):
+            same(read, rf.read(path))
+
+
+def test_gap_voltages_and_times_beside_readings_stay_attributes(tmp_path):
+    path = tmp_path / "wide.csv"
+    text = example("wide").replace("disk_y_um", "Gap X (V)").replace("disk_y_lag_deg", "Elapsed h")
+    path.write_text(text.replace("16.0", "16"))
+    read = rf.read(path)
+    assert set(read.attributes) == {"Gap X (V)", "Elapsed h"}
+    assert set(read.direction) == {"x"}
+
+
+def test_planes_are_spelled_as_the_forced_ones(tmp_path):
+    path = tmp_path / "wide.csv"
+    text = (
+        example("wide")
+        .replace(",disk,", ",Main Disk,")
+        .replace("disk_x", "MAIN_DISK_X")
+        .replace("disk_y", "main disk y")
+    )
+    path.write_text(text)
+    with pytest.warns(UserWarning, match="are empty"):
+        assert rf.read(path).planes == ("Main Disk",)
+
+
 def test_a_wide_table_of_other_names_is_mapped_in_a_study(tmp_path, test_data, capsys):
     style = ("Ampl {p} {d}", "lag {p} {d}")
     text = wide_text(test_data.select(test_data.force_plane == "journal"), style)

@@ -22,7 +22,7 @@ from rotorfit.models.array_types import Bool, Float, Text
 from rotorfit.models.parameters import unknown_name
 from rotorfit.units import UNITS
 
-_PREFIXES = {
+PREFIXES = {
     "speed": UNITS["frequency"],
     "frequency": UNITS["frequency"],
     "force_phase": UNITS["phase"],
@@ -35,6 +35,7 @@ _PREFIXES = {
     "sigma": MOTION,
     "probe_radius": UNITS["length"],
 }
+"""Units of the quantities of perturbation tests by the beginning of their columns' names."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -240,15 +241,15 @@ def _refuse_missing(table: Table, used: set[str], missing: Sequence[str], known:
 
 def _refuse_mistaken(table: Table, name: str, known: str) -> None:
     """Refuse a column that nothing asks for if it was hardly meant as an attribute of the test."""
-    prefix = next((p for p in _PREFIXES if name.startswith(p + "_")), None)
+    prefix = next((p for p in PREFIXES if name.startswith(p + "_")), None)
     near = difflib.get_close_matches(name, ["sigma_um", "probe_radius_mm"], n=1, cutoff=0.85)
-    if prefix and table.factor(name, prefix, _PREFIXES[prefix]) is not None:
+    if prefix and table.factor(name, prefix, PREFIXES[prefix]) is not None:
         raise ValueError(
             f"{table.source}: column {table.names[name]!r} has no place in this test. Known: {known}. If it is "
             "an attribute of the test, give it another name"
         )
     if prefix or near:
-        tail = unknown_name("unit", name[len(prefix) + 1 :], _PREFIXES[prefix]) if prefix else ""
+        tail = unknown_name("unit", name[len(prefix) + 1 :], PREFIXES[prefix]) if prefix else ""
         raise ValueError(
             f"{table.source}: unknown column {table.names[name]!r}; "
             f"{tail or f'did you mean {near[0]!r}?'} If it is an attribute of the test, give it another name"
@@ -264,6 +265,6 @@ def _looks_raw(table: Table, used: set[str]) -> bool:
 
 
 def _suggest(name: str) -> str:
-    columns = [f"{prefix}_{unit}" for prefix, units in _PREFIXES.items() for unit in units]
+    columns = [f"{prefix}_{unit}" for prefix, units in PREFIXES.items() for unit in units]
     near = difflib.get_close_matches(name.lower(), ["run", "force_plane", "plane", "direction", *columns], n=1)
     return f"{name!r} (did you mean {near[0]!r}?)" if near else repr(name)

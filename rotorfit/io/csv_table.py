@@ -6,7 +6,7 @@ Which of them a test needs: :mod:`rotorfit.io.csv_columns`.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -33,12 +33,22 @@ class Table:
         cells: column by lower-case name.
         lines: line of the file of each row.
         names: column names as the file spells them, by lower-case name.
+        written: those of columns that go by another name than in the file, as they stand there.
     """
 
     source: str
     cells: Mapping[str, Sequence[str]]
     lines: Sequence[int]
     names: Mapping[str, str]
+    written: Mapping[str, str] = field(default_factory=dict)
+
+    def spelled(self, name: str) -> str:
+        """Name of a column as it stands in the file.
+
+        Args:
+            name: of the column, lower case.
+        """
+        return self.written.get(name, self.names[name])
 
     def find(self, prefix: str, units: Mapping[str, float]) -> dict[str, float]:
         """Columns ``prefix_unit`` with their factors to SI, by lower-case name.
@@ -66,7 +76,7 @@ class Table:
         try:
             return find_unit(self.names[name][len(prefix) + 1 :], units)
         except ValueError as reason:
-            raise ValueError(f"{self.source}: column {self.names[name]!r}: {reason}") from reason
+            raise ValueError(f"{self.source}: column {self.spelled(name)!r}: {reason}") from reason
 
     def number(self, column: tuple[str, float], *, blank: bool = False) -> Float:
         """Cells of a numeric column in SI units; blank ones are NaN.
@@ -103,7 +113,7 @@ class Table:
             row: number of the row, from 0.
             name: of the column, lower case.
         """
-        return f"{self.source}: line {self.lines[row]}, column {self.names[name]!r}"
+        return f"{self.source}: line {self.lines[row]}, column {self.spelled(name)!r}"
 
     def refuse(self, bad: Bool, name: str, why: str) -> None:
         """Refuse the first bad row.

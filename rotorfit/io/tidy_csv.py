@@ -35,6 +35,7 @@ from rotorfit.data.synchronous import SPEED_TOLERANCE, group_speeds
 from rotorfit.io.csv_columns import Columns, columns_for, optional, quantity, words
 from rotorfit.io.csv_kinds import BUILDERS, columns_of
 from rotorfit.io.csv_table import MOTION, PERTURBATION_COLUMNS, Table, read_table
+from rotorfit.io.headers import refuse_doubtful, understood
 from rotorfit.io.left_out import completed, without_empty
 from rotorfit.io.line_csv import line_columns, line_test
 from rotorfit.io.machine_samples import is_sample_table, sample_table
@@ -136,9 +137,11 @@ def _opened(
         table = renamed(table, columns) if columns else table
     if bode:
         table, found = bode_table(table, {"plane", "direction"} <= set(constants))
+    table = table if samples or bode else understood(table)
     table = with_constants(table, constants) if constants else table
     if samples or bode:
         return with_weight(table), found + without_weight_finding(table)
+    refuse_doubtful(table)
     return (tidy(table) if is_wide(table) else table), found
 
 

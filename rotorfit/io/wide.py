@@ -17,7 +17,8 @@ from rotorfit.io.csv_table import MOTION, Table
 from rotorfit.units import UNITS, units_of
 
 _CHANNEL = re.compile(r"(?P<plane>.+)_(?P<direction>rx|ry|x|y|z)_(?P<rest>.+)")
-_NOT_PLANES = ("force", "load", "sigma")
+NOT_PLANES = ("force", "load", "sigma")
+"""Beginnings of names that are no plane's."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,6 +39,15 @@ def is_wide(table: Table) -> bool:
     return not {"plane", "direction"} & set(table.cells) and bool(_channels(table))
 
 
+def is_probe(name: str) -> bool:
+    """Whether a column is one of a probe.
+
+    Args:
+        name: of the column, lower case.
+    """
+    return _parts(name) is not None
+
+
 def tidy(table: Table) -> Table:
     """The same readings, one a row.
 
@@ -51,7 +61,7 @@ def tidy(table: Table) -> Table:
     for (plane, direction), columns in channels.items():
         kinds = sorted(column.tidy.split("_")[0] for column in columns)
         if kinds not in (["amplitude", "phase"], ["imag", "real"]):
-            have = ", ".join(table.names[column.name] for column in columns)
+            have = ", ".join(table.spelled(column.name) for column in columns)
             raise ValueError(
                 f"{table.source}: probe {plane} {direction} has {have}; it needs an amplitude and a phase "
                 f"({plane}_{direction}_um and {plane}_{direction}_lag_deg or _deg), or _real_um and _imag_um"
@@ -72,16 +82,28 @@ def tidy(table: Table) -> Table:
 
 def _channels(table: Table) -> dict[tuple[str, str], list[_Column]]:
     found: dict[tuple[str, str], list[_Column]] = {}
+    # The plane as the column of forced planes spells it, or else its first column.
+    spelled = {_plain(cell): cell for cell in table.cells.get("force_plane", ())}
     for name in table.cells:
-        match = _CHANNEL.fullmatch(name)
-        if match is None or match["plane"].split("_")[0] in _NOT_PLANES:
-            continue
-        column = _column(name, match["direction"], match["rest"])
-        if column is not None:
-            # The plane as the file spells it.
-            plane = table.names[name][: len(match["plane"])]
-            found.setdefault((plane, match["direction"]), []).append(column)
+        if (parts := _parts(name)) is not None:
+            size, direction, column = parts
+            plane = table.names[name][:size]
+            found.setdefault((spelled.setdefault(_plain(plane), plane), direction), []).append(column)
     return {key: columns for key, columns in found.items() if any(not c.tidy.startswith("phase") for c in columns)}
+
+
+def _plain(plane: str) -> str:
+    """A plane's name in one spelling, whatever its case and what parts its words."""
+    return re.sub(r"[\W_]+", "_", plane.lower())
+
+
+def _parts(name: str) -> tuple[int, str, _Column] | None:
+    """Length of the plane's name, direction and meaning of the column of a probe; ``None`` for any other."""
+    match = _CHANNEL.fullmatch(name)
+    if match is None or match["plane"].split("_")[0] in NOT_PLANES:
+        return None
+    column = _column(name, match["direction"], match["rest"])
+    return None if column is None else (len(match["plane"]), match["direction"], column)
 
 
 def _column(name: str, direction: str, rest: str) -> _Column | None:
