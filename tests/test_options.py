@@ -35,6 +35,7 @@ SETTINGS = {
     "apart": True,
     "loss": "huber",
     "phase_offsets": True,
+    "max_iterations": 1000,
     "refine": True,
     "calibration": {"probe_gain": 0.01},
     "assumptions": {"Ds[journal]": 2.0},

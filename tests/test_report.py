@@ -186,6 +186,8 @@ def test_a_failed_fit_says_so_first(tmp_path: Path) -> None:
     assert not fit.success
     page = report_of(fit, tmp_path / "report.html")
     assert "did not converge: no number in this report should be relied on" in page.shown
+    assert "max_iterations=1)" in page.shown
+    assert "--max-iterations 1" in page.shown
 
 
 @pytest.mark.parametrize("name", sorted(MODELS))

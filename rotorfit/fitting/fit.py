@@ -102,26 +102,26 @@ def fit(
         loss=loss,
         phase_offsets=phase_offsets,
         calibration=calibration,
+        max_iterations=max_iterations,
     )
     several = as_tuple(experiments)
-    found = fitted(model, several, settings, max_iterations)
+    found = fitted(model, several, settings)
     if told := slip(found, partial(_misfit, model)):
         found = replace(found, warnings=(f"{DATA_ERROR}{told}", *found.warnings))
     return assuming(found, assumptions) if assumptions else found
 
 
-def fitted(
-    model: RotorModel, experiments: tuple[Experiment, ...], settings: FitSettings, max_iterations: int = 200
-) -> FitResult:
+def fitted(model: RotorModel, experiments: tuple[Experiment, ...], settings: FitSettings) -> FitResult:
     """What :func:`fit` does, without a look for what a misfit may come from: for fits of data already looked at so.
 
     Args:
-        model, experiments, settings, max_iterations: as for :func:`fit`.
+        model, experiments: as for :func:`fit`.
+        settings: what was asked.
     """
     with unchanged(experiments):
         problem = build_problem(model, experiments, settings)
         begin, notes = start_vector(problem, settings.start)
-        solution = solve(problem, begin, Options(max_iterations=max_iterations))
+        solution = solve(problem, begin, Options(max_iterations=settings.max_iterations))
         return judged(problem, experiments, settings, begin, solution, notes)
 
 
@@ -169,7 +169,9 @@ def judged(
         found = finding.found
         before = dict(zip((*problem.space.names, *problem.space.nuisance), solution.x.tolist(), strict=True))
         problem = build_problem(problem.space.model, experiments, settings) if offsets else with_noise(problem, found)
-        again = solve(problem, _cheapest(problem, before, finding.start), Options())
+        again = solve(
+            problem, _cheapest(problem, before, finding.start), Options(max_iterations=settings.max_iterations)
+        )
         solution = replace(again, n_evaluations=solution.n_evaluations + again.n_evaluations)
     return judge(problem, experiments, settings, solution.x, begin, "least squares", solution, notes, noise=noise)
 

@@ -104,6 +104,9 @@ PHASE_OFFSETS = Option(
     metavar="common",
     help="fit a phase reference offset for every run but the first; common: one angle between forces and responses",
 )
+MAX_ITERATIONS = Option(
+    name="max_iterations", kind=COUNT, metavar="N", help="limit on the iterations of the search; 200 unless given"
+)
 REFINE = Option(name="refine", kind=FLAG, help="add structural blocks while the data ask for them (AIC)")
 UNCERTAINTY = (
     Option(
@@ -127,7 +130,7 @@ UNCERTAINTY = (
     Option(name="max_steps", kind=COUNT, metavar="N", help="steps to stop at in any case"),
 )
 
-FIT = (*MODEL, *LAW, *MODAL, *PARAMETERS, PER, RUNOUT, LOSS, PHASE_OFFSETS, REFINE, *UNCERTAINTY)
+FIT = (*MODEL, *LAW, *MODAL, *PARAMETERS, PER, RUNOUT, LOSS, PHASE_OFFSETS, MAX_ITERATIONS, REFINE, *UNCERTAINTY)
 """Settings of ``rotorfit fit`` and of a study."""
 CAMPAIGN = (*MODEL, *PARAMETERS, LOSS)
 """Settings of ``rotorfit campaign``: what is neither known nor shared has a value of its own for each run."""

@@ -51,7 +51,7 @@ class FitSettings:
     """What the user asked for, and what was found out while doing it; it lays the problem out again.
 
     Attributes:
-        known, bounds, priors, per, start, loss, phase_offsets: see :func:`rotorfit.fit`.
+        known, bounds, priors, per, start, loss, phase_offsets, max_iterations: see :func:`rotorfit.fit`.
         levels: factors on the noise by response, which :func:`rotorfit.refine` reads off the residuals once the
             structure explains the data.
         onsets: threshold speeds, group by group, of the models without terms that hold in the tested band only;
@@ -70,6 +70,7 @@ class FitSettings:
     start: Mapping[str, float] = field(default_factory=dict)
     loss: Loss = "linear"
     phase_offsets: PhaseOffsets = False
+    max_iterations: int = 200
     levels: Mapping[str, float] = field(default_factory=dict)
     onsets: tuple[Onset, ...] = ()
     calibration: Calibration | None = None

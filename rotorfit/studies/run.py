@@ -57,6 +57,7 @@ def run_study(study: Study, progress: StudyProgress, checkpoint: Path | None = N
         loss=study.loss,  # type: ignore[arg-type]
         start=study.start,
         phase_offsets=study.phase_offsets,
+        max_iterations=study.max_iterations,
         calibration=calibration_of(study.calibration),
         assumptions=study.assumptions,
     )

@@ -36,7 +36,7 @@ class Study:
         modes, gains, apart: options of the model modal; by default (0, empty) one mode, gains as the data need them.
         law: name of a law of eccentricity, a key of :data:`rotorfit.models.LAWS`, for models that carry a fluid.
         clearance_um: radial clearance at the fluid, micrometres; needed by a law.
-        known, bounds, priors, per, start, loss, phase_offsets: see :func:`rotorfit.fit`.
+        known, bounds, priors, per, start, loss, phase_offsets, max_iterations: see :func:`rotorfit.fit`.
         runout_um: plausible run-out of a shaft that is not round, see :func:`rotorfit.shaft_lines`.
         calibration: uncertainties by name, see :class:`rotorfit.Calibration`.
         assumptions: standard uncertainties of what the model leaves out or takes as known, see :func:`rotorfit.fit`.
@@ -68,6 +68,7 @@ class Study:
     runout_um: float | None = None
     loss: str = "linear"
     phase_offsets: PhaseOffsets = False
+    max_iterations: int = 200
     calibration: Mapping[str, Any] = field(default_factory=dict)
     assumptions: Mapping[str, float] = field(default_factory=dict)
     refine: bool = False
