@@ -12,6 +12,7 @@ from synthetic import MODELS, SPEEDS, TYPICAL, circular_test, covering_frequenci
 
 import rotorfit as rf
 from rotorfit.models import OneMode, WhirlWhip
+from rotorfit.plots.layout import picture_of
 from rotorfit.plots.responses import plot_corner, plot_traces
 
 RPM = 30 / np.pi
@@ -131,6 +132,41 @@ def texts_of(figure):
 
     figure.draw_without_rendering()
     return [text for text in figure.findobj(Text) if text.get_text().strip() and text.get_visible()]
+
+
+LONG = ("K0[speed_rpm=1000], N/m", "D[speed_rpm=1000], N s/m", "Ds[journal], N s/m", "phase[run=journal fwd 1500], rad")
+SHORT = ("Md, kg", "Ds, N s/m", "K1, N/m", "lam")
+
+
+@pytest.mark.parametrize(("count", "names"), [(4, LONG), (8, SHORT), (8, LONG), (12, LONG)])
+def test_labels_of_a_corner_plot_do_not_touch(count: int, names: tuple[str, ...]) -> None:
+    """Labels, numbers along y and offsets of their axes; numbers along x are askew and compared by their distance."""
+    rng = np.random.default_rng(1)
+    about = rng.permutation(np.resize([1.6, 14835.1, 0.47332, 12.0], count))
+    spread = about * np.resize([1e-3, 1e-4, 1e-5, 0.1, 1e-7], count)
+    samples = about + spread * rng.normal(size=(500, count))
+    figure = plot_corner(samples, [f"{i}{names[i % 4]}" for i in range(count)], {})
+    picture_of(figure, dpi=100)
+    boxes = {}
+    for k, axis in enumerate(figure.axes):
+        if not axis.get_visible():
+            continue
+        for side in (axis.xaxis, axis.yaxis):
+            offset = side.get_offset_text()
+            texts = [side.label, *([offset] if side.get_tick_params()[_SHOWN[side.axis_name]] else [])]
+            texts += [t for t in axis.get_yticklabels() if axis.yaxis is side and t.get_visible()]
+            boxes |= {(k, side.axis_name, t.get_text()): t.get_window_extent() for t in texts if t.get_text()}
+        ends = [t.get_transform().transform(t.get_position())[0] for t in axis.get_xticklabels() if t.get_text()]
+        if axis.xaxis.label.get_text():
+            assert len(ends) >= 2
+            line = axis.get_xticklabels()[0].get_fontsize() * figure.dpi / 72
+            assert np.diff(sorted(ends)).min() * np.sin(np.pi / 4) > line
+    assert len(boxes) > 2 * count
+    touching = [(a, b) for a, b in itertools.combinations(boxes, 2) if boxes[a].overlaps(boxes[b])]
+    assert touching == []
+
+
+_SHOWN = {"x": "labelbottom", "y": "labelleft"}
 
 
 @pytest.mark.parametrize("name", ["whirl-whip", "anisotropic", "one-mode"])

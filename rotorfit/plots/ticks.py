@@ -38,6 +38,10 @@ class _Few(_InView, AutoLocator):
         return super().tick_values(vmin, vmax)
 
 
+class _AtMost(_InView, MaxNLocator):
+    """So many intervals at most, whatever the size of the axis."""
+
+
 class _Powers(_InView, LogLocator):
     """Ticks of a logarithmic axis."""
 
@@ -82,6 +86,16 @@ def few_ticks(axis: Any) -> None:
         axis: matplotlib's, ``axes.xaxis`` for instance.
     """
     axis.set_major_locator(_Few())
+
+
+def ticks_at_most(axis: Any, most: int) -> None:
+    """Give a linear axis of x or y few ticks that stay the same when the layout changes its size.
+
+    Args:
+        axis: matplotlib's, ``axes.xaxis`` for instance.
+        most: intervals between them.
+    """
+    axis.set_major_locator(_AtMost(nbins=most))
 
 
 def plain_powers(axis: Any) -> None:

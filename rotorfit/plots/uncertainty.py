@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -9,12 +10,22 @@ import numpy as np
 
 from rotorfit.models.array_types import Float
 from rotorfit.plots.style import COLOURS, GREY, SMALL, grid, literal
+from rotorfit.plots.ticks import ticks_at_most
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
 _LEVELS = (0.68, 0.95)
+_NARROWEST = 0.88
+"""Inches from panel to panel of a corner plot at least: of many parameters it is larger than a page."""
+_LABEL = SMALL
+_LETTER = 0.62
+"""Mean width of a letter, ems."""
+_PLAIN = (-8, 8)
+"""Powers of ten that are written out: with a factor, what all numbers have in common is wider than a panel."""
+_FILLED = 0.75
+"""Share of the room from panel to panel that a label may take."""
 
 
 def plot_corner(samples: Float, names: Sequence[str], truths: Mapping[str, float] | None = None) -> Figure:
@@ -27,6 +38,8 @@ def plot_corner(samples: Float, names: Sequence[str], truths: Mapping[str, float
     """
     count = len(names)
     figure, axes = grid(count, count, "", size=(1.25, 1.2))
+    width, height = np.maximum(figure.get_size_inches(), _NARROWEST * count)
+    figure.set_size_inches(width, height)
     marks = truths or {}
     for i in range(count):
         for j in range(count):
@@ -43,13 +56,37 @@ def plot_corner(samples: Float, names: Sequence[str], truths: Mapping[str, float
                 axis.axvline(marks[names[j]], color=COLOURS[1], lw=0.9)
             if i != j and names[i] in marks:
                 axis.axhline(marks[names[i]], color=COLOURS[1], lw=0.9)
-            axis.tick_params(labelsize=SMALL, labelleft=j == 0 and i > 0, labelbottom=i == count - 1, rotation=30)
-            axis.locator_params(nbins=3)
+            axis.tick_params(labelsize=SMALL, labelleft=j == 0 and i > 0, labelbottom=i == count - 1)
+            ticks_at_most(axis.xaxis, 3)
+            axis.ticklabel_format(scilimits=_PLAIN)
+            for side in (axis.xaxis, axis.yaxis):
+                side.get_offset_text().set_fontsize(SMALL)
+            if i != j:
+                ticks_at_most(axis.yaxis, 3)
             if j == 0 and i > 0:
-                axis.set_ylabel(literal(names[i]), fontsize=8)
+                axis.set_ylabel(_in_lines(names[i], height / count), fontsize=_LABEL)
             if i == count - 1:
-                axis.set_xlabel(literal(names[j]), fontsize=8)
+                axis.set_xlabel(_in_lines(names[j], width / count), fontsize=_LABEL)
+                for number in axis.get_xticklabels():
+                    number.set(rotation=45, rotation_mode="anchor", horizontalalignment="right")
     return figure
+
+
+def _in_lines(name: str, room: float) -> str:
+    """A label in lines that fit beside a panel, parted where its words end.
+
+    Args:
+        name: the label.
+        room: inches from panel to panel.
+    """
+    longest = max(int(_FILLED * room * 72 / (_LETTER * _LABEL)), 1)
+    lines = [""]
+    for word in re.findall(r"\[?[^\s,=\[_]*[\s,=_]*", name):
+        for part in (word[k : k + longest] for k in range(0, len(word), longest)):
+            if len(lines[-1] + part.rstrip()) > longest:
+                lines.append("")
+            lines[-1] += part
+    return literal("\n".join(line.strip() for line in lines))
 
 
 def _marginal(axis: Any, values: Float) -> None:
