@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rotorfit.data.experiments import PerturbationTest
 
@@ -72,3 +74,16 @@ def in_radians(test: PerturbationTest, column: str) -> PerturbationTest:
     """Phases in radians in a column of degrees."""
     values = getattr(test, column)
     return replace(test, **{column: np.abs(values) * np.exp(1j * np.radians(np.angle(values)))})
+
+
+def read_through(
+    test: PerturbationTest, seen: Callable[[NDArray[np.float64]], Any], rows: NDArray[np.bool_] | None = None
+) -> PerturbationTest:
+    """Readings, or some of them, as a channel gives them that makes ``seen(|w|)`` of a displacement of one."""
+    factor = np.asarray(seen(np.abs(test.frequency))) * np.ones(len(test))
+    return replace(test, response=test.response * (factor if rows is None else np.where(rows, factor, 1.0)))
+
+
+def forced_by(test: PerturbationTest, factor: complex, rows: NDArray[np.bool_]) -> PerturbationTest:
+    """Forces of some readings told so many times as large as they are."""
+    return replace(test, force=np.where(rows, factor * test.force, test.force))

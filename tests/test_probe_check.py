@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from clean_rigs import clean_test
-from slips import exchanged, lag_as_lead, mixed, thinned, turned
+from slips import exchanged, forced_by, lag_as_lead, mixed, read_through, thinned, turned
 
 import rotorfit as rf
 from rotorfit.data.experiments import PerturbationTest
@@ -67,6 +67,53 @@ def test_a_channel_that_comes_late_is_named_with_its_delay(rig: PerturbationTest
     assert not {f.code for f in rf.check(wrong)} & {"probe-gain", "anisotropy"}
 
 
+HZ = 2 * np.pi
+
+FILTERS = {
+    "high-pass of first order": ("x", 5.0, lambda w, c: 1j * w / (1j * w + c)),
+    "high-pass of second order": ("y", 8.0, lambda w, c: -(w**2) / (c**2 - w**2 + 1j * np.sqrt(2) * c * w)),
+    "low-pass of first order": ("x", 60.0, lambda w, c: 1 / (1 + 1j * w / c)),
+}
+
+
+@pytest.mark.parametrize("kind", FILTERS)
+def test_a_probe_behind_a_filter_is_named_with_its_corner(rig: PerturbationTest, kind: str) -> None:
+    """What isotropic supports make of a pair is exact here, so that only noise of 1 % moves the corner."""
+    direction, corner, seen = FILTERS[kind]
+    (found,) = only(read_through(rig, lambda w: seen(w, HZ * corner), _probe(rig, direction)), "probe-filter")
+    assert f"The readings of the {direction} probe at disk are behind a {kind} with its corner at " in found.message
+    assert float(found.message.split("corner at ")[1].split()[0]) == pytest.approx(corner, rel=0.03)
+    assert all(rig.plane[list(found.rows)] == "disk")
+
+
+def test_a_probe_that_gives_velocities_is_named(rig: PerturbationTest) -> None:
+    for scale in (30.0, 300.0, 3000.0):
+        wrong = read_through(rig, lambda w, scale=scale: 1j * w / scale, _probe(rig, "x"))
+        (found,) = only(wrong, "probe-filter")
+        assert "The readings of the x probe at disk are velocities, told as displacements" in found.message
+        assert not only(wrong, "peak-to-peak")
+
+
+def _probe(test: PerturbationTest, direction: str) -> np.ndarray:
+    return (test.plane == "disk") & (test.direction == direction)
+
+
+@pytest.mark.parametrize("factor", [25.4, 0.1, 2**-0.5])
+def test_planes_that_answer_each_other_unequally_are_named_with_the_factor(
+    rig: PerturbationTest, factor: float
+) -> None:
+    """Whatever the shaft, H_ab = H_ba: neither fluid at one plane nor gyroscopic moments of disks make them differ."""
+    wrong = [
+        read_through(rig, lambda w: factor, rig.plane == "disk"),
+        forced_by(rig, factor, rig.force_plane == "disk"),
+    ]
+    larger = ("disk", "journal") if factor > 1 else ("journal", "disk")
+    for test, (first, second) in zip(wrong, (larger, larger), strict=True):
+        (found,) = only(test, "reciprocity")
+        said = float(found.message.split(f"{first} answers forces at {second} ")[1].split()[0])
+        assert said == pytest.approx(max(factor, 1 / factor), rel=0.02)
+
+
 @pytest.mark.parametrize(
     ("slip", "words"),
     [
@@ -102,7 +149,14 @@ def test_clean_rigs_are_left_alone(name: str) -> None:
     """Isotropic ones without a word on their probes, anisotropic ones with a note that says what it may be."""
     for seed in range(25):
         codes = {finding.code for finding in rf.check(clean_test(name, 1000 + seed))}
-        assert not codes & {"probe-gain", "probe-delay", "probe-angle", "wrong-direction"}, (name, seed)
+        assert not codes & {
+            "probe-gain",
+            "probe-delay",
+            "probe-filter",
+            "probe-angle",
+            "wrong-direction",
+            "reciprocity",
+        }, (name, seed)
         assert name == "anisotropic" or "anisotropy" not in codes, (name, seed)
 
 

@@ -18,7 +18,7 @@ from rotorfit.checks.probe_angles import turned_probes
 from rotorfit.checks.probe_pairs import uneven_probes
 from rotorfit.checks.ramp import ramps
 from rotorfit.checks.readings import clipped, unread
-from rotorfit.checks.scale import peak_to_peak
+from rotorfit.checks.scale import peak_to_peak, reciprocity
 from rotorfit.checks.signs import signs, wrong_direction
 from rotorfit.checks.still_and_free import free_vibration, static_positions
 from rotorfit.checks.turning_force import turning_force
@@ -138,10 +138,12 @@ def _physics(test: PerturbationTest | DisplacementTest, only_errors: bool) -> It
         yield from wrong
         turned = [] if wrong else list(turned_probes(orbits))
         if not only_errors:
-            twice = [] if linear else list(peak_to_peak(orbits))
-            yield from twice
-            if not wrong and not twice:
-                yield from uneven_probes(orbits)
+            uneven = [] if wrong else list(uneven_probes(orbits))
+            filtered = any(finding.code == "probe-filter" for finding in uneven)  # which halves amplitudes too
+            twice = [] if linear or filtered else list(peak_to_peak(orbits))
+            yield from twice or uneven
+            if not (linear or wrong or twice or any(finding.severity == "warning" for finding in uneven)):
+                yield from reciprocity(orbits)
         yield from turned
         if not wrong and not turned:  # else the right component is only a residue
             yield from signs(orbits)

@@ -1,8 +1,8 @@
-"""What x and y of a pair of probes give away together: a wrong gain or delay of one, and anisotropy beyond the noise.
+"""What x and y of a pair of probes give away together: a gain, delay or filter of one, and anisotropy beyond the noise.
 
 On an isotropic rotor y follows x by 90 degrees in the direction of the force, ``Y = -j X`` forward and ``Y = +j X``
 backward, at every frequency. A wrong gain multiplies one side by one number, a delay turns it in proportion to the
-frequency; anisotropy, whose shares change across resonances, does neither.
+frequency, a filter does what its corner asks; anisotropy, whose shares change across resonances, does none of these.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotorfit.checks.orbits import ENOUGH, Orbits, total_power
+from rotorfit.checks.probe_filters import FilteredProbe, filtered_probe
 from rotorfit.data.findings import Finding, listed
 from rotorfit.estimators.blocks.row_keys import combined, in_order, numbers
 from rotorfit.estimators.noise.reading_noise import noise_from_smoothness
@@ -31,18 +32,22 @@ SMALLEST_GAIN = 0.03
 DYNAMIC = 6.0
 """Ratio of largest to smallest response across a band in which anisotropy could not look like a constant gain."""
 
+_OTHERS = 0.55
+"""Share of the power against the force from which probes or directions are exchanged, which others look for; a probe
+that gives velocities makes it a half."""
+
 _PHASE_STEP = 0.2
 """Phase between neighbouring tried delays at the end of the band, rad; at most half a turn is looked for."""
 
 
 def uneven_probes(orbits: Orbits) -> Iterator[Finding]:
-    """Planes where x and y differ by more than their noise: by one factor, a delay, or as on an anisotropic rotor.
+    """Planes where x and y differ by more than their noise: by one factor, a delay, a filter, or as on an anisotropic
+    rotor.
 
     Args:
         orbits: readings of a test.
     """
-    pairs = {plane: _pair(orbits, at) for (plane,), at in orbits.groups("plane")}
-    told = {plane: pair for plane, pair in pairs.items() if pair is not None}
+    told = _pairs(orbits)
     good = [plane for plane, pair in told.items() if pair.even]
     uneven = []
     for plane, pair in told.items():
@@ -53,11 +58,13 @@ def uneven_probes(orbits: Orbits) -> Iterator[Finding]:
             yield _gain(plane, pair)
         elif pair.delay and sure:
             yield _late(plane, pair)
+        elif pair.filtered is not None and sure:
+            yield _filtered(plane, pair.filtered, pair.rows)
         elif not pair.constant or abs(pair.ratio - 1) >= SMALLEST_GAIN:
             uneven.append(plane)
     if uneven:
         power = max(told[plane].share for plane in uneven) / 100
-        part = 100 * (power / (1 - power)) ** 0.5  # share is below one half
+        part = 100 * (power / (1 - power)) ** 0.5
         static = [plane for plane in uneven if told[plane].constant]
         doubt = (
             f" At {listed(static)} one factor explains it, which a wrong gain and an anisotropic stiffness share as "
@@ -73,6 +80,20 @@ def uneven_probes(orbits: Orbits) -> Iterator[Finding]:
         yield Finding("note", "anisotropy", text)
 
 
+def uneven_planes(orbits: Orbits) -> dict[str, FilteredProbe | None]:
+    """Planes where y does not follow x by one factor, with the filter of one of the two that explains it, if one does.
+
+    Args:
+        orbits: readings of a test.
+    """
+    return {plane: pair.filtered for plane, pair in _pairs(orbits).items() if not (pair.even or pair.constant)}
+
+
+def _pairs(orbits: Orbits) -> dict[str, _Pair]:
+    pairs = {plane: _pair(orbits, at) for (plane,), at in orbits.groups("plane")}
+    return {plane: pair for plane, pair in pairs.items() if pair is not None}
+
+
 @dataclass(frozen=True)
 class _Pair:
     """How y follows x at one plane.
@@ -83,6 +104,7 @@ class _Pair:
         ratio: that factor, forward, complex; 1 for a perfect pair.
         mirrored: whether the factor of backward orbits is its conjugate, a mounting angle, rather than the same.
         delay: time by which y comes late, s, where that explains what no factor does; else zero.
+        filtered: the one of the two that is behind a filter, where that explains what neither of these does.
         highest: highest frequency, rad/s.
         share: part of the response's power against the force, %.
         dynamic: the band holds enough dynamics to tell a gain from an anisotropic stiffness.
@@ -94,6 +116,7 @@ class _Pair:
     ratio: complex
     mirrored: bool
     delay: float
+    filtered: FilteredProbe | None
     highest: float
     share: float
     dynamic: bool
@@ -106,13 +129,13 @@ def _pair(orbits: Orbits, at: Index) -> _Pair | None:
         return None
     powers = [total_power(part[at]) for part in (orbits.wrong, orbits.right)]
     share = powers[0] / sum(powers)
-    if share > 0.5:  # that is the other check's business
+    if share > _OTHERS:
         return None
     backward = orbits.frequency[at] < 0
     expected = np.where(backward, 1j, -1j) * orbits.x[at]
     seen = orbits.y[at]
     if _plainly_even(orbits, at, expected, seen):
-        return _Pair(True, False, 1.0, False, 0.0, 0.0, 100 * share, False, ())
+        return _Pair(True, False, 1.0, False, 0.0, None, 0.0, 100 * share, False, ())
     noise = _noise(orbits, at)
     known = np.isfinite(noise).all(axis=1)
     at, noise, backward = at[known], noise[known], backward[known]
@@ -134,13 +157,16 @@ def _pair(orbits: Orbits, at: Index) -> _Pair | None:
     clear = size[np.abs(orbits.x[at]) > 10 * noise[:, 0]]
     certain = abs(ratio - 1) > ESTABLISHED * error
     w = np.abs(orbits.frequency[at])
-    by_delay = constant >= AGREES**2 and even >= AGREES**2
+    neither = constant >= AGREES**2 and even >= AGREES**2
+    delay = _delay(w, expected, seen, noise) if neither else 0.0
+    lost = neither and not delay
     return _Pair(
         even=even < AGREES**2 and not (certain and constant < AGREES**2 and abs(ratio - 1) >= SMALLEST_GAIN),
         constant=constant < AGREES**2 and certain,
         ratio=ratio,
         mirrored=mirrored,
-        delay=_delay(w, expected, seen, noise) if by_delay else 0.0,
+        delay=delay,
+        filtered=filtered_probe(w, expected, seen, noise, AGREES**2) if lost else None,
         highest=float(w.max()),
         share=100 * share,
         dynamic=clear.size >= ENOUGH and bool(clear.max() > DYNAMIC * clear.min()),
@@ -239,6 +265,15 @@ def _late(plane: str, pair: _Pair) -> Finding:
         f"-{abs(pair.delay):.3g} s."
     )
     return Finding("warning", "probe-delay", text, pair.rows)
+
+
+def _filtered(plane: str, one: FilteredProbe, rows: tuple[int, ...]) -> Finding:
+    other = "y" if one.probe == "x" else "x"
+    text = (
+        f"The readings of the {one.probe} probe at {plane} are {one.told}: so it differs from the {other} probe "
+        f"at every frequency, as no rotor does. Half of that is in every response there. {one.mend}, or leave it out."
+    )
+    return Finding("warning", "probe-filter", text, rows)
 
 
 def _gain(plane: str, pair: _Pair) -> Finding:

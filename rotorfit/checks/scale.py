@@ -1,4 +1,4 @@
-"""Amplitudes that are peak-to-peak in some channels or runs, where other readings give that away."""
+"""Amplitudes that are peak-to-peak, or in another unit, in some channels or runs, where others give that away."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotorfit.checks.orbits import ENOUGH, Orbits, Receptances, mirrored
+from rotorfit.data.channel_filters import likeness
 from rotorfit.data.findings import Finding
 from rotorfit.models.array_types import ComplexArray, Float, Index
 from rotorfit.units import RPM_PER_RAD_S
@@ -21,6 +22,7 @@ BETTER = 0.5
 
 _NEAR_TWO = 0.12  # departure of the median ratio from two, octaves (about 9 %)
 _ALIKE = 0.3  # octaves between the quartiles of ratios that one factor explains
+_UNEVEN = 0.4  # departure of the median ratio of planes from one, octaves, that stations of probes do not explain
 _JUMP = 0.15  # departure of a jump across zero frequency from two, octaves: about twice what its own error may be
 _KNOWN = 0.08  # standard deviation of a jump, octaves, up to which it is well determined
 _FEWEST = 8  # ratios from which quartiles, or a line, say anything
@@ -55,16 +57,53 @@ def peak_to_peak(orbits: Orbits) -> Iterator[Finding]:
                 yield _twice(
                     f"Forward and backward responses {where} differ by a factor of two near zero", orbits, here
                 )
+    for a, b, logs, here in _reciprocities(orbits):
+        if _is_two(logs):
+            yield _twice(f"Reciprocal responses between {a} and {b} differ by a factor of two", orbits, here)
+
+
+def reciprocity(orbits: Orbits) -> Iterator[Finding]:
+    """Planes of which one answers the other by more than the other way round, by one factor that is not two.
+
+    Args:
+        orbits: readings of a test.
+    """
+    for a, b, logs, here in _reciprocities(orbits):
+        if (factor := _other_factor(logs)) and not _is_two(logs):
+            larger, other = (a, b) if factor > 1 else (b, a)
+            yield _uneven_planes(larger, other, max(factor, 1 / factor), orbits, here)
+
+
+def _reciprocities(orbits: Orbits) -> Iterator[tuple[str, str, Float, Index]]:
+    """Two planes, log2 of how much more the first answers the second than the other way round, and their orbits."""
     pairs = {tuple(sorted(pair)) for pair, _ in orbits.groups("force_plane", "plane") if pair[0] != pair[1]}
     for a, b in sorted(pairs):
-        if _is_two(_log_ratio(*_reciprocal(orbits, orbits.names.index(a), orbits.names.index(b)))):
-            here = np.flatnonzero(np.isin(orbits.plane, (a, b)) & np.isin(orbits.force_plane, (a, b)))
-            yield _twice(f"Reciprocal responses between {a} and {b} differ by a factor of two", orbits, here)
+        here = np.flatnonzero(np.isin(orbits.plane, (a, b)) & np.isin(orbits.force_plane, (a, b)))
+        yield a, b, _log_ratio(*_reciprocal(orbits, orbits.names.index(b), orbits.names.index(a))), here
 
 
 def _twice(what: str, orbits: Orbits, at: Index) -> Finding:
     text = f"{what}: some amplitudes may be peak-to-peak. Name their unit (amplitude_um_pp) or correct them with gains."
     return Finding("warning", "peak-to-peak", text, orbits.rows_of(at))
+
+
+def _uneven_planes(a: str, b: str, factor: float, orbits: Orbits, at: Index) -> Finding:
+    """Of planes of which the first answers the second so many times as much as the other way round."""
+    text = (
+        f"{a} answers forces at {b} {factor:.3g} times as much as {b} answers forces at {a}, at every frequency; on a "
+        f"rotor the two are alike. Either the readings at {a} are told {factor:.3g} times too large{likeness(factor)}, "
+        f"or those at {b} as many times too small{likeness(1 / factor)}, or so are the forces at {b}, or those at {a} "
+        "are too large. No fit can tell which: it goes into sigma, or into every mass and stiffness of one plane."
+    )
+    return Finding("warning", "reciprocity", text, orbits.rows_of(at))
+
+
+def _other_factor(logs: Float) -> float:
+    """The one factor by which all ratios differ from one; zero where they do not, or by more than one."""
+    if logs.size < _FEWEST:
+        return 0.0
+    low, middle, high = _quartiles(logs)
+    return float(2**middle) if abs(middle) > _UNEVEN and high - low < _ALIKE else 0.0
 
 
 def _log_ratio(a: NDArray[Any], b: NDArray[Any]) -> Float:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -35,7 +34,7 @@ from rotorfit.models import Modal, RotorModel
 from rotorfit.models.array_types import Float
 from rotorfit.observing.jumps import usable
 
-_TRIAL = Options(hessian="gauss-newton", max_iterations=30)  # it leads to an explanation soon, or to none
+_TRIAL = Options(hessian="gauss-newton", max_iterations=12)  # it leads to an explanation soon, or to none
 
 DATA_ERROR = "error in the data: "
 """Beginning of the warnings of a result that tell what the check of the data, or a trial fit, found wrong."""
@@ -106,7 +105,7 @@ def fit(
     )
     several = as_tuple(experiments)
     found = fitted(model, several, settings)
-    if told := slip(found, partial(_misfit, model)):
+    if told := slip(found, _trial):
         found = replace(found, warnings=(f"{DATA_ERROR}{told}", *found.warnings))
     return assuming(found, assumptions) if assumptions else found
 
@@ -125,18 +124,18 @@ def fitted(model: RotorModel, experiments: tuple[Experiment, ...], settings: Fit
         return judged(problem, experiments, settings, begin, solution, notes)
 
 
-def _misfit(model: RotorModel, experiments: tuple[Experiment, ...], settings: FitSettings) -> float:
-    """Sum of squares that a short search from the closed form leaves; infinite where the data do not allow one.
+def _trial(problem: Problem) -> tuple[float, Float]:
+    """Sum of squares that a short search from the closed form leaves, and its end; infinite where the data allow none.
 
     What is right needs no better start, and to look for one takes longer than all the rest.
     """
+    begin = np.zeros(problem.space.size)
     try:
-        problem = build_problem(model, experiments, settings)
-        begin = np.zeros(problem.space.size)
         begin[: len(problem.space.names)] = solve_closed_form(problem.space, problem.blocks).x
-        return 2 * solve(problem, np.clip(begin, problem.space.lower, problem.space.upper), _TRIAL).cost
+        solution = solve(problem, np.clip(begin, problem.space.lower, problem.space.upper), _TRIAL)
     except (ValueError, np.linalg.LinAlgError):  # what cannot be fitted explains nothing
-        return float("inf")
+        return float("inf"), begin
+    return 2 * solution.cost, solution.x
 
 
 def judged(

@@ -1,167 +1,143 @@
-"""Slips in a file that only a fit gives away: forces, speeds, planes and phases told as something else.
+"""Slips in a file that only a fit gives away.
 
-An unbalance told as a constant force, or two speeds exchanged, leave responses like those of a rotor, only of another
-one: nothing in the signs and sizes of the readings is odd. Where the model misses them by far, the fit is therefore
-tried with each slip undone, and the one that explains the data is named.
+Where the model misses the data by far, the fit is tried with each slip undone, and the one that explains the data is
+named: in what is told besides the readings (:mod:`rotorfit.fitting.label_slips`), by filters that readings went through
+(:mod:`rotorfit.fitting.filter_slips`), and by factors and angles that some of them have
+(:mod:`rotorfit.fitting.run_slips`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
-from functools import partial
-from itertools import combinations, islice
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import cache, partial
 
 import numpy as np
 
+from rotorfit.checks.orbits import orbits_of
+from rotorfit.checks.probe_filters import FilteredProbe
+from rotorfit.checks.probe_pairs import uneven_planes
 from rotorfit.data.experiments import Experiment, PerturbationTest
-from rotorfit.fitting.noise.record import NoiseVerdict
+from rotorfit.fitting.filter_slips import filter_slips
+from rotorfit.fitting.label_slips import label_slips
+from rotorfit.fitting.problem_setup import build_problem
 from rotorfit.fitting.result import FitResult
-from rotorfit.fitting.settings import FitSettings
+from rotorfit.fitting.run_slips import run_slips
+from rotorfit.fitting.slip_readings import PLAINLY, Found, Hint, Readings, Trial, readings_of
 from rotorfit.models.array_types import ComplexArray, Float
-from rotorfit.units import RPM_PER_RAD_S
 
 EXPLAINS = 0.1
 """Misfit that is left, of that of the data as told, if a slip is the explanation: missing structure alone is up to a
 hundred times the noise, but does not vanish by what has nothing to do with it."""
 
 _FAR, _UNEXPLAINED = 10.0, 0.02
-"""redchi, and share of the power of the responses that a fit leaves, beyond which slips are tried."""
+"""redchi from which slips are looked for, and share of the power of the responses from which all are tried; below it,
+those that a linear step promises."""
 
-_PLAINLY = 0.01  # the same, from which nothing else has to be tried
-_CONSTANT = 0.01  # relative spread of what is taken as constant
-_MOST_PAIRS = 3
-_TURN = 6.3  # degrees: what a whole turn in radians is, read as degrees
-
-_MOUNTINGS = (45.0, -45.0, 90.0, -90.0, 135.0, -135.0, 180.0)
-_PLANES = {"plane": "readings", "force_plane": "forces"}
-_SPEED_UNITS = {
-    "the speeds are in Hz and read as rpm (speed_hz)": 60.0,
-    "the speeds are in rpm and read as Hz (speed_rpm)": 1 / 60,
-    "the speeds are in rad/s and read as rpm (speed_rad_s)": RPM_PER_RAD_S,
-    "the speeds are in rpm and read as rad/s (speed_rpm)": 1 / RPM_PER_RAD_S,
-}
+_PROMISED = 0.25  # share that a linear step leaves of the misfit by a small slip, if that is the explanation
+_ALIKE = 1.5  # ratio of what two slips leave within which the data cannot tell them apart
+_MOST_TOLD = 3
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Slip:
-    """One slip: what is wrong and what to do, how a test is without it, and whether a datum is to be fitted."""
-
-    told: str
-    mend: Callable[[PerturbationTest], PerturbationTest]
-    datum: bool = False
-
-
-def slip(fit: FitResult, misfit: Callable[[tuple[Experiment, ...], FitSettings], float]) -> str:
+def slip(fit: FitResult, trial: Trial) -> str:
     """The slip that explains what a fit misses, in words; empty where none does, or nothing has to be explained.
 
     Args:
         fit: by least squares.
-        misfit: sum of squares that the same fit leaves with other data and settings.
+        trial: a short fit of a problem.
     """
-    still = sum(float(np.sum(np.abs(block.measured / block.sigma) ** 2)) for block in fit.problem.blocks)
-    astray = not fit.success or (fit.noise is not None and fit.noise.verdict is NoiseVerdict.MISFIT)
-    if fit.problem.loss != "linear" or not astray or fit.redchi < _FAR or fit.chisqr < _UNEXPLAINED * still:
+    if fit.problem.loss != "linear" or fit.redchi < _FAR:
         return ""
-    missed = min(fit.chisqr, misfit(fit.experiments, fit.settings))  # a search that went astray by itself is no slip
-    least, told = np.inf, ""
-    for tried in _slips([test for test in fit.experiments if isinstance(test, PerturbationTest)]):
-        if tried.datum and fit.settings.phase_offsets:
-            continue
-        mended = (tried.mend(test) if isinstance(test, PerturbationTest) else test for test in fit.experiments)
-        settings = replace(fit.settings, phase_offsets="common") if tried.datum else fit.settings
-        left = misfit(tuple(mended), settings)
-        least, told = (left, tried.told) if left < least else (least, told)
-        if least < _PLAINLY * missed:
-            break
-    if not least < EXPLAINS * missed:
+    settings = fit.settings.asked
+    levelled = fit.settings.levelled
+    problem = build_problem(fit.model, fit.experiments, settings) if levelled else fit.problem
+    still = sum(float(np.sum(np.abs(block.measured / block.sigma) ** 2)) for block in problem.blocks)
+    far = fit.chisqr > _UNEXPLAINED * still
+    found: list[Found] = []
+    if far:
+        missed = min(fit.chisqr, trial(problem)[0])  # a search that went astray by itself is no slip
+        for one in label_slips(fit.model, fit.experiments, settings, trial, missed):
+            found.append(one)
+            if one.left < PLAINLY:
+                return _told(found)
+    readings = None if fit.model.eccentricity_dependent else readings_of(problem)
+    if readings is not None:
+        uneven = cache(partial(_uneven, fit.experiments))
+        known = [name for name, value in settings.known.items() if value]
+        found += _of_readings(readings, trial, fit.x if not levelled else None, far, uneven, known)
+    return _told(found)
+
+
+def _uneven(experiments: Sequence[Experiment]) -> dict[str, FilteredProbe | None]:
+    found: dict[str, FilteredProbe | None] = {}
+    for test in experiments:
+        if isinstance(test, PerturbationTest):
+            found |= uneven_planes(orbits_of(test, np.arange(len(test))))
+    return found
+
+
+def _of_readings(
+    readings: Readings,
+    trial: Trial,
+    x: Float | None,
+    far: bool,
+    uneven: Callable[[], Mapping[str, FilteredProbe | None]],
+    known: Sequence[str],
+) -> Iterator[Found]:
+    """What filters and factors of readings explain.
+
+    Args:
+        readings: as told.
+        trial: a short fit.
+        x: estimate, shape ``(p,)``, if it is one of just that problem.
+        far: whether all are worth trying.
+        uneven: planes where x and y differ, see :func:`~rotorfit.checks.probe_pairs.uneven_planes`.
+        known: names of values that the fit was told.
+    """
+    least = np.inf if x is None else 2 * readings.problem.cost(x)
+    if far or x is None:
+        tried, end = trial(readings.problem)
+        least, x = (tried, end) if tried < least or x is None else (least, x)
+    hint = _anything if far else _promised(readings, x)
+    filters = list(filter_slips(readings, trial, least, hint, uneven))
+    yield from filters
+    if not any(one.left < PLAINLY for one in filters):
+        yield from run_slips(readings, trial, least, hint, known)
+
+
+def _anything(_: ComplexArray) -> bool:
+    return True
+
+
+def _promised(readings: Readings, x: Float) -> Hint:
+    """A linear step with the slip as a value more, from where the search ended."""
+    problem = readings.problem
+    r, J = problem.jacobian(x)
+    whitened = np.concatenate(problem.predict(x)) / np.concatenate([block.sigma for block in problem.blocks])
+    span = np.linalg.qr(_real(J))[0]
+    beside = _beside(span, _real(r[:, None]))[:, 0]
+
+    def hint(log: ComplexArray) -> bool:
+        columns = _beside(span, _real(readings.seen(log) * whitened[:, None]))
+        step = np.linalg.lstsq(columns, beside, rcond=1e-9)[0]
+        return float(np.sum((beside - columns @ step) ** 2)) < _PROMISED * float(beside @ beside)
+
+    return hint
+
+
+def _real(columns: ComplexArray) -> Float:
+    return np.concatenate([columns.real, columns.imag])
+
+
+def _beside(span: Float, columns: Float) -> Float:
+    return np.asarray(columns - span @ (span.T @ columns))
+
+
+def _told(found: Sequence[Found]) -> str:
+    least = min((one.left for one in found), default=np.inf)
+    if not least < EXPLAINS:
         return ""
-    better = float(f"{missed / least:.2g}")
-    return f"A trial fit says: {told}. So taken, the model misses the data {better:,.0f} times less."
-
-
-def _slips(tests: Sequence[PerturbationTest]) -> Iterator[_Slip]:
-    """Every slip that these data may have."""
-    if not tests or any(test.linear.any() or not (test.force.all() and test.frequency.all()) for test in tests):
-        return
-    if all(_is_constant(test, np.abs(test.force)) for test in tests):
-        told = (
-            "the forces are those of an unbalance, which grow with the square of the frequency, and are told as "
-            "constant. Give the unbalance (mr_g_mm) in place of force_N"
-        )
-        yield _Slip(told=told, mend=lambda test: replace(test, force=test.force * test.frequency**2))
-    if all(_is_constant(test, np.abs(test.force) / test.frequency**2) for test in tests):
-        told = "the forces are constant, and are told as those of an unbalance. Give force_N in place of mr_g_mm"
-        yield _Slip(told=told, mend=lambda test: replace(test, force=test.force / test.frequency**2))
-    yield from _exchanges(tests)
-    told = (
-        "all forces are one angle off against all readings, as where weight holes, Keyphasor and probes have no common "
-        "zero. Give the angle, or fit it (phase_offsets common)"
-    )
-    for degrees in (*_MOUNTINGS, 0.0):  # near one of which the search finds the angle
-        yield _Slip(told=told, mend=partial(_other_zero, degrees=degrees), datum=True)
-    for degrees in _MOUNTINGS:
-        told = f"all probes sit {degrees:g} degrees from where they are told to be, counted from x towards y"
-        yield _Slip(told=told, mend=partial(_turned_back, degrees=degrees))
-    for told, factor in () if any(test.synchronous for test in tests) else _SPEED_UNITS.items():
-        yield _Slip(told=told, mend=partial(_times, factor=factor))
-    if all(_are_radians(test.force) for test in tests):
-        told = "the phases of the forces are in radians and read as degrees (force_phase_deg)"
-        yield _Slip(told=told, mend=lambda test: replace(test, force=_as_radians(test.force)))
-    if all(_are_radians(test.response) and not np.char.endswith(test.direction, "z").any() for test in tests):
-        told = "the phases of the readings are in radians and read as degrees (phase_deg)"
-        yield _Slip(told=told, mend=lambda test: replace(test, response=_as_radians(test.response)))
-
-
-def _exchanges(tests: Sequence[PerturbationTest]) -> Iterator[_Slip]:
-    """Two speeds, or two planes, under each other's names."""
-    for column in ("speed", "plane", "force_plane"):
-        if column == "speed" and any(test.synchronous for test in tests):
-            continue  # there the speed is the frequency
-        values = np.unique(np.concatenate([getattr(test, column) for test in tests])).tolist()
-        for a, b in islice(combinations(values, 2), _MOST_PAIRS):
-            told = f"the planes {a} and {b} of the {_PLANES.get(column)} are exchanged"
-            if column == "speed":
-                told = f"the speeds {a * RPM_PER_RAD_S:.6g} and {b * RPM_PER_RAD_S:.6g} rpm are exchanged"
-            yield _Slip(told=told, mend=partial(_exchanged, column=column, a=a, b=b))
-
-
-def _turned_back(test: PerturbationTest, *, degrees: float) -> PerturbationTest:
-    """Readings as probes in their place would have them, as far as orbits are circular."""
-    sense = np.where(np.char.endswith(test.direction, "z") | (test.frequency > 0), 1.0, -1.0)
-    return replace(test, response=test.response * np.exp(1j * np.radians(degrees) * sense))
-
-
-def _other_zero(test: PerturbationTest, *, degrees: float) -> PerturbationTest:
-    return replace(test, force=test.force * np.exp(1j * np.radians(degrees)))
-
-
-def _times(test: PerturbationTest, *, factor: float) -> PerturbationTest:
-    return replace(test, speed=test.speed * factor)
-
-
-def _exchanged(test: PerturbationTest, *, column: str, a: object, b: object) -> PerturbationTest:
-    values = getattr(test, column)
-    changed = values.copy()
-    changed[values == a], changed[values == b] = b, a
-    return replace(test, **{column: changed})
-
-
-def _is_constant(test: PerturbationTest, size: Float) -> bool:
-    """Whether something is the same all through each run."""
-    for run in test.runs:
-        own = size[test.run == run]
-        if np.ptp(own) > _CONSTANT * own.max():
-            return False
-    swept = np.abs(test.frequency)
-    return bool(np.ptp(swept) > _CONSTANT * swept.max())
-
-
-def _are_radians(values: ComplexArray) -> bool:
-    """Whether all phases, read as degrees, lie within what a turn is in radians, and are not simply zero."""
-    degrees = np.abs(np.degrees(np.angle(values)))
-    return bool(degrees.max() <= _TURN and degrees.max() > 0)
-
-
-def _as_radians(values: ComplexArray) -> ComplexArray:
-    return np.asarray(np.abs(values) * np.exp(1j * np.degrees(np.angle(values))))
+    alike = sorted((one for one in found if one.left < _ALIKE * least), key=lambda one: one.left)
+    fewest = min(one.free for one in alike)
+    told = list(dict.fromkeys(one.told for one in alike if one.free == fewest))[:_MOST_TOLD]
+    better = float(f"{1 / least:.2g}")
+    return f"A trial fit says: {'; or '.join(told)}. So taken, the model misses the data {better:,.0f} times less."

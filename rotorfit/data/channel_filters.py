@@ -1,0 +1,109 @@
+"""What a channel may do to a displacement on its way into a file: integrators, filters, latencies."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from rotorfit.models.array_types import ComplexArray, Float
+
+
+@dataclass(frozen=True, kw_only=True)
+class ChannelFilter:
+    """A family of filters with one value.
+
+    Attributes:
+        told: what is said of readings, with a place for the value.
+        mend: how it is undone, likewise.
+        seen: what is read of a displacement, by s = jw and the value.
+        slope: change of the logarithm of what is read by a small effect of it, up to a factor.
+        corner: whether the value is a frequency, rad/s, or a time, s.
+    """
+
+    told: str
+    mend: str
+    seen: Callable[[ComplexArray, float], ComplexArray]
+    slope: Callable[[ComplexArray], ComplexArray]
+    corner: bool = True
+
+    def in_words(self, value: float) -> str:
+        """The value as it is said.
+
+        Args:
+            value: rad/s, or s.
+        """
+        return f"{value / (2 * np.pi):.3g} Hz" if self.corner else f"{value:.3g} s"
+
+
+POWERS = {
+    1: ("velocities, told as displacements", "Divide them by j w"),
+    2: ("accelerations, told as displacements", "Divide them by -w^2"),
+    -1: ("integrated once too often, or told as velocities and integrated", "Multiply them by j w"),
+}
+"""Powers of s = jw by which readings are not displacements: what they are, and how that is undone."""
+
+_LIKE = {
+    2.0: "peak-to-peak amplitudes told as 0-peak",
+    2**-0.5: "rms amplitudes told as 0-peak",
+    25.4: "um told as mil",
+    1 / 25.4: "mil told as um",
+    10.0: "a decimal point",
+    0.1: "a decimal point",
+    1000.0: "um told as mm",
+    0.001: "mm told as um",
+}
+SAME = 0.03
+"""Relative difference of two factors that are the same."""
+
+CHANNEL_FILTERS = (
+    ChannelFilter(
+        told="behind a high-pass of first order with its corner at {value}, as AC-coupled channels are",
+        mend="Record with DC coupling, or divide by j f / (j f + {value})",
+        seen=lambda s, corner: s / (s + corner),
+        slope=lambda s: 1 / s,
+    ),
+    ChannelFilter(
+        told="behind a high-pass of second order with its corner at {value}, as velocity sensors have",
+        mend="Divide by (j f)^2 / ((j f)^2 + 1.414 j f {value} + ({value})^2)",
+        seen=lambda s, corner: s**2 / (s**2 + np.sqrt(2) * corner * s + corner**2),
+        slope=lambda s: 1 / s,
+    ),
+    ChannelFilter(
+        told="behind a low-pass of first order with its corner at {value}",
+        mend="Take it out, or divide by 1 / (1 + j f / ({value}))",
+        seen=lambda s, corner: 1 / (1 + s / corner),
+        slope=lambda s: s,
+    ),
+    ChannelFilter(
+        told="{value} late against the forces, at all frequencies alike",
+        mend="Give the delays of the channels (delays)",
+        seen=lambda s, late: np.exp(-s * late),
+        slope=lambda s: s,
+        corner=False,
+    ),
+)
+
+
+def values_to_try(kind: ChannelFilter, frequency: Float, count: int) -> Float:
+    """Corners, rad/s, or latencies, s, that readings at some frequencies can tell, ascending.
+
+    Args:
+        kind: of which filter.
+        frequency: rad/s, shape ``(N,)``, none of them zero.
+        count: how many.
+    """
+    size = np.abs(frequency)
+    low, high = (max(size.min(), size.max() / 100) / 4, 10 * size.max()) if kind.corner else (0.02, 3.0) / size.max()
+    return np.asarray(np.geomspace(low, high, count))
+
+
+def likeness(factor: float) -> str:
+    """What readings that are so many times too large may come from, as ", as by ..."; empty where nothing is likely.
+
+    Args:
+        factor: larger than zero.
+    """
+    like = [text for value, text in _LIKE.items() if abs(np.log(factor / value)) < SAME]
+    return f", as by {like[0]}" if like else ""

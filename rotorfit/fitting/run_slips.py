@@ -1,0 +1,156 @@
+"""Some readings with a factor or an angle of their own: those of a run, of a plane in a run, of a speed, of a plane.
+
+What the rest of the data makes one expect of them is predicted; where they differ from it by one number, that number
+is the slip.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from rotorfit.data.channel_filters import POWERS, SAME, likeness
+from rotorfit.fitting.slip_readings import PLAINLY, Found, Hint, Readings, Trial
+from rotorfit.models.array_types import Bool, ComplexArray
+from rotorfit.units import RPM_PER_RAD_S
+
+_PROMISING = 0.5
+"""Share of the misfit that the rest leaves at the most, if the readings left out are the slip."""
+
+_LEAST = 0.1
+"""Change of the logarithm of readings from which it is a slip: less is how forces and instruments scatter."""
+
+_MOST, _MOST_SPEEDS = 40, 8  # groups looked at, and speeds that are few enough to be sessions
+_ANGLE = 3.0  # departure of an angle from zero, degrees, that is none
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Group:
+    """Readings that may have a factor of their own.
+
+    Attributes:
+        who: whose they are.
+        rows: which, shape ``(R,)``.
+        forces: whose forces they are all readings of; empty where other readings are of the same forces.
+        other: where there are two such groups, the other one.
+        doubt: what else may make them seem so.
+    """
+
+    who: str
+    rows: Bool
+    forces: str = ""
+    other: _Group | None = None
+    doubt: str = ""
+
+
+def run_slips(readings: Readings, trial: Trial, missed: float, hint: Hint, known: Sequence[str]) -> Iterator[Found]:
+    """What explains the data among factors and angles that some readings alone have.
+
+    Args:
+        readings: as told.
+        trial: a short fit.
+        missed: sum of squares that the fit leaves with them as they are told.
+        hint: what is worth trying.
+        known: names of values that the fit was told.
+    """
+    seen = {np.ones(readings.run.size, dtype=bool).tobytes()}
+    count = 0
+    for level in _levels(readings, known):
+        plainly = False
+        for group in level:
+            key = group.rows.tobytes()
+            if key in seen or count == _MOST or not group.rows.any():
+                continue
+            seen.add(key)
+            if not hint(np.where(group.rows[:, None], np.array([1.0, 1j]), 0.0)):
+                continue
+            count += 1
+            for one, found in _of_group(readings, group, trial, missed):
+                seen.add(one.rows.tobytes())
+                plainly |= found.left < PLAINLY
+                yield found
+        if plainly:
+            return
+
+
+def _of_group(readings: Readings, group: _Group, trial: Trial, missed: float) -> Iterator[tuple[_Group, Found]]:
+    left, x = trial(readings.without(group.rows))
+    if left > _PROMISING * missed:
+        return
+    power, factor = _factor(readings, group.rows, np.concatenate(readings.problem.predict(x)))
+    if not power and abs(np.log(factor)) < _LEAST:
+        return
+    either = [(group, factor)]
+    if group.other is not None and not power:
+        either.append((group.other, 1 / factor))  # scale and angle of all hardly tell which of the two is right
+    for one, own in either:
+        seen = np.where(one.rows, own * (readings.s / readings.middle) ** power, 1.0)
+        left = trial(readings.mended(seen))[0] / missed
+        yield one, Found(left=left, told=_told(one, power, own), free=1 + abs(power))
+
+
+def _levels(readings: Readings, known: Sequence[str]) -> Iterator[list[_Group]]:
+    """Sets of readings, those that are most likely to be one slip first; of a later level none that an earlier one
+    explains."""
+    w = readings.frequency
+    speeds = np.unique(readings.speed).tolist()
+    ways = [
+        [(f"of run {run}", readings.run == run) for run in np.unique(readings.run).tolist()],
+        [(f"at {v * RPM_PER_RAD_S:.6g} rpm", readings.speed == v) for v in speeds if len(speeds) <= _MOST_SPEEDS],
+        [("of forward whirl", w > 0), ("of backward whirl", w < 0)],
+    ]
+    planes = np.unique(readings.plane).tolist()
+    forced = np.unique(readings.force_plane).tolist()
+    doubt = f", unless what was told as known ({', '.join(known)}) is wrong" if known else ""
+    forces = [(f"under forces at {p}", readings.force_plane == p, f"at {p}") for p in forced]
+    yield [*_set(forces, doubt), *_set([(f"at {p}", readings.plane == p, "") for p in planes], doubt)]
+    yield [group for way in ways for group in _set([(who, rows, who) for who, rows in way])]
+    if len(planes) > 1:
+        for way in reversed(ways):
+            yield [
+                group
+                for p in planes
+                for group in _set([(f"{who} at {p}", rows & (readings.plane == p), "") for who, rows in way])
+            ]
+
+
+def _set(ways: Sequence[tuple[str, Bool, str]], doubt: str = "") -> list[_Group]:
+    """Groups that together are one whole, of which two are each the other's other."""
+    groups = [_Group(who=who, rows=rows, forces=forces, doubt=doubt) for who, rows, forces in ways]
+    if len(groups) != 2:
+        return groups
+    return [replace(one, other=other) for one, other in (groups, reversed(groups))]
+
+
+def _factor(readings: Readings, rows: Bool, expected: ComplexArray) -> tuple[int, complex]:
+    """Power of the frequency, and factor, by which readings are what the rest makes one expect; mostly power zero."""
+    size = readings.sigma[rows]
+    p, m = (readings.seen(values)[rows] / size for values in (expected, readings.measured))
+    found = []
+    for power in (0, *POWERS):
+        own = p * (readings.s[rows] / readings.middle) ** power
+        factor = complex(np.vdot(own, m) / np.vdot(own, own).real)
+        found.append((float(np.sum(np.abs(m - factor * own) ** 2)), power, factor))
+    return min(found, key=lambda one: one[0])[1:]
+
+
+def _told(group: _Group, power: int, factor: complex) -> str:
+    if power:
+        told, mend = POWERS[power]
+        return f"the readings {group.who} are {told}. {mend}"
+    size, angle = abs(factor), float(np.degrees(np.angle(factor)))
+    parts, causes = [], []
+    if abs(np.log(size)) > SAME:
+        parts.append(f"are {size:.3g} times as large as the rest makes one expect{likeness(size)}")
+        causes.append(f"are told {1 / size:.3g} times as large as they are")
+    if 180 - abs(angle) < _ANGLE:
+        parts.append("are upside down against what the rest makes one expect")
+        causes.append("have the wrong sign (weights on the opposite side)")
+    elif abs(angle) > _ANGLE:
+        lead = f"{'lead' if angle > 0 else 'lag'} by {abs(angle):.3g} degrees"
+        parts.append(f"{lead} against what the rest makes one expect, as where the phase reference is another")
+        causes.append(f"act {angle:+.3g} degrees from where they are told (weights in other holes)")
+    cause = f", or the forces {group.forces} {' and '.join(causes)}" if group.forces else ""
+    return f"the readings {group.who} {' and '.join(parts)}{cause}{group.doubt}"

@@ -1,0 +1,182 @@
+"""The readings of a problem with a slip undone: what was told as ``factor`` times the truth, or rows left out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from rotorfit.estimators.blocks.observations import Responses
+from rotorfit.estimators.misfit.problem import Problem
+from rotorfit.estimators.starting.closed_form import closed_form
+from rotorfit.models.array_types import Bool, ComplexArray, Float, Text
+
+Hint = Callable[[ComplexArray], bool]
+"""Whether small slips whose logarithm changes readings so, shape ``(R, k)``, may be what a fit misses."""
+
+Trial = Callable[[Problem], tuple[float, Float]]
+"""Sum of squares that a short search from the closed form leaves, and where it ended, shape ``(p,)``."""
+
+PLAINLY = 0.01
+"""Share of the misfit left from which nothing else has to be tried."""
+
+_ENOUGH = 1500
+"""Readings that tell a slip."""
+
+_HIDDEN = 1e4
+"""Factor on the noise of readings that are left out, which then have no weight."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Found:
+    """A slip that was tried.
+
+    Attributes:
+        left: share of the misfit that the fit leaves without it.
+        told: what is wrong and what to do.
+        free: values that were searched for; of slips that explain the data alike, that with the fewest is told.
+    """
+
+    left: float
+    told: str
+    free: int = 0
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Readings:
+    """Readings of all blocks one after the other, shape ``(R,)`` each.
+
+    Attributes:
+        problem: as the data are told.
+        run, plane, force_plane: names.
+        speed: rad/s.
+        frequency: signed, rad/s.
+        axis: z, r, x or y.
+        mirrored: whether the reading stands as the conjugate of what its probe gave, as backward whirl in z = x + jy.
+    """
+
+    problem: Problem
+    run: Text
+    plane: Text
+    force_plane: Text
+    speed: Float
+    frequency: Float
+    axis: Text
+    mirrored: Bool
+
+    @property
+    def s(self) -> ComplexArray:
+        """The variable j w of what probes gave, w > 0."""
+        return 1j * np.abs(self.frequency)
+
+    @property
+    def middle(self) -> float:
+        """A frequency in the midst of the readings: a power of what is relative to it leaves their sizes much alike."""
+        return float(np.exp(np.mean(np.log(np.abs(self.frequency)))))
+
+    @property
+    def measured(self) -> ComplexArray:
+        """As told."""
+        return np.concatenate([block.measured for block in self.problem.blocks])
+
+    @property
+    def sigma(self) -> Float:
+        """Their noise."""
+        return np.concatenate([block.sigma for block in self.problem.blocks])
+
+    def seen(self, factor: ComplexArray) -> ComplexArray:
+        """Factors on phasors as factors on the readings as they stand.
+
+        Args:
+            factor: on what probes gave, shape ``(R,)`` or ``(R, k)``.
+        """
+        mirrored = self.mirrored if factor.ndim == 1 else self.mirrored[:, None]
+        return np.where(mirrored, factor.conj(), factor)
+
+    def mended(self, factor: ComplexArray) -> Problem:
+        """The problem with readings that were told as so many times the truth.
+
+        Args:
+            factor: on what probes gave.
+        """
+        whole = self.seen(factor)
+        return self._with(self.measured / whole, self.sigma / np.abs(whole))
+
+    def without(self, rows: Bool) -> Problem:
+        """The problem in which some readings have no weight.
+
+        Args:
+            rows: which.
+        """
+        return self._with(self.measured, np.where(rows, _HIDDEN, 1.0) * self.sigma)
+
+    def _with(self, measured: ComplexArray, sigma: Float) -> Problem:
+        stops = np.cumsum([block.measured.size for block in self.problem.blocks])[:-1]
+        parts = zip(self.problem.blocks, np.split(measured, stops), np.split(sigma, stops), strict=True)
+        blocks = tuple(
+            replace(block, measured=m, sigma=e) if isinstance(block, Responses) else block for block, m, e in parts
+        )
+        return replace(self.problem, blocks=blocks)
+
+
+def readings_of(problem: Problem) -> Readings | None:
+    """Readings of a problem, every so many lines of each run where they are many; None where it has others than
+    responses of a linear rotor to forces that turn.
+
+    Args:
+        problem: the problem.
+    """
+    blocks = [block for block in problem.blocks if isinstance(block, Responses)]
+    if len(blocks) < len(problem.blocks) or any(block.imposed or not block.frequency.all() for block in blocks):
+        return None
+    every = -(-sum(block.measured.size for block in blocks) // _ENOUGH)
+    if every > 1:
+        problem = _some_lines(problem, blocks, every)
+        blocks = [block for block in problem.blocks if isinstance(block, Responses)]
+    names = np.array([c.plane for c in problem.space.model.coordinates])
+    axes = np.array([c.axis for c in problem.space.model.coordinates])
+    forced = [names[np.abs(block.force).argmax(axis=1)][block.line] for block in blocks]
+    frequency = [block.frequency[block.line] for block in blocks]
+    mirrored = [(w < 0) & (block.model.frame == "z") for block, w in zip(blocks, frequency, strict=True)]
+    return Readings(
+        problem=problem,
+        run=np.concatenate([block.run for block in blocks]),
+        plane=np.concatenate([names[block.coordinate] for block in blocks]),
+        force_plane=np.concatenate(forced),
+        speed=np.concatenate([block.speed[block.line] for block in blocks]),
+        frequency=np.concatenate(frequency),
+        axis=np.concatenate([axes[block.coordinate] for block in blocks]),
+        mirrored=np.concatenate(mirrored),
+    )
+
+
+def _some_lines(problem: Problem, blocks: list[Responses], every: int) -> Problem:
+    kept, factors = [], []
+    for number, block in enumerate(blocks):
+        first = np.searchsorted(block.line, np.arange(block.speed.size))
+        _, run = np.unique(block.run[first], return_inverse=True)
+        order = np.lexsort([np.abs(block.frequency), run])
+        begin = np.searchsorted(run[order], run)
+        rank = np.empty(run.size, dtype=np.intp)
+        rank[order] = np.arange(run.size)
+        keep = (rank - begin) % every == 0
+        kept.append(block.lines(keep))
+        own = problem.factors[number] if problem.factors else None
+        factors.append(None if own is None else own[keep[block.line]])
+    return replace(problem, blocks=tuple(kept), factors=tuple(factors))
+
+
+def roughly_missed(problem: Problem) -> float:
+    """Sum of squares of the closed form alone, a tenth of the time of a search; infinite where there is none.
+
+    Args:
+        problem: what is to be explained.
+    """
+    space = problem.space
+    x = np.zeros(space.size)
+    try:
+        x[: len(space.names)] = closed_form(space, problem.blocks).x
+        return 2 * problem.cost(np.clip(x, space.lower, space.upper))
+    except (ValueError, np.linalg.LinAlgError):  # what cannot be fitted explains nothing
+        return float("inf")
