@@ -89,6 +89,9 @@ class AnisotropicShaft(RotorModel):
             *(_RUNOUT if runout else ()),
         )
 
+        over_inertia = ("ec", "es", "Px", "Py", *(("kt", "ct") if torsion == "stiffness" else ()))
+        self.ratios = {"J": over_inertia} if torsion else {}
+
     def options(self) -> dict[str, Any]:
         """See :meth:`RotorModel.options`."""
         return {"planes": self.planes, "torsion": self.torsion, "runout": self.runout}

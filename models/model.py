@@ -6,7 +6,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from types import SimpleNamespace
+from types import MappingProxyType, SimpleNamespace
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
 
 import casadi as ca
@@ -80,6 +80,7 @@ class RotorModel(ABC):
     clearance: float | None = None
     caveats: tuple[str, ...] = ()  # sentences that belong beside the numbers of this model
     shaft: SeenShaft | None = None  # a structure whose matrices are known
+    ratios: Mapping[str, tuple[str, ...]] = MappingProxyType({})  # what data may tell only over a positive parameter
     line_count: int = 2  # coordinates of each motion that turns: its own and those of its image
     turns: bool = False  # free motion (see motion) is written in turning coordinates, each motion with its image
 

@@ -13,8 +13,10 @@ import numpy as np
 
 from rotorfit.estimators.inference.log_posterior import box
 from rotorfit.estimators.minimisation.least_squares import Options, Status, minimise
-from rotorfit.estimators.misfit.normal_equations import NormalEquations
+from rotorfit.estimators.misfit.normal_equations import Normal, NormalEquations
+from rotorfit.estimators.misfit.priors import within_support
 from rotorfit.estimators.misfit.problem import Problem
+from rotorfit.estimators.misfit.ratios import InRatios
 from rotorfit.models.array_types import Bool, Float, Index
 
 ValueAndGradient = Callable[[Float], tuple[float, Float]]
@@ -80,20 +82,20 @@ class Held(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class HeldEntry:
-    """Minimum over all entries of the fitted vector but one.
+    """Minimum over all entries of the fitted vector, or all coordinates in its place, but one.
 
     Attributes:
-        problem: the problem.
+        problem: the problem, or the same in other coordinates.
         scale: typical sizes, as for :func:`minimise`.
     """
 
-    problem: Problem
+    problem: Problem | InRatios
     scale: Float
 
     def together(self, entries: Index, values: Float, starts: Float, contraction: Float) -> Minima:
         """See :class:`Held`."""
         held = np.arange(starts.shape[1]) == entries[:, None]
-        lower, upper = (np.where(held, values[:, None], bound) for bound in box(self.problem))
+        lower, upper = (np.where(held, values[:, None], bound) for bound in self.bounds)
 
         def step(x: Float, gradient: Float, matrix: Float, members: Index) -> tuple[Float, Float]:
             still = held[members]
@@ -105,15 +107,23 @@ class HeldEntry:
         return _full_steps(self._normal, starts, lower, upper, step, contraction)
 
     @cached_property
-    def _normal(self) -> NormalEquations:
-        return NormalEquations(self.problem)
+    def _normal(self) -> Callable[[Float], Normal]:
+        return self.problem.of_many if isinstance(self.problem, InRatios) else NormalEquations(self.problem)
+
+    @property
+    def bounds(self) -> tuple[Float, Float]:
+        """Bounds narrowed to where the priors are not zero, shapes ``(p,)``."""
+        if isinstance(self.problem, InRatios):
+            whole = self.problem.problem
+            return self.problem.ratios.bounds(within_support(whole.space, whole.priors))
+        return box(self.problem)
 
     def alone(self, entry: int, value: float, start: Float) -> tuple[float, Float, bool]:
         """See :class:`Held`."""
         minima = self.together(np.array([entry]), np.array([value]), start[None], np.ones(1))
         if minima.found[0]:
             return float(minima.cost[0]), minima.x[0], True
-        low, high = (bound.copy() for bound in box(self.problem))
+        low, high = (bound.copy() for bound in self.bounds)
         low[entry] = high[entry] = value
         begin = minima.x[0]  # as far as full steps led
         if not math.isfinite(self.problem.cost(begin)):
@@ -202,7 +212,7 @@ class HeldQuantity:
 
 
 def _full_steps(
-    normal: NormalEquations,
+    normal: Callable[[Float], Normal],
     starts: Float,
     lower: Float,
     upper: Float,

@@ -10,7 +10,9 @@ from numpy.typing import NDArray
 from rotorfit.estimators.blocks.observations import Responses
 from rotorfit.estimators.blocks.shaft_lines import LineResponses, PairResponses
 from rotorfit.estimators.misfit.problem import Problem
+from rotorfit.estimators.misfit.ratios import InRatios, Ratios, ratios_of
 from rotorfit.estimators.signals.start_up_lines import shaft_of_lines
+from rotorfit.estimators.starting.start_points import full_vector
 from rotorfit.models import Turning, TurningOnSupports
 from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.models.combination_lines import Order
@@ -19,6 +21,9 @@ _FEWEST = 8
 """Speeds of a start-up from which its lines are solved for the whole shaft."""
 _ROUNDS = 4
 """Rounds of reweighting: an equation error is weighed by the stiffness that it was multiplied with."""
+_SIZES = np.geomspace(10**-4.5, 10**1.5, 13)
+"""Sizes tried of what the lines told nothing of but ratios to it, over the typical one."""
+_UNTOLD = 1e-12  # eigenvalue of a curvature of unit diagonal that is round-off
 
 
 def has_lines(problem: Problem) -> bool:
@@ -116,7 +121,36 @@ def line_start(problem: Problem) -> Float:
     for step in (_round_part, _image, _steady, _torsion):
         values |= step(readings, values | fixed)
         values |= fixed
-    return np.array([values[name] for name in space.base])
+    start = np.array([values[name] for name in space.base])
+    ratios = ratios_of(space)
+    if ratios is None or start[ratios.entry] != ratios.size or not start[ratios.numerators].any():
+        return start
+    return _along_the_valley(problem, ratios, full_vector(problem, start))[: start.size]
+
+
+def _along_the_valley(problem: Problem, ratios: Ratios, start: Float) -> Float:
+    """The start with the best of several sizes of what the lines told ratios to only, and a step of all else to it."""
+    objective, others = InRatios(problem, ratios), np.arange(start.size) != ratios.entry
+    begin, best, least = ratios.of(start), start, np.inf
+    lower, upper = ratios.bounds(problem.space)
+    for size in np.log(_SIZES)[(np.log(_SIZES) > lower[ratios.entry]) & (np.log(_SIZES) < upper[ratios.entry])]:
+        begin[ratios.entry] = size
+        cost, gradient, matrix = objective.gauss_newton(begin)
+        if not np.isfinite(cost + gradient.sum() + matrix.sum()):
+            continue
+        way = _step(gradient[others], matrix[np.ix_(others, others)])
+        foretold = cost + gradient[others] @ way / 2
+        if foretold < least:
+            end = begin.copy()
+            end[others] += way
+            best, least = ratios.vectors(np.clip(end, lower, upper)), foretold
+    return best
+
+
+def _step(gradient: Float, matrix: Float) -> Float:
+    """Gauss-Newton's step, none along what the lines do not tell."""
+    size = np.sqrt(np.where(np.diag(matrix) > 0, np.diag(matrix), 1.0))
+    return np.asarray(-np.linalg.lstsq(matrix / np.outer(size, size), gradient / size, rcond=_UNTOLD)[0] / size)
 
 
 class _Readings:

@@ -16,6 +16,7 @@ from rotorfit.estimators.minimisation.least_squares import Options, Solution, St
 from rotorfit.estimators.misfit.losses import Loss
 from rotorfit.estimators.misfit.parameter_space import DATUM
 from rotorfit.estimators.misfit.problem import Problem
+from rotorfit.estimators.misfit.ratios import InRatios, ratios_of
 from rotorfit.estimators.starting.closed_form import ClosedFormError
 from rotorfit.estimators.starting.closed_form import closed_form as solve_closed_form
 from rotorfit.estimators.starting.shaft_line_starts import has_lines
@@ -293,5 +294,12 @@ def solve(problem: Problem, start: Float, options: Options) -> Solution:
             space=space, blocks=problem.blocks, loss="soft_l1", priors=problem.priors, factors=problem.factors
         )
         start = solve(gentle, start, options).x
-    scale = search_scale(space, start)
-    return minimise(problem, start, lower=space.lower, upper=space.upper, scale=scale, options=options)
+    ratios = ratios_of(space)
+    if ratios is None or not start[ratios.numerators].any():  # nothing is told of a ratio either
+        scale = search_scale(space, start)
+        return minimise(problem, start, lower=space.lower, upper=space.upper, scale=scale, options=options)
+    begin, (lower, upper) = ratios.of(start), ratios.bounds(space)
+    scale = search_scale(space, begin)
+    scale[ratios.entry] = 1.0
+    found = minimise(InRatios(problem, ratios), begin, lower=lower, upper=upper, scale=scale, options=options)
+    return replace(found, x=ratios.vectors(found.x))

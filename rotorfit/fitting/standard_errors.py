@@ -9,6 +9,7 @@ import numpy as np
 from rotorfit.estimators.blocks.correlated import freedom_of
 from rotorfit.estimators.inference import covariance
 from rotorfit.estimators.inference.identifiability import Identifiability, diagnose
+from rotorfit.estimators.inference.valleys import along_valley
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.estimators.starting.closed_form import ClosedForm
 from rotorfit.fitting.goodness import Goodness
@@ -67,6 +68,8 @@ def standard_errors(
         scattered = scattered @ sandwich @ scattered + weighing
     if estimate is not None:
         scattered = np.where(np.isfinite(estimate.covar), estimate.covar, np.nan)
+    else:
+        verdict = along_valley(problem, x, scattered, scales, verdict)
     known = freedom_of(problem.blocks)
     widening = covariance.widening(
         goodness.redchi, problem.loss, levelled=settings.levelled, nfree=goodness.nfree, freedom=known

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -16,6 +16,7 @@ from rotorfit.estimators.inference.log_posterior import box
 from rotorfit.estimators.inference.profile_curve import Curve, End, Search, find_ends, find_rises, limits
 from rotorfit.estimators.minimisation.least_squares import minimise
 from rotorfit.estimators.misfit.problem import Problem
+from rotorfit.estimators.misfit.ratios import InRatios, Ratios, ratios_of
 from rotorfit.fitting.digits import interval, with_error
 from rotorfit.fitting.quantities import THRESHOLD, FittedParameter, Quantity
 from rotorfit.fitting.result import FitResult
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
+_DECADES = 4  # that an inertia is followed to either side
 _LOWER_MINIMUM = 1e-4  # fall of the scaled curve below its minimum that is more than round-off
 
 
@@ -152,7 +154,7 @@ def profiles(
     problem, x = _settled(fit)
     held = HeldEntry(problem, np.maximum(np.abs(x), 1e-6 * _sizes(problem, x)))
     lines = [
-        _threshold(fit, problem, x, level, at) if name == THRESHOLD else _parameter(fit, held, x, name, level)
+        _threshold(fit, problem, x, level, at) if name == THRESHOLD else _parameter(fit, held, problem, x, name, level)
         for name in (fit.problem.space.names if names is None else names)
     ]
     curves = [line.curve for line in lines]
@@ -175,6 +177,7 @@ class _Line:
         scale: factor on the quantile.
         goal: rise at the ends.
         beyond: what to say of it in any case.
+        shown: the quantity, of what the curve is followed in, the quantity itself or its logarithm.
     """
 
     known: FittedParameter | Quantity
@@ -186,6 +189,7 @@ class _Line:
     scale: float
     goal: float
     beyond: str = ""
+    shown: Callable[[float], float] = float
 
     @property
     def searches(self) -> tuple[Search, ...]:
@@ -199,19 +203,23 @@ class _Line:
     def profile(self, level: float, ends: list[End], values: list[float]) -> Profile:
         """The profile with the ends and the values of its curve."""
         places = sorted(set(values))
+        ends = [replace(end, value=self._shown(end.value), limit=self.shown(end.limit)) for end in ends]
         return Profile(
             name=self.name,
             unit=self.known.unit,
-            value=self.value,
+            value=self.shown(self.value),
             level=level,
             lower=ends[0].value,
             upper=ends[1].value,
-            values=np.array(places),
+            values=np.array([self.shown(place) for place in places]),
             rise=np.array([self.curve.rise(place) for place in places]) / self.scale,
             message=_message(self.curve, ends, self.scale, self.known.unit, self.goal, self.beyond),
             stderr=self.known.stderr,
             freedom=self.known.freedom,
         )
+
+    def _shown(self, end: float) -> float:
+        return self.shown(end) if math.isfinite(end) else end
 
 
 def _settled(fit: FitResult) -> tuple[Problem, Float]:
@@ -287,7 +295,7 @@ def _threshold(fit: FitResult, problem: Problem, x: Float, level: float, at: Map
     )
 
 
-def _parameter(fit: FitResult, held: HeldEntry, x: Float, name: str, level: float) -> _Line:
+def _parameter(fit: FitResult, held: HeldEntry, problem: Problem, x: Float, name: str, level: float) -> _Line:
     """A fitted parameter."""
     if name not in fit.var_names:
         if name in fit.params:
@@ -297,18 +305,43 @@ def _parameter(fit: FitResult, held: HeldEntry, x: Float, name: str, level: floa
     known, scale, value = fit.params[name], _scale(fit, name), float(x[i])
     covar = fit.covar / fit.widening
     error = math.sqrt(max(float(covar[i, i]), 0.0)) if known.resolved else 0.0
+    goal = quantile(level, known.freedom) ** 2 * scale
+    ratios = ratios_of(problem.space)
+    if ratios is not None and ratios.entry == i:
+        return _along_ratios(problem, ratios, x, known, error, scale, goal)
     direction = covar[:, i] / covar[i, i] if error > 0 else np.zeros_like(x)
-    lower, upper = box(held.problem)
-    step, reach = _reach(lower[i], upper[i], value, float(_sizes(held.problem, x)[i]), error)
+    lower, upper = box(problem)
+    step, reach = _reach(lower[i], upper[i], value, float(_sizes(problem, x)[i]), error)
     return _Line(
         known=known,
         name=name,
         value=value,
-        curve=Curve(held, value, x, held.problem.cost(x), direction, i),
+        curve=Curve(held, value, x, problem.cost(x), direction, i),
         step=step,
         reach=reach,
         scale=scale,
-        goal=quantile(level, known.freedom) ** 2 * scale,
+        goal=goal,
+    )
+
+
+def _along_ratios(
+    problem: Problem, ratios: Ratios, x: Float, known: FittedParameter, error: float, scale: float, goal: float
+) -> _Line:
+    """What others are told over: followed in its logarithm, along which they stay as ratios, over four decades."""
+    y = ratios.of(x)
+    held = HeldEntry(InRatios(problem, ratios), np.where(y == 0, 1.0, np.abs(y)))
+    value, (lower, upper) = float(y[ratios.entry]), (float(bound[ratios.entry]) for bound in held.bounds)
+    low, high = value - _DECADES * math.log(10), value + _DECADES * math.log(10)
+    return _Line(
+        known=known,
+        name=known.name,
+        value=value,
+        curve=Curve(held, value, y, problem.cost(x), np.zeros_like(y), ratios.entry),
+        step=min(error / float(x[ratios.entry]), 1.0) if error > 0 else 1.0,
+        reach=((max(low, lower), lower >= low), (min(high, upper), upper <= high)),
+        scale=scale,
+        goal=goal,
+        shown=lambda place: ratios.size * math.exp(place),
     )
 
 

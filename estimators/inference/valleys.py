@@ -1,0 +1,91 @@
+"""Whether an error bar holds along a long valley, where the curvature at its lowest point may say little of its length.
+
+Residuals of lines of the twist hold terms in proportion to the inertia J and others in proportion to 1/J, eccentricity
+and side load over J being settled. Where J is too large for the second and too small for the first to be seen the
+misfit is flat, over decades. Noise makes a dent as often where the second begin to be seen, at a J far below the true
+one, as where the first do, and from the curvature there J would be known to be next to nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from rotorfit.estimators.inference.held_minima import HeldEntry
+from rotorfit.estimators.inference.identifiability import Combination, Identifiability
+from rotorfit.estimators.misfit.problem import Problem
+from rotorfit.estimators.misfit.ratios import InRatios, ratios_of
+from rotorfit.models.array_types import Float
+
+_STANDARD_ERRORS = 3.0  # that are looked at: by chance one dent in some hundreds is deeper
+_TOLERATED = 2.0  # factor by which the error bar may be too short for that
+_MOVED = 0.5  # change of a parameter, over its value, from which it has none of its own
+
+
+def along_valley(problem: Problem, x: Float, covar: Float, scales: Float, verdict: Identifiability) -> Identifiability:
+    """The verdict, with parameters not determined that go together farther than their standard errors tell.
+
+    The parameter that others are told over is held at six standard errors from its estimate, all else being fitted
+    again: chi-squared is to rise by nine there at least, a quarter of what the curvature promises.
+
+    Args:
+        problem: the problem that was solved.
+        x: its solution, shape ``(p,)``.
+        covar: covariance by the noise, shape ``(p, p)``.
+        scales: sizes by which the verdict judged, shape ``(p,)``.
+        verdict: by the curvature at the solution.
+    """
+    ratios = ratios_of(problem.space)
+    names = problem.space.names
+    if ratios is None or names[ratios.entry] in verdict.unresolved:
+        return verdict
+    entry, value = ratios.entry, float(x[ratios.entry])
+    reach = _TOLERATED * _STANDARD_ERRORS * float(np.sqrt(max(covar[entry, entry], 0.0)))
+    y, cost = ratios.of(x), problem.cost(x)
+    held = HeldEntry(InRatios(problem, ratios), np.where(y == 0, 1.0, np.abs(y)))
+    for end in (value + reach, value - reach):
+        if end <= 0:
+            continue
+        place = float(np.log(end / ratios.size))
+        start = np.where(np.arange(y.size) == entry, place, y)
+        there, y_there, _ = held.alone(entry, place, start)
+        rise = 2 * (there - cost)
+        if rise < _STANDARD_ERRORS**2:
+            moved = ratios.vectors(y_there) - x
+            chosen = [i for i in (entry, *ratios.numerators.tolist()) if abs(moved[i]) > _MOVED * abs(x[i])]
+            return _with(verdict, names, chosen, moved / scales, _message(problem, x, chosen, end, rise))
+    return verdict
+
+
+def _with(
+    verdict: Identifiability, names: Sequence[str], chosen: Sequence[int], moved: Float, message: str
+) -> Identifiability:
+    """The verdict with one more combination that is open, reached within so many standard errors."""
+    length = float(np.linalg.norm(moved[chosen]))
+    combination = Combination(
+        names=tuple(names[i] for i in chosen),
+        direction=tuple((moved[chosen] / length).tolist()),
+        stderr=length / _STANDARD_ERRORS,
+        message=message,
+    )
+    unresolved = {*verdict.unresolved, *combination.names}
+    others = [other for other in verdict.combinations if not set(other.names) <= set(combination.names)]
+    return replace(
+        verdict,
+        rank=verdict.rank + len(verdict.combinations) - len(others) - 1,
+        combinations=(*others, combination),
+        unresolved=tuple(name for name in names if name in unresolved),
+    )
+
+
+def _message(problem: Problem, x: Float, chosen: Sequence[int], end: float, rise: float) -> str:
+    """What a reader is told of a valley that is longer than the curvature at its lowest point tells."""
+    names, entry = problem.space.names, chosen[0]
+    unit = problem.space.model.parameter(problem.space.base[entry]).unit
+    together = f"{', '.join(names[i] for i in chosen)} only as ratios" if len(chosen) > 1 else f"{names[entry]} is open"
+    return (
+        f"{together}: at {names[entry]} = {end:.2g} {unit} chi-squared is {abs(rise):.2g} "
+        f"{'higher' if rise > 0 else 'lower'} than at {x[entry]:.2g}. Fix one or give a prior."
+    )

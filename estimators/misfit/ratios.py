@@ -1,0 +1,164 @@
+"""Coordinates of a search along a valley: the logarithm of one parameter, and others over it.
+
+Where data tell little more of some parameters than their ratios to another one, as lines of the twist do of
+eccentricity and side load to inertia, what fits lies along a bent valley thousands of times as long as wide. In these
+coordinates the valley is straight, one of them leads along it, and curvature along it stands apart from that across.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from rotorfit.estimators.misfit.parameter_space import ParameterSpace
+from rotorfit.estimators.misfit.problem import Problem
+from rotorfit.models.array_types import Float, Index
+
+_STEP = 1e-3  # of a coordinate, by which second derivatives are told from slopes to a millionth
+_STANDARD_ERRORS = 0.1  # how many of them such a step is long at most
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Ratios:
+    """Which entries of the fitted vector are replaced.
+
+    Attributes:
+        entry: what the others are divided by; positive.
+        numerators: the others.
+        size: typical one of the entry, the unit of the logarithm.
+    """
+
+    entry: int
+    numerators: Index
+    size: float
+
+    def of(self, x: Float) -> Float:
+        """Coordinates of fitted vectors, of the same shape.
+
+        Args:
+            x: fitted vectors, shape ``(..., p)``.
+        """
+        y = x.copy()
+        share = x[..., self.entry] / self.size
+        y[..., self.numerators] /= share[..., None]
+        y[..., self.entry] = np.log(share)
+        return y
+
+    def vectors(self, y: Float) -> Float:
+        """Fitted vectors of coordinates, of the same shape.
+
+        Args:
+            y: coordinates, shape ``(..., p)``.
+        """
+        x = y.copy()
+        share = np.exp(y[..., self.entry])
+        x[..., self.numerators] *= share[..., None]
+        x[..., self.entry] = self.size * share
+        return x
+
+    def slope(self, y: Float) -> Float:
+        """Derivatives of the fitted vector by its coordinates, shape ``(p, p)``.
+
+        Args:
+            y: coordinates, shape ``(p,)``.
+        """
+        x, by = self.vectors(y), np.eye(y.size)
+        by[self.numerators, self.numerators] = np.exp(y[self.entry])
+        by[self.numerators, self.entry] = x[self.numerators]
+        by[self.entry, self.entry] = x[self.entry]
+        return by
+
+    def bounds(self, space: ParameterSpace) -> tuple[Float, Float]:
+        """Bounds of the coordinates, shapes ``(p,)``.
+
+        Args:
+            space: the fitted vector.
+        """
+        lower, upper = space.lower.copy(), space.upper.copy()
+        with np.errstate(divide="ignore"):  # nothing is a lower bound of no logarithm
+            lower[self.entry], upper[self.entry] = np.log(
+                [lower[self.entry] / self.size, upper[self.entry] / self.size]
+            )
+        return lower, upper
+
+
+def ratios_of(space: ParameterSpace) -> Ratios | None:
+    """The coordinates that suit a fitted vector, None where its own entries do.
+
+    Args:
+        space: the fitted vector.
+    """
+    names = space.model.parameter_names
+    for denominator, numerators in space.model.ratios.items():
+        entries = [i for i, base in enumerate(space.base) if base == denominator]
+        over = [i for i, base in enumerate(space.base) if base in numerators]
+        places = [names.index(name) for name in numerators]
+        given = space.template[:, places][space.index[:, places] < 0]
+        bounds = np.concatenate([space.lower[over], space.upper[over]])
+        if len(entries) != 1 or not over or space.lower[entries[0]] < 0:
+            continue
+        # A numerator that is known tells the other from its ratio; bounds but zero would be none of a ratio.
+        if not given.any() and (np.isinf(bounds) | (bounds == 0)).all():
+            size = space.model.parameter(denominator).scale
+            return Ratios(entry=entries[0], numerators=np.array(over), size=size)
+    return None
+
+
+@dataclass(frozen=True, eq=False)
+class InRatios:
+    """A problem in such coordinates, an objective as the problem itself is.
+
+    Attributes:
+        problem: the problem.
+        ratios: the coordinates.
+    """
+
+    problem: Problem
+    ratios: Ratios
+
+    def cost(self, y: Float) -> float:
+        """See :meth:`Problem.cost`.
+
+        Args:
+            y: coordinates, shape ``(p,)``.
+        """
+        return self.problem.cost(self.ratios.vectors(y))
+
+    def gauss_newton(self, y: Float) -> tuple[float, Float, Float]:
+        """See :meth:`Problem.gauss_newton`.
+
+        Args:
+            y: coordinates, shape ``(p,)``.
+        """
+        cost, gradient, matrix = self.problem.gauss_newton(self.ratios.vectors(y))
+        by = self.ratios.slope(y)
+        return cost, gradient @ by, by.T @ matrix @ by
+
+    def of_many(self, y: Float) -> tuple[Float, Float, Float]:
+        """What :meth:`gauss_newton` answers, for many: shapes ``(W,)``, ``(W, p)`` and ``(W, p, p)``.
+
+        Args:
+            y: coordinates, shape ``(W, p)``.
+        """
+        cost, gradient, matrix = (np.array(part) for part in zip(*(self.gauss_newton(row) for row in y), strict=True))
+        return cost, gradient, matrix
+
+    def hessian(self, y: Float) -> Float:
+        """Second derivatives of the cost, by central differences of the exact gradient.
+
+        Args:
+            y: coordinates, shape ``(p,)``.
+        """
+        space = self.problem.space
+        size = np.concatenate([space.typical, np.full(len(space.nuisance), 0.1)])
+        size[self.ratios.entry] = 1.0
+        with np.errstate(divide="ignore"):
+            wide = _STANDARD_ERRORS / np.sqrt(np.diag(self.gauss_newton(y)[2]))
+        steps = np.diag(np.minimum(_STEP * np.maximum(np.abs(y), size), wide))
+        columns = [
+            (self.gauss_newton(y + step)[1] - self.gauss_newton(y - step)[1]) / (2 * step[i])
+            for i, step in enumerate(steps)
+        ]
+        matrix = np.array(columns)
+        return np.asarray((matrix + matrix.T) / 2)
