@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from checked import codes, found, rows
 from clean_rigs import clean_test
+from slips import read_through
 from synthetic import MODELS, SPEEDS, TYPICAL, circular_test, covering_frequencies
 
 import rotorfit as rf
@@ -405,3 +406,25 @@ def test_slopes_alone_are_checked_and_fitted() -> None:
     coupling = rf.fit(model, slopes).params["k12"]
     assert coupling.stderr is not None
     assert abs(coupling.value - truth["k12"]) < 4 * coupling.stderr < 0.05 * abs(truth["k12"])
+
+
+QUANTITIES = {
+    "velocities": (lambda w: 1j * w / 100, "in proportion to j w: they are velocities"),
+    "accelerations": (lambda w: -(w**2) / 1e4, "in proportion to -w^2: they are accelerations"),
+}
+
+
+@pytest.mark.parametrize("quantity", QUANTITIES)
+def test_responses_that_vanish_towards_zero_frequency_are_no_displacements(quantity: str) -> None:
+    """Most random rigs have lines enough below their first resonance; the others are left alone."""
+    seen, words = QUANTITIES[quantity]
+    told, silent = 0, 0
+    for name in ("one-mode", "whirl-whip", "two-disk"):
+        for seed in range(10):
+            clean = clean_test(name, seed)
+            assert not [f for f in check(clean) if f.code == "no-static-response"], (name, seed)
+            found = [f.message for f in check(read_through(clean, seen)) if f.code == "no-static-response"]
+            told += any(words in message for message in found)
+            silent += not found
+    assert told + silent == 30
+    assert told > silent

@@ -20,6 +20,7 @@ from rotorfit.checks.ramp import ramps
 from rotorfit.checks.readings import clipped, unread
 from rotorfit.checks.scale import peak_to_peak, reciprocity
 from rotorfit.checks.signs import signs, wrong_direction
+from rotorfit.checks.static_limit import static_limit
 from rotorfit.checks.still_and_free import free_vibration, static_positions
 from rotorfit.checks.turning_force import turning_force
 from rotorfit.data.experiments import (
@@ -144,6 +145,8 @@ def _physics(test: PerturbationTest | DisplacementTest, only_errors: bool) -> It
             yield from twice or uneven
             if not (linear or wrong or twice or any(finding.severity == "warning" for finding in uneven)):
                 yield from reciprocity(orbits)
+            if not wrong:
+                yield from static_limit(orbits)
         yield from turned
         if not wrong and not turned:  # else the right component is only a residue
             yield from signs(orbits)

@@ -124,7 +124,7 @@ class _Pair:
 
 
 def _pair(orbits: Orbits, at: Index) -> _Pair | None:
-    at = at[np.isfinite(orbits.wrong[at]) & (np.abs(orbits.x[at]) > 0)]
+    at = at[np.isfinite(orbits.wrong[at]) & (np.abs(orbits.x[at]) > 0) & (np.abs(orbits.y[at]) > 0)]
     if at.size < ENOUGH:
         return None
     powers = [total_power(part[at]) for part in (orbits.wrong, orbits.right)]
