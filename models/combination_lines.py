@@ -153,11 +153,10 @@ def solve_lines(
         complex amplitudes of ``z exp(-j Om t)``, m, and of ``phi = Re(...)``, rad, by their orders; lateral lines that
         only the twist drives are left out of a shaft that does not twist.
     """
-    none = Jet(np.zeros((1, v.speed.size), dtype=complex))
-    sources = {(1, 0): none + v.force, (0, 0): v.M * v.eps * v.speed**2, (0, -1): v.side}
+    sources = Jet.rows([Jet(v.force[None]), v.M * v.eps * v.speed**2, v.side])
 
     def driven(orders: Sequence[Order]) -> Jet:
-        return Jet.rows([sources.get(order, none) for order in orders])
+        return sources.placed([_place(((1, 0), (0, 0), (0, -1)), order) for order in orders])
 
     if v.torsion is None:
         wanted = _with_images(order for order in lateral if order in _DRIVEN)

@@ -37,6 +37,9 @@ def test_what_is_not_determined_says_so():
     assert plus_minus(math.nan, 1.0) == "not determined"
     assert interval(1.0, math.inf) == "[1, inf]"
     assert interval(0.473147, 0.473737) == "[0.47315, 0.47374]"
+    assert interval(5.13e-7, 4.49e-4) == "[5.1e-07, 0.00045]"
+    assert interval(-200.0, -1.23) == "[-2e+02, -1.2]"
+    assert interval(-1.0, 200.0) == "[-1, 200]"
 
 
 @pytest.fixture(scope="module")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Self
@@ -43,12 +42,18 @@ class LineResponses:
     labels: tuple[str, ...]
     run: Text
 
-    def kinds(self) -> Iterator[tuple[str, Order, Index]]:
+    @cached_property
+    def kinds(self) -> tuple[tuple[str, Order, Index], ...]:
         """Direction and orders of each kind of line, with its readings."""
-        kinds = list(zip(self.direction.tolist(), self.line.tolist(), strict=True))
-        for direction, line in dict.fromkeys(kinds):
-            rows = np.flatnonzero((self.direction == direction) & (self.line == line))
-            yield direction, line_order(direction, line), rows
+        kinds = dict.fromkeys(zip(self.direction.tolist(), self.line.tolist(), strict=True))
+        return tuple(
+            (
+                direction,
+                line_order(direction, line),
+                np.flatnonzero((self.direction == direction) & (self.line == line)),
+            )
+            for direction, line in kinds
+        )
 
     @cached_property
     def _conditions(self) -> tuple[Index, Index]:
@@ -69,17 +74,16 @@ class LineResponses:
     def _lines(self, theta: Float, *, derivatives: bool) -> ComplexArray:
         """Every reading, and behind them all their derivatives where wanted, shape ``(1 or 1 + P, R)``."""
         first, number = self._conditions
-        kinds = list(self.kinds())
         found = self.model.several_lines(
             theta if len(theta) == 1 else theta[self.reading_group[first]],
-            [(direction, order) for direction, order, _ in kinds],
+            [(direction, order) for direction, order, _ in self.kinds],
             self.frequency[first],
             self.speed[first],
             self.force[first],
             derivatives=derivatives,
         )
         whole = np.empty((len(found), self.measured.size), dtype=complex)
-        for k, (_, _, rows) in enumerate(kinds):
+        for k, (_, _, rows) in enumerate(self.kinds):
             whole[:, rows] = found[:, k, number[rows]]
         return whole
 

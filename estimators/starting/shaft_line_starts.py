@@ -129,22 +129,39 @@ def line_start(problem: Problem) -> Float:
 
 
 def _along_the_valley(problem: Problem, ratios: Ratios, start: Float) -> Float:
-    """The start with the best of several sizes of what the lines told ratios to only, and a step of all else to it."""
-    objective, others = InRatios(problem, ratios), np.arange(start.size) != ratios.entry
-    begin, best, least = ratios.of(start), start, np.inf
+    """The start with the best of several sizes of what the lines told ratios to only, and steps of all else to it.
+
+    Noise makes more than one dent in the valley: which is the deeper is seen by a step more, and between the sizes.
+    """
+    objective = InRatios(problem, ratios)
     lower, upper = ratios.bounds(problem.space)
-    for size in np.log(_SIZES)[(np.log(_SIZES) > lower[ratios.entry]) & (np.log(_SIZES) < upper[ratios.entry])]:
-        begin[ratios.entry] = size
-        cost, gradient, matrix = objective.gauss_newton(begin)
-        if not np.isfinite(cost + gradient.sum() + matrix.sum()):
-            continue
-        way = _step(gradient[others], matrix[np.ix_(others, others)])
-        foretold = cost + gradient[others] @ way / 2
-        if foretold < least:
-            end = begin.copy()
-            end[others] += way
-            best, least = ratios.vectors(np.clip(end, lower, upper)), foretold
-    return best
+    sizes = np.log(_SIZES)
+    sizes = sizes[(sizes > lower[ratios.entry]) & (sizes < upper[ratios.entry])]
+    places = np.tile(ratios.of(start), (sizes.size, 1))
+    places[:, ratios.entry] = sizes
+    steps = [_held_step(objective, place) for place in places]
+    costs = np.array([np.inf, *(cost for cost, _ in steps), np.inf])
+    dents = np.flatnonzero((costs[1:-1] <= costs[:-2]) & (costs[1:-1] <= costs[2:]) & np.isfinite(costs[1:-1]))
+    ends = []
+    for i in dents.tolist():
+        for between in (-1 / 3, 0.0, 1 / 3):
+            place = steps[i][1].copy()
+            place[ratios.entry] += between * np.log(_SIZES[1] / _SIZES[0])
+            ends.append(_held_step(objective, np.clip(place, lower, upper)))
+    if not ends:
+        return start
+    return ratios.vectors(np.clip(min(ends, key=lambda end: end[0])[1], lower, upper))
+
+
+def _held_step(objective: InRatios, y: Float) -> tuple[float, Float]:
+    """Where Gauss-Newton's step leads with the size held, and the cost foretold there; infinite where there is none."""
+    cost, gradient, matrix = objective.gauss_newton(y)
+    if not np.isfinite(cost + gradient.sum() + matrix.sum()):
+        return np.inf, y
+    others, end = np.arange(y.size) != objective.ratios.entry, y.copy()
+    way = _step(gradient[others], matrix[np.ix_(others, others)])
+    end[others] += way
+    return float(cost + gradient[others] @ way / 2), end
 
 
 def _step(gradient: Float, matrix: Float) -> Float:
@@ -159,7 +176,7 @@ class _Readings:
     def __init__(self, blocks: list[LineResponses]) -> None:
         self.kinds: dict[tuple[str, Order], list[NDArray[np.complex128]]] = {}
         for block in blocks:
-            for direction, order, rows in block.kinds():
+            for direction, order, rows in block.kinds:
                 parts = (block.frequency, block.speed, block.force, block.measured, block.sigma)
                 table = np.array([np.asarray(part[rows], dtype=complex) for part in parts])
                 self.kinds.setdefault((direction, order), []).append(table)

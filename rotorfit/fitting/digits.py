@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 
+_DECADES_APART = 100.0  # ratio of an interval's ends
+
 
 def with_error(value: float, error: float, *, digits: int = 6) -> tuple[str, str]:
     """Value and error, both to the second significant digit of the error.
@@ -46,6 +48,8 @@ def plus_minus(value: float, error: float) -> str:
 def interval(low: float, high: float) -> str:
     """An interval, to the second digit of a quarter of its width, about the standard error; words where it is NaN.
 
+    Ends that are decades apart have two digits each: the width says nothing of the lower one.
+
     Args:
         low, high: ends of a 95 % interval.
     """
@@ -54,4 +58,6 @@ def interval(low: float, high: float) -> str:
     width = (high - low) / 4
     if not width > 0 or math.isinf(width):
         return f"[{low:.6g}, {high:.6g}]"
+    if low * high > 0 and max(low / high, high / low) > _DECADES_APART:
+        return f"[{low:.2g}, {high:.2g}]"
     return f"[{with_error(low, width)[0]}, {with_error(high, width)[0]}]"

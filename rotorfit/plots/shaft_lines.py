@@ -148,7 +148,7 @@ def _run_up(fit: FitResult, block: LineResponses, title: str, rows: Index, predi
 def _kinds(fit: FitResult, block: LineResponses | PairResponses) -> Iterator[tuple[str, Index]]:
     """Title of each kind of line, with its readings."""
     if isinstance(block, LineResponses):
-        for direction, _, rows in block.kinds():
+        for direction, _, rows in block.kinds:
             yield f"{'twist' if direction == 'twist' else 'motion'} at {block.line[rows[0]]}", rows
         return
     planes, n = fit.model.planes, len(fit.model.planes)
