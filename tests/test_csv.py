@@ -1,3 +1,4 @@
+import re
 import time
 
 import numpy as np
@@ -262,6 +263,8 @@ def test_names_that_no_cell_can_hold_are_refused(tmp_path):
     )
     with pytest.raises(ValueError, match="cannot write the name"):
         write_csv(broken, tmp_path / "t.csv")
-    clash = type(test)(**{name: getattr(test, name) for name in test._columns()}, attributes={"plane": test.speed})
-    with pytest.raises(ValueError, match="attributes plane have the name of a column"):
-        write_csv(clash, tmp_path / "t.csv")
+    columns = {name: getattr(test, name) for name in test._columns()}
+    for name in ("plane", "Force Plane", "mr (g m)"):
+        clash = type(test)(**columns, attributes={name: test.speed})
+        with pytest.raises(ValueError, match=f"attributes {re.escape(name)} have the name of a column"):
+            write_csv(clash, tmp_path / "t.csv")

@@ -51,7 +51,7 @@ def understood(table: Table) -> Table:
     Args:
         table: as it was read, columns renamed as the user wants.
     """
-    known = {key: _quantity(spelled) for key, spelled in table.names.items()}
+    known = {key: quantity_meant(spelled) for key, spelled in table.names.items()}
     tidy = {"plane", "direction"} & {*table.names, *known.values()}
     new: dict[str, str] = {}
     for key, spelled in table.names.items():
@@ -108,8 +108,14 @@ def _apart(spelled: str) -> tuple[list[str], list[str]]:
     return _words(_BRACKETS.sub(" ", spelled)), [word for text in found for word in _words(text)]
 
 
-def _quantity(spelled: str) -> str:
-    """Name of a quantity or a column of text that a name in words means; empty where it is none."""
+def quantity_meant(spelled: str) -> str:
+    """Name of a quantity or a column of text that a name in words means; empty where it is none.
+
+    Args:
+        spelled: as it stands in the table, ``Speed (rpm)``.
+    """
+    if not spelled[:1].isalnum():
+        return ""
     words, unit = _apart(spelled)
     base = [word.lower() for word in words]
     if not unit and "_".join(base) in _TEXT:
@@ -144,7 +150,7 @@ def _probe(spelled: str) -> str:
 def _is_doubtful(table: Table, name: str) -> bool:
     """Whether a column that is no probe's holds numbers under the name of a reading."""
     words, unit = _apart(table.spelled(name).lower())
-    if is_probe(name) or _quantity(name) or words[:1] == [] or words[0] in NOT_PLANES:
+    if is_probe(name) or quantity_meant(name) or words[:1] == [] or words[0] in NOT_PLANES:
         return False
     told = [cell for cell in table.cells[name] if cell.lower() not in NOT_TAKEN]
     if not told or floats(told) is None:

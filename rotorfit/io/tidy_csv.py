@@ -35,7 +35,7 @@ from rotorfit.data.synchronous import SPEED_TOLERANCE, group_speeds
 from rotorfit.io.csv_columns import Columns, columns_for, optional, quantity, words
 from rotorfit.io.csv_kinds import BUILDERS, columns_of
 from rotorfit.io.csv_table import MOTION, PERTURBATION_COLUMNS, Table, read_table
-from rotorfit.io.headers import refuse_doubtful, understood
+from rotorfit.io.headers import quantity_meant, refuse_doubtful, understood
 from rotorfit.io.left_out import completed, without_empty
 from rotorfit.io.line_csv import line_columns, line_test
 from rotorfit.io.machine_samples import is_sample_table, sample_table
@@ -396,7 +396,7 @@ def write_csv(experiment: Experiment, path: str | Path) -> None:
         path: of the file; one that exists is replaced.
 
     Raises:
-        ValueError: a name that a CSV cell cannot hold, or an attribute named like a column.
+        ValueError: a name that a CSV cell cannot hold, or an attribute that would be read as a column.
     """
     if isinstance(experiment, PerturbationTest):
         columns = _written_perturbation(experiment)
@@ -406,7 +406,7 @@ def write_csv(experiment: Experiment, path: str | Path) -> None:
         columns = line_columns(experiment)
     else:
         columns = columns_of(experiment)
-    taken = set(columns) & set(experiment.attributes)
+    taken = {name for name in experiment.attributes if name in columns or quantity_meant(name)}
     if taken:
         raise ValueError(f"attributes {', '.join(sorted(taken))} have the name of a column; rename them")
     columns |= experiment.attributes
