@@ -63,6 +63,25 @@ def test_the_interval_by_the_misfit_holds_the_inertia_and_reaches_over_decades(f
     assert profiles[3].upper / profiles[3].lower > 500
 
 
+def test_intervals_of_what_goes_with_the_inertia_are_its_own_times_the_ratio(fits):
+    fit = fits[3]
+    whole = fit.profile("J", points=3)
+    ends = np.array([whole.lower, whole.upper])
+    for name in ("ec", "es", "Py"):  # Py is negative; Px over J is known to 15 % only
+        ratio = fit.params[name].value / fit.params["J"].value
+        p = fit.profile(name, points=3)
+        # Ratios are known to 2 %, their share in an interval over two decades is less than that.
+        assert (p.lower, p.upper) == pytest.approx(np.sort(ratio * ends), rel=0.02)
+        assert (np.diff(p.values) > 0).all()
+
+
+@pytest.mark.parametrize("setting", [{"bounds": {"Px": (-20.0, 20.0)}}, {"bounds": {"J": (1e-8, 1e-2)}}])
+def test_bounds_do_not_make_the_inertia_determined(setting):
+    near_nothing = {"J": 1.7e-6, "ec": 5.2e-7, "es": 1.7e-7, "Px": 0.0104, "Py": -0.0706}
+    fit = rf.fit(rf.models.AnisotropicShaft(), valley_test(3), start=near_nothing, **setting)
+    assert {"J", *OVER_INERTIA} <= set(fit.identifiability.unresolved)
+
+
 @pytest.mark.parametrize("seed", [3, 10])
 def test_the_minimum_is_the_lowest_of_searches_at_many_inertias(fits, seed):
     """All else fitted by another program with J held, from the truth: none is lower, the nearest as low."""

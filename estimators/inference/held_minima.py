@@ -14,7 +14,6 @@ import numpy as np
 from rotorfit.estimators.inference.log_posterior import box
 from rotorfit.estimators.minimisation.least_squares import Options, Status, minimise
 from rotorfit.estimators.misfit.normal_equations import Normal, NormalEquations
-from rotorfit.estimators.misfit.priors import within_support
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.estimators.misfit.ratios import InRatios
 from rotorfit.models.array_types import Bool, Float, Index
@@ -112,10 +111,9 @@ class HeldEntry:
 
     @property
     def bounds(self) -> tuple[Float, Float]:
-        """Bounds narrowed to where the priors are not zero, shapes ``(p,)``."""
+        """Bounds, of fitted vectors narrowed to where the priors are not zero, shapes ``(p,)``."""
         if isinstance(self.problem, InRatios):
-            whole = self.problem.problem
-            return self.problem.ratios.bounds(within_support(whole.space, whole.priors))
+            return self.problem.ratios.bounds(self.problem.problem.space)
         return box(self.problem)
 
     def alone(self, entry: int, value: float, start: Float) -> tuple[float, Float, bool]:

@@ -15,8 +15,8 @@ import numpy as np
 
 from rotorfit.estimators.inference.held_minima import HeldEntry
 from rotorfit.estimators.inference.identifiability import Combination, Identifiability
+from rotorfit.estimators.inference.log_posterior import box
 from rotorfit.estimators.misfit.problem import Problem
-from rotorfit.estimators.misfit.ratios import InRatios, ratios_of
 from rotorfit.models.array_types import Float
 
 _STANDARD_ERRORS = 3.0  # that are looked at: by chance one dent in some hundreds is deeper
@@ -27,7 +27,7 @@ _MOVED = 0.5  # change of a parameter, over its value, from which it has none of
 def along_valley(problem: Problem, x: Float, covar: Float, scales: Float, verdict: Identifiability) -> Identifiability:
     """The verdict, with parameters not determined that go together farther than their standard errors tell.
 
-    The parameter that others are told over is held at six standard errors from its estimate, all else being fitted
+    A parameter that others are told over is held at six standard errors from its estimate, all else being fitted
     again: chi-squared is to rise by nine there at least, a quarter of what the curvature promises.
 
     Args:
@@ -37,25 +37,39 @@ def along_valley(problem: Problem, x: Float, covar: Float, scales: Float, verdic
         scales: sizes by which the verdict judged, shape ``(p,)``.
         verdict: by the curvature at the solution.
     """
-    ratios = ratios_of(problem.space)
-    names = problem.space.names
-    if ratios is None or names[ratios.entry] in verdict.unresolved:
-        return verdict
-    entry, value = ratios.entry, float(x[ratios.entry])
-    reach = _TOLERATED * _STANDARD_ERRORS * float(np.sqrt(max(covar[entry, entry], 0.0)))
-    y, cost = ratios.of(x), problem.cost(x)
-    held = HeldEntry(InRatios(problem, ratios), np.where(y == 0, 1.0, np.abs(y)))
-    for end in (value + reach, value - reach):
-        if end <= 0:
+    space = problem.space
+    for denominator, over in space.model.ratios.items():
+        numerators = [i for i, base in enumerate(space.base) if base in over]
+        for entry, base in enumerate(space.base):
+            if base == denominator and space.names[entry] not in verdict.unresolved and x[entry] > 0:
+                verdict = _along(problem, x, covar[entry, entry], scales, verdict, entry, numerators)
+    return verdict
+
+
+def _along(
+    problem: Problem,
+    x: Float,
+    variance: float,
+    scales: Float,
+    verdict: Identifiability,
+    entry: int,
+    numerators: Sequence[int],
+) -> Identifiability:
+    lower, upper = box(problem)
+    reach = _TOLERATED * _STANDARD_ERRORS * float(np.sqrt(max(variance, 0.0)))
+    cost, held = problem.cost(x), HeldEntry(problem, np.where(x == 0, 1.0, np.abs(x)))
+    for end in (float(x[entry]) + reach, float(x[entry]) - reach):
+        if not max(0.0, lower[entry]) < end < upper[entry]:
             continue
-        place = float(np.log(end / ratios.size))
-        start = np.where(np.arange(y.size) == entry, place, y)
-        there, y_there, _ = held.alone(entry, place, start)
+        start = x.copy()
+        start[[entry, *numerators]] *= end / x[entry]
+        there, found, _ = held.alone(entry, end, np.clip(start, lower, upper))
         rise = 2 * (there - cost)
         if rise < _STANDARD_ERRORS**2:
-            moved = ratios.vectors(y_there) - x
-            chosen = [i for i in (entry, *ratios.numerators.tolist()) if abs(moved[i]) > _MOVED * abs(x[i])]
-            return _with(verdict, names, chosen, moved / scales, _message(problem, x, chosen, end, rise))
+            chosen = [i for i in (entry, *numerators) if abs(found[i] - x[i]) > _MOVED * abs(x[i])]
+            return _with(
+                verdict, problem.space.names, chosen, (found - x) / scales, _message(problem, x, chosen, end, rise)
+            )
     return verdict
 
 

@@ -24,9 +24,9 @@ class Ratios:
     """Which entries of the fitted vector are replaced.
 
     Attributes:
-        entry: what the others are divided by; positive.
+        entry: what the others are divided by; of the sign of ``size``.
         numerators: the others.
-        size: typical one of the entry, the unit of the logarithm.
+        size: typical value of the entry, the unit of the logarithm.
     """
 
     entry: int
@@ -76,11 +76,20 @@ class Ratios:
             space: the fitted vector.
         """
         lower, upper = space.lower.copy(), space.upper.copy()
-        with np.errstate(divide="ignore"):  # nothing is a lower bound of no logarithm
-            lower[self.entry], upper[self.entry] = np.log(
-                [lower[self.entry] / self.size, upper[self.entry] / self.size]
-            )
+        ends = sorted(bound[self.entry] / self.size for bound in (lower, upper))
+        with np.errstate(divide="ignore"):  # a bound at zero is none of the logarithm
+            lower[self.entry], upper[self.entry] = np.log(np.maximum(ends, 0.0))
         return lower, upper
+
+    def led_by(self, entry: int, x: Float) -> Ratios:
+        """The same with another of the parameters that go together in front; its sign is kept.
+
+        Args:
+            entry: one of the numerators.
+            x: a fitted vector in which that is not zero, shape ``(p,)``.
+        """
+        others = [self.entry, *self.numerators[self.numerators != entry].tolist()]
+        return Ratios(entry=entry, numerators=np.array(others), size=float(x[entry]))
 
 
 def ratios_of(space: ParameterSpace) -> Ratios | None:

@@ -31,6 +31,7 @@ if TYPE_CHECKING:
 
 
 _DECADES = 4  # that an inertia is followed to either side
+_SURE = 0.2  # error of a ratio, over its value, up to which it is surely not zero
 _LOWER_MINIMUM = 1e-4  # fall of the scaled curve below its minimum that is more than round-off
 
 
@@ -202,8 +203,10 @@ class _Line:
 
     def profile(self, level: float, ends: list[End], values: list[float]) -> Profile:
         """The profile with the ends and the values of its curve."""
-        places = sorted(set(values))
-        ends = [replace(end, value=self._shown(end.value), limit=self.shown(end.limit)) for end in ends]
+        places = sorted(set(values), key=self.shown)
+        ends = [replace(end, value=self._end(end.value), limit=self.shown(end.limit)) for end in ends]
+        if self._falls:
+            ends.reverse()
         return Profile(
             name=self.name,
             unit=self.known.unit,
@@ -218,8 +221,15 @@ class _Line:
             freedom=self.known.freedom,
         )
 
-    def _shown(self, end: float) -> float:
-        return self.shown(end) if math.isfinite(end) else end
+    @property
+    def _falls(self) -> bool:
+        """Whether the quantity falls along the curve, as negative ones do along their logarithm."""
+        return self.shown(1.0) < self.shown(0.0)
+
+    def _end(self, value: float) -> float:
+        if math.isfinite(value):
+            return self.shown(value)
+        return -value if self._falls else value
 
 
 def _settled(fit: FitResult) -> tuple[Problem, Float]:
@@ -306,8 +316,8 @@ def _parameter(fit: FitResult, held: HeldEntry, problem: Problem, x: Float, name
     covar = fit.covar / fit.widening
     error = math.sqrt(max(float(covar[i, i]), 0.0)) if known.resolved else 0.0
     goal = quantile(level, known.freedom) ** 2 * scale
-    ratios = ratios_of(problem.space)
-    if ratios is not None and ratios.entry == i:
+    ratios = _leading(ratios_of(problem.space), i, x, known, covar)
+    if ratios is not None:
         return _along_ratios(problem, ratios, x, known, error, scale, goal)
     direction = covar[:, i] / covar[i, i] if error > 0 else np.zeros_like(x)
     lower, upper = box(problem)
@@ -324,6 +334,18 @@ def _parameter(fit: FitResult, held: HeldEntry, problem: Problem, x: Float, name
     )
 
 
+def _leading(ratios: Ratios | None, i: int, x: Float, known: FittedParameter, covar: Float) -> Ratios | None:
+    """Coordinates in which a parameter is followed by its logarithm, None where it is followed as it is."""
+    if ratios is None or ratios.entry == i:
+        return ratios
+    if known.resolved or i not in ratios.numerators:
+        return None
+    # Not determined, it goes with the others as far as that may be, if its ratio is surely not zero.
+    relative = covar / np.outer(x, x)
+    error = math.sqrt(max(relative[i, i] - 2 * relative[i, ratios.entry] + relative[ratios.entry, ratios.entry], 0.0))
+    return ratios.led_by(i, x) if error < _SURE else None
+
+
 def _along_ratios(
     problem: Problem, ratios: Ratios, x: Float, known: FittedParameter, error: float, scale: float, goal: float
 ) -> _Line:
@@ -337,7 +359,7 @@ def _along_ratios(
         name=known.name,
         value=value,
         curve=Curve(held, value, y, problem.cost(x), np.zeros_like(y), ratios.entry),
-        step=min(error / float(x[ratios.entry]), 1.0) if error > 0 else 1.0,
+        step=min(error / abs(float(x[ratios.entry])), 1.0) if error > 0 else 1.0,
         reach=((max(low, lower), lower >= low), (min(high, upper), upper <= high)),
         scale=scale,
         goal=goal,
