@@ -87,3 +87,16 @@ def read_through(
 def forced_by(test: PerturbationTest, factor: complex, rows: NDArray[np.bool_]) -> PerturbationTest:
     """Forces of some readings told so many times as large as they are."""
     return replace(test, force=np.where(rows, factor * test.force, test.force))
+
+
+def exchanged_runs(test: PerturbationTest, a: str, b: str) -> PerturbationTest:
+    """The readings of two runs of one plan under each other's names."""
+    response = test.response.copy()
+    response[test.run == a], response[test.run == b] = test.response[test.run == b], test.response[test.run == a]
+    return replace(test, response=response)
+
+
+def in_decibels(test: PerturbationTest, unit: float) -> PerturbationTest:
+    """Amplitudes as levels over a hundredth of a micrometre, read as numbers of some unit."""
+    level = 20 * np.log10(np.abs(test.response) / 1e-8)
+    return replace(test, response=level * unit * np.exp(1j * np.angle(test.response)))

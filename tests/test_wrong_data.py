@@ -12,6 +12,8 @@ import pytest
 from linear_tests import linear_test
 from slips import (
     exchanged,
+    exchanged_runs,
+    in_decibels,
     in_radians,
     lag_as_lead,
     renamed,
@@ -55,6 +57,12 @@ ONLY_A_FIT_TELLS: dict[str, tuple[Slip, str]] = {
     "probes at -90 degrees": (lambda test: turned(test, -90.0), "all probes sit -90 degrees from where they are told"),
     "speeds in Hz": (lambda test: replace(test, speed=test.speed / 60), "the speeds are in Hz and read as rpm"),
     "force phases in radians": (lambda test: in_radians(test, "force"), "the phases of the forces are in radians"),
+    "runs exchanged": (
+        lambda test: exchanged_runs(test, "disk-bwd-1000", "disk-bwd-2000"),
+        "the readings of the runs disk-bwd-1000 and disk-bwd-2000 are exchanged",
+    ),
+    "levels read as um": (lambda test: in_decibels(test, 1e-6), "the amplitudes are in dB and read as um"),
+    "levels read as mil": (lambda test: in_decibels(test, 25.4e-6), "the amplitudes are in dB and read as mil"),
     "phases in radians": (lambda test: in_radians(test, "response"), "the phases of the readings are in radians"),
 }
 

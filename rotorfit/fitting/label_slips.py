@@ -18,12 +18,16 @@ from rotorfit.fitting.problem_setup import build_problem
 from rotorfit.fitting.settings import FitSettings
 from rotorfit.fitting.slip_readings import Found, Trial
 from rotorfit.models import RotorModel
-from rotorfit.models.array_types import ComplexArray, Float
+from rotorfit.models.array_types import ComplexArray, Float, Index
 from rotorfit.units import RPM_PER_RAD_S
 
 _CONSTANT = 0.01  # relative spread of what is taken as constant
 _MOST_PAIRS = 3
 _TURN = 6.3  # degrees: what a whole turn in radians is, read as degrees
+
+_MOST_RUNS = 12  # pairs of runs
+_LEVELS = 20.0, 300.0  # dB between the largest and the smallest level at least, and the largest at the most
+_DECIBELS = {"um": 1e-6, "mil": 25.4e-6, "mm": 1e-3}
 
 _MOUNTINGS = (45.0, -45.0, 90.0, -90.0, 135.0, -135.0, 180.0)
 _PLANES = {"plane": "readings", "force_plane": "forces"}
@@ -80,6 +84,11 @@ def _slips(tests: Sequence[PerturbationTest]) -> Iterator[_Slip]:
         told = "the forces are constant, and are told as those of an unbalance. Give force_N in place of mr_g_mm"
         yield _Slip(told=told, mend=lambda test: replace(test, force=test.force / test.frequency**2))
     yield from _exchanges(tests)
+    yield from _exchanged_runs(tests)
+    for unit, size in _DECIBELS.items():
+        if all(_may_be_decibels(np.abs(test.response) / size) for test in tests):
+            told = f"the amplitudes are in dB and read as {unit}. Give them in the unit that 0 dB stands for"
+            yield _Slip(told=told, mend=partial(_from_decibels, unit=size))
     told = (
         "all forces are one angle off against all readings, as where weight holes, Keyphasor and probes have no common "
         "zero. Give the angle, or fit it (phase_offsets common)"
@@ -110,6 +119,53 @@ def _exchanges(tests: Sequence[PerturbationTest]) -> Iterator[_Slip]:
             if column == "speed":
                 told = f"the speeds {a * RPM_PER_RAD_S:.6g} and {b * RPM_PER_RAD_S:.6g} rpm are exchanged"
             yield _Slip(told=told, mend=partial(_exchanged, column=column, a=a, b=b))
+
+
+def _exchanged_runs(tests: Sequence[PerturbationTest]) -> Iterator[_Slip]:
+    """Two runs with the same readings in their plan, under each other's names."""
+    places = {(number, run): _places(test, run) for number, test in enumerate(tests) for run in test.runs}
+    alike = (
+        (number, a, b, own, other)
+        for ((number, a), own), ((also, b), other) in combinations(places.items(), 2)
+        if number == also and own.size == other.size and _is_one_plan(tests[number], own, other)
+    )
+    for number, a, b, own, other in islice(alike, _MOST_RUNS):
+        told = f"the readings of the runs {a} and {b} are exchanged"
+        yield _Slip(told=told, mend=partial(_with_readings_of, mended=tests[number], rows=own, others=other))
+
+
+def _places(test: PerturbationTest, run: str) -> Index:
+    """Rows of a run by plane, direction and frequency."""
+    rows = np.flatnonzero(test.run == run)
+    return rows[np.lexsort([test.frequency[rows], test.direction[rows], test.plane[rows]])]
+
+
+def _is_one_plan(test: PerturbationTest, own: Index, other: Index) -> bool:
+    return all(
+        (getattr(test, name)[own] == getattr(test, name)[other]).all() for name in ("plane", "direction")
+    ) and bool(np.allclose(test.frequency[own], test.frequency[other], rtol=1e-3, atol=0.0))
+
+
+def _with_readings_of(
+    test: PerturbationTest, *, mended: PerturbationTest, rows: Index, others: Index
+) -> PerturbationTest:
+    if test is not mended:
+        return test
+    response, sigma = test.response.copy(), test.sigma.copy()
+    for values in (response, sigma):
+        values[rows], values[others] = values[others], values[rows]
+    return replace(test, response=response, sigma=sigma)
+
+
+def _may_be_decibels(told: Float) -> bool:
+    """Whether amplitudes are numbers that levels in dB could be, of a rotor with a resonance."""
+    return bool(_LEVELS[0] < told.max() < _LEVELS[1] and np.ptp(told) > _LEVELS[0])
+
+
+def _from_decibels(test: PerturbationTest, *, unit: float) -> PerturbationTest:
+    size = np.abs(test.response)
+    level = (size - size.max()) / unit
+    return replace(test, response=size.max() * 10 ** (level / 20) * np.exp(1j * np.angle(test.response)))
 
 
 def _turned_back(test: PerturbationTest, *, degrees: float) -> PerturbationTest:

@@ -22,6 +22,9 @@ _PROMISING = 0.5
 _LEAST = 0.1
 """Change of the logarithm of readings from which it is a slip: less is how forces and instruments scatter."""
 
+_UNLIKE = 0.1
+"""Share of the power of readings up to which they are those expected but for a factor."""
+
 _MOST, _MOST_SPEEDS = 40, 8  # groups looked at, and speeds that are few enough to be sessions
 _ANGLE = 3.0  # departure of an angle from zero, degrees, that is none
 
@@ -79,8 +82,8 @@ def _of_group(readings: Readings, group: _Group, trial: Trial, missed: float) ->
     left, x = trial(readings.without(group.rows))
     if left > _PROMISING * missed:
         return
-    power, factor = _factor(readings, group.rows, np.concatenate(readings.problem.predict(x)))
-    if not power and abs(np.log(factor)) < _LEAST:
+    power, factor, unlike = _factor(readings, group.rows, np.concatenate(readings.problem.predict(x)))
+    if unlike > _UNLIKE or (not power and abs(np.log(factor)) < _LEAST):
         return
     either = [(group, factor)]
     if group.other is not None and not power:
@@ -124,16 +127,17 @@ def _set(ways: Sequence[tuple[str, Bool, str]], doubt: str = "") -> list[_Group]
     return [replace(one, other=other) for one, other in (groups, reversed(groups))]
 
 
-def _factor(readings: Readings, rows: Bool, expected: ComplexArray) -> tuple[int, complex]:
-    """Power of the frequency, and factor, by which readings are what the rest makes one expect; mostly power zero."""
+def _factor(readings: Readings, rows: Bool, expected: ComplexArray) -> tuple[int, complex, float]:
+    """Power of the frequency, and factor, by which readings are what the rest makes one expect; mostly power zero; and
+    the share of their power that this leaves."""
     size = readings.sigma[rows]
     p, m = (readings.seen(values)[rows] / size for values in (expected, readings.measured))
     found = []
     for power in (0, *POWERS):
         own = p * (readings.s[rows] / readings.middle) ** power
         factor = complex(np.vdot(own, m) / np.vdot(own, own).real)
-        found.append((float(np.sum(np.abs(m - factor * own) ** 2)), power, factor))
-    return min(found, key=lambda one: one[0])[1:]
+        found.append((power, factor, float(np.sum(np.abs(m - factor * own) ** 2) / np.sum(np.abs(m) ** 2))))
+    return min(found, key=lambda one: one[2])
 
 
 def _told(group: _Group, power: int, factor: complex) -> str:
