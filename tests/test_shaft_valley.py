@@ -5,10 +5,12 @@ import re
 import numpy as np
 import pytest
 from scipy.optimize import least_squares
-from test_shaft_lines import ALL, TORSION, VALUES, line_test
+from test_shaft_lines import ALL, TORSION, VALUES, W, line_test
 
 import rotorfit as rf
 from rotorfit.estimators.misfit.ratios import InRatios, ratios_of
+from rotorfit.fitting.problem_setup import build_problem
+from rotorfit.fitting.settings import FitSettings
 
 FEW = -np.linspace(30.0, 310.0, 30)
 TRUTH = VALUES | TORSION
@@ -115,7 +117,7 @@ def test_a_search_takes_few_evaluations(fits):
 
 def test_derivatives_in_ratios_are_those_of_the_cost(fits):
     problem = fits[0].problem
-    ratios = ratios_of(problem.space)
+    ratios = ratios_of(problem)
     objective = InRatios(problem, ratios)
     y = ratios.of(fits[0].x)
     assert ratios.vectors(y) == pytest.approx(fits[0].x, rel=1e-14)
@@ -133,4 +135,18 @@ def test_derivatives_in_ratios_are_those_of_the_cost(fits):
 @pytest.mark.parametrize("settings", [{"known": {"ec": 6e-5}}, {"bounds": {"Px": (-2.0, 2.0)}}, {"known": {"J": 2e-4}}])
 def test_ratios_are_left_alone_where_something_tells_the_inertia_or_bounds_a_part(settings):
     fit = rf.fit(rf.models.AnisotropicShaft(), valley_test(4), **settings)
-    assert ratios_of(fit.problem.space) is None
+    assert ratios_of(fit.problem) is None
+
+
+def test_ratios_are_left_alone_where_no_reading_tells_of_them():
+    model = rf.models.AnisotropicShaft()
+    lateral = line_test(model, TRUTH, ALL[:2], np.random.default_rng(3), steady=("1x", "2x"), sweep=FEW)
+    assert ratios_of(build_problem(model, (lateral,), FitSettings())) is None
+
+
+def test_a_side_load_without_a_trace_stays_where_it_is():
+    model = rf.models.AnisotropicShaft()
+    fit = rf.fit(model, line_test(model, TRUTH, [ALL[0], ALL[2]], np.random.default_rng(3), sweep=W))
+    assert fit.success
+    assert {"J", "ec", "es", "Px", "Py"} <= set(fit.identifiability.unresolved)
+    assert fit.params["Px"].value == 0.0

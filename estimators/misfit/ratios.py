@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from rotorfit.estimators.blocks.shaft_lines import LineResponses
 from rotorfit.estimators.misfit.parameter_space import ParameterSpace
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.models.array_types import Float, Index
@@ -92,12 +93,15 @@ class Ratios:
         return Ratios(entry=entry, numerators=np.array(others), size=float(x[entry]))
 
 
-def ratios_of(space: ParameterSpace) -> Ratios | None:
-    """The coordinates that suit a fitted vector, None where its own entries do.
+def ratios_of(problem: Problem) -> Ratios | None:
+    """The coordinates that suit a problem, None where the entries of its fitted vector do.
 
     Args:
-        space: the fitted vector.
+        problem: the problem; without readings of the twist nothing is told of the ratios either.
     """
+    space = problem.space
+    if not any(isinstance(block, LineResponses) and (block.direction == "twist").any() for block in problem.blocks):
+        return None
     names = space.model.parameter_names
     for denominator, numerators in space.model.ratios.items():
         entries = [i for i, base in enumerate(space.base) if base == denominator]

@@ -23,7 +23,7 @@ _ROUNDS = 4
 """Rounds of reweighting: an equation error is weighed by the stiffness that it was multiplied with."""
 _SIZES = np.geomspace(10**-4.5, 10**1.5, 13)
 """Sizes tried of what the lines told nothing of but ratios to it, over the typical one."""
-_UNTOLD = 1e-12  # eigenvalue of a curvature of unit diagonal that is round-off
+_UNTOLD = 1e-12  # of a curvature over the cost, or of one of unit diagonal, that is round-off
 
 
 def has_lines(problem: Problem) -> bool:
@@ -122,7 +122,7 @@ def line_start(problem: Problem) -> Float:
         values |= step(readings, values | fixed)
         values |= fixed
     start = np.array([values[name] for name in space.base])
-    ratios = ratios_of(space)
+    ratios = ratios_of(problem)
     if ratios is None or start[ratios.entry] != ratios.size or not start[ratios.numerators].any():
         return start
     return _along_the_valley(problem, ratios, full_vector(problem, start))[: start.size]
@@ -158,16 +158,18 @@ def _held_step(objective: InRatios, y: Float) -> tuple[float, Float]:
     cost, gradient, matrix = objective.gauss_newton(y)
     if not np.isfinite(cost + gradient.sum() + matrix.sum()):
         return np.inf, y
-    others, end = np.arange(y.size) != objective.ratios.entry, y.copy()
-    way = _step(gradient[others], matrix[np.ix_(others, others)])
-    end[others] += way
-    return float(cost + gradient[others] @ way / 2), end
-
-
-def _step(gradient: Float, matrix: Float) -> Float:
-    """Gauss-Newton's step, none along what the lines do not tell."""
-    size = np.sqrt(np.where(np.diag(matrix) > 0, np.diag(matrix), 1.0))
-    return np.asarray(-np.linalg.lstsq(matrix / np.outer(size, size), gradient / size, rcond=_UNTOLD)[0] / size)
+    # What matters to the data by less than round-off at its typical size stays where it is.
+    space = objective.problem.space
+    typical = np.concatenate([space.typical, np.full(len(space.nuisance), 0.1)])
+    told = np.diag(matrix) * typical**2 > _UNTOLD * cost
+    told[objective.ratios.entry] = False
+    moving = np.flatnonzero(told)
+    size = np.sqrt(np.diag(matrix)[moving])
+    along = gradient[moving] / size
+    way = -np.linalg.lstsq(matrix[np.ix_(moving, moving)] / np.outer(size, size), along, rcond=_UNTOLD)[0]
+    end = y.copy()
+    end[moving] += way / size
+    return float(cost + along @ way / 2), end
 
 
 class _Readings:

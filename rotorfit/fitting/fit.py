@@ -294,7 +294,7 @@ def solve(problem: Problem, start: Float, options: Options) -> Solution:
             space=space, blocks=problem.blocks, loss="soft_l1", priors=problem.priors, factors=problem.factors
         )
         start = solve(gentle, start, options).x
-    ratios = ratios_of(space)
+    ratios = ratios_of(problem)
     if ratios is None or not start[ratios.numerators].any():  # nothing is told of a ratio either
         scale = search_scale(space, start)
         return minimise(problem, start, lower=space.lower, upper=space.upper, scale=scale, options=options)

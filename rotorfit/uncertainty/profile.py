@@ -316,7 +316,7 @@ def _parameter(fit: FitResult, held: HeldEntry, problem: Problem, x: Float, name
     covar = fit.covar / fit.widening
     error = math.sqrt(max(float(covar[i, i]), 0.0)) if known.resolved else 0.0
     goal = quantile(level, known.freedom) ** 2 * scale
-    ratios = _leading(ratios_of(problem.space), i, x, known, covar)
+    ratios = _leading(ratios_of(problem), i, x, known, covar)
     if ratios is not None:
         return _along_ratios(problem, ratios, x, known, error, scale, goal)
     direction = covar[:, i] / covar[i, i] if error > 0 else np.zeros_like(x)
