@@ -8,7 +8,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 from clean_rigs import clean_test
-from fe_rigs import K3, RPM, TYPICAL, Rig
+from fe_rigs import K3, RPM, TYPICAL, Rig, random_rig
 from slips import forced_by, read_through, thinned
 from synthetic import circular_test, covering_frequencies
 
@@ -185,6 +185,16 @@ def test_a_model_that_misses_its_rotor_is_no_slip_of_the_readings(case: str, rig
     model, test = MISSES[case](rig)
     fit = rf.fit(model, test)
     assert fit.redchi > 10
+    assert not said(fit)
+
+
+def test_one_mode_with_wrong_values_told_is_no_level_in_decibels() -> None:
+    """Amplitudes of a few hundred um, taken for levels, leave one peak, which explains itself."""
+    rng = np.random.default_rng(11)
+    _, shaft, speeds, _ = [random_rig(rng) for _ in range(4)][-1]
+    test = _at(shaft.campaign(speeds, 3, lines=40, top=900.0), "journal")
+    fit = rf.fit(ONE(), test, known={"Mf": 0.0, "lam": 0.3, "K": 0.0})
+    assert fit.redchi > 1000
     assert not said(fit)
 
 
