@@ -44,7 +44,7 @@ IMPOSED: dict[str, tuple[Callable[[DisplacementTest], DisplacementTest], str]] =
     "x inverted": (lambda t: replace(t, force_x=-t.force_x), "wrong-direction"),
     "x and y exchanged": (lambda t: replace(t, force_x=t.force_y, force_y=t.force_x), "wrong-direction"),
     "lag as lead": (lambda t: replace(t, force_x=t.force_x.conj(), force_y=t.force_y.conj()), "wrong-direction"),
-    "the bearing's forces": (lambda t: replace(t, force_x=-t.force_x, force_y=-t.force_y), "conjugated"),
+    "the bearing's forces": (lambda t: replace(t, force_x=-t.force_x, force_y=-t.force_y), "negative-damping"),
     "unsigned frequencies": (lambda t: replace(t, frequency=np.abs(t.frequency)), "turned-lines"),
 }
 

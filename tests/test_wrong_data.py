@@ -168,7 +168,7 @@ def test_forces_from_another_zero_are_no_error_where_the_fit_finds_it(tmp_path: 
     """Without the zero the sign of damping, and of inertia, seems wrong; with it nothing is."""
     rig = thinned(rf.datasets.rig_open(), 3)
     wrong = replace(rig, force=rig.force * np.exp(-1j * np.radians(degrees)))
-    assert [f.code for f in rf.check(wrong) if f.severity == "error"] == ["conjugated"]
+    assert [f.code for f in rf.check(wrong) if f.severity == "error"] == ["negative-damping"]
     path, out = tmp_path / "rig.csv", tmp_path / "out"
     rf.write(wrong, path)
     words = ["fit", str(path), "--model", "whirl-whip", "--known", "K3=6000", "--phase-offsets", "common"]
@@ -183,10 +183,56 @@ def test_forces_from_another_zero_are_no_error_where_the_fit_finds_it(tmp_path: 
 
 def test_forces_half_a_turn_off_in_one_plane_are_told_from_a_conjugated_frf(rig: PerturbationTest) -> None:
     off = replace(rig, force=np.where(rig.force_plane == "journal", -rig.force, rig.force))
-    told = next(finding.message for finding in rf.check(off) if finding.code == "conjugated")
+    told = next(finding.message for finding in rf.check(off) if finding.code == "negative-damping")
     assert "and so would stiffness: phases are half a turn off" in told
     conjugated = next(finding.message for finding in rf.check(told_by_one_probe(rig)) if finding.code == "conjugated")
     assert "half a turn" not in conjugated
+
+
+@pytest.mark.parametrize("part", [0.3, 0.9])
+@pytest.mark.parametrize(("plane", "side"), [("disk", 1), ("journal", 1), ("journal", -1)])
+def test_a_pair_of_probes_inverted_from_some_frequency_on(plane: str, part: float, side: int) -> None:
+    rig = rf.datasets.rig_open()
+    w = np.abs(rig.frequency)
+    limit = part * w.max()
+    wrong = replace(rig, response=np.where((rig.plane == plane) & (side * w > side * limit), -1, 1) * rig.response)
+    found = {finding.code: finding.message for finding in rf.check(wrong)}
+    assert "conjugated" not in found
+    words = rf"At {plane} the readings turn by half a turn between ([\d.]+) and ([\d.]+) rpm"
+    told = re.search(words, found["half-turn"])
+    assert told is not None
+    low, high = (float(end) for end in told.groups())
+    assert low <= limit * 30 / np.pi * (1 + 1e-3)  # as it is printed
+    assert high >= limit * 30 / np.pi * (1 - 1e-3)
+
+
+def test_what_turns_both_probes_alike_is_no_conjugated_frf(rig: PerturbationTest) -> None:
+    """A low pass in both channels of a plane, and a force told 60 degrees off: damping seems negative."""
+    w = np.abs(rig.frequency)
+    low_pass = np.where(rig.plane == "disk", 1 / (1 + 2j * w / w.max()) ** 2, 1)
+    filtered = replace(rig, response=low_pass * rig.response)
+    for wrong in (filtered, replace(rig, force=rig.force * np.exp(1j * np.pi / 3))):
+        told = {finding.code: finding.message for finding in rf.check(wrong)}
+        assert "phases of lag alone are not the cause" in told["negative-damping"]
+        assert not {"conjugated", "half-turn"} & set(told)
+
+
+@pytest.mark.parametrize("damping", [1e-4, 1e-2])
+def test_resonances_and_antiresonances_between_two_lines_are_no_half_turn(damping: float) -> None:
+    """Two disks hardly damped: responses change their sign from line to line where they pass zero, and at poles."""
+    model = rf.models.TwoDisk()
+    values = {"M1": 1.0, "M2": 1.5, "K1": 2e4, "K2": 3e4, "K3": 1e4, "D11": damping, "D22": damping}
+    theta = model.vector(values | {"D12": 0.0, "D21": 0.0, "beta1": 0.0, "beta2": 0.0})
+    rng = np.random.default_rng(3)
+    for lines in rng.integers(20, 200, 30).tolist():
+        w = np.concatenate([-(grid := np.sort(rng.uniform(20, 400, lines))), grid])
+        for forced, column in (("inboard", 0), ("outboard", 1)):
+            z = model.receptance(theta, w, 100.0)[:, :, column].T.ravel()
+            test = rf.perturbation_test(
+                run="a", speed=100.0, frequency=np.tile(w, 2), force_plane=forced, force=1.0,
+                plane=np.repeat(["inboard", "outboard"], w.size), direction="z", response=z,
+            )  # fmt: skip
+            assert "half-turn" not in [finding.code for finding in rf.check(test)]
 
 
 def told_by_one_probe(test: PerturbationTest) -> PerturbationTest:

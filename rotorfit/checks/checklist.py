@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from rotorfit.checks.amplitudes import amplitudes
 from rotorfit.checks.copies import copied_runs
+from rotorfit.checks.half_turns import half_turns
 from rotorfit.checks.imposed_orbits import imposed_orbits
 from rotorfit.checks.linear_force import linear_force
 from rotorfit.checks.orbits import NEAR_1X, orbits_of
@@ -56,10 +57,10 @@ def check(test: Experiment) -> list[Finding]:
     Recognised are readings that are not finite, doubled, zero or cut off, forces of zero, implausible amplitudes,
     frequencies in another unit than speeds, readings at 1x, gaps in the plan of the test (planes without force, one
     direction only, one frequency only), conjugated FRFs, responses in the wrong direction, forces along an axis given
-    as circular and the reverse, a reversed sense of rotation, peak-to-peak amplitudes in some channels, start-ups
-    without partner, positions against their load, records without a mode, free vibration in another unit than the
-    speed, run-ups too fast to settle; said are the scatter between mountings of weights and the number of modes that
-    weights at dwell speeds show.
+    as circular and the reverse, readings inverted from some frequency on, a reversed sense of rotation, peak-to-peak
+    amplitudes in some channels, start-ups without partner, positions against their load, records without a mode, free
+    vibration in another unit than the speed, run-ups too fast to settle; said are the scatter between mountings of
+    weights and the number of modes that weights at dwell speeds show.
 
     Args:
         test: what was measured, SI units.
@@ -147,6 +148,7 @@ def _physics(test: PerturbationTest | DisplacementTest, only_errors: bool) -> It
                 yield from reciprocity(orbits)
             if not wrong:
                 yield from static_limit(orbits)
+            yield from half_turns(orbits)
         yield from turned
         if not wrong and not turned:  # else the right component is only a residue
             yield from signs(orbits)

@@ -78,12 +78,13 @@ def _signs(test: DisplacementTest, response: ComplexArray, rows: list[int]) -> I
         response=response,
     )
     for finding in signs(orbits_of(forced, np.arange(len(forced)))):
-        message = finding.message
-        if finding.code == "conjugated":
+        code, message = finding.code, finding.message
+        if code == "conjugated":
+            code = "negative-damping"
             runs = tuple(dict.fromkeys(test.run[list(finding.rows)].tolist()))
             message = (
                 "Damping would be negative (quadrature dynamic stiffness falls with frequency) in "
                 f"{listed(runs)}: the forces are those of the rotor on what surrounds it, with the other sign, or "
                 "phases of lag were read as lead."
             )
-        yield Finding(finding.severity, finding.code, message, tuple(rows[row] for row in finding.rows))
+        yield Finding(finding.severity, code, message, tuple(rows[row] for row in finding.rows))

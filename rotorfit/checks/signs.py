@@ -168,19 +168,28 @@ def signs(orbits: Orbits) -> Iterator[Finding]:
     if not hit.size:
         yield from _reversed(drives, kappa)
         return
+    begin = "Damping would be negative at the drive point (quadrature dynamic stiffness falls with frequency) in "
+    begin += listed(_names(drives, hit))
     slow = hit[np.abs(drives.frequency[hit]) <= np.quantile(np.abs(drives.frequency[hit]), 0.2)]
-    cause = (
-        ": the FRF is conjugated. Give phases of lag as phase_lag_deg and force_phase_lag_deg, or check the sign "
-        "convention of the analyser."
-        if np.median(kappa.real[slow]) > 0
-        else ", and so would stiffness: phases are half a turn off. Check the angle of the force or of the weight, and "
-        "whether the probes are inverted."
-    )
-    text = (
-        "Damping would be negative at the drive point (quadrature dynamic stiffness falls with frequency) in "
-        f"{listed(_names(drives, hit))}{cause}"
-    )
-    yield Finding("error", "conjugated", text, drives.rows_of(hit))
+    both = bool(drives.paired[hit].all())
+    if np.median(kappa.real[slow]) <= 0:
+        cause = (
+            ", and so would stiffness: phases are half a turn off. Check the angle of the force or of the weight, and "
+            "whether the probes are inverted."
+        )
+    elif both:
+        cause = (
+            ". As x and y follow the force's direction, phases of lag alone are not the cause. What turns both probes "
+            "alike is: an inverted pair, a filter or a delay, perhaps from some frequency on, a wrong angle of the "
+            "force; or phases of lag together with exchanged probes or the other sign of the frequency."
+        )
+    else:
+        cause = (
+            ": the FRF is conjugated. Give phases of lag as phase_lag_deg and force_phase_lag_deg, or check the sign "
+            "convention of the analyser. One probe alone does not tell that from a filter, or from its sign being "
+            "turned round."
+        )
+    yield Finding("error", "negative-damping" if both else "conjugated", f"{begin}{cause}", drives.rows_of(hit))
 
 
 def _dissipates(drives: Orbits, kappa: ComplexArray, speed: Float) -> Float:

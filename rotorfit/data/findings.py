@@ -91,7 +91,7 @@ NO_COPIES = "A copy is no second measurement and makes errors look smaller than 
 PHASE_DATUM = "phase-datum"
 """Code of the note that the zero of forces and that of readings are unknown to each other."""
 
-_BY_PHASE = frozenset({"conjugated", "reversed-rotation", "probe-angle"})
+_BY_PHASE = frozenset({"conjugated", "negative-damping", "reversed-rotation", "probe-angle"})
 """Codes of what is judged by the phase between force and response."""
 
 
