@@ -36,6 +36,10 @@ _OTHERS = 0.55
 """Share of the power against the force from which probes or directions are exchanged, which others look for; a probe
 that gives velocities makes it a half."""
 
+_LEFT, _UP_TO = 0.1, 4.0
+"""Misfit beyond the noise that a delay may leave where nothing explains all, over that which one factor leaves, and the
+misfit up to which: readings of a sweep hold lines less exact than their neighbours tell, beside orders of the shaft."""
+
 _PHASE_STEP = 0.2
 """Phase between neighbouring tried delays at the end of the band, rad; at most half a turn is looked for."""
 
@@ -158,15 +162,17 @@ def _pair(orbits: Orbits, at: Index) -> _Pair | None:
     certain = abs(ratio - 1) > ESTABLISHED * error
     w = np.abs(orbits.frequency[at])
     neither = constant >= AGREES**2 and even >= AGREES**2
-    delay = _delay(w, expected, seen, noise) if neither else 0.0
-    lost = neither and not delay
+    delay = _delay(w, expected, seen, noise, AGREES**2) if neither else 0.0
+    filtered = filtered_probe(w, expected, seen, noise, AGREES**2) if neither and not delay else None
+    if neither and not delay and filtered is None:  # some lines are less exact than their neighbours tell
+        delay = _delay(w, expected, seen, noise, min(1 + _LEFT * (constant - 1), _UP_TO))
     return _Pair(
         even=even < AGREES**2 and not (certain and constant < AGREES**2 and abs(ratio - 1) >= SMALLEST_GAIN),
         constant=constant < AGREES**2 and certain,
         ratio=ratio,
         mirrored=mirrored,
         delay=delay,
-        filtered=filtered_probe(w, expected, seen, noise, AGREES**2) if lost else None,
+        filtered=filtered,
         highest=float(w.max()),
         share=100 * share,
         dynamic=clear.size >= ENOUGH and bool(clear.max() > DYNAMIC * clear.min()),
@@ -235,8 +241,8 @@ def _ratio(expected: ComplexArray, seen: ComplexArray, noise: Float) -> tuple[co
     return ratio, float(np.sqrt(2 / power))
 
 
-def _delay(w: Float, expected: ComplexArray, seen: ComplexArray, noise: Float) -> float:
-    """Time by which the readings seen are late, s; zero where no delay explains them."""
+def _delay(w: Float, expected: ComplexArray, seen: ComplexArray, noise: Float, most: float) -> float:
+    """Time by which readings are late, s; zero where all delays leave a misfit of so much or more."""
     product = seen * expected.conj() / np.sum(noise**2, axis=1)
 
     def together(delays: Float) -> Float:
@@ -251,7 +257,7 @@ def _delay(w: Float, expected: ComplexArray, seen: ComplexArray, noise: Float) -
         best = float(near[np.argmax(together(near))])
     late = expected * np.exp(-1j * w * best)
     ratio, _ = _ratio(late, seen, noise)
-    return best if _misfit(late, seen, noise, ratio) < AGREES**2 else 0.0
+    return best if _misfit(late, seen, noise, ratio) < most else 0.0
 
 
 def _late(plane: str, pair: _Pair) -> Finding:
@@ -262,7 +268,7 @@ def _late(plane: str, pair: _Pair) -> Finding:
         f"to the frequency, by {lag:.2g} degrees at the highest, as no rotor does. Half of that is in every response "
         f"there, and in the damping and lam that follow from it. Find out which probe is wrong: if {early} is right, "
         f"delays, {plane}.{late} = {abs(pair.delay):.3g} s; if {late} is right, {plane}.{early} = "
-        f"-{abs(pair.delay):.3g} s."
+        f"-{abs(pair.delay):.3g} s (of recordings delay_s of the probe in rig.toml)."
     )
     return Finding("warning", "probe-delay", text, pair.rows)
 

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rotorfit.estimators.signals.late_channels import on_time
 from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.models.parameters import unknown_name
 from rotorfit.recordings.formats.raw_file import RawFile
@@ -109,7 +110,7 @@ class Signals:
             start, stop: samples from and to; by default all.
 
         Returns:
-            V, shape ``(stop - start,)``.
+            V, shape ``(stop - start,)``; of a probe whose channel comes late at the times of the others.
 
         Raises:
             ValueError: no such channel, or samples that cannot be read.
@@ -118,7 +119,10 @@ class Signals:
             raise ValueError(f"{self.name}: {unknown_name('channel', name, self.rig.scales)}")
         first, last, _ = slice(start, stop).indices(self.size)
         factor, offset = self.rig.scales[name]
-        volts = self._stored(name, first, last) * factor
+        if late := self.rig.late(name) * self.sample_rate:
+            volts = on_time(lambda *ends: self._stored(name, *ends) * factor, first, last, self.size, late)
+        else:
+            volts = self._stored(name, first, last) * factor
         return np.asarray(volts + offset if offset else volts, dtype=float)
 
     def _stored(self, name: str, first: int, last: int) -> NDArray[Any]:

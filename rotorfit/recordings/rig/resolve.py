@@ -34,6 +34,8 @@ _REFERENCE_NAME = re.compile(r"(?i)keyph|tacho|kph|trigger")
 _PERTURBATOR_NAME = re.compile(r"(?i)pert|exc")
 
 
+_DELAYED = 100
+"""A recording is so many times as long as a probe is late, at least."""
 _TEETH = 8
 """Fewest teeth a turn that show a twist at several times the speed."""
 
@@ -74,6 +76,14 @@ class Rig:
     speed: float | None
     attributes: dict[str, float | str]
     findings: tuple[Finding, ...] = ()
+
+    def late(self, channel: str) -> float:
+        """Time by which the channel of a probe is late, s; zero for all others.
+
+        Args:
+            channel: of the recording.
+        """
+        return next((probe.delay or 0.0 for probe in self.probes if probe.channel == channel), 0.0)
 
 
 def file_setup(raw: RawFile) -> RigSetup:
@@ -151,9 +161,11 @@ def complete(raw: RawFile, setup: RigSetup | None) -> Rig:
         _check_twist(whole.twist, raw.name)
     marked = [p.channel for p in probes] + [r.channel for r in (shaft, perturbator) if r is not None and r.channel]
     used = _used(raw, whole, source, marked, () if force is None else force.channels)
+    sample_rate, size = _rate(raw, used, whole), _size(raw, used)
+    _check_delays(raw, probes, size / sample_rate, source)
     return Rig(
-        sample_rate=_rate(raw, used, whole),
-        size=_size(raw, used),
+        sample_rate=sample_rate,
+        size=size,
         rotation=whole.rotation or 1,
         probes=probes,
         shaft=shaft,
@@ -168,6 +180,20 @@ def complete(raw: RawFile, setup: RigSetup | None) -> Rig:
         attributes=dict(whole.attributes),
         findings=() if given is None else tuple(_contradictions(given, own, raw, source)),
     )
+
+
+def _check_delays(raw: RawFile, probes: Sequence[Probe], duration: float, source: str) -> None:
+    """Refuse delays that leave too little of a recording.
+
+    Raises:
+        ValueError: which, and what is allowed.
+    """
+    for probe in probes:
+        if abs(probe.delay or 0.0) > duration / _DELAYED:
+            raise ValueError(
+                f"{raw.name}, as {source} describes it: the probe {probe.channel} would be {probe.delay:g} s late; "
+                f"at most {duration / _DELAYED:.3g} s are allowed, a hundredth of the recording"
+            )
 
 
 def _merged(given: RigSetup | None, own: RigSetup) -> RigSetup:

@@ -125,6 +125,7 @@ _PROBE: dict[str, tuple[str, Reader]] = {
     "angle_deg": ("angle", _scaled(_number, _DEGREE)),
     "linear_range_V": ("linear_range", _range),
     "centre_V": ("centre", _number),
+    **_in_units("delay", "delay", {"s": 1.0, "ms": 1e-3, "us": 1e-6}, _number),
     **_in_units("sensitivity", "sensitivity", SENSITIVITIES, _sensitivity),
 }
 _REFERENCE: dict[str, tuple[str, Reader]] = {

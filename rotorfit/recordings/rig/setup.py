@@ -24,6 +24,7 @@ class Probe:
         sensitivity: V/m; positive: the signal rises as the target approaches.
         linear_range: voltages between which it is linear, V, the lower first; None: not known.
         centre: voltage while the shaft is in the centre of its bearing, V; None: not known.
+        delay: time by which its channel is late against the marks, s; None: on time.
     """
 
     plane: str
@@ -32,6 +33,7 @@ class Probe:
     sensitivity: float | None = None
     linear_range: tuple[float, float] | None = None
     centre: float | None = None
+    delay: float | None = None
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -87,6 +87,7 @@ def _probe(probe: Probe, own: RigSetup) -> list[str]:
         f'channel = "{probe.channel}"',
         _line("angle_deg", angle, 0.0, "where the probe sits, from x counter-clockwise"),
         _line("sensitivity_V_per_mm", sensitivity, 7.87, "or _V_per_mil, _mV_per_um, _mV_per_mil; rises on approach"),
+        _line("delay_us", None, 0.0, "by which the channel is late, as on a card of its own", must=False),
     ]
 
 
