@@ -22,6 +22,9 @@ _PROMISING = 0.5
 _LEAST = 0.1
 """Change of the logarithm of readings from which it is a slip: less is how forces and instruments scatter."""
 
+_FEWEST, _ALONE = 2, 5.0
+"""Other runs that tell whether it is one run alone, and times by which it must differ more than any of them."""
+
 _UNLIKE = 0.1
 """Share of the power of readings up to which they are those expected but for a factor."""
 
@@ -90,8 +93,19 @@ def _of_group(readings: Readings, group: _Group, trial: Trial, missed: float) ->
         either.append((group.other, 1 / factor))  # scale and angle of all hardly tell which of the two is right
     for one, own in either:
         seen = np.where(one.rows, own * (readings.s / readings.middle) ** power, 1.0)
-        left = trial(readings.mended(seen))[0] / missed
-        yield one, Found(left=left, told=_told(one, power, own), free=1 + abs(power))
+        mended = readings.mended(seen)
+        left, x = trial(mended)
+        if _others_agree(replace(readings, problem=mended), one.rows, np.concatenate(mended.predict(x)), own):
+            yield one, Found(left=left / missed, told=_told(one, power, own), free=1 + abs(power))
+
+
+def _others_agree(mended: Readings, rows: Bool, expected: ComplexArray, factor: complex) -> bool:
+    """Whether the runs beside the one that was mended are as expected: where all differ, none is the slip."""
+    others = np.unique(mended.run[~rows]).tolist()
+    if np.unique(mended.run[rows]).size > 1 or len(others) < _FEWEST:
+        return True
+    apart = (abs(np.log(_factor(mended, mended.run == run, expected, (0,))[1])) for run in others)
+    return bool(max(apart) < abs(np.log(factor)) / _ALONE)
 
 
 def _levels(readings: Readings, known: Sequence[str]) -> Iterator[list[_Group]]:
@@ -127,13 +141,15 @@ def _set(ways: Sequence[tuple[str, Bool, str]], doubt: str = "") -> list[_Group]
     return [replace(one, other=other) for one, other in (groups, reversed(groups))]
 
 
-def _factor(readings: Readings, rows: Bool, expected: ComplexArray) -> tuple[int, complex, float]:
+def _factor(
+    readings: Readings, rows: Bool, expected: ComplexArray, powers: Sequence[int] = (0, *POWERS)
+) -> tuple[int, complex, float]:
     """Power of the frequency, and factor, by which readings are what the rest makes one expect; mostly power zero; and
     the share of their power that this leaves."""
     size = readings.sigma[rows]
     p, m = (readings.seen(values)[rows] / size for values in (expected, readings.measured))
     found = []
-    for power in (0, *POWERS):
+    for power in powers:
         own = p * (readings.s[rows] / readings.middle) ** power
         factor = complex(np.vdot(own, m) / np.vdot(own, own).real)
         found.append((power, factor, float(np.sum(np.abs(m - factor * own) ** 2) / np.sum(np.abs(m) ** 2))))
