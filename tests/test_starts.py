@@ -175,3 +175,28 @@ def test_what_may_be_a_local_minimum_is_called_so():
     assert fit.chisqr > best_from_the_truth(truth, test) + 10  # if ever a start finds it, this needs another rotor
     (doubt,) = (warning for warning in fit.warnings if "perhaps a local minimum" in warning)
     assert doubt in fit.summary()
+
+
+def test_data_that_no_rotor_explains_take_few_steps(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Random responses: of all closed forms a few steps are taken, of the better halves more, and one is left."""
+    from rotorfit.estimators.starting import starts
+
+    allowed = []
+    search = starts.minimise
+
+    def counted(*given, options, **named):
+        allowed.append(options.max_iterations)
+        return search(*given, options=options, **named)
+
+    monkeypatch.setattr(starts, "minimise", counted)
+    rng = np.random.default_rng(0)
+    w = np.concatenate([-(grid := np.linspace(20, 500, 50)), grid])
+    plane = np.repeat(["disk", "journal"], 2 * w.size)
+    response = 1e-5 * (rng.normal(size=plane.size) + 1j * rng.normal(size=plane.size))
+    test = rf.perturbation_test(
+        run=np.char.add("run ", plane), speed=150.0, frequency=np.tile(w, 4), force_plane=plane, force=2.0,
+        plane=np.tile(np.repeat(["disk", "journal"], w.size), 2), direction="z", response=response, sigma=1e-6,
+    )  # fmt: skip
+    rf.fit(rf.models.WhirlWhip(), test, known={"K3": 6000.0})
+    assert len(allowed) > 4
+    assert sum(allowed) < len(starts._PASSES) * 25  # 40 from all, as they once were, are 360 of the nine closed forms

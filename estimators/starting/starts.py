@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from numbers import Real
@@ -57,6 +57,8 @@ _EXPLICIT_MISFIT = 4.0  # mean squared misfit that noise in measured eccentricit
 _TRIED = 4  # linear starts from which a short fit is tried
 _SAME = 1e-3  # relative difference of starts that are one
 _TOGETHER = 8  # random starts fitted together
+_ROUNDS = (10, 15, 15)
+"""Steps from each start that is left, each time from half of those before."""
 _SHORT = Options(max_iterations=40, tolerance=1e-3, acceptable=1e-3)
 """Costs a millionth above their minimum rank starts; the fit that follows finds the last digits."""
 
@@ -168,8 +170,23 @@ def _guess(problem: Problem) -> tuple[Float, tuple[str, ...]]:
     if len(candidates) > 1:
         best = min(candidates, key=lambda estimate: _cost(problem, estimate.x))
     if not _explains(problem, best.x):
-        best = min(candidates, key=lambda estimate: _short_fit(problem, full_vector(problem, estimate.x)).cost)
+        best = candidates[_furthest(problem, [full_vector(problem, estimate.x) for estimate in candidates])]
     return best.x, best.notes
+
+
+def _furthest(problem: Problem, starts: Sequence[Float]) -> int:
+    """Number of the start from which a short search gets furthest: a few steps from all, more from the better half.
+
+    Where no start leads anywhere, as with data of another rotor, steps are all that the time goes into.
+    """
+    ends = dict(enumerate(starts))
+    for steps in _ROUNDS:
+        fits = {k: _short_fit(problem, end, replace(_SHORT, max_iterations=steps)) for k, end in ends.items()}
+        best = sorted(fits, key=lambda k: fits[k].cost)[: (len(fits) + 1) // 2]
+        ends = {k: fits[k].x for k in best}
+        if len(ends) == 1:
+            break
+    return next(iter(ends))
 
 
 def _few_lines(problem: Problem) -> Problem | None:
