@@ -107,6 +107,8 @@ def fit(
     several = as_tuple(experiments)
     found = fitted(model, several, settings)
     if told := slip(found, _trial):
+        others = any(warning.startswith(DATA_ERROR) for warning in found.warnings)
+        told = f"{told} What else is called an error may come of it." if others else told
         found = replace(found, warnings=(f"{DATA_ERROR}{told}", *found.warnings))
     return assuming(found, assumptions) if assumptions else found
 

@@ -114,7 +114,7 @@ class Outcome:
         """What the check of the data, or the fit, calls an error in them."""
         checked = errors_in(self.findings, [experiment.source for experiment in self.experiments])
         told = (w.removeprefix(DATA_ERROR) for w in self.fit.warnings if w.startswith(DATA_ERROR))
-        return tuple(dict.fromkeys((*checked, *told)))
+        return tuple(dict.fromkeys((*told, *checked)))  # a slip that a trial fit found comes first: it explains others
 
     @property
     def failure(self) -> str:
