@@ -60,7 +60,10 @@ RECORDING_FLOORS = (
 )  # fmt: skip
 """The same inside ``recordings/``; the third floor's are files, which may know each other."""
 INNER_FLOORS = {"estimators": ESTIMATOR_FLOORS, "recordings": RECORDING_FLOORS}
-ALONE = {"rotorfit.fitting.noise": {"rotorfit.fitting.settings"}}
+ALONE = {
+    "rotorfit.fitting.noise": {"rotorfit.fitting.settings"},
+    "rotorfit.fitting.slips": {f"rotorfit.fitting.{name}" for name in ("settings", "problem_setup", "result")},
+}
 """Rooms inside a room of loose files, and all that they may know of those."""
 UPWARD = ("rotorfit.fitting.result", "rotorfit.recordings.recording")
 """Their convenience methods (plots, profile, sample, ...) import upwards when called, as pandas does."""

@@ -30,7 +30,7 @@ from rotorfit.fitting.noise.problem import with_noise
 from rotorfit.fitting.problem_setup import as_tuple, build_problem, make_priors
 from rotorfit.fitting.result import FitResult
 from rotorfit.fitting.settings import FitSettings, PhaseOffsets
-from rotorfit.fitting.slips import slip
+from rotorfit.fitting.slips.naming import slip
 from rotorfit.models import Modal, RotorModel
 from rotorfit.models.array_types import Float
 from rotorfit.observing.jumps import usable

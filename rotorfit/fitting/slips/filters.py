@@ -8,7 +8,7 @@ import numpy as np
 
 from rotorfit.checks.probe_filters import FilteredProbe
 from rotorfit.data.channel_filters import CHANNEL_FILTERS, POWERS, ChannelFilter, values_to_try
-from rotorfit.fitting.slip_readings import PLAINLY, Found, Hint, Readings, Trial, roughly_missed
+from rotorfit.fitting.slips.readings import PLAINLY, Found, Hint, Readings, Trial, roughly_missed
 from rotorfit.models.array_types import Bool, ComplexArray
 
 _PROMISING = 0.5

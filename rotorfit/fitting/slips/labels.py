@@ -16,7 +16,7 @@ import numpy as np
 from rotorfit.data.experiments import Experiment, PerturbationTest
 from rotorfit.fitting.problem_setup import build_problem
 from rotorfit.fitting.settings import FitSettings
-from rotorfit.fitting.slip_readings import Found, Trial
+from rotorfit.fitting.slips.readings import Found, Trial
 from rotorfit.models import RotorModel
 from rotorfit.models.array_types import ComplexArray, Float, Index
 from rotorfit.units import RPM_PER_RAD_S

@@ -1,9 +1,8 @@
 """Slips in a file that only a fit gives away.
 
 Where the model misses the data by far, the fit is tried with each slip undone, and the one that explains the data is
-named: in what is told besides the readings (:mod:`rotorfit.fitting.label_slips`), by filters that readings went through
-(:mod:`rotorfit.fitting.filter_slips`), and by factors and angles that some of them have
-(:mod:`rotorfit.fitting.run_slips`).
+named: in what is told besides the readings (``labels``), by filters that readings went through (``filters``), and by
+factors and angles that some of them have (``runs``).
 """
 
 from __future__ import annotations
@@ -17,12 +16,12 @@ from rotorfit.checks.orbits import orbits_of
 from rotorfit.checks.probe_filters import FilteredProbe
 from rotorfit.checks.probe_pairs import uneven_planes
 from rotorfit.data.experiments import Experiment, PerturbationTest
-from rotorfit.fitting.filter_slips import filter_slips
-from rotorfit.fitting.label_slips import label_slips
 from rotorfit.fitting.problem_setup import build_problem
 from rotorfit.fitting.result import FitResult
-from rotorfit.fitting.run_slips import run_slips
-from rotorfit.fitting.slip_readings import PLAINLY, Found, Hint, Readings, Trial, readings_of
+from rotorfit.fitting.slips.filters import filter_slips
+from rotorfit.fitting.slips.labels import label_slips
+from rotorfit.fitting.slips.readings import PLAINLY, Found, Hint, Readings, Trial, readings_of
+from rotorfit.fitting.slips.runs import run_slips
 from rotorfit.models.array_types import ComplexArray, Float
 
 EXPLAINS = 0.1

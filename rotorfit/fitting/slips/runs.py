@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from rotorfit.data.channel_filters import POWERS, SAME, likeness
-from rotorfit.fitting.slip_readings import PLAINLY, Found, Hint, Readings, Trial
+from rotorfit.fitting.slips.readings import PLAINLY, Found, Hint, Readings, Trial
 from rotorfit.models.array_types import Bool, ComplexArray
 from rotorfit.units import RPM_PER_RAD_S
 
