@@ -69,6 +69,8 @@ def _power(w: Float, H: ComplexArray, force: Float) -> int | None:
 def _power_within(w: Float, H: ComplexArray, force: Float) -> int | None:
     """What :func:`_power` answers for one window, from a response with one resonance:
     ``H = (n0 + n1 u + n2 u^2) / (1 + d1 u + d2 u^2)``."""
+    if not H.any() or not w.any():
+        return None  # a dead probe, or no sweep: said by others
     u = w / np.abs(w).max()
     powers = u[:, None] ** np.arange(3)
     weight = force / force.max()  # of readings with equal noise
@@ -84,6 +86,8 @@ def _power_within(w: Float, H: ComplexArray, force: Float) -> int | None:
         return None
     lowest = np.abs(u) <= np.median(np.abs(u))
     level = float(np.median(np.abs(powers @ terms[:3] / below)[lowest]))  # near zero, not at a resonance
+    if not level > 0:
+        return None
     static, first, second = terms[:3] / level
     variance = lost / (w.size - 5) * np.linalg.pinv(design.conj().T @ design)[0, 0].real
     error = np.sqrt(variance) / level
