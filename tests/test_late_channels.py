@@ -55,24 +55,12 @@ def vectors(paths: list[Path], setup: str = "") -> rf.PerturbationTest:
     return test
 
 
-PROBES = """
-[[probe]]
-plane = "disk"
-channel = "disk_X"
-angle_deg = 0.0
-[[probe]]
-plane = "disk"
-channel = "disk_Y"
-angle_deg = 90.0
-[[probe]]
-plane = "journal"
-channel = "journal_X"
-angle_deg = 0.0
-[[probe]]
-plane = "journal"
-channel = "journal_Y"
-angle_deg = 90.0
-"""
+PROBES = "".join(
+    f'[[probe]]\nplane = "{plane}"\nchannel = "{plane}_{axis}"\nangle_deg = {angle}\n'
+    for plane in ("disk", "journal")
+    for axis, angle in (("X", 0.0), ("Y", 90.0))
+)
+"""The last one is journal_Y, so that what follows in a setup is said of it."""
 
 
 def test_a_late_channel_is_named_with_its_delay_and_put_right_by_the_setup(tmp_path: Path) -> None:
