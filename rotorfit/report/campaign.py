@@ -111,7 +111,7 @@ def _runs(campaign: Campaign) -> Html:
     head = ["run", *campaign.attributes, *campaign.fitted, "redchi", ""]
     rows = list(_run_rows(campaign))
     numbers = range(1 + len(campaign.attributes), len(head) - 1)
-    units = ", ".join(f"{name} in {campaign.model.parameter(name).unit}" for name in campaign.fitted)
+    units = ", ".join(f"{name} in {unit_shown(campaign.model.parameter(name).unit)}" for name in campaign.fitted)
     return section("Runs", table(head, rows, numeric=numbers), note(f"Errors are one standard deviation; {units}."))
 
 

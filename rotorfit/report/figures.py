@@ -21,7 +21,7 @@ from rotorfit.models.array_types import Float
 from rotorfit.models.parameters import bare_name
 from rotorfit.report.html import Html, element, join, paragraph, picture, table
 from rotorfit.report.numbers import plain, with_error
-from rotorfit.report.parts import at_of, groups_of, note, section, sentence, symbol
+from rotorfit.report.parts import at_of, groups_of, note, section, sentence, symbol, unit_shown
 from rotorfit.units import RPM_PER_RAD_S
 
 if TYPE_CHECKING:
@@ -230,7 +230,7 @@ def _posterior(material: ReportInput, posterior: Posterior) -> Iterator[Html]:
     fit = material.fit
     names, samples = list(posterior.names), np.asarray(posterior.samples)
     shown = _corner_columns(names, samples)
-    units = {name: p.unit for name, p in fit.params.items() if p.unit != "1"}
+    units = {name: unit_shown(p.unit) for name, p in fit.params.items() if p.unit != "1"}
     labels = [f"{names[i]}, {units[names[i]]}" if names[i] in units else names[i] for i in shown]
     marks = {
         label: fit.params[names[i]].value for i, label in zip(shown, labels, strict=True) if names[i] in fit.params

@@ -21,7 +21,7 @@ def plain(value: float, places: int = 5) -> str:
         return "–"
     if value and not 1e-4 <= abs(value) < 1e7:
         mantissa, exponent = f"{value:.{places - 1}e}".split("e")
-        return f"{mantissa}·10{_superscript(int(exponent))}".replace("-", "−")
+        return f"{mantissa}·10{superscript(int(exponent))}".replace("-", "−")
     shown = f"{value:#.{places}g}" if abs(value) < 10 ** (places - 1) else f"{value:.0f}"
     return shown.rstrip(".").replace("-", "−")
 
@@ -41,7 +41,7 @@ def with_error(value: float, error: float) -> tuple[str, str]:
 
 def _typeset(number: str) -> str:
     mantissa, _, exponent = number.partition("e")
-    return mantissa.replace("-", "−") + (f"·10{_superscript(int(exponent))}" if exponent else "")
+    return mantissa.replace("-", "−") + (f"·10{superscript(int(exponent))}" if exponent else "")
 
 
 def interval(low: float, high: float) -> str:
@@ -57,11 +57,16 @@ def interval(low: float, high: float) -> str:
     if size >= 1e7 or size < 1e-4:
         exponent = math.floor(math.log10(size))
         inner = interval(low / 10**exponent, high / 10**exponent)
-        return f"{inner}·10{_superscript(exponent)}"
+        return f"{inner}·10{superscript(exponent)}"
     return f"[{with_error(low, width)[0]}, {with_error(high, width)[0]}]"
 
 
-def _superscript(exponent: int) -> str:
+def superscript(exponent: int) -> str:
+    """An exponent as it is set, raised.
+
+    Args:
+        exponent: of ten or of a unit.
+    """
     return str(exponent).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,7 +14,7 @@ from rotorfit.models.array_types import Float
 from rotorfit.models.equation_text import symbol_mathml
 from rotorfit.plots.journal import group_label, groups_in_order
 from rotorfit.report.html import Html, element, join
-from rotorfit.report.numbers import interval
+from rotorfit.report.numbers import interval, superscript
 from rotorfit.units import RPM_PER_RAD_S
 
 if TYPE_CHECKING:
@@ -73,7 +74,7 @@ def unit_shown(unit: str) -> str:
     Args:
         unit: as a model writes it, ``kg m^2`` for instance.
     """
-    return "" if unit == "1" else unit.replace("^2", "²")
+    return "" if unit == "1" else re.sub(r"\^(\d+)", lambda found: superscript(int(found[1])), unit)
 
 
 def groups_of(fit: FitResult) -> list[tuple[str, int]]:

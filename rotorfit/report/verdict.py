@@ -19,7 +19,16 @@ from rotorfit.models.stability import growth_rate
 from rotorfit.report.assumptions import found_assumptions
 from rotorfit.report.html import Html, bullets, element, join
 from rotorfit.report.numbers import interval, plain, with_error
-from rotorfit.report.parts import at_of, groups_of, onset_interval, section, sentence, tested_speeds, threshold_interval
+from rotorfit.report.parts import (
+    at_of,
+    groups_of,
+    onset_interval,
+    section,
+    sentence,
+    tested_speeds,
+    threshold_interval,
+    unit_shown,
+)
 from rotorfit.units import RPM_PER_RAD_S
 
 if TYPE_CHECKING:
@@ -264,4 +273,4 @@ def _fluid_cards(fit: FitResult) -> Iterator[Html]:
         else:
             more = fit.systematic(p.name)
             shown = [f"± {plain(more, 2)} systematic, by the assumptions given"] if more else []
-            yield _card(name, _plus_minus(p.value, p.stderr), *shown, unit="" if p.unit == "1" else p.unit)
+            yield _card(name, _plus_minus(p.value, p.stderr), *shown, unit=unit_shown(p.unit))
