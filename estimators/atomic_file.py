@@ -15,12 +15,6 @@ def whole_file(path: Path) -> Iterator[Path]:
 
     No reader ever sees half a file, and a failure or a kill leaves an old one as it was: the draft is on disk before
     it is renamed.
-
-    Args:
-        path: the file, replaced if it exists.
-
-    Raises:
-        FileNotFoundError: its folder is not there.
     """
     if not path.parent.is_dir():
         raise FileNotFoundError(f"cannot write {path}: there is no folder {path.parent}")

@@ -26,24 +26,15 @@ FEWEST = 2
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Change:
-    """The most likely change of level in N dates of P values.
+    """The most likely change of level in N dates of P values."""
 
-    Attributes:
-        index: first date after the change.
-        before, after: mean levels, shape ``(P,)``.
-        scatter: covariance of one date about its level, shape ``(P, P)``.
-        covariance: of the difference ``after - before``, shape ``(P, P)``.
-        freedom: degrees of freedom of the scatter.
-        p_value: share of orders of the dates that show as large a change by chance.
-    """
-
-    index: int
-    before: Float
-    after: Float
-    scatter: Float
-    covariance: Float
-    freedom: int
-    p_value: float
+    index: int  # first date after the change
+    before: Float  # mean levels, shape ``(P,)``
+    after: Float  # mean levels, shape ``(P,)``
+    scatter: Float  # covariance of one date about its level, shape ``(P, P)``
+    covariance: Float  # of the difference ``after - before``, shape ``(P, P)``
+    freedom: int  # degrees of freedom of the scatter
+    p_value: float  # share of orders of the dates that show as large a change by chance
 
     @property
     def shift(self) -> Float:
@@ -52,25 +43,12 @@ class Change:
 
 
 def fewest_dates(count: int) -> int:
-    """Dates that a full covariance needs before a change can be told from it.
-
-    Args:
-        count: values at each date.
-    """
+    """Dates that a full covariance needs before a change can be told from it."""
     return max(2 * FEWEST + 2, count + 4)
 
 
 def find_change(values: Float, *, orders: int = 1999, seed: int = 0) -> Change:
-    """The most likely change of level.
-
-    Args:
-        values: one row a date, in order of time, shape ``(N, P)``.
-        orders: random orders to compare with; the smallest p-value is one over their number.
-        seed: of the orders.
-
-    Raises:
-        ValueError: fewer dates than :func:`fewest_dates`, or values that do not scatter at all.
-    """
+    """The most likely change of level."""
     n, p = values.shape
     if n < fewest_dates(p):
         raise ValueError(f"a change in {p} values needs at least {fewest_dates(p)} dates, there are {n}")
@@ -110,10 +88,6 @@ def _distances(white: Float) -> Float:
 
 def along(change: Change, direction: Float) -> tuple[float, float, float]:
     """The change as a multiple of one direction: multiple, standard error, and probability of what is left over.
-
-    Args:
-        change: what was found.
-        direction: of the cause to be tried, shape ``(P,)``; its mark on all values, at size one.
 
     Returns:
         the size of the cause by generalised least squares, its standard error, and the probability of a remainder as

@@ -8,11 +8,7 @@ from rotorfit.models.array_types import Float, Index
 
 
 def cheapest_rows(cost: Float) -> Index:
-    """Row for each column, no row twice, so that the sum of their costs is least.
-
-    Args:
-        cost: finite, at least as many rows as columns, shape ``(n, m)``.
-    """
+    """Row for each column, no row twice, so that the sum of their costs is least."""
     nearest: Index = cost.argmin(axis=0)
     if np.unique(nearest).size == nearest.size:  # no two want the same: nothing can be cheaper
         return nearest

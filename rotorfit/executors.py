@@ -20,12 +20,6 @@ def carry_out(
 
     An item whose worker was lost is sent again, and worked on here in the end: none is lost. What the work itself
     raises is raised when it is done here.
-
-    Args:
-        work: a function that can be sent to a worker.
-        items: what it is called with.
-        executor: any ``concurrent.futures`` executor, also Dask's ``client.get_executor()``; None: this process.
-        done: called with each item when it is done.
     """
     results: dict[int, T] = {}
     left = list(range(len(items)))

@@ -45,16 +45,7 @@ but for those that only their case tells apart."""
 
 
 def si_factor(quantity: str, unit: str) -> float:
-    """Factor that takes a value in ``unit`` to SI, 0-peak, phase lead.
-
-    Args:
-        quantity: a key of :data:`UNITS`.
-        unit: as in column names: ``rpm``, ``um_pp``, ``g_mm``, ``lag_deg``; upper and lower case are the same but for
-            milli (``mN``) and mega (``MN``).
-
-    Raises:
-        ValueError: unknown quantity or unit; the message lists those there are. Or a unit that its case leaves open.
-    """
+    """Factor that takes a value in ``unit`` to SI, 0-peak, phase lead."""
     if quantity not in UNITS:
         raise ValueError(unknown_name("quantity", quantity, UNITS))
     units = UNITS[quantity]
@@ -65,15 +56,7 @@ def si_factor(quantity: str, unit: str) -> float:
 
 
 def find_unit(unit: str, units: Mapping[str, float]) -> float | None:
-    """Factor of a unit however it is spelled, ``None`` for one that the table does not have.
-
-    Args:
-        unit: as someone wrote it.
-        units: factors by unit, such as a value of :data:`UNITS`.
-
-    Raises:
-        ValueError: the case leaves open whether milli or mega is meant.
-    """
+    """Factor of a unit however it is spelled, ``None`` for one that the table does not have."""
     spelled = unit.replace("\u00b5", "u").replace("\u03bc", "u")
     if spelled in units:
         return units[spelled]
@@ -87,9 +70,5 @@ def find_unit(unit: str, units: Mapping[str, float]) -> float | None:
 
 
 def units_of(*quantities: str) -> dict[str, float]:
-    """Units of several quantities in one table, for columns that may hold either.
-
-    Args:
-        quantities: keys of :data:`UNITS`, ``displacement`` and ``tilt`` for instance.
-    """
+    """Units of several quantities in one table, for columns that may hold either."""
     return {unit: factor for quantity in quantities for unit, factor in UNITS[quantity].items()}

@@ -18,20 +18,13 @@ class JournalCoefficients:
 
     An observation is ``kxx + j kxy``, ``cxx + j cxy`` or ``mxx + j mxy``, its parts over their own standard
     deviations, which differ by decades; ``mxy = 0`` in an isotropic fluid. Rows follow one another power by power.
-
-    Attributes:
-        model: the rotor; what else acts at the journal (mass, springs) belongs to the coefficients too.
-        speed, eccentricity: shape ``(L,)``.
-        group: parameter group of each row, shape ``(L,)``.
-        spread: standard deviation of the real and of the imaginary part of each observation, shape ``(3 L, 2)``.
-        measured, label, labels, run: see :class:`~rotorfit.estimators.blocks.observations.Block`.
     """
 
-    model: RotorModel
-    speed: Float
-    eccentricity: Float
-    group: Index
-    spread: Float
+    model: RotorModel  # the rotor; what else acts at the journal (mass, springs) belongs to the coefficients too
+    speed: Float  # shape ``(L,)``
+    eccentricity: Float  # shape ``(L,)``
+    group: Index  # parameter group of each row, shape ``(L,)``
+    spread: Float  # standard deviation of the real and of the imaginary part of each observation, shape ``(3 L, 2)``
     measured: ComplexArray
     label: Index
     labels: tuple[str, ...]

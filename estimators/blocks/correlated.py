@@ -20,21 +20,13 @@ class CorrelatedResponses(OnResponses):
 
     The fit is weighted by ``correlation``, a structure simple enough to be estimated from few mountings; error bars
     come from ``covariance``, which assumes no structure but has too small a rank to weigh by.
-
-    Attributes:
-        base: the readings; their sigma is the square root of the weighing variances.
-        correlation: what the fit is weighted by, unit diagonal, shape ``(R, R)``, Hermitian.
-        covariance: of the readings over sigma, shape ``(R, R)``, Hermitian; of real and imaginary parts each.
-        freedom: degrees of freedom behind ``covariance``.
-        weight_freedom: those behind the weight of each channel.
-        remarks: sentences on where the errors come from.
     """
 
-    correlation: ComplexArray
-    covariance: ComplexArray
-    freedom: float
-    weight_freedom: float
-    remarks: tuple[str, ...] = ()
+    correlation: ComplexArray  # what the fit is weighted by, unit diagonal, shape ``(R, R)``, Hermitian
+    covariance: ComplexArray  # of the readings over sigma, shape ``(R, R)``, Hermitian
+    freedom: float  # degrees of freedom behind ``covariance``
+    weight_freedom: float  # those behind the weight of each channel
+    remarks: tuple[str, ...] = ()  # sentences on where the errors come from
 
     def predict(self, theta: Float) -> ComplexArray:
         """See :class:`~rotorfit.estimators.blocks.observations.Block`."""
@@ -85,32 +77,18 @@ class CorrelatedResponses(OnResponses):
 
 
 def whiten(block: Block, misses: ComplexArray) -> ComplexArray:
-    """Residuals of a block, shape ``(..., R)``, over their noise and free of what they have in common.
-
-    Args:
-        block: observations that the misses are of.
-        misses: predicted minus measured, in units of the readings, shape ``(..., R)``.
-    """
+    """Residuals of a block, shape ``(..., R)``, over their noise and free of what they have in common."""
     scaled = misses / block.sigma
     return np.asarray(scaled @ block.mixing.T) if isinstance(block, CorrelatedResponses) else scaled
 
 
 def freedom_of(blocks: Iterable[Block]) -> float:
-    """Degrees of freedom from which the noise of the readings is known; infinite where it was given or sampled well.
-
-    Args:
-        blocks: all observations of a fit.
-    """
+    """Degrees of freedom from which the noise of the readings is known; infinite where it was given or sampled well."""
     return min((b.freedom for b in blocks if isinstance(b, CorrelatedResponses)), default=math.inf)
 
 
 def quantile(level: float, freedom: float) -> float:
-    """Standard errors on either side of an estimate that make an interval; Student's t for few mountings.
-
-    Args:
-        level: probability that the interval is to have, 0.95 for instance.
-        freedom: degrees of freedom behind the error, infinite for the normal distribution.
-    """
+    """Standard errors on either side of an estimate that make an interval; Student's t for few mountings."""
     reach = (1 + level) / 2
     if not math.isfinite(freedom):
         return NormalDist().inv_cdf(reach)

@@ -22,19 +22,12 @@ OrbitBranch = Literal["nearest", "followed", "given"]
 
 @dataclass(frozen=True, eq=False)
 class _State:
-    """Orbits at parameter vectors, lines along the last axis.
+    """Orbits at parameter vectors, lines along the last axis."""
 
-    Attributes:
-        theta: parameter vector of each line, shape ``(..., L or 1, P)``.
-        eps: journal's eccentricity, shape ``(..., L)``.
-        H: receptance at that eccentricity, shape ``(n, n, ..., L)``.
-        amplitude: response of every coordinate, shape ``(n, ..., L)``.
-    """
-
-    theta: Float
-    eps: Float
-    H: ComplexArray
-    amplitude: ComplexArray
+    theta: Float  # parameter vector of each line, shape ``(..., L or 1, P)``
+    eps: Float  # journal's eccentricity, shape ``(..., L)``
+    H: ComplexArray  # receptance at that eccentricity, shape ``(n, n, ..., L)``
+    amplitude: ComplexArray  # response of every coordinate, shape ``(n, ..., L)``
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,19 +35,12 @@ class OrbitResponses(OnResponses):
     """Centred orbits under circular forces, or displacements under constant loads (w = 0), of a nonlinear rotor.
 
     The journal's eccentricity solves ``kappa(w, |A_b|) A = F``; see :mod:`rotorfit.models.orbits`.
-
-    Attributes:
-        base: the readings, as of a linear rotor.
-        eccentricity: measured eccentricity of the journal in each line, NaN where it was not measured, shape
-            ``(L,)``.
-        mode: which root: the ``nearest`` to the measured eccentricity, or that which a sweep reaches when it is
-            ``followed`` line by line; or the eccentricity is ``given``, which leaves an explicit equation.
-        sweep: number of the sweep of each line, for ``followed``; lines are in the sweep's order.
     """
 
+    # measured eccentricity of the journal in each line, NaN where it was not measured, shape ``(L,)``
     eccentricity: Float
-    mode: OrbitBranch
-    sweep: Index
+    mode: OrbitBranch  # which root
+    sweep: Index  # number of the sweep of each line, for ``followed``; lines are in the sweep's order
 
     @property
     def journal(self) -> Journal:
@@ -69,19 +55,11 @@ class OrbitResponses(OnResponses):
         return replace(self, mode="given", eccentricity=np.nan_to_num(self.eccentricity))
 
     def lines(self, keep: Bool) -> OrbitResponses:
-        """The observations of some lines.
-
-        Args:
-            keep: which of the lines, shape ``(L,)``.
-        """
+        """The observations of some lines."""
         return OrbitResponses(self.base.lines(keep), self.eccentricity[keep], self.mode, self.sweep[keep])
 
     def orbits(self, theta: Float) -> Float:
-        """Eccentricity of the journal in each line, shape ``(..., L)``.
-
-        Args:
-            theta: parameter vectors of the groups, shape ``(..., G, P)``.
-        """
+        """Eccentricity of the journal in each line, shape ``(..., L)``."""
         return self._state(theta).eps
 
     def _state(self, theta: Float) -> _State:
@@ -194,10 +172,6 @@ class OrbitResponses(OnResponses):
     def _orbit_slopes(self, state: _State, slopes: ComplexArray) -> Float:
         """Derivatives of the eccentricities by the parameters, shape ``(P, ..., L)``; zero where the orbit fills the
         gap.
-
-        Args:
-            state: orbits.
-            slopes: derivatives of the journal's amplitude by the parameters and the eccentricity.
         """
         seat, moving = self.journal, state.amplitude[self.journal.at]
         size = np.abs(moving)
@@ -210,14 +184,7 @@ class OrbitResponses(OnResponses):
     def _slopes(
         self, left: ComplexArray, by_kappa: ComplexArray, known: KnownStiffness | None, right: ComplexArray, count: int
     ) -> ComplexArray:
-        """``-left dkappa right`` by the parameters and, last, by eccentricity, shape ``(P + 1, ..., L)``.
-
-        Args:
-            left, right: vectors of each line, shape ``(n, ..., L)``.
-            by_kappa: derivatives of the stiffness, see :class:`~rotorfit.models.line_stiffness.LineStiffness`.
-            known: the known structure's.
-            count: number of parameters.
-        """
+        """``-left dkappa right`` by the parameters and, last, by eccentricity, shape ``(P + 1, ..., L)``."""
         graph = line_stiffness(self.model)
         total = np.zeros((count + 1, *left.shape[1:]), dtype=complex)
         products: dict[tuple[int, int], ComplexArray] = {}
@@ -232,11 +199,7 @@ class OrbitResponses(OnResponses):
 
 
 def inverse_of_lines(kappa: ComplexArray) -> ComplexArray:
-    """Inverse of many small matrices, lines along the last axis, same shape.
-
-    Args:
-        kappa: shape ``(n, n, ..., L)``.
-    """
+    """Inverse of many small matrices, lines along the last axis, same shape."""
     if kappa.shape[0] == 1:
         return np.asarray(1.0 / kappa)
     flat = inverse(np.moveaxis(kappa.reshape(*kappa.shape[:2], -1), -1, 0))
@@ -244,11 +207,7 @@ def inverse_of_lines(kappa: ComplexArray) -> ComplexArray:
 
 
 def responses_of(block: object) -> Responses | None:
-    """The responses to circular forces or constant loads that a block holds, if any.
-
-    Args:
-        block: any observations, or what may be such.
-    """
+    """The responses to circular forces or constant loads that a block holds, if any."""
     if isinstance(block, OrbitResponses | CorrelatedResponses):
         return block.base
     return block if isinstance(block, Responses) else None

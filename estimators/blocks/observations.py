@@ -19,13 +19,6 @@ class Block(Protocol):
     """Complex observations whose predictions depend on the parameter vectors of some groups.
 
     A group is a set of readings that share one parameter vector; ``theta`` below has shape ``(G, P)``.
-
-    Attributes:
-        measured: complex observations, shape ``(R,)``.
-        sigma: standard deviation of their real and of their imaginary part, shape ``(R,)``.
-        label: running number of the response (run and channel) each belongs to, shape ``(R,)``.
-        labels: names of the responses.
-        run: name of the run of each observation, shape ``(R,)``.
     """
 
     @property
@@ -59,60 +52,36 @@ class Block(Protocol):
         ...
 
     def predict(self, theta: Float) -> ComplexArray:
-        """Predictions, shape ``(R,)``.
-
-        Args:
-            theta: parameter vectors of the groups, shape ``(G, P)``.
-        """
+        """Predictions, shape ``(R,)``."""
         ...
 
     def predict_jacobian(self, theta: Float) -> tuple[ComplexArray, ComplexArray]:
-        """Predictions and their derivatives by the group's own parameters, shapes ``(R,)`` and ``(R, P)``.
-
-        Args:
-            theta: parameter vectors of the groups, shape ``(G, P)``.
-        """
+        """Predictions and their derivatives by the group's own parameters, shapes ``(R,)`` and ``(R, P)``."""
         ...
 
     def with_noise(self, factor: Float) -> Self:
-        """The same observations with each sigma multiplied by a factor, shape ``(R,)``.
-
-        Args:
-            factor: of each reading, shape ``(R,)``.
-        """
+        """The same observations with each sigma multiplied by a factor, shape ``(R,)``."""
         ...
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Responses:
-    """Responses to circular forces, or forces under imposed orbits, one line a run at one frequency.
+    """Responses to circular forces, or forces under imposed orbits, one line a run at one frequency."""
 
-    Attributes:
-        model: the rotor whose coordinates these are.
-        speed, frequency: rad/s, shape ``(L,)``.
-        force: generalised force, shape ``(L, n)``; with ``imposed``, the imposed displacement instead.
-        group: parameter group of each line, shape ``(L,)``.
-        line, coordinate: line and coordinate of each reading, shape ``(R,)``, lines ascending.
-        measured, sigma, label, run: see :class:`Block`, shape ``(R,)``.
-        labels: names of the responses.
-        imposed: the displacement is imposed and ``measured`` is the force.
-        told: sigma was given with all readings, not estimated from them.
-    """
-
-    model: RotorModel
-    speed: Float
-    frequency: Float
-    force: ComplexArray
-    group: Index
-    line: Index
-    coordinate: Index
+    model: RotorModel  # the rotor whose coordinates these are
+    speed: Float  # rad/s, shape ``(L,)``
+    frequency: Float  # rad/s, shape ``(L,)``
+    force: ComplexArray  # generalised force, shape ``(L, n)``; with ``imposed``, the imposed displacement instead
+    group: Index  # parameter group of each line, shape ``(L,)``
+    line: Index  # line and coordinate of each reading, shape ``(R,)``, lines ascending
+    coordinate: Index  # line and coordinate of each reading, shape ``(R,)``, lines ascending
     measured: ComplexArray
     sigma: Float
     label: Index
-    labels: tuple[str, ...]
+    labels: tuple[str, ...]  # names of the responses
     run: Text
-    imposed: bool = False
-    told: bool = True
+    imposed: bool = False  # the displacement is imposed and ``measured`` is the force
+    told: bool = True  # sigma was given with all readings, not estimated from them
 
     @property
     def reading_group(self) -> Index:
@@ -157,19 +126,11 @@ class Responses:
         return size if np.array_equal(number, np.repeat(np.arange(pairs), size)) else 0
 
     def known_stiffness(self, theta: Float) -> KnownStiffness | None:
-        """Dynamic stiffness of the model's known structure at each line, if it has one.
-
-        Args:
-            theta: parameter vectors of the groups, shape ``(G, P)``.
-        """
+        """Dynamic stiffness of the model's known structure at each line, if it has one."""
         return None if self.model.shaft is None else self.model.known_stiffness(theta[self.group], self.s, self.speed)
 
     def split(self, readings: int) -> list[Responses]:
-        """The same observations in pieces of whole lines.
-
-        Args:
-            readings: how many a piece has at most; a line with more is a piece of its own.
-        """
+        """The same observations in pieces of whole lines."""
         if self.measured.size <= readings:
             return [self]
         first = np.searchsorted(self.line, np.arange(self.speed.size + 1))
@@ -186,11 +147,7 @@ class Responses:
         return pieces
 
     def lines(self, keep: Bool) -> Responses:
-        """The observations of some lines.
-
-        Args:
-            keep: which of the lines, shape ``(L,)``.
-        """
+        """The observations of some lines."""
         readings = keep[self.line]
         names = ("coordinate", "measured", "sigma", "label", "run")
         by_reading = {name: getattr(self, name)[readings] for name in names}
@@ -223,13 +180,9 @@ class Responses:
 
 @dataclass(frozen=True, eq=False)
 class OnResponses:
-    """Observations that are responses seen in another way: their labels, runs and noise are those of the responses.
+    """Observations that are responses seen in another way: their labels, runs and noise are those of the responses."""
 
-    Attributes:
-        base: the readings as of a linear rotor.
-    """
-
-    base: Responses
+    base: Responses  # the readings as of a linear rotor
 
     @property
     def model(self) -> RotorModel:
@@ -267,9 +220,5 @@ class OnResponses:
         return self.base.reading_group
 
     def with_noise(self, factor: Float) -> Self:
-        """See :meth:`Block.with_noise`.
-
-        Args:
-            factor: of each reading, shape ``(R,)``.
-        """
+        """See :meth:`Block.with_noise`."""
         return replace(self, base=self.base.with_noise(factor))

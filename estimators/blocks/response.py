@@ -24,9 +24,6 @@ def inverse(kappa: ComplexArray) -> ComplexArray:
     """Inverse of many small matrices; one and two rows in closed form.
 
     The result is stored as ``[column, row, line]``: what runs along the lines is contiguous.
-
-    Args:
-        kappa: shape ``(L, n, n)``.
     """
     n = kappa.shape[-1]
     result = np.empty((n, n, kappa.shape[0]), dtype=complex)
@@ -46,12 +43,7 @@ def inverse(kappa: ComplexArray) -> ComplexArray:
 
 
 def dynamic_stiffness(block: Responses, theta: Float) -> ComplexArray:
-    """Dynamic stiffness of every line, shape ``(L, n, n)``, stored as ``[row, column, line]``.
-
-    Args:
-        block: the readings, whose conditions and frequencies are taken.
-        theta: parameter vectors of the groups, shape ``(G, P)``.
-    """
+    """Dynamic stiffness of every line, shape ``(L, n, n)``, stored as ``[row, column, line]``."""
     index, group, speed = block.condition
     if speed.size == 1:
         coefficients = block.model.coefficients(theta[group[0]], speed[0])[..., None]
@@ -70,17 +62,11 @@ def dynamic_stiffness(block: Responses, theta: Float) -> ComplexArray:
 
 @dataclass(frozen=True, eq=False)
 class _Products:
-    """Distinct products ``left_row s^power right_column`` that the sensitivities of a model consist of.
+    """Distinct products ``left_row s^power right_column`` that the sensitivities of a model consist of."""
 
-    Attributes:
-        used: entries of the coefficients' Jacobian by parameters.
-        place: product of each of these entries.
-        factors: row, column and power of each product.
-    """
-
-    used: Index
-    place: Index
-    factors: tuple[tuple[int, int, int], ...]
+    used: Index  # entries of the coefficients' Jacobian by parameters
+    place: Index  # product of each of these entries
+    factors: tuple[tuple[int, int, int], ...]  # row, column and power of each product
 
 
 @lru_cache(maxsize=32)
@@ -96,10 +82,6 @@ def _sensitivities(block: Responses, theta: Float, left: ComplexArray, right: Co
 
     Few products ``left_row s^power right_column`` are shared by all parameters, so that the work along the lines is to
     make those and to multiply them by a small matrix.
-
-    Args:
-        left: row vector of each reading, shape ``(n, R)``.
-        right: column vector of each reading, shape ``(n, R)``.
     """
     _, group, speed = block.condition
     products = _products(block.model.functions)
@@ -132,11 +114,6 @@ def _sensitivities(block: Responses, theta: Float, left: ComplexArray, right: Co
 def respond(block: Responses, theta: Float, jacobian: bool = False) -> tuple[ComplexArray, ComplexArray | None]:
     """Predicted readings, and on request their derivatives.
 
-    Args:
-        block: the readings.
-        theta: parameter vectors of the groups, shape ``(G, P)``.
-        jacobian: whether to differentiate.
-
     Returns:
         readings, shape ``(R,)``, and derivatives by the group's parameters, shape ``(R, P)``.
     """
@@ -168,11 +145,6 @@ def displacement_to_force(
 
     The force is the displacement over the drive-point receptance; with one plane, ``kappa A``.
     Arguments and results as for :func:`respond`.
-
-    Args:
-        block: readings of forces under imposed orbits; its ``force`` is the displacement, m.
-        theta: parameter vectors of the groups, shape ``(G, P)``.
-        jacobian: whether to differentiate.
     """
     line, coordinate = block.line, block.coordinate
     H = inverse(dynamic_stiffness(block, theta))

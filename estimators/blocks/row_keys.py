@@ -19,20 +19,13 @@ def numbers(column: NDArray[Any]) -> Index:
 
     Equal entries that follow one another in long stretches, as names of runs do, are compared with their neighbours
     only.
-
-    Args:
-        column: numbers or text.
     """
     heads, lengths = _stretches(column)
     return _spread(_first_places(heads)[1] if column.dtype.kind == "U" else _ranks(heads), lengths)
 
 
 def words(column: NDArray[Any]) -> tuple[list[Any], Index]:
-    """Distinct entries in the order of the rows, and the number of each row's entry among them.
-
-    Args:
-        column: text, or numbers, none of them NaN.
-    """
+    """Distinct entries in the order of the rows, and the number of each row's entry among them."""
     if column.dtype.kind != "U":
         first, number = in_order(numbers(column))
         return column[first].tolist(), number
@@ -90,11 +83,7 @@ def _ranks(column: NDArray[Any]) -> Index:
 
 
 def in_order(keys: Index) -> tuple[Index, Index]:
-    """First occurrence of each distinct key, in the order of the rows, and the number of each row's key among them.
-
-    Args:
-        keys: a number for each row.
-    """
+    """First occurrence of each distinct key, in the order of the rows, and the number of each row's key among them."""
     if not keys.size:
         return keys, keys
     most = int(keys.max())
@@ -111,11 +100,7 @@ def in_order(keys: Index) -> tuple[Index, Index]:
 
 
 def combined(*columns: Index) -> Index:
-    """One number for each row that is equal where all columns are.
-
-    Args:
-        columns: numbers of each row, from zero on.
-    """
+    """One number for each row that is equal where all columns are."""
     key: Index = np.zeros(columns[0].shape, dtype=np.intp)
     width = 1
     for column in columns:

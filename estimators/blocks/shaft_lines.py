@@ -17,25 +17,15 @@ from rotorfit.models.turning_on_supports import LinesFrame
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class LineResponses:
-    """Lines under rotating forces, or without a force, one a reading, all of shape ``(R,)``.
+    """Lines under rotating forces, or without a force, one a reading, all of shape ``(R,)``."""
 
-    Attributes:
-        model: the shaft.
-        speed, frequency: Om and w, rad/s.
-        force: complex amplitude of the force at w, N.
-        direction: ``z`` or ``twist``.
-        line: name of the line.
-        reading_group: parameter group.
-        measured, sigma, label, labels, run: see :class:`~rotorfit.estimators.blocks.observations.Block`.
-    """
-
-    model: AnisotropicShaft
-    speed: Float
-    frequency: Float
-    force: ComplexArray
-    direction: Text
-    line: Text
-    reading_group: Index
+    model: AnisotropicShaft  # the shaft
+    speed: Float  # Om and w, rad/s
+    frequency: Float  # Om and w, rad/s
+    force: ComplexArray  # complex amplitude of the force at w, N
+    direction: Text  # ``z`` or ``twist``
+    line: Text  # name of the line
+    reading_group: Index  # parameter group
     measured: ComplexArray
     sigma: Float
     label: Index
@@ -93,11 +83,7 @@ class LineResponses:
 
 
 def is_image_line(line: Text) -> Bool:
-    """Whether lines are images, whose frequency falls as w rises: ``2Om-w``, ``-w``.
-
-    Args:
-        line: names.
-    """
+    """Whether lines are images, whose frequency falls as w rises: ``2Om-w``, ``-w``."""
     return np.asarray(np.char.find(line, "-w") >= 0)
 
 
@@ -106,20 +92,13 @@ class PairResponses(OnResponses):
     """Lines of a rotor with a turning element, such as w and the image 2 Om - w, one a reading, all of shape ``(R,)``.
 
     In turning coordinates they are ordinary responses: the vector (A, conj(B), ...) at w - Om.
-
-    Attributes:
-        base: the same readings in turning coordinates, images conjugated.
-        speed, frequency: Om and w, rad/s.
-        force: complex amplitude of the force at w, N.
-        direction: ``z``.
-        line: ``w``, ``2Om-w``, on supports that differ in two directions ``-w`` and others.
     """
 
-    speed: Float
-    frequency: Float
-    force: ComplexArray
-    direction: Text
-    line: Text
+    speed: Float  # Om and w, rad/s
+    frequency: Float  # Om and w, rad/s
+    force: ComplexArray  # complex amplitude of the force at w, N
+    direction: Text  # ``z``
+    line: Text  # ``w``, ``2Om-w``, on supports that differ in two directions ``-w`` and others
 
     @property
     def measured(self) -> ComplexArray:
@@ -127,11 +106,7 @@ class PairResponses(OnResponses):
         return self._turned_back(self.base.measured)
 
     def cut_off(self, theta: Float) -> Float:
-        """What lines that the model leaves out would change, m, shape ``(R,)``: with two more on either side.
-
-        Args:
-            theta: parameter vectors of the groups, shape ``(G, P)``.
-        """
+        """What lines that the model leaves out would change, m, shape ``(R,)``: with two more on either side."""
         frame = self.base.model
         if not isinstance(frame, LinesFrame):
             return np.zeros(self.measured.size)

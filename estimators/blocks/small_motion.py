@@ -17,32 +17,19 @@ from rotorfit.models.off_centre import coupled_stiffness, off_centre_eigenvalues
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class OffCentreResponses:
-    """Small responses to circular forces about an off-centre equilibrium; the fluid couples both directions.
+    """Small responses to circular forces about an off-centre equilibrium; the fluid couples both directions."""
 
-    Attributes:
-        model: the rotor.
-        speed, frequency: rad/s, frequency signed by the sense of the force, shape ``(L,)``.
-        force: generalised force in complex coordinates, shape ``(L, n)``.
-        eccentricity, attitude: static position of the journal in each line: |z_s| over clearance, and its angle in
-            rad.
-        group: parameter group of each line.
-        line, coordinate: line and complex coordinate of each reading, shape ``(R,)``.
-        vertical: whether a reading is that of the y probe, shape ``(R,)``.
-        measured: phasors relative to ``exp(+j|w|t)``, shape ``(R,)``.
-        sigma, label, labels, run: see :class:`~rotorfit.estimators.blocks.observations.Block`.
-    """
-
-    model: RotorModel
-    speed: Float
-    frequency: Float
-    force: ComplexArray
-    eccentricity: Float
-    attitude: Float
-    group: Index
-    line: Index
-    coordinate: Index
-    vertical: Bool
-    measured: ComplexArray
+    model: RotorModel  # the rotor
+    speed: Float  # rad/s, frequency signed by the sense of the force, shape ``(L,)``
+    frequency: Float  # rad/s, frequency signed by the sense of the force, shape ``(L,)``
+    force: ComplexArray  # generalised force in complex coordinates, shape ``(L, n)``
+    eccentricity: Float  # static position of the journal in each line: |z_s| over clearance, and its angle in rad
+    attitude: Float  # static position of the journal in each line: |z_s| over clearance, and its angle in rad
+    group: Index  # parameter group of each line
+    line: Index  # line and complex coordinate of each reading, shape ``(R,)``
+    coordinate: Index  # line and complex coordinate of each reading, shape ``(R,)``
+    vertical: Bool  # whether a reading is that of the y probe, shape ``(R,)``
+    measured: ComplexArray  # phasors relative to ``exp(+j|w|t)``, shape ``(R,)``
     sigma: Float
     label: Index
     labels: tuple[str, ...]
@@ -66,11 +53,7 @@ class OffCentreResponses:
         return vectors, H, np.einsum("ij...l,lj->i...l", H, drive)
 
     def _read(self, pairs: ComplexArray) -> ComplexArray:
-        """Probe phasors ``X = A + conj(B)``, ``Y = -j (A - conj(B))`` of (A, conj(B)) of each line.
-
-        Args:
-            pairs: shape ``(2n, ..., L)``; readings come along the last axis.
-        """
+        """Probe phasors ``X = A + conj(B)``, ``Y = -j (A - conj(B))`` of (A, conj(B)) of each line."""
         n = pairs.shape[0] // 2
         A, B = pairs[self.coordinate, ..., self.line], pairs[n + self.coordinate, ..., self.line]
         vertical = self.vertical.reshape(-1, *[1] * (A.ndim - 1))
@@ -123,21 +106,13 @@ class OffCentreResponses:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class FreeVibrations:
-    """Eigenvalues of small free motion about equilibria, each the one nearest to what was measured.
+    """Eigenvalues of small free motion about equilibria, each the one nearest to what was measured."""
 
-    Attributes:
-        model: the rotor.
-        speed, eccentricity: rotative speed, rad/s, and static eccentricity of the journal, shape ``(R,)``.
-        reading_group: parameter group, shape ``(R,)``.
-        measured: eigenvalues ``s = -zeta |s| + j w_d``, 1/s, shape ``(R,)``.
-        sigma, label, labels, run: see :class:`~rotorfit.estimators.blocks.observations.Block`.
-    """
-
-    model: RotorModel
-    speed: Float
-    eccentricity: Float
-    reading_group: Index
-    measured: ComplexArray
+    model: RotorModel  # the rotor
+    speed: Float  # rotative speed, rad/s, and static eccentricity of the journal, shape ``(R,)``
+    eccentricity: Float  # rotative speed, rad/s, and static eccentricity of the journal, shape ``(R,)``
+    reading_group: Index  # parameter group, shape ``(R,)``
+    measured: ComplexArray  # eigenvalues ``s = -zeta |s| + j w_d``, 1/s, shape ``(R,)``
     sigma: Float
     label: Index
     labels: tuple[str, ...]

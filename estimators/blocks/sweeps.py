@@ -10,11 +10,7 @@ from rotorfit.models.array_types import Float, Index
 
 
 def force_plane(block: Responses) -> Index:
-    """Coordinate that the force of each reading acts at, shape ``(R,)``.
-
-    Args:
-        block: the readings.
-    """
+    """Coordinate that the force of each reading acts at, shape ``(R,)``."""
     return np.asarray(np.argmax(np.abs(block.force), axis=1))[block.line]
 
 
@@ -22,10 +18,6 @@ def sweeps_of(block: Responses, *, synchronous: bool = False) -> list[Index]:
     """Readings of each sweep, ordered by frequency.
 
     Frequencies that one run holds again, at another level of force, are another sweep.
-
-    Args:
-        block: the readings.
-        synchronous: the frequency is the speed, so that a sweep runs over speeds.
     """
     kept = block.layout_notes
     if ("sweeps", synchronous) not in kept:

@@ -30,13 +30,6 @@ def widening(redchi: float, loss: Loss, *, levelled: bool = False, nfree: int = 
     that follows from the residuals' own scatter (the sandwich), and so have noise levels that the residuals set. Noise
     that is known from few mountings makes redchi scatter by itself: what is within reach of chance (5 %, by the F
     distribution) is then no misfit of the model.
-
-    Args:
-        redchi: reduced chi-squared; NaN, where nothing is left to judge by, widens nothing.
-        loss: of the fit.
-        levelled: the noise was scaled to the residuals.
-        nfree: degrees of freedom of redchi.
-        freedom: those from which the noise is known.
     """
     if loss != "linear" or levelled:
         return 1.0
@@ -49,10 +42,6 @@ def widening(redchi: float, loss: Loss, *, levelled: bool = False, nfree: int = 
 
 def standard_error(slope: Float, covar: Float) -> Float:
     """Standard error of quantities that follow from an estimate, by the delta method.
-
-    Args:
-        slope: their derivatives by the estimate, shape ``(..., p)``.
-        covar: its covariance, shape ``(p, p)``.
 
     Returns:
         shape ``(...)``; zero where round-off makes a variance negative.
@@ -68,12 +57,7 @@ def _expected_loss(loss: Loss) -> float:
 
 
 def per_freedom(loss: Loss, nfree: int) -> float:
-    """Factor from the (robust) sum of squared residuals to its ratio to what noise alone leaves, for any loss.
-
-    Args:
-        loss: of the problem.
-        nfree: real data less parameters; NaN comes back where none is left.
-    """
+    """Factor from the (robust) sum of squared residuals to its ratio to what noise alone leaves, for any loss."""
     return 2 / nfree / _expected_loss(loss) if nfree > 0 else float("nan")
 
 
@@ -81,13 +65,6 @@ def information(
     problem: Problem, x: Float, r: ComplexArray, J: ComplexArray, *, widening: float = 1.0
 ) -> tuple[Float, Float | None]:
     """Square root of the cost's expected curvature, and for a robust loss its gradient's scatter (the sandwich).
-
-    Args:
-        problem: loss and priors.
-        x: solution, shape ``(p,)``.
-        r: whitened residuals there, shape ``(R,)``.
-        J: their derivatives, shape ``(R, p)``.
-        widening: factor of the noise's variance over that by which they were whitened, of squares.
 
     Returns:
         ``R`` with ``R^T R`` the curvature, shape ``(p, p)``, and the scatter of the gradient, None for squares of
@@ -121,12 +98,7 @@ def _root(J: ComplexArray, prior: Float) -> Float:
 
 
 def bends(loss: Loss, r: ComplexArray) -> Float:
-    """Curvature of the cost by each whitened residual, averaged over its phases, shape ``(R,)``; one for squares.
-
-    Args:
-        loss: of the problem.
-        r: whitened residuals, shape ``(R,)``.
-    """
+    """Curvature of the cost by each whitened residual, averaged over its phases, shape ``(R,)``; one for squares."""
     size2 = np.abs(r) ** 2
     weight = robust_weights(loss, size2)[1]
     if loss == "linear":
@@ -138,12 +110,7 @@ def bends(loss: Loss, r: ComplexArray) -> Float:
 
 
 def prior_curvature(problem: Problem, x: Float) -> Float:
-    """What the priors add to the diagonal of the curvature, shape ``(p,)``.
-
-    Args:
-        problem: the problem.
-        x: fitted vector, shape ``(p,)``.
-    """
+    """What the priors add to the diagonal of the curvature, shape ``(p,)``."""
     added = np.zeros(x.size)
     for prior in problem.priors:
         added[prior.entry] += prior.terms(float(x[prior.entry]))[2]
@@ -151,16 +118,7 @@ def prior_curvature(problem: Problem, x: Float) -> Float:
 
 
 def score_scatter(problem: Problem, x: Float, r: ComplexArray, J: ComplexArray, *, bend: float, covar: Float) -> Float:
-    """Scatter of the cost's gradient, each reading's part judged by a fit without it, shape ``(p, p)``.
-
-    Args:
-        problem: loss and priors.
-        x: solution, shape ``(p,)``.
-        r: whitened residuals there, shape ``(R,)``.
-        J: their derivatives, shape ``(R, p)``.
-        bend: mean of :func:`bends` over all readings of the fit.
-        covar: inverse curvature of the whole fit in these parameters, shape ``(p, p)``.
-    """
+    """Scatter of the cost's gradient, each reading's part judged by a fit without it, shape ``(p, p)``."""
     _, weight = robust_weights(problem.loss, np.abs(r) ** 2)
     scores = weight[:, None] * (_left_out(r, J, bend, covar).conj()[:, None] * J).real
     # A prior's centre is as uncertain as the prior is wide.
@@ -176,11 +134,6 @@ def weighing_error(problem: Problem, J: ComplexArray, covar: Float) -> Float:
     two channels goes together by the square of their correlation: what moves all channels alike, as a weight that errs
     does, spoils no weight of one against another. Their second such term, for a covariance that is the weights' own
     inverse, is left out: here the covariance comes from the scatter itself (benchmarks/mounting_coverage.py).
-
-    Args:
-        problem: the problem that was solved.
-        J: derivatives of the whitened residuals, shape ``(R, p)``.
-        covar: inverse curvature A, shape ``(p, p)``.
     """
     total, stop = np.zeros_like(covar), 0
     for block in problem.blocks:
@@ -226,12 +179,7 @@ def _left_out(r: ComplexArray, J: ComplexArray, bend: float, covar: Float) -> Co
 
 
 def inverse_curvature(problem: Problem, x: Float) -> Float:
-    """Change of the estimate by the slope of the cost, shape ``(p, p)``.
-
-    Args:
-        problem: the problem that was solved.
-        x: its solution, shape ``(p,)``.
-    """
+    """Change of the estimate by the slope of the cost, shape ``(p, p)``."""
     root, _ = information(problem, x, *problem.jacobian(x))
     return inverse(root, natural_sizes(problem, x))[0]
 
@@ -240,9 +188,6 @@ def excess(wide: Float, own: Float) -> Float:
     """What must join a covariance so that no combination is surer than by another, shape ``(p, p)``.
 
     The positive part of their difference, entries scaled by the standard errors.
-
-    Args:
-        wide, own: the other covariance, and the one to widen, shape ``(p, p)``.
     """
     size = np.sqrt(np.maximum(np.diag(own), np.diag(wide)))
     size = np.where(size > 0, size, 1.0)
@@ -251,12 +196,7 @@ def excess(wide: Float, own: Float) -> Float:
 
 
 def natural_sizes(problem: Problem, x: Float) -> Float:
-    """Size of each parameter that would matter in these data, shape ``(p,)``: what identifiability is judged against.
-
-    Args:
-        problem: the problem.
-        x: its solution, shape ``(p,)``.
-    """
+    """Size of each parameter that would matter in these data."""
     space = problem.space
     responses = [b for b in map(responses_of, problem.blocks) if b is not None]
     if not responses:
@@ -274,12 +214,7 @@ def natural_sizes(problem: Problem, x: Float) -> Float:
 
 
 def natural_sizes_of_many(stack: RunStack, x: Float) -> Float:
-    """The same for many runs of one plan under turning forces whose readings are not zero, shape ``(W, p)``.
-
-    Args:
-        stack: the problems.
-        x: their solutions, shape ``(W, p)``.
-    """
+    """The same for many runs of one plan under turning forces whose readings are not zero, shape ``(W, p)``."""
     stiffness = np.median(_drive(stack.layout) / np.abs(stack.measured), axis=1)
     top = float(np.abs(stack.layout.frequency).max())
     pairs = zip(x, stiffness.tolist(), strict=True)

@@ -35,51 +35,29 @@ _DISAGREE = 4.0  # spread of 32 means over its expectation, beyond all chance (c
 
 @dataclass(frozen=True, kw_only=True)
 class SamplerProgress:
-    """State of a run.
+    """State of a run."""
 
-    Attributes:
-        steps: made so far.
-        ess: effective samples so far.
-        tau: longest autocorrelation time in steps.
-        done: share of what convergence asks for, effective samples and a resolved autocorrelation time, that is there;
-            below one until the run has converged.
-        waiting: what is short, in words.
-    """
-
-    steps: int
-    ess: float
-    tau: float
+    steps: int  # made so far
+    ess: float  # effective samples so far
+    tau: float  # longest autocorrelation time in steps
     done: float = 0.0
-    waiting: str = ""
+    waiting: str = ""  # what is short, in words
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class WalkerPaths:
-    """Walkers' paths.
+    """Walkers' paths."""
 
-    Attributes:
-        draws: positions after burn-in, shape ``(steps, walkers, size)``.
-        log_density: up to a constant, shape ``(steps, walkers)``.
-        acceptance: accepted share of each walker's proposals, shape ``(walkers,)``.
-        tau: autocorrelation time of each entry in steps, shape ``(size,)``.
-        burn_in: steps dropped at the beginning.
-        steps: steps made in all, those of a resumed run included.
-        ess: effective samples, ``walkers * kept steps / max(tau)``.
-        converged: whether the autocorrelation time is resolved and the effective samples asked for are there.
-        message: what that means, in words.
-        seed: of the random numbers.
-    """
-
-    draws: Float
-    log_density: Float
-    acceptance: Float
-    tau: Float
-    burn_in: int
-    steps: int
-    ess: float
-    converged: bool
-    message: str
-    seed: int
+    draws: Float  # positions after burn-in, shape ``(steps, walkers, size)``
+    log_density: Float  # up to a constant, shape ``(steps, walkers)``
+    acceptance: Float  # accepted share of each walker's proposals, shape ``(walkers,)``
+    tau: Float  # autocorrelation time of each entry in steps, shape ``(size,)``
+    burn_in: int  # steps dropped at the beginning
+    steps: int  # steps made in all, those of a resumed run included
+    ess: float  # effective samples, ``walkers * kept steps / max(tau)``
+    converged: bool  # whether the autocorrelation time is resolved and the effective samples asked for are there
+    message: str  # what that means, in words
+    seed: int  # of the random numbers
 
 
 def sample(
@@ -95,22 +73,7 @@ def sample(
     report: Callable[[SamplerProgress], None] | None = None,
     moves: list[tuple[Any, float]] | None = None,
 ) -> WalkerPaths:
-    """Run emcee.
-
-    Args:
-        target: log density of many vectors.
-        centre, covariance: normal approximation, start of the walkers and of the independence proposal.
-        walkers: even, at least twice the size of the vector.
-        ess: effective samples asked for.
-        max_steps: steps after which to stop in any case.
-        seed: of the random numbers; ``None`` takes one from the system.
-        checkpoint: HDF5 file (emcee's backend), written at every look at the chain; a later run continues it.
-        report: called at every look at the chain.
-        moves: emcee moves with weights, by default :func:`~rotorfit.estimators.inference.proposals.mixture`.
-
-    Raises:
-        ValueError: too few walkers, or a checkpoint of another posterior, of other walkers or of another seed.
-    """
+    """Run emcee."""
     if walkers < 2 * target.size or walkers % 2:
         raise ValueError(
             f"walkers is {walkers}; {target.size} entries need an even number of at least {2 * target.size}"

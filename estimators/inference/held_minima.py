@@ -35,61 +35,36 @@ It misses the share of the step's square, in standard errors, by which Gauss-New
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Minima:
-    """Minima over everything else with a quantity held at some values.
+    """Minima over everything else with a quantity held at some values."""
 
-    Attributes:
-        cost, x: at each minimum, shapes ``(W,)`` and ``(W, p)``.
-        slope: change of the minimum for a change of the value by one, shape ``(W, p)``.
-        found: whether full steps led there; the others have to be searched by themselves, shape ``(W,)``.
-        contraction: largest length of a step over that of the one before, shape ``(W,)``; zero where there was one.
-    """
-
-    cost: Float
-    x: Float
-    slope: Float
-    found: Bool
-    contraction: Float
+    cost: Float  # at each minimum, shapes ``(W,)`` and ``(W, p)``
+    x: Float  # at each minimum, shapes ``(W,)`` and ``(W, p)``
+    slope: Float  # change of the minimum for a change of the value by one, shape ``(W, p)``
+    found: Bool  # whether full steps led there; the others have to be searched by themselves, shape ``(W,)``
+    contraction: Float  # largest length of a step over that of the one before, shape ``(W,)``; zero where there was one
 
 
 class Held(Protocol):
     """The minimum over everything else with one quantity held at a value."""
 
     def together(self, entries: Index, values: Float, starts: Float, contraction: Float) -> Minima:
-        """Minima of many, where full steps lead there.
-
-        Args:
-            entries: entry of the fitted vector that each holds, where that is what is held, shape ``(W,)``.
-            values: at which it is held, shape ``(W,)``.
-            starts: nearby, shape ``(W, p)``.
-            contraction: of lengths of steps, as far as it is known, else one, shape ``(W,)``: a step whose quadratic
-                model tells the rest is the last.
-        """
+        """Minima of many, where full steps lead there."""
         ...
 
     def alone(self, entry: int, value: float, start: Float) -> tuple[float, Float, bool]:
         """Cost and vector at the minimum for one value, and whether it is one to full precision.
 
         The cost is infinite where there is nothing.
-
-        Args:
-            entry: entry of the fitted vector that is held, where that is what is held.
-            value: at which it is held.
-            start: vector nearby, shape ``(p,)``.
         """
         ...
 
 
 @dataclass(frozen=True, eq=False)
 class HeldEntry:
-    """Minimum over all entries of the fitted vector, or all coordinates in its place, but one.
+    """Minimum over all entries of the fitted vector, or all coordinates in its place, but one."""
 
-    Attributes:
-        problem: the problem, or the same in other coordinates.
-        scale: typical sizes, as for :func:`minimise`.
-    """
-
-    problem: Problem | InRatios
-    scale: Float
+    problem: Problem | InRatios  # the problem, or the same in other coordinates
+    scale: Float  # typical sizes, as for :func:`minimise`
 
     def together(self, entries: Index, values: Float, starts: Float, contraction: Float) -> Minima:
         """See :class:`Held`."""
@@ -147,16 +122,11 @@ class HeldQuantity:
 
     The Lagrangian's stationary point of the quadratic model, ``H d = -g + mu c`` with ``c^T d = value - q``, is taken
     until the step, in standard errors, is negligible; bounds of the vector are kept by shortening steps.
-
-    Attributes:
-        problem: the problem.
-        quantity: the quantity and its gradient.
-        condition: the same as an equation for many vectors, where there is one.
     """
 
-    problem: Problem
-    quantity: ValueAndGradient
-    condition: Condition | None = None
+    problem: Problem  # the problem
+    quantity: ValueAndGradient  # the quantity and its gradient
+    condition: Condition | None = None  # the same as an equation for many vectors, where there is one
 
     def together(self, entries: Index, values: Float, starts: Float, contraction: Float) -> Minima:
         """See :class:`Held`."""
@@ -217,16 +187,7 @@ def _full_steps(
     step: Callable[[Float, Float, Float, Index], tuple[Float, Float]],
     contraction: Float,
 ) -> Minima:
-    """Full Gauss-Newton steps of many vectors as long as they shrink: from a neighbour a few of them are enough.
-
-    Args:
-        normal: what the steps are of.
-        starts: where they begin, shape ``(W, p)``.
-        lower, upper: bounds, shape ``(W, p)``.
-        step: the step, and the change of the minimum with the value, at some vectors with their gradient, their
-            Gauss-Newton matrix and their numbers.
-        contraction: as for :meth:`Held.together`.
-    """
+    """Full Gauss-Newton steps of many vectors as long as they shrink: from a neighbour a few of them are enough."""
     x = np.clip(starts, lower, upper)
     cost, slope, found = np.full(len(x), np.inf), np.zeros_like(x), np.zeros(len(x), dtype=bool)
     active, before, slowest = np.arange(len(x)), np.full(len(x), np.inf), np.zeros(len(x))

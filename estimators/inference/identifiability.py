@@ -19,20 +19,12 @@ _SHARE = 0.02  # entries of an unresolved direction below this fraction of the l
 
 @dataclass(frozen=True, kw_only=True)
 class Combination:
-    """One direction in parameter space that the data leave open.
+    """One direction in parameter space that the data leave open."""
 
-    Attributes:
-        names: the parameters that move together.
-        direction: change of each, as a fraction of its size.
-        stderr: standard error along the direction in the same measure, infinite if the data say nothing.
-        message: what that means and what to do.
-        kind: of two parameters that only their "sum", "difference", "product" or "ratio" is determined of, which.
-    """
-
-    names: tuple[str, ...]
-    direction: tuple[float, ...]
-    stderr: float
-    message: str
+    names: tuple[str, ...]  # the parameters that move together
+    direction: tuple[float, ...]  # change of each, as a fraction of its size
+    stderr: float  # standard error along the direction in the same measure, infinite if the data say nothing
+    message: str  # what that means and what to do
     kind: str = ""
 
 
@@ -66,13 +58,6 @@ def natural_scales(model: RotorModel, base: Sequence[str], values: Float, stiffn
 
     The parameter's own value, but not less than a tenth of what would matter in the test: dynamic stiffness level for
     N/m, over the highest frequency for damping, over its square for masses, over higher powers for structural blocks.
-
-    Args:
-        model: the rotor.
-        base: model's name of each fitted entry.
-        values: estimates, shape ``(p,)``.
-        stiffness: typical force over response in the data, N/m.
-        frequency: highest tested frequency, rad/s.
     """
     by_unit = {
         "N/m": stiffness,
@@ -91,11 +76,6 @@ def natural_scales(model: RotorModel, base: Sequence[str], values: Float, stiffn
 
 def covariance(root: Float, scales: Float) -> tuple[Float, Float, Float, Bool]:
     """Covariance of the determined combinations.
-
-    Args:
-        root: whitened Jacobian, or any matrix R with the same ``R^T R``, shape ``(m, p)``. The product itself would
-            square the condition number and hide weak directions in round-off.
-        scales: size of each parameter, shape ``(p,)``.
 
     Returns:
         covariance with directions that the data do not see at all left out, shape ``(p, p)``; standard error of each
@@ -121,9 +101,6 @@ def covariance(root: Float, scales: Float) -> tuple[Float, Float, Float, Bool]:
 
 def covariances(roots: Float, scales: Float) -> tuple[Float, Bool]:
     """Covariances of many fits at once, and whose data determine every combination.
-
-    Args:
-        roots, scales: as for :func:`covariance`, shape ``(W, m, p)`` and ``(W, p)``.
 
     Returns:
         covariances, shape ``(W, p, p)``, those of :func:`covariance` where every combination is determined, and where
@@ -180,13 +157,6 @@ def diagnose(
     scales: Float,
 ) -> tuple[Float, Identifiability]:
     """Covariance and identifiability verdict of a fit.
-
-    Args:
-        model: the rotor.
-        names: names of the fitted entries.
-        base: the model's own name of each.
-        values: estimates, shape ``(p,)``.
-        root, scales: see :func:`covariance`.
 
     Returns:
         covariance of the determined combinations, shape ``(p, p)``, and the verdict.

@@ -20,16 +20,11 @@ from rotorfit.models.left_out import LeftOut
 
 @dataclass(frozen=True, kw_only=True)
 class Offset:
-    """A probe or a force that is not at its plane, but a share of the way towards another.
+    """A probe or a force that is not at its plane, but a share of the way towards another."""
 
-    Attributes:
-        kind: "probe" or "force".
-        at, towards: coordinates.
-    """
-
-    kind: str
-    at: int
-    towards: int
+    kind: str  # "probe" or "force"
+    at: int  # coordinates
+    towards: int  # coordinates
 
 
 @dataclass(frozen=True)
@@ -44,13 +39,7 @@ _STEP = 1e-4  # share of the clearance for a central difference: truncated at 1e
 
 
 def whitened_columns(problem: Problem, x: Float, terms: Sequence[Term]) -> ComplexArray:
-    """Derivatives of the whitened residuals by terms left out, shape ``(R, T)``.
-
-    Args:
-        problem: the problem.
-        x: fitted vector, shape ``(p,)``.
-        terms: what is left out or taken as known.
-    """
+    """Derivatives of the whitened residuals by terms left out, shape ``(R, T)``."""
     theta = problem.space.theta(x)
     parts = []
     for number, block in enumerate(problem.blocks):
@@ -63,11 +52,7 @@ def whitened_columns(problem: Problem, x: Float, terms: Sequence[Term]) -> Compl
 
 
 def is_linear(block: Block) -> bool:
-    """Whether a block holds responses of a linear rotor to circular forces, which left-out terms act on.
-
-    Args:
-        block: any observations.
-    """
+    """Whether a block holds responses of a linear rotor to circular forces, which left-out terms act on."""
     base = responses_of(block)
     return isinstance(base, Responses) and not isinstance(block, OrbitResponses) and not base.imposed
 

@@ -33,15 +33,6 @@ class LogPosterior:
       met exactly and pull the density to infinity. With n real data of whitened sum of squares S the channel
       contributes ``(S + 1)^(-(n + 1)/2)``: one that the model misses widens by itself;
     * "sampled": the same, with log s of each channel as further entries of the vector.
-
-    Args:
-        problem: observations, priors, bounds and loss.
-        noise: see above; a robust loss has a scale of its own and needs "fixed".
-        inflation: factor on the variances with "fixed" noise.
-        accelerate, work: as for :class:`~rotorfit.estimators.misfit.kernels.Batch`.
-
-    Raises:
-        ValueError: unknown noise treatment, or one that a robust loss rules out.
     """
 
     def __init__(
@@ -102,12 +93,6 @@ class LogPosterior:
         """Mode and covariance of the density's normal approximation.
 
         Directions without curvature get the width of the bounds across them.
-
-        Args:
-            start: optimum of the problem, shape ``(p,)``.
-
-        Raises:
-            ValueError: a direction has neither curvature nor bounds.
         """
         if self.noise == "fixed":
             x, levels = start, np.full(self.counts.size, 0.5 * np.log(self.inflation))
@@ -196,10 +181,6 @@ class LogPosterior:
 
 
 def box(problem: Problem) -> tuple[Float, Float]:
-    """Bounds narrowed to where the priors are not zero, shapes ``(p,)``.
-
-    Args:
-        problem: the problem, whose bounds and priors are taken.
-    """
+    """Bounds narrowed to where the priors are not zero, shapes ``(p,)``."""
     space = within_support(problem.space, problem.priors)
     return space.lower, space.upper

@@ -25,22 +25,13 @@ _REACH = 100.0  # sizes of a parameter beyond which an end that was not met coun
 
 @dataclass(frozen=True, kw_only=True)
 class End:
-    """One end of an interval.
+    """One end of an interval."""
 
-    Attributes:
-        value: where the curve meets the level; infinite if it does not.
-        limit: how far it was followed: a bound, some hundred times the quantity's own size, or, not ``exact``, where
-            the last minimum was found.
-        rise: rise of the curve at the end, or at the limit.
-        at_bound: the limit is a bound.
-        exact: whether the end was found to full precision.
-    """
-
-    value: float
-    limit: float
-    rise: float
-    at_bound: bool
-    exact: bool
+    value: float  # where the curve meets the level; infinite if it does not
+    limit: float  # how far it was followed
+    rise: float  # rise of the curve at the end, or at the limit
+    at_bound: bool  # the limit is a bound
+    exact: bool  # whether the end was found to full precision
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,18 +47,7 @@ Search = Generator[float, float, End]
 
 
 class Curve:
-    """Twice the rise of the cost above its minimum, every point found from its neighbours.
-
-    Args:
-        held: minimum over everything else.
-        value, x, cost: quantity, vector and cost at the minimum.
-        direction: change of the vector for a change of the quantity by one, at the minimum; zero if not known.
-        entry: entry of the vector that the quantity is, if it is one.
-
-    Attributes:
-        held, entry: as given.
-        unsettled: points that are not at a minimum to full precision, so that the curve may be too high there.
-    """
+    """Twice the rise of the cost above its minimum, every point found from its neighbours."""
 
     def __init__(self, held: Held, value: float, x: Float, cost: float, direction: Float, entry: int = 0) -> None:
         self.held, self.entry, self._cost = held, entry, cost
@@ -87,39 +67,21 @@ class Curve:
         return self._contraction or 1.0
 
     def unknown(self, values: Sequence[float]) -> list[float]:
-        """Those of some values where the rise has not been found yet.
-
-        Args:
-            values: of the quantity.
-        """
+        """Those of some values where the rise has not been found yet."""
         return [value for value in dict.fromkeys(values) if value not in self._rises]
 
     def rise(self, value: float) -> float:
-        """Rise at a value where it has been found, infinite where there is no minimum.
-
-        Args:
-            value: of the quantity, for which :func:`find_rises` was asked.
-        """
+        """Rise at a value where it has been found, infinite where there is no minimum."""
         return self._rises[value]
 
     def take(self, value: float, minima: Minima, number: int) -> None:
-        """Keep a point that was found.
-
-        Args:
-            value: of the quantity.
-            minima: those of several curves and values, found together.
-            number: which of them is the minimum at this value.
-        """
+        """Keep a point that was found."""
         self._rises[value] = rise = 2 * (float(minima.cost[number]) - self._cost)
         self._points.append(_Point(value, minima.x[number], rise, minima.slope[number]))
         self._contraction = max(self._contraction, float(minima.contraction[number]))
 
     def follow(self, value: float) -> None:
-        """Find a point by itself, from those that are known by now.
-
-        Args:
-            value: of the quantity.
-        """
+        """Find a point by itself, from those that are known by now."""
         cost, x, settled = self.held.alone(self.entry, value, self.predict([value])[0])
         self.unsettled += not settled
         self._rises[value] = rise = 2 * (cost - self._cost) if math.isfinite(cost) else math.inf
@@ -130,9 +92,6 @@ class Curve:
         """Vectors at values, shape ``(W, p)``: Hermite's cubic where slopes are known, else a straight line.
 
         It goes through the nearest point and the nearest one at least as far from that as the value is.
-
-        Args:
-            values: of the quantity, ``W`` of them.
         """
         known, wanted = np.array([point.value for point in self._points]), np.array(values)
         x, slope = (np.array(part) for part in zip(*((point.x, point.slope) for point in self._points), strict=True))
@@ -155,13 +114,6 @@ class Curve:
         """Follow the curve to one side until it has risen to a level.
 
         The signed root of the rise is nearly a straight line, so its zero is soon found.
-
-        Args:
-            side: -1 for the lower end, 1 for the upper.
-            level: rise asked for.
-            step: where the end is guessed to be, from the minimum.
-            limit: how far to go, a value of the quantity.
-            at_bound: whether the limit is a bound.
         """
         centre, goal = self._points[0].value, math.sqrt(level)
         reach = abs(limit - centre)
@@ -197,12 +149,7 @@ class Curve:
 
 
 def find_rises(curves: Sequence[Curve], values: Sequence[Sequence[float]]) -> None:
-    """Find the rises of curves at some values each; those that full steps do not reach are followed in their order.
-
-    Args:
-        curves: of one problem or of several.
-        values: where each of them is asked for, one sequence a curve.
-    """
+    """Find the rises of curves at some values each; those that full steps do not reach are followed in their order."""
     unknown = [(curve, curve.unknown(some)) for curve, some in zip(curves, values, strict=True)]
     for held in dict.fromkeys(curve.held for curve, some in unknown if some):
         mine = [(curve, some) for curve, some in unknown if some and curve.held is held]
@@ -222,12 +169,7 @@ def find_rises(curves: Sequence[Curve], values: Sequence[Sequence[float]]) -> No
 
 
 def find_ends(curves: Sequence[Curve], searches: Sequence[tuple[Search, ...]]) -> list[list[End]]:
-    """Ends that searches of each curve find, side by side.
-
-    Args:
-        curves: the curves.
-        searches: those of each, see :meth:`Curve.search`.
-    """
+    """Ends that searches of each curve find, side by side."""
     ends: list[dict[int, End]] = [{} for _ in curves]
     asked = [{place: next(search) for place, search in enumerate(own)} for own in searches]
     while any(asked):
@@ -275,15 +217,7 @@ def _solve(
 
 
 def limits(low: float, high: float, value: float, size: float, step: float) -> tuple[tuple[float, bool], ...]:
-    """How far a quantity is followed downwards and upwards, and whether a bound stands there.
-
-    Args:
-        low: lower bound of the quantity.
-        high: upper bound.
-        value: its estimate.
-        size: a typical size of it.
-        step: its standard error, or a tenth of the size where it has none.
-    """
+    """How far a quantity is followed downwards and upwards, and whether a bound stands there."""
     reach = _REACH * max(size, abs(value), step)
     return (low, True) if low >= value - reach else (value - reach, False), (high, True) if high <= value + reach else (
         value + reach,

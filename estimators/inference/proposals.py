@@ -30,11 +30,6 @@ class IndependenceMove(emcee.moves.MHMove):  # type: ignore[misc]
 
     Walkers move freely wherever the proposal resembles the posterior; where it does not, they stay, and the other
     moves of a mixture have to carry them. The factor is ``q(x) / q(x')`` (Tierney 1994, independence chains).
-
-    Args:
-        centre: location, shape ``(p,)``.
-        covariance: covariance of the posterior as the optimum sees it, shape ``(p, p)``.
-        df: degrees of freedom of the multivariate t distribution.
     """
 
     def __init__(self, centre: Float, covariance: Float, df: float = DEGREES_OF_FREEDOM) -> None:
@@ -51,32 +46,18 @@ class IndependenceMove(emcee.moves.MHMove):  # type: ignore[misc]
         super().__init__(self.draw, centre.size)
 
     def draw(self, coords: Float, random: np.random.RandomState) -> tuple[Float, Float]:
-        """Proposed positions and log Hastings factors.
-
-        Args:
-            coords: positions of the walkers to be moved, shape ``(W, p)``.
-            random: emcee's source of random numbers.
-        """
+        """Proposed positions and log Hastings factors."""
         white = self.white(len(coords), random)
         here = (coords - self.centre) @ self._whiten
         density = self.proposal.logpdf(np.concatenate([here, white]))
         return self.place(white), density[: len(coords)] - density[len(coords) :]
 
     def white(self, count: int, random: np.random.RandomState) -> Float:
-        """Draws in units of the spread along each direction that has one, shape ``(count, rank)``.
-
-        Args:
-            count: how many.
-            random: source of random numbers.
-        """
+        """Draws in units of the spread along each direction that has one, shape ``(count, rank)``."""
         return np.reshape(self.proposal.rvs(count, random_state=random), (count, -1))
 
     def place(self, white: Float) -> Float:
-        """Positions of such draws, shape ``(count, p)``.
-
-        Args:
-            white: draws as of :meth:`white`, shape ``(count, rank)``.
-        """
+        """Positions of such draws, shape ``(count, p)``."""
         return np.asarray(self.centre + white @ self._colour)
 
 
@@ -87,10 +68,6 @@ def best_proposal(
 
     The measure is the efficiency of importance sampling, ``E(w)^2 / E(w^2)`` with weights ``w = p / q``: one where the
     proposal is the posterior itself. The same draws, from the heaviest tails, judge all.
-
-    Args:
-        log_density: of vectors of shape ``(W, p)``.
-        centre, covariance: picture of the posterior.
     """
     heavy = IndependenceMove(centre, covariance)
     moves = [heavy, *(IndependenceMove(centre, covariance, df) for df in LIGHTER)]
@@ -112,10 +89,6 @@ def mixture(log_density: Callable[[Float], Float], centre: Float, covariance: Fl
 
     Independence proposals get the larger a share the more they resemble the posterior, and half where they do not and
     walkers have to be carried.
-
-    Args:
-        log_density: of vectors of shape ``(W, p)``.
-        centre, covariance: picture of the posterior.
     """
     independence, efficiency = best_proposal(log_density, centre, covariance)
     share = min(efficiency, MOST)

@@ -18,64 +18,37 @@ _SINGULAR = 1e-11  # eigenvalue of the information on the shared parameters, uni
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Curvature:
-    """Quadratic picture of the cost of one part of the data around a point.
+    """Quadratic picture of the cost of one part of the data around a point."""
 
-    Attributes:
-        names: parameters, shape ``(p,)``.
-        x: the point, shape ``(p,)``.
-        cost: half the (robust) sum of squares there, and what priors add to it.
-        squares: sum of the squares of the whitened residuals.
-        gradient, matrix: its slope and its Gauss-Newton matrix, shapes ``(p,)`` and ``(p, p)``.
-        prior: what priors add to the diagonal of the matrix, shape ``(p,)``.
-    """
-
-    names: tuple[str, ...]
-    x: Float
-    cost: float
-    squares: float
-    gradient: Float
-    matrix: Float
-    prior: Float
+    names: tuple[str, ...]  # parameters, shape ``(p,)``
+    x: Float  # the point, shape ``(p,)``
+    cost: float  # half the (robust) sum of squares there, and what priors add to it
+    squares: float  # sum of the squares of the whitened residuals
+    gradient: Float  # its slope and its Gauss-Newton matrix, shapes ``(p,)`` and ``(p, p)``
+    matrix: Float  # its slope and its Gauss-Newton matrix, shapes ``(p,)`` and ``(p, p)``
+    prior: Float  # what priors add to the diagonal of the matrix, shape ``(p,)``
 
     def scaled(self, factor: float) -> Curvature:
-        """The picture with the readings' information times a factor, that of the priors as it is.
-
-        Args:
-            factor: one over the factor on the noise's variances, or the bend of a robust loss.
-        """
+        """The picture with the readings' information times a factor, that of the priors as it is."""
         own = np.diag(self.prior)
         return replace(self, matrix=factor * (self.matrix - own) + own)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Parts:
-    """A quadratic picture parted in ``s`` shared and ``q`` own parameters.
+    """A quadratic picture parted in ``s`` shared and ``q`` own parameters."""
 
-    Attributes:
-        shared, own: places of either kind among the parameters of the picture, shapes ``(s,)`` and ``(q,)``.
-        schur: information on the shared ones, the own ones free, shape ``(s, s)``.
-        size: information on each of the shared ones, all others known, shape ``(s,)``.
-        gradient: slope by the shared ones, the own ones following, shape ``(s,)``.
-        follow: change of the own ones for a change of the shared ones, shape ``(q, s)``.
-        own_covar: covariance of the own ones, the shared ones known, shape ``(q, q)``.
-    """
-
-    shared: Index
-    own: Index
-    schur: Float
-    size: Float
-    gradient: Float
-    follow: Float
-    own_covar: Float
+    shared: Index  # places of either kind among the parameters of the picture, shapes ``(s,)`` and ``(q,)``
+    own: Index  # places of either kind among the parameters of the picture, shapes ``(s,)`` and ``(q,)``
+    schur: Float  # information on the shared ones, the own ones free, shape ``(s, s)``
+    size: Float  # information on each of the shared ones, all others known, shape ``(s,)``
+    gradient: Float  # slope by the shared ones, the own ones following, shape ``(s,)``
+    follow: Float  # change of the own ones for a change of the shared ones, shape ``(q, s)``
+    own_covar: Float  # covariance of the own ones, the shared ones known, shape ``(q, q)``
 
     @classmethod
     def of(cls, picture: Curvature, names: Sequence[str]) -> Parts:
-        """Part a picture.
-
-        Args:
-            picture: the picture.
-            names: parameters that are shared.
-        """
+        """Part a picture."""
         shared = np.array([picture.names.index(name) for name in names], dtype=np.intp)
         own = np.setdiff1d(np.arange(len(picture.names)), shared)
         A = picture.matrix
@@ -105,50 +78,25 @@ class Parts:
         return slope
 
     def covariance(self, covar: Float) -> Float:
-        """Covariance of all parameters, shape ``(p, p)``.
-
-        Args:
-            covar: that of the shared ones by all parts, shape ``(s, s)``.
-        """
+        """Covariance of all parameters, shape ``(p, p)``."""
         whole = self.reach() @ covar @ self.reach().T
         whole[np.ix_(self.own, self.own)] += self.own_covar
         return np.asarray(whole)
 
     def pull(self, covar: Float) -> Float:
-        """Change of the own parameters by this part's slope of the cost, shape ``(q, p)``.
-
-        Args:
-            covar: covariance of the shared ones by all parts, shape ``(s, s)``.
-        """
+        """Change of the own parameters by this part's slope of the cost, shape ``(q, p)``."""
         direct = np.zeros((self.own.size, self.shared.size + self.own.size))
         direct[:, self.own] = self.own_covar
         return np.asarray(direct + self.follow @ covar @ self.reach().T)
 
 
 def shared_covariance(parts: Sequence[Parts], names: Sequence[str]) -> Float:
-    """Covariance of the shared parameters by all parts of the data, shape ``(s, s)``.
-
-    Args:
-        parts: the parts.
-        names: the shared parameters, for messages.
-
-    Raises:
-        ValueError: the data do not determine all of them.
-    """
+    """Covariance of the shared parameters by all parts of the data, shape ``(s, s)``."""
     return inverse_information(np.sum([p.schur for p in parts], axis=0), np.sum([p.size for p in parts], axis=0), names)
 
 
 def inverse_information(information: Float, size: Float, names: Sequence[str]) -> Float:
-    """Covariance of shared parameters.
-
-    Args:
-        information: sum of the :attr:`Parts.schur` of all parts of the data, shape ``(s, s)``.
-        size: sum of their :attr:`Parts.size`: what counts as no information is judged against it, shape ``(s,)``.
-        names: the parameters, for messages.
-
-    Raises:
-        ValueError: the data do not determine all of them.
-    """
+    """Covariance of shared parameters."""
     scale = 1 / np.sqrt(np.where(size > 0, size, 1.0))
     power, directions = np.linalg.eigh(information * np.outer(scale, scale))
     open_ = power <= _SINGULAR

@@ -19,28 +19,15 @@ _TAKEN_UP = 1e-6  # length that is left of a column, over its whole length, at w
 
 @dataclass(frozen=True, kw_only=True)
 class Scores:
-    """What the data say of left-out terms, one entry each, taken one by one.
+    """What the data say of left-out terms, one entry each, taken one by one."""
 
-    Attributes:
-        estimate: size of the term that the residuals ask for, in its units; NaN where parameters take up all of it.
-        stderr: its standard error, infinite there.
-        shift: change of the fitted vector by one unit of the term, shape ``(T, p)``.
-    """
-
-    estimate: Float
-    stderr: Float
-    shift: Float
+    estimate: Float  # size of the term that the residuals ask for, in its units; NaN where parameters take up all of it
+    stderr: Float  # its standard error, infinite there
+    shift: Float  # change of the fitted vector by one unit of the term, shape ``(T, p)``
 
 
 def score_tests(residuals: ComplexArray, jacobian: ComplexArray, columns: ComplexArray, priors: Float) -> Scores:
-    """Test terms that are left out of a model, and tell how far each would move the estimate.
-
-    Args:
-        residuals: whitened residuals (predicted less measured) at the estimate, shape ``(R,)``.
-        jacobian: their derivatives by the fitted vector, shape ``(R, p)``.
-        columns: their derivatives by each term, shape ``(R, T)``.
-        priors: what priors add to the diagonal of the curvature, shape ``(p,)``.
-    """
+    """Test terms that are left out of a model, and tell how far each would move the estimate."""
     known = np.zeros((priors.size, columns.shape[1]))
     J = np.concatenate([jacobian.real, jacobian.imag, np.diag(np.sqrt(priors))])
     c = np.concatenate([columns.real, columns.imag, known])

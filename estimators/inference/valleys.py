@@ -29,13 +29,6 @@ def along_valley(problem: Problem, x: Float, covar: Float, scales: Float, verdic
 
     A parameter that others are told over is held at six standard errors from its estimate, all else being fitted
     again: chi-squared is to rise by nine there at least, a quarter of what the curvature promises.
-
-    Args:
-        problem: the problem that was solved.
-        x: its solution, shape ``(p,)``.
-        covar: covariance by the noise, shape ``(p, p)``.
-        scales: sizes by which the verdict judged, shape ``(p,)``.
-        verdict: by the curvature at the solution.
     """
     space = problem.space
     for denominator, over in space.model.ratios.items():

@@ -37,28 +37,16 @@ _DEFAULTS = Options()
 
 @dataclass(frozen=True, eq=False)
 class BatchFit:
-    """Optima of many data sets.
+    """Optima of many data sets."""
 
-    Attributes:
-        x: fitted vectors, shape ``(B, p)``.
-        cost: half the (robust) sum of squares plus minus the log prior, shape ``(B,)``.
-        converged: whether each member is at a minimum, shape ``(B,)``.
-        alone: members that were handed to Ipopt one by one (at a bound, or slow to converge), shape ``(B,)``.
-    """
-
-    x: Float
-    cost: Float
-    converged: Bool
-    alone: Bool
+    x: Float  # fitted vectors, shape ``(B, p)``
+    cost: Float  # half the (robust) sum of squares plus minus the log prior, shape ``(B,)``
+    converged: Bool  # whether each member is at a minimum, shape ``(B,)``
+    alone: Bool  # members that were handed to Ipopt one by one (at a bound, or slow to converge), shape ``(B,)``
 
 
 def with_measured(problem: Problem, measured: ComplexArray) -> Problem:
-    """The same problem with other readings.
-
-    Args:
-        problem: the problem.
-        measured: readings in the order of the blocks, shape ``(R,)``.
-    """
+    """The same problem with other readings."""
     stops = np.cumsum([block.measured.size for block in problem.blocks])[:-1]
     parts = np.split(measured, stops)
     return replace(problem, blocks=tuple(_read(block, m) for block, m in zip(problem.blocks, parts, strict=True)))
@@ -126,18 +114,7 @@ def batch_fit(
     accelerate: bool | None = None,
     options: Options = _DEFAULTS,
 ) -> BatchFit:
-    """Fit many sets of readings of one problem.
-
-    Args:
-        problem: model, lines, noise, priors and bounds, the same for all.
-        measured: complex readings, shape ``(B, R)``, in the order of the problem's blocks.
-        start: start vectors, shape ``(p,)`` or ``(B, p)``.
-        accelerate: as for :class:`~rotorfit.estimators.misfit.kernels.Batch`.
-        options: of Ipopt, for the members that are handed to it.
-
-    Raises:
-        ValueError: shapes that do not fit.
-    """
+    """Fit many sets of readings of one problem."""
     measured = np.asarray(measured, dtype=complex)
     p, count = problem.space.size, problem.n_data // 2
     if measured.ndim != 2 or measured.shape[1] != count:

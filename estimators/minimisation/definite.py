@@ -14,10 +14,6 @@ def surely_above(unit: Float, least: float) -> bool:
 
     Eigenvalues but the smallest sum up to the size of the matrix at most, so that their product is below e: the
     determinant over e bounds the smallest.
-
-    Args:
-        unit: shape ``(..., n, n)``.
-        least: the limit, not below zero.
     """
     try:
         pivots = np.diagonal(np.linalg.cholesky(unit), axis1=-2, axis2=-1)

@@ -26,11 +26,7 @@ _ROUND_OFF = 1e-13  # relative cost change that is indistinguishable from none
 
 
 def exact_scale(scale: Vector) -> Vector:
-    """Powers of two near the sizes given: scaling by them is exact and commutes with the bounds.
-
-    Args:
-        scale: typical sizes of the variables, positive, shape ``(n,)``.
-    """
+    """Powers of two near the sizes given: scaling by them is exact and commutes with the bounds."""
     return np.asarray(np.exp2(np.round(np.log2(scale))))
 
 
@@ -130,30 +126,15 @@ class Minimisation:
     # -- evaluation ---------------------------------------------------------------------------------------
 
     def unscaled(self, u: Vector) -> Vector:
-        """The caller's variables; clipped because Ipopt may leave a bound by a rounding error.
-
-        Args:
-            u: scaled variables, shape ``(n,)``.
-        """
+        """The caller's variables; clipped because Ipopt may leave a bound by a rounding error."""
         return np.clip(u * self.scale, self.lower, self.upper)
 
     def unit(self, cost: float) -> float:
-        """What derivatives are divided by: the cost, kept from zero.
-
-        Args:
-            cost: where the derivatives are taken.
-        """
+        """What derivatives are divided by: the cost, kept from zero."""
         return max(cost, _COST_FLOOR * self.reference) or 1.0
 
     def evaluate(self, u: Vector) -> _Point | None:
-        """The objective with derivatives at ``u``, from memory if asked twice; None where undefined.
-
-        Args:
-            u: scaled variables, shape ``(n,)``.
-
-        Raises:
-            ValueError: the objective returned a negative cost.
-        """
+        """The objective with derivatives at ``u``, from memory if asked twice; None where undefined."""
         key = u.tobytes()
         if key == self._key:
             return self.point
@@ -176,11 +157,7 @@ class Minimisation:
         return 10.0 + math.log(max(cost / self.reference, _COST_FLOOR))
 
     def value(self, u: Vector) -> float:
-        """Logarithm of the cost.  The first trial of a line search is usually accepted: derivatives too.
-
-        Args:
-            u: scaled variables, shape ``(n,)``.
-        """
+        """Logarithm of the cost.  The first trial of a line search is usually accepted: derivatives too."""
         key = u.tobytes()
         if self._trials == 0 or key == self._key:
             self._trials += key != self._key
@@ -194,21 +171,13 @@ class Minimisation:
         return self._log_cost(cost) if math.isfinite(cost) and cost >= 0 else math.nan
 
     def gradient(self, u: Vector) -> Vector | None:
-        """Gradient of the logarithm of the cost; asked for accepted points only.
-
-        Args:
-            u: scaled variables, shape ``(n,)``.
-        """
+        """Gradient of the logarithm of the cost; asked for accepted points only."""
         self._trials = 0
         point = self.evaluate(u)
         return None if point is None else point.gradient
 
     def hessian(self, u: Vector) -> Matrix | None:
-        """Hessian of the cost over the cost: with it the Newton step is that of the cost itself.
-
-        Args:
-            u: scaled variables, shape ``(n,)``.
-        """
+        """Hessian of the cost over the cost: with it the Newton step is that of the cost itself."""
         point = self.evaluate(u)
         if point is None:
             return None
@@ -226,22 +195,14 @@ class Minimisation:
         return _box_step(point.gradient, matrix, self.low - point.u, self.high - point.u)
 
     def assess(self, point: _Point) -> _Candidate:
-        """The step that remains, relative to the misfit or to the parameters, whichever is smaller.
-
-        Args:
-            point: an evaluation with derivatives.
-        """
+        """The step that remains, relative to the misfit or to the parameters, whichever is smaller."""
         step = self._newton_step(point, point.matrix)
         offset = math.sqrt(max(float(step @ point.matrix @ step), 0.0) / 2)
         change = float((np.abs(step) / np.maximum(np.abs(point.u), LEAST_SIZE)).max())
         return _Candidate(point, step, min(offset, CHANGE_WEIGHT * change))
 
     def keep(self, candidate: _Candidate) -> None:
-        """Remember the better of two points: smaller cost, or the smaller offset at equal cost.
-
-        Args:
-            candidate: a point with its remaining step.
-        """
+        """Remember the better of two points: smaller cost, or the smaller offset at equal cost."""
         best = self.best
         slack = _ROUND_OFF * best.point.cost
         gain = best.point.cost - candidate.point.cost

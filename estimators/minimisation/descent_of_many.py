@@ -29,29 +29,16 @@ Normal = tuple[Float, Float, Float]
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class SmoothEnds:
-    """Where the searches ended.
+    """Where the searches ended."""
 
-    Attributes:
-        x: best points, shape ``(W, p)``.
-        normal: cost, gradient and Gauss-Newton matrix there.
-        n_evaluations: evaluations with derivatives of each, shape ``(W,)``.
-        offset: what the tolerances are compared with, see :class:`Solution`, shape ``(W,)``.
-        smooth: whether each step was as :class:`~rotorfit.estimators.minimisation.descent.Minimisation` would have
-            taken it, and the end is a minimum inside the bounds; the other searches are to be done by themselves.
-    """
-
-    x: Float
-    normal: Normal
-    n_evaluations: Index
-    offset: Float
+    x: Float  # best points, shape ``(W, p)``
+    normal: Normal  # cost, gradient and Gauss-Newton matrix there
+    n_evaluations: Index  # evaluations with derivatives of each, shape ``(W,)``
+    offset: Float  # what the tolerances are compared with, see :class:`Solution`, shape ``(W,)``
     smooth: NDArray[np.bool_]
 
     def solution(self, run: int) -> Solution:
-        """How a smooth search ended, as if it had been done by itself.
-
-        Args:
-            run: number of the search, one that was ``smooth``.
-        """
+        """How a smooth search ended, as if it had been done by itself."""
         return Solution(
             x=self.x[run].copy(),
             cost=float(self.normal[0][run]),
@@ -66,15 +53,7 @@ class SmoothEnds:
 def smooth_descents(
     evaluate: Callable[[Float], Normal], start: Float, scale: Float, lower: Float, upper: Float, options: Options
 ) -> SmoothEnds:
-    """Undamped Gauss-Newton steps of many searches.
-
-    Args:
-        evaluate: cost, gradient and Gauss-Newton matrix of all runs at points of shape ``(W, p)``.
-        start: where they begin, shape ``(W, p)``.
-        scale: typical sizes of the variables, shape ``(W, p)``.
-        lower, upper: bounds, shape ``(p,)``.
-        options: tolerances.
-    """
+    """Undamped Gauss-Newton steps of many searches."""
     x, normal, scale = start, evaluate(start), exact_scale(scale)
     count = np.ones(len(x), dtype=np.intp)
     step, offset = _remaining(normal, x, scale)

@@ -100,12 +100,7 @@ class Engine:
         self._buffer, self._solve = _share(self._solver, shared)
 
     def descend(self, run: Minimisation, start: Vector) -> None:
-        """Let Ipopt descend; the outcome is in ``run``.
-
-        Args:
-            run: the minimisation, of as many variables as the engine.
-            start: scaled variables, shape ``(n,)``.
-        """
+        """Let Ipopt descend; the outcome is in ``run``."""
         self.run = run
         run.history.clear()
         run.error = None
@@ -194,12 +189,7 @@ _pool: dict[tuple[int, Options], list[Engine]] = {}
 
 
 def borrow(n: int, options: Options) -> Engine:
-    """An idle engine.  ``list.pop`` and ``append`` are atomic: threads and nested fits never share one.
-
-    Args:
-        n: number of variables.
-        options: tolerances and limits, which Ipopt is built with.
-    """
+    """An idle engine.  ``list.pop`` and ``append`` are atomic: threads and nested fits never share one."""
     try:
         return _pool.setdefault((n, options), []).pop()
     except IndexError:
@@ -207,11 +197,5 @@ def borrow(n: int, options: Options) -> Engine:
 
 
 def give_back(engine: Engine, n: int, options: Options) -> None:
-    """Return an engine for the next minimisation of the same size.
-
-    Args:
-        engine: what :func:`borrow` gave.
-        n: number of its variables.
-        options: those that it was borrowed for.
-    """
+    """Return an engine for the next minimisation of the same size."""
     _pool.setdefault((n, options), []).append(engine)

@@ -47,22 +47,8 @@ def minimise(
     A failed run returns the best point seen together with a status that says so.  The function may be called
     from several threads and from within an objective; the objective itself is called by one thread.
 
-    Args:
-        objective: the cost with its derivatives.
-        start: starting point, shape (n,), within the bounds.
-        lower: lower bounds, shape (n,) or a scalar, ``-inf`` where absent; equal bounds fix a variable.
-        upper: upper bounds likewise.
-        scale: typical sizes of the variables, shape (n,), positive.  By default ``abs(start)``, and where
-            that is zero the change that alters the residuals by their own length.
-        options: tolerances and limits.
-
     Returns:
         The best point with its cost and status.
-
-    Raises:
-        ValueError: if shapes disagree, the start is outside the bounds or not finite, a scale is not
-            positive, or the objective returns a negative cost.
-        Exception: whatever the objective raises.
     """
     x = np.array(start, dtype=float, ndmin=1)
     if x.ndim != 1 or x.size == 0 or not np.isfinite(x).all():

@@ -22,27 +22,15 @@ class Objective(Protocol):
     """
 
     def cost(self, x: Vector) -> float:
-        """Cost at ``x``; ``nan`` or ``inf`` where the model is undefined.
-
-        Args:
-            x: point in the caller's units, shape (n,).
-        """
+        """Cost at ``x``; ``nan`` or ``inf`` where the model is undefined."""
         ...
 
     def gauss_newton(self, x: Vector) -> tuple[float, Vector, Matrix]:
-        """Cost, gradient of shape (n,) and the Gauss-Newton matrix JᵀJ of shape (n, n).
-
-        Args:
-            x: point in the caller's units, shape (n,).
-        """
+        """Cost, gradient of shape (n,) and the Gauss-Newton matrix JᵀJ of shape (n, n)."""
         ...
 
     def hessian(self, x: Vector) -> Matrix:
-        """Exact Hessian of the cost, shape (n, n).
-
-        Args:
-            x: point in the caller's units, shape (n,).
-        """
+        """Exact Hessian of the cost, shape (n, n)."""
         ...
 
 
@@ -58,26 +46,14 @@ class Status(Enum):
 
 @dataclass(frozen=True)
 class Options:
-    """Settings of the solver; all tolerances are dimensionless.
+    """Settings of the solver; all tolerances are dimensionless."""
 
-    Attributes:
-        max_iterations: Ipopt iterations allowed in total, both Hessians together; at least 1.
-        tolerance: relative offset (remaining step over residual length), or a hundred times the remaining
-            relative change of the parameters, at which refinement stops.
-        acceptable: relative offset that still counts as converged when round-off prevents ``tolerance``; for
-            m residuals 1e-6 is a step of about 1e-6 √m standard errors.
-        hessian: "auto" starts with Gauss-Newton and falls back to the exact Hessian when that stalls; the
-            other two values force one of them.
-        barrier: Ipopt's initial barrier parameter, in units of the logarithm of the cost.
-        print_level: Ipopt's output, 0 (silent) to 12.
-    """
-
-    max_iterations: int = 200
+    max_iterations: int = 200  # Ipopt iterations allowed in total, both Hessians together; at least 1
     tolerance: float = 1e-10
-    acceptable: float = 1e-6
+    acceptable: float = 1e-6  # relative offset that still counts as converged when round-off prevents ``tolerance``
     hessian: Literal["auto", "gauss-newton", "exact"] = "auto"
-    barrier: float = 1e-4
-    print_level: int = 0
+    barrier: float = 1e-4  # Ipopt's initial barrier parameter, in units of the logarithm of the cost
+    print_level: int = 0  # Ipopt's output, 0 (silent) to 12
 
     def __post_init__(self) -> None:
         if self.max_iterations < 1:
@@ -95,27 +71,15 @@ class Options:
 
 @dataclass(frozen=True, kw_only=True)
 class Solution:
-    """Outcome of :func:`~rotorfit.estimators.minimisation.least_squares.minimise`.
+    """Outcome of :func:`~rotorfit.estimators.minimisation.least_squares.minimise`."""
 
-    Attributes:
-        x: best point seen, shape (n,), the caller's units; never outside the bounds.
-        cost: cost at ``x``.
-        status: how the run ended.
-        n_iterations: Ipopt iterations plus refinement steps.
-        n_evaluations: evaluations of the objective, with or without derivatives.
-        hessian: the Hessian Ipopt used last.
-        offset: what the tolerances are compared with: the length of the step that remains over the residual
-            length, or a hundred times the relative change of the parameters in that step if that is smaller
-            (which matters for residuals near round-off only).
-    """
-
-    x: Vector
-    cost: float
-    status: Status
-    n_iterations: int
-    n_evaluations: int
-    hessian: HessianKind
-    offset: float
+    x: Vector  # best point seen, shape (n,), the caller's units; never outside the bounds
+    cost: float  # cost at ``x``
+    status: Status  # how the run ended
+    n_iterations: int  # Ipopt iterations plus refinement steps
+    n_evaluations: int  # evaluations of the objective, with or without derivatives
+    hessian: HessianKind  # the Hessian Ipopt used last
+    offset: float  # what the tolerances are compared with
 
     @property
     def success(self) -> bool:

@@ -74,12 +74,6 @@ def compile_kernels(source: str) -> dict[str, Kernel]:
 
     The text compiled is the argument, never what lies on disk; the file gives numba's own cache a name and a time
     stamp.
-
-    Args:
-        source: text of the module, as :mod:`rotorfit.estimators.misfit.codegen` writes it.
-
-    Raises:
-        ImportError: numba is not installed.
     """
     import numba
 

@@ -20,11 +20,7 @@ _TOGETHER = 8000  # readings that NumPy holds at once, so that arrays stay in ca
 
 
 def takes_many(block: Block) -> bool:
-    """Whether a block predicts from parameter vectors of shape ``(W, G, P)`` as well as ``(G, P)``.
-
-    Args:
-        block: any observations.
-    """
+    """Whether a block predicts from parameter vectors of shape ``(W, G, P)`` as well as ``(G, P)``."""
     if isinstance(block, FreeVibrations):
         return block.model.shaft is None
     return isinstance(block, OrbitResponses | OffCentreResponses)
@@ -32,17 +28,11 @@ def takes_many(block: Block) -> bool:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class BlockMisfit:
-    """One block of a problem as a misfit of many vectors.
+    """One block of a problem as a misfit of many vectors."""
 
-    Attributes:
-        problem: the block alone, as a problem of its own without priors.
-        readings: its readings among those of the whole problem.
-        channel: noise channel of each of them among those of the whole problem, shape ``(R,)``.
-    """
-
-    problem: Problem
-    readings: slice
-    channel: Index
+    problem: Problem  # the block alone, as a problem of its own without priors
+    readings: slice  # its readings among those of the whole problem
+    channel: Index  # noise channel of each of them among those of the whole problem, shape ``(R,)``
 
     @property
     def block(self) -> Block:
@@ -50,12 +40,7 @@ class BlockMisfit:
         return self.problem.blocks[0]
 
     def add_sums(self, x: Float, out: Float) -> None:
-        """Add the robust sums of squared whitened residuals to those by channel.
-
-        Args:
-            x: fitted vectors, shape ``(W, p)``.
-            out: what is added to, in place, shape ``(W, C)``.
-        """
+        """Add the robust sums of squared whitened residuals to those by channel."""
         to_channel = np.zeros((self.channel.size, out.shape[1]))
         to_channel[np.arange(self.channel.size), self.channel] = 1.0
         for part in self._parts(x.shape[0]):
@@ -64,14 +49,7 @@ class BlockMisfit:
             out[part] += rho @ to_channel
 
     def add_slopes(self, x: Float, measured: ComplexArray | None, cost: Float, gradient: Float) -> None:
-        """Add cost and gradient.
-
-        Args:
-            x: fitted vectors, shape ``(W, p)``.
-            measured: readings of each vector in place of the problem's, shape ``(W, R)``, or ``None``.
-            cost: what is added to, in place, shape ``(W,)``.
-            gradient: likewise, shape ``(W, p)``.
-        """
+        """Add cost and gradient."""
         if not takes_many(self.block):
             self._add_slopes_one_by_one(x, measured, cost, gradient)
             return
@@ -121,12 +99,7 @@ class BlockMisfit:
 
 
 def alone(problem: Problem, number: int) -> Problem:
-    """One block of a problem as a problem of its own, without priors.
-
-    Args:
-        problem: the problem.
-        number: which of its blocks.
-    """
+    """One block of a problem as a problem of its own, without priors."""
     return Problem(
         space=problem.space,
         blocks=(problem.blocks[number],),
@@ -137,12 +110,7 @@ def alone(problem: Problem, number: int) -> Problem:
 
 
 def costs(problem: Problem, x: Float) -> Float:
-    """Costs of many vectors, shape ``(W,)``, infinite where undefined.
-
-    Args:
-        problem: the problem.
-        x: fitted vectors, shape ``(W, p)``.
-    """
+    """Costs of many vectors, shape ``(W,)``, infinite where undefined."""
     total = np.zeros((len(x), 1))
     with np.errstate(all="ignore"):  # a start may well be absurd
         for number, block in enumerate(problem.blocks):
@@ -157,10 +125,6 @@ def costs(problem: Problem, x: Float) -> Float:
 
 def normal_equations(problem: Problem, x: Float) -> tuple[Float, Float, Float]:
     """Cost, gradient and Gauss-Newton matrix of many vectors.
-
-    Args:
-        problem: of one block, without priors.
-        x: fitted vectors, shape ``(W, p)``.
 
     Returns:
         shapes ``(W,)``, ``(W, p)`` and ``(W, p, p)``.

@@ -27,17 +27,11 @@ Entry = tuple[int, int]
 
 @dataclass(frozen=True)
 class Pattern:
-    """How a node is read: its entries, whether readings carry a gain, and the loss.
+    """How a node is read: its entries, whether readings carry a gain, and the loss."""
 
-    Attributes:
-        entries: what each reading of a node is of, see :data:`Entry`.
-        gains: whether readings carry a gain.
-        loss: of the fit.
-    """
-
-    entries: tuple[Entry, ...]
-    gains: bool
-    loss: Loss
+    entries: tuple[Entry, ...]  # what each reading of a node is of, see :data:`Entry`
+    gains: bool  # whether readings carry a gain
+    loss: Loss  # of the fit
 
 
 def _coefficient_graph(model: RotorModel) -> tuple[ca.SX, ca.SX, ca.SX, list[int]]:
@@ -266,13 +260,6 @@ def source(model: RotorModel, patterns: tuple[Pattern, ...]) -> str:
     """Source of a module that defines ``sums`` and ``slopes`` for a model read in the given ways.
 
     The source expects ``np`` and the decorators ``inner`` and ``outer`` in its namespace.
-
-    Args:
-        model: the rotor, of one or two coordinates.
-        patterns: how nodes are read.
-
-    Raises:
-        ValueError: a model of more coordinates than are unrolled.
     """
     if len(model.coordinates) > LARGEST_UNROLLED:
         raise ValueError(

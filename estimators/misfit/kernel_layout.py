@@ -24,39 +24,27 @@ class KernelLayout:
     A *node* is one dynamic stiffness matrix: a condition (parameter group and rotative speed) at one frequency.
     Nodes that were read in the same way form a *segment*; the readings of a segment form *entries*, each with one datum
     a node.
-
-    Attributes:
-        group, speed: of each condition, shape ``(C,)``.
-        frequency: variable w of ``s = j w`` at each node, shape ``(N,)``.
-        segments: rows of first node, past the last node, condition, first entry, past the last entry, shape ``(S, 5)``.
-        coordinate, direction, gain, channel, datum: of each entry: row read, number of the force direction, of the gain
-            and of the noise channel, first datum; shape ``(E,)``.
-        directions: force directions, largest component one, shape ``(U, n)``.
-        reading: reading (in the order of the blocks) behind each datum, shape ``(Q,)``.
-        drive: force component that the direction is normalised by, one where there is no force, shape ``(Q,)``.
-        nuisance, gain_group, gain_coordinate: of each distinct gain: sensitivities of its logarithm to the nuisance
-            entries, and whose probe factor it holds.
-        sigma: standard deviation of each reading, shape ``(Q,)``.
-        measured: complex readings, shape ``(Q,)``.
     """
 
-    group: Index
-    speed: Float
-    frequency: Float
+    group: Index  # of each condition, shape ``(C,)``
+    speed: Float  # of each condition, shape ``(C,)``
+    frequency: Float  # variable w of ``s = j w`` at each node, shape ``(N,)``
+    # rows of first node, past the last node, condition, first entry, past the last entry, shape ``(S, 5)``
     segments: Index
-    coordinate: Index
-    direction: Index
-    gain: Index
-    channel: Index
-    datum: Index
-    directions: ComplexArray
-    nuisance: ComplexArray
-    gain_group: Index
-    gain_coordinate: Index
-    reading: Index
+    coordinate: Index  # of each entry
+    direction: Index  # of each entry
+    gain: Index  # of each entry
+    channel: Index  # of each entry
+    datum: Index  # of each entry
+    directions: ComplexArray  # force directions, largest component one, shape ``(U, n)``
+    nuisance: ComplexArray  # of each distinct gain
+    gain_group: Index  # of each distinct gain
+    gain_coordinate: Index  # of each distinct gain
+    reading: Index  # reading (in the order of the blocks) behind each datum, shape ``(Q,)``
+    # force component that the direction is normalised by, one where there is no force, shape ``(Q,)``
     drive: ComplexArray
-    sigma: Float
-    measured: ComplexArray
+    sigma: Float  # standard deviation of each reading, shape ``(Q,)``
+    measured: ComplexArray  # complex readings, shape ``(Q,)``
 
     @cached_property
     def weight(self) -> Float:
@@ -86,11 +74,7 @@ class KernelLayout:
 
 
 def is_plain(block: Block) -> bool:
-    """Whether a block holds responses to forces of a linear model given by its coefficients, as this layout asks.
-
-    Args:
-        block: any observations.
-    """
+    """Whether a block holds responses to forces of a linear model given by its coefficients, as this layout asks."""
     if not isinstance(block, Responses) or block.imposed:
         return False
     return block.model.shaft is None and not block.model.eccentricity_dependent
@@ -98,9 +82,6 @@ def is_plain(block: Block) -> bool:
 
 def channels(problem: Problem) -> tuple[tuple[str, ...], Index, list[Index]]:
     """Noise channels of a problem: one for each response of each block.
-
-    Args:
-        problem: the problem.
 
     Returns:
         names, number of real data in each, and the channel of each reading, block by block.
@@ -141,11 +122,7 @@ def _occurrence(codes: Index) -> Index:
 
 
 def layout(problem: Problem) -> KernelLayout | None:
-    """Sort the responses of a problem; ``None`` if it has none.
-
-    Args:
-        problem: the problem; blocks that are not plain are passed over.
-    """
+    """Sort the responses of a problem; ``None`` if it has none."""
     chosen = [i for i, block in enumerate(problem.blocks) if is_plain(block)]
     if not chosen:
         return None

@@ -28,40 +28,21 @@ _CHUNK = 60_000  # readings that NumPy holds at once, so that arrays stay in cac
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class MemberReadings:
-    """Readings of many members.
+    """Readings of many members."""
 
-    Attributes:
-        measured: as given, shape ``(W, R)``; empty where there are responses to forces alone.
-        re, im: responses to unit forces in the order of the layout, shape ``(W, Q)``.
-    """
-
-    measured: ComplexArray
-    re: Float
-    im: Float
+    measured: ComplexArray  # as given, shape ``(W, R)``; empty where there are responses to forces alone
+    re: Float  # responses to unit forces in the order of the layout, shape ``(W, Q)``
+    im: Float  # responses to unit forces in the order of the layout, shape ``(W, Q)``
 
     def of(self, members: Index) -> MemberReadings:
-        """Those of some members; of all without a copy.
-
-        Args:
-            members: their numbers, ascending.
-        """
+        """Those of some members; of all without a copy."""
         if members.size == self.measured.shape[0]:
             return self
         return MemberReadings(measured=self.measured[members], re=self.re[members], im=self.im[members])
 
 
 class Batch:
-    """Misfit, by channel, of many vectors of a problem, and its gradient.
-
-    Args:
-        problem: the problem; a linear loss or a robust one.
-        accelerate: compile with numba; by default if it is installed and the work asked for pays for it.
-        work: how many vectors will be evaluated, roughly.
-        gradients: whether what will be evaluated is :meth:`cost_and_gradient` rather than :meth:`sums`.
-
-    Raises:
-        ImportError: ``accelerate`` is true and numba is not installed.
-    """
+    """Misfit, by channel, of many vectors of a problem, and its gradient."""
 
     def __init__(
         self, problem: Problem, *, accelerate: bool | None = None, work: float = np.inf, gradients: bool = False
@@ -133,9 +114,6 @@ class Batch:
     def sums(self, x: Float) -> Float:
         """Robust sum of squared whitened residuals of each channel.
 
-        Args:
-            x: vectors, shape ``(W, p)``.
-
         Returns:
             shape ``(W, channels)``; twice :meth:`Problem.cost` without priors when summed.
         """
@@ -148,11 +126,7 @@ class Batch:
         return out
 
     def readings(self, measured: ComplexArray) -> MemberReadings:
-        """Readings of members in place of the problem's, sorted once for many evaluations.
-
-        Args:
-            measured: in the order of the blocks, shape ``(W, R)``.
-        """
+        """Readings of members in place of the problem's, sorted once for many evaluations."""
         raw = measured if self._others else measured[:, :0]
         if self.layout is None:
             none = np.zeros((measured.shape[0], 0))
@@ -167,10 +141,6 @@ class Batch:
 
     def cost_and_gradient(self, x: Float, readings: MemberReadings | None = None) -> tuple[Float, Float]:
         """Cost of :class:`Problem` without priors, and its exact gradient.
-
-        Args:
-            x: vectors, shape ``(W, p)``.
-            readings: those of each member in place of the problem's.
 
         Returns:
             shapes ``(W,)`` and ``(W, p)``.

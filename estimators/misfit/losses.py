@@ -18,10 +18,6 @@ LOSS_SCALE = 2.0
 def robust_weights(loss: Loss, size2: Float) -> tuple[Float, Float]:
     """Robust cost of squared whitened residual moduli, and the factor by which each residual's pull shrinks.
 
-    Args:
-        loss: one of :data:`LOSSES`.
-        size2: ``|r|^2``, shape ``(R,)``.
-
     Returns:
         ``rho`` with cost = sum(rho)/2, and ``d rho / d size2``.
     """

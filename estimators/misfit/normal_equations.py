@@ -26,11 +26,7 @@ _AT_ONCE = 8192  # readings whose products are held at once, so that they stay i
 
 
 class NormalEquations:
-    """What :meth:`Problem.gauss_newton` answers, for many vectors.
-
-    Args:
-        problem: the problem.
-    """
+    """What :meth:`Problem.gauss_newton` answers, for many vectors."""
 
     def __init__(self, problem: Problem) -> None:
         self._problem = problem
@@ -64,17 +60,11 @@ def _is_summed(block: Block) -> TypeGuard[Responses]:
 
 @dataclass(frozen=True, eq=False)
 class _Products:
-    """Distinct products that the derivatives of a model's responses are made of, times real numbers.
+    """Distinct products that the derivatives of a model's responses are made of, times real numbers."""
 
-    Attributes:
-        factors: row, column, power of s, and whether times j, of each product.
-        entries, places: for the real and for the imaginary parts of the coefficients' Jacobian: entries of it that are
-            derivatives by parameters, and the product of each.
-    """
-
-    factors: tuple[tuple[int, int, int, int], ...]
-    entries: tuple[Index, Index]
-    places: tuple[Index, Index]
+    factors: tuple[tuple[int, int, int, int], ...]  # row, column, power of s, and whether times j, of each product
+    entries: tuple[Index, Index]  # for the real and for the imaginary parts of the coefficients' Jacobian
+    places: tuple[Index, Index]  # for the real and for the imaginary parts of the coefficients' Jacobian
 
 
 @lru_cache(maxsize=32)

@@ -21,26 +21,16 @@ DATUM = "datum"
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ParameterSpace:
-    """The fitted vector: free parameters, some of them one value a group, then nuisance parameters.
+    """The fitted vector: free parameters, some of them one value a group, then nuisance parameters."""
 
-    Attributes:
-        model: the rotor.
-        names: names of the free entries, ``D[speed_rpm=1000]`` for one value of several.
-        base: names without the group suffix, the model's own.
-        template: parameter vectors of the groups with known values in place, shape ``(G, P)``.
-        index: entry of the fitted vector that feeds each place of the template, -1 where known, shape ``(G, P)``.
-        lower, upper: bounds, shape ``(p,)``.
-        nuisance: names of nuisance entries, which follow the parameters.
-    """
-
-    model: RotorModel
-    names: tuple[str, ...]
-    base: tuple[str, ...]
-    template: Float
-    index: Index
-    lower: Float
-    upper: Float
-    nuisance: tuple[str, ...] = ()
+    model: RotorModel  # the rotor
+    names: tuple[str, ...]  # names of the free entries, ``D[speed_rpm=1000]`` for one value of several
+    base: tuple[str, ...]  # names without the group suffix, the model's own
+    template: Float  # parameter vectors of the groups with known values in place, shape ``(G, P)``
+    index: Index  # entry of the fitted vector that feeds each place of the template, -1 where known, shape ``(G, P)``
+    lower: Float  # bounds, shape ``(p,)``
+    upper: Float  # bounds, shape ``(p,)``
+    nuisance: tuple[str, ...] = ()  # names of nuisance entries, which follow the parameters
 
     @property
     def size(self) -> int:
@@ -53,11 +43,7 @@ class ParameterSpace:
         return np.array([self.model.parameter(name).scale for name in self.base])
 
     def theta(self, x: Float) -> Float:
-        """Parameter vectors of the groups, shape ``(..., G, P)``, of fitted vectors of shape ``(..., p)``.
-
-        Args:
-            x: fitted vector, shape ``(p,)``, or many of them, ``(..., p)``.
-        """
+        """Parameter vectors of the groups, shape ``(..., G, P)``, of fitted vectors of shape ``(..., p)``."""
         free, entries = self._free
         if x.ndim == 1:
             theta = self.template.copy()
@@ -84,12 +70,7 @@ class ParameterSpace:
         return places, slice(first, first + places.size)
 
     def pull_back(self, gradient: Float, group: int) -> Float:
-        """Derivatives by the fitted vector, shape ``(..., p)``, of what depends on a group's parameters.
-
-        Args:
-            gradient: derivatives by the model parameters, shape ``(..., P)``, real or complex.
-            group: number of the group.
-        """
+        """Derivatives by the fitted vector, shape ``(..., p)``, of what depends on a group's parameters."""
         index = self.index[group]
         free = index >= 0
         slope = np.zeros((*gradient.shape[:-1], self.size), dtype=gradient.dtype)
@@ -103,14 +84,7 @@ class ParameterSpace:
         return tuple(tuple(dict.fromkeys(rest[:-1] for _, bracket, rest in names if bracket)) for names in named)
 
     def group(self, at: Mapping[str, Any] | None = None) -> int:
-        """Number of the parameter group with given attribute values, ``{"speed_rpm": 1000}``.
-
-        Args:
-            at: values of attributes that name one group; needed where parameters were fitted per attribute.
-
-        Raises:
-            ValueError: parameters were fitted per attribute and ``at`` does not name one group.
-        """
+        """Number of the parameter group with given attribute values, ``{"speed_rpm": 1000}``."""
         if self.index.shape[0] == 1:
             return 0
         matches = [
@@ -145,19 +119,7 @@ def parameter_space(
     groups: Sequence[Mapping[str, str]],
     nuisance: Sequence[str] = (),
 ) -> ParameterSpace:
-    """Lay out the fitted vector.
-
-    Args:
-        model: the rotor.
-        known: fixed values by parameter name; ``None`` frees a parameter that the model knows by default.
-        bounds: lower and upper bounds by name, within the model's physical limits.
-        groups: for each group of readings, the suffix of each ``per`` parameter (``{"D": "speed_rpm=1000"}``).
-        nuisance: names of nuisance entries, unbounded.
-
-    Raises:
-        KeyError: unknown parameter name.
-        ValueError: contradictory bounds, a known value outside the limits, or nothing left to fit.
-    """
+    """Lay out the fitted vector."""
     for name in [*known, *bounds, *groups[0]]:
         model.parameter(bare_name(name))
     fixed = {q.name: q.default for q in model.parameters if q.default is not None} | dict(known)

@@ -29,22 +29,13 @@ def _is_normal(distribution: Any) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class Prior:
-    """Logarithm of a prior density of one entry and its two derivatives.
+    """Logarithm of a prior density of one entry and its two derivatives."""
 
-    Attributes:
-        entry: number of the entry in the fitted vector.
-        distribution: a frozen ``scipy.stats`` distribution.
-    """
-
-    entry: int
+    entry: int  # number of the entry in the fitted vector
     distribution: Any  # a frozen scipy.stats distribution
 
     def terms(self, value: float) -> tuple[float, float, float]:
-        """Minus log of the density over its largest, at a value, its slope and its curvature (none below zero).
-
-        Args:
-            value: of the entry that the prior is about.
-        """
+        """Minus log of the density over its largest, at a value, its slope and its curvature (none below zero)."""
         mean, sd = _moments(self.distribution)
         if _is_normal(self.distribution):
             pull = (value - mean) / sd
@@ -75,12 +66,7 @@ class Prior:
 
 
 def within_support(space: ParameterSpace, priors: Sequence[Prior]) -> ParameterSpace:
-    """The space with its bounds narrowed to where the priors are not zero.
-
-    Args:
-        space: the fitted vector.
-        priors: of some of its entries.
-    """
+    """The space with its bounds narrowed to where the priors are not zero."""
     if not priors:
         return space
     lower, upper = space.lower.copy(), space.upper.copy()
@@ -96,9 +82,6 @@ class LogPriors:
 
     SciPy's checks cost a hundred times the arithmetic of a few vectors, so priors of one family, whose shapes, places
     and scales are just numbers, are evaluated in one call.
-
-    Args:
-        priors: of entries of the vector, any frozen scipy.stats distributions.
     """
 
     def __init__(self, priors: Sequence[Prior]) -> None:

@@ -22,20 +22,12 @@ class Problem:
     """Weighted least squares on complex observations.
 
     It is an :class:`~rotorfit.estimators.minimisation.least_squares.Objective`.
-
-    Attributes:
-        space: the fitted vector.
-        blocks: the observations.
-        loss: "linear" or a robust one, applied to the modulus of each whitened complex residual.
-        priors: priors on entries of the fitted vector.
-        factors: for each block, sensitivities of the logarithm of its predictions to the nuisance entries (j for a
-            phase, 1 for a gain), shape ``(R, n_nuisance)``, or ``None``.
     """
 
-    space: ParameterSpace
-    blocks: tuple[Block, ...]
-    loss: Loss = "linear"
-    priors: tuple[Prior, ...] = ()
+    space: ParameterSpace  # the fitted vector
+    blocks: tuple[Block, ...]  # the observations
+    loss: Loss = "linear"  # "linear" or a robust one, applied to the modulus of each whitened complex residual
+    priors: tuple[Prior, ...] = ()  # priors on entries of the fitted vector
     factors: tuple[ComplexArray | None, ...] = field(default=())
 
     @property
@@ -49,11 +41,7 @@ class Problem:
         return np.asarray(np.exp(np.asarray(self.factors[number]) @ x[len(self.space.names) :]))
 
     def predict(self, x: Float) -> list[ComplexArray]:
-        """Predicted observations of each block; from the residuals where those are at hand and independent.
-
-        Args:
-            x: fitted vector, shape ``(p,)``.
-        """
+        """Predicted observations of each block; from the residuals where those are at hand and independent."""
         key = x.tobytes()
         if key in self._last and not any(isinstance(block, CorrelatedResponses) for block in self.blocks):
             stops = np.cumsum([block.measured.size for block in self.blocks])
@@ -63,11 +51,7 @@ class Problem:
         return [block.predict(theta) * self._nuisance_factor(i, x) for i, block in enumerate(self.blocks)]
 
     def residuals(self, x: Float) -> ComplexArray:
-        """Whitened complex residuals of all blocks, predicted minus measured over sigma, shape ``(R,)``.
-
-        Args:
-            x: fitted vector, shape ``(p,)``.
-        """
+        """Whitened complex residuals of all blocks, predicted minus measured over sigma, shape ``(R,)``."""
         pairs = zip(self.predict(x), self.blocks, strict=True)
         return np.concatenate([whiten(block, predicted - block.measured) for predicted, block in pairs])
 
@@ -76,9 +60,6 @@ class Problem:
 
         What was asked for last is kept, unless it is large: the search ends where the residuals are then studied and
         the result is judged.
-
-        Args:
-            x: fitted vector, shape ``(p,)``.
         """
         rows = self._linearised(x)
         return rows[-1], rows[:-1].T
@@ -144,11 +125,7 @@ class Problem:
     # ---- the optimiser's view -------------------------------------------------------------------------------------
 
     def cost(self, x: Float) -> float:
-        """Half the (robust) sum of squares plus minus the log prior.
-
-        Args:
-            x: fitted vector, shape ``(p,)``.
-        """
+        """Half the (robust) sum of squares plus minus the log prior."""
         misfit = sum(piece._misfit(x) for piece in self._pieces)
         return misfit + sum(prior.terms(float(x[prior.entry]))[0] for prior in self.priors)
 
@@ -190,11 +167,7 @@ class Problem:
         return misfit, products[:, -1], products[:, :-1]
 
     def gauss_newton(self, x: Float) -> tuple[float, Float, Float]:
-        """Cost, gradient and Gauss-Newton matrix, not to be written to; what was asked for last is kept.
-
-        Args:
-            x: fitted vector, shape ``(p,)``.
-        """
+        """Cost, gradient and Gauss-Newton matrix, not to be written to; what was asked for last is kept."""
         key = x.tobytes()
         if key not in self._last_normal:
             found = self._gauss_newton(x)
@@ -225,9 +198,6 @@ class Problem:
         """Second derivatives of the cost, by differences of the exact gradient.
 
         Needed only where Gauss-Newton stalls; a relative step of 1.5e-8 leaves errors near 1e-8 of its size.
-
-        Args:
-            x: fitted vector, shape ``(p,)``.
         """
         step = np.sqrt(np.finfo(float).eps) * np.maximum(np.abs(x), 1e-8)
         here = self.gauss_newton(x)[1]

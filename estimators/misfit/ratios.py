@@ -22,24 +22,14 @@ _STANDARD_ERRORS = 0.1  # how many of them such a step is long at most
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Ratios:
-    """Which entries of the fitted vector are replaced.
+    """Which entries of the fitted vector are replaced."""
 
-    Attributes:
-        entry: what the others are divided by; of the sign of ``size``.
-        numerators: the others.
-        size: typical value of the entry, the unit of the logarithm.
-    """
-
-    entry: int
-    numerators: Index
-    size: float
+    entry: int  # what the others are divided by; of the sign of ``size``
+    numerators: Index  # the others
+    size: float  # typical value of the entry, the unit of the logarithm
 
     def of(self, x: Float) -> Float:
-        """Coordinates of fitted vectors, of the same shape.
-
-        Args:
-            x: fitted vectors, shape ``(..., p)``.
-        """
+        """Coordinates of fitted vectors, of the same shape."""
         y = x.copy()
         share = x[..., self.entry] / self.size
         y[..., self.numerators] /= share[..., None]
@@ -47,11 +37,7 @@ class Ratios:
         return y
 
     def vectors(self, y: Float) -> Float:
-        """Fitted vectors of coordinates, of the same shape.
-
-        Args:
-            y: coordinates, shape ``(..., p)``.
-        """
+        """Fitted vectors of coordinates, of the same shape."""
         x = y.copy()
         share = np.exp(y[..., self.entry])
         x[..., self.numerators] *= share[..., None]
@@ -59,11 +45,7 @@ class Ratios:
         return x
 
     def slope(self, y: Float) -> Float:
-        """Derivatives of the fitted vector by its coordinates, shape ``(p, p)``.
-
-        Args:
-            y: coordinates, shape ``(p,)``.
-        """
+        """Derivatives of the fitted vector by its coordinates, shape ``(p, p)``."""
         x, by = self.vectors(y), np.eye(y.size)
         by[self.numerators, self.numerators] = np.exp(y[self.entry])
         by[self.numerators, self.entry] = x[self.numerators]
@@ -71,11 +53,7 @@ class Ratios:
         return by
 
     def bounds(self, space: ParameterSpace) -> tuple[Float, Float]:
-        """Bounds of the coordinates, shapes ``(p,)``.
-
-        Args:
-            space: the fitted vector.
-        """
+        """Bounds of the coordinates, shapes ``(p,)``."""
         lower, upper = space.lower.copy(), space.upper.copy()
         ends = sorted(bound[self.entry] / self.size for bound in (lower, upper))
         with np.errstate(divide="ignore"):  # a bound at zero is none of the logarithm
@@ -83,22 +61,13 @@ class Ratios:
         return lower, upper
 
     def led_by(self, entry: int, x: Float) -> Ratios:
-        """The same with another of the parameters that go together in front; its sign is kept.
-
-        Args:
-            entry: one of the numerators.
-            x: a fitted vector in which that is not zero, shape ``(p,)``.
-        """
+        """The same with another of the parameters that go together in front; its sign is kept."""
         others = [self.entry, *self.numerators[self.numerators != entry].tolist()]
         return Ratios(entry=entry, numerators=np.array(others), size=float(x[entry]))
 
 
 def ratios_of(problem: Problem) -> Ratios | None:
-    """The coordinates that suit a problem, None where the entries of its fitted vector do.
-
-    Args:
-        problem: the problem; without readings of the twist nothing is told of the ratios either.
-    """
+    """The coordinates that suit a problem, None where the entries of its fitted vector do."""
     space = problem.space
     if not any(isinstance(block, LineResponses) and (block.direction == "twist").any() for block in problem.blocks):
         return None
@@ -120,49 +89,28 @@ def ratios_of(problem: Problem) -> Ratios | None:
 
 @dataclass(frozen=True, eq=False)
 class InRatios:
-    """A problem in such coordinates, an objective as the problem itself is.
+    """A problem in such coordinates, an objective as the problem itself is."""
 
-    Attributes:
-        problem: the problem.
-        ratios: the coordinates.
-    """
-
-    problem: Problem
-    ratios: Ratios
+    problem: Problem  # the problem
+    ratios: Ratios  # the coordinates
 
     def cost(self, y: Float) -> float:
-        """See :meth:`Problem.cost`.
-
-        Args:
-            y: coordinates, shape ``(p,)``.
-        """
+        """See :meth:`Problem.cost`."""
         return self.problem.cost(self.ratios.vectors(y))
 
     def gauss_newton(self, y: Float) -> tuple[float, Float, Float]:
-        """See :meth:`Problem.gauss_newton`.
-
-        Args:
-            y: coordinates, shape ``(p,)``.
-        """
+        """See :meth:`Problem.gauss_newton`."""
         cost, gradient, matrix = self.problem.gauss_newton(self.ratios.vectors(y))
         by = self.ratios.slope(y)
         return cost, gradient @ by, by.T @ matrix @ by
 
     def of_many(self, y: Float) -> tuple[Float, Float, Float]:
-        """What :meth:`gauss_newton` answers, for many: shapes ``(W,)``, ``(W, p)`` and ``(W, p, p)``.
-
-        Args:
-            y: coordinates, shape ``(W, p)``.
-        """
+        """What :meth:`gauss_newton` answers, for many: shapes ``(W,)``, ``(W, p)`` and ``(W, p, p)``."""
         cost, gradient, matrix = (np.array(part) for part in zip(*(self.gauss_newton(row) for row in y), strict=True))
         return cost, gradient, matrix
 
     def hessian(self, y: Float) -> Float:
-        """Second derivatives of the cost, by central differences of the exact gradient.
-
-        Args:
-            y: coordinates, shape ``(p,)``.
-        """
+        """Second derivatives of the cost, by central differences of the exact gradient."""
         space = self.problem.space
         size = np.concatenate([space.typical, np.full(len(space.nuisance), 0.1)])
         size[self.ratios.entry] = 1.0

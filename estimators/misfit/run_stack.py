@@ -14,28 +14,16 @@ from rotorfit.models.array_types import ComplexArray, Float, Index
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class RunStack:
-    """Weighted least squares of many runs that share all but their speed, readings and noise; no priors, no nuisance.
+    """Weighted least squares of many runs that share all but their speed, readings and noise."""
 
-    Attributes:
-        space: the fitted vector of each run.
-        layout: observations of one of them.
-        speed: rad/s, shape ``(W,)``.
-        measured, sigma: readings and noise, shape ``(W, R)``.
-    """
-
-    space: ParameterSpace
-    layout: Responses
-    speed: Float
-    measured: ComplexArray
-    sigma: Float
+    space: ParameterSpace  # the fitted vector of each run
+    layout: Responses  # observations of one of them
+    speed: Float  # rad/s, shape ``(W,)``
+    measured: ComplexArray  # readings and noise, shape ``(W, R)``
+    sigma: Float  # readings and noise, shape ``(W, R)``
 
     def part(self, members: Index, x: Float) -> RunStack:
-        """Some of the runs; what is known of them goes along.
-
-        Args:
-            members: numbers of the runs.
-            x: fitted vectors of all runs, shape ``(W, p)``, at which residuals and derivatives are kept.
-        """
+        """Some of the runs; what is known of them goes along."""
         found = replace(self, speed=self.speed[members], measured=self.measured[members], sigma=self.sigma[members])
         r, rows = self.jacobian(x)
         found._last[x[members].tobytes()] = r[members], rows[members]
@@ -71,20 +59,13 @@ class RunStack:
         return replace(self.block, group=np.zeros_like(self.block.group))
 
     def theta(self, x: Float) -> Float:
-        """Parameter vectors of the model, shape ``(W, P)``.
-
-        Args:
-            x: fitted vectors, shape ``(W, p)``.
-        """
+        """Parameter vectors of the model, shape ``(W, P)``."""
         return self.space.theta(x)[:, 0]
 
     def jacobian(self, x: Float) -> tuple[ComplexArray, ComplexArray]:
         """Whitened residuals and their derivatives, shapes ``(W, R)`` and ``(W, p, R)``.
 
         What was asked for last is kept: a search ends where its residuals are then studied.
-
-        Args:
-            x: fitted vectors, shape ``(W, p)``.
         """
         key = x.tobytes()
         if key not in self._last:
@@ -112,11 +93,7 @@ class RunStack:
         return np.repeat(1 / self.sigma, 2, axis=1)
 
     def gauss_newton(self, x: Float) -> tuple[Float, Float, Float]:
-        """Cost, gradient and Gauss-Newton matrix of each run, shapes ``(W,)``, ``(W, p)`` and ``(W, p, p)``.
-
-        Args:
-            x: fitted vectors, shape ``(W, p)``.
-        """
+        """Cost, gradient and Gauss-Newton matrix of each run, shapes ``(W,)``, ``(W, p)`` and ``(W, p, p)``."""
         r, rows = self.jacobian(x)
         parts, stacked = r.view(float), rows.view(float)
         cost = 0.5 * np.einsum("wr,wr->w", parts, parts)

@@ -20,28 +20,15 @@ _LAGS = 12
 
 @dataclass(frozen=True, kw_only=True)
 class Memory:
-    """Correlation of whitened residuals along their sweeps.
+    """Correlation of whitened residuals along their sweeps."""
 
-    Attributes:
-        first: correlation of neighbouring lines, less what the fit itself brings about.
-        z: that over its standard deviation for residuals without memory, whatever their sizes.
-        lags: correlations at distances 1, 2, ... up to the first that chance explains.
-    """
-
-    first: float
-    z: float
-    lags: tuple[float, ...]
+    first: float  # correlation of neighbouring lines, less what the fit itself brings about
+    z: float  # that over its standard deviation for residuals without memory, whatever their sizes
+    lags: tuple[float, ...]  # correlations at distances 1, 2, ... up to the first that chance explains
 
 
 def memory(r: ComplexArray, own: ComplexArray, outer: Float, sweeps: Sequence[Index]) -> Memory:
-    """Correlation along sweeps.
-
-    Args:
-        r: whitened residuals, shape ``(R,)``.
-        own: whitened sensitivities of the fit that left them, shape ``(R, p)``.
-        outer: covariance of its fitted values, shape ``(p, p)``.
-        sweeps: readings of each sweep in the order of frequency.
-    """
+    """Correlation along sweeps."""
     shortest = min((rows.size for rows in sweeps), default=0)
     products = _Products.of(r, own.T, outer, sweeps)
     total = float(products.total)
@@ -59,13 +46,7 @@ def memory(r: ComplexArray, own: ComplexArray, outer: Float, sweeps: Sequence[In
 
 
 def neighbours(r: ComplexArray, rows: ComplexArray, outer: Float, sweeps: Sequence[Index]) -> tuple[Float, Float]:
-    """:attr:`Memory.first` and :attr:`Memory.z` of many runs of one plan, shape ``(W,)`` each.
-
-    Args:
-        r, rows: whitened residuals and sensitivities of each run, shapes ``(W, R)`` and ``(W, p, R)``.
-        outer: covariance of the fitted values, shape ``(W, p, p)``.
-        sweeps: as for :func:`memory`.
-    """
+    """:attr:`Memory.first` and :attr:`Memory.z` of many runs of one plan, shape ``(W,)`` each."""
     products = _Products.of(r, rows, outer, sweeps)
     amount, chance = products.at(1)
     safe = [np.where(size > 0, size, 1.0) for size in (products.total, chance)]
@@ -74,20 +55,13 @@ def neighbours(r: ComplexArray, rows: ComplexArray, outer: Float, sweeps: Sequen
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _Products:
-    """Readings in the order of the sweeps, along the last axis.
+    """Readings in the order of the sweeps, along the last axis."""
 
-    Attributes:
-        number: sweep of each.
-        along: residuals.
-        ours, moved: sensitivities, and these times the covariance of the residuals' fit.
-        total: sum of the squares of all residuals, what the fit took of them made good.
-    """
-
-    number: Index
-    along: ComplexArray
-    ours: Float
-    moved: Float
-    total: Float
+    number: Index  # sweep of each
+    along: ComplexArray  # residuals
+    ours: Float  # sensitivities, and these times the covariance of the residuals' fit
+    moved: Float  # sensitivities, and these times the covariance of the residuals' fit
+    total: Float  # sum of the squares of all residuals, what the fit took of them made good
 
     @classmethod
     def of(cls, r: ComplexArray, rows: ComplexArray, outer: Float, sweeps: Sequence[Index]) -> _Products:
@@ -112,13 +86,7 @@ class _Products:
 
 
 def scatter(own: ComplexArray, sweeps: Sequence[Index], lags: Sequence[float]) -> Float:
-    """What memory along sweeps adds to the scatter of the gradient, ``J^T (R - 1) J``, shape ``(p, p)``.
-
-    Args:
-        own: whitened sensitivities, shape ``(R, p)``.
-        sweeps: readings of each sweep in the order of frequency.
-        lags: correlations at distances 1, 2, ...
-    """
+    """What memory along sweeps adds to the scatter of the gradient, ``J^T (R - 1) J``, shape ``(p, p)``."""
     added = np.zeros((own.shape[1], own.shape[1]))
     for lag, value in enumerate(lags, start=1):
         for rows in sweeps:

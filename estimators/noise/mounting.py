@@ -22,40 +22,20 @@ class Solved:
     """Linear coefficients of one kind of reading, ``y_m = X_m beta + b_m + e_m``, over the mountings m.
 
     Variances are those of the real part and of the imaginary part.
-
-    Attributes:
-        beta: coefficients, shape ``(p,)``.
-        weights: ``beta = weights @ y``, shape ``(p, M)``, zero where a mounting has no such reading.
-        residuals: shape ``(M,)``, zero where there is no reading.
-        projector: ``residuals = projector @ y``, shape ``(M, M)``.
-        mounting: variance between mountings, NaN where there are no more mountings than coefficients.
-        repeat: variance between repeats of one mounting, NaN where nothing was repeated.
-        mean: typical variance of a mounting's mean reading, repeats included.
-        freedom: complex degrees of freedom of ``mean``.
     """
 
-    beta: ComplexArray
-    weights: ComplexArray
-    residuals: ComplexArray
-    projector: ComplexArray
-    mounting: float
-    repeat: float
-    mean: float
-    freedom: int
+    beta: ComplexArray  # coefficients, shape ``(p,)``
+    weights: ComplexArray  # ``beta = weights @ y``, shape ``(p, M)``, zero where a mounting has no such reading
+    residuals: ComplexArray  # shape ``(M,)``, zero where there is no reading
+    projector: ComplexArray  # ``residuals = projector @ y``, shape ``(M, M)``
+    mounting: float  # variance between mountings, NaN where there are no more mountings than coefficients
+    repeat: float  # variance between repeats of one mounting, NaN where nothing was repeated
+    mean: float  # typical variance of a mounting's mean reading, repeats included
+    freedom: int  # complex degrees of freedom of ``mean``
 
 
 def solve(reading: ComplexArray, count: Float, design: ComplexArray, repeat: float) -> Solved:
-    """Coefficients and the variance between mountings, by restricted maximum likelihood.
-
-    Args:
-        reading: mean reading of each mounting, shape ``(M,)``, NaN where there is none.
-        count: number of repeats averaged in each, shape ``(M,)``.
-        design: shape ``(M, p)``.
-        repeat: variance of one repeat, real and imaginary part each; NaN if unknown.
-
-    Raises:
-        ValueError: the mountings do not determine the coefficients.
-    """
+    """Coefficients and the variance between mountings, by restricted maximum likelihood."""
     there = np.flatnonzero(np.isfinite(reading))
     y, X, n = reading[there], design[there], count[there]
     if not determines(X):
@@ -90,11 +70,7 @@ def solve(reading: ComplexArray, count: Float, design: ComplexArray, repeat: flo
 
 
 def determines(design: ComplexArray) -> bool:
-    """Whether the columns of a design can be told apart.
-
-    Args:
-        design: change of the readings by a unit of each unknown, shape ``(readings, unknowns)``.
-    """
+    """Whether the columns of a design can be told apart."""
     if design.shape[0] < design.shape[1]:
         return False
     size = np.linalg.norm(design, axis=0)
@@ -137,10 +113,6 @@ def _restricted(y: ComplexArray, X: ComplexArray, within: Float) -> float:
 def repeat_variance(readings: ComplexArray, mounting: Index) -> tuple[float, int]:
     """Variance of real and imaginary part between repeats of one mounting, pooled, and its complex degrees of freedom.
 
-    Args:
-        readings: shape ``(R,)``.
-        mounting: number of the mounting of each, shape ``(R,)``.
-
     Returns:
         the variance, NaN where nothing was repeated, and the degrees of freedom.
     """
@@ -157,9 +129,6 @@ def scatter(cells: list[Solved]) -> ComplexArray:
 
     No structure is assumed: whatever a mounting does to several channels and speeds at once is in it. Its rank is that
     of the residuals, so that it serves for error bars but cannot weigh.
-
-    Args:
-        cells: what solving the weights left, one entry for each channel at each speed, ``C`` of them.
     """
     found = np.zeros((len(cells), len(cells)), dtype=complex)
     for i, one in enumerate(cells):
@@ -174,10 +143,6 @@ def scatter(cells: list[Solved]) -> ComplexArray:
 
 def coefficient_covariance(cells: list[Solved], between: ComplexArray) -> ComplexArray:
     """Covariance of the coefficients of all cells, cell by cell, from that of the mean readings of one mounting.
-
-    Args:
-        cells: what :func:`solve` gave, all with p coefficients over the same mountings.
-        between: covariance of the cells' mean readings, shape ``(C, C)``.
 
     Returns:
         shape ``(C p, C p)``.

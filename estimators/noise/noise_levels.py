@@ -34,39 +34,21 @@ _FEWEST = 8
 
 @dataclass(frozen=True, kw_only=True)
 class Shape:
-    """Noise of one group of readings, ``sigma^2 = a^2 + b^2 |prediction|^2``.
+    """Noise of one group of readings, ``sigma^2 = a^2 + b^2 |prediction|^2``."""
 
-    Attributes:
-        rows: the readings.
-        a: constant part, in units of the readings.
-        b: part that is proportional to the prediction.
-        log_likelihood: restricted, up to a constant of the readings.
-        along: what ``size2`` is of, in words.
-    """
-
-    rows: Index
-    a: float
-    b: float
-    log_likelihood: float
-    along: str
+    rows: Index  # the readings
+    a: float  # constant part, in units of the readings
+    b: float  # part that is proportional to the prediction
+    log_likelihood: float  # restricted, up to a constant of the readings
+    along: str  # what ``size2`` is of, in words
 
     def variance(self, size2: Float) -> Float:
-        """Variance of the real and of the imaginary part of each reading of the group.
-
-        Args:
-            size2: squared amplitudes of all readings, shape ``(R,)``.
-        """
+        """Variance of the real and of the imaginary part of each reading of the group."""
         return self.a**2 + self.b**2 * np.asarray(size2)[self.rows]
 
 
 def likelihood(power: Float, weight: Float, variance: Float) -> Float:
-    """Restricted log likelihood of squared residuals, up to a constant, shape ``(...)``.
-
-    Args:
-        power: ``|r|^2 / (2 (1 - h))``, h the leverage of the reading, shape ``(..., n)``.
-        weight: ``1 - h``: the share of a reading that the fitted values leave (Smyth 2002).
-        variance: of real and of imaginary part.
-    """
+    """Restricted log likelihood of squared residuals, up to a constant, shape ``(...)``."""
     return np.asarray(-np.sum(weight * (np.log(variance) + power / variance), axis=-1))
 
 
@@ -78,12 +60,6 @@ def fit_probes(
     The sweeps of a probe share both parts, or have them each where the data refuse to pool them. For a given ratio of
     the two, the level has a closed form; the ratio is looked for on a grid, which no start can lead astray. All probes
     of one size are taken at once.
-
-    Args:
-        probes: readings of each sweep of each probe.
-        power, weight: see :func:`likelihood`, of all readings, shape ``(R,)``.
-        size2: square of what the noise may grow with, the modulus of predictions for one, shape ``(R,)``.
-        along: that in words.
     """
     pooled = _fit_many([np.concatenate(sweeps) for sweeps in probes], power, weight, size2, along)
     several = [len(sweeps) > 1 and min(rows.size for rows in sweeps) >= _FEWEST for sweeps in probes]
@@ -152,19 +128,13 @@ def _fit_equal(p: Float, w: Float, q: Float) -> tuple[Float, Float, Float]:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _Profile:
-    """Likelihood of groups of readings, the level at its best for each ratio.
+    """Likelihood of groups of readings, the level at its best for each ratio."""
 
-    Attributes:
-        relative: what the noise may grow with over its mean, shape ``(G, n)``.
-        power, weight: weighted squared residuals, and weights, shape ``(G, n)``.
-        total, least: sum of the weights and smallest level, shape ``(G,)``.
-    """
-
-    relative: Float
-    power: Float
-    weight: Float
-    total: Float
-    least: Float
+    relative: Float  # what the noise may grow with over its mean, shape ``(G, n)``
+    power: Float  # weighted squared residuals, and weights, shape ``(G, n)``
+    weight: Float  # weighted squared residuals, and weights, shape ``(G, n)``
+    total: Float  # sum of the weights and smallest level, shape ``(G,)``
+    least: Float  # sum of the weights and smallest level, shape ``(G,)``
 
     @classmethod
     def of(cls, p: Float, w: Float, q: Float, mean: Float) -> _Profile:

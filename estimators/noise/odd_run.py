@@ -20,14 +20,7 @@ _FOLLOW = 0.5
 
 
 def misfit_without(r: ComplexArray, J: ComplexArray, prior: Float, runs: Sequence[Index]) -> Float:
-    """Mean squared residual, real and imaginary part, of a fit to all runs but one, run by run.
-
-    Args:
-        r: whitened residuals, predicted minus measured, shape ``(R,)``.
-        J: their derivatives, shape ``(R, p)``.
-        prior: curvature of the priors, shape ``(p,)``.
-        runs: readings of each run.
-    """
+    """Mean squared residual, real and imaginary part, of a fit to all runs but one, run by run."""
     rows = real_rows(J)
     information, gradient = rows @ rows.T + np.diag(prior), rows @ r.view(float)
     square = float(np.vdot(r, r).real)
@@ -45,12 +38,7 @@ def misfit_without(r: ComplexArray, J: ComplexArray, prior: Float, runs: Sequenc
 def odd_run(
     r: ComplexArray, J: ComplexArray, prior: Float, runs: Sequence[Index], sweeps: Sequence[Index]
 ) -> tuple[int, float] | None:
-    """Number of the one run without which a fit would be another, and what it would then leave; None where none is.
-
-    Args:
-        r, J, prior, runs: as for :func:`misfit_without`.
-        sweeps: readings of each sweep, in order of frequency.
-    """
+    """Number of the one run without which a fit would be another, and what it would then leave; None where none is."""
     if len(runs) < _FEWEST:
         return None
     now = float(np.vdot(r, r).real) / max(2 * r.size - prior.size, 1)

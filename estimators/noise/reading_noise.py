@@ -24,11 +24,6 @@ def noise_from_samples(noise: ComplexArray, amplitude: ComplexArray, sizes: Inde
     Two shapes of noise compete: constant over the sweep (probe and cable), and proportional to the
     amplitude (gain flutter).
 
-    Args:
-        noise: complex samples, shape ``(..., L)``, for instance the component opposite to the force.
-        amplitude: the channel's readings, shape ``(..., L)``.
-        sizes: of sweeps that follow one another and share a level; the shape of the noise is judged within sweeps.
-
     Returns:
         standard deviation of the real part and of the imaginary part, shape ``(..., L)``.
     """
@@ -75,15 +70,8 @@ def noise_from_smoothness(frequency: Float, response: ComplexArray) -> Float:
     squares, d the distance from the middle: a rational function follows a resonance that a polynomial of the same width
     cannot. The median over the windows of the residual variance is the estimate. Short sweeps drop a2, then a1.
 
-    Args:
-        frequency: rad/s, shape ``(L,)``, all of one sign.
-        response: readings, shape ``(L,)``.
-
     Returns:
         standard deviation of the real part and of the imaginary part, shape ``(L,)``.
-
-    Raises:
-        ValueError: fewer points than a local fit needs.
     """
     count = frequency.size
     if count < 6:
@@ -140,9 +128,6 @@ def deviations_of_repeats(sweeps: ComplexArray) -> ComplexArray:
     """Samples of the noise from repeated sweeps, of its own size, shape ``(n_repeats, L)``.
 
     Each sweep's gain and phase against the mean are taken out: a force or a mark that is set anew is no noise.
-
-    Args:
-        sweeps: readings at the same lines, one repeat a row, shape ``(n_repeats, L)``.
     """
     mean = sweeps.mean(axis=0)
     count, lines = sweeps.shape

@@ -20,17 +20,11 @@ _LEFT = 0.05  # share of a reading's residual that its fit leaves at least, in e
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class LineScatter:
-    """Scatter of the gradient by lines, beside what equal and circular noise brings.
+    """Scatter of the gradient by lines, beside what equal and circular noise brings."""
 
-    Attributes:
-        gathered: what makes the scatter line by line, shape ``(p, L)``.
-        excess: standard deviations by which the variance of each entry exceeds that of such noise, shape ``(p,)``.
-        freedom: degrees of freedom of those variances, shape ``(p,)``.
-    """
-
-    gathered: Callable[[], Float]
-    excess: Float
-    freedom: Float
+    gathered: Callable[[], Float]  # what makes the scatter line by line, shape ``(p, L)``
+    excess: Float  # standard deviations by which the variance of each entry exceeds that of such noise, shape ``(p,)``
+    freedom: Float  # degrees of freedom of those variances, shape ``(p,)``
 
     @cached_property
     def covar(self) -> Float:
@@ -40,28 +34,12 @@ class LineScatter:
 
 
 def line_scatter(r: ComplexArray, J: ComplexArray, covar: Float, line: Index, power: float = 1.0) -> LineScatter:
-    """Compare the scatter of the gradient with what the noise explains.
-
-    Args:
-        r: whitened residuals at the optimum, shape ``(R,)``.
-        J: whitened sensitivities, shape ``(R, p)``.
-        covar: covariance of the estimate if the noise is as whitened, shape ``(p, p)``.
-        line: number of the line of each reading: readings of one line may share noise, lines do not.
-        power: variance of the whitened noise.
-    """
+    """Compare the scatter of the gradient with what the noise explains."""
     return scatter_by_line(r, real_rows(J), covar, line, power)
 
 
 def scatter_by_line(r: ComplexArray, ours: Float, covar: Float, line: Index, power: Float | float) -> LineScatter:
-    """:func:`line_scatter` of one run, or of many runs of one plan along a leading axis.
-
-    Args:
-        r: whitened residuals, shape ``(..., R)``.
-        ours: parts of the sensitivities, shape ``(..., p, 2 R)``.
-        covar: covariance of the estimate, shape ``(..., p, p)``.
-        line: number of the line of each reading of one run.
-        power: variance of the whitened noise, shape ``(...)``.
-    """
+    """:func:`line_scatter` of one run, or of many runs of one plan along a leading axis."""
     moved = np.asarray(np.swapaxes(covar, -1, -2) @ ours)  # both parts of each reading one after the other
     left = np.maximum(1 - powers(moved, ours) / 2, _LEFT)
     by_line = _sums_by_line(line)
@@ -78,11 +56,7 @@ def scatter_by_line(r: ComplexArray, ours: Float, covar: Float, line: Index, pow
 
 
 def _sums_by_line(line: Index) -> Callable[[Float], Float]:
-    """What sums parts of readings, shape ``(..., 2 R)``, over the readings of each line, shape ``(..., L)``.
-
-    Args:
-        line: number of the line of each reading.
-    """
+    """What sums parts of readings, shape ``(..., 2 R)``, over the readings of each line, shape ``(..., L)``."""
     parts: slice | Index = slice(None)
     if (line[1:] < line[:-1]).any():
         order = np.argsort(line, kind="stable")

@@ -28,17 +28,11 @@ _LARGEST = 0.3
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Common:
-    """Sums over all readings: what the fit is without any effects of runs.
+    """Sums over all readings: what the fit is without any effects of runs."""
 
-    Attributes:
-        information: ``J^T J`` and the curvature of the priors, shape ``(p, p)``.
-        gradient: ``J^T r``, shape ``(p,)``.
-        square: ``r^T r``.
-    """
-
-    information: Float
-    gradient: Float
-    square: float
+    information: Float  # ``J^T J`` and the curvature of the priors, shape ``(p, p)``
+    gradient: Float  # ``J^T r``, shape ``(p,)``
+    square: float  # ``r^T r``
 
     @cached_property
     def outer(self) -> Float:
@@ -58,31 +52,16 @@ class Common:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class MixedModel:
-    """Sums over runs from which likelihoods and estimates follow.
+    """Sums over runs from which likelihoods and estimates follow."""
 
-    Attributes:
-        gram: ``Z^T Z`` of each run, shape ``(n_runs, k, k)``.
-        cross: ``Z^T J`` of each run, shape ``(n_runs, k, p)``.
-        moment: ``Z^T r`` of each run, shape ``(n_runs, k)``.
-        common: sums over all of them.
-    """
-
-    gram: Float
-    cross: Float
-    moment: Float
-    common: Common
+    gram: Float  # ``Z^T Z`` of each run, shape ``(n_runs, k, k)``
+    cross: Float  # ``Z^T J`` of each run, shape ``(n_runs, k, p)``
+    moment: Float  # ``Z^T r`` of each run, shape ``(n_runs, k)``
+    common: Common  # sums over all of them
 
     @classmethod
     def of(cls, r: ComplexArray, J: ComplexArray, Z: ComplexArray, runs: Sequence[Index], prior: Float) -> MixedModel:
-        """Sums of whitened residuals and sensitivities.
-
-        Args:
-            r: whitened residuals, predicted minus measured, shape ``(R,)``.
-            J: their derivatives, shape ``(R, p)``.
-            Z: change of the predictions by a unit of each kind of effect, shape ``(R, k)``.
-            runs: readings of each run.
-            prior: curvature of the priors of the fitted values, shape ``(p,)``.
-        """
+        """Sums of whitened residuals and sensitivities."""
         k, p = Z.shape[1], J.shape[1]
         stacked = np.concatenate([real_rows(Z), real_rows(J), r.view(float)[None]])
         whole = stacked[k:-1] @ stacked[k:].T
@@ -93,12 +72,7 @@ class MixedModel:
         return cls(gram=parts[:, :, :k], cross=parts[:, :, k:-1], moment=parts[:, :, -1], common=common)
 
     def louder(self, factor: float, prior: Float) -> MixedModel:
-        """The model under noise that is larger by a factor; the curvature of the priors stays.
-
-        Args:
-            factor: by which the standard deviation of the noise is larger.
-            prior: curvature of the priors of the fitted values, shape ``(p,)``.
-        """
+        """The model under noise that is larger by a factor; the curvature of the priors stays."""
         if factor == 1:
             return self
         less, common = factor**-2, self.common
@@ -110,11 +84,7 @@ class MixedModel:
         return MixedModel(gram=self.gram * less, cross=self.cross * less, moment=self.moment * less, common=common)
 
     def part(self, kinds: Sequence[int]) -> MixedModel:
-        """The model with some of the kinds only.
-
-        Args:
-            kinds: numbers of the kinds of effect that stay.
-        """
+        """The model with some of the kinds only."""
         k = list(kinds)
         return replace(self, gram=self.gram[:, k][:, :, k], cross=self.cross[:, k], moment=self.moment[:, k])
 
@@ -133,11 +103,7 @@ class MixedModel:
         return inverse_of_determined(matrix, _NULL)
 
     def solve(self, variance: Float) -> Solved:
-        """Step to the optimum with effects of given variances, and what remains of the square.
-
-        Args:
-            variance: of each kind of effect, infinite for effects that are free, shape ``(k,)``.
-        """
+        """Step to the optimum with effects of given variances, and what remains of the square."""
         if not variance.size:
             return self._alone()
         inner, common = self._inner(variance), self.common
@@ -166,11 +132,7 @@ class MixedModel:
         )
 
     def log_likelihood(self, variance: Float) -> float:
-        """Restricted log likelihood, up to a constant.
-
-        Args:
-            variance: of each kind of effect, finite, shape ``(k,)``.
-        """
+        """Restricted log likelihood, up to a constant."""
         solved = self.solve(variance)
         root = np.sqrt(variance)
         spread = np.eye(root.size) + root[:, None] * self.gram * root
@@ -200,9 +162,6 @@ class MixedModel:
         """Degrees of freedom that each estimated variance has, at least two (one for two runs), shape ``(k,)``.
 
         A variance that was chosen because it is large errs to the safe side, and fewer would widen without end.
-
-        Args:
-            variance: estimates for each kind of effect, shape ``(k,)``.
         """
         solved = self.solve(variance)
         found = []
@@ -217,31 +176,18 @@ class MixedModel:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Solved:
-    """Estimates with effects of given variances.
+    """Estimates with effects of given variances."""
 
-    Attributes:
-        inner, onto: ``(Z^T Z + 1/variance)^-1`` of each run, and that times ``Z^T J``.
-        outer, matrix: covariance of the fitted values, effects included, and its inverse.
-        step: change of the fitted values.
-        own: effects of each run, shape ``(n_runs, k)``.
-        square: what remains of ``r^T r``, the effects' own squares included.
-    """
-
-    inner: Float
-    onto: Float
-    outer: Float
-    matrix: Float
-    step: Float
-    own: Float
-    square: float
+    inner: Float  # ``(Z^T Z + 1/variance)^-1`` of each run, and that times ``Z^T J``
+    onto: Float  # ``(Z^T Z + 1/variance)^-1`` of each run, and that times ``Z^T J``
+    outer: Float  # covariance of the fitted values, effects included, and its inverse
+    matrix: Float  # covariance of the fitted values, effects included, and its inverse
+    step: Float  # change of the fitted values
+    own: Float  # effects of each run, shape ``(n_runs, k)``
+    square: float  # what remains of ``r^T r``, the effects' own squares included
 
     def rest(self, r: ComplexArray, J: ComplexArray, Z: ComplexArray, runs: Sequence[Index]) -> Rest:
-        """What the step and the effects leave.
-
-        Args:
-            r, J, Z: residuals, sensitivities and effects as for :meth:`MixedModel.of`.
-            runs: readings of each run.
-        """
+        """What the step and the effects leave."""
         count = r.size
         left = r.view(float) + self.step @ real_rows(J)
         own, leverage = real_rows(J), np.zeros(count)
@@ -259,34 +205,20 @@ class Solved:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Rest:
-    """What a mixed model leaves of residuals and sensitivities.
+    """What a mixed model leaves of residuals and sensitivities."""
 
-    Attributes:
-        residuals: after the step, effects taken out, shape ``(R,)``.
-        own: sensitivities to the fitted values less what the effects of each run follow, shape ``(R, p)``.
-        leverage: share of each reading that its own fit follows, mean of real and imaginary part, shape ``(R,)``.
-    """
-
-    residuals: ComplexArray
-    own: ComplexArray
-    leverage: Float
+    residuals: ComplexArray  # after the step, effects taken out, shape ``(R,)``
+    own: ComplexArray  # sensitivities to the fitted values less what the effects of each run follow, shape ``(R, p)``
+    leverage: Float  # share of each reading that its own fit follows, mean of real and imaginary part, shape ``(R,)``
 
 
 def real_rows(columns: ComplexArray) -> Float:
-    """Columns of complex numbers as rows of their parts, shape ``(k, 2 R)``: products of real numbers are enough.
-
-    Args:
-        columns: shape ``(R, k)``; where their transpose lies in one piece nothing is copied.
-    """
+    """Columns of complex numbers as rows of their parts, shape ``(k, 2 R)``: products of real numbers are enough."""
     return np.ascontiguousarray(columns.T).view(float)
 
 
 def powers(left: Float, right: Float) -> Float:
-    """Sum over rows, and over both parts of each reading, of products, shape ``(..., R)``.
-
-    Args:
-        left, right: as :func:`real_rows` makes them, shape ``(..., k, 2 R)``.
-    """
+    """Sum over rows, and over both parts of each reading, of products, shape ``(..., R)``."""
     found = np.einsum("...kr,...kr->...r", left, right)
     return np.asarray(found[..., ::2] + found[..., 1::2])
 
@@ -310,12 +242,7 @@ def _of_run(stacked: Float, rows: Index) -> Float:
 
 
 def runs_agree(model: MixedModel, *, level: float) -> bool:
-    """Whether a score test, the kinds tried together, lets all runs agree.
-
-    Args:
-        model: the sums over runs, whitened by the noise within runs.
-        level: probability of denying it where runs do not differ.
-    """
+    """Whether a score test, the kinds tried together, lets all runs agree."""
     return bool(model.score_p_values().min() * model.gram.shape[1] > level)
 
 
@@ -324,11 +251,6 @@ def select_effects(model: MixedModel, *, level: float, forced: Sequence[int] = (
 
     Kinds join one by one, that which raises the restricted likelihood most first, while a score test refuses that runs
     agree and the likelihood gains accordingly.
-
-    Args:
-        model: the sums over runs, whitened by the noise within runs.
-        level: probability of taking one kind where runs do not differ.
-        forced: kinds to take in any case.
     """
     count = model.gram.shape[1]
     variance = np.zeros(count)
@@ -363,9 +285,6 @@ def share_alike(model: MixedModel) -> Float:
 
     Few runs do not tell, say, a force that differs from a damping. Each kind gets the variance that it has alone, times
     its weight: the mean of the covariances that one kind each would give.
-
-    Args:
-        model: the sums over runs, whitened by the noise within runs, of runs that differ by some kind.
     """
     alone = [_one(model.part([kind]), np.zeros(1), 0) for kind in range(model.gram.shape[1])]
     found = {kind: float(variance[0]) for kind, variance in enumerate(alone) if variance[0] > 0}
@@ -430,12 +349,7 @@ def _scale(matrix: Float) -> Float:
 
 
 def inverse_of_determined(matrix: Float, null: float = 1e-12) -> Float:
-    """Inverse of symmetric matrices; directions without information are left out.
-
-    Args:
-        matrix: shape ``(..., k, k)``.
-        null: eigenvalues of the matrix of unit diagonal below this share of the largest are no information.
-    """
+    """Inverse of symmetric matrices; directions without information are left out."""
     scale = _scale(matrix)
     over = 1 / (scale[..., :, None] * scale[..., None, :])
     unit = matrix * over

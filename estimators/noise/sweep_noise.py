@@ -33,17 +33,8 @@ def estimate_noise(block: Responses, wrong: ComplexArray, synchronous: bool, con
     The forward and the backward sweep of one test share a noise level, unless Bartlett's test refuses that: probes and
     cables do not know which way the force turns, and twice the samples halve the variance of the estimate.
 
-    Args:
-        block: the readings.
-        wrong: what each reading shows in the direction against the force, shape ``(R,)``, NaN without an x/y pair.
-        synchronous: the frequency is the speed, so that a sweep runs over speeds.
-        condition: number of the conditions (temperature, ...) that each reading was taken in, shape ``(R,)``.
-
     Returns:
         standard deviation of the real and of the imaginary part, shape ``(R,)``.
-
-    Raises:
-        ValueError: a sweep too short to show its noise.
     """
     w = block.frequency[block.line]
     speed = np.zeros_like(w) if synchronous else np.round(block.speed[block.line], 6)
@@ -64,10 +55,6 @@ def estimate_noise(block: Responses, wrong: ComplexArray, synchronous: bool, con
 
 def noise_of_many(block: Responses, measured: ComplexArray, wrong: ComplexArray) -> Float:
     """Noise of the readings of many runs of one layout at one speed each, all at once.
-
-    Args:
-        block: the layout.
-        measured, wrong: readings, and what each shows in the direction against the force, shape ``(W, R)``.
 
     Returns:
         what :func:`estimate_noise` answers for each run, shape ``(W, R)``, NaN for runs whose noise the direction

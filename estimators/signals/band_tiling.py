@@ -29,12 +29,7 @@ CLEARLY = 4.0
 
 
 def tile(count: int, solve: Callable[[int, int], LocalFit]) -> list[LocalFit]:
-    """Bands that cover all lines, each fitted.
-
-    Args:
-        count: number of narrowest bands.
-        solve: fits the band between two of their edges, given by number.
-    """
+    """Bands that cover all lines, each fitted."""
 
     def fit(first: int, length: int) -> LocalFit:
         return solve(first, first + length)
@@ -74,9 +69,6 @@ def pooled_noise(fits: Sequence[LocalFit]) -> Float:
 
     The nearest bands that together have :data:`POOLED` degrees of freedom are pooled, but for those clearly above their
     median (hum, an order of the shaft). A band that is clearly above its pool keeps its own level.
-
-    Args:
-        fits: the bands in order of frequency.
     """
     misfit = np.array([fit.misfit for fit in fits]).T
     dof = np.array([fit.dof for fit in fits], dtype=float)

@@ -13,13 +13,7 @@ GROWTH = 1e6
 
 
 def columns_of_sum(time: Float, s: ComplexArray, real: Float, steady: Float) -> Float:
-    """Columns of the sum: cosine and sine of each mode, the real decays, the steady vibration, the constant.
-
-    Args:
-        time: shape ``(n,)``, s.
-        s, real: eigenvalues with positive imaginary part, and real ones, 1/s.
-        steady: frequencies of vibration that does not decay, rad/s.
-    """
+    """Columns of the sum: cosine and sine of each mode, the real decays, the steady vibration, the constant."""
     largest = 2 * np.log(GROWTH) / time[-1]  # keeps trial points of the search finite
     wave = np.exp(np.outer(time, np.minimum(s.real, largest) + 1j * s.imag))
     decays, turning = np.exp(np.outer(time, np.minimum(real, largest))), np.outer(time, steady)
@@ -28,19 +22,12 @@ def columns_of_sum(time: Float, s: ComplexArray, real: Float, steady: Float) -> 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Projected:
-    """The best sum with given eigenvalues.
+    """The best sum with given eigenvalues."""
 
-    Attributes:
-        basis: its columns, shape ``(n, p)``, see :func:`columns_of_sum`.
-        q: an orthonormal basis of the same, same shape.
-        amplitudes: of the columns in x and y, shape ``(p, 2)``.
-        rest: what the sum leaves of x and y, shape ``(n, 2)``.
-    """
-
-    basis: Float
-    q: Float
-    amplitudes: Float
-    rest: Float
+    basis: Float  # its columns, shape ``(n, p)``, see :func:`columns_of_sum`
+    q: Float  # an orthonormal basis of the same, same shape
+    amplitudes: Float  # of the columns in x and y, shape ``(p, 2)``
+    rest: Float  # what the sum leaves of x and y, shape ``(n, 2)``
 
 
 class DecayingSum:
@@ -50,14 +37,7 @@ class DecayingSum:
     """
 
     def __init__(self, time: Float, signals: Float, s: ComplexArray, real: Float, steady: Float) -> None:
-        """The sum for a record.
-
-        Args:
-            time: shape ``(n,)``, s.
-            signals: x and y, shape ``(2, n)``.
-            s, real: eigenvalues about which the scale is chosen.
-            steady: frequencies of vibration that does not decay, rad/s.
-        """
+        """The sum for a record."""
         self.time, self.signals, self.steady = time, signals, steady
         self.modes = s.size
         self.scale = float(np.abs(np.concatenate([s, real])).max())
@@ -66,20 +46,12 @@ class DecayingSum:
         self._last: tuple[Float, Projected] | None = None
 
     def eigenvalues(self, u: Float) -> tuple[ComplexArray, Float]:
-        """The vibrating and the real eigenvalues, 1/s.
-
-        Args:
-            u: eigenvalues as one vector, over the scale.
-        """
+        """The vibrating and the real eigenvalues, 1/s."""
         m = self.modes
         return np.asarray((u[:m] + 1j * u[m : 2 * m]) * self.scale, dtype=complex), np.asarray(u[2 * m :] * self.scale)
 
     def project(self, u: Float) -> Projected:
-        """The best sum; a search asks for residuals and derivatives at the same points, so the last is kept.
-
-        Args:
-            u: eigenvalues as one vector, over the scale.
-        """
+        """The best sum; a search asks for residuals and derivatives at the same points, so the last is kept."""
         if self._last is None or not np.array_equal(u, self._last[0]):
             basis = columns_of_sum(self.time, *self.eigenvalues(u), self.steady)
             q, r = np.linalg.qr(basis)
@@ -90,19 +62,11 @@ class DecayingSum:
         return self._last[1]
 
     def residual(self, u: Float) -> Float:
-        """What the best sum leaves of x, then of y, over the level of the record, shape ``(2 n,)``.
-
-        Args:
-            u: eigenvalues as one vector, over the scale.
-        """
+        """What the best sum leaves of x, then of y, over the level of the record, shape ``(2 n,)``."""
         return np.asarray(self.project(u).rest.T.ravel() / self.level)
 
     def slopes(self, u: Float) -> Float:
-        """Derivatives of the residuals, the change of the amplitudes left out where that is allowed.
-
-        Args:
-            u: eigenvalues as one vector, over the scale.
-        """
+        """Derivatives of the residuals, the change of the amplitudes left out where that is allowed."""
         at, m = self.project(u), self.modes
         cosine, sine, decay = at.basis[:, :m], at.basis[:, m : 2 * m], at.basis[:, 2 * m : u.size]
         columns = []
@@ -114,11 +78,7 @@ class DecayingSum:
         return np.concatenate(columns)
 
     def energy(self, u: Float) -> Float:
-        """Mean square of each vibrating mode in the record, shape ``(m,)``.
-
-        Args:
-            u: eigenvalues as one vector, over the scale.
-        """
+        """Mean square of each vibrating mode in the record, shape ``(m,)``."""
         at, m = self.project(u), self.modes
         power = (at.basis[:, : 2 * m] ** 2).mean(axis=0).reshape(2, m).sum(axis=0)
         return np.asarray(power * np.sum(at.amplitudes[: 2 * m].reshape(2, m, 2) ** 2, axis=(0, 2)))

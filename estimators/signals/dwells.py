@@ -33,26 +33,15 @@ _NEAR = 3e-3
 
 
 class DwellResponse(NamedTuple):
-    """Responses of P outputs at one frequency.
+    """Responses of P outputs at one frequency."""
 
-    Attributes:
-        response: output over force, shape ``(P,)``.
-        sigma: standard deviation of its real part and of its imaginary part, shape ``(P,)``.
-        noise: of the spectrum, ``sqrt(E |N|^2)``, shape ``(P,)``.
-    """
-
-    response: ComplexArray
-    sigma: Float
-    noise: Float
+    response: ComplexArray  # output over force, shape ``(P,)``
+    sigma: Float  # standard deviation of its real part and of its imaginary part, shape ``(P,)``
+    noise: Float  # of the spectrum, ``sqrt(E |N|^2)``, shape ``(P,)``
 
 
 def dwells(time: Float, angle: Float, speed: Float) -> list[slice]:
-    """Stretches in which a frequency dwells; none where it sweeps for most of the record.
-
-    Args:
-        time: s, equally spaced, shape ``(N,)``.
-        angle, speed: of the drive, rad and rad/s, shape ``(N,)``.
-    """
+    """Stretches in which a frequency dwells; none where it sweeps for most of the record."""
     spread, length = float(np.ptp(speed)), float(time[-1] - time[0])
     if spread <= ONE_SPEED * float(np.abs(speed).mean()):
         return [slice(0, time.size)]
@@ -73,15 +62,7 @@ def dwells(time: Float, angle: Float, speed: Float) -> list[slice]:
 
 
 def dwell_response(spectra: RecordSpectra, at: float) -> DwellResponse:
-    """Response of each output to the first force about one frequency.
-
-    Args:
-        spectra: of the dwell.
-        at: frequency of the force, rad/s.
-
-    Raises:
-        ValueError: too few lines of the spectrum about it.
-    """
+    """Response of each output to the first force about one frequency."""
     step = float(spectra.frequency[1] - spectra.frequency[0])
     middle = round(at / step)
     half = min(HALF_WIDTH, middle - 1, spectra.frequency.size - 1 - middle)

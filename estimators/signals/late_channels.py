@@ -21,12 +21,6 @@ def on_time(read: Callable[[int, int], Float], first: int, last: int, size: int,
     Between samples the signal is what a windowed sinc makes of its neighbours; beyond the ends of the recording it goes
     on as the end's image in the first or last sample.
 
-    Args:
-        read: samples of the channel from one to another.
-        first, last: samples wanted, from and to.
-        size: samples of the channel.
-        late: by so many samples, negative: early; less than the recording is long.
-
     Returns:
         shape ``(last - first,)``.
     """

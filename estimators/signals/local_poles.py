@@ -18,13 +18,7 @@ NUMERATOR = 2
 
 
 def nearest_pole(frequency: Float, response: ComplexArray, sigma: Float) -> complex:
-    """Pole in the upper half-plane of w (a mode that decays), NaN where the responses show none.
-
-    Args:
-        frequency: of the window, rad/s, shape ``(L,)``.
-        response: shape ``(O, L)``.
-        sigma: noise of each response, shape ``(O, L)``.
-    """
+    """Pole in the upper half-plane of w (a mode that decays), NaN where the responses show none."""
     middle = float(frequency.mean())
     half = float(np.ptp(frequency)) / 2
     x = (frequency - middle) / half

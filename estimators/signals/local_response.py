@@ -51,63 +51,37 @@ NEAR, NOT_INSIDE = 12.0, 0.2
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RecordSpectra:
-    """Spectra of one whole record on equally spaced lines.
+    """Spectra of one whole record on equally spaced lines."""
 
-    Attributes:
-        frequency: of the lines, rad/s, shape ``(K,)``, ascending.
-        outputs: shape ``(P, K)``.
-        forces: shape ``(J, K)``.
-        others: inputs to which the response is constant within a band, shape ``(M, K)``.
-        force_noise: ``E |N|^2`` of the noise of each line of the forces where they were measured.
-    """
-
-    frequency: Float
-    outputs: ComplexArray
-    forces: ComplexArray
-    others: ComplexArray
-    force_noise: float = 0.0
+    frequency: Float  # of the lines, rad/s, shape ``(K,)``, ascending
+    outputs: ComplexArray  # shape ``(P, K)``
+    forces: ComplexArray  # shape ``(J, K)``
+    others: ComplexArray  # inputs to which the response is constant within a band, shape ``(M, K)``
+    force_noise: float = 0.0  # ``E |N|^2`` of the noise of each line of the forces where they were measured
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LocalResponse:
-    """Frequency responses at the nodes of the bands.
+    """Frequency responses at the nodes of the bands."""
 
-    Attributes:
-        frequency: of each node, rad/s, shape ``(L,)``, ascending.
-        response: H, output over force, shape ``(J, P, L)``.
-        sigma: standard deviation of its real part and of its imaginary part, shape ``(J, P, L)``.
-        noise: noise of the spectrum of each output around the node, ``sqrt(E |N|^2)``, shape ``(P, L)``.
-        width: width of the band around each node, rad/s, shape ``(L,)``.
-        residual: what is left of the spectra on the lines of each record, shape ``(P, K)`` each; NaN outside the bands.
-    """
-
-    frequency: Float
-    response: ComplexArray
-    sigma: Float
-    noise: Float
-    width: Float
-    residual: tuple[ComplexArray, ...]
+    frequency: Float  # of each node, rad/s, shape ``(L,)``, ascending
+    response: ComplexArray  # H, output over force, shape ``(J, P, L)``
+    sigma: Float  # standard deviation of its real part and of its imaginary part, shape ``(J, P, L)``
+    noise: Float  # noise of the spectrum of each output around the node, ``sqrt(E |N|^2)``, shape ``(P, L)``
+    width: Float  # width of the band around each node, rad/s, shape ``(L,)``
+    residual: tuple[ComplexArray, ...]  # what is left of the spectra on the lines of each record, shape ``(P, K)`` each
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LocalFit:
-    """Least squares in one band of N lines, those of all records one after the other.
+    """Least squares in one band of N lines, those of all records one after the other."""
 
-    Attributes:
-        node: frequencies of the nodes, rad/s, shape ``(L,)``.
-        response: H there, shape ``(J, P, L)``.
-        leverage: variance of H over that of the noise of the spectrum, shape ``(J, L)``.
-        residual: shape ``(P, N)``.
-        unknowns: number of complex unknowns for each output.
-        lines: where the band is in each record.
-    """
-
-    node: Float
-    response: ComplexArray
-    leverage: Float
-    residual: ComplexArray
-    unknowns: int
-    lines: tuple[slice, ...]
+    node: Float  # frequencies of the nodes, rad/s, shape ``(L,)``
+    response: ComplexArray  # H there, shape ``(J, P, L)``
+    leverage: Float  # variance of H over that of the noise of the spectrum, shape ``(J, L)``
+    residual: ComplexArray  # shape ``(P, N)``
+    unknowns: int  # number of complex unknowns for each output
+    lines: tuple[slice, ...]  # where the band is in each record
 
     @property
     def dof(self) -> int:
@@ -123,16 +97,8 @@ class LocalFit:
 def local_response(records: Sequence[RecordSpectra], low: float, high: float, *, degree: int = DEGREE) -> LocalResponse:
     """Frequency response of each output to each force.
 
-    Args:
-        records: their number of outputs and of forces is the same.
-        low, high: ends of the band, rad/s.
-        degree: degree of the polynomials for H and T.
-
     Returns:
         responses at ``degree + 1`` nodes a band.
-
-    Raises:
-        ValueError: fewer lines than one band needs.
     """
     inside = [(record.frequency >= low) & (record.frequency <= high) for record in records]
     fewest = min(int(np.sum(lines)) for lines in inside)
@@ -169,12 +135,7 @@ def local_response(records: Sequence[RecordSpectra], low: float, high: float, *,
 
 
 def gauss_nodes(position: Float, weight: Float, count: int) -> Float:
-    """Zeros of the polynomial of degree ``count`` that is orthogonal with these weights (Golub and Welsch 1969).
-
-    Args:
-        position, weight: of the discrete measure, shape ``(K,)``, K > count.
-        count: how many.
-    """
+    """Zeros of the polynomial of degree ``count`` that is orthogonal with these weights (Golub and Welsch 1969)."""
     weight = weight / weight.sum()
     before, now, step = np.zeros_like(position), np.ones_like(position), 0.0
     diagonal, beside = [], []
@@ -257,11 +218,6 @@ def _without_noise(r: ComplexArray, noise: ComplexArray, scale: Float) -> Comple
 
     Least squares would take the power of the noise for that of the force and find responses too small. What the noise
     adds to the normal equations on average is taken out of them (errors in variables), at most half of any direction.
-
-    Args:
-        r: of the scaled columns.
-        noise: of the columns of one force, shape ``(N, degree + 1)``.
-        scale: of the columns of all forces.
     """
     size = noise.shape[1]
     extra = np.zeros_like(r)

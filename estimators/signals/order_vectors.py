@@ -16,11 +16,6 @@ from rotorfit.models.array_types import ComplexArray, Float
 def order_vectors(z: ComplexArray, angles: Sequence[Float], orders: int) -> ComplexArray:
     """Least-squares vectors of the orders of several references in one window.
 
-    Args:
-        z: motion, shape ``(N,)``, or several at once, ``(C, N)``.
-        angles: of each reference, rad, shape ``(N,)`` each.
-        orders: highest order fitted of each, forward and backward.
-
     Returns:
         coefficients of ``exp(j k angle)``, shape ``(references, 2 orders + 1)``, ``C`` behind; ``k`` from ``-orders``.
         The mean (``k = 0``) stands with the first reference, zero with the others. NaN for a reference that cannot be

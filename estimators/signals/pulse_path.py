@@ -29,19 +29,13 @@ _ALIKE, _CLEAN = 0.15, 6
 
 @dataclass(frozen=True, eq=False)
 class _Ways:
-    """The best ways to an edge.
+    """The best ways to an edge."""
 
-    Attributes:
-        period: logarithm of the last turn's length on each, shape ``(S,)``.
-        price: of each, shape ``(S,)``.
-        before, way, turns: edge before this one, which of its ways, and turns in between, shape ``(S,)``.
-    """
-
-    period: Float
-    price: Float
-    before: Index
-    way: Index
-    turns: Index
+    period: Float  # logarithm of the last turn's length on each, shape ``(S,)``
+    price: Float  # of each, shape ``(S,)``
+    before: Index  # edge before this one, which of its ways, and turns in between, shape ``(S,)``
+    way: Index  # edge before this one, which of its ways, and turns in between, shape ``(S,)``
+    turns: Index  # edge before this one, which of its ways, and turns in between, shape ``(S,)``
 
 
 def steadier(times: Float, kept: Index, turns: Index) -> tuple[Index, Index]:
@@ -49,11 +43,6 @@ def steadier(times: Float, kept: Index, turns: Index) -> tuple[Index, Index]:
 
     Before the first and after the last stretch of even intervals, where a shaft that starts or stops changes its speed
     much within a turn, the count stays as it was.
-
-    Args:
-        times: of all edges, ascending, shape ``(N,)``.
-        kept: numbers of the edges that were taken for pulses.
-        turns: counted between each and the next, one fewer.
 
     Returns:
         the better ``kept`` and ``turns``.

@@ -31,43 +31,26 @@ the way through all of them is looked for, a quarter of a millisecond each."""
 
 @dataclass(frozen=True, kw_only=True)
 class PulseLevels:
-    """Voltages of a pulse train.
+    """Voltages of a pulse train."""
 
-    Attributes:
-        low, high: the two voltages, V.
-        level: where an edge is timed, V.
-        hysteresis: distance from the level that the voltage must reach on both sides, V.
-        falling: whether the timed edge falls.
-        duty: share of the time that the pulse lasts.
-        noise: scatter of the voltage between edges, V.
-    """
-
-    low: float
-    high: float
-    level: float
-    hysteresis: float
-    falling: bool
-    duty: float
-    noise: float
+    low: float  # the two voltages, V
+    high: float  # the two voltages, V
+    level: float  # where an edge is timed, V
+    hysteresis: float  # distance from the level that the voltage must reach on both sides, V
+    falling: bool  # whether the timed edge falls
+    duty: float  # share of the time that the pulse lasts
+    noise: float  # scatter of the voltage between edges, V
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class NumberedPulses:
-    """Pulses with their numbers: a missing one leaves a gap in the numbers, one too many has none.
+    """Pulses with their numbers: a missing one leaves a gap in the numbers, one too many has none."""
 
-    Attributes:
-        times: of the pulses kept, shape ``(N,)``.
-        numbers: count from the first pulse, shape ``(N,)``, integers.
-        missing: times of the pulses before the gaps, and how many are missing in each, shape ``(G,)`` both.
-        missing_count: see ``missing``.
-        extra: times of the edges left out.
-    """
-
-    times: Float
-    numbers: Index
-    missing: Float
-    missing_count: Index
-    extra: Float
+    times: Float  # of the pulses kept, shape ``(N,)``
+    numbers: Index  # count from the first pulse, shape ``(N,)``, integers
+    missing: Float  # times of the pulses before the gaps, and how many are missing in each, shape ``(G,)`` both
+    missing_count: Index  # see ``missing``
+    extra: Float  # times of the edges left out
 
 
 def find_levels(voltage: Float, *, edge: str = "", level: float | None = None) -> PulseLevels:
@@ -75,14 +58,6 @@ def find_levels(voltage: Float, *, edge: str = "", level: float | None = None) -
 
     The split is Otsu's (largest variance between the two classes). The pulse is what takes less than half of the time;
     its leading edge is timed: falling for a notch, rising for a projection.
-
-    Args:
-        voltage: samples of the channel, V, shape ``(N,)``, enough of them to hold some pulses.
-        edge: ``"falling"`` or ``"rising"``; empty: found.
-        level: where to time the edge, V; None: half way.
-
-    Raises:
-        ValueError: the voltage is constant or shows no two levels, or the level given lies outside of them.
     """
     bottom, top = float(voltage.min()), float(voltage.max())
     if not top > bottom:
@@ -134,10 +109,6 @@ def _plateau(voltage: Float, span: float) -> float:
 def find_edges(pieces: Iterable[Float], levels: PulseLevels) -> Float:
     """Positions of the timed edges, in samples from the start of the first piece.
 
-    Args:
-        pieces: the channel in consecutive pieces, V.
-        levels: see :func:`find_levels`.
-
     Returns:
         positions, shape ``(N,)``, ascending, interpolated between the two samples on either side of the level.
     """
@@ -174,12 +145,6 @@ def number_pulses(times: Float) -> NumberedPulses:
     """Count pulses by the intervals around them: a gap of n intervals counts n, an edge too close to others is not one.
 
     Where many are missing or too many, the way through the edges on which the speed changes least decides.
-
-    Args:
-        times: of all edges, ascending, shape ``(N,)``, any unit.
-
-    Raises:
-        ValueError: fewer than four pulses, or intervals so uneven that they are no turns.
     """
     kept, turns = _by_neighbours(times)
     if kept.size < 4:
@@ -220,10 +185,6 @@ def _by_neighbours(times: Float) -> tuple[Index, Index]:
 
 def from_index(pulses: NumberedPulses, per_turn: int) -> tuple[NumberedPulses, int]:
     """Count from the index of a wheel, the gap of teeth that are missing at the same place of every turn.
-
-    Args:
-        pulses: of a tooth wheel.
-        per_turn: pulses a turn, those that the gap leaves out included.
 
     Returns:
         the pulses, counted so that the first tooth after the gap is a multiple of ``per_turn`` and without the gap

@@ -23,34 +23,19 @@ _NEARBY = 4.0  # ramps tried about that of the beat, each way, as a factor
 
 @dataclass(frozen=True, kw_only=True)
 class Ramp:
-    """One mode under a ramp of speed.
+    """One mode under a ramp of speed."""
 
-    Attributes:
-        rate, rate_error: of the speed and its standard error, rad/s^2.
-        wn, wn_error: natural frequency and standard error, rad/s.
-        zeta: damping ratio.
-        steady_wn: natural frequency that a quasi-steady fit up to the beating gives, rad/s.
-        beats_from: speed from which the amplitude beats, rad/s.
-    """
-
-    rate: float
-    rate_error: float
-    wn: float
-    wn_error: float
-    zeta: float
-    steady_wn: float
-    beats_from: float
+    rate: float  # of the speed and its standard error, rad/s^2
+    rate_error: float  # of the speed and its standard error, rad/s^2
+    wn: float  # natural frequency and standard error, rad/s
+    wn_error: float  # natural frequency and standard error, rad/s
+    zeta: float  # damping ratio
+    steady_wn: float  # natural frequency that a quasi-steady fit up to the beating gives, rad/s
+    beats_from: float  # speed from which the amplitude beats, rad/s
 
 
 def ramp_response(speed: Float, wn: float, zeta: float, rate: float) -> ComplexArray:
-    """Response of a mode to a unit unbalance per modal mass, relative to ``exp(j theta)``, shape of ``speed``.
-
-    Args:
-        speed: rotative speed, rad/s.
-        wn: natural frequency, rad/s.
-        zeta: damping ratio, below one.
-        rate: change of the speed, rad/s^2, not zero.
-    """
+    """Response of a mode to a unit unbalance per modal mass, relative to ``exp(j theta)``, shape of ``speed``."""
     from scipy.special import wofz  # takes long to import, and few tests are run-ups
 
     s = wn * (-zeta + np.array([1j, -1j]) * np.sqrt(1 - zeta**2))
@@ -62,13 +47,7 @@ def ramp_response(speed: Float, wn: float, zeta: float, rate: float) -> ComplexA
 
 
 def steady_response(speed: Float, wn: float, zeta: float) -> ComplexArray:
-    """The same where the speed does not change: ``Omega^2/(wn^2 - Omega^2 + 2 j zeta wn Omega)``.
-
-    Args:
-        speed: rad/s.
-        wn: undamped natural frequency, rad/s.
-        zeta: damping ratio.
-    """
+    """The same where the speed does not change: ``Omega^2/(wn^2 - Omega^2 + 2 j zeta wn Omega)``."""
     return np.asarray(speed**2 / (wn**2 - speed**2 + 2j * zeta * wn * speed))
 
 
@@ -77,10 +56,6 @@ def find_beat(speed: Float, response: ComplexArray) -> tuple[float, float, float
 
     Minima of the beat follow each other at even steps of the square of the distance from the resonance,
     ``4 pi rate`` apart.
-
-    Args:
-        speed: rad/s, ascending, shape ``(L,)``.
-        response: shape ``(L,)``.
 
     Returns:
         speed of the peak, speed of the first minimum beyond it, and the ramp's rate, rad/s^2; None without a beat.
@@ -105,10 +80,6 @@ def fit_ramp(speed: Float, response: ComplexArray) -> Ramp | None:
     """Natural frequency from a run-up that rings on, the ramp fitted with it; None where nothing beats.
 
     Beside mode and ramp a constant vector is fitted: run-out, and other modes.
-
-    Args:
-        speed: rad/s, shape ``(L,)``.
-        response: 1x vectors of one probe, shape ``(L,)``.
     """
     order = np.argsort(speed)
     w, y = speed[order], response[order] / np.abs(response).max()
@@ -144,13 +115,7 @@ def _ramp_shape(w: Float, p: Float) -> ComplexArray:
 def _solve(
     w: Float, y: ComplexArray, start: Float, shape: Callable[[Float, Float], ComplexArray]
 ) -> tuple[Float, Float, float]:
-    """Nonlinear numbers with standard errors, and the squares that remain; strength and offset are linear, projected.
-
-    Args:
-        w, y: speeds and readings.
-        start: natural frequency, damping ratio, and whatever else the shape takes.
-        shape: response by speed and these numbers.
-    """
+    """Nonlinear numbers with standard errors, and the squares that remain."""
 
     from scipy.optimize import least_squares  # takes long to import, and few tests are run-ups
 

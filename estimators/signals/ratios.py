@@ -19,15 +19,7 @@ _NARROW = 0.25  # half width of a resonance, in steps between readings, below wh
 def best_ratio(
     response: ComplexArray, sigma: Float, powers: Float | ComplexArray, numerators: Float, *, real: bool = False
 ) -> tuple[ComplexArray, ComplexArray, float]:
-    """Denominator, numerators and half the sum of squares that they leave, of the best of several passes.
-
-    Args:
-        response: readings of all curves, shape ``(R,)``.
-        sigma: their noise.
-        powers: polynomials of the denominator at each reading, shape ``(R, poles + 1)``; the last coefficient is one.
-        numerators: polynomials of the numerators, one set of columns a curve, shape ``(R, ...)``.
-        real: whether the coefficients of the denominator are.
-    """
+    """Denominator, numerators and half the sum of squares that they leave, of the best of several passes."""
     target: ComplexArray = response / sigma
     free = powers.shape[1] - 1
     found: list[tuple[ComplexArray, ComplexArray, float]] = []
@@ -56,16 +48,11 @@ def _least_squares(columns: NDArray[Any], target: NDArray[Any]) -> ComplexArray:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Ratio:
-    """A ratio of two polynomials.
+    """A ratio of two polynomials."""
 
-    Attributes:
-        denominator, numerator: coefficients of Chebyshev's polynomials of x over ``top``.
-        top: largest size of x.
-    """
-
-    denominator: ComplexArray
-    numerator: ComplexArray
-    top: float
+    denominator: ComplexArray  # coefficients of Chebyshev's polynomials of x over ``top``
+    numerator: ComplexArray  # coefficients of Chebyshev's polynomials of x over ``top``
+    top: float  # largest size of x
 
     def __call__(self, x: Float) -> ComplexArray:
         """Values at x."""
@@ -78,10 +65,6 @@ def ratio_through(x: Float, y: ComplexArray) -> Ratio | None:
 
     The denominator is a real polynomial of jx, as that of a rotor is: poles at -x, where nothing was read, are the
     mirror images of those at x.
-
-    Args:
-        x: speeds, shape ``(N,)``.
-        y: values with noise of one size, shape ``(N,)``.
     """
     top = float(np.abs(x).max())
     step = float(np.median(np.diff(np.sort(x)))) / top

@@ -31,35 +31,19 @@ _LEAST = 0.01  # of the variance in white noise, to which a filter may bring tha
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Decay:
-    """A sum of decaying vibrations about a constant.
+    """A sum of decaying vibrations about a constant."""
 
-    Attributes:
-        s: eigenvalues with positive imaginary part, shape ``(m,)``, and real ones.
-        real: real eigenvalues.
-        centre: where x and y settle.
-        energy: share of each mode in the record.
-        sigma: standard deviation of each mode's eigenvalue.
-        bic: for the choice of the order, infinite where the record does not determine the sum.
-        steady: frequencies of the undamped vibration in the sum, rad/s.
-    """
-
-    s: ComplexArray
-    real: Float
-    centre: complex
-    energy: Float
-    sigma: Float
-    bic: float
-    steady: Float
+    s: ComplexArray  # eigenvalues with positive imaginary part, shape ``(m,)``, and real ones
+    real: Float  # real eigenvalues
+    centre: complex  # where x and y settle
+    energy: Float  # share of each mode in the record
+    sigma: Float  # standard deviation of each mode's eigenvalue
+    bic: float  # for the choice of the order, infinite where the record does not determine the sum
+    steady: Float  # frequencies of the undamped vibration in the sum, rad/s
 
 
 def decay_of(time: Float, signals: Float, modes: int, steady: Float | None = None) -> Decay | None:
     """The sum of decaying vibrations that a record holds, of the order that BIC prefers.
-
-    Args:
-        time: equal steps from zero, s, shape ``(n,)``.
-        signals: x and y, shape ``(2, n)``.
-        modes: vibrating modes that the sum has at least.
-        steady: frequencies of vibration that does not decay, rad/s, such as those of the shaft's turning.
 
     Returns:
         the sum, None where the record determines no sum of so many modes.
@@ -153,13 +137,7 @@ def _refine(time: Float, signals: Float, s: ComplexArray, real: Float, steady: F
 
 
 def _variances(rest: Float, jacobian: Float, q: Float) -> Float:
-    """Variances of the eigenvalues' vector by what the sum leaves of the record, its correlation in time counted.
-
-    Args:
-        rest: what the sum leaves, shape ``(n, 2)``.
-        jacobian: derivatives of the residuals, shape ``(2 n, p)``.
-        q: an orthonormal basis of the sum's columns, shape ``(n, ...)``.
-    """
+    """Variances of the eigenvalues' vector by what the sum leaves of the record, its correlation in time counted."""
     _, size, directions = np.linalg.svd(jacobian, full_matrices=False)
     # What the record does not determine must weigh nothing: no pseudo-inverse, which would call it exact.
     least = np.finfo(float).eps * size[0]
@@ -174,10 +152,6 @@ def _noise(rest: Float, own: Float) -> tuple[float, Float]:
     """Variance of the noise and its correlations at distances 0, 1, ... up to the first that chance explains.
 
     What is left of noise lacks what the sum took up, which is the more the longer its memory: repeated a few times.
-
-    Args:
-        rest: what the sum leaves, shape ``(n, 2)``.
-        own: orthonormal columns that span what the sum takes up, signal by signal, shape ``(2, n, p)``.
     """
     lags, variance = np.ones(1), 0.0
     for _ in range(_ROUNDS):
@@ -205,12 +179,7 @@ def _earlier(columns: Float, lag: int) -> Float:
 
 
 def _scatter(gain: Float, lags: Float) -> Float:
-    """Variance of ``gain.T @ noise``, entry by entry, for noise of unit variance with given correlations along time.
-
-    Args:
-        gain: shape ``(2, n, p)``, signal by signal.
-        lags: correlations at distances 0, 1, ...
-    """
+    """Variance of ``gain.T @ noise``, entry by entry, for noise of unit variance with given correlations along time."""
     white = np.sum(gain**2, axis=(0, 1))
     total = white
     for lag, value in enumerate(lags[1:].tolist(), start=1):

@@ -48,30 +48,18 @@ _GROUP = 60
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SmoothAngle:
-    """A shaft's angle as a function of time.
+    """A shaft's angle as a function of time."""
 
-    Attributes:
-        spline: the angle, rad, over time, s.
-        begin, end: times of the first and the last pulse used, s.
-        jitter: typical standard deviation of a pulse's time about the smooth angle, s.
-        groups: times (s) and standard deviations of a pulse's angle about the smooth angle (rad) at them, ``(2, G)``.
-        shares, share_t: variance of the smooth angle over that of one pulse, and times (s) of it, shape ``(S,)`` both;
-            above one between pulses that are far apart.
-        pattern: how far each pulse of a turn is ahead of even spacing, rad, shape ``(P,)``; zeros for one pulse a turn.
-        outlying: times of pulses left out because they are far from the smooth angle, s.
-        pulses: number of pulses used.
-    """
-
-    spline: BSpline
-    begin: float
-    end: float
-    jitter: float
+    spline: BSpline  # the angle, rad, over time, s
+    begin: float  # times of the first and the last pulse used, s
+    end: float  # times of the first and the last pulse used, s
+    jitter: float  # typical standard deviation of a pulse's time about the smooth angle, s
     groups: Float
-    shares: Float
-    share_t: Float
-    pattern: Float
-    outlying: Float
-    pulses: int
+    shares: Float  # variance of the smooth angle over that of one pulse, and times (s) of it, shape ``(S,)`` both
+    share_t: Float  # variance of the smooth angle over that of one pulse, and times (s) of it, shape ``(S,)`` both
+    pattern: Float  # how far each pulse of a turn is ahead of even spacing, rad, shape ``(P,)``
+    outlying: Float  # times of pulses left out because they are far from the smooth angle, s
+    pulses: int  # number of pulses used
 
     @property
     def share(self) -> float:
@@ -80,60 +68,30 @@ class SmoothAngle:
         return float(np.trapezoid(np.minimum(self.shares, 1.0), angle) / (angle[-1] - angle[0]))
 
     def angle(self, t: Float) -> Float:
-        """Angle, rad, at times, s; zero at the first pulse's nominal position.
-
-        Args:
-            t: times, s, of any shape.
-        """
+        """Angle, rad, at times, s; zero at the first pulse's nominal position."""
         return np.asarray(self.spline(t))
 
     def speed(self, t: Float) -> Float:
-        """First derivative of the angle, rad/s.
-
-        Args:
-            t: times, s, of any shape.
-        """
+        """First derivative of the angle, rad/s."""
         return np.asarray(self.spline(t, nu=1))
 
     def acceleration(self, t: Float) -> Float:
-        """Second derivative of the angle, rad/s^2.
-
-        Args:
-            t: times, s, of any shape.
-        """
+        """Second derivative of the angle, rad/s^2."""
         return np.asarray(self.spline(t, nu=2))
 
     def stderr(self, t: Float) -> Float:
-        """Standard error of the angle, rad, between the first and the last pulse.
-
-        Args:
-            t: times, s, of any shape.
-        """
+        """Standard error of the angle, rad, between the first and the last pulse."""
         return np.asarray(self.scatter(t) * np.sqrt(np.interp(t, self.share_t, self.shares)))
 
     def scatter(self, t: Float) -> Float:
-        """Standard deviation of a single pulse's angle, rad, at times, s.
-
-        Args:
-            t: times, s, of any shape.
-        """
+        """Standard deviation of a single pulse's angle, rad, at times, s."""
         return np.asarray(np.exp(np.interp(t, self.groups[0], np.log(self.groups[1]))))
 
 
 def smooth_angle(
     pulses: NumberedPulses, *, duration: float, pulses_per_turn: int = 1, resolution: float = 0.0
 ) -> SmoothAngle:
-    """Fit the smooth angle to counted pulses.
-
-    Args:
-        pulses: times in s from the start of the record.
-        duration: of the record, s; the spline covers all of it, beyond the pulses with the acceleration at the ends.
-        pulses_per_turn: of the wheel.
-        resolution: time that a good pulse may be off in any case, s: a sampling interval.
-
-    Raises:
-        ValueError: too few pulses for their pattern.
-    """
+    """Fit the smooth angle to counted pulses."""
     step = 2 * np.pi / pulses_per_turn
     if pulses.times.size < 4 * pulses_per_turn and pulses_per_turn > 1:
         raise ValueError(

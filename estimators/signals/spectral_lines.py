@@ -21,11 +21,6 @@ def turning_power(z: ComplexArray, angle: Float, turns: float = 6.0) -> tuple[fl
     record, as in a sweep, does not cancel itself. The median over the blocks counts: a sweep that passes the frequency
     of the angle the other way is large there for a while.
 
-    Args:
-        z: motion, shape ``(N,)``.
-        angle: rad, shape ``(N,)``, growing.
-        turns: of one block.
-
     Returns:
         forward and backward squares, in the unit of z squared; NaN for less than one block.
     """
@@ -46,11 +41,6 @@ def turning_power(z: ComplexArray, angle: Float, turns: float = 6.0) -> tuple[fl
 def mains_hum(signal: Float, rate: float, harmonics: int = 5) -> list[tuple[float, float]]:
     """Lines at 50 or 60 Hz and their odd harmonics that stand out of what is around them.
 
-    Args:
-        signal: shape ``(N,)``.
-        rate: samples a second, Hz.
-        harmonics: highest harmonic looked for.
-
     Returns:
         frequency (Hz) and amplitude (0-peak, in the unit of the signal) of each line found.
     """
@@ -63,12 +53,6 @@ def folded_orders(signal: Float, rate: float, turning: float, spread: float) -> 
     """Orders of a shaft above half the sampling rate that stand where sampling folds them to.
 
     Only up to the sixtieth order and once folded, and not where the place is that of another order.
-
-    Args:
-        signal: shape ``(N,)``.
-        rate: samples a second, Hz.
-        turning: speed of the shaft, Hz, steady.
-        spread: how far it wanders to either side, Hz.
 
     Returns:
         order, frequency of the line (Hz) and amplitude of each found.
@@ -109,10 +93,6 @@ def full_spectrum(z: ComplexArray, rate: float) -> tuple[Float, Float]:
     """Amplitudes of a complex motion over signed frequency: a circle of radius A has A at its frequency, not 2 A.
 
     A Hann window is laid over the motion, its mean taken out first; a line between two bins reads up to 15 % low.
-
-    Args:
-        z: ``x + jy``, shape ``(N,)``.
-        rate: samples a second, Hz.
 
     Returns:
         frequencies (Hz, ascending, negative is backward) and amplitudes in the unit of z.

@@ -32,53 +32,31 @@ _SETTLED, _SLOPES, _MOST = 1e-9, 1e-4, 400
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class StartUp:
-    """Motion of one plane in a start-up or a shutdown.
+    """Motion of one plane in a start-up or a shutdown."""
 
-    Attributes:
-        rate: samples a second, Hz.
-        angle, speed, acceleration: of the shaft, rad, rad/s, rad/s^2, shape ``(N,)``.
-        motion: ``x + jy`` about its mean, m, shape ``(N,)``.
-    """
-
-    rate: float
-    angle: Float
-    speed: Float
-    acceleration: Float
-    motion: ComplexArray
+    rate: float  # samples a second, Hz
+    angle: Float  # of the shaft, rad, rad/s, rad/s^2, shape ``(N,)``
+    speed: Float  # of the shaft, rad, rad/s, rad/s^2, shape ``(N,)``
+    acceleration: Float  # of the shaft, rad, rad/s, rad/s^2, shape ``(N,)``
+    motion: ComplexArray  # ``x + jy`` about its mean, m, shape ``(N,)``
 
 
 @dataclass(frozen=True, kw_only=True)
 class RoughShaft:
-    """A shaft of mass one.
+    """A shaft of mass one."""
 
-    Attributes:
-        k, d: stiffness, 1/s^2, and damping, 1/s, over the mass.
-        delta: ``dK exp(2jg)`` over the mass.
-        eps: eccentricity, m.
-        side: side load over the mass, m/s^2.
-    """
-
-    k: float
-    d: float
-    delta: complex
-    eps: complex
-    side: complex
+    k: float  # stiffness, 1/s^2, and damping, 1/s, over the mass
+    d: float  # stiffness, 1/s^2, and damping, 1/s, over the mass
+    delta: complex  # ``dK exp(2jg)`` over the mass
+    eps: complex  # eccentricity, m
+    side: complex  # side load over the mass, m/s^2
 
     def kappa(self, w: Float) -> ComplexArray:
-        """Dynamic stiffness of the round part.
-
-        Args:
-            w: rad/s.
-        """
+        """Dynamic stiffness of the round part."""
         return np.asarray(self.k + 1j * w * self.d - w**2)
 
     def steady(self, order: int, speed: Float) -> ComplexArray:
-        """Line 1x or 2x at steady speeds, m.
-
-        Args:
-            order: 1 or 2.
-            speed: rad/s.
-        """
+        """Line 1x or 2x at steady speeds, m."""
         kappa = self.kappa(order * speed)
         if order == 1:
             force = self.eps * speed**2
@@ -92,14 +70,8 @@ class RoughShaft:
 def start_up_lines(run: StartUp) -> dict[int, LocalResponse]:
     """Lines 1x and 2x at steady speeds.
 
-    Args:
-        run: the start-up.
-
     Returns:
         by order, at frequencies of order times speed: one response of one output, m.
-
-    Raises:
-        ValueError: a record too short for what it sweeps, or a motion from which no stable shaft can be made.
     """
     image = np.exp(2j * run.angle) * run.motion.conj()
     rough = _rough_shaft(run, image)
@@ -169,19 +141,8 @@ def shaft_of_lines(
     ``kappa (A - R1) + delta (B - conj(R1)) = eps w^2`` and ``kappa (A2 - R2) + delta (B2 + conj(S)) = 0``, R1 and R2
     run-out, S the sag about which the motion was taken; linear in k, d, delta and products of the rest with these.
 
-    Args:
-        w: frequency of each reading, rad/s, shape ``(R,)``.
-        first: whether it is one at 1x; the others are at 2x.
-        own: the motion A, m.
-        partner: the image B, the line of ``exp(2j theta) conj(z)``, m; of steady motion conj(A) at 1x.
-        sigma: error of A.
-        runout: whether there is any.
-
     Returns:
         the shaft, its side load ``k S``, and the run-out at 1x and at 2x.
-
-    Raises:
-        ValueError: a stiffness or a damping that is not positive.
     """
     powers = (0, 1, 2) if runout else None
     smooth = {(1, n): first * w**n + 0j for n in powers or (2,)} | {(2, n): ~first * w**n + 0j for n in powers or (0,)}
@@ -207,12 +168,7 @@ def shaft_of_lines(
 
 
 class _Passage:
-    """A shaft in the turning of a start-up, at steady speed before it began.
-
-    Args:
-        shaft: the shaft.
-        run: the start-up.
-    """
+    """A shaft in the turning of a start-up, at steady speed before it began."""
 
     def __init__(self, shaft: RoughShaft, run: StartUp) -> None:
         self.lead = int(_DECAY * 2 / shaft.d * run.rate)
@@ -229,15 +185,7 @@ class _Passage:
         return np.asarray(np.fft.ifft(factor * np.fft.fft(signal, self.receptance.size))[..., : self.size])
 
     def motion(self, force: ComplexArray, settled: float) -> ComplexArray:
-        """Motion under forces over the mass, by passes through the round part with the pull of the rest as a force.
-
-        Args:
-            force: shape ``(..., N)``.
-            settled: change over size at which the motion is found.
-
-        Raises:
-            ValueError: it never is.
-        """
+        """Motion under forces over the mass, by passes through the round part with the pull of the rest as a force."""
         motion = self.spread(force, self.receptance)
         for _ in range(_MOST):
             new = self.spread(force - self.delta * self.turn * motion.conj(), self.receptance)

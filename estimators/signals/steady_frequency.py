@@ -21,18 +21,7 @@ _STANDS_OUT = 8.0
 def steady_angle(
     z: ComplexArray, rate: float, direction: int, avoid: Sequence[float], start: float = 0.0
 ) -> SmoothAngle:
-    """Angle of a perturbation at a steady frequency; zero at time zero, since nothing says where its mark would be.
-
-    Args:
-        z: motion, shape ``(N,)``.
-        rate: samples a second, Hz.
-        direction: +1 forward, -1 backward: the side of the spectrum to look at.
-        avoid: frequencies of other lines, Hz, signed: orders of the shaft.
-        start: time of the first sample, s.
-
-    Raises:
-        ValueError: no line stands out, or the one that does is not steady.
-    """
+    """Angle of a perturbation at a steady frequency; zero at time zero, since nothing says where its mark would be."""
     near = _outstanding_line(z, rate, direction, avoid)
     t = start + np.arange(z.size) / rate
     beyond, error = _rate_of_phase(z * np.exp(-2j * np.pi * near * t), t, near)
@@ -72,11 +61,7 @@ def _outstanding_line(z: ComplexArray, rate: float, direction: int, avoid: Seque
 
 
 def _rate_of_phase(turned: ComplexArray, t: Float, near: float) -> tuple[float, float]:
-    """Rate at which a slow vector turns, rad/s, and its standard error, by the phases of its means over blocks.
-
-    Raises:
-        ValueError: the phase is no straight line; ``near`` names the frequency, Hz, about which it is.
-    """
+    """Rate at which a slow vector turns, rad/s, and its standard error, by the phases of its means over blocks."""
     size = turned.size // _BLOCKS
     weight = np.hanning(size + 2)[1:-1]
     vectors = (turned[: size * _BLOCKS].reshape(_BLOCKS, size) * weight).sum(axis=1)

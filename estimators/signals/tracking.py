@@ -21,36 +21,17 @@ APART = 1.0
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Tracked:
-    """Components in W windows.
+    """Components in W windows."""
 
-    Attributes:
-        centre: sample in the middle of each window, shape ``(W,)``.
-        along: amplitude of what turns with the drive, relative to ``exp(j angle)``, shape ``(P, W)``.
-        against: amplitude of what turns against it, relative to ``exp(-j angle)``, shape ``(P, W)``.
-        sigma: standard deviation of the real part and of the imaginary part of both, shape ``(P, W)``.
-        clear: whether no order of the shaft was too near to be told from the drive, shape ``(W,)``.
-    """
-
-    centre: Index
-    along: ComplexArray
-    against: ComplexArray
-    sigma: Float
-    clear: Bool
+    centre: Index  # sample in the middle of each window, shape ``(W,)``
+    along: ComplexArray  # amplitude of what turns with the drive, relative to ``exp(j angle)``, shape ``(P, W)``
+    against: ComplexArray  # amplitude of what turns against it, relative to ``exp(-j angle)``, shape ``(P, W)``
+    sigma: Float  # standard deviation of the real part and of the imaginary part of both, shape ``(P, W)``
+    clear: Bool  # whether no order of the shaft was too near to be told from the drive, shape ``(W,)``
 
 
 def track_windows(motion: ComplexArray, angle: Float, shaft: Float | None, *, turns: int, orders: int = 5) -> Tracked:
-    """Components of signals in windows of whole turns of the drive.
-
-    Args:
-        motion: signals, shape ``(P, N)``.
-        angle: of the drive in the direction it turns, rad, growing or falling, shape ``(N,)``.
-        shaft: angle of the shaft, rad, where the drive is not the shaft itself.
-        turns: of the drive in a window.
-        orders: highest order of the shaft taken along, in both directions.
-
-    Raises:
-        ValueError: the record holds less than one window.
-    """
+    """Components of signals in windows of whole turns of the drive."""
     number = np.floor(np.abs(angle - angle[0]) / (2 * np.pi * turns)).astype(np.intp)
     edges = np.searchsorted(number, np.arange(number[-1] + 1))
     if edges.size < 2:

@@ -42,20 +42,12 @@ _SETTLED = 1e-6  # relative change of the lumped coefficients after which furthe
 
 @dataclass(frozen=True, eq=False)
 class ClosedForm:
-    """A closed-form estimate.
+    """A closed-form estimate."""
 
-    Attributes:
-        x: estimate, shape ``(p,)``.
-        root: derivatives of the lumped coefficients by the parameters, and the information on those; None where
-            unweighted.
-        open: entries that were taken at their conventional value.
-        notes: what had to be assumed, in words.
-    """
-
-    x: Float
+    x: Float  # estimate, shape ``(p,)``
     root: tuple[Float, Float] | None
-    open: tuple[int, ...] = ()
-    notes: tuple[str, ...] = ()
+    open: tuple[int, ...] = ()  # entries that were taken at their conventional value
+    notes: tuple[str, ...] = ()  # what had to be assumed, in words
 
     @property
     def covar(self) -> Float:
@@ -79,17 +71,6 @@ def closed_form(
     Weighted, three linear solves: the bare force balance; the same weighed with the noise that its result propagates;
     once more with the responses of that result as instruments, because the noise of the measured responses, which stand
     among the regressors, would otherwise pull the stiffness towards zero.
-
-    Args:
-        space: what is free and what is known.
-        blocks: observations; those that are not responses or forces of circular tests are passed over.
-        weighted: weigh each reading with its propagated noise; otherwise, as the paper did, fit the inverted dynamic
-            stiffness (or the force balance where planes are missing) with equal weights.
-
-        passes: weighted solves; more than the two of the closed form proper only improve starts from hard data.
-
-    Raises:
-        ClosedFormError: no line has readings at all coordinates.
     """
     return closed_forms(space, blocks, weighted=weighted, passes=(passes,))[0]
 
@@ -102,16 +83,7 @@ def closed_forms(
     passes: tuple[int, ...],
     enough: Callable[[Float], bool] | None = None,
 ) -> list[ClosedForm]:
-    """Closed forms after several numbers of passes, at the cost of the last; see :func:`closed_form`.
-
-    Args:
-        space, blocks, weighted: as there.
-        passes: numbers of passes, ascending.
-        enough: whether an estimate is so good that further passes are not worth their time.
-
-    Raises:
-        ClosedFormError: see :func:`closed_form`.
-    """
+    """Closed forms after several numbers of passes, at the cost of the last; see :func:`closed_form`."""
     chosen = [complete_lines(block) for block in blocks if isinstance(block, Responses)]
     chosen = [block for block in chosen if block.speed.size]
     if not chosen:
@@ -133,12 +105,6 @@ def closed_forms(
 
 def closed_forms_of_many(space: ParameterSpace, block: Responses, speed: Float, passes: int) -> Float | None:
     """Closed forms of many runs of one plan, at one speed each, after a number of weighted passes.
-
-    Args:
-        space: what is free and what is known, the same for all.
-        block: observations of all runs one after the other, in one group.
-        speed: of each run, rad/s, shape ``(W,)``.
-        passes: as for :func:`closed_form`.
 
     Returns:
         estimates, shape ``(W, p)``, NaN for runs that need more than solving for one parameter after the other; None

@@ -25,9 +25,6 @@ class ForceBalance:
 
     Of many runs of one plan (``runs`` holds their number) the lines follow one another; what is solved has then a
     leading axis of runs.
-
-    Attributes:
-        amplitude, force, sigma: readings, forces and noise at every coordinate of every line, shape ``(L, n)``.
     """
 
     def __init__(
@@ -58,11 +55,7 @@ class ForceBalance:
         self._rows = [(own, np.ascontiguousarray(combine[:, own])) for own in rows]
 
     def kappa(self, values: Float) -> ComplexArray:
-        """Dynamic stiffness of each line from lumped coefficients, shape ``(L, n, n)``.
-
-        Args:
-            values: the coefficients, shape ``(E,)``, of many runs ``(runs, E)``.
-        """
+        """Dynamic stiffness of each line from lumped coefficients, shape ``(L, n, n)``."""
         count, n = self.amplitude.shape
         runs = self._runs or (1,)
         result = np.empty((n * n, *runs, 2 * count // runs[0]))
@@ -74,19 +67,11 @@ class ForceBalance:
         return kappa if self._known is None else kappa + self._known
 
     def inverse(self, values: Float) -> ComplexArray:
-        """Receptance of each line from lumped coefficients, shape ``(L, n, n)``.
-
-        Args:
-            values: the coefficients, as for :meth:`kappa`.
-        """
+        """Receptance of each line from lumped coefficients, shape ``(L, n, n)``."""
         return inverse(self.kappa(values))
 
     def predicted(self, H: ComplexArray) -> ComplexArray:
-        """Amplitudes with a receptance, shape ``(L, n)``; imposed ones are what they are.
-
-        Args:
-            H: receptance of each line, m/N, shape ``(L, n, n)``.
-        """
+        """Amplitudes with a receptance, shape ``(L, n)``; imposed ones are what they are."""
         return self.block.force if self.block.imposed else np.asarray(np.einsum("lij,lj->li", H, self.block.force))
 
     def force_weight(self) -> Float:
@@ -94,11 +79,7 @@ class ForceBalance:
         return np.asarray(1 / np.abs(self.force.T).max(axis=0))
 
     def response_weight(self, H: ComplexArray) -> ComplexArray:
-        """Weights that turn the force error into the response error over its noise, independent between readings.
-
-        Args:
-            H: receptance of each line, m/N, shape ``(L, n, n)``.
-        """
+        """Weights that turn the force error into the response error over its noise, independent between readings."""
         # Stored as H is: what runs along the lines is contiguous.
         return np.asarray((np.ones((1, 1, 1)) + 0j if self.block.imposed else H.T) / self.sigma.T.copy()).T
 
@@ -107,21 +88,11 @@ class ForceBalance:
         return self._sides(self.amplitude, self.force)
 
     def weigh(self, sides: ComplexArray, weight: ComplexArray | Float) -> Float:
-        """Columns ``weight kappa A`` over ``weight F``, one an equation, shape ``(..., n, B + 1, 2 L)``.
-
-        Args:
-            sides: as of :meth:`sides`, shape ``(n, B + 1, L)``.
-            weight: of the equations, shape ``(L,)`` or, where they are combined, ``(L, n, n)``.
-        """
+        """Columns ``weight kappa A`` over ``weight F``, one an equation, shape ``(..., n, B + 1, 2 L)``."""
         return self._by_run(_weigh(sides, weight))
 
     def sensitivities(self, amplitude: ComplexArray, weight: ComplexArray) -> Float:
-        """The left sides alone, with other amplitudes than those measured, shape ``(..., n, B, 2 L)``.
-
-        Args:
-            amplitude: at every coordinate of every line, m, shape ``(L, n)``.
-            weight: as for :meth:`weigh`.
-        """
+        """The left sides alone, with other amplitudes than those measured, shape ``(..., n, B, 2 L)``."""
         return self._by_run(_weigh(self._sides(amplitude, self.force)[:, :-1], weight))
 
     def _by_run(self, system: Float) -> Float:
@@ -197,31 +168,18 @@ def _weigh(sides: ComplexArray, weight: ComplexArray | Float) -> Float:
 
 
 def one_by_one(system: Float) -> Float:
-    """Equations after one another, shape ``(..., C, 2 L n)``.
-
-    Args:
-        system: shape ``(..., n, C, 2 L)``, the last of the ``C`` rows the right side.
-    """
+    """Equations after one another, shape ``(..., C, 2 L n)``."""
     return np.swapaxes(system, -3, -2).reshape(*system.shape[:-3], system.shape[-2], -1)
 
 
 def as_triangle(system: Float) -> Float:
-    """As few equations as unknowns with the same least-squares solution, shape ``(..., 1, C, C)``.
-
-    Args:
-        system: equations as for :func:`one_by_one`.
-    """
+    """As few equations as unknowns with the same least-squares solution, shape ``(..., 1, C, C)``."""
     rows = np.swapaxes(one_by_one(system), -1, -2)
     return np.swapaxes(np.linalg.qr(rows, mode="r"), -1, -2)[..., None, :, :]
 
 
 def products(left: Float, right: Float) -> Float:
-    """Sums over all equations of the products of columns, shape ``(..., C, D)``.
-
-    Args:
-        left: shape ``(..., n, C, 2 L)``.
-        right: shape ``(..., n, D, 2 L)``.
-    """
+    """Sums over all equations of the products of columns, shape ``(..., C, D)``."""
     return np.asarray((left @ np.swapaxes(right, -1, -2)).sum(axis=-3))
 
 
@@ -229,9 +187,6 @@ def solve(systems: list[Float]) -> tuple[Float, Float]:
     """Least squares, and the products of the left sides.
 
     By normal equations, a tenth of the work of a triangle; that is made where digits of theirs would be lost.
-
-    Args:
-        systems: equations as for :func:`one_by_one`, one entry a block.
     """
     projected = reduce(np.add, [products(system[..., :-1, :], system) for system in systems])
     information = projected[..., :-1]
@@ -246,23 +201,13 @@ def solve(systems: list[Float]) -> tuple[Float, Float]:
 
 
 def solve_projected(projected: Float, information: Float) -> Float:
-    """Solve equations projected on instruments, whose own products are the information.
-
-    Args:
-        projected: products of instruments and both sides, shape ``(..., B, B + 1)``.
-        information: products of the instruments, shape ``(..., B, B)``.
-    """
+    """Solve equations projected on instruments, whose own products are the information."""
     unit, right, norm = _of_unit_length(projected, information)
     return np.asarray(np.linalg.solve(unit, right[..., None])[..., 0] / norm)
 
 
 def solve_definite(unit: Float, right: Float) -> Float | None:
-    """Solution of symmetric systems of unit diagonal, shape ``(..., p)``; None where one of them is nearly singular.
-
-    Args:
-        unit: shape ``(..., p, p)``.
-        right: shape ``(..., p)``.
-    """
+    """Solution of symmetric systems of unit diagonal, shape ``(..., p)``; None where one of them is nearly singular."""
     try:
         pivots = np.diagonal(np.linalg.cholesky(unit), axis1=-2, axis2=-1)
     except np.linalg.LinAlgError:
@@ -281,13 +226,7 @@ def _of_unit_length(projected: Float, information: Float) -> tuple[Float, Float,
 
 
 def least_squares(matrix: Float, right: Float, rcond: float) -> Float:
-    """Solution of smallest norm, shape ``(..., p)``, of one system or of many: NumPy's own takes one.
-
-    Args:
-        matrix: shape ``(..., m, p)``.
-        right: shape ``(..., m)``.
-        rcond: singular values below this fraction of the largest are round-off.
-    """
+    """Solution of smallest norm, shape ``(..., p)``, of one system or of many: NumPy's own takes one."""
     if matrix.ndim == 2:
         return np.asarray(np.linalg.lstsq(matrix, right, rcond=rcond)[0])
     return np.asarray((np.linalg.pinv(matrix, rcond=rcond) @ right[..., None])[..., 0])

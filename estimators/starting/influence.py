@@ -29,23 +29,15 @@ _CLOSE = 0.7  # largest correlation between speeds that weights are built on: be
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Readings:
-    """Readings of some channels at some dwell speeds, with weights mounted again and again.
+    """Readings of some channels at some dwell speeds, with weights mounted again and again."""
 
-    Attributes:
-        value: complex readings, shape ``(R,)``.
-        speed: rad/s, shape ``(R,)``.
-        mounting, channel, dwell: numbers of the mounting, the channel and the dwell speed of each, shape ``(R,)``.
-        unbalance: ``m r exp(j delta)`` of each mounting in each force plane, kg m, shape ``(M, planes)``.
-        sigma: noise that was given with the readings, NaN where it was not, shape ``(R,)``.
-    """
-
-    value: ComplexArray
-    speed: Float
-    mounting: Index
-    channel: Index
-    dwell: Index
-    unbalance: ComplexArray
-    sigma: Float
+    value: ComplexArray  # complex readings, shape ``(R,)``
+    speed: Float  # rad/s, shape ``(R,)``
+    mounting: Index  # numbers of the mounting, the channel and the dwell speed of each, shape ``(R,)``
+    channel: Index  # numbers of the mounting, the channel and the dwell speed of each, shape ``(R,)``
+    dwell: Index  # numbers of the mounting, the channel and the dwell speed of each, shape ``(R,)``
+    unbalance: ComplexArray  # ``m r exp(j delta)`` of each mounting in each force plane, kg m, shape ``(M, planes)``
+    sigma: Float  # noise that was given with the readings, NaN where it was not, shape ``(R,)``
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -94,12 +86,6 @@ def solve_influence(readings: Readings) -> Influence:
 
     Readings of one dwell that were taken at slightly different speeds are brought to their mean speed first, along the
     channel's own change from dwell to dwell (as the square of the speed where there is one dwell only).
-
-    Args:
-        readings: of all channels, dwell speeds and mountings.
-
-    Raises:
-        UndeterminedError: no cell has enough different weights.
     """
     speed = np.bincount(readings.dwell, readings.speed) / np.bincount(readings.dwell)
     value = readings.value * _to_common_speed(readings, speed)

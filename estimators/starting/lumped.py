@@ -28,30 +28,18 @@ _NEITHER, _LINEAR, _RECIPROCAL = 0, 1, 2
 
 @dataclass(frozen=True, kw_only=True)
 class LumpedStructure:
-    """What the lumped coefficients depend on: equal layouts have the same ones.
+    """What the lumped coefficients depend on: equal layouts have the same ones."""
 
-    Attributes:
-        model: the rotor.
-        names, base: fitted parameters as in :class:`ParameterSpace`.
-        template, index: rows of the :class:`ParameterSpace` arrays of these names.
-        speeds: for each block, the parameter groups in it and the distinct speeds of each.
-    """
-
-    model: RotorModel
-    names: tuple[str, ...]
-    base: tuple[str, ...]
-    template: tuple[tuple[float, ...], ...]
-    index: tuple[tuple[int, ...], ...]
+    model: RotorModel  # the rotor
+    names: tuple[str, ...]  # fitted parameters as in :class:`ParameterSpace`
+    base: tuple[str, ...]  # fitted parameters as in :class:`ParameterSpace`
+    template: tuple[tuple[float, ...], ...]  # rows of the :class:`ParameterSpace` arrays of these names
+    index: tuple[tuple[int, ...], ...]  # rows of the :class:`ParameterSpace` arrays of these names
     speeds: tuple[tuple[tuple[int, tuple[float, ...]], ...], ...]
 
     @classmethod
     def of(cls, space: ParameterSpace, blocks: Sequence[Responses]) -> LumpedStructure:
-        """LumpedStructure of a fit to these blocks.
-
-        Args:
-            space: the fitted vector.
-            blocks: responses that are fitted.
-        """
+        """LumpedStructure of a fit to these blocks."""
         speeds = []
         for block in blocks:
             pairs: dict[int, list[float]] = {}
@@ -69,14 +57,7 @@ class LumpedStructure:
 
 
 class Lumped:
-    """Lumped coefficients as functions of the fitted vector.
-
-    Attributes:
-        place: where each enters kappa.
-        basis: rows of independent coefficients b, shape ``(B,)``.
-        spread, offset: matrix and vector with ``all = spread b + offset``, shapes ``(E, B)`` and ``(E,)``.
-        determined: verdicts on tests of this layout that were judged before, by a checksum of their conditions.
-    """
+    """Lumped coefficients as functions of the fitted vector."""
 
     def __init__(self, graph: LumpedGraph, speeds: Sequence[float], known: tuple[float, ...], scale: Float) -> None:
         told = np.array([*speeds, np.nan])  # the last one is that of all speeds
@@ -105,38 +86,22 @@ class Lumped:
         return found[: self.place.row.size], found[self.place.row.size :]
 
     def values(self, x: Float) -> Float:
-        """Lumped coefficients, shape ``(E, ...)``.
-
-        Args:
-            x: fitted parameters of one vector or of many, shape ``(p, ...)``.
-        """
+        """Lumped coefficients, shape ``(E, ...)``."""
         return self._evaluate(x)[0]
 
     def linearise(self, x: Float) -> tuple[Float, Float]:
-        """Coefficients and their derivatives, shapes ``(E, ...)`` and ``(E, p, ...)``.
-
-        Args:
-            x: fitted parameters of one vector or of many, shape ``(p, ...)``.
-        """
+        """Coefficients and their derivatives, shapes ``(E, ...)`` and ``(E, p, ...)``."""
         values, slopes = self._evaluate(x)
         jacobian = np.zeros((len(values), self.size, *values.shape[1:]))
         jacobian[self._rows, self._columns] = slopes
         return values, jacobian
 
     def solve_spread(self, values: Float) -> Float:
-        """Independent coefficients whose spread comes nearest to given ones, shape ``(B, ...)``.
-
-        Args:
-            values: all coefficients, the offset taken off, shape ``(E, ...)``.
-        """
+        """Independent coefficients whose spread comes nearest to given ones, shape ``(B, ...)``."""
         return np.asarray(self._back @ values.reshape(len(values), -1)).reshape(-1, *values.shape[1:])
 
     def same_relations(self, other: Lumped) -> bool:
-        """Whether the coefficients at another speed depend on one another in the same way.
-
-        Args:
-            other: coefficients of the same layout at another speed.
-        """
+        """Whether the coefficients at another speed depend on one another in the same way."""
         size = np.abs(self.values(np.ones(self.size))) + np.abs(other.values(np.ones(self.size)))
         return (
             np.array_equal(self.basis, other.basis)
@@ -145,11 +110,7 @@ class Lumped:
         )
 
     def at_speeds(self, speeds: Float) -> Lumped:
-        """The same for many runs of one plan: the last axis of vectors is that of runs.
-
-        Args:
-            speeds: one a run, rad/s, shape ``(W,)``.
-        """
+        """The same for many runs of one plan: the last axis of vectors is that of runs."""
         found = copy(self)
         found.place = replace(self.place, speed=np.full_like(self.place.speed, np.nan))
         found._speeds = [speeds]
@@ -177,10 +138,6 @@ class Lumped:
         """Solve the coefficients for the parameters one after the other.
 
         Each comes from a coefficient in which it is the only unknown, first those that depend on it most.
-
-        Args:
-            values: coefficients, shape ``(E,)``, or of many runs of one plan, ``(E, W)``.
-            typical: nonzero sizes of the parameters, shape ``(p,)``.
 
         Returns:
             parameters, NaN where no coefficient gives one singly, and for runs that would go another way than the
@@ -224,27 +181,15 @@ class Lumped:
 
 
 class _Single(NamedTuple):
-    """A coefficient in which one parameter is the only unknown.
+    """A coefficient in which one parameter is the only unknown."""
 
-    Attributes:
-        derivative: number of the derivative of the one by the other.
-        row, column: numbers of the coefficient and of the parameter.
-        reciprocal: linear in one over the parameter, not in the parameter.
-    """
-
-    derivative: int
-    row: int
-    column: int
-    reciprocal: bool
+    derivative: int  # number of the derivative of the one by the other
+    row: int  # numbers of the coefficient and of the parameter
+    column: int  # numbers of the coefficient and of the parameter
+    reciprocal: bool  # linear in one over the parameter, not in the parameter
 
     def solve(self, now: Float, slopes: Float, values: Float, point: Sequence[Float]) -> tuple[Float, Float]:
-        """The parameter by one coefficient, and the share of the coefficient that depends on it.
-
-        Args:
-            now, slopes: coefficients and derivatives at a point.
-            values: the coefficients as found.
-            point: the parameters.
-        """
+        """The parameter by one coefficient, and the share of the coefficient that depends on it."""
         here, level, slope = point[self.column], now[self.row], slopes[self.derivative]
         # The coefficient is rest + slope t, with t the parameter or its reciprocal.
         if self.reciprocal:
@@ -260,11 +205,7 @@ class _Single(NamedTuple):
 
 @lru_cache(maxsize=32)
 def lumped_coefficients(layout: LumpedStructure) -> Lumped:
-    """Lumped coefficients of a model in some blocks of observations.
-
-    Args:
-        layout: what they depend on.
-    """
+    """Lumped coefficients of a model in some blocks of observations."""
     speeds = [speed for groups in layout.speeds for _, own in groups for speed in own]
     kinds = tuple(tuple((group, len(own), any(own)) for group, own in groups) for groups in layout.speeds)
     scale = np.array([layout.model.parameter(name).scale for name in layout.base])
@@ -311,12 +252,7 @@ def _independent(lumped: Lumped, scale: Float) -> tuple[Index, Float, Float]:
 
 
 def _basis(columns: Float, moving: Index) -> Index:
-    """Columns that make all of them: one of those that are parallel, mostly, else by pivoted QR.
-
-    Args:
-        columns: of length one, or zero, shape ``(S, C)``.
-        moving: those that are not zero.
-    """
+    """Columns that make all of them: one of those that are parallel, mostly, else by pivoted QR."""
     cosine = np.abs(columns[:, moving].T @ columns[:, moving])
     apart = moving[(cosine > 1 - _PARALLEL).argmax(axis=0) == np.arange(moving.size)]
     if 0 < apart.size <= len(columns) and np.linalg.svd(columns[:, apart], compute_uv=False)[-1] > _DEPENDENT:

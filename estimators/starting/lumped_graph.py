@@ -19,56 +19,38 @@ _SPEED_TERMS = 5  # powers of the speed looked for in a coefficient
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Place:
-    """Where lumped coefficients enter the dynamic stiffness, one entry a coefficient, shape ``(E,)``.
-
-    Attributes:
-        block, group: observations that see it.
-        row, column, power: entry of kappa and power of s.
-        unit: 1 or j.
-        speed_power: power of the rotative speed.
-        speed: speed to which it is restricted, NaN for all.
-    """
+    """Where lumped coefficients enter the dynamic stiffness, one entry a coefficient, shape ``(E,)``."""
 
     block: Index
     group: Index
-    row: Index
-    column: Index
-    power: Index
-    unit: ComplexArray
-    speed_power: Index
-    speed: Float
+    row: Index  # entry of kappa and power of s
+    column: Index  # entry of kappa and power of s
+    power: Index  # entry of kappa and power of s
+    unit: ComplexArray  # 1 or j
+    speed_power: Index  # power of the rotative speed
+    speed: Float  # speed to which it is restricted, NaN for all
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class LumpedGraph:
     """Expressions of lumped coefficients, speeds and known values among their variables: fits that differ in those
     share one.
-
-    Attributes:
-        function: coefficients, then their nonzero derivatives, of fitted values, speeds and known values.
-        rows, columns: coefficient and fitted value of each derivative.
-        place: where they enter, ``speed`` being the running number of the speed, -1 for all.
     """
 
     function: Callable[[Sequence[Any]], Float]
-    rows: Index
-    columns: Index
-    place: Place
+    rows: Index  # coefficient and fitted value of each derivative
+    columns: Index  # coefficient and fitted value of each derivative
+    place: Place  # where they enter, ``speed`` being the running number of the speed, -1 for all
 
 
 class _Entry(NamedTuple):
-    """Real or imaginary part of an entry of kappa at a power of s.
+    """Real or imaginary part of an entry of kappa at a power of s."""
 
-    Attributes:
-        row, column, power, unit: as in :class:`Place`.
-        expression: of the fitted values, the speed and known values.
-    """
-
-    row: int
-    column: int
-    power: int
-    unit: complex
-    expression: ca.SX
+    row: int  # as in :class:`Place`
+    column: int  # as in :class:`Place`
+    power: int  # as in :class:`Place`
+    unit: complex  # as in :class:`Place`
+    expression: ca.SX  # of the fitted values, the speed and known values
 
 
 @lru_cache(maxsize=32)
@@ -79,15 +61,7 @@ def lumped_graph(
     kinds: tuple[tuple[tuple[int, int, bool], ...], ...],
     size: int,
 ) -> LumpedGraph:
-    """Expressions of the lumped coefficients of a model in some blocks of observations.
-
-    Args:
-        model: the rotor.
-        template: known values of each parameter group, ``None`` where any will do.
-        index: number of the fitted value of each parameter of each group, -1 where it is known.
-        kinds: for each block its groups, how many speeds each has and whether any of them turns.
-        size: number of fitted values.
-    """
+    """Expressions of the lumped coefficients of a model in some blocks of observations."""
     x = ca.SX.sym("x", size)
     speed = ca.SX.sym("speed")
     speeds = ca.SX.sym("speeds", sum(count for groups in kinds for _, count, _ in groups))
@@ -128,12 +102,6 @@ def _speed_parts(
     expression: ca.SX, speed: ca.SX, speeds: Sequence[tuple[int, ca.SX]], turns: bool
 ) -> list[tuple[int, int, ca.SX]]:
     """Split a coefficient by powers of the speed, or by speed where too few speeds were tested for that.
-
-    Args:
-        expression: the coefficient.
-        speed: its symbol of the speed.
-        speeds: running numbers and symbols of the tested speeds.
-        turns: whether any of them is not zero.
 
     Returns:
         power of the speed, running number of the speed or -1 for all, and expression of each part.

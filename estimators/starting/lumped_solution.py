@@ -13,14 +13,7 @@ from rotorfit.models.array_types import Float
 def parameters_from(
     space: ParameterSpace, lumped: Lumped, values: Float, information: Float | None
 ) -> tuple[Float, tuple[str, ...]]:
-    """Solve the lumped expressions for the parameters, one unknown at a time, then take one weighted step on all.
-
-    Args:
-        space: the fitted vector.
-        lumped: coefficients as functions of it.
-        values: of the coefficients, shape ``(E,)``.
-        information: of the independent coefficients, shape ``(B, B)``; ``None`` for no weighted step.
-    """
+    """Solve the lumped expressions for the parameters, one unknown at a time, then take one weighted step on all."""
     size = len(space.names)
     x = lumped.parameters(values, typical_values(space))
     notes: tuple[str, ...] = ()
@@ -33,15 +26,7 @@ def parameters_from(
 
 
 def parameters_of_many(space: ParameterSpace, lumped: Lumped, speed: Float, values: Float, information: Float) -> Float:
-    """The same for many runs of one plan, NaN for those that need more than one unknown after the other, ``(W, p)``.
-
-    Args:
-        space: what is free and what is known.
-        lumped: the coefficients.
-        speed: of each run, rad/s, shape ``(W,)``.
-        values: coefficients, shape ``(E, W)``.
-        information: on the independent ones, shape ``(W, B, B)``.
-    """
+    """The same for many runs of one plan, NaN for those that need more than one unknown after the other, ``(W, p)``."""
     found = lumped.at_speeds(speed).parameters(values, typical_values(space))
     sure = np.isfinite(found).all(axis=0)
     if sure.any():
@@ -76,11 +61,7 @@ def _remaining(space: ParameterSpace, lumped: Lumped, values: Float, x: Float) -
 
 
 def typical_values(space: ParameterSpace) -> Float:
-    """Nonzero sizes of the free parameters, shape ``(p,)``.
-
-    Args:
-        space: the fitted vector.
-    """
+    """Nonzero sizes of the free parameters, shape ``(p,)``."""
     parameters = [space.model.parameter(name) for name in space.base]
     size = len(parameters)
     guess = np.array([p.scale if p.nominal is None else p.nominal for p in parameters])
@@ -89,23 +70,12 @@ def typical_values(space: ParameterSpace) -> Float:
 
 
 def typical_theta(space: ParameterSpace) -> Float:
-    """All parameters of a model with the free ones at typical values.
-
-    Args:
-        space: the fitted vector.
-    """
+    """All parameters of a model with the free ones at typical values."""
     return space.theta(np.concatenate([typical_values(space), np.zeros(len(space.nuisance))]))
 
 
 def _one_step(lumped: Lumped, values: Float, information: Float, x: Float) -> Float:
-    """One linearised weighted step on all lumped coefficients at once: it uses the redundant ones as well.
-
-    Args:
-        lumped: the coefficients.
-        values: as they were found, shape ``(E,)``, or of many runs ``(E, W)``.
-        information: on the independent ones, shape ``(B, B)`` or ``(W, B, B)``.
-        x: parameters, shape ``(p,)`` or ``(p, W)``.
-    """
+    """One linearised weighted step on all lumped coefficients at once: it uses the redundant ones as well."""
     now, jacobian = lumped.linearise(x)
     # information is that of the independent coefficients b, all = S b + o: least squares on S(b_model - b) = 0
     J = lumped.solve_spread(jacobian)

@@ -34,17 +34,11 @@ _LIKELY = 4.5  # cost above the least up to which another minimum is not to be r
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _Ends:
-    """Where short fits ended, the best first.
+    """Where short fits ended, the best first."""
 
-    Attributes:
-        x: shape ``(W, p)``.
-        cost: shape ``(W,)``.
-        far: whether they began at starts of their own, not beside another's end, shape ``(W,)``.
-    """
-
-    x: Float
-    cost: Float
-    far: NDArray[np.bool_]
+    x: Float  # shape ``(W, p)``
+    cost: Float  # shape ``(W,)``
+    far: NDArray[np.bool_]  # whether they began at starts of their own, not beside another's end, shape ``(W,)``
 
     @property
     def together(self) -> int:
@@ -60,12 +54,7 @@ class _Ends:
 
 
 def best_of_many(problem: Problem, reason: str) -> tuple[Float, tuple[str, ...]]:
-    """The deepest end of short fits, shape ``(len(names),)``, and notes on how it was found and what may be deeper.
-
-    Args:
-        problem: what is to be fitted, responses of a linear rotor only.
-        reason: why there is no closed form.
-    """
+    """The deepest end of short fits, shape ``(len(names),)``, and notes on how it was found and what may be deeper."""
     blocks = [block for block in problem.blocks if isinstance(block, Responses)]
     ratios = rational_fit(blocks) if problem.loss == "linear" else None
     limits = _limits(problem, ratios)

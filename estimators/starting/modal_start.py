@@ -24,28 +24,17 @@ _BEYOND = 1.5  # where a mode that the data do not show is put, over the highest
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Lines:
-    """Responses per unit force along one axis, one entry a reading.
+    """Responses per unit force along one axis, one entry a reading."""
 
-    Attributes:
-        frequency: signed where forward and backward are apart, rad/s, shape ``(R,)``.
-        value: response over force, m/N, shape ``(R,)``.
-        weight: one over its standard deviation, shape ``(R,)``.
-        probe, plane: numbers of the planes of probe and force, shape ``(R,)``.
-    """
-
-    frequency: Float
-    value: ComplexArray
-    weight: Float
-    probe: Index
-    plane: Index
+    frequency: Float  # signed where forward and backward are apart, rad/s, shape ``(R,)``
+    value: ComplexArray  # response over force, m/N, shape ``(R,)``
+    weight: Float  # one over its standard deviation, shape ``(R,)``
+    probe: Index  # numbers of the planes of probe and force, shape ``(R,)``
+    plane: Index  # numbers of the planes of probe and force, shape ``(R,)``
 
 
 def modal_start(model: Modal, blocks: Sequence[Responses]) -> tuple[dict[str, float], float]:
     """Parameters of a modal model, and the common datum angle, rad, from responses.
-
-    Args:
-        model: the rotor.
-        blocks: responses to circular forces.
 
     Returns:
         values by name, and the lead of the responses over the forces at the first plane.

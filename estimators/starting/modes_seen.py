@@ -40,11 +40,7 @@ class ModesSeen:
 
 
 def modes_seen(influence: Influence) -> ModesSeen | None:
-    """Shapes and poles in influences; None where one speed only, or gaps, leave nothing to compare.
-
-    Args:
-        influence: residual vectors and influences of the cells.
-    """
+    """Shapes and poles in influences; None where one speed only, or gaps, leave nothing to compare."""
     dwells = np.unique(influence.dwell).tolist()
     channels = sorted(set.intersection(*[set(influence.channel[influence.dwell == d].tolist()) for d in dwells]))
     size = influence.influence.shape[1]

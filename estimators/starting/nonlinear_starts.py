@@ -21,29 +21,17 @@ _SHARES = (1.0, 0.4, 1.6)  # of K0 in the sum with springs beside it, which a li
 
 
 def is_plain_linear(problem: Problem) -> bool:
-    """Whether all observations are responses of a linear rotor.
-
-    Args:
-        problem: the problem.
-    """
+    """Whether all observations are responses of a linear rotor."""
     return all(isinstance(block, Responses) for block in problem.blocks)
 
 
 def frozen(problem: Problem) -> Problem:
-    """The problem with the measured eccentricities taken as given: explicit, without branches and jumps.
-
-    Args:
-        problem: the problem.
-    """
+    """The problem with the measured eccentricities taken as given: explicit, without branches and jumps."""
     return replace(problem, blocks=tuple(b.frozen() if isinstance(b, OrbitResponses) else b for b in problem.blocks))
 
 
 def explicit_with_sense(problem: Problem) -> Problem:
-    """The problem with velocity ratios kept positive where only free vibrations were seen: these tell no sense.
-
-    Args:
-        problem: the problem.
-    """
+    """The problem with velocity ratios kept positive where only free vibrations were seen: these tell no sense."""
     if not all(isinstance(block, FreeVibrations) for block in problem.blocks):
         return problem
     space = problem.space
@@ -53,12 +41,7 @@ def explicit_with_sense(problem: Problem) -> Problem:
 
 
 def linear_starts(problem: Problem, passes: tuple[int, ...]) -> list[Float]:
-    """Starts from closed forms at small eccentricity, with the law at its own start values; empty without any.
-
-    Args:
-        problem: of a model with a law.
-        passes: numbers of weighted passes of the closed form, ascending; each gives starts.
-    """
+    """Starts from closed forms at small eccentricity, with the law at its own start values; empty without any."""
     space = problem.space
     law: Law = getattr(space.model, "law", Constant())
     added = {parameter.name for parameter in law.parameters}

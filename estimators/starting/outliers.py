@@ -19,12 +19,6 @@ def without_outliers(problem: Problem) -> tuple[Block, ...]:
     """Blocks whose gross outliers carry a larger sigma, found by closed forms that discount what the last one missed.
 
     The scale of the residuals is their own median, so that a start that is far off does not take all for outliers.
-
-    Args:
-        problem: responses of a linear rotor.
-
-    Raises:
-        ClosedFormError: the data do not allow a closed form.
     """
     blocks = problem.blocks
     before = np.zeros(0)

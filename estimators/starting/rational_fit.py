@@ -22,28 +22,16 @@ _SAME = 0.02  # relative difference of frequencies that are one
 
 @dataclass(frozen=True, kw_only=True)
 class RationalFit:
-    """What ratios of polynomials make of responses.
+    """What ratios of polynomials make of responses."""
 
-    Attributes:
-        cost: half the sum of squares that they leave.
-        unknowns, data: real unknowns and real data.
-        zeros, poles: frequencies, rad/s, ascending: of the zeros of responses read where the force acts, and of the
-            poles of all, both within the tested band.
-    """
-
-    cost: float
-    unknowns: int
-    data: int
-    zeros: tuple[float, ...]
-    poles: tuple[float, ...]
+    cost: float  # half the sum of squares that they leave
+    unknowns: int  # real unknowns and real data
+    data: int  # real unknowns and real data
+    zeros: tuple[float, ...]  # frequencies, rad/s, ascending
+    poles: tuple[float, ...]  # frequencies, rad/s, ascending
 
     def limit(self, unknowns: int, deviations: float) -> float:
-        """Cost that a rotor with so many poles leaves, to so many standard deviations of chi-squared.
-
-        Args:
-            unknowns: of the rotor.
-            deviations: how many; the rotor itself is beyond one of them one time in six.
-        """
+        """Cost that a rotor with so many poles leaves, to so many standard deviations of chi-squared."""
         level = max(1.0, 2 * self.cost / (self.data - self.unknowns))
         spare = max(self.unknowns - unknowns, 1)
         return float(self.cost + level * (spare + deviations * np.sqrt(2 * spare)) / 2)
@@ -51,9 +39,6 @@ class RationalFit:
 
 def rational_fit(blocks: Sequence[Responses]) -> RationalFit | None:
     """Fit every group and speed of responses by ratios of polynomials with as many poles as the model has.
-
-    Args:
-        blocks: responses of one rotor.
 
     Returns:
         the fit; None for models with x and y apart or a known shaft, for imposed orbits, and for too few readings.

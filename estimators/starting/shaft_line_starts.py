@@ -27,11 +27,7 @@ _UNTOLD = 1e-12  # of a curvature over the cost, or of one of unit diagonal, tha
 
 
 def has_lines(problem: Problem) -> bool:
-    """Whether spectral lines are among what is fitted.
-
-    Args:
-        problem: the problem.
-    """
+    """Whether spectral lines are among what is fitted."""
     return any(isinstance(block, LineResponses) for block in problem.blocks)
 
 
@@ -39,9 +35,6 @@ def round_part(problem: Problem) -> Problem | None:
     """The problem of a rotor with a turning element as if it were round, from its motion at w; None of others.
 
     What is fitted besides comes last, so that the start of this problem is the beginning of that of the whole one.
-
-    Args:
-        problem: the problem.
     """
     space = problem.space
     if not isinstance(space.model, Turning):
@@ -67,12 +60,7 @@ def round_part(problem: Problem) -> Problem | None:
 
 
 def support_starts(problem: Problem, start: Float) -> list[Float]:
-    """Starts with supports that differ by a typical amount, where the model has such: at none nothing tells direction.
-
-    Args:
-        problem: what is fitted.
-        start: of the rotor in round supports, shape ``(p,)``.
-    """
+    """Starts with supports that differ by a typical amount."""
     space = problem.space
     at = {kind: [i for i, base in enumerate(space.base) if base.startswith(kind)] for kind in ("dKs", "angle_s")}
     if not isinstance(space.model, TurningOnSupports) or not at["dKs"]:
@@ -104,11 +92,7 @@ def _taken_for_round(model: Turning, block: PairResponses) -> Responses:
 
 
 def line_start(problem: Problem) -> Float:
-    """Start values of the fitted parameters, shape ``(p,)``; typical sizes where the lines do not tell.
-
-    Args:
-        problem: of a shaft that is not round.
-    """
+    """Start values of the fitted parameters, shape ``(p,)``; typical sizes where the lines do not tell."""
     space = problem.space
     model = space.model
     values = {name: model.parameter(name).scale for name in model.parameter_names}

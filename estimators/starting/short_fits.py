@@ -25,15 +25,10 @@ _LARGEST_DAMPING = 1e10
 
 @dataclass(frozen=True, eq=False)
 class ShortFits:
-    """Ends of short fits.
+    """Ends of short fits."""
 
-    Attributes:
-        x: vectors, shape ``(W, p)``.
-        cost: half the (robust) sum of squares plus minus the log prior, the pull to the start included, ``(W,)``.
-    """
-
-    x: Float
-    cost: Float
+    x: Float  # vectors, shape ``(W, p)``
+    cost: Float  # half the (robust) sum of squares plus minus the log prior, the pull to the start included, ``(W,)``
 
 
 @dataclass
@@ -81,13 +76,7 @@ class _Costs:
 
 
 def short_fits(problem: Problem, starts: Float, sizes: Float) -> ShortFits:
-    """Fit from every start until little more is to be gained.
-
-    Args:
-        problem: what is fitted; derivatives of its blocks are taken for all vectors at once where they allow it.
-        starts: shape ``(W, p)``, inside the bounds.
-        sizes: typical size of each entry, positive, shape ``(W, p)``.
-    """
+    """Fit from every start until little more is to be gained."""
     lower, upper = problem.space.lower, problem.space.upper
     costs = _Costs(problem, starts, sizes)
     damping = np.full(len(starts), _FIRST_DAMPING)

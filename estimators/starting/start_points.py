@@ -17,24 +17,13 @@ _SPREAD = 0.8  # standard deviation of the logarithm of random starts: most lie 
 
 
 def full_vector(problem: Problem, values: Float, datum: float = 0.0) -> Float:
-    """Values of the parameters moved inside the bounds, nuisance entries behind them at zero.
-
-    Args:
-        problem: what is fitted.
-        values: of the fitted parameters, shape ``(len(problem.space.names),)``.
-        datum: angle of the common datum, rad, where one is fitted.
-    """
+    """Values of the parameters moved inside the bounds, nuisance entries behind them at zero."""
     nuisance = [datum if name == DATUM else 0.0 for name in problem.space.nuisance]
     return np.concatenate([inside_bounds(values, problem.space), nuisance])
 
 
 def inside_bounds(values: Float, space: ParameterSpace) -> Float:
-    """Values moved off the bounds, where Ipopt's barrier wants them.
-
-    Args:
-        values: fitted vectors or the beginning of such, shape ``(..., n)``.
-        space: the fitted vector.
-    """
+    """Values moved off the bounds, where Ipopt's barrier wants them."""
     lower, upper = space.lower[: values.shape[-1]], space.upper[: values.shape[-1]]
     margin = 1e-3 * np.where(np.isfinite(upper - lower), upper - lower, np.maximum(np.abs(values), 1e-3))
     margin = np.minimum(margin, 1e-3 * space.typical)
@@ -42,34 +31,19 @@ def inside_bounds(values: Float, space: ParameterSpace) -> Float:
 
 
 def given_starts(space: ParameterSpace, values: Float) -> tuple[Float, NDArray[np.bool_]]:
-    """Starts from values that were given, shape ``(W, p)``, and which of them the bounds allow.
-
-    Args:
-        space: the fitted vector.
-        values: fitted vectors, shape ``(W, p)``.
-    """
+    """Starts from values that were given, shape ``(W, p)``, and which of them the bounds allow."""
     allowed = ((values >= space.lower) & (values <= space.upper) & np.isfinite(values)).all(axis=1)
     return inside_bounds(values, space), np.asarray(allowed)
 
 
 def search_scale(space: ParameterSpace, start: Float) -> Float:
-    """Sizes by which a search is scaled.
-
-    Args:
-        space: the fitted vector.
-        start: where it begins, shape ``(..., p)``.
-    """
+    """Sizes by which a search is scaled."""
     typical = np.concatenate([space.typical, np.full(len(space.nuisance), 0.1)])
     return np.where(np.abs(start) > 1e-6 * typical, np.abs(start), typical)
 
 
 def random_starts(problem: Problem, count: int) -> Iterator[Float]:
-    """Starts spread over a decade around typical values, always the same ones.
-
-    Args:
-        problem: the problem.
-        count: how many.
-    """
+    """Starts spread over a decade around typical values, always the same ones."""
     rng = np.random.default_rng(0)
     scale = problem.space.typical
     for _ in range(count):
@@ -77,12 +51,7 @@ def random_starts(problem: Problem, count: int) -> Iterator[Float]:
 
 
 def loose_fits(problem: Problem, starts: Float) -> ShortFits:
-    """Short fits held loosely at their starts, shape ``(W, p)``.
-
-    Args:
-        problem: the problem.
-        starts: fitted vectors, shape ``(W, p)``.
-    """
+    """Short fits held loosely at their starts, shape ``(W, p)``."""
     sizes = np.abs(starts) + (starts == 0)
     count = len(problem.space.names)
     sizes[:, :count] = np.maximum(np.abs(starts[:, :count]), problem.space.typical)
@@ -90,9 +59,5 @@ def loose_fits(problem: Problem, starts: Float) -> ShortFits:
 
 
 def noise_limit(problem: Problem | RunStack) -> float:
-    """Cost that noise leaves, to six standard deviations of chi-squared.
-
-    Args:
-        problem: the problem, or many of the same size.
-    """
+    """Cost that noise leaves, to six standard deviations of chi-squared."""
     return 0.5 * float(problem.n_data + 6 * np.sqrt(2 * problem.n_data))

@@ -64,16 +64,7 @@ _SHORT = Options(max_iterations=40, tolerance=1e-3, acceptable=1e-3)
 
 
 def start_vector(problem: Problem, given: Mapping[str, float]) -> tuple[Float, tuple[str, ...]]:
-    """Start of the optimisation, shape ``(p,)``, and notes on how it was found.
-
-    Args:
-        problem: what is to be fitted.
-        given: values by parameter name that replace those of the closed form.
-
-    Raises:
-        KeyError: a name that is not fitted.
-        ValueError: a value outside the bounds.
-    """
+    """Start of the optimisation, shape ``(p,)``, and notes on how it was found."""
     space = problem.space
     for name in given:
         if name not in space.names and name not in space.base:
@@ -300,9 +291,6 @@ def starts_of_many(stack: RunStack) -> tuple[Float, NDArray[np.bool_]]:
 
     Those are runs whose first closed form explains the data to within a standard error; the others need a search of
     their own.
-
-    Args:
-        stack: what is to be fitted.
     """
     one = Problem(space=stack.space, blocks=(stack.layout,))
     found = None

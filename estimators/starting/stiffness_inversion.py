@@ -29,11 +29,7 @@ class StiffnessMatrices:
 
 
 def complete_lines(block: Responses) -> Responses:
-    """The lines of a block that have a reading at every coordinate.
-
-    Args:
-        block: the readings.
-    """
+    """The lines of a block that have a reading at every coordinate."""
     if block.imposed and len(block.model.coordinates) > 1:
         return block.lines(np.zeros(block.speed.size, dtype=bool))
     needed = 1 if block.imposed else len(block.model.coordinates)
@@ -46,9 +42,6 @@ def stiffness_matrices(block: Responses) -> StiffnessMatrices:
 
     In models with x and y apart the forward and the backward run at ``|w|`` make the 2n columns of eq. (5).
     Frequencies whose forces or readings are incomplete, and singular response matrices, are left out.
-
-    Args:
-        block: the readings.
     """
     block = complete_lines(block)
     n = len(block.model.coordinates)

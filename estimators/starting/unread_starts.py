@@ -25,13 +25,7 @@ _DRAWS = 6  # rotors drawn for each zero: what the rest weighs and how it is dam
 
 
 def unread_starts(problem: Problem, blocks: Sequence[Responses], fit: RationalFit) -> Iterator[Float]:
-    """Starts, shape ``(p,)`` each, the likeliest first; none where force and probe are never at one coordinate.
-
-    Args:
-        problem: what is to be fitted.
-        blocks: its observations.
-        fit: of the same observations.
-    """
+    """Starts, shape ``(p,)`` each, the likeliest first; none where force and probe are never at one coordinate."""
     unread = _unread(blocks)
     if unread is None:
         return

@@ -17,59 +17,33 @@ from rotorfit.models.array_types import Float
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class OwnErrors:
-    """Covariances of one run's own parameters, in the order of its ``var_names``, shapes ``(q, q)``.
+    """Covariances of one run's own parameters, in the order of its ``var_names``, shapes ``(q, q)``."""
 
-    Attributes:
-        noise: as the noise alone makes it.
-        covar: widened for a model that does not fit.
-    """
-
-    noise: Float
-    covar: Float
+    noise: Float  # as the noise alone makes it
+    covar: Float  # widened for a model that does not fit
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class JointErrors:
-    """Covariances of the joint fit.
+    """Covariances of the joint fit."""
 
-    Attributes:
-        noise, covar: of the shared parameters, as in :class:`OwnErrors`, shapes ``(s, s)``.
-        own: of each run's own parameters.
-    """
-
-    noise: Float
-    covar: Float
-    own: tuple[OwnErrors, ...]
+    noise: Float  # of the shared parameters, as in :class:`OwnErrors`, shapes ``(s, s)``
+    covar: Float  # of the shared parameters, as in :class:`OwnErrors`, shapes ``(s, s)``
+    own: tuple[OwnErrors, ...]  # of each run's own parameters
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class FittedRun:
-    """A run at the solution of the joint fit.
+    """A run at the solution of the joint fit."""
 
-    Attributes:
-        run: its data.
-        fit: its own parameters, fitted with the shared ones known.
-        picture: its cost around the solution, by own and shared parameters.
-        options: settings and point that the picture was taken with, for the workers.
-    """
-
-    run: Run
-    fit: RunFit
-    picture: Curvature
-    options: dict[str, Any]
+    run: Run  # its data
+    fit: RunFit  # its own parameters, fitted with the shared ones known
+    picture: Curvature  # its cost around the solution, by own and shared parameters
+    options: dict[str, Any]  # settings and point that the picture was taken with, for the workers
 
 
 def joint_errors(workers: Workers, fitted: Sequence[FittedRun], names: Sequence[str]) -> JointErrors:
-    """Errors of the joint fit to all runs.
-
-    Args:
-        workers: what does the work.
-        fitted: the runs that could be fitted.
-        names: shared parameters.
-
-    Raises:
-        ValueError: the runs do not determine the shared parameters.
-    """
+    """Errors of the joint fit to all runs."""
     if fitted[0].options["settings"].loss != "linear":
         return _of_robust_loss(workers, fitted, names)
     free = sum(item.fit.ndata - len(item.fit.var_names) for item in fitted) - len(names)

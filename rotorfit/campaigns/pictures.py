@@ -30,10 +30,6 @@ from rotorfit.observing.alike import observe_alike
 def curvatures(model: RotorModel, batch: Batch) -> Iterator[Curvature | str]:
     """What :func:`curvature` answers for each run, or :func:`least_curvature` where ``shared`` values are among its
     options; runs of one plan and settings together, where the noise is that of the data.
-
-    Args:
-        model: the rotor.
-        batch: runs, each with the options that :func:`curvature` or :func:`least_curvature` takes by keyword.
     """
     asked: list[FitSettings] = [option["settings"] for _, option in batch]
     settings = next((one for one in asked if one.noise is None), None)
@@ -100,13 +96,7 @@ def _least(stack: RunStack, x: Float) -> tuple[Float, Index]:
 
 
 def curvature(model: RotorModel, run: Run, *, settings: FitSettings, at: Mapping[str, float]) -> Curvature | str:
-    """Cost of one run and its derivatives at given parameters; the reason in words where there is none.
-
-    Args:
-        model, run: what is fitted.
-        settings: of the fit, with the noise that the readings are taken with.
-        at: values by name; what runs differ by is zero where it has none.
-    """
+    """Cost of one run and its derivatives at given parameters; the reason in words where there is none."""
     try:
         problem = build_problem(model, run.experiment, settings)
     except (ValueError, KeyError, ClosedFormError) as reason:
@@ -122,14 +112,7 @@ def curvature(model: RotorModel, run: Run, *, settings: FitSettings, at: Mapping
 def least_curvature(
     model: RotorModel, run: Run, *, settings: FitSettings, shared: Mapping[str, float], at: Mapping[str, float]
 ) -> Curvature | str:
-    """Cost of one run and its derivatives where its own parameters are best for the shared ones given.
-
-    Args:
-        model, run: what is fitted.
-        settings: of the fit, with the noise that the readings are taken with.
-        shared: values of the shared parameters.
-        at: values of its own ones by name, to start from.
-    """
+    """Cost of one run and its derivatives where its own parameters are best for the shared ones given."""
     inner = replace(settings, known={**settings.known, **shared})
     try:
         problem = build_problem(model, run.experiment, inner)
@@ -143,13 +126,7 @@ def least_curvature(
 
 
 def bends_of(model: RotorModel, run: Run, *, settings: FitSettings, at: Mapping[str, float]) -> tuple[Float, Float]:
-    """Bends of a robust loss in one run's readings, shape ``(R,)``, and its matrix by squares, shape ``(p, p)``.
-
-    Args:
-        model, run: what is fitted.
-        settings: of the fit, with the noise that the readings are taken with.
-        at: values by name, those of all entries of the fitted vector.
-    """
+    """Bends of a robust loss in one run's readings, shape ``(R,)``, and its matrix by squares, shape ``(p, p)``."""
     problem = build_problem(model, run.experiment, settings)
     r, J = problem.jacobian(np.array([at[name] for name in problem.space.names]))
     return bends(problem.loss, r), np.asarray((J.conj().T @ J).real)
@@ -158,13 +135,7 @@ def bends_of(model: RotorModel, run: Run, *, settings: FitSettings, at: Mapping[
 def scatter_of(
     model: RotorModel, run: Run, *, settings: FitSettings, at: Mapping[str, float], bend: float, covar: Float
 ) -> Float:
-    """Scatter of the slope of one run's cost, shape ``(p, p)``.
-
-    Args:
-        model, run, settings, at: as for :func:`bends_of`.
-        bend: mean bend of the loss over all readings of the joint fit.
-        covar: covariance of the run's fitted values in the joint fit, shape ``(p, p)``.
-    """
+    """Scatter of the slope of one run's cost, shape ``(p, p)``."""
     problem = build_problem(model, run.experiment, settings)
     x = np.array([at[name] for name in problem.space.names])
     return score_scatter(problem, x, *problem.jacobian(x), bend=bend, covar=covar)

@@ -95,15 +95,7 @@ Batch = Sequence[tuple[Run, Mapping[str, Any]]]
 
 
 def split_runs(experiments: Experiment | Sequence[Experiment], split: str | None) -> tuple[Run, ...]:
-    """Runs of a campaign, in the order of the data.
-
-    Args:
-        experiments: one table of many runs, or several.
-        split: attribute with a value of its own for each run; ``None`` takes each experiment for one run.
-
-    Raises:
-        KeyError: an experiment lacks the attribute.
-    """
+    """Runs of a campaign, in the order of the data."""
     runs: list[Run] = []
     for number, experiment in enumerate(as_tuple(experiments)):
         labels = None if split is None else experiment.attribute(split)
@@ -159,12 +151,7 @@ def _distinct(runs: Sequence[Run]) -> Iterator[Run]:
 
 
 def fit_runs(model: RotorModel, batch: Batch) -> Iterator[RunFit]:
-    """Fit runs, those of one plan together; data that cannot be fitted give a result that says why.
-
-    Args:
-        model: the rotor.
-        batch: runs, each with the keywords that :func:`fit_run` takes.
-    """
+    """Fit runs, those of one plan together; data that cannot be fitted give a result that says why."""
     together: dict[int, PlainFit | SolvedRun] = {}
     settings = batch[0][1]["settings"]
     if all(option["settings"] is settings for _, option in batch):
@@ -178,14 +165,7 @@ def fit_runs(model: RotorModel, batch: Batch) -> Iterator[RunFit]:
 def fit_run(
     model: RotorModel, run: Run, *, settings: FitSettings, start: Mapping[str, float], solved: SolvedRun | None = None
 ) -> RunFit:
-    """Fit one run, from its solution on where that is known; data that cannot be fitted give a result that says why.
-
-    Args:
-        model, run: what is fitted.
-        settings: of the fit.
-        start: values by name to begin at, empty for the closed form's.
-        solved: its solution where it is known.
-    """
+    """Fit one run, from its solution on where that is known; data that cannot be fitted give a result that says why."""
     try:
         if solved is not None:
             problem = build_problem(model, run.experiment, settings)
@@ -264,17 +244,11 @@ def _by_chance(fall: float, redchi: float, nvarys: int) -> bool:
 
 @dataclass(frozen=True)
 class Workers:
-    """Does the same work on many runs, in this process or over an executor.
+    """Does the same work on many runs, in this process or over an executor."""
 
-    Attributes:
-        model: the rotor; a worker compiles it once.
-        executor: any ``concurrent.futures`` executor, ``None`` for this process.
-        progress: called with the number of runs done and the number of all.
-    """
-
-    model: RotorModel
-    executor: Executor | None = None
-    progress: Callable[[int, int], None] | None = None
+    model: RotorModel  # the rotor; a worker compiles it once
+    executor: Executor | None = None  # any ``concurrent.futures`` executor, ``None`` for this process
+    progress: Callable[[int, int], None] | None = None  # called with the number of runs done and the number of all
 
     def __call__(self, work: Callable[..., T], runs: Sequence[Run], options: Sequence[Mapping[str, Any]]) -> list[T]:
         """``work(model, run, **option)`` for every run, in their order."""
@@ -289,11 +263,6 @@ class Workers:
         """What ``work(model, batch)`` answers for every run of each batch, in their order.
 
         A batch whose worker was lost is not: see :func:`~rotorfit.executors.carry_out`.
-
-        Args:
-            work: a function of a module, so that it can be sent to another process.
-            runs: of the campaign.
-            options: of each run, handed to ``work`` with it.
         """
         pairs = list(zip(runs, options, strict=True))
         size = _AT_ONCE if self.executor is None else _BATCH

@@ -33,19 +33,12 @@ _NOISES = 3  # times that noise is found anew; a run at the edge between two ver
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Shared:
-    """Joint fit of a campaign: the runs, and what they share.
-
-    Attributes:
-        runs: results of the runs, the errors of their own parameters with those of the shared ones propagated.
-        params: the shared parameters.
-        covar: their covariance, SI units, shape ``(s, s)``.
-        success: whether the search for them settled.
-    """
+    """Joint fit of a campaign: the runs, and what they share."""
 
     runs: tuple[RunFit, ...]
-    params: Mapping[str, FittedParameter]
-    covar: Float
-    success: bool
+    params: Mapping[str, FittedParameter]  # the shared parameters
+    covar: Float  # their covariance, SI units, shape ``(s, s)``
+    success: bool  # whether the search for them settled
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -66,18 +59,7 @@ def fit_shared(
     settings: FitSettings,
     start: Mapping[str, float],
 ) -> Shared:
-    """Fit shared and per-run parameters together.
-
-    Args:
-        workers: what does the work.
-        runs: the runs.
-        names: shared parameters.
-        settings: known values, bounds, loss.
-        start: start values.
-
-    Raises:
-        ValueError: the runs do not determine the shared parameters, or none can be fitted.
-    """
+    """Fit shared and per-run parameters together."""
     phi, fits = _first(workers, runs, names, settings, start)
     limits = np.array([_limits(workers.model, name, settings) for name in names]).T
     phi = np.clip(phi, *limits)

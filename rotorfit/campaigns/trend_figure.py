@@ -17,15 +17,7 @@ _UNSURE = 8.0  # standard errors over their median beyond which a run does not s
 
 
 def plot_trends(trends: Sequence[Trend], by: str | None = None) -> Figure:
-    """One panel a parameter, one colour and marker a group, the weighted line with its standard error as a band.
-
-    Args:
-        trends: of one or several parameters against one or several attributes.
-        by: attribute that makes the groups, for the legend.
-
-    Raises:
-        ValueError: no trends.
-    """
+    """One panel a parameter, one colour and marker a group, the weighted line with its standard error as a band."""
     if not trends:
         raise ValueError("no run has a resolved value of these parameters: there is nothing to plot")
     parameters = list(dict.fromkeys(trend.parameter for trend in trends))

@@ -86,16 +86,6 @@ def trends_of(
     """Weighted plane through the runs of one group, one trend for each attribute with the others held at ``centre``.
 
     Values of a trend are those of the runs less what the other attributes' slopes say of them.
-
-    Args:
-        runs: runs with a resolved value of the parameter and numbers for the attributes.
-        parameter, unit: what is followed.
-        against: attributes with numbers.
-        group: label of the group.
-        centre: values of the attributes about which the plane is laid, shape ``(A,)``: the same for all groups.
-
-    Raises:
-        ValueError: attributes that change together in some group, or too few runs in it.
     """
     x = np.array([[float(run.attributes[name]) for name in against] for run in runs])
     value = np.array([run.params[parameter].value for run in runs])
@@ -138,19 +128,12 @@ def trends_of(
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Plane:
-    """A plane through the values of runs.
+    """A plane through the values of runs."""
 
-    Attributes:
-        moving: attributes that change, and so have a slope; none where a single one does not tell it, shape ``(m,)``.
-        coefficients: value at the centre, then the slopes, shape ``(m + 1,)``.
-        covar: their covariance, widened where the runs scatter more than their errors say.
-        scatter: chi-squared over the degrees of freedom, NaN where none are left.
-    """
-
-    moving: Index
-    coefficients: Float
-    covar: Float
-    scatter: float
+    moving: Index  # attributes that change, and so have a slope
+    coefficients: Float  # value at the centre, then the slopes, shape ``(m + 1,)``
+    covar: Float  # their covariance, widened where the runs scatter more than their errors say
+    scatter: float  # chi-squared over the degrees of freedom, NaN where none are left
 
 
 def _plane(x: Float, value: Float, stderr: Float) -> _Plane | None:
@@ -171,11 +154,7 @@ def _plane(x: Float, value: Float, stderr: Float) -> _Plane | None:
 
 
 def trend_table(trends: Sequence[Trend]) -> str:
-    """Slopes of all trends, and the groups of a parameter compared where they were all tested.
-
-    Args:
-        trends: of some parameters against some conditions, group by group.
-    """
+    """Slopes of all trends, and the groups of a parameter compared where they were all tested."""
     if not trends:
         return "no run has a resolved value"
     names = list(dict.fromkeys(t.against for t in trends))

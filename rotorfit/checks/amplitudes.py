@@ -20,11 +20,7 @@ A fit cannot notice a wrong unit: forces over displacements scale every mass, da
 
 
 def amplitudes(test: PerturbationTest | DisplacementTest) -> Iterator[Finding]:
-    """Amplitudes that are too large or too small to be true.
-
-    Args:
-        test: what was measured, finite.
-    """
+    """Amplitudes that are too large or too small to be true."""
     size = sizes(test, test.response) if isinstance(test, PerturbationTest) else np.abs(test.displacement)
     largest = float(size.max())
     if largest > SUSPECT:
@@ -44,12 +40,7 @@ def amplitudes(test: PerturbationTest | DisplacementTest) -> Iterator[Finding]:
 
 
 def sizes(test: PerturbationTest, response: ComplexArray) -> Float:
-    """Amplitudes in metres, slopes with a tenth of a metre: one of 0.5 rad is as impossible as 50 mm.
-
-    Args:
-        test: what was read.
-        response: its readings, or those of many tests of its plan, shape ``(..., N)``.
-    """
+    """Amplitudes in metres, slopes with a tenth of a metre: one of 0.5 rad is as impossible as 50 mm."""
     lines = lines_of(test)
     lever = np.array([0.1 if direction.startswith("r") else 1.0 for direction in lines.names["direction"]])
     return np.asarray(np.abs(response) * lever[lines.number["direction"]])

@@ -77,11 +77,7 @@ def check(test: Experiment) -> list[Finding]:
 
 
 def errors(test: Experiment) -> list[Finding]:
-    """The errors among the findings of :func:`check`: what can be no more than a warning or a note is not looked for.
-
-    Args:
-        test: what was measured, SI units.
-    """
+    """The errors among the findings of :func:`check`."""
     with unchanged([test]):
         notes = kept(test)
         if "findings" not in notes and "errors" not in notes:

@@ -15,11 +15,7 @@ _FEWEST = 3  # readings of a run that agree to the last digit from which that is
 
 
 def copied_runs(tests: Sequence[Experiment]) -> list[list[Finding]]:
-    """Runs all of whose readings a run before it has, to the last digit, for each of several tests.
-
-    Args:
-        tests: what was measured, in the order in which it was read.
-    """
+    """Runs all of whose readings a run before it has, to the last digit, for each of several tests."""
     first: dict[Any, tuple[int, str]] = {}
     found: list[list[Finding]] = []
     for number, test in enumerate(tests):

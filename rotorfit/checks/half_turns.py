@@ -24,11 +24,7 @@ _OPPOSITE = 0.3  # sum of the readings on both sides over their difference
 
 
 def half_turns(orbits: Orbits) -> Iterator[Finding]:
-    """Planes whose readings change their sign between two lines of a sweep.
-
-    Args:
-        orbits: readings of a test.
-    """
+    """Planes whose readings change their sign between two lines of a sweep."""
     found: dict[tuple[str, float, float], list[Index]] = {}
     for (_, plane, _, _), at in orbits.groups("run", "plane", "force_plane", "speed"):
         for side in (at[orbits.frequency[at] > 0], at[orbits.frequency[at] < 0]):

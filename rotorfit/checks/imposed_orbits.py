@@ -15,11 +15,7 @@ from rotorfit.models.array_types import ComplexArray
 
 
 def imposed_orbits(test: DisplacementTest) -> Iterator[Finding]:
-    """Orbits of no size, forces that turn against the orbit, and forces that drive it where they must resist.
-
-    Args:
-        test: what was measured, finite.
-    """
+    """Orbits of no size, forces that turn against the orbit, and forces that drive it where they must resist."""
     still = np.flatnonzero(test.displacement == 0)
     if still.size:
         text = f"The imposed orbit is zero in {still.size} rows; remove them, they have no dynamic stiffness."

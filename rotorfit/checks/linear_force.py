@@ -28,11 +28,7 @@ AGREES = 1.5
 
 
 def linear_force(orbits: Orbits) -> Iterator[Finding]:
-    """Runs that only a force along x or along y explains, though it was given as circular.
-
-    Args:
-        orbits: readings of a test.
-    """
+    """Runs that only a force along x or along y explains, though it was given as circular."""
     found: dict[str, set[str]] = {}
     if not _any_share(orbits):
         return
@@ -60,12 +56,7 @@ def _any_share(orbits: Orbits) -> bool:
 
 
 def powers(orbits: Orbits, right: ComplexArray, wrong: ComplexArray) -> tuple[Float, Float]:
-    """Power of the orbits of each plane in each run, in all and against the force, shape ``(..., G)``.
-
-    Args:
-        orbits: what was read where.
-        right, wrong: responses in and against the direction of the force, of one test or many, shape ``(..., N)``.
-    """
+    """Power of the orbits of each plane in each run, in all and against the force, shape ``(..., G)``."""
     if not orbits.paired.any():
         return np.zeros(1), np.zeros(1)
     along, against = (

@@ -33,27 +33,17 @@ class Orbits:
     ``force``, ``right`` and ``wrong`` (the component in and against the direction of the force) are relative to
     exp(jwt) with w signed, ``wrong`` to exp(-jwt). It is NaN where only one probe was read, which then counts as a
     circular orbit.
-
-    Attributes:
-        test: what was measured, forces along an axis as their halves.
-        lines: its rows by lines.
-        origin: numbers that each of its rows has in the whole test, shape ``(rows, k)``.
-        first: first row of each orbit, shape ``(N,)``.
-        rows: rows of its readings x, y and z, -1 where there is none, shape ``(N, 3)``.
-        frequency: signed, rad/s, shape ``(N,)`` like all that follow.
-        force: N.
-        right, wrong: component in and against the direction of the force, m.
     """
 
-    test: PerturbationTest
-    lines: Lines
-    origin: Index
-    first: Index
-    rows: Index
-    frequency: Float
-    force: ComplexArray
-    right: ComplexArray
-    wrong: ComplexArray
+    test: PerturbationTest  # what was measured, forces along an axis as their halves
+    lines: Lines  # its rows by lines
+    origin: Index  # numbers that each of its rows has in the whole test, shape ``(rows, k)``
+    first: Index  # first row of each orbit, shape ``(N,)``
+    rows: Index  # rows of its readings x, y and z, -1 where there is none, shape ``(N, 3)``
+    frequency: Float  # signed, rad/s, shape ``(N,)`` like all that follow
+    force: ComplexArray  # N
+    right: ComplexArray  # component in and against the direction of the force, m
+    wrong: ComplexArray  # component in and against the direction of the force, m
 
     @cached_property
     def run(self) -> NDArray[np.str_]:
@@ -122,22 +112,14 @@ class Orbits:
         return combined(self._numbers("speed"), self.frequencies[1])
 
     def receptances(self, most: int | None = None) -> list[Receptances | None]:
-        """Complete matrices of responses at each speed, in the order of the groups by speed; None where too few.
-
-        Args:
-            most: of so many speeds, of all if left out.
-        """
+        """Complete matrices of responses at each speed, in the order of the groups by speed; None where too few."""
         groups = self.groups("speed")[:most]
         for _, at in groups[len(self._receptances) :]:
             self._receptances.append(receptances_of(self, self.right, at))
         return self._receptances[: len(groups)]
 
     def groups(self, *names: str) -> list[tuple[tuple[Any, ...], Index]]:
-        """Indices by equal values of columns.
-
-        Args:
-            names: of columns, ``run``, ``speed``, ``plane``, ``force_plane``.
-        """
+        """Indices by equal values of columns."""
         if names not in self._groups:
             number = self.number(*names)
             first = in_order(number)[0]
@@ -147,33 +129,19 @@ class Orbits:
         return self._groups[names]
 
     def number(self, *names: str) -> Index:
-        """Number of the group of each, in order of appearance.
-
-        Args:
-            names: of columns, ``run``, ``speed``, ``plane``, ``force_plane``.
-        """
+        """Number of the group of each, in order of appearance."""
         if names not in self._number:
             first, sweep = self._sweeps
             self._number[names] = in_order(combined(*[self._numbers(name)[first] for name in names]))[1][sweep]
         return self._number[names]
 
     def total(self, values: NDArray[Any], *names: str) -> NDArray[Any]:
-        """Sums over the groups, shape ``(..., G)``.
-
-        Args:
-            values: one for each orbit, shape ``(..., N)``.
-            names: of the columns that make the groups, as for :meth:`groups`.
-        """
+        """Sums over the groups, shape ``(..., G)``."""
         order, begin = self._sorted(names)
         return np.asarray(np.add.reduceat(values[..., order], begin, axis=-1))
 
     def largest(self, values: Float, *names: str) -> Float:
-        """Largest value in the group of each, shape ``(..., N)``.
-
-        Args:
-            values: one for each orbit, shape ``(..., N)``.
-            names: of the columns that make the groups, as for :meth:`groups`.
-        """
+        """Largest value in the group of each, shape ``(..., N)``."""
         order, begin = self._sorted(names)
         return np.asarray(np.maximum.reduceat(values[..., order], begin, axis=-1)[..., self.number(*names)])
 
@@ -210,54 +178,30 @@ class Orbits:
         return {}
 
     def part(self, at: Index) -> Orbits:
-        """Some of them.
-
-        Args:
-            at: their numbers.
-        """
+        """Some of them."""
         arrays = ("first", "rows", "frequency", "force", "right", "wrong")
         return replace(self, **{name: getattr(self, name)[at] for name in arrays})
 
     def rows_of(self, indices: Index) -> tuple[int, ...]:
-        """Rows of the whole test behind orbits.
-
-        Args:
-            indices: numbers of orbits.
-        """
+        """Rows of the whole test behind orbits."""
         rows = self.rows[indices]
         return tuple(np.unique(self.origin[rows[rows >= 0]]).tolist())
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Receptances:
-    """Responses at one speed where each measured plane was read under a force at each.
+    """Responses at one speed where each measured plane was read under a force at each."""
 
-    Attributes:
-        planes: measured planes, in alphabetic order, shape ``(n,)``.
-        frequency: rad/s, ascending, shape ``(N,)``.
-        at: orbits, shape ``(N, n n)``, force planes running fastest.
-        regular: where matrices are finite and far from singular, shape ``(N,)``.
-        H: responses along the force to unit forces there, shape ``(..., M, n, n)``.
-        kappa: their inverses.
-    """
-
-    planes: list[str]
-    frequency: Float
-    at: Index
-    regular: NDArray[np.bool_]
-    H: ComplexArray
-    kappa: ComplexArray
+    planes: list[str]  # measured planes, in alphabetic order, shape ``(n,)``
+    frequency: Float  # rad/s, ascending, shape ``(N,)``
+    at: Index  # orbits, shape ``(N, n n)``, force planes running fastest
+    regular: NDArray[np.bool_]  # where matrices are finite and far from singular, shape ``(N,)``
+    H: ComplexArray  # responses along the force to unit forces there, shape ``(..., M, n, n)``
+    kappa: ComplexArray  # their inverses
 
 
 def receptances_of(orbits: Orbits, amplitude: ComplexArray, at: Index) -> Receptances | None:
-    """Complete matrices of responses, None where there are too few.
-
-    Args:
-        orbits: all orbits.
-        amplitude: their responses along the force, shape ``(..., N)``; of many tests of one plan all matrices of a
-            frequency have to be regular, or it is left out.
-        at: orbits of one speed.
-    """
+    """Complete matrices of responses, None where there are too few."""
     planes, w, index = _complete_matrices(orbits, at)
     if w.size < ENOUGH:
         return None
@@ -273,11 +217,7 @@ def receptances_of(orbits: Orbits, amplitude: ComplexArray, at: Index) -> Recept
 
 
 def surely_inverse(matrices: NDArray[Any]) -> NDArray[Any] | None:
-    """Inverses of matrices where their sizes alone show that all are finite and far from singular.
-
-    Args:
-        matrices: shape ``(..., n, n)``.
-    """
+    """Inverses of matrices where their sizes alone show that all are finite and far from singular."""
     try:
         with np.errstate(all="ignore"):
             found = inverse(matrices.reshape(-1, *matrices.shape[-2:])).reshape(matrices.shape)
@@ -288,20 +228,12 @@ def surely_inverse(matrices: NDArray[Any]) -> NDArray[Any] | None:
 
 
 def total_power(amplitude: ComplexArray) -> float:
-    """Sum of squared magnitudes.
-
-    Args:
-        amplitude: of any shape.
-    """
+    """Sum of squared magnitudes."""
     return float(np.sum(np.abs(amplitude) ** 2))
 
 
 def squared_norm(matrices: NDArray[Any]) -> Float:
-    """Square of the norm of Frobenius, shape ``(...)``.
-
-    Args:
-        matrices: shape ``(..., n, n)``.
-    """
+    """Square of the norm of Frobenius, shape ``(...)``."""
     return np.asarray((matrices.real**2 + matrices.imag**2).sum(axis=(-2, -1)))
 
 
@@ -310,10 +242,6 @@ def orbits_of(test: PerturbationTest, rows: Index) -> Orbits:
 
     Under a force along an axis the forward and the backward part are two orbits, each with its half of the force;
     readings of one probe alone, which do not tell them apart, are left out.
-
-    Args:
-        test: the readings; forces that turn and such along an axis may be mixed.
-        rows: numbers that they have in the whole of the test.
     """
     lines, origin = lines_of(test), rows[:, None]
     if lines.names["force_direction"] != ["circular"]:
@@ -346,13 +274,7 @@ def orbits_of(test: PerturbationTest, rows: Index) -> Orbits:
 
 
 def mirrored(orbits: Orbits, at: Index, *names: str) -> Index:
-    """Forward and backward orbits at the same |w| in the same group, shape ``(N, 2)``; of repeats the last.
-
-    Args:
-        orbits: what was read where.
-        at: orbits to look among.
-        names: columns that tell groups apart.
-    """
+    """Forward and backward orbits at the same |w| in the same group, shape ``(N, 2)``; of repeats the last."""
     w, number = orbits.frequencies
     keys = [numbers(np.abs(w))[number[at]], *([orbits.number(*names)[at]] if names else [])]
     first, pair = in_order(combined(*keys))

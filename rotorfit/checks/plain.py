@@ -19,11 +19,7 @@ from rotorfit.models.array_types import ComplexArray, Float
 
 
 def surely_clean(group: AlikeTests) -> NDArray[np.bool_]:
-    """Which tests of one plan have no errors for sure, shape ``(W,)``; the others are to be checked one by one.
-
-    Args:
-        group: the tests.
-    """
+    """Which tests of one plan have no errors for sure, shape ``(W,)``; the others are to be checked one by one."""
     first = group.tests[0]
     with unchanged([first]):
         orbits = orbits_of(first, np.arange(len(first)))
@@ -38,11 +34,6 @@ def surely_turning(orbits: Orbits, right: ComplexArray, wrong: ComplexArray, spe
 
     No plane in any run that turns as little against the force as :func:`powers` is asked for here leaves a force along
     an axis or a wrong direction to be found.
-
-    Args:
-        orbits: what was read where.
-        right, wrong: responses in and against the direction of the force, of one test or of many, shape ``(..., N)``.
-        speed: rad/s, broadcasting with them.
     """
     with np.errstate(all="ignore"):  # of readings that are zero nothing is sure, and comparisons say so
         both, against = powers(orbits, right, wrong)
@@ -55,9 +46,5 @@ def surely_turning(orbits: Orbits, right: ComplexArray, wrong: ComplexArray, spe
 
 
 def keep_clean(test: PerturbationTest) -> None:
-    """Keep with a test that it has no errors, for :func:`~rotorfit.checks.checklist.errors`.
-
-    Args:
-        test: without errors.
-    """
+    """Keep with a test that it has no errors, for :func:`~rotorfit.checks.checklist.errors`."""
     kept(test).setdefault("errors", ())

@@ -45,11 +45,7 @@ class _Pose:
 
 
 def turned_probes(orbits: Orbits) -> Iterator[Finding]:
-    """Pairs of probes that sit at another angle than they are said to.
-
-    Args:
-        orbits: readings of a test.
-    """
+    """Pairs of probes that sit at another angle than they are said to."""
     paired = orbits.paired
     if not paired.any() or total_power(orbits.wrong[paired]) > CIRCULAR**2 * total_power(orbits.right[paired]):
         return  # anisotropic, of which inertia as seen by circular orbits says nothing
@@ -88,10 +84,6 @@ def surely_straight(orbits: Orbits, right: ComplexArray) -> NDArray[np.bool_]:
     """Whether :func:`turned_probes` has surely nothing to say, of one test or many of one plan, shape ``(...)``.
 
     There is no pair, or straight lines through the dynamic stiffness show every pair far from turned.
-
-    Args:
-        orbits: what was read where.
-        right: responses in the direction of the force, shape ``(..., N)``.
     """
     found = np.ones(right.shape[:-1], dtype=bool)
     if not orbits.paired.any():
@@ -118,12 +110,7 @@ def _turn_pays(orbits: Orbits) -> bool:
 
 
 def pose_in_words(orbits: Orbits, mirrored: tuple[str, ...]) -> str:
-    """What is wrong with pairs of probes whose orbits turn the wrong way round; empty where that is not known.
-
-    Args:
-        orbits: readings of a test.
-        mirrored: planes whose orbits turn against the force.
-    """
+    """What is wrong with pairs of probes whose orbits turn the wrong way round; empty where that is not known."""
     found = poses(orbits, mirrored)
     words = []
     for plane in mirrored:
@@ -147,12 +134,7 @@ def pose_in_words(orbits: Orbits, mirrored: tuple[str, ...]) -> str:
 
 
 def poses(orbits: Orbits, mirrored: tuple[str, ...]) -> dict[str, _Pose]:
-    """Turn of every pair of probes that is certain: that which makes the inertia of eq. (7) real and positive.
-
-    Args:
-        orbits: orbits of a test.
-        mirrored: planes whose orbits turn the wrong way round, and are turned back first.
-    """
+    """Turn of every pair of probes that is certain: that which makes the inertia of eq. (7) real and positive."""
     found: dict[str, list[tuple[float, float, bool]]] = {}
     measured = orbits.receptances(MOST_SPEEDS)
     if mirrored:

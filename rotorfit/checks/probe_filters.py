@@ -22,27 +22,16 @@ _PROBES: tuple[Literal["x", "y"], ...] = ("x", "y")
 
 @dataclass(frozen=True, kw_only=True)
 class FilteredProbe:
-    """The probe of a pair that is behind a filter, and which.
+    """The probe of a pair that is behind a filter, and which."""
 
-    Attributes:
-        probe: which of the two.
-        told, mend: what is said of it, and what to do.
-        kind: the filter; a power of the frequency where there is none.
-        value: corner, rad/s, or delay, s, of the filter; frequency, rad/s, at which that power is one.
-    """
-
-    probe: Literal["x", "y"]
-    told: str
-    mend: str
-    kind: ChannelFilter | int
-    value: float
+    probe: Literal["x", "y"]  # which of the two
+    told: str  # what is said of it, and what to do
+    mend: str  # what is said of it, and what to do
+    kind: ChannelFilter | int  # the filter; a power of the frequency where there is none
+    value: float  # corner, rad/s, or delay, s, of the filter; frequency, rad/s, at which that power is one
 
     def seen(self, s: ComplexArray) -> ComplexArray:
-        """What it reads over what the other one reads.
-
-        Args:
-            s: jw, w > 0, shape ``(N,)``.
-        """
+        """What it reads over what the other one reads."""
         return _seen(self.kind, self.value, s)
 
 
@@ -53,14 +42,7 @@ def _seen(kind: ChannelFilter | int, value: float, s: ComplexArray) -> ComplexAr
 def filtered_probe(
     w: Float, expected: ComplexArray, seen: ComplexArray, noise: Float, limit: float
 ) -> FilteredProbe | None:
-    """The probe of a pair behind a filter that explains how y differs from what x makes one expect, if one does.
-
-    Args:
-        w: frequencies, rad/s, w > 0, shape ``(N,)``.
-        expected, seen: readings of y as x makes one expect them on an isotropic rotor, and as they are.
-        noise: of x and of y, shape ``(N, 2)``.
-        limit: mean square over the noise up to which they are explained.
-    """
+    """The probe of a pair behind a filter that explains how y differs from what x makes one expect, if one does."""
     found = [one for one in _candidates(w, expected, seen, noise) if one[0] < limit]
     return min(found, key=lambda one: one[0])[1] if found else None
 

@@ -47,9 +47,6 @@ _PHASE_STEP = 0.2
 def uneven_probes(orbits: Orbits) -> Iterator[Finding]:
     """Planes where x and y differ by more than their noise: by one factor, a delay, a filter, or as on an anisotropic
     rotor.
-
-    Args:
-        orbits: readings of a test.
     """
     told = _pairs(orbits)
     good = [plane for plane, pair in told.items() if pair.even]
@@ -85,11 +82,7 @@ def uneven_probes(orbits: Orbits) -> Iterator[Finding]:
 
 
 def uneven_planes(orbits: Orbits) -> dict[str, FilteredProbe | None]:
-    """Planes where y does not follow x by one factor, with the filter of one of the two that explains it, if one does.
-
-    Args:
-        orbits: readings of a test.
-    """
+    """Planes where y does not follow x by one factor, with the filter of one of the two that explains it."""
     return {plane: pair.filtered for plane, pair in _pairs(orbits).items() if not (pair.even or pair.constant)}
 
 
@@ -100,31 +93,18 @@ def _pairs(orbits: Orbits) -> dict[str, _Pair]:
 
 @dataclass(frozen=True)
 class _Pair:
-    """How y follows x at one plane.
+    """How y follows x at one plane."""
 
-    Attributes:
-        even: as on an isotropic rotor, to within the noise.
-        constant: by one factor at all frequencies, to within the noise.
-        ratio: that factor, forward, complex; 1 for a perfect pair.
-        mirrored: whether the factor of backward orbits is its conjugate, a mounting angle, rather than the same.
-        delay: time by which y comes late, s, where that explains what no factor does; else zero.
-        filtered: the one of the two that is behind a filter, where that explains what neither of these does.
-        highest: highest frequency, rad/s.
-        share: part of the response's power against the force, %.
-        dynamic: the band holds enough dynamics to tell a gain from an anisotropic stiffness.
-        rows: rows of the test.
-    """
-
-    even: bool
-    constant: bool
-    ratio: complex
-    mirrored: bool
-    delay: float
+    even: bool  # as on an isotropic rotor, to within the noise
+    constant: bool  # by one factor at all frequencies, to within the noise
+    ratio: complex  # that factor, forward, complex; 1 for a perfect pair
+    mirrored: bool  # whether the factor of backward orbits is its conjugate, a mounting angle, rather than the same
+    delay: float  # time by which y comes late, s, where that explains what no factor does; else zero
     filtered: FilteredProbe | None
-    highest: float
-    share: float
-    dynamic: bool
-    rows: tuple[int, ...]
+    highest: float  # highest frequency, rad/s
+    share: float  # part of the response's power against the force, %
+    dynamic: bool  # the band holds enough dynamics to tell a gain from an anisotropic stiffness
+    rows: tuple[int, ...]  # rows of the test
 
 
 def _pair(orbits: Orbits, at: Index) -> _Pair | None:

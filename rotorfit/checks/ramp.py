@@ -13,11 +13,7 @@ from rotorfit.units import RPM_PER_RAD_S
 
 
 def ramps(test: PerturbationTest) -> Iterator[Finding]:
-    """A warning for each run whose amplitude beats beyond its resonance as a ramp of speed makes it.
-
-    Args:
-        test: what was measured.
-    """
+    """A warning for each run whose amplitude beats beyond its resonance as a ramp of speed makes it."""
     if not test.synchronous:
         return
     for run in test.runs:

@@ -20,11 +20,7 @@ _LOOKED_AT = 20  # distinct amplitudes that show the step
 
 
 def unread(test: PerturbationTest) -> Iterator[Finding]:
-    """Zeros where the readings beside are far from it, and probes that read nothing but zero.
-
-    Args:
-        test: as it was read.
-    """
+    """Zeros where the readings beside are far from it, and probes that read nothing but zero."""
     zero = test.response == 0
     if not zero.any():
         return
@@ -47,11 +43,7 @@ def unread(test: PerturbationTest) -> Iterator[Finding]:
 
 
 def clipped(test: PerturbationTest) -> Iterator[Finding]:
-    """Amplitudes that stay at the largest value of their probe, to the last digit, over several lines.
-
-    Args:
-        test: as it was read.
-    """
+    """Amplitudes that stay at the largest value of their probe, to the last digit, over several lines."""
     channel, size = _channels(test), np.abs(test.response)
     flat = _at_the_top(channel, size)
     if np.bincount(channel[flat]).max(initial=0) < _FEWEST:
@@ -73,12 +65,7 @@ def clipped(test: PerturbationTest) -> Iterator[Finding]:
 
 
 def surely_whole(first: PerturbationTest, response: ComplexArray) -> Bool:
-    """Which of many tests of one plan :func:`clipped` has surely nothing to say of, shape ``(W,)``.
-
-    Args:
-        first: one of them.
-        response: readings of each, shape ``(W, N)``.
-    """
+    """Which of many tests of one plan :func:`clipped` has surely nothing to say of, shape ``(W,)``."""
     channel, size = _channels(first), np.abs(response)
     own = channel == np.arange(int(channel.max(initial=0)) + 1)[:, None]
     return np.asarray((_at_the_top(channel, size).astype(np.intp) @ own.T < _FEWEST).all(axis=-1))

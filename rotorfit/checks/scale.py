@@ -30,11 +30,7 @@ _NEAR_ZERO = 0.5, 0.2  # shares of the speed, and of the highest frequency, with
 
 
 def peak_to_peak(orbits: Orbits) -> Iterator[Finding]:
-    """Ratios of two between readings that should agree: x and y, forward and backward at w -> 0, H_ab and H_ba.
-
-    Args:
-        orbits: readings of a test.
-    """
+    """Ratios of two between readings that should agree: x and y, forward and backward at w -> 0, H_ab and H_ba."""
     for (plane,), at in orbits.groups("plane"):
         strong = at[np.isfinite(orbits.wrong[at])]
         strong = (
@@ -63,11 +59,7 @@ def peak_to_peak(orbits: Orbits) -> Iterator[Finding]:
 
 
 def reciprocity(orbits: Orbits) -> Iterator[Finding]:
-    """Planes of which one answers the other by more than the other way round, by one factor that is not two.
-
-    Args:
-        orbits: readings of a test.
-    """
+    """Planes of which one answers the other by more than the other way round, by one factor that is not two."""
     for a, b, logs, here in _reciprocities(orbits):
         if (factor := _other_factor(logs)) and not _is_two(logs):
             larger, other = (a, b) if factor > 1 else (b, a)

@@ -43,11 +43,7 @@ _MONOTONIC = 0.8  # rank correlation with frequency from which quadrature falls 
 
 
 def wrong_direction(orbits: Orbits) -> Iterator[Finding]:
-    """Responses against the direction of the force: in some lines of a run, or in nearly all.
-
-    Args:
-        orbits: readings of a test.
-    """
+    """Responses against the direction of the force: in some lines of a run, or in nearly all."""
     torn = np.zeros(orbits.frequency.size, dtype=bool)
     for _, at in orbits.groups(*_RESPONSE):
         torn[at] = turned(orbits.right[at], orbits.wrong[at])
@@ -98,9 +94,6 @@ def turned(along: ComplexArray, against: ComplexArray) -> NDArray[np.bool_]:
 
     Strong anisotropy turns orbits between two resonances too, but through lines that are neither, eight for each that
     is clearly against; noise makes mostly such lines.
-
-    Args:
-        along, against: the motion in and against the direction of the force, NaN where it is not known, shape ``(N,)``.
     """
     wrong, both = np.abs(against) ** 2, np.abs(along) ** 2 + np.abs(against) ** 2
     told = np.isfinite(both) & (both > 0)
@@ -125,13 +118,7 @@ def _established(values: Float) -> Float:
 
 
 def surely_right(orbits: Orbits, right: ComplexArray, speed: Float) -> NDArray[np.bool_]:
-    """Which of many tests of one plan :func:`signs` has surely nothing to say of, shape ``(...)``.
-
-    Args:
-        orbits: what was read where.
-        right: responses in the direction of the force, shape ``(..., N)``.
-        speed: rad/s, broadcasting with them.
-    """
+    """Which of many tests of one plan :func:`signs` has surely nothing to say of, shape ``(...)``."""
     at = np.flatnonzero(orbits.place == orbits.force_place)
     if not at.size:
         return np.ones(right.shape[:-1], dtype=bool)
@@ -150,11 +137,7 @@ def surely_right(orbits: Orbits, right: ComplexArray, speed: Float) -> NDArray[n
 
 
 def signs(orbits: Orbits) -> Iterator[Finding]:
-    """Conjugated FRFs, or else a reversed sense of rotation, from the sign of Im kappa at drive points.
-
-    Args:
-        orbits: readings of a test.
-    """
+    """Conjugated FRFs, or else a reversed sense of rotation, from the sign of Im kappa at drive points."""
     drives = orbits.part(np.flatnonzero((orbits.place == orbits.force_place) & (orbits.right != 0)))
     if not drives.frequency.size:
         return
@@ -195,10 +178,6 @@ def signs(orbits: Orbits) -> Iterator[Finding]:
 def _dissipates(drives: Orbits, kappa: ComplexArray, speed: Float) -> Float:
     """Sign of the dissipation of each drive at |w| >= Omega, where the force leads or opposes the fluid whatever
     lam < 1 is; 0: unknown. Shape ``(..., G)``.
-
-    Args:
-        drives: orbits at drive points.
-        kappa, speed: their dynamic stiffness and speed, shape ``(..., N)``.
     """
     fast = np.abs(drives.frequency) >= np.abs(speed) * (1 - NEAR_1X)
     sine = kappa.imag / np.abs(kappa) * np.sign(drives.frequency)
@@ -239,10 +218,6 @@ def _reversals(
 ) -> Iterator[tuple[Float, Index, NDArray[np.bool_]]]:
     """Scores of a drive by backward forces, for each limit of what is slow, shape ``(4, ...)``, with the orbits that
     they look at, and which of these count.
-
-    Args:
-        drives: orbits at drive points.
-        kappa, right, speed: their dynamic stiffness, response and speed, shape ``(..., N)``.
     """
     ratio = drives.frequency / np.where(speed == 0, np.nan, np.abs(speed))
     at = np.flatnonzero((np.abs(ratio) < SLOW[-1]).any(axis=tuple(range(ratio.ndim - 1))))
@@ -259,11 +234,7 @@ def _reversals(
 
 
 def _even_quadrature(kappa: ComplexArray, right: ComplexArray) -> Float:
-    """The part of Im kappa even in w, ``-D lam Omega`` in eq. (13), over its noise up to a factor, shape ``(..., N)``.
-
-    Args:
-        kappa, right: drive-point stiffness and response, forward and backward, shape ``(..., N, 2)``.
-    """
+    """The part of Im kappa even in w, ``-D lam Omega`` in eq. (13), over its noise, shape ``(..., N)``."""
     noise = np.abs(kappa / right)  # of kappa = F / A, up to a common factor
     return np.asarray(kappa.imag.sum(axis=-1) / np.hypot(noise[..., 0], noise[..., 1]))
 

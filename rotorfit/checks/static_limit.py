@@ -24,11 +24,7 @@ _TURNED = 0.1  # cosine of its angle from which the sign of a term is plain: a f
 
 
 def static_limit(orbits: Orbits) -> Iterator[Finding]:
-    """Drive points whose response vanishes towards zero frequency, at every speed and in all runs.
-
-    Args:
-        orbits: readings of a test.
-    """
+    """Drive points whose response vanishes towards zero frequency, at every speed and in all runs."""
     if orbits.speed.size and np.allclose(np.abs(orbits.frequency), np.abs(orbits.speed)):
         return  # synchronous: every line has a stiffness of its own
     found: dict[str, list[int]] = {}

@@ -26,24 +26,15 @@ _BRIEFLY = Options(hessian="gauss-newton", max_iterations=_SHORT, tolerance=1e-3
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Lines:
-    """Lines that the search for turned probes looks at.
+    """Lines that the search for turned probes looks at."""
 
-    Attributes:
-        u: frequencies over the highest, shape ``(L,)``.
-        H, kappa: responses to unit forces and their inverses, shape ``(..., L, n, n)``.
-    """
-
-    u: Float
-    H: ComplexArray
-    kappa: ComplexArray
+    u: Float  # frequencies over the highest, shape ``(L,)``
+    H: ComplexArray  # responses to unit forces and their inverses, shape ``(..., L, n, n)``
+    kappa: ComplexArray  # responses to unit forces and their inverses, shape ``(..., L, n, n)``
 
 
 def some_lines(measured: Receptances | None) -> Lines | None:
-    """Lines of the responses at one speed, every so many that some :data:`MOST_LINES` are left; None of too few.
-
-    Args:
-        measured: complete matrices of responses at one speed, where there are any.
-    """
+    """Lines of the responses at one speed, every so many that some :data:`MOST_LINES` are left; None of too few."""
     if measured is None or measured.H.shape[-3] < ENOUGH:
         return None
     every = max(1, measured.H.shape[-3] // MOST_LINES)
@@ -57,10 +48,6 @@ def inertia_turns(
 ) -> Iterator[tuple[str, Float, Float, NDArray[np.bool_]]]:
     """Plane, turn of its probes and its error, degrees, and whether its damping is positive, shape ``(...)`` each, from
     ``kappa = a + b w + c w^2``.
-
-    Args:
-        measured: responses at one speed.
-        trial: fit responses, as noisy data need; otherwise draw straight lines through the dynamic stiffness.
     """
     lines = some_lines(measured)
     if measured is None or lines is None:
@@ -120,13 +107,7 @@ class _Trial:
     """Misfit of such polynomials, over the largest response; the vector holds real and imaginary parts in turn."""
 
     def __init__(self, lines: Lines, terms: Sequence[tuple[int, int, int]], *, upright: bool = False):
-        """Take the data.
-
-        Args:
-            lines: responses.
-            terms: row, column and power of each term.
-            upright: keep inertia real, as probes see it that are not turned; its imaginary parts are left out.
-        """
+        """Take the data."""
         self.u, self.H, self.terms, self.scale = lines.u, lines.H, terms, np.abs(lines.H).max()
         real = [2 * i + 1 for i, (*_, power) in enumerate(terms) if power == 2] if upright else []
         self.free = np.delete(np.arange(2 * len(terms)), real)
@@ -168,11 +149,7 @@ class _Trial:
 
 
 def unexplained(lines: Lines, *, upright: bool) -> float:
-    """Half the sum of squares that polynomials leave, with probes free to be turned or not; NaN where none were found.
-
-    Args:
-        lines, upright: as for :class:`_Trial`.
-    """
+    """Half the sum of squares that polynomials leave, with probes free to be turned or not."""
     from scipy.optimize import least_squares  # late: loading it takes longer than a fit
 
     terms, start, _ = _straight_lines(lines)
@@ -209,10 +186,6 @@ def _straight_lines(lines: Lines) -> tuple[list[tuple[int, int, int]], ComplexAr
 
 def _least_squares(design: Float, readings: ComplexArray) -> tuple[ComplexArray, Float]:
     """Factors of ``k`` columns, and their errors, for each of some readings, the factors of one following one another.
-
-    Args:
-        design: shape ``(..., L, k)``.
-        readings: shape ``(..., L, m)``.
 
     Returns:
         both, shape ``(..., m k)``.

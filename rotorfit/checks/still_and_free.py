@@ -23,9 +23,6 @@ def static_positions(test: StaticTest) -> Iterator[Finding]:
 
     Under a load P a stable journal rests at P / (K - j D lam Omega): along the load and ahead of it in the sense of
     rotation where lam > 0.
-
-    Args:
-        test: what was measured, finite.
     """
     idle = np.flatnonzero(test.load == 0)
     if idle.size:
@@ -62,11 +59,7 @@ def _runs(test: StaticTest, at_load: Bool, part: Float) -> list[str]:
 
 
 def free_vibration(test: ImpulseTest | RingDownTest) -> Iterator[Finding]:
-    """Records that show no mode, and frequencies in another unit than the speed.
-
-    Args:
-        test: what was measured, finite.
-    """
+    """Records that show no mode, and frequencies in another unit than the speed."""
     if isinstance(test, RingDownTest):
         try:
             test, unit = ring_down_modes(test), "the time (time_s, time_ms)"

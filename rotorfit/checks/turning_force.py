@@ -22,11 +22,7 @@ _NOTHING = 1e-3
 
 
 def turning_force(test: PerturbationTest) -> Iterator[Finding]:
-    """Runs whose orbits turn one way throughout, though the force was given along an axis.
-
-    Args:
-        test: with forces of any kind.
-    """
+    """Runs whose orbits turn one way throughout, though the force was given along an axis."""
     if not test.linear.any():
         return
     x, y = probe_pairs(test, test.linear)[0].T

@@ -15,17 +15,7 @@ from rotorfit.studies.wording import spoken
 
 
 def give(options: argparse.Namespace, write: Callable[[Path], None], plain: Callable[[], Any], text: str) -> None:
-    """Fill the folder and print, as the options ask.
-
-    Args:
-        options: with ``out``, ``json`` and ``quiet``.
-        write: puts the files into a folder, which moves to its place when they are complete.
-        plain: the answer as JSON has it.
-        text: the answer for people.
-
-    Raises:
-        BadInputError: the folder cannot be written.
-    """
+    """Fill the folder and print, as the options ask."""
     from rotorfit.studies.folder import complete_folder
 
     if options.out is not None:
@@ -41,18 +31,10 @@ def give(options: argparse.Namespace, write: Callable[[Path], None], plain: Call
 
 
 def finite(value: float) -> float | None:
-    """A number as JSON has it, which knows no infinities.
-
-    Args:
-        value: any float.
-    """
+    """A number as JSON has it, which knows no infinities."""
     return value if math.isfinite(value) else None
 
 
 def say(problem: str) -> None:
-    """One sentence on what is wrong, beside the answer.
-
-    Args:
-        problem: sentence in the words of Python, which are turned into those of the command line.
-    """
+    """One sentence on what is wrong, beside the answer."""
     print(f"rotorfit: {spoken(problem)}", file=sys.stderr)

@@ -22,22 +22,13 @@ if TYPE_CHECKING:
 
 
 def add_output(to: argparse.ArgumentParser) -> None:
-    """How much is printed.
-
-    Args:
-        to: the command.
-    """
+    """How much is printed."""
     to.add_argument("--json", action="store_true", help="print the result as JSON instead of tables")
     to.add_argument("--quiet", action="store_true", help="print neither progress nor tables")
 
 
 def add_figure_format(to: argparse.ArgumentParser, *, may_lack: bool = False) -> None:
-    """Format of the figures in the folder for results, and where they may be left out, that.
-
-    Args:
-        to: the command.
-        may_lack: whether the command can do without figures.
-    """
+    """Format of the figures in the folder for results, and where they may be left out, that."""
     one = to.add_mutually_exclusive_group()
     one.add_argument(
         "--figure-format", choices=("png", "pdf", "svg"), default="png", help="of the figures in --out [%(default)s]"
@@ -48,11 +39,7 @@ def add_figure_format(to: argparse.ArgumentParser, *, may_lack: bool = False) ->
 
 
 def add_files(to: argparse.ArgumentParser) -> None:
-    """Test files and how they are read.
-
-    Args:
-        to: the command.
-    """
+    """Test files and how they are read."""
     to.add_argument(
         "files",
         nargs="+",
@@ -104,11 +91,7 @@ def add_files(to: argparse.ArgumentParser) -> None:
 
 
 def add_setup(to: argparse.ArgumentParser) -> None:
-    """Setup of the rig for recordings.
-
-    Args:
-        to: the command.
-    """
+    """Setup of the rig for recordings."""
     to.add_argument(
         "--setup", type=Path, metavar="rig.toml", help="channels of the recordings; all files are recordings then"
     )
@@ -121,24 +104,12 @@ def add_setup(to: argparse.ArgumentParser) -> None:
 
 
 def add_jobs(to: argparse.ArgumentParser, what: str) -> None:
-    """Number of processes.
-
-    Args:
-        to: the command.
-        what: it does with them, in words.
-    """
+    """Number of processes."""
     to.add_argument("--jobs", type=int, default=1, metavar="N", help=f"processes to {what} with [%(default)s]")
 
 
 def processes(count: int) -> AbstractContextManager[Executor | None]:
-    """An executor of so many processes; None within for one.
-
-    Args:
-        count: of processes.
-
-    Raises:
-        ValueError: less than one.
-    """
+    """An executor of so many processes; None within for one."""
     if count < 1:
         raise ValueError(f"--jobs takes a number of processes from 1, got {count}")
     if count == 1:
@@ -150,23 +121,13 @@ def processes(count: int) -> AbstractContextManager[Executor | None]:
 
 
 def add_model(to: argparse.ArgumentParser, options: Sequence[Option] = option_table.MODEL) -> None:
-    """The model, and settings from the table of options.
-
-    Args:
-        to: the command.
-        options: settings beside the model.
-    """
+    """The model, and settings from the table of options."""
     to.add_argument("--model", required=True, help="see `rotorfit models`")
     add_options(to, options)
 
 
 def add_options(to: argparse._ActionsContainer, options: Sequence[Option]) -> None:
-    """Settings from the table of options; what is not given is ``None``.
-
-    Args:
-        to: the command, or a group of its options.
-        options: which settings.
-    """
+    """Settings from the table of options; what is not given is ``None``."""
     for option in options:
         kind = option.kind
         if kind.word is None:
@@ -188,11 +149,7 @@ def add_options(to: argparse._ActionsContainer, options: Sequence[Option]) -> No
 
 
 def add_fit_options(fit: argparse.ArgumentParser) -> None:
-    """All that a single fit takes.
-
-    Args:
-        fit: the command ``rotorfit fit``.
-    """
+    """All that a single fit takes."""
     add_files(fit)
     fit.add_argument("--out", type=Path, help="folder for tables and figures")
     add_model(fit, [option for option in option_table.FIT if option not in option_table.UNCERTAINTY])
@@ -203,14 +160,7 @@ def add_fit_options(fit: argparse.ArgumentParser) -> None:
 
 
 def data_files(options: argparse.Namespace) -> tuple[DataFile | RecordingFiles, ...]:
-    """The files of the command line with their read options; recordings together are one test.
-
-    Args:
-        options: what the command line said, as :func:`add_files` laid it down.
-
-    Raises:
-        ValueError: options that cannot be understood.
-    """
+    """The files of the command line with their read options; recordings together are one test."""
     from rotorfit.recordings.formats.files import ALWAYS_RAW
     from rotorfit.studies.data_files import DataFile
     from rotorfit.studies.recording_files import RecordingFiles
@@ -254,15 +204,7 @@ def _share_near_1x(percent: float) -> float:
 
 
 def chosen(option: str, words: Sequence[str]) -> dict[str, Any]:
-    """Values of attributes: ``NAME=VALUE`` as often as there are values, or one range ``NAME=LO:HI``.
-
-    Args:
-        option: its name, for messages.
-        words: as given.
-
-    Raises:
-        ValueError: not of that form.
-    """
+    """Values of attributes: ``NAME=VALUE`` as often as there are values, or one range ``NAME=LO:HI``."""
     found: dict[str, Any] = {}
     for word in words:
         name, equals, value = word.partition("=")
@@ -285,15 +227,7 @@ def chosen(option: str, words: Sequence[str]) -> dict[str, Any]:
 
 
 def given(options: argparse.Namespace, settings: Sequence[Option]) -> dict[str, Any]:
-    """What was given of some settings, by the names that a study has for them.
-
-    Args:
-        options: of the command line.
-        settings: those that the command takes.
-
-    Raises:
-        ValueError: options that cannot be understood.
-    """
+    """What was given of some settings, by the names that a study has for them."""
     found: dict[str, Any] = {}
     for option in settings:
         value, parse = getattr(options, option.name), option.kind.word
@@ -303,12 +237,7 @@ def given(options: argparse.Namespace, settings: Sequence[Option]) -> dict[str, 
 
 
 def fit_study(options: argparse.Namespace, settings: Sequence[Option] = option_table.FIT) -> Study:
-    """The study that the options of a command describe; see :func:`given`.
-
-    Args:
-        options: what the command line said.
-        settings: which of it are settings of the fit.
-    """
+    """The study that the options of a command describe; see :func:`given`."""
     from rotorfit.studies.study import Study
 
     return Study(files=data_files(options), model=options.model, out=options.out, **given(options, settings))

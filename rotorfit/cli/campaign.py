@@ -24,11 +24,7 @@ DESCRIPTION = "fit every run of a campaign and show how the parameters change wi
 
 
 def add_options(to: argparse.ArgumentParser) -> None:
-    """Options of the command.
-
-    Args:
-        to: the command.
-    """
+    """Options of the command."""
     add_files(to)
     add_model(to, CAMPAIGN)
     to.add_argument("--out", type=Path, help="folder for runs.csv, summary.txt, report.html and trends.png")
@@ -45,11 +41,7 @@ def add_options(to: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Do what the command line says; returns the exit code.
-
-    Args:
-        options: what the command line said.
-    """
+    """Do what the command line says; returns the exit code."""
     from rotorfit.cli.errors import DONE, NOT_CONVERGED, checked
 
     found, wrong, warned = checked(lambda: _campaign(options))

@@ -15,11 +15,7 @@ class BadInputError(Exception):
 
 
 def sentence(problem: BaseException) -> str:
-    """Message of an exception as a person would write it.
-
-    Args:
-        problem: the exception.
-    """
+    """Message of an exception as a person would write it."""
     if isinstance(problem, KeyError) and problem.args:
         return str(problem.args[0])  # str() of a KeyError puts quotes around the sentence
     if isinstance(problem, OSError) and problem.strerror:
@@ -28,14 +24,7 @@ def sentence(problem: BaseException) -> str:
 
 
 def checked(work: Callable[[], T]) -> T:
-    """Do work that depends on the user's files and settings; what they get wrong becomes a :class:`BadInputError`.
-
-    Args:
-        work: called once, without arguments.
-
-    Raises:
-        BadInputError: the work raised a ``ValueError``, ``KeyError`` or ``OSError``.
-    """
+    """Do work that depends on the user's files and settings; what they get wrong becomes a :class:`BadInputError`."""
     try:
         return work()
     except (ValueError, KeyError, OSError) as problem:

@@ -11,22 +11,14 @@ DESCRIPTION = "put runs of several files, such as a reference run and runs with 
 
 
 def add_options(to: argparse.ArgumentParser) -> None:
-    """Options of the command.
-
-    Args:
-        to: the command.
-    """
+    """Options of the command."""
     add_files(to)
     to.add_argument("--out", type=Path, required=True, metavar="FILE", help="file to write (.csv .uff .nc .mat)")
     to.add_argument("--quiet", action="store_true", help="do not say what the file holds")
 
 
 def run(options: argparse.Namespace) -> int:
-    """Do what the command line says; returns the exit code.
-
-    Args:
-        options: what the command line said.
-    """
+    """Do what the command line says; returns the exit code."""
     from rotorfit.cli.errors import DONE, checked
     from rotorfit.data.experiments import PerturbationTest
     from rotorfit.data.joined import join_runs

@@ -22,11 +22,7 @@ DESCRIPTION = "fit several laws of eccentricity to the same files and rank them 
 
 
 def add_options(to: argparse.ArgumentParser) -> None:
-    """Options of the command.
-
-    Args:
-        to: the command.
-    """
+    """Options of the command."""
     add_files(to)
     add_model(to, LAW_RANKING)
     to.add_argument(
@@ -38,11 +34,7 @@ def add_options(to: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Do what the command line says; returns the exit code.
-
-    Args:
-        options: what the command line said.
-    """
+    """Do what the command line says; returns the exit code."""
     from rotorfit.cli.errors import DONE, NOT_CONVERGED, checked
 
     found, wrong, warned = checked(lambda: _comparison(options))

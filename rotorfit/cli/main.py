@@ -39,9 +39,6 @@ if TYPE_CHECKING:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line.
 
-    Args:
-        arguments: words after the program's name, by default those it was started with.
-
     Returns:
         the exit code.
     """

@@ -25,20 +25,12 @@ FORMATS = "recording (.h5 .tdms .mat .wav .uff .csv .parquet)"
 
 
 def add_template_options(to: argparse.ArgumentParser) -> None:
-    """Options of ``rotorfit template``.
-
-    Args:
-        to: the command.
-    """
+    """Options of ``rotorfit template``."""
     to.add_argument("what", metavar="KIND|FILE", help=f"{', '.join(kinds())}; or a {FORMATS}")
 
 
 def add_look_options(to: argparse.ArgumentParser) -> None:
-    """Options of ``rotorfit look``.
-
-    Args:
-        to: the command.
-    """
+    """Options of ``rotorfit look``."""
     to.add_argument("files", nargs="+", type=Path, metavar="FILE", help=FORMATS)
     to.add_argument("--setup", type=Path, metavar="RIG.toml", help="setup of the rig, see `rotorfit template`")
     to.add_argument("--out", type=Path, metavar="DIR", help="folder for the figures; without it, words only")
@@ -48,11 +40,7 @@ def add_look_options(to: argparse.ArgumentParser) -> None:
 
 
 def run_template(options: argparse.Namespace) -> int:
-    """Print the example or the setup; returns the exit code.
-
-    Args:
-        options: what the command line said.
-    """
+    """Print the example or the setup; returns the exit code."""
     sys.stdout.write(checked(lambda: _template(options.what)))
     return DONE
 
@@ -68,11 +56,7 @@ def _template(what: str) -> str:
 
 
 def run_look(options: argparse.Namespace) -> int:
-    """Print what the recordings hold, write their figures; returns the exit code.
-
-    Args:
-        options: what the command line said.
-    """
+    """Print what the recordings hold, write their figures; returns the exit code."""
     return checked(lambda: _look(options))
 
 

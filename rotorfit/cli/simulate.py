@@ -42,11 +42,7 @@ _ONE_VALUE = {("perturbation", "load"), ("synchronous", "unbalance")}
 
 
 def add_options(to: argparse.ArgumentParser) -> None:
-    """Options of the command.
-
-    Args:
-        to: the command.
-    """
+    """Options of the command."""
     add_model(to, (*MODEL, *LAW))
     to.add_argument(
         "--set", action="append", default=[], metavar="NAME=VALUE", help="true value of a parameter, SI units"
@@ -72,14 +68,7 @@ def add_options(to: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Do what the command line says; returns the exit code.
-
-    Args:
-        options: what the command line said.
-
-    Raises:
-        BadInputError: options that contradict each other, or a rig that cannot be tested so.
-    """
+    """Do what the command line says; returns the exit code."""
     from rotorfit.checks.checklist import check
     from rotorfit.cli.errors import DONE, BadInputError, checked, sentence
     from rotorfit.io.files import read, write
@@ -206,11 +195,7 @@ def _settings(options: argparse.Namespace) -> dict[str, Any]:
 
 
 def _numbers(text: str) -> Float:
-    """Numbers with commas between; ``LO:HI:N`` stands for N of them evenly spaced.
-
-    Raises:
-        argparse.ArgumentTypeError: not numbers, or not finite.
-    """
+    """Numbers with commas between; ``LO:HI:N`` stands for N of them evenly spaced."""
     import numpy as np
 
     parts = []

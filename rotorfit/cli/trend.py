@@ -22,11 +22,7 @@ DESCRIPTION = (
 
 
 def add_options(to: argparse.ArgumentParser) -> None:
-    """Options of the command.
-
-    Args:
-        to: the command.
-    """
+    """Options of the command."""
     add_files(to)
     to.add_argument("--speed-range", metavar="LO:HI", help="speeds to use, rpm; stay below the next critical")
     to.add_argument(
@@ -41,11 +37,7 @@ def add_options(to: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Do what the command line says; returns the exit code.
-
-    Args:
-        options: what the command line said.
-    """
+    """Do what the command line says; returns the exit code."""
     from rotorfit.cli.errors import DONE, checked
 
     found = checked(lambda: _trend(options))

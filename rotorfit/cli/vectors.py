@@ -12,11 +12,7 @@ DESCRIPTION = "turn recordings of raw signals into vectors: responses with their
 
 
 def add_options(to: argparse.ArgumentParser) -> None:
-    """Options of the command.
-
-    Args:
-        to: the command.
-    """
+    """Options of the command."""
     to.add_argument("files", nargs="+", type=Path, metavar="FILE", help="recordings (.h5 .tdms .mat .wav .uff .csv)")
     add_setup(to)
     to.add_argument("--out", type=Path, required=True, metavar="FILE", help="file to write (.csv .uff .nc .mat)")
@@ -25,14 +21,7 @@ def add_options(to: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Do what the command line says; returns the exit code.
-
-    Args:
-        options: what the command line said.
-
-    Raises:
-        BadInputError: files or options that cannot be used, or recordings of more than one kind of test.
-    """
+    """Do what the command line says; returns the exit code."""
     from rotorfit.cli.errors import DONE, NOT_CONVERGED, BadInputError, checked
     from rotorfit.cli.progress import ProgressLine
     from rotorfit.io.files import check_target, write

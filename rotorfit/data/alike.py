@@ -17,27 +17,16 @@ _MOST_ROWS = 200_000  # in one group: some copies of its readings fit into tens 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class AlikeTests:
-    """Tests of one plan, each of one run at one speed, under turning forces.
+    """Tests of one plan, each of one run at one speed, under turning forces."""
 
-    Attributes:
-        numbers: which of the tests that were looked at these are, shape ``(W,)``.
-        tests: the tests.
-        speed: rotative speed of each, rad/s, shape ``(W,)``.
-        response, sigma: their readings and noise, shape ``(W, N)``; noise is told in all rows or, NaN, in none.
-    """
-
-    numbers: Index
-    tests: tuple[PerturbationTest, ...]
-    speed: Float
-    response: ComplexArray
-    sigma: Float
+    numbers: Index  # which of the tests that were looked at these are, shape ``(W,)``
+    tests: tuple[PerturbationTest, ...]  # the tests
+    speed: Float  # rotative speed of each, rad/s, shape ``(W,)``
+    response: ComplexArray  # their readings and noise, shape ``(W, N)``; noise is told in all rows or, NaN, in none
+    sigma: Float  # their readings and noise, shape ``(W, N)``; noise is told in all rows or, NaN, in none
 
     def part(self, members: Index) -> AlikeTests:
-        """Some of the tests.
-
-        Args:
-            members: their places in ``tests``.
-        """
+        """Some of the tests."""
         return AlikeTests(
             numbers=self.numbers[members],
             tests=tuple(self.tests[i] for i in members.tolist()),
@@ -48,11 +37,7 @@ class AlikeTests:
 
 
 def alike(tests: Sequence[Experiment]) -> Iterator[AlikeTests]:
-    """Groups of tests of one plan, large ones in parts; a test that is anything out of the ordinary is in none of them.
-
-    Args:
-        tests: any experiments.
-    """
+    """Groups of tests of one plan, large ones in parts."""
     groups: dict[tuple[object, ...], list[tuple[int, PerturbationTest]]] = {}
     for number, test in enumerate(tests):
         if isinstance(test, PerturbationTest) and (plan := _plan(test)):

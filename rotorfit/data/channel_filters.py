@@ -12,28 +12,16 @@ from rotorfit.models.array_types import ComplexArray, Float
 
 @dataclass(frozen=True, kw_only=True)
 class ChannelFilter:
-    """A family of filters with one value.
+    """A family of filters with one value."""
 
-    Attributes:
-        told: what is said of readings, with a place for the value.
-        mend: how it is undone, likewise.
-        seen: what is read of a displacement, by s = jw and the value.
-        slope: change of the logarithm of what is read by a small effect of it, up to a factor.
-        corner: whether the value is a frequency, rad/s, or a time, s.
-    """
-
-    told: str
-    mend: str
-    seen: Callable[[ComplexArray, float], ComplexArray]
+    told: str  # what is said of readings, with a place for the value
+    mend: str  # how it is undone, likewise
+    seen: Callable[[ComplexArray, float], ComplexArray]  # what is read of a displacement, by s = jw and the value
     slope: Callable[[ComplexArray], ComplexArray]
-    corner: bool = True
+    corner: bool = True  # whether the value is a frequency, rad/s, or a time, s
 
     def in_words(self, value: float) -> str:
-        """The value as it is said.
-
-        Args:
-            value: rad/s, or s.
-        """
+        """The value as it is said."""
         return f"{value / (2 * np.pi):.3g} Hz" if self.corner else f"{value:.3g} s"
 
 
@@ -87,23 +75,13 @@ CHANNEL_FILTERS = (
 
 
 def values_to_try(kind: ChannelFilter, frequency: Float, count: int) -> Float:
-    """Corners, rad/s, or latencies, s, that readings at some frequencies can tell, ascending.
-
-    Args:
-        kind: of which filter.
-        frequency: rad/s, shape ``(N,)``, none of them zero.
-        count: how many.
-    """
+    """Corners, rad/s, or latencies, s, that readings at some frequencies can tell, ascending."""
     size = np.abs(frequency)
     low, high = (max(size.min(), size.max() / 100) / 4, 10 * size.max()) if kind.corner else (0.02, 3.0) / size.max()
     return np.asarray(np.geomspace(low, high, count))
 
 
 def likeness(factor: float) -> str:
-    """What readings that are so many times too large may come from, as ", as by ..."; empty where nothing is likely.
-
-    Args:
-        factor: larger than zero.
-    """
+    """What readings that are so many times too large may come from, as ", as by ..."; empty where nothing is likely."""
     like = [text for value, text in _LIKE.items() if abs(np.log(factor / value)) < SAME]
     return f", as by {like[0]}" if like else ""

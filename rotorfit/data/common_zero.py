@@ -11,12 +11,7 @@ from rotorfit.data.experiments import Experiment, PerturbationTest
 
 
 def at_common_zero(experiments: Sequence[Experiment], datum: float) -> tuple[Experiment, ...]:
-    """Experiments with their turning forces counted from the zero of the readings.
-
-    Args:
-        experiments: as they were measured, forces from a zero of their own.
-        datum: angle by which responses lead forces beyond what the rotor does, rad.
-    """
+    """Experiments with their turning forces counted from the zero of the readings."""
     turn = np.exp(1j * datum)
     return tuple(
         replace(test, force=test.force * turn) if isinstance(test, PerturbationTest) else test for test in experiments

@@ -14,11 +14,6 @@ def directional(response: ComplexArray, rows: Index, backward: Bool) -> tuple[Co
     reads alone is taken for that of a circular orbit, ``Y = -jX`` forward and ``Y = +jX`` backward; a reading z is
     motion in the direction of the force as it is, and counts where neither x nor y was read.
 
-    Args:
-        response: readings, of one test or of many of one plan, shape ``(..., N)``.
-        rows: readings x, y and z that belong together, -1 where there is none, shape ``(M, 3)``.
-        backward: whether the force turns backward, shape ``(M,)``.
-
     Returns:
         both, shape ``(..., M)``; NaN in the first where nothing was read, in the second without an x/y pair.
     """
@@ -45,12 +40,7 @@ def _folded(values: ComplexArray, backward: Bool) -> ComplexArray:
 
 
 def directional_noise(sigma: Float, rows: Index) -> Float:
-    """Standard deviation of each part of the motion in the direction of the force, shape ``(..., M)``.
-
-    Args:
-        sigma: that of each part of each reading, shape ``(..., N)``.
-        rows: as for :func:`directional`.
-    """
+    """Standard deviation of each part of the motion in the direction of the force, shape ``(..., M)``."""
     seen = rows >= 0
     noise = np.where(seen[:, 2], sigma[..., rows[:, 2]], np.nan)
     for axis in (1, 0):

@@ -86,11 +86,7 @@ class _Rows:
         return replace(self, attributes=attributes, **chosen)
 
     def attribute(self, name: str) -> NDArray[Any]:
-        """Values of a test attribute for each row; ``speed_rpm`` and ``run`` count as attributes too.
-
-        Raises:
-            KeyError: no such attribute; the message lists those there are.
-        """
+        """Values of a test attribute for each row; ``speed_rpm`` and ``run`` count as attributes too."""
         if name == "speed_rpm":
             return np.asarray(np.round(self.speed * RPM_PER_RAD_S, 6))
         if name == "run":
@@ -491,11 +487,7 @@ def _column(name: str, values: Any, kind: type) -> NDArray[Any]:
 
 
 def plane_groups(test: PerturbationTest) -> list[list[str]]:
-    """Groups of planes that runs connect, a run connecting the plane of its force with those it measures.
-
-    Args:
-        test: the runs.
-    """
+    """Groups of planes that runs connect, a run connecting the plane of its force with those it measures."""
     groups: list[set[str]] = []
     first, _ = in_order(combined(numbers(test.force_plane), numbers(test.plane)))
     for pair in zip(test.force_plane[first].tolist(), test.plane[first].tolist(), strict=True):

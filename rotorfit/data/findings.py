@@ -44,21 +44,12 @@ def _places(what: str, places: Sequence[int]) -> str:
 
 
 def listed(names: Sequence[str]) -> str:
-    """Names with commas between, the first six of them.
-
-    Args:
-        names: of runs, planes or probes.
-    """
+    """Names with commas between, the first six of them."""
     return ", ".join(names[:6]) + (f" and {len(names) - 6} more" if len(names) > 6 else "")
 
 
 def errors_in(findings: Sequence[Sequence[Finding]], sources: Sequence[str]) -> tuple[str, ...]:
-    """What the check of the data calls an error, each once; of several sets of data with the name of its own.
-
-    Args:
-        findings: of each set of data.
-        sources: what each set was read from.
-    """
+    """What the check of the data calls an error, each once; of several sets of data with the name of its own."""
     several = len(findings) > 1
     return tuple(
         dict.fromkeys(
@@ -71,12 +62,7 @@ def errors_in(findings: Sequence[Sequence[Finding]], sources: Sequence[str]) -> 
 
 
 def warnings_in(findings: Sequence[Sequence[Finding]], sources: Sequence[str]) -> list[str]:
-    """What the check of the data warns of, each once, with the sets of data that it was said of.
-
-    Args:
-        findings: of each set of data.
-        sources: what each set was read from.
-    """
+    """What the check of the data warns of, each once, with the sets of data that it was said of."""
     told: dict[str, list[str]] = {}
     for own, source in zip(findings, sources, strict=True):
         for found in own:
@@ -96,18 +82,10 @@ _BY_PHASE = frozenset({"conjugated", "negative-damping", "reversed-rotation", "p
 
 
 def without_phases(findings: Iterable[Finding]) -> tuple[Finding, ...]:
-    """Findings but those that the phase between force and response was judged by, where it has no common zero yet.
-
-    Args:
-        findings: of a set of data.
-    """
+    """Findings but those that the phase between force and response was judged by, where it has no common zero yet."""
     return tuple(finding for finding in findings if finding.code not in _BY_PHASE)
 
 
 def error_sentence(errors: Sequence[str]) -> str:
-    """The errors in one sentence for the end of an answer; empty where there are none.
-
-    Args:
-        errors: messages of findings.
-    """
+    """The errors in one sentence for the end of an answer; empty where there are none."""
     return f"the check of the data calls these an error: {' '.join(errors)}" if errors else ""

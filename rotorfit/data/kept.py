@@ -24,11 +24,7 @@ MOST_KEPT = 100_000
 
 
 def kept(experiment: Experiment) -> dict[Any, Any]:
-    """Notes on an experiment, empty where there are none yet or where its columns changed.
-
-    Args:
-        experiment: the data.
-    """
+    """Notes on an experiment, empty where there are none yet or where its columns changed."""
     held = _UNCHANGED.get().get(experiment)
     now = (_Columns(experiment) if held is None else held[0]).checksum
     before, notes = _KEPT.get(experiment, (now, None))
@@ -39,11 +35,7 @@ def kept(experiment: Experiment) -> dict[Any, Any]:
 
 
 def kept_rows(experiment: Experiment) -> dict[Any, Any]:
-    """Notes that take memory for each row, which last no longer than :func:`unchanged` where there are many.
-
-    Args:
-        experiment: the data.
-    """
+    """Notes that take memory for each row, which last no longer than :func:`unchanged` where there are many."""
     if len(experiment) <= MOST_KEPT:
         return kept(experiment)
     held = _UNCHANGED.get().get(experiment)
@@ -52,11 +44,7 @@ def kept_rows(experiment: Experiment) -> dict[Any, Any]:
 
 @contextmanager
 def unchanged(experiments: Sequence[Experiment]) -> Iterator[None]:
-    """Meanwhile nobody writes to the columns of experiments: one checksum of each serves all who ask.
-
-    Args:
-        experiments: what somebody works on.
-    """
+    """Meanwhile nobody writes to the columns of experiments: one checksum of each serves all who ask."""
     known = _UNCHANGED.get()
     own = {one: (known[one][0] if one in known else _Columns(one), dict[Any, Any]()) for one in experiments}
     before = _UNCHANGED.set({**known, **own})

@@ -19,15 +19,9 @@ def whirl_parts(test: PerturbationTest) -> tuple[PerturbationTest, Index]:
     frequencies, one the answer to the forward half of the force, the other to its backward half. Their noises are
     independent as long as x and y are equally noisy.
 
-    Args:
-        test: with forces of any kind; what turns stays as it is.
-
     Returns:
         the test, and the two rows of the original that each of its rows was made of, shape ``(N, 2)``, equal where the
         reading is as it was.
-
-    Raises:
-        ValueError: a reading under such a force without its partner in the other direction.
     """
     split = test.linear & ~np.char.endswith(test.direction, "z")
     if not split.any():
@@ -66,10 +60,6 @@ def probe_pairs(test: PerturbationTest, rows: Bool) -> tuple[Index, Index]:
     """Rows of x and y (rx and ry) readings taken together, shape ``(N, 2)``, and rows without a partner.
 
     Repeats pair in order of appearance.
-
-    Args:
-        test: the readings.
-        rows: which of them are to be paired, shape ``(N,)``.
     """
     found: dict[Any, tuple[list[int], list[int]]] = {}
     columns = (test.run, test.speed, test.frequency, test.force_plane, test.force, test.force_direction, test.plane)

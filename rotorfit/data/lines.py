@@ -19,21 +19,13 @@ _LINE = ("run", "speed", "frequency", "force_plane", "force", "force_direction")
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Lines:
-    """Rows of a test told apart by numbers, and put together by lines.
+    """Rows of a test told apart by numbers, and put together by lines."""
 
-    Attributes:
-        names: distinct entries of each column of text, in the order of the rows.
-        number: number of each row's entry by column, of text among ``names``, shape ``(N,)`` each.
-        line: line of each row, in the order of the rows, shape ``(N,)``.
-        first: first row of each line, shape ``(L,)``.
-        frequency: of each row, rad/s, shape ``(N,)``.
-    """
-
-    names: Mapping[str, list[str]]
-    number: Mapping[str, Index]
-    line: Index
-    first: Index
-    frequency: Float
+    names: Mapping[str, list[str]]  # distinct entries of each column of text, in the order of the rows
+    number: Mapping[str, Index]  # number of each row's entry by column, of text among ``names``, shape ``(N,)`` each
+    line: Index  # line of each row, in the order of the rows, shape ``(N,)``
+    first: Index  # first row of each line, shape ``(L,)``
+    frequency: Float  # of each row, rad/s, shape ``(N,)``
 
     @cached_property
     def frequencies(self) -> tuple[Float, Index]:
@@ -62,11 +54,7 @@ class Lines:
 
 
 def lines_of(test: PerturbationTest) -> Lines:
-    """Lines of a test, worked out once as long as its columns stay as they are.
-
-    Args:
-        test: what was measured; none of its numbers are NaN.
-    """
+    """Lines of a test, worked out once as long as its columns stay as they are."""
     notes = kept_rows(test)
     if Lines not in notes:
         notes[Lines] = _lines_of(test)

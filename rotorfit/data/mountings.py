@@ -28,32 +28,20 @@ _SAME_WEIGHT = 0.02  # relative difference of mass-radius products that are one 
 
 
 def dwells(test: PerturbationTest) -> bool:
-    """Whether every run of a test has at most :data:`LARGEST_DWELLS` speeds.
-
-    Args:
-        test: a synchronous one.
-    """
+    """Whether every run of a test has at most :data:`LARGEST_DWELLS` speeds."""
     number = dwell_number(test.speed)
     return all(np.unique(number[test.run == run]).size <= LARGEST_DWELLS for run in test.runs)
 
 
 def dwell_number(speed: Float) -> Index:
-    """Number of the dwell speed of each reading: neighbours within the tolerance of constant speeds are one.
-
-    Args:
-        speed: of each reading, rad/s, shape ``(N,)``.
-    """
+    """Number of the dwell speed of each reading: neighbours within the tolerance of constant speeds are one."""
     values, inverse = np.unique(speed, return_inverse=True)
     steps = np.diff(values) > SPEED_TOLERANCE * values[1:]
     return np.asarray(np.concatenate([[0], np.cumsum(steps)])[inverse.reshape(-1)], dtype=np.intp)
 
 
 def tells_mountings(test: PerturbationTest) -> bool:
-    """Whether the file says which runs are repeats of one mounting.
-
-    Args:
-        test: a synchronous one.
-    """
+    """Whether the file says which runs are repeats of one mounting."""
     return MOUNTING in test.attributes or any(_REPEAT.fullmatch(run) for run in test.runs)
 
 
@@ -61,12 +49,6 @@ def mountings(test: PerturbationTest) -> list[str]:
     """Name of the mounting of each row: the column, else the name of the run without the number of the repeat.
 
     Runs whose weights differ are never one mounting, whatever their names.
-
-    Args:
-        test: a synchronous one.
-
-    Raises:
-        ValueError: one mounting in the column has two different weights.
     """
     given = MOUNTING in test.attributes
     if given:

@@ -19,16 +19,7 @@ Channel = tuple[str, str]
 
 
 def check_channels(test: PerturbationTest, given: Mapping[Channel, Any], option: str) -> None:
-    """Refuse channels that a test does not have.
-
-    Args:
-        test: the test.
-        given: what is given, by channel.
-        option: the option it was given with, for the message.
-
-    Raises:
-        ValueError: names the channel and those there are.
-    """
+    """Refuse channels that a test does not have."""
     channels = list(dict.fromkeys(zip(test.plane.tolist(), test.direction.tolist(), strict=True)))
     for key in given:
         if key not in channels:
@@ -41,14 +32,6 @@ def correct_channels(
     """Undo gain and delay of channels: ``response exp(j |w| tau) / gain``.
 
     Combined readings (z, rz) at negative w are conjugated phasors and are corrected as such.
-
-    Args:
-        test: as it was recorded.
-        gains: complex gain by channel.
-        delays: time delay tau by channel, s.
-
-    Raises:
-        ValueError: a channel that the test does not have, or a gain of zero.
     """
     check_channels(test, gains, "gains")
     check_channels(test, delays, "delays")
@@ -66,15 +49,7 @@ def correct_channels(
 
 
 def subtract_measured_slow_roll(test: PerturbationTest, below: float) -> PerturbationTest:
-    """Subtract from each channel of each run of a synchronous test its mean reading at low speed.
-
-    Args:
-        test: a synchronous one.
-        below: rotative speed below which readings are run-out, rad/s.
-
-    Raises:
-        ValueError: the test is not synchronous, or a run has no reading of a channel below that speed.
-    """
+    """Subtract from each channel of each run of a synchronous test its mean reading at low speed."""
     if not test.synchronous:
         raise ValueError(f"{test.source}: slow roll can only be taken from the readings of a synchronous test")
     keys = list(zip(test.run.tolist(), test.plane.tolist(), test.direction.tolist(), strict=True))
@@ -96,13 +71,6 @@ def resolve_probe_angles(test: PerturbationTest, angles: Mapping[str, tuple[floa
     """Resolve pairs of probes that do not sit at 0 and 90 degrees into x and y.
 
     A probe at angle a reads ``cos(a) X + sin(a) Y``. Noise of the two probes is taken as independent.
-
-    Args:
-        test: readings named x and y of the probes at the angles given.
-        angles: by plane, angle of the probe named x and of the one named y, degrees from X towards Y.
-
-    Raises:
-        ValueError: unknown plane, parallel probes, or a reading without its partner.
     """
     response, sigma = test.response.copy(), test.sigma.copy()
     for plane, pair in angles.items():

@@ -24,19 +24,7 @@ def selected(
     exclude: Mapping[str, Wanted] | None = None,
     drop_near_1x: float = 0.0,
 ) -> Test:
-    """Readings that fit.
-
-    Args:
-        test: the experiment.
-        where: values that attributes must have, ``{"oil_C": (40, 60), "run": ["a", "b"]}``; ``run``, ``speed_rpm`` and,
-            where the test has them, ``plane``, ``direction`` and ``force_plane`` count as attributes.
-        exclude: values that they must not have; a reading goes if any of these is true of it.
-        drop_near_1x: readings whose frequency is within this fraction of the rotative speed are left out: run-out and
-            unbalance stand there. Not for synchronous tests, which are nothing else.
-
-    Raises:
-        ValueError: unknown attributes, values that no reading has, or nothing left.
-    """
+    """Readings that fit."""
     keep = np.ones(len(test), dtype=bool)
     for name, wanted in (where or {}).items():
         keep &= _matches(test, name, wanted)

@@ -37,11 +37,6 @@ def group_speeds(speed: Float, frequency: Float, run: Text, tolerance: float = S
 
     Speeds of all runs are sorted; neighbours closer than ``tolerance`` belong to one group, and a group that spans no
     more than twice that is one speed. Wider groups are speed sweeps and stay, as do runs at once-per-turn frequency.
-
-    Args:
-        speed, frequency: rad/s, shape ``(R,)``.
-        run: name of the run of each row.
-        tolerance: fraction of the speed.
     """
     at_1x = np.abs(frequency - speed) <= SYNCHRONOUS_TOLERANCE * np.abs(speed)
     names, index = np.unique(run, return_inverse=True)
@@ -124,9 +119,6 @@ def uneven_weights(test: PerturbationTest) -> list[str]:
 
     The difference of their responses is told by the sum of their weights: where one weight was turned, and is told
     twice the size in one of the runs, everything comes out too stiff, and no fit notices.
-
-    Args:
-        test: a synchronous test before it is differenced.
     """
     told: list[str] = []
     for pair in _pairs(test, np.asarray(test.attributes.get(DIFFERENCED, np.zeros(len(test))) != 1)):
@@ -218,11 +210,6 @@ def _response_at(position: Float, run: PerturbationTest, force: ComplexArray) ->
 
     Between coarse lines a spline cuts a resonance's corners. A rotor's response to unbalance, run-out included, is a
     ratio of polynomials in speed: that carries the resonances, and the spline what is left, which is little but noise.
-
-    Args:
-        position: rad/s, shape ``(N,)``.
-        run: the channel.
-        force: of the run at these speeds, N, shape ``(N,)``.
     """
     ratio = ratio_through(run.speed, run.response)
     if ratio is None:
@@ -277,11 +264,7 @@ def _shared(values: NDArray[Any], b: PerturbationTest, name: str, position: Floa
 
 
 def join(parts: list[PerturbationTest]) -> PerturbationTest:
-    """One test of the rows of several, whose attributes are the same.
-
-    Args:
-        parts: at least one.
-    """
+    """One test of the rows of several, whose attributes are the same."""
     first = parts[0]
     names = first._columns()
     columns: dict[str, Any] = {name: np.concatenate([getattr(part, name) for part in parts]) for name in names}

@@ -163,9 +163,6 @@ def differenced(test: PerturbationTest) -> PerturbationTest:
 
     Runs that dwell at a few speeds are left alone where some would stay without a partner, or where a mounting was
     repeated: :func:`influence` uses them all.
-
-    Args:
-        test: a synchronous one.
     """
     paired = difference_synchronous(test)
     if not dwells(test) or (test.speed <= 0).any():
@@ -177,14 +174,7 @@ def differenced(test: PerturbationTest) -> PerturbationTest:
 
 
 def weighed(experiment: Experiment) -> Influences | None:
-    """Influences of an experiment that has to be solved for them before it can be fitted, None of all others.
-
-    Args:
-        experiment: any.
-
-    Raises:
-        ValueError: weights at a few speeds that determine nothing, or readings whose noise nothing tells.
-    """
+    """Influences of an experiment that has to be solved for them before it can be fitted, None of all others."""
     if not isinstance(experiment, PerturbationTest) or not _unsolved(experiment):
         return None
     try:

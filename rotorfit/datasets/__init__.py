@@ -20,14 +20,7 @@ def names() -> tuple[str, ...]:
 
 
 def path(name: str) -> Path:
-    """Path of a data file.
-
-    Args:
-        name: of the file, ``"rig_open.csv"``.
-
-    Raises:
-        FileNotFoundError: no such file; the message lists those there are.
-    """
+    """Path of a data file."""
     if name not in names():
         raise FileNotFoundError(unknown_name("data set", name, names()))
     with as_file(files(__name__) / name) as found:
@@ -35,11 +28,7 @@ def path(name: str) -> Path:
 
 
 def truth(name: str) -> dict[str, Any]:
-    """What a simulated rig was made with, for instance ``truth("rig_open")``.
-
-    Args:
-        name: of the rig, ``"rig_open"``.
-    """
+    """What a simulated rig was made with, for instance ``truth("rig_open")``."""
     loaded: dict[str, Any] = json.loads(path(f"{name}.truth.json").read_text())
     return loaded
 

@@ -77,16 +77,7 @@ class TurningAnisotropy:
 def turning_anisotropy(
     fit: FitResult, *, level: float = 0.95, at: Mapping[str, Any] | None = None
 ) -> TurningAnisotropy:
-    """Turning anisotropy of a fit with the parameters dK_cos, dK_sin and K.
-
-    Args:
-        fit: the result.
-        level: of the intervals.
-        at: group of parameters, where some were fitted per attribute.
-
-    Raises:
-        ValueError: the model has no turning anisotropy, or a level outside 0 to 1.
-    """
+    """Turning anisotropy of a fit with the parameters dK_cos, dK_sin and K."""
     from rotorfit.fitting.quantities import Quantity
 
     names = fit.model.parameter_names
@@ -140,13 +131,7 @@ def _covariance(fit: FitResult, at: Mapping[str, Any] | None) -> Float:
 
 
 def magnitude_interval(v: Float, covar: Float, level: float) -> tuple[float, float]:
-    """Interval of the length of a vector in the plane that is known with a covariance.
-
-    Args:
-        v: estimate, shape ``(2,)``.
-        covar: its covariance, shape ``(2, 2)``.
-        level: probability that the interval holds the length.
-    """
+    """Interval of the length of a vector in the plane that is known with a covariance."""
     from scipy.optimize import brentq
 
     size = float(np.hypot(*v))
@@ -196,9 +181,6 @@ def _critical_table(level: float) -> tuple[Float, Float]:
 
 def lines_cut_off(fit: FitResult) -> tuple[float, float]:
     """What lines that a :class:`~rotorfit.models.TurningOnSupports` leaves out change in those that were fitted.
-
-    Args:
-        fit: the result.
 
     Returns:
         greatest change over the greatest reading, and over the noise of its own reading.

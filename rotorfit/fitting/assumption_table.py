@@ -17,30 +17,18 @@ _MISSING = 4.0  # standard errors at which the data ask for a term; a dozen are 
 
 @dataclass(frozen=True, kw_only=True)
 class Assumption:
-    """A term that the model leaves out, or a value that it takes as known.
+    """A term that the model leaves out, or a value that it takes as known."""
 
-    Attributes:
-        name: symbol and planes, or the known parameter.
-        meaning: in words.
-        unit: of its size.
-        estimate, stderr: size that the residuals ask for, and its standard error, infinite where parameters take it up.
-        plausible: a size that it may well have.
-        shifts: change of each fitted parameter by one unit of it, SI, and of the threshold speed, rad/s.
-        errors: standard errors of the results that the table shows.
-        implied: something that was fitted says that the term is there, though not how large it is.
-        prior: standard uncertainty that was given for it, NaN for none.
-    """
-
-    name: str
-    meaning: str
-    unit: str
-    estimate: float
-    stderr: float
-    plausible: float
+    name: str  # symbol and planes, or the known parameter
+    meaning: str  # in words
+    unit: str  # of its size
+    estimate: float  # size that the residuals ask for, and its standard error, infinite where parameters take it up
+    stderr: float  # size that the residuals ask for, and its standard error, infinite where parameters take it up
+    plausible: float  # a size that it may well have
     shifts: Mapping[str, float]
-    errors: Mapping[str, float]
-    implied: bool = False
-    prior: float = math.nan
+    errors: Mapping[str, float]  # standard errors of the results that the table shows
+    implied: bool = False  # something that was fitted says that the term is there, though not how large it is
+    prior: float = math.nan  # standard uncertainty that was given for it, NaN for none
 
     @property
     def left(self) -> float:

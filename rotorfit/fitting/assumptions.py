@@ -31,16 +31,7 @@ _CLEARLY = 4.0  # standard errors from zero at which a fitted coupling damping s
 
 
 def assumptions_of(fit: FitResult, priors: Mapping[str, float] | None = None) -> Assumptions:
-    """Score tests of terms left out of the model and of values taken as known; see :meth:`FitResult.assumptions`.
-
-    Args:
-        fit: the fit.
-        priors: standard uncertainty of terms by their names in the table; by default those that the fit was given.
-
-    Raises:
-        ValueError: parameters were fitted per attribute, which these tests do not know.
-        KeyError: a prior for what is not in the table.
-    """
+    """Score tests of terms left out of the model and of values taken as known; see :meth:`FitResult.assumptions`."""
     if len(fit.thetas) > 1:
         raise ValueError(
             "assumptions are tested where all tests share their parameters; these were fitted per attribute"
@@ -51,17 +42,7 @@ def assumptions_of(fit: FitResult, priors: Mapping[str, float] | None = None) ->
 
 
 def assuming(fit: FitResult, given: Mapping[str, float], *, also_fitted: bool = False) -> FitResult:
-    """The result with standard uncertainties of assumptions, which enter its intervals as a systematic share.
-
-    Args:
-        fit: the fit.
-        given: uncertainties by name in the table.
-        also_fitted: leave out those that the model has a parameter for, instead of refusing them.
-
-    Raises:
-        ValueError: see :func:`assumptions_of`, or an uncertainty that is not positive.
-        KeyError: an uncertainty of what is not in the table.
-    """
+    """The result with standard uncertainties of assumptions, which enter its intervals as a systematic share."""
     table = assumptions_of(fit)
     if also_fitted:
         there = {entry.name for entry in table.entries}
@@ -78,9 +59,6 @@ def foundations_of(fit: FitResult) -> Assumptions:
     parameters per attribute.
 
     Those for which the user gave an uncertainty are in the intervals.
-
-    Args:
-        fit: the fit.
     """
     if len(fit.thetas) > 1 or not fit.success:
         return Assumptions(())

@@ -73,14 +73,7 @@ class Calibration:
 
 
 def calibration_of(values: Mapping[str, Any]) -> Calibration | None:
-    """A calibration from names and values, none from none.
-
-    Args:
-        values: standard uncertainties by name, the attributes of :class:`Calibration`.
-
-    Raises:
-        ValueError: a name that a calibration does not have, or a value that is no uncertainty.
-    """
+    """A calibration from names and values, none from none."""
     if not values:
         return None
     names = [f.name for f in fields(Calibration)]
@@ -92,16 +85,11 @@ def calibration_of(values: Mapping[str, Any]) -> Calibration | None:
 
 @dataclass(frozen=True, eq=False)
 class Nuisance:
-    """Nuisance entries of a problem.
+    """Nuisance entries of a problem."""
 
-    Attributes:
-        names: ``gain[disk]``, ``probe_phase[disk]``, ``mr``, ``keyphasor``.
-        sd: standard deviations of their normal priors, shape ``(n,)``; 1 for relative ones, rad for phases.
-        factors: for each block, sensitivities of the logarithm of its predictions, shape ``(R, n)``.
-    """
-
-    names: tuple[str, ...]
-    sd: Float
+    names: tuple[str, ...]  # ``gain[disk]``, ``probe_phase[disk]``, ``mr``, ``keyphasor``
+    sd: Float  # standard deviations of their normal priors, shape ``(n,)``; 1 for relative ones, rad for phases
+    # for each block, sensitivities of the logarithm of its predictions, shape ``(R, n)``
     factors: tuple[ComplexArray, ...]
 
 
@@ -110,15 +98,6 @@ def nuisance_entries(calibration: Calibration, experiments: Sequence[Experiment]
 
     An isotropic model sees the mean of the x and the y probe of a plane: the errors of both are then one entry, with
     the uncertainty of their mean.
-
-    Args:
-        calibration: the uncertainties.
-        experiments: what was measured.
-        blocks: the same as observations, one for each experiment.
-
-    Raises:
-        ValueError: experiments other than responses to rotating forces of a linear model, planes or probes that are not
-            there.
     """
     pairs = [_checked(experiment, block) for experiment, block in zip(experiments, blocks, strict=True)]
     probes = [_probes(test, block) for test, block in pairs]

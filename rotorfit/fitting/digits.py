@@ -8,13 +8,7 @@ _DECADES_APART = 100.0  # ratio of an interval's ends
 
 
 def with_error(value: float, error: float, *, digits: int = 6) -> tuple[str, str]:
-    """Value and error, both to the second significant digit of the error.
-
-    Args:
-        value: the number; with ``digits`` significant digits where it has no error.
-        error: its standard error; a dash is printed for one that is zero, infinite or missing.
-        digits: see ``value``.
-    """
+    """Value and error, both to the second significant digit of the error."""
     if not math.isfinite(value):
         return "-", "-"
     if not (math.isfinite(error) and error > 0):
@@ -32,12 +26,7 @@ def with_error(value: float, error: float, *, digits: int = 6) -> tuple[str, str
 
 
 def plus_minus(value: float, error: float) -> str:
-    """``value +- error``, the value alone where the error is zero, or that the data do not determine it.
-
-    Args:
-        value: the number.
-        error: its standard error.
-    """
+    """``value +- error``, the value alone where the error is zero, or that the data do not determine it."""
     if not (math.isfinite(value) and math.isfinite(error)):
         return "not determined"
     if error <= 0:
@@ -49,9 +38,6 @@ def interval(low: float, high: float) -> str:
     """An interval, to the second digit of a quarter of its width, about the standard error; words where it is NaN.
 
     Ends that are decades apart have two digits each: the width says nothing of the lower one.
-
-    Args:
-        low, high: ends of a 95 % interval.
     """
     if math.isnan(low) or math.isnan(high):
         return "not determined"

@@ -114,12 +114,7 @@ def fit(
 
 
 def fitted(model: RotorModel, experiments: tuple[Experiment, ...], settings: FitSettings) -> FitResult:
-    """What :func:`fit` does, without a look for what a misfit may come from: for fits of data already looked at so.
-
-    Args:
-        model, experiments: as for :func:`fit`.
-        settings: what was asked.
-    """
+    """What :func:`fit` does, without a look for what a misfit may come from: for fits of data already looked at so."""
     with unchanged(experiments):
         problem = build_problem(model, experiments, settings)
         begin, notes = start_vector(problem, settings.start)
@@ -149,14 +144,7 @@ def judged(
     solution: Solution,
     notes: tuple[str, ...] = (),
 ) -> FitResult:
-    """The result of a solved problem, solved again with the noise that its residuals show.
-
-    Args:
-        problem, experiments, settings: what was asked, see :func:`rotorfit.fitting.problem_setup.build_problem`.
-        begin: where the search began.
-        solution: how it ended.
-        notes: warnings that came up on the way.
-    """
+    """The result of a solved problem, solved again with the noise that its residuals show."""
     left_out = (sentence for test in experiments for sentence in usable(problem.space.model, test)[1])
     datum = _datum(problem, solution.x)
     notes = (*data_errors(at_common_zero(experiments, datum) if datum else experiments), *left_out, *notes)
@@ -198,11 +186,7 @@ def _cheapest(problem: Problem, *starts: Mapping[str, float]) -> Float:
 
 
 def data_errors(experiments: Sequence[Experiment]) -> tuple[str, ...]:
-    """What the check of the data calls an error, as warnings of a result: its numbers are those of wrong data.
-
-    Args:
-        experiments: the data of the fit.
-    """
+    """What the check of the data calls an error, as warnings of a result: its numbers are those of wrong data."""
     several = len(experiments) > 1
     return tuple(
         f"{DATA_ERROR}{f'{test.source or test.title}: ' if several else ''}{finding.message}"
@@ -256,14 +240,7 @@ def solve_again(
     priors: Mapping[str, Any] | None = None,
     levels: Mapping[str, float] | None = None,
 ) -> FitResult:
-    """The result of a fit with its problem changed: more priors, nuisance entries or other readings.
-
-    Args:
-        fit: the result to start from.
-        problem: the changed problem, with the same parameters; nuisance entries that are new start at zero.
-        priors: priors by parameter name that replace or join those of the problem.
-        levels: noise levels by response that are in the problem, if others than those of the fit.
-    """
+    """The result of a fit with its problem changed: more priors, nuisance entries or other readings."""
     settings = fit.settings if levels is None else replace(fit.settings, levels=levels)
     if priors:
         settings = replace(settings, priors={**settings.priors, **priors})
@@ -282,13 +259,7 @@ def solve_again(
 
 
 def solve(problem: Problem, start: Float, options: Options) -> Solution:
-    """Minimise the cost of a problem.
-
-    Args:
-        problem: data, model and settings laid out.
-        start: where to begin, shape ``(p,)``, within the bounds.
-        options: limits of the search.
-    """
+    """Minimise the cost of a problem."""
     space = problem.space
     if problem.loss not in ("linear", "soft_l1"):
         # A redescending loss has local minima; the convex one leads into the right basin.

@@ -33,11 +33,7 @@ _AGREEMENT = 1e-6  # of chi-squared: other processors and libraries round differ
 
 
 def fit_to_json(fit: FitResult) -> str:
-    """A result as JSON text; see :func:`save_fit`.
-
-    Args:
-        fit: the result.
-    """
+    """A result as JSON text; see :func:`save_fit`."""
     from rotorfit.version import __version__
 
     _check(fit, build_problem(fit.model, fit.experiments, fit.settings), "the result")
@@ -94,16 +90,7 @@ def load_fit(path: str | os.PathLike[str], *, model: RotorModel | None = None) -
 
 
 def fit_from_json(text: str, *, model: RotorModel | None = None, source: str = "the text") -> FitResult:
-    """The result that :func:`fit_to_json` wrote.
-
-    Args:
-        text: what was written.
-        model: needed for a model of your own.
-        source: what the text is called in messages.
-
-    Raises:
-        ValueError: see :func:`load_fit`.
-    """
+    """The result that :func:`fit_to_json` wrote."""
     try:
         content = json.loads(text)
     except json.JSONDecodeError as reason:

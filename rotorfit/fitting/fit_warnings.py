@@ -34,16 +34,7 @@ def fit_warnings(
     levelled: bool,
     noise: Noise | None,
 ) -> list[str]:
-    """What a reader of the result should know.
-
-    Args:
-        problem, x: as it was solved, and the estimate.
-        redchi: by the noise of the data.
-        params: parameters of the result.
-        identifiability: what the data determine.
-        levelled: whether each response has the noise level of its residuals.
-        noise: what the residuals are, where that was looked into.
-    """
+    """What a reader of the result should know."""
     found = [] if noise is None else noise_warnings(noise, redchi)
     advice = _advice(problem.space.model, identifiability, levelled)
     nfree = problem.n_data - problem.space.size
@@ -79,12 +70,7 @@ def fit_warnings(
 
 
 def too_quiet(redchi: Float | float, nfree: int) -> Bool:
-    """Whether the noise is overestimated by more than is worth knowing, for one result or many.
-
-    Args:
-        redchi: chi-squared over degrees of freedom, shape ``(...)``.
-        nfree: degrees of freedom.
-    """
+    """Whether the noise is overestimated by more than is worth knowing, for one result or many."""
     chance = np.sqrt(2 / max(nfree, 1))
     return np.asarray((redchi > NOISE_FLOOR) & (redchi < min(_TOO_QUIET, 1 - _CLEARLY * chance)))
 
@@ -130,13 +116,7 @@ def _remedy(unresolved: Sequence[str]) -> str:
 
 
 def growth(model: RotorModel, theta: Float, speed: Float, frequency: Float) -> tuple[Float, Bool]:
-    """Largest growth rate, 1/s, of rotors at tested speeds, and whether it is more than round-off, shape ``(K,)``.
-
-    Args:
-        model: the rotor.
-        theta, speed: parameter vectors and speeds, shapes ``(K, P)`` and ``(K,)``.
-        frequency: tested frequencies, in whose band terms of higher order hold.
-    """
+    """Largest growth rate, 1/s, of rotors at tested speeds, and whether it is more than round-off, shape ``(K,)``."""
     band = float(np.abs(frequency).max()) if model.order > 2 else np.inf
     if len(speed) == 1:  # one by numbers: arrays of one entry cost several times as much
         rates = growth_rate(model, theta[0], speed[0], band)[None]

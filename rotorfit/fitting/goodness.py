@@ -18,33 +18,19 @@ from rotorfit.models.array_types import ComplexArray, Float, Index
 
 @dataclass(frozen=True, kw_only=True)
 class Goodness:
-    """Agreement with the data, by the noise of the data, whatever weights the fit gave them.
+    """Agreement with the data, by the noise of the data, whatever weights the fit gave them."""
 
-    Attributes:
-        chisqr, redchi: sum of squared residuals over the noise, and that over the degrees of freedom.
-        nvarys, nfree: fitted values, degrees of freedom.
-        aic, bic: Akaike's and the Bayesian information criterion, of the loss.
-        responses: agreement response by response.
-    """
-
-    chisqr: float
-    redchi: float
-    nvarys: int
-    nfree: int
-    aic: float
-    bic: float
-    responses: tuple[ResponseQuality, ...]
+    chisqr: float  # sum of squared residuals over the noise, and that over the degrees of freedom
+    redchi: float  # sum of squared residuals over the noise, and that over the degrees of freedom
+    nvarys: int  # fitted values, degrees of freedom
+    nfree: int  # fitted values, degrees of freedom
+    aic: float  # Akaike's and the Bayesian information criterion, of the loss
+    bic: float  # Akaike's and the Bayesian information criterion, of the loss
+    responses: tuple[ResponseQuality, ...]  # agreement response by response
 
 
 def goodness_of(problem: Problem, settings: FitSettings, x: Float, residuals: ComplexArray) -> Goodness:
-    """Agreement of an estimate with the data.
-
-    Args:
-        problem: as it was solved.
-        settings: what was asked; noise levels that the fit gave the responses are taken out again.
-        x: estimate.
-        residuals: of the problem there, whitened.
-    """
+    """Agreement of an estimate with the data."""
     given = problem if settings.noise is None else without_noise(problem, settings.noise)
     given = with_levels(given, settings.levels, -1)
     count = given.space.size

@@ -36,15 +36,7 @@ class UserDefinedError(ValueError):
 
 
 def encode(value: Any) -> Any:
-    """A value as JSON's own types.
-
-    Args:
-        value: number, text, array, distribution, record, or a list or mapping of such.
-
-    Raises:
-        UserDefinedError: a model, law or record of the user's own.
-        ValueError: a value of another kind that a file cannot hold.
-    """
+    """A value as JSON's own types."""
     if value is None or isinstance(value, (str, bool)):
         return value
     for kinds, writer in _WRITERS:
@@ -58,14 +50,7 @@ def encode(value: Any) -> Any:
 
 
 def decode(value: Any) -> Any:
-    """The value that :func:`encode` was given.
-
-    Args:
-        value: what JSON gave.
-
-    Raises:
-        ValueError: not written by :func:`encode`, or by a newer rotorfit.
-    """
+    """The value that :func:`encode` was given."""
     if isinstance(value, list):
         return [decode(item) for item in value]
     if not isinstance(value, dict):

@@ -33,18 +33,7 @@ def judge(
     estimate: ClosedForm | None = None,
     noise: Noise | None = None,
 ) -> FitResult:
-    """The result of a solved problem, or of a closed form.
-
-    Args:
-        problem, experiments, settings: what was asked, see :func:`rotorfit.fitting.problem_setup.build_problem`.
-        x: estimate; nuisance entries that it lacks are zero.
-        begin: where the search began.
-        method: "least squares" or "closed form".
-        solution: how the search ended, of least squares.
-        notes: warnings that came up on the way.
-        estimate: the closed form with its covariance, where that is the method.
-        noise: what the residuals are, where that was looked into.
-    """
+    """The result of a solved problem, or of a closed form."""
     x = np.concatenate([x, np.zeros(problem.space.size - x.size)])
     residuals, jacobian = problem.jacobian(x)
     goodness = goodness_of(problem, settings, x, residuals)
@@ -88,12 +77,7 @@ def judge(
 
 
 def with_doubt(fit: FitResult, doubt: Float) -> FitResult:
-    """The result with the doubt between models in its covariance and standard errors.
-
-    Args:
-        fit: one model's result.
-        doubt: what it adds to the covariance of the fitted parameters, shape ``(n, n)``.
-    """
+    """The result with the doubt between models in its covariance and standard errors."""
     names = fit.problem.space.names
     added = np.zeros_like(fit.covar)
     added[: len(names), : len(names)] = doubt
@@ -109,11 +93,7 @@ def with_doubt(fit: FitResult, doubt: Float) -> FitResult:
 
 
 def inverse_curvature(fit: FitResult) -> Float:
-    """Change of the estimate by the slope of the cost, shape ``(p, p)``: mostly ``covar`` itself.
-
-    Args:
-        fit: the result.
-    """
+    """Change of the estimate by the slope of the cost, shape ``(p, p)``: mostly ``covar`` itself."""
     wider = fit.noise is not None and (fit.noise.robust or fit.noise.verdict is NoiseVerdict.FOLLOWING)
     wider = wider or fit.doubt is not None or (fit.noise is not None and bool(fit.noise.perhaps))
     return fit.covar if fit.problem.loss == "linear" and not wider else covariance.inverse_curvature(fit.problem, fit.x)

@@ -54,17 +54,7 @@ class SampleKeywords(SamplerKeywords, total=False):
 
 
 def check_keywords(function: str, given: Iterable[str], keywords: type, *own: str) -> None:
-    """Refuse a keyword that a function does not take.
-
-    Args:
-        function: its name, for the message.
-        given: the keywords.
-        keywords: a TypedDict of those it hands on.
-        own: further ones that it takes.
-
-    Raises:
-        TypeError: names the keyword, the nearest one and all of them.
-    """
+    """Refuse a keyword that a function does not take."""
     allowed = (*own, *keywords.__annotations__)
     for name in given:
         if name not in allowed:

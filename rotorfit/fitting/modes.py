@@ -17,16 +17,7 @@ if TYPE_CHECKING:
 
 
 def natural_frequencies(fit: FitResult, speed: float, at: Mapping[str, Any] | None) -> list[tuple[Quantity, Quantity]]:
-    """Damped natural frequency (rad/s, signed) and damping ratio of each mode; see the result's method.
-
-    Args:
-        fit: a result.
-        speed: rotative speed, rad/s.
-        at: values of attributes that name one parameter group.
-
-    Raises:
-        ValueError: a speed that is no finite number.
-    """
+    """Damped natural frequency (rad/s, signed) and damping ratio of each mode; see the result's method."""
     speed = angular_rate(speed)
     theta, model = fit.theta(at), fit.model
     modes = []

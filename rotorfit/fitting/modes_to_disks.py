@@ -50,15 +50,7 @@ def two_disk_from_modes(fit: FitResult) -> dict[str, Quantity]:
 
 
 def disk_values(model: Modal, theta: Float) -> dict[str, float]:
-    """Entries of the two-disk rotor's matrices from the parameters of two modes, shape ``(P,)``.
-
-    Args:
-        model: of two modes at two planes.
-        theta: its parameters.
-
-    Raises:
-        ValueError: modes of one shape, which no two disks have.
-    """
+    """Entries of the two-disk rotor's matrices from the parameters of two modes, shape ``(P,)``."""
     p = dict(zip(model.parameter_names, theta.tolist(), strict=True))
     second = model.planes[1]
     shapes = np.array([[1.0, 1.0], [p[f"phi1_{second}"], p[f"phi2_{second}"]]])

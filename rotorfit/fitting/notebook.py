@@ -16,11 +16,7 @@ _HEAD = ("parameter", "value", "standard error", "unit", "meaning")
 
 
 def fit_html(fit: FitResult) -> str:
-    """Parameters as a table, the rest of the summary below it.
-
-    Args:
-        fit: the result.
-    """
+    """Parameters as a table, the rest of the summary below it."""
     rows = "".join(_row(p) for p in in_order(fit.params.values()))
     head = "".join(f"<th>{name}</th>" for name in _HEAD)
     text = fit.summary().split("\n\n")
@@ -41,9 +37,5 @@ def _row(p: FittedParameter) -> str:
 
 
 def text_html(text: str) -> str:
-    """Text whose columns stand under one another.
-
-    Args:
-        text: with spaces that align it.
-    """
+    """Text whose columns stand under one another."""
     return f"<pre>{escape(text)}</pre>"

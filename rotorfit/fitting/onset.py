@@ -22,12 +22,7 @@ _FAR = 3.0  # onset over the highest tested speed from which it is called far
 
 
 def onset_of(fit: FitResult, group: int) -> Quantity:
-    """Threshold speed of one parameter group, rad/s; NaN where stable, infinitely uncertain where the data do not tell.
-
-    Args:
-        fit: a result.
-        group: number of the parameter group, from 0.
-    """
+    """Threshold speed of one parameter group, rad/s."""
     onset = fit.onset(group)
     rung = fit.settings.onsets[group] if fit.settings.onsets else None
     if onset is None and math.isfinite(fit.stability_band):
@@ -53,12 +48,7 @@ def _by_doubt(fit: FitResult, group: int, gradient: Float) -> float:
 
 
 def is_extrapolated(fit: FitResult, speed: ArrayLike, whirl: ArrayLike) -> Any:
-    """Whether onsets lie beyond what was tested, so that they depend on the structure of the model.
-
-    Args:
-        fit: a result.
-        speed, whirl: threshold speeds and whirl frequencies at onset, rad/s, numbers or arrays.
-    """
+    """Whether onsets lie beyond what was tested, so that they depend on the structure of the model."""
     return (np.abs(whirl) > fit.band) | _is_far(fit, speed)
 
 
@@ -69,12 +59,7 @@ def _is_far(fit: FitResult, speed: ArrayLike) -> Any:
 
 
 def onset_note(fit: FitResult, group: int) -> str:
-    """What limits the threshold speed of a parameter group; empty where its whirl lies in the tested band.
-
-    Args:
-        fit: a result.
-        group: number of the parameter group, from 0.
-    """
+    """What limits the threshold speed of a parameter group; empty where its whirl lies in the tested band."""
     if not fit.model.speed_dependent or not math.isfinite(fit.band):
         return ""
     onset = fit.onset(group)

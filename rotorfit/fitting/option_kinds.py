@@ -19,45 +19,21 @@ Parser = Callable[[str, Any], Any]
 
 
 def text(key: str, value: Any) -> str:
-    """A text that is not empty.
-
-    Args:
-        key: of the setting, for messages.
-        value: as TOML gives it.
-
-    Raises:
-        ValueError: another value; the message says what is allowed.
-    """
+    """A text that is not empty."""
     if not isinstance(value, str) or not value:
         raise ValueError(f"{key} must be a text, got {value!r}")
     return value
 
 
 def flag(key: str, value: Any) -> bool:
-    """True or false.
-
-    Args:
-        key: of the setting, for messages.
-        value: as TOML gives it.
-
-    Raises:
-        ValueError: another value; the message says what is allowed.
-    """
+    """True or false."""
     if not isinstance(value, bool):
         raise ValueError(f"{key} must be true or false, got {value!r}")
     return value
 
 
 def number(key: str, value: Any) -> float:
-    """A number.
-
-    Args:
-        key: of the setting, for messages.
-        value: as TOML gives it.
-
-    Raises:
-        ValueError: another value; the message says what is allowed.
-    """
+    """A number."""
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise ValueError(f"{key} must be a number, got {value!r}")
     return float(value)
@@ -71,60 +47,28 @@ def _positive(key: str, value: Any) -> float:
 
 
 def phase_offsets(key: str, value: Any) -> Any:
-    """True, false or "common".
-
-    Args:
-        key: of the setting, for messages.
-        value: as TOML gives it.
-
-    Raises:
-        ValueError: another value; the message says what is allowed.
-    """
+    """True, false or "common"."""
     if value != "common" and not isinstance(value, bool):
         raise ValueError(f'{key} must be true, false or "common", got {value!r}')
     return value
 
 
 def whole(key: str, value: Any) -> int:
-    """A whole number from zero.
-
-    Args:
-        key: of the setting, for messages.
-        value: as TOML gives it.
-
-    Raises:
-        ValueError: another value; the message says what is allowed.
-    """
+    """A whole number from zero."""
     if isinstance(value, bool) or not isinstance(value, int) or value < 0:
         raise ValueError(f"{key} must be a whole number, not below zero; got {value!r}")
     return value
 
 
 def count(key: str, value: Any) -> int:
-    """A whole number from one.
-
-    Args:
-        key: of the setting, for messages.
-        value: as TOML gives it.
-
-    Raises:
-        ValueError: another value; the message says what is allowed.
-    """
+    """A whole number from one."""
     if whole(key, value) == 0:
         raise ValueError(f"{key} must be at least 1, got {value!r}")
     return int(value)
 
 
 def pair(key: str, value: Any) -> tuple[float, float]:
-    """Two numbers.
-
-    Args:
-        key: of the setting, for messages.
-        value: as TOML gives it.
-
-    Raises:
-        ValueError: another value; the message says what is allowed.
-    """
+    """Two numbers."""
     if not isinstance(value, list) or len(value) != 2:
         raise ValueError(f"{key} must be two numbers in brackets, got {value!r}")
     return number(key, value[0]), number(key, value[1])
@@ -138,11 +82,7 @@ def _texts(key: str, value: Any) -> tuple[str, ...]:
 
 
 def table(of: Parser) -> Parser:
-    """Reader of a table whose values are of one kind.
-
-    Args:
-        of: reader of one value.
-    """
+    """Reader of a table whose values are of one kind."""
 
     def parse(key: str, value: Any) -> dict[str, Any]:
         if not isinstance(value, dict):
@@ -162,30 +102,14 @@ def _number_or_free(key: str, value: Any) -> float | None:
 
 
 def uncertainty(key: str, value: Any) -> Any:
-    """A number for all probes or planes, or one by plane.
-
-    Args:
-        key: of the setting, for messages.
-        value: as TOML gives it.
-
-    Raises:
-        ValueError: another value; the message says what is allowed.
-    """
+    """A number for all probes or planes, or one by plane."""
     if isinstance(value, dict):
         return {place: number(f"{key}.{place}", item) for place, item in value.items()}
     return number(key, value)
 
 
 def prior(key: str, value: Any) -> Any:
-    """A distribution of scipy.stats with its numbers.
-
-    Args:
-        key: of the setting, for messages.
-        value: as TOML gives it, ``{norm = [1.0, 0.01]}``.
-
-    Raises:
-        ValueError: another value; the message says what is allowed.
-    """
+    """A distribution of scipy.stats with its numbers."""
     if not isinstance(value, dict) or len(value) != 1:
         raise ValueError(f"{key} must be one distribution with its numbers, {{norm = [1.0, 0.01]}}; got {value!r}")
     name, numbers = next(iter(value.items()))
@@ -195,11 +119,7 @@ def prior(key: str, value: Any) -> Any:
 
 
 def _frozen_prior(where: str, name: str, numbers: Sequence[float]) -> Any:
-    """A ``scipy.stats`` distribution by name, frozen with its shape numbers, location and scale.
-
-    Raises:
-        ValueError: no such continuous distribution, or numbers that it does not take.
-    """
+    """A ``scipy.stats`` distribution by name, frozen with its shape numbers, location and scale."""
     from scipy import stats
 
     from rotorfit.models.parameters import unknown_name
@@ -222,14 +142,7 @@ def _frozen_prior(where: str, name: str, numbers: Sequence[float]) -> Any:
 
 
 def positive_word(word: str) -> float:
-    """A number above zero.
-
-    Args:
-        word: as the command line gives it.
-
-    Raises:
-        argparse.ArgumentTypeError: another number.
-    """
+    """A number above zero."""
     value = float(word)
     if not 0 < value < math.inf:
         raise argparse.ArgumentTypeError(f"{word} is not above zero")
@@ -237,14 +150,7 @@ def positive_word(word: str) -> float:
 
 
 def whole_word(word: str) -> int:
-    """A whole number from zero.
-
-    Args:
-        word: as the command line gives it.
-
-    Raises:
-        argparse.ArgumentTypeError: another number.
-    """
+    """A whole number from zero."""
     value = int(word)
     if value < 0:
         raise argparse.ArgumentTypeError(f"{word} is below zero")
@@ -252,37 +158,19 @@ def whole_word(word: str) -> int:
 
 
 def count_word(word: str) -> int:
-    """A whole number from one.
-
-    Args:
-        word: as the command line gives it.
-
-    Raises:
-        argparse.ArgumentTypeError: another number.
-    """
+    """A whole number from one."""
     if whole_word(word) == 0:
         raise argparse.ArgumentTypeError("at least 1 is needed")
     return int(word)
 
 
 def words(word: str) -> tuple[str, ...]:
-    """Words with commas between.
-
-    Args:
-        word: as the command line gives it.
-    """
+    """Words with commas between."""
     return tuple(part.strip() for part in word.split(","))
 
 
 def number_word(word: str) -> float:
-    """A number, refused in words otherwise.
-
-    Args:
-        word: as the command line gives it.
-
-    Raises:
-        ValueError: another word.
-    """
+    """A number, refused in words otherwise."""
     try:
         return float(word)
     except ValueError:
@@ -290,14 +178,7 @@ def number_word(word: str) -> float:
 
 
 def two_numbers(word: str) -> tuple[float, float]:
-    """Two numbers with a colon between.
-
-    Args:
-        word: as the command line gives it, ``0:90``.
-
-    Raises:
-        ValueError: other words.
-    """
+    """Two numbers with a colon between."""
     first, second = _two(word)
     return number_word(first), number_word(second)
 
@@ -331,16 +212,7 @@ def _two(word: str) -> tuple[str, str]:
 
 
 def pairs(option: str, given: Sequence[str], parse: Callable[[str], Any]) -> dict[str, Any]:
-    """``NAME=VALUE`` words, several of them also in one word with commas between.
-
-    Args:
-        option: as it is written, for messages.
-        given: what stood behind it, each time it was given.
-        parse: reads one VALUE.
-
-    Raises:
-        ValueError: another word than NAME=VALUE, a name that was given twice, or a VALUE that cannot be read.
-    """
+    """``NAME=VALUE`` words, several of them also in one word with commas between."""
     values: dict[str, Any] = {}
     for item in (part for word in given for part in word.split(",")):
         name, _, value = (part.strip() for part in item.partition("="))
@@ -360,21 +232,13 @@ def pairs(option: str, given: Sequence[str], parse: Callable[[str], Any]) -> dic
 
 @dataclass(frozen=True, kw_only=True)
 class Kind:
-    """How a setting is read and written.
+    """How a setting is read and written."""
 
-    Attributes:
-        toml: reads the value of a TOML key.
-        word: reads the word behind an option of the command line; ``None`` for an option that stands alone.
-        written: the word that :attr:`word` reads as this value; ``None`` where the command line cannot say it.
-        paired: the option is ``NAME=VALUE`` and may be given again; ``word`` and ``written`` are of one VALUE.
-        bare: the option may stand alone, which means true.
-    """
-
-    toml: Parser
-    word: Callable[[str], Any] | None
-    written: Callable[[Any], str | None]
-    paired: bool = False
-    bare: bool = False
+    toml: Parser  # reads the value of a TOML key
+    word: Callable[[str], Any] | None  # reads the word behind an option of the command line
+    written: Callable[[Any], str | None]  # the word that :attr:`word` reads as this value
+    paired: bool = False  # the option is ``NAME=VALUE`` and may be given again
+    bare: bool = False  # the option may stand alone, which means true
 
 
 def _digits(value: Any) -> str | None:
@@ -410,13 +274,7 @@ UNCERTAINTIES = Kind(toml=table(uncertainty), word=number_word, written=_digits,
 
 
 def written(kind: Kind, name: str, value: Any) -> list[str] | None:
-    """Words of the command line that say a value of an option; ``None`` where none can.
-
-    Args:
-        kind: of the value.
-        name: of the option, ``--known``.
-        value: as :class:`rotorfit.studies.study.Study` holds it.
-    """
+    """Words of the command line that say a value of an option; ``None`` where none can."""
     if kind.word is None or (kind.bare and value is True):
         return [name]
     if not kind.paired:
@@ -432,9 +290,5 @@ def written(kind: Kind, name: str, value: Any) -> list[str] | None:
 
 
 def is_set(value: Any) -> bool:
-    """Whether a setting says anything: not empty, not false, not left out.
-
-    Args:
-        value: of a setting.
-    """
+    """Whether a setting says anything: not empty, not false, not left out."""
     return value is not None and value is not False and not (isinstance(value, Mapping | tuple | str) and not value)

@@ -31,21 +31,13 @@ from rotorfit.fitting.option_kinds import (
 
 @dataclass(frozen=True, kw_only=True)
 class Option:
-    """One setting.
+    """One setting."""
 
-    Attributes:
-        name: attribute of a study and key of its TOML file.
-        kind: what its value must be.
-        help: what it does, for ``--help``.
-        metavar: what stands behind it on the command line.
-        flag: its name there, by default the name with hyphens.
-    """
-
-    name: str
-    kind: Kind
-    help: str
-    metavar: str | None = None
-    flag: str = ""
+    name: str  # attribute of a study and key of its TOML file
+    kind: Kind  # what its value must be
+    help: str  # what it does, for ``--help``
+    metavar: str | None = None  # what stands behind it on the command line
+    flag: str = ""  # its name there, by default the name with hyphens
 
     @property
     def word(self) -> str:
@@ -139,11 +131,7 @@ LAW_RANKING = (*MODEL, *PARAMETERS, PER, LOSS, PHASE_OFFSETS)
 
 
 def command_words(settings: Mapping[str, Any]) -> list[str] | None:
-    """Words of ``rotorfit fit`` that say some settings; ``None`` where the command line cannot.
-
-    Args:
-        settings: values by name; those that say nothing are left out.
-    """
+    """Words of ``rotorfit fit`` that say some settings; ``None`` where the command line cannot."""
     found: list[str] = []
     for option in FIT:
         value = settings.get(option.name)

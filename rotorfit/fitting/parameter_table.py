@@ -29,15 +29,7 @@ def parameter_table(
     degrees: Sequence[float],
     unresolved: Sequence[str],
 ) -> dict[str, FittedParameter]:
-    """Parameters by name.
-
-    Args:
-        space: the fitted vector.
-        x, begin: estimate, and where the search began; nuisance entries that it lacks are zero.
-        scattered, covar: covariance by the noise alone, and as widened.
-        degrees: of freedom of each entry's error.
-        unresolved: entries that the data do not determine.
-    """
+    """Parameters by name."""
     # With priors or tight noise a variance may come out as -0.
     error, wide = (np.sqrt(np.maximum(np.diag(matrix), 0.0)).tolist() for matrix in (scattered, covar))
     values, lower, upper = x.tolist(), space.lower.tolist(), space.upper.tolist()

@@ -40,35 +40,25 @@ _TOGETHER = 16384  # readings evaluated together, which stay in the processor's 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class PlainFit:
-    """Result of one run, a :class:`~rotorfit.fitting.result.FitResult` in little: it has no warnings.
+    """Result of one run, a :class:`~rotorfit.fitting.result.FitResult` in little: it has no warnings."""
 
-    Attributes:
-        params, var_names, covar, chisqr, redchi, ndata, nfev, message: as of a result.
-        still: chi-squared of no motion at all.
-    """
-
-    params: Mapping[str, FittedParameter]
-    var_names: tuple[str, ...]
-    covar: Float
-    chisqr: float
-    redchi: float
-    ndata: int
-    nfev: int
-    message: str
-    still: float
+    params: Mapping[str, FittedParameter]  # as of a result
+    var_names: tuple[str, ...]  # as of a result
+    covar: Float  # as of a result
+    chisqr: float  # as of a result
+    redchi: float  # as of a result
+    ndata: int  # as of a result
+    nfev: int  # as of a result
+    message: str  # as of a result
+    still: float  # chi-squared of no motion at all
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class SolvedRun:
-    """A run whose search ended plainly, but whose residuals or errors have to be looked at by themselves.
+    """A run whose search ended plainly, but whose residuals or errors have to be looked at by themselves."""
 
-    Attributes:
-        begin: where the search began, shape ``(p,)``.
-        solution: how it ended.
-    """
-
-    begin: Float
-    solution: Solution
+    begin: Float  # where the search began, shape ``(p,)``
+    solution: Solution  # how it ended
 
 
 def plain_fits(
@@ -77,12 +67,6 @@ def plain_fits(
     """What fits of many runs come to as far as they are plain, by the number of the run.
 
     Runs that are not in the answer are to be fitted one by one; what was worked out of their data is kept with these.
-
-    Args:
-        model: the rotor.
-        tests: the data of each run.
-        settings: of the fit of each.
-        starts: start values of each, by name: all or none of them.
     """
     if not is_plain(model, settings):
         return {}
@@ -105,12 +89,7 @@ def _are_numbers(start: Mapping[str, float]) -> bool:
 
 
 def is_plain(model: RotorModel, settings: FitSettings) -> bool:
-    """Whether a fit is one of linear responses in complex coordinates, by squares, with nothing known of its values.
-
-    Args:
-        model: the rotor.
-        settings: of the fit.
-    """
+    """Whether a fit is one of linear responses in complex coordinates, by squares, with nothing known of its values."""
     linear = model.frame == "z" and not model.eccentricity_dependent and not model.turns
     simple = model.shaft is None and not isinstance(model, Modal)
     return linear and simple and settings == FitSettings(known=settings.known, bounds=settings.bounds)
@@ -143,13 +122,7 @@ def _fits(space: ParameterSpace, group: AlikeTests, given: Float | None) -> dict
 
 
 def stacks_of(space: ParameterSpace, seen: AlikeResponses, wanted: Bool) -> Iterator[tuple[Index, RunStack]]:
-    """Runs of one plan in stacks that are evaluated together, with their numbers in the group.
-
-    Args:
-        space: the fitted vector of each.
-        seen: their observations; runs whose noise is not told, or that have readings of zero, are left out.
-        wanted: which of the runs to take, shape ``(W,)``.
-    """
+    """Runs of one plan in stacks that are evaluated together, with their numbers in the group."""
     good = np.flatnonzero(wanted & seen.told & (seen.measured != 0).all(axis=1))
     readings = seen.measured.shape[1]
     for some in np.split(good, range(0, good.size, max(1, _TOGETHER // readings))[1:]):

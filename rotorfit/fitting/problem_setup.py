@@ -31,15 +31,7 @@ from rotorfit.observing.observations import observe_any
 
 
 def as_tuple(experiments: Experiment | Sequence[Experiment]) -> tuple[Experiment, ...]:
-    """One experiment or several, as a tuple.
-
-    Args:
-        experiments: what :func:`fit` was given.
-
-    Raises:
-        ValueError: none at all.
-        TypeError: something else.
-    """
+    """One experiment or several, as a tuple."""
     if isinstance(experiments, str | Path):
         raise TypeError(f"a fit needs what rf.read returns, not the name of a file: rf.read({str(experiments)!r})")
     several = tuple(experiments) if isinstance(experiments, Sequence) else (experiments,)
@@ -52,16 +44,7 @@ def as_tuple(experiments: Experiment | Sequence[Experiment]) -> tuple[Experiment
 
 
 def build_problem(model: RotorModel, experiments: Experiment | Sequence[Experiment], settings: FitSettings) -> Problem:
-    """Lay a fit out as an optimisation problem.
-
-    Args:
-        model: the rotor.
-        experiments: what is fitted.
-        settings: what was asked of the fit.
-
-    Raises:
-        TypeError, KeyError, ValueError: see :func:`~rotorfit.fitting.fit.fit`.
-    """
+    """Lay a fit out as an optimisation problem."""
     if not isinstance(model, RotorModel):
         raise TypeError(f"the model must be an instance such as rf.models.WhirlWhip(), not {model!r}")
     several = as_tuple(experiments)
@@ -119,11 +102,7 @@ def _observed(
 
 
 def _check_modes(model: RotorModel, influences: Influences, settings: FitSettings) -> None:
-    """Refuse a model of more modes than weights at a few speeds show, unless something is known beforehand.
-
-    Raises:
-        ValueError: says how many modes the data see and which model fits them.
-    """
+    """Refuse a model of more modes than weights at a few speeds show, unless something is known beforehand."""
     wanted = model.modes if isinstance(model, Modal) else len(model.planes)
     seen = influences.modes
     beforehand = settings.known or settings.priors or model.shaft is not None
@@ -154,13 +133,7 @@ def _phase_entries(
 
 
 def with_levels(problem: Problem, levels: Mapping[str, float], power: int = 1) -> Problem:
-    """The problem with the noise of responses multiplied by their levels.
-
-    Args:
-        problem: the problem.
-        levels: factor on the noise by name of the response; those not named keep theirs.
-        power: of the factors, -1 to take them back.
-    """
+    """The problem with the noise of responses multiplied by their levels."""
     if not levels:
         return problem
     blocks = []
@@ -190,16 +163,7 @@ def _phase_factors(block: Block, runs: Sequence[str]) -> ComplexArray:
 
 
 def make_priors(space: ParameterSpace, priors: Mapping[str, Any]) -> tuple[Prior, ...]:
-    """Priors of the fitted entries that names stand for, a parameter fitted per attribute for all of its own.
-
-    Args:
-        space: the fitted vector.
-        priors: frozen ``scipy.stats`` distributions by name of a parameter or of an entry.
-
-    Raises:
-        ValueError: no frozen ``scipy.stats`` distribution, or a prior of a known parameter.
-        KeyError: unknown names; the message names the nearest.
-    """
+    """Priors of the fitted entries that names stand for, a parameter fitted per attribute for all of its own."""
     result = []
     for name, distribution in priors.items():
         if not (hasattr(distribution, "logpdf") and hasattr(distribution, "dist")):

@@ -7,12 +7,7 @@ from rotorfit.models import RotorModel
 
 
 def why_not_refined(model: RotorModel, identifiability: Identifiability) -> str:
-    """Why :func:`rotorfit.refine` refuses a fit; empty where it can be tried.
-
-    Args:
-        model: of the fit.
-        identifiability: what its data determine.
-    """
+    """Why :func:`rotorfit.refine` refuses a fit; empty where it can be tried."""
     if not hasattr(model, "blocks"):
         return f"{model.name} has no structural blocks to add: they couple two or more planes"
     if identifiability.unresolved:

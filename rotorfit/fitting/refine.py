@@ -66,11 +66,7 @@ class Refinement:
 
 
 def structure_name(model: RotorModel) -> str:
-    """Structural blocks of a model in words.
-
-    Args:
-        model: the rotor.
-    """
+    """Structural blocks of a model in words."""
     blocks = getattr(model, "blocks", ())
     return "as printed" if not blocks else "+ " + " + ".join(block.replace("_", " ") for block in blocks)
 
@@ -253,9 +249,6 @@ def level_noise(fit: FitResult) -> FitResult:
     weighing by it moves results that were right.
 
     Alternates between levels and fit, which climbs their joint likelihood. Responses of few readings keep their level.
-
-    Args:
-        fit: with the structure that is settled on.
     """
     if fit.settings.loss != "linear" or fit.model_limited or (fit.noise is None and fit.redchi > _NEAR_NOISE):
         return fit
@@ -293,12 +286,6 @@ def refit(
     """Fit another model to the data of a result with the same settings.
 
     New parameters start from zero influence, the others from the result, so a richer nested model can only gain.
-
-    Args:
-        fit: the result.
-        model: what is fitted now.
-        extra_known: values to hold beside those that the result held.
-        priors: beside those of the result.
     """
     settings = fit.settings
     start = {name: p.value for name, p in fit.params.items() if p.vary and name in _names(model, fit)}

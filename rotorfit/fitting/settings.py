@@ -17,51 +17,24 @@ PhaseOffsets: TypeAlias = bool | Literal["common"]
 
 
 def check_phase_offsets(given: object) -> None:
-    """Refuse what is no choice of phase offsets.
-
-    Args:
-        given: the choice.
-
-    Raises:
-        ValueError: neither true nor false nor "common".
-    """
+    """Refuse what is no choice of phase offsets."""
     if given not in (True, False, "common"):
         raise ValueError(f"phase_offsets is {given!r}; allowed: False, True (one a run but the first), 'common'")
 
 
 @dataclass(frozen=True, kw_only=True)
 class Onset:
-    """Onset of instability as a ladder of models tells it.
+    """Onset of instability as a ladder of models tells it."""
 
-    Attributes:
-        speed: threshold speed, rad/s.
-        stderr: its standard error by the rung itself, rad/s.
-        difference: from it to the rungs beside it, rad/s; an error of its own where the onset is extrapolated.
-        whirl_ratio: whirl frequency at onset over threshold speed.
-    """
-
-    speed: float
-    stderr: float
-    difference: float
-    whirl_ratio: float
+    speed: float  # threshold speed, rad/s
+    stderr: float  # its standard error by the rung itself, rad/s
+    difference: float  # from it to the rungs beside it, rad/s; an error of its own where the onset is extrapolated
+    whirl_ratio: float  # whirl frequency at onset over threshold speed
 
 
 @dataclass(frozen=True, kw_only=True)
 class FitSettings:
-    """What the user asked for, and what was found out while doing it; it lays the problem out again.
-
-    Attributes:
-        known, bounds, priors, per, start, loss, phase_offsets, max_iterations: see :func:`rotorfit.fit`.
-        levels: factors on the noise by response, which :func:`rotorfit.refine` reads off the residuals once the
-            structure explains the data.
-        onsets: threshold speeds, group by group, of the models without terms that hold in the tested band only;
-            :func:`rotorfit.refine` takes them from the other rungs of its ladder.
-        calibration: uncertainties that enter as nuisance entries.
-        assumptions: uncertainties of terms that the model leaves out or takes as known, by their names in
-            :meth:`~rotorfit.fitting.result.FitResult.assumptions`; they enter intervals as a systematic share.
-        noise: what the fit found in its residuals where these are noise of another shape than the data alone show, or
-            where runs differ.
-    """
+    """What the user asked for, and what was found out while doing it; it lays the problem out again."""
 
     known: Mapping[str, float | None] = field(default_factory=dict)
     bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)
@@ -73,7 +46,7 @@ class FitSettings:
     max_iterations: int = 200
     levels: Mapping[str, float] = field(default_factory=dict)
     onsets: tuple[Onset, ...] = ()
-    calibration: Calibration | None = None
+    calibration: Calibration | None = None  # uncertainties that enter as nuisance entries
     assumptions: Mapping[str, float] = field(default_factory=dict)
     noise: FoundNoise | None = None
 

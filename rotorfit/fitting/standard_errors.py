@@ -21,21 +21,13 @@ from rotorfit.models.array_types import ComplexArray, Float
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class StandardErrors:
-    """What the data say of an estimate's error.
+    """What the data say of an estimate's error."""
 
-    Attributes:
-        scattered: covariance by the noise alone, shape ``(p, p)``.
-        covar: the same, widened.
-        degrees: of freedom of each entry's error.
-        identifiability: what the data determine.
-        noise: what the residuals are, with what it adds to the errors.
-    """
-
-    scattered: Float
-    covar: Float
-    degrees: tuple[float, ...]
-    identifiability: Identifiability
-    noise: Noise | None
+    scattered: Float  # covariance by the noise alone, shape ``(p, p)``
+    covar: Float  # the same, widened
+    degrees: tuple[float, ...]  # of freedom of each entry's error
+    identifiability: Identifiability  # what the data determine
+    noise: Noise | None  # what the residuals are, with what it adds to the errors
 
 
 def standard_errors(
@@ -48,16 +40,7 @@ def standard_errors(
     estimate: ClosedForm | None,
     noise: Noise | None,
 ) -> StandardErrors:
-    """Errors of an estimate.
-
-    Args:
-        problem, settings: as it was solved, and what was asked.
-        x: estimate.
-        residuals, jacobian: of the problem there, whitened.
-        goodness: its agreement with the data.
-        estimate: the closed form with its covariance, where that is the method.
-        noise: what the residuals are, where that was looked into.
-    """
+    """Errors of an estimate."""
     space = problem.space
     root, sandwich = covariance.information(problem, x, residuals, jacobian)
     names, base = (*space.names, *space.nuisance), (*space.base, *space.nuisance)

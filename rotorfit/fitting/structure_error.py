@@ -19,23 +19,13 @@ _CHECKED = 8  # lines of each experiment: few enough to be condensed exactly
 
 @dataclass(frozen=True, kw_only=True)
 class StructureError:
-    """Reduction of a known structure in a fit.
+    """Reduction of a known structure in a fit."""
 
-    Attributes:
-        coordinates: of the structure.
-        kept: of the reduced structures, the largest.
-        estimate: largest error of the stiffness at the planes over its largest entry at the line, estimated from the
-            residuals of the equations at every line.
-        over_noise: largest change of a prediction, over the noise of its reading, at lines that were also condensed
-            exactly; so is the round-off of that.
-        checked: these lines.
-    """
-
-    coordinates: int
-    kept: int
+    coordinates: int  # of the structure
+    kept: int  # of the reduced structures, the largest
     estimate: float
     over_noise: float
-    checked: int
+    checked: int  # these lines
 
     def __str__(self) -> str:
         return (
@@ -46,11 +36,7 @@ class StructureError:
 
 
 def structure_error(fit: FitResult) -> StructureError | None:
-    """Error of the reduced structure in a fit; None where there is no structure, or none was reduced.
-
-    Args:
-        fit: a result.
-    """
+    """Error of the reduced structure in a fit; None where there is no structure, or none was reduced."""
     model = fit.model
     while hasattr(model, "base"):  # the same structure on other supports, or on a shaft that is not round
         model = model.base

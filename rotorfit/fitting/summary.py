@@ -43,12 +43,7 @@ _MEANT: dict[str, tuple[str, Callable[[float, float], tuple[float, float, float]
 
 
 def combined(fit: FitResult, combination: Combination) -> str:
-    """What the data do determine of two parameters that they leave open, with its error; empty where there is none.
-
-    Args:
-        fit: the result.
-        combination: parameters that the data determine together only.
-    """
+    """What the data do determine of two parameters that they leave open, with its error; empty where there is none."""
     if combination.kind not in _MEANT:
         return ""
     first, second = (fit.params[name] for name in combination.names)
@@ -62,11 +57,7 @@ def combined(fit: FitResult, combination: Combination) -> str:
 
 
 def fit_summary(fit: FitResult) -> str:
-    """Parameters, goodness of fit, identifiability, correlations worth knowing, stability and warnings.
-
-    Args:
-        fit: the result.
-    """
+    """Parameters, goodness of fit, identifiability, correlations worth knowing, stability and warnings."""
     lines = [
         f"{fit.model.name}, {fit.method}: {fit.message}",
         f"{fit.ndata} real data, {fit.nvarys} fitted values, redchi {fit.redchi:.4g}, "
@@ -179,22 +170,14 @@ def _parameter_lines(fit: FitResult) -> list[str]:
 
 
 def in_order(params: Iterable[FittedParameter]) -> list[FittedParameter]:
-    """Parameters as they come, but those of one name by the numbers of their groups: 500 rpm before 1000 rpm.
-
-    Args:
-        params: of a result.
-    """
+    """Parameters as they come, but those of one name by the numbers of their groups: 500 rpm before 1000 rpm."""
     every = list(params)
     place = {bare_name(p.name): -i for i, p in reversed(list(enumerate(every)))}
     return sorted(every, key=lambda p: (-place[bare_name(p.name)], natural(p.name)))
 
 
 def natural(text: str) -> tuple[tuple[int, float, str], ...]:
-    """Key that sorts words by the numbers in them: 500 before 1000.
-
-    Args:
-        text: what is sorted.
-    """
+    """Key that sorts words by the numbers in them: 500 before 1000."""
     parts = re.split(r"(\d+(?:\.\d+)?(?:[eE][+-]?\d+)?)", text)
     return tuple((0, float(p), "") if i % 2 else (1, 0.0, p) for i, p in enumerate(parts) if p)
 
@@ -210,11 +193,7 @@ def _row(p: FittedParameter, both: bool) -> list[str | Wide]:
 
 
 def interval_lines(fit: FitResult) -> list[str]:
-    """Natural frequencies of modes in rpm and the common datum angle in degrees, with 95 % intervals.
-
-    Args:
-        fit: the result.
-    """
+    """Natural frequencies of modes in rpm and the common datum angle in degrees, with 95 % intervals."""
     shown = [(name, "rpm", RPM_PER_RAD_S) for name in fit.params if fit.model.name == "modal" and name.startswith("wn")]
     shown += [(name, "deg", 180 / np.pi) for name in fit.params if name == DATUM]
     tail = f" (Student's t, {fit.freedom:.0f} degrees of freedom)" if np.isfinite(fit.freedom) else ""
@@ -231,11 +210,7 @@ def interval_lines(fit: FitResult) -> list[str]:
 
 
 def notable_correlations(fit: FitResult) -> list[tuple[str, str, float]]:
-    """Pairs of resolved parameters with a correlation beyond 0.9 in size, strongest first, at most eight.
-
-    Args:
-        fit: the result.
-    """
+    """Pairs of resolved parameters with a correlation beyond 0.9 in size, strongest first, at most eight."""
     error = np.sqrt(np.maximum(np.diag(fit.covar), 0.0))
     found = []
     for i, a in enumerate(fit.var_names):

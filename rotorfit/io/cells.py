@@ -29,17 +29,11 @@ _ARCHIVE, _OLD_EXCEL = b"PK\x03\x04", b"\xd0\xcf\x11\xe0"
 
 @dataclass(frozen=True, kw_only=True)
 class Cells:
-    """A table as it stands in a file.
+    """A table as it stands in a file."""
 
-    Attributes:
-        header: names of the columns.
-        rows: cells of each row, stripped of blanks, as many as there are columns.
-        lines: line of the file, or row of the sheet, of each row.
-    """
-
-    header: Sequence[str]
-    rows: Sequence[Sequence[str]]
-    lines: Sequence[int]
+    header: Sequence[str]  # names of the columns
+    rows: Sequence[Sequence[str]]  # cells of each row, stripped of blanks, as many as there are columns
+    lines: Sequence[int]  # line of the file, or row of the sheet, of each row
 
 
 def read_cells(path: Path, sheet: str | None = None) -> Cells | None:
@@ -47,13 +41,6 @@ def read_cells(path: Path, sheet: str | None = None) -> Cells | None:
 
     Comment lines (``#``), blank lines and empty columns at the end are left out. Numbers with decimal commas are
     written with points.
-
-    Args:
-        path: a text file with commas, semicolons or tabs between the cells, or an Excel file.
-        sheet: name of the sheet, by default the first.
-
-    Raises:
-        ValueError: not such a file, unknown sheet, or a row that is not as long as the header; openpyxl is missing.
     """
     if path.suffix.lower() in EXCEL:
         found = list(_sheet(path, sheet))
@@ -128,11 +115,7 @@ def _is_number(cell: str) -> bool:
 
 
 def marked_encoding(raw: bytes) -> str:
-    """Encoding that the first bytes of a text tell; empty where they do not: UTF-8 or an older one.
-
-    Args:
-        raw: the text's bytes, some hundreds of them suffice.
-    """
+    """Encoding that the first bytes of a text tell; empty where they do not: UTF-8 or an older one."""
     encoding = next((name for mark, name in _MARKS if raw.startswith(mark)), "")
     if not encoding and raw[:400].count(0) > len(raw[:400]) // 4:  # UTF-16 without its mark: every other byte is zero
         encoding = "utf-16-le" if raw[1:2] == b"\0" else "utf-16-be"
@@ -140,14 +123,7 @@ def marked_encoding(raw: bytes) -> str:
 
 
 def decoded(path: Path) -> str:
-    """Text in UTF-8, UTF-16 or, as old programs save it, Windows' Western code page.
-
-    Args:
-        path: the file.
-
-    Raises:
-        ValueError: it is not such text.
-    """
+    """Text in UTF-8, UTF-16 or, as old programs save it, Windows' Western code page."""
     raw = path.read_bytes()
     if raw.startswith((_ARCHIVE, _OLD_EXCEL)):
         raise ValueError(f"{path.name} is no text but a workbook, as Excel writes them: {_workbook_advice(raw)}")

@@ -19,11 +19,7 @@ _TYPES = {"Text": str, "Float": float, "ComplexArray": complex}
 
 
 def column_types(kind: type[Any]) -> dict[str, type]:
-    """Columns of an experiment class and whether they are text, real or complex.
-
-    Args:
-        kind: class of the experiment.
-    """
+    """Columns of an experiment class and whether they are text, real or complex."""
     return {f.name: _TYPES[str(f.type)] for f in fields(kind) if f.name not in ("source", "attributes")}
 
 
@@ -33,15 +29,6 @@ def build(kind: str, columns: Mapping[str, Any], attributes: Mapping[str, Any], 
     Single values stand for all rows. ``sigma`` may be missing, which is unknown noise, and ``force_direction``, which
     is a circular force. What is no column but a list of the same length, or a single value, becomes an attribute;
     anything else is not of this experiment and left out.
-
-    Args:
-        kind: name of the class, ``PerturbationTest`` for instance.
-        columns: arrays by name, SI units.
-        attributes: arrays by name.
-        source: what they were read from, for messages.
-
-    Raises:
-        ValueError: unknown kind, missing columns, a column of the wrong type or length.
     """
     if kind not in STORABLE:
         raise ValueError(f"{source}: {unknown_name('kind of experiment', kind, STORABLE)}")

@@ -40,31 +40,16 @@ PREFIXES = {
 
 @dataclass(frozen=True, kw_only=True)
 class Wanted:
-    """A column that a test is read from; made by :func:`words`, :func:`quantity`, :func:`optional`.
+    """A column that a test is read from; made by :func:`words`, :func:`quantity`, :func:`optional`."""
 
-    Attributes:
-        name: by which the values are asked for.
-        prefix: beginning of the column's name, before its unit; the whole name of a column of text.
-        units: factor to SI by unit; none for text.
-        missing: as which a file is told that it lacks the column; empty where the column may be left out.
-        several: whether there may be one in units of length and one in units of angle.
-    """
-
-    name: str
-    prefix: str
-    units: Mapping[str, float] | None = None
-    missing: str = ""
-    several: bool = False
+    name: str  # by which the values are asked for
+    prefix: str  # beginning of the column's name, before its unit; the whole name of a column of text
+    units: Mapping[str, float] | None = None  # factor to SI by unit; none for text
+    missing: str = ""  # as which a file is told that it lacks the column; empty where the column may be left out
+    several: bool = False  # whether there may be one in units of length and one in units of angle
 
     def columns(self, table: Table) -> dict[str, float]:
-        """Columns of a table that are this one, with their factors to SI.
-
-        Args:
-            table: as it was read.
-
-        Raises:
-            ValueError: there are several where one is wanted.
-        """
+        """Columns of a table that are this one, with their factors to SI."""
         if self.units is None:
             return {self.prefix: 1.0} if self.prefix in table.cells else {}
         found = table.find(self.prefix, self.units)
@@ -76,48 +61,26 @@ class Wanted:
 
 
 def words(name: str, *, needed: bool = True) -> Wanted:
-    """A column of text.
-
-    Args:
-        name: of the column.
-        needed: whether a file without it is refused.
-    """
+    """A column of text."""
     return Wanted(name=name, prefix=name, missing=name if needed else "")
 
 
 def quantity(prefix: str, usual: str, units: Mapping[str, float], *, name: str = "", several: bool = False) -> Wanted:
-    """A column of numbers in a unit that its name ends with, without which a file is refused.
-
-    Args:
-        prefix: beginning of the column's name.
-        usual: unit that the refusal proposes.
-        units: factor to SI by unit.
-        name: by which the values are asked for, by default ``prefix``.
-        several: whether there may be one in units of length and one in units of angle.
-    """
+    """A column of numbers in a unit that its name ends with, without which a file is refused."""
     return Wanted(name=name or prefix, prefix=prefix, units=units, missing=f"{prefix}_{usual}", several=several)
 
 
 def optional(prefix: str, units: Mapping[str, float], *, name: str = "", several: bool = False) -> Wanted:
-    """A column of numbers that may be left out.
-
-    Args:
-        prefix, units, name, several: see :func:`quantity`.
-    """
+    """A column of numbers that may be left out."""
     return Wanted(name=name or prefix, prefix=prefix, units=units, several=several)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Columns:
-    """Columns of a table under the names by which a test asks for them; made by :func:`columns_for`.
+    """Columns of a table under the names by which a test asks for them; made by :func:`columns_for`."""
 
-    Attributes:
-        table: where they stand.
-        found: factor to SI by column of the table, by name; empty for an optional column that is not there.
-    """
-
-    table: Table
-    found: Mapping[str, Mapping[str, float]]
+    table: Table  # where they stand
+    found: Mapping[str, Mapping[str, float]]  # factor to SI by column of the table, by name
 
     @property
     def rows(self) -> int:
@@ -137,23 +100,11 @@ class Columns:
         }
 
     def has(self, name: str) -> bool:
-        """Whether an optional column is there.
-
-        Args:
-            name: by which the column was asked for.
-        """
+        """Whether an optional column is there."""
         return bool(self.found[name])
 
     def words(self, name: str, otherwise: str = "") -> Text:
-        """Cells of a column of text, none of them blank.
-
-        Args:
-            name: by which the column was asked for.
-            otherwise: what stands in all rows if the column is not there.
-
-        Raises:
-            ValueError: a cell is blank.
-        """
+        """Cells of a column of text, none of them blank."""
         if not self.found[name]:
             return np.full(self.rows, otherwise)
         column = next(iter(self.found[name]))
@@ -163,52 +114,23 @@ class Columns:
         return np.array(cells, dtype=str)
 
     def number(self, name: str, *, blank: bool = False) -> Float:
-        """A column in SI units; NaN in blank cells, and throughout if it is not there.
-
-        Args:
-            name: by which the column was asked for.
-            blank: whether cells may be blank.
-
-        Raises:
-            ValueError: a cell is not a finite number.
-        """
+        """A column in SI units; NaN in blank cells, and throughout if it is not there."""
         if not self.found[name]:
             return np.full(self.rows, np.nan)
         return self.table.number(next(iter(self.found[name].items())), blank=blank)
 
     def where(self, row: int, name: str) -> str:
-        """Place of a cell of a column that is there, for messages.
-
-        Args:
-            row: number of the row, from 0.
-            name: by which the column was asked for.
-        """
+        """Place of a cell of a column that is there, for messages."""
         return self.table.where(row, next(iter(self.found[name])))
 
     def refuse(self, bad: Bool, name: str, why: str) -> None:
-        """Refuse the first bad row of a column that is there, as :meth:`Table.refuse` does.
-
-        Args:
-            bad: whether each row is.
-            name: by which the column was asked for.
-            why: what follows its cell in the message.
-        """
+        """Refuse the first bad row of a column that is there, as :meth:`Table.refuse` does."""
         if bad.any():
             self.table.refuse(bad, next(iter(self.found[name])), why)
 
 
 def columns_for(table: Table, wanted: Iterable[Wanted], known: str) -> Columns:
-    """The columns that a test is read from.
-
-    Args:
-        table: columns of text.
-        wanted: what the test is read from.
-        known: the columns of this kind of test, for messages.
-
-    Raises:
-        ValueError: lists what is missing, what was not recognised and what is known; or names a column that is given
-            twice, or that is a known quantity with an unknown unit.
-    """
+    """The columns that a test is read from."""
     wanted = tuple(wanted)
     found = {one.name: one.columns(table) for one in wanted}
     missing = [one.missing for one in wanted if one.missing and not found[one.name]]

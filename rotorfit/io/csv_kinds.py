@@ -77,11 +77,7 @@ def _eccentricity(columns: Columns, *, blank: bool = False) -> Float:
 
 
 def _static_test(table: Table, speed_tolerance: float) -> StaticTest:
-    """Build a static test; columns: :data:`STATIC_COLUMNS`.
-
-    Raises:
-        ValueError: what is wrong, in which line and column, and what is allowed.
-    """
+    """Build a static test; columns: :data:`STATIC_COLUMNS`."""
     columns = columns_for(
         table,
         (
@@ -112,11 +108,7 @@ def _static_test(table: Table, speed_tolerance: float) -> StaticTest:
 
 
 def _impulse_test(table: Table, speed_tolerance: float) -> ImpulseTest:
-    """Build an impulse test; columns: :data:`IMPULSE_COLUMNS`.
-
-    Raises:
-        ValueError: what is wrong, in which line and column, and what is allowed.
-    """
+    """Build an impulse test; columns: :data:`IMPULSE_COLUMNS`."""
     by_ratio = bool(table.find("eccentricity", _PURE))
     position = (quantity("x", "um", UNITS["length"]), quantity("y", "um", UNITS["length"]))
     columns = columns_for(
@@ -154,11 +146,7 @@ def _impulse_test(table: Table, speed_tolerance: float) -> ImpulseTest:
 
 
 def _ring_down_test(table: Table, speed_tolerance: float) -> RingDownTest:
-    """Build ring-down records; columns: :data:`RING_DOWN_COLUMNS`.
-
-    Raises:
-        ValueError: what is wrong, in which line and column, and what is allowed.
-    """
+    """Build ring-down records; columns: :data:`RING_DOWN_COLUMNS`."""
     columns = columns_for(
         table,
         (
@@ -185,11 +173,7 @@ def _ring_down_test(table: Table, speed_tolerance: float) -> RingDownTest:
 
 
 def _coefficient_table(table: Table, speed_tolerance: float) -> CoefficientTable:
-    """Build a table of coefficients; columns: :data:`COEFFICIENT_COLUMNS`. Without runs, each speed is one.
-
-    Raises:
-        ValueError: what is wrong, in which line and column, and what is allowed.
-    """
+    """Build a table of coefficients; columns: :data:`COEFFICIENT_COLUMNS`. Without runs, each speed is one."""
     columns = columns_for(
         table,
         (
@@ -228,15 +212,7 @@ BUILDERS: tuple[tuple[str, Callable[[Table, float], Experiment]], ...] = (
 
 
 def columns_of(test: Experiment) -> dict[str, NDArray[Any]]:
-    """Columns of a CSV file by name, in rpm, um, N, degrees and s.
-
-    Args:
-        test: of a kind that this module reads.
-
-    Raises:
-        TypeError: an experiment of another kind.
-        ValueError: impulses some of which have eccentricities and some positions.
-    """
+    """Columns of a CSV file by name, in rpm, um, N, degrees and s."""
     rpm = si_factor("frequency", "rpm")
     head: dict[str, NDArray[Any]] = {"run": test.run, "speed_rpm": test.speed / rpm}
     match test:

@@ -26,51 +26,25 @@ MOTION = units_of("displacement", "tilt")
 
 @dataclass(frozen=True, kw_only=True)
 class Table:
-    """Cells of a CSV file as text.
+    """Cells of a CSV file as text."""
 
-    Attributes:
-        source: name of the file, for messages.
-        cells: column by lower-case name.
-        lines: line of the file of each row.
-        names: column names as the file spells them, by lower-case name.
-        written: those of columns that go by another name than in the file, as they stand there.
-    """
-
-    source: str
-    cells: Mapping[str, Sequence[str]]
-    lines: Sequence[int]
-    names: Mapping[str, str]
+    source: str  # name of the file, for messages
+    cells: Mapping[str, Sequence[str]]  # column by lower-case name
+    lines: Sequence[int]  # line of the file of each row
+    names: Mapping[str, str]  # column names as the file spells them, by lower-case name
     written: Mapping[str, str] = field(default_factory=dict)
 
     def spelled(self, name: str) -> str:
-        """Name of a column as it stands in the file.
-
-        Args:
-            name: of the column, lower case.
-        """
+        """Name of a column as it stands in the file."""
         return self.written.get(name, self.names[name])
 
     def find(self, prefix: str, units: Mapping[str, float]) -> dict[str, float]:
-        """Columns ``prefix_unit`` with their factors to SI, by lower-case name.
-
-        Args:
-            prefix: beginning of the name.
-            units: factor to SI by unit.
-        """
+        """Columns ``prefix_unit`` with their factors to SI, by lower-case name."""
         factors = {name: self.factor(name, prefix, units) for name in self.cells}
         return {name: factor for name, factor in factors.items() if factor is not None}
 
     def factor(self, name: str, prefix: str, units: Mapping[str, float]) -> float | None:
-        """Factor to SI of a column; ``None`` where it is not this quantity in a known unit.
-
-        Args:
-            name: of the column, lower case.
-            prefix: beginning of the name before the unit.
-            units: factor to SI by unit.
-
-        Raises:
-            ValueError: the case of the unit leaves open whether milli or mega is meant.
-        """
+        """Factor to SI of a column; ``None`` where it is not this quantity in a known unit."""
         if not name.startswith(prefix + "_"):
             return None
         try:
@@ -79,15 +53,7 @@ class Table:
             raise ValueError(f"{self.source}: column {self.spelled(name)!r}: {reason}") from reason
 
     def number(self, column: tuple[str, float], *, blank: bool = False) -> Float:
-        """Cells of a numeric column in SI units; blank ones are NaN.
-
-        Args:
-            column: its lower-case name and its factor to SI.
-            blank: whether cells may be blank.
-
-        Raises:
-            ValueError: a cell is not a finite number; the message says which.
-        """
+        """Cells of a numeric column in SI units; blank ones are NaN."""
         name, factor = column
         values = floats(self.cells[name])
         if values is None:
@@ -107,36 +73,18 @@ class Table:
         return np.asarray(values * factor)
 
     def where(self, row: int, name: str) -> str:
-        """Place of a cell, for messages.
-
-        Args:
-            row: number of the row, from 0.
-            name: of the column, lower case.
-        """
+        """Place of a cell, for messages."""
         return f"{self.source}: line {self.lines[row]}, column {self.spelled(name)!r}"
 
     def refuse(self, bad: Bool, name: str, why: str) -> None:
-        """Refuse the first bad row.
-
-        Args:
-            bad: whether each row is.
-            name: of the column that the message points at.
-            why: what follows its cell.
-
-        Raises:
-            ValueError: there is a bad row.
-        """
+        """Refuse the first bad row."""
         if bad.any():
             row = int(np.flatnonzero(bad)[0])
             raise ValueError(f"{self.where(row, name)}: {self.cells[name][row]} {why}")
 
 
 def floats(cells: Sequence[str]) -> Float | None:
-    """Cells as numbers, blank ones as NaN; None if one of them is not a number.
-
-    Args:
-        cells: as they are written.
-    """
+    """Cells as numbers, blank ones as NaN; None if one of them is not a number."""
     try:
         return np.array([cell or "nan" for cell in cells]).astype(float)
     except ValueError:
@@ -144,16 +92,7 @@ def floats(cells: Sequence[str]) -> Float | None:
 
 
 def read_table(path: str | Path, sheet: str | None = None) -> Table:
-    """Columns of text of a CSV file (comma, semicolon or tab) or of a sheet of an Excel file.
-
-    Args:
-        path: the file.
-        sheet: name of the sheet, by default the first.
-
-    Raises:
-        ValueError: the file is empty, has no rows, repeats a column, or a row is not as long as the header.
-        FileNotFoundError: no such file.
-    """
+    """Columns of text of a CSV file (comma, semicolon or tab) or of a sheet of an Excel file."""
     source = Path(path).name
     found = read_cells(Path(path), sheet)
     if found is None:

@@ -220,15 +220,7 @@ def write(experiment: Experiment, path: str | Path) -> None:
 
 
 def check_target(path: str | Path) -> Path:
-    """Refuse, before any work, a file that could not be written.
-
-    Args:
-        path: the file.
-
-    Raises:
-        ValueError: unknown suffix.
-        FileNotFoundError: no such folder.
-    """
+    """Refuse, before any work, a file that could not be written."""
     target = Path(path)
     _format(target)
     if target.suffix.lower() in EXCEL:
@@ -257,11 +249,7 @@ def _writer(kind: str) -> Callable[[Any, Path], None]:
 
 
 def table_suffix(path: str | Path) -> bool:
-    """Whether a file is a table, CSV or Excel, by its suffix.
-
-    Args:
-        path: of the file, which need not exist.
-    """
+    """Whether a file is a table, CSV or Excel, by its suffix."""
     suffix = Path(path).suffix.lower()
     return suffix in EXCEL or SUFFIXES.get(suffix) == "csv"
 

@@ -46,11 +46,7 @@ _NO_MOTION = ("v", "mv", "volt", "volts", "vdc", "mm_s", "in_s", "g", "n", "c", 
 
 
 def understood(table: Table) -> Table:
-    """The table with columns under the names of this program where their own leave no doubt.
-
-    Args:
-        table: as it was read, columns renamed as the user wants.
-    """
+    """The table with columns under the names of this program where their own leave no doubt."""
     known = {key: quantity_meant(spelled) for key, spelled in table.names.items()}
     tidy = {"plane", "direction"} & {*table.names, *known.values()}
     new: dict[str, str] = {}
@@ -69,14 +65,7 @@ def understood(table: Table) -> Table:
 
 
 def refuse_doubtful(table: Table) -> None:
-    """Refuse a table with a column a probe where some look like readings, but are not understood.
-
-    Args:
-        table: with the columns that are understood under the names of this program.
-
-    Raises:
-        ValueError: names these columns, and how to say what they are.
-    """
+    """Refuse a table with a column a probe where some look like readings, but are not understood."""
     told_in_rows = {"plane", "direction"} & set(table.cells)
     if told_in_rows or not (is_wide(table) or table.find("frequency", PREFIXES["frequency"])):
         return
@@ -109,11 +98,7 @@ def _apart(spelled: str) -> tuple[list[str], list[str]]:
 
 
 def quantity_meant(spelled: str) -> str:
-    """Name of a quantity or a column of text that a name in words means; empty where it is none.
-
-    Args:
-        spelled: as it stands in the table, ``Speed (rpm)``.
-    """
+    """Name of a quantity or a column of text that a name in words means; empty where it is none."""
     if not spelled[:1].isalnum():
         return ""
     words, unit = _apart(spelled)

@@ -23,12 +23,6 @@ def without_empty(table: Table) -> tuple[Table, list[Finding]]:
     """The table without the rows whose reading was not taken, and how many these are.
 
     A reading is empty where none of its amplitudes (or its real or imaginary part) or where its phase has a number.
-
-    Args:
-        table: as it was read.
-
-    Raises:
-        ValueError: a reading is a mark of instruments for none, such as -999.
     """
     _refuse_marks(table)
     lengths = [list(table.find(prefix, MOTION)) for prefix in ("amplitude", "real", "imag")]
@@ -79,10 +73,6 @@ def completed(table: Table, *, forced: bool) -> Table:
 
     A plane left out is the journal; the force acts at the only plane that there is; without runs, each plane that is
     forced at each speed is one.
-
-    Args:
-        table: as it is read.
-        forced: whether the test has forced planes; else the runs are told by the planes that are moved.
     """
     cells, names = dict(table.cells), dict(table.names)
     count = len(table.lines)

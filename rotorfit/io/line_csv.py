@@ -26,15 +26,7 @@ _TURNS = {"urad": 1e-6, "mrad": 1e-3, "rad": 1.0}
 
 
 def line_test(table: Table, speed_tolerance: float) -> LineTest:
-    """Build a line test; columns: :data:`LINE_COLUMNS`.
-
-    Args:
-        table: the file.
-        speed_tolerance: within which speeds are one, see :func:`rotorfit.read`.
-
-    Raises:
-        ValueError: what is wrong, in which line and column, and what is allowed.
-    """
+    """Build a line test; columns: :data:`LINE_COLUMNS`."""
     columns = columns_for(
         table,
         (
@@ -83,11 +75,7 @@ def _either(columns: Columns, twisting: Bool, part: str) -> Float:
 
 
 def line_columns(test: LineTest) -> dict[str, NDArray[Any]]:
-    """Columns of a CSV file by name, in rpm, um, urad, N and degrees.
-
-    Args:
-        test: the lines.
-    """
+    """Columns of a CSV file by name, in rpm, um, urad, N and degrees."""
     rpm = si_factor("frequency", "rpm")
     twisting = test.direction == "twist"
     found: dict[str, NDArray[Any]] = {

@@ -38,11 +38,7 @@ class _Channel:
 
 
 def is_sample_table(path: Path) -> bool:
-    """Whether a text file has, near its beginning, the header of a block of channels or samples.
-
-    Args:
-        path: the file.
-    """
+    """Whether a text file has, near its beginning, the header of a block of channels or samples."""
     if path.suffix.lower() in EXCEL:
         return False
     with path.open("rb") as file:
@@ -52,15 +48,7 @@ def is_sample_table(path: Path) -> bool:
 
 
 def sample_table(path: Path, channels: Mapping[str, str]) -> tuple[Table, list[Finding]]:
-    """Readings of a sample table, and what was left out of them.
-
-    Args:
-        path: the file.
-        channels: ``plane_x`` or ``plane_y`` by channel name, for names that do not tell.
-
-    Raises:
-        ValueError: a block lacks a column, a unit is unknown, or a name of a channel does not tell plane and direction.
-    """
+    """Readings of a sample table, and what was left out of them."""
     source = path.name
     readings = list(_samples(source, decoded(path)))
     if not readings:
@@ -190,11 +178,7 @@ def _factor(source: str, channel: _Channel, quantity: str, unit: str) -> float:
 
 
 def _places(source: str, names: Sequence[str], given: Mapping[str, str]) -> dict[str, tuple[str, str]]:
-    """Plane and direction of each channel.
-
-    Raises:
-        ValueError: names that do not tell, or two that tell the same.
-    """
+    """Plane and direction of each channel."""
     found: dict[str, tuple[str, str]] = {}
     stems = {(m["plane"], m["axis"]) for name in names if (m := _JOINED.fullmatch(name))}
     for name in names:

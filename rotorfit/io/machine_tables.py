@@ -32,15 +32,7 @@ Row = tuple[int, Mapping[str, str]]
 
 
 def bode_table(table: Table, plane_given: bool) -> tuple[Table, list[Finding]]:
-    """Readings of a Bode table, and what was left out of them.
-
-    Args:
-        table: as it is read, its columns renamed as the user wants.
-        plane_given: whether constants say plane and direction; else the name of the file has to.
-
-    Raises:
-        ValueError: the unit of the amplitude, or plane and direction, are not told.
-    """
+    """Readings of a Bode table, and what was left out of them."""
     usual = {"x-axis value": "speed_rpm", "phase": "phase_lag_deg"}
     columns = {usual.get(name, name): cells for name, cells in table.cells.items()}
     if "y-axis value" in columns:
@@ -74,17 +66,7 @@ def bode_table(table: Table, plane_given: bool) -> tuple[Table, list[Finding]]:
 def checked(
     source: str, rows: Sequence[Row], amplitude: str, phase: str, speed: str, found: list[Finding]
 ) -> tuple[Table, list[Finding]]:
-    """The table of the readings whose numbers hold, and findings on those that were left out.
-
-    Args:
-        source: name of the file, for messages.
-        rows: readings as they are written, marks behind their numbers.
-        amplitude, phase, speed: names of these columns.
-        found: findings so far.
-
-    Raises:
-        ValueError: a cell is no number, or no reading holds.
-    """
+    """The table of the readings whose numbers hold, and findings on those that were left out."""
     kept: list[Row] = []
     reasons: Counter[str] = Counter()
     lines = []
@@ -125,14 +107,7 @@ def checked(
 
 
 def with_weight(table: Table) -> Table:
-    """The table with what exports do not hold: the run, frequency = speed, and no weight where none is given.
-
-    Args:
-        table: readings with the constants that the user gives.
-
-    Raises:
-        ValueError: a weight without its angle, or without its plane where there are several.
-    """
+    """The table with what exports do not hold: the run, frequency = speed, and no weight where none is given."""
     cells, names, count = dict(table.cells), dict(table.names), len(table.lines)
     planes = list(dict.fromkeys(cells["plane"])) if "plane" in cells else []
     speed = next((name for name in cells if name.startswith("speed_")), "")
@@ -160,11 +135,7 @@ def with_weight(table: Table) -> Table:
 
 
 def without_weight_finding(table: Table) -> list[Finding]:
-    """A note on a file without a weight.
-
-    Args:
-        table: readings with the constants that the user gives.
-    """
+    """A note on a file without a weight."""
     if any(name.startswith(_WEIGHT) and not name.startswith("force_plane") for name in table.cells):
         return []
     words = (

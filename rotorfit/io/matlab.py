@@ -27,10 +27,6 @@ def write_mat(experiment: Experiment, path: str | Path) -> None:
 
     In MATLAB, ``load`` gives ``speed``, ``frequency`` (rad/s), ``force`` (N), ``response`` (m), cell arrays ``run``,
     ``plane`` ...; ``kind`` names the experiment, ``attribute_names{k}`` belongs to ``attribute_k``.
-
-    Args:
-        experiment: of any kind.
-        path: of the file; one that exists is replaced.
     """
     from scipy.io import savemat
 
@@ -47,15 +43,7 @@ def write_mat(experiment: Experiment, path: str | Path) -> None:
 
 
 def read_mat(path: str | Path) -> Experiment:
-    """Read an experiment written by :func:`write_mat`, or by MATLAB with the variables that the module names.
-
-    Args:
-        path: of the file.
-
-    Raises:
-        ValueError: not a MAT file of version 5, or one without the variables of an experiment, or with several structs.
-        FileNotFoundError: no such file.
-    """
+    """Read an experiment written by :func:`write_mat`, or by MATLAB with the variables that the module names."""
     from scipy.io import loadmat
 
     Path(path).open("rb").close()  # a missing file or a folder is reported by its own exception

@@ -32,10 +32,6 @@ def write_netcdf(experiment: Experiment, path: str | Path) -> None:
 
     Variables carry the names of the columns; ``force`` becomes ``force_real`` and ``force_imag`` and so on. Attributes
     become ``attribute_1`` ... with their name in ``long_name``, since netCDF does not allow all names.
-
-    Args:
-        experiment: of any kind.
-        path: of the file; one that exists is replaced.
     """
     import xarray as xr
 
@@ -60,13 +56,6 @@ def read_netcdf(path: str | Path) -> Experiment:
 
     A variable without the attribute ``units`` is SI; any unit of :data:`rotorfit.units.UNITS` is converted. The file
     may be netCDF 4 (HDF5) or classic netCDF 3.
-
-    Args:
-        path: of the file.
-
-    Raises:
-        ValueError: not a netCDF file, one without the variables of an experiment, or an unknown unit.
-        FileNotFoundError: no such file.
     """
     import h5py
     import xarray as xr

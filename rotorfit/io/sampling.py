@@ -28,11 +28,7 @@ _SECONDS = {"s": 1.0, "sec": 1.0, "seconds": 1.0, "ms": 1e-3, "msec": 1e-3, "us"
 
 
 def rate_of(said: Mapping[str, Any]) -> float | None:
-    """Sampling rate, Hz, that attributes or fields give under one of its usual names; None without.
-
-    Args:
-        said: numbers by name; upper case and underscores make no difference.
-    """
+    """Sampling rate, Hz, that attributes or fields give under one of its usual names; None without."""
     for names, power in ((_RATES, 1), (_STEPS, -1)):
         for name, value in said.items():
             if re.sub(r"[_\- ()\[\]]", "", name).lower() in names and isinstance(value, int | float) and value > 0:
@@ -41,25 +37,13 @@ def rate_of(said: Mapping[str, Any]) -> float | None:
 
 
 def time_factor(name: str) -> float | None:
-    """Seconds in the unit of a column that by its name holds times; None for any other column.
-
-    Args:
-        name: of the column: ``time``, ``t_ms``, ``Time [s]``.
-    """
+    """Seconds in the unit of a column that by its name holds times; None for any other column."""
     match = _TIME.match(name.strip())
     return None if match is None else _SECONDS[match[1].lower() if match[1] else "s"]
 
 
 def rate_of_times(times: Float, where: str) -> float:
-    """Sampling rate, Hz, of evenly spaced times in s.
-
-    Args:
-        times: of all samples, or of enough of them.
-        where: file and column, for messages.
-
-    Raises:
-        ValueError: times that run backwards, jump, or are not numbers.
-    """
+    """Sampling rate, Hz, of evenly spaced times in s."""
     if not np.isfinite(times).all():
         raise ValueError(f"{where}: a time is not a number at sample {int(np.flatnonzero(~np.isfinite(times))[0]) + 1}")
     steps = np.diff(times)

@@ -151,14 +151,7 @@ def _texts() -> dict[str, str]:
 
 
 def example(kind: str) -> str:
-    """Text of an example file.
-
-    Args:
-        kind: see :func:`kinds`.
-
-    Raises:
-        ValueError: no such kind.
-    """
+    """Text of an example file."""
     texts = _texts()
     if kind not in texts:
         raise ValueError(unknown_name("kind of file", kind, texts))

@@ -60,18 +60,7 @@ def read_csv(
     constants: Mapping[str, str | float] | None = None,
     on_finding: Callable[[Finding], None] | None = None,
 ) -> Experiment:
-    """Read a tidy or wide CSV, or a sheet of an Excel file; the columns tell which experiment it is.
-
-    Args:
-        path: the file.
-        speed_tolerance: see :func:`group_speeds`.
-        sheet, columns, constants: see :func:`rotorfit.read`.
-        on_finding: called with what was left out.
-
-    Raises:
-        ValueError: what is wrong, in which line and column, and what is allowed.
-        FileNotFoundError: no such file.
-    """
+    """Read a tidy or wide CSV, or a sheet of an Excel file; the columns tell which experiment it is."""
     table, found = _opened(path, sheet, columns or {}, constants or {})
     for finding in found:
         (on_finding or _warn)(finding)
@@ -81,16 +70,7 @@ def read_csv(
 def experiment_of(
     table: Table, speed_tolerance: float, on_finding: Callable[[Finding], None] | None = None
 ) -> Experiment:
-    """The experiment that a table holds; its columns tell which.
-
-    Args:
-        table: columns of text.
-        speed_tolerance: see :func:`group_speeds`.
-        on_finding: called with what was left out.
-
-    Raises:
-        ValueError: what is wrong, in which line and column, and what is allowed.
-    """
+    """The experiment that a table holds; its columns tell which."""
     # A perturbation test may have attributes named like the marks of the others.
     if {"line", "force_plane", "direction"} <= set(table.cells):
         return line_test(table, speed_tolerance)
@@ -113,11 +93,7 @@ def lines_of(
     columns: Mapping[str, str] | None = None,
     constants: Mapping[str, str | float] | None = None,
 ) -> list[int]:
-    """Line of the file, or row of the sheet, of each reading that :func:`read_csv` finds there.
-
-    Args:
-        path, sheet, columns, constants: as there.
-    """
+    """Line of the file, or row of the sheet, of each reading that :func:`read_csv` finds there."""
     table, _ = _opened(path, sheet, columns or {}, constants or {})
     return list(without_empty(table)[0].lines)
 
@@ -389,15 +365,7 @@ def _written_displacement(test: DisplacementTest) -> dict[str, Any]:
 
 
 def write_csv(experiment: Experiment, path: str | Path) -> None:
-    """Write a tidy CSV in rpm, um (urad for slopes), N and degrees, 15 significant digits.
-
-    Args:
-        experiment: of any kind.
-        path: of the file; one that exists is replaced.
-
-    Raises:
-        ValueError: a name that a CSV cell cannot hold, or an attribute that would be read as a column.
-    """
+    """Write a tidy CSV in rpm, um (urad for slopes), N and degrees, 15 significant digits."""
     if isinstance(experiment, PerturbationTest):
         columns = _written_perturbation(experiment)
     elif isinstance(experiment, DisplacementTest):

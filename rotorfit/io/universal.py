@@ -44,15 +44,7 @@ _CODES = {"x": 1, "y": 2, "rx": 5, "ry": -4, "z": 0, "rz": 0}
 
 
 def write_uff(experiment: Experiment, path: str | Path) -> None:
-    """Write a perturbation test as a universal file in ASCII, 12 digits (abscissa, by the format, 6).
-
-    Args:
-        experiment: a perturbation test.
-        path: of the file; one that exists is replaced.
-
-    Raises:
-        ValueError: another experiment, readings that are not finite, zero force, text attributes, names too long.
-    """
+    """Write a perturbation test as a universal file in ASCII, 12 digits (abscissa, by the format, 6)."""
     import pyuff
 
     if not isinstance(experiment, PerturbationTest):
@@ -145,15 +137,6 @@ def read_uff(path: str | Path, *, speed: float | None = None, axes: str = "xy") 
 
     Receptance, mobility and accelerance (ordinate displacement, velocity, acceleration) all become receptance. Units
     are taken from the axis labels, else from dataset 164, else SI.
-
-    Args:
-        path: the file.
-        speed: rotative speed, rad/s, where the z axis does not give it.
-        axes: which of the file's directions are x and y, the shaft standing along the third: ``"yz"`` for one along x.
-
-    Raises:
-        ValueError: not a universal file, no FRF in it, or one that does not make a circular force; says what is
-        missing. FileNotFoundError: no such file.
     """
     import pyuff
 

@@ -42,16 +42,7 @@ class _Receptance:
 
 
 def turned(functions: Sequence[dict[str, Any]], axes: str) -> list[dict[str, Any]]:
-    """Functions with their directions as if the shaft stood along z.
-
-    Args:
-        functions: as pyuff gives them.
-        axes: the two directions of the file that are x and y, ``"yz"`` for a shaft along x; it points along their
-            cross product, so that turning about x and y keeps its sense.
-
-    Raises:
-        ValueError: not two different axes.
-    """
+    """Functions with their directions as if the shaft stood along z."""
     if len(axes) != 2 or len(set(axes.lower()) & set("xyz")) != 2:
         raise ValueError(f"axes are the two directions of the file that are x and y, such as 'yz'; got {axes!r}")
     first, second = ("xyz".index(axis) + 1 for axis in axes.lower())
@@ -68,17 +59,7 @@ def turned(functions: Sequence[dict[str, Any]], axes: str) -> list[dict[str, Any
 def read_foreign(
     functions: Sequence[dict[str, Any]], scales: dict[str, Any], speed: float | None, source: str
 ) -> PerturbationTest:
-    """The test that FRFs of another program make.
-
-    Args:
-        functions: its functions at nodal DOF, as pyuff gives them.
-        scales: its units (dataset 164), empty without.
-        speed: rotative speed, rad/s, where the z axis does not give it.
-        source: name of the file, for messages.
-
-    Raises:
-        ValueError: no FRF in it, or FRFs that do not make a test.
-    """
+    """The test that FRFs of another program make."""
     frfs = [record for record in functions if record["func_type"] == FRF]
     if not frfs:
         kinds = sorted({record["func_type"] for record in functions})

@@ -31,32 +31,17 @@ class _Column:
 
 
 def is_wide(table: Table) -> bool:
-    """Whether the readings stand in a column a probe.
-
-    Args:
-        table: as it was read.
-    """
+    """Whether the readings stand in a column a probe."""
     return not {"plane", "direction"} & set(table.cells) and bool(_channels(table))
 
 
 def is_probe(name: str) -> bool:
-    """Whether a column is one of a probe.
-
-    Args:
-        name: of the column, lower case.
-    """
+    """Whether a column is one of a probe."""
     return _parts(name) is not None
 
 
 def tidy(table: Table) -> Table:
-    """The same readings, one a row.
-
-    Args:
-        table: a wide one.
-
-    Raises:
-        ValueError: a probe has an amplitude without a phase, or the other way round.
-    """
+    """The same readings, one a row."""
     channels = _channels(table)
     for (plane, direction), columns in channels.items():
         kinds = sorted(column.tidy.split("_")[0] for column in columns)
@@ -126,15 +111,7 @@ def _converted(table: Table, column: _Column) -> list[str]:
 
 
 def renamed(table: Table, columns: Mapping[str, str]) -> Table:
-    """The table with columns under the names that rotorfit knows.
-
-    Args:
-        table: as it stands in the file.
-        columns: name in the file to name in rotorfit, ``{"Ampl. 1X": "journal_x_um_pp"}``.
-
-    Raises:
-        ValueError: a column that the file does not have, or two columns of one name.
-    """
+    """The table with columns under the names that rotorfit knows."""
     spelled = {name.lower(): name for name in table.names.values()} | {name: name for name in table.names.values()}
     by_key = {spelling: key for key, spelling in table.names.items()}
     new = {}
@@ -152,15 +129,7 @@ def renamed(table: Table, columns: Mapping[str, str]) -> Table:
 
 
 def with_constants(table: Table, values: Mapping[str, str | float]) -> Table:
-    """The table with columns that have one value throughout, for what a file does not say of itself.
-
-    Args:
-        table: as it was read.
-        values: by the name that the column gets, ``speed_rpm`` for instance, in the unit of that name.
-
-    Raises:
-        ValueError: a column that the file has already.
-    """
+    """The table with columns that have one value throughout, for what a file does not say of itself."""
     taken = [name for name in values if name.lower() in table.cells]
     if taken:
         raise ValueError(f"{table.source} has a column {taken[0]!r} of its own; no constant may take its place")

@@ -18,11 +18,7 @@ _MANY = 12
 
 
 def plot_trend(trend: MachineTrend) -> Figure:
-    """One column a place, one panel a value: tests in order of time, levels with the scatter of one test as a band.
-
-    Args:
-        trend: what to draw.
-    """
+    """One column a place, one panel a value: tests in order of time, levels with the scatter of one test as a band."""
     rows = max(len(place.names) for place in trend.places)
     figure, axes = grid(rows, len(trend.places), "", size=(7.0 / max(len(trend.places), 1), 1.9))
     handles = {}

@@ -136,11 +136,6 @@ def _observed(test: PerturbationTest, date: str, force_plane: str, plane: str) -
 def straight_lines(speed: Float, stiffness: ComplexArray, sigma: Float) -> tuple[dict[str, tuple[float, float]], float]:
     """K and M from the direct part against the squared speed, D from the quadrature part against speed.
 
-    Args:
-        speed: rad/s, shape ``(N,)``.
-        stiffness: N/m, shape ``(N,)``.
-        sigma: of its parts, N/m, shape ``(N,)``.
-
     Returns:
         value and standard error by name, widened by ``sqrt(redchi)`` where that exceeds one; and redchi.
     """

@@ -55,19 +55,12 @@ class DatedValues:
 
 @dataclass(frozen=True, kw_only=True)
 class Cause:
-    """One thing that may have changed, tried alone.
+    """One thing that may have changed, tried alone."""
 
-    Attributes:
-        name: K, M, D or "all in proportion".
-        size: change as a fraction of the level before.
-        stderr: its standard error.
-        probability: of what this cause leaves unexplained, were it alone.
-    """
-
-    name: str
-    size: float
-    stderr: float
-    probability: float
+    name: str  # K, M, D or "all in proportion"
+    size: float  # change as a fraction of the level before
+    stderr: float  # its standard error
+    probability: float  # of what this cause leaves unexplained, were it alone
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

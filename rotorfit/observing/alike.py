@@ -19,27 +19,16 @@ from rotorfit.observing.circular import Places, keep_observed, observe
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class AlikeResponses:
-    """Responses of runs of one plan.
+    """Responses of runs of one plan."""
 
-    Attributes:
-        group: the tests.
-        layout: observations of the first one.
-        measured, sigma: readings and noise of all of them, shape ``(W, R)``.
-        told: runs whose noise was told as the first one's; of the others ``sigma`` is NaN, shape ``(W,)``.
-    """
-
-    group: AlikeTests
-    layout: Responses
-    measured: ComplexArray
-    sigma: Float
-    told: NDArray[np.bool_]
+    group: AlikeTests  # the tests
+    layout: Responses  # observations of the first one
+    measured: ComplexArray  # readings and noise of all of them, shape ``(W, R)``
+    sigma: Float  # readings and noise of all of them, shape ``(W, R)``
+    told: NDArray[np.bool_]  # runs whose noise was told as the first one's
 
     def keep(self, number: int) -> None:
-        """Keep the observations of one run for whoever observes it next.
-
-        Args:
-            number: of the run, among the tests of the group.
-        """
+        """Keep the observations of one run for whoever observes it next."""
         test, layout = self.group.tests[number], self.layout
         name = test.run[0]
         block = replace(
@@ -54,15 +43,7 @@ class AlikeResponses:
 
 
 def observe_alike(model: RotorModel, group: AlikeTests) -> AlikeResponses:
-    """Observations of tests of one plan, as :func:`~rotorfit.observing.circular.observe` makes them one by one.
-
-    Args:
-        model: a linear rotor in complex coordinates.
-        group: the tests.
-
-    Raises:
-        ValueError: planes or directions that the model does not have.
-    """
+    """Observations of tests of one plan, as :func:`~rotorfit.observing.circular.observe` makes them one by one."""
     first = group.tests[0]
     with unchanged([first]):
         layout = observe(model, first, np.zeros(len(first), dtype=np.intp))

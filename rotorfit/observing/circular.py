@@ -27,15 +27,6 @@ def observe(model: RotorModel, experiment: Experiment, group: Index) -> Response
 
     Isotropic models see the component of each x/y pair in the direction of the force, and take a single probe's reading
     for that of a circular orbit. Under a force along an axis they see both components of each x/y pair, at +w and -w.
-
-    Args:
-        model: the rotor.
-        experiment: what was measured.
-        group: parameter group of each row.
-
-    Raises:
-        ValueError: planes or directions that the model does not have, or readings that are not finite.
-        TypeError: an experiment without responses.
     """
     if not isinstance(experiment, DisplacementTest | PerturbationTest):
         raise TypeError(f"{type(experiment).__name__} has no responses")
@@ -52,13 +43,7 @@ def observe(model: RotorModel, experiment: Experiment, group: Index) -> Response
 
 
 def keep_observed(experiment: Experiment, block: Responses, group: Index) -> None:
-    """Keep the observations of an experiment for whoever observes it next.
-
-    Args:
-        experiment: what was observed.
-        block: its observations.
-        group: parameter group of each row, as :func:`observe` was given it.
-    """
+    """Keep the observations of an experiment for whoever observes it next."""
     for values in (block.measured, block.sigma, block.force):
         values.flags.writeable = False
     kept(experiment)[_key(block.model, group)] = block
@@ -121,41 +106,24 @@ def _places(bad: NDArray[np.bool_]) -> str:
 
 
 def first_rows(test: PerturbationTest) -> Index:
-    """First row of each line of a test, in the order of the lines of its observations.
-
-    Args:
-        test: the readings.
-    """
+    """First row of each line of a test, in the order of the lines of its observations."""
     return lines_of(test).apart()[1]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Places:
-    """Which rows of a test make each reading in an isotropic model's coordinates, line by line.
+    """Which rows of a test make each reading in an isotropic model's coordinates, line by line."""
 
-    Attributes:
-        lines: the test's rows by lines.
-        first: first row of each line, shape ``(L,)``.
-        line, coordinate: line and coordinate of each reading, shape ``(R,)``.
-        rows: its readings x, y and z, -1 where there is none, shape ``(R, 3)``.
-        backward: whether its force turns backward, shape ``(R,)``.
-    """
-
-    lines: Lines
-    first: Index
-    line: Index
-    coordinate: Index
-    rows: Index
-    backward: NDArray[np.bool_]
+    lines: Lines  # the test's rows by lines
+    first: Index  # first row of each line, shape ``(L,)``
+    line: Index  # line and coordinate of each reading, shape ``(R,)``
+    coordinate: Index  # line and coordinate of each reading, shape ``(R,)``
+    rows: Index  # its readings x, y and z, -1 where there is none, shape ``(R, 3)``
+    backward: NDArray[np.bool_]  # whether its force turns backward, shape ``(R,)``
 
     @classmethod
     def of(cls, model: RotorModel, test: PerturbationTest) -> Places:
-        """Those of a test.
-
-        Args:
-            model: an isotropic one, whose coordinates the readings are put into.
-            test: the readings.
-        """
+        """Those of a test."""
         lines, size = lines_of(test), len(model.coordinates)
         line, first = lines.apart()
         coordinate = _of_kinds(lines, lambda plane, direction: model.coordinate(plane, direction[:-1] or "z"))

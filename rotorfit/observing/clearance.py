@@ -26,10 +26,6 @@ def within_clearance(model: RotorModel, test: Experiment) -> tuple[Experiment, s
 
     All readings of such a line go: they would be compared with a wrong orbit. Where there are many, the test is left as
     it is, and is refused when it is observed.
-
-    Args:
-        model: the rotor; without a clearance everything stays.
-        test: what was measured.
     """
     if model.clearance is None or not model.eccentricity_dependent:
         return test, ""
@@ -69,11 +65,7 @@ def _excursion(model: RotorModel, test: Experiment) -> Float:
 
 
 def same_line(test: Experiment) -> NDArray[np.intp]:
-    """Rows that share the journal's position.
-
-    Args:
-        test: of any kind; where nothing tells lines, each row is one.
-    """
+    """Rows that share the journal's position."""
     match test:
         case PerturbationTest():
             return same_rows(test.run, test.speed, test.frequency, test.force_plane)

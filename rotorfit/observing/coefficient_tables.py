@@ -13,16 +13,7 @@ from rotorfit.observing.row_labels import numbered_labels
 
 
 def journal_coefficients(model: RotorModel, test: CoefficientTable, group: Index) -> JournalCoefficients:
-    """Observations of a table, with the accuracy that it states.
-
-    Args:
-        model: the rotor.
-        test: what was measured.
-        group: parameter group of each row.
-
-    Raises:
-        ValueError: the accuracy of the coefficients is not known.
-    """
+    """Observations of a table, with the accuracy that it states."""
     values = np.stack([test.kxx, test.kxy, test.cxx, test.cxy, test.mxx], axis=1)
     check_finite(test, test.speed, test.eccentricity, *values.T)
     if np.isnan(test.sigma).any():

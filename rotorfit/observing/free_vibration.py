@@ -13,16 +13,7 @@ from rotorfit.observing.row_labels import numbered_labels, same_rows, spread_of_
 
 
 def free_vibrations(model: RotorModel, test: ImpulseTest, group: Index) -> FreeVibrations:
-    """Observations of an impulse test, with their noise.
-
-    Args:
-        model: the rotor.
-        test: what was measured.
-        group: parameter group of each row.
-
-    Raises:
-        ValueError: an impulse without eccentricity and position of the journal, or of unknown noise.
-    """
+    """Observations of an impulse test, with their noise."""
     check_finite(test, test.frequency, test.damping_ratio)
     eps = test.eccentricity.copy()
     if model.clearance is not None:

@@ -14,27 +14,14 @@ from rotorfit.models.array_types import Index
 
 @dataclass(frozen=True)
 class Grouping:
-    """Which rows share one parameter vector.
+    """Which rows share one parameter vector."""
 
-    Attributes:
-        suffixes: for each group the suffix of each ``per`` parameter, ``{"D": "speed_rpm=1000"}``.
-        rows: for each experiment, the group of each of its rows.
-    """
-
-    suffixes: tuple[Mapping[str, str], ...]
-    rows: tuple[Index, ...]
+    suffixes: tuple[Mapping[str, str], ...]  # for each group the suffix of each ``per`` parameter, ``{"D"
+    rows: tuple[Index, ...]  # for each experiment, the group of each of its rows
 
 
 def group_rows(experiments: Sequence[Experiment], per: Mapping[str, str]) -> Grouping:
-    """Group rows by the distinct values of attributes.
-
-    Args:
-        experiments: what is fitted.
-        per: attribute by name of the parameter that has one value for each of its values.
-
-    Raises:
-        KeyError: an experiment lacks the attribute.
-    """
+    """Group rows by the distinct values of attributes."""
     if not per:
         return Grouping(({},), tuple(np.zeros(len(experiment), dtype=np.intp) for experiment in experiments))
     seen: dict[tuple[str, ...], int] = {}

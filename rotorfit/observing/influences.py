@@ -15,12 +15,7 @@ _PARTS = {"x": 0.5 + 0j, "y": 0.5j}  # of the forward component, (X + jY)/2
 
 
 def correlated(base: Responses, influences: Influences) -> CorrelatedResponses:
-    """Observations of influences with the covariance of their errors.
-
-    Args:
-        base: the rows of ``influences.test`` in the model's coordinates.
-        influences: where they come from.
-    """
+    """Observations of influences with the covariance of their errors."""
     solved = influences.solved
     combine = _combination(base, influences) * np.tile(influences.weight, solved.channel.size)
     working, covariance = (combine @ matrix @ combine.conj().T for matrix in (solved.working, solved.covariance))

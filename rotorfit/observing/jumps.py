@@ -20,12 +20,7 @@ _FEWEST = 6  # lines of a sweep in which a jump can be told from a resonance
 
 
 def usable(model: RotorModel, test: Experiment) -> tuple[Experiment, tuple[str, ...]]:
-    """A test as it can be fitted, and sentences on the readings that were left out.
-
-    Args:
-        model: the rotor; without a clearance everything stays.
-        test: what was measured.
-    """
+    """A test as it can be fitted, and sentences on the readings that were left out."""
     if model.clearance is None or not model.eccentricity_dependent:
         return test, ()
     notes, key = kept(test), (usable, model.clearance, model.coordinates[journal(model).at].plane)
@@ -44,10 +39,6 @@ def off_jumps(model: RotorModel, test: Experiment) -> tuple[Experiment, str]:
     At the end of a branch the orbit's slope by every parameter is infinite, and a step further there is none: a search
     stalls there, and what such lines say of the parameters is not what a slope says. Lines are taken to be in the order
     in which they were swept.
-
-    Args:
-        model: the rotor; without a clearance everything stays.
-        test: what was measured.
     """
     if model.clearance is None or not model.eccentricity_dependent or not isinstance(test, PerturbationTest):
         return test, ""

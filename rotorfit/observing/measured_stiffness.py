@@ -28,11 +28,7 @@ class _Planes(RotorModel):
 
 
 def isotropic_planes(names: Sequence[str]) -> RotorModel:
-    """Coordinates ``z`` of some planes, for observing a test of which no model is known.
-
-    Args:
-        names: of the planes.
-    """
+    """Coordinates ``z`` of some planes, for observing a test of which no model is known."""
     return _Planes(names)
 
 

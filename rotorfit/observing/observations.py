@@ -29,17 +29,7 @@ from rotorfit.observing.static_loads import static_loads
 
 
 def observe_any(model: RotorModel, experiment: Experiment, group: Index) -> Block:
-    """Observations of an experiment in the model's coordinates, with their noise.
-
-    Args:
-        model: the rotor.
-        experiment: what was measured.
-        group: parameter group of each row.
-
-    Raises:
-        ValueError: planes or directions that the model does not have, readings that are not finite, a noise that
-            neither the data nor the user tell.
-    """
+    """Observations of an experiment in the model's coordinates, with their noise."""
     block: Block
     match experiment:
         case StaticTest():

@@ -21,17 +21,7 @@ from rotorfit.observing.row_labels import numbered_labels
 def off_centre_responses(
     model: RotorModel, test: PerturbationTest, group: Index, position: ComplexArray
 ) -> OffCentreResponses:
-    """Observations of a perturbation test at a static position, with their noise.
-
-    Args:
-        model: the rotor.
-        test: what was measured.
-        group: parameter group of each row.
-        position: static position of the journal, m, of each row.
-
-    Raises:
-        ValueError: readings other than x and y.
-    """
+    """Observations of a perturbation test at a static position, with their noise."""
     other = sorted(set(test.direction.tolist()) - {"x", "y"})
     if other:
         raise ValueError(

@@ -16,16 +16,7 @@ CLEAR = 1.0 - 1e-6
 
 
 def check_clearance(eps: Float, model: RotorModel, what: str) -> None:
-    """Refuse motion beyond the clearance.
-
-    Args:
-        eps: eccentricities, NaN where not measured.
-        model: the rotor, for its clearance.
-        what: what has them, for the message.
-
-    Raises:
-        ValueError: one of them is beyond it.
-    """
+    """Refuse motion beyond the clearance."""
     largest = float(np.nanmax(eps, initial=0.0))
     if largest > CLEAR and model.clearance is not None:
         raise ValueError(
@@ -35,15 +26,7 @@ def check_clearance(eps: Float, model: RotorModel, what: str) -> None:
 
 
 def check_finite(test: Experiment, *columns: NDArray[np.generic]) -> None:
-    """Refuse rows that are not finite.
-
-    Args:
-        test: the test, for the message.
-        columns: its columns, a value each row.
-
-    Raises:
-        ValueError: some are not; names the first rows.
-    """
+    """Refuse rows that are not finite."""
     bad = np.zeros(len(test), dtype=bool)
     for column in columns:
         bad |= ~np.isfinite(column)
@@ -55,17 +38,7 @@ def check_finite(test: Experiment, *columns: NDArray[np.generic]) -> None:
 def check_planes(
     model: RotorModel, test: Experiment, planes: Sequence[str], forced: Sequence[str], *, forces: str
 ) -> None:
-    """Refuse planes that the model does not have.
-
-    Args:
-        model: the rotor.
-        test: the test, for the message.
-        planes, forced: its planes, measured and under a force.
-        forces: what its force planes are called.
-
-    Raises:
-        ValueError: says which planes there are on either side.
-    """
+    """Refuse planes that the model does not have."""
     if not {*planes, *forced} <= set(model.planes):
         raise ValueError(
             f"{test.source or test.title} has planes {', '.join(planes)} and {forces} {', '.join(forced)}, the model "

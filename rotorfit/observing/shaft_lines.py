@@ -13,17 +13,7 @@ from rotorfit.models.combination_lines import line_order
 
 
 def lines_of_test(model: RotorModel, test: LineTest, group: Index) -> LineResponses | PairResponses:
-    """Observations of a line test.
-
-    Args:
-        model: the shaft, or a rotor with a turning element.
-        test: what was measured.
-        group: parameter group of each row.
-
-    Raises:
-        ValueError: a model without lines, lines or planes that it does not have, readings that are not finite, or
-            without noise.
-    """
+    """Observations of a line test."""
     where = test.source or test.title
     if not isinstance(model, AnisotropicShaft | Turning):
         raise ValueError(
@@ -114,15 +104,7 @@ def _pairs(model: Turning, test: LineTest, group: Index, label: Index, labels: t
 
 
 def main_lines(model: AnisotropicShaft, base: Responses) -> LineResponses:
-    """Responses to circular forces as lines at w, the image at 2 Om - w not having been measured.
-
-    Args:
-        model: the shaft.
-        base: the responses in its coordinate.
-
-    Raises:
-        ValueError: responses at the rotative speed, where line and image are one.
-    """
+    """Responses to circular forces as lines at w, the image at 2 Om - w not having been measured."""
     line = base.line
     synchronous = np.abs(base.frequency - base.speed) <= 1e-4 * np.abs(base.speed)
     if synchronous.any():

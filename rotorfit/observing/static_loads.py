@@ -16,16 +16,7 @@ from rotorfit.observing.row_labels import numbered_labels, same_rows, spread_of_
 
 
 def static_loads(model: RotorModel, test: StaticTest, group: Index) -> Block:
-    """Observations of a static test, with their noise.
-
-    Args:
-        model: the rotor.
-        test: what was measured.
-        group: parameter group of each row.
-
-    Raises:
-        ValueError: a model that keeps x and y apart, or a load of zero.
-    """
+    """Observations of a static test, with their noise."""
     check_finite(test, test.load, test.displacement)
     check_planes(model, test, test.planes, test.force_planes, forces="load planes")
     if model.frame != "z":

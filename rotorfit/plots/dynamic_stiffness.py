@@ -62,11 +62,7 @@ class _Shown:
 
 
 def draw_dynamic_stiffness(fit: FitResult) -> Figure:
-    """Draw the figure of :func:`rotorfit.plots.responses.plot_dynamic_stiffness`.
-
-    Args:
-        fit: the result to draw.
-    """
+    """Draw the figure of :func:`rotorfit.plots.responses.plot_dynamic_stiffness`."""
     shown = _shown(fit)
     n = len(fit.model.coordinates)
     full = any(p.row != p.column for s in shown for p in s.points) or n == 1

@@ -34,12 +34,6 @@ def plot_law(fit: FitResult) -> Figure:
     """K0, D and lam against eccentricity with their 95 % bands; ticks below mark the eccentricities of the data.
 
     Dotted beyond the data, where the law alone speaks.
-
-    Args:
-        fit: the result to draw.
-
-    Raises:
-        ValueError: a linear fluid, or data without eccentricities.
     """
     law_of(fit.model)
     limit = reach(fit)
@@ -88,12 +82,6 @@ def plot_nonlinear_stiffness(fit: FitResult) -> Figure:
 
     Points are the data minus what the fitted model has for a vanishing orbit, lines the law's. Left against frequency,
     one colour a force level; right against eccentricity. Above the direct, below the quadrature part.
-
-    Args:
-        fit: the result to draw.
-
-    Raises:
-        ValueError: a linear fluid, or no circular orbits of the journal.
     """
     law_of(fit.model)
     blocks = list(journal_lines(fit, static=False))

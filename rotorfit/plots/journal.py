@@ -22,32 +22,20 @@ CONFIDENCE = 1.96
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class JournalLines:
-    """Measured motion of the journal under circular forces or constant loads, and the fit's, all shape ``(L,)``.
+    """Measured motion of the journal under circular forces or constant loads, and the fit's, all shape ``(L,)``."""
 
-    Attributes:
-        group, run: parameter group and run of each line.
-        speed, frequency: rad/s; frequency is zero under constant loads.
-        force: largest force of the line, N.
-        position: measured amplitude, or position, of the journal, m.
-        sigma: its noise.
-        eccentricity, fitted_eccentricity: measured and fitted.
-        stiffness: force over displacement at the journal, other planes free, from the measured position, N/m.
-        stiffness_sigma: its noise.
-        linear: what the fitted model has there at zero eccentricity.
-    """
-
-    group: Index
-    run: Text
-    speed: Float
-    frequency: Float
-    force: ComplexArray
-    position: ComplexArray
-    sigma: Float
-    eccentricity: Float
-    fitted_eccentricity: Float
+    group: Index  # parameter group and run of each line
+    run: Text  # parameter group and run of each line
+    speed: Float  # rad/s; frequency is zero under constant loads
+    frequency: Float  # rad/s; frequency is zero under constant loads
+    force: ComplexArray  # largest force of the line, N
+    position: ComplexArray  # measured amplitude, or position, of the journal, m
+    sigma: Float  # its noise
+    eccentricity: Float  # measured and fitted
+    fitted_eccentricity: Float  # measured and fitted
     stiffness: ComplexArray
-    stiffness_sigma: Float
-    linear: ComplexArray
+    stiffness_sigma: Float  # its noise
+    linear: ComplexArray  # what the fitted model has there at zero eccentricity
 
 
 def journal_lines(fit: FitResult, *, static: bool) -> Iterator[JournalLines]:
@@ -55,10 +43,6 @@ def journal_lines(fit: FitResult, *, static: bool) -> Iterator[JournalLines]:
 
     With h the drive-point receptance of the centred rotor and ``A0 = (H F)_b`` its response, the journal's drive-point
     stiffness is ``A0 / (h A_b)``: it is force over response where the journal itself is forced.
-
-    Args:
-        fit: of a model with a law of eccentricity.
-        static: whether lines of constant loads are wanted, not those of circular forces.
     """
     for block in fit.problem.blocks:
         base = responses_of(block)
@@ -95,13 +79,6 @@ def drive_stiffness(
 ) -> tuple[ComplexArray, ComplexArray]:
     """Drive-point stiffness of the journal, other planes free, and its derivatives by the parameters.
 
-    Args:
-        model: the rotor.
-        theta: parameter vector, shape ``(P,)``.
-        s: j w, scalar or shape ``(E,)``.
-        speed: rotative speed, rad/s.
-        eccentricity: shape ``(E,)``.
-
     Returns:
         N/m, shape ``(E,)``, and ``(E, P)``.
     """
@@ -118,26 +95,13 @@ def drive_stiffness(
 
 
 def half_width(fit: FitResult, group: int, slope: Float) -> Float:
-    """Half-width of the 95 % band of a quantity, shape ``(E,)``.
-
-    Args:
-        fit: the result.
-        group: number of the parameter group.
-        slope: derivatives of the quantity by the model's parameters, shape ``(E, P)``.
-    """
+    """Half-width of the 95 % band of a quantity, shape ``(E,)``."""
     by_fitted = fit.problem.space.pull_back(slope, group)
     return np.asarray(CONFIDENCE * standard_error(by_fitted, fit.covar))
 
 
 def reach(fit: FitResult) -> float:
-    """Largest eccentricity that the data have.
-
-    Args:
-        fit: the result.
-
-    Raises:
-        ValueError: none of them tells an eccentricity.
-    """
+    """Largest eccentricity that the data have."""
     found = [np.asarray(getattr(block, "eccentricity", np.zeros(0)), dtype=float) for block in fit.problem.blocks]
     largest = float(np.nanmax(np.concatenate(found), initial=0.0)) if found else 0.0
     if largest <= 0:
@@ -146,19 +110,10 @@ def reach(fit: FitResult) -> float:
 
 
 def group_label(fit: FitResult, group: int) -> str:
-    """``attribute=value`` of a parameter group, empty where there is but one; values from files hold any characters.
-
-    Args:
-        fit: the result.
-        group: number of the parameter group.
-    """
+    """``attribute=value`` of a parameter group, empty where there is but one; values from files hold any characters."""
     return ", ".join(fit.problem.space.labels[group])
 
 
 def groups_in_order(fit: FitResult) -> list[int]:
-    """Parameter groups, sorted by the numbers in their labels.
-
-    Args:
-        fit: the result.
-    """
+    """Parameter groups, sorted by the numbers in their labels."""
     return sorted(range(len(fit.problem.space.index)), key=lambda group: natural(group_label(fit, group)))

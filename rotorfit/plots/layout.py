@@ -31,11 +31,7 @@ class PanelLayout(ConstrainedLayoutEngine):
     """
 
     def execute(self, fig: Figure) -> None:
-        """Place the axes of a figure, and their labels beside the numbers.
-
-        Args:
-            fig: the figure.
-        """
+        """Place the axes of a figure, and their labels beside the numbers."""
         panels: list[Any] = list(fig.axes)
         if not panels or any(_cell(axis) is None for axis in panels):
             super().execute(fig)
@@ -71,16 +67,11 @@ def _cell(axis: Any) -> tuple[int, int] | None:
 
 @dataclass(frozen=True, kw_only=True)
 class _Surroundings:
-    """What stands around axes, pixels.
+    """What stands around axes, pixels."""
 
-    Attributes:
-        margins: that labels, titles and others reach beyond the axes: left, below, right, above.
-        below, left: from the axes to the label of x, and to that of y.
-    """
-
-    margins: tuple[float, float, float, float]
-    below: float
-    left: float
+    margins: tuple[float, float, float, float]  # that labels, titles and others reach beyond the axes
+    below: float  # from the axes to the label of x, and to that of y
+    left: float  # from the axes to the label of x, and to that of y
 
 
 def _surroundings(axis: Any) -> _Surroundings:
@@ -162,13 +153,7 @@ def _legend_height(figure: Figure) -> float:
 
 
 def picture_of(figure: Figure, file_format: str = "png", dpi: float = 200.0) -> bytes:
-    """A figure as a file. The figure is for throwing away afterwards: its labels no longer move with its axes.
-
-    Args:
-        figure: what to draw.
-        file_format: one that matplotlib writes.
-        dpi: resolution of a PNG file.
-    """
+    """A figure as a file. The figure is for throwing away afterwards: its labels no longer move with its axes."""
     stream = BytesIO()
     if file_format != "png":
         figure.savefig(stream, format=file_format, dpi=dpi)

@@ -23,12 +23,7 @@ _FILTERED = {"shaft": "1x", "perturbator": "w"}
 
 
 def plot_timebase(stretches: Sequence[Stretch], name: str) -> Figure:
-    """x and y of each plane over time, with a dot at every pulse of a mark.
-
-    Args:
-        stretches: one a plane.
-        name: of the recording.
-    """
+    """x and y of each plane over time, with a dot at every pulse of a mark."""
     figure, axes = grid(len(stretches), 1, literal(f"{name}: time base"), size=(7.5, 2.4))
     handles: dict[str, Any] = {}
     for axis, part in zip(axes[:, 0], stretches, strict=True):
@@ -47,12 +42,7 @@ def plot_timebase(stretches: Sequence[Stretch], name: str) -> Figure:
 
 
 def plot_orbit(stretches: Sequence[Stretch], name: str) -> Figure:
-    """Orbits as recorded and filtered to each mark, with Keyphasor dots; a row a plane.
-
-    Args:
-        stretches: one a plane, of planes with two probes.
-        name: of the recording.
-    """
+    """Orbits as recorded and filtered to each mark, with Keyphasor dots; a row a plane."""
     marks = list(stretches[0].filtered)
     at = f"{stretches[0].t.mean():.2f} s"
     speeds = ", ".join(f"{mark} {abs(v) * RPM_PER_RAD_S:.0f} rpm" for mark, v in stretches[0].speeds.items())
@@ -87,12 +77,7 @@ def _orbit(axis: Any, part: Stretch, z: NDArray[Any], dots: dict[str, Float], ha
 
 
 def plot_centreline(lines: Sequence[Centreline], name: str) -> Figure:
-    """Mean position of the shaft relative to the start of the recording, coloured by speed, else by time.
-
-    Args:
-        lines: one a plane.
-        name: of the recording.
-    """
+    """Mean position of the shaft relative to the start of the recording, coloured by speed, else by time."""
     figure, axes = grid(1, len(lines), literal(f"{name}\nshaft centreline from the gap voltages"), size=(4.0, 3.6))
     for axis, line in zip(axes[0], lines, strict=True):
         z = line.z * _MICRO
@@ -115,12 +100,7 @@ def plot_centreline(lines: Sequence[Centreline], name: str) -> Figure:
 
 
 def plot_bode(vectors: OrderVectors, name: str) -> Figure:
-    """Amplitude and phase of every probe's vector over the speed of its mark; a column a plane.
-
-    Args:
-        vectors: by windows of the recording.
-        name: of the recording.
-    """
+    """Amplitude and phase of every probe's vector over the speed of its mark; a column a plane."""
     planes = list(dict.fromkeys(plane for plane, _ in vectors.probes))
     figure, axes = grid(2, len(planes), literal(f"{name}\n{_what(vectors)} by tracking windows"), size=(4.4, 2.5))
     rpm, over = np.abs(vectors.speed) * RPM_PER_RAD_S, _axis_of(vectors)
@@ -167,12 +147,7 @@ def _unwrapped(values: NDArray[Any]) -> Float:
 
 
 def plot_polar(vectors: OrderVectors, name: str) -> Figure:
-    """Locus of every probe's vector, speeds written beside it; angles from the probe, with phase lead.
-
-    Args:
-        vectors: by windows of the recording.
-        name: of the recording.
-    """
+    """Locus of every probe's vector, speeds written beside it; angles from the probe, with phase lead."""
     columns = min(len(vectors.probes), 2)
     rows = -(-len(vectors.probes) // columns)
     figure = Figure(figsize=(3.5 * columns, min(3.5 * rows + 0.4, PAGE[1])), layout="constrained")
@@ -205,14 +180,7 @@ def _spread_out(values: NDArray[Any]) -> list[int]:
 def plot_full_spectrum(
     spectra: dict[str, tuple[Float, Float]], lines: dict[str, float], name: str, limit: float | None = None
 ) -> Figure:
-    """Full spectrum of each plane: a circle of radius A has amplitude A at its signed frequency.
-
-    Args:
-        spectra: frequencies (Hz) and amplitudes (m) by plane.
-        lines: frequencies of orders to mark, Hz, by label.
-        name: of the recording.
-        limit: largest frequency shown, Hz; None: what holds all that is worth seeing.
-    """
+    """Full spectrum of each plane: a circle of radius A has amplitude A at its signed frequency."""
     figure, axes = grid(len(spectra), 1, literal(f"{name}: full spectrum"), size=(7.5, 2.4))
     edge = max(_worth_seeing(*each) for each in spectra.values()) if limit is None else limit
     for axis, (plane, (frequency, amplitude)) in zip(axes[:, 0], spectra.items(), strict=True):
@@ -237,13 +205,7 @@ def _worth_seeing(frequency: Float, amplitude: Float) -> float:
 
 
 def plot_cascade(cascade: Cascade, name: str, limit: float | None = None) -> Figure:
-    """Full-spectrum cascade with order lines: one spectrum a line, shifted up by time, speed or perturbation.
-
-    Args:
-        cascade: the spectra.
-        name: of the recording.
-        limit: largest frequency shown, Hz; None: what holds all that is worth seeing.
-    """
+    """Full-spectrum cascade with order lines: one spectrum a line, shifted up by time, speed or perturbation."""
     edge = _worth_seeing(cascade.frequency, cascade.amplitude.max(axis=0)) if limit is None else limit
     inside = np.abs(cascade.frequency) <= edge
     frequency, amplitude = cascade.frequency[inside], cascade.amplitude[:, inside] * _MICRO
@@ -301,12 +263,7 @@ def _order_lines(axis: Any, cascade: Cascade, position: Float, edge: float) -> N
 
 
 def plot_speed(tracks: Sequence[SpeedTrack], name: str) -> Figure:
-    """Speed and acceleration of each mark over time, with the speed from pulse to pulse as dots.
-
-    Args:
-        tracks: one a mark.
-        name: of the recording.
-    """
+    """Speed and acceleration of each mark over time, with the speed from pulse to pulse as dots."""
     figure, axes = grid(2, len(tracks), literal(f"{name}: speed and sweep rate"), size=(5.0, 2.4))
     for column, each in enumerate(tracks):
         top, bottom = axes[:, column]

@@ -92,12 +92,6 @@ def plot_bode(fit: FitResult) -> Figure:
 
     Rows are probes (amplitude, then phase), columns force planes; colours are rotative speeds and, of nonlinear fluids,
     levels of the force. Points are measured; lines are fitted, with their 95 % bands.
-
-    Args:
-        fit: the result to draw.
-
-    Raises:
-        ValueError: the fit has no circular responses.
     """
     conditions, found = curves(fit)
     title = f"Bode plot, {fit.model.name}"
@@ -174,12 +168,6 @@ def plot_polar(fit: FitResult) -> Figure:
     """Responses per unit force in the complex plane; filled points forward, open points backward.
 
     Crosses along the fitted lines are at round frequencies, in rpm, signed.
-
-    Args:
-        fit: the result to draw.
-
-    Raises:
-        ValueError: the fit has no circular responses.
     """
     conditions, found = curves(fit)
     figure, panels = _panels(found, f"Polar plot, {fit.model.name}", rows=1, size=(4.4, 3.9))
@@ -248,14 +236,7 @@ def _square(axis: Any, values: ComplexArray) -> None:
 
 
 def plot_residuals(fit: FitResult) -> Figure:
-    """Residuals over their noise against frequency, with the band of two standard deviations, and their histogram.
-
-    Args:
-        fit: the result to draw.
-
-    Raises:
-        ValueError: the fit has no circular responses.
-    """
+    """Residuals over their noise against frequency, with the band of two standard deviations, and their histogram."""
     conditions, found = curves(fit)
     title = f"Residuals over noise, {fit.model.name}: redchi {fit.redchi:.3g}"
     figure, panels = _panels(found, title, rows=2, size=(5.2, 1.6))
@@ -296,11 +277,5 @@ def plot_dynamic_stiffness(fit: FitResult) -> Figure:
     Where not all planes were forced, and of nonlinear fluids, whose stiffness changes with the force, the drive-point
     stiffness (force over response, other planes free) takes the place of eq. (7), with one curve a force level.
     Intercept, curvature and slope of a linear model's lines are written into the panels: they are the parameters.
-
-    Args:
-        fit: the result to draw.
-
-    Raises:
-        ValueError: the fit has no circular responses.
     """
     return draw_dynamic_stiffness(fit)

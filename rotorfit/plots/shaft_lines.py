@@ -53,12 +53,6 @@ def plot_lines(fit: FitResult) -> Figure:
     """Amplitude and phase of each line per unit of force against the signed perturbation frequency, data and fit.
 
     Lines 1x and 2x of start-ups are drawn as they are, against speed.
-
-    Args:
-        fit: a fit to spectral lines.
-
-    Raises:
-        ValueError: there are none in this fit.
     """
     curves = list(_curves(fit))
     if not curves:
@@ -207,14 +201,7 @@ def _legend(figure: Figure, speeds: list[float], run_up: bool) -> None:
 
 
 def plot_turning_stability(fit: FitResult) -> Figure:
-    """Growth rate and whirl frequency of a shaft that is not round against rotative speed, unstable bands shaded.
-
-    Args:
-        fit: a fit of a model with a turning stiffness; one parameter group.
-
-    Raises:
-        ValueError: another model.
-    """
+    """Growth rate and whirl frequency of a shaft that is not round against rotative speed, unstable bands shaded."""
     model, theta = fit.model, fit.theta()
     if not isinstance(model, AnisotropicShaft | Turning):
         raise ValueError(f"{model.name} does not turn its stiffness: see plot_stability")

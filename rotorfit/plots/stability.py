@@ -33,10 +33,6 @@ def plot_stability(fit: FitResult, *, group: int = 0) -> Figure:
     """Modes against rotative speed, with the threshold and its 95 % interval.
 
     Growth rate and damped frequency above, damping ratio and logarithmic decrement below.
-
-    Args:
-        fit: the fit.
-        group: parameter group, where parameters were fitted per attribute; its label is in the title.
     """
     if isinstance(fit.model, AnisotropicShaft | Turning):
         return plot_turning_stability(fit)

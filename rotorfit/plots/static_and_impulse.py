@@ -48,12 +48,6 @@ def plot_static_locus(fit: FitResult) -> Figure:
 
     Points are measured, lines the fitted locus from the centre to the largest load; positions are turned so that the
     load points down.
-
-    Args:
-        fit: the result to draw.
-
-    Raises:
-        ValueError: a linear fluid, or no static loads with the journal's position.
     """
     from matplotlib.patches import Circle
 
@@ -102,12 +96,6 @@ def plot_static_stiffness(fit: FitResult) -> Figure:
 
     Above its part across the load over rotative speed, lam D for one mode; below its part along the load,
     ``K + K0 - Mf lam^2 Om^2`` for one mode. Lines are fitted, with 95 % bands.
-
-    Args:
-        fit: the result to draw.
-
-    Raises:
-        ValueError: a linear fluid, or no static loads with the journal's position.
     """
     blocks = _static(fit)
     speeds, theta = _speeds(blocks), fit.thetas
@@ -153,12 +141,6 @@ def plot_velocity_ratio(fit: FitResult) -> Figure:
 
     The paper reads these ratios as lam; they are eigenvalues of the rotor, drawn as solid lines, and lam itself,
     dashed with its 95 % band, may lie elsewhere.
-
-    Args:
-        fit: the result to draw.
-
-    Raises:
-        ValueError: a linear fluid, or no impulse tests.
     """
     law_of(fit.model)
     blocks = [block for block in fit.problem.blocks if isinstance(block, FreeVibrations)]

@@ -34,14 +34,7 @@ class ShownFigure(Figure):
 def grid(
     rows: int, columns: int, title: str, *, size: tuple[float, float] = (4.6, 2.3), one_abscissa: bool = False
 ) -> tuple[Figure, Any]:
-    """An empty figure of axes, shape ``(rows, columns)``.
-
-    Args:
-        rows, columns: how many.
-        title: of the figure.
-        size: inches of each panel, where that does not exceed a page.
-        one_abscissa: the panels of a column have the same abscissa, whose numbers stand below the last of them.
-    """
+    """An empty figure of axes, shape ``(rows, columns)``."""
     width, height = min(size[0] * columns, PAGE[0]), min(size[1] * rows + 0.5, PAGE[1])
     figure = ShownFigure(figsize=(width, height), layout=PanelLayout())
     if title:
@@ -59,12 +52,7 @@ def grid(
 
 
 def colour_of(number: int, count: int = 0) -> str:
-    """Colour of one of several speeds; of more than the palette holds, on a scale from dark to light.
-
-    Args:
-        number: of the speed, from 0.
-        count: of speeds; the palette is gone through again and again if it is not given.
-    """
+    """Colour of one of several speeds; of more than the palette holds, on a scale from dark to light."""
     if count <= len(COLOURS):
         return COLOURS[number % len(COLOURS)]
     from matplotlib import colormaps
@@ -74,21 +62,12 @@ def colour_of(number: int, count: int = 0) -> str:
 
 
 def literal(text: str) -> str:
-    """Text from data files as it is: a dollar sign would make matplotlib read it as a formula.
-
-    Args:
-        text: from a file: name of a run or plane.
-    """
+    """Text from data files as it is: a dollar sign would make matplotlib read it as a formula."""
     return text.replace("$", r"\$")
 
 
 def prefix(values: Float, unit: str) -> tuple[float, str]:
-    """Factor and unit with an SI prefix that brings typical values between 1 and 1000.
-
-    Args:
-        values: in SI units, shape ``(...)``; what is not finite does not count.
-        unit: SI unit without a prefix.
-    """
+    """Factor and unit with an SI prefix that brings typical values between 1 and 1000."""
     finite = np.abs(values[np.isfinite(values)])
     top = float(finite.max(initial=0.0))
     for factor, letter in ((1e-9, "G"), (1e-6, "M"), (1e-3, "k"), (1.0, ""), (1e3, "m"), (1e6, "µ"), (1e9, "n")):
@@ -98,13 +77,7 @@ def prefix(values: Float, unit: str) -> tuple[float, str]:
 
 
 def legend_below(figure: Figure, handles: Sequence[Any], labels: Sequence[str]) -> None:
-    """One legend for all axes, outside of the data, in as many columns as the width holds.
-
-    Args:
-        figure: of :func:`grid`, whose layout makes room for it.
-        handles: what is drawn for each label.
-        labels: none for no legend.
-    """
+    """One legend for all axes, outside of the data, in as many columns as the width holds."""
     if len(labels):
         room = figure.get_figwidth() * 72 / (0.55 * SMALL)  # letters in a row
         columns = int(room / (max(len(label) for label in labels) + 6))

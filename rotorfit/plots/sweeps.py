@@ -34,34 +34,21 @@ _ONE_LEVEL = 0.03  # relative difference of forces that were meant to be the sam
 
 @dataclass(frozen=True, kw_only=True)
 class SweepCondition:
-    """One curve of every panel and one entry of the legend; lists of them are sorted by number.
+    """One curve of every panel and one entry of the legend; lists of them are sorted by number."""
 
-    Attributes:
-        group: parameter group.
-        speed: rad/s, NaN where it is swept.
-        name: words for the legend.
-        colour: of its points and lines.
-    """
-
-    group: int
-    speed: float
-    name: str
-    colour: str
+    group: int  # parameter group
+    speed: float  # rad/s, NaN where it is swept
+    name: str  # words for the legend
+    colour: str  # of its points and lines
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Sweeps:
-    """The lines of one block.
+    """The lines of one block."""
 
-    Attributes:
-        responses: observations, with the fit's errors of phase and calibration taken out.
-        block: the block that predicts them.
-        condition: place of each line's condition in the list of all, shape ``(L,)``.
-    """
-
-    responses: Responses
-    block: Responses | OrbitResponses
-    condition: Index
+    responses: Responses  # observations, with the fit's errors of phase and calibration taken out
+    block: Responses | OrbitResponses  # the block that predicts them
+    condition: Index  # place of each line's condition in the list of all, shape ``(L,)``
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -72,14 +59,7 @@ class _Key:
 
 
 def sweeps(fit: FitResult) -> tuple[list[SweepCondition], list[Sweeps]]:
-    """Conditions, and the blocks with responses to circular forces or imposed orbits.
-
-    Args:
-        fit: the result.
-
-    Raises:
-        ValueError: the fit has none.
-    """
+    """Conditions, and the blocks with responses to circular forces or imposed orbits."""
     found: list[tuple[Responses, Responses | OrbitResponses]] = []
     theta = fit.thetas
     for given, predicted in zip(fit.problem.blocks, fit.problem.predict(fit.x), strict=True):
@@ -136,12 +116,7 @@ def _keys(blocks: Sequence[Responses], *, nonlinear: bool) -> list[list[_Key]]:
 
 
 def levels(force: Float, frequency: Float) -> list[str]:
-    """Size of each line's force in words: of an unbalance m r where that takes fewer values than the force itself.
-
-    Args:
-        force: size, N, shape ``(L,)``.
-        frequency: rad/s, same shape.
-    """
+    """Size of each line's force in words: of an unbalance m r where that takes fewer values than the force itself."""
     by_force = _rounded(force, _ONE_LEVEL)
     by_unbalance = _rounded(force / np.maximum(frequency**2, 1e-12), _ONE_LEVEL)
     if np.unique(by_unbalance).size < np.unique(by_force).size:
@@ -188,49 +163,28 @@ def _names(fit: FitResult, keys: Sequence[_Key]) -> list[str]:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class SweepCurve:
-    """One probe's response to one force in one condition and one direction of whirl, frequencies ascending.
+    """One probe's response to one force in one condition and one direction of whirl, frequencies ascending."""
 
-    Attributes:
-        coordinate, force_plane: places in the model's coordinates.
-        condition: what it was measured in.
-        frequency: of the readings, rad/s.
-        measured: response over force (or force over imposed displacement).
-        whitened: residual over noise.
-        fine, fitted: frequencies and values of the fitted line.
-        band: half-width of the fitted line's 95 % band: of the logarithm of the amplitude and of the phase, rad.
-    """
-
-    coordinate: int
-    force_plane: int
-    condition: SweepCondition
-    frequency: Float
-    measured: ComplexArray
-    whitened: ComplexArray
-    fine: Float
-    fitted: ComplexArray
-    band: tuple[Float, Float]
+    coordinate: int  # places in the model's coordinates
+    force_plane: int  # places in the model's coordinates
+    condition: SweepCondition  # what it was measured in
+    frequency: Float  # of the readings, rad/s
+    measured: ComplexArray  # response over force (or force over imposed displacement)
+    whitened: ComplexArray  # residual over noise
+    fine: Float  # frequencies and values of the fitted line
+    fitted: ComplexArray  # frequencies and values of the fitted line
+    band: tuple[Float, Float]  # half-width of the fitted line's 95 % band
 
 
 @lru_cache(maxsize=1)  # three figures of a report show them
 def curves(fit: FitResult) -> tuple[Sequence[SweepCondition], Sequence[SweepCurve]]:
-    """Conditions, and every measured and fitted response.
-
-    Args:
-        fit: the result.
-
-    Raises:
-        ValueError: the fit has no circular responses.
-    """
+    """Conditions, and every measured and fitted response."""
     conditions, parts = sweeps(fit)
     return tuple(conditions), tuple(curve for part in parts for curve in _curves(fit, conditions, part))
 
 
 def joined(found: Sequence[SweepCurve]) -> list[SweepCurve]:
-    """One curve for each probe, force and condition; its lines break between the sweeps that it is made of.
-
-    Args:
-        found: as :func:`curves` gives them.
-    """
+    """One curve for each probe, force and condition; its lines break between the sweeps that it is made of."""
     parts: dict[tuple[int, int, SweepCondition], list[SweepCurve]] = {}
     for curve in found:
         parts.setdefault((curve.coordinate, curve.force_plane, curve.condition), []).append(curve)

@@ -80,30 +80,17 @@ class _PlainPowers(LogFormatter):
 
 
 def few_ticks(axis: Any) -> None:
-    """Give a linear axis of x or y few ticks.
-
-    Args:
-        axis: matplotlib's, ``axes.xaxis`` for instance.
-    """
+    """Give a linear axis of x or y few ticks."""
     axis.set_major_locator(_Few())
 
 
 def ticks_at_most(axis: Any, most: int) -> None:
-    """Give a linear axis of x or y few ticks that stay the same when the layout changes its size.
-
-    Args:
-        axis: matplotlib's, ``axes.xaxis`` for instance.
-        most: intervals between them.
-    """
+    """Give a linear axis of x or y few ticks that stay the same when the layout changes its size."""
     axis.set_major_locator(_AtMost(nbins=most))
 
 
 def plain_powers(axis: Any) -> None:
-    """Write the labels of a logarithmic axis as 0.1, 1, 10, and powers only where that gets long.
-
-    Args:
-        axis: matplotlib's, ``axes.xaxis`` for instance.
-    """
+    """Write the labels of a logarithmic axis as 0.1, 1, 10, and powers only where that gets long."""
     axis.set_major_locator(_Powers())
     axis.set_minor_locator(_Between())
     axis.set_major_formatter(_PlainPowers())

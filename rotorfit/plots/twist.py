@@ -19,13 +19,7 @@ _TALL = 6.0
 
 
 def plot_twist(view: TwistView, name: str, limit: float | None = None) -> Figure:
-    """Overall amplitude of the twist above, its spectra with order lines below.
-
-    Args:
-        view: the twist.
-        name: of the recording.
-        limit: largest frequency shown, Hz; None: what holds all combination lines.
-    """
+    """Overall amplitude of the twist above, its spectra with order lines below."""
     scale, label = (1.0, "time (s)") if view.over == "time" else (RPM_PER_RAD_S, _axis_label(view))
     position = view.position * scale
     lines = {key: np.abs(m * view.perturbation + n * view.shaft) / (2 * np.pi) for key, (m, n) in _ORDERS.items()}

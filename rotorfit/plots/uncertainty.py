@@ -29,13 +29,7 @@ _FILLED = 0.75
 
 
 def plot_corner(samples: Float, names: Sequence[str], truths: Mapping[str, float] | None = None) -> Figure:
-    """Marginal histograms and pairwise densities with 68 and 95 % contours.
-
-    Args:
-        samples: shape ``(N, p)``.
-        names: labels with units, length p.
-        truths: values to mark, by name.
-    """
+    """Marginal histograms and pairwise densities with 68 and 95 % contours."""
     count = len(names)
     figure, axes = grid(count, count, "", size=(1.25, 1.2))
     width, height = np.maximum(figure.get_size_inches(), _NARROWEST * count)
@@ -73,12 +67,7 @@ def plot_corner(samples: Float, names: Sequence[str], truths: Mapping[str, float
 
 
 def _in_lines(name: str, room: float) -> str:
-    """A label in lines that fit beside a panel, parted where its words end.
-
-    Args:
-        name: the label.
-        room: inches from panel to panel.
-    """
+    """A label in lines that fit beside a panel, parted where its words end."""
     longest = max(int(_FILLED * room * 72 / (_LETTER * _LABEL)), 1)
     lines = [""]
     for word in re.findall(r"\[?[^\s,=\[_]*[\s,=_]*", name):
@@ -108,12 +97,7 @@ def _density(axis: Any, x: Float, y: Float) -> None:
 
 
 def plot_traces(chain: Float, names: Sequence[str]) -> Figure:
-    """Walkers of a chain against the step, one row a parameter.
-
-    Args:
-        chain: shape ``(steps, walkers, p)``.
-        names: labels, length p.
-    """
+    """Walkers of a chain against the step, one row a parameter."""
     figure, axes = grid(len(names), 1, "Chains", size=(7.5, 0.9))
     shown = chain[:, :: max(1, chain.shape[1] // 24)]
     for i, name in enumerate(names):
@@ -127,16 +111,7 @@ def plot_traces(chain: Float, names: Sequence[str]) -> Figure:
 def plot_profile(
     values: Float, rise: Float, *, label: str, estimate: float, stderr: float, goal: float, ends: Sequence[float]
 ) -> Figure:
-    """Rise of chi-squared when a parameter is held at other values, beside the parabola of its standard error.
-
-    Args:
-        values: of the parameter, shape ``(N,)``.
-        rise: of chi-squared in units of the noise, shape ``(N,)``.
-        label: of the parameter, with its unit.
-        estimate, stderr: value at the minimum and its standard error; no parabola where that is not finite.
-        goal: rise that ends the interval.
-        ends: of the interval; those that are not finite are left out.
-    """
+    """Rise of chi-squared when a parameter is held at other values, beside the parabola of its standard error."""
     figure, axes = grid(1, 1, "", size=(3.45, 2.5))  # two of them side by side in a report
     axis = axes[0, 0]
     axis.plot(values, rise, color=COLOURS[0], marker=".", ms=4, lw=1.3, label="profile")

@@ -31,52 +31,28 @@ _UNSURE = 0.05
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class AngleTrack:
-    """Angle, speed and acceleration over the time of a recording.
+    """Angle, speed and acceleration over the time of a recording."""
 
-    Attributes:
-        smooth: the angle as a spline with its jitter.
-        pulses: times of the pulses used, s, shape ``(N,)``.
-        pulses_per_turn: of the wheel.
-        levels: voltages of the pulses; None where the angle was not found from pulses.
-        findings: missing, double and noisy pulses, and what else was odd.
-    """
-
-    smooth: SmoothAngle
-    pulses: Float
-    pulses_per_turn: int = 1
-    levels: PulseLevels | None = None
-    findings: tuple[Finding, ...] = ()
+    smooth: SmoothAngle  # the angle as a spline with its jitter
+    pulses: Float  # times of the pulses used, s, shape ``(N,)``
+    pulses_per_turn: int = 1  # of the wheel
+    levels: PulseLevels | None = None  # voltages of the pulses; None where the angle was not found from pulses
+    findings: tuple[Finding, ...] = ()  # missing, double and noisy pulses, and what else was odd
 
     def angle(self, t: Float) -> Float:
-        """Angle since the mark first passed, rad; it grows whichever way the perturbator turns.
-
-        Args:
-            t: times from the start of the recording, s.
-        """
+        """Angle since the mark first passed, rad; it grows whichever way the perturbator turns."""
         return self.smooth.angle(t)
 
     def speed(self, t: Float) -> Float:
-        """Speed, rad/s.
-
-        Args:
-            t: times, s.
-        """
+        """Speed, rad/s."""
         return self.smooth.speed(t)
 
     def acceleration(self, t: Float) -> Float:
-        """Acceleration, rad/s^2.
-
-        Args:
-            t: times, s.
-        """
+        """Acceleration, rad/s^2."""
         return self.smooth.acceleration(t)
 
     def stderr(self, t: Float) -> Float:
-        """Standard error of the angle, rad.
-
-        Args:
-            t: times, s.
-        """
+        """Standard error of the angle, rad."""
         return self.smooth.stderr(t)
 
     @property
@@ -97,15 +73,7 @@ class AngleTrack:
 
 
 def track(record: Signals, reference: Reference) -> AngleTrack:
-    """The angle that a phase reference of a recording gives.
-
-    Args:
-        record: the recording.
-        reference: its channel, edge and pulses a turn.
-
-    Raises:
-        ValueError: the channel has no pulses, or none that count as turns.
-    """
+    """The angle that a phase reference of a recording gives."""
     channel, per_turn = str(reference.channel), reference.pulses_per_turn or 1
     where = f"{record.name}, channel {channel}"
     try:
@@ -200,16 +168,7 @@ def _times(times: Float) -> str:
 
 
 def steady_track(record: Signals, shaft: AngleTrack | None, whirl: int) -> AngleTrack:
-    """The angle of a perturbator that has no mark and runs at one frequency, from the motion of the first two planes.
-
-    Args:
-        record: the recording.
-        shaft: the shaft's angle, whose orders are not taken for the perturbation; None without.
-        whirl: +1 forward, -1 backward.
-
-    Raises:
-        ValueError: no line stands out, or it is not steady.
-    """
+    """The angle of a perturbator that has no mark and runs at one frequency."""
     stop = min(record.size, 1 << 21)
     planes = record.planes[:2]
     if not planes:

@@ -58,12 +58,7 @@ class ChannelStatistics:
 
 
 def statistics(record: Signals, name: str) -> ChannelStatistics:
-    """Go through a channel once.
-
-    Args:
-        record: the recording.
-        name: of the channel.
-    """
+    """Go through a channel once."""
     factor, offset = record.rig.scales[name]
     integers = record.raw.channels[name].full_count is not None
     total = squares = 0.0
@@ -99,20 +94,13 @@ def statistics(record: Signals, name: str) -> ChannelStatistics:
 
 @dataclass(kw_only=True)
 class _Windows:
-    """How far a channel moves within each whole window of its pieces.
+    """How far a channel moves within each whole window of its pieces."""
 
-    Attributes:
-        length: samples of a window.
-        seen: samples so far.
-        begin, moves: first sample, and standard deviation, of the windows of each piece.
-        step: smallest change between samples: a card may have fewer bits than the file.
-    """
-
-    length: int
-    seen: int = 0
+    length: int  # samples of a window
+    seen: int = 0  # samples so far
     begin: list[Index] = field(default_factory=list)
     moves: list[Float] = field(default_factory=list)
-    step: float = np.inf
+    step: float = np.inf  # smallest change between samples: a card may have fewer bits than the file
 
     def see(self, values: Float) -> None:
         windows = values[: values.size // self.length * self.length].reshape(-1, self.length)

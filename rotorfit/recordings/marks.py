@@ -16,28 +16,14 @@ _MARKS = ("shaft", "perturbator")
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Marks:
-    """The two angles of a recording, either may be missing.
+    """The two angles of a recording, either may be missing."""
 
-    Attributes:
-        shaft: angle of the shaft, ``None`` without its mark.
-        perturbator: angle of the perturbator, growing whichever way it turns, likewise.
-        whirl: +1 where the perturbator turns with the shaft, -1 against it.
-    """
-
-    shaft: AngleTrack | None
-    perturbator: AngleTrack | None
-    whirl: int = 1
+    shaft: AngleTrack | None  # angle of the shaft, ``None`` without its mark
+    perturbator: AngleTrack | None  # angle of the perturbator, growing whichever way it turns, likewise
+    whirl: int = 1  # +1 where the perturbator turns with the shaft, -1 against it
 
     def named(self, name: str, record: Signals) -> AngleTrack:
-        """The angle of a mark.
-
-        Args:
-            name: ``shaft`` or ``perturbator``.
-            record: the recording, for messages.
-
-        Raises:
-            ValueError: no such mark in this recording.
-        """
+        """The angle of a mark."""
         if name not in _MARKS:
             raise ValueError(unknown_name("reference", name, _MARKS))
         found = self.shaft if name == "shaft" else self.perturbator
@@ -59,31 +45,18 @@ class Marks:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SpeedTrack:
-    """Speed of one mark over a recording.
+    """Speed of one mark over a recording."""
 
-    Attributes:
-        mark: ``shaft`` or ``perturbator``.
-        t: s, shape ``(N,)``.
-        speed: rad/s, smoothed.
-        acceleration: rad/s^2.
-        raw_t, raw_speed: between one pulse and the next, s and rad/s.
-    """
-
-    mark: str
-    t: Float
-    speed: Float
-    acceleration: Float
-    raw_t: Float
-    raw_speed: Float
+    mark: str  # ``shaft`` or ``perturbator``
+    t: Float  # s, shape ``(N,)``
+    speed: Float  # rad/s, smoothed
+    acceleration: Float  # rad/s^2
+    raw_t: Float  # between one pulse and the next, s and rad/s
+    raw_speed: Float  # between one pulse and the next, s and rad/s
 
 
 def speeds(marks: Marks, points: int = 2000) -> list[SpeedTrack]:
-    """Speed of each mark between its first and its last pulse, with the speed that single intervals would give.
-
-    Args:
-        marks: angles of a recording.
-        points: times at which each speed is given.
-    """
+    """Speed of each mark between its first and its last pulse, with the speed that single intervals would give."""
     found = []
     for name, angle in marks.present.items():
         t = np.linspace(angle.begin, angle.end, points)

@@ -35,12 +35,7 @@ _MOSTLY = 4.0
 
 
 def probe_findings(record: Signals, found: Mapping[str, ChannelStatistics]) -> Iterator[Finding]:
-    """Clipped, dead, interrupted, AC-coupled and out-of-range probes.
-
-    Args:
-        record: the recording.
-        found: statistics of the probes' channels.
-    """
+    """Clipped, dead, interrupted, AC-coupled and out-of-range probes."""
     largest = max((each.deviation for each in found.values()), default=0.0)
     coupled = []
     for probe in record.probes:
@@ -118,21 +113,13 @@ def _dead(each: ChannelStatistics, largest: float) -> bool:
 
 
 def spoiled(found: Mapping[str, ChannelStatistics]) -> tuple[str, ...]:
-    """Channels of probes that are dead, interrupted or clipped, so that no response can be had of them.
-
-    Args:
-        found: statistics of the probes' channels.
-    """
+    """Channels of probes that are dead, interrupted or clipped, so that no response can be had of them."""
     largest = max((each.deviation for each in found.values()), default=0.0)
     return tuple(name for name, each in found.items() if each.clipped or each.still or _dead(each, largest))
 
 
 def copied_recordings(records: Sequence[Signals]) -> Iterator[Finding]:
-    """Recordings whose first and last samples one before them has, channel by channel.
-
-    Args:
-        records: of one rig.
-    """
+    """Recordings whose first and last samples one before them has, channel by channel."""
     seen: dict[tuple[object, ...], Signals] = {}
     copies = []
     for record in records:
@@ -163,12 +150,7 @@ def _out_of_range(probe: Probe, each: ChannelStatistics, where: str) -> Iterator
 
 
 def direction_findings(record: Signals, shaft: AngleTrack | None, perturbator: AngleTrack | None) -> Iterator[Finding]:
-    """Probes that are exchanged and a perturbator that turns the other way, by what turns with which mark.
-
-    Args:
-        record: the recording.
-        shaft, perturbator: the angles of the two, where there are marks.
-    """
+    """Probes that are exchanged and a perturbator that turns the other way, by what turns with which mark."""
     pairs = [plane for plane in record.planes if sum(probe.plane == plane for probe in record.probes) > 1]
     whirl = 0 if record.force is None or record.force.measured else record.force.whirl
     backward, opposite, judged = [], [], []
@@ -237,12 +219,7 @@ def _spread(record: Signals) -> Iterator[tuple[int, int]]:
 
 
 def hum_findings(record: Signals, shaft: AngleTrack | None) -> Iterator[Finding]:
-    """Mains hum in the probes, and where the shaft's own speed lies on it so that nobody could tell.
-
-    Args:
-        record: the recording.
-        shaft: its angle, None without a mark.
-    """
+    """Mains hum in the probes, and where the shaft's own speed lies on it so that nobody could tell."""
     size = min(record.size, _LOOKED_AT)
     span = np.linspace(0, size / record.sample_rate, 50)
     speeds = shaft.speed(span) / (2 * np.pi) if shaft is not None else np.zeros(0)
@@ -275,12 +252,7 @@ def hum_findings(record: Signals, shaft: AngleTrack | None) -> Iterator[Finding]
 
 
 def folding_findings(record: Signals, shaft: AngleTrack) -> Iterator[Finding]:
-    """Orders of a steady shaft above half the sampling rate that appear at another frequency.
-
-    Args:
-        record: the recording.
-        shaft: its angle.
-    """
+    """Orders of a steady shaft above half the sampling rate that appear at another frequency."""
     size = min(record.size, _LOOKED_AT)
     speeds = np.abs(shaft.speed(np.linspace(shaft.begin, min(size / record.sample_rate, shaft.end), 50))) / (2 * np.pi)
     turning, spread = float(speeds.mean()), float(np.ptp(speeds)) / 2
@@ -303,12 +275,7 @@ def folding_findings(record: Signals, shaft: AngleTrack) -> Iterator[Finding]:
 
 
 def speed_findings(record: Signals, shaft: AngleTrack) -> Iterator[Finding]:
-    """A shaft whose marks do not come at the speed that file or setup say.
-
-    Args:
-        record: the recording.
-        shaft: its angle.
-    """
+    """A shaft whose marks do not come at the speed that file or setup say."""
     if record.speed is None or record.speed == 0:
         return
     speeds = shaft.speed(np.linspace(shaft.begin, shaft.end, 200))
@@ -325,11 +292,7 @@ def speed_findings(record: Signals, shaft: AngleTrack) -> Iterator[Finding]:
 
 
 def setting_findings(record: Signals) -> Iterator[Finding]:
-    """A sampling rate and an unbalance that were written in another unit.
-
-    Args:
-        record: the recording.
-    """
+    """A sampling rate and an unbalance that were written in another unit."""
     if record.sample_rate < _SLOWEST:
         yield Finding(
             "error",
@@ -347,12 +310,7 @@ def setting_findings(record: Signals) -> Iterator[Finding]:
 
 
 def mark_findings(record: Signals, shaft: AngleTrack, perturbator: AngleTrack) -> Iterator[Finding]:
-    """Marks that are exchanged: the shaft's speed sweeps while the perturbator's is steady.
-
-    Args:
-        record: the recording.
-        shaft, perturbator: the angles of the two.
-    """
+    """Marks that are exchanged: the shaft's speed sweeps while the perturbator's is steady."""
     sweeps, steady = (
         float(np.ptp(speeds) / np.abs(speeds).mean())
         for speeds in (angle.speed(np.linspace(angle.begin, angle.end, 200)) for angle in (shaft, perturbator))

@@ -27,30 +27,19 @@ def _wide(piece: NDArray[Any]) -> type:
 
 
 def source_of(records: Sequence[Signals]) -> str:
-    """Where a test came from: the files of its recordings and their setup.
-
-    Args:
-        records: at least one.
-    """
+    """Where a test came from: the files of its recordings and their setup."""
     setup = records[0].setup.source if records[0].setup is not None else ""
     return ", ".join(record.path.name for record in records) + (f" with {setup}" if setup else "")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Signals:
-    """Volts and motions of one run.
+    """Volts and motions of one run."""
 
-    Attributes:
-        raw: what the file holds.
-        rig: which channel is what, complete.
-        path: the file.
-        setup: the setup it was opened with.
-    """
-
-    raw: RawFile
-    rig: Rig
-    path: Path
-    setup: RigSetup | None
+    raw: RawFile  # what the file holds
+    rig: Rig  # which channel is what, complete
+    path: Path  # the file
+    setup: RigSetup | None  # the setup it was opened with
 
     @property
     def name(self) -> str:
@@ -105,15 +94,8 @@ class Signals:
     def channel(self, name: str, start: int = 0, stop: int | None = None) -> Float:
         """Voltage of a channel.
 
-        Args:
-            name: of the channel.
-            start, stop: samples from and to; by default all.
-
         Returns:
             V, shape ``(stop - start,)``; of a probe whose channel comes late at the times of the others.
-
-        Raises:
-            ValueError: no such channel, or samples that cannot be read.
         """
         if name not in self.rig.scales:
             raise ValueError(f"{self.name}: {unknown_name('channel', name, self.rig.scales)}")
@@ -126,11 +108,7 @@ class Signals:
         return np.asarray(volts + offset if offset else volts, dtype=float)
 
     def _stored(self, name: str, first: int, last: int) -> NDArray[Any]:
-        """Samples as the file stores them, counts or volts.
-
-        Raises:
-            ValueError: one of them is not a number.
-        """
+        """Samples as the file stores them, counts or volts."""
         counts = self.raw.channels[name].samples(first, last)
         if counts.dtype.kind == "f" and not np.isfinite(counts).all():
             at = first + int(np.flatnonzero(~np.isfinite(counts))[0])
@@ -141,36 +119,21 @@ class Signals:
         return counts
 
     def stored_pieces(self, name: str) -> Iterator[NDArray[Any]]:
-        """A channel in consecutive pieces as the file stores it, for what can be computed quicker in counts.
-
-        Args:
-            name: of the channel; its scale and offset are ``rig.scales[name]``.
-        """
+        """A channel in consecutive pieces as the file stores it, for what can be computed quicker in counts."""
         for start in range(0, self.size, PIECE):
             yield self._stored(name, start, min(start + PIECE, self.size))
 
     def pieces(self, name: str) -> Iterator[Float]:
-        """A channel in consecutive pieces, V.
-
-        Args:
-            name: of the channel.
-        """
+        """A channel in consecutive pieces, V."""
         for start in range(0, self.size, PIECE):
             yield self.channel(name, start, start + PIECE)
 
     def motion(self, plane: str, start: int = 0, stop: int | None = None) -> NDArray[Any]:
         """Motion of the shaft about its mean position over the recording.
 
-        Args:
-            plane: one of :attr:`planes`.
-            start, stop: samples from and to.
-
         Returns:
             ``z = x + jy`` in m, complex, y 90 degrees ahead of x as the shaft turns; for a plane with one probe the
             motion along its angle, real.
-
-        Raises:
-            ValueError: no such plane, or its probes look in the same direction.
         """
         probes = self._probes_of(plane)
         along = np.stack([self.displacement(probe, start, stop) for probe in probes])
@@ -179,30 +142,16 @@ class Signals:
         return np.asarray(self._mixing(plane) @ along)
 
     def displacement(self, probe: Probe, start: int = 0, stop: int | None = None) -> Float:
-        """Motion towards one probe, about the mean, m.
-
-        Args:
-            probe: one of :attr:`probes`.
-            start, stop: samples from and to.
-        """
+        """Motion towards one probe, about the mean, m."""
         volts = self.without_run_out(probe, start, stop)
         return np.asarray((volts - self.gap_voltage(probe.channel)) / float(probe.sensitivity or 1.0))
 
     def without_run_out(self, probe: Probe, start: int = 0, stop: int | None = None) -> Float:
-        """Voltage of a probe without the run-out that the setup says slow turning shows; as it is where none is named.
-
-        Args:
-            probe: one of :attr:`probes`.
-            start, stop: samples from and to.
-        """
+        """Voltage of a probe without the run-out that the setup says slow turning shows."""
         return self.channel(probe.channel, start, stop)
 
     def gap_voltage(self, name: str) -> float:
-        """Mean voltage of a channel over the recording.
-
-        Args:
-            name: of the channel.
-        """
+        """Mean voltage of a channel over the recording."""
         means = self.__dict__.setdefault("_means", {})
         if name not in means:
             factor, offset = self.rig.scales[name]
@@ -216,25 +165,12 @@ class Signals:
         return tuple(probe for probe in self.probes if probe.plane == plane)
 
     def resolved(self, plane: str, along: NDArray[Any]) -> NDArray[Any]:
-        """x and y of what each probe of a plane reads, shape ``(2, ...)``, of readings of shape ``(probes, ...)``.
-
-        Args:
-            plane: with at least two probes.
-            along: signals or phasors along the probes, in their order.
-
-        Raises:
-            ValueError: the probes look in the same direction.
-        """
+        """x and y of what each probe of a plane reads, shape ``(2, ...)``, of readings of shape ``(probes, ...)``."""
         mixing = self._mixing(plane)
         return np.stack([mixing.real @ along, mixing.imag @ along])
 
     def resolved_variance(self, plane: str, along: Float) -> Float:
-        """Variance of x and of y, their mean, of those of the readings along the probes of a plane.
-
-        Args:
-            plane: with at least two probes.
-            along: variances, shape ``(probes, ...)``.
-        """
+        """Variance of x and of y, their mean, of those of the readings along the probes of a plane."""
         return np.asarray(np.tensordot(np.abs(self._mixing(plane)) ** 2, along, 1) / 2)
 
     def _mixing(self, plane: str) -> ComplexArray:
@@ -248,14 +184,7 @@ class Signals:
         return np.asarray(inverse[0] + 1j * self.rig.rotation * inverse[1])
 
     def force_signal(self, start: int = 0, stop: int | None = None) -> ComplexArray:
-        """A measured force ``Fx + j Fy``, N.
-
-        Args:
-            start, stop: samples from and to.
-
-        Raises:
-            ValueError: the force of this recording was not measured.
-        """
+        """A measured force ``Fx + j Fy``, N."""
         force = self.force
         if force is None or not force.measured:
             raise ValueError(f"{self.name} has no measured force; name its channels in [force]")

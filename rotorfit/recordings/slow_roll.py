@@ -58,16 +58,7 @@ class RunOut:
 
 
 def find_run_out(record: Signals, shaft: AngleTrack, how: SlowRollSetup) -> RunOut:
-    """Run-out of a recording's probes where its shaft turns slowly.
-
-    Args:
-        record: a start-up, a shutdown, or a recording of slow turning alone.
-        shaft: its angle.
-        how: below which speed, and how many orders.
-
-    Raises:
-        ValueError: the shaft hardly turns so slowly, or the sampling rate is too low for so many orders.
-    """
+    """Run-out of a recording's probes where its shaft turns slowly."""
     orders = np.arange(1, (how.orders or VECTOR_ORDERS) + 1)
     limit = np.inf if how.below is None else how.below
     columns = 2 * orders.size + 2
@@ -105,12 +96,7 @@ def find_run_out(record: Signals, shaft: AngleTrack, how: SlowRollSetup) -> RunO
 
 
 def in_words(record: Signals, found: RunOut) -> str:
-    """What was taken out of the signals of a recording.
-
-    Args:
-        record: the recording.
-        found: its run-out.
-    """
+    """What was taken out of the signals of a recording."""
     sizes = ", ".join(
         f"{probe.channel} {abs(found.amplitudes[probe.channel][0] / float(probe.sensitivity or 1.0)) * 1e6:.3g} µm"
         for probe in record.probes

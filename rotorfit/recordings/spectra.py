@@ -18,37 +18,19 @@ _LINES = 1 << 15
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Cascade:
-    """Full spectra of one plane, one after the other.
+    """Full spectra of one plane, one after the other."""
 
-    Attributes:
-        plane: its name.
-        over: what tells them apart: ``time``, ``speed`` or ``perturbation``.
-        position: s or rad/s, shape ``(W,)``.
-        frequency: Hz, negative is backward, shape ``(F,)``.
-        amplitude: m, shape ``(W, F)``; a circle of radius A has A.
-        shaft, perturbation: speeds at each spectrum, rad/s (perturbation signed by its whirl); NaN without a mark.
-    """
-
-    plane: str
-    over: str
-    position: Float
-    frequency: Float
-    amplitude: Float
-    shaft: Float
-    perturbation: Float
+    plane: str  # its name
+    over: str  # what tells them apart: ``time``, ``speed`` or ``perturbation``
+    position: Float  # s or rad/s, shape ``(W,)``
+    frequency: Float  # Hz, negative is backward, shape ``(F,)``
+    amplitude: Float  # m, shape ``(W, F)``; a circle of radius A has A
+    shaft: Float  # speeds at each spectrum, rad/s (perturbation signed by its whirl); NaN without a mark
+    perturbation: Float  # speeds at each spectrum, rad/s (perturbation signed by its whirl); NaN without a mark
 
 
 def spectrum(record: Signals, plane: str, start: float, stop: float | None) -> tuple[Float, Float]:
-    """Full spectrum of a plane over a stretch of time: frequencies (Hz) and amplitudes (m).
-
-    Args:
-        record: the recording.
-        plane: one of its planes.
-        start, stop: s; by default all; of more than a million samples the first million.
-
-    Raises:
-        ValueError: no such plane, or a stretch that is empty.
-    """
+    """Full spectrum of a plane over a stretch of time: frequencies (Hz) and amplitudes (m)."""
     first = round(max(start, 0.0) * record.sample_rate)
     last = record.size if stop is None else min(round(stop * record.sample_rate), record.size)
     last = min(last, first + (1 << 20))
@@ -61,18 +43,7 @@ def spectrum(record: Signals, plane: str, start: float, stop: float | None) -> t
 
 
 def cascade(record: Signals, marks: Marks, plane: str, *, over: str | None = None, spectra: int = 60) -> Cascade:
-    """Full spectra at even steps of time, speed or perturbation frequency.
-
-    Args:
-        record: the recording.
-        marks: its angles.
-        plane: one of its planes.
-        over: ``"time"``, ``"speed"`` or ``"perturbation"``; None: what changes in this recording.
-        spectra: how many.
-
-    Raises:
-        ValueError: no such plane, or a mark that is missing for what is asked.
-    """
+    """Full spectra at even steps of time, speed or perturbation frequency."""
     places = cascade_times(record, marks, over, spectra)
     rows = []
     for start in places.starts.tolist():
@@ -92,36 +63,18 @@ def cascade(record: Signals, marks: Marks, plane: str, *, over: str | None = Non
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CascadeTimes:
-    """Where the spectra of a cascade are taken.
+    """Where the spectra of a cascade are taken."""
 
-    Attributes:
-        over: what tells them apart: ``time``, ``speed`` or ``perturbation``.
-        size: samples of each.
-        starts: first sample of each, shape ``(W,)``.
-        position: s or rad/s, shape ``(W,)``.
-        shaft, perturbation: speeds at each spectrum, rad/s, the latter signed; NaN without a mark.
-    """
-
-    over: str
-    size: int
-    starts: Index
-    position: Float
-    shaft: Float
-    perturbation: Float
+    over: str  # what tells them apart: ``time``, ``speed`` or ``perturbation``
+    size: int  # samples of each
+    starts: Index  # first sample of each, shape ``(W,)``
+    position: Float  # s or rad/s, shape ``(W,)``
+    shaft: Float  # speeds at each spectrum, rad/s, the latter signed; NaN without a mark
+    perturbation: Float  # speeds at each spectrum, rad/s, the latter signed; NaN without a mark
 
 
 def cascade_times(record: Signals, marks: Marks, over: str | None, spectra: int) -> CascadeTimes:
-    """Even steps of time, speed or perturbation frequency.
-
-    Args:
-        record: the recording.
-        marks: its angles.
-        over: ``"time"``, ``"speed"`` or ``"perturbation"``; ``None``: what changes in this recording.
-        spectra: how many.
-
-    Raises:
-        ValueError: see :func:`cascade`.
-    """
+    """Even steps of time, speed or perturbation frequency."""
     over = _changing(marks) if over is None else over
     if over not in ("time", "speed", "perturbation"):
         raise ValueError(unknown_name("axis of a cascade", over, ("time", "speed", "perturbation")))
@@ -162,12 +115,7 @@ def _changing(marks: Marks) -> str:
 
 
 def steady_lines(marks: Marks, start: float, stop: float) -> dict[str, float]:
-    """Frequencies of orders, Hz, by label, of the marks whose speed hardly changes meanwhile.
-
-    Args:
-        marks: angles of a recording.
-        start, stop: times, s.
-    """
+    """Frequencies of orders, Hz, by label, of the marks whose speed hardly changes meanwhile."""
     lines: dict[str, float] = {}
     t = np.linspace(start, stop, 50)
     for name, angle in marks.present.items():

@@ -10,14 +10,7 @@ from rotorfit.units import RAD_S_PER_RPM
 
 
 def summary(record: Recording) -> str:
-    """Length, speeds, force, a line a probe, and what was found.
-
-    Args:
-        record: the recording.
-
-    Raises:
-        ValueError: a channel that cannot be read, or a mark without pulses.
-    """
+    """Length, speeds, force, a line a probe, and what was found."""
     lines = [f"{record.name}: {record.duration:.3f} s at {record.sample_rate:g} Hz, {len(record.channels)} channels"]
     if record.rig.shaft is not None:
         lines.append(_mark(record, "shaft", record.shaft_angle()))

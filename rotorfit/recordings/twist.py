@@ -26,14 +26,7 @@ if TYPE_CHECKING:
 
 
 def twist_of(record: Signals) -> Float:
-    """Twist at every sample of a recording, its mean taken out, rad.
-
-    Args:
-        record: the recording.
-
-    Raises:
-        ValueError: no twist was measured, or a wheel without pulses.
-    """
+    """Twist at every sample of a recording, its mean taken out, rad."""
     how = record.rig.twist
     if how is None:
         raise ValueError(f"{record.name} has no twist: name its channel, or two tooth wheels, in [twist]")
@@ -68,38 +61,19 @@ def _between_wheels(record: Signals, how: Twist) -> Float:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TwistView:
-    """What the figure of the twist shows.
+    """What the figure of the twist shows."""
 
-    Attributes:
-        over: what tells the spectra apart: ``time``, ``speed`` or ``perturbation``.
-        position: s or rad/s, shape ``(W,)``.
-        overall: amplitude that a sine of the same mean square has, rad 0-pk, shape ``(W,)``.
-        frequency: Hz, from zero, shape ``(F,)``.
-        amplitude: of the lines, rad 0-pk, shape ``(W, F)``.
-        shaft, perturbation: speeds at each spectrum, rad/s, the latter signed; NaN without a mark.
-    """
-
-    over: str
-    position: Float
-    overall: Float
-    frequency: Float
-    amplitude: Float
-    shaft: Float
-    perturbation: Float
+    over: str  # what tells the spectra apart: ``time``, ``speed`` or ``perturbation``
+    position: Float  # s or rad/s, shape ``(W,)``
+    overall: Float  # amplitude that a sine of the same mean square has, rad 0-pk, shape ``(W,)``
+    frequency: Float  # Hz, from zero, shape ``(F,)``
+    amplitude: Float  # of the lines, rad 0-pk, shape ``(W, F)``
+    shaft: Float  # speeds at each spectrum, rad/s, the latter signed; NaN without a mark
+    perturbation: Float  # speeds at each spectrum, rad/s, the latter signed; NaN without a mark
 
 
 def twist_view(record: Signals, marks: Marks, *, over: str | None, spectra: int) -> TwistView:
-    """Overall amplitude and spectra of the twist at even steps of time, speed or perturbation frequency.
-
-    Args:
-        record: the recording.
-        marks: its angles.
-        over: ``"time"``, ``"speed"`` or ``"perturbation"``; None: what changes in this recording.
-        spectra: how many.
-
-    Raises:
-        ValueError: no twist, or a mark that is missing for what is asked.
-    """
+    """Overall amplitude and spectra of the twist at even steps of time, speed or perturbation frequency."""
     twist = twist_of(record)
     places = cascade_times(record, marks, over, spectra)
     rows, overall = [], []

@@ -16,40 +16,19 @@ from rotorfit.recordings.signals import Signals
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Stretch:
-    """Motion of one plane over a short time.
+    """Motion of one plane over a short time."""
 
-    Attributes:
-        plane: its name.
-        t: s, shape ``(N,)``.
-        z: ``x + jy``, m; real for one probe.
-        dots: positions of each mark's pulses: times, s, by name of the mark.
-        filtered: the parts of the motion that turn with each mark (first order, both directions), m, by name.
-        speeds: of each mark, rad/s, by name.
-        cleaned: run-out, as slow turning shows it, is taken out.
-    """
-
-    plane: str
-    t: Float
-    z: NDArray[Any]
-    dots: dict[str, Float]
+    plane: str  # its name
+    t: Float  # s, shape ``(N,)``
+    z: NDArray[Any]  # ``x + jy``, m; real for one probe
+    dots: dict[str, Float]  # positions of each mark's pulses: times, s, by name of the mark
     filtered: dict[str, ComplexArray]
-    speeds: dict[str, float]
-    cleaned: bool
+    speeds: dict[str, float]  # of each mark, rad/s, by name
+    cleaned: bool  # run-out, as slow turning shows it, is taken out
 
 
 def stretch(record: Signals, marks: Marks, plane: str, at: float | None, turns: float) -> Stretch:
-    """Motion of a plane over some turns of the slowest mark.
-
-    Args:
-        record: the recording.
-        marks: its angles.
-        plane: one of its planes.
-        at: middle, s; None: the middle of the recording.
-        turns: how many.
-
-    Raises:
-        ValueError: no such plane or time.
-    """
+    """Motion of a plane over some turns of the slowest mark."""
     middle = record.duration / 2 if at is None else at
     if not 0 <= middle <= record.duration:
         raise ValueError(f"at = {middle:g} s is not within {record.name}, 0 to {record.duration:g} s")
@@ -80,41 +59,21 @@ def _window(record: Signals, middle: float, length: float) -> tuple[int, int]:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class OrderVectors:
-    """First-order vectors of all probes over a recording.
+    """First-order vectors of all probes over a recording."""
 
-    Attributes:
-        reference: mark that they turn with.
-        t: middle of each window, s, shape ``(W,)``.
-        speed: of the mark, rad/s, shape ``(W,)``.
-        phasors: of each probe, ``Re(phasor exp(j angle))`` is its motion, m, shape ``(P, W)``.
-        probes: plane and angle (rad) of each probe.
-        forward, backward: amplitudes of the two directions in planes with two probes, complex, m, by plane.
-    """
-
-    reference: str
-    t: Float
-    speed: Float
-    phasors: ComplexArray
-    probes: tuple[tuple[str, float], ...]
-    forward: dict[str, ComplexArray]
+    reference: str  # mark that they turn with
+    t: Float  # middle of each window, s, shape ``(W,)``
+    speed: Float  # of the mark, rad/s, shape ``(W,)``
+    phasors: ComplexArray  # of each probe, ``Re(phasor exp(j angle))`` is its motion, m, shape ``(P, W)``
+    probes: tuple[tuple[str, float], ...]  # plane and angle (rad) of each probe
+    forward: dict[str, ComplexArray]  # amplitudes of the two directions in planes with two probes, complex, m, by plane
     backward: dict[str, ComplexArray]
 
 
 def vectors_over_time(
     record: Signals, marks: Marks, reference: str, *, turns: float = 8.0, windows: int = 300
 ) -> OrderVectors:
-    """Vectors by windows of some turns over the whole recording, the other mark's orders taken out.
-
-    Args:
-        record: the recording.
-        marks: its angles.
-        reference: ``"shaft"`` or ``"perturbator"``.
-        turns: of the reference in a window.
-        windows: how many.
-
-    Raises:
-        ValueError: no such mark.
-    """
+    """Vectors by windows of some turns over the whole recording, the other mark's orders taken out."""
     main = marks.named(reference, record)
     others = [angle for name, angle in marks.present.items() if name != reference]
     centres = np.linspace(main.begin, main.end, windows)
@@ -143,33 +102,17 @@ def vectors_over_time(
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Centreline:
-    """Mean position of the shaft in one plane over a recording, from the gap voltages.
+    """Mean position of the shaft in one plane over a recording, from the gap voltages."""
 
-    Attributes:
-        plane: its name.
-        t: s, shape ``(W,)``.
-        z: ``x + jy``, m, relative to the first, shape ``(W,)``.
-        speed: of the shaft, rad/s, NaN without a mark, shape ``(W,)``.
-    """
-
-    plane: str
-    t: Float
-    z: ComplexArray
-    speed: Float
+    plane: str  # its name
+    t: Float  # s, shape ``(W,)``
+    z: ComplexArray  # ``x + jy``, m, relative to the first, shape ``(W,)``
+    speed: Float  # of the shaft, rad/s, NaN without a mark, shape ``(W,)``
 
 
 def centreline(record: Signals, marks: Marks, plane: str, windows: int = 100) -> Centreline:
     """Mean positions along the recording, by windows that overlap by half and fade at their ends: an orbit of more
     than two turns in a window leaves nothing.
-
-    Args:
-        record: the recording.
-        marks: its angles.
-        plane: one of its planes.
-        windows: how many half windows at most.
-
-    Raises:
-        ValueError: no such plane, or one with a single probe.
     """
     if not np.iscomplexobj(record.motion(plane, 0, 1)):
         raise ValueError(f"{record.name}: {plane} has one probe; a centreline needs two")

@@ -14,22 +14,14 @@ if TYPE_CHECKING:
 
 
 def found_assumptions(material: ReportInput) -> Assumptions:
-    """Assumptions of the fit, none where it failed or parameters were fitted per attribute.
-
-    Args:
-        material: what the report is made of.
-    """
+    """Assumptions of the fit, none where it failed or parameters were fitted per attribute."""
     fit = material.fit
     shared = len(fit.thetas) == 1 and fit.success
     return assumptions_of(fit) if shared else Assumptions(())
 
 
 def assumptions_section(material: ReportInput) -> Html:
-    """Score tests of what the model leaves out, and the shift of each result.
-
-    Args:
-        material: what the report is of.
-    """
+    """Score tests of what the model leaves out, and the shift of each result."""
     found = found_assumptions(material)
     if not found.entries:
         return Html("")

@@ -17,11 +17,7 @@ if TYPE_CHECKING:
 
 
 def budget_section(material: ReportInput) -> Html:
-    """Standard uncertainty of every parameter by source, and what the data say of the calibration.
-
-    Args:
-        material: what the report is of.
-    """
+    """Standard uncertainty of every parameter by source, and what the data say of the calibration."""
     from rotorfit.uncertainty.budget import Budget
 
     fit = material.fit

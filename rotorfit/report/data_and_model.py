@@ -34,11 +34,7 @@ _FROM_MOUNTINGS = (
 
 
 def data_section(material: ReportInput) -> Html:
-    """The experiments and what the check of the data found.
-
-    Args:
-        material: what the report is of.
-    """
+    """The experiments and what the check of the data found."""
     fit = material.fit
     rows = [_experiment_row(e) for e in fit.experiments]
     head = ["source", "kind", "readings", "runs", "speeds", "frequencies", "forced at", "measured at"]
@@ -92,11 +88,7 @@ def _experiment_row(test: Experiment) -> list[str]:
 
 
 def model_section(material: ReportInput) -> Html:
-    """The equation of motion as dynamic stiffness, written from the model itself.
-
-    Args:
-        material: what the report is of.
-    """
+    """The equation of motion as dynamic stiffness, written from the model itself."""
     model = material.fit.model
     kappa = "<msub><mi>κ</mi><mrow><mi>i</mi><mi>k</mi></mrow></msub>"
     general = (
@@ -162,11 +154,7 @@ def _equation(inner: str) -> Html:
 
 
 def refinement_section(material: ReportInput) -> Html:
-    """The ladder of structural blocks.
-
-    Args:
-        material: what the report is of.
-    """
+    """The ladder of structural blocks."""
     ladder = material.refinement
     if ladder is None:
         return Html("")

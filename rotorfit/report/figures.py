@@ -40,19 +40,12 @@ _FIRST = ("D", "lam", "lam_D", "lam_M", "Mf", "K0")
 
 @dataclass(frozen=True)
 class ReportFigure:
-    """A figure of the report and the kind of data that it shows.
+    """A figure of the report and the kind of data that it shows."""
 
-    Attributes:
-        title: heading of its section.
-        draw: makes the figure of a fit; ``plot_NAME`` gives its file the name ``NAME.png``.
-        caption: words below it.
-        shows: whether a block of observations appears in it.
-    """
-
-    title: str
-    draw: Callable[[FitResult], Figure]
-    caption: str
-    shows: Callable[[object], bool]
+    title: str  # heading of its section
+    draw: Callable[[FitResult], Figure]  # makes the figure of a fit; ``plot_NAME`` gives its file the name ``NAME.png``
+    caption: str  # words below it
+    shows: Callable[[object], bool]  # whether a block of observations appears in it
 
 
 def _turning(block: object) -> bool:
@@ -136,11 +129,7 @@ FIGURES: tuple[ReportFigure, ...] = (
 
 
 def figure_sections(material: ReportInput) -> Iterator[Html]:
-    """Figures of each kind of data, stability, posterior.
-
-    Args:
-        material: what the report is of.
-    """
+    """Figures of each kind of data, stability, posterior."""
     fit = material.fit
     for kind in FIGURES:
         if material.figure_format != "none" and any(kind.shows(block) for block in fit.problem.blocks):
@@ -156,14 +145,7 @@ def figure_sections(material: ReportInput) -> Iterator[Html]:
 
 
 def embedded(material: ReportInput, name: str, draw: Callable[[], Figure], caption: str) -> Html:
-    """Draw a figure, keep the file, embed it; nothing where figures are left out.
-
-    Args:
-        material: what the report is of; the picture is kept in it.
-        name: of the file, without its suffix.
-        draw: makes the figure; not called where figures are left out.
-        caption: what stands below it.
-    """
+    """Draw a figure, keep the file, embed it; nothing where figures are left out."""
     if material.figure_format == "none":
         return Html("")
     from rotorfit.plots.layout import picture_of

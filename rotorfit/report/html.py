@@ -18,13 +18,7 @@ class Html(str):
 
 
 def element(tag: str, /, *children: str, **attributes: str) -> Html:
-    """An element of a page.
-
-    Args:
-        tag: its name.
-        children: text, which is escaped, and markup.
-        attributes: by name, a trailing underscore (``class_``) being dropped and others becoming hyphens.
-    """
+    """An element of a page."""
     written = "".join(f' {key.rstrip("_").replace("_", "-")}="{escape(value)}"' for key, value in attributes.items())
     if tag in _VOID:
         return Html(f"<{tag}{written}>")
@@ -32,45 +26,24 @@ def element(tag: str, /, *children: str, **attributes: str) -> Html:
 
 
 def join(children: Iterable[str], separator: str = "") -> Html:
-    """Text and markup in a row.
-
-    Args:
-        children: text, which is escaped, and markup.
-        separator: what stands between them.
-    """
+    """Text and markup in a row."""
     return Html(separator.join(child if isinstance(child, Html) else escape(child) for child in children))
 
 
 def paragraph(*children: str) -> Html:
-    """A paragraph.
-
-    Args:
-        children: text, which is escaped, and markup.
-    """
+    """A paragraph."""
     return element("p", *children)
 
 
 def bullets(items: Iterable[str], **attributes: str) -> Html:
-    """An unordered list.
-
-    Args:
-        items: text, which is escaped, or markup.
-        attributes: of the list, as for :func:`element`.
-    """
+    """An unordered list."""
     return element("ul", *(element("li", item) for item in items), **attributes)
 
 
 def table(
     head: Sequence[str], rows: Iterable[Sequence[str]], numeric: Sequence[int] = (), whole: Sequence[int] = ()
 ) -> Html:
-    """A table; empty columns are left out.
-
-    Args:
-        head: headings.
-        rows: cells, text or markup.
-        numeric: columns aligned to the right.
-        whole: columns whose cells are not broken into lines.
-    """
+    """A table; empty columns are left out."""
     body = [list(row) for row in rows]
     kept = [i for i in range(len(head)) if i == 0 or any(row[i] for row in body)]
 
@@ -90,13 +63,7 @@ def table(
 
 
 def picture(png: bytes, caption: str, inches: float) -> Html:
-    """A PNG file with its caption, embedded, at its natural width where the page is wide enough.
-
-    Args:
-        png: content of the file.
-        caption: what stands below it.
-        inches: natural width.
-    """
+    """A PNG file with its caption, embedded, at its natural width where the page is wide enough."""
     data = base64.b64encode(png).decode("ascii")
     image = element("img", src=f"data:image/png;base64,{data}", alt=caption, width=f"{96 * inches:.0f}")
     return element("figure", image, element("figcaption", caption))

@@ -11,12 +11,7 @@ from rotorfit.units import RPM_PER_RAD_S
 
 
 def plain(value: float, places: int = 5) -> str:
-    """A number with a few significant digits and a real minus sign; a dash where there is none.
-
-    Args:
-        value: the number.
-        places: significant digits.
-    """
+    """A number with a few significant digits and a real minus sign; a dash where there is none."""
     if not math.isfinite(value):
         return "–"
     if value and not 1e-4 <= abs(value) < 1e7:
@@ -27,12 +22,7 @@ def plain(value: float, places: int = 5) -> str:
 
 
 def with_error(value: float, error: float) -> tuple[str, str]:
-    """Value and error, both to the second significant digit of the error; see :mod:`rotorfit.fitting.digits`.
-
-    Args:
-        value: the number.
-        error: its standard error.
-    """
+    """Value and error, both to the second significant digit of the error; see :mod:`rotorfit.fitting.digits`."""
     if not (math.isfinite(value) and math.isfinite(error) and error > 0):
         return plain(value), "–"
     shown, spread = digits.with_error(value, error)
@@ -45,11 +35,7 @@ def _typeset(number: str) -> str:
 
 
 def interval(low: float, high: float) -> str:
-    """An interval, to the second digit of a quarter of its width, about the standard error.
-
-    Args:
-        low, high: ends of a 95 % interval.
-    """
+    """An interval, to the second digit of a quarter of its width, about the standard error."""
     width = (high - low) / 4
     if not (math.isfinite(low) and math.isfinite(high) and width > 0):
         return "–"
@@ -62,20 +48,12 @@ def interval(low: float, high: float) -> str:
 
 
 def superscript(exponent: int) -> str:
-    """An exponent as it is set, raised.
-
-    Args:
-        exponent: of ten or of a unit.
-    """
+    """An exponent as it is set, raised."""
     return str(exponent).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
 
 
 def speeds_in_words(speeds: np.ndarray[tuple[int], np.dtype[np.float64]]) -> str:
-    """Speeds in rpm: all of them if they are few, else their range.
-
-    Args:
-        speeds: rad/s, shape ``(N,)``.
-    """
+    """Speeds in rpm: all of them if they are few, else their range."""
     rpm = np.unique(np.round(speeds * RPM_PER_RAD_S, 1))
     if rpm.size > 6:
         return f"{rpm[0]:g} to {rpm[-1]:g} rpm"

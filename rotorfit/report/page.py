@@ -13,13 +13,7 @@ from rotorfit.version import __version__
 
 
 def page(title: str, source: str, sections: Sequence[str]) -> Html:
-    """The whole page.
-
-    Args:
-        title: heading.
-        source: where the data come from, for the line below it.
-        sections: finished markup.
-    """
+    """The whole page."""
     style = (files("rotorfit.report") / "report.css").read_text(encoding="utf-8")
     # No script, no network: a reader need not trust the file, nor the names in the data.
     policy = "default-src 'none'; img-src data:; style-src 'unsafe-inline'"
@@ -42,12 +36,7 @@ def page(title: str, source: str, sections: Sequence[str]) -> Html:
 
 
 def write_whole(path: Path, content: bytes) -> Path:
-    """Write a file whole or not at all.
-
-    Args:
-        path: of the file, which is returned.
-        content: of the file.
-    """
+    """Write a file whole or not at all."""
     with whole_file(path) as draft:
         draft.write_bytes(content)
     return path

@@ -32,11 +32,7 @@ if TYPE_CHECKING:
 
 
 def parameter_section(material: ReportInput) -> Html:
-    """All parameters: start, optimum, standard errors.
-
-    Args:
-        material: what the report is of.
-    """
+    """All parameters: start, optimum, standard errors."""
     fit = material.fit
     # A refined fit starts from the step before it; the closed form stands at the foot of the ladder.
     ladder = material.refinement
@@ -85,11 +81,7 @@ def _row(p: FittedParameter, model: RotorModel, start: str) -> list[str]:
 
 
 def interval_section(material: ReportInput) -> Html:
-    """Three kinds of 95 % interval side by side, and the shares of the uncertainty.
-
-    Args:
-        material: what the report is of.
-    """
+    """Three kinds of 95 % interval side by side, and the shares of the uncertainty."""
     profiles = {p.name: p for p in material.profiles}
     rows = [
         _interval_row(material, p, profiles.get(p.name)) for p in in_order(material.fit.params.values()) if _shown(p)
@@ -183,11 +175,7 @@ def _onset_shares(fit: FitResult, onset: Quantity) -> tuple[str, str]:
 
 
 def identifiability_section(material: ReportInput) -> Html:
-    """What the data determine, and which parameters go together.
-
-    Args:
-        material: what the report is of.
-    """
+    """What the data determine, and which parameters go together."""
     fit = material.fit
     verdict = fit.identifiability
     content = [

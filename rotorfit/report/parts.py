@@ -26,42 +26,23 @@ _MANY = 50
 
 
 def section(title: str, *content: str, figure: bool = False) -> Html:
-    """A section with its heading.
-
-    Args:
-        title: its heading.
-        content: markup.
-        figure: whether it is a figure, which may need a page of its own.
-    """
+    """A section with its heading."""
     attributes = {"class_": "figure"} if figure else {}
     return element("section", element("h2", title), *content, **attributes)
 
 
 def sentence(text: str) -> str:
-    """Text with a capital at its beginning and a full stop at its end.
-
-    Args:
-        text: one sentence or more.
-    """
+    """Text with a capital at its beginning and a full stop at its end."""
     return text[:1].upper() + text[1:] + ("" if text.endswith((".", "?", "!")) else ".")
 
 
 def note(*words: str) -> Html:
-    """A remark in small type.
-
-    Args:
-        words: put together with blanks between.
-    """
+    """A remark in small type."""
     return element("p", " ".join(words), class_="note")
 
 
 def symbol(name: str, model: RotorModel) -> Html:
-    """A parameter as a formula writes it, then as code does; what is not of the model as code only.
-
-    Args:
-        name: of a fitted entry, ``K0[speed_rpm=1000]`` for instance.
-        model: whose parameter it may be.
-    """
+    """A parameter as a formula writes it, then as code does; what is not of the model as code only."""
     stem, code = name.partition("[")[0], element("code", name)
     if stem not in model.parameter_names:
         return code
@@ -69,61 +50,34 @@ def symbol(name: str, model: RotorModel) -> Html:
 
 
 def unit_shown(unit: str) -> str:
-    """A unit as people write it, nothing for pure numbers.
-
-    Args:
-        unit: as a model writes it, ``kg m^2`` for instance.
-    """
+    """A unit as people write it, nothing for pure numbers."""
     return "" if unit == "1" else re.sub(r"\^(\d+)", lambda found: superscript(int(found[1])), unit)
 
 
 def groups_of(fit: FitResult) -> list[tuple[str, int]]:
-    """Parameter groups in order: what tells each apart, empty for a single one, and its number.
-
-    Args:
-        fit: the result.
-    """
+    """Parameter groups in order: what tells each apart, empty for a single one, and its number."""
     return [(group_label(fit, group), group) for group in groups_in_order(fit)]
 
 
 def tested_speeds(fit: FitResult) -> Float:
-    """Rotative speeds of all tests, rad/s, empty for speeds that sweep.
-
-    Args:
-        fit: the result.
-    """
+    """Rotative speeds of all tests, rad/s, empty for speeds that sweep."""
     found = np.unique(np.concatenate([np.asarray(e.speed, dtype=float) for e in fit.experiments]))
     return fit.speeds if found.size > _MANY else np.asarray(found)
 
 
 def at_of(fit: FitResult, group: int) -> dict[str, str] | None:
-    """What :meth:`FitResult.group` takes for a group.
-
-    Args:
-        fit: the result.
-        group: number of the parameter group.
-    """
+    """What :meth:`FitResult.group` takes for a group."""
     parts = (label.partition("=") for label in fit.problem.space.labels[group])
     return {attribute: value for attribute, _, value in parts} or None
 
 
 def onset_interval(fit: FitResult, onset: Quantity) -> tuple[float, float]:
-    """95 % interval of a threshold speed, rad/s, uncertainties of assumptions included, which go with one group.
-
-    Args:
-        fit: the result.
-        onset: the threshold speed of one of its groups, rad/s.
-    """
+    """95 % interval of a threshold speed, rad/s, uncertainties of assumptions included, which go with one group."""
     return fit.interval(THRESHOLD) if fit.settings.assumptions else onset.interval(0.95)
 
 
 def threshold_interval(draws: Posterior | Bootstrap | None, at: dict[str, str] | None) -> str:
-    """Central 95 % of the threshold speed in words, rpm, empty without draws.
-
-    Args:
-        draws: posterior or bootstrap, if there is one.
-        at: of which parameter group, as :func:`at_of` says it.
-    """
+    """Central 95 % of the threshold speed in words, rpm, empty without draws."""
     if draws is None:
         return ""
     low, high = draws.threshold_speed(at).interval(0.95)

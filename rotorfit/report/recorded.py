@@ -40,11 +40,7 @@ _BY_SPECTRA = (
 
 
 def recordings_section(material: ReportInput) -> Iterator[Html]:
-    """Files, marks, probes, forces and cascades of the recordings; nothing where the data were not recorded.
-
-    Args:
-        material: what the report is of.
-    """
+    """Files, marks, probes, forces and cascades of the recordings; nothing where the data were not recorded."""
     records = material.recordings
     if not records:
         return

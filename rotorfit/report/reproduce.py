@@ -29,11 +29,7 @@ _SAMPLER = ("ess", "walkers", "max_steps", "noise")
 
 
 def reproduce_section(material: ReportInput) -> Html:
-    """Versions and settings.
-
-    Args:
-        material: what the report is of.
-    """
+    """Versions and settings."""
     from rotorfit.version import __version__
 
     fit = material.fit

@@ -39,11 +39,7 @@ _CARDS = 6
 
 
 def verdict_section(material: ReportInput) -> Html:
-    """Headline, figures that matter, warnings.
-
-    Args:
-        material: what the report is of.
-    """
+    """Headline, figures that matter, warnings."""
     fit = material.fit
     cards = [*_stability_cards(material), _quality_card(fit), *_fluid_cards(fit)]
     content = [
@@ -72,11 +68,7 @@ def verdict_section(material: ReportInput) -> Html:
 
 
 def data_errors(material: ReportInput) -> tuple[str, ...]:
-    """What the check of the data, or the fit, calls an error in them: as the fit tells it, and from the findings given.
-
-    Args:
-        material: what the report is made of.
-    """
+    """What the check of the data, or the fit, calls an error in them: as the fit tells it."""
     found = [f.message for findings in material.findings for f in findings if f.severity == "error"]
     told = [w.removeprefix(DATA_ERROR) for w in material.fit.warnings if w.startswith(DATA_ERROR)]
     return (*told, *(message for message in found if not any(words.endswith(message) for words in told)))

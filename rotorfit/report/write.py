@@ -148,12 +148,7 @@ def _check(material: ReportInput) -> None:
 
 
 def document(material: ReportInput, title: str) -> Html:
-    """The whole page.
-
-    Args:
-        material: what the report is of.
-        title: of the page.
-    """
+    """The whole page."""
     from rotorfit.report.assumptions import assumptions_section
     from rotorfit.report.budget import budget_section
     from rotorfit.report.data_and_model import data_section, model_section, refinement_section

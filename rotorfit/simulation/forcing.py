@@ -47,24 +47,7 @@ def perturbation(
     load: complex = 0.0,
     load_plane: str | None = None,
 ) -> PerturbationTest:
-    """Nonsynchronous perturbation: rotating forces, x and y at every plane; amplitude sweeps with several forces.
-
-    Args:
-        rig: the virtual rig.
-        speed_rpm: rotative speed or speeds.
-        frequency_rpm: perturbation frequencies, negative backward.
-        force: force of eq. (2), ``F exp(j delta)``, N, or several levels of it.
-        unbalance: ``m r exp(j delta)``, kg m, or several, instead of ``force``: the force grows with frequency squared.
-        planes: planes that are forced, one after the other, all by default.
-        order: begin every line at ``rest``, or carry the motion from line to line ``up`` or ``down`` in frequency, as a
-            slow sweep does: where a force has several orbits the orders differ.
-        load: constant load Px + j Py, N, which moves the journal off centre; the position is told in the attributes
-            ``static_x_um`` and ``static_y_um``.
-        load_plane: where it acts, by default the journal.
-
-    Raises:
-        ValueError: both of force and unbalance or neither, an unknown order, or frequencies and forces that are zero.
-    """
+    """Nonsynchronous perturbation: rotating forces, x and y at every plane; amplitude sweeps with several forces."""
     if (force is None) == (unbalance is None):
         raise ValueError("give either force, in N, or unbalance, in kg m")
     if order not in ("rest", "up", "down"):
@@ -107,12 +90,7 @@ def squeeze_film(
     unbalance: complex | Sequence[complex] | None = None,
     planes: str | Sequence[str] | None = None,
 ) -> PerturbationTest:
-    """Squeeze film (Fig. 25): rotating forces on a rotor that does not turn.
-
-    Args:
-        rig: the virtual rig.
-        frequency_rpm, force, unbalance, planes: as for :func:`perturbation`.
-    """
+    """Squeeze film (Fig. 25): rotating forces on a rotor that does not turn."""
     return perturbation(
         rig, speed_rpm=0.0, frequency_rpm=frequency_rpm, force=force, unbalance=unbalance, planes=planes
     )
@@ -126,15 +104,7 @@ def synchronous(
     residual: Mapping[str, complex] | None = None,
     planes: str | Sequence[str] | None = None,
 ) -> PerturbationTest:
-    """Start-ups with a calibration weight at 0 and at 180 degrees at each plane (eqs 19 to 23).
-
-    Args:
-        rig: the virtual rig.
-        speed_rpm: speeds at which 1x is read.
-        unbalance: calibration weight m r, kg m, one or by plane.
-        residual: unbalance that the rotor has anyway, ``m r exp(j delta)``, kg m, by plane.
-        planes: planes that take the weight, all by default.
-    """
+    """Start-ups with a calibration weight at 0 and at 180 degrees at each plane (eqs 19 to 23)."""
     speed = positive("speed_rpm", speed_rpm) * RAD_S_PER_RPM
     model = rig.model
     decay = np.array([rig.decay(v) for v in speed.tolist()])
@@ -170,18 +140,7 @@ def displacement(
     amplitude_um: ArrayLike,
     plane: str | None = None,
 ) -> DisplacementTest:
-    """Constant circular displacement input (Figs 4, 16 and 17): an orbit is imposed, its force measured.
-
-    Args:
-        rig: the virtual rig.
-        speed_rpm: rotative speed or speeds.
-        frequency_rpm: frequencies of the orbit, negative backward.
-        amplitude_um: radius of the orbit or radii, micrometres.
-        plane: where, by default at the journal.
-
-    Raises:
-        ValueError: an orbit that does not fit into the clearance.
-    """
+    """Constant circular displacement input (Figs 4, 16 and 17): an orbit is imposed, its force measured."""
     rig.need_circular("imposed orbits")
     radii, speeds = (
         positive("amplitude_um", amplitude_um) * 1e-6,

@@ -19,34 +19,19 @@ _NOTCH, _RAMP = np.radians(24.0), np.radians(6.0)
 
 @dataclass(frozen=True, kw_only=True)
 class Probes:
-    """Displacement probes in x and y and what reads them, alike on every virtual rig.
+    """Displacement probes in x and y and what reads them, alike on every virtual rig."""
 
-    Attributes:
-        sample_rate: Hz.
-        sensitivity: V/m.
-        gap: voltage at rest.
-        noise: standard deviation of the noise, V.
-    """
-
-    sample_rate: float = 6400.0
-    sensitivity: float = 7870.0
-    gap: float = -10.0
-    noise: float = 3e-3
+    sample_rate: float = 6400.0  # Hz
+    sensitivity: float = 7870.0  # V/m
+    gap: float = -10.0  # voltage at rest
+    noise: float = 3e-3  # standard deviation of the noise, V
 
     def volts(self, towards: Float) -> Float:
-        """Voltage of a probe without noise.
-
-        Args:
-            towards: motion in its direction, m.
-        """
+        """Voltage of a probe without noise."""
         return self.gap + self.sensitivity * towards
 
     def said(self, angles: tuple[float, float] = (0.0, 90.0)) -> dict[str, str | float]:
-        """Attributes of a file that tell of the probes.
-
-        Args:
-            angles: of the probes named X and Y, degrees.
-        """
+        """Attributes of a file that tell of the probes."""
         return {
             "sample_rate_hz": self.sample_rate,
             "sensitivity_V_per_mm": self.sensitivity / 1e3,
@@ -102,33 +87,18 @@ class Instruments(Probes):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Played:
-    """One run of a virtual rig, before instruments.
+    """One run of a virtual rig, before instruments."""
 
-    Attributes:
-        name: of the run; the file is named so.
-        motion: of each plane, ``x + jy``, m, shape ``(T,)``.
-        shaft: angle of the shaft, rad, shape ``(T,)``.
-        perturbator: angle of the perturbator, growing whichever way it turns; None without.
-        forces: measured forces by channel, N.
-        attributes: of the file.
-    """
-
-    name: str
-    motion: Mapping[str, ComplexArray]
-    shaft: Float
-    perturbator: Float | None = None
-    forces: Mapping[str, Float] = field(default_factory=dict)
-    attributes: Mapping[str, str | float] = field(default_factory=dict)
+    name: str  # of the run; the file is named so
+    motion: Mapping[str, ComplexArray]  # of each plane, ``x + jy``, m, shape ``(T,)``
+    shaft: Float  # angle of the shaft, rad, shape ``(T,)``
+    perturbator: Float | None = None  # angle of the perturbator, growing whichever way it turns; None without
+    forces: Mapping[str, Float] = field(default_factory=dict)  # measured forces by channel, N
+    attributes: Mapping[str, str | float] = field(default_factory=dict)  # of the file
 
 
 def record(played: Played, instruments: Instruments, folder: Path, rng: np.random.Generator) -> Path:
     """Measure a run and write its HDF5 file.
-
-    Args:
-        played: the run.
-        instruments: what measures it.
-        folder: where the file goes.
-        rng: of noise, run-out directions and mishaps.
 
     Returns:
         path of the file.
@@ -163,12 +133,6 @@ def write_counts(
     full_scale: float = 20.0,
 ) -> Path:
     """Write channels as the counts of a recorder, for :func:`rotorfit.read_recording`, whole or not at all.
-
-    Args:
-        path: HDF5 file.
-        channels: voltages by name, shape ``(T,)``.
-        attributes: of the file.
-        bits, full_scale: of the recorder; full scale in V.
 
     Returns:
         the path.
@@ -224,35 +188,18 @@ def _keyphasor(angle: Float, instruments: Instruments, rng: np.random.Generator,
 
 
 def notch(angle: Float, *, width: float, ramp: float) -> Float:
-    """Depth, 0 to 1, of a notch that begins half way down its first ramp at angle zero.
-
-    Args:
-        angle: of the shaft, rad, shape ``(T,)``.
-        width: from the middle of one ramp to that of the other, rad.
-        ramp: width of each ramp, rad.
-    """
+    """Depth, 0 to 1, of a notch that begins half way down its first ramp at angle zero."""
     into = np.mod(angle + np.pi, 2 * np.pi) - np.pi
     return np.asarray(np.clip(0.5 + into / ramp, 0.0, 1.0) - np.clip(0.5 + (into - width) / ramp, 0.0, 1.0))
 
 
 def keyphasor_volts(depth: Float) -> Float:
-    """Voltage of a Keyphasor over a notch.
-
-    Args:
-        depth: of the notch, 0 to 1, see :func:`notch`.
-    """
+    """Voltage of a Keyphasor over a notch."""
     return np.asarray(_HIGH + (_LOW - _HIGH) * depth)
 
 
 def wandering_angle(time: Float, speed: float, wander: float, rng: np.random.Generator) -> Float:
-    """Angle of a shaft whose speed wanders slowly about its mean, rad.
-
-    Args:
-        time: s, shape ``(T,)``.
-        speed: mean, rad/s.
-        wander: standard deviation of the speed over the speed.
-        rng: of the wander.
-    """
+    """Angle of a shaft whose speed wanders slowly about its mean, rad."""
     angle = speed * time
     for rate in rng.uniform(0.2, 3.0, 6):  # rad/s
         phase = rng.uniform(0, 2 * np.pi)

@@ -29,37 +29,21 @@ class IntegrationError(RuntimeError):
 
 
 class Path(NamedTuple):
-    """Motion in time: instants ``(T,)``, displacements and velocities ``(T, L, n)``.
+    """Motion in time: instants ``(T,)``, displacements and velocities ``(T, L, n)``."""
 
-    Attributes:
-        time: s, shape ``(T,)``.
-        z: displacements, m, shape ``(T, L, n)``.
-        v: velocities, m/s, likewise.
-    """
-
-    time: Float
-    z: ComplexArray
-    v: ComplexArray
+    time: Float  # s, shape ``(T,)``
+    z: ComplexArray  # displacements, m, shape ``(T, L, n)``
+    v: ComplexArray  # velocities, m/s, likewise
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Motion:
-    """The equation of motion of L rotors, each in n coordinates.
+    """The equation of motion of L rotors, each in n coordinates."""
 
-    Attributes:
-        model: the rotor.
-        theta: parameter vectors, shape ``(L, P)``.
-        speed: rotative speed, rad/s, shape ``(L,)``.
-        imposed: coordinate whose acceleration is given, in the place of the force on it.
-
-    Raises:
-        ValueError: a model whose highest derivatives do not determine its motion, or a known structure.
-    """
-
-    model: RotorModel
-    theta: Float
-    speed: Float
-    imposed: int | None = None
+    model: RotorModel  # the rotor
+    theta: Float  # parameter vectors, shape ``(L, P)``
+    speed: Float  # rotative speed, rad/s, shape ``(L,)``
+    imposed: int | None = None  # coordinate whose acceleration is given, in the place of the force on it
 
     def __post_init__(self) -> None:
         if self.model.order != 2:
@@ -120,11 +104,7 @@ class Motion:
         return self._journal.change_of(self.theta[rotors], self.speed[rotors])
 
     def eccentricity(self, z: ComplexArray) -> Float:
-        """Eccentricity of the journal, shape ``(..., L)``, zero in a linear model.
-
-        Args:
-            z: displacements, m, shape ``(..., L, n)``.
-        """
+        """Eccentricity of the journal, shape ``(..., L)``, zero in a linear model."""
         if self._journal is None:
             return np.zeros(z.shape[:-1])
         return np.asarray(np.abs(z[..., self._journal.at]) / self._journal.clearance)
@@ -140,13 +120,7 @@ class Motion:
         return force, change[2]
 
     def acceleration(self, z: ComplexArray, v: ComplexArray, force: ComplexArray) -> ComplexArray:
-        """Acceleration of all coordinates, m/s^2, shape ``(L, n)``.
-
-        Args:
-            z: displacements, m, shape ``(L, n)``.
-            v: velocities, m/s, likewise.
-            force: N, likewise; the entry of an imposed coordinate is its acceleration.
-        """
+        """Acceleration of all coordinates, m/s^2, shape ``(L, n)``."""
         seat, free, given = self._journal, self._free, self.imposed
         inertia: ComplexArray | None = None
         if seat is not None:
@@ -170,13 +144,7 @@ class Motion:
         return np.asarray(a)
 
     def force(self, z: ComplexArray, v: ComplexArray, a: ComplexArray) -> ComplexArray:
-        """Force that a motion needs at an instant, N, shape ``(L, n)``.
-
-        Args:
-            z: displacements, m, shape ``(L, n)``.
-            v: velocities, m/s, likewise.
-            a: accelerations, m/s^2, likewise.
-        """
+        """Force that a motion needs at an instant, N, shape ``(L, n)``."""
         internal, inertia = self._internal(z, v)
         total = internal + (self.mass @ a[:, :, None])[:, :, 0]
         if self._journal is not None:
@@ -184,11 +152,7 @@ class Motion:
         return np.asarray(total)
 
     def select(self, lines: Index) -> Motion:
-        """Some of the rotors.
-
-        Args:
-            lines: numbers of the rotors.
-        """
+        """Some of the rotors."""
         return Motion(model=self.model, theta=self.theta[lines], speed=self.speed[lines], imposed=self.imposed)
 
 
@@ -204,21 +168,7 @@ def integrate(
     times: Float | None = None,
     tolerance: float = TOLERANCE,
 ) -> Path:
-    """Integrate by the explicit method DOP853 with error control.
-
-    Args:
-        motion: the equations.
-        force: generalised force at an instant, shape ``(L, n)``.
-        z, v: displacements and velocities at the beginning, shape ``(L, n)``.
-        span: first and last instant, s.
-        size: typical displacement, m, shape ``(L,)`` or scalar: below ``tolerance * size`` nothing matters.
-        rate: typical frequency, rad/s, likewise.
-        times: instants of the result; by default the integrator's own, free of interpolation.
-        tolerance: local error over size.
-
-    Raises:
-        IntegrationError: the journal runs into the wall, or the motion grows without limit.
-    """
+    """Integrate by the explicit method DOP853 with error control."""
     from scipy.integrate import solve_ivp
 
     count, n = z.shape

@@ -31,14 +31,6 @@ def linear_path(
 ) -> ComplexArray:
     """Displacements of all coordinates at equally spaced times, starting from rest.
 
-    Args:
-        model: a linear rotor with masses.
-        theta: its parameters.
-        speed: rotative speed, rad/s, at times of any shape.
-        force: generalised force at times of shape ``(T,)``, shape ``(T, n)``.
-        rate: samples a second.
-        count: number of samples.
-
     Returns:
         shape ``(count, n)``.
     """

@@ -23,15 +23,7 @@ _SAMPLES = 16.0  # samples in a period of the fastest mode
 def static_load(
     rig: VirtualRig, *, speed_rpm: ArrayLike, load: ArrayLike, load_deg: float = -90.0, plane: str | None = None
 ) -> StaticTest:
-    """Static loads (Figs 26 to 28): where every plane comes to rest under each load at each speed.
-
-    Args:
-        rig: the virtual rig.
-        speed_rpm: rotative speed or speeds.
-        load: load or loads, N.
-        load_deg: its direction from x towards y; downwards by default.
-        plane: where it acts, by default at the journal.
-    """
+    """Static loads (Figs 26 to 28): where every plane comes to rest under each load at each speed."""
     speeds, loads = rates_rpm("speed_rpm", speed_rpm) * RAD_S_PER_RPM, positive("load", load)
     turned = loads * np.exp(1j * np.radians(load_deg))
     rests = [rest_under(rig, speed, turned, plane) for speed in speeds.tolist()]
@@ -53,14 +45,7 @@ def static_load(
 
 
 def rest_under(rig: VirtualRig, speed: float, loads: ComplexArray, plane: str | None) -> ComplexArray:
-    """Equilibria under several loads at one speed, shape ``(loads, n)``.
-
-    Args:
-        rig: the virtual rig.
-        speed: rad/s.
-        loads: complex, N.
-        plane: where they act, by default at the journal.
-    """
+    """Equilibria under several loads at one speed, shape ``(loads, n)``."""
     vectors = np.array([rig.load(newton, plane) for newton in loads.tolist()])
     decay = np.array([rig.decay(speed, vector) for vector in vectors])
     return rest_position(rig.motion(np.full(loads.size, speed)), vectors, decay, tolerance=rig.tolerance)
@@ -78,18 +63,7 @@ def impulse(
     duration: float | None = None,
     sampling_hz: float | None = None,
 ) -> RingDownTest:
-    """Impulses (Fig. 29): the journal's free vibration about its static position, one record for each speed and load.
-
-    Args:
-        rig: the virtual rig.
-        speed_rpm: rotative speed or speeds.
-        impulse: momentum of the blow, N s; the motion should stay small against the clearance.
-        load: constant load or loads, N, which set the eccentricity.
-        impulse_deg, load_deg: their directions from x towards y.
-        plane: where both act, by default at the journal.
-        duration: length of a record, s, by default until a hundredth of the slowest mode is left.
-        sampling_hz: by default 16 samples in a period of the fastest mode, 256 in a record at least.
-    """
+    """Impulses (Fig. 29): the journal's free vibration about its static position."""
     rig.need_circular("impulses")
     speeds, loads = rates_rpm("speed_rpm", speed_rpm) * RAD_S_PER_RPM, np.atleast_1d(np.asarray(load, float))
     blow = rig.load(positive("impulse", impulse)[0] * np.exp(1j * np.radians(impulse_deg)), plane)

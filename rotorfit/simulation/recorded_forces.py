@@ -36,17 +36,7 @@ def perturbation(
     planes: str | Sequence[str] | None = None,
     directions: Sequence[str] = ("forward", "backward"),
 ) -> Iterator[Played]:
-    """A perturbator is swept at constant rotative speed, in each plane and direction.
-
-    Args:
-        rig: the virtual rig with its instruments.
-        speed_rpm: rotative speed or speeds.
-        sweep_rpm: perturbation frequency at the beginning and at the end, positive.
-        duration: of the sweep, s.
-        unbalance: of the perturbator, kg m.
-        planes: those that it is put on, one after the other, all by default.
-        directions: in which it turns, ``forward`` and ``backward``.
-    """
+    """A perturbator is swept at constant rotative speed, in each plane and direction."""
     chosen = some_planes(rig.virtual.model, planes)
     sweep = Sweep(first=sweep_rpm[0] * RPM, last=sweep_rpm[1] * RPM, duration=duration)
     for rpm in rates_rpm("speed_rpm", speed_rpm).tolist():
@@ -66,16 +56,7 @@ def dwell(
     directions: Sequence[str] = ("forward", "backward"),
     mark: bool = True,
 ) -> Iterator[Played]:
-    """A perturbator dwells at one frequency after the other; without a mark each dwell is a recording of its own.
-
-    Args:
-        rig: the virtual rig with its instruments.
-        frequency_rpm: perturbation frequencies, of which the sign does not count.
-        speed_rpm: rotative speed or speeds.
-        duration: of each dwell, s.
-        unbalance, planes, directions: as for :func:`perturbation`.
-        mark: whether the perturbator has a mark.
-    """
+    """A perturbator dwells at one frequency after the other; without a mark each dwell is a recording of its own."""
     steps = np.abs(rates_rpm("frequency_rpm", frequency_rpm)) * RPM
     runs = [steps] if mark else np.split(steps, steps.size)
     for rpm in rates_rpm("speed_rpm", speed_rpm).tolist():
@@ -130,18 +111,7 @@ def synchronous(
     hole_deg: Sequence[float] = (0.0, 180.0),
     reference: bool = False,
 ) -> Iterator[Played]:
-    """Start-ups with a weight in one of the planes at places of the pattern of holes, and perhaps one without.
-
-    Args:
-        rig: the virtual rig with its instruments.
-        speed_rpm: rotative speed at the beginning and at the end.
-        duration: of a start-up, s.
-        unbalance: of the weight, kg m.
-        planes: those that it is put on, one after the other, all by default.
-        hole_zero_deg: angle of hole 0 ahead of the Keyphasor mark.
-        hole_deg: places of the weight, degrees from hole 0.
-        reference: whether there is a run without a weight.
-    """
+    """Start-ups with a weight in one of the planes at places of the pattern of holes, and perhaps one without."""
     time = rig.instruments.time(duration)
     for name, weights, said in _weighted(rig, unbalance, planes, hole_zero_deg, hole_deg, reference):
         sweep = Sweep(
@@ -169,14 +139,7 @@ def balance(
     hole_deg: Sequence[float] = (0.0,),
     reference: bool = True,
 ) -> Iterator[Played]:
-    """Runs at steady speeds without a weight and with one in each of the planes, as balancing records them.
-
-    Args:
-        rig: the virtual rig with its instruments.
-        speed_rpm: steady rotative speed or speeds.
-        duration: of the recording at each speed, s.
-        unbalance, planes, hole_zero_deg, hole_deg, reference: as for :func:`synchronous`.
-    """
+    """Runs at steady speeds without a weight and with one in each of the planes, as balancing records them."""
     time = rig.instruments.time(duration)
     for rpm in rates_rpm("speed_rpm", speed_rpm).tolist():
         rig.virtual.decay(rpm * RPM)
@@ -227,20 +190,7 @@ def measured_force(
     planes: str | Sequence[str] | None = None,
     directions: Sequence[str] = ("forward", "backward", "x"),
 ) -> Iterator[Played]:
-    """A magnetic bearing or a shaker whose force is measured: turning sweeps, and sweeps along x or y.
-
-    Args:
-        rig: the virtual rig with its instruments.
-        speed_rpm: rotative speed.
-        sweep_rpm: frequency of the force at the beginning and at the end.
-        duration: of a sweep, s.
-        force: its amplitude, N.
-        planes: where it acts, one after the other, all by default.
-        directions: ``forward``, ``backward``, ``x``, ``y``.
-
-    Raises:
-        ValueError: another direction.
-    """
+    """A magnetic bearing or a shaker whose force is measured: turning sweeps, and sweeps along x or y."""
     sweep = Sweep(first=sweep_rpm[0] * RPM, last=sweep_rpm[1] * RPM, duration=duration)
     time = rig.instruments.time(duration)
     speed_rpm = angular_rate(speed_rpm, "speed_rpm", "rpm")

@@ -28,16 +28,7 @@ def impulse(
     blows: int = 4,
     apart: float = 2.0,
 ) -> Iterator[Played]:
-    """Blows of a hammer, 4 ms each.
-
-    Args:
-        rig: the virtual rig with its instruments.
-        speed_rpm: rotative speed or speeds.
-        impulse: of a blow, which goes along x, N s.
-        plane: that is struck, by default the last.
-        blows: how many a recording.
-        apart: time from one to the next, s.
-    """
+    """Blows of a hammer, 4 ms each."""
     for played, where, _ in _struck(rig, "blows", speed_rpm, impulse, plane, blows, apart):
         yield replace(played, attributes={**played.attributes, "impulse_plane": where})
 
@@ -51,11 +42,7 @@ def hammer(
     blows: int = 12,
     apart: float = 2.0,
 ) -> Iterator[Played]:
-    """Blows along x of a hammer whose force is measured.
-
-    Args:
-        rig, speed_rpm, impulse, plane, blows, apart: as for :func:`impulse`.
-    """
+    """Blows along x of a hammer whose force is measured."""
     for played, where, force in _struck(rig, "hammer", speed_rpm, impulse, plane, blows, apart):
         yield replace(played, forces={"force_X": force}, attributes={**played.attributes, "force_plane": where})
 
@@ -85,16 +72,7 @@ def release(
     plane: str | None = None,
     duration: float = 4.0,
 ) -> Iterator[Played]:
-    """A constant load that is let go in the middle of the recording.
-
-    Args:
-        rig: the virtual rig with its instruments.
-        speed_rpm: rotative speed or speeds.
-        load: N.
-        load_deg: its direction, degrees from x towards y.
-        plane: where it acts, by default the last.
-        duration: of a recording, s.
-    """
+    """A constant load that is let go in the middle of the recording."""
     where = plane or rig.virtual.model.planes[-1]
     time, newton = rig.instruments.time(duration), load * np.exp(1j * np.radians(load_deg))
 
@@ -121,16 +99,7 @@ def static_load(
     plane: str | None = None,
     duration: float = 4.0,
 ) -> Iterator[Played]:
-    """Where the shaft rests under constant loads, and at each speed without one.
-
-    Args:
-        rig: the virtual rig with its instruments.
-        load: N, one or several.
-        speed_rpm: rotative speed or speeds.
-        load_deg: direction of the loads, degrees from x towards y.
-        plane: where they act, by default the journal or, of linear models, the last plane.
-        duration: of a recording, s.
-    """
+    """Where the shaft rests under constant loads, and at each speed without one."""
     where = plane or rig.virtual.model.coordinates[rig.virtual.seat].plane
     time = rig.instruments.time(duration)
     loads = [0.0, *np.atleast_1d(np.asarray(load, dtype=float)).tolist()]

@@ -17,51 +17,28 @@ Force = Callable[[Float], ComplexArray]
 
 
 def constant(speed: float) -> Callable[[Float], Float]:
-    """One speed at all times.
-
-    Args:
-        speed: rad/s.
-    """
+    """One speed at all times."""
     return lambda t: np.full(np.shape(t), speed)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class RecordedRig:
-    """A rotor with its instruments.
+    """A rotor with its instruments."""
 
-    Attributes:
-        virtual: the rotor.
-        instruments: what measures it.
-        residual: unbalance of the rotor itself, kg m.
-    """
-
-    virtual: VirtualRig
-    instruments: Instruments
-    residual: float
+    virtual: VirtualRig  # the rotor
+    instruments: Instruments  # what measures it
+    residual: float  # unbalance of the rotor itself, kg m
 
     def path(
         self, speed: Callable[[Float], Float], force: Callable[[Float], ComplexArray], plane: str, count: int
     ) -> dict[str, ComplexArray]:
-        """Motion of each plane under a force at one of them.
-
-        Args:
-            speed: rotative speed, rad/s, of times.
-            force: ``Fx + j Fy``, N, of times.
-            plane: where it acts.
-            count: number of samples.
-        """
+        """Motion of each plane under a force at one of them."""
         return self.path_of(speed, {plane: force}, count)
 
     def path_of(
         self, speed: Callable[[Float], Float], forces: Mapping[str, Callable[[Float], ComplexArray]], count: int
     ) -> dict[str, ComplexArray]:
-        """Motion of each plane under forces at several.
-
-        Args:
-            speed: rotative speed, rad/s, of times.
-            forces: ``Fx + j Fy``, N, of times, by plane.
-            count: number of samples.
-        """
+        """Motion of each plane under forces at several."""
         self.need_linear()
         model, theta = self.virtual.model, self.virtual.theta
         along = [(_along(model, plane), force) for plane, force in forces.items()]
@@ -77,11 +54,7 @@ class RecordedRig:
         return {plane: axes[plane, "x"] + 1j * axes[plane, "y"] for plane in model.planes}
 
     def need_linear(self) -> None:
-        """Refuse a rotor whose motion depends on its eccentricity.
-
-        Raises:
-            ValueError: it does.
-        """
+        """Refuse a rotor whose motion depends on its eccentricity."""
         if self.virtual.model.eccentricity_dependent:
             raise ValueError(
                 f"{self.virtual.model.name} with a law of eccentricity: of such rotors recordings under constant loads "
@@ -89,12 +62,7 @@ class RecordedRig:
             )
 
     def shaft(self, time: Float, speed: float) -> Float:
-        """Angle of the shaft at a speed that wanders as the instruments say, rad.
-
-        Args:
-            time: s.
-            speed: mean, rad/s.
-        """
+        """Angle of the shaft at a speed that wanders as the instruments say, rad."""
         return wandering_angle(time, speed, self.instruments.wander, self.rng)
 
     @property

@@ -21,21 +21,13 @@ from rotorfit.units import RPM_PER_RAD_S
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class VirtualRig:
-    """What is measured on, and how well.
+    """What is measured on, and how well."""
 
-    Attributes:
-        model: the rotor.
-        theta: its true parameters, shape ``(P,)``.
-        noise: standard deviation of the noise of a reading, as a fraction of the rms reading in its run.
-        tolerance: of the integration in time.
-        rng: source of the noise.
-    """
-
-    model: RotorModel
-    theta: Float
-    noise: float
-    tolerance: float
-    rng: np.random.Generator
+    model: RotorModel  # the rotor
+    theta: Float  # its true parameters, shape ``(P,)``
+    noise: float  # standard deviation of the noise of a reading, as a fraction of the rms reading in its run
+    tolerance: float  # of the integration in time
+    rng: np.random.Generator  # source of the noise
 
     def __post_init__(self) -> None:
         self.motion(np.zeros(1))  # refuses equations that do not determine a motion in time
@@ -46,24 +38,11 @@ class VirtualRig:
         return journal(self.model).at if self.model.eccentricity_dependent else len(self.model.planes) - 1
 
     def motion(self, speed: Float, imposed: int | None = None) -> Motion:
-        """Equations of motion of as many rotors as speeds.
-
-        Args:
-            speed: rotative speeds, rad/s, shape ``(L,)``.
-            imposed: coordinate whose acceleration is given, if any.
-        """
+        """Equations of motion of as many rotors as speeds."""
         return Motion(model=self.model, theta=np.tile(self.theta, (speed.size, 1)), speed=speed, imposed=imposed)
 
     def decay(self, speed: float, load: ComplexArray | None = None) -> float:
-        """Rate at which the slowest transient about the resting rotor dies out, 1/s.
-
-        Args:
-            speed: rotative speed, rad/s.
-            load: constant load at each coordinate, N, shape ``(n,)``; ``None`` for none.
-
-        Raises:
-            ValueError: the rotor is unstable there and cannot be tested.
-        """
+        """Rate at which the slowest transient about the resting rotor dies out, 1/s."""
         where = f"at {speed * RPM_PER_RAD_S:.4g} rpm"
         if load is None or not load.any() or not self.model.eccentricity_dependent:
             rate = float(growth_rate(self.model, self.theta, speed))
@@ -88,71 +67,34 @@ class VirtualRig:
         return float(off_centre_eigenvalues(self.model, self.theta, speed, eccentricity).real.max())
 
     def load(self, newton: complex, plane: str | None) -> ComplexArray:
-        """Vector of a constant load, N, shape ``(n,)``.
-
-        Args:
-            newton: the load Px + j Py, N.
-            plane: where it acts; ``None`` for the :attr:`seat`.
-
-        Raises:
-            ValueError: a model that keeps x and y apart.
-        """
+        """Vector of a constant load, N, shape ``(n,)``."""
         self.need_circular("constant loads")
         vector = np.zeros(len(self.model.coordinates), dtype=complex)
         vector[self.seat if plane is None else self.model.coordinate(plane, "z")] = newton
         return vector
 
     def need_circular(self, what: str) -> None:
-        """Refuse a model that keeps x and y apart.
-
-        Args:
-            what: is asked of the model, in words, a plural.
-
-        Raises:
-            ValueError: it does.
-        """
+        """Refuse a model that keeps x and y apart."""
         if self.model.frame != "z":
             raise ValueError(f"{self.model.name} keeps x and y apart; {what} are simulated in complex coordinates only")
 
     def sigma(self, exact: NDArray[Any], groups: NDArray[Any]) -> Float:
-        """Standard deviation of the noise of each reading: the same for all of a group.
-
-        Args:
-            exact: readings without noise, shape ``(N,)``.
-            groups: readings with equal values or rows belong together, shape ``(N,)`` or ``(N, k)``.
-        """
+        """Standard deviation of the noise of each reading: the same for all of a group."""
         number = np.unique(groups, axis=0, return_inverse=True)[1].reshape(-1)
         power = np.bincount(number, np.abs(exact) ** 2) / np.bincount(number)
         return np.asarray(self.noise * np.sqrt(power)[number])
 
     def noisy(self, exact: ComplexArray, sigma: Float) -> ComplexArray:
-        """Phasors with independent noise of equal size in real and imaginary part.
-
-        Args:
-            exact: phasors, shape ``(N,)``.
-            sigma: standard deviation of the real and of the imaginary part, shape ``(N,)``.
-        """
+        """Phasors with independent noise of equal size in real and imaginary part."""
         return np.asarray(exact + sigma * (self.rng.normal(size=exact.size) + 1j * self.rng.normal(size=exact.size)))
 
     def told(self, sigma: Float) -> Float:
-        """The noise as it is told to whoever fits: unknown where there is none.
-
-        Args:
-            sigma: of each reading, shape ``(N,)``.
-        """
+        """The noise as it is told to whoever fits: unknown where there is none."""
         return np.where(sigma > 0, sigma, np.nan)
 
 
 def positive(name: str, values: ArrayLike) -> Float:
-    """Values as an array, all positive.
-
-    Args:
-        name: of the values, for messages.
-        values: one number or several.
-
-    Raises:
-        ValueError: some are not.
-    """
+    """Values as an array, all positive."""
     array = np.atleast_1d(real_numbers(values, name, "positive numbers"))
     if not array.size or not (np.isfinite(array) & (array > 0)).all():
         raise ValueError(f"{name} must be positive numbers, got {values!r}")
@@ -160,28 +102,12 @@ def positive(name: str, values: ArrayLike) -> Float:
 
 
 def rates_rpm(name: str, values: ArrayLike) -> Float:
-    """Rotative speeds or frequencies as an array, signed, rpm.
-
-    Args:
-        name: of the values, for messages.
-        values: one number or several, rpm.
-
-    Raises:
-        ValueError: none, or some that are no finite numbers.
-    """
+    """Rotative speeds or frequencies as an array, signed, rpm."""
     return np.atleast_1d(angular_rates(values, name, "rpm"))
 
 
 def some_planes(model: RotorModel, planes: str | Sequence[str] | None) -> tuple[str, ...]:
-    """Planes by name, all by default.
-
-    Args:
-        model: the rotor.
-        planes: one name or several; ``None`` for all.
-
-    Raises:
-        ValueError: a plane that the model does not have.
-    """
+    """Planes by name, all by default."""
     chosen = model.planes if planes is None else (planes,) if isinstance(planes, str) else tuple(planes)
     unknown = [plane for plane in chosen if plane not in model.planes]
     if unknown or not chosen:

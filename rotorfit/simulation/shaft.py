@@ -23,48 +23,28 @@ class Crack:
     The shaft loses ``stiffness`` along the crack's direction while the deflection ``u = Re(z exp(-j(theta + angle)))``
     is positive, nothing while it is negative: potential ``-stiffness max(u, 0)^2 / 2``. A heavy horizontal shaft
     breathes once a turn.
-
-    Attributes:
-        stiffness: stiffness missing when open, N/m.
-        angle: direction of the crack ahead of the Keyphasor mark, rad.
     """
 
-    stiffness: float
-    angle: float = 0.0
+    stiffness: float  # stiffness missing when open, N/m
+    angle: float = 0.0  # direction of the crack ahead of the Keyphasor mark, rad
 
 
 @dataclass(frozen=True, kw_only=True)
 class Perturbation:
-    """An unbalance m r that turns at a speed of its own, swept linearly.
+    """An unbalance m r that turns at a speed of its own, swept linearly."""
 
-    Attributes:
-        mr: unbalance of the perturbator, kg m.
-        first, last: its speed at the begin and at the end, rad/s, positive.
-        forward: whether it turns with the shaft.
-        heavy_spot: angle of the unbalance ahead of the perturbator's mark, rad.
-    """
-
-    mr: float
-    first: float
-    last: float
-    forward: bool = False
-    heavy_spot: float = 0.0
+    mr: float  # unbalance of the perturbator, kg m
+    first: float  # its speed at the begin and at the end, rad/s, positive
+    last: float  # its speed at the begin and at the end, rad/s, positive
+    forward: bool = False  # whether it turns with the shaft
+    heavy_spot: float = 0.0  # angle of the unbalance ahead of the perturbator's mark, rad
 
     def angle(self, time: Float, duration: float) -> Float:
-        """Angle of the perturbator's mark, rad.
-
-        Args:
-            time: s, shape ``(N,)``.
-            duration: of the sweep, s.
-        """
+        """Angle of the perturbator's mark, rad."""
         return np.asarray(self.first * time + (self.last - self.first) / (2 * duration) * time**2)
 
     def force(self, time: Float, duration: float) -> ComplexArray:
-        """Force of the swept unbalance, N, shape ``(N,)``.
-
-        Args:
-            time, duration: as for :meth:`angle`.
-        """
+        """Force of the swept unbalance, N, shape ``(N,)``."""
         d = 1.0 if self.forward else -1.0
         rate = self.first + (self.last - self.first) / duration * time
         turn = np.exp(1j * d * (self.angle(time, duration) + self.heavy_spot))
@@ -73,16 +53,11 @@ class Perturbation:
 
 @dataclass(frozen=True, kw_only=True)
 class RunUp:
-    """A motor whose speed changes evenly: a start-up, or a shutdown where the last speed is the lower one.
+    """A motor whose speed changes evenly: a start-up, or a shutdown where the last speed is the lower one."""
 
-    Attributes:
-        first, last: speed at the begin and at the end, rad/s, positive.
-        duration: s.
-    """
-
-    first: float
-    last: float
-    duration: float
+    first: float  # speed at the begin and at the end, rad/s, positive
+    last: float  # speed at the begin and at the end, rad/s, positive
+    duration: float  # s
 
     @property
     def acceleration(self) -> float:
@@ -90,40 +65,24 @@ class RunUp:
         return (self.last - self.first) / self.duration
 
     def angle(self, time: Float) -> Float:
-        """Angle of the shaft's mark at the motor end, rad.
-
-        Args:
-            time: s.
-        """
+        """Angle of the shaft's mark at the motor end, rad."""
         return np.asarray(self.first * time + self.acceleration / 2 * time**2)
 
 
 def steady(speed: float) -> RunUp:
-    """A motor that turns evenly.
-
-    Args:
-        speed: rad/s.
-    """
+    """A motor that turns evenly."""
     return RunUp(first=speed, last=speed, duration=1.0)
 
 
 @dataclass(frozen=True, kw_only=True)
 class ShaftMotion:
-    """Motion of the shaft in time.
+    """Motion of the shaft in time."""
 
-    Attributes:
-        time: instants, s, shape ``(T,)``.
-        z: displacement of the disk, m.
-        velocity: of the disk, m/s.
-        twist: of the disk against the motor, rad.
-        twist_rate: its rate, rad/s.
-    """
-
-    time: Float
-    z: ComplexArray
-    velocity: ComplexArray
-    twist: Float
-    twist_rate: Float
+    time: Float  # instants, s, shape ``(T,)``
+    z: ComplexArray  # displacement of the disk, m
+    velocity: ComplexArray  # of the disk, m/s
+    twist: Float  # of the disk against the motor, rad
+    twist_rate: Float  # its rate, rad/s
 
 
 def shaft_motion(
@@ -138,24 +97,7 @@ def shaft_motion(
     support: complex = 0.0,
     tolerance: float = _TOLERANCE,
 ) -> ShaftMotion:
-    """Integrate the full equations (physics as in :mod:`rotorfit.models.anisotropic_shaft`) by DOP853.
-
-    Args:
-        model: the shaft.
-        values: its parameters by name, SI units.
-        speed: rotative speed of the motor end, rad/s, or how it changes.
-        time: instants of the result, ascending, s.
-        force: force at an instant, N, side load apart.
-        start: displacement, velocity, twist and its rate at the first instant.
-        crack: a crack that breathes.
-        support: half the difference of the support's stiffnesses in two directions, times ``exp(2jh)``, h the direction
-            of the greater one from x, N/m.
-        tolerance: relative and, over a micrometre, absolute error of a step.
-
-    Raises:
-        ValueError: instants that do not ascend.
-        RuntimeError: the motion grows without limit.
-    """
+    """Integrate the full equations (physics as in :mod:`rotorfit.models.anisotropic_shaft`) by DOP853."""
     from scipy.integrate import solve_ivp
 
     instants = np.asarray(time, dtype=float)

@@ -23,17 +23,11 @@ _RAMP = 0.35
 
 @dataclass(frozen=True, kw_only=True)
 class Acquisition(Probes):
-    """How the virtual signals are taken: by probes as on other rigs, and one for the twist.
-
-    Attributes:
-        sample_rate, sensitivity, gap, noise: see :class:`~rotorfit.simulation.instruments.Probes`.
-        twist_sensitivity: V/rad.
-        runout: 1x run-out of the shaft, m, ahead of its mark as a complex number.
-    """
+    """How the virtual signals are taken: by probes as on other rigs, and one for the twist."""
 
     sample_rate: float = 3200.0
-    twist_sensitivity: float = 1000.0
-    runout: complex = 0.0
+    twist_sensitivity: float = 1000.0  # V/rad
+    runout: complex = 0.0  # 1x run-out of the shaft, m, ahead of its mark as a complex number
 
 
 def record_shaft(
@@ -53,22 +47,6 @@ def record_shaft(
 
     The shaft starts from its steady state without perturbation. Channels: ``PLANE_X``, ``PLANE_Y``, ``twist``,
     ``keyphasor_shaft`` and, with a perturbation, ``keyphasor_perturbator``; the attributes say the rest.
-
-    Args:
-        path: file to write.
-        model: the shaft.
-        values: its parameters by name, SI units.
-        speed: rotative speed, rad/s, or how it changes.
-        duration: s.
-        perturbation: what perturbs it, if anything.
-        acquisition: how the signals are taken.
-        crack: a crack that breathes.
-        support: what of the support's stiffness differs in two directions, see :func:`shaft_motion`.
-        seed: of the noise.
-
-    Raises:
-        ValueError: a speed, duration or sample rate that is not positive.
-        RuntimeError: the shaft runs away.
     """
     how = acquisition or Acquisition()
     motor = speed if isinstance(speed, RunUp) else steady(speed)

@@ -16,20 +16,13 @@ _HARMONICS = 3
 
 
 class Steady(NamedTuple):
-    """Steady motion ``mean + forward exp(jwt) + backward exp(-jwt) + ...``, all of shape ``(L, n)``, and its end.
+    """Steady motion ``mean + forward exp(jwt) + backward exp(-jwt) + ...``, all of shape ``(L, n)``, and its end."""
 
-    Attributes:
-        forward: amplitude at the signed frequency w of the force.
-        backward: amplitude at -w, zero on a centred circular orbit.
-        mean: constant displacement.
-        z, v: displacement and velocity at the last instant, turned back to that of a force at phase zero.
-    """
-
-    forward: ComplexArray
-    backward: ComplexArray
-    mean: ComplexArray
-    z: ComplexArray
-    v: ComplexArray
+    forward: ComplexArray  # amplitude at the signed frequency w of the force
+    backward: ComplexArray  # amplitude at -w, zero on a centred circular orbit
+    mean: ComplexArray  # constant displacement
+    z: ComplexArray  # displacement and velocity at the last instant, turned back to that of a force at phase zero
+    v: ComplexArray  # displacement and velocity at the last instant, turned back to that of a force at phase zero
 
 
 def steady_state(
@@ -42,20 +35,7 @@ def steady_state(
     start: tuple[ComplexArray, ComplexArray] | None = None,
     tolerance: float = TOLERANCE,
 ) -> Steady:
-    """Integrate under ``force exp(jwt) + load`` until nothing changes any more, then measure the motion.
-
-    Args:
-        motion: equations of L rotors.
-        frequency: w, rad/s, signed and not zero, shape ``(L,)``.
-        force: generalised force, N, shape ``(L, n)``.
-        decay: rate at which the slowest transient dies out, roughly, 1/s, shape ``(L,)``.
-        load: constant force, N, shape ``(L, n)``.
-        start: displacement and velocity to begin with, at rest in the centre by default.
-        tolerance: of the integration and of the settling, as a fraction of the motion.
-
-    Raises:
-        IntegrationError: the journal touches the wall, or the motion does not settle.
-    """
+    """Integrate under ``force exp(jwt) + load`` until nothing changes any more, then measure the motion."""
     zero = np.zeros_like(force)
     z, v = start or (zero, zero)
     load = zero if load is None else load
@@ -72,17 +52,7 @@ def steady_state(
 
 
 def rest_position(motion: Motion, load: ComplexArray, decay: Float, *, tolerance: float = TOLERANCE) -> ComplexArray:
-    """Integrate under constant loads, from the centre, until nothing moves: the equilibria, shape ``(L, n)``.
-
-    Args:
-        motion: equations of L rotors.
-        load: constant force, N, shape ``(L, n)``.
-        decay: rate at which the slowest transient dies out, roughly, 1/s, shape ``(L,)``.
-        tolerance: of the integration and of the settling, as a fraction of the displacement.
-
-    Raises:
-        IntegrationError: the journal touches the wall, or the rotor does not come to rest.
-    """
+    """Integrate under constant loads, from the centre, until nothing moves: the equilibria, shape ``(L, n)``."""
     z, v = np.zeros_like(load), np.zeros_like(load)
     size = _typical(motion, np.zeros(load.shape[0]), np.zeros_like(load), load)
     window = _DECAYS / decay.min()

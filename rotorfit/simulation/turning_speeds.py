@@ -18,51 +18,28 @@ class Rotation(Protocol):
     """Angle, speed and acceleration over time."""
 
     def angle(self, t: Float) -> Float:
-        """Angle, rad, shape ``(N,)``.
-
-        Args:
-            t: times, s, shape ``(N,)``.
-        """
+        """Angle, rad, shape ``(N,)``."""
 
     def speed(self, t: Float) -> Float:
-        """Speed, rad/s, shape ``(N,)``.
-
-        Args:
-            t: times, s, shape ``(N,)``.
-        """
+        """Speed, rad/s, shape ``(N,)``."""
 
     def acceleration(self, t: Float) -> Float:
-        """Acceleration, rad/s^2, shape ``(N,)``.
-
-        Args:
-            t: times, s, shape ``(N,)``.
-        """
+        """Acceleration, rad/s^2, shape ``(N,)``."""
 
     def force(self, t: Float, heavy_spot: float) -> ComplexArray:
-        """Force of one kg m as seen from x turning with it, N, shape ``(N,)``.
-
-        Args:
-            t: times, s, shape ``(N,)``.
-            heavy_spot: angle of the unbalance ahead of the mark, rad.
-        """
+        """Force of one kg m as seen from x turning with it, N, shape ``(N,)``."""
         turned = np.exp(1j * (self.angle(t) + heavy_spot))
         return np.asarray((self.speed(t) ** 2 - 1j * self.acceleration(t)) * turned)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Sweep(Rotation):
-    """Angle of a perturbator or shaft that is swept, not quite evenly.
+    """Angle of a perturbator or shaft that is swept, not quite evenly."""
 
-    Attributes:
-        first, last: speed at both ends, rad/s.
-        duration: s.
-        uneven: amplitude of the unevenness of the speed over the range swept.
-    """
-
-    first: float
-    last: float
-    duration: float
-    uneven: float = 2e-3
+    first: float  # speed at both ends, rad/s
+    last: float  # speed at both ends, rad/s
+    duration: float  # s
+    uneven: float = 2e-3  # amplitude of the unevenness of the speed over the range swept
 
     @property
     def _slope(self) -> float:
@@ -90,24 +67,14 @@ class Sweep(Rotation):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Dwells(Rotation):
-    """Angle of a perturbator that dwells at one speed after the other, with even ramps of :data:`RAMP` between.
+    """Angle of a perturbator that dwells at one speed after the other, with even ramps of :data:`RAMP` between."""
 
-    Attributes:
-        speeds: of each dwell, rad/s, shape ``(D,)``.
-        each: how long it lasts, s.
-    """
-
-    speeds: Float
-    each: float
+    speeds: Float  # of each dwell, rad/s, shape ``(D,)``
+    each: float  # how long it lasts, s
 
     @classmethod
     def at(cls, speeds: Sequence[float], each: float) -> Dwells:
-        """Dwells one after the other.
-
-        Args:
-            speeds: of each, rad/s.
-            each: how long it lasts, s.
-        """
+        """Dwells one after the other."""
         return cls(speeds=np.asarray(speeds, dtype=float), each=each)
 
     @property

@@ -28,24 +28,15 @@ class StudyProgress(Protocol):
 
 
 def no_progress(stage: str, done: float | None = None) -> None:
-    """Show nothing.
-
-    Args:
-        stage, done: as of any :class:`StudyProgress`.
-    """
+    """Show nothing."""
 
 
 @dataclass(frozen=True)
 class DataFile:
-    """A test file and the options to read it with, see :func:`rotorfit.read`.
+    """A test file and the options to read it with, see :func:`rotorfit.read`."""
 
-    Attributes:
-        path: the file.
-        options: by name, those of :func:`rotorfit.read`.
-    """
-
-    path: Path
-    options: Mapping[str, Any] = field(default_factory=dict)
+    path: Path  # the file
+    options: Mapping[str, Any] = field(default_factory=dict)  # by name, those of :func:`rotorfit.read`
 
     @property
     def paths(self) -> tuple[Path, ...]:
@@ -55,12 +46,7 @@ class DataFile:
     def read(
         self, on_finding: Callable[[Finding], None] | None = None, progress: Callable[[str], None] = no_progress
     ) -> Experiment:
-        """Read the test.
-
-        Args:
-            on_finding: called with what was found odd while reading.
-            progress: called with a few words.
-        """
+        """Read the test."""
         progress(f"reading {self.path.name}")
         return read(self.path, **{"on_finding": on_finding, **self.options})
 
@@ -68,17 +54,7 @@ class DataFile:
 def read_files(
     files: Sequence[DataFile | RecordingFiles], progress: StudyProgress, executor: Executor | None = None
 ) -> tuple[tuple[Experiment, ...], tuple[tuple[Finding, ...], ...]]:
-    """The tests, and what was found odd in each, errors first.
-
-    Args:
-        files: test files and recordings.
-        progress: called for each file.
-        executor: reduces recordings beside each other.
-
-    Raises:
-        OSError: a file that cannot be read.
-        ValueError: what is wrong in a file.
-    """
+    """The tests, and what was found odd in each, errors first."""
     from rotorfit.checks.checklist import check
     from rotorfit.checks.copies import copied_runs
 

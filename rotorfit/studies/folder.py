@@ -14,14 +14,7 @@ CHECKPOINT = "posterior.checkpoint.h5"
 
 @contextmanager
 def complete_folder(out: Path) -> Iterator[Path]:
-    """A temporary folder whose files move into ``out`` when the block ends well; otherwise nothing is left behind.
-
-    Args:
-        out: the folder, made where it is missing.
-
-    Raises:
-        OSError: ``out`` is a file, or its place cannot be written to.
-    """
+    """A temporary folder whose files move into ``out`` when the block ends well; otherwise nothing is left behind."""
     for above in (out, *out.parents):
         if above.exists() and not above.is_dir():
             raise NotADirectoryError(f"{above} is a file; give a folder for the results")
@@ -39,15 +32,7 @@ def complete_folder(out: Path) -> Iterator[Path]:
 
 @contextmanager
 def kept_checkpoint(out: Path) -> Iterator[Path]:
-    """The sampler's checkpoint in ``out``: kept when the run is stopped, gone when it is complete.
-
-    Args:
-        out: folder for the results.
-
-    Raises:
-        KeyboardInterrupt: as it came, with the words that tell how to go on.
-        OSError: ``out`` cannot be made.
-    """
+    """The sampler's checkpoint in ``out``: kept when the run is stopped, gone when it is complete."""
     made = [folder for folder in (out, *out.parents) if not folder.exists()]
     out.mkdir(parents=True, exist_ok=True)
     path = out / CHECKPOINT

@@ -11,12 +11,7 @@ from rotorfit.data.experiments import Experiment, PerturbationTest
 
 
 def modal_options(planes: Sequence[str], experiments: Sequence[Experiment]) -> dict[str, Any]:
-    """Options of a modal model that suit the data: the plane that moves most is the one to normalise at.
-
-    Args:
-        planes: in the order wanted; the data's planes where none is named.
-        experiments: the data.
-    """
+    """Options of a modal model that suit the data: the plane that moves most is the one to normalise at."""
     tests = [test for test in experiments if isinstance(test, PerturbationTest)]
     size = {plane: 0.0 for test in tests for plane in (*test.planes, *test.force_planes)}
     for test in tests:

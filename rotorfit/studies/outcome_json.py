@@ -17,11 +17,7 @@ if TYPE_CHECKING:
 
 
 def outcome_json(outcome: Outcome) -> str:
-    """The numbers of a study as one JSON object; what the data do not determine is null.
-
-    Args:
-        outcome: of the study.
-    """
+    """The numbers of a study as one JSON object; what the data do not determine is null."""
     best = outcome.best
     onset = _threshold(best)
     return json.dumps(

@@ -17,21 +17,13 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class RecordingFiles:
-    """Recordings of one rig, see :func:`rotorfit.read_recording`.
+    """Recordings of one rig, see :func:`rotorfit.read_recording`."""
 
-    Attributes:
-        paths: the files.
-        setup: ``rig.toml``, where the files do not say everything themselves.
-        windows: track by windows of so many whole turns, see ``turns`` of :func:`rotorfit.responses`.
-        lines: reduce them to the combination lines of a shaft that is not round.
-        runout_um: see :func:`rotorfit.shaft_lines`.
-    """
-
-    paths: tuple[Path, ...]
-    setup: Path | None = None
-    windows: int | None = None
-    lines: bool = False
-    runout_um: float | None = None
+    paths: tuple[Path, ...]  # the files
+    setup: Path | None = None  # ``rig.toml``, where the files do not say everything themselves
+    windows: int | None = None  # track by windows of so many whole turns, see ``turns`` of :func:`rotorfit.responses`
+    lines: bool = False  # reduce them to the combination lines of a shaft that is not round
+    runout_um: float | None = None  # see :func:`rotorfit.shaft_lines`
 
     @property
     def path(self) -> Path:
@@ -39,15 +31,7 @@ class RecordingFiles:
         return self.paths[0]
 
     def open(self, progress: Callable[[str], None]) -> list[Recording]:
-        """The recordings, of which nothing but headings is read yet.
-
-        Args:
-            progress: called with a few words for each file.
-
-        Raises:
-            ValueError: what is wrong in a file or in the setup.
-            OSError: a file that cannot be read.
-        """
+        """The recordings, of which nothing but headings is read yet."""
         from rotorfit.recordings.recording import read_recording
         from rotorfit.recordings.rig.rig_toml import read_setup
 
@@ -64,17 +48,7 @@ class RecordingFiles:
         progress: Callable[[str], None],
         executor: Executor | None = None,
     ) -> tuple[Experiment, ...]:
-        """Read the recordings and reduce them, each kind of test to an experiment.
-
-        Args:
-            on_finding: called with all that was found odd.
-            progress: called with a few words for each file.
-            executor: reduces files beside each other.
-
-        Raises:
-            ValueError: what is wrong in a file or in the setup.
-            OSError: a file that cannot be read.
-        """
+        """Read the recordings and reduce them, each kind of test to an experiment."""
         from rotorfit.recordings.reduction.recorded_tests import recorded_tests
         from rotorfit.recordings.reduction.shaft_lines import shaft_lines
 

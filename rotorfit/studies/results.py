@@ -22,15 +22,7 @@ if TYPE_CHECKING:
 def write_outcome(
     outcome: Outcome, folder: Path, progress: StudyProgress, rig: str = "", figure_format: FigureFormat = "png"
 ) -> None:
-    """Write report, tables, figures and files that read back, of a study, into a folder.
-
-    Args:
-        outcome: what the study gave.
-        folder: an existing folder.
-        progress: called with a few words for every step.
-        rig: name of the data set whose truth is compared with.
-        figure_format: of the figures' files.
-    """
+    """Write report, tables, figures and files that read back, of a study, into a folder."""
     from rotorfit.report.write import write_report
 
     best = outcome.best
@@ -69,11 +61,7 @@ def _write_csv(path: Path, rows: Iterable[Sequence[Any]]) -> None:
 
 
 def status(p: FittedParameter) -> str:
-    """How a parameter came to its value, in a word or two for tables.
-
-    Args:
-        p: the parameter.
-    """
+    """How a parameter came to its value, in a word or two for tables."""
     if not p.vary:
         return "known"
     if not p.resolved:
@@ -82,12 +70,7 @@ def status(p: FittedParameter) -> str:
 
 
 def closed_value(outcome: Outcome, name: str) -> float | None:
-    """The closed form's value of a parameter, ``None`` where it has none.
-
-    Args:
-        outcome: of the study.
-        name: of the parameter.
-    """
+    """The closed form's value of a parameter, ``None`` where it has none."""
     if isinstance(outcome.closed, str) or name not in outcome.closed.params:
         return None
     p = outcome.closed.params[name]

@@ -23,18 +23,7 @@ if TYPE_CHECKING:
 
 
 def run_study(study: Study, progress: StudyProgress, checkpoint: Path | None = None) -> Outcome:
-    """Read, check, solve in closed form, optimise and, if asked for, refine and sample.
-
-    Args:
-        study: the settings.
-        progress: called when a stage begins.
-        checkpoint: file of the sampler's, from which a run that was stopped goes on.
-
-    Raises:
-        OSError: a file that cannot be read.
-        KeyError: unknown parameter or plane names.
-        ValueError: data or settings that make no sense; the message says which.
-    """
+    """Read, check, solve in closed form, optimise and, if asked for, refine and sample."""
     check_model_name(study.model)  # before files are read, which may take long
     experiments, findings = read_files([_for_model(study, file) for file in study.files], progress)
     if study.phase_offsets == "common":  # the fit judges by the zero that it finds

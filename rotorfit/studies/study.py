@@ -24,85 +24,53 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class Study:
-    """What to identify from which files; the names are those of the TOML keys.
+    """What to identify from which files; the names are those of the TOML keys."""
 
-    Attributes:
-        files: test files and recordings, all of which inform one parameter vector.
-        model: name of the model, a key of :data:`rotorfit.models.MODELS`.
-        out: folder for the results, nothing is written without one.
-        planes: plane names of the data in the model's order, by default the model's own.
-        blocks, two_lam: options of the model.
-        orthotropic: planes whose supports differ in two directions, see :class:`rotorfit.models.Orthotropic`.
-        modes, gains, apart: options of the model modal; by default (0, empty) one mode, gains as the data need them.
-        law: name of a law of eccentricity, a key of :data:`rotorfit.models.LAWS`, for models that carry a fluid.
-        clearance_um: radial clearance at the fluid, micrometres; needed by a law.
-        known, bounds, priors, per, start, loss, phase_offsets, max_iterations: see :func:`rotorfit.fit`.
-        runout_um: plausible run-out of a shaft that is not round, see :func:`rotorfit.shaft_lines`.
-        calibration: uncertainties by name, see :class:`rotorfit.Calibration`.
-        assumptions: standard uncertainties of what the model leaves out or takes as known, see :func:`rotorfit.fit`.
-        refine: add structural blocks while the data ask for them.
-        sample: draw from the posterior.
-        seed: of random numbers; by default one is drawn, and told in the results.
-        ess, max_steps: effective samples to reach, and steps to stop at in any case; see :func:`rotorfit.sample`.
-        profile: parameters to profile, or "threshold_speed".
-        bootstrap: number of data sets to simulate and fit, none by default.
-    """
-
-    files: tuple[DataFile | RecordingFiles, ...]
-    model: str
-    out: Path | None = None
-    planes: tuple[str, ...] = ()
-    blocks: tuple[str, ...] = ()
-    two_lam: bool = False
+    files: tuple[DataFile | RecordingFiles, ...]  # test files and recordings, all of which inform one parameter vector
+    model: str  # name of the model, a key of :data:`rotorfit.models.MODELS`
+    out: Path | None = None  # folder for the results, nothing is written without one
+    planes: tuple[str, ...] = ()  # plane names of the data in the model's order, by default the model's own
+    blocks: tuple[str, ...] = ()  # options of the model
+    two_lam: bool = False  # options of the model
     orthotropic: tuple[str, ...] = ()
-    modes: int = 0
-    gains: str = ""
-    apart: bool = False
-    law: str = ""
-    clearance_um: float | None = None
+    modes: int = 0  # options of the model modal; by default (0, empty) one mode, gains as the data need them
+    gains: str = ""  # options of the model modal; by default (0, empty) one mode, gains as the data need them
+    apart: bool = False  # options of the model modal; by default (0, empty) one mode, gains as the data need them
+    law: str = ""  # name of a law of eccentricity, a key of :data:`rotorfit.models.LAWS`, for models that carry a fluid
+    clearance_um: float | None = None  # radial clearance at the fluid, micrometres; needed by a law
     known: Mapping[str, float | None] = field(default_factory=dict)
     bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     priors: Mapping[str, Any] = field(default_factory=dict)
     per: Mapping[str, str] = field(default_factory=dict)
     start: Mapping[str, float] = field(default_factory=dict)
-    runout_um: float | None = None
+    runout_um: float | None = None  # plausible run-out of a shaft that is not round, see :func:`rotorfit.shaft_lines`
     loss: str = "linear"
     phase_offsets: PhaseOffsets = False
     max_iterations: int = 200
     calibration: Mapping[str, Any] = field(default_factory=dict)
     assumptions: Mapping[str, float] = field(default_factory=dict)
-    refine: bool = False
-    sample: bool = False
-    seed: int | None = None
+    refine: bool = False  # add structural blocks while the data ask for them
+    sample: bool = False  # draw from the posterior
+    seed: int | None = None  # of random numbers; by default one is drawn, and told in the results
     ess: float = 4000
     max_steps: int = 20_000
-    profile: tuple[str, ...] = ()
-    bootstrap: int = 0
+    profile: tuple[str, ...] = ()  # parameters to profile, or "threshold_speed"
+    bootstrap: int = 0  # number of data sets to simulate and fit, none by default
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Outcome:
-    """What a study gave.
+    """What a study gave."""
 
-    Attributes:
-        study: the settings.
-        experiments: the data.
-        findings: what the data check found, file by file.
-        closed: the closed form, or the reason why there is none.
-        fit: the fit of the model as asked for.
-        ladder: the structural refinement, if asked for.
-        posterior, profiles, bootstrap: further measures of uncertainty of the result to act on, if asked for.
-    """
-
-    study: Study
-    experiments: tuple[Experiment, ...]
-    findings: tuple[tuple[Finding, ...], ...]
-    closed: FitResult | str
-    fit: FitResult
-    ladder: Refinement | None = None
-    posterior: Posterior | None = None
-    profiles: tuple[Profile, ...] = ()
-    bootstrap: Bootstrap | None = None
+    study: Study  # the settings
+    experiments: tuple[Experiment, ...]  # the data
+    findings: tuple[tuple[Finding, ...], ...]  # what the data check found, file by file
+    closed: FitResult | str  # the closed form, or the reason why there is none
+    fit: FitResult  # the fit of the model as asked for
+    ladder: Refinement | None = None  # the structural refinement, if asked for
+    posterior: Posterior | None = None  # further measures of uncertainty of the result to act on, if asked for
+    profiles: tuple[Profile, ...] = ()  # further measures of uncertainty of the result to act on, if asked for
+    bootstrap: Bootstrap | None = None  # further measures of uncertainty of the result to act on, if asked for
 
     @property
     def best(self) -> FitResult:

@@ -33,15 +33,7 @@ from rotorfit.units import RAD_S_PER_RPM
 
 
 def read_study(path: str | Path) -> Study:
-    """Read a study from a TOML file; its keys are the attributes of :class:`rotorfit.studies.study.Study`.
-
-    Args:
-        path: of the file.
-
-    Raises:
-        OSError: the file cannot be read.
-        ValueError: not TOML, unknown keys (the nearest is named), or values of the wrong kind.
-    """
+    """Read a study from a TOML file; its keys are the attributes of :class:`rotorfit.studies.study.Study`."""
     path = Path(path)
     try:
         content = tomllib.loads(path.read_text(encoding="utf-8-sig"))

@@ -13,14 +13,7 @@ from rotorfit.studies.study import Study
 
 
 def check_model_name(name: str) -> None:
-    """Refuse an unknown model.
-
-    Args:
-        name: as the study says it.
-
-    Raises:
-        ValueError: names the nearest model.
-    """
+    """Refuse an unknown model."""
     if name not in MODELS:
         raise ValueError(unknown_name("model", name, MODELS))
 
@@ -38,15 +31,7 @@ def _has_start_up(experiment: Experiment) -> bool:
 
 
 def build_model(study: Study, experiments: Sequence[Experiment]) -> RotorModel:
-    """The model of a study.
-
-    Args:
-        study: what is fitted, and how.
-        experiments: its data, which tell the planes of some models, whether a shaft twists, and whether it ran up.
-
-    Raises:
-        ValueError: unknown model or law, or an option that the model does not have.
-    """
+    """The model of a study."""
     check_model_name(study.model)
     options: dict[str, Any] = {}
     if study.planes:

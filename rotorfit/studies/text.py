@@ -24,12 +24,7 @@ if TYPE_CHECKING:
 
 
 def summary(outcome: Outcome, rig: str = "") -> str:
-    """Data, check, fit and refinement as text for a terminal, and the truth of a simulated rig if one is named.
-
-    Args:
-        outcome: of the study.
-        rig: name of the simulated rig whose truth is shown, if any.
-    """
+    """Data, check, fit and refinement as text for a terminal, and the truth of a simulated rig if one is named."""
     best = outcome.best
     parts = [f"ERROR in the data, no number below can be relied on: {message}" for message in outcome.data_errors]
     parts += [
@@ -63,12 +58,7 @@ def summary(outcome: Outcome, rig: str = "") -> str:
 
 
 def describe_test(test: Experiment, findings: Sequence[Finding]) -> str:
-    """What a file holds, in a few lines, and what the data check found.
-
-    Args:
-        test: what was read.
-        findings: of its check.
-    """
+    """What a file holds, in a few lines, and what the data check found."""
     speeds = np.unique(np.round(test.speed * RPM_PER_RAD_S, 3))
     span = f"{speeds[0]:g} to {speeds[-1]:g} rpm" if speeds.size > 4 else ", ".join(f"{s:g}" for s in speeds) + " rpm"
     w = test.frequencies * RPM_PER_RAD_S

@@ -33,22 +33,14 @@ _OPTIONS = (
 
 
 def in_options(text: str) -> str:
-    """A refusal with options in place of the names of settings.
-
-    Args:
-        text: as the library, or a study, says it.
-    """
+    """A refusal with options in place of the names of settings."""
     for setting, option in _OPTIONS:
         text = re.sub(setting, option, text)
     return text
 
 
 def spoken(text: str) -> str:
-    """A message, or several, with options where it names functions and arguments of Python.
-
-    Args:
-        text: with names of functions and arguments of Python.
-    """
+    """A message, or several, with options where it names functions and arguments of Python."""
     for python, option in _SPOKEN:
         text = re.sub(python, option, text)
     return text

@@ -134,15 +134,6 @@ def bootstrap(fit: FitResult, *, n: int = 500, seed: int = 0, accelerate: bool |
     The noise is that of the data, times sqrt(redchi) where the model limits the fit, as in ``stderr``. Nuisance entries
     with a prior, such as gains of a calibration, are drawn from it: every simulated test has errors of calibration of
     its own. Priors of parameters stay as they are and hold the estimates back.
-
-    Args:
-        fit: the result to start from.
-        n: number of simulated data sets.
-        seed: of the random numbers; the same seed gives the same samples.
-        accelerate: compile with numba; by default where it is installed and pays.
-
-    Raises:
-        ValueError: a closed form, or fewer than two data sets.
     """
     if fit.method == "closed form":
         raise ValueError("a closed form cannot be bootstrapped by fits; use the result of rf.fit")

@@ -239,15 +239,7 @@ class Budget:
 
 
 def budget(fit: FitResult, calibration: Calibration) -> Budget:
-    """Fit again with the errors of a calibration as nuisance entries, and part the uncertainty by origin.
-
-    Args:
-        fit: the result to start from.
-        calibration: standard uncertainties of probes, force and phase reference.
-
-    Raises:
-        ValueError: a closed form, experiments for which no calibration can be given, or unknown planes.
-    """
+    """Fit again with the errors of a calibration as nuisance entries, and part the uncertainty by origin."""
     if fit.method == "closed form":
         raise ValueError("a budget needs an optimised fit: use the result of rf.fit, not of rf.closed_form")
     settings = replace(fit.settings, calibration=calibration)

@@ -86,23 +86,14 @@ class Draws(ABC):
 
     @abstractmethod
     def parameter(self, name: str) -> Derived:
-        """One parameter with its spread.
-
-        Args:
-            name: of a fitted parameter or nuisance entry, ``"lam"``.
-        """
+        """One parameter with its spread."""
 
     @abstractmethod
     def summary(self) -> str:
         """Table for a terminal."""
 
     def interval(self, name: str, probability: float = 0.95) -> tuple[float, float]:
-        """Central interval of one entry, equal shares of the rest on both sides.
-
-        Args:
-            name: of a fitted parameter or nuisance entry, ``"lam"``.
-            probability: share of the distribution inside, between 0 and 1.
-        """
+        """Central interval of one entry, equal shares of the rest on both sides."""
         low, high = self.parameter(name).interval(probability)
         return float(low), float(high)
 
@@ -148,14 +139,7 @@ class StiffnessBand:
 
 
 def modes(model: RotorModel, theta: Float, speed: float, band: float) -> list[Mode]:
-    """Modes of many rotors alike at one speed, each draw's matched with those of the median rotor.
-
-    Args:
-        model: the rotor.
-        theta: parameter vectors, shape ``(N, P)``.
-        speed: rotative speed, rad/s.
-        band: highest ``|s|`` of a mode that counts, rad/s.
-    """
+    """Modes of many rotors alike at one speed, each draw's matched with those of the median rotor."""
     middle = np.median(theta, axis=0)
     reference = eigenvalues(model, middle, speed)
     reference = reference[np.isfinite(reference) & (np.abs(reference) <= band)]

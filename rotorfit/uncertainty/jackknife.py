@@ -109,15 +109,7 @@ def _inverse(matrix: Float) -> Float:
 
 
 def jackknife(fit: FitResult) -> Jackknife:
-    """Leave out run after run; see :meth:`FitResult.jackknife`.
-
-    Args:
-        fit: the fit of all runs.
-
-    Raises:
-        ValueError: fewer than three runs, weights put on anew (whose mountings are counted already), or a fit that did
-            not converge.
-    """
+    """Leave out run after run; see :meth:`FitResult.jackknife`."""
     problem = fit.problem
     if not fit.success:
         raise ValueError("the fit did not converge: what a run changes is not known")

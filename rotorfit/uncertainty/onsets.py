@@ -15,18 +15,11 @@ from rotorfit.models.stability import threshold_speeds
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Onsets:
-    """Onset of instability of each draw.
+    """Onset of instability of each draw."""
 
-    Attributes:
-        speed: rad/s, shape ``(N,)``: infinite for rotors that are stable at every speed searched, and for those whose
-            onset lies outside a band that limits the search; NaN where the fit itself cannot tell.
-        whirl_ratio: frequency of the whirl over the speed, NaN without an onset, shape ``(N,)``.
-        note: what limits the numbers, in words; empty where there is nothing.
-    """
-
-    speed: Float
-    whirl_ratio: Float
-    note: str
+    speed: Float  # rad/s, shape ``(N,)``
+    whirl_ratio: Float  # frequency of the whirl over the speed, NaN without an onset, shape ``(N,)``
+    note: str  # what limits the numbers, in words; empty where there is nothing
 
 
 def onsets_of(fit: FitResult, theta: Float, group: int, seed: int) -> Onsets:
@@ -36,12 +29,6 @@ def onsets_of(fit: FitResult, theta: Float, group: int, seed: int) -> Onsets:
     tested speeds or frequencies. As in :meth:`~rotorfit.FitResult.threshold_speed` that difference is an error of the
     result: extrapolated draws are scattered by it, and those whose onset lies outside the band of a model that holds in
     the band only are drawn from the onset of the rung that holds beyond.
-
-    Args:
-        fit: the result that the draws belong to.
-        theta: model parameter vectors, shape ``(N, P)``.
-        group: number of the parameter group.
-        seed: of the scatter.
     """
     speed, whirl = threshold_speeds(fit.model, theta, band=fit.stability_band)
     ratio = whirl / np.where(speed > 0, speed, np.nan)

@@ -32,21 +32,14 @@ _SHAFT_DRAWS = 100  # the same for models with the matrices of a whole shaft
 
 @dataclass(frozen=True, kw_only=True)
 class SampleSettings:
-    """How a posterior was sampled; see :func:`rotorfit.sample`.
+    """How a posterior was sampled; see :func:`rotorfit.sample`."""
 
-    Attributes:
-        noise: treatment of the noise level: "marginal", "fixed" or "sampled".
-        inflation: factor on the noise variances with fixed noise, 1 unless the model limits the fit.
-        walkers, ess, max_steps: as asked for.
-        steps: steps made in all.
-    """
-
-    noise: Noise
-    inflation: float
-    walkers: int
-    ess: float
-    max_steps: int
-    steps: int
+    noise: Noise  # treatment of the noise level: "marginal", "fixed" or "sampled"
+    inflation: float  # factor on the noise variances with fixed noise, 1 unless the model limits the fit
+    walkers: int  # as asked for
+    ess: float  # as asked for
+    max_steps: int  # as asked for
+    steps: int  # steps made in all
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

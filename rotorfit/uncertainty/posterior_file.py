@@ -27,26 +27,16 @@ _TAIL = (0.05, 0.95)  # quantiles whose effective sample size counts for the tai
 
 @dataclass(frozen=True, kw_only=True)
 class Health:
-    """What the chains of one entry are worth.
+    """What the chains of one entry are worth."""
 
-    Attributes:
-        name: of the entry.
-        rhat: split R-hat, 1 for chains that agree, to be doubted above 1.01.
-        bulk, tail: effective samples for the middle of the distribution and for its tails.
-    """
-
-    name: str
-    rhat: float
-    bulk: float
-    tail: float
+    name: str  # of the entry
+    rhat: float  # split R-hat, 1 for chains that agree, to be doubted above 1.01
+    bulk: float  # effective samples for the middle of the distribution and for its tails
+    tail: float  # effective samples for the middle of the distribution and for its tails
 
 
 def health(posterior: Posterior) -> list[Health]:
-    """Split R-hat and effective samples of every entry, by ArviZ, walkers as chains.
-
-    Args:
-        posterior: the draws.
-    """
+    """Split R-hat and effective samples of every entry, by ArviZ, walkers as chains."""
     az = load_arviz()
 
     found = []
@@ -58,11 +48,7 @@ def health(posterior: Posterior) -> list[Health]:
 
 
 def summary(posterior: Posterior) -> str:
-    """Table of the draws and of the chains' health.
-
-    Args:
-        posterior: the draws.
-    """
+    """Table of the draws and of the chains' health."""
     state = posterior.settings
     lines = [
         posterior.message if posterior.converged else f"NOT CONVERGED: {posterior.message.partition(': ')[2]}",
@@ -86,9 +72,6 @@ def datasets(posterior: Posterior) -> dict[str, xr.Dataset]:
     """Groups in ArviZ's layout, walkers as chains: ``posterior`` and ``sample_stats``.
 
     Variables carry the names of the parameters, ``/`` written ``|``, and the name as it is in ``parameter``.
-
-    Args:
-        posterior: the draws.
     """
     import xarray as xr
 
@@ -126,11 +109,7 @@ def datasets(posterior: Posterior) -> dict[str, xr.Dataset]:
 
 
 def to_arviz(posterior: Posterior) -> Any:
-    """``arviz.InferenceData`` with ArviZ before 1.0, ``xarray.DataTree`` from there on.
-
-    Args:
-        posterior: the draws.
-    """
+    """``arviz.InferenceData`` with ArviZ before 1.0, ``xarray.DataTree`` from there on."""
     az = load_arviz()
     import xarray as xr
 
@@ -141,12 +120,7 @@ def to_arviz(posterior: Posterior) -> Any:
 
 
 def save(posterior: Posterior, path: Path) -> None:
-    """Write the draws, exact to the last bit and compressed, whole or not at all.
-
-    Args:
-        posterior: the draws.
-        path: of the file; one that exists is replaced.
-    """
+    """Write the draws, exact to the last bit and compressed, whole or not at all."""
     with whole_file(path) as draft:
         for number, (group, dataset) in enumerate(datasets(posterior).items()):
             packed = {name: {"zlib": True, "complevel": 4, "shuffle": True} for name in dataset.data_vars}

@@ -113,17 +113,6 @@ def profile(
     its distribution with one degree of freedom, times redchi where that exceeds one (as ``stderr`` is widened; priors
     keep their weight). With a robust loss, and where readings of one mounting err together, the rise is scaled to agree
     with ``stderr`` for small changes.
-
-    Args:
-        fit: the result.
-        name: a fitted parameter, or "threshold_speed" (rad/s).
-        level: probability of the interval.
-        points: number of values at which the curve is given, from a little below the interval to a little above.
-        at: group of parameters that the threshold speed belongs to.
-
-    Raises:
-        KeyError: no such parameter.
-        ValueError: a known parameter, a level outside 0 to 1, or a rotor without a threshold.
     """
     return profiles(fit, (name,), level=level, points=points, at=at)[0]
 
@@ -136,16 +125,7 @@ def profiles(
     points: int = 21,
     at: Mapping[str, Any] | None = None,
 ) -> tuple[Profile, ...]:
-    """Profiles of several quantities, found together: a fraction of the time that they take one after the other.
-
-    Args:
-        fit: the result.
-        names: what to profile, see :func:`profile`; by default every fitted parameter.
-        level, points, at: as for :func:`profile`.
-
-    Raises:
-        KeyError, ValueError: as for :func:`profile`.
-    """
+    """Profiles of several quantities, found together: a fraction of the time that they take one after the other."""
     if not 0 < level < 1:
         raise ValueError(f"level is {level}; it must be between 0 and 1, for instance 0.95")
     if points < 3:
@@ -167,29 +147,17 @@ def profiles(
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _Line:
-    """A quantity on its way to a profile.
+    """A quantity on its way to a profile."""
 
-    Attributes:
-        known: its estimate with error and unit.
-        name, value: what it is, and where the curve is lowest.
-        curve: its curve.
-        step: its guessed standard error.
-        reach: how far it can go downwards and upwards, and whether that is a bound.
-        scale: factor on the quantile.
-        goal: rise at the ends.
-        beyond: what to say of it in any case.
-        shown: the quantity, of what the curve is followed in, the quantity itself or its logarithm.
-    """
-
-    known: FittedParameter | Quantity
-    name: str
-    value: float
-    curve: Curve
-    step: float
-    reach: tuple[tuple[float, bool], ...]
-    scale: float
-    goal: float
-    beyond: str = ""
+    known: FittedParameter | Quantity  # its estimate with error and unit
+    name: str  # what it is, and where the curve is lowest
+    value: float  # what it is, and where the curve is lowest
+    curve: Curve  # its curve
+    step: float  # its guessed standard error
+    reach: tuple[tuple[float, bool], ...]  # how far it can go downwards and upwards, and whether that is a bound
+    scale: float  # factor on the quantile
+    goal: float  # rise at the ends
+    beyond: str = ""  # what to say of it in any case
     shown: Callable[[float], float] = float
 
     @property

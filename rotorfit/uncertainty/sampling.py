@@ -133,11 +133,7 @@ def _refined(fit: FitResult) -> tuple[FitResult, str]:
 
 
 def _refuse_unsampled(fit: FitResult) -> None:
-    """Refuse what has no optimum to start from, or no likelihood.
-
-    Raises:
-        ValueError: see :func:`sample`.
-    """
+    """Refuse what has no optimum to start from, or no likelihood."""
     if fit.method != "least squares" or not fit.success:
         state = "a closed form" if fit.method != "least squares" else f"a fit that did not converge ({fit.message})"
         raise ValueError(f"this is {state}: walkers start from the optimum of rf.fit")

@@ -28,27 +28,15 @@ _ALONE = 8.0  # times by which it must exceed theirs
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Finding:
-    """What the residuals of a fit are.
+    """What the residuals of a fit are."""
 
-    Attributes:
-        record: in numbers and words.
-        found: what the fit is to be repeated with, if anything.
-        start: the fitted values by name that the linearised problem gives with it.
-    """
-
-    record: Noise
-    found: FoundNoise | None
-    start: dict[str, float]
+    record: Noise  # in numbers and words
+    found: FoundNoise | None  # what the fit is to be repeated with, if anything
+    start: dict[str, float]  # the fitted values by name that the linearised problem gives with it
 
 
 def study_noise(problem: Problem, x: Float, *, singular: bool = False) -> Finding | None:
-    """Tell noise, differences of runs and misfit apart at the optimum of a linear loss; nothing for other data.
-
-    Args:
-        problem: what was solved.
-        x: its solution, shape ``(p,)``.
-        singular: the optimum is a whole line, along which no step means anything.
-    """
+    """Tell noise, differences of runs and misfit apart at the optimum of a linear loss; nothing for other data."""
     data = residuals_of(problem, x)
     if data is None or not data.sweeps:
         return None

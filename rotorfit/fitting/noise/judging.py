@@ -32,14 +32,7 @@ def as_residuals_ask(
     covar: Float,
     widening: float,
 ) -> tuple[Float, Noise]:
-    """The covariance with what residuals that follow one another, or scatter unevenly, add to it.
-
-    Args:
-        noise: what the residuals are.
-        problem, r, J: the problem, its whitened residuals, shape ``(R,)``, and their derivatives, shape ``(R, p)``.
-        scattered, covar: covariance by the noise alone, and widened, shape ``(p, p)``.
-        widening: the factor between the two.
-    """
+    """The covariance with what residuals that follow one another, or scatter unevenly, add to it."""
     if noise.verdict is NoiseVerdict.MISFIT:
         return covar, noise
     if noise.verdict is NoiseVerdict.FOLLOWING:
@@ -62,13 +55,7 @@ def as_residuals_ask(
 def allowed_for(
     noise: Noise, problem: Problem, x: Float, J: NDArray[np.complex128], scattered: Float
 ) -> tuple[Float, ...]:
-    """What runs that may differ add to the covariance, kind by kind, each of shape ``(p, p)``.
-
-    Args:
-        noise: what the residuals are.
-        problem, x, J: the problem, its estimate and the derivatives of its whitened residuals, shape ``(R, p)``.
-        scattered: covariance by the noise alone, shape ``(p, p)``.
-    """
+    """What runs that may differ add to the covariance, kind by kind, each of shape ``(p, p)``."""
     if not noise.perhaps:
         return ()
     run = np.concatenate([block.run for block in problem.blocks])
@@ -86,14 +73,7 @@ def allowed_for(
 def with_shares(
     noise: Noise, settings: FitSettings, problem: Problem, x: Float, covar: Float, allowed: Sequence[Float] = ()
 ) -> Noise:
-    """The record with the parts of the covariance: effects of runs one by one, then all the rest.
-
-    Args:
-        noise, settings: what the residuals are, and what was asked.
-        problem, x: the problem and its estimate.
-        covar: its covariance by the noise and by what surely differs, shape ``(p, p)``.
-        allowed: what runs that may differ add to it.
-    """
+    """The record with the parts of the covariance: effects of runs one by one, then all the rest."""
     effects = () if settings.noise is None else settings.noise.effects
     names = (*problem.space.names, *problem.space.nuisance)
     shares = []
@@ -112,22 +92,12 @@ def with_shares(
 
 
 def is_misfit(noise: Noise | None, widening: float) -> bool:
-    """Whether the model, not the noise, limits a fit: by its residuals' memory, or else by their size alone.
-
-    Args:
-        noise: what the residuals told of the noise, where they were asked.
-        widening: factor on the covariance, by which residuals exceed the stated noise.
-    """
+    """Whether the model, not the noise, limits a fit: by its residuals' memory, or else by their size alone."""
     return widening > MODEL_LIMITED if noise is None else noise.verdict is NoiseVerdict.MISFIT
 
 
 def noise_warnings(noise: Noise, redchi: float) -> list[str]:
-    """What of the noise a reader should not miss.
-
-    Args:
-        noise: what the residuals told of the noise.
-        redchi: chi-squared over degrees of freedom, by the noise of the data.
-    """
+    """What of the noise a reader should not miss."""
     found = list(noise.notable)
     if noise.verdict is NoiseVerdict.SHAPED and redchi > MODEL_LIMITED:
         found.append(

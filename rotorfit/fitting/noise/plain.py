@@ -19,10 +19,6 @@ def plain_noise(stack: RunStack, x: Float) -> tuple[NDArray[np.bool_], Float]:
 
     They are those within half of the limits from which it looks closer.
 
-    Args:
-        stack: the problems.
-        x: their solutions, shape ``(W, p)``.
-
     Returns:
         which they are, and the degrees of freedom of the noise of each.
     """

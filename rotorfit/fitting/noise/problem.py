@@ -15,12 +15,7 @@ from rotorfit.models.array_types import Float
 
 
 def with_noise(problem: Problem, noise: FoundNoise) -> Problem:
-    """The problem with noise of another size, and what differs from run to run as nuisance entries with their priors.
-
-    Args:
-        problem: as the data and the settings make it.
-        noise: what a fit of it found.
-    """
+    """The problem with noise of another size, and what differs from run to run as nuisance entries with priors."""
     blocks = tuple(block.with_noise(factor) for block, factor in zip(problem.blocks, noise.factors, strict=True))
     space, priors = problem.space, problem.priors
     factors = problem.factors or (None,) * len(blocks)
@@ -46,34 +41,19 @@ def with_noise(problem: Problem, noise: FoundNoise) -> Problem:
 
 @lru_cache(maxsize=64)
 def normal(sd: float) -> Any:
-    """The normal distribution about zero with a standard deviation; SciPy takes a millisecond to make one.
-
-    Args:
-        sd: the standard deviation.
-    """
+    """The normal distribution about zero with a standard deviation; SciPy takes a millisecond to make one."""
     from scipy.stats import norm
 
     return norm(0.0, sd)
 
 
 def estimate_before(noise: FoundNoise | None, x: Float, count: int) -> Float:
-    """The estimate that goodness of fit refers to, shape ``(count,)``.
-
-    Args:
-        noise: what a fit found.
-        x: its own estimate, shape ``(p,)``.
-        count: size of the problem without that noise; another one, of a calibration, has no estimate of its own.
-    """
+    """The estimate that goodness of fit refers to, shape ``(count,)``."""
     return noise.before if noise is not None and noise.before.size == count else x[:count]
 
 
 def without_noise(problem: Problem, noise: FoundNoise) -> Problem:
-    """The problem before :func:`with_noise`; offsets of phase_offsets stay, with their priors.
-
-    Args:
-        problem: with the noise in it.
-        noise: what was found.
-    """
+    """The problem before :func:`with_noise`; offsets of phase_offsets stay, with their priors."""
     blocks = tuple(block.with_noise(1 / factor) for block, factor in zip(problem.blocks, noise.factors, strict=True))
     count = problem.space.size - sum(len(effect.runs) for effect in noise.effects if effect.kind in RUN_KINDS)
     own = count - len(problem.space.names)

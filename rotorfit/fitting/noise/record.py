@@ -23,11 +23,7 @@ RUN_KINDS = {
 
 
 def is_run_effect(name: str) -> bool:
-    """Whether an entry of the fitted vector stands for what differs from run to run; such are no parameters.
-
-    Args:
-        name: of the entry, ``run_force[b]`` for instance.
-    """
+    """Whether an entry of the fitted vector stands for what differs from run to run; such are no parameters."""
     return bare_name(name) in RUN_KINDS
 
 
@@ -43,20 +39,13 @@ class NoiseVerdict(StrEnum):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class RunEffect:
-    """One kind of difference from run to run, a random effect.
+    """One kind of difference from run to run, a random effect."""
 
-    Attributes:
-        kind: one of :data:`RUN_KINDS`, or "phase" for the offsets that phase_offsets asks for.
-        sd: its standard deviation between runs.
-        freedom: degrees of freedom of that estimate.
-        runs: names of the runs.
-        sensitivities: for each block, change of the logarithm of its predictions by a unit, shape ``(R,)``.
-    """
-
-    kind: str
-    sd: float
-    freedom: float
-    runs: tuple[str, ...]
+    kind: str  # one of :data:`RUN_KINDS`, or "phase" for the offsets that phase_offsets asks for
+    sd: float  # its standard deviation between runs
+    freedom: float  # degrees of freedom of that estimate
+    runs: tuple[str, ...]  # names of the runs
+    # for each block, change of the logarithm of its predictions by a unit, shape ``(R,)``
     sensitivities: tuple[ComplexArray, ...]
 
     @property
@@ -67,36 +56,23 @@ class RunEffect:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class FoundNoise:
-    """Noise that the residuals show and the data alone do not.
+    """Noise that the residuals show and the data alone do not."""
 
-    Attributes:
-        factors: for each block, factor on the noise of its readings as given or found in the data, shape ``(R,)``.
-        effects: what differs from run to run.
-        before: the estimate that the noise of the data alone gave, to which goodness of fit refers.
-    """
-
+    # for each block, factor on the noise of its readings as given or found in the data, shape ``(R,)``
     factors: tuple[Float, ...]
-    effects: tuple[RunEffect, ...] = ()
-    before: Float
+    effects: tuple[RunEffect, ...] = ()  # what differs from run to run
+    before: Float  # the estimate that the noise of the data alone gave, to which goodness of fit refers
 
 
 @dataclass(frozen=True, kw_only=True)
 class ResponseNoise:
-    """Noise of some responses, ``sigma^2 = constant^2 + (share |response|)^2``.
+    """Noise of some responses, ``sigma^2 = constant^2 + (share |response|)^2``."""
 
-    Attributes:
-        responses: their names.
-        constant: in the unit of the readings.
-        share: relative to the response, or to what ``along`` says.
-        along: what the share is of.
-        unit: of the readings, in SI; empty where they differ.
-    """
-
-    responses: tuple[str, ...]
-    constant: float
-    share: float
-    along: str
-    unit: str = ""
+    responses: tuple[str, ...]  # their names
+    constant: float  # in the unit of the readings
+    share: float  # relative to the response, or to what ``along`` says
+    along: str  # what the share is of
+    unit: str = ""  # of the readings, in SI; empty where they differ
 
 
 def _satterthwaite(parts: Sequence[float], freedom: Sequence[float]) -> float:

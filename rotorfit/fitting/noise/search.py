@@ -49,32 +49,21 @@ _FLUID = ("K0", "D", "lam", "lam_D")
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Residuals:
-    """A fit about its optimum, all blocks in one row, whitened by the noise of the data.
+    """A fit about its optimum, all blocks in one row, whitened by the noise of the data."""
 
-    Attributes:
-        r, J, prior: residuals, derivatives by the fitted vector, curvature of its priors.
-        y, sigma: predictions and noise, in their units.
-        told: whether the noise was given with the data.
-        channels: sweeps of each probe and force plane.
-        runs, rows: names of the runs, and the readings of each.
-        kinds, Z: effects of runs that are looked for, and what a unit of each changes, shape ``(R, k)``.
-        free: how many of the kinds, the first ones, are none combined of others.
-        kept: entries of the fitted vector that J has.
-    """
-
-    r: ComplexArray
-    J: ComplexArray
-    prior: Float
-    y: ComplexArray
-    sigma: Float
-    told: bool
-    channels: tuple[list[Index], ...]
-    runs: tuple[str, ...]
-    rows: list[Index]
-    kinds: tuple[str, ...]
-    Z: ComplexArray
-    free: int
-    kept: Index
+    r: ComplexArray  # residuals, derivatives by the fitted vector, curvature of its priors
+    J: ComplexArray  # residuals, derivatives by the fitted vector, curvature of its priors
+    prior: Float  # residuals, derivatives by the fitted vector, curvature of its priors
+    y: ComplexArray  # predictions and noise, in their units
+    sigma: Float  # predictions and noise, in their units
+    told: bool  # whether the noise was given with the data
+    channels: tuple[list[Index], ...]  # sweeps of each probe and force plane
+    runs: tuple[str, ...]  # names of the runs, and the readings of each
+    rows: list[Index]  # names of the runs, and the readings of each
+    kinds: tuple[str, ...]  # effects of runs that are looked for, and what a unit of each changes, shape ``(R, k)``
+    Z: ComplexArray  # effects of runs that are looked for, and what a unit of each changes, shape ``(R, k)``
+    free: int  # how many of the kinds, the first ones, are none combined of others
+    kept: Index  # entries of the fitted vector that J has
 
     @property
     def sweeps(self) -> list[Index]:
@@ -97,21 +86,14 @@ class Residuals:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _Left:
-    """What a mixed model with given noise leaves.
+    """What a mixed model with given noise leaves."""
 
-    Attributes:
-        data: the fit.
-        solved: its estimates.
-        left, own: residuals and sensitivities in units of that noise.
-        power, weight: squared residuals, leverage made good, in units of the readings, and 1 - leverage.
-    """
-
-    data: Residuals
-    solved: Solved
-    left: ComplexArray
-    own: ComplexArray
-    power: Float
-    weight: Float
+    data: Residuals  # the fit
+    solved: Solved  # its estimates
+    left: ComplexArray  # residuals and sensitivities in units of that noise
+    own: ComplexArray  # residuals and sensitivities in units of that noise
+    power: Float  # squared residuals, leverage made good, in units of the readings, and 1 - leverage
+    weight: Float  # squared residuals, leverage made good, in units of the readings, and 1 - leverage
 
     def redchi(self, sigma: Float) -> float:
         """Mean squared residual over the noise's."""
@@ -130,12 +112,7 @@ class _Left:
 
 
 def residuals_of(problem: Problem, x: Float) -> Residuals | None:
-    """The fit about its optimum; nothing where the data are no sweeps.
-
-    Args:
-        problem: what was solved.
-        x: the optimum, shape ``(p,)``.
-    """
+    """The fit about its optimum; nothing where the data are no sweeps."""
     blocks = [responses_of(block) for block in problem.blocks]
     if any(block is None or not block.frequency.any() for block in blocks) or any(
         isinstance(block, CorrelatedResponses) for block in problem.blocks
@@ -188,11 +165,7 @@ def _runs_of(problem: Problem) -> tuple[tuple[str, ...], list[Index]]:
 
 
 def channels_of(problem: Problem) -> tuple[list[Index], ...]:
-    """Sweeps of each probe and force plane, readings counted over all blocks.
-
-    Args:
-        problem: of responses.
-    """
+    """Sweeps of each probe and force plane, readings counted over all blocks."""
     channels: list[list[Index]] = []
     start = 0
     for whole in problem.blocks:
@@ -211,20 +184,12 @@ def channels_of(problem: Problem) -> tuple[list[Index], ...]:
 
 
 def sweeps_in(problem: Problem) -> list[Index]:
-    """All sweeps of a problem.
-
-    Args:
-        problem: of responses.
-    """
+    """All sweeps of a problem."""
     return [sweep for sweeps in channels_of(problem) for sweep in sweeps]
 
 
 def lines_in(problem: Problem) -> Index:
-    """Number of the line of each reading, readings that are no responses each on their own.
-
-    Args:
-        problem: the problem.
-    """
+    """Number of the line of each reading, readings that are no responses each on their own."""
     parts, start = [], 0
     for whole in problem.blocks:
         block = responses_of(whole)
@@ -235,11 +200,7 @@ def lines_in(problem: Problem) -> Index:
 
 
 def offset_entries(problem: Problem) -> dict[int, str]:
-    """Entries of the fitted vector that offset the phase reference of a run without a prior, and the run.
-
-    Args:
-        problem: the problem.
-    """
+    """Entries of the fitted vector that offset the phase reference of a run without a prior, and the run."""
     first = len(problem.space.names)
     bound = {prior.entry for prior in problem.priors}
     parts = [name.partition("[") for name in problem.space.nuisance]
@@ -247,11 +208,7 @@ def offset_entries(problem: Problem) -> dict[int, str]:
 
 
 def turn_of(problem: Problem) -> ComplexArray:
-    """Change of the logarithm of each prediction by a phase lead, per rad; a backward complex amplitude is a conjugate.
-
-    Args:
-        problem: of responses only.
-    """
+    """Change of the logarithm of each prediction by a phase lead, per rad."""
     parts = []
     for block in map(responses_of, problem.blocks):
         assert block is not None
@@ -284,13 +241,7 @@ def _leave(data: Residuals, sigma: Float, kinds: Sequence[int], variance: Float)
 
 
 def made_good(residuals: ComplexArray, leverage: Float, sigma: Float) -> tuple[Float, Float]:
-    """Squared residuals, leverage made good, in units of the readings, and 1 - leverage.
-
-    Args:
-        residuals: in units of the noise.
-        leverage: share of each reading that the fit takes.
-        sigma: the noise.
-    """
+    """Squared residuals, leverage made good, in units of the readings, and 1 - leverage."""
     # A reading that alone determines something has no residual to judge by.
     weight = np.clip(1 - leverage, 0.02, 1.0)
     return np.abs(residuals) ** 2 / 2 * sigma**2 / weight, weight
@@ -311,30 +262,18 @@ def _shapes(data: Residuals, found: _Left, along: Sequence[str]) -> tuple[list[S
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Search:
-    """What the residuals are, before the fit is repeated with it.
+    """What the residuals are, before the fit is repeated with it."""
 
-    Attributes:
-        data: the fit.
-        verdict, memory: what the residuals are.
-        shapes, sigma: noise of the residuals, and of each reading as it is to be taken.
-        variance: of the effects of runs, by kind, zero where runs do not differ.
-        perhaps: variance of effects that runs may have though chance explains them as well, by kind; the fit does
-            without them, and its errors allow for them.
-        freedom: degrees of freedom of both, by kind, zero where runs do not differ.
-        solved: estimates with that noise and these effects.
-        weight: one less the leverage of each reading.
-    """
-
-    data: Residuals
-    verdict: NoiseVerdict
-    memory: Memory
-    shapes: list[Shape]
-    sigma: Float
-    variance: Float
-    perhaps: Float
-    freedom: Float
-    solved: Solved
-    weight: Float
+    data: Residuals  # the fit
+    verdict: NoiseVerdict  # what the residuals are
+    memory: Memory  # what the residuals are
+    shapes: list[Shape]  # noise of the residuals, and of each reading as it is to be taken
+    sigma: Float  # noise of the residuals, and of each reading as it is to be taken
+    variance: Float  # of the effects of runs, by kind, zero where runs do not differ
+    perhaps: Float  # variance of effects that runs may have though chance explains them as well, by kind
+    freedom: Float  # degrees of freedom of both, by kind, zero where runs do not differ
+    solved: Solved  # estimates with that noise and these effects
+    weight: Float  # one less the leverage of each reading
 
     @property
     def chosen(self) -> list[int]:
@@ -343,12 +282,7 @@ class Search:
 
 
 def search_noise(data: Residuals, *, forced: Sequence[int] = ()) -> Search:
-    """Tell noise, its shape and its memory, differences of runs, and misfit apart.
-
-    Args:
-        data: the fit about its optimum.
-        forced: kinds of effects of runs that are to be taken in any case.
-    """
+    """Tell noise, its shape and its memory, differences of runs, and misfit apart."""
     variance, perhaps = _between_runs(data, forced)
     chosen = np.flatnonzero(variance).tolist()
     found = _leave(data, data.sigma, chosen, variance[chosen])
@@ -438,12 +372,7 @@ def _plainly(data: Residuals, found: _Left, shapes: Sequence[Shape], remembered:
 
 
 def forgetful(first: Float | float, z: Float | float) -> Any:
-    """Whether residuals hardly follow one another, by half of either limit.
-
-    Args:
-        first: correlation of neighbouring lines, as in :class:`Memory`, of one fit or of many.
-        z: that over its standard deviation, likewise.
-    """
+    """Whether residuals hardly follow one another, by half of either limit."""
     return (np.asarray(first) < _SHORT / 2) | (np.asarray(z) < _CLEARLY / 2)
 
 

@@ -26,15 +26,7 @@ def filter_slips(
     hint: Hint,
     uneven: Callable[[], Mapping[str, FilteredProbe | None]],
 ) -> Iterator[Found]:
-    """What explains the data among filters of all probes, of those at one plane, and of one of a pair.
-
-    Args:
-        readings: as told.
-        trial: a short fit.
-        missed: sum of squares that the fit leaves with them as they are told.
-        hint: what is worth trying.
-        uneven: planes where x and y differ by what is frequency dependent, with the filter of one that explains it.
-    """
+    """What explains the data among filters of all probes, of those at one plane, and of one of a pair."""
     yield from _of_group(readings, "all readings", np.ones(readings.plane.size, dtype=bool), trial, missed, hint)
     planes = np.unique(readings.plane).tolist()
     for plane in planes[:_MOST_PLANES]:

@@ -56,13 +56,7 @@ class _Slip:
 def label_slips(
     model: RotorModel, experiments: Sequence[Experiment], settings: FitSettings, trial: Trial, missed: float
 ) -> Iterator[Found]:
-    """What fits leave with each slip undone, one after the other.
-
-    Args:
-        model, experiments, settings: of the fit, as the data are told.
-        trial: a short fit.
-        missed: sum of squares that the fit leaves with them as they are told.
-    """
+    """What fits leave with each slip undone, one after the other."""
     for tried in _slips([test for test in experiments if isinstance(test, PerturbationTest)]):
         if tried.datum and settings.phase_offsets:
             continue

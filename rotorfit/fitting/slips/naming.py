@@ -38,12 +38,7 @@ _MOST_TOLD = 3
 
 
 def slip(fit: FitResult, trial: Trial) -> str:
-    """The slip that explains what a fit misses, in words; empty where none does, or nothing has to be explained.
-
-    Args:
-        fit: by least squares.
-        trial: a short fit of a problem.
-    """
+    """The slip that explains what a fit misses, in words; empty where none does, or nothing has to be explained."""
     if fit.problem.loss != "linear" or fit.redchi < _FAR:
         return ""
     settings = fit.settings.asked
@@ -82,16 +77,7 @@ def _of_readings(
     uneven: Callable[[], Mapping[str, FilteredProbe | None]],
     known: Sequence[str],
 ) -> Iterator[Found]:
-    """What filters and factors of readings explain.
-
-    Args:
-        readings: as told.
-        trial: a short fit.
-        x: estimate, shape ``(p,)``, if it is one of just that problem.
-        far: whether all are worth trying.
-        uneven: planes where x and y differ, see :func:`~rotorfit.checks.probe_pairs.uneven_planes`.
-        known: names of values that the fit was told.
-    """
+    """What filters and factors of readings explain."""
     least = np.inf if x is None else 2 * readings.problem.cost(x)
     if far or x is None:
         tried, end = trial(readings.problem)

@@ -30,39 +30,24 @@ _HIDDEN = 1e4
 
 @dataclass(frozen=True, kw_only=True)
 class Found:
-    """A slip that was tried.
+    """A slip that was tried."""
 
-    Attributes:
-        left: share of the misfit that the fit leaves without it.
-        told: what is wrong and what to do.
-        free: values that were searched for; of slips that explain the data alike, that with the fewest is told.
-    """
-
-    left: float
-    told: str
-    free: int = 0
+    left: float  # share of the misfit that the fit leaves without it
+    told: str  # what is wrong and what to do
+    free: int = 0  # values that were searched for; of slips that explain the data alike, that with the fewest is told
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Readings:
-    """Readings of all blocks one after the other, shape ``(R,)`` each.
+    """Readings of all blocks one after the other, shape ``(R,)`` each."""
 
-    Attributes:
-        problem: as the data are told.
-        run, plane, force_plane: names.
-        speed: rad/s.
-        frequency: signed, rad/s.
-        axis: z, r, x or y.
-        mirrored: whether the reading stands as the conjugate of what its probe gave, as backward whirl in z = x + jy.
-    """
-
-    problem: Problem
-    run: Text
-    plane: Text
-    force_plane: Text
-    speed: Float
-    frequency: Float
-    axis: Text
+    problem: Problem  # as the data are told
+    run: Text  # names
+    plane: Text  # names
+    force_plane: Text  # names
+    speed: Float  # rad/s
+    frequency: Float  # signed, rad/s
+    axis: Text  # z, r, x or y
     mirrored: Bool
 
     @property
@@ -86,29 +71,17 @@ class Readings:
         return np.concatenate([block.sigma for block in self.problem.blocks])
 
     def seen(self, factor: ComplexArray) -> ComplexArray:
-        """Factors on phasors as factors on the readings as they stand.
-
-        Args:
-            factor: on what probes gave, shape ``(R,)`` or ``(R, k)``.
-        """
+        """Factors on phasors as factors on the readings as they stand."""
         mirrored = self.mirrored if factor.ndim == 1 else self.mirrored[:, None]
         return np.where(mirrored, factor.conj(), factor)
 
     def mended(self, factor: ComplexArray) -> Problem:
-        """The problem with readings that were told as so many times the truth.
-
-        Args:
-            factor: on what probes gave.
-        """
+        """The problem with readings that were told as so many times the truth."""
         whole = self.seen(factor)
         return self._with(self.measured / whole, self.sigma / np.abs(whole))
 
     def without(self, rows: Bool) -> Problem:
-        """The problem in which some readings have no weight.
-
-        Args:
-            rows: which.
-        """
+        """The problem in which some readings have no weight."""
         return self._with(self.measured, np.where(rows, _HIDDEN, 1.0) * self.sigma)
 
     def _with(self, measured: ComplexArray, sigma: Float) -> Problem:
@@ -123,9 +96,6 @@ class Readings:
 def readings_of(problem: Problem) -> Readings | None:
     """Readings of a problem, every so many lines of each run where they are many; None where it has others than
     responses of a linear rotor to forces that turn.
-
-    Args:
-        problem: the problem.
     """
     blocks = [block for block in problem.blocks if isinstance(block, Responses)]
     if len(blocks) < len(problem.blocks) or any(block.imposed or not block.frequency.all() for block in blocks):
@@ -168,11 +138,7 @@ def _some_lines(problem: Problem, blocks: list[Responses], every: int) -> Proble
 
 
 def roughly_missed(problem: Problem) -> float:
-    """Sum of squares of the closed form alone, a tenth of the time of a search; infinite where there is none.
-
-    Args:
-        problem: what is to be explained.
-    """
+    """Sum of squares of the closed form alone, a tenth of the time of a search; infinite where there is none."""
     space = problem.space
     x = np.zeros(space.size)
     try:

@@ -34,33 +34,17 @@ _ANGLE = 3.0  # departure of an angle from zero, degrees, that is none
 
 @dataclass(frozen=True, kw_only=True)
 class _Group:
-    """Readings that may have a factor of their own.
+    """Readings that may have a factor of their own."""
 
-    Attributes:
-        who: whose they are.
-        rows: which, shape ``(R,)``.
-        forces: whose forces they are all readings of; empty where other readings are of the same forces.
-        other: where there are two such groups, the other one.
-        doubt: what else may make them seem so.
-    """
-
-    who: str
-    rows: Bool
-    forces: str = ""
-    other: _Group | None = None
-    doubt: str = ""
+    who: str  # whose they are
+    rows: Bool  # which, shape ``(R,)``
+    forces: str = ""  # whose forces they are all readings of; empty where other readings are of the same forces
+    other: _Group | None = None  # where there are two such groups, the other one
+    doubt: str = ""  # what else may make them seem so
 
 
 def run_slips(readings: Readings, trial: Trial, missed: float, hint: Hint, known: Sequence[str]) -> Iterator[Found]:
-    """What explains the data among factors and angles that some readings alone have.
-
-    Args:
-        readings: as told.
-        trial: a short fit.
-        missed: sum of squares that the fit leaves with them as they are told.
-        hint: what is worth trying.
-        known: names of values that the fit was told.
-    """
+    """What explains the data among factors and angles that some readings alone have."""
     seen = {np.ones(readings.run.size, dtype=bool).tobytes()}
     count = 0
     for level in _levels(readings, known):

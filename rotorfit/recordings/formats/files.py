@@ -30,15 +30,7 @@ ALWAYS_RAW = (".h5", ".hdf5", ".hdf", ".tdms", ".wav", ".parquet")
 
 
 def open_raw(path: str | Path) -> RawFile:
-    """What a file of raw signals holds; samples are read later.
-
-    Args:
-        path: the file.
-
-    Raises:
-        ValueError: unknown suffix, or a file that is not whole or holds no signals; says what is allowed.
-        FileNotFoundError: no such file.
-    """
+    """What a file of raw signals holds; samples are read later."""
     file = Path(path)
     suffix = file.suffix.lower()
     if suffix not in FORMATS:

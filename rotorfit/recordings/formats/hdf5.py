@@ -21,14 +21,7 @@ from rotorfit.recordings.formats.raw_file import RawChannel, RawFile, full_count
 
 
 def open_file(path: Path) -> RawFile:
-    """What an HDF5 file holds; its samples are read later, piece by piece.
-
-    Args:
-        path: the file.
-
-    Raises:
-        ValueError: not a whole HDF5 file, or no signal in it.
-    """
+    """What an HDF5 file holds; its samples are read later, piece by piece."""
     found: list[tuple[str, RawChannel]] = []
     rates: list[float] = []
 

@@ -45,14 +45,7 @@ class _Array:
 
 
 def open_file(path: Path) -> RawFile:
-    """What a MAT file holds.
-
-    Args:
-        path: the file.
-
-    Raises:
-        ValueError: not a whole MAT file.
-    """
+    """What a MAT file holds."""
     with path.open("rb") as file:
         modern = b"MATLAB 7.3" in file.read(128)
     try:

@@ -16,14 +16,7 @@ from rotorfit.recordings.formats.spool import once, spooled
 
 
 def open_file(path: Path) -> RawFile:
-    """What a Parquet file holds; a column is read when it is first asked for.
-
-    Args:
-        path: the file.
-
-    Raises:
-        ValueError: pyarrow is not installed, the file is not a whole Parquet file, or its times are not even.
-    """
+    """What a Parquet file holds; a column is read when it is first asked for."""
     try:
         import pyarrow as pa
         from pyarrow import parquet

@@ -12,63 +12,36 @@ from numpy.typing import NDArray
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RawChannel:
-    """One channel of a file.
+    """One channel of a file."""
 
-    Attributes:
-        name: as the file has it.
-        size: samples.
-        samples: reads samples ``start`` to ``stop`` as the file stores them (counts or volts).
-        volts_per_count: factor to volts that the file gives; None: not given.
-        offset: volts at count zero.
-        full_count: largest count the file's type can hold, for integers; None: the file holds volts.
-        sample_rate: Hz; None: not given.
-        start: time of the first sample after that of the record, s.
-    """
-
-    name: str
-    size: int
+    name: str  # as the file has it
+    size: int  # samples
     samples: Callable[[int, int], NDArray[Any]]
-    volts_per_count: float | None = None
-    offset: float = 0.0
-    full_count: float | None = None
-    sample_rate: float | None = None
-    start: float = 0.0
+    volts_per_count: float | None = None  # factor to volts that the file gives; None: not given
+    offset: float = 0.0  # volts at count zero
+    full_count: float | None = None  # largest count the file's type can hold, for integers; None: the file holds volts
+    sample_rate: float | None = None  # Hz; None: not given
+    start: float = 0.0  # time of the first sample after that of the record, s
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RawFile:
-    """A file of raw signals.
+    """A file of raw signals."""
 
-    Attributes:
-        name: of the file, without its folder.
-        channels: by name.
-        attributes: what the file says of itself: numbers and text by name.
-        sample_rate: Hz; None: not given.
-        remarks: what was odd about the file and how it was read.
-    """
-
-    name: str
-    channels: Mapping[str, RawChannel]
-    attributes: Mapping[str, float | str] = field(default_factory=dict)
-    sample_rate: float | None = None
-    remarks: tuple[str, ...] = ()
+    name: str  # of the file, without its folder
+    channels: Mapping[str, RawChannel]  # by name
+    attributes: Mapping[str, float | str] = field(default_factory=dict)  # what the file says of itself
+    sample_rate: float | None = None  # Hz; None: not given
+    remarks: tuple[str, ...] = ()  # what was odd about the file and how it was read
 
 
 def full_count(kind: np.dtype[Any]) -> float | None:
-    """Largest count that an integer type holds; None for floating-point samples, which are volts.
-
-    Args:
-        kind: of the samples in the file.
-    """
+    """Largest count that an integer type holds; None for floating-point samples, which are volts."""
     return float(np.iinfo(kind).max) if kind.kind in "iu" else None
 
 
 def plain(values: Mapping[str, Any]) -> dict[str, float | str]:
-    """Attributes as plain numbers and text; what is neither, an array for instance, is left out.
-
-    Args:
-        values: attributes as the file's reader gives them.
-    """
+    """Attributes as plain numbers and text; what is neither, an array for instance, is left out."""
     found: dict[str, float | str] = {}
     for name, value in values.items():
         item = (

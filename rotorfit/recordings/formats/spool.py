@@ -13,13 +13,7 @@ Samples = Callable[[int, int], NDArray[Any]]
 
 
 def spooled(pieces: Iterable[NDArray[Any]], size: int, dtype: Any) -> NDArray[Any]:
-    """An array on disk, filled piece by piece; it takes no memory that the system cannot have back.
-
-    Args:
-        pieces: consecutive parts of the array, along its first axis.
-        size: total length.
-        dtype: of the array.
-    """
+    """An array on disk, filled piece by piece; it takes no memory that the system cannot have back."""
     with tempfile.TemporaryFile() as file:  # deleted when the last map of it is gone
         whole: NDArray[Any] = np.memmap(file, dtype=dtype, mode="w+", shape=(max(size, 1),))
     begin = 0
@@ -30,11 +24,7 @@ def spooled(pieces: Iterable[NDArray[Any]], size: int, dtype: Any) -> NDArray[An
 
 
 def once(load: Callable[[], NDArray[Any]]) -> Samples:
-    """Reader of pieces of an array that is loaded when the first piece is asked for.
-
-    Args:
-        load: loads the whole array, best a :func:`spooled` one.
-    """
+    """Reader of pieces of an array that is loaded when the first piece is asked for."""
     held: list[NDArray[Any]] = []
 
     def read(start: int, stop: int) -> NDArray[Any]:

@@ -14,14 +14,7 @@ from rotorfit.recordings.formats.raw_file import RawChannel, RawFile, full_count
 
 
 def open_file(path: Path) -> RawFile:
-    """What a TDMS file holds; scaled channels are in volts, others in counts.
-
-    Args:
-        path: the file.
-
-    Raises:
-        ValueError: npTDMS is not installed, or the file is not a whole TDMS file.
-    """
+    """What a TDMS file holds; scaled channels are in volts, others in counts."""
     try:
         from nptdms import TdmsFile
     except ImportError as problem:

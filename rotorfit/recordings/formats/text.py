@@ -62,14 +62,7 @@ class _Line:
 
 
 def open_file(path: Path) -> RawFile:
-    """What a text file of raw signals holds.
-
-    Args:
-        path: the file.
-
-    Raises:
-        ValueError: not text, rows of unequal length, cells that are not numbers, or uneven times; says where.
-    """
+    """What a text file of raw signals holds."""
     try:
         head = _head(path)
         columns = _columns(path, head)
@@ -138,11 +131,7 @@ def _first_lines(path: Path, encoding: str) -> tuple[dict[str, float | str], lis
 
 
 def _first_numbers(path: Path, lines: list[_Line]) -> int:
-    """Place of the first of some rows of numbers of the same length.
-
-    Raises:
-        ValueError: there are none.
-    """
+    """Place of the first of some rows of numbers of the same length."""
     if not lines:
         raise ValueError(f"{path.name} is empty")
     for first in range(len(lines)):

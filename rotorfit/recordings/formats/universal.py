@@ -22,14 +22,7 @@ _AXES = {1: "X", 2: "Y", 3: "Z", -1: "-X", -2: "-Y", -3: "-Z"}
 
 
 def open_file(path: Path) -> RawFile:
-    """The time records of a universal file; each is read when it is first asked for.
-
-    Args:
-        path: the file.
-
-    Raises:
-        ValueError: not a whole universal file, or no time records in it.
-    """
+    """The time records of a universal file; each is read when it is first asked for."""
     import pyuff
 
     marks = re.findall(rb"(?m)^    -1 *\r?$", path.read_bytes())

@@ -26,14 +26,7 @@ _PER_TURN = 8
 
 
 def dwelling(record: Recording) -> bool:
-    """Whether the shaft of a recording dwells at one speed, or at several in turn.
-
-    Args:
-        record: with a mark of the shaft.
-
-    Raises:
-        ValueError: no pulses.
-    """
+    """Whether the shaft of a recording dwells at one speed, or at several in turn."""
     shaft = record.shaft_angle()
     turns = abs(float(np.ptp(shaft.angle(np.array([shaft.begin, shaft.end]))))) / (2 * np.pi)
     time = np.linspace(shaft.begin, shaft.end, max(int(_PER_TURN * turns), 200))
@@ -41,11 +34,7 @@ def dwelling(record: Recording) -> bool:
 
 
 def dwells_of(reduced: ReducedRecord) -> list[ReducedRecord]:
-    """The parts of a record in which its drive dwells; none where it sweeps.
-
-    Args:
-        reduced: the record.
-    """
+    """The parts of a record in which its drive dwells; none where it sweeps."""
     found = []
     for part in dwells(reduced.time, reduced.drive_angle, reduced.drive_speed):
         whole = slice(part.start, part.start + int(prev_fast_len(part.stop - part.start)))
@@ -68,16 +57,7 @@ def dwells_of(reduced: ReducedRecord) -> list[ReducedRecord]:
 def dwell_responses(
     reduced: ReducedRecord, parts: Sequence[ReducedRecord], force: Force
 ) -> tuple[PerturbationTest, Bool]:
-    """A line for each dwell that no order of the shaft lies on, and which dwells these are.
-
-    Args:
-        reduced: the record.
-        parts: its dwells.
-        force: what drives it.
-
-    Raises:
-        ValueError: a dwell of few turns.
-    """
+    """A line for each dwell that no order of the shaft lies on, and which dwells these are."""
     record, synchronous = reduced.record, force.reference == "shaft"
     weight = np.ones(1, dtype=complex)  # of one kg m: what turns with the mark, be there a weight or none
     found: list[DwellResponse] = []

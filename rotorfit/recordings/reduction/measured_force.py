@@ -41,24 +41,15 @@ _CLEAR = 0.1
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class MeasuredForce:
-    """What the channels of a force show before responses are made of them.
+    """What the channels of a force show before responses are made of them."""
 
-    Attributes:
-        low, high: frequencies, rad/s, between which all but two thousandths of its power lie.
-        noise_x, noise_y: density of the noise of each channel, N^2 s, one-sided spectra taken as two-sided.
-    """
-
-    low: float
-    high: float
-    noise_x: float
-    noise_y: float
+    low: float  # frequencies, rad/s, between which all but two thousandths of its power lie
+    high: float  # frequencies, rad/s, between which all but two thousandths of its power lie
+    noise_x: float  # density of the noise of each channel, N^2 s, one-sided spectra taken as two-sided
+    noise_y: float  # density of the noise of each channel, N^2 s, one-sided spectra taken as two-sided
 
     def noise_of(self, direction: str) -> float:
-        """Density of the noise of the force that responses are referred to, N^2 s.
-
-        Args:
-            direction: ``circular``, ``x`` or ``y``.
-        """
+        """Density of the noise of the force that responses are referred to, N^2 s."""
         return {"circular": self.noise_x + self.noise_y, "x": 4 * self.noise_x, "y": 4 * self.noise_y}[direction]
 
 
@@ -67,12 +58,6 @@ def look_at_force(record: Recording) -> MeasuredForce:
 
     The noise is taken for white: a force that is swept or that strikes is at each frequency only for a while, so that
     the median over time of the power there is that of the noise, and the level that of most lines.
-
-    Args:
-        record: the recording.
-
-    Raises:
-        ValueError: the force is constant.
     """
     noise = _noise(record)
     power, step = _powers(record, _LONG)
@@ -117,14 +102,8 @@ def _powers(record: Recording, length: float) -> tuple[Float, float]:
 def reduce_measured(record: Recording) -> tuple[ReducedRecord, str, float]:
     """Bring a recording with a measured force to the rate that the force needs.
 
-    Args:
-        record: the recording.
-
     Returns:
         the record, how the force acts: ``circular``, ``x`` or ``y``, and the density of its noise, N^2 s.
-
-    Raises:
-        ValueError: the force acts along both axes without turning, or nothing was measured of it.
     """
     shaft = record.shaft_angle() if record.rig.shaft is not None else None
     begin, end = (shaft.begin, shaft.end) if shaft is not None else (0.0, record.duration)
@@ -169,13 +148,7 @@ def _how_it_acts(record: Recording, force: ComplexArray, rate: float, seen: Meas
 
 
 def clear_of_noise(found: LocalResponse, reduced: ReducedRecord, noise: float) -> Bool:
-    """Lines at which a measured force stands out of its noise, shape ``(L,)``.
-
-    Args:
-        found: the responses.
-        reduced: the record.
-        noise: ``E |N|^2`` of a line of the force's spectrum.
-    """
+    """Lines at which a measured force stands out of its noise, shape ``(L,)``."""
     power = np.abs(reduced.spectrum(reduced.unit_force)) ** 2
     near = [np.abs(reduced.lines - w) <= half for w, half in zip(found.frequency, found.width / 2, strict=True)]
     return np.array([noise < _CLEAR * np.mean(power[lines]) for lines in near], dtype=bool)

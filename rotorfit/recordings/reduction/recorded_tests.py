@@ -21,14 +21,7 @@ BLOWS, LOADS = "blows", "constant loads"
 
 
 def kind_of(record: Recording) -> str:
-    """What kind of test a recording is of: blows, constant loads, or what drives the rotor.
-
-    Args:
-        record: the recording.
-
-    Raises:
-        ValueError: nothing says.
-    """
+    """What kind of test a recording is of: blows, constant loads, or what drives the rotor."""
     if record.force is not None:
         return driven_by(record)
     if record.rig.impulse is not None:
@@ -49,17 +42,7 @@ def recorded_tests(
     on_finding: Report | None = None,
     progress: Callable[[str], None] | None = None,
 ) -> tuple[Experiment, ...]:
-    """One experiment for each kind of test that there is among recordings.
-
-    Args:
-        records: of one rig.
-        turns, executor: see :func:`rotorfit.responses`.
-        on_finding: called with each thing that was found odd, what the recordings themselves show included.
-        progress: called with a few words before each stage.
-
-    Raises:
-        ValueError: what is wrong with a recording.
-    """
+    """One experiment for each kind of test that there is among recordings."""
     if not records:
         raise ValueError("no recordings given")
     report = on_finding or (lambda finding: None)

@@ -28,30 +28,15 @@ PIECE = 1 << 18
 
 @dataclass(frozen=True, kw_only=True)
 class ReducedRate:
-    """A lower sampling rate for signals of a band.
+    """A lower sampling rate for signals of a band."""
 
-    Attributes:
-        full_rate: of the recording, Hz.
-        size: samples of the recording.
-        factor: samples of the recording for one at the reduced rate.
-    """
-
-    full_rate: float
-    size: int
-    factor: int
+    full_rate: float  # of the recording, Hz
+    size: int  # samples of the recording
+    factor: int  # samples of the recording for one at the reduced rate
 
     @classmethod
     def for_band(cls, top: float, full_rate: float, size: int) -> ReducedRate:
-        """The lowest rate that keeps a band.
-
-        Args:
-            top: highest frequency of the band, Hz.
-            full_rate: of the recording, Hz.
-            size: samples of the recording.
-
-        Raises:
-            ValueError: the recording itself is too slow for the band.
-        """
+        """The lowest rate that keeps a band."""
         if 2 * top >= full_rate:
             raise ValueError(
                 f"the band goes up to {top:.4g} Hz, the sampling rate {full_rate:g} Hz shows what is below "
@@ -94,9 +79,6 @@ class ReducedRate:
 
     def reduce(self, read: Callable[[int, int], Signal]) -> Signal:
         """A signal at the reduced rate.
-
-        Args:
-            read: gives the samples from a first to before a last one.
 
         Returns:
             shape ``(count,)``.

@@ -27,33 +27,19 @@ _PIECE = 1 << 15
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ReducedRecord:
-    """Signals of one recording at N equally spaced times.
+    """Signals of one recording at N equally spaced times."""
 
-    Attributes:
-        record: the recording.
-        drive: angle that the force is locked to; None for a force that was measured.
-        whirl: +1 where the force turns with the shaft, -1 against it.
-        band: lowest and highest frequency of the force, rad/s.
-        unit_force: what the response is referred to, as seen from x turning with the force: of one kg m with its heavy
-            spot at the mark, ``(phi'^2 - j phi'') exp(j phi)``, or the measured force, N, shape ``(N,)``.
-        rate: samples a second, Hz.
-        time: from the start of the recording, s, shape ``(N,)``.
-        motion: of each plane, m: ``x + jy``, or the reading of a single probe in the real part.
-        drive_angle, drive_speed: of the drive, rad and rad/s, shape ``(N,)``; empty without one.
-        shaft_angle: rad, shape ``(N,)``; None without a reference of the shaft.
-    """
-
-    record: Recording
-    drive: AngleTrack | None
-    whirl: int
-    band: tuple[float, float]
-    unit_force: ComplexArray
-    rate: float
-    time: Float
-    motion: dict[str, ComplexArray]
-    drive_angle: Float
-    drive_speed: Float
-    shaft_angle: Float | None
+    record: Recording  # the recording
+    drive: AngleTrack | None  # angle that the force is locked to; None for a force that was measured
+    whirl: int  # +1 where the force turns with the shaft, -1 against it
+    band: tuple[float, float]  # lowest and highest frequency of the force, rad/s
+    unit_force: ComplexArray  # what the response is referred to, as seen from x turning with the force
+    rate: float  # samples a second, Hz
+    time: Float  # from the start of the recording, s, shape ``(N,)``
+    motion: dict[str, ComplexArray]  # of each plane, m: ``x + jy``, or the reading of a single probe in the real part
+    drive_angle: Float  # of the drive, rad and rad/s, shape ``(N,)``; empty without one
+    drive_speed: Float  # of the drive, rad and rad/s, shape ``(N,)``; empty without one
+    shaft_angle: Float | None  # rad, shape ``(N,)``; None without a reference of the shaft
 
     @property
     def shaft_speed(self) -> float:
@@ -63,11 +49,7 @@ class ReducedRecord:
         return float((self.shaft_angle[-1] - self.shaft_angle[0]) / (self.time[-1] - self.time[0]))
 
     def orders(self, first: int = 1) -> list[int]:
-        """Orders of the shaft, from the first to the fifth, that reach into the band.
-
-        Args:
-            first: the first to ask for.
-        """
+        """Orders of the shaft, from the first to the fifth, that reach into the band."""
         if self.shaft_angle is None:
             return []
         slowest = float(np.diff(self.shaft_angle).min()) * self.rate
@@ -80,11 +62,7 @@ class ReducedRecord:
         return np.asarray(step * np.arange(min(int(1.02 * self.band[1] / step) + 2, self.time.size // 2)), dtype=float)
 
     def spectrum(self, signal: ComplexArray) -> ComplexArray:
-        """Spectrum of one signal, times the sampling interval, shape ``(K,)``.
-
-        Args:
-            signal: shape ``(N,)``.
-        """
+        """Spectrum of one signal, times the sampling interval, shape ``(K,)``."""
         from scipy.fft import fft
 
         return np.asarray(fft(signal)[: self.lines.size] / self.rate)
@@ -94,10 +72,6 @@ class ReducedRecord:
 
         The outputs are, for a plane with two probes: the orbit's component in the direction of the force, that in the
         other one, and the phasors of x and of y, relative to ``exp(+j|w|t)``; for a plane with one probe its phasor.
-
-        Args:
-            weights: unbalance times ``exp(j heavy spot)`` of each force, kg m, shape ``(J,)``.
-            orders: of the shaft, as further inputs.
         """
         outputs: list[ComplexArray] = []
         for plane, z in self.motion.items():
@@ -143,26 +117,12 @@ class ReducedRecord:
 
 
 def is_pair(record: Recording, plane: str) -> bool:
-    """Whether a plane has two probes, so that the orbit is known.
-
-    Args:
-        record: the recording.
-        plane: one of its planes.
-    """
+    """Whether a plane has two probes, so that the orbit is known."""
     return sum(probe.plane == plane for probe in record.probes) > 1
 
 
 def reduce_record(record: Recording, drive: AngleTrack, whirl: int) -> ReducedRecord:
-    """Bring a recording to the rate that the band of its drive needs.
-
-    Args:
-        record: the recording.
-        drive: angle that the force is locked to.
-        whirl: +1 where it turns with the shaft, -1 against it.
-
-    Raises:
-        ValueError: the sampling rate is too low for the band, or no time is left between the pulses.
-    """
+    """Bring a recording to the rate that the band of its drive needs."""
     shaft = record.shaft_angle() if record.rig.shaft is not None else None
     begin = max(track.begin for track in (drive, shaft) if track is not None)
     end = min(track.end for track in (drive, shaft) if track is not None)
@@ -188,17 +148,7 @@ def reduce_record(record: Recording, drive: AngleTrack, whirl: int) -> ReducedRe
 def reduced_times(
     record: Recording, shaft: AngleTrack | None, fastest: float, begin: float, end: float
 ) -> tuple[ReducedRate, slice]:
-    """The rate that a band and the orders in it need, and the samples at that rate between two times.
-
-    Args:
-        record: the recording.
-        shaft: angle of its shaft.
-        fastest: highest frequency of the drive, rad/s.
-        begin, end: the times, s.
-
-    Raises:
-        ValueError: the recording is sampled too slowly for the band, or nothing is left between the times.
-    """
+    """The rate that a band and the orders in it need, and the samples at that rate between two times."""
     from scipy.fft import prev_fast_len
 
     top = fastest
@@ -217,14 +167,7 @@ def reduced_times(
 
 
 def motion_at(record: Recording, reduced: ReducedRate, part: slice, plane: str) -> ComplexArray:
-    """Motion of one plane about its mean: ``x + jy``, or the reading of a single probe in the real part, m.
-
-    Args:
-        record: the recording.
-        reduced: the rate.
-        part: of the samples at that rate.
-        plane: one of the recording's planes.
-    """
+    """Motion of one plane about its mean: ``x + jy``, or the reading of a single probe in the real part, m."""
     probes = [probe for probe in record.probes if probe.plane == plane]
     along = np.stack([_towards(record, probe, reduced)[part] for probe in probes])
     along -= along.mean(axis=1, keepdims=True)

@@ -33,17 +33,7 @@ DRIVEN = 3e-3
 def reduced_responses(
     records: Sequence[Recording], turns: int | None, report: Report, groups: int = 1
 ) -> PerturbationTest:
-    """The responses of a record, or of start-ups with the weight in one plane.
-
-    Args:
-        records: all driven alike.
-        turns: of a window; None: no windows.
-        report: called with what was found odd.
-        groups: groups of start-ups that their runs without a weight are part of.
-
-    Raises:
-        ValueError: too short for what was swept, or a mark that is missing.
-    """
+    """The responses of a record, or of start-ups with the weight in one plane."""
     force = force_of(records[0])
     if force.measured:
         return _measured(records[0], report)
@@ -62,14 +52,7 @@ def _balance_run(record: Recording) -> PerturbationTest:
 
 
 def force_of(record: Recording) -> Force:
-    """What drives the rotor of a recording.
-
-    Args:
-        record: the recording.
-
-    Raises:
-        ValueError: nothing says.
-    """
+    """What drives the rotor of a recording."""
     if record.force is None:
         raise ValueError(
             f"{record.name}: nothing says what drives the rotor; give plane, mr_kg_m and whirl in [force] of the setup"

@@ -21,18 +21,12 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ProbeResponses:
-    """Responses of one probe, output over force.
+    """Responses of one probe, output over force."""
 
-    Attributes:
-        plane, direction: of the probe.
-        response: shape ``(L,)``.
-        sigma: standard deviation of its real part and of its imaginary part, shape ``(L,)``.
-    """
-
-    plane: str
-    direction: str
-    response: ComplexArray
-    sigma: Float
+    plane: str  # of the probe
+    direction: str  # of the probe
+    response: ComplexArray  # shape ``(L,)``
+    sigma: Float  # standard deviation of its real part and of its imaginary part, shape ``(L,)``
 
 
 def readings(record: Recording, whirl: int, found: LocalResponse, disturbance: Float) -> list[ProbeResponses]:
@@ -40,14 +34,6 @@ def readings(record: Recording, whirl: int, found: LocalResponse, disturbance: F
 
     The noise of x and of y is each one's own, widened together where the orbit's component in the direction of the
     force is noisier than independent probes would make it: what disturbs the force or the phase reference moves both.
-
-    Args:
-        record: where the probes are.
-        whirl: +1 where the force turns with the shaft, -1 against it.
-        found: one output after the other, as
-            :meth:`~rotorfit.recordings.reduction.reduced_record.ReducedRecord.spectra` lays them out.
-        disturbance: standard deviation, real and imaginary part together, of what the error of the angle that the force
-            is locked to adds to each output, shape ``(P, L)``.
     """
     response, variance = found.response[0], found.sigma[0] ** 2
     listed: list[ProbeResponses] = []
@@ -76,11 +62,6 @@ def single_direction(record: Recording, plane: str, whirl: int) -> tuple[str, co
 
     A probe that sits neither along x nor along y gives the x of a circular orbit in the direction of the force; a fit
     takes any single probe so.
-
-    Args:
-        record: the recording.
-        plane: a plane with one probe.
-        whirl: +1 where the force turns with the shaft, -1 against it.
     """
     angle = record.rig.rotation * float(next(probe.angle or 0.0 for probe in record.probes if probe.plane == plane))
     for axis, place in (("x", 0.0), ("y", np.pi / 2)):
@@ -102,20 +83,7 @@ def rows(
     force_direction: str = "circular",
     unit: Float | None = None,
 ) -> PerturbationTest:
-    """A test of one run.
-
-    Args:
-        probes: what was read.
-        kept: lines to keep, shape ``(L,)``.
-        run: name of the run.
-        frequency: of each line, rad/s, signed.
-        speed: rotative speed, rad/s.
-        force_plane: where the force acts.
-        force: at each line, N.
-        attributes: of the whole run.
-        force_direction: ``circular``, ``x`` or ``y``.
-        unit: what the responses are referred to where it is not the force, which may be zero then, N.
-    """
+    """A test of one run."""
     reference = force if unit is None else unit.astype(complex)
     speeds = np.broadcast_to(speed, frequency.shape)
     names = [(probe.plane, probe.direction) for probe in probes for _ in range(int(kept.sum()))]
@@ -140,12 +108,7 @@ def rows(
 
 
 def time_at(reduced: ReducedRecord, frequency: Float) -> Float:
-    """When the drive last passed each frequency, s; of the nearest one where it never did.
-
-    Args:
-        reduced: a swept record.
-        frequency: rad/s, shape ``(L,)``.
-    """
+    """When the drive last passed each frequency, s; of the nearest one where it never did."""
     speed = reduced.drive_speed
     ascending = np.maximum.accumulate(speed) if speed[-1] >= speed[0] else np.minimum.accumulate(speed)[::-1]
     time = reduced.time if speed[-1] >= speed[0] else reduced.time[::-1]
@@ -153,12 +116,7 @@ def time_at(reduced: ReducedRecord, frequency: Float) -> Float:
 
 
 def apart_from_orders(reduced: ReducedRecord, w: Float) -> Bool:
-    """Whether lines are further from every order than the record can separate, its own wander of speed added.
-
-    Args:
-        reduced: the record.
-        w: frequency of the lines, rad/s, unsigned, shape ``(L,)``.
-    """
+    """Whether lines are further from every order than the record can separate, its own wander of speed added."""
     if reduced.shaft_angle is None:
         return np.ones(w.size, dtype=bool)
     wander = float(np.std(np.diff(reduced.shaft_angle)) * reduced.rate)

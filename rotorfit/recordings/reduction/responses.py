@@ -34,32 +34,20 @@ _BALANCE = "the shaft itself, at steady speeds"
 
 
 class Reduced(NamedTuple):
-    """What came of recordings that were reduced together: their test, and what was found odd on the way.
+    """What came of recordings that were reduced together: their test, and what was found odd on the way."""
 
-    Attributes:
-        test: the responses.
-        findings: what was odd.
-    """
-
-    test: PerturbationTest
-    findings: tuple[Finding, ...]
+    test: PerturbationTest  # the responses
+    findings: tuple[Finding, ...]  # what was odd
 
 
 @dataclass(frozen=True, kw_only=True)
 class _Job:
-    """Recordings that are reduced together: one of a perturbator or a measured force, or start-ups with one weight.
+    """Recordings that are reduced together: one of a perturbator or a measured force, or start-ups with one weight."""
 
-    Attributes:
-        records: the recordings.
-        turns: of a window; None: no windows.
-        checked: whether what the recordings themselves show to be odd is told as well.
-        groups: groups of start-ups that the runs without a weight are part of.
-    """
-
-    records: tuple[Recording, ...]
-    turns: int | None
-    checked: bool
-    groups: int = 1
+    records: tuple[Recording, ...]  # the recordings
+    turns: int | None  # of a window; None: no windows
+    checked: bool  # whether what the recordings themselves show to be odd is told as well
+    groups: int = 1  # groups of start-ups that the runs without a weight are part of
 
 
 def responses(
@@ -120,15 +108,7 @@ def checked_responses(
     progress: Callable[[str], None] | None,
     checked: bool = True,
 ) -> PerturbationTest:
-    """As :func:`responses`, with what the recordings themselves show to be odd told as well.
-
-    Args:
-        records, turns, executor, on_finding, progress: see there.
-        checked: whether to look for it.
-
-    Raises:
-        ValueError: see there.
-    """
+    """As :func:`responses`, with what the recordings themselves show to be odd told as well."""
     if not records:
         raise ValueError("no recordings given")
     tell = progress or (lambda stage: None)
@@ -165,11 +145,7 @@ def checked_responses(
 def _together(
     records: Sequence[Recording], forces: Sequence[Force], turns: int | None
 ) -> list[tuple[tuple[Recording, ...], int]]:
-    """Recordings that are reduced together, and how many such groups their runs without a weight are part of.
-
-    Raises:
-        ValueError: no weight that could tell anything.
-    """
+    """Recordings that are reduced together, and how many such groups their runs without a weight are part of."""
     if forces[0].reference == "" or (forces[0].reference == "perturbator" and all(force.mr for force in forces)):
         return [((record,), 1) for record in records]
     pairs = list(zip(records, forces, strict=True))
@@ -191,11 +167,7 @@ def _together(
 
 
 def _refuse_alone(pairs: Sequence[tuple[Recording, Force]]) -> None:
-    """Refuse runs at steady speed of which nothing tells what the weight does.
-
-    Raises:
-        ValueError: all have the same weight.
-    """
+    """Refuse runs at steady speed of which nothing tells what the weight does."""
     weights = {(force.plane, force.mr * round(force.angle, 3), force.mr) for _, force in pairs}
     if len(weights) > 1:
         return
@@ -261,14 +233,7 @@ def _usable(record: Recording, report: Report) -> Recording:
 
 
 def driven_by(record: Recording) -> str:
-    """What drives the rotor of a recording whose force is known, in words.
-
-    Args:
-        record: the recording.
-
-    Raises:
-        ValueError: the force is not known.
-    """
+    """What drives the rotor of a recording whose force is known, in words."""
     reference = force_of(record).reference
     return _BALANCE if reference == "shaft" and dwelling(record) else _KINDS[reference]
 

@@ -29,21 +29,14 @@ _AT_REST = 20.0
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RestPosition:
-    """Mean positions of one plane in one recording.
+    """Mean positions of one plane in one recording."""
 
-    Attributes:
-        record: the recording.
-        plane: its plane.
-        speed: of the shaft, rad/s, shape ``(S,)``.
-        z: ``x + jy`` from where each probe reads its ``centre``, or zero volts without one, m, shape ``(S,)``.
-        variance: of x and of y, their mean, m^2, shape ``(S,)``.
-    """
-
-    record: Recording
-    plane: str
-    speed: Float
+    record: Recording  # the recording
+    plane: str  # its plane
+    speed: Float  # of the shaft, rad/s, shape ``(S,)``
+    # ``x + jy`` from where each probe reads its ``centre``, or zero volts without one, m, shape ``(S,)``
     z: ComplexArray
-    variance: Float
+    variance: Float  # of x and of y, their mean, m^2, shape ``(S,)``
 
     @property
     def from_centre(self) -> bool:
@@ -56,12 +49,6 @@ def rest_positions(record: Recording) -> tuple[list[RestPosition], list[str]]:
 
     A recording of one speed gives one position a plane, one whose speed changes :data:`STEPS` of them. The error of a
     mean voltage is the scatter of the means of parts of the recording, slow drift included.
-
-    Args:
-        record: the recording.
-
-    Raises:
-        ValueError: no gap voltages, or no plane with two good probes.
     """
     coupled = [name for name, each in record.statistics.items() if each.without_gap]
     if coupled:

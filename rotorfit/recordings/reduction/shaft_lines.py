@@ -41,32 +41,19 @@ _CHANGES = 1.2
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Swept:
-    """A recording with its angles: what the drives are made of.
+    """A recording with its angles: what the drives are made of."""
 
-    Attributes:
-        name: of the run.
-        plane: of probes and force.
-        time: s.
-        force: complex force, N.
-        turn: ``exp(j theta)``.
-        speed: mean rotative speed, rad/s.
-        low, high: ends of the sweep, signed w ascending, rad/s.
-        mr: unbalance, kg m.
-        angle_error: standard error of the perturbator's angle over its speed, s.
-        freedom: values that the perturbator's angle follows independently over the sweep.
-    """
-
-    name: str
-    plane: str
-    time: Float
-    force: ComplexArray
-    turn: ComplexArray
-    speed: float
-    low: float
-    high: float
-    mr: float
-    angle_error: float
-    freedom: float
+    name: str  # of the run
+    plane: str  # of probes and force
+    time: Float  # s
+    force: ComplexArray  # complex force, N
+    turn: ComplexArray  # ``exp(j theta)``
+    speed: float  # mean rotative speed, rad/s
+    low: float  # ends of the sweep, signed w ascending, rad/s
+    high: float  # ends of the sweep, signed w ascending, rad/s
+    mr: float  # unbalance, kg m
+    angle_error: float  # standard error of the perturbator's angle over its speed, s
+    freedom: float  # values that the perturbator's angle follows independently over the sweep
 
 
 def shaft_lines(
@@ -144,11 +131,7 @@ def _is_start_up(record: Recording) -> bool:
 
 
 def _same_weight(records: Sequence[Recording]) -> None:
-    """Refuse start-ups with different weights: they have different eccentricities.
-
-    Raises:
-        ValueError: names two of them.
-    """
+    """Refuse start-ups with different weights: they have different eccentricities."""
     weights: dict[complex, str] = {}
     for record in records:
         if _is_start_up(record):
@@ -160,11 +143,7 @@ def _same_weight(records: Sequence[Recording]) -> None:
 
 
 def _start_up(record: Recording) -> list[dict[str, NDArray[Any]]]:
-    """Lines 1x and 2x against speed.
-
-    Raises:
-        ValueError: several planes of which none is named, one probe, or a motion that gives no stable shaft.
-    """
+    """Lines 1x and 2x against speed."""
     plane = record.planes[0] if record.force is None else record.force.plane
     if record.force is None and len(record.planes) > 1:
         raise ValueError(
@@ -209,11 +188,7 @@ def _start_up(record: Recording) -> list[dict[str, NDArray[Any]]]:
 
 
 def _swept(record: Recording) -> _Swept:
-    """Angles and force of a recording.
-
-    Raises:
-        ValueError: no perturbator's mark, no unbalance, or no shaft's mark.
-    """
+    """Angles and force of a recording."""
     force, perturbator = record.force, record.perturbator_angle()
     if force is None or force.measured or perturbator is None:
         raise ValueError(

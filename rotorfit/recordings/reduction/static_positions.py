@@ -24,17 +24,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Zero:
-    """Where a plane is without load.
+    """Where a plane is without load."""
 
-    Attributes:
-        z: m.
-        variance: of x and of y, m^2.
-        repeat: variance from one recording to the next beyond what each tells of itself, m^2.
-    """
-
-    z: complex = 0.0
-    variance: float = 0.0
-    repeat: float = 0.0
+    z: complex = 0.0  # m
+    variance: float = 0.0  # of x and of y, m^2
+    repeat: float = 0.0  # variance from one recording to the next beyond what each tells of itself, m^2
 
 
 def static_positions(
@@ -88,14 +82,7 @@ def static_positions(
 
 
 def load_of(record: Recording) -> complex:
-    """Constant load of a recording, N.
-
-    Args:
-        record: the recording.
-
-    Raises:
-        ValueError: nothing says what it is.
-    """
+    """Constant load of a recording, N."""
     if record.rig.load is None:
         lacking = "give plane, N and angle_deg in [load], N = 0 where there is none"
         raise ValueError(f"{record.name}: nothing says what constant load acts; {lacking}")

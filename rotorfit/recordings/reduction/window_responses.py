@@ -17,16 +17,7 @@ if TYPE_CHECKING:
 
 
 def window_responses(reduced: ReducedRecord, force: Force, turns: int) -> PerturbationTest:
-    """A reading of each probe for each window that no order of the shaft disturbs.
-
-    Args:
-        reduced: the record.
-        force: what drives it.
-        turns: of the drive in a window.
-
-    Raises:
-        ValueError: the record holds less than one window.
-    """
+    """A reading of each probe for each window that no order of the shaft disturbs."""
     record, synchronous = reduced.record, force.reference == "shaft"
     signals = np.array([reduced.motion[plane] for plane in record.planes])
     angle = reduced.whirl * reduced.drive_angle

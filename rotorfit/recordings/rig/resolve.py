@@ -42,56 +42,31 @@ _TEETH = 8
 
 @dataclass(frozen=True, kw_only=True)
 class Rig:
-    """The rig of one recording, complete: every probe has its angle and sensitivity, every channel exists.
+    """The rig of one recording, complete: every probe has its angle and sensitivity, every channel exists."""
 
-    Attributes:
-        sample_rate: Hz.
-        size: samples.
-        rotation: +1 counter-clockwise, -1 clockwise.
-        probes: with angle (rad) and sensitivity (V/m).
-        shaft, perturbator: phase references, None where there are none.
-        force: what drives the rotor; None where neither file nor setup says.
-        load: constant load; None where neither file nor setup says.
-        impulse: that the rotor is struck or released.
-        twist: channel of torsion.
-        slow_roll: run-out to be taken out of the signals.
-        scales: factor to volts and offset by channel.
-        speed: nominal rotative speed, rad/s.
-        attributes: test attributes.
-        findings: contradictions between file and setup.
-    """
-
-    sample_rate: float
-    size: int
-    rotation: int
-    probes: tuple[Probe, ...]
-    shaft: Reference | None
-    perturbator: Reference | None
-    force: Force | None
-    load: Load | None
-    impulse: ImpulseSetup | None
-    twist: Twist | None
-    slow_roll: SlowRollSetup | None
-    scales: dict[str, tuple[float, float]]
-    speed: float | None
-    attributes: dict[str, float | str]
-    findings: tuple[Finding, ...] = ()
+    sample_rate: float  # Hz
+    size: int  # samples
+    rotation: int  # +1 counter-clockwise, -1 clockwise
+    probes: tuple[Probe, ...]  # with angle (rad) and sensitivity (V/m)
+    shaft: Reference | None  # phase references, None where there are none
+    perturbator: Reference | None  # phase references, None where there are none
+    force: Force | None  # what drives the rotor; None where neither file nor setup says
+    load: Load | None  # constant load; None where neither file nor setup says
+    impulse: ImpulseSetup | None  # that the rotor is struck or released
+    twist: Twist | None  # channel of torsion
+    slow_roll: SlowRollSetup | None  # run-out to be taken out of the signals
+    scales: dict[str, tuple[float, float]]  # factor to volts and offset by channel
+    speed: float | None  # nominal rotative speed, rad/s
+    attributes: dict[str, float | str]  # test attributes
+    findings: tuple[Finding, ...] = ()  # contradictions between file and setup
 
     def late(self, channel: str) -> float:
-        """Time by which the channel of a probe is late, s; zero for all others.
-
-        Args:
-            channel: of the recording.
-        """
+        """Time by which the channel of a probe is late, s; zero for all others."""
         return next((probe.delay or 0.0 for probe in self.probes if probe.channel == channel), 0.0)
 
 
 def file_setup(raw: RawFile) -> RigSetup:
-    """What a file says of its rig: attributes, and channels named ``PLANE_X``, ``PLANE_Y`` and ``keyphasor_...``.
-
-    Args:
-        raw: the file.
-    """
+    """What a file says of its rig: attributes, and channels named ``PLANE_X``, ``PLANE_Y`` and ``keyphasor_...``."""
     known = dict(raw.attributes)
     edges = re.findall(r"(?i)\b(falling|rising)\b", str(known.pop("keyphasor", "")))
     edge = edges[0].lower() if edges else None
@@ -119,11 +94,7 @@ def file_setup(raw: RawFile) -> RigSetup:
 
 
 def _check_twist(how: Twist, where: str) -> None:
-    """Refuse a ``[twist]`` that says neither a channel with its sensitivity nor two wheels with their teeth.
-
-    Raises:
-        ValueError: what is missing.
-    """
+    """Refuse a ``[twist]`` that says neither a channel with its sensitivity nor two wheels with their teeth."""
     wheels = (how.even_wheel, how.wheel, how.teeth)
     if how.channel and any(part is not None for part in wheels):
         raise ValueError(f"{where}: [twist] is a channel or two tooth wheels, not both")
@@ -139,15 +110,7 @@ def _check_twist(how: Twist, where: str) -> None:
 
 
 def complete(raw: RawFile, setup: RigSetup | None) -> Rig:
-    """The rig of a recording.
-
-    Args:
-        raw: the file.
-        setup: of the rig, None where the file's attributes suffice.
-
-    Raises:
-        ValueError: something is not said, a channel does not exist, or channels differ in length; says what to do.
-    """
+    """The rig of a recording."""
     own = file_setup(raw)
     given = None if setup is None else setup.of_file(raw.name)
     source = setup.source if setup is not None and setup.source else "the setup"
@@ -183,11 +146,7 @@ def complete(raw: RawFile, setup: RigSetup | None) -> Rig:
 
 
 def _check_delays(raw: RawFile, probes: Sequence[Probe], duration: float, source: str) -> None:
-    """Refuse delays that leave too little of a recording.
-
-    Raises:
-        ValueError: which, and what is allowed.
-    """
+    """Refuse delays that leave too little of a recording."""
     for probe in probes:
         if abs(probe.delay or 0.0) > duration / _DELAYED:
             raise ValueError(
@@ -208,18 +167,7 @@ def _merged(given: RigSetup | None, own: RigSetup) -> RigSetup:
 
 
 def _used(raw: RawFile, whole: RigSetup, source: str, marked: Sequence[str], forces: Sequence[str]) -> list[RawChannel]:
-    """Channels of the file that the rig is read from.
-
-    Args:
-        raw: the file.
-        whole: what setup and file say.
-        source: of the setup, for messages.
-        marked: channels of probes and marks.
-        forces: channels of forces, empty for an axis that none measures.
-
-    Raises:
-        ValueError: none is named, one is named that is not there, or one has two duties.
-    """
+    """Channels of the file that the rig is read from."""
     twist = whole.twist
     named = [*marked, *((twist.channel, twist.even_wheel, twist.wheel) if twist is not None else ()), *forces]
     named = [name for name in named if name]
@@ -238,11 +186,7 @@ def _used(raw: RawFile, whole: RigSetup, source: str, marked: Sequence[str], for
 
 
 def _slow_roll(how: SlowRollSetup | None, shaft: Reference | None, source: str) -> SlowRollSetup | None:
-    """What the setup says of run-out.
-
-    Raises:
-        ValueError: nothing says where the shaft turns slowly, or how it turns.
-    """
+    """What the setup says of run-out."""
     if how is not None and how.below is None and how.file is None:
         raise ValueError(
             f"{source}, [slow_roll]: give below_rpm, the speed below which the shaft does not vibrate, or file, a "

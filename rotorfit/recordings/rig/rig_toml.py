@@ -208,15 +208,7 @@ _CHANNEL: dict[str, tuple[str, Reader]] = {
 
 
 def read_setup(path: str | Path) -> RigSetup:
-    """Read ``rig.toml``.
-
-    Args:
-        path: the file.
-
-    Raises:
-        ValueError: not TOML, an unknown key, or a value that is not allowed; says which and what is allowed.
-        FileNotFoundError: no such file.
-    """
+    """Read ``rig.toml``."""
     source = Path(path).name
     try:
         content = tomllib.loads(Path(path).read_text(encoding="utf-8-sig"))
@@ -226,15 +218,7 @@ def read_setup(path: str | Path) -> RigSetup:
 
 
 def setup_of(content: Mapping[str, Any], source: str) -> RigSetup:
-    """The setup that a TOML document describes.
-
-    Args:
-        content: the document, as ``tomllib`` reads it.
-        source: name of its file, for messages.
-
-    Raises:
-        ValueError: see :func:`read_setup`.
-    """
+    """The setup that a TOML document describes."""
     known = [*_TOP, *_FLAT_FORCE, *_FLAT_LOAD, *_FLAT_IMPULSE, *_TABLES]
     for key in content:
         if key not in known:
@@ -269,15 +253,7 @@ def setup_of(content: Mapping[str, Any], source: str) -> RigSetup:
 
 
 def flat_setup(values: Mapping[str, Any], source: str) -> RigSetup:
-    """The setup that attributes of a recording describe; those that are none of ours become test attributes.
-
-    Args:
-        values: attributes by name, plain Python numbers and text.
-        source: name of the file, for messages.
-
-    Raises:
-        ValueError: an attribute of ours with a value that is not allowed.
-    """
+    """The setup that attributes of a recording describe; those that are none of ours become test attributes."""
     top = {key: value for key, value in values.items() if key in _TOP}
     force, load, impulse = (
         {key: value for key, value in values.items() if key in flat} or None

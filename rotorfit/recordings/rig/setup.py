@@ -15,96 +15,57 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, kw_only=True)
 class Probe:
-    """A displacement probe.
+    """A displacement probe."""
 
-    Attributes:
-        plane: where it looks at the shaft.
-        channel: of the recording.
-        angle: where it sits, rad, counter-clockwise from x.
-        sensitivity: V/m; positive: the signal rises as the target approaches.
-        linear_range: voltages between which it is linear, V, the lower first; None: not known.
-        centre: voltage while the shaft is in the centre of its bearing, V; None: not known.
-        delay: time by which its channel is late against the marks, s; None: on time.
-    """
-
-    plane: str
-    channel: str
-    angle: float | None = None
-    sensitivity: float | None = None
-    linear_range: tuple[float, float] | None = None
-    centre: float | None = None
-    delay: float | None = None
+    plane: str  # where it looks at the shaft
+    channel: str  # of the recording
+    angle: float | None = None  # where it sits, rad, counter-clockwise from x
+    sensitivity: float | None = None  # V/m; positive: the signal rises as the target approaches
+    linear_range: tuple[float, float] | None = None  # voltages between which it is linear, V, the lower first
+    centre: float | None = None  # voltage while the shaft is in the centre of its bearing, V; None: not known
+    delay: float | None = None  # time by which its channel is late against the marks, s; None: on time
 
 
 @dataclass(frozen=True, kw_only=True)
 class Reference:
-    """A phase reference: Keyphasor or tooth wheel.
+    """A phase reference: Keyphasor or tooth wheel."""
 
-    Attributes:
-        channel: of the recording.
-        edge: ``"falling"`` or ``"rising"``, the edge that is angle zero; None: found from the signal.
-        level: voltage at which the edge is timed; None: half way.
-        pulses_per_turn: 1 unless given.
-        steady: whether a perturbator without a mark runs at one frequency, which is then found from the motion.
-    """
-
-    channel: str | None = None
-    edge: str | None = None
-    level: float | None = None
-    pulses_per_turn: int | None = None
+    channel: str | None = None  # of the recording
+    edge: str | None = None  # ``"falling"`` or ``"rising"``, the edge that is angle zero; None: found from the signal
+    level: float | None = None  # voltage at which the edge is timed; None: half way
+    pulses_per_turn: int | None = None  # 1 unless given
     steady: bool | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
 class ForceSetup:
-    """What drives the rotor: a rotating mass at a known angle, or a force that was measured.
+    """What drives the rotor: a rotating mass at a known angle, or a force that was measured."""
 
-    Attributes:
-        plane: where the force acts.
-        mr: unbalance, kg m.
-        angle: heavy spot ahead of the mark in the direction it turns, rad; None: not known.
-        hole_angle: place of the weight in a pattern of holes, rad, whose zero is at an unknown angle from the mark.
-        whirl: +1 turns with the shaft, -1 against it.
-        channel_x, channel_y: channels of a measured force along x and y.
-        sensitivity: of these channels, V/N.
-    """
-
-    plane: str | None = None
-    mr: float | None = None
-    angle: float | None = None
+    plane: str | None = None  # where the force acts
+    mr: float | None = None  # unbalance, kg m
+    angle: float | None = None  # heavy spot ahead of the mark in the direction it turns, rad; None: not known
     hole_angle: float | None = None
-    whirl: int | None = None
-    channel_x: str | None = None
-    channel_y: str | None = None
-    sensitivity: float | None = None
+    whirl: int | None = None  # +1 turns with the shaft, -1 against it
+    channel_x: str | None = None  # channels of a measured force along x and y
+    channel_y: str | None = None  # channels of a measured force along x and y
+    sensitivity: float | None = None  # of these channels, V/N
 
 
 @dataclass(frozen=True, kw_only=True)
 class LoadSetup:
-    """A constant load on the turning shaft.
+    """A constant load on the turning shaft."""
 
-    Attributes:
-        plane: where it acts.
-        size: N; zero: a recording without load, that positions may count from.
-        angle: its direction, rad, from x counter-clockwise.
-    """
-
-    plane: str | None = None
-    size: float | None = None
-    angle: float | None = None
+    plane: str | None = None  # where it acts
+    size: float | None = None  # N; zero: a recording without load, that positions may count from
+    angle: float | None = None  # its direction, rad, from x counter-clockwise
 
 
 @dataclass(frozen=True, kw_only=True)
 class ImpulseSetup:
-    """Blows or releases, after which the shaft vibrates freely.
+    """Blows or releases, after which the shaft vibrates freely."""
 
-    Attributes:
-        plane: of the probes to look at.
-        highest: frequency above which nothing is of interest, rad/s.
-    """
-
-    plane: str | None = None
-    highest: float | None = None
+    plane: str | None = None  # of the probes to look at
+    highest: float | None = None  # frequency above which nothing is of interest, rad/s
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -131,32 +92,20 @@ VECTOR_ORDERS, WAVEFORM_ORDERS = 2, 24
 
 @dataclass(frozen=True, kw_only=True)
 class SlowRollSetup:
-    """Run-out to be taken out of the signals, as slow turning shows it.
+    """Run-out to be taken out of the signals, as slow turning shows it."""
 
-    Attributes:
-        below: speed below which motion that turns with the shaft is run-out, rad/s; None: at every speed of ``file``.
-        file: recording of slow turning in the folder of the recording; None: the recording itself.
-        orders: of the shaft; None: vectors.
-    """
-
-    below: float | None = None
-    file: str | None = None
-    orders: int | None = None
+    below: float | None = None  # speed below which motion that turns with the shaft is run-out, rad/s
+    file: str | None = None  # recording of slow turning in the folder of the recording; None: the recording itself
+    orders: int | None = None  # of the shaft; None: vectors
 
 
 @dataclass(frozen=True, kw_only=True)
 class Scale:
-    """What a channel of counts means in volts.
+    """What a channel of counts means in volts."""
 
-    Attributes:
-        volts_per_count: factor; None where the full scale is given.
-        full_scale: volts at the largest count that the file can hold.
-        offset: volts at count zero.
-    """
-
-    volts_per_count: float | None = None
-    full_scale: float | None = None
-    offset: float = 0.0
+    volts_per_count: float | None = None  # factor; None where the full scale is given
+    full_scale: float | None = None  # volts at the largest count that the file can hold
+    offset: float = 0.0  # volts at count zero
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -211,12 +160,7 @@ class RigSetup:
 
 
 def prefer(first: T, second: T) -> T:
-    """What ``first`` says, and where it says nothing, what ``second`` says; records within records likewise.
-
-    Args:
-        first: a record.
-        second: one of the same class.
-    """
+    """What ``first`` says, and where it says nothing, what ``second`` says; records within records likewise."""
     merged: dict[str, Any] = {}
     for each in fields(first):  # type: ignore[arg-type]
         mine, other = getattr(first, each.name), getattr(second, each.name)
@@ -235,28 +179,16 @@ def prefer(first: T, second: T) -> T:
 
 @dataclass(frozen=True, kw_only=True)
 class Force:
-    """What drives the rotor in one recording, complete.
+    """What drives the rotor in one recording, complete."""
 
-    Attributes:
-        plane: where the force acts.
-        mr: unbalance, kg m; NaN for a measured force.
-        angle: heavy spot ahead of the mark in the direction it turns, rad; zero where not known. For a weight in a
-            pattern of holes the angle in the pattern.
-        datum_known: whether ``angle`` counts from the mark; otherwise the fit needs ``phase_offsets="common"``.
-        whirl: +1 turns with the shaft, -1 against it.
-        reference: ``"perturbator"`` or ``"shaft"``, the mark that the force is locked to.
-        channels: channels of the force along x and y where it was measured; a missing one is an empty name.
-        sensitivity: of these channels, V/N; NaN without.
-    """
-
-    plane: str
-    mr: float
-    angle: float
-    datum_known: bool
-    whirl: int
-    reference: str
-    channels: tuple[str, str] = ("", "")
-    sensitivity: float = float("nan")
+    plane: str  # where the force acts
+    mr: float  # unbalance, kg m; NaN for a measured force
+    angle: float  # heavy spot ahead of the mark in the direction it turns, rad
+    datum_known: bool  # whether ``angle`` counts from the mark; otherwise the fit needs ``phase_offsets="common"``
+    whirl: int  # +1 turns with the shaft, -1 against it
+    reference: str  # ``"perturbator"`` or ``"shaft"``, the mark that the force is locked to
+    channels: tuple[str, str] = ("", "")  # channels of the force along x and y where it was measured
+    sensitivity: float = float("nan")  # of these channels, V/N; NaN without
 
     @property
     def measured(self) -> bool:
@@ -266,12 +198,7 @@ class Force:
 
 @dataclass(frozen=True, kw_only=True)
 class Load:
-    """Constant load of one recording.
+    """Constant load of one recording."""
 
-    Attributes:
-        plane: where it acts.
-        newton: ``Px + j Py``, y 90 degrees ahead of x as the shaft turns; zero: none.
-    """
-
-    plane: str
-    newton: complex
+    plane: str  # where it acts
+    newton: complex  # ``Px + j Py``, y 90 degrees ahead of x as the shaft turns; zero: none

@@ -21,15 +21,7 @@ _SLOW_ROLL = (
 
 
 def template(path: str | Path) -> str:
-    """Text of a ``rig.toml`` for a recording: what the file says is a comment, what is missing is to be filled in.
-
-    Args:
-        path: the recording.
-
-    Raises:
-        ValueError: not a recording that can be opened.
-        FileNotFoundError: no such file.
-    """
+    """Text of a ``rig.toml`` for a recording: what the file says is a comment, what is missing is to be filled in."""
     raw = open_raw(path)
     own = file_setup(raw)
     parts = [
