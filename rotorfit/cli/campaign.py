@@ -96,7 +96,7 @@ def _campaign(options: argparse.Namespace) -> tuple[Campaign, str, list[str]]:
 
 
 def _write(found: Campaign, text: str, options: argparse.Namespace, folder: Path) -> None:
-    from rotorfit.plots.layout import picture_of
+    from rotorfit.plots.style import picture_of
     from rotorfit.report.campaign import write_campaign_report
 
     found.to_csv(folder / "runs.csv")

@@ -89,7 +89,7 @@ def _write(found: LawComparison, folder: Path) -> None:
     drawn = _drawn(found)
     note = "law.png: no law that changes with eccentricity could be fitted"
     if drawn is not None:
-        from rotorfit.plots.layout import picture_of
+        from rotorfit.plots.style import picture_of
 
         (folder / "law.png").write_bytes(picture_of(drawn.plot_law(), dpi=150))
         note = f"law.png: {drawn.model.options()['law']!r}"

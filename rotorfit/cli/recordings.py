@@ -94,7 +94,7 @@ def _look(options: argparse.Namespace) -> int:
 
 def _draw(record: Recording, options: argparse.Namespace, folder: Path, stem: str, progress: ProgressLine) -> list[str]:
     """Write the figures that the recording has; returns why others are left out."""
-    from rotorfit.plots.layout import picture_of
+    from rotorfit.plots.style import picture_of
 
     left_out = []
     figures = _figures(record, options.plane, options.at)

@@ -91,7 +91,7 @@ def _write(found: MachineTrend, folder: Path) -> None:
         table.writerow(["place", "test", "quantity", "unit", "value", "stderr"])
         table.writerows(_rows(found))
     (folder / "summary.txt").write_text(f"{found}\n", encoding="utf-8")
-    from rotorfit.plots.layout import picture_of
+    from rotorfit.plots.style import picture_of
 
     (folder / "trend.png").write_bytes(picture_of(found.plot(), dpi=150))
 

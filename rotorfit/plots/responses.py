@@ -14,9 +14,8 @@ from rotorfit.plots.dynamic_stiffness import draw_dynamic_stiffness
 from rotorfit.plots.eccentricity import plot_law, plot_nonlinear_stiffness
 from rotorfit.plots.stability import plot_stability
 from rotorfit.plots.static_and_impulse import plot_static_locus, plot_static_stiffness, plot_velocity_ratio
-from rotorfit.plots.style import GREY, SMALL, grid, legend_below, literal
+from rotorfit.plots.style import GREY, SMALL, decade_ticks, grid, legend_below, literal
 from rotorfit.plots.sweeps import SweepCondition, SweepCurve, curves, joined
-from rotorfit.plots.ticks import plain_powers
 from rotorfit.plots.uncertainty import plot_corner, plot_traces
 from rotorfit.units import RPM_PER_RAD_S
 
@@ -111,7 +110,7 @@ def plot_bode(fit: FitResult) -> Figure:
         phase.fill_between(fine, angle - half, angle + half, color=colour, alpha=0.25, lw=0)
     for (probe, force), (amplitude, phase) in panels.axes.items():
         amplitude.set_yscale("log")
-        plain_powers(amplitude.yaxis)
+        decade_ticks(amplitude.yaxis)
         _amplitude_limits(amplitude, [c for c in found if (c.coordinate, c.force_plane) == (probe, force)], fit)
         amplitude.set_title(_cell_title(fit, probe, force), fontsize=8)
         amplitude.set_ylabel(_response_unit(fit, probe)[1], fontsize=8)

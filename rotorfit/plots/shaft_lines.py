@@ -14,8 +14,7 @@ from rotorfit.models import AnisotropicShaft, Turning, TurningOnSupports, eigenv
 from rotorfit.models.array_types import ComplexArray, Float, Index
 from rotorfit.models.combination_lines import line_order
 from rotorfit.models.stability import growing_bands
-from rotorfit.plots.style import COLOURS, GREY, SMALL, colour_of, grid, legend_below, literal, prefix
-from rotorfit.plots.ticks import plain_powers
+from rotorfit.plots.style import COLOURS, GREY, SMALL, colour_of, decade_ticks, grid, legend_below, literal, prefix
 from rotorfit.units import RPM_PER_RAD_S
 
 if TYPE_CHECKING:
@@ -69,7 +68,7 @@ def plot_lines(fit: FitResult) -> Figure:
             _draw(size, phase, curve, factor, colour)
         size.set_ylabel(f"{literal(kind)}\n{name}", fontsize=SMALL)
         size.set_yscale("log")
-        plain_powers(size.yaxis)
+        decade_ticks(size.yaxis)
         top = max(float(np.abs(c.fitted).max()) for c in own) * factor
         low = min(float(np.abs(c.fitted).min()) for c in own) * factor
         size.set_ylim(max(low / 3, top / 1e5), 3 * top)

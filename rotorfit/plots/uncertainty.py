@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rotorfit.models.array_types import Float
-from rotorfit.plots.style import COLOURS, GREY, SMALL, grid, literal
-from rotorfit.plots.ticks import ticks_at_most
+from rotorfit.plots.style import COLOURS, GREY, SMALL, few_ticks, grid, literal
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -24,6 +23,8 @@ _LETTER = 0.62
 """Mean width of a letter, ems."""
 _PLAIN = (-8, 8)
 """Powers of ten that are written out: with a factor, what all numbers have in common is wider than a panel."""
+_ROOM_FOR_OFFSET = SMALL + 4
+"""Points between the numbers along x and their label: the offset that the numbers share stands there."""
 _FILLED = 0.75
 """Share of the room from panel to panel that a label may take."""
 
@@ -51,16 +52,16 @@ def plot_corner(samples: Float, names: Sequence[str], truths: Mapping[str, float
             if i != j and names[i] in marks:
                 axis.axhline(marks[names[i]], color=COLOURS[1], lw=0.9)
             axis.tick_params(labelsize=SMALL, labelleft=j == 0 and i > 0, labelbottom=i == count - 1)
-            ticks_at_most(axis.xaxis, 3)
+            few_ticks(axis.xaxis, 3)
             axis.ticklabel_format(scilimits=_PLAIN)
             for side in (axis.xaxis, axis.yaxis):
                 side.get_offset_text().set_fontsize(SMALL)
             if i != j:
-                ticks_at_most(axis.yaxis, 3)
+                few_ticks(axis.yaxis, 3)
             if j == 0 and i > 0:
                 axis.set_ylabel(_in_lines(names[i], height / count), fontsize=_LABEL)
             if i == count - 1:
-                axis.set_xlabel(_in_lines(names[j], width / count), fontsize=_LABEL)
+                axis.set_xlabel(_in_lines(names[j], width / count), fontsize=_LABEL, labelpad=_ROOM_FOR_OFFSET)
                 for number in axis.get_xticklabels():
                     number.set(rotation=45, rotation_mode="anchor", horizontalalignment="right")
     return figure

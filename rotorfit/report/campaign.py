@@ -50,7 +50,7 @@ def write_campaign_report(
     if against is not None:
         trends = campaign.trends(parameters, against=against, by=by)
         if trends:
-            from rotorfit.plots.layout import picture_of
+            from rotorfit.plots.style import picture_of
 
             figure = campaign.plot_trends(parameters, against=against, by=by)
             caption = "Runs and weighted straight lines, each with one standard error."

@@ -148,7 +148,7 @@ def embedded(material: ReportInput, name: str, draw: Callable[[], Figure], capti
     """Draw a figure, keep the file, embed it; nothing where figures are left out."""
     if material.figure_format == "none":
         return Html("")
-    from rotorfit.plots.layout import picture_of
+    from rotorfit.plots.style import picture_of
 
     figure = draw()
     png = picture_of(figure)
