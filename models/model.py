@@ -17,7 +17,6 @@ from rotorfit.models.angular_rates import angular_rates
 from rotorfit.models.array_types import ComplexArray, Float, Index
 from rotorfit.models.compiled import array_function
 from rotorfit.models.complexes import Complex, Number
-from rotorfit.models.onset import OnsetEquations
 from rotorfit.models.parameters import Parameter, unknown_name
 from rotorfit.models.text_table import text_table
 
@@ -182,11 +181,6 @@ class RotorModel(ABC):
     def functions(self) -> CompiledModel:
         """The compiled coefficient functions."""
         return _compiled(self)
-
-    @cached_property
-    def onset_equations(self) -> OnsetEquations:
-        """The equations of an eigenvalue on the imaginary axis."""
-        return _onset_equations(self)
 
     def coefficients(self, theta: ArrayLike, speed: ArrayLike, eccentricity: ArrayLike = 0.0) -> ComplexArray:
         """Coefficient matrices of the equation of motion.
@@ -421,13 +415,6 @@ def _symbolic(model: RotorModel) -> Symbolic:
 @lru_cache(maxsize=_KEPT)
 def _compiled(model: RotorModel) -> CompiledModel:
     return CompiledModel(model)
-
-
-@lru_cache(maxsize=_KEPT)
-def _onset_equations(model: RotorModel) -> OnsetEquations:
-    theta, speed, eccentricity, matrices, _ = model.symbolic
-    centred = [Complex(*(ca.substitute(part, eccentricity, 0) for part in (m.re, m.im))) for m in matrices]
-    return OnsetEquations(theta, speed, centred)
 
 
 def _last(values: Float) -> Float:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,7 +19,6 @@ _CAME_IN = 1e-6  # growth over frequency at an onset beyond which an eigenvalue 
 _NEWTON = 12  # steps to a neighbour's threshold at most
 _SETTLED = 1e-6  # last step, as a fraction of the speed: Newton's error is its square
 _UNLIKE = 0.3  # change of the threshold beyond which the rotors are not much alike
-_MET = 1e-9  # growth over frequency up to which an eigenvalue lies on the imaginary axis
 _ROUND_OFF = 1e-13  # real part that an undamped eigenvalue may show, as a fraction of the largest eigenvalue
 
 
@@ -247,6 +245,8 @@ def threshold_speed(
     Raises:
         ValueError: no positive speed to search up to, or no positive band.
     """
+    from scipy.optimize import brentq  # loads much of SciPy
+
     if max_speed is not None:
         max_speed = angular_rate(max_speed, "max_speed", positive=True)
     if not (isinstance(band, int | float) and band > 0):
@@ -278,35 +278,8 @@ def threshold_speed(
         onset = low
     else:
         high = float(speeds[first])
-        found = _crossing(model, theta, low, high, band)
-        onset = _bracketed(rate, low, high) if found is None else found
+        onset = float(brentq(rate, low, high, xtol=1e-12 * high, rtol=1e-13))
     return _threshold_at(model, theta, onset, band)
-
-
-def _crossing(model: RotorModel, theta: Float, low: float, high: float, band: float) -> float | None:
-    """Speed between two at which the eigenvalue that is unstable at the higher one became so, by Newton's method.
-
-    ``None`` for coordinates that were condensed away, whose equation has no graph, and where Newton's method finds
-    another place than the onset.
-    """
-    motion = model.motion(theta, high)
-    if model.turns or model.shaft is not None or not np.array_equal(motion, model.coefficients(theta, high)):
-        return None
-    s = eigenvalues(model, theta, high)
-    s = s[np.isfinite(s) & (np.abs(s) <= band)]
-    critical = complex(s[np.argmax(s.real)])
-    kappa = np.einsum("k,kij->ij", critical ** np.arange(len(motion)), motion)
-    found = model.onset_equations.near(theta, high, critical, kappa)
-    if found is None or not low < found <= high:
-        return None
-    return found if abs(float(growth_rate(model, theta, found, band))) < _MET * abs(critical) else None
-
-
-def _bracketed(rate: Callable[[float], float], low: float, high: float) -> float:
-    """Speed between two at which a rate changes its sign."""
-    from scipy.optimize import brentq  # late: loading it takes longer than a fit
-
-    return float(brentq(rate, low, high, xtol=1e-12 * high, rtol=1e-13))
 
 
 def threshold_speed_near(

@@ -8,7 +8,7 @@ from scipy import stats
 from synthetic import TYPICAL, circular_test
 
 import rotorfit as rf
-from rotorfit.estimators.inference.held_minima import Minima
+from rotorfit.estimators.inference.constrained_minima import Minima
 from rotorfit.estimators.inference.profile_curve import Curve, find_ends
 from rotorfit.estimators.minimisation.batch import with_measured
 from rotorfit.fitting.fit import solve_again

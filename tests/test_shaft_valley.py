@@ -8,7 +8,7 @@ from scipy.optimize import least_squares
 from test_shaft_lines import ALL, TORSION, VALUES, W, line_test
 
 import rotorfit as rf
-from rotorfit.estimators.misfit.ratios import InRatios, ratios_of
+from rotorfit.estimators.misfit.ratios import LogRatioProblem, ratios_of
 from rotorfit.fitting.problem_setup import build_problem
 from rotorfit.fitting.settings import FitSettings
 
@@ -118,7 +118,7 @@ def test_a_search_takes_few_evaluations(fits):
 def test_derivatives_in_ratios_are_those_of_the_cost(fits):
     problem = fits[0].problem
     ratios = ratios_of(problem)
-    objective = InRatios(problem, ratios)
+    objective = LogRatioProblem(problem, ratios)
     y = ratios.of(fits[0].x)
     assert ratios.vectors(y) == pytest.approx(fits[0].x, rel=1e-14)
     y = y + 1e-3 * np.maximum(np.abs(y), 1e-6)

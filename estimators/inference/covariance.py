@@ -73,15 +73,15 @@ def information(
     prior = prior_curvature(problem, x)
     if problem.loss == "linear":
         curvature = problem.gauss_newton(x)[2]
-        root = _mild_root((curvature - np.diag(prior)) / widening + np.diag(prior))
+        root = _well_conditioned_factor((curvature - np.diag(prior)) / widening + np.diag(prior))
         return _root(J / np.sqrt(widening), prior) if root is None else root, _common_scatter(problem, x, J)
     bend = float(np.mean(bends(problem.loss, r)))
     root = _root(np.sqrt(bend) * J, prior)
-    covar = inverse(root, natural_sizes(problem, x))[0]
+    covar = inverse(root, parameter_scales(problem, x))[0]
     return root, score_scatter(problem, x, r, J, bend=bend, covar=covar)
 
 
-def _mild_root(curvature: Float) -> Float | None:
+def _well_conditioned_factor(curvature: Float) -> Float | None:
     """Triangle whose product with itself is a curvature, None where the product hides weak directions in round-off."""
     size = np.sqrt(np.diag(curvature))
     if not size.all() or np.linalg.eigvalsh(curvature / (size[:, None] * size))[0] < _MILD:
@@ -181,7 +181,7 @@ def _left_out(r: ComplexArray, J: ComplexArray, bend: float, covar: Float) -> Co
 def inverse_curvature(problem: Problem, x: Float) -> Float:
     """Change of the estimate by the slope of the cost, shape ``(p, p)``."""
     root, _ = information(problem, x, *problem.jacobian(x))
-    return inverse(root, natural_sizes(problem, x))[0]
+    return inverse(root, parameter_scales(problem, x))[0]
 
 
 def excess(wide: Float, own: Float) -> Float:
@@ -195,7 +195,7 @@ def excess(wide: Float, own: Float) -> Float:
     return np.asarray((basis * np.maximum(power, 0.0)) @ basis.T * np.outer(size, size))
 
 
-def natural_sizes(problem: Problem, x: Float) -> Float:
+def parameter_scales(problem: Problem, x: Float) -> Float:
     """Size of each parameter that would matter in these data."""
     space = problem.space
     responses = [b for b in map(responses_of, problem.blocks) if b is not None]
@@ -213,7 +213,7 @@ def natural_sizes(problem: Problem, x: Float) -> Float:
     return np.concatenate([own, np.ones(len(space.nuisance))])
 
 
-def natural_sizes_of_many(stack: RunStack, x: Float) -> Float:
+def parameter_scales_of_many(stack: RunStack, x: Float) -> Float:
     """The same for many runs of one plan under turning forces whose readings are not zero, shape ``(W, p)``."""
     stiffness = np.median(_drive(stack.layout) / np.abs(stack.measured), axis=1)
     top = float(np.abs(stack.layout.frequency).max())

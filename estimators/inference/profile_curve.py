@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rotorfit.estimators.inference.held_minima import Held, Minima
+from rotorfit.estimators.inference.constrained_minima import Constraint, Minima
 from rotorfit.models.array_types import Float
 
 _ROOT = 1e-9  # relative error of the ends, in half-widths
@@ -49,7 +49,7 @@ Search = Generator[float, float, End]
 class Curve:
     """Twice the rise of the cost above its minimum, every point found from its neighbours."""
 
-    def __init__(self, held: Held, value: float, x: Float, cost: float, direction: Float, entry: int = 0) -> None:
+    def __init__(self, held: Constraint, value: float, x: Float, cost: float, direction: Float, entry: int = 0) -> None:
         self.held, self.entry, self._cost = held, entry, cost
         self._points = [_Point(value, x, 0.0, direction)]
         self._rises = {value: 0.0}

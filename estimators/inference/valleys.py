@@ -13,7 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from rotorfit.estimators.inference.held_minima import HeldEntry
+from rotorfit.estimators.inference.constrained_minima import EntryConstraint
 from rotorfit.estimators.inference.identifiability import Combination, Identifiability
 from rotorfit.estimators.inference.log_posterior import box
 from rotorfit.estimators.misfit.problem import Problem
@@ -50,7 +50,7 @@ def _along(
 ) -> Identifiability:
     lower, upper = box(problem)
     reach = _TOLERATED * _STANDARD_ERRORS * float(np.sqrt(max(variance, 0.0)))
-    cost, held = problem.cost(x), HeldEntry(problem, np.where(x == 0, 1.0, np.abs(x)))
+    cost, held = problem.cost(x), EntryConstraint(problem, np.where(x == 0, 1.0, np.abs(x)))
     for end in (float(x[entry]) + reach, float(x[entry]) - reach):
         if not max(0.0, lower[entry]) < end < upper[entry]:
             continue

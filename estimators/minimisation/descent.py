@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rotorfit.estimators.minimisation.definite import surely_above
 from rotorfit.estimators.minimisation.objective import HessianKind, Matrix, Objective, Options, Status, Vector
 
 HANDOVER = 1e-3  # relative offset, its square the relative excess cost, at which refinement takes over
@@ -293,8 +292,6 @@ class Minimisation:
         if size.size < free.size:
             matrix = matrix[np.ix_(seen, seen)]
         matrix = matrix / (size[:, None] * size)
-        if surely_above(matrix, SINGULAR):
-            return int(dead.sum())
         return int(dead.sum()) + int((np.linalg.eigvalsh(matrix) < SINGULAR).sum())
 
     def status(self) -> Status:

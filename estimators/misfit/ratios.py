@@ -88,7 +88,7 @@ def ratios_of(problem: Problem) -> Ratios | None:
 
 
 @dataclass(frozen=True, eq=False)
-class InRatios:
+class LogRatioProblem:
     """A problem in such coordinates, an objective as the problem itself is."""
 
     problem: Problem  # the problem

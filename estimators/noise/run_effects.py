@@ -13,7 +13,6 @@ from functools import cached_property
 
 import numpy as np
 
-from rotorfit.estimators.minimisation.definite import surely_above
 from rotorfit.models.array_types import ComplexArray, Float, Index
 
 _NULL = 1e-9
@@ -352,10 +351,7 @@ def inverse_of_determined(matrix: Float, null: float = 1e-12) -> Float:
     """Inverse of symmetric matrices; directions without information are left out."""
     scale = _scale(matrix)
     over = 1 / (scale[..., :, None] * scale[..., None, :])
-    unit = matrix * over
-    if surely_above(unit, null * matrix.shape[-1]):  # which the largest eigenvalue is not above
-        return np.asarray(np.linalg.inv(unit) * over)
-    power, basis = np.linalg.eigh(unit)
+    power, basis = np.linalg.eigh(matrix * over)
     kept = power > null * power[..., -1:]
     weight = np.divide(1.0, power, out=np.zeros_like(power), where=kept)
     return np.asarray(((basis * weight[..., None, :]) @ np.swapaxes(basis, -1, -2)) * over)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from rotorfit.estimators.blocks.observations import Responses
 from rotorfit.estimators.blocks.shaft_lines import LineResponses, PairResponses
 from rotorfit.estimators.misfit.problem import Problem
-from rotorfit.estimators.misfit.ratios import InRatios, Ratios, ratios_of
+from rotorfit.estimators.misfit.ratios import LogRatioProblem, Ratios, ratios_of
 from rotorfit.estimators.signals.start_up_lines import shaft_of_lines
 from rotorfit.estimators.starting.start_points import full_vector
 from rotorfit.models import Turning, TurningOnSupports
@@ -117,7 +117,7 @@ def _along_the_valley(problem: Problem, ratios: Ratios, start: Float) -> Float:
 
     Noise makes more than one dent in the valley: which is the deeper is seen by a step more, and between the sizes.
     """
-    objective = InRatios(problem, ratios)
+    objective = LogRatioProblem(problem, ratios)
     lower, upper = ratios.bounds(problem.space)
     sizes = np.log(_SIZES)
     sizes = sizes[(sizes > lower[ratios.entry]) & (sizes < upper[ratios.entry])]
@@ -137,7 +137,7 @@ def _along_the_valley(problem: Problem, ratios: Ratios, start: Float) -> Float:
     return ratios.vectors(np.clip(min(ends, key=lambda end: end[0])[1], lower, upper))
 
 
-def _held_step(objective: InRatios, y: Float) -> tuple[float, Float]:
+def _held_step(objective: LogRatioProblem, y: Float) -> tuple[float, Float]:
     """Where Gauss-Newton's step leads with the size held, and the cost foretold there; infinite where there is none."""
     cost, gradient, matrix = objective.gauss_newton(y)
     if not np.isfinite(cost + gradient.sum() + matrix.sum()):

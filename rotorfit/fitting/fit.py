@@ -16,7 +16,7 @@ from rotorfit.estimators.minimisation.least_squares import Options, Solution, St
 from rotorfit.estimators.misfit.losses import Loss
 from rotorfit.estimators.misfit.parameter_space import DATUM
 from rotorfit.estimators.misfit.problem import Problem
-from rotorfit.estimators.misfit.ratios import InRatios, ratios_of
+from rotorfit.estimators.misfit.ratios import LogRatioProblem, ratios_of
 from rotorfit.estimators.starting.closed_form import ClosedFormError
 from rotorfit.estimators.starting.closed_form import closed_form as solve_closed_form
 from rotorfit.estimators.starting.shaft_line_starts import has_lines
@@ -274,5 +274,5 @@ def solve(problem: Problem, start: Float, options: Options) -> Solution:
     begin, (lower, upper) = ratios.of(start), ratios.bounds(space)
     scale = search_scale(space, begin)
     scale[ratios.entry] = 1.0
-    found = minimise(InRatios(problem, ratios), begin, lower=lower, upper=upper, scale=scale, options=options)
+    found = minimise(LogRatioProblem(problem, ratios), begin, lower=lower, upper=upper, scale=scale, options=options)
     return replace(found, x=ratios.vectors(found.x))

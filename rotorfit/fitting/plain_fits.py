@@ -168,7 +168,7 @@ def _judged(stack: RunStack, x: Float, begin: Float, n_evaluations: Index) -> It
     speed = stack.speed if space.model.speed_dependent else np.zeros_like(stack.speed)
     plain = noise & ~too_quiet(redchi, nfree) & ~growth(space.model, stack.theta(x), speed, layout.frequency)[1]
     roots = np.asarray(np.linalg.qr(np.swapaxes(rows.view(float), -1, -2), mode="r"))
-    scales = covariance.natural_sizes_of_many(stack, x)
+    scales = covariance.parameter_scales_of_many(stack, x)
     scattered, determined = covariances(roots, scales)
     plain &= determined
     uneven = scatter_by_line(r, rows.view(float), scattered, layout.line, widening).excess

@@ -44,7 +44,7 @@ def standard_errors(
     space = problem.space
     root, sandwich = covariance.information(problem, x, residuals, jacobian)
     names, base = (*space.names, *space.nuisance), (*space.base, *space.nuisance)
-    scales = covariance.natural_sizes(problem, x)
+    scales = covariance.parameter_scales(problem, x)
     scattered, verdict = diagnose(space.model, names, base, x, root, scales)
     if sandwich is not None:
         weighing = covariance.weighing_error(problem, jacobian, scattered)

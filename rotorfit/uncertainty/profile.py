@@ -10,13 +10,18 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rotorfit.estimators.blocks.correlated import freedom_of, quantile
+from rotorfit.estimators.inference.constrained_minima import (
+    Condition,
+    EntryConstraint,
+    QuantityConstraint,
+    ValueAndGradient,
+)
 from rotorfit.estimators.inference.covariance import standard_error
-from rotorfit.estimators.inference.held_minima import Condition, HeldEntry, HeldQuantity, ValueAndGradient
 from rotorfit.estimators.inference.log_posterior import box
 from rotorfit.estimators.inference.profile_curve import Curve, End, Search, find_ends, find_rises, limits
 from rotorfit.estimators.minimisation.least_squares import minimise
 from rotorfit.estimators.misfit.problem import Problem
-from rotorfit.estimators.misfit.ratios import InRatios, Ratios, ratios_of
+from rotorfit.estimators.misfit.ratios import LogRatioProblem, Ratios, ratios_of
 from rotorfit.fitting.digits import interval, with_error
 from rotorfit.fitting.quantities import THRESHOLD, FittedParameter, Quantity
 from rotorfit.fitting.result import FitResult
@@ -133,7 +138,7 @@ def profiles(
     if fit.method == "closed form":
         raise ValueError("a closed form is not a minimum, so it has no profile; use the result of rf.fit")
     problem, x = _settled(fit)
-    held = HeldEntry(problem, np.maximum(np.abs(x), 1e-6 * _sizes(problem, x)))
+    held = EntryConstraint(problem, np.maximum(np.abs(x), 1e-6 * _sizes(problem, x)))
     lines = [
         _threshold(fit, problem, x, level, at) if name == THRESHOLD else _parameter(fit, held, problem, x, name, level)
         for name in (fit.problem.space.names if names is None else names)
@@ -257,7 +262,7 @@ def _threshold(fit: FitResult, problem: Problem, x: Float, level: float, at: Map
     covar = fit.covar / fit.widening
     error = float(standard_error(slope, covar))
     direction = covar @ slope / error**2 if error > 0 else np.zeros_like(x)
-    curve = Curve(HeldQuantity(problem, speed, _condition(fit, group)), value, x, problem.cost(x), direction)
+    curve = Curve(QuantityConstraint(problem, speed, _condition(fit, group)), value, x, problem.cost(x), direction)
     known, scale = fit.threshold_speed(at), _scale(fit, THRESHOLD)
     step, reach = _reach(0.0, math.inf, value, value, error)
     return _Line(
@@ -273,7 +278,7 @@ def _threshold(fit: FitResult, problem: Problem, x: Float, level: float, at: Map
     )
 
 
-def _parameter(fit: FitResult, held: HeldEntry, problem: Problem, x: Float, name: str, level: float) -> _Line:
+def _parameter(fit: FitResult, held: EntryConstraint, problem: Problem, x: Float, name: str, level: float) -> _Line:
     """A fitted parameter."""
     if name not in fit.var_names:
         if name in fit.params:
@@ -319,7 +324,7 @@ def _along_ratios(
 ) -> _Line:
     """What others are told over: followed in its logarithm, along which they stay as ratios, over four decades."""
     y = ratios.of(x)
-    held = HeldEntry(InRatios(problem, ratios), np.where(y == 0, 1.0, np.abs(y)))
+    held = EntryConstraint(LogRatioProblem(problem, ratios), np.where(y == 0, 1.0, np.abs(y)))
     value, (lower, upper) = float(y[ratios.entry]), (float(bound[ratios.entry]) for bound in held.bounds)
     low, high = value - _DECADES * math.log(10), value + _DECADES * math.log(10)
     return _Line(

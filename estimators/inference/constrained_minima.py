@@ -15,7 +15,7 @@ from rotorfit.estimators.inference.log_posterior import box
 from rotorfit.estimators.minimisation.least_squares import Options, Status, minimise
 from rotorfit.estimators.misfit.normal_equations import Normal, NormalEquations
 from rotorfit.estimators.misfit.problem import Problem
-from rotorfit.estimators.misfit.ratios import InRatios
+from rotorfit.estimators.misfit.ratios import LogRatioProblem
 from rotorfit.models.array_types import Bool, Float, Index
 
 ValueAndGradient = Callable[[Float], tuple[float, Float]]
@@ -44,7 +44,7 @@ class Minima:
     contraction: Float  # largest length of a step over that of the one before, shape ``(W,)``; zero where there was one
 
 
-class Held(Protocol):
+class Constraint(Protocol):
     """The minimum over everything else with one quantity held at a value."""
 
     def together(self, entries: Index, values: Float, starts: Float, contraction: Float) -> Minima:
@@ -60,14 +60,14 @@ class Held(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class HeldEntry:
+class EntryConstraint:
     """Minimum over all entries of the fitted vector, or all coordinates in its place, but one."""
 
-    problem: Problem | InRatios  # the problem, or the same in other coordinates
+    problem: Problem | LogRatioProblem  # the problem, or the same in other coordinates
     scale: Float  # typical sizes, as for :func:`minimise`
 
     def together(self, entries: Index, values: Float, starts: Float, contraction: Float) -> Minima:
-        """See :class:`Held`."""
+        """See :class:`Constraint`."""
         held = np.arange(starts.shape[1]) == entries[:, None]
         lower, upper = (np.where(held, values[:, None], bound) for bound in self.bounds)
 
@@ -82,17 +82,17 @@ class HeldEntry:
 
     @cached_property
     def _normal(self) -> Callable[[Float], Normal]:
-        return self.problem.of_many if isinstance(self.problem, InRatios) else NormalEquations(self.problem)
+        return self.problem.of_many if isinstance(self.problem, LogRatioProblem) else NormalEquations(self.problem)
 
     @property
     def bounds(self) -> tuple[Float, Float]:
         """Bounds, of fitted vectors narrowed to where the priors are not zero, shapes ``(p,)``."""
-        if isinstance(self.problem, InRatios):
+        if isinstance(self.problem, LogRatioProblem):
             return self.problem.ratios.bounds(self.problem.problem.space)
         return box(self.problem)
 
     def alone(self, entry: int, value: float, start: Float) -> tuple[float, Float, bool]:
-        """See :class:`Held`."""
+        """See :class:`Constraint`."""
         minima = self.together(np.array([entry]), np.array([value]), start[None], np.ones(1))
         if minima.found[0]:
             return float(minima.cost[0]), minima.x[0], True
@@ -117,7 +117,7 @@ class Condition(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class HeldQuantity:
+class QuantityConstraint:
     """Minimum where a derived quantity has a value: Gauss-Newton steps inside the linearised condition.
 
     The Lagrangian's stationary point of the quadratic model, ``H d = -g + mu c`` with ``c^T d = value - q``, is taken
@@ -129,7 +129,7 @@ class HeldQuantity:
     condition: Condition | None = None  # the same as an equation for many vectors, where there is one
 
     def together(self, entries: Index, values: Float, starts: Float, contraction: Float) -> Minima:
-        """See :class:`Held`."""
+        """See :class:`Constraint`."""
         condition = self.condition
         if condition is None:
             none = np.zeros(values.size)
@@ -152,7 +152,7 @@ class HeldQuantity:
         return NormalEquations(self.problem)
 
     def alone(self, entry: int, value: float, start: Float) -> tuple[float, Float, bool]:
-        """See :class:`Held`."""
+        """See :class:`Constraint`."""
         problem = self.problem
         lower, upper = box(problem)
         x = np.clip(start, lower, upper)
