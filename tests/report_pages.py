@@ -14,7 +14,7 @@ import pytest
 
 import rotorfit as rf
 from rotorfit.fitting.result import FitResult
-from rotorfit.plots import layout
+from rotorfit.plots import style
 from rotorfit.uncertainty.posterior import SampleSettings
 from rotorfit.uncertainty.profile import Profile
 
@@ -26,7 +26,7 @@ DOT = base64.b64decode(
 
 def leave_pixels_out(monkeypatch: pytest.MonkeyPatch) -> None:
     """Put one pixel in the place of every figure of a report and of the command line."""
-    monkeypatch.setattr(layout, "picture_of", lambda figure, *_, **__: DOT)
+    monkeypatch.setattr(style, "picture_of", lambda figure, *_, **__: DOT)
 
 
 @dataclass

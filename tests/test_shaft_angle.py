@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from rotorfit.estimators.signals.pulses import find_edges, find_levels, from_index, number_pulses
+from rotorfit.estimators.signals.pulses import find_edges, find_levels, from_index, number_pulses, uneven_turns
 from rotorfit.estimators.signals.shaft_angle import smooth_angle
 from rotorfit.models.array_types import Float
 from rotorfit.simulation.turning_speeds import Sweep
@@ -269,3 +269,45 @@ def test_an_uneven_sweep_is_not_taken_for_jitter() -> None:
         inside = t[(t > 1) & (t < 9)]
         off = smooth.angle(inside) - np.interp(inside, t, angle)
         assert np.ptp(off) < 0.01
+
+
+def test_missing_beside_double_pulses_are_counted_right_or_it_is_said() -> None:
+    """150 sweeps of 90 to 5000 rpm, each with up to five pulses missing and three edges too many within twelve turns.
+
+    A spurious edge that is kept for a true one swings the sweep rate by thousands of rpm/s; 200 rpm/s are true.
+    """
+    rng = np.random.default_rng(7)
+    duration, rate = 25.0, 8192.0
+    first, last = 2 * np.pi * 1.5, 2 * np.pi * 5000 / 60
+    slope = (last - first) / duration
+    count = np.arange(1, int((first + last) / 2 * duration / (2 * np.pi)))
+    true = (np.sqrt(first**2 + 4 * np.pi * slope * count) - first) / slope
+    inside = np.linspace(1.0, 24.0, 1000)
+    said, wrong = 0, []
+    for draw in range(150):
+        middle = int(rng.integers(8, true.size - 8))
+        near = np.arange(max(middle - 6, 3), min(middle + 6, true.size - 3))
+        missing = rng.choice(near, size=rng.integers(0, 6), replace=False)
+        before = rng.choice(near, size=rng.integers(1, 4), replace=False)
+        spurious = true[before] + (true[before + 1] - true[before]) * rng.uniform(0.03, 0.97, before.size)
+        jitter = rng.uniform(-0.15, 0.15, true.size) / rate
+        pulses = number_pulses(np.sort(np.concatenate([np.delete(true + jitter, missing), spurious])))
+        smooth = smooth_angle(pulses, duration=duration, resolution=1 / rate)
+        used = ~np.isin(pulses.times, smooth.outlying)
+        if uneven_turns(pulses.times[used], np.diff(pulses.numbers[used])).size:
+            said += 1
+        elif np.abs(smooth.acceleration(inside) / slope - 1).max() > 0.2:
+            wrong.append(draw)
+    assert wrong == []
+    assert said <= 3
+
+
+def test_a_spurious_edge_just_before_a_true_one_beside_missing_ones_is_left_out() -> None:
+    """Pulses missing after 5.135 and 5.411 s, an edge 5.5 ms before the true one at 5.62 s: an edge that chatters comes
+    after its own, this one does not."""
+    first, slope = 2 * np.pi * 1.5, 2 * np.pi * (5000 - 90) / 60 / 25
+    true = (np.sqrt(first**2 + 4 * np.pi * slope * np.arange(1, 1000)) - first) / slope
+    late = int(np.argmin(np.abs(true - 5.6235)))
+    gone = [int(np.searchsorted(true, at)) for at in (5.14, 5.42)]
+    edges = np.sort(np.concatenate([np.delete(true, gone), [true[late] - 5.5e-3, 6.559]]))
+    np.testing.assert_allclose(number_pulses(edges).extra, [true[late] - 5.5e-3, 6.559])

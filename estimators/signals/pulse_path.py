@@ -23,8 +23,10 @@ _TURNS = np.arange(1.0, 5.0)
 """Turns that an interval may be of, besides those that the speed before it gives."""
 _WAYS = 8
 """Ways to an edge that are followed further."""
-_ALIKE, _CLEAN = 0.15, 6
-"""Change of an interval from the last, and intervals in a row with less, at which the count is beyond doubt."""
+_ALIKE = 0.15
+"""Change of the logarithm of an interval from the last below which the two are of the same number of turns for sure."""
+_CLEAN = 6
+"""Such intervals in a row at which the count is beyond doubt."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -24,9 +24,14 @@ _SHORT = 0.6
 """Interval, in expected ones, below which one of its two edges is one too many."""
 _BOUNCE = 0.2
 """The same below which it is the second one: a mark that chatters does so after its edge."""
-_DENSE, _MOST = 0.03, 100_000
-"""Share of edges too many and of gaps from which neighbours tell too little of each other, and the most edges for which
-the way through all of them is looked for, a quarter of a millisecond each."""
+_UNEVEN = 0.2
+"""Change of a turn against its neighbours that neither a shaft's speed makes within two turns nor the spacing of teeth,
+but an edge too many or too few among three, which changes it by a third."""
+_REACH = 16
+"""Edges on either side of an odd one among which the steadiest count is looked for: two stretches that are beyond doubt
+and a few edges more."""
+_MOST_DISPUTED = 100_000
+"""Edges for which it is looked for at most, a quarter of a millisecond each."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -144,21 +149,19 @@ def _crossing(values: Float, first: int, last: int) -> float:
 def number_pulses(times: Float) -> NumberedPulses:
     """Count pulses by the intervals around them: a gap of n intervals counts n, an edge too close to others is not one.
 
-    Where many are missing or too many, the way through the edges on which the speed changes least decides.
+    Around gaps and edges too many, the way through the edges on which the speed changes least decides: the intervals
+    beside an edge do not say which of two is the pulse where they are doubled or split themselves.
     """
     kept, turns = _by_neighbours(times)
     if kept.size < 4:
         raise ValueError(f"{kept.size} pulses; at least four are needed to know the angle")
-    odd = times.size - kept.size + np.count_nonzero(turns > 1)
-    if _DENSE * times.size < odd and times.size <= _MOST:
-        kept, turns = steadier(times, kept, turns)
+    kept, turns = _settled(times, kept, turns)
     pulses, extra = times[kept], np.delete(times, kept)
-    intervals = np.diff(pulses)
-    uneven = np.abs(intervals / (turns * _expected(intervals / turns)) - 1) > 0.35
-    if extra.size > kept.size or np.mean(uneven) > 0.2:
+    uneven = uneven_turns(pulses, turns)
+    if extra.size > kept.size or uneven.size > 0.2 * turns.size:
         raise ValueError(
-            f"no regular pulses: {times.size} edges, {extra.size} of them too close to others, and {np.sum(uneven)} of "
-            f"{intervals.size} intervals unlike their neighbours"
+            f"no regular pulses: {times.size} edges, {extra.size} of them too close to others, and {uneven.size} of "
+            f"{turns.size} intervals unlike their neighbours"
         )
     gaps = np.flatnonzero(turns > 1)
     return NumberedPulses(
@@ -168,6 +171,15 @@ def number_pulses(times: Float) -> NumberedPulses:
         missing_count=turns[gaps] - 1,
         extra=extra,
     )
+
+
+def uneven_turns(times: Float, turns: Index) -> Float:
+    """Times of the pulses that begin turns unlike the two before and the two after them: a shaft has too much inertia.
+
+    A pulse counted once too often or too seldom makes two of three such turns half or twice as long as the others.
+    """
+    period = np.diff(times) / turns
+    return np.asarray(times[:-1][np.abs(period / _expected(period) - 1) > _UNEVEN])
 
 
 def _by_neighbours(times: Float) -> tuple[Index, Index]:
@@ -181,6 +193,23 @@ def _by_neighbours(times: Float) -> tuple[Index, Index]:
             break
         turns = counted
     return np.searchsorted(times, pulses), turns
+
+
+def _settled(times: Float, kept: Index, turns: Index) -> tuple[Index, Index]:
+    """The count with every disputed stretch of edges taken as its speed changes least."""
+    extra = np.setdiff1d(np.arange(times.size), kept)
+    odd = np.union1d(extra, np.searchsorted(times, uneven_turns(times[kept], turns)))
+    stretches = np.split(odd, np.flatnonzero(np.diff(odd) > 2 * _REACH) + 1) if odd.size else []
+    if sum(int(np.ptp(stretch)) + 2 * _REACH for stretch in stretches) > _MOST_DISPUTED:
+        return kept, turns
+    for stretch in stretches[::-1]:  # the last first: places of pulses before it stay as they are
+        first = max(int(np.searchsorted(kept, stretch[0] - _REACH)), 0)
+        last = min(int(np.searchsorted(kept, stretch[-1] + _REACH)), kept.size - 1)
+        edges = slice(kept[first], kept[last] + 1)
+        own, counted = steadier(times[edges], kept[first : last + 1] - kept[first], turns[first:last])
+        kept = np.concatenate([kept[:first], own + kept[first], kept[last + 1 :]])
+        turns = np.concatenate([turns[:first], counted, turns[last:]])
+    return kept, turns
 
 
 def from_index(pulses: NumberedPulses, per_turn: int) -> tuple[NumberedPulses, int]:

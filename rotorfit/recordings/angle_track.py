@@ -15,10 +15,11 @@ from rotorfit.estimators.signals.pulses import (
     find_levels,
     from_index,
     number_pulses,
+    uneven_turns,
 )
 from rotorfit.estimators.signals.shaft_angle import SmoothAngle, smooth_angle
 from rotorfit.estimators.signals.steady_frequency import steady_angle
-from rotorfit.models.array_types import Float
+from rotorfit.models.array_types import Float, Index
 from rotorfit.recordings.rig.setup import Reference
 from rotorfit.recordings.signals import Signals
 
@@ -88,8 +89,10 @@ def track(record: Signals, reference: Reference) -> AngleTrack:
     findings = [*_edge(where, reference, levels), *_mended(where, pulses, smooth), *_ends(where, record, smooth)]
     if per_turn > 1:
         findings.append(_wheel(where, smooth, per_turn, gap))
-    used = pulses.times[~np.isin(pulses.times, smooth.outlying)]
-    return AngleTrack(smooth=smooth, pulses=used, pulses_per_turn=per_turn, levels=levels, findings=tuple(findings))
+    used = ~np.isin(pulses.times, smooth.outlying)
+    findings += _uneven(where, pulses.times[used], np.diff(pulses.numbers[used]))
+    kept = pulses.times[used]
+    return AngleTrack(smooth=smooth, pulses=kept, pulses_per_turn=per_turn, levels=levels, findings=tuple(findings))
 
 
 def _sample(record: Signals, channel: str) -> Float:
@@ -128,6 +131,18 @@ def _mended(where: str, pulses: NumberedPulses, smooth: SmoothAngle) -> Iterator
         else:
             text += " With so many the turns cannot be counted for sure: set the level of the trigger anew (level_V)."
             yield Finding("error", "pulses-noisy", f"{where}: {text}")
+
+
+def _uneven(where: str, times: Float, turns: Index) -> Iterator[Finding]:
+    """Turns of lengths that no shaft makes: counted wrong beside missing or double pulses."""
+    uneven = uneven_turns(times, turns)
+    if uneven.size:
+        yield Finding(
+            "error",
+            "pulses-uneven",
+            f"{where}: turns jump in length at {_times(uneven)}: pulses are missing or double there, and the turns "
+            "cannot be counted for sure. Set the trigger level anew (level_V), or cut that part of the record off.",
+        )
 
 
 def _warning(code: str, message: str) -> Finding:
