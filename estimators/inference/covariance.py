@@ -14,7 +14,6 @@ from rotorfit.estimators.inference.identifiability import covariance as inverse
 from rotorfit.estimators.inference.identifiability import natural_scales
 from rotorfit.estimators.misfit.losses import Loss, robust_weights
 from rotorfit.estimators.misfit.problem import Problem
-from rotorfit.estimators.misfit.run_stack import RunStack
 from rotorfit.estimators.noise.run_effects import real_rows
 from rotorfit.models.array_types import ComplexArray, Float
 
@@ -211,14 +210,6 @@ def parameter_scales(problem: Problem, x: Float) -> Float:
     stiffness = float(np.median(np.concatenate(levels)))
     own = natural_scales(space.model, space.base, x[: len(space.names)], stiffness, max(top, 1e-12))
     return np.concatenate([own, np.ones(len(space.nuisance))])
-
-
-def parameter_scales_of_many(stack: RunStack, x: Float) -> Float:
-    """The same for many runs of one plan under turning forces whose readings are not zero, shape ``(W, p)``."""
-    stiffness = np.median(_drive(stack.layout) / np.abs(stack.measured), axis=1)
-    top = float(np.abs(stack.layout.frequency).max())
-    pairs = zip(x, stiffness.tolist(), strict=True)
-    return np.array([natural_scales(stack.space.model, stack.space.base, own, level, top) for own, level in pairs])
 
 
 def _drive(block: Responses) -> Float:

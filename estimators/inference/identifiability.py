@@ -99,20 +99,6 @@ def covariance(root: Float, scales: Float) -> tuple[Float, Float, Float, Bool]:
     return covar * (scales[:, None] * scales), stderr, directions, stderr > UNRESOLVED
 
 
-def covariances(roots: Float, scales: Float) -> tuple[Float, Bool]:
-    """Covariances of many fits at once, and whose data determine every combination.
-
-    Returns:
-        covariances, shape ``(W, p, p)``, those of :func:`covariance` where every combination is determined, and where
-        that is so, shape ``(W,)``.
-    """
-    kept, _, lost, silent = _scaled_directions(roots, scales)
-    covar = kept @ np.swapaxes(kept, -1, -2)
-    largest = np.sqrt(np.maximum(np.linalg.eigvalsh(covar)[..., -1], 0.0))
-    determined = ~(lost.any(axis=-1) | silent.any(axis=-1)) & (largest <= UNRESOLVED)
-    return covar * (scales[..., :, None] * scales[..., None, :]), determined
-
-
 def _scaled_directions(root: Float, scales: Float) -> tuple[Float, Float, Bool, Bool]:
     """Directions of scaled parameters as columns, ascending information.
 

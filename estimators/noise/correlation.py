@@ -45,14 +45,6 @@ def memory(r: ComplexArray, own: ComplexArray, outer: Float, sweeps: Sequence[In
     return Memory(first=found[0] if found else 0.0, z=z, lags=tuple(found) if z > 2 else ())
 
 
-def neighbours(r: ComplexArray, rows: ComplexArray, outer: Float, sweeps: Sequence[Index]) -> tuple[Float, Float]:
-    """:attr:`Memory.first` and :attr:`Memory.z` of many runs of one plan, shape ``(W,)`` each."""
-    products = _Products.of(r, rows, outer, sweeps)
-    amount, chance = products.at(1)
-    safe = [np.where(size > 0, size, 1.0) for size in (products.total, chance)]
-    return amount / safe[0], np.where(chance > 0, amount / safe[1], 0.0)
-
-
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _Products:
     """Readings in the order of the sweeps, along the last axis."""

@@ -53,27 +53,6 @@ def estimate_noise(block: Responses, wrong: ComplexArray, synchronous: bool, con
     return sigma
 
 
-def noise_of_many(block: Responses, measured: ComplexArray, wrong: ComplexArray) -> Float:
-    """Noise of the readings of many runs of one layout at one speed each, all at once.
-
-    Returns:
-        what :func:`estimate_noise` answers for each run, shape ``(W, R)``, NaN for runs whose noise the direction
-        against the force does not tell at once.
-    """
-    w, plane = block.frequency[block.line], force_plane(block)
-    sigma = np.full(measured.shape, np.nan)
-    if _repeats(block, w, (np.zeros_like(w),)) is not None:
-        return sigma
-    sure = np.ones(len(measured), dtype=bool)
-    for parts in _both_ways(block, w, np.zeros_like(w), plane, sweeps_of(block)):
-        rows = np.concatenate(parts)
-        sure &= _tells(wrong, parts)
-        sigma[np.ix_(sure, rows)], agree = _pooled(wrong[sure], measured[sure], parts)
-        sure[sure] = agree
-    sigma[~sure] = np.nan
-    return sigma
-
-
 def _both_ways(block: Responses, w: Float, speed: Float, plane: Index, sweeps: Sequence[Index]) -> list[list[Index]]:
     """Sweeps put together that differ in the sense of whirl only."""
     both: dict[tuple[Any, ...], list[Index]] = {}

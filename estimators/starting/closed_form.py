@@ -29,7 +29,6 @@ from rotorfit.estimators.starting.force_balance import (
 from rotorfit.estimators.starting.lumped import Lumped, LumpedStructure, lumped_coefficients
 from rotorfit.estimators.starting.lumped_solution import (
     parameters_from,
-    parameters_of_many,
     typical_theta,
     typical_values,
 )
@@ -101,30 +100,6 @@ def closed_forms(
     solution, _ = solve([e.stiffness_balance() for e in equations])
     x, notes = parameters_from(space, lumped, lumped.offset + lumped.spread @ solution, None)
     return [ClosedForm(x, None, notes=notes)] * len(passes)
-
-
-def closed_forms_of_many(space: ParameterSpace, block: Responses, speed: Float, passes: int) -> Float | None:
-    """Closed forms of many runs of one plan, at one speed each, after a number of weighted passes.
-
-    Returns:
-        estimates, shape ``(W, p)``, NaN for runs that need more than solving for one parameter after the other; None
-        where the plan asks for more itself.
-    """
-    count = len(speed)
-    first = np.arange(block.speed.size) < block.speed.size // count
-    one = block.lines(first)
-    ends = [replace(one, speed=np.full(one.speed.size, v)) for v in (speed.min(), speed.max())]
-    slow, fast = (lumped_coefficients(LumpedStructure.of(space, [end])) for end in ends)
-    if complete_lines(one) is not one or not slow.same_relations(fast) or not _determined(space, slow, ends[:1]):
-        return None
-    lumped = slow.at_speeds(speed)
-    try:
-        balance = ForceBalance(lumped, 0, block, space.template, (count,))
-        solution, information = next(islice(_passes_of(lumped, [balance]), passes - 1, None))
-    except np.linalg.LinAlgError:
-        return None  # of one run at least: each has to be looked at by itself
-    values = lumped.offset[:, None] + lumped.spread @ solution.T
-    return parameters_of_many(space, lumped, speed, values, information)
 
 
 def _weighted(

@@ -7,7 +7,6 @@ model's graph once for each model and kind of test, and kept: identifying again 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from copy import copy
 from dataclasses import dataclass, replace
 from functools import lru_cache, reduce
 from typing import Any, NamedTuple
@@ -99,22 +98,6 @@ class Lumped:
     def solve_spread(self, values: Float) -> Float:
         """Independent coefficients whose spread comes nearest to given ones, shape ``(B, ...)``."""
         return np.asarray(self._back @ values.reshape(len(values), -1)).reshape(-1, *values.shape[1:])
-
-    def same_relations(self, other: Lumped) -> bool:
-        """Whether the coefficients at another speed depend on one another in the same way."""
-        size = np.abs(self.values(np.ones(self.size))) + np.abs(other.values(np.ones(self.size)))
-        return (
-            np.array_equal(self.basis, other.basis)
-            and np.allclose(self.spread, other.spread, rtol=0, atol=_DEPENDENT)
-            and bool((np.abs(self.offset - other.offset) <= _DEPENDENT * (size + np.abs(self.offset))).all())
-        )
-
-    def at_speeds(self, speeds: Float) -> Lumped:
-        """The same for many runs of one plan: the last axis of vectors is that of runs."""
-        found = copy(self)
-        found.place = replace(self.place, speed=np.full_like(self.place.speed, np.nan))
-        found._speeds = [speeds]
-        return found
 
     def _dependence(self, scale: Float) -> Index:
         """How each coefficient depends on each parameter in it: linear, linear in its reciprocal, or neither."""

@@ -25,16 +25,6 @@ def parameters_from(
     return np.where(np.isfinite(inside), inside, np.nan), notes
 
 
-def parameters_of_many(space: ParameterSpace, lumped: Lumped, speed: Float, values: Float, information: Float) -> Float:
-    """The same for many runs of one plan, NaN for those that need more than one unknown after the other, ``(W, p)``."""
-    found = lumped.at_speeds(speed).parameters(values, typical_values(space))
-    sure = np.isfinite(found).all(axis=0)
-    if sure.any():
-        some = lumped.at_speeds(speed[sure])
-        found[:, sure] = _one_step(some, values[:, sure], information[sure], found[:, sure])
-    return np.clip(found.T, space.lower, space.upper)
-
-
 def _remaining(space: ParameterSpace, lumped: Lumped, values: Float, x: Float) -> tuple[Float, tuple[str, ...]]:
     """Parameters that no single expression gives: solve the coupled lumped equations, or take a typical value."""
     from scipy.optimize import least_squares

@@ -5,11 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rotorfit.estimators.misfit.parameter_space import DATUM, ParameterSpace
 from rotorfit.estimators.misfit.problem import Problem
-from rotorfit.estimators.misfit.run_stack import RunStack
 from rotorfit.estimators.starting.short_fits import ShortFits, short_fits
 from rotorfit.models.array_types import Float
 
@@ -28,12 +26,6 @@ def inside_bounds(values: Float, space: ParameterSpace) -> Float:
     margin = 1e-3 * np.where(np.isfinite(upper - lower), upper - lower, np.maximum(np.abs(values), 1e-3))
     margin = np.minimum(margin, 1e-3 * space.typical)
     return np.asarray(np.clip(values, lower + margin, upper - margin))
-
-
-def given_starts(space: ParameterSpace, values: Float) -> tuple[Float, NDArray[np.bool_]]:
-    """Starts from values that were given, shape ``(W, p)``, and which of them the bounds allow."""
-    allowed = ((values >= space.lower) & (values <= space.upper) & np.isfinite(values)).all(axis=1)
-    return inside_bounds(values, space), np.asarray(allowed)
 
 
 def search_scale(space: ParameterSpace, start: Float) -> Float:
@@ -58,6 +50,6 @@ def loose_fits(problem: Problem, starts: Float) -> ShortFits:
     return short_fits(problem, starts, sizes)
 
 
-def noise_limit(problem: Problem | RunStack) -> float:
+def noise_limit(problem: Problem) -> float:
     """Cost that noise leaves, to six standard deviations of chi-squared."""
     return 0.5 * float(problem.n_data + 6 * np.sqrt(2 * problem.n_data))

@@ -19,12 +19,10 @@ from rotorfit.estimators.misfit.block_misfit import costs
 from rotorfit.estimators.misfit.parameter_space import DATUM, ParameterSpace
 from rotorfit.estimators.misfit.priors import Prior
 from rotorfit.estimators.misfit.problem import Problem
-from rotorfit.estimators.misfit.run_stack import RunStack
 from rotorfit.estimators.starting.closed_form import (
     ClosedFormError,
     closed_form,
     closed_forms,
-    closed_forms_of_many,
 )
 from rotorfit.estimators.starting.many_starts import best_of_many
 from rotorfit.estimators.starting.modal_start import modal_start
@@ -39,7 +37,6 @@ from rotorfit.estimators.starting.shaft_line_starts import has_lines, line_start
 from rotorfit.estimators.starting.short_fits import LOOSE
 from rotorfit.estimators.starting.start_points import (
     full_vector,
-    inside_bounds,
     loose_fits,
     noise_limit,
     random_starts,
@@ -284,22 +281,6 @@ def _settled_at(cost: Float | float, gradient: Float, matrix: Float, limit: floa
         return np.zeros_like(good)
     length = np.sum(step * along, axis=-1)
     return np.asarray(good & (length >= 0) & (length < 1))
-
-
-def starts_of_many(stack: RunStack) -> tuple[Float, NDArray[np.bool_]]:
-    """Starts of many runs of one plan, shape ``(W, p)``, and which of them :func:`start_vector` would give.
-
-    Those are runs whose first closed form explains the data to within a standard error; the others need a search of
-    their own.
-    """
-    one = Problem(space=stack.space, blocks=(stack.layout,))
-    found = None
-    if _few_lines(one) is None:
-        found = closed_forms_of_many(stack.space, stack.in_one_group, stack.speed, _PASSES[0])
-    if found is None:
-        return np.full((stack.speed.size, stack.space.size), np.nan), np.zeros(stack.speed.size, dtype=bool)
-    begin = inside_bounds(found, stack.space)
-    return begin, _settled_at(*stack.gauss_newton(begin), noise_limit(stack))
 
 
 def _cost(problem: Problem, values: Float) -> float:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rotorfit.campaigns.runs import Run, RunFit, Workers, fit_runs, split_runs
+from rotorfit.campaigns.runs import Run, RunFit, Workers, fit_run, split_runs
 from rotorfit.campaigns.shared import fit_shared
 from rotorfit.campaigns.trends import Trend, trend_table, trends_of
 from rotorfit.data.experiments import Experiment
@@ -378,7 +378,7 @@ def campaign(
             _data=runs,
         )
     option = {"settings": settings, "start": start}
-    fits = tuple(workers.together(fit_runs, runs, [option] * len(runs)))
+    fits = tuple(workers(fit_run, runs, [option] * len(runs)))
     if not any(run.params for run in fits):
         raise ValueError(f"no run of the campaign can be fitted; the first one: {fits[0].message}")
     return Campaign(

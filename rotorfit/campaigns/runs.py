@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pickle
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
 from functools import lru_cache, partial
@@ -15,10 +15,9 @@ from numpy.typing import NDArray
 from rotorfit.data.experiments import Experiment
 from rotorfit.estimators.blocks.row_keys import words
 from rotorfit.executors import carry_out
-from rotorfit.fitting.fit import fit, judged
+from rotorfit.fitting.fit import fit
 from rotorfit.fitting.noise.record import FoundNoise
-from rotorfit.fitting.plain_fits import PlainFit, SolvedRun, plain_fits
-from rotorfit.fitting.problem_setup import as_tuple, build_problem
+from rotorfit.fitting.problem_setup import as_tuple
 from rotorfit.fitting.quantities import FittedParameter
 from rotorfit.fitting.result import FitResult
 from rotorfit.fitting.settings import FitSettings
@@ -27,9 +26,13 @@ from rotorfit.models.array_types import Float, Index
 
 T = TypeVar("T")
 
-_BATCH = 8  # runs sent to a worker at once: some hundredths of a second of work, well above what sending costs
-_AT_ONCE = 128  # runs that are looked at together in this process
-_BY_CHANCE = 10.0  # fall of chi-squared a parameter that fitting noise does not reach
+Work = Callable[..., T]
+"""A function of a module, ``work(model, run, **option)``, so that it can be sent to another process."""
+
+RUNS_A_BATCH = 8
+"""Runs sent to a worker at once: some hundredths of a second of work, well above what sending costs."""
+CHI_SQUARED_BY_CHANCE = 10.0
+"""Fall of chi-squared a parameter that fitting noise does not reach."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,38 +153,20 @@ def _distinct(runs: Sequence[Run]) -> Iterator[Run]:
 # ---- one run ----------------------------------------------------------------------------------------------------
 
 
-def fit_runs(model: RotorModel, batch: Batch) -> Iterator[RunFit]:
-    """Fit runs, those of one plan together; data that cannot be fitted give a result that says why."""
-    together: dict[int, PlainFit | SolvedRun] = {}
-    settings = batch[0][1]["settings"]
-    if all(option["settings"] is settings for _, option in batch):
-        starts = [option["start"] for _, option in batch]
-        together = plain_fits(model, [run.experiment for run, _ in batch], settings, starts)
-    for number, (run, option) in enumerate(batch):
-        found = together.get(number)
-        yield _plain(run, found) if isinstance(found, PlainFit) else fit_run(model, run, **option, solved=found)
-
-
-def fit_run(
-    model: RotorModel, run: Run, *, settings: FitSettings, start: Mapping[str, float], solved: SolvedRun | None = None
-) -> RunFit:
-    """Fit one run, from its solution on where that is known; data that cannot be fitted give a result that says why."""
+def fit_run(model: RotorModel, run: Run, *, settings: FitSettings, start: Mapping[str, float]) -> RunFit:
+    """The fit of one run; of data that cannot be fitted, a result that says why."""
     try:
-        if solved is not None:
-            problem = build_problem(model, run.experiment, settings)
-            found = judged(problem, (run.experiment,), settings, solved.begin, solved.solution)
-        else:
-            found = fit(
-                model,
-                run.experiment,
-                known=settings.known,
-                bounds=settings.bounds,
-                priors=settings.priors,
-                loss=settings.loss,
-                start=start,
-            )
-    except (ValueError, KeyError, np.linalg.LinAlgError) as problem_:
-        reason = problem_.args[0] if isinstance(problem_, KeyError) and problem_.args else problem_
+        found = fit(
+            model,
+            run.experiment,
+            known=settings.known,
+            bounds=settings.bounds,
+            priors=settings.priors,
+            loss=settings.loss,
+            start=start,
+        )
+    except (ValueError, KeyError, np.linalg.LinAlgError) as problem:
+        reason = problem.args[0] if isinstance(problem, KeyError) and problem.args else problem
         return RunFit(name=run.name, attributes=run.attributes, message=f"not fitted: {reason}")
     # What differs between the sweeps of a run is in the covariance, and in no parameter.
     own = [i for i, name in enumerate(found.var_names) if name in found.params]
@@ -198,45 +183,21 @@ def fit_run(
         success=found.success,
         message=found.message,
         warnings=found.warnings,
-        silent=_says_nothing(found),
+        silent=_explains_nothing(found),
         noise=found.settings.noise,
     )
 
 
-def _plain(run: Run, found: PlainFit) -> RunFit:
-    return RunFit(
-        name=run.name,
-        attributes=run.attributes,
-        params=found.params,
-        var_names=found.var_names,
-        covar=found.covar,
-        chisqr=found.chisqr,
-        redchi=found.redchi,
-        ndata=found.ndata,
-        nfev=found.nfev,
-        success=True,
-        message=found.message,
-        silent=_by_chance(found.still - found.chisqr, found.redchi, len(found.var_names)),
-    )
-
-
-def _says_nothing(found: FitResult) -> bool:
+def _explains_nothing(found: FitResult) -> bool:
     """Whether no motion at all would explain the readings as well as the fit does."""
     measured = np.concatenate([block.measured / block.sigma for block in found.problem.blocks])
     still = float(np.sum(np.abs(measured) ** 2))
     predictions = zip(found.problem.blocks, found.problem.predict(found.x), strict=True)
     misses = np.concatenate([(predicted - block.measured) / block.sigma for block, predicted in predictions])
     missed = float(np.sum(np.abs(misses) ** 2))
-    return _by_chance(still - missed, found.redchi, found.nvarys)
-
-
-def _by_chance(fall: float, redchi: float, nvarys: int) -> bool:
-    """Whether the fit lowers chi-squared by no more than fitting noise would.
-
-    Noise alone lowers it by one a parameter on average; a search along frequencies for the best of many resonances by
-    some times that, a rotor by as many times as there are readings.
-    """
-    return fall < _BY_CHANCE * max(1.0, redchi) * max(nvarys, 1)
+    # Noise alone lowers chi-squared by one a parameter on average, a search for the best of many resonances by some
+    # times that, a rotor by as many times as there are readings.
+    return still - missed < CHI_SQUARED_BY_CHANCE * max(1.0, found.redchi) * max(found.nvarys, 1)
 
 
 # ---- many runs --------------------------------------------------------------------------------------------------
@@ -250,29 +211,19 @@ class Workers:
     executor: Executor | None = None  # any ``concurrent.futures`` executor, ``None`` for this process
     progress: Callable[[int, int], None] | None = None  # called with the number of runs done and the number of all
 
-    def __call__(self, work: Callable[..., T], runs: Sequence[Run], options: Sequence[Mapping[str, Any]]) -> list[T]:
-        """``work(model, run, **option)`` for every run, in their order."""
-        return self.together(partial(_one_by_one, work), runs, options)
+    def __call__(self, work: Work[T], runs: Sequence[Run], options: Sequence[Mapping[str, Any]]) -> list[T]:
+        """``work(model, run, **option)`` for every run, in their order.
 
-    def together(
-        self,
-        work: Callable[[RotorModel, Batch], Iterable[T]],
-        runs: Sequence[Run],
-        options: Sequence[Mapping[str, Any]],
-    ) -> list[T]:
-        """What ``work(model, batch)`` answers for every run of each batch, in their order.
-
-        A batch whose worker was lost is not: see :func:`~rotorfit.executors.carry_out`.
+        A batch whose worker was lost is not repeated for ever: see :func:`~rotorfit.executors.carry_out`.
         """
         pairs = list(zip(runs, options, strict=True))
-        size = _AT_ONCE if self.executor is None else _BATCH
-        batches = [pairs[i : i + size] for i in range(0, len(pairs), size)]
+        results: list[T] = []
         if self.executor is None:
-            results: list[T] = []
-            for result in (result for batch in batches for result in work(self.model, batch)):
-                results.append(result)
+            for run, option in pairs:
+                results.append(work(self.model, run, **option))
                 self._report(len(results), len(runs))
             return results
+        batches = [pairs[i : i + RUNS_A_BATCH] for i in range(0, len(pairs), RUNS_A_BATCH)]
         count = 0
 
         def report(batch: Batch) -> None:
@@ -305,9 +256,6 @@ def _unpacked(model: bytes) -> RotorModel:
     return found
 
 
-def _work_batch(packed: bytes, work: Callable[[RotorModel, Batch], Iterable[T]], batch: Batch) -> list[T]:
-    return list(work(_unpacked(packed), batch))
-
-
-def _one_by_one(work: Callable[..., T], model: RotorModel, batch: Batch) -> Iterator[T]:
-    return (work(model, run, **option) for run, option in batch)
+def _work_batch(packed: bytes, work: Work[T], batch: Batch) -> list[T]:
+    model = _unpacked(packed)
+    return [work(model, run, **option) for run, option in batch]

@@ -18,8 +18,8 @@ from typing import Any
 import numpy as np
 
 from rotorfit.campaigns.joint_errors import FittedRun, OwnErrors, joint_errors
-from rotorfit.campaigns.pictures import curvatures
-from rotorfit.campaigns.runs import Run, RunFit, Workers, fit_runs
+from rotorfit.campaigns.pictures import curvature, least_curvature
+from rotorfit.campaigns.runs import Run, RunFit, Workers, fit_run
 from rotorfit.estimators.inference.schur import Curvature, Parts, inverse_information, shared_covariance
 from rotorfit.fitting.quantities import FittedParameter
 from rotorfit.fitting.settings import FitSettings
@@ -127,12 +127,12 @@ def _first(
         phi = np.array([start[name] for name in names], dtype=float)
         return phi, _fits(workers, runs, names, settings, phi, [start] * len(runs))
     option = {"settings": settings, "start": start}
-    fits = workers.together(fit_runs, runs, [option] * len(runs))
+    fits = workers(fit_run, runs, [option] * len(runs))
     usable = [(run, fit) for run, fit in zip(runs, fits, strict=True) if fit.params]
     if not usable:
         raise ValueError(f"no run of the campaign can be fitted; the first one: {fits[0].message}")
     options = [{"settings": _with_noise(settings, fit), "at": _own_values(fit, start)} for _, fit in usable]
-    pictures = workers.together(curvatures, [run for run, _ in usable], options)
+    pictures = workers(curvature, [run for run, _ in usable], options)
     taken = [picture for picture in pictures if isinstance(picture, Curvature)]
     if not taken:
         raise ValueError(f"no run tells anything of the shared parameters; the first one: {pictures[0]}")
@@ -154,7 +154,7 @@ def _fits(
     fixed = dict(zip(names, phi.tolist(), strict=True))
     inner = replace(settings, known={**settings.known, **fixed})
     own_starts = [{name: value for name, value in start.items() if name not in fixed} for start in starts]
-    fits = workers.together(fit_runs, runs, [{"settings": inner, "start": start} for start in own_starts])
+    fits = workers(fit_run, runs, [{"settings": inner, "start": start} for start in own_starts])
     if not any(fit.params for fit in fits):
         raise ValueError(f"no run of the campaign can be fitted; the first one: {fits[0].message}")
     return fits
@@ -188,7 +188,7 @@ def _profile(
 ) -> _Profile:
     """Sum what all runs say about given shared values, with their own parameters at their best and noise as fitted."""
     options = _options(fits, names, settings, phi)
-    found = workers.together(curvatures, [runs[number] for number in options], list(options.values()))
+    found = workers(least_curvature, [runs[number] for number in options], list(options.values()))
     pictures = {n: picture for n, picture in zip(options, found, strict=True) if isinstance(picture, Curvature)}
     if not pictures:
         raise ValueError(f"no run of the campaign tells anything of the shared parameters: {found[0]}")

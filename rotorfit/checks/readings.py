@@ -64,13 +64,6 @@ def clipped(test: PerturbationTest) -> Iterator[Finding]:
         yield Finding("error", "clipped", text, tuple(cut))
 
 
-def surely_whole(first: PerturbationTest, response: ComplexArray) -> Bool:
-    """Which of many tests of one plan :func:`clipped` has surely nothing to say of, shape ``(W,)``."""
-    channel, size = _channels(first), np.abs(response)
-    own = channel == np.arange(int(channel.max(initial=0)) + 1)[:, None]
-    return np.asarray((_at_the_top(channel, size).astype(np.intp) @ own.T < _FEWEST).all(axis=-1))
-
-
 def _at_the_top(channel: Index, size: Float) -> Bool:
     """Which amplitudes are the largest of their channel, to the last digit, shape ``(..., N)``."""
     top = np.zeros((int(channel.max(initial=0)) + 1, *size.shape[:-1]))
