@@ -31,6 +31,7 @@ def average(close_call):
     return rf.sample_models(close_call[2], **OPTIONS)
 
 
+@pytest.mark.slow
 def test_averaging_admits_what_one_model_excludes(close_call, average):
     truth, threshold, steps = close_call
     assert 0 < steps[2].bic - steps[1].bic < 6  # a near tie

@@ -86,6 +86,7 @@ def test_recordings_whose_worker_was_lost_are_reduced_again(
     np.testing.assert_array_equal(again.response, test_of_dwells.response)
 
 
+@pytest.mark.slow
 def test_files_are_reduced_in_processes_from_the_command_line(stepped: list[rf.Recording], tmp_path: Path) -> None:
     files = [str(record.path) for record in stepped[:2]]
     for jobs in ("1", "2"):

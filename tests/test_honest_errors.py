@@ -88,6 +88,7 @@ def allowing(fit):
     return [sentence for sentence in fit.noise.sentences if "runs may differ" in sentence]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "share"),
     [

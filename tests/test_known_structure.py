@@ -107,6 +107,7 @@ def test_threshold_of_the_true_rig():
         assert growth_rate(model, theta, float(rpm) * RPM) == pytest.approx(growth, abs=2e-9)
 
 
+@pytest.mark.slow
 def test_free_young_modulus(rig):
     """A shaft taken 3 % too stiff: the data say so, and give the fluid nonetheless."""
     M, G, K = rig_matrices(young=1.03 * 2.11e11)

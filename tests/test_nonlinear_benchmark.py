@@ -11,6 +11,7 @@ from rotorfit.fitting.problem_setup import build_problem
 from rotorfit.fitting.settings import FitSettings
 
 
+@pytest.mark.slow
 def test_errors_of_nonlinear_fits_to_integrated_data_are_as_stated_and_linear_fits_are_rejected() -> None:
     from nonlinear import LINEAR, POWER, SUM, TRUTH, exact_sweeps, honest, largest_orbit, study
 

@@ -52,6 +52,7 @@ def test_what_is_left_without_a_run_is_that_of_a_fit_to_the_rest() -> None:
     np.testing.assert_allclose(misfit_without(r, J, np.zeros(4), runs), expected, rtol=1e-10)
 
 
+@pytest.mark.slow
 def test_what_the_ladder_takes_in_to_follow_a_run_does_not_hide_it(rig: PerturbationTest) -> None:
     """Peak-to-peak amplitudes in one run, which thirty parameters follow half-way."""
     spoiled = in_one_run(thinned(rig, 2), "response", 2.0)

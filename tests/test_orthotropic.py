@@ -81,6 +81,7 @@ def refined(rig: OrthotropicRig) -> rf.FitResult:
     return rf.refine(fit).best
 
 
+@pytest.mark.slow
 def test_the_probes_of_clean_data_are_not_accused(refined: rf.FitResult) -> None:
     # A trial fit of lumped circular orbits leaves a fifth to two thirds of these responses unexplained.
     assert not [finding for finding in rf.check(refined.experiments[0]) if finding.severity == "error"]
@@ -131,6 +132,7 @@ def test_a_known_shaft_on_such_a_support_is_the_finite_elements_themselves(rig, 
         assert np.append(by_theta, by_speed)[k] == pytest.approx(slope, rel=1e-3, abs=1e-9 / step), name
 
 
+@pytest.mark.slow
 def test_a_known_shaft_is_fitted_forward_and_backward_with_its_support(rig, known, tmp_path) -> None:
     fit = rf.fit(known, rig.tests(RPM * np.array([1000.0, 2000.0]), seed=1, lines=30))
     assert 0.9 < fit.redchi < 1.1

@@ -24,6 +24,7 @@ def rig(rig_fit):
     return rig_fit.sample(seed=1, refine=True)
 
 
+@pytest.mark.slow
 def test_refined_intervals_contain_the_truth(rig):
     assert rig.converged
     assert "structure chosen by AIC: + coupling mass" in rig.treatment

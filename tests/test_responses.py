@@ -251,6 +251,7 @@ def test_recordings_from_the_command_line(tmp_path: Path, capsys: pytest.Capture
         assert said in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_awkward_recordings_are_mended_and_give_the_same_rig(tmp_path: Path) -> None:
     """Probes at +-45 degrees, hum, three missing and four double pulses and a clipped channel, all at once."""
     awkward = rf.Instruments(

@@ -13,7 +13,6 @@ import rotorfit as rf
 from rotorfit.models import WhirlWhip
 
 QUANTITIES = ("D", "lam", "Mf", "threshold")
-COUNT = 12
 
 
 def pulls_of(p, rig, speeds, threshold, seed):
@@ -31,17 +30,19 @@ def test_the_bundled_rig_is_of_this_family():
     assert threshold == pytest.approx(rf.datasets.truth("rig_open")["threshold_rpm"], rel=2e-4)
 
 
-def test_refined_errors_are_honest_over_the_family():
+@pytest.mark.parametrize("count", [3, pytest.param(12, marks=pytest.mark.slow)])
+def test_refined_errors_are_honest_over_the_family(count):
+    """Of a few rigs; benchmarks/rig_family.py has 300."""
     rng = np.random.default_rng(5)
-    pulls, before, after = zip(*[pulls_of(*random_rig(rng), seed) for seed in range(COUNT)], strict=True)
+    pulls, before, after = zip(*[pulls_of(*random_rig(rng), seed) for seed in range(count)], strict=True)
     pulls = np.array(pulls)
     assert min(before) > 2  # the printed model never explains these rotors
     assert max(after) < 1.15  # the refined one does: 4000 data leave redchi a standard deviation of 0.022 and its noise
     total = np.sum(pulls**2, axis=0)
-    low, high = stats.chi2.ppf([0.001, 0.999], COUNT)
+    low, high = stats.chi2.ppf([0.001, 0.999], count)
     assert np.all((low < total) & (total < high)), dict(zip(QUANTITIES, total, strict=True))
-    # 99 % intervals of all quantities together: more than three misses in 48 has probability 1.4e-3.
-    assert np.sum(np.abs(pulls) > stats.norm.ppf(0.995)) <= 3
+    # 99 % intervals of all quantities together: more misses than that have a probability of 0.2 %.
+    assert np.sum(np.abs(pulls) > stats.norm.ppf(0.995)) <= stats.binom.ppf(0.998, pulls.size, 0.01)
 
 
 def test_a_ladder_says_what_one_speed_leaves_open_before_it_misses_the_data():

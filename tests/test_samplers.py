@@ -24,6 +24,7 @@ def _benchmarks_on_the_path():
     sys.path.remove(str(Path(__file__).parent.parent / "benchmarks"))
 
 
+@pytest.mark.slow
 def test_dynesty_finds_the_same_posterior():
     """One mode, priors ten standard errors to either side, against nested sampling on a density written out here."""
     dynesty = pytest.importorskip("dynesty")
@@ -84,6 +85,7 @@ def test_importance_sampling_finds_the_same_posterior():
     np.testing.assert_array_less(np.abs(draws.std(axis=0) / truth.sd - 1), 4 * error)
 
 
+@pytest.mark.slow
 def test_curved_posterior_needs_the_mixture():
     """D and lam along a hyperbola against a quadrature: the mixture is right, independent proposals alone are not."""
     from curved_posterior import make_problem, measure

@@ -77,6 +77,7 @@ def test_1x_and_2x_tell_what_else_is_left_open(backward, setup):
     assert fit.params["J"].value == pytest.approx(2e-4, rel=0.05)
 
 
+@pytest.mark.slow
 def test_a_record_without_perturbation_and_with_a_crack_breathes(tmp_path, setup):
     heavy = TRUTH | {"dK_cos": 0.0, "dK_sin": 0.0, "ec": 0.0, "Py": -40.0}
     lines = {}
@@ -111,6 +112,7 @@ def test_recordings_without_what_lines_need_are_refused_in_words(tmp_path, backw
         rf.shaft_lines(rf.read_recording(backward, tmp_path / "one.toml"))
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("sketched")
 def test_the_command_line_goes_from_volts_to_the_anisotropy(backward, setup, tmp_path, capsys):
     words = ["fit", str(backward), "--setup", str(setup), "--model", "anisotropic-shaft"]

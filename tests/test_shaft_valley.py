@@ -27,6 +27,7 @@ def fits():
     return [rf.fit(rf.models.AnisotropicShaft(), valley_test(seed)) for seed in range(24)]
 
 
+@pytest.mark.slow
 def test_what_is_called_determined_has_an_error_that_holds(fits):
     assert all(fit.success for fit in fits)
     pulls, settled = [], []
@@ -56,6 +57,7 @@ def test_a_valley_longer_than_its_curvature_tells_is_named_with_how_far_it_goes(
     assert fits[3].identifiability.rank == 11
 
 
+@pytest.mark.slow
 def test_the_interval_by_the_misfit_holds_the_inertia_and_reaches_over_decades(fits):
     profiles = [fit.profile("J", points=3) for fit in fits]
     held = sum(p.lower <= TRUTH["J"] <= p.upper for p in profiles)

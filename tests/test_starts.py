@@ -159,6 +159,7 @@ def best_from_the_truth(truth, test):
     return rf.fit(MODELS["overhung"](), test, start={name: truth[name] for name in TYPICAL["overhung"]}).chisqr
 
 
+@pytest.mark.slow
 def test_a_minimum_in_the_gap_beside_is_found():
     """Overhung rotors whose slopes nobody read: of starts all over the range none leads to the deepest minimum."""
     family = random_stable_rigs("overhung", 28, seed=11)

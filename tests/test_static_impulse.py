@@ -208,6 +208,7 @@ def test_ring_down_gives_the_eigenvalue() -> None:
     assert test.frequency_ratio[0] == pytest.approx(0.46, rel=0.35)
 
 
+@pytest.mark.slow
 def test_unbalance_in_a_ring_down_is_not_its_mode() -> None:
     """1x and 2x as large as the free vibration: linear in their amplitudes, they leave the mode and its error right."""
     exact = whirl(LIGHT, 180.0, 0.3)

@@ -81,6 +81,7 @@ def line_test(amplitudes, names, noise, seed):
     )  # fmt: skip
 
 
+@pytest.mark.slow
 def test_every_line_is_that_of_the_motion_in_time(simulated):
     theta, frame = MODEL.vector(TRUTH), MODEL.turning
     top = max(np.abs(values).max() for values in simulated.values())
@@ -177,6 +178,7 @@ def test_what_makes_no_such_rotor_is_refused_in_words(simulated):
         rf.fit(MODEL.rotor, test)
 
 
+@pytest.mark.slow
 def test_both_anisotropies_come_from_volts(tmp_path):
     shaft = rf.models.AnisotropicShaft(torsion=None)
     truth = {

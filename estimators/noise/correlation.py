@@ -57,7 +57,7 @@ class _Products:
 
     @classmethod
     def of(cls, r: ComplexArray, rows: ComplexArray, outer: Float, sweeps: Sequence[Index]) -> _Products:
-        """Those of one run or, with a leading axis, of many; arguments as for :func:`neighbours`."""
+        """The readings that :func:`memory` is asked about."""
         order = np.concatenate(sweeps) if sweeps else np.zeros(0, dtype=np.intp)
         number = np.repeat(np.arange(len(sweeps)), [part.size for part in sweeps])
         along = r[..., order]
