@@ -32,7 +32,7 @@ from rigs import RIGS, Rig, true_vector, with_noise
 from rotorfit.estimators.minimisation.least_squares import minimise
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.estimators.starting.closed_form import closed_form
-from rotorfit.estimators.starting.starts import start_vector
+from rotorfit.estimators.starting.starts import find_start
 from rotorfit.models.array_types import Float
 
 OPTIMISED = "optimised"
@@ -87,7 +87,7 @@ def estimates(problem: Problem, truth: Float, draws: int, seed: int) -> tuple[Fl
         noisy = with_noise(problem, rng)
         for number, weighted in enumerate((False, True)):
             result[number, draw] = closed_form(space, noisy.blocks, weighted=weighted).x
-        start, _ = start_vector(noisy, {})
+        start = find_start(noisy, {}).x
         found = minimise(noisy, start, lower=space.lower, upper=space.upper)
         result[2, draw] = found.x
         failures += [*np.isnan(result[:2, draw]).any(axis=1), not found.success]

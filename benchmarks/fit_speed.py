@@ -36,7 +36,7 @@ from rotorfit.data.experiments import PerturbationTest
 from rotorfit.estimators.minimisation.batch import batch_fit
 from rotorfit.estimators.minimisation.least_squares import minimise
 from rotorfit.estimators.misfit.problem import Problem
-from rotorfit.estimators.starting.starts import start_vector
+from rotorfit.estimators.starting.starts import find_start
 from rotorfit.fitting.fit import fit as rf_fit
 from rotorfit.fitting.problem_setup import build_problem
 from rotorfit.fitting.settings import FitSettings
@@ -121,7 +121,7 @@ def make_case(lines: int = LINES) -> Case:
 
 def exact_optimum(problem: Problem) -> tuple[Float, Float]:
     """Optimum to round-off, by Newton's method with the exact Hessian, and standard errors."""
-    x = minimise(problem, start_vector(problem, {})[0]).x
+    x = minimise(problem, find_start(problem, {}).x).x
     size = np.abs(x)
     for _ in range(4):
         hessian = problem.hessian(x) * np.outer(size, size)
@@ -138,7 +138,7 @@ Contender = Callable[[], tuple[Float, int | None]]
 def contenders(case: Case) -> dict[tuple[str, str], Contender]:
     """Fits by (what is timed, where it starts): each returns the estimate and the evaluations."""
     space = case.problem.space
-    closed, _ = start_vector(case.problem, {})
+    closed = find_start(case.problem, {}).x
 
     def lmfit(start: Float, **settings: float) -> tuple[Float, int | None]:
         result = lmfit_rival.fit(case.arrays, case.named(start), **settings)
@@ -150,7 +150,7 @@ def contenders(case: Case) -> dict[tuple[str, str], Contender]:
 
     def prepared() -> tuple[Float, int | None]:
         fresh = tuple(replace(block) for block in case.problem.blocks)  # data keep the passes of their closed form
-        return engine(start_vector(replace(case.problem, blocks=fresh), {})[0])
+        return engine(find_start(replace(case.problem, blocks=fresh), {}).x)
 
     def whole() -> tuple[Float, int | None]:
         result = rf_fit(space.model, replace(case.test), known=case.known)
@@ -198,7 +198,7 @@ def warm(case: Case, rounds: int) -> list[Timing]:
 def together(case: Case, rounds: int, number: int = TOGETHER) -> list[Timing]:
     """The share of one fit in many at once, from the closed form of the first; that first one is judged."""
     problem, rng = case.problem, np.random.default_rng(2)
-    start, _ = start_vector(problem, {})
+    start = find_start(problem, {}).x
     sigma = np.concatenate([block.sigma for block in problem.blocks])
     own = np.concatenate([block.measured for block in problem.blocks])
     noise = rng.normal(size=(number, sigma.size)) + 1j * rng.normal(size=(number, sigma.size))

@@ -21,7 +21,7 @@ from rotorfit.estimators.minimisation.least_squares import Options
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.estimators.starting.many_starts import LOCAL_MINIMUM
 from rotorfit.estimators.starting.start_points import full_vector
-from rotorfit.estimators.starting.starts import start_vector
+from rotorfit.estimators.starting.starts import find_start
 from rotorfit.fitting.fit import solve
 from rotorfit.fitting.problem_setup import build_problem
 from rotorfit.fitting.settings import FitSettings
@@ -70,10 +70,10 @@ def count(where: str, problems: Iterable[tuple[Problem, dict[str, float]]]) -> s
         near = full_vector(problem, np.array([truth[name] for name in problem.space.base]))
         least = solve(problem, near, Options()).cost
         begin = time.process_time()
-        start, notes = start_vector(problem, {})
-        found = solve(problem, start, Options()).cost
+        start = find_start(problem, {})
+        found = solve(problem, start.x, Options()).cost
         seconds.append(time.process_time() - begin)
-        told = any(note.startswith(LOCAL_MINIMUM) for note in notes)
+        told = any(note.startswith(LOCAL_MINIMUM) for note in start.notes)
         missed = found > least + DEEPER
         wrong, silent, alarms = wrong + missed, silent + (missed and not told), alarms + (told and not missed)
     return f"| {where} | {wrong} | {silent} | {alarms} | {np.median(seconds):.2f} | {max(seconds):.2f} |"

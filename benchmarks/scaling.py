@@ -31,7 +31,7 @@ from rotorfit.estimators.blocks.observations import Responses
 from rotorfit.estimators.minimisation.least_squares import minimise
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.estimators.starting.closed_form import closed_form
-from rotorfit.estimators.starting.starts import start_vector
+from rotorfit.estimators.starting.starts import find_start
 from rotorfit.estimators.starting.stiffness_inversion import stiffness_matrices
 
 LINES = (100, 1000, 10_000, 100_000, 1_000_000)
@@ -83,7 +83,7 @@ def milliseconds(run: Callable[[], object], repeats: int = 7) -> float:
 def fitted(problem: Problem) -> int:
     """Evaluations that a fit needs."""
     space = problem.space
-    start, _ = start_vector(problem, {})
+    start = find_start(problem, {}).x
     solution = minimise(problem, start, lower=space.lower, upper=space.upper)
     if not solution.success:
         raise RuntimeError(f"{space.model.name} with {problem.n_data} data: {solution.message}")

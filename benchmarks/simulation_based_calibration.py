@@ -37,7 +37,7 @@ from rotorfit.estimators.minimisation.batch import with_measured
 from rotorfit.estimators.minimisation.least_squares import minimise
 from rotorfit.estimators.misfit.priors import Prior
 from rotorfit.estimators.misfit.problem import Problem
-from rotorfit.estimators.starting.starts import start_vector
+from rotorfit.estimators.starting.starts import find_start
 from rotorfit.models.array_types import Float, Index
 from rotorfit.models.stability import growth_rate
 
@@ -103,7 +103,7 @@ def posterior(problem: Problem, noise: Noise, seed: int, ess: float = ESS) -> Po
     """What a user gets: start, fit, normal approximation, sampler."""
     space = problem.space
     target = LogPosterior(problem, noise)
-    begin = np.clip(start_vector(problem, {})[0], target.lower, target.upper)
+    begin = np.clip(find_start(problem, {}).x, target.lower, target.upper)
     inside = np.isfinite(problem.cost(begin))
     medians = np.array([float(prior.distribution.median()) for prior in problem.priors])
     found = minimise(problem, begin if inside else medians, lower=space.lower, upper=space.upper)

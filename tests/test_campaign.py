@@ -12,7 +12,7 @@ from seal_campaigns import FLUID, KNOWN, seal_campaign
 
 import rotorfit as rf
 from rotorfit.estimators.minimisation.least_squares import minimise
-from rotorfit.estimators.starting.starts import start_vector
+from rotorfit.estimators.starting.starts import find_start
 from rotorfit.fitting.problem_setup import build_problem
 from rotorfit.fitting.settings import FitSettings
 from rotorfit.models import OneMode
@@ -214,7 +214,7 @@ def test_a_shared_mass_settles_where_runs_scatter_more_than_their_data_show(smal
         if noise is not None:
             factor[block.run == run.name] = noise.factors[0]
     problem = replace(problem, blocks=(block.with_noise(factor),))
-    best = minimise(problem, start_vector(problem, {})[0])
+    best = minimise(problem, find_start(problem, {}).x)
     joint = dict(zip(problem.space.names, best.x, strict=True))
     assert abs(found.shared["M"].value - joint["M"]) < 1e-3 * found.shared["M"].stderr
     for run in found.runs:

@@ -26,6 +26,7 @@ def test_a_fit_of_version_0_1_0_is_read(name: str) -> None:
     assert {p.name: p.value for p in fit.params.values()} == expected["values"]
     np.testing.assert_equal({p.name: p.stderr for p in fit.params.values()}, expected["stderr"])
     assert fit.redchi == expected["redchi"]
+    assert fit.start == "not recorded"
     again = rf.fit(fit.model, list(fit.experiments), known=fit.settings.known) if name == "sampled" else None
     if again is not None:  # its settings still mean the same
         np.testing.assert_allclose(again.x, fit.x, rtol=1e-6)

@@ -44,11 +44,11 @@ def test_overconfidence_is_found_out(sbc):
 
 def test_a_channel_of_noise_alone_leaves_a_start(sbc):
     """A draw in which the closed form's passes diverge until their equations are singular: earlier passes serve."""
-    from rotorfit.estimators.starting.starts import start_vector
+    from rotorfit.estimators.starting.starts import find_start
 
     study = sbc.make_study("two-disk")
     seeds = np.random.SeedSequence(1).spawn(205)[204]
     _, problem = study.simulate(np.random.default_rng(seeds))
-    start, _ = start_vector(problem, {})
+    start = find_start(problem, {}).x
     assert np.isfinite(start).all()
     assert np.isfinite(problem.cost(np.clip(start, 1e-9, None)))

@@ -137,6 +137,29 @@ def test_force_and_probe_at_the_journal_alone_give_the_deepest_minimum():
         assert not any("local minimum" in warning for warning in fit.warnings)
 
 
+def test_a_result_says_which_start_was_taken():
+    truth = TYPICAL["whirl-whip"]
+    known = {"K3": truth["K3"]}
+    test = circular_test(
+        WhirlWhip(), WhirlWhip().vector(truth), speeds=(150.0,), frequency=np.linspace(20, 500, 40), noise=0.01, seed=1,
+        sigma_known=True,
+    )  # fmt: skip
+    assert rf.closed_form(WhirlWhip(), test, known=known).start == "closed form"
+    fit = rf.fit(WhirlWhip(), test, known=known)
+    assert fit.start == "closed form"
+    assert "start: closed form" in fit.summary()
+    partly = rf.fit(WhirlWhip(), test, known=known, start={"lam": 0.4})
+    assert partly.start == "closed form"
+    assert partly.params["lam"].init_value == 0.4
+    assert "start: closed form, with lam given" in partly.summary()
+    values = {name: value for name, value in truth.items() if name not in known}
+    assert rf.fit(WhirlWhip(), test, known=known, start=values).start == "given"
+    assert rf.fit(WhirlWhip(), test, known=known, phase_offsets="common").start == "short fit"
+    assert rf.fit(rf.models.Modal(modes=1, planes=("disk", "journal")), test).start == "rational fit"
+    alone = journal_alone(truth, 60, 0.01, 1)
+    assert rf.fit(WhirlWhip(), alone, known=known).start == "random starts"
+
+
 def test_zeros_and_poles_of_a_rational_fit_are_those_of_the_rotor():
     """Zeros of the journal's response are frequencies with the journal held, poles are eigenvalues."""
     model, truth = WhirlWhip(), TYPICAL["whirl-whip"]

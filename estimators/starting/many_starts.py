@@ -13,7 +13,14 @@ from rotorfit.estimators.blocks.observations import Responses
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.estimators.starting.rational_fit import RationalFit, rational_fit
 from rotorfit.estimators.starting.short_fits import ShortFits
-from rotorfit.estimators.starting.start_points import inside_bounds, loose_fits, noise_limit, random_starts
+from rotorfit.estimators.starting.start_points import (
+    RANDOM,
+    Start,
+    inside_bounds,
+    loose_fits,
+    noise_limit,
+    random_starts,
+)
 from rotorfit.estimators.starting.unread_starts import unread_starts
 from rotorfit.models.array_types import ComplexArray, Float
 
@@ -53,15 +60,15 @@ class _Ends:
         return _Ends(x=np.concatenate([self.x, found.x])[order], cost=cost[order], far=fars[order])
 
 
-def best_of_many(problem: Problem, reason: str) -> tuple[Float, tuple[str, ...]]:
-    """The deepest end of short fits, shape ``(len(names),)``, and notes on how it was found and what may be deeper."""
+def best_of_many(problem: Problem, reason: str) -> Start:
+    """The deepest end of short fits, and notes on how it was found and what may be deeper."""
     blocks = [block for block in problem.blocks if isinstance(block, Responses)]
     ratios = rational_fit(blocks) if problem.loss == "linear" else None
     limits = _limits(problem, ratios)
     ends = _beside(problem, _search(problem, _candidates(problem, blocks, ratios), limits), limits)
     note = f"no closed form ({reason}); the best of {ends.far.sum()} starts was taken"
     doubt = _doubt(problem, ends, limits, ratios)
-    return ends.x[0, : len(problem.space.names)], (note, *doubt)
+    return Start(x=ends.x[0, : len(problem.space.names)], kind=RANDOM, notes=(note, *doubt))
 
 
 def _limits(problem: Problem, ratios: RationalFit | None) -> tuple[float, float]:

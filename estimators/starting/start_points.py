@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -11,7 +12,24 @@ from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.estimators.starting.short_fits import ShortFits, short_fits
 from rotorfit.models.array_types import Float
 
+CLOSED_FORM = "closed form"  # eqs 5 to 9, weighted
+SHORT_FIT = "short fit"  # the best end of a few steps from several closed forms
+RANDOM = "random starts"  # the best end of a few steps from many typical rotors
+RATIONAL_FIT = "rational fit"  # poles and residues of a modal model
+SPECTRAL_LINES = "spectral lines"  # linear least squares, one kind of line after the other
+GIVEN = "given"  # every value by the user
+EARLIER_FIT = "earlier fit"  # the optimum of a fit that this one varies
+
 _SPREAD = 0.8  # standard deviation of the logarithm of random starts: most lie within a decade
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Start:
+    """Where a search begins."""
+
+    x: Float  # parameters, or the whole vector with nuisance entries behind them, shape ``(p,)``
+    kind: str  # which one was taken, one of the names above
+    notes: tuple[str, ...] = ()  # what had to be assumed, or is in doubt, in sentences
 
 
 def full_vector(problem: Problem, values: Float, datum: float = 0.0) -> Float:

@@ -36,6 +36,13 @@ from rotorfit.estimators.starting.outliers import without_outliers
 from rotorfit.estimators.starting.shaft_line_starts import has_lines, line_start, round_part, support_starts
 from rotorfit.estimators.starting.short_fits import LOOSE
 from rotorfit.estimators.starting.start_points import (
+    CLOSED_FORM,
+    GIVEN,
+    RANDOM,
+    RATIONAL_FIT,
+    SHORT_FIT,
+    SPECTRAL_LINES,
+    Start,
     full_vector,
     loose_fits,
     noise_limit,
@@ -60,8 +67,8 @@ _SHORT = Options(max_iterations=40, tolerance=1e-3, acceptable=1e-3)
 """Costs a millionth above their minimum rank starts; the fit that follows finds the last digits."""
 
 
-def start_vector(problem: Problem, given: Mapping[str, float]) -> tuple[Float, tuple[str, ...]]:
-    """Start of the optimisation, shape ``(p,)``, and notes on how it was found."""
+def find_start(problem: Problem, given: Mapping[str, float]) -> Start:
+    """Start of the search, nuisance entries included; given values replace what is found."""
     space = problem.space
     for name in given:
         if name not in space.names and name not in space.base:
@@ -70,34 +77,32 @@ def start_vector(problem: Problem, given: Mapping[str, float]) -> tuple[Float, t
     values = np.array(
         [given.get(n, given.get(b, np.nan)) for n, b in zip(space.names, space.base, strict=True)], dtype=float
     )
-    notes: tuple[str, ...] = ()
-    datum = 0.0
-    if np.isnan(values).any():
-        guess, datum, notes = _guess_with_datum(problem)
-        values = np.where(np.isnan(values), guess, values)
-    return full_vector(problem, values, datum), notes
+    if not np.isnan(values).any():
+        return Start(x=full_vector(problem, values), kind=GIVEN)
+    found, datum = _guess_with_datum(problem)
+    return replace(found, x=full_vector(problem, np.where(np.isnan(values), found.x, values), datum))
 
 
-def _guess_with_datum(problem: Problem) -> tuple[Float, float, tuple[str, ...]]:
+def _guess_with_datum(problem: Problem) -> tuple[Start, float]:
     """Start values and the common datum angle, rad; zero where none is fitted."""
     model, space = problem.space.model, problem.space
     if isinstance(model, Modal):
         blocks = [block for block in map(responses_of, problem.blocks) if block is not None]
-        found, datum = modal_start(model, blocks)
-        typical = np.array([found.get(name, model.parameter(name).scale) for name in space.base])
-        return typical, datum if DATUM in space.nuisance else 0.0, ()
+        values, datum = modal_start(model, blocks)
+        typical = np.array([values.get(name, model.parameter(name).scale) for name in space.base])
+        return Start(x=typical, kind=RATIONAL_FIT), datum if DATUM in space.nuisance else 0.0
     plain = problem  # the same object where nothing changes: it keeps what it evaluated last
     if any(isinstance(block, CorrelatedResponses) for block in problem.blocks):
         without = (b.base if isinstance(b, CorrelatedResponses) else b for b in problem.blocks)
         plain = replace(problem, blocks=tuple(without))
     if DATUM not in space.nuisance:
-        guess, notes = _guess(plain)
-        return guess, 0.0, notes
+        return _guess(plain), 0.0
     angles = np.arange(_ANGLES) * 2 * np.pi / _ANGLES
     angle = min(angles.tolist(), key=lambda a: _explained(_turned(plain, a)))
-    guess, notes = _guess(_turned(plain, angle))
-    best = _short_fit(plain, full_vector(plain, guess, angle)).x
-    return best[: len(space.names)], float(best[len(space.names) + space.nuisance.index(DATUM)]), notes
+    turned = _guess(_turned(plain, angle))
+    best = _short_fit(plain, full_vector(plain, turned.x, angle)).x
+    found = Start(x=best[: len(space.names)], kind=SHORT_FIT, notes=turned.notes)
+    return found, float(best[len(space.names) + space.nuisance.index(DATUM)])
 
 
 def _explained(problem: Problem) -> float:
@@ -130,24 +135,24 @@ def _check_given(space: ParameterSpace, given: Mapping[str, float]) -> None:
             raise ValueError(f"start {name} = {value!r} is not a finite number within its bounds [{low:g}, {high:g}]")
 
 
-def _guess(problem: Problem) -> tuple[Float, tuple[str, ...]]:
+def _guess(problem: Problem) -> Start:
     """The best of the closed forms that further linear passes lead to, from the closed form proper until they settle.
 
     Sharp resonances between coarse lines leave local minima right beside the global one: a start has to be near. Where
     none of the closed forms explains the data, the one from which a short optimisation gets furthest is taken.
     """
     if has_lines(problem):
-        return line_start(problem), ()
+        return Start(x=line_start(problem), kind=SPECTRAL_LINES)
     as_if_round = round_part(problem)
     if as_if_round is not None:
-        return _from_round(problem, *_guess(as_if_round))
+        return _from_round(problem, _guess(as_if_round))
     if not is_plain_linear(problem):
         return _nonlinear_guess(problem)
     few = _few_lines(problem)
     if few is not None:
-        found, notes = _guess(few)
-        if _explains(problem, found):
-            return found, notes
+        found = _guess(few)
+        if _explains(problem, found.x):
+            return found
     try:
         blocks = problem.blocks if problem.loss == "linear" else without_outliers(problem)
         enough = partial(_settled, problem)
@@ -159,7 +164,7 @@ def _guess(problem: Problem) -> tuple[Float, tuple[str, ...]]:
         best = min(candidates, key=lambda estimate: _cost(problem, estimate.x))
     if not _explains(problem, best.x):
         best = candidates[_furthest(problem, [full_vector(problem, estimate.x) for estimate in candidates])]
-    return best.x, best.notes
+    return Start(x=best.x, kind=CLOSED_FORM, notes=best.notes)
 
 
 def _furthest(problem: Problem, starts: Sequence[Float]) -> int:
@@ -200,17 +205,18 @@ def _every(block: Responses, step: int) -> Responses:
     return block.lines(keep)
 
 
-def _from_round(problem: Problem, found: Float, notes: tuple[str, ...]) -> tuple[Float, tuple[str, ...]]:
+def _from_round(problem: Problem, found: Start) -> Start:
     """Start of a rotor with a turning element from that of the round one."""
-    whole = np.concatenate([found, np.zeros(len(problem.space.names) - found.size)])
+    whole = np.concatenate([found.x, np.zeros(len(problem.space.names) - found.x.size)])
     starts = support_starts(problem, whole)
     if len(starts) == 1:
-        return whole, notes
+        return replace(found, x=whole)
     fits = [_short_fit(problem, full_vector(problem, start)) for start in starts]
-    return min(fits, key=lambda fit: fit.cost).x[: whole.size], notes
+    best = min(fits, key=lambda fit: fit.cost).x[: whole.size]
+    return Start(x=best, kind=SHORT_FIT, notes=found.notes)
 
 
-def _nonlinear_guess(problem: Problem) -> tuple[Float, tuple[str, ...]]:
+def _nonlinear_guess(problem: Problem) -> Start:
     """Closed form at small eccentricity, then a fit with the measured eccentricities taken as given.
 
     Measured eccentricities carry noise, so that what they give is checked, and improved, against the orbits that the
@@ -231,11 +237,12 @@ def _nonlinear_guess(problem: Problem) -> tuple[Float, tuple[str, ...]]:
             other = _short_fit(problem, _inside_full(problem, along.x))
             found = min(found, other, key=lambda fit: (not fit.success, fit.cost))
         if found.cost < noise_limit(problem):
-            return found.x[:size], ()
+            return Start(x=found.x[:size], kind=SHORT_FIT)
     random = full_vector(problem, _explicit_multistart(explicit_with_sense(explicit)))
     if found is not None and found.cost <= _cost(problem, random):
-        return found.x[:size], ()
-    return random[:size], (f"no closed form explains these data; the best of {_MULTISTARTS} random starts was taken",)
+        return Start(x=found.x[:size], kind=SHORT_FIT)
+    note = f"no closed form explains these data; the best of {_MULTISTARTS} random starts was taken"
+    return Start(x=random[:size], kind=RANDOM, notes=(note,))
 
 
 def _apart(starts: Float) -> Float:

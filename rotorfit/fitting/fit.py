@@ -20,8 +20,8 @@ from rotorfit.estimators.misfit.ratios import LogRatioProblem, ratios_of
 from rotorfit.estimators.starting.closed_form import ClosedFormError
 from rotorfit.estimators.starting.closed_form import closed_form as solve_closed_form
 from rotorfit.estimators.starting.shaft_line_starts import has_lines
-from rotorfit.estimators.starting.start_points import search_scale
-from rotorfit.estimators.starting.starts import start_vector
+from rotorfit.estimators.starting.start_points import CLOSED_FORM, EARLIER_FIT, Start, search_scale
+from rotorfit.estimators.starting.starts import find_start
 from rotorfit.fitting.assumptions import assuming
 from rotorfit.fitting.calibration import Calibration
 from rotorfit.fitting.judge import judge, with_doubt
@@ -56,9 +56,10 @@ def fit(
     assumptions: Mapping[str, float] | None = None,
     max_iterations: int = 200,
 ) -> FitResult:
-    """Fit a model by weighted nonlinear least squares on the complex responses, started from the closed form.
+    """Fit a model by weighted nonlinear least squares on the complex responses.
 
-    The search takes Gauss-Newton steps, and goes on with Ipopt where these do not lead to the optimum.
+    The search begins at the closed form or what stands in for it (:attr:`FitResult.start`), takes Gauss-Newton steps,
+    and goes on with Ipopt where these do not lead to the optimum.
 
     Args:
         model: the rotor, for instance ``rf.models.WhirlWhip()``.
@@ -68,7 +69,7 @@ def fit(
         priors: frozen ``scipy.stats`` distributions by parameter name.
         per: parameters that take one value for each value of a test attribute, ``{"D": "speed_rpm"}``.
         loss: "linear", or "soft_l1", "huber", "cauchy" against outliers.
-        start: start values that replace those of the closed form.
+        start: start values that replace those that are found from the data (:attr:`FitResult.start`).
         phase_offsets: fit an offset of the phase reference for every run but the first, or for every run about their
             mean where their scatter tells how far the first one's may be off; "common": one angle ``datum``
             between all forces and all responses, where weight holes, Keyphasor and probes have no common zero. It is
@@ -117,9 +118,9 @@ def fitted(model: RotorModel, experiments: tuple[Experiment, ...], settings: Fit
     """What :func:`fit` does, without a look for what a misfit may come from: for fits of data already looked at so."""
     with unchanged(experiments):
         problem = build_problem(model, experiments, settings)
-        begin, notes = start_vector(problem, settings.start)
-        solution = solve(problem, begin, Options(max_iterations=settings.max_iterations))
-        return judged(problem, experiments, settings, begin, solution, notes)
+        start = find_start(problem, settings.start)
+        solution = solve(problem, start.x, Options(max_iterations=settings.max_iterations))
+        return judged(problem, experiments, settings, start, solution)
 
 
 def _trial(problem: Problem) -> tuple[float, Float]:
@@ -140,14 +141,13 @@ def judged(
     problem: Problem,
     experiments: tuple[Experiment, ...],
     settings: FitSettings,
-    begin: Float,
+    start: Start,
     solution: Solution,
-    notes: tuple[str, ...] = (),
 ) -> FitResult:
     """The result of a solved problem, solved again with the noise that its residuals show."""
     left_out = (sentence for test in experiments for sentence in usable(problem.space.model, test)[1])
     datum = _datum(problem, solution.x)
-    notes = (*data_errors(at_common_zero(experiments, datum) if datum else experiments), *left_out, *notes)
+    notes = (*data_errors(at_common_zero(experiments, datum) if datum else experiments), *left_out, *start.notes)
     noise = None
     singular = solution.status is Status.SINGULAR  # a minimum along a whole line is one
     studied = settings.loss == "linear" and (solution.success or singular)
@@ -163,7 +163,7 @@ def judged(
             problem, _cheapest(problem, before, finding.start), Options(max_iterations=settings.max_iterations)
         )
         solution = replace(again, n_evaluations=solution.n_evaluations + again.n_evaluations)
-    return judge(problem, experiments, settings, solution.x, begin, "least squares", solution, notes, noise=noise)
+    return judge(problem, experiments, settings, solution.x, start, "least squares", solution, notes, noise=noise)
 
 
 def _datum(problem: Problem, x: Float) -> float:
@@ -229,8 +229,9 @@ def closed_form(
     if has_lines(problem):
         raise ClosedFormError("combination lines have none; the fit starts from linear steps, one line after the other")
     estimate = solve_closed_form(problem.space, problem.blocks, weighted=weighted)
+    start = Start(x=estimate.x, kind=CLOSED_FORM)
     return judge(
-        problem, as_tuple(experiments), settings, estimate.x, estimate.x, "closed form", None, estimate.notes, estimate
+        problem, as_tuple(experiments), settings, estimate.x, start, "closed form", None, estimate.notes, estimate
     )
 
 
@@ -252,8 +253,9 @@ def solve_again(
     begin[: min(fit.x.size, begin.size)] = fit.x[: begin.size]
     solution = solve(problem, np.clip(begin, problem.space.lower, problem.space.upper), Options())
     notes = tuple(warning for warning in fit.warnings if warning.startswith(DATA_ERROR))
+    start = Start(x=begin, kind=EARLIER_FIT)
     found = judge(
-        problem, fit.experiments, settings, solution.x, begin, "least squares", solution, notes, noise=fit.noise
+        problem, fit.experiments, settings, solution.x, start, "least squares", solution, notes, noise=fit.noise
     )
     return found if fit.doubt is None else with_doubt(found, fit.doubt)
 

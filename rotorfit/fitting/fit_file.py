@@ -28,7 +28,7 @@ SCHEMA = 1
 """Version of the file's layout; raised when older readers would misread it."""
 
 _FORMAT = "rotorfit fit"
-_LATER = ("noise", "doubt")  # entries that files of earlier versions lack
+_LATER = ("noise", "doubt", "start")  # entries that files of earlier versions lack
 _AGREEMENT = 1e-6  # of chi-squared: other processors and libraries round differently, other noise does not agree
 
 

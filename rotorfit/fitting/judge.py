@@ -11,6 +11,7 @@ from rotorfit.estimators.inference import covariance
 from rotorfit.estimators.minimisation.least_squares import Solution, Status
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.estimators.starting.closed_form import ClosedForm
+from rotorfit.estimators.starting.start_points import Start
 from rotorfit.fitting.fit_warnings import fit_warnings
 from rotorfit.fitting.goodness import goodness_of
 from rotorfit.fitting.noise.record import Noise, NoiseVerdict
@@ -26,7 +27,7 @@ def judge(
     experiments: tuple[Experiment, ...],
     settings: FitSettings,
     x: Float,
-    begin: Float,
+    start: Start,
     method: str,
     solution: Solution | None,
     notes: tuple[str, ...],
@@ -40,7 +41,7 @@ def judge(
     errors = standard_errors(problem, settings, x, residuals, jacobian, goodness, estimate, noise)
     verdict = errors.identifiability
     params = parameter_table(
-        problem.space, x, begin, errors.scattered, errors.covar, errors.degrees, verdict.unresolved
+        problem.space, x, start.x, errors.scattered, errors.covar, errors.degrees, verdict.unresolved
     )
     # A minimum along a whole line is one: the identifiability verdict names the line.
     success = solution is None or solution.success or solution.status is Status.SINGULAR
@@ -68,6 +69,7 @@ def judge(
         bic=goodness.bic,
         success=success,
         message=solution.message if solution is not None else "closed form, no iteration",
+        start=start.kind,
         nfev=solution.n_evaluations if solution is not None else 0,
         responses=goodness.responses,
         identifiability=verdict,

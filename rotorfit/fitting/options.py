@@ -75,7 +75,7 @@ PARAMETERS = (
         metavar="NAME=MEAN:SD",
         help="Gaussian prior of a parameter (other distributions: `rotorfit run`)",
     ),
-    Option(name="start", kind=NUMBERS_BY_NAME, metavar="NAME=VALUE", help="start value in place of the closed form's"),
+    Option(name="start", kind=NUMBERS_BY_NAME, metavar="NAME=VALUE", help="start value in place of what the data give"),
 )
 PER = Option(
     name="per",

@@ -57,6 +57,11 @@ class FitResult:
         chisqr, redchi: sum of squared residuals over the noise of the data, and that over the degrees of freedom.
         ndata, nvarys, nfree: real data, fitted values, degrees of freedom.
         aic, bic: with the noise as estimated from the data.
+        start: where the search began; ``settings.start`` replaced single values, ``init_value`` of ``params`` are those
+            that were used. "closed form" (eqs 5 to 9); "short fit": the best end of a few steps from several closed
+            forms; "random starts": the same from many typical rotors, where there is no closed form; "rational fit":
+            poles and residues (``Modal``); "spectral lines": linear least squares, line after line; "given": all were;
+            "earlier fit": the optimum of the fit that this one varies; "not recorded": read from an older file.
         success, message, nfev: how the optimisation ended.
         responses: agreement response by response.
         identifiability: what the data determine.
@@ -90,6 +95,7 @@ class FitResult:
     warnings: tuple[str, ...]
     noise: Noise | None = None
     doubt: Float | None = None
+    start: str = "not recorded"
 
     def __repr__(self) -> str:
         """What was fitted and how well, on one line; ``print(fit)`` shows the table of :meth:`summary`."""

@@ -11,6 +11,7 @@ import numpy as np
 
 from rotorfit.estimators.inference.covariance import standard_error
 from rotorfit.estimators.misfit.parameter_space import DATUM
+from rotorfit.estimators.starting.start_points import GIVEN
 from rotorfit.fitting.anisotropy import lines_cut_off
 from rotorfit.fitting.assumptions import foundations_of
 from rotorfit.fitting.digits import interval, plus_minus, with_error
@@ -59,7 +60,7 @@ def combined(fit: FitResult, combination: Combination) -> str:
 def fit_summary(fit: FitResult) -> str:
     """Parameters, goodness of fit, identifiability, correlations worth knowing, stability and warnings."""
     lines = [
-        f"{fit.model.name}, {fit.method}: {fit.message}",
+        f"{fit.model.name}, {fit.method}: {fit.message}" + (f"; start: {start_words(fit)}" if fit.nfev else ""),
         f"{fit.ndata} real data, {fit.nvarys} fitted values, redchi {fit.redchi:.4g}, "
         f"AIC {fit.aic:.6g}, BIC {fit.bic:.6g}",
         *_noise_lines(fit),
@@ -81,6 +82,12 @@ def fit_summary(fit: FitResult) -> str:
     lines += [f"note: {caveat}" for caveat in (*fit.model.caveats, *([str(reduced)] if reduced else []))]
     lines += [f"warning: {message}" for message in fit.warnings]
     return "\n".join(lines)
+
+
+def start_words(fit: FitResult) -> str:
+    """Where the search began, with the names of the values that the user gave."""
+    some = ", ".join(fit.settings.start) if fit.start != GIVEN else ""
+    return f"{fit.start}, with {some} given" if some else fit.start
 
 
 def _noise_lines(fit: FitResult) -> list[str]:

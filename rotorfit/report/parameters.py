@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from rotorfit.estimators.blocks.correlated import quantile
 from rotorfit.fitting.quantities import THRESHOLD, FittedParameter, Quantity
 from rotorfit.fitting.result import FitResult
-from rotorfit.fitting.summary import combined, in_order, interval_lines, notable_correlations
+from rotorfit.fitting.summary import combined, in_order, interval_lines, notable_correlations, start_words
 from rotorfit.models import RotorModel
 from rotorfit.report.html import Html, bullets, paragraph, table
 from rotorfit.report.numbers import interval, plain, with_error
@@ -34,12 +34,12 @@ if TYPE_CHECKING:
 def parameter_section(material: ReportInput) -> Html:
     """All parameters: start, optimum, standard errors."""
     fit = material.fit
-    # A refined fit starts from the step before it; the closed form stands at the foot of the ladder.
+    # A refined fit starts from the step before it; what the data alone gave is the start of the first step.
     ladder = material.refinement
     first = ladder.steps[0] if ladder is not None and fit is ladder.best else fit
     starts = {p.name: plain(p.init_value, 6) for p in first.params.values() if p.vary}
-    start = "closed-form start" if fit.method == "least squares" else "start"
-    head = ["parameter", "value", "standard error", "from noise alone", "unit", start, "meaning", ""]
+    begin = f"start: {start_words(first)}"
+    head = ["parameter", "value", "standard error", "from noise alone", "unit", begin, "meaning", ""]
     notes = ["Errors are one standard deviation."]
     if not fit.success:
         notes = ["The search did not converge: nothing here has an error."]
