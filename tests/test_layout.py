@@ -32,7 +32,7 @@ FLOORS = (
     ("io", "observing"),
     ("datasets", "checks", "simulation", "recordings"),
     ("fitting",),
-    ("plots",),
+    ("plots", "options"),
     ("uncertainty", "campaigns", "monitoring"),
     ("report",),
     ("studies",),

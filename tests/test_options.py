@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
+from dataclasses import MISSING, fields
 from inspect import signature
 from pathlib import Path
 
@@ -12,8 +12,9 @@ from scipy import stats
 from rotorfit.cli.arguments import fit_study
 from rotorfit.cli.main import build_parser
 from rotorfit.fitting.fit import fit
-from rotorfit.fitting.options import CAMPAIGN, FIT, LAW_RANKING, command_words
-from rotorfit.fitting.settings import FitSettings
+from rotorfit.fitting.keywords import FitKeywords
+from rotorfit.fitting.settings import FitOptions
+from rotorfit.options.table import CAMPAIGN, FIT, LAW, LAW_RANKING, MODEL, UNCERTAINTY, command_words
 from rotorfit.studies import run
 from rotorfit.studies.study import Study
 
@@ -50,8 +51,16 @@ SETTINGS = {
 
 def test_every_setting_of_a_study_is_in_the_table() -> None:
     """The files, the model and the folder are what they apply to."""
-    assert {f.name for f in fields(Study)} - {"files", "model", "out"} == {option.name for option in FIT}
-    assert set(CAMPAIGN) | set(LAW_RANKING) <= set(FIT)
+    assert {f.name for f in fields(Study)} - {"files", "model", "out"} == set(FIT)
+    assert set(MODEL) | set(LAW) | set(CAMPAIGN) | set(LAW_RANKING) | set(UNCERTAINTY) <= set(FIT)
+
+
+def test_a_fit_takes_the_options_that_are_described_once() -> None:
+    own = {f.name for f in fields(FitOptions)} | {"calibration"}
+    assert set(signature(fit).parameters) - {"model", "experiments"} == own
+    assert set(FitKeywords.__annotations__) | {"known"} == own
+    given = {f.name: f.default for f in fields(FitOptions) if f.default is not MISSING}
+    assert given == {name: signature(fit).parameters[name].default for name in given}
 
 
 def test_a_study_hands_every_setting_of_a_fit_on(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -62,25 +71,23 @@ def test_a_study_hands_every_setting_of_a_fit_on(monkeypatch: pytest.MonkeyPatch
     monkeypatch.setattr(run, "build_model", lambda *given: None)
     monkeypatch.setattr(run, "closed_form", lambda *given, **settings: None)
     monkeypatch.setattr(run, "fit", instead)
-    settings = {option.name for option in FIT}
     with pytest.raises(RuntimeError) as handed:
         run.run_study(Study(files=(), model="one-mode"), lambda *given: None)
-    assert set(handed.value.args[0]) == settings & set(signature(fit).parameters)
-    assert settings & {f.name for f in fields(FitSettings)} == settings & set(signature(fit).parameters)
+    assert set(handed.value.args[0]) == set(FIT) & set(signature(fit).parameters)
 
 
-@pytest.mark.parametrize("option", FIT, ids=lambda option: option.name)
-def test_what_is_written_as_words_is_read_as_the_same_setting(option) -> None:
-    value = SETTINGS[option.name]
-    words = command_words({option.name: value})
+@pytest.mark.parametrize("option", FIT)
+def test_what_is_written_as_words_is_read_as_the_same_setting(option: str) -> None:
+    value = SETTINGS[option]
+    words = command_words({option: value})
     assert words is not None
     study = fit_study(build_parser().parse_args(["fit", "rig.csv", "--model", "whirl-whip", *words]))
-    found = getattr(study, option.name)
-    if option.name == "priors":
+    found = getattr(study, option)
+    if option == "priors":
         assert (found["Mf"].mean(), found["Mf"].std()) == pytest.approx((0.4, 0.1))
     else:
         assert found == value
-    rest = {f.name: getattr(study, f.name) for f in fields(Study) if f.name not in (option.name, "files", "model")}
+    rest = {f.name: getattr(study, f.name) for f in fields(Study) if f.name not in (option, "files", "model")}
     assert rest == {name: getattr(Study(files=(), model=""), name) for name in rest}
 
 

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rotorfit.fitting import options as option_table
-from rotorfit.fitting.option_kinds import count_word, pairs, two_numbers
-from rotorfit.fitting.options import Option
+from rotorfit.options.kinds import count_word, pairs, two_numbers
+from rotorfit.options.table import FIT, MODEL, UNCERTAINTY
 from rotorfit.units import RAD_S_PER_RPM
 
 if TYPE_CHECKING:
@@ -120,15 +119,15 @@ def processes(count: int) -> AbstractContextManager[Executor | None]:
     return ProcessPoolExecutor(count, mp_context=get_context("spawn"))
 
 
-def add_model(to: argparse.ArgumentParser, options: Sequence[Option] = option_table.MODEL) -> None:
-    """The model, and settings from the table of options."""
+def add_model(to: argparse.ArgumentParser, options: Iterable[str] = MODEL) -> None:
+    """The model, and options by name."""
     to.add_argument("--model", required=True, help="see `rotorfit models`")
     add_options(to, options)
 
 
-def add_options(to: argparse._ActionsContainer, options: Sequence[Option]) -> None:
-    """Settings from the table of options; what is not given is ``None``."""
-    for option in options:
+def add_options(to: argparse._ActionsContainer, names: Iterable[str]) -> None:
+    """Options from the table; what is not given is ``None``."""
+    for option in map(FIT.__getitem__, names):
         kind = option.kind
         if kind.word is None:
             to.add_argument(option.word, dest=option.name, action="store_true", default=None, help=option.help)
@@ -152,8 +151,8 @@ def add_fit_options(fit: argparse.ArgumentParser) -> None:
     """All that a single fit takes."""
     add_files(fit)
     fit.add_argument("--out", type=Path, help="folder for tables and figures")
-    add_model(fit, [option for option in option_table.FIT if option not in option_table.UNCERTAINTY])
-    add_options(fit.add_argument_group("uncertainty beyond standard errors"), option_table.UNCERTAINTY)
+    add_model(fit, [name for name in FIT if name not in UNCERTAINTY])
+    add_options(fit.add_argument_group("uncertainty beyond standard errors"), UNCERTAINTY)
 
 
 # ---- from words to settings -------------------------------------------------------------------
@@ -226,18 +225,18 @@ def chosen(option: str, words: Sequence[str]) -> dict[str, Any]:
     return found
 
 
-def given(options: argparse.Namespace, settings: Sequence[Option]) -> dict[str, Any]:
-    """What was given of some settings, by the names that a study has for them."""
+def given(options: argparse.Namespace, names: Iterable[str]) -> dict[str, Any]:
+    """What was given of some options, by the names that a study has for them."""
     found: dict[str, Any] = {}
-    for option in settings:
+    for option in map(FIT.__getitem__, names):
         value, parse = getattr(options, option.name), option.kind.word
         if value is not None:
             found[option.name] = pairs(option.word, value, parse) if option.kind.paired and parse else value
     return found
 
 
-def fit_study(options: argparse.Namespace, settings: Sequence[Option] = option_table.FIT) -> Study:
+def fit_study(options: argparse.Namespace, names: Iterable[str] = tuple(FIT)) -> Study:
     """The study that the options of a command describe; see :func:`given`."""
     from rotorfit.studies.study import Study
 
-    return Study(files=data_files(options), model=options.model, out=options.out, **given(options, settings))
+    return Study(files=data_files(options), model=options.model, out=options.out, **given(options, names))

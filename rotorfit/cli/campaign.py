@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any
 from rotorfit.cli.answer import finite, give, say
 from rotorfit.cli.arguments import add_figure_format, add_files, add_jobs, add_model, add_output, fit_study, processes
 from rotorfit.cli.progress import ProgressLine
-from rotorfit.fitting.option_kinds import words
-from rotorfit.fitting.options import CAMPAIGN
+from rotorfit.options.kinds import words
+from rotorfit.options.table import CAMPAIGN
 from rotorfit.studies.wording import spoken
 
 if TYPE_CHECKING:
@@ -86,7 +86,7 @@ def _campaign(options: argparse.Namespace) -> tuple[Campaign, str, list[str]]:
             known=study.known,
             bounds=study.bounds,
             priors=study.priors,
-            loss=study.loss,  # type: ignore[arg-type]
+            loss=study.loss,
             start=study.start,
             executor=executor,
             progress=lambda done, total: line(f"{done} of {total} runs", done / total),

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 from rotorfit.cli.answer import finite, give, say
 from rotorfit.cli.arguments import add_files, add_model, add_output, fit_study
-from rotorfit.fitting.option_kinds import positive_word, words
-from rotorfit.fitting.options import LAW_RANKING
+from rotorfit.options.kinds import positive_word, words
+from rotorfit.options.table import LAW_RANKING
 from rotorfit.studies.wording import spoken
 
 if TYPE_CHECKING:
@@ -74,7 +74,7 @@ def _comparison(options: argparse.Namespace) -> tuple[LawComparison, str, list[s
         per=study.per,
         start=study.start,
         phase_offsets=study.phase_offsets,
-        loss=study.loss,  # type: ignore[arg-type]
+        loss=study.loss,
     )
     sources = [test.source for test in tests]
     return found, error_sentence(errors_in(findings, sources)), list(map(spoken, warnings_in(findings, sources)))

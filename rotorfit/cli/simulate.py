@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rotorfit.cli.arguments import add_model, given
-from rotorfit.fitting.option_kinds import number_word, pairs, whole_word, words
-from rotorfit.fitting.options import LAW, MODEL
 from rotorfit.models.array_types import Float
+from rotorfit.options.kinds import number_word, pairs, whole_word, words
+from rotorfit.options.table import LAW, MODEL
 
 if TYPE_CHECKING:
     from rotorfit.data.experiments import Experiment

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from rotorfit.cli.answer import give
 from rotorfit.cli.arguments import add_files, add_output, data_files
-from rotorfit.fitting.option_kinds import positive_word, two_numbers
+from rotorfit.options.kinds import positive_word, two_numbers
 
 if TYPE_CHECKING:
     from rotorfit.monitoring.trend import MachineTrend, PlaceTrend

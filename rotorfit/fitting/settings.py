@@ -32,22 +32,51 @@ class Onset:
     whirl_ratio: float  # whirl frequency at onset over threshold speed
 
 
+def option(default: Any, help: str, metavar: str = "", word: str = "") -> Any:
+    """A field that is an option: its default, what it does, and how the command line shows and calls its value."""
+    metadata = {"help": help, "metavar": metavar, "word": word}
+    if isinstance(default, dict):
+        return field(default_factory=dict, metadata=metadata)
+    return field(default=default, metadata=metadata)
+
+
 @dataclass(frozen=True, kw_only=True)
-class FitSettings:
+class FitOptions:
+    """Options of a fit as the user gives them, each described once: see :func:`rotorfit.fit`."""
+
+    known: Mapping[str, float | None] = option(
+        {}, "not fitted, SI units; NAME=free fits what the model fixes by default", "NAME=VALUE"
+    )
+    bounds: Mapping[str, tuple[float, float]] = option(
+        {}, "limits of a parameter, either may be left out", "NAME=LO:HI"
+    )
+    priors: Mapping[str, Any] = option(
+        {}, "Gaussian prior of a parameter (other distributions: `rotorfit run`)", "NAME=MEAN:SD", "--prior"
+    )
+    start: Mapping[str, float] = option({}, "start value in place of the one that is found", "NAME=VALUE")
+    per: Mapping[str, str] = option({}, "one value for each value of a test attribute: D=speed_rpm", "NAME=ATTRIBUTE")
+    loss: Loss = option("linear", "linear, or soft_l1, huber, cauchy against outliers", "NAME")
+    phase_offsets: PhaseOffsets = option(
+        False,
+        "fit a phase reference offset for every run but the first; common: one angle between forces and responses",
+        "common",
+    )
+    max_iterations: int = option(200, "limit on the iterations of the search; 200 unless given", "N")
+    assumptions: Mapping[str, float] = option(
+        {},
+        "standard uncertainty of what the model leaves out or takes as known, Ds[journal]=2: a systematic share",
+        "NAME=SD",
+        "--assumption",
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class FitSettings(FitOptions):
     """What the user asked for, and what was found out while doing it; it lays the problem out again."""
 
-    known: Mapping[str, float | None] = field(default_factory=dict)
-    bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-    priors: Mapping[str, Any] = field(default_factory=dict)
-    per: Mapping[str, str] = field(default_factory=dict)
-    start: Mapping[str, float] = field(default_factory=dict)
-    loss: Loss = "linear"
-    phase_offsets: PhaseOffsets = False
-    max_iterations: int = 200
     levels: Mapping[str, float] = field(default_factory=dict)
     onsets: tuple[Onset, ...] = ()
     calibration: Calibration | None = None  # uncertainties that enter as nuisance entries
-    assumptions: Mapping[str, float] = field(default_factory=dict)
     noise: FoundNoise | None = None
 
     @property

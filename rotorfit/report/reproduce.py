@@ -5,6 +5,7 @@ from __future__ import annotations
 import platform
 import shlex
 from collections.abc import Iterator, Mapping
+from dataclasses import fields
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,10 +14,10 @@ import numpy as np
 
 from rotorfit.data.experiments import Experiment, LineTest, RingDownTest, StaticTest
 from rotorfit.fitting.calibration import Calibration
-from rotorfit.fitting.options import FIT, command_words
 from rotorfit.fitting.result import FitResult
-from rotorfit.fitting.settings import FitSettings
+from rotorfit.fitting.settings import FitOptions, FitSettings
 from rotorfit.models import LAWS, MODELS, Law, Orthotropic, RotorModel
+from rotorfit.options.table import command_words
 from rotorfit.recordings.formats.files import ALWAYS_RAW
 from rotorfit.report.html import Html, element, paragraph
 from rotorfit.report.parts import section, sentence
@@ -115,9 +116,9 @@ def _calls(material: ReportInput) -> Iterator[str]:
 
 
 def _given(settings: FitSettings) -> dict[str, Any]:
-    """Settings of a fit by name, those left out that it has by default."""
+    """Options of a fit by name, those left out that it has by default."""
     usual = FitSettings()
-    found = {option.name: getattr(settings, option.name) for option in FIT if hasattr(settings, option.name)}
+    found = {name: getattr(settings, name) for name in (*(f.name for f in fields(FitOptions)), "calibration")}
     return {name: value for name, value in found.items() if value and value != getattr(usual, name)}
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,6 +12,7 @@ from rotorfit.fitting.calibration import calibration_of
 from rotorfit.fitting.fit import closed_form, fit
 from rotorfit.fitting.refine import refine
 from rotorfit.fitting.result import FitResult
+from rotorfit.fitting.settings import FitOptions
 from rotorfit.models import AnisotropicShaft
 from rotorfit.studies.data_files import DataFile, StudyProgress, read_files
 from rotorfit.studies.recording_files import RecordingFiles
@@ -39,16 +40,8 @@ def run_study(study: Study, progress: StudyProgress, checkpoint: Path | None = N
     result = fit(
         model,
         experiments,
-        known=study.known,
-        bounds=study.bounds,
-        priors=study.priors,
-        per=study.per,
-        loss=study.loss,  # type: ignore[arg-type]
-        start=study.start,
-        phase_offsets=study.phase_offsets,
-        max_iterations=study.max_iterations,
         calibration=calibration_of(study.calibration),
-        assumptions=study.assumptions,
+        **{option.name: getattr(study, option.name) for option in fields(FitOptions)},
     )
     ladder = None
     if study.refine:

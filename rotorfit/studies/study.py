@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from rotorfit.data.experiments import Experiment
 from rotorfit.data.findings import Finding, error_sentence, errors_in
 from rotorfit.fitting.fit import DATA_ERROR
 from rotorfit.fitting.refine import Refinement
 from rotorfit.fitting.result import FitResult
-from rotorfit.fitting.settings import PhaseOffsets
+from rotorfit.options.table import StudyOptions
 from rotorfit.studies.data_files import DataFile
 from rotorfit.studies.recording_files import RecordingFiles
 
@@ -23,39 +22,12 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Study:
-    """What to identify from which files; the names are those of the TOML keys."""
+class Study(StudyOptions):
+    """Files, model and options of one identification; the names are those of the TOML keys."""
 
     files: tuple[DataFile | RecordingFiles, ...]  # test files and recordings, all of which inform one parameter vector
     model: str  # name of the model, a key of :data:`rotorfit.models.MODELS`
     out: Path | None = None  # folder for the results, nothing is written without one
-    planes: tuple[str, ...] = ()  # plane names of the data in the model's order, by default the model's own
-    blocks: tuple[str, ...] = ()  # options of the model
-    two_lam: bool = False  # options of the model
-    orthotropic: tuple[str, ...] = ()
-    modes: int = 0  # options of the model modal; by default (0, empty) one mode, gains as the data need them
-    gains: str = ""  # options of the model modal; by default (0, empty) one mode, gains as the data need them
-    apart: bool = False  # options of the model modal; by default (0, empty) one mode, gains as the data need them
-    law: str = ""  # name of a law of eccentricity, a key of :data:`rotorfit.models.LAWS`, for models that carry a fluid
-    clearance_um: float | None = None  # radial clearance at the fluid, micrometres; needed by a law
-    known: Mapping[str, float | None] = field(default_factory=dict)
-    bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-    priors: Mapping[str, Any] = field(default_factory=dict)
-    per: Mapping[str, str] = field(default_factory=dict)
-    start: Mapping[str, float] = field(default_factory=dict)
-    runout_um: float | None = None  # plausible run-out of a shaft that is not round, see :func:`rotorfit.shaft_lines`
-    loss: str = "linear"
-    phase_offsets: PhaseOffsets = False
-    max_iterations: int = 200
-    calibration: Mapping[str, Any] = field(default_factory=dict)
-    assumptions: Mapping[str, float] = field(default_factory=dict)
-    refine: bool = False  # add structural blocks while the data ask for them
-    sample: bool = False  # draw from the posterior
-    seed: int | None = None  # of random numbers; by default one is drawn, and told in the results
-    ess: float = 4000
-    max_steps: int = 20_000
-    profile: tuple[str, ...] = ()  # parameters to profile, or "threshold_speed"
-    bootstrap: int = 0  # number of data sets to simulate and fit, none by default
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -24,16 +24,16 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from rotorfit.fitting.option_kinds import Parser, flag, number, pair, table, text
-from rotorfit.fitting.options import FIT
 from rotorfit.models.parameters import unknown_name
+from rotorfit.options.kinds import Parser, flag, number, pair, table, text
+from rotorfit.options.table import FIT
 from rotorfit.studies.data_files import DataFile
 from rotorfit.studies.study import Study
 from rotorfit.units import RAD_S_PER_RPM
 
 
 def read_study(path: str | Path) -> Study:
-    """Read a study from a TOML file; its keys are the attributes of :class:`rotorfit.studies.study.Study`."""
+    """Read a study from a TOML file; its keys are the attributes of :class:`~rotorfit.studies.study.Study`."""
     path = Path(path)
     try:
         content = tomllib.loads(path.read_text(encoding="utf-8-sig"))
@@ -164,6 +164,6 @@ _KEYS: dict[str, Parser] = {
     "files": _files,
     "model": text,
     "out": text,
-    **{option.name: option.kind.toml for option in FIT},
+    **{name: option.kind.toml for name, option in FIT.items()},
 }
 """Keys of a study and what their values must be."""

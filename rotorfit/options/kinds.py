@@ -1,7 +1,4 @@
-"""Kinds of values that a setting can have: read from TOML, read from the command line, written back to it.
-
-A kind knows all three, so that a setting is described once (see :mod:`rotorfit.fitting.options`) wherever it is met.
-"""
+"""Kinds of values that an option can have: read from TOML, read from the command line, written back to it."""
 
 from __future__ import annotations
 
@@ -253,24 +250,31 @@ def _range_written(value: tuple[float, float]) -> str:
     return ":".join("" if math.isinf(end) else f"{end:.10g}" for end in value)
 
 
-FLAG = Kind(toml=flag, word=None, written=lambda value: "")
-PHASES = Kind(toml=phase_offsets, word=_common_word, written=str, bare=True)
-TEXT = Kind(toml=text, word=str, written=str)
-TEXTS = Kind(toml=_texts, word=words, written=",".join)
-POSITIVE = Kind(toml=_positive, word=positive_word, written=_digits)
-WHOLE = Kind(toml=whole, word=whole_word, written=str)
-COUNT = Kind(toml=count, word=count_word, written=str)
-NUMBERS_BY_NAME = Kind(toml=table(number), word=number_word, written=_digits, paired=True)
-KNOWN = Kind(
-    toml=table(_number_or_free),
-    word=_number_or_free_word,
-    written=lambda value: "free" if value is None else _digits(value),
-    paired=True,
-)
-RANGES = Kind(toml=table(pair), word=_range_word, written=_range_written, paired=True)
-PRIORS = Kind(toml=table(prior), word=_gaussian_word, written=_gaussian_written, paired=True)
-TEXT_BY_NAME = Kind(toml=table(text), word=str, written=str, paired=True)
-UNCERTAINTIES = Kind(toml=table(uncertainty), word=number_word, written=_digits, paired=True)
+KINDS: Mapping[str, Kind] = {
+    "bool": Kind(toml=flag, word=None, written=lambda value: ""),
+    "PhaseOffsets": Kind(toml=phase_offsets, word=_common_word, written=str, bare=True),
+    "str": Kind(toml=text, word=str, written=str),
+    "Loss": Kind(toml=text, word=str, written=str),
+    "tuple[str, ...]": Kind(toml=_texts, word=words, written=",".join),
+    "float": Kind(toml=_positive, word=positive_word, written=_digits),
+    "float | None": Kind(toml=_positive, word=positive_word, written=_digits),
+    "int": Kind(toml=count, word=count_word, written=str),
+    "int | None": Kind(toml=whole, word=whole_word, written=str),
+    "Mapping[str, float]": Kind(toml=table(number), word=number_word, written=_digits, paired=True),
+    "Mapping[str, float | None]": Kind(
+        toml=table(_number_or_free),
+        word=_number_or_free_word,
+        written=lambda value: "free" if value is None else _digits(value),
+        paired=True,
+    ),
+    "Mapping[str, tuple[float, float]]": Kind(toml=table(pair), word=_range_word, written=_range_written, paired=True),
+    "Mapping[str, Any]": Kind(toml=table(prior), word=_gaussian_word, written=_gaussian_written, paired=True),
+    "Mapping[str, str]": Kind(toml=table(text), word=str, written=str, paired=True),
+    "Mapping[str, float | Mapping[str, float]]": Kind(
+        toml=table(uncertainty), word=number_word, written=_digits, paired=True
+    ),
+}
+"""Kind of value by the type that an option is declared with; ``Any`` is a distribution of scipy.stats."""
 
 
 def written(kind: Kind, name: str, value: Any) -> list[str] | None:
