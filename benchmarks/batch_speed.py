@@ -248,7 +248,7 @@ def evaluate(what: str, problem: Problem, x: Float, accelerate: bool | None, rou
     readings = problem.n_data // 2
     many = max(4, min(1000, 400_000 // readings)) if not batch.compiled else 1000
     vectors = np.tile(x, (many, 1))
-    sums = processor_time(lambda: batch.sums(vectors), rounds)
+    sums = processor_time(lambda: batch.channel_sums(vectors), rounds)
     slopes = processor_time(lambda: batch.cost_and_gradient(vectors), rounds)
     return Evaluation(what, readings, 1e6 * sums / many, 1e6 * slopes / many)
 

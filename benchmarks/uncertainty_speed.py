@@ -37,7 +37,6 @@ from time_shares import library_shares, python_shares
 
 import rotorfit as rf
 from rotorfit.estimators.misfit.kernels import Batch
-from rotorfit.estimators.misfit.normal_equations import NormalEquations
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.models import threshold_speed
 from rotorfit.models.array_types import Float
@@ -46,9 +45,8 @@ Check = Callable[[Any], str]
 
 PACKAGES = ("numpy", "scipy", "emcee", "numba")
 ENGINE = {
-    "misfit": (Batch, "sums"), "gradient": (Batch, "cost_and_gradient"), "matrix": (Problem, "gauss_newton"),
-    "matrices": (NormalEquations, "__call__"),
-    "cost": (Problem, "cost"), "residuals": (Problem, "residuals"), "hessian": (Problem, "hessian"),
+    "misfit": (Batch, "channel_sums"), "gradient": (Batch, "cost_and_gradient"), "matrix": (Problem, "evaluate"),
+    "cost": (Problem, "costs"), "residuals": (Problem, "residuals"), "hessian": (Problem, "hessian"),
 }  # fmt: skip
 GAIN, PHASE = 0.01, 0.5
 """Standard uncertainties of the probes' gains (relative) and phases (degrees) of the budget."""
@@ -100,16 +98,16 @@ def metered() -> Iterator[Meter]:
     originals = {kind: getattr(owner, name) for kind, (owner, name) in ENGINE.items()}
 
     def counted(kind: str) -> Any:
-        def call(self: Any, x: Float, *rest: Any) -> Any:
+        def call(self: Any, x: Float, *rest: Any, **options: Any) -> Any:
             meter.depth += 1
             begin = time.process_time()
             try:
-                return originals[kind](self, x, *rest)
+                return originals[kind](self, x, *rest, **options)
             finally:
                 meter.depth -= 1
                 if not meter.depth:
                     meter.seconds += time.process_time() - begin
-                    meter.counts[kind] += 1 if ENGINE[kind][0] is Problem else len(x)
+                    meter.counts[kind] += 1 if x.ndim == 1 else len(x)
 
         return call
 
@@ -135,13 +133,13 @@ def seconds_of(run: Callable[[], object], rounds: int = 20) -> float:
 def limits(case: Case) -> dict[str, float]:
     """Seconds of one evaluation of each kind as compiled code."""
     batch, x = Batch(case.problem, accelerate=True), np.tile(case.optimum, (500, 1))
-    batch.sums(x), batch.cost_and_gradient(x)
-    misfit = seconds_of(lambda: batch.sums(x)) / len(x)
+    batch.channel_sums(x), batch.cost_and_gradient(x)
+    misfit = seconds_of(lambda: batch.channel_sums(x)) / len(x)
     gradient = seconds_of(lambda: batch.cost_and_gradient(x)) / len(x)
     rows = np.random.default_rng(0).normal(size=(case.optimum.size, case.problem.n_data))
     matrix = gradient + seconds_of(lambda: [rows @ rows.T for _ in range(50)]) / 50
     hessian = 2 * case.optimum.size * gradient  # differences of gradients
-    found = {"misfit": misfit, "gradient": gradient, "matrix": matrix, "matrices": matrix}
+    found = {"misfit": misfit, "gradient": gradient, "matrix": matrix}
     return {**found, "cost": misfit, "residuals": misfit, "hessian": hessian}
 
 
@@ -352,9 +350,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     for way in ways(case, fit, options.size):
         rows.append(measure(way, cost, options.rounds))
         print(rows[-1], flush=True)
-    asked = library_shares(lambda: fit.sample(seed=1, noise="fixed"), "Batch.sums")
+    asked = library_shares(lambda: fit.sample(seed=1, noise="fixed"), "Batch.channel_sums")
     shares = ", ".join(f"{owner} {100 * share:.0f} %" for owner, share in asked.items())
-    text = markdown(rows, cost, shares.replace("Batch.sums", "the likelihood"), command)
+    text = markdown(rows, cost, shares.replace("Batch.channel_sums", "the likelihood"), command)
     options.out.mkdir(parents=True, exist_ok=True)
     (options.out / "uncertainty_speed.md").write_text(text, encoding="utf-8")
     write_csv(rows, options.out / "uncertainty_speed.csv", command, environment(*PACKAGES))

@@ -14,8 +14,7 @@ from rotorfit.estimators.minimisation.batch import batch_fit, with_measured
 from rotorfit.estimators.minimisation.least_squares import minimise
 from rotorfit.estimators.misfit import accelerator
 from rotorfit.estimators.misfit.kernels import Batch
-from rotorfit.estimators.misfit.losses import LOSSES
-from rotorfit.estimators.misfit.normal_equations import NormalEquations
+from rotorfit.estimators.misfit.losses import LOSSES, robust_weights
 from rotorfit.estimators.misfit.priors import Prior
 from rotorfit.fitting.problem_setup import build_problem
 from rotorfit.fitting.settings import FitSettings
@@ -44,14 +43,17 @@ def make():
 
 
 def check(problem, x, accelerate):
-    """Against the problem, which evaluates one vector by other code; gradients to the round-off of their terms."""
+    """Against residuals and their derivatives, reading by reading; gradients to the round-off of their terms."""
     batch = Batch(problem, accelerate=accelerate)
     assert batch.compiled == bool(accelerate and len(problem.space.model.coordinates) <= 2)
     costs, gradients = batch.cost_and_gradient(x)
-    np.testing.assert_allclose(batch.sums(x).sum(axis=1), 2 * costs, rtol=1e-12)
-    sums = NormalEquations(problem)(x)
+    np.testing.assert_allclose(batch.channel_sums(x).sum(axis=1), 2 * costs, rtol=1e-12)
+    sums = problem.evaluate(x)
     for i, row in enumerate(x):
-        expected, slope, matrix = problem.gauss_newton(row)
+        residuals, jacobian = problem.jacobian(row)
+        rho, weight = robust_weights(problem.loss, np.abs(residuals) ** 2)
+        expected, slope = rho.sum() / 2, ((weight * residuals).conj() @ jacobian).real
+        matrix = ((weight[:, None] * jacobian).conj().T @ jacobian).real
         size = np.sqrt(np.diag(matrix))
         for cost, gradient in ((costs[i], gradients[i]), (sums[0][i], sums[1][i])):
             assert cost == pytest.approx(expected, rel=1e-10)

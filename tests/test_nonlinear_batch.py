@@ -69,12 +69,11 @@ def test_many_vectors_have_the_cost_and_the_gradient_of_each(name: str) -> None:
     rng = np.random.default_rng(4)
     x = np.concatenate([centre + 0.05 * rng.normal(size=(3, centre.size)) * np.maximum(np.abs(centre), 0.1), [centre]])
     batch = Batch(problem)
-    assert not batch.one_by_one
     cost, gradient = batch.cost_and_gradient(x)
     alone = [problem.gauss_newton(row) for row in x]
     # the same arithmetic in another order: round-off, which a sum of thousands of squares over noise magnifies little
     np.testing.assert_allclose(cost, [one[0] for one in alone], rtol=1e-10)
-    np.testing.assert_allclose(batch.sums(x).sum(axis=1) / 2, cost, rtol=1e-10)
+    np.testing.assert_allclose(batch.channel_sums(x).sum(axis=1) / 2, cost, rtol=1e-10)
     for row, (_, slope, matrix) in zip(gradient, alone, strict=True):
         # in units of each entry's own curvature, the natural size of a slope
         size = np.sqrt(np.diag(matrix) * max(float(cost.max()), 1.0))

@@ -50,8 +50,8 @@ class JournalCoefficients:
         return 0
 
     def _whitened(self, values: ComplexArray) -> ComplexArray:
-        """Conjugates of values along axis 0, of shape ``(3 L, ...)``, their parts over the standard deviations."""
-        real, imag = self.spread.T.reshape(2, -1, *[1] * (values.ndim - 1))
+        """Conjugates of values of shape ``(..., 3 L)``, their parts over the standard deviations."""
+        real, imag = self.spread.T
         # The complex stiffness is kxx - j kxy.
         return np.asarray(values.real / real - 1j * values.imag / imag)
 
@@ -62,15 +62,17 @@ class JournalCoefficients:
     def predict(self, theta: Float) -> ComplexArray:
         """See :meth:`~rotorfit.estimators.blocks.observations.Block.predict`."""
         at = self._at
-        C = self.model.coefficients(theta[self.group], self.speed, self.eccentricity)[:, :3, at, at]
-        return self._whitened(C.T.reshape(-1))
+        C = self.model.coefficients(theta[..., self.group, :], self.speed, self.eccentricity)[..., :3, at, at]
+        return self._whitened(np.swapaxes(C, -1, -2).reshape(*C.shape[:-2], -1))
 
     def predict_jacobian(self, theta: Float) -> tuple[ComplexArray, ComplexArray]:
         """See :meth:`~rotorfit.estimators.blocks.observations.Block.predict_jacobian`."""
         at = self._at
-        jacobian = self.model.functions.jacobian(theta[self.group], self.speed, self.eccentricity)
-        slopes = np.zeros((3, self.speed.size, theta.shape[1] + 2), dtype=complex)
+        jacobian = self.model.functions.jacobian(theta[..., self.group, :], self.speed, self.eccentricity)
+        shape = theta.shape[:-2]
+        slopes = np.zeros((*shape, theta.shape[-1] + 2, 3, self.speed.size), dtype=complex)
         chosen = np.flatnonzero((jacobian.rows == at) & (jacobian.columns == at) & (jacobian.powers < 3))
         for entry in chosen.tolist():
-            slopes[jacobian.powers[entry], :, jacobian.inputs[entry]] += jacobian.values[:, entry]
-        return self.predict(theta), self._whitened(slopes[..., :-2].reshape(-1, theta.shape[1]))
+            slopes[..., jacobian.inputs[entry], jacobian.powers[entry], :] += jacobian.values[..., entry]
+        rows = self._whitened(slopes[..., :-2, :, :].reshape(*shape, theta.shape[-1], -1))
+        return self.predict(theta), np.swapaxes(rows, -1, -2)

@@ -9,7 +9,12 @@ from typing import Any, Protocol, Self
 
 import numpy as np
 
-from rotorfit.estimators.blocks.response import displacement_to_force, respond
+from rotorfit.estimators.blocks.response import (
+    displacement_to_force,
+    displacement_to_force_jacobian,
+    respond,
+    respond_jacobian,
+)
 from rotorfit.models import RotorModel
 from rotorfit.models.array_types import Bool, ComplexArray, Float, Index, Text
 from rotorfit.models.shaft import KnownStiffness
@@ -18,7 +23,7 @@ from rotorfit.models.shaft import KnownStiffness
 class Block(Protocol):
     """Complex observations whose predictions depend on the parameter vectors of some groups.
 
-    A group is a set of readings that share one parameter vector; ``theta`` below has shape ``(G, P)``.
+    A group is a set of readings that share one parameter vector; ``theta`` below has shape ``(..., G, P)``.
     """
 
     @property
@@ -52,11 +57,11 @@ class Block(Protocol):
         ...
 
     def predict(self, theta: Float) -> ComplexArray:
-        """Predictions, shape ``(R,)``."""
+        """Predictions, shape ``(..., R)``."""
         ...
 
     def predict_jacobian(self, theta: Float) -> tuple[ComplexArray, ComplexArray]:
-        """Predictions and their derivatives by the group's own parameters, shapes ``(R,)`` and ``(R, P)``."""
+        """Predictions and their derivatives by the group's own parameters, shapes ``(..., R)`` and ``(..., R, P)``."""
         ...
 
     def with_noise(self, factor: Float) -> Self:
@@ -105,6 +110,16 @@ class Responses:
     def s_powers(self) -> ComplexArray:
         """Powers of s from zero to the model's order at each reading, shape ``(order + 1, R)``."""
         return np.asarray(self.s[self.line] ** np.arange(self.model.order + 1)[:, None])
+
+    @cached_property
+    def place(self) -> Index:
+        """Place of each reading among all coordinates in all lines, coordinate by coordinate, shape ``(R,)``."""
+        return self.coordinate * self.speed.size + self.line
+
+    @cached_property
+    def turned_powers(self) -> ComplexArray:
+        """The same times j."""
+        return 1j * self.s_powers
 
     @cached_property
     def layout_notes(self) -> dict[Any, Any]:
@@ -156,12 +171,12 @@ class Responses:
 
     def predict(self, theta: Float) -> ComplexArray:
         """See :meth:`Block.predict`."""
-        return respond(self, theta)[0] if not self.imposed else displacement_to_force(self, theta)[0]
+        return (displacement_to_force if self.imposed else respond)(self, theta)
 
     def predict_jacobian(self, theta: Float) -> tuple[ComplexArray, ComplexArray]:
         """See :meth:`Block.predict_jacobian`."""
-        predicted, jacobian = (displacement_to_force if self.imposed else respond)(self, theta, True)
-        return predicted, np.asarray(jacobian)
+        predicted, rows = (displacement_to_force_jacobian if self.imposed else respond_jacobian)(self, theta)
+        return predicted, np.swapaxes(rows, -1, -2)
 
     def with_noise(self, factor: Float) -> Self:
         """See :meth:`Block.with_noise`; what was worked out of the layout, which does not change, goes along."""

@@ -2,11 +2,13 @@
 
 With ``kappa A = F`` and ``H = inv(kappa)``, ``dA = -H dkappa A``. CasADi gives kappa's coefficients and their
 derivatives once for each (parameter group, speed); all that depends on the frequency is array arithmetic here, so that
-the cost grows with the lines and not with the size of a symbolic inverse.
+the cost grows with the lines and not with the size of a symbolic inverse. Parameter vectors have the shape
+``(..., G, P)``: several of them are evaluated as one is, their axes in front of that of the lines or readings.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import TYPE_CHECKING
@@ -14,23 +16,27 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rotorfit.models.array_types import ComplexArray, Float, Index
+from rotorfit.models.line_stiffness import known_structure
 from rotorfit.models.model import CompiledModel
+from rotorfit.models.shaft import KnownStiffness
 
 if TYPE_CHECKING:
     from rotorfit.estimators.blocks.observations import Responses
 
 
 def inverse(kappa: ComplexArray) -> ComplexArray:
-    """Inverse of many small matrices; one and two rows in closed form.
+    """Inverse of many small matrices, shape ``(..., n, n)``."""
+    return np.moveaxis(_inverse(np.moveaxis(kappa, (-2, -1), (0, 1))), (0, 1), (-1, -2))
 
-    The result is stored as ``[column, row, line]``: what runs along the lines is contiguous.
-    """
-    n = kappa.shape[-1]
-    result = np.empty((n, n, kappa.shape[0]), dtype=complex)
+
+def _inverse(kappa: ComplexArray) -> ComplexArray:
+    """Inverse of matrices ``(row, column, ..., line)``, as ``(column, row, ..., line)``: rows are read one by one."""
+    n = len(kappa)
+    result = np.empty(kappa.shape, dtype=complex)
     if n == 1:
-        np.divide(1.0, kappa[:, 0, 0], out=result[0, 0])
+        np.divide(1.0, kappa, out=result)
     elif n == 2:
-        a, b, c, d = kappa[:, 0, 0], kappa[:, 0, 1], kappa[:, 1, 0], kappa[:, 1, 1]
+        (a, b), (c, d) = kappa
         over = 1.0 / (a * d - b * c)
         np.multiply(d, over, out=result[0, 0])
         np.multiply(a, over, out=result[1, 1])
@@ -38,119 +44,212 @@ def inverse(kappa: ComplexArray) -> ComplexArray:
         np.multiply(c, over, out=result[0, 1])
         np.multiply(b, over, out=result[1, 0])
     else:
-        result[:] = np.linalg.inv(kappa).transpose(2, 1, 0)
-    return result.transpose(2, 1, 0)
+        result[:] = np.moveaxis(np.linalg.inv(np.moveaxis(kappa, (0, 1), (-2, -1))), (-1, -2), (0, 1))
+    return result
 
 
 def dynamic_stiffness(block: Responses, theta: Float) -> ComplexArray:
-    """Dynamic stiffness of every line, shape ``(L, n, n)``, stored as ``[row, column, line]``."""
+    """Dynamic stiffness of every line, shape ``(..., L, n, n)``."""
+    return np.moveaxis(_stiffness(block, theta), (0, 1), (-2, -1))
+
+
+def _stiffness(block: Responses, theta: Float) -> ComplexArray:
+    """Dynamic stiffness, shape ``(row, column, ..., line)``: what runs along the lines is contiguous."""
     index, group, speed = block.condition
     if speed.size == 1:
-        coefficients = block.model.coefficients(theta[group[0]], speed[0])[..., None]
+        coefficients = block.model.coefficients(theta[..., group[0], :], speed[0])[..., None, :, :, :]
     else:
-        coefficients = np.moveaxis(block.model.coefficients(theta[group], speed), 0, -1)[..., index]
-    kappa = np.empty((*coefficients.shape[1:3], block.s.size), dtype=complex)
+        coefficients = block.model.coefficients(theta[..., group, :], speed)
+    axes = coefficients.ndim - 3
+    coefficients = coefficients.transpose(axes, axes + 1, axes + 2, *range(axes))
+    if speed.size > 1:
+        coefficients = coefficients[..., index]
+    kappa = np.empty((*coefficients.shape[1:-1], block.s.size), dtype=complex)
     kappa[:] = coefficients[-1]
-    for power in range(coefficients.shape[0] - 2, -1, -1):
+    for power in range(len(coefficients) - 2, -1, -1):
         kappa *= block.s
         kappa += coefficients[power]
-    known = block.known_stiffness(theta)
+    known = known_lines(block, theta)
     if known is not None:
-        kappa += np.moveaxis(known.values, 0, -1)
-    return kappa.transpose(2, 0, 1)
+        kappa += known.values
+    return kappa
+
+
+def known_lines(block: Responses, theta: Float) -> KnownStiffness | None:
+    """What a known structure adds to the stiffness, lines along the last axis; None without one."""
+    return (
+        None
+        if block.model.shaft is None
+        else known_structure(block.model, theta[..., block.group, :], block.s, block.speed)
+    )
 
 
 @dataclass(frozen=True, eq=False)
 class _Products:
-    """Distinct products ``left_row s^power right_column`` that the sensitivities of a model consist of."""
+    """Distinct products ``left_row s^power right_column``, or j times one, that a model's sensitivities consist of."""
 
-    used: Index  # entries of the coefficients' Jacobian by parameters
-    place: Index  # product of each of these entries
-    factors: tuple[tuple[int, int, int], ...]  # row, column and power of each product
+    factors: tuple[tuple[int, int, int, int], ...]  # row, column, power of s, and whether times j, of each product
+    entries: tuple[Index, Index]  # of the coefficients' Jacobian by parameters, those with a real and an imaginary part
+    places: tuple[Index, Index]  # product of each of these entries
 
 
 @lru_cache(maxsize=32)
 def _products(functions: CompiledModel) -> _Products:
-    used = np.flatnonzero(functions.inputs < functions.n_parameters)
-    triples = np.column_stack([functions.rows[used], functions.columns[used], functions.powers[used]])
-    distinct, place = np.unique(triples, axis=0, return_inverse=True)
-    return _Products(used, place.reshape(-1), tuple((row, column, power) for row, column, power in distinct.tolist()))
+    entries = [e[functions.inputs[e] < functions.n_parameters] for e in (functions.real_entry, functions.imag_entry)]
+    keys = [
+        np.column_stack([functions.rows[e], functions.columns[e], functions.powers[e], np.full(e.size, part)])
+        for part, e in enumerate(entries)
+    ]
+    distinct, place = np.unique(np.concatenate(keys), axis=0, return_inverse=True)
+    real, imag = np.split(place.reshape(-1), [entries[0].size])
+    return _Products(tuple(tuple(row) for row in distinct.tolist()), (entries[0], entries[1]), (real, imag))
 
 
-def _sensitivities(block: Responses, theta: Float, left: ComplexArray, right: ComplexArray) -> ComplexArray:
-    """``-left dkappa right`` for each parameter and reading, shape ``(P, R)``.
+@dataclass(frozen=True, eq=False)
+class Sensitivities:
+    """Derivatives of readings: few products along the readings times real numbers of each (group, speed)."""
 
-    Few products ``left_row s^power right_column`` are shared by all parameters, so that the work along the lines is to
-    make those and to multiply them by a small matrix.
+    products: ComplexArray  # shape ``(..., K, R)``
+    numbers: Float  # shape ``(..., C, P, K)``
+
+    def derivatives(self, block: Responses) -> ComplexArray:
+        """Derivatives by the parameters, shape ``(..., P, R)``."""
+        shape = *self.products.shape[:-2], self.numbers.shape[-2]
+        result = np.empty((*shape, self.products.shape[-1]), dtype=complex)
+        for some, readings, part in by_condition(block, self.products):
+            found = np.swapaxes(self.numbers[..., some, :, :] @ part, -3, -2)
+            result[..., readings] = np.ascontiguousarray(found).reshape(*shape, -1).view(complex)
+        return result
+
+
+def by_condition(block: Responses, values: ComplexArray) -> Iterator[tuple[slice, slice | Index, Float]]:
+    """Values along readings, shape ``(..., K, R)``, parted by (group, speed).
+
+    Yields:
+        the numbers of some pairs, their readings, and real and imaginary parts there, shape ``(..., C, K, 2 m)``.
     """
+    if block.stretch:  # a view: nothing is copied
+        real = values.view(float).reshape(*values.shape[:-1], -1, 2 * block.stretch)
+        yield slice(None), slice(None), np.swapaxes(real, -3, -2)
+        return
+    for number, readings in enumerate(block.condition_readings):
+        part = np.ascontiguousarray(values[..., readings]).view(float)
+        yield slice(number, number + 1), readings, part[..., None, :, :]
+
+
+def _sensitivities(block: Responses, theta: Float, left: ComplexArray, right: ComplexArray) -> Sensitivities:
+    """``-left dkappa right`` for each parameter and reading, of rows and columns of shape ``(n, ..., R)``."""
     _, group, speed = block.condition
-    products = _products(block.model.functions)
-    alone = speed.size == 1
-    jacobian = block.model.functions.jacobian(theta[group[0]] if alone else theta[group], speed[0] if alone else speed)
-    weight = np.zeros((speed.size, theta.shape[1], len(products.factors)), dtype=complex)
-    weight[:, jacobian.inputs[products.used], products.place] = -jacobian.values[..., products.used]
-    basis = np.empty((len(products.factors), left.shape[1]), dtype=complex)
-    s_powers = block.s_powers
-    for number, (row, column, power) in enumerate(products.factors):
-        np.multiply(left[row], right[column], out=basis[number])
-        if power:
-            basis[number] *= s_powers[power]
-    if alone:
-        result = np.asarray(weight[0] @ basis)
-    elif block.stretch:
-        parts = basis.reshape(len(basis), speed.size, block.stretch).swapaxes(0, 1)
-        result = np.matmul(weight, parts).swapaxes(0, 1).reshape(theta.shape[1], -1)
-    else:
-        result = np.empty((theta.shape[1], left.shape[1]), dtype=complex)
-        for number, readings in enumerate(block.condition_readings):
-            result[:, readings] = weight[number] @ basis[:, readings]
-    known = block.known_stiffness(theta)
-    if known is not None:
-        for place, slope in zip(known.inputs.tolist(), known.slopes, strict=True):
-            result[place] -= np.einsum("ir,rij,jr->r", left, slope[block.line], right)
-    return result
-
-
-def respond(block: Responses, theta: Float, jacobian: bool = False) -> tuple[ComplexArray, ComplexArray | None]:
-    """Predicted readings, and on request their derivatives.
-
-    Returns:
-        readings, shape ``(R,)``, and derivatives by the group's parameters, shape ``(R, P)``.
-    """
-    line, coordinate = block.line, block.coordinate
     functions = block.model.functions
-    H = inverse(dynamic_stiffness(block, theta))
-    count, n = block.force.shape
-    amplitude = np.einsum("jil,lj->il", H.T, block.force)
-    place = coordinate * count + line
-    predicted = amplitude.reshape(-1).take(place)
-    derivative = None
-    if jacobian:
-        left = H.T.reshape(n, -1).take(place, axis=1)
-        derivative = _sensitivities(block, theta, left, amplitude.take(line, axis=1)).T
+    plan = _products(functions)
+    if speed.size == 1:
+        values = functions.jacobian(theta[..., group[0], :], speed[0]).values[..., None, :]
+    else:
+        values = functions.jacobian(theta[..., group, :], speed).values
+    numbers = np.zeros((*values.shape[:-1], theta.shape[-1], len(plan.factors)))
+    for part, entries, places in zip((values.real, values.imag), plan.entries, plan.places, strict=True):
+        numbers[..., functions.inputs[entries], places] = -part[..., entries]
+    products = np.empty((*left.shape[1:-1], len(plan.factors), left.shape[-1]), dtype=complex)
+    for number, (row, column, power, turned) in enumerate(plan.factors):
+        one = products[..., number, :]
+        np.multiply(left[row], right[column], out=one)
+        if turned:
+            one *= block.turned_powers[power]
+        elif power:
+            one *= block.s_powers[power]
+    return Sensitivities(products, numbers)
+
+
+def _read(block: Responses, values: ComplexArray) -> ComplexArray:
+    """Readings, shape ``(..., R)``, of what every coordinate does in every line, shape ``(n, ..., L)``."""
+    beside = values if values.ndim == 2 else np.moveaxis(values, 0, -2)
+    return beside.reshape(*beside.shape[:-2], -1).take(block.place, axis=-1)
+
+
+def _rows(block: Responses, H: ComplexArray) -> ComplexArray:
+    """The row of H that each reading is of, shape ``(n, ..., R)``."""
+    beside = H if H.ndim == 3 else np.moveaxis(H, 1, -2)
+    return beside.reshape(*beside.shape[:-2], -1).take(block.place, axis=-1)
+
+
+def _receptance(block: Responses, theta: Float) -> ComplexArray:
+    """Inverse of the dynamic stiffness, shape ``(column, row, ..., L)``."""
+    return _inverse(_stiffness(block, theta))
+
+
+def response_sensitivities(
+    block: Responses, theta: Float, scale: ComplexArray | Float
+) -> tuple[ComplexArray, Sensitivities]:
+    """Readings of a rotor without known structure or probe factors; their derivatives times a scale ``(..., R)``."""
+    H = _receptance(block, theta)
+    amplitude = _amplitude(block, H)
+    left = _rows(block, H)
+    left *= scale
+    return _read(block, amplitude), _sensitivities(block, theta, left, amplitude.take(block.line, axis=-1))
+
+
+def respond(block: Responses, theta: Float) -> ComplexArray:
+    """Predicted readings, shape ``(..., R)``."""
+    predicted = _read(block, _amplitude(block, _receptance(block, theta)))
+    functions = block.model.functions
+    return (
+        predicted * functions.factors(theta)[..., block.reading_group, block.coordinate]
+        if functions.has_probe_factors
+        else predicted
+    )
+
+
+def respond_jacobian(block: Responses, theta: Float) -> tuple[ComplexArray, ComplexArray]:
+    """Predicted readings, shape ``(..., R)``, and derivatives by the group's parameters, shape ``(..., P, R)``."""
+    H = _receptance(block, theta)
+    amplitude = _amplitude(block, H)
+    predicted = _read(block, amplitude)
+    derivative = _derivatives(block, theta, _rows(block, H), amplitude.take(block.line, axis=-1))
+    functions, group, coordinate = block.model.functions, block.reading_group, block.coordinate
     if functions.has_probe_factors:
-        group = block.reading_group
-        factor = functions.factors(theta)[group, coordinate]
-        if derivative is not None:
-            slope = functions.factor_jacobian(theta)[group, coordinate]
-            derivative = derivative * factor[:, None] + slope * predicted[:, None]
+        factor = functions.factors(theta)[..., group, coordinate]
+        slope = np.swapaxes(functions.factor_jacobian(theta)[..., group, coordinate, :], -1, -2)
+        derivative = derivative * factor[..., None, :] + slope * predicted[..., None, :]
         predicted = predicted * factor
     return predicted, derivative
 
 
-def displacement_to_force(
-    block: Responses, theta: Float, jacobian: bool = False
-) -> tuple[ComplexArray, ComplexArray | None]:
-    """Force at the plane of an imposed orbit while the other planes are free (eqs 14 to 17).
+def displacement_to_force(block: Responses, theta: Float) -> ComplexArray:
+    """Force at the plane of an imposed orbit while the other planes are free (eqs 14 to 17), shape ``(..., R)``.
 
     The force is the displacement over the drive-point receptance; with one plane, ``kappa A``.
-    Arguments and results as for :func:`respond`.
     """
-    line, coordinate = block.line, block.coordinate
-    H = inverse(dynamic_stiffness(block, theta))
-    drive = H[line, coordinate, coordinate]
-    predicted = block.force[line, coordinate] / drive
-    if not jacobian:
-        return predicted, None
-    by_drive = _sensitivities(block, theta, H[line, coordinate].T, H[line, :, coordinate].T).T
-    return predicted, by_drive * (-predicted / drive)[:, None]
+    return _imposed(block) / _drive_point(block, _receptance(block, theta))
+
+
+def displacement_to_force_jacobian(block: Responses, theta: Float) -> tuple[ComplexArray, ComplexArray]:
+    """That force and its derivatives, as :func:`respond_jacobian`."""
+    H = _receptance(block, theta)
+    drive = _drive_point(block, H)
+    predicted = _imposed(block) / drive
+    by_drive = _derivatives(block, theta, _rows(block, H), _rows(block, np.swapaxes(H, 0, 1)))
+    return predicted, by_drive * (-predicted / drive)[..., None, :]
+
+
+def _imposed(block: Responses) -> ComplexArray:
+    return np.asarray(block.force[block.line, block.coordinate])
+
+
+def _drive_point(block: Responses, H: ComplexArray) -> ComplexArray:
+    """Receptance of each reading's own coordinate, shape ``(..., R)``."""
+    return _read(block, np.array([H[i, i] for i in range(len(H))]))
+
+
+def _amplitude(block: Responses, H: ComplexArray) -> ComplexArray:
+    """What every coordinate does in every line, shape ``(n, ..., L)``."""
+    return np.asarray(np.einsum("ji...l,lj->i...l", H, block.force))
+
+
+def _derivatives(block: Responses, theta: Float, left: ComplexArray, right: ComplexArray) -> ComplexArray:
+    """``-left dkappa right`` for each parameter, shape ``(..., P, R)``."""
+    result = _sensitivities(block, theta, left, right).derivatives(block)
+    known = known_lines(block, theta)
+    if known is not None:
+        for place, slope in zip(known.inputs.tolist(), known.slopes, strict=True):
+            result[..., place, :] -= np.einsum("i...r,ij...r,j...r->...r", left, slope[..., block.line], right)
+    return result

@@ -59,22 +59,22 @@ class LineResponses:
     def predict_jacobian(self, theta: Float) -> tuple[ComplexArray, ComplexArray]:
         """See :meth:`~rotorfit.estimators.blocks.observations.Block.predict_jacobian`."""
         found = self._lines(theta, derivatives=True)
-        return found[0], found[1:].T
+        return found[0], np.moveaxis(found[1:], 0, -1)
 
     def _lines(self, theta: Float, *, derivatives: bool) -> ComplexArray:
-        """Every reading, and behind them all their derivatives where wanted, shape ``(1 or 1 + P, R)``."""
+        """Every reading, and behind them all their derivatives where wanted, shape ``(1 or 1 + P, ..., R)``."""
         first, number = self._conditions
         found = self.model.several_lines(
-            theta if len(theta) == 1 else theta[self.reading_group[first]],
+            theta if theta.shape[-2] == 1 else theta[..., self.reading_group[first], :],
             [(direction, order) for direction, order, _ in self.kinds],
             self.frequency[first],
             self.speed[first],
             self.force[first],
             derivatives=derivatives,
         )
-        whole = np.empty((len(found), self.measured.size), dtype=complex)
+        whole = np.empty((len(found), *theta.shape[:-2], self.measured.size), dtype=complex)
         for k, (_, _, rows) in enumerate(self.kinds):
-            whole[:, rows] = found[:, k, number[rows]]
+            whole[..., rows] = found[:, k][..., number[rows]]
         return whole
 
     def with_noise(self, factor: Float) -> Self:
@@ -117,8 +117,8 @@ class PairResponses(OnResponses):
         return np.asarray(np.abs(more - self.base.predict(theta)))
 
     def _turned_back(self, values: ComplexArray) -> ComplexArray:
-        image = is_image_line(self.line).reshape(-1, *[1] * (values.ndim - 1))
-        return np.where(image, values.conj(), values)
+        """Values of readings, along the last axis."""
+        return np.where(is_image_line(self.line), values.conj(), values)
 
     def predict(self, theta: Float) -> ComplexArray:
         """See :meth:`~rotorfit.estimators.blocks.observations.Block.predict`."""
@@ -127,4 +127,5 @@ class PairResponses(OnResponses):
     def predict_jacobian(self, theta: Float) -> tuple[ComplexArray, ComplexArray]:
         """See :meth:`~rotorfit.estimators.blocks.observations.Block.predict_jacobian`."""
         predicted, jacobian = self.base.predict_jacobian(theta)
-        return self._turned_back(predicted), self._turned_back(jacobian)
+        rows = self._turned_back(np.swapaxes(jacobian, -1, -2))
+        return self._turned_back(predicted), np.swapaxes(rows, -1, -2)

@@ -124,9 +124,15 @@ class FreeVibrations:
 
     def predict(self, theta: Float) -> ComplexArray:
         """See :meth:`~rotorfit.estimators.blocks.observations.Block.predict`."""
+        if self._one_by_one(theta):
+            return np.array([self.predict(one) for one in theta])
         found = self._spectra(theta)
         nearest = np.nanargmin(np.abs(found - self.measured[:, None]), axis=-1)
         return np.asarray(np.take_along_axis(found, nearest[..., None], axis=-1)[..., 0])
+
+    def _one_by_one(self, theta: Float) -> bool:
+        """A known structure has eigenvalues of one rotor at a time."""
+        return self.model.shaft is not None and theta.ndim > 2
 
     def _spectra(self, theta: Float) -> ComplexArray:
         """Eigenvalues of every line along the last axis."""
@@ -139,4 +145,6 @@ class FreeVibrations:
     def predict_jacobian(self, theta: Float) -> tuple[ComplexArray, ComplexArray]:
         """See :meth:`~rotorfit.estimators.blocks.observations.Block.predict_jacobian`."""
         s = self.predict(theta)
+        if self._one_by_one(theta):
+            return s, np.array([self.predict_jacobian(one)[1] for one in theta])
         return s, off_centre_gradient(self.model, theta[..., self.reading_group, :], self.speed, self.eccentricity, s)

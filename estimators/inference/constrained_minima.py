@@ -6,14 +6,13 @@ import math
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Protocol
 
 import numpy as np
 
 from rotorfit.estimators.inference.log_posterior import box
 from rotorfit.estimators.minimisation.least_squares import Options, Status, minimise
-from rotorfit.estimators.misfit.normal_equations import Normal, NormalEquations
+from rotorfit.estimators.misfit.block_term import Normal
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.estimators.misfit.ratios import LogRatioProblem
 from rotorfit.models.array_types import Bool, Float, Index
@@ -78,11 +77,7 @@ class EntryConstraint:
             down, along = _solved(others, np.where(still, 0.0, -gradient), np.where(still, 1.0, -aside))
             return down, along
 
-        return _full_steps(self._normal, starts, lower, upper, step, contraction)
-
-    @cached_property
-    def _normal(self) -> Callable[[Float], Normal]:
-        return self.problem.of_many if isinstance(self.problem, LogRatioProblem) else NormalEquations(self.problem)
+        return _full_steps(self.problem.evaluate, starts, lower, upper, step, contraction)
 
     @property
     def bounds(self) -> tuple[Float, Float]:
@@ -145,11 +140,7 @@ class QuantityConstraint:
             return down + turned * (missing - np.einsum("wi,wi->w", slope, down))[:, None], -turned * by_value[:, None]
 
         lower, upper = (np.broadcast_to(bound, starts.shape) for bound in box(self.problem))
-        return _full_steps(self._normal, starts, lower, upper, step, contraction)
-
-    @cached_property
-    def _normal(self) -> NormalEquations:
-        return NormalEquations(self.problem)
+        return _full_steps(self.problem.evaluate, starts, lower, upper, step, contraction)
 
     def alone(self, entry: int, value: float, start: Float) -> tuple[float, Float, bool]:
         """See :class:`Constraint`."""

@@ -51,7 +51,7 @@ class LogPosterior:
         self.problem, self.noise, self.inflation = problem, noise, inflation
         self.batch = Batch(problem, accelerate=accelerate, work=work)
         belief = 0.0 if noise == "fixed" else BELIEF
-        self.counts = self.batch.channel_counts + belief
+        self.counts = problem.channel_counts + belief
         self.size = problem.space.size + (self.counts.size if noise == "sampled" else 0)
         self.lower, self.upper = box(problem)
         self._log_priors = LogPriors(problem.priors)
@@ -61,7 +61,7 @@ class LogPosterior:
         """Names of the entries of the sampled vector."""
         space = self.problem.space
         levels: list[str] = []
-        for name in self.batch.channel_names if self.noise == "sampled" else ():
+        for name in self.problem.channel_names if self.noise == "sampled" else ():
             # Files may name their runs alike: the second such channel is told by its number.
             count = sum(level.startswith((f"log_s[{name}]", f"log_s[{name} #")) for level in levels)
             levels.append(f"log_s[{name} #{count + 1}]" if count else f"log_s[{name}]")
@@ -76,7 +76,7 @@ class LogPosterior:
             return result
         x = vectors[inside, :p]
         with np.errstate(all="ignore"):  # a proposal may well be absurd; what is not finite is refused below
-            value = self._misfit(self.batch.sums(x), vectors[inside, p:]) + self._log_priors(x)
+            value = self._misfit(self.batch.channel_sums(x), vectors[inside, p:]) + self._log_priors(x)
         result[inside] = np.where(np.isfinite(value), value, -np.inf)
         return result
 
@@ -101,7 +101,7 @@ class LogPosterior:
         weighted = self._weighted(levels)
         if self.inflation != 1 and self.problem.priors:  # priors weigh more against wider noise
             x = self._fit(levels, x)
-        information = weighted.gauss_newton(x)[2].copy()  # what the problem keeps is not to be written to
+        information = weighted.gauss_newton(x)[2]
         for prior in self.problem.priors:
             # A prior without curvature here still limits the width.
             has = prior.terms(float(x[prior.entry]))[2]
@@ -127,7 +127,7 @@ class LogPosterior:
         """Alternate between the noise levels and the fit they weigh, which climbs the density at every turn."""
         x, levels = start, np.zeros(self.counts.size)
         for _ in range(_ROUNDS):
-            sums = self.batch.sums(x[None, :])[0]
+            sums = self.batch.channel_sums(x[None, :])[0]
             new = 0.5 * np.log((sums + BELIEF) / self.counts)
             moved, levels = np.abs(new - levels).max(), new
             if moved < 1e-3:

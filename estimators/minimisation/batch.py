@@ -20,7 +20,6 @@ from rotorfit.estimators.blocks.nonlinear import OrbitResponses
 from rotorfit.estimators.blocks.observations import Block
 from rotorfit.estimators.minimisation.least_squares import Options, Status, minimise
 from rotorfit.estimators.misfit.kernels import Batch
-from rotorfit.estimators.misfit.priors import Prior
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.models.array_types import ComplexArray, Float, Index
 
@@ -127,10 +126,7 @@ def batch_fit(
     readings = batch.readings(measured)
 
     def evaluate(points: Float, members: Index) -> tuple[Float, Float]:
-        cost, gradient = batch.cost_and_gradient(points, readings.of(members))
-        for prior in problem.priors:
-            _add_prior(prior, points[:, prior.entry], cost, gradient)
-        return cost, gradient
+        return batch.cost_and_gradient(points, readings.of(members))
 
     with np.errstate(all="ignore"):  # a trial point may well be absurd
         state, converged = _descend(problem, measured, x.copy(), evaluate)
@@ -142,19 +138,6 @@ def batch_fit(
         state.x[b], state.cost[b] = found.x, found.cost
         converged[b] = found.success or found.status is Status.SINGULAR  # a minimum along a whole line is one
     return BatchFit(state.x, state.cost, converged, np.isin(np.arange(x.shape[0]), alone))
-
-
-def _add_prior(prior: Prior, values: Float, cost: Float, gradient: Float) -> None:
-    """Add minus the log density of a prior, and its slope, to costs of shape ``(W,)`` and gradients ``(W, p)``."""
-    if prior.distribution.dist.name == "norm":
-        mean, sd = float(prior.distribution.mean()), float(prior.distribution.std())
-        pull = (values - mean) / sd
-        cost += 0.5 * pull**2
-        gradient[:, prior.entry] += pull / sd
-        return
-    terms = [prior.terms(float(value)) for value in values]
-    cost += [term[0] for term in terms]
-    gradient[:, prior.entry] += [term[1] for term in terms]
 
 
 def _descend(

@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from rotorfit.estimators.blocks.observations import Block, Responses
+from rotorfit.estimators.blocks.observations import Responses
 from rotorfit.estimators.misfit.codegen import LARGEST_UNROLLED
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.models.array_types import ComplexArray, Float, Index
@@ -56,44 +56,6 @@ class KernelLayout:
         """Measured response to a unit force at each datum, shape ``(Q,)``."""
         return self.measured / self.drive
 
-    @cached_property
-    def node(self) -> Index:
-        """Node of each datum, shape ``(Q,)``."""
-        spans = [np.arange(first, last) for first, last, _, e0, e1 in self.segments for _ in range(e1 - e0)]
-        return np.concatenate(spans).astype(np.intp)
-
-    @cached_property
-    def entry(self) -> Index:
-        """Entry of each datum, shape ``(Q,)``."""
-        return np.repeat(np.arange(self.datum.size), np.diff(np.append(self.datum, self.reading.size)))
-
-    @cached_property
-    def node_condition(self) -> Index:
-        """Condition of each node, shape ``(N,)``."""
-        return np.repeat(self.segments[:, 2], self.segments[:, 1] - self.segments[:, 0])
-
-
-def is_plain(block: Block) -> bool:
-    """Whether a block holds responses to forces of a linear model given by its coefficients, as this layout asks."""
-    if not isinstance(block, Responses) or block.imposed:
-        return False
-    return block.model.shaft is None and not block.model.eccentricity_dependent
-
-
-def channels(problem: Problem) -> tuple[tuple[str, ...], Index, list[Index]]:
-    """Noise channels of a problem: one for each response of each block.
-
-    Returns:
-        names, number of real data in each, and the channel of each reading, block by block.
-    """
-    names: list[str] = []
-    numbers: list[Index] = []
-    for block in problem.blocks:
-        numbers.append(block.label + len(names))
-        names += block.labels
-    counts = np.bincount(np.concatenate(numbers), minlength=len(names)) * 2
-    return tuple(names), counts.astype(np.intp), numbers
-
 
 def _distinct(rows: Float | Index) -> tuple[Index, Index]:
     """First place of each distinct row, ascending by row, and the number of that row for each one.
@@ -121,39 +83,32 @@ def _occurrence(codes: Index) -> Index:
     return result
 
 
-def layout(problem: Problem) -> KernelLayout | None:
-    """Sort the responses of a problem; ``None`` if it has none."""
-    chosen = [i for i, block in enumerate(problem.blocks) if is_plain(block)]
-    if not chosen:
-        return None
+def layout(problem: Problem) -> KernelLayout:
+    """Sort the readings of a problem, all of them responses to forces."""
     size = len(problem.space.model.coordinates)
     n_nuisance = len(problem.space.nuisance)
-    offsets = np.cumsum([0] + [block.measured.size for block in problem.blocks])
-    _, _, numbers = channels(problem)
     parts: dict[str, list[NDArray[np.generic]]] = {}
-    for i in chosen:
-        block = problem.blocks[i]
-        if not isinstance(block, Responses):  # pragma: no cover - is_plain has checked
-            continue
+    for i, block in enumerate(problem.blocks):
+        if not isinstance(block, Responses):
+            raise TypeError(f"{type(block).__name__} are no responses to forces")
         line = block.line
         speed = block.speed if block.model.speed_dependent else np.zeros_like(block.speed)
         factors = problem.factors[i] if problem.factors else None
-        force = block.force[line]
         row = {
             "group": block.group[line],
             "speed": speed[line],
             "w": block.s[line].imag,
             "coordinate": block.coordinate,
-            "force": force,
-            "channel": numbers[i],
+            "force": block.force[line],
             "nuisance": np.zeros((line.size, n_nuisance), dtype=complex) if factors is None else factors,
-            "reading": offsets[i] + np.arange(line.size),
             "sigma": block.sigma,
             "measured": block.measured,
         }
         for name, value in row.items():
             parts.setdefault(name, []).append(np.asarray(value))
-    return _sorted({name: np.concatenate(values) for name, values in parts.items()}, problem, size)
+    rows = {name: np.concatenate(values) for name, values in parts.items()}
+    rows |= {"channel": problem.channel, "reading": np.arange(problem.channel.size)}
+    return _sorted(rows, problem, size)
 
 
 def _sorted(rows: dict[str, NDArray[np.generic]], problem: Problem, size: int) -> KernelLayout:

@@ -1,19 +1,18 @@
-"""The misfit of many parameter vectors at once, by compiled kernels or by NumPy with the same answers."""
+"""The misfit of many parameter vectors at once: compiled where that pays, else as the problem itself evaluates them."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from rotorfit.estimators.misfit import accelerator, codegen
-from rotorfit.estimators.misfit.block_misfit import BlockMisfit, alone, takes_many
-from rotorfit.estimators.misfit.kernel_layout import KernelLayout, channels, is_plain, layout
-from rotorfit.estimators.misfit.losses import robust_weights
+from rotorfit.estimators.misfit.block_term import is_linear_response
+from rotorfit.estimators.misfit.kernel_layout import layout
 from rotorfit.estimators.misfit.problem import Problem
-from rotorfit.models.array_types import ComplexArray, Float, Index
+from rotorfit.models.array_types import Bool, ComplexArray, Float, Index
 
 PAYS = 2e7
 """Readings to evaluate (vectors times readings) beyond which kernels are quicker than NumPy's 0.05 microseconds.
@@ -23,73 +22,125 @@ it is: the same seed gives the same samples, to round-off.
 """
 GRADIENT = 5.0
 """NumPy's time for a gradient over that of a misfit."""
-_CHUNK = 60_000  # readings that NumPy holds at once, so that arrays stay in cache
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class MemberReadings:
     """Readings of many members."""
 
-    measured: ComplexArray  # as given, shape ``(W, R)``; empty where there are responses to forces alone
-    re: Float  # responses to unit forces in the order of the layout, shape ``(W, Q)``
-    im: Float  # responses to unit forces in the order of the layout, shape ``(W, Q)``
+    measured: ComplexArray  # of what is not compiled, shape ``(W, R)``
+    re: Float  # responses to unit forces in the order of the kernels, shape ``(W, Q)``
+    im: Float  # responses to unit forces in the order of the kernels, shape ``(W, Q)``
 
     def of(self, members: Index) -> MemberReadings:
         """Those of some members; of all without a copy."""
-        if members.size == self.measured.shape[0]:
+        if members.size == self.re.shape[0]:
             return self
         return MemberReadings(measured=self.measured[members], re=self.re[members], im=self.im[members])
 
 
 class Batch:
-    """Misfit, by channel, of many vectors of a problem, and its gradient."""
+    """Channel sums, costs and gradients of many vectors of a problem."""
 
     def __init__(
         self, problem: Problem, *, accelerate: bool | None = None, work: float = np.inf, gradients: bool = False
     ) -> None:
         self.problem = problem
-        self.layout: KernelLayout | None = layout(problem)
-        self.channel_names, self.channel_counts, self._channel_of = channels(problem)
-        self._others = [i for i, block in enumerate(problem.blocks) if not is_plain(block)]
+        linear = np.array([is_linear_response(block) for block in problem.blocks], dtype=bool)
+        readings = work * problem.n_data / 2 * (GRADIENT if gradients else 1.0)
+        pays = (readings > PAYS and accelerator.available()) if accelerate is None else accelerate
         unrolled = len(problem.space.model.coordinates) <= codegen.LARGEST_UNROLLED
-        possible = unrolled and self.layout is not None
-        self.compiled = bool(possible and (self._pays(work, gradients) if accelerate is None else accelerate))
+        self.compiled = bool(pays and unrolled and linear.any())
+        self._kernels = Kernels(_part(problem, linear)) if self.compiled else None
+        linear &= self.compiled
+        self._in_kernels = np.repeat(linear, [block.measured.size for block in problem.blocks])  # of readings
+        self._channels = np.repeat(linear, [len(block.labels) for block in problem.blocks])
+        self._rest = _part(problem, ~linear)
 
-    def _pays(self, work: float, gradients: bool) -> bool:
-        """Whether kernels, with the time it takes to have them, are quicker than NumPy."""
-        readings = work * self.problem.n_data / 2 * (GRADIENT if gradients else 1.0)
-        return readings > PAYS and accelerator.available()
+    def channel_sums(self, x: Float) -> Float:
+        """See :meth:`Problem.channel_sums`."""
+        if self._kernels is None:
+            return self._rest.channel_sums(x)
+        out = np.zeros((len(x), len(self.problem.channel_names)))
+        out[:, self._channels], out[:, ~self._channels] = self._kernels.channel_sums(x), self._rest.channel_sums(x)
+        return out
 
-    @property
-    def one_by_one(self) -> bool:
-        """Whether some observations are evaluated vector by vector, so that many vectors at once save nothing."""
-        return not all(takes_many(self.problem.blocks[i]) for i in self._others)
+    def readings(self, measured: ComplexArray) -> MemberReadings:
+        """Readings of members in place of the problem's, shape ``(W, R)``, sorted once for many evaluations."""
+        if self._kernels is None:
+            none = np.zeros((len(measured), 0))
+            return MemberReadings(measured=measured, re=none, im=none)
+        re, im = self._kernels.sorted(measured if self._in_kernels.all() else measured[:, self._in_kernels])
+        return MemberReadings(measured=measured[:, ~self._in_kernels], re=re, im=im)
+
+    def cost_and_gradient(self, x: Float, readings: MemberReadings | None = None) -> tuple[Float, Float]:
+        """Costs of the problem and their exact gradients, shapes ``(W,)`` and ``(W, p)``."""
+        cost, gradient, _ = self._rest.evaluate(x, None if readings is None else readings.measured, matrix=False)
+        if self._kernels is not None:
+            self._kernels.add(x, None if readings is None else (readings.re, readings.im), cost, gradient)
+        return cost, gradient
+
+
+def _part(problem: Problem, chosen: Bool) -> Problem:
+    """Some blocks of a problem with all of its priors; the problem itself where that is all of them."""
+    if chosen.all():
+        return problem
+    numbers = np.flatnonzero(chosen).tolist()
+    factors = tuple(problem.factors[i] for i in numbers) if problem.factors else ()
+    return replace(problem, blocks=tuple(problem.blocks[i] for i in numbers), factors=factors)
+
+
+class Kernels:
+    """Compiled sums over the readings of a problem whose blocks are responses to forces of a linear model."""
+
+    def __init__(self, problem: Problem) -> None:
+        self.problem, self._plan = problem, layout(problem)
+
+    def channel_sums(self, x: Float) -> Float:
+        """See :meth:`Problem.channel_sums`."""
+        x, out = np.ascontiguousarray(x, dtype=float), np.zeros((len(x), len(self.problem.channel_names)))
+        if x.size:
+            self._functions["sums"](x, *self._fixed, *self._data, *self._gain_parts(x), self._plan.channel, out)
+        return out
+
+    def sorted(self, measured: ComplexArray) -> tuple[Float, Float]:
+        """Responses to unit forces in the order of the kernels, real and imaginary parts, shapes ``(W, Q)``."""
+        order, per_drive = self._plan.reading, 1.0 / self._plan.drive
+        re, im = np.empty((len(measured), order.size)), np.empty((len(measured), order.size))
+        for m, row in enumerate(measured):
+            target = row[order] * per_drive
+            re[m], im[m] = target.real, target.imag
+        return re, im
+
+    def add(self, x: Float, targets: tuple[Float, Float] | None, cost: Float, gradient: Float) -> None:
+        """Add costs without priors, and their gradients."""
+        x = np.ascontiguousarray(x, dtype=float)
+        re, im = self._gain_parts(x)
+        seed_re, seed_im = np.zeros_like(re), np.zeros_like(im)
+        target_re, target_im = self._data[:2] if targets is None else targets
+        self._functions["slopes"](
+            x, *self._fixed, target_re, target_im, self._data[2], re, im, cost, gradient, seed_re, seed_im
+        )
+        if self._has_gains:
+            gradient += self._gain_gradient(x, seed_re + 1j * seed_im)
 
     # ---- gains: nuisance entries and probe factors -------------------------------------------------------------------
 
     @cached_property
-    def has_gains(self) -> bool:
+    def _has_gains(self) -> bool:
         """Whether predictions are multiplied by something that depends on the vector."""
         factored = self.problem.space.model.functions.has_probe_factors
-        return self.layout is not None and (factored or bool(self.layout.nuisance.any()))
-
-    def _theta(self, x: Float) -> Float:
-        """Parameter vectors of the groups for each vector, shape ``(W, G, P)``."""
-        space = self.problem.space
-        theta = np.broadcast_to(space.template, (x.shape[0], *space.template.shape)).copy()
-        free = space.index >= 0
-        theta[:, free] = x[:, space.index[free]]
-        return theta
+        return factored or bool(self._plan.nuisance.any())
 
     def _gains(self, x: Float) -> ComplexArray:
         """Factor of each distinct gain, shape ``(W, number of gains)``."""
         plan = self._plan
-        if not self.has_gains:
+        if not self._has_gains:
             return np.ones((1, plan.gain_group.size), dtype=complex)
         gain = np.exp(x[:, len(self.problem.space.names) :] @ plan.nuisance.T)
         functions = self.problem.space.model.functions
         if functions.has_probe_factors:
-            gain = gain * functions.factors(self._theta(x))[:, plan.gain_group, plan.gain_coordinate]
+            gain = gain * functions.factors(self.problem.space.theta(x))[:, plan.gain_group, plan.gain_coordinate]
         return np.asarray(gain, dtype=complex)
 
     def _gain_gradient(self, x: Float, slope: ComplexArray) -> Float:
@@ -100,150 +151,13 @@ class Batch:
         result[:, len(space.names) :] = ((slope.conj() * gain) @ plan.nuisance).real
         functions = space.model.functions
         if functions.has_probe_factors:
-            theta = self._theta(x)
+            theta = self.problem.space.theta(x)
             factor = functions.factors(theta)[:, plan.gain_group, plan.gain_coordinate]
             by_theta = functions.factor_jacobian(theta)[:, plan.gain_group, plan.gain_coordinate]
             pull = ((slope.conj() * gain / factor)[:, :, None] * by_theta).real
             for g, row in enumerate(plan.gain_group):
                 free = np.flatnonzero(space.index[row] >= 0)
                 np.add.at(result.T, space.index[row, free], pull[:, g, free].T)
-        return result
-
-    # ---- misfit ------------------------------------------------------------------------------------------------------
-
-    def sums(self, x: Float) -> Float:
-        """Robust sum of squared whitened residuals of each channel.
-
-        Returns:
-            shape ``(W, channels)``; twice :meth:`Problem.cost` without priors when summed.
-        """
-        x = np.ascontiguousarray(x, dtype=float)
-        out = np.zeros((x.shape[0], len(self.channel_names)))
-        if self.layout is not None and x.size:
-            (self._compiled_sums if self.compiled else self._array_sums)(x, out)
-        for rest in self._rest:
-            rest.add_sums(x, out)
-        return out
-
-    def readings(self, measured: ComplexArray) -> MemberReadings:
-        """Readings of members in place of the problem's, sorted once for many evaluations."""
-        raw = measured if self._others else measured[:, :0]
-        if self.layout is None:
-            none = np.zeros((measured.shape[0], 0))
-            return MemberReadings(measured=raw, re=none, im=none)
-        order, per_drive = self.layout.reading, 1.0 / self.layout.drive
-        shape = measured.shape[0], order.size
-        re, im = np.empty(shape), np.empty(shape)
-        for m, row in enumerate(measured):
-            target = row[order] * per_drive
-            re[m], im[m] = target.real, target.imag
-        return MemberReadings(measured=raw, re=re, im=im)
-
-    def cost_and_gradient(self, x: Float, readings: MemberReadings | None = None) -> tuple[Float, Float]:
-        """Cost of :class:`Problem` without priors, and its exact gradient.
-
-        Returns:
-            shapes ``(W,)`` and ``(W, p)``.
-        """
-        x = np.ascontiguousarray(x, dtype=float)
-        cost, gradient = np.zeros(x.shape[0]), np.zeros_like(x)
-        if self.layout is not None and x.size:
-            re, im = self._data[:2] if readings is None else (readings.re, readings.im)
-            if self.compiled:
-                self._compiled_slopes(x, re, im, cost, gradient)
-            else:
-                self._array_slopes(x, re + 1j * im, cost, gradient)
-        for rest in self._rest:
-            rest.add_slopes(x, None if readings is None else readings.measured, cost, gradient)
-        return cost, gradient
-
-    @property
-    def _plan(self) -> KernelLayout:
-        if self.layout is None:
-            raise RuntimeError("the problem has no responses to forces")
-        return self.layout
-
-    @cached_property
-    def _rest(self) -> list[BlockMisfit]:
-        """Blocks without a kernel."""
-        problem, stops = self.problem, np.cumsum([0] + [block.measured.size for block in self.problem.blocks])
-        return [
-            BlockMisfit(
-                problem=alone(problem, i),
-                readings=slice(stops[i], stops[i + 1]),
-                channel=self._channel_of[i],
-            )
-            for i in self._others
-        ]
-
-    # ---- NumPy -------------------------------------------------------------------------------------------------------
-
-    def _amplitude(self, x: Float) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
-        """Receptance of each node, response to each force direction, and prediction of each datum before the gain."""
-        plan, model = self._plan, self.problem.space.model
-        coefficients = model.coefficients(self._theta(x)[:, plan.group], plan.speed)
-        s = 1j * plan.frequency[:, None, None]
-        kappa = coefficients[:, plan.node_condition, -1]
-        for power in range(coefficients.shape[2] - 2, -1, -1):
-            kappa = kappa * s + coefficients[:, plan.node_condition, power]
-        H = _inverse(kappa)
-        response = H @ plan.directions.T
-        return H, response, response[:, plan.node, plan.coordinate[plan.entry], plan.direction[plan.entry]]
-
-    def _parts(self, x: Float) -> list[slice]:
-        step = max(1, _CHUNK // self._plan.reading.size)
-        return [slice(a, a + step) for a in range(0, x.shape[0], step)]
-
-    def _array_sums(self, x: Float, out: Float) -> None:
-        plan = self._plan
-        to_channel = np.zeros((plan.datum.size, out.shape[1]))
-        to_channel[np.arange(plan.datum.size), plan.channel] = 1.0
-        for part in self._parts(x):
-            _, _, value = self._amplitude(x[part])
-            miss = value * self._gains(x[part])[:, plan.gain[plan.entry]] - plan.target
-            rho, _ = robust_weights(self.problem.loss, plan.weight * (miss.real**2 + miss.imag**2))
-            out[part] += np.add.reduceat(rho, plan.datum, axis=1) @ to_channel
-
-    def _array_slopes(self, x: Float, target: ComplexArray, cost: Float, gradient: Float) -> None:
-        for part in self._parts(x):
-            self._array_slopes_of(x[part], target if target.shape[0] == 1 else target[part], cost[part], gradient[part])
-
-    def _array_slopes_of(self, x: Float, target: ComplexArray, cost: Float, gradient: Float) -> None:
-        """Adjoint of the prediction: ``d cost = Re sum Y dA`` and ``dA = -H dkappa H u`` give the slope by kappa."""
-        plan = self._plan
-        H, _, value = self._amplitude(x)
-        gain = self._gains(x)[:, plan.gain[plan.entry]]
-        miss = value * gain - target
-        rho, weight = robust_weights(self.problem.loss, plan.weight * (miss.real**2 + miss.imag**2))
-        cost += rho.sum(axis=1) / 2
-        pull = weight * plan.weight * miss.conj()
-        Y = np.zeros((*H.shape[:-1], plan.directions.shape[0]), dtype=complex)
-        # One entry at a time: no node occurs twice in it.
-        by_gain = np.zeros((x.shape[0], plan.gain_group.size), dtype=complex)
-        for e, (a, b) in enumerate(zip(plan.datum, np.append(plan.datum[1:], plan.reading.size), strict=True)):
-            Y[:, plan.node[a:b], plan.coordinate[e], plan.direction[e]] += pull[:, a:b] * gain[:, a:b]
-            by_gain[:, plan.gain[e]] += (pull[:, a:b] * value[:, a:b]).sum(axis=1).conj()
-        turned = np.swapaxes(H, -1, -2)
-        by_kappa = -(turned @ (Y @ plan.directions) @ turned)
-        gradient += self._pull(x, by_kappa)
-        if self.has_gains:
-            gradient += self._gain_gradient(x, by_gain)
-
-    def _pull(self, x: Float, by_kappa: ComplexArray) -> Float:
-        """Chain the slope by the dynamic stiffness of each node through the coefficients to the vector."""
-        plan, space = self._plan, self.problem.space
-        powers = (1j * plan.frequency[:, None]) ** np.arange(space.model.order + 1)
-        jacobian = space.model.functions.jacobian(self._theta(x)[:, plan.group], plan.speed)
-        result = np.zeros_like(x)
-        for k, g in enumerate(plan.group):
-            nodes = np.flatnonzero(plan.node_condition == k)
-            n = by_kappa.shape[-1]
-            by_c = (powers[nodes].T @ by_kappa[:, nodes].reshape(len(x), -1, n * n)).reshape(len(x), -1, n, n)
-            used = np.flatnonzero(jacobian.inputs < space.index.shape[1])
-            used = used[space.index[g, jacobian.inputs[used]] >= 0]
-            slope = by_c[:, jacobian.powers[used], jacobian.rows[used], jacobian.columns[used]]
-            values = (slope * jacobian.values[:, k, used]).real
-            np.add.at(result.T, space.index[g, jacobian.inputs[used]], values.T)
         return result
 
     # ---- numba -------------------------------------------------------------------------------------------------------
@@ -259,7 +173,7 @@ class Batch:
             seen.setdefault(
                 codegen.Pattern(
                     tuple((int(plan.coordinate[e]), axis[plan.direction[e]]) for e in range(e0, e1)),
-                    self.has_gains,
+                    self._has_gains,
                     self.problem.loss,
                 ),
                 len(seen),
@@ -269,7 +183,7 @@ class Batch:
         return tuple(seen), np.array(numbers, dtype=np.intp)
 
     @cached_property
-    def _kernels(self) -> dict[str, accelerator.Kernel]:
+    def _functions(self) -> dict[str, accelerator.Kernel]:
         return accelerator.compile_kernels(self._source)
 
     @cached_property
@@ -299,40 +213,13 @@ class Batch:
     def _data(self) -> tuple[Float, Float, Float]:
         return (*_split(self._plan.target[None, :]), np.ascontiguousarray(self._plan.weight))
 
-    def _compiled_sums(self, x: Float, out: Float) -> None:
-        self._kernels["sums"](x, *self._fixed, *self._data, *self._gain_parts(x), self._plan.channel, out)
-
     @cached_property
     def _unit_gains(self) -> tuple[Float, Float]:
         return _split(np.ones((1, self._plan.gain_group.size), dtype=complex))
 
     def _gain_parts(self, x: Float) -> tuple[Float, Float]:
-        return _split(self._gains(x)) if self.has_gains else self._unit_gains
-
-    def _compiled_slopes(self, x: Float, target_re: Float, target_im: Float, cost: Float, gradient: Float) -> None:
-        re, im = self._gain_parts(x)
-        seed_re, seed_im = np.zeros_like(re), np.zeros_like(im)
-        self._kernels["slopes"](
-            x, *self._fixed, target_re, target_im, self._data[2], re, im, cost, gradient, seed_re, seed_im
-        )
-        if self.has_gains:
-            gradient += self._gain_gradient(x, seed_re + 1j * seed_im)
+        return _split(self._gains(x)) if self._has_gains else self._unit_gains
 
 
 def _split(values: ComplexArray) -> tuple[Float, Float]:
     return np.ascontiguousarray(values.real), np.ascontiguousarray(values.imag)
-
-
-def _inverse(kappa: ComplexArray) -> ComplexArray:
-    """Inverse of matrices of shape ``(..., n, n)``, one and two rows in closed form."""
-    n = kappa.shape[-1]
-    if n == 1:
-        return np.asarray(1.0 / kappa)
-    if n > 2:
-        return np.asarray(np.linalg.inv(kappa))
-    a, b, c, d = kappa[..., 0, 0], kappa[..., 0, 1], kappa[..., 1, 0], kappa[..., 1, 1]
-    determinant = 1.0 / (a * d - b * c)
-    result = np.empty_like(kappa)
-    result[..., 0, 0], result[..., 0, 1] = d * determinant, -b * determinant
-    result[..., 1, 0], result[..., 1, 1] = -c * determinant, a * determinant
-    return result

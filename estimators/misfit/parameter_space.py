@@ -60,14 +60,10 @@ class ParameterSpace:
         return free, self.index[free]
 
     @cached_property
-    def runs_through(self) -> tuple[Index, slice] | None:
-        """Places that are fitted, and the entries that feed them, where one group's follow one another."""
-        places = np.flatnonzero(self.index[0] >= 0)
-        entries = self.index[0, places]
-        if len(self.index) > 1 or not np.array_equal(entries, np.arange(entries.size) + entries[:1].sum()):
-            return None
-        first = int(entries[:1].sum())
-        return places, slice(first, first + places.size)
+    def fitted(self) -> list[tuple[Index, Index]]:
+        """Places of each group's parameter vector that are fitted, and the entries that feed them."""
+        places = [np.flatnonzero(index >= 0) for index in self.index]
+        return [(some, index[some]) for some, index in zip(places, self.index, strict=True)]
 
     def pull_back(self, gradient: Float, group: int) -> Float:
         """Derivatives by the fitted vector, shape ``(..., p)``, of what depends on a group's parameters."""

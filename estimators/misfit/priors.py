@@ -34,19 +34,20 @@ class Prior:
     entry: int  # number of the entry in the fitted vector
     distribution: Any  # a frozen scipy.stats distribution
 
-    def terms(self, value: float) -> tuple[float, float, float]:
-        """Minus log of the density over its largest, at a value, its slope and its curvature (none below zero)."""
+    def terms(self, value: Float | float) -> tuple[Float, Float, Float]:
+        """Minus log of the density over its largest, at values, its slope and its curvature (none below zero)."""
         mean, sd = _moments(self.distribution)
         if _is_normal(self.distribution):
-            pull = (value - mean) / sd
-            return 0.5 * pull**2, pull / sd, 1.0 / sd**2
+            pull = (np.asarray(value) - mean) / sd
+            return 0.5 * pull**2, pull / sd, np.full_like(pull, 1.0 / sd**2)
         step = 1e-4 * sd
         # One call: SciPy's checks cost far more than the arithmetic.
-        low, here, high = (-self.distribution.logpdf(value + np.array([-step, 0.0, step]))).tolist()
-        rise = max(here - self._least, 0.0) if np.isfinite(here) else np.inf
-        if not np.isfinite([low, here, high]).all():
-            return rise, 0.0, 0.0
-        return rise, (high - low) / (2 * step), max((high - 2 * here + low) / step**2, 0.0)
+        low, here, high = -self.distribution.logpdf(np.add.outer([-step, 0.0, step], value))
+        rise = np.where(np.isfinite(here), np.maximum(here - self._least, 0.0), np.inf)
+        with np.errstate(invalid="ignore"):
+            slope, curvature = (high - low) / (2 * step), np.maximum((high - 2 * here + low) / step**2, 0.0)
+        inside = np.isfinite([low, here, high]).all(axis=0)
+        return rise, np.where(inside, slope, 0.0), np.where(inside, curvature, 0.0)
 
     @cached_property
     def _least(self) -> float:

@@ -1,27 +1,31 @@
-"""A fit as a plain optimisation problem: which parameters are free, and how well a vector of them fits."""
+"""A fit as a plain optimisation problem: which parameters are free, and how well vectors of them fit."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
 
-from rotorfit.estimators.blocks.correlated import CorrelatedResponses, whiten
 from rotorfit.estimators.blocks.observations import Block, Responses
-from rotorfit.estimators.misfit.losses import Loss, robust_weights
+from rotorfit.estimators.misfit.block_term import BlockTerm, Normal
+from rotorfit.estimators.misfit.losses import Loss
 from rotorfit.estimators.misfit.parameter_space import ParameterSpace
 from rotorfit.estimators.misfit.priors import Prior
-from rotorfit.models.array_types import ComplexArray, Float
+from rotorfit.models.array_types import ComplexArray, Float, Index
 
-_PIECE = 8192  # readings whose derivatives are held at once
+_PIECE = 8192  # readings evaluated together: derivatives of millions fit no memory
+_TOGETHER = 32_768  # readings of several vectors evaluated together, which measured fastest: more leave the cache
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Problem:
     """Weighted least squares on complex observations.
 
-    It is an :class:`~rotorfit.estimators.minimisation.least_squares.Objective`.
+    It is an :class:`~rotorfit.estimators.minimisation.least_squares.Objective`. What is evaluated of one vector is
+    evaluated of many in the same way: ``x`` has the shape ``(..., p)``, and readings in place of the measured ones, one
+    set a vector, ``(..., R)``.
     """
 
     space: ParameterSpace  # the fitted vector
@@ -35,164 +39,118 @@ class Problem:
         """Number of real data: two for each complex observation."""
         return 2 * sum(block.measured.size for block in self.blocks)
 
-    def _nuisance_factor(self, number: int, x: Float) -> ComplexArray | float:
-        if not self.factors or self.factors[number] is None:
-            return 1.0
-        return np.asarray(np.exp(np.asarray(self.factors[number]) @ x[len(self.space.names) :]))
+    @cached_property
+    def _terms(self) -> tuple[BlockTerm, ...]:
+        stops = np.cumsum([0] + [block.measured.size for block in self.blocks]).tolist()
+        factors = self.factors or (None,) * len(self.blocks)
+        return tuple(
+            self._term(block, factor, start)
+            for block, factor, start in zip(self.blocks, factors, stops[:-1], strict=True)
+        )
 
-    def predict(self, x: Float) -> list[ComplexArray]:
-        """Predicted observations of each block; from the residuals where those are at hand and independent."""
-        key = x.tobytes()
-        if key in self._last and not any(isinstance(block, CorrelatedResponses) for block in self.blocks):
-            stops = np.cumsum([block.measured.size for block in self.blocks])
-            parts = np.split(self._last[key][-1], stops[:-1])
-            return [block.measured + r * block.sigma for block, r in zip(self.blocks, parts, strict=True)]
-        theta = self.space.theta(x)
-        return [block.predict(theta) * self._nuisance_factor(i, x) for i, block in enumerate(self.blocks)]
-
-    def residuals(self, x: Float) -> ComplexArray:
-        """Whitened complex residuals of all blocks, predicted minus measured over sigma, shape ``(R,)``."""
-        pairs = zip(self.predict(x), self.blocks, strict=True)
-        return np.concatenate([whiten(block, predicted - block.measured) for predicted, block in pairs])
-
-    def jacobian(self, x: Float) -> tuple[ComplexArray, ComplexArray]:
-        """Whitened residuals and their derivatives, shapes ``(R,)`` and ``(R, p)``, not to be written to.
-
-        What was asked for last is kept, unless it is large: the search ends where the residuals are then studied and
-        the result is judged.
-        """
-        rows = self._linearised(x)
-        return rows[-1], rows[:-1].T
-
-    def _linearised(self, x: Float) -> ComplexArray:
-        """Whitened derivatives and under them the residuals, shape ``(p + 1, R)``; what was asked for last is kept."""
-        key = x.tobytes()
-        if key not in self._last:
-            found = self._linearise(x)
-            if found.shape[1] > _PIECE:
-                return found
-            self._last.clear()
-            self._last[key] = found
-        return self._last[key]
+    def _term(self, block: Block, factors: ComplexArray | None, start: int) -> BlockTerm:
+        readings = slice(start, start + block.measured.size)
+        return BlockTerm(space=self.space, block=block, loss=self.loss, factors=factors, readings=readings)
 
     @cached_property
-    def _last(self) -> dict[bytes, ComplexArray]:
-        return {}
-
-    def _linearise(self, x: Float) -> ComplexArray:
-        theta = self.space.theta(x)
-        count = self.n_data // 2
-        whole = np.zeros((self.space.size + 1, count), dtype=complex)  # parameter by parameter: contiguous along lines
-        rows, residuals = whole[:-1], whole[-1]
-        stop = 0
-        for number, block in enumerate(self.blocks):
-            start, stop = stop, stop + block.measured.size
-            predicted, by_theta = block.predict_jacobian(theta)
-            part = rows[:, start:stop]
-            self._scatter(block, by_theta.T, part)
-            if self.factors and self.factors[number] is not None:
-                factor = np.asarray(self._nuisance_factor(number, x))
-                predicted = predicted * factor
-                part *= factor
-                part[len(self.space.names) :] = np.asarray(self.factors[number]).T * predicted
-            residuals[start:stop] = whiten(block, predicted - block.measured)
-            if isinstance(block, CorrelatedResponses):
-                part[:] = whiten(block, part) * block.sigma
-        rows.view(float)[:] *= self._weight
-        whole.flags.writeable = False
-        return whole
-
-    @cached_property
-    def _weight(self) -> Float:
-        """One over sigma, twice in a row for the real and the imaginary part of each reading."""
-        return np.repeat(np.concatenate([1 / block.sigma for block in self.blocks]), 2)
-
-    def _scatter(self, block: Block, by_theta: ComplexArray, out: ComplexArray) -> None:
-        """Write derivatives by the groups' parameters as derivatives by the fitted vector, readings along the rows."""
-        if self.space.runs_through is not None:
-            places, entries = self.space.runs_through
-            np.take(by_theta, places, axis=0, out=out[entries], mode="clip")
-            return
-        group = block.reading_group
-        for g, index in enumerate(self.space.index):
-            places = np.flatnonzero(index >= 0)
-            if len(self.space.index) == 1:
-                out[index[places]] = by_theta[places]
-            else:
-                rows = np.flatnonzero(group == g)
-                out[np.ix_(index[places], rows)] = by_theta[np.ix_(places, rows)]
-
-    # ---- the optimiser's view -------------------------------------------------------------------------------------
-
-    def cost(self, x: Float) -> float:
-        """Half the (robust) sum of squares plus minus the log prior."""
-        misfit = sum(piece._misfit(x) for piece in self._pieces)
-        return misfit + sum(prior.terms(float(x[prior.entry]))[0] for prior in self.priors)
-
-    @cached_property
-    def _pieces(self) -> tuple[Problem, ...]:
-        """The problem in pieces that fit the processor's cache; derivatives of millions of readings fit no memory."""
+    def _pieces(self) -> tuple[BlockTerm, ...]:
+        """The terms in pieces of few enough readings."""
         if self.n_data <= 2 * _PIECE:
-            return (self,)
-        pieces: list[Problem] = []
-        for number, block in enumerate(self.blocks):
-            parts = block.split(_PIECE) if isinstance(block, Responses) else [block]
-            factors = self.factors[number] if self.factors else None
-            stops = np.cumsum([part.measured.size for part in parts])
-            rows = [None] * len(parts) if factors is None else np.split(factors, stops[:-1])
-            pieces += [
-                Problem(
-                    space=self.space, blocks=(part,), loss=self.loss, priors=(), factors=() if row is None else (row,)
-                )
-                for part, row in zip(parts, rows, strict=True)
-            ]
+            return self._terms
+        pieces: list[BlockTerm] = []
+        for term in self._terms:
+            start = term.readings.start
+            for block in term.block.split(_PIECE) if isinstance(term.block, Responses) else [term.block]:
+                rows = slice(start - term.readings.start, start - term.readings.start + block.measured.size)
+                pieces.append(self._term(block, None if term.factors is None else term.factors[rows], start))
+                start += block.measured.size
         return tuple(pieces)
 
-    def _misfit(self, x: Float) -> float:
-        r = self.residuals(x)
-        if self.loss == "linear":
-            return 0.5 * float(np.vdot(r, r).real)
-        return 0.5 * float(robust_weights(self.loss, np.abs(r) ** 2)[0].sum())
+    def predict(self, x: Float) -> list[ComplexArray]:
+        """Predicted observations of each block, shape ``(..., R)``."""
+        return [term.predict(x) for term in self._terms]
 
-    def _misfit_derivatives(self, x: Float) -> tuple[float, Float, Float]:
-        rows = self._linearised(x)
-        if self.loss == "linear":
-            misfit = 0.5 * float(np.vdot(rows[-1], rows[-1]).real)
-        else:
-            rho, weight = robust_weights(self.loss, np.abs(rows[-1]) ** 2)
-            misfit = 0.5 * float(rho.sum())
-            rows = rows * np.sqrt(weight)
-        stacked = rows.view(float)
-        products = stacked[:-1] @ stacked.T
-        return misfit, products[:, -1], products[:, :-1]
+    def residuals(self, x: Float) -> ComplexArray:
+        """Whitened complex residuals of all blocks, predicted minus measured over sigma, shape ``(..., R)``."""
+        return np.concatenate([term.residuals(x) for term in self._terms], axis=-1)
 
-    def gauss_newton(self, x: Float) -> tuple[float, Float, Float]:
-        """Cost, gradient and Gauss-Newton matrix, not to be written to; what was asked for last is kept."""
-        key = x.tobytes()
-        if key not in self._last_normal:
-            found = self._gauss_newton(x)
-            found[1].flags.writeable = found[2].flags.writeable = False
-            self._last_normal.clear()
-            self._last_normal[key] = found
-        return self._last_normal[key]
+    def jacobian(self, x: Float) -> tuple[ComplexArray, ComplexArray]:
+        """Whitened residuals and their derivatives, shapes ``(..., R)`` and ``(..., R, p)``."""
+        parts = [term.linearised(x) for term in self._terms]
+        residuals, rows = (np.concatenate(some, axis=-1) for some in zip(*parts, strict=True))
+        return residuals, np.swapaxes(rows, -1, -2)
+
+    # ---- sums over readings ------------------------------------------------------------------------------------------
 
     @cached_property
-    def _last_normal(self) -> dict[bytes, tuple[float, Float, Float]]:
-        return {}
+    def channel_names(self) -> tuple[str, ...]:
+        """Names of the noise channels: one for each response of each block."""
+        return tuple(name for block in self.blocks for name in block.labels)
 
-    def _gauss_newton(self, x: Float) -> tuple[float, Float, Float]:
-        cost, gradient, matrix = self._pieces[0]._misfit_derivatives(x)
-        for piece in self._pieces[1:]:
-            more, slope, curvature = piece._misfit_derivatives(x)
-            cost += more
-            gradient += slope
-            matrix += curvature
+    @cached_property
+    def channel(self) -> Index:
+        """Noise channel of each reading, shape ``(R,)``."""
+        first = np.cumsum([0] + [len(block.labels) for block in self.blocks])
+        return np.concatenate([block.label + before for block, before in zip(self.blocks, first[:-1], strict=True)])
+
+    @cached_property
+    def channel_counts(self) -> Index:
+        """Number of real data in each noise channel."""
+        return np.asarray(2 * np.bincount(self.channel, minlength=len(self.channel_names)), dtype=np.intp)
+
+    def channel_sums(self, x: Float) -> Float:
+        """Robust sums of squared whitened residuals of each channel of vectors ``(W, p)``, shape ``(W, channels)``."""
+        total = np.zeros((len(x), len(self.channel_names)))
+        for piece in self._pieces:
+            to_channel = np.eye(len(self.channel_names))[self.channel[piece.readings]]
+            for some in self._chunks(x):
+                total[some] += piece.losses(x[some]) @ to_channel
+        return total
+
+    def _chunks(self, x: Float) -> Sequence[slice | int]:
+        """Vectors that are evaluated together; a single one by its number, as graphs are quicker with scalars."""
+        step = 2 * _TOGETHER // max(self.n_data, 1)
+        if step < 2 or len(x) == 1:
+            return range(len(x))
+        return [slice(first, first + step) for first in range(0, len(x), step)]
+
+    def costs(self, x: Float, measured: ComplexArray | None = None) -> Float:
+        """Costs of vectors ``(W, p)``: half the (robust) sum of squares plus minus the log prior, shape ``(W,)``."""
+        total = np.zeros(len(x))
+        for some in self._chunks(x):
+            data = None if measured is None else measured[some]
+            for piece in self._pieces:
+                total[some] += 0.5 * piece.losses(x[some], data).sum(axis=-1)
         for prior in self.priors:
-            value, first, second = prior.terms(float(x[prior.entry]))
+            total += prior.terms(x[:, prior.entry])[0]
+        return total
+
+    def evaluate(self, x: Float, measured: ComplexArray | None = None, *, matrix: bool = True) -> Normal:
+        """Costs, gradients and Gauss-Newton matrices of vectors ``(W, p)``; matrices of zeros where none are wanted."""
+        cost, gradient, total = np.zeros(len(x)), np.zeros(x.shape), np.zeros((*x.shape, x.shape[1]))
+        for some in self._chunks(x):
+            data = None if measured is None else measured[some]
+            for piece in self._pieces:
+                more = piece.normal(x[some], data, matrix=matrix)
+                for sums, part in zip((cost, gradient, total), more, strict=True):
+                    sums[some] += part
+        for prior in self.priors:
+            value, slope, curvature = prior.terms(x[:, prior.entry])
             cost += value
-            gradient[prior.entry] += first
-            matrix[prior.entry, prior.entry] += second
-        return cost, gradient, matrix
+            gradient[:, prior.entry] += slope
+            total[:, prior.entry, prior.entry] += curvature
+        return cost, gradient, total
+
+    # ---- the optimiser's view of one vector --------------------------------------------------------------------------
+
+    def cost(self, x: Float) -> float:
+        """Cost of one vector."""
+        return float(self.costs(x[None])[0])
+
+    def gauss_newton(self, x: Float) -> tuple[float, Float, Float]:
+        """Cost, gradient and Gauss-Newton matrix of one vector."""
+        cost, gradient, matrix = self.evaluate(x[None])
+        return float(cost[0]), gradient[0], matrix[0]
 
     def hessian(self, x: Float) -> Float:
         """Second derivatives of the cost, by differences of the exact gradient.
@@ -200,11 +158,7 @@ class Problem:
         Needed only where Gauss-Newton stalls; a relative step of 1.5e-8 leaves errors near 1e-8 of its size.
         """
         step = np.sqrt(np.finfo(float).eps) * np.maximum(np.abs(x), 1e-8)
-        here = self.gauss_newton(x)[1]
-        columns = []
-        for i in range(x.size):
-            beyond = x.copy()
-            beyond[i] += step[i]
-            columns.append((self.gauss_newton(beyond)[1] - here) / (beyond[i] - x[i]))
-        matrix = np.array(columns)
+        beyond = x + np.diag(step)
+        gradient = self.evaluate(np.concatenate([x[None], beyond]), matrix=False)[1]
+        matrix = (gradient[1:] - gradient[0]) / (np.diagonal(beyond) - x)[:, None]
         return np.asarray((matrix + matrix.T) / 2)

@@ -100,14 +100,14 @@ class LogRatioProblem:
 
     def gauss_newton(self, y: Float) -> tuple[float, Float, Float]:
         """See :meth:`Problem.gauss_newton`."""
-        cost, gradient, matrix = self.problem.gauss_newton(self.ratios.vectors(y))
-        by = self.ratios.slope(y)
-        return cost, gradient @ by, by.T @ matrix @ by
+        cost, gradient, matrix = self.evaluate(y[None])
+        return float(cost[0]), gradient[0], matrix[0]
 
-    def of_many(self, y: Float) -> tuple[Float, Float, Float]:
-        """What :meth:`gauss_newton` answers, for many: shapes ``(W,)``, ``(W, p)`` and ``(W, p, p)``."""
-        cost, gradient, matrix = (np.array(part) for part in zip(*(self.gauss_newton(row) for row in y), strict=True))
-        return cost, gradient, matrix
+    def evaluate(self, y: Float) -> tuple[Float, Float, Float]:
+        """See :meth:`Problem.evaluate`."""
+        cost, gradient, matrix = self.problem.evaluate(self.ratios.vectors(y))
+        by = np.array([self.ratios.slope(row) for row in y])
+        return cost, (gradient[:, None] @ by)[:, 0], by.swapaxes(1, 2) @ matrix @ by
 
     def hessian(self, y: Float) -> Float:
         """Second derivatives of the cost, by central differences of the exact gradient."""

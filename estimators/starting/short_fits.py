@@ -11,7 +11,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rotorfit.estimators.misfit.block_misfit import alone, normal_equations
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.models.array_types import Float, Index
 
@@ -50,23 +49,13 @@ class _Costs:
     """Costs of many vectors of a problem, each held loosely at its start."""
 
     def __init__(self, problem: Problem, starts: Float, sizes: Float) -> None:
-        self._parts = [alone(problem, number) for number in range(len(problem.blocks))]
-        self._priors, self._starts, self._sizes = problem.priors, starts, sizes
+        self._problem, self._starts, self._sizes = problem, starts, sizes
 
     def at(self, x: Float, members: Index) -> _Points:
         """Points of some of the fits at vectors ``(len(members), p)``."""
         sizes = self._sizes[members]
-        cost = np.zeros(len(x))
-        slope, matrix = np.zeros_like(x), np.zeros((*x.shape, x.shape[1]))
-        for part in self._parts:
-            more = normal_equations(part, x)
-            cost, slope, matrix = cost + more[0], slope + more[1], matrix + more[2]
+        cost, slope, matrix = self._problem.evaluate(x)
         every = np.arange(x.shape[1])
-        for prior in self._priors:
-            terms = np.array([prior.terms(float(value)) for value in x[:, prior.entry]])
-            cost, entry = cost + terms[:, 0], prior.entry
-            slope[:, entry] += terms[:, 1]
-            matrix[:, entry, entry] += terms[:, 2]
         slope, matrix = slope * sizes, matrix * sizes[:, :, None] * sizes[:, None, :]
         moved = (x - self._starts[members]) / (LOOSE * sizes)
         matrix[:, every, every] += 1 / LOOSE**2

@@ -15,7 +15,6 @@ from rotorfit.estimators.blocks.nonlinear import responses_of
 from rotorfit.estimators.blocks.observations import Block, Responses
 from rotorfit.estimators.blocks.row_keys import combined, in_order
 from rotorfit.estimators.minimisation.least_squares import Options, Solution, Status, minimise
-from rotorfit.estimators.misfit.block_misfit import costs
 from rotorfit.estimators.misfit.parameter_space import DATUM, ParameterSpace
 from rotorfit.estimators.misfit.priors import Prior
 from rotorfit.estimators.misfit.problem import Problem
@@ -228,7 +227,7 @@ def _nonlinear_guess(problem: Problem) -> Start:
     found: Solution | None = None
     if starts:
         apart = _apart(np.array(starts))
-        promising = apart[np.argsort(costs(explicit, apart), kind="stable")[:_TRIED]]
+        promising = apart[np.argsort(_costs(explicit, apart), kind="stable")[:_TRIED]]
         ends = loose_fits(explicit, promising)
         found = _short_fit(problem, _inside_full(problem, ends.x[np.argmin(ends.cost)]))
         if found.status not in (Status.CONVERGED, Status.SINGULAR):
@@ -288,6 +287,12 @@ def _settled_at(cost: Float | float, gradient: Float, matrix: Float, limit: floa
         return np.zeros_like(good)
     length = np.sum(step * along, axis=-1)
     return np.asarray(good & (length >= 0) & (length < 1))
+
+
+def _costs(problem: Problem, x: Float) -> Float:
+    with np.errstate(all="ignore"):  # a start may well be absurd
+        cost = problem.costs(x)
+    return np.where(np.isfinite(cost), cost, np.inf)
 
 
 def _cost(problem: Problem, values: Float) -> float:

@@ -24,7 +24,7 @@ from rotorfit.uncertainty.posterior import Posterior, SampleSettings
 WALKERS = 128
 """Walkers by default, enough to keep vectorised likelihoods busy; more where there are many parameters."""
 FEW_WALKERS = 32
-"""The same where the likelihood is evaluated vector by vector, as with the matrices of a whole shaft."""
+"""The same with the matrices of a whole shaft, where many vectors at once save nothing."""
 _HIGHER = 0.5  # excess of the log density over that at the optimum that is more than an optimum's inaccuracy
 _TYPICAL_STEPS = 400  # of a well-behaved posterior, to judge whether compiling pays
 
@@ -51,8 +51,8 @@ def sample(
     Args:
         fit: result of :func:`rotorfit.fit`.
         seed: of the random numbers; by default one is drawn, and kept in the result.
-        walkers: even number of walkers, by default 128 (32 where the likelihood is evaluated vector by
-            vector) or twice the number of entries.
+        walkers: even number of walkers, by default 128 (32 with the matrices of a whole
+            shaft) or twice the number of entries.
         ess: effective samples to reach.
         max_steps: steps after which to stop in any case; the result then says that it is not converged.
         noise: level of the noise in each channel: "marginal" (default: unknown and integrated out, so that a channel
@@ -84,7 +84,7 @@ def sample(
         fit, structure = _refined(fit)
     _refuse_unsampled(fit)
     target = _target(fit, noise, accelerate, max(ess, (walkers or WALKERS) * _TYPICAL_STEPS))
-    count = walkers or max(FEW_WALKERS if target.batch.one_by_one else WALKERS, 2 * target.size)
+    count = walkers or max(FEW_WALKERS if fit.model.shaft is not None else WALKERS, 2 * target.size)
     centre, covariance = target.laplace(fit.x)
     try:
         paths = ensemble_sampler.sample(
@@ -186,8 +186,8 @@ def _noise_words(fit: FitResult, target: LogPosterior, centre: Float) -> str:
             return "noise as given with the data"
         return f"noise as given with the data, standard deviations widened by {np.sqrt(target.inflation):.3g}"
     parameters = centre[None, : target.problem.space.size]
-    level = np.sqrt((target.batch.sums(parameters)[0] + 1.0) / target.counts)
-    level *= [fit.settings.levels.get(name, 1.0) for name in target.batch.channel_names]
+    level = np.sqrt((target.batch.channel_sums(parameters)[0] + 1.0) / target.counts)
+    level *= [fit.settings.levels.get(name, 1.0) for name in fit.problem.channel_names]
     how = "integrated out" if target.noise == "marginal" else "sampled"
     return (
         f"noise level of each channel unknown and {how}; at the optimum {level.min():.3g} to {level.max():.3g} "
