@@ -9,7 +9,6 @@ import numpy as np
 
 from rotorfit.data.experiments import DisplacementTest, PerturbationTest
 from rotorfit.data.findings import Finding
-from rotorfit.data.lines import lines_of
 from rotorfit.models.array_types import ComplexArray, Float
 
 LARGEST, SUSPECT, SMALLEST = 0.05, 5e-3, 1e-6
@@ -41,6 +40,6 @@ def amplitudes(test: PerturbationTest | DisplacementTest) -> Iterator[Finding]:
 
 def sizes(test: PerturbationTest, response: ComplexArray) -> Float:
     """Amplitudes in metres, slopes with a tenth of a metre: one of 0.5 rad is as impossible as 50 mm."""
-    lines = lines_of(test)
+    lines = test.lines
     lever = np.array([0.1 if direction.startswith("r") else 1.0 for direction in lines.names["direction"]])
     return np.asarray(np.abs(response) * lever[lines.number["direction"]])

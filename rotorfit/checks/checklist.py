@@ -34,7 +34,6 @@ from rotorfit.data.experiments import (
     plane_groups,
 )
 from rotorfit.data.findings import NO_COPIES, Finding, listed
-from rotorfit.data.kept import kept, unchanged
 from rotorfit.data.synchronous import DIFFERENCED
 from rotorfit.data.weights import Influences, weighed
 from rotorfit.estimators.blocks.row_keys import words
@@ -69,21 +68,12 @@ def check(test: Experiment) -> list[Finding]:
         >>> [finding.code for finding in rf.check(rig) if finding.severity == "error"]
         []
     """
-    with unchanged([test]):
-        notes = kept(test)
-        if "findings" not in notes:
-            notes["findings"] = tuple(_check(test))
-    return list(notes["findings"])
+    return _check(test)
 
 
 def errors(test: Experiment) -> list[Finding]:
     """The errors among the findings of :func:`check`."""
-    with unchanged([test]):
-        notes = kept(test)
-        if "findings" not in notes and "errors" not in notes:
-            notes["errors"] = tuple(_check(test, only_errors=True))
-    found: tuple[Finding, ...] = notes["findings"] if "findings" in notes else notes["errors"]
-    return [finding for finding in found if finding.severity == "error"]
+    return [finding for finding in _check(test, only_errors=True) if finding.severity == "error"]
 
 
 def _check(test: Experiment, *, only_errors: bool = False) -> list[Finding]:
@@ -92,8 +82,7 @@ def _check(test: Experiment, *, only_errors: bool = False) -> list[Finding]:
     finite = np.flatnonzero(numeric)
     if finite.size:
         rest = test if finite.size == len(test) else test.select(finite)
-        with unchanged([rest]):
-            told = list(_of_its_kind(rest, only_errors))
+        told = list(_of_its_kind(rest, only_errors))
         for finding in told:  # rows of the finite part back to rows of the test
             rows = tuple(finite[list(finding.rows)].tolist())
             findings.append(Finding(finding.severity, finding.code, finding.message, rows))

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from rotorfit.data.directional import directional
 from rotorfit.data.experiments import PerturbationTest
 from rotorfit.data.linear_force import probe_pairs, whirl_parts
-from rotorfit.data.lines import Lines, lines_of
+from rotorfit.data.lines import Lines
 from rotorfit.estimators.blocks.response import inverse
 from rotorfit.estimators.blocks.row_keys import combined, in_order, numbers
 from rotorfit.models.array_types import ComplexArray, Float, Index
@@ -243,11 +243,11 @@ def orbits_of(test: PerturbationTest, rows: Index) -> Orbits:
     Under a force along an axis the forward and the backward part are two orbits, each with its half of the force;
     readings of one probe alone, which do not tell them apart, are left out.
     """
-    lines, origin = lines_of(test), rows[:, None]
+    lines, origin = test.lines, rows[:, None]
     if lines.names["force_direction"] != ["circular"]:
         kept = np.setdiff1d(np.arange(len(test)), probe_pairs(test, test.linear)[1])
         test, pairs = whirl_parts(test.select(kept))
-        lines, origin = lines_of(test), rows[kept][pairs]
+        lines, origin = test.lines, rows[kept][pairs]
     probe = np.array(["xyz".find(direction) for direction in lines.names["direction"]], dtype=np.intp)
     probe = probe[lines.number["direction"]]
     readings = np.flatnonzero(probe >= 0)

@@ -8,7 +8,6 @@ import numpy as np
 
 from rotorfit.data.experiments import PerturbationTest
 from rotorfit.data.findings import Finding
-from rotorfit.data.lines import lines_of
 from rotorfit.estimators.blocks.row_keys import combined
 from rotorfit.models.array_types import Bool, ComplexArray, Float, Index
 
@@ -72,13 +71,13 @@ def _at_the_top(channel: Index, size: Float) -> Bool:
 
 
 def _channels(test: PerturbationTest) -> Index:
-    number = lines_of(test).number
+    number = test.lines.number
     return combined(number["plane"], number["direction"])
 
 
 def _sweeps(test: PerturbationTest, channel: Index) -> Iterator[Index]:
     """Rows of one probe in one run and under one force's plane, in the order of frequency."""
-    number = lines_of(test).number
+    number = test.lines.number
     sweep = combined(number["run"], number["force_plane"], channel)
     order = np.lexsort((test.frequency, sweep))
     return iter(np.split(order, np.flatnonzero(np.diff(sweep[order])) + 1))

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
+from functools import cached_property
 from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rotorfit.data.lines import Lines, lines_of
 from rotorfit.estimators.blocks.row_keys import combined, in_order, numbers, words
 from rotorfit.models.array_types import Bool, ComplexArray, Float, Text
 from rotorfit.units import RPM_PER_RAD_S
@@ -24,9 +26,17 @@ SYNCHRONOUS_TOLERANCE = 1e-4
 """A reading is 1x when its frequency equals its speed to this fraction of the speed."""
 
 
+def _read_only(values: NDArray[Any]) -> NDArray[Any]:
+    """An array that nobody writes to: what is worked out of it holds as long as it lives."""
+    if not isinstance(values, np.ndarray) or values.flags.writeable:
+        values = np.array(values)
+        values.flags.writeable = False
+    return values
+
+
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class _Rows:
-    """Arrays of one length, one row a reading."""
+    """Read-only arrays of one length, one row a reading."""
 
     title: ClassVar[str]
 
@@ -66,6 +76,20 @@ class _Rows:
 
     def __post_init__(self) -> None:
         self._check_lengths()
+        self._freeze()
+
+    def _freeze(self) -> None:
+        for name in self._columns():
+            object.__setattr__(self, name, _read_only(getattr(self, name)))
+        object.__setattr__(self, "attributes", {name: _read_only(v) for name, v in self.attributes.items()})
+
+    def __getstate__(self) -> dict[str, Any]:
+        """The columns alone: what was worked out of them is worked out again where it is needed."""
+        return {f.name: getattr(self, f.name) for f in fields(self)}
+
+    def __setstate__(self, columns: dict[str, Any]) -> None:
+        self.__dict__.update(columns)
+        self._freeze()
 
     def _columns(self) -> list[str]:
         return [f.name for f in fields(self) if f.name not in ("source", "attributes")]
@@ -151,6 +175,11 @@ class PerturbationTest(_Rows):
                 f"{self.force_direction[bad][0]} (row {np.flatnonzero(bad)[0] + 1}); a force that does not turn has "
                 "positive ones"
             )
+
+    @cached_property
+    def lines(self) -> Lines:
+        """Rows put together by lines: what one run at one frequency under one force is."""
+        return lines_of({name: getattr(self, name) for name in self._columns()})
 
     @property
     def forces(self) -> tuple[str, ...]:

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from rotorfit.data.experiments import PerturbationTest
-from rotorfit.data.kept import kept_rows
 from rotorfit.estimators.blocks.row_keys import combined, in_order, numbers, words
 from rotorfit.models.array_types import Float, Index
 
@@ -53,19 +53,11 @@ class Lines:
         return line, first
 
 
-def lines_of(test: PerturbationTest) -> Lines:
-    """Lines of a test, worked out once as long as its columns stay as they are."""
-    notes = kept_rows(test)
-    if Lines not in notes:
-        notes[Lines] = _lines_of(test)
-    found: Lines = notes[Lines]
-    return found
-
-
-def _lines_of(test: PerturbationTest) -> Lines:
-    text = {name: words(getattr(test, name)) for name in _TEXT}
+def lines_of(columns: Mapping[str, NDArray[Any]]) -> Lines:
+    """Lines of the columns of a test."""
+    text = {name: words(columns[name]) for name in _TEXT}
     number = {name: own for name, (_, own) in text.items()}
-    number |= {name: numbers(getattr(test, name)) for name in ("speed", "frequency", "force")}
+    number |= {name: numbers(columns[name]) for name in ("speed", "frequency", "force")}
     first, line = in_order(combined(*[number[name] for name in _LINE]))
     names = {name: found for name, (found, _) in text.items()}
-    return Lines(names=names, number=number, line=line, first=first, frequency=test.frequency)
+    return Lines(names=names, number=number, line=line, first=first, frequency=columns["frequency"])

@@ -11,7 +11,6 @@ import numpy as np
 from rotorfit.checks.checklist import errors
 from rotorfit.data.common_zero import at_common_zero
 from rotorfit.data.experiments import Experiment
-from rotorfit.data.kept import unchanged
 from rotorfit.estimators.minimisation.least_squares import Options, Solution, Status, minimise
 from rotorfit.estimators.misfit.losses import Loss
 from rotorfit.estimators.misfit.parameter_space import DATUM
@@ -116,11 +115,10 @@ def fit(
 
 def fitted(model: RotorModel, experiments: tuple[Experiment, ...], settings: FitSettings) -> FitResult:
     """What :func:`fit` does, without a look for what a misfit may come from: for fits of data already looked at so."""
-    with unchanged(experiments):
-        problem = build_problem(model, experiments, settings)
-        start = find_start(problem, settings.start)
-        solution = solve(problem, start.x, Options(max_iterations=settings.max_iterations))
-        return judged(problem, experiments, settings, start, solution)
+    problem = build_problem(model, experiments, settings)
+    start = find_start(problem, settings.start)
+    solution = solve(problem, start.x, Options(max_iterations=settings.max_iterations))
+    return judged(problem, experiments, settings, start, solution)
 
 
 def _trial(problem: Problem) -> tuple[float, Float]:

@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rotorfit.data.directional import directional, directional_noise
 from rotorfit.data.experiments import DisplacementTest, Experiment, PerturbationTest
-from rotorfit.data.kept import MOST_KEPT, kept, unchanged
 from rotorfit.data.linear_force import whirl_parts
-from rotorfit.data.lines import Lines, lines_of
+from rotorfit.data.lines import Lines
 from rotorfit.estimators.blocks.observations import Responses
 from rotorfit.estimators.blocks.row_keys import combined, in_order, numbers, words
 from rotorfit.estimators.noise.sweep_noise import estimate_noise
@@ -30,34 +28,10 @@ def observe(model: RotorModel, experiment: Experiment, group: Index) -> Response
     """
     if not isinstance(experiment, DisplacementTest | PerturbationTest):
         raise TypeError(f"{type(experiment).__name__} has no responses")
-    with unchanged([experiment]):
-        if len(experiment) > MOST_KEPT:
-            return _observe(model, experiment, group)
-        notes, key = kept(experiment), _key(model, group)
-        if key not in notes:
-            keep_observed(experiment, _observe(model, experiment, group), group)
-    found: Responses = notes[key]
-    if found.model is not model:
-        found = notes[key] = replace(found, model=model)
-    return found
-
-
-def keep_observed(experiment: Experiment, block: Responses, group: Index) -> None:
-    """Keep the observations of an experiment for whoever observes it next."""
-    for values in (block.measured, block.sigma, block.force):
-        values.flags.writeable = False
-    kept(experiment)[_key(block.model, group)] = block
-
-
-def _key(model: RotorModel, group: Index) -> tuple[Any, ...]:
-    return "responses", model.frame, model.coordinates, model.planes, group.tobytes()
-
-
-def _observe(model: RotorModel, experiment: DisplacementTest | PerturbationTest, group: Index) -> Responses:
     if isinstance(experiment, DisplacementTest):
         return _observe_displacement(model, experiment, group)
     _check_finite(experiment)
-    names = lines_of(experiment).names
+    names = experiment.lines.names
     check_planes(model, experiment, names["plane"], names["force_plane"], forces="force planes")
     if model.frame != "z":
         return _observe_xy(model, experiment, group)
@@ -107,7 +81,7 @@ def _places(bad: NDArray[np.bool_]) -> str:
 
 def first_rows(test: PerturbationTest) -> Index:
     """First row of each line of a test, in the order of the lines of its observations."""
-    return lines_of(test).apart()[1]
+    return test.lines.apart()[1]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -124,7 +98,7 @@ class Places:
     @classmethod
     def of(cls, model: RotorModel, test: PerturbationTest) -> Places:
         """Those of a test."""
-        lines, size = lines_of(test), len(model.coordinates)
+        lines, size = test.lines, len(model.coordinates)
         line, first = lines.apart()
         coordinate = _of_kinds(lines, lambda plane, direction: model.coordinate(plane, direction[:-1] or "z"))
         probe = np.array(["xyz".index(direction[-1]) for direction in lines.names["direction"]], dtype=np.intp)
@@ -173,7 +147,7 @@ def _of_kinds(lines: Lines, number: Callable[[str, str], int]) -> Index:
 
 
 def _observe_xy(model: RotorModel, test: PerturbationTest, group: Index) -> Responses:
-    lines = lines_of(test)
+    lines = test.lines
     other = sorted(set(lines.names["direction"]) - {"x", "y"})
     if other:
         raise ValueError(f"{model.name} keeps x and y apart; readings in direction {', '.join(other)} do not fit it")

@@ -6,7 +6,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotorfit.data.experiments import Experiment, PerturbationTest
-from rotorfit.data.kept import kept
 from rotorfit.models import RotorModel
 from rotorfit.models.journal import journal
 from rotorfit.observing.clearance import same_line, within_clearance
@@ -23,14 +22,9 @@ def usable(model: RotorModel, test: Experiment) -> tuple[Experiment, tuple[str, 
     """A test as it can be fitted, and sentences on the readings that were left out."""
     if model.clearance is None or not model.eccentricity_dependent:
         return test, ()
-    notes, key = kept(test), (usable, model.clearance, model.coordinates[journal(model).at].plane)
-    if key not in notes:
-        inside, beyond = within_clearance(model, test)
-        clear, jumped = off_jumps(model, inside)
-        said = tuple(filter(None, (beyond, jumped)))
-        notes[key] = clear if said else None, said  # never the test itself, which could not go out of memory then
-    found: tuple[Experiment | None, tuple[str, ...]] = notes[key]
-    return test if found[0] is None else found[0], found[1]
+    inside, beyond = within_clearance(model, test)
+    clear, jumped = off_jumps(model, inside)
+    return clear, tuple(filter(None, (beyond, jumped)))
 
 
 def off_jumps(model: RotorModel, test: Experiment) -> tuple[Experiment, str]:
