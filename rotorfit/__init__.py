@@ -12,7 +12,6 @@ if TYPE_CHECKING:  # `as` tells type checkers that these names are for users
     from rotorfit import models as models
     from rotorfit.campaigns.campaign import Campaign as Campaign
     from rotorfit.campaigns.campaign import campaign as campaign
-    from rotorfit.checks.checklist import check as check
     from rotorfit.data.experiments import CoefficientTable as CoefficientTable
     from rotorfit.data.experiments import DisplacementTest as DisplacementTest
     from rotorfit.data.experiments import ImpulseTest as ImpulseTest
@@ -21,12 +20,15 @@ if TYPE_CHECKING:  # `as` tells type checkers that these names are for users
     from rotorfit.data.experiments import RingDownTest as RingDownTest
     from rotorfit.data.experiments import StaticTest as StaticTest
     from rotorfit.data.experiments import perturbation_test as perturbation_test
+    from rotorfit.data.findings import DataWarning as DataWarning
     from rotorfit.data.findings import Finding as Finding
     from rotorfit.data.joined import join_runs as join_runs
     from rotorfit.data.ring_down import ring_down_modes as ring_down_modes
     from rotorfit.data.synchronous import difference_synchronous as difference_synchronous
     from rotorfit.data.weights import Influences as Influences
     from rotorfit.data.weights import influence as influence
+    from rotorfit.diagnosis.check import check as check
+    from rotorfit.diagnosis.read import read as read
     from rotorfit.fitting.calibration import Calibration as Calibration
     from rotorfit.fitting.fit import closed_form as closed_form
     from rotorfit.fitting.fit import fit as fit
@@ -42,7 +44,6 @@ if TYPE_CHECKING:  # `as` tells type checkers that these names are for users
     from rotorfit.fitting.refine import one_lam_test as one_lam_test
     from rotorfit.fitting.refine import refine as refine
     from rotorfit.fitting.result import FitResult as FitResult
-    from rotorfit.io.files import read as read
     from rotorfit.io.files import write as write
     from rotorfit.monitoring.crack import dated_anisotropy as dated_anisotropy
     from rotorfit.monitoring.observed_stiffness import ObservedStiffness as ObservedStiffness
@@ -79,8 +80,9 @@ _HOME = {
     "DatedValues": "rotorfit.monitoring.trend",
     "MachineTrend": "rotorfit.monitoring.trend",
     "trend": "rotorfit.monitoring.trend",
+    "DataWarning": "rotorfit.data.findings",
     "Finding": "rotorfit.data.findings",
-    "check": "rotorfit.checks.checklist",
+    "check": "rotorfit.diagnosis.check",
     "Campaign": "rotorfit.campaigns.campaign",
     "campaign": "rotorfit.campaigns.campaign",
     "CoefficientTable": "rotorfit.data.experiments",
@@ -102,7 +104,7 @@ _HOME = {
     "Posterior": "rotorfit.uncertainty.posterior",
     "sample": "rotorfit.uncertainty.sampling",
     "load_posterior": "rotorfit.uncertainty.posterior_file",
-    "read": "rotorfit.io.files",
+    "read": "rotorfit.diagnosis.read",
     "write": "rotorfit.io.files",
     "Recording": "rotorfit.recordings.recording",
     "read_recording": "rotorfit.recordings.recording",

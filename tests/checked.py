@@ -6,8 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from rotorfit.checks.checklist import Finding, check
 from rotorfit.data.experiments import Experiment
+from rotorfit.data.findings import Finding
+from rotorfit.diagnosis.check import check
 
 
 def found(test: Experiment, code: str) -> Finding:

@@ -11,8 +11,8 @@ import pytest
 from checked import codes, found
 
 import rotorfit as rf
-from rotorfit.checks.checklist import check
 from rotorfit.data.experiments import DisplacementTest, RingDownTest, StaticTest
+from rotorfit.diagnosis.check import check
 
 # ---- imposed orbits ------------------------------------------------------------
 

@@ -9,8 +9,8 @@ import pytest
 from checked import codes, found, rows
 
 import rotorfit as rf
-from rotorfit.checks.checklist import check
 from rotorfit.data.experiments import PerturbationTest
+from rotorfit.diagnosis.check import check
 
 
 @pytest.fixture(scope="module")

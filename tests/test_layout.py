@@ -30,9 +30,9 @@ FLOORS = (
     ("version", "units", "executors"),
     ("data",),
     ("io", "observing"),
-    ("datasets", "checks", "simulation", "recordings"),
+    ("datasets", "simulation", "recordings"),
     ("fitting",),
-    ("plots", "options"),
+    ("diagnosis", "options", "plots"),
     ("uncertainty", "campaigns", "monitoring"),
     ("report",),
     ("studies",),
@@ -62,7 +62,6 @@ RECORDING_FLOORS = (
 INNER_FLOORS = {"estimators": ESTIMATOR_FLOORS, "recordings": RECORDING_FLOORS}
 ALONE = {
     "rotorfit.fitting.noise": {"rotorfit.fitting.settings"},
-    "rotorfit.fitting.slips": {f"rotorfit.fitting.{name}" for name in ("settings", "problem_setup", "result")},
 }
 """Rooms inside a room of loose files, and all that they may know of those."""
 UPWARD = ("rotorfit.fitting.result", "rotorfit.recordings.recording")
@@ -320,7 +319,7 @@ def public_callables() -> dict[str, object]:
 
 
 CALLABLES = public_callables()
-FOR_USERS = {getattr(rotorfit, name) for name in rotorfit._HOME if rotorfit._HOME[name]}
+FOR_USERS = {inspect.unwrap(getattr(rotorfit, name)) for name in rotorfit._HOME if rotorfit._HOME[name]}
 
 
 def for_users(name: str) -> bool:

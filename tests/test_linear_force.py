@@ -12,8 +12,8 @@ from linear_tests import linear_test
 from synthetic import MODELS, TYPICAL, circular_test, covering_frequencies, known_of
 
 import rotorfit as rf
-from rotorfit.checks.turning_force import turning_force
 from rotorfit.data.experiments import PerturbationTest
+from rotorfit.diagnosis.forces import turning_force
 from rotorfit.models.stability import growth_rate
 
 W = np.linspace(5.0, 500.0, 120)

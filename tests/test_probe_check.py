@@ -90,7 +90,7 @@ def test_a_probe_that_gives_velocities_is_named(rig: PerturbationTest) -> None:
     for scale in (30.0, 300.0, 3000.0):
         wrong = read_through(rig, lambda w, scale=scale: 1j * w / scale, _probe(rig, "x"))
         (found,) = only(wrong, "probe-filter")
-        assert "The readings of the x probe at disk are velocities, told as displacements" in found.message
+        assert "The readings of the x probe at disk are velocities, read as displacements" in found.message
         assert not only(wrong, "peak-to-peak")
 
 
@@ -114,34 +114,44 @@ def test_planes_that_answer_each_other_unequally_are_named_with_the_factor(
         assert said == pytest.approx(max(factor, 1 / factor), rel=0.02)
 
 
-@pytest.mark.parametrize(
-    ("slip", "words"),
-    [
-        (exchanged, "at journal x and y exchanged"),
-        (lambda t: exchanged(t, ["journal"]), "A trial fit says: at journal x and y exchanged"),
-        (lambda t: mixed(t, [[1, 0], [0, -1]], ["journal"]), "A trial fit says: at journal y inverted"),
-        (lambda t: mixed(t, [[-1, 0], [0, 1]], ["disk"]), "A trial fit says: at disk x inverted"),
-        (lag_as_lead, "A trial fit says: phases of lag were given as lead"),
-    ],
-)
-def test_mirrored_orbits_are_named_by_a_trial_fit(rig: PerturbationTest, slip, words: str) -> None:
-    found = only(slip(rig), "wrong-direction")
-    assert len(found) == 1
-    assert words in found[0].message
+MIRRORED = {
+    "probes of both planes exchanged": (exchanged, "probes-exchanged", "at disk and journal are exchanged"),
+    "probes exchanged": (lambda t: exchanged(t, ["journal"]), "probes-exchanged", "at journal are exchanged"),
+    "y inverted": (
+        lambda t: mixed(t, [[1, 0], [0, -1]], ["journal"]),
+        "probes-inverted",
+        "at journal are inverted in y",
+    ),
+    "x inverted": (lambda t: mixed(t, [[-1, 0], [0, 1]], ["disk"]), "probes-inverted", "at disk are inverted in x"),
+    "lag as lead": (lag_as_lead, "lag-as-lead", "phases of lag are given as lead"),
+}
 
 
+@pytest.mark.parametrize("case", MIRRORED)
+def test_mirrored_orbits_are_an_error_that_a_fit_explains(rig: PerturbationTest, case: str) -> None:
+    change, code, words = MIRRORED[case]
+    wrong = change(thinned(rig, 4))
+    assert [finding.severity for finding in only(wrong, "wrong-direction")] == ["error"]
+    first = rf.fit(rf.models.WhirlWhip(), wrong, known={"K3": 6000.0}).findings[0]
+    assert first.code == code
+    assert words in first.message
+
+
+@pytest.mark.parametrize("planes", [["disk"], ["journal"], None])
 @pytest.mark.parametrize("angle", [45.0, -45.0, 90.0])
-def test_a_pair_at_another_angle_is_an_error(rig: PerturbationTest, angle: float) -> None:
-    found = only(turned(rig, angle), "probe-angle")
-    assert found
-    assert all(finding.severity == "error" for finding in found)
-    said = float(found[0].message.split("sat at ")[1].split()[0])
-    assert said == pytest.approx(angle, abs=5.0)  # the shaft of this rig is no chain of two masses
+def test_a_pair_at_another_angle_is_an_error(rig: PerturbationTest, angle: float, planes: list[str] | None) -> None:
+    wrong = turned(thinned(rig, 4), angle, planes)
+    findings = rf.fit(rf.models.WhirlWhip(), wrong, known={"K3": 6000.0}).findings
+    (found,) = [finding for finding in findings if finding.code == "probes-turned"]
+    assert found.severity == "error"
+    assert f"sit {angle:g} degrees from where they are given" in found.message
 
 
-def test_negative_forces_are_an_error(rig: PerturbationTest) -> None:
-    found = only(turned(rig, 180.0), "probe-angle")
-    assert any("or the force there has the wrong sign" in finding.message for finding in found)
+@pytest.mark.parametrize("planes", [["disk"], ["journal"], None])
+def test_negative_forces_are_an_error_of_the_data_alone(rig: PerturbationTest, planes: list[str] | None) -> None:
+    (found,) = only(turned(rig, 180.0, planes), "negative-damping")
+    assert found.severity == "error"
+    assert "phases are half a turn off" in found.message
 
 
 @pytest.mark.parametrize("name", ["one-mode", "whirl-whip", "two-disk", "overhung", "anisotropic"])
@@ -189,9 +199,9 @@ def test_a_static_band_cannot_tell_a_gain_from_an_anisotropic_stiffness() -> Non
     assert "these data cannot tell" in found[0].message
 
 
-def test_phases_of_responses_alone_given_as_lead_are_not_explained_by_probes():
-    """The force's phase is lead, the responses' are lag: at one speed a trial took that for exchanged probes."""
-    rig = rf.datasets.rig_open()
-    (finding,) = [f for f in rf.check(replace(rig, response=rig.response.conj())) if f.code == "wrong-direction"]
-    assert "phase lag read as lead" in finding.message
-    assert "A trial fit says" not in finding.message
+def test_phases_of_responses_alone_given_as_lead_are_not_explained_by_probes() -> None:
+    """The force's phase is lead, the responses' are lag."""
+    rig = thinned(rf.datasets.rig_open(), 4)
+    fit = rf.fit(rf.models.WhirlWhip(), replace(rig, response=rig.response.conj()), known={"K3": 6000.0})
+    assert "phase lag read as lead" in next(f.message for f in fit.findings if f.code == "wrong-direction")
+    assert not {finding.code for finding in fit.findings} & {"probes-exchanged", "probes-inverted"}

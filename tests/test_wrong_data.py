@@ -27,6 +27,7 @@ from synthetic import TYPICAL
 import rotorfit as rf
 from rotorfit.cli import main as cli
 from rotorfit.data.experiments import PerturbationTest
+from rotorfit.diagnosis.explanations import explained
 
 Slip = Callable[[PerturbationTest], PerturbationTest]
 
@@ -40,30 +41,29 @@ SLIPS: dict[str, Slip] = {
     "speeds exchanged": lambda test: renamed(test, "speed"),
 }
 
-ONLY_A_FIT_TELLS: dict[str, tuple[Slip, str]] = {
-    "unbalance told as constant": (told_as_constant, "the forces are those of an unbalance"),
-    "constant told as unbalance": (told_as_unbalance, "the forces are constant"),
-    "speeds exchanged": (SLIPS["speeds exchanged"], "the speeds 1000 and 2000 rpm are exchanged"),
-    "probes' planes exchanged": (
-        lambda test: renamed(test, "plane"),
-        "the planes disk and journal of the readings are exchanged",
-    ),
-    "forced planes exchanged": (lambda test: renamed(test, "force_plane"), "of the forces are exchanged"),
+ONLY_A_FIT_TELLS: dict[str, tuple[Slip, str, str]] = {
+    "unbalance told as constant": (told_as_constant, "unbalance-as-constant", "the forces are those of an unbalance"),
+    "constant told as unbalance": (told_as_unbalance, "constant-as-unbalance", "the forces are constant"),
+    "speeds exchanged": (SLIPS["speeds exchanged"], "speeds-exchanged", "1000 and 2000 rpm"),
+    "probes' planes exchanged": (lambda test: renamed(test, "plane"), "planes-exchanged", "of the readings"),
+    "forced planes exchanged": (lambda test: renamed(test, "force_plane"), "planes-exchanged", "of the forces"),
     "weight holes counted from elsewhere": (
         lambda test: replace(test, force=test.force * np.exp(0.8j)),
-        "all forces are one angle off against all readings",
+        "phase-zeros-differ",
+        "one angle off",
     ),
-    "probes at 45 degrees": (lambda test: turned(test, 45.0), "all probes sit 45 degrees from where they are told"),
-    "probes at -90 degrees": (lambda test: turned(test, -90.0), "all probes sit -90 degrees from where they are told"),
-    "speeds in Hz": (lambda test: replace(test, speed=test.speed / 60), "the speeds are in Hz and read as rpm"),
-    "force phases in radians": (lambda test: in_radians(test, "force"), "the phases of the forces are in radians"),
+    "probes at 45 degrees": (lambda test: turned(test, 45.0), "probes-turned", "sit 45 degrees"),
+    "probes at -90 degrees": (lambda test: turned(test, -90.0), "probes-turned", "sit -90 degrees"),
+    "speeds in Hz": (lambda test: replace(test, speed=test.speed / 60), "speed-unit", "in Hz and read as rpm"),
+    "force phases in radians": (lambda test: in_radians(test, "force"), "phases-in-radians", "of the forces"),
     "runs exchanged": (
         lambda test: exchanged_runs(test, "disk-bwd-1000", "disk-bwd-2000"),
-        "the readings of the runs disk-bwd-1000 and disk-bwd-2000 are exchanged",
+        "runs-exchanged",
+        "disk-bwd-1000 and disk-bwd-2000",
     ),
-    "levels read as um": (lambda test: in_decibels(test, 1e-6), "the amplitudes are in dB and read as um"),
-    "levels read as mil": (lambda test: in_decibels(test, 25.4e-6), "the amplitudes are in dB and read as mil"),
-    "phases in radians": (lambda test: in_radians(test, "response"), "the phases of the readings are in radians"),
+    "levels read as um": (lambda test: in_decibels(test, 1e-6), "levels-in-decibels", "read as um"),
+    "levels read as mil": (lambda test: in_decibels(test, 25.4e-6), "levels-in-decibels", "read as mil"),
+    "phases in radians": (lambda test: in_radians(test, "response"), "phases-in-radians", "of the readings"),
 }
 
 
@@ -96,23 +96,48 @@ def test_the_verdict_names_the_error_first_and_the_exit_code_is_one(
     assert first[1].startswith("Error in the data: ")
 
 
-def test_a_fit_in_python_ends_with_the_sentence_of_the_check(rig: PerturbationTest) -> None:
+def test_a_summary_in_python_begins_with_the_errors_of_the_data(rig: PerturbationTest) -> None:
     fit = rf.fit(rf.models.WhirlWhip(), lag_as_lead(rig), known={"K3": 6000.0})
-    assert any(w.startswith("error in the data: The rotor answers mostly against") for w in fit.warnings)
-    assert "error in the data" in fit.summary()
+    assert [finding.code for finding in fit.findings] == ["lag-as-lead", "wrong-direction"]
+    assert fit.summary().startswith("ERROR in the data")
     again = rf.fit(rf.models.WhirlWhip(), rig, known={"K3": 6000.0})
-    assert not any("error in the data" in w for w in again.warnings)
+    assert again.findings == ()
+    assert "ERROR" not in again.summary()
+
+
+def test_findings_of_a_refined_fit_are_those_of_the_fit_before_and_of_a_saved_one(
+    rig: PerturbationTest, tmp_path: Path
+) -> None:
+    """Blocks of a richer model may follow an error of the data, which is an error all the same."""
+    fit = rf.fit(rf.models.WhirlWhip(), told_as_constant(thinned(rig, 2)), known={"K3": 6000.0})
+    assert [finding.code for finding in fit.findings] == ["unbalance-as-constant"]
+    assert [finding.code for finding in rf.refine(fit).best.findings] == ["unbalance-as-constant"]
+    fit.save(tmp_path / "fit.json")
+    assert rf.load_fit(tmp_path / "fit.json").findings == fit.findings
+
+
+def test_reading_warns_of_errors_that_the_data_show_and_the_command_line_says_them_once(
+    rig: PerturbationTest, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    rf.write(lag_as_lead(rig), tmp_path / "t.csv")
+    with pytest.warns(rf.DataWarning, match="The rotor answers mostly against") as caught:
+        test = rf.read(tmp_path / "t.csv")
+    assert [warning.filename for warning in caught] == [__file__]
+    rf.fit(rf.models.WhirlWhip(), test, known={"K3": 6000.0})  # without a warning, which would be an error here
+    assert cli.main(["info", str(tmp_path / "t.csv")]) == 1
+    printed = capsys.readouterr()
+    assert printed.out.count("The rotor answers mostly") == 1
+    assert not printed.err
 
 
 @pytest.mark.parametrize("slip", ONLY_A_FIT_TELLS)
 def test_a_slip_that_only_a_fit_gives_away_is_named(slip: str, rig: PerturbationTest) -> None:
     """The rig is a shaft of finite elements, which the model is not; fits of it as it is say nothing (above)."""
-    make, words = ONLY_A_FIT_TELLS[slip]
+    make, code, words = ONLY_A_FIT_TELLS[slip]
     fit = rf.fit(rf.models.WhirlWhip(), make(thinned(rig, 2)), known={"K3": 6000.0})
-    said = [warning for warning in fit.warnings if "A trial fit says" in warning]
-    assert len(said) == 1
-    assert said[0].startswith("error in the data: ")
-    assert words in said[0]
+    assert fit.findings[0].severity == "error"
+    (found,) = [finding for finding in fit.findings if finding.code == code and words in finding.message]
+    assert found.undo
 
 
 @pytest.mark.parametrize("model", [rf.models.WhirlWhip(), rf.models.OneMode()])
@@ -125,7 +150,7 @@ def test_a_model_that_is_wrong_is_no_slip(model: rf.models.RotorModel, rig: Pert
     else:  # a rotor of three masses, of which two are known of
         test = replace(test, force=test.force * (1 + 20 * (test.frequency / 500.0) ** 2 * (test.force_plane == "disk")))
     fit = rf.fit(model, test, known={"K3": 6000.0} if len(model.planes) == 2 else {})
-    assert not any("A trial fit says" in warning for warning in fit.warnings)
+    assert not explained(fit)
 
 
 def test_what_data_leave_open_is_no_sign_of_wrong_signs() -> None:
@@ -175,7 +200,7 @@ def test_forces_from_another_zero_are_no_error_where_the_fit_finds_it(tmp_path: 
     assert cli.main([*words, "--no-figures", "--out", str(out), "--quiet"]) == 0
     fit = rf.load_fit(out / "fit.json")
     assert np.degrees(fit.params["datum"].value) % 360 == pytest.approx(degrees % 360, abs=1.0)
-    assert not [w for w in fit.warnings if w.startswith("error in the data")]
+    assert not [finding for finding in fit.findings if finding.severity == "error"]
     assert "can be relied on" not in (out / "summary.txt").read_text(encoding="utf-8")
     report = rf.write_report(fit, tmp_path / "report.html").read_text(encoding="utf-8")
     assert "Damping would be negative" not in report

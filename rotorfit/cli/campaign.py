@@ -65,7 +65,7 @@ def run(options: argparse.Namespace) -> int:
 def _campaign(options: argparse.Namespace) -> tuple[Campaign, str, list[str]]:
     """The fits of all runs, what is wrong with the data, and what their check warns of."""
     from rotorfit.campaigns.campaign import campaign
-    from rotorfit.data.findings import error_sentence, errors_in, warnings_in
+    from rotorfit.data.findings import attributed, error_sentence, errors_in, warnings_in
     from rotorfit.studies.data_files import no_progress, read_files
     from rotorfit.studies.study_model import build_model, check_model_name
 
@@ -91,8 +91,8 @@ def _campaign(options: argparse.Namespace) -> tuple[Campaign, str, list[str]]:
             executor=executor,
             progress=lambda done, total: line(f"{done} of {total} runs", done / total),
         )
-    sources = [test.source for test in tests]
-    return found, error_sentence(errors_in(findings, sources)), list(map(spoken, warnings_in(findings, sources)))
+    everything = attributed(findings, [test.source or test.title for test in tests])
+    return found, error_sentence(errors_in(everything)), list(map(spoken, warnings_in(everything)))
 
 
 def _write(found: Campaign, text: str, options: argparse.Namespace, folder: Path) -> None:

@@ -50,7 +50,7 @@ def run(options: argparse.Namespace) -> int:
 
 def _comparison(options: argparse.Namespace) -> tuple[LawComparison, str, list[str]]:
     """The ranking, what is wrong with the data, and what their check warns of."""
-    from rotorfit.data.findings import error_sentence, errors_in, warnings_in
+    from rotorfit.data.findings import attributed, error_sentence, errors_in, warnings_in
     from rotorfit.fitting.law_ranking import compare_laws
     from rotorfit.models import LAWS
     from rotorfit.models.parameters import unknown_name
@@ -76,8 +76,8 @@ def _comparison(options: argparse.Namespace) -> tuple[LawComparison, str, list[s
         phase_offsets=study.phase_offsets,
         loss=study.loss,
     )
-    sources = [test.source for test in tests]
-    return found, error_sentence(errors_in(findings, sources)), list(map(spoken, warnings_in(findings, sources)))
+    everything = attributed(findings, [test.source or test.title for test in tests])
+    return found, error_sentence(errors_in(everything)), list(map(spoken, warnings_in(everything)))
 
 
 def _write(found: LawComparison, folder: Path) -> None:

@@ -69,8 +69,8 @@ def add_options(to: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Do what the command line says; returns the exit code."""
-    from rotorfit.checks.checklist import check
     from rotorfit.cli.errors import DONE, BadInputError, checked, sentence
+    from rotorfit.diagnosis.check import check
     from rotorfit.io.files import read, write
     from rotorfit.simulation.integration import IntegrationError
     from rotorfit.studies.text import describe_test

@@ -1,24 +1,31 @@
-"""What the data check reports."""
+"""What is found wrong or odd about data, and the warning that says so where they are read."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
+
+
+class DataWarning(UserWarning):
+    """Data that were read have an error, or were not read in full."""
 
 
 @dataclass(frozen=True)
 class Finding:
-    """One thing that :func:`check` noticed.
+    """One thing that is wrong, odd or worth knowing about data.
 
     Attributes:
-        severity: ``error`` spoils every fit, ``warning`` spoils some or is likely a slip, ``note`` is good to know.
+        severity: ``error`` spoils every fit, ``warning`` spoils some or is likely an error, ``note`` is good to know.
         code: short name of the kind of finding, for programs.
         message: what, where and what to do.
         rows: rows of the experiment concerned, for ``select``; empty if it is about the test as a whole.
         lines: lines of the file that these rows stand in, where they are known.
+        undo: what undoes it, in a phrase, where that is known.
+        source: the data concerned, where there are several sets.
     """
 
     severity: Literal["error", "warning", "note"]
@@ -26,10 +33,21 @@ class Finding:
     message: str
     rows: tuple[int, ...] = ()
     lines: tuple[int, ...] = ()
+    undo: str | None = None
+    source: str = ""
+
+    @property
+    def words(self) -> str:
+        """The message, with the source where it is given."""
+        return f"{self.source}: {self.message}" if self.source else self.message
+
+    def at_rows(self, numbers: NDArray[np.intp]) -> Finding:
+        """The finding with rows of a part of a test as those of the whole, whose numbers are given."""
+        return replace(self, rows=tuple(numbers[list(self.rows)].tolist()))
 
     def __str__(self) -> str:
         places = _places("Lines", self.lines) if self.lines else _places("Readings", [row + 1 for row in self.rows])
-        return f"{self.severity} [{self.code}] {self.message}{places}"
+        return f"{self.severity} [{self.code}] {self.words}{places}"
 
 
 def _places(what: str, places: Sequence[int]) -> str:
@@ -48,27 +66,34 @@ def listed(names: Sequence[str]) -> str:
     return ", ".join(names[:6]) + (f" and {len(names) - 6} more" if len(names) > 6 else "")
 
 
-def errors_in(findings: Sequence[Sequence[Finding]], sources: Sequence[str]) -> tuple[str, ...]:
-    """What the check of the data calls an error, each once; of several sets of data with the name of its own."""
+def errors_first(findings: Iterable[Finding]) -> list[Finding]:
+    """Findings by severity."""
+    order = ("error", "warning", "note")
+    return sorted(findings, key=lambda finding: order.index(finding.severity))
+
+
+def attributed(findings: Sequence[Iterable[Finding]], sources: Sequence[str]) -> list[Finding]:
+    """Findings of several sets of data in one list, errors first; of more than one with the name of its source."""
     several = len(findings) > 1
-    return tuple(
-        dict.fromkeys(
-            f"{source}: {found.message}" if several and source else found.message
-            for own, source in zip(findings, sources, strict=True)
-            for found in own
-            if found.severity == "error"
-        )
-    )
+    pairs = zip(findings, sources, strict=True)
+    return errors_first(replace(found, source=source if several else "") for own, source in pairs for found in own)
 
 
-def warnings_in(findings: Sequence[Sequence[Finding]], sources: Sequence[str]) -> list[str]:
-    """What the check of the data warns of, each once, with the sets of data that it was said of."""
-    told: dict[str, list[str]] = {}
-    for own, source in zip(findings, sources, strict=True):
-        for found in own:
-            if found.severity == "warning":
-                told.setdefault(found.message, []).append(source)
-    return [f"warning: {', '.join(filter(None, dict.fromkeys(of[:3])))}: {text}" for text, of in told.items()]
+def errors_in(findings: Iterable[Finding]) -> tuple[str, ...]:
+    """The errors among findings in words, each once."""
+    return tuple(dict.fromkeys(found.words for found in findings if found.severity == "error"))
+
+
+def warnings_in(findings: Iterable[Finding]) -> list[str]:
+    """The warnings among findings in words, each once, with the sets of data that it was said of."""
+    sources: dict[str, list[str]] = {}
+    for found in findings:
+        if found.severity == "warning":
+            sources.setdefault(found.message, []).append(found.source)
+    return [
+        f"warning: {', '.join([*filter(None, dict.fromkeys(of[:3]))] or ['data'])}: {text}"
+        for text, of in sources.items()
+    ]
 
 
 NO_COPIES = "A copy is no second measurement and makes errors look smaller than they are. Leave it out."
@@ -77,7 +102,7 @@ NO_COPIES = "A copy is no second measurement and makes errors look smaller than 
 PHASE_DATUM = "phase-datum"
 """Code of the note that the zero of forces and that of readings are unknown to each other."""
 
-_BY_PHASE = frozenset({"conjugated", "negative-damping", "reversed-rotation", "probe-angle"})
+_BY_PHASE = frozenset({"conjugated", "negative-damping", "reversed-rotation"})
 """Codes of what is judged by the phase between force and response."""
 
 

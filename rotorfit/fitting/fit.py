@@ -8,12 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from rotorfit.checks.checklist import errors
-from rotorfit.data.common_zero import at_common_zero
 from rotorfit.data.experiments import Experiment
 from rotorfit.estimators.minimisation.least_squares import Options, Solution, Status, minimise
 from rotorfit.estimators.misfit.losses import Loss
-from rotorfit.estimators.misfit.parameter_space import DATUM
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.estimators.misfit.ratios import LogRatioProblem, ratios_of
 from rotorfit.estimators.starting.closed_form import ClosedFormError
@@ -29,15 +26,9 @@ from rotorfit.fitting.noise.problem import with_noise
 from rotorfit.fitting.problem_setup import as_tuple, build_problem, make_priors
 from rotorfit.fitting.result import FitResult
 from rotorfit.fitting.settings import FitSettings, PhaseOffsets
-from rotorfit.fitting.slips.naming import slip
 from rotorfit.models import Modal, RotorModel
 from rotorfit.models.array_types import Float
 from rotorfit.observing.jumps import usable
-
-_TRIAL = Options(hessian="gauss-newton", max_iterations=12)  # it leads to an explanation soon, or to none
-
-DATA_ERROR = "error in the data: "
-"""Beginning of the warnings of a result that tell what the check of the data, or a trial fit, found wrong."""
 
 
 def fit(
@@ -80,7 +71,8 @@ def fit(
         max_iterations: limit on the iterations of Ipopt.
 
     Returns:
-        the result; a fit that did not converge has ``success`` false and the best estimate found.
+        the result; a fit that did not converge has ``success`` false and the best estimate found. What is wrong with
+        the data is looked for when its :attr:`FitResult.findings` are asked for.
 
     Raises:
         TypeError: a class or a name in place of a model, or something else than experiments.
@@ -104,35 +96,16 @@ def fit(
         calibration=calibration,
         max_iterations=max_iterations,
     )
-    several = as_tuple(experiments)
-    found = fitted(model, several, settings)
-    if told := slip(found, _trial):
-        others = any(warning.startswith(DATA_ERROR) for warning in found.warnings)
-        told = f"{told} What else is called an error may come of it." if others else told
-        found = replace(found, warnings=(f"{DATA_ERROR}{told}", *found.warnings))
+    found = fitted(model, as_tuple(experiments), settings)
     return assuming(found, assumptions) if assumptions else found
 
 
 def fitted(model: RotorModel, experiments: tuple[Experiment, ...], settings: FitSettings) -> FitResult:
-    """What :func:`fit` does, without a look for what a misfit may come from: for fits of data already looked at so."""
+    """The fit of a model with given settings."""
     problem = build_problem(model, experiments, settings)
     start = find_start(problem, settings.start)
     solution = solve(problem, start.x, Options(max_iterations=settings.max_iterations))
     return judged(problem, experiments, settings, start, solution)
-
-
-def _trial(problem: Problem) -> tuple[float, Float]:
-    """Sum of squares that a short search from the closed form leaves, and its end; infinite where the data allow none.
-
-    What is right needs no better start, and to look for one takes longer than all the rest.
-    """
-    begin = np.zeros(problem.space.size)
-    try:
-        begin[: len(problem.space.names)] = solve_closed_form(problem.space, problem.blocks).x
-        solution = solve(problem, np.clip(begin, problem.space.lower, problem.space.upper), _TRIAL)
-    except (ValueError, np.linalg.LinAlgError):  # what cannot be fitted explains nothing
-        return float("inf"), begin
-    return 2 * solution.cost, solution.x
 
 
 def judged(
@@ -144,8 +117,7 @@ def judged(
 ) -> FitResult:
     """The result of a solved problem, solved again with the noise that its residuals show."""
     left_out = (sentence for test in experiments for sentence in usable(problem.space.model, test)[1])
-    datum = _datum(problem, solution.x)
-    notes = (*data_errors(at_common_zero(experiments, datum) if datum else experiments), *left_out, *start.notes)
+    notes = (*left_out, *start.notes)
     noise = None
     singular = solution.status is Status.SINGULAR  # a minimum along a whole line is one
     studied = settings.loss == "linear" and (solution.success or singular)
@@ -164,12 +136,6 @@ def judged(
     return judge(problem, experiments, settings, solution.x, start, "least squares", solution, notes, noise=noise)
 
 
-def _datum(problem: Problem, x: Float) -> float:
-    """The common datum angle that was fitted, rad; zero where none was."""
-    space = problem.space
-    return float(x[len(space.names) + space.nuisance.index(DATUM)]) if DATUM in space.nuisance else 0.0
-
-
 def _cheapest(problem: Problem, *starts: Mapping[str, float]) -> Float:
     """The start of least cost, within the bounds; entries that a start does not name are zero.
 
@@ -181,16 +147,6 @@ def _cheapest(problem: Problem, *starts: Mapping[str, float]) -> Float:
         for start in starts
     ]
     return min(vectors, key=problem.cost)
-
-
-def data_errors(experiments: Sequence[Experiment]) -> tuple[str, ...]:
-    """What the check of the data calls an error, as warnings of a result: its numbers are those of wrong data."""
-    several = len(experiments) > 1
-    return tuple(
-        f"{DATA_ERROR}{f'{test.source or test.title}: ' if several else ''}{finding.message}"
-        for test in experiments
-        for finding in errors(test)
-    )
 
 
 def closed_form(
@@ -250,11 +206,8 @@ def solve_again(
     begin = np.zeros(problem.space.size)
     begin[: min(fit.x.size, begin.size)] = fit.x[: begin.size]
     solution = solve(problem, np.clip(begin, problem.space.lower, problem.space.upper), Options())
-    notes = tuple(warning for warning in fit.warnings if warning.startswith(DATA_ERROR))
     start = Start(x=begin, kind=EARLIER_FIT)
-    found = judge(
-        problem, fit.experiments, settings, solution.x, start, "least squares", solution, notes, noise=fit.noise
-    )
+    found = judge(problem, fit.experiments, settings, solution.x, start, "least squares", solution, (), noise=fit.noise)
     return found if fit.doubt is None else with_doubt(found, fit.doubt)
 
 

@@ -12,8 +12,9 @@ import numpy as np
 from rotorfit.estimators.inference.covariance import excess
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.fitting.assumptions import assuming
-from rotorfit.fitting.fit import DATA_ERROR, fitted, solve_again
+from rotorfit.fitting.fit import fitted, solve_again
 from rotorfit.fitting.judge import with_doubt
+from rotorfit.fitting.noise.judging import MODEL_LIMITED
 from rotorfit.fitting.notebook import text_html
 from rotorfit.fitting.problem_setup import with_levels
 from rotorfit.fitting.refinable import why_not_refined
@@ -107,8 +108,7 @@ def refine(fit: FitResult) -> Refinement:
         best, steps = _climb(fit, may_leave_open=True)
     chosen = _in_doubt(level_noise(best), best, steps)
     found = _rung_onsets(steps, best)
-    wrong = (words for words in fit.warnings if words.startswith(DATA_ERROR) and words not in chosen.warnings)
-    warnings = (*wrong, *chosen.warnings, *_told_of_hidden(fit, chosen), *_told_of_a_run(fit, chosen))
+    warnings = (*chosen.warnings, *_told_of_hidden(fit, chosen), *_told_of_a_run(fit, chosen))
     chosen = replace(chosen, settings=replace(chosen.settings, onsets=found), warnings=warnings)
     return Refinement(tuple(steps), chosen)
 
@@ -172,7 +172,7 @@ def _told_of_a_run(plain: FitResult, chosen: FitResult) -> list[str]:
     """The run that did not go with the others before, where the ladder does not explain the data: what it took in to
     follow that run hides it."""
     odd = "" if plain.noise is None else plain.noise.odd_run
-    said = any(words.startswith("run ") and "does not go with" in words for words in chosen.warnings)
+    said = chosen.noise is not None and bool(chosen.noise.odd_run) and chosen.redchi > MODEL_LIMITED
     return [f"before the ladder, {odd}"] if odd and chosen.model_limited and not said else []
 
 

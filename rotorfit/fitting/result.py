@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Unpack
 import numpy as np
 
 from rotorfit.data.experiments import Experiment
+from rotorfit.data.findings import Finding
 from rotorfit.estimators.blocks.correlated import CorrelatedResponses, freedom_of
 from rotorfit.estimators.blocks.nonlinear import responses_of
 from rotorfit.estimators.inference.covariance import standard_error, widening
@@ -101,6 +102,23 @@ class FitResult:
         """What was fitted and how well, on one line; ``print(fit)`` shows the table of :meth:`summary`."""
         size = f"{self.nvarys} values from {self.ndata} data"
         return f"<FitResult {self.model.name}, {self.method}: {size}, redchi {self.redchi:.4g}, {self.message}>"
+
+    # ---- what is wrong with the data, imported when asked for -----------------------------------------------------
+
+    @cached_property
+    def findings(self) -> tuple[Finding, ...]:
+        """What is wrong or odd about the data, errors first: by :func:`rotorfit.check`, and by what the fit misses.
+
+        Where the model misses the data by far, trial fits look for an error of the data that explains it: an unbalance
+        given as a constant force, exchanged speeds or planes, turned probes, filters, wrong units.
+
+        Example:
+            >>> fit.findings
+            ()
+        """
+        from rotorfit.diagnosis.findings import findings_of
+
+        return findings_of(self)
 
     # ---- derived quantities ------------------------------------------------------------------------------------
 

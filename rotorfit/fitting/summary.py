@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from rotorfit.data.findings import errors_in
 from rotorfit.estimators.inference.covariance import standard_error
 from rotorfit.estimators.misfit.parameter_space import DATUM
 from rotorfit.estimators.starting.start_points import GIVEN
@@ -58,6 +59,12 @@ def combined(fit: FitResult, combination: Combination) -> str:
 
 
 def fit_summary(fit: FitResult) -> str:
+    """Errors of the data, then :func:`fit_table`."""
+    errors = (f"ERROR in the data, no number below can be relied on: {words}" for words in errors_in(fit.findings))
+    return "\n".join([*errors, fit_table(fit)])
+
+
+def fit_table(fit: FitResult) -> str:
     """Parameters, goodness of fit, identifiability, correlations worth knowing, stability and warnings."""
     lines = [
         f"{fit.model.name}, {fit.method}: {fit.message}" + (f"; start: {start_words(fit)}" if fit.nfev else ""),

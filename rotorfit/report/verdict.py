@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from rotorfit.data.findings import attributed, errors_in
 from rotorfit.estimators.starting.many_starts import LOCAL_MINIMUM
-from rotorfit.fitting.fit import DATA_ERROR
 from rotorfit.fitting.noise.judging import MODEL_LIMITED
 from rotorfit.fitting.quantities import Quantity
 from rotorfit.fitting.result import FitResult
@@ -47,10 +47,7 @@ def verdict_section(material: ReportInput) -> Html:
         element("div", *cards, class_="cards"),
     ]
     errors = data_errors(material)
-    warnings = [w for w in fit.warnings if not w.startswith(DATA_ERROR)]
-    warnings[:0] = [f"{DATA_ERROR}{message}" for message in errors]
-    if not fit.success and not any(fit.message in w for w in warnings):
-        warnings.insert(0, f"the optimisation did not converge: {fit.message}")
+    warnings = [*(f"error in the data: {words}" for words in errors), *fit.warnings]
     assumed = found_assumptions(material)
     warnings += assumed.words[1:]
     if fit.identifiability.unresolved:
@@ -68,10 +65,10 @@ def verdict_section(material: ReportInput) -> Html:
 
 
 def data_errors(material: ReportInput) -> tuple[str, ...]:
-    """What the check of the data, or the fit, calls an error in them: as the fit tells it."""
-    found = [f.message for findings in material.findings for f in findings if f.severity == "error"]
-    told = [w.removeprefix(DATA_ERROR) for w in material.fit.warnings if w.startswith(DATA_ERROR)]
-    return (*told, *(message for message in found if not any(words.endswith(message) for words in told)))
+    """Errors of the data, those that explain the misfit first; of a refined model those of the fit before."""
+    first = material.fit if material.refinement is None else material.refinement.rungs[0]
+    sources = [test.source or test.title for test in material.fit.experiments]
+    return errors_in((*first.findings, *attributed(material.findings, sources)))
 
 
 def _headline(material: ReportInput) -> Iterator[str]:

@@ -75,7 +75,7 @@ def write_report(
         'report.html'
     """
     if findings is None:
-        from rotorfit.checks.checklist import check
+        from rotorfit.diagnosis.check import check
 
         datum = fit.params[DATUM].value if DATUM in fit.params else 0.0
         findings = [check(experiment) for experiment in at_common_zero(fit.experiments, datum)]

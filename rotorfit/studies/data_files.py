@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
 from rotorfit.data.experiments import Experiment
-from rotorfit.data.findings import PHASE_DATUM, without_phases
+from rotorfit.data.findings import PHASE_DATUM, errors_first, without_phases
 from rotorfit.io.files import read, table_suffix
 from rotorfit.io.tidy_csv import lines_of
 from rotorfit.studies.recording_files import RecordingFiles
@@ -55,8 +55,8 @@ def read_files(
     files: Sequence[DataFile | RecordingFiles], progress: StudyProgress, executor: Executor | None = None
 ) -> tuple[tuple[Experiment, ...], tuple[tuple[Finding, ...], ...]]:
     """The tests, and what was found odd in each, errors first."""
-    from rotorfit.checks.checklist import check
-    from rotorfit.checks.copies import copied_runs
+    from rotorfit.diagnosis.check import check
+    from rotorfit.diagnosis.readings import copied_runs
 
     experiments: list[Experiment] = []
     findings: list[tuple[Finding, ...]] = []
@@ -70,20 +70,13 @@ def read_files(
             checked = check(test)
             found += without_phases(checked) if any(f.code == PHASE_DATUM for f in found) else checked
             found = _with_lines(found, file, len(test))
-            order = ("error", "warning", "note")
-            findings.append(tuple(sorted(found, key=lambda finding: order.index(finding.severity))))
+            findings.append(tuple(errors_first(found)))
             found = []  # what was found odd in recordings of several kinds is told with the first
         experiments += tests
     if len(experiments) > 1:
         copies = copied_runs(experiments)
-        findings = [_joined(*both) for both in zip(findings, copies, strict=True)]
+        findings = [tuple(errors_first((*more, *own))) for own, more in zip(findings, copies, strict=True)]
     return tuple(experiments), tuple(findings)
-
-
-def _joined(own: tuple[Finding, ...], copies: Sequence[Finding]) -> tuple[Finding, ...]:
-    """Findings of a test, copies of other tests' runs before its own warnings."""
-    errors = [finding for finding in own if finding.severity == "error"]
-    return (*errors, *copies, *own[len(errors) :])
 
 
 def _with_lines(findings: list[Finding], file: DataFile | RecordingFiles, count: int) -> list[Finding]:

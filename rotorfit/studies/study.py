@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rotorfit.data.experiments import Experiment
-from rotorfit.data.findings import Finding, error_sentence, errors_in
-from rotorfit.fitting.fit import DATA_ERROR
+from rotorfit.data.findings import Finding, attributed, error_sentence, errors_in
 from rotorfit.fitting.refine import Refinement
 from rotorfit.fitting.result import FitResult
 from rotorfit.options.table import StudyOptions
@@ -49,12 +49,11 @@ class Outcome:
         """The result to act on: the refined one where there is one."""
         return self.fit if self.ladder is None else self.ladder.best
 
-    @property
+    @cached_property
     def data_errors(self) -> tuple[str, ...]:
-        """What the check of the data, or the fit, calls an error in them."""
-        checked = errors_in(self.findings, [experiment.source for experiment in self.experiments])
-        told = (w.removeprefix(DATA_ERROR) for w in self.fit.warnings if w.startswith(DATA_ERROR))
-        return tuple(dict.fromkeys((*told, *checked)))  # a slip that a trial fit found comes first: it explains others
+        """Errors of the data in words, those that explain the misfit of the fit first."""
+        sources = [test.source or test.title for test in self.experiments]
+        return errors_in((*self.fit.findings, *attributed(self.findings, sources)))
 
     @property
     def failure(self) -> str:

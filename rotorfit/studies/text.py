@@ -12,6 +12,7 @@ from rotorfit import datasets
 from rotorfit.data.experiments import DisplacementTest, Experiment, PerturbationTest, StaticTest
 from rotorfit.fitting.digits import interval, plus_minus, with_error
 from rotorfit.fitting.result import FitResult
+from rotorfit.fitting.summary import fit_table
 from rotorfit.models.array_types import Float
 from rotorfit.models.text_table import text_table
 from rotorfit.studies.study import Outcome
@@ -37,11 +38,11 @@ def summary(outcome: Outcome, rig: str = "") -> str:
         parts.append(f"no closed form: {outcome.closed}")
     else:
         parts.append(_comparison(outcome.closed, outcome.fit))
-    parts.append(outcome.fit.summary())
+    parts.append(fit_table(outcome.fit))
     if outcome.ladder is not None:
         parts.append("structural refinement\n" + outcome.ladder.table())
         if outcome.ladder.best is not outcome.fit:
-            parts.append(outcome.ladder.best.summary())
+            parts.append(fit_table(outcome.ladder.best))
     if best.settings.calibration is not None:
         parts.append(str(Budget(best, best.settings.calibration)))
     if outcome.profiles:

@@ -8,15 +8,13 @@ from typing import Literal
 
 import numpy as np
 
-from rotorfit.data.channel_filters import CHANNEL_FILTERS, POWERS, ChannelFilter, values_to_try
+from rotorfit.diagnosis.channel_filters import CHANNEL_FILTERS, POWERS, ChannelFilter, values_to_try
 from rotorfit.models.array_types import ComplexArray, Float
 
 _TRIED = 60  # corners; neighbours differ by a tenth
 _FINER, _STEPS = 4, 10  # times that the neighbours of the best are looked at so many times as finely
 _ASIDE = 0.1  # largest logarithm of the factor beside a filter: probes of a pair have much the same gain and no angle
-
 _PASSES = 4  # of weights that depend on the factor
-
 _PROBES: tuple[Literal["x", "y"], ...] = ("x", "y")
 
 
@@ -25,48 +23,49 @@ class FilteredProbe:
     """The probe of a pair that is behind a filter, and which."""
 
     probe: Literal["x", "y"]  # which of the two
-    told: str  # what is said of it, and what to do
-    mend: str  # what is said of it, and what to do
+    words: tuple[str, str]  # what is said of it, and how it is undone
     kind: ChannelFilter | int  # the filter; a power of the frequency where there is none
-    value: float  # corner, rad/s, or delay, s, of the filter; frequency, rad/s, at which that power is one
+    value: float  # corner, rad/s, of the filter; frequency, rad/s, at which that power is one
 
     def seen(self, s: ComplexArray) -> ComplexArray:
         """What it reads over what the other one reads."""
-        return _seen(self.kind, self.value, s)
+        return (s / self.value) ** self.kind if isinstance(self.kind, int) else self.kind.seen(s, self.value)
 
 
-def _seen(kind: ChannelFilter | int, value: float, s: ComplexArray) -> ComplexArray:
-    return (s / value) ** kind if isinstance(kind, int) else kind.seen(s, value)
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Pair:
+    """Readings y of a plane beside what an isotropic rotor makes of x, shape ``(N,)``."""
+
+    w: Float  # size of the frequency, rad/s
+    expected: ComplexArray  # m
+    seen: ComplexArray  # m
+    noise: Float  # of x and of y, m, shape ``(N, 2)``
 
 
-def filtered_probe(
-    w: Float, expected: ComplexArray, seen: ComplexArray, noise: Float, limit: float
-) -> FilteredProbe | None:
+def filtered_probe(pair: Pair, limit: float) -> FilteredProbe | None:
     """The probe of a pair behind a filter that explains how y differs from what x makes one expect, if one does."""
-    found = [one for one in _candidates(w, expected, seen, noise) if one[0] < limit]
+    found = [one for one in _candidates(pair) if one[0] < limit]
     return min(found, key=lambda one: one[0])[1] if found else None
 
 
-def _candidates(
-    w: Float, expected: ComplexArray, seen: ComplexArray, noise: Float
-) -> Iterator[tuple[float, FilteredProbe]]:
-    s = np.asarray(1j * w)
-    pair = (expected, seen, noise)
+def _candidates(pair: Pair) -> Iterator[tuple[float, FilteredProbe]]:
+    s, middle = np.asarray(1j * pair.w), float(np.exp(np.mean(np.log(pair.w))))
     for probe in _PROBES:
-        for power, (told, mend) in POWERS.items():
+        for power, (_, *words) in POWERS.items():
             if power < 0:
                 continue  # the other one gives velocities, rather
-            middle = float(np.exp(np.mean(np.log(w))))
-            misfits, factors = _misfits(np.asarray((s / middle)[None] ** power), probe, *pair)
+            misfits, factors = _misfits(np.asarray((s / middle)[None] ** power), probe, pair)
             if abs(np.angle(factors[0])) < _ASIDE:
                 value = middle / float(abs(factors[0])) ** (1 / power)
-                yield float(misfits[0]), FilteredProbe(probe=probe, told=told, mend=mend, kind=power, value=value)
+                one = FilteredProbe(probe=probe, words=(words[0], words[1]), kind=power, value=value)
+                yield float(misfits[0]), one
         for kind in CHANNEL_FILTERS:
             if not kind.corner:
                 continue  # a probe that comes late is looked for by itself
-            tried = values_to_try(kind, w, _TRIED)
+            tried = values_to_try(kind, pair.w, _TRIED)
             for _ in range(_FINER):
-                misfits, factors = _misfits(np.stack([kind.seen(s, value) for value in tried.tolist()]), probe, *pair)
+                filters = np.stack([kind.seen(s, value) for value in tried.tolist()])
+                misfits, factors = _misfits(filters, probe, pair)
                 at = int(np.argmin(misfits))
                 if not 0 < at < tried.size - 1:
                     break
@@ -74,21 +73,17 @@ def _candidates(
                 tried = np.geomspace(tried[at - 1], tried[at + 1], 2 * _STEPS + 1)
             else:
                 if abs(np.log(factor)) < _ASIDE:
-                    words = kind.in_words(value)
-                    told, mend = kind.told.format(value=words), kind.mend.format(value=words)
-                    yield left, FilteredProbe(probe=probe, told=told, mend=mend, kind=kind, value=value)
+                    yield left, FilteredProbe(probe=probe, words=kind.words(value), kind=kind, value=value)
 
 
-def _misfits(
-    filters: ComplexArray, probe: str, expected: ComplexArray, seen: ComplexArray, noise: Float
-) -> tuple[Float, ComplexArray]:
+def _misfits(filters: ComplexArray, probe: str, pair: Pair) -> tuple[Float, ComplexArray]:
     """Mean squares over the noise with one probe behind each of some filters, shape ``(K, N)``, and factors that are
     left, shape ``(K,)`` each."""
     ratio = filters if probe == "y" else 1 / filters
+    own, noise = ratio * pair.expected, pair.noise
     factor = np.ones(len(ratio), dtype=complex)
     for _ in range(_PASSES):
         weight = 1 / (noise[:, 1] ** 2 + np.abs(factor[:, None] * ratio) ** 2 * noise[:, 0] ** 2)
-        own = ratio * expected
-        factor = np.sum(weight * own.conj() * seen, axis=1) / np.sum(weight * np.abs(own) ** 2, axis=1)
-    left = np.mean(weight * np.abs(seen - factor[:, None] * own) ** 2, axis=1) / 2
+        factor = np.sum(weight * own.conj() * pair.seen, axis=1) / np.sum(weight * np.abs(own) ** 2, axis=1)
+    left = np.mean(weight * np.abs(pair.seen - factor[:, None] * own) ** 2, axis=1) / 2
     return np.asarray(left), np.asarray(factor if probe == "y" else 1 / factor)

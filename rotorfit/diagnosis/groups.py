@@ -1,7 +1,7 @@
 """Some readings with a factor or an angle of their own: those of a run, of a plane in a run, of a speed, of a plane.
 
 What the rest of the data makes one expect of them is predicted; where they differ from it by one number, that number
-is the slip.
+is the error.
 """
 
 from __future__ import annotations
@@ -11,19 +11,19 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from rotorfit.data.channel_filters import POWERS, SAME, likeness
-from rotorfit.fitting.slips.readings import PLAINLY, Found, Hint, Readings, Trial
+from rotorfit.diagnosis.channel_filters import POWERS, SAME, likeness
+from rotorfit.diagnosis.trial_fits import EXPLAINED, Explanation, Hint, Readings, trial
 from rotorfit.models.array_types import Bool, ComplexArray
 from rotorfit.units import RPM_PER_RAD_S
 
 _PROMISING = 0.5
-"""Share of the misfit that the rest leaves at the most, if the readings left out are the slip."""
+"""Share of the misfit that the rest leaves at the most, if the readings left out have the error."""
 
 _LEAST = 0.1
-"""Change of the logarithm of readings from which it is a slip: less is how forces and instruments scatter."""
+"""Change of the logarithm of readings from which it is an error: less is how forces and instruments scatter."""
 
-_FEWEST, _ALONE = 2, 5.0
-"""Other runs that tell whether it is one run alone, and times by which it must differ more than any of them."""
+_FEWEST, _APART = 2, 5.0
+"""Other runs that show whether it is one run alone, and times by which it must differ more than any of them."""
 
 _UNLIKE = 0.1
 """Share of the power of readings up to which they are those expected but for a factor."""
@@ -40,15 +40,15 @@ class _Group:
     rows: Bool  # which, shape ``(R,)``
     forces: str = ""  # whose forces they are all readings of; empty where other readings are of the same forces
     other: _Group | None = None  # where there are two such groups, the other one
-    doubt: str = ""  # what else may make them seem so
+    unless: str = ""  # what else may make them seem so
 
 
-def run_slips(readings: Readings, trial: Trial, missed: float, hint: Hint, known: Sequence[str]) -> Iterator[Found]:
+def factors_of_groups(readings: Readings, missed: float, hint: Hint, known: Sequence[str]) -> Iterator[Explanation]:
     """What explains the data among factors and angles that some readings alone have."""
     seen = {np.ones(readings.run.size, dtype=bool).tobytes()}
     count = 0
     for level in _levels(readings, known):
-        plainly = False
+        explained = False
         for group in level:
             key = group.rows.tobytes()
             if key in seen or count == _MOST or not group.rows.any():
@@ -57,15 +57,15 @@ def run_slips(readings: Readings, trial: Trial, missed: float, hint: Hint, known
             if not hint(np.where(group.rows[:, None], np.array([1.0, 1j]), 0.0)):
                 continue
             count += 1
-            for one, found in _of_group(readings, group, trial, missed):
+            for one, found in _of_group(readings, group, missed):
                 seen.add(one.rows.tobytes())
-                plainly |= found.left < PLAINLY
+                explained |= found.left < EXPLAINED
                 yield found
-        if plainly:
+        if explained:
             return
 
 
-def _of_group(readings: Readings, group: _Group, trial: Trial, missed: float) -> Iterator[tuple[_Group, Found]]:
+def _of_group(readings: Readings, group: _Group, missed: float) -> Iterator[tuple[_Group, Explanation]]:
     left, x = trial(readings.without(group.rows))
     if left > _PROMISING * missed:
         return
@@ -77,23 +77,23 @@ def _of_group(readings: Readings, group: _Group, trial: Trial, missed: float) ->
         either.append((group.other, 1 / factor))  # scale and angle of all hardly tell which of the two is right
     for one, own in either:
         seen = np.where(one.rows, own * (readings.s / readings.middle) ** power, 1.0)
-        mended = readings.mended(seen)
-        left, x = trial(mended)
-        if _others_agree(replace(readings, problem=mended), one.rows, np.concatenate(mended.predict(x)), own):
-            yield one, Found(left=left / missed, told=_told(one, power, own), free=1 + abs(power))
+        problem = readings.corrected(seen)
+        left, x = trial(problem)
+        if _others_agree(replace(readings, problem=problem), one.rows, np.concatenate(problem.predict(x)), own):
+            yield one, _explanation(one, power, own, left / missed)
 
 
-def _others_agree(mended: Readings, rows: Bool, expected: ComplexArray, factor: complex) -> bool:
-    """Whether the runs beside the one that was mended are as expected: where all differ, none is the slip."""
-    others = np.unique(mended.run[~rows]).tolist()
-    if np.unique(mended.run[rows]).size > 1 or len(others) < _FEWEST:
+def _others_agree(corrected: Readings, rows: Bool, expected: ComplexArray, factor: complex) -> bool:
+    """Whether the runs beside the one that was corrected are as expected: where all differ, none has the error."""
+    others = np.unique(corrected.run[~rows]).tolist()
+    if np.unique(corrected.run[rows]).size > 1 or len(others) < _FEWEST:
         return True
-    apart = (abs(np.log(_factor(mended, mended.run == run, expected, (0,))[1])) for run in others)
-    return bool(max(apart) < abs(np.log(factor)) / _ALONE)
+    apart = (abs(np.log(_factor(corrected, corrected.run == run, expected, (0,))[1])) for run in others)
+    return bool(max(apart) < abs(np.log(factor)) / _APART)
 
 
 def _levels(readings: Readings, known: Sequence[str]) -> Iterator[list[_Group]]:
-    """Sets of readings, those that are most likely to be one slip first; of a later level none that an earlier one
+    """Sets of readings, those that are most likely to share an error first; of a later level none that an earlier one
     explains."""
     w = readings.frequency
     speeds = np.unique(readings.speed).tolist()
@@ -104,9 +104,9 @@ def _levels(readings: Readings, known: Sequence[str]) -> Iterator[list[_Group]]:
     ]
     planes = np.unique(readings.plane).tolist()
     forced = np.unique(readings.force_plane).tolist()
-    doubt = f", unless what was told as known ({', '.join(known)}) is wrong" if known else ""
+    unless = f", unless what was given as known ({', '.join(known)}) is wrong" if known else ""
     forces = [(f"under forces at {p}", readings.force_plane == p, f"at {p}") for p in forced]
-    yield [*_set(forces, doubt), *_set([(f"at {p}", readings.plane == p, "") for p in planes], doubt)]
+    yield [*_set(forces, unless), *_set([(f"at {p}", readings.plane == p, "") for p in planes], unless)]
     yield [group for way in ways for group in _set([(who, rows, who) for who, rows in way])]
     if len(planes) > 1:
         for way in reversed(ways):
@@ -117,9 +117,9 @@ def _levels(readings: Readings, known: Sequence[str]) -> Iterator[list[_Group]]:
             ]
 
 
-def _set(ways: Sequence[tuple[str, Bool, str]], doubt: str = "") -> list[_Group]:
+def _set(ways: Sequence[tuple[str, Bool, str]], unless: str = "") -> list[_Group]:
     """Groups that together are one whole, of which two are each the other's other."""
-    groups = [_Group(who=who, rows=rows, forces=forces, doubt=doubt) for who, rows, forces in ways]
+    groups = [_Group(who=who, rows=rows, forces=forces, unless=unless) for who, rows, forces in ways]
     if len(groups) != 2:
         return groups
     return [replace(one, other=other) for one, other in (groups, reversed(groups))]
@@ -140,21 +140,31 @@ def _factor(
     return min(found, key=lambda one: one[2])
 
 
-def _told(group: _Group, power: int, factor: complex) -> str:
+def _explanation(group: _Group, power: int, factor: complex, left: float) -> Explanation:
+    free = 1 + abs(power)
     if power:
-        told, mend = POWERS[power]
-        return f"the readings {group.who} are {told}. {mend}"
+        code, what, undo = POWERS[power]
+        return Explanation(left=left, code=code, message=f"the readings {group.who} are {what}", undo=undo, free=free)
     size, angle = abs(factor), float(np.degrees(np.angle(factor)))
-    parts, causes = [], []
+    parts, causes, codes = [], [], []
     if abs(np.log(size)) > SAME:
+        codes.append("readings-scaled")
         parts.append(f"are {size:.3g} times as large as the rest makes one expect{likeness(size)}")
-        causes.append(f"are told {1 / size:.3g} times as large as they are")
+        causes.append(f"are given {1 / size:.3g} times as large as they are")
     if 180 - abs(angle) < _ANGLE:
+        codes.append("readings-inverted")
         parts.append("are upside down against what the rest makes one expect")
         causes.append("have the wrong sign (weights on the opposite side)")
     elif abs(angle) > _ANGLE:
+        codes.append("readings-turned")
         lead = f"{'lead' if angle > 0 else 'lag'} by {abs(angle):.3g} degrees"
         parts.append(f"{lead} against what the rest makes one expect, as where the phase reference is another")
-        causes.append(f"act {angle:+.3g} degrees from where they are told (weights in other holes)")
+        causes.append(f"act {angle:+.3g} degrees from where they are given (weights in other holes)")
     cause = f", or the forces {group.forces} {' and '.join(causes)}" if group.forces else ""
-    return f"the readings {group.who} {' and '.join(parts)}{cause}{group.doubt}"
+    return Explanation(
+        left=left,
+        code=codes[0],
+        message=f"the readings {group.who} {' and '.join(parts)}{cause}{group.unless}",
+        undo=f"divide the readings {group.who} by {size:.3g} at {angle:.3g} degrees",
+        free=free,
+    )

@@ -11,8 +11,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from rotorfit.checks.orbits import Orbits
 from rotorfit.data.findings import Finding, listed
+from rotorfit.diagnosis.orbits import Orbits
 from rotorfit.models.array_types import ComplexArray, Float, Index
 from rotorfit.units import RPM_PER_RAD_S
 

@@ -1,9 +1,10 @@
-"""A force along one axis that was read as a circular one.
+"""Forces along one axis and forces that turn, the one read as the other.
 
 ``Re(F exp(jwt))`` along x is half of F forward and half of conj(F) backward. If the rotor is isotropic, the forward
 parts of the orbits at +w and the backward parts at -w are then values of one rational function of w, its response, on
 either side of w = 0. No circular force on an anisotropic rotor makes them that: there the numerator is another function
-on either side.
+on either side. And a force along an axis drives a rotor forward and backward at once: what answers to one of the two
+alone, at most frequencies, was driven by a force that turns.
 """
 
 from __future__ import annotations
@@ -12,31 +13,33 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from rotorfit.checks.orbits import ENOUGH, Orbits
+from rotorfit.data.experiments import PerturbationTest
 from rotorfit.data.findings import Finding, listed
+from rotorfit.data.linear_force import probe_pairs
+from rotorfit.diagnosis.orbits import ENOUGH, Orbits, total_power
+from rotorfit.diagnosis.probe_pairs import AGREES
 from rotorfit.estimators.noise.reading_noise import noise_from_smoothness
 from rotorfit.models.array_types import ComplexArray, Float, Index
 
-GENEROUS = 4.0
+_GENEROUS = 4.0
 """Values for each coefficient of a rational function that a verdict needs; fewer might follow anything."""
 
 SHARE = (0.05, 0.95)
 """Share of the backward part between which a force along an axis keeps it; isotropic responses do not vary by more."""
 
-AGREES = 1.5
-"""Misfit over noise below which a function explains the readings: what the noise's own estimate leaves open."""
+_NOTHING = 1e-3
+"""Share of the lesser half, in power, that is none: a rotor whose forward whirl hardly loses more than it gains answers
+30 times less backward only next to its resonance."""
 
 
-def linear_force(orbits: Orbits) -> Iterator[Finding]:
+def force_along_axis(orbits: Orbits) -> Iterator[Finding]:
     """Runs that only a force along x or along y explains, though it was given as circular."""
     found: dict[str, set[str]] = {}
-    if not _any_share(orbits):
-        return
-    modes = len({*orbits.plane.tolist(), *orbits.force_plane.tolist()})
-    for (run, _, force_plane), at in orbits.groups("run", "speed", "force_plane"):
+    modes = len({*orbits.plane.tolist(), *orbits.force_plane.tolist()}) if orbits.paired.any() else 0
+    for (run, _, force_plane), at in orbits.groups("run", "speed", "force_plane") if modes else ():
         planes = dict.fromkeys(orbits.plane[at].tolist())
-        told = [_explains(orbits, at[orbits.plane[at] == plane], modes) for plane in planes]
-        if True in told and False not in told:
+        explained = [_explains(orbits, at[orbits.plane[at] == plane], modes) for plane in planes]
+        if True in explained and False not in explained:
             drive = at[orbits.plane[at] == force_plane]
             found.setdefault(_axis(orbits, drive if drive.size else at), set()).add(run)
     for axis, names in sorted(found.items()):
@@ -46,24 +49,31 @@ def linear_force(orbits: Orbits) -> Iterator[Finding]:
             "that does not turn (a rotor some ten times stiffer along the other axis would look alike). Read as "
             f"circular it doubles every coefficient: give a column force_direction with {axis} in these rows."
         )
-        yield Finding("error", "linear-force", text, orbits.rows_of(np.flatnonzero(np.isin(orbits.run, runs))))
+        rows = orbits.rows_of(np.flatnonzero(np.isin(orbits.run, runs)))
+        yield Finding("error", "linear-force", text, rows, undo=f"force_direction {axis}")
 
 
-def _any_share(orbits: Orbits) -> bool:
-    """Whether orbits of any plane in any run turn so much against the force as a force along an axis makes them."""
-    both, wrong = powers(orbits, orbits.right, orbits.wrong)
-    return bool(((SHARE[0] * both < wrong) & (wrong < SHARE[1] * both)).any())
-
-
-def powers(orbits: Orbits, right: ComplexArray, wrong: ComplexArray) -> tuple[Float, Float]:
-    """Power of the orbits of each plane in each run, in all and against the force, shape ``(..., G)``."""
-    if not orbits.paired.any():
-        return np.zeros(1), np.zeros(1)
-    along, against = (
-        orbits.total(np.where(orbits.paired, np.abs(part) ** 2, 0.0), "run", "speed", "force_plane", "plane")
-        for part in (right, wrong)
-    )
-    return along + against, against
+def turning_force(test: PerturbationTest) -> Iterator[Finding]:
+    """Runs whose orbits turn one way throughout, though the force was given along an axis."""
+    if not test.linear.any():
+        return
+    x, y = probe_pairs(test, test.linear)[0].T
+    ahead = np.abs(test.response[x] + 1j * test.response[y]) ** 2
+    behind = np.abs(test.response[x] - 1j * test.response[y]) ** 2
+    turns: dict[str, bool] = {}
+    for run, plane in dict.fromkeys(zip(test.run[x].tolist(), test.force_plane[x].tolist(), strict=True)):
+        own = np.flatnonzero((test.run[x] == run) & (test.force_plane[x] == plane) & (ahead + behind > 0))
+        if own.size >= ENOUGH:
+            lesser, greater = sorted((ahead[own], behind[own]), key=np.sum)
+            turns[run] = turns.get(run, True) and bool(np.median(lesser / (lesser + greater)) < _NOTHING)
+    found = [run for run, turning in turns.items() if turning]
+    if found:
+        text = (
+            f"All orbits in {listed(found)} turn one way, as under a force that turns; one along an axis drives a "
+            "rotor forward and backward at once. Leave force_direction out there, or write circular."
+        )
+        rows = tuple(np.flatnonzero(np.isin(test.run, found)).tolist())
+        yield Finding("error", "turning-force", text, rows, undo="force_direction circular")
 
 
 def _explains(orbits: Orbits, at: Index, modes: int) -> bool | None:
@@ -72,9 +82,8 @@ def _explains(orbits: Orbits, at: Index, modes: int) -> bool | None:
     w = np.abs(orbits.frequency[at])
     if np.unique(w).size < ENOUGH or np.unique(np.sign(orbits.frequency[at])).size > 1:
         return None
-    right, wrong = orbits.right[at], orbits.wrong[at]
-    share = np.sum(np.abs(wrong) ** 2) / np.sum(np.abs(wrong) ** 2 + np.abs(right) ** 2)
-    if not SHARE[0] < share < SHARE[1]:
+    against, along = total_power(orbits.wrong[at]), total_power(orbits.right[at])
+    if not SHARE[0] * (along + against) < against < SHARE[1] * (along + against):
         return False
     ahead, behind, force = _halves(orbits, at)
     noise = np.hypot(*(noise_from_smoothness(w, part) for part in (orbits.x[at], orbits.y[at]))) / 2
@@ -110,7 +119,7 @@ def _rational(w: Float, values: ComplexArray, sigma: Float, modes: int) -> bool:
     u = w / np.abs(w).max()
     for poles in range(2, 2 * modes + 1, 2):
         unknowns = 2 * poles - 1
-        if w.size < GENEROUS * unknowns:
+        if w.size < _GENEROUS * unknowns:
             return False
         top = np.stack([u**k for k in range(poles - 1)], axis=1)
         bottom = np.stack([u**k for k in range(1, poles + 1)], axis=1)
@@ -122,7 +131,6 @@ def _rational(w: Float, values: ComplexArray, sigma: Float, modes: int) -> bool:
             denominator = 1 + bottom @ solution[poles - 1 :]
             denominator = np.where(denominator == 0, 1.0, denominator)
         miss = values - top @ solution[: poles - 1] / denominator
-        chi = float(np.sum(np.abs(miss / sigma) ** 2) / (2 * (w.size - unknowns)))
-        if chi < AGREES**2:
+        if float(np.sum(np.abs(miss / sigma) ** 2) / (2 * (w.size - unknowns))) < AGREES**2:
             return True
     return False

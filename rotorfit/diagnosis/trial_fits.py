@@ -1,4 +1,4 @@
-"""The readings of a problem with a slip undone: what was told as ``factor`` times the truth, or rows left out."""
+"""Fits with an error of the data undone: what was read as ``factor`` times the truth, or rows left out."""
 
 from __future__ import annotations
 
@@ -8,47 +8,80 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from rotorfit.estimators.blocks.observations import Responses
+from rotorfit.estimators.minimisation.least_squares import Options
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.estimators.starting.closed_form import closed_form
+from rotorfit.fitting.fit import solve
 from rotorfit.models.array_types import Bool, ComplexArray, Float, Text
 
 Hint = Callable[[ComplexArray], bool]
-"""Whether small slips whose logarithm changes readings so, shape ``(R, k)``, may be what a fit misses."""
+"""Whether small errors whose logarithm changes readings so, shape ``(R, k)``, may be what a fit misses."""
 
-Trial = Callable[[Problem], tuple[float, Float]]
-"""Sum of squares that a short search from the closed form leaves, and where it ended, shape ``(p,)``."""
-
-PLAINLY = 0.01
+EXPLAINED = 0.01
 """Share of the misfit left from which nothing else has to be tried."""
 
+_TRIAL = Options(hessian="gauss-newton", max_iterations=12)  # it leads to an explanation soon, or to none
+
 _ENOUGH = 1500
-"""Readings that tell a slip."""
+"""Readings that show an error."""
 
 _HIDDEN = 1e4
 """Factor on the noise of readings that are left out, which then have no weight."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class Found:
-    """A slip that was tried."""
+class Explanation:
+    """An error of the data that was undone in a trial fit."""
 
     left: float  # share of the misfit that the fit leaves without it
-    told: str  # what is wrong and what to do
-    free: int = 0  # values that were searched for; of slips that explain the data alike, that with the fewest is told
+    code: str
+    message: str
+    undo: str
+    free: int = 0  # values that were searched for; of errors that explain the data alike, those with the fewest count
+
+
+def trial(problem: Problem) -> tuple[float, Float]:
+    """Sum of squares that a short search from the closed form leaves, and its end; infinite where the data allow none.
+
+    What is right needs no better start, and to look for one takes longer than all the rest.
+    """
+    begin = _closed_form(problem)
+    if begin is None:
+        return float("inf"), np.zeros(problem.space.size)
+    try:
+        solution = solve(problem, begin, _TRIAL)
+    except (ValueError, np.linalg.LinAlgError):  # what cannot be fitted explains nothing
+        return float("inf"), begin
+    return 2 * solution.cost, solution.x
+
+
+def misfit_of_closed_form(problem: Problem) -> float:
+    """Sum of squares of the closed form alone, a tenth of the time of a search; infinite where there is none."""
+    begin = _closed_form(problem)
+    return float("inf") if begin is None else 2 * problem.cost(begin)
+
+
+def _closed_form(problem: Problem) -> Float | None:
+    space = problem.space
+    begin = np.zeros(space.size)
+    try:
+        begin[: len(space.names)] = closed_form(space, problem.blocks).x
+    except (ValueError, np.linalg.LinAlgError):
+        return None
+    return np.clip(begin, space.lower, space.upper)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Readings:
     """Readings of all blocks one after the other, shape ``(R,)`` each."""
 
-    problem: Problem  # as the data are told
+    problem: Problem  # as the data were given
     run: Text  # names
     plane: Text  # names
     force_plane: Text  # names
     speed: Float  # rad/s
     frequency: Float  # signed, rad/s
-    axis: Text  # z, r, x or y
-    mirrored: Bool
+    mirrored: Bool  # where a reading is the conjugate of what probes gave
 
     @property
     def s(self) -> ComplexArray:
@@ -62,7 +95,7 @@ class Readings:
 
     @property
     def measured(self) -> ComplexArray:
-        """As told."""
+        """As given."""
         return np.concatenate([block.measured for block in self.problem.blocks])
 
     @property
@@ -75,8 +108,8 @@ class Readings:
         mirrored = self.mirrored if factor.ndim == 1 else self.mirrored[:, None]
         return np.where(mirrored, factor.conj(), factor)
 
-    def mended(self, factor: ComplexArray) -> Problem:
-        """The problem with readings that were told as so many times the truth."""
+    def corrected(self, factor: ComplexArray) -> Problem:
+        """The problem with readings that were given as so many times the truth."""
         whole = self.seen(factor)
         return self._with(self.measured / whole, self.sigma / np.abs(whole))
 
@@ -105,7 +138,6 @@ def readings_of(problem: Problem) -> Readings | None:
         problem = _some_lines(problem, blocks, every)
         blocks = [block for block in problem.blocks if isinstance(block, Responses)]
     names = np.array([c.plane for c in problem.space.model.coordinates])
-    axes = np.array([c.axis for c in problem.space.model.coordinates])
     forced = [names[np.abs(block.force).argmax(axis=1)][block.line] for block in blocks]
     frequency = [block.frequency[block.line] for block in blocks]
     mirrored = [(w < 0) & (block.model.frame == "z") for block, w in zip(blocks, frequency, strict=True)]
@@ -116,7 +148,6 @@ def readings_of(problem: Problem) -> Readings | None:
         force_plane=np.concatenate(forced),
         speed=np.concatenate([block.speed[block.line] for block in blocks]),
         frequency=np.concatenate(frequency),
-        axis=np.concatenate([axes[block.coordinate] for block in blocks]),
         mirrored=np.concatenate(mirrored),
     )
 
@@ -135,14 +166,3 @@ def _some_lines(problem: Problem, blocks: list[Responses], every: int) -> Proble
         own = problem.factors[number] if problem.factors else None
         factors.append(None if own is None else own[keep[block.line]])
     return replace(problem, blocks=tuple(kept), factors=tuple(factors))
-
-
-def roughly_missed(problem: Problem) -> float:
-    """Sum of squares of the closed form alone, a tenth of the time of a search; infinite where there is none."""
-    space = problem.space
-    x = np.zeros(space.size)
-    try:
-        x[: len(space.names)] = closed_form(space, problem.blocks).x
-        return 2 * problem.cost(np.clip(x, space.lower, space.upper))
-    except (ValueError, np.linalg.LinAlgError):  # what cannot be fitted explains nothing
-        return float("inf")

@@ -6,11 +6,11 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from rotorfit.checks.orbits import orbits_of
-from rotorfit.checks.signs import MOSTLY, signs, turned
 from rotorfit.data.directional import directional
 from rotorfit.data.experiments import DisplacementTest, perturbation_test
 from rotorfit.data.findings import Finding, listed
+from rotorfit.diagnosis.orbits import orbits_of
+from rotorfit.diagnosis.signs import MOSTLY, signs, turned
 from rotorfit.models.array_types import ComplexArray
 
 

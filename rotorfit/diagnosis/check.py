@@ -1,0 +1,128 @@
+"""Look a test over before fitting: errors of sign, direction, scale and plan that the data themselves give away."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from rotorfit.data.experiments import (
+    DisplacementTest,
+    Experiment,
+    ImpulseTest,
+    PerturbationTest,
+    RingDownTest,
+    StaticTest,
+)
+from rotorfit.data.findings import Finding, errors_first
+from rotorfit.diagnosis.forces import force_along_axis, turning_force
+from rotorfit.diagnosis.half_turns import half_turns
+from rotorfit.diagnosis.imposed_orbits import imposed_orbits
+from rotorfit.diagnosis.orbits import orbits_of
+from rotorfit.diagnosis.other_tests import free_vibration, static_positions
+from rotorfit.diagnosis.plan import plan, solved_together
+from rotorfit.diagnosis.probe_pairs import uneven_probes
+from rotorfit.diagnosis.readings import amplitudes, clipped, copied_readings, rows_of, unread
+from rotorfit.diagnosis.reciprocity import reciprocity
+from rotorfit.diagnosis.signs import signs, wrong_direction
+from rotorfit.models.array_types import Bool
+
+
+def check(test: Experiment) -> list[Finding]:
+    """Findings about a test, errors first.
+
+    Recognised are readings that are not finite, doubled, zero or cut off, forces of zero, implausible amplitudes,
+    frequencies in another unit than speeds, readings at 1x, gaps in the plan of the test (planes without force, one
+    direction only, one frequency only), conjugated FRFs, responses in the wrong direction, forces along an axis given
+    as circular and the reverse, readings inverted from some frequency on, a reversed sense of rotation, gains, delays
+    and filters of one probe of a pair, planes that answer each other unequally, start-ups without partner, positions
+    against their load, records without a mode, free vibration in another unit than the speed, run-ups too fast to
+    settle. Notes give the scatter between mountings of weights and the number of modes that weights at dwell speeds
+    show. What only a fit gives away is in :attr:`FitResult.findings`.
+
+    Args:
+        test: what was measured, SI units.
+
+    Example:
+        >>> [finding.code for finding in rf.check(rig) if finding.severity == "error"]
+        []
+    """
+    numeric = _finite(test)
+    findings = list(_numbers(test, numeric))
+    finite = np.flatnonzero(numeric)
+    if finite.size:
+        rest = test if finite.size == len(test) else test.select(finite)
+        findings += [found.at_rows(finite) for found in _of_its_kind(rest)]
+    return errors_first(findings)
+
+
+def _of_its_kind(test: Experiment) -> Iterator[Finding]:
+    match test:
+        case PerturbationTest() | DisplacementTest():
+            yield from copied_readings(test)
+            yield from amplitudes(test)
+            yield from plan(test)
+            yield from _physics(test) if isinstance(test, PerturbationTest) else imposed_orbits(test)
+        case StaticTest():
+            yield from static_positions(test)
+        case ImpulseTest() | RingDownTest():
+            yield from free_vibration(test)
+
+
+def _physics(test: PerturbationTest) -> Iterator[Finding]:
+    yield from unread(test)
+    yield from clipped(test)
+    yield from turning_force(test)
+    forced = np.flatnonzero(test.force != 0)
+    if not forced.size:
+        return  # a reference run alone
+    orbits = orbits_of(test if forced.size == len(test) else test.select(forced), forced)
+    if not orbits.frequency.size:
+        return
+    yield from half_turns(orbits)
+    wrong = list(force_along_axis(orbits)) or list(wrong_direction(orbits))
+    yield from wrong
+    if wrong:
+        return  # the component in the direction of the force is only a residue
+    uneven = list(uneven_probes(orbits))
+    yield from uneven
+    if not any(finding.severity == "warning" for finding in uneven):
+        yield from reciprocity(orbits)
+    yield from signs(orbits)
+
+
+_MAY_BE_NAN = ("sigma", "eccentricity", "position")
+"""Columns in which NaN stands for what was not measured, or was given in another column."""
+
+
+def _finite(test: Any) -> Bool:
+    numeric = [getattr(test, name) for name in test._columns() if name not in _MAY_BE_NAN]
+    columns = [np.isfinite(values) for values in numeric if values.dtype.kind in "fc"]
+    return np.logical_and.reduce(columns) if columns else np.ones(len(test), dtype=bool)
+
+
+_REFERENCE = (
+    "This is a reference run: no reading has a force. Alone it says nothing of the rotor; put it together with the "
+    "runs that have a trial weight, rf.join_runs([reference, trial])."
+)
+
+
+def _numbers(test: Experiment, finite: Bool) -> Iterator[Finding]:
+    if not len(test):
+        yield Finding("error", "empty", "The test has no readings.")
+        return
+    if not finite.all():
+        text = f"Not finite: {(~finite).sum()} readings; remove them, test.select(...) with the rows to keep."
+        yield Finding("error", "not-finite", text, rows_of(~finite), undo="remove these rows")
+    sigma = getattr(test, "sigma", np.array([1.0]))
+    if (sigma <= 0).any():
+        text = f"The noise sigma is not positive in {(sigma <= 0).sum()} rows; NaN stands for unknown noise."
+        yield Finding("error", "sigma", text, rows_of(sigma <= 0))
+    # Runs without a weight are what the others are compared with, where weights are solved together.
+    if isinstance(test, PerturbationTest) and (test.force == 0).any() and solved_together(test) is None:
+        if (test.force == 0).all() and test.synchronous:
+            yield Finding("warning", "reference-run", _REFERENCE)
+            return
+        text = f"The force is zero in {(test.force == 0).sum()} rows; remove them, they have no dynamic stiffness."
+        yield Finding("error", "no-force", text, rows_of(test.force == 0), undo="remove these rows")

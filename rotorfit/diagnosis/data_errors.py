@@ -1,0 +1,313 @@
+"""The table of errors in what a file gives besides its readings: each with a code, a sentence and how it is undone.
+
+An unbalance read as a constant force, or two speeds exchanged, leave responses like those of a rotor, only of another
+one: nothing in the signs and sizes of the readings is odd. Each is scored alike: by the misfit of a trial fit with the
+error undone (:mod:`rotorfit.diagnosis.explanations`). A new error of this kind is one more entry here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from itertools import combinations, islice
+
+import numpy as np
+
+from rotorfit.data.experiments import PerturbationTest
+from rotorfit.diagnosis.orbits import Orbits, total_power
+from rotorfit.diagnosis.probe_filters import FilteredProbe
+from rotorfit.diagnosis.trial_fits import Explanation
+from rotorfit.models.array_types import ComplexArray, Float, Index
+from rotorfit.units import RPM_PER_RAD_S
+
+_CONSTANT = 0.01  # relative spread of what is taken as constant
+_MOST_PAIRS, _MOST_PLANES = 3, 4
+_RADIANS = 6.3  # degrees: what a whole turn in radians is, read as degrees
+
+_MOST_RUNS = 12  # pairs of runs
+_LEVELS = 20.0, 100.0, 200.0  # dB between the largest and the smallest level, at least and most; the largest at most
+_ONLY_A_PEAK = 0.03
+"""Misfit that is left, of that of the data as given, if they are levels: undone, hardly more than one peak is left of
+any data, which many models explain somewhat better."""
+_DECIBELS = {"um": 1e-6, "mil": 25.4e-6, "mm": 1e-3}
+
+_MOUNTINGS = (45.0, -45.0, 90.0, -90.0, 135.0, -135.0, 180.0)
+_PLANES = {"plane": "readings", "force_plane": "forces"}
+_SPEED_UNITS = {("Hz", "rpm"): 60.0, ("rpm", "Hz"): 1 / 60, ("rad/s", "rpm"): RPM_PER_RAD_S}
+_SPEED_UNITS[("rpm", "rad/s")] = 1 / RPM_PER_RAD_S
+_COLUMNS = {"Hz": "speed_hz", "rpm": "speed_rpm", "rad/s": "speed_rad_s"}
+
+_PAIRS = {
+    "exchanged": (("x", "y"), (1.0, 1.0)),
+    "inverted in y": ((), (1.0, -1.0)),
+    "inverted in x": ((), (-1.0, 1.0)),
+    "exchanged and both inverted": (("x", "y"), (-1.0, -1.0)),
+}
+"""How a pair of probes mirrors orbits: directions under each other's names, and signs of x and y."""
+
+Correction = Callable[[PerturbationTest], PerturbationTest]
+
+
+@dataclass(frozen=True, kw_only=True)
+class DataError:
+    """One error that data may have."""
+
+    code: str
+    message: str  # what is wrong
+    undo: str  # what a user does about it
+    correct: Correction  # the test without it
+    frees_datum: bool = False  # whether a common zero of phases is fitted then
+    leaves_at_most: float = 1.0  # share of the misfit
+
+    def explains(self, left: float) -> Explanation:
+        """The error as an explanation of the misfit but for a share that is left."""
+        return Explanation(left=left, code=self.code, message=self.message, undo=self.undo)
+
+
+def filtered_probes(uneven: Mapping[str, FilteredProbe | None]) -> Iterator[DataError]:
+    """One probe of a pair behind a filter, as the ratio of the two shows."""
+    for plane, one in uneven.items():
+        if one is not None:
+            what, undo = one.words
+            yield DataError(
+                code="probe-filter",
+                message=f"the readings of the {one.probe} probe at {plane} are {what}",
+                undo=undo,
+                correct=partial(_unfiltered, plane=plane, probe=one),
+            )
+
+
+def mirrored_orbits(orbits: Sequence[Orbits]) -> Iterator[DataError]:
+    """Pairs of probes, or phases, that make orbits turn the wrong way round; such motion a fit does not see at all."""
+    against: dict[str, bool] = {}
+    for one in orbits:
+        for (plane,), at in one.groups("plane"):
+            some = at[one.paired[at]]
+            against[plane] = bool(some.size) and total_power(one.wrong[some]) > total_power(one.right[some])
+    if not any(against.values()):
+        return
+    yield DataError(
+        code="lag-as-lead",
+        message="phases of lag are given as lead",
+        undo="phase_lag_deg and force_phase_lag_deg in place of phase_deg and force_phase_deg",
+        correct=lambda test: replace(test, response=test.response.conj(), force=test.force.conj()),
+    )
+    planes = [plane for plane, wrong in against.items() if wrong]
+    where = " and ".join(planes)
+    for what, (swapped, signs) in _PAIRS.items():
+        yield DataError(
+            code=f"probes-{'exchanged' if swapped else 'inverted'}",
+            message=f"the probes at {where} are {what}",
+            undo="give the readings of x and y at these planes the right names and signs",
+            correct=partial(_paired_anew, planes=planes, swapped=swapped, signs=signs),
+        )
+
+
+def data_errors(tests: Sequence[PerturbationTest]) -> Iterator[DataError]:
+    """Every error that these data may have."""
+    if not tests or any(test.linear.any() or not (test.force.all() and test.frequency.all()) for test in tests):
+        return
+    if all(_is_constant(test, np.abs(test.force)) for test in tests):
+        yield DataError(
+            code="unbalance-as-constant",
+            message="the forces are those of an unbalance, which grow with the square of the frequency, and are given "
+            "as constant",
+            undo="give the unbalance (mr_g_mm) in place of force_N",
+            correct=lambda test: replace(test, force=test.force * test.frequency**2),
+        )
+    if all(_is_constant(test, np.abs(test.force) / test.frequency**2) for test in tests):
+        yield DataError(
+            code="constant-as-unbalance",
+            message="the forces are constant, and are given as those of an unbalance",
+            undo="give force_N in place of mr_g_mm",
+            correct=lambda test: replace(test, force=test.force / test.frequency**2),
+        )
+    yield from _exchanges(tests)
+    yield from _exchanged_runs(tests)
+    for unit, size in _DECIBELS.items():
+        if all(_may_be_decibels(np.abs(test.response) / size) for test in tests):
+            yield DataError(
+                code="levels-in-decibels",
+                message=f"the amplitudes are in dB and read as {unit}",
+                undo="give them in the unit that 0 dB stands for",
+                correct=partial(_from_decibels, unit=size),
+                leaves_at_most=_ONLY_A_PEAK,
+            )
+    for degrees in (*_MOUNTINGS, 0.0):  # near one of which the search finds the angle
+        yield DataError(
+            code="phase-zeros-differ",
+            message="all forces are one angle off against all readings, as where weight holes, Keyphasor and probes "
+            "have no common zero",
+            undo="give the angle, or fit it (phase_offsets common)",
+            correct=partial(_forces_turned, degrees=degrees),
+            frees_datum=True,
+        )
+    planes = np.unique(np.concatenate([test.plane for test in tests])).tolist()
+    for some in (planes, *([plane] for plane in planes[:_MOST_PLANES] if len(planes) > 1)):
+        for degrees in _MOUNTINGS:
+            who = "all probes" if some == planes else f"the probes at {some[0]}"
+            yield DataError(
+                code="probes-turned",
+                message=f"{who} sit {degrees:g} degrees from where they are given, counted from x towards y",
+                undo=f"give their angles (probe_angles: {degrees:g} and {degrees + 90:g})",
+                correct=partial(_turned_back, planes=some, degrees=degrees),
+            )
+    for (true, read), factor in () if any(test.synchronous for test in tests) else _SPEED_UNITS.items():
+        yield DataError(
+            code="speed-unit",
+            message=f"the speeds are in {true} and read as {read}",
+            undo=f"name their unit ({_COLUMNS[true]})",
+            correct=partial(_with_speeds, factor=factor),
+        )
+    for column, whose in (("force", "forces"), ("response", "readings")):
+        if all(_are_radians(getattr(test, column)) for test in tests) and not any(
+            column == "response" and np.char.endswith(test.direction, "z").any() for test in tests
+        ):
+            yield DataError(
+                code="phases-in-radians",
+                message=f"the phases of the {whose} are in radians and read as degrees",
+                undo=f"give {'force_phase_deg' if column == 'force' else 'phase_deg'} in degrees",
+                correct=partial(_from_radians, column=column),
+            )
+
+
+# ---- entries of several kinds ------------------------------------------------------------------------------------
+
+
+def _exchanges(tests: Sequence[PerturbationTest]) -> Iterator[DataError]:
+    """Two speeds, or two planes, under each other's names."""
+    for column in ("speed", "plane", "force_plane"):
+        if column == "speed" and any(test.synchronous for test in tests):
+            continue  # there the speed is the frequency
+        values = np.unique(np.concatenate([getattr(test, column) for test in tests])).tolist()
+        for a, b in islice(combinations(values, 2), _MOST_PAIRS):
+            message = f"the planes {a} and {b} of the {_PLANES.get(column)} are exchanged"
+            if column == "speed":
+                message = f"the speeds {a * RPM_PER_RAD_S:.6g} and {b * RPM_PER_RAD_S:.6g} rpm are exchanged"
+            yield DataError(
+                code="speeds-exchanged" if column == "speed" else "planes-exchanged",
+                message=message,
+                undo=f"exchange them in the column {column}",
+                correct=partial(_exchanged, column=column, a=a, b=b),
+            )
+
+
+def _exchanged_runs(tests: Sequence[PerturbationTest]) -> Iterator[DataError]:
+    """Two runs with the same readings in their plan, under each other's names."""
+    places = {(number, run): _places(test, run) for number, test in enumerate(tests) for run in test.runs}
+    alike = (
+        (number, a, b, own, other)
+        for ((number, a), own), ((also, b), other) in combinations(places.items(), 2)
+        if number == also and own.size == other.size and _is_one_plan(tests[number], own, other)
+    )
+    for number, a, b, own, other in islice(alike, _MOST_RUNS):
+        yield DataError(
+            code="runs-exchanged",
+            message=f"the readings of the runs {a} and {b} are exchanged",
+            undo="exchange the names of the two runs",
+            correct=partial(_with_readings_of, wrong=tests[number], rows=own, others=other),
+        )
+
+
+def _places(test: PerturbationTest, run: str) -> Index:
+    """Rows of a run by plane, direction and frequency."""
+    rows = np.flatnonzero(test.run == run)
+    return rows[np.lexsort([test.frequency[rows], test.direction[rows], test.plane[rows]])]
+
+
+def _is_one_plan(test: PerturbationTest, own: Index, other: Index) -> bool:
+    return all(
+        (getattr(test, name)[own] == getattr(test, name)[other]).all() for name in ("plane", "direction")
+    ) and bool(np.allclose(test.frequency[own], test.frequency[other], rtol=1e-3, atol=0.0))
+
+
+# ---- corrections -------------------------------------------------------------------------------------------------
+
+
+def _unfiltered(test: PerturbationTest, *, plane: str, probe: FilteredProbe) -> PerturbationTest:
+    rows = (test.plane == plane) & (test.direction == probe.probe)
+    seen = np.where(rows, probe.seen(1j * np.abs(test.frequency)), 1.0)
+    return replace(test, response=test.response / seen, sigma=test.sigma / np.abs(seen))
+
+
+def _paired_anew(
+    test: PerturbationTest, *, planes: Sequence[str], swapped: tuple[str, ...], signs: tuple[float, float]
+) -> PerturbationTest:
+    rows, is_x = np.isin(test.plane, planes), np.char.endswith(test.direction, "x")
+    is_y = np.char.endswith(test.direction, "y")
+    sign = np.where(rows & is_x, signs[0], np.where(rows & is_y, signs[1], 1.0))
+    direction = test.direction.copy()
+    if swapped:
+        direction[rows & is_x] = np.char.replace(test.direction[rows & is_x], "x", "y")
+        direction[rows & is_y] = np.char.replace(test.direction[rows & is_y], "y", "x")
+    return replace(test, response=sign * test.response, direction=direction)
+
+
+def _with_readings_of(
+    test: PerturbationTest, *, wrong: PerturbationTest, rows: Index, others: Index
+) -> PerturbationTest:
+    if test is not wrong:
+        return test
+    response, sigma = test.response.copy(), test.sigma.copy()
+    for values in (response, sigma):
+        values[rows], values[others] = values[others], values[rows]
+    return replace(test, response=response, sigma=sigma)
+
+
+def _from_decibels(test: PerturbationTest, *, unit: float) -> PerturbationTest:
+    size = np.abs(test.response)
+    level = (size - size.max()) / unit
+    return replace(test, response=size.max() * 10 ** (level / 20) * np.exp(1j * np.angle(test.response)))
+
+
+def _turned_back(test: PerturbationTest, *, planes: Sequence[str], degrees: float) -> PerturbationTest:
+    """Readings as probes in their place would have them, as far as orbits are circular."""
+    sense = np.where(np.char.endswith(test.direction, "z") | (test.frequency > 0), 1.0, -1.0)
+    turn = np.exp(1j * np.radians(degrees) * sense)
+    return replace(test, response=np.where(np.isin(test.plane, planes), turn, 1.0) * test.response)
+
+
+def _forces_turned(test: PerturbationTest, *, degrees: float) -> PerturbationTest:
+    return replace(test, force=test.force * np.exp(1j * np.radians(degrees)))
+
+
+def _with_speeds(test: PerturbationTest, *, factor: float) -> PerturbationTest:
+    return replace(test, speed=test.speed * factor)
+
+
+def _exchanged(test: PerturbationTest, *, column: str, a: object, b: object) -> PerturbationTest:
+    values = getattr(test, column)
+    changed = values.copy()
+    changed[values == a], changed[values == b] = b, a
+    return replace(test, **{column: changed})
+
+
+def _from_radians(test: PerturbationTest, *, column: str) -> PerturbationTest:
+    values = getattr(test, column)
+    return replace(test, **{column: np.abs(values) * np.exp(1j * np.degrees(np.angle(values)))})
+
+
+# ---- which data may have an error --------------------------------------------------------------------------------
+
+
+def _is_constant(test: PerturbationTest, size: Float) -> bool:
+    """Whether something is the same all through each run."""
+    for run in test.runs:
+        own = size[test.run == run]
+        if np.ptp(own) > _CONSTANT * own.max():
+            return False
+    swept = np.abs(test.frequency)
+    return bool(np.ptp(swept) > _CONSTANT * swept.max())
+
+
+def _may_be_decibels(amplitude: Float) -> bool:
+    """Whether amplitudes are numbers that levels in dB could be, of a rotor with a resonance."""
+    least, most, largest = _LEVELS
+    return bool(amplitude.max() < largest and least < np.ptp(amplitude) < most)
+
+
+def _are_radians(values: ComplexArray) -> bool:
+    """Whether all phases, read as degrees, lie within what a turn is in radians, and are not simply zero."""
+    degrees = np.abs(np.degrees(np.angle(values)))
+    return bool(degrees.max() <= _RADIANS and degrees.max() > 0)

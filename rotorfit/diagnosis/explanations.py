@@ -1,0 +1,174 @@
+"""Errors of the data that only a fit gives away.
+
+Where the model misses the data by far, the fit is tried with each error undone, and those that explain the data are
+named: errors of what is given besides the readings (``data_errors``), filters that readings went through (``filters``),
+and factors and angles that some of them have (``groups``).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from rotorfit.data.experiments import PerturbationTest
+from rotorfit.data.findings import Finding
+from rotorfit.diagnosis.check import check
+from rotorfit.diagnosis.data_errors import DataError, data_errors, filtered_probes, mirrored_orbits
+from rotorfit.diagnosis.filters import filters
+from rotorfit.diagnosis.groups import factors_of_groups
+from rotorfit.diagnosis.orbits import Orbits, orbits_of
+from rotorfit.diagnosis.probe_pairs import uneven_planes
+from rotorfit.diagnosis.trial_fits import EXPLAINED, Explanation, Hint, Readings, readings_of, trial
+from rotorfit.estimators.misfit.problem import Problem
+from rotorfit.fitting.problem_setup import build_problem
+from rotorfit.fitting.result import FitResult
+from rotorfit.models.array_types import ComplexArray, Float
+
+_LEAVES = 0.1
+"""Misfit that is left, of that of the data as given, if an error is the explanation: missing structure alone is up to a
+hundred times the noise, but does not vanish by what has nothing to do with it."""
+
+_FAR, _UNEXPLAINED = 10.0, 0.02
+"""redchi from which errors are looked for, and share of the power of the responses from which all are tried; below it,
+those that a linear step promises."""
+
+_PROMISED = 0.25  # share that a linear step leaves of the misfit by a small error, if that is the explanation
+_ALIKE = 1.5  # ratio of what two errors leave within which the data cannot tell them apart
+_MOST_NAMED = 3
+
+
+def explained(fit: FitResult, shown: Collection[str] = ()) -> list[Finding]:
+    """The errors of the data that explain what a fit misses; none where none does, or nothing has to be explained.
+
+    Args:
+        fit: the fit.
+        shown: codes of the errors that the data show themselves.
+    """
+    if fit.problem.loss != "linear":
+        return []
+    tests = [test for test in fit.experiments if isinstance(test, PerturbationTest)]
+    orbits = [orbits_of(test, np.arange(len(test))) for test in tests if test.force.all()]
+    if "wrong-direction" in shown and (found := _findings(list(_turning_anew(fit, orbits)))):
+        return found
+    return _findings(list(_explanations(fit, tests, orbits))) if fit.redchi >= _FAR else []
+
+
+def _turning_anew(fit: FitResult, orbits: Sequence[Orbits]) -> Iterator[Explanation]:
+    """What makes orbits turn with the force and nothing else look wrong, by the share of all motion that is left: a fit
+    does not see motion against the force."""
+    for error in mirrored_orbits(orbits):
+        problem = _corrected(fit, error)
+        if problem is not None and not _still_wrong(fit, error):
+            yield error.explains(trial(problem)[0] / _power(problem))
+
+
+def _still_wrong(fit: FitResult, error: DataError) -> bool:
+    """Whether tests with an error undone show another one, such as negative damping."""
+    return any(
+        finding.severity == "error"
+        for test in fit.experiments
+        if isinstance(test, PerturbationTest)
+        for finding in check(error.correct(test))
+    )
+
+
+def _explanations(fit: FitResult, tests: Sequence[PerturbationTest], orbits: Sequence[Orbits]) -> Iterator[Explanation]:
+    settings, levelled = fit.settings.asked, fit.settings.levelled
+    problem = build_problem(fit.model, fit.experiments, settings) if levelled else fit.problem
+    far = fit.chisqr > _UNEXPLAINED * _power(problem)
+    uneven = {plane: probe for of_test in orbits for plane, probe in uneven_planes(of_test).items()}
+    candidates = [*filtered_probes(uneven), *(data_errors(tests) if far else ())]
+    missed = min(fit.chisqr, trial(problem)[0]) if candidates else fit.chisqr  # a search that went astray is no error
+    for error in candidates:
+        corrected = _corrected(fit, error)
+        left = np.inf if corrected is None else trial(corrected)[0] / missed
+        if left < error.leaves_at_most:
+            yield error.explains(left)
+            if left < EXPLAINED:
+                return
+    readings = None if fit.model.eccentricity_dependent else readings_of(problem)
+    if readings is not None:
+        known = [name for name, value in settings.known.items() if value]
+        yield from _of_readings(readings, None if levelled else fit.x, far, uneven, known)
+
+
+def _power(problem: Problem) -> float:
+    return sum(float(np.sum(np.abs(block.measured / block.sigma) ** 2)) for block in problem.blocks)
+
+
+def _corrected(fit: FitResult, error: DataError) -> Problem | None:
+    """The problem with an error undone, None where it cannot be."""
+    settings = fit.settings.asked
+    if error.frees_datum and settings.phase_offsets:
+        return None
+    tests = [error.correct(test) if isinstance(test, PerturbationTest) else test for test in fit.experiments]
+    try:
+        changed = replace(settings, phase_offsets="common") if error.frees_datum else settings
+        return build_problem(fit.model, tests, changed)
+    except (ValueError, np.linalg.LinAlgError):  # what cannot be fitted explains nothing
+        return None
+
+
+def _of_readings(
+    readings: Readings, x: Float | None, far: bool, uneven: Collection[str], known: Sequence[str]
+) -> Iterator[Explanation]:
+    """What filters and factors of readings explain."""
+    least = np.inf if x is None else 2 * readings.problem.cost(x)
+    if far or x is None:
+        tried, end = trial(readings.problem)
+        least, x = (tried, end) if tried < least or x is None else (least, x)
+    hint = _anything if far else _promised(readings, x)
+    found = list(filters(readings, least, hint, uneven))
+    yield from found
+    if not any(one.left < EXPLAINED for one in found):
+        yield from factors_of_groups(readings, least, hint, known)
+
+
+def _anything(_: ComplexArray) -> bool:
+    return True
+
+
+def _promised(readings: Readings, x: Float) -> Hint:
+    """A linear step with the error as a value more, from where the search ended."""
+    problem = readings.problem
+    r, J = problem.jacobian(x)
+    whitened = np.concatenate(problem.predict(x)) / np.concatenate([block.sigma for block in problem.blocks])
+    span = np.linalg.qr(_real(J))[0]
+    beside = _beside(span, _real(r[:, None]))[:, 0]
+
+    def hint(log: ComplexArray) -> bool:
+        columns = _beside(span, _real(readings.seen(log) * whitened[:, None]))
+        step = np.linalg.lstsq(columns, beside, rcond=1e-9)[0]
+        return float(np.sum((beside - columns @ step) ** 2)) < _PROMISED * float(beside @ beside)
+
+    return hint
+
+
+def _real(columns: ComplexArray) -> Float:
+    return np.concatenate([columns.real, columns.imag])
+
+
+def _beside(span: Float, columns: Float) -> Float:
+    return np.asarray(columns - span @ (span.T @ columns))
+
+
+def _findings(tried: Sequence[Explanation]) -> list[Finding]:
+    """Those that leave least, of those that the data cannot tell apart the ones with the fewest values searched for."""
+    least = min((one.left for one in tried), default=np.inf)
+    if not least < _LEAVES:
+        return []
+    alike = sorted((one for one in tried if one.left < _ALIKE * least), key=lambda one: one.left)
+    fewest = min(one.free for one in alike)
+    named = list({one.message: one for one in alike if one.free == fewest}.values())[:_MOST_NAMED]
+    better = float(f"{1 / least:.2g}")
+    others = f" One of {len(named)} explanations that the data cannot tell apart." if len(named) > 1 else ""
+    found = []
+    for one in named:
+        text = (
+            f"A trial fit says: {one.message}. So taken, the model misses the data {better:,.0f} times less.{others} "
+            f"To undo it: {one.undo}."
+        )
+        found.append(Finding("error", one.code, text, undo=one.undo))
+    return found

@@ -1,0 +1,33 @@
+"""All that is found of a fit's data: what they show themselves, and what the fit gives away."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from rotorfit.data.common_zero import at_common_zero
+from rotorfit.data.findings import Finding, attributed
+from rotorfit.diagnosis.check import check
+from rotorfit.diagnosis.explanations import explained
+from rotorfit.estimators.misfit.parameter_space import DATUM
+from rotorfit.fitting.fit import fitted
+from rotorfit.fitting.result import FitResult
+from rotorfit.models.parameters import bare_name
+
+
+def findings_of(fit: FitResult) -> tuple[Finding, ...]:
+    """Findings about the data of a fit, errors first, and of these first the ones that explain its misfit."""
+    datum = fit.params[DATUM].value if DATUM in fit.params else 0.0
+    experiments = at_common_zero(fit.experiments, datum) if datum else fit.experiments
+    sources = [test.source or test.title for test in experiments]
+    shown = attributed([check(test) for test in experiments], sources)
+    return (*explained(_as_given(fit), {finding.code for finding in shown}), *shown)
+
+
+def _as_given(fit: FitResult) -> FitResult:
+    """The fit before blocks were chosen for its model: they may follow an error of the data."""
+    if fit.doubt is None:
+        return fit
+    model, asked = fit.model.variant(blocks=()), fit.settings.asked
+    own = {name: prior for name, prior in asked.priors.items() if bare_name(name) in model.parameter_names}
+    known = {name: value for name, value in asked.known.items() if name in model.parameter_names}
+    return fitted(model, fit.experiments, replace(asked, known=known, priors=own, start={}))

@@ -1,0 +1,157 @@
+"""Readings of a test put together as orbits, the form in which the check of the data looks at them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotorfit.data.directional import directional
+from rotorfit.data.experiments import PerturbationTest
+from rotorfit.data.linear_force import probe_pairs, whirl_parts
+from rotorfit.estimators.blocks.row_keys import combined, in_order, numbers
+from rotorfit.models.array_types import ComplexArray, Float, Index
+
+ENOUGH = 12
+"""Readings needed for a verdict on a run."""
+
+NEAR_1X = 1e-3
+"""Readings with |w| this close to the speed, as a fraction, are once-per-turn readings to a tracking filter."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Orbits:
+    """Readings of one plane at one frequency, x and y put together; arrays of one length.
+
+    ``force``, ``right`` and ``wrong`` (the component in and against the direction of the force) are relative to
+    exp(jwt) with w signed, ``wrong`` to exp(-jwt). It is NaN where only one probe was read, which then counts as a
+    circular orbit.
+    """
+
+    test: PerturbationTest  # what was measured, forces along an axis as their halves
+    origin: Index  # numbers that each of its rows has in the whole test, shape ``(rows, k)``
+    first: Index  # first row of each orbit, shape ``(N,)``
+    rows: Index  # rows of its readings x, y and z, -1 where there is none, shape ``(N, 3)``
+    frequency: Float  # signed, rad/s, shape ``(N,)`` like all that follow
+    force: ComplexArray  # N
+    right: ComplexArray  # component in the direction of the force, m
+    wrong: ComplexArray  # component against it, m
+
+    @property
+    def run(self) -> NDArray[np.str_]:
+        """Run of each."""
+        return self.test.run[self.first]
+
+    @property
+    def plane(self) -> NDArray[np.str_]:
+        """Measured plane of each."""
+        return self.test.plane[self.first]
+
+    @property
+    def force_plane(self) -> NDArray[np.str_]:
+        """Plane of the force of each."""
+        return self.test.force_plane[self.first]
+
+    @property
+    def speed(self) -> Float:
+        """Rotative speed of each, rad/s."""
+        return self.test.speed[self.first]
+
+    @property
+    def x(self) -> ComplexArray:
+        """Reading x of each, NaN where there is none."""
+        return self._read(0)
+
+    @property
+    def y(self) -> ComplexArray:
+        """Reading y of each, NaN where there is none."""
+        return self._read(1)
+
+    def _read(self, probe: int) -> ComplexArray:
+        rows = self.rows[:, probe]
+        return np.where(rows >= 0, self.test.response[rows], np.nan)
+
+    @cached_property
+    def paired(self) -> NDArray[np.bool_]:
+        """Where both x and y were read."""
+        return np.asarray((self.rows[:, 0] >= 0) & (self.rows[:, 1] >= 0))
+
+    @cached_property
+    def driven(self) -> NDArray[np.bool_]:
+        """Where the measured plane is that of the force."""
+        return np.asarray(self.plane == self.force_plane)
+
+    def number(self, *names: str) -> Index:
+        """Number of the group of equal values of columns that each belongs to, in order of appearance."""
+        return in_order(combined(*[self.test.lines.number[name][self.first] for name in names]))[1]
+
+    def groups(self, *names: str) -> list[tuple[tuple[Any, ...], Index]]:
+        """Indices by equal values of columns."""
+        number = self.number(*names)
+        order = np.argsort(number, kind="stable")
+        parts = np.split(order, np.cumsum(np.bincount(number))[:-1]) if number.size else []
+        return [(tuple(getattr(self.test, name)[self.first[at[0]]].item() for name in names), at) for at in parts]
+
+    def part(self, at: Index) -> Orbits:
+        """Some of them."""
+        arrays = ("first", "rows", "frequency", "force", "right", "wrong")
+        return replace(self, **{name: getattr(self, name)[at] for name in arrays})
+
+    def rows_of(self, indices: Index) -> tuple[int, ...]:
+        """Rows of the whole test behind orbits."""
+        rows = self.rows[indices]
+        return tuple(np.unique(self.origin[rows[rows >= 0]]).tolist())
+
+
+def total_power(amplitude: ComplexArray) -> float:
+    """Sum of squared magnitudes."""
+    return float(np.sum(np.abs(amplitude) ** 2))
+
+
+def orbits_of(test: PerturbationTest, rows: Index) -> Orbits:
+    """Readings of a test, which are such rows of a whole, put together.
+
+    Under a force along an axis the forward and the backward part are two orbits, each with its half of the force;
+    readings of one probe alone, which do not tell them apart, are left out.
+    """
+    lines, origin = test.lines, rows[:, None]
+    if lines.names["force_direction"] != ["circular"]:
+        kept = np.setdiff1d(np.arange(len(test)), probe_pairs(test, test.linear)[1])
+        test, pairs = whirl_parts(test.select(kept))
+        lines, origin = test.lines, rows[kept][pairs]
+    probe = np.array(["xyz".find(direction) for direction in lines.names["direction"]], dtype=np.intp)
+    probe = probe[lines.number["direction"]]
+    readings = np.flatnonzero(probe >= 0)
+    first, orbit = in_order(combined(lines.line, lines.number["plane"])[readings])
+    place = np.full((first.size, 3), -1, dtype=np.intp)
+    place[orbit[::-1], probe[readings][::-1]] = readings[::-1]  # of repeats the first stands for all
+    first = readings[first]
+    backward = test.frequency[first] < 0
+    right, wrong = directional(test.response, place, backward)
+    axes = lines.names["force_direction"]
+    share = np.array([{"x": 0.5, "y": 0.5j}.get(axis, 1.0) for axis in axes], dtype=complex)
+    force = np.where(backward, test.force[first].conj(), test.force[first])
+    return Orbits(
+        test=test,
+        origin=origin,
+        first=first,
+        rows=place,
+        frequency=test.frequency[first],
+        force=force * share[lines.number["force_direction"][first]],
+        right=right,
+        wrong=wrong,
+    )
+
+
+def mirrored(orbits: Orbits, at: Index, *names: str) -> Index:
+    """Forward and backward orbits at the same |w|, to a millionth of a rad/s, in the same group, shape ``(N, 2)``; of
+    repeats the last."""
+    w = np.round(orbits.frequency[at], 6)
+    first, pair = in_order(combined(numbers(np.abs(w)), orbits.number(*names)[at]))
+    found = np.full((2, first.size), -1, dtype=np.intp)
+    for one, some in zip(found, (w > 0, w < 0), strict=True):
+        one[pair[some]] = at[some]
+    return found[:, (found[0] >= 0) & (found[1] >= 0)].T

@@ -1,0 +1,194 @@
+"""Readings that are no measurement: not finite, copied, zero, cut off, or of a size that no rotor has."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import numpy as np
+
+from rotorfit.data.experiments import DisplacementTest, Experiment, PerturbationTest
+from rotorfit.data.findings import NO_COPIES, Finding, listed
+from rotorfit.estimators.blocks.row_keys import combined
+from rotorfit.models.array_types import Bool, ComplexArray, Float, Index
+
+_LARGEST, _SUSPECT, _SMALLEST = 0.05, 5e-3, 1e-6
+"""Displacements, m: impossible, larger than any clearance in use, and the largest of a sweep that hardly shows."""
+
+_LEVER = 0.1
+"""Lever of slopes, m: one of 0.5 rad is as impossible as a displacement of 50 mm."""
+
+_EQUAL = 1e-9  # relative difference of what is equal to the last digit
+_COPIED = 3  # readings of a run that agree to the last digit from which that is no chance
+_FLAT, _TOGETHER = 4, 3
+"""Readings of a channel at its largest value, and how many of them follow one another, from which it may be cut off."""
+_STEPS = 5.0  # steps of rounding by which readings beside a hole or a flat top differ from it
+_LOOKED_AT = 20  # distinct amplitudes that show the step
+
+
+def amplitudes(test: PerturbationTest | DisplacementTest) -> Iterator[Finding]:
+    """Amplitudes that are too large or too small to be true, which no fit notices: stiffnesses are scaled alike."""
+    if isinstance(test, PerturbationTest):
+        size = np.abs(test.response) * np.where(np.char.startswith(test.direction, "r"), _LEVER, 1.0)
+    else:
+        size = np.abs(test.displacement)
+    largest = float(size.max())
+    if largest > _SUSPECT:
+        text = (
+            f"Amplitudes reach {largest:.3g} m 0-peak; no rotor in a bearing or seal moves that far. Check the unit "
+            "of the amplitude column (um, mil, m)."
+        )
+        yield Finding("error" if largest > _LARGEST else "warning", "large-amplitude", text, rows_of(size > _SUSPECT))
+    elif 0 < largest < _SMALLEST:
+        text = (
+            f"The largest amplitude is {largest:.3g} m 0-peak, little for a rotor and hardly more than probes resolve. "
+            "Check the unit of the amplitude column (amplitude_um, amplitude_mm): wrong, it goes into every mass, "
+            "damping and stiffness, and no fit can notice."
+        )
+        yield Finding("warning", "small-amplitude", text)
+
+
+def copied_readings(test: PerturbationTest | DisplacementTest) -> Iterator[Finding]:
+    """Readings, and runs, that are there twice."""
+    read = test.response if isinstance(test, PerturbationTest) else test.displacement
+    if not (np.diff(np.sort(read.real)) == 0).any() or np.unique(read).size == read.size:
+        return
+    columns = [getattr(test, name).tolist() for name in test._columns() if name != "sigma"]
+    first: dict[Any, int] = {}
+    again = np.array([first.setdefault(key, i) != i for i, key in enumerate(zip(*columns, strict=True))])
+    if again.any():
+        text = f"Copies: {again.sum()} readings repeat an earlier row to the last digit. {NO_COPIES}"
+        yield Finding("warning", "duplicate", text, rows_of(again), undo="leave the copies out")
+    yield from copied_runs([test])[0]
+
+
+def copied_runs(tests: Sequence[Experiment]) -> list[list[Finding]]:
+    """Runs all of whose readings a run before it has, to the last digit, for each of several tests."""
+    first: dict[Any, tuple[int, str]] = {}
+    found: list[list[Finding]] = []
+    for number, test in enumerate(tests):
+        copies: dict[str, str] = {}
+        if isinstance(test, PerturbationTest):
+            for run, key in _keys(test):
+                of, original = first.setdefault(key, (number, run))
+                if (of, original) != (number, run):
+                    copies[run] = original if of == number else f"{original} of {tests[of].source or f'test {of + 1}'}"
+        pairs = listed([f"{run} is {original}" for run, original in copies.items()])
+        text = f"Copies of runs: to the last digit {pairs}. {NO_COPIES}"
+        rows = rows_of(np.isin(test.run, list(copies)))
+        found.append([Finding("warning", "duplicate", text, rows, undo="leave the copies out")] if copies else [])
+    return found
+
+
+def _keys(test: PerturbationTest) -> Iterator[tuple[str, Any]]:
+    """Runs that hold some readings, and all that is known of those."""
+    values = (test.speed, test.frequency, test.force, test.response)
+    numbers = np.stack([part for column in values for part in (column.real, column.imag)])
+    for run in test.runs:
+        rows = np.flatnonzero(test.run == run)
+        if rows.size >= _COPIED and test.response[rows].any():
+            rows = rows[np.lexsort(numbers[:, rows])]
+            places = (getattr(test, name)[rows].tolist() for name in ("force_plane", "plane", "direction"))
+            yield run, (tuple(zip(*places, strict=True)), numbers[:, rows].tobytes())
+
+
+def unread(test: PerturbationTest) -> Iterator[Finding]:
+    """Zeros where the readings beside are far from it, and probes that read nothing but zero."""
+    zero = test.response == 0
+    if not zero.any():
+        return
+    channel, size = _channels(test), np.abs(test.response)
+    dead = np.bincount(channel, size) == 0
+    alone = dead[channel] & ~test.linear
+    if alone.any() and not dead.all():
+        text = f"Nothing but zero was read by the probe {_probes(test, np.flatnonzero(alone))}. Remove its rows."
+        yield Finding("error", "dead-probe", text, rows_of(alone), undo="remove its rows")
+    holes: list[int] = []
+    for sweep in _sweeps(test, channel):
+        holes += _holes(sweep, test.response, _step(_distinct(size[channel == channel[sweep[0]]])[:_LOOKED_AT]))
+    if holes:
+        text = (
+            f"Zero: {len(holes)} readings are exactly zero where those beside them are not: cells that were empty, or "
+            "lines that were not measured. Remove these rows."
+        )
+        yield Finding("error", "zero", text, tuple(sorted(holes)), undo="remove these rows")
+
+
+def clipped(test: PerturbationTest) -> Iterator[Finding]:
+    """Amplitudes that stay at the largest value of their probe, to the last digit, over several lines."""
+    channel, size = _channels(test), np.abs(test.response)
+    top = np.zeros(int(channel.max(initial=0)) + 1)
+    np.maximum.at(top, channel, size)
+    flat = (size >= top[channel] * (1 - _EQUAL)) & (size > 0)
+    if np.bincount(channel[flat]).max(initial=0) < _FLAT:
+        return
+    ends = {
+        int(channel[sweep[0]])
+        for sweep in _sweeps(test, channel)
+        if _flat_top(sweep, size, flat, _step(_distinct(size[channel == channel[sweep[0]]])[-_LOOKED_AT:]))
+    }
+    cut = np.flatnonzero(flat & np.isin(channel, list(ends)))
+    if cut.size:
+        text = (
+            f"Cut off: {cut.size} readings of {_probes(test, cut)} have the largest amplitude of their probe to the "
+            f"last digit, {size[cut].max():.4g} m, line after line, as where a probe or an amplifier is at the end of "
+            "its range. Remove these rows."
+        )
+        yield Finding("error", "clipped", text, tuple(cut.tolist()), undo="remove these rows")
+
+
+def rows_of(mask: Bool) -> tuple[int, ...]:
+    """Numbers of the rows that a mask names."""
+    return tuple(np.flatnonzero(mask).tolist())
+
+
+def _probes(test: PerturbationTest, rows: Index) -> str:
+    return ", ".join(dict.fromkeys(f"{test.direction[row]} at {test.plane[row]}" for row in rows.tolist()))
+
+
+def _channels(test: PerturbationTest) -> Index:
+    number = test.lines.number
+    return combined(number["plane"], number["direction"])
+
+
+def _sweeps(test: PerturbationTest, channel: Index) -> Iterator[Index]:
+    """Rows of one probe in one run and under one force's plane, in the order of frequency."""
+    number = test.lines.number
+    sweep = combined(number["run"], number["force_plane"], channel)
+    order = np.lexsort((test.frequency, sweep))
+    return iter(np.split(order, np.flatnonzero(np.diff(sweep[order])) + 1))
+
+
+def _distinct(size: Float) -> Float:
+    """Amplitudes, each once, that are not zero."""
+    return np.unique(size[size > 0])
+
+
+def _step(distinct: Float) -> float:
+    """Step to which amplitudes of like size are rounded: files hold so many digits, or so many significant ones."""
+    steps = np.diff(distinct)
+    steps = steps[steps > _EQUAL * distinct[1:]]
+    return float(steps.min()) if steps.size else 0.0
+
+
+def _holes(sweep: Index, response: ComplexArray, step: float) -> list[int]:
+    """Rows of a sweep that are zero where those beside them, whose mean turns through zero at an antiresonance, do not
+    lead to it."""
+    read, empty = np.flatnonzero(response[sweep] != 0), np.flatnonzero(response[sweep] == 0)
+    if not read.size:
+        return []
+    after = np.searchsorted(read, empty)
+    before, behind = (read[np.clip(at, 0, read.size - 1)] for at in (after - 1, after))
+    between = np.abs(response[sweep[before]] + response[sweep[behind]]) / 2
+    found: list[int] = sweep[empty[between > _STEPS * step]].tolist()
+    return found
+
+
+def _flat_top(sweep: Index, size: Float, flat: Bool, step: float) -> bool:
+    """Whether several readings in a row are at the largest amplitude, and those beside them fall from it steeply."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], flat[sweep], [False]]).astype(np.int8)))
+    for begin, end in edges.reshape(-1, 2).tolist():
+        beside = [size[sweep[at]] for at in (begin - 1, end) if 0 <= at < sweep.size]
+        if end - begin >= _TOGETHER and beside and size[sweep[begin]] - min(beside) > _STEPS * step:
+            return True
+    return False

@@ -1,0 +1,211 @@
+"""Errors of sign and direction: conjugated responses, exchanged probes, a reversed sense of rotation.
+
+The local physics behind it (conventions as in :mod:`rotorfit.data.experiments`): at a drive point, where the force acts
+and is measured, ``kappa = F / A`` and ``Im kappa`` is what the rotor dissipates. It is negative under any backward
+force, positive under a forward force faster than the rotor, and negative under a slower one only as far as the fluid
+drives the rotor (``D (w - lam Omega)``, eq. 13). A conjugated FRF turns all these signs round; a reversed sense of
+rotation moves the drive of the fluid to the backward side.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotorfit.data.findings import Finding, listed
+from rotorfit.diagnosis.forces import SHARE
+from rotorfit.diagnosis.orbits import ENOUGH, NEAR_1X, Orbits, mirrored, total_power
+from rotorfit.models.array_types import ComplexArray, Float, Index
+
+_ESTABLISHED = 3.5
+"""Sum of signs over its standard deviation under random signs, beyond which a sign is taken as established."""
+
+_SMALL_SINE = 0.1
+"""Sine of the phase of kappa below which its sign says little."""
+
+MOSTLY = 0.8
+"""Share of the energy against the force that is an error; short of that it may be strong anisotropy."""
+
+_CLEAR = 0.9
+"""Share of a line's energy from which it turns clearly one way, or the other."""
+
+_SLOW = (0.1, 0.2, 0.3, 0.5)
+"""Fractions of the speed below which whirl may be slower than the fluid; the largest is more than any lam."""
+
+_DRIVE = ("run", "plane", "force_plane")
+_SWEEP = ("plane", "force_plane", "speed")
+_SOME = 3  # lines of either kind from which a run is torn
+_MONOTONIC = 0.8  # rank correlation with frequency from which quadrature falls throughout
+
+
+def wrong_direction(orbits: Orbits) -> Iterator[Finding]:
+    """Responses against the direction of the force: in some lines of a run, or in nearly all."""
+    torn = np.zeros(orbits.frequency.size, dtype=bool)
+    for _, at in orbits.groups("run", "speed", "force_plane", "plane"):
+        torn[at] = turned(orbits.right[at], orbits.wrong[at])
+    if torn.any():
+        yield _in_some_lines(orbits, np.flatnonzero(torn))
+    against: dict[tuple[str, str], bool] = {}
+    hit = np.zeros(torn.size, dtype=bool)
+    for key, at in orbits.groups("run", "plane"):
+        paired = at[orbits.paired[at] & ~torn[at]]
+        if paired.size:
+            right, wrong = (total_power(part[paired]) for part in (orbits.right, orbits.wrong))
+            against[key[0], key[1]] = wrong > MOSTLY * (right + wrong)
+            hit[at] = against[key[0], key[1]]
+    bad = [key for key, wrong in against.items() if wrong]
+    if not bad:
+        return
+    planes = list(dict.fromkeys(plane for _, plane in bad))
+    everywhere = all(against.values())
+    cause = (
+        "phase lag read as lead (use phase_lag_deg), x and y probes exchanged, or the sign of the frequency"
+        if everywhere
+        else f"the probes at {listed(planes)}: x and y exchanged, one of them inverted, or phases as lag"
+        if len(planes) < len({plane for _, plane in against})
+        else "the sign of the frequency in these runs, or phases given as lag"
+    )
+    where = "all runs" if everywhere else listed(list(dict.fromkeys(run for run, _ in bad)))
+    text = f"The rotor answers mostly against the direction of the force, in {where}. Check {cause}."
+    yield Finding("error", "wrong-direction", text, orbits.rows_of(np.flatnonzero(hit)))
+
+
+def _in_some_lines(orbits: Orbits, at: Index) -> Finding:
+    places = zip(orbits.run[at].tolist(), orbits.plane[at].tolist(), strict=True)
+    named = listed(list(dict.fromkeys(f"{run} / {plane}" for run, plane in places)))
+    text = (
+        f"In {at.size} lines the rotor answers against the direction of the force, in the others of the same runs "
+        f"along it, and nowhere between the two: {named}. Check whether a probe was turned round, or x and y "
+        "exchanged, in these lines, and the sign of their frequency."
+    )
+    return Finding("error", "turned-lines", text, orbits.rows_of(at))
+
+
+def turned(along: ComplexArray, against: ComplexArray) -> NDArray[np.bool_]:
+    """Lines that are clearly against the force, if of a run some are, some are clearly along it, and few are neither.
+
+    Strong anisotropy turns orbits between two resonances too, but through lines that are neither, eight for each that
+    is clearly against; noise makes mostly such lines.
+    """
+    wrong, both = np.abs(against) ** 2, np.abs(along) ** 2 + np.abs(against) ** 2
+    known = np.isfinite(both) & (both > 0)
+    share = np.divide(wrong, both, out=np.full(both.shape, np.nan), where=known)
+    clear, neither = share > _CLEAR, (share <= _CLEAR) & (share >= 1 - _CLEAR)
+    fewer = min(int(clear.sum()), int((share < 1 - _CLEAR).sum()))
+    torn = fewer >= _SOME and fewer > 2 * neither.sum()
+    return np.asarray(clear & bool(torn and wrong[known].sum() > SHARE[0] * both[known].sum()))
+
+
+def signs(orbits: Orbits) -> Iterator[Finding]:
+    """Conjugated FRFs, or else a reversed sense of rotation, from the sign of Im kappa at drive points."""
+    drives = orbits.part(np.flatnonzero(orbits.driven & (orbits.right != 0)))
+    if not drives.frequency.size:
+        return
+    kappa = drives.force / drives.right
+    dissipates = _dissipates(drives, kappa)
+    hit = np.flatnonzero((dissipates < 0)[drives.number(*_DRIVE)])
+    if not dissipates.any():
+        planes = len(orbits.groups("plane"))
+        falling = [sweep for _, sweep in drives.groups(*_SWEEP) if _falls(drives, kappa, sweep, planes)]
+        hit = np.concatenate([hit, *falling])
+    if hit.size:
+        yield _negative_damping(drives, kappa, hit)
+    else:
+        yield from _reversed(drives, kappa)
+
+
+def _negative_damping(drives: Orbits, kappa: ComplexArray, hit: Index) -> Finding:
+    begin = "Damping would be negative at the drive point (quadrature dynamic stiffness falls with frequency) in "
+    begin += listed(_runs(drives, hit))
+    slow = hit[np.abs(drives.frequency[hit]) <= np.quantile(np.abs(drives.frequency[hit]), 0.2)]
+    both = bool(drives.paired[hit].all())
+    if np.median(kappa.real[slow]) <= 0:
+        cause = (
+            ", and so would stiffness: phases are half a turn off. Check the angle of the force or of the weight, and "
+            "whether the probes are inverted."
+        )
+    elif both:
+        cause = (
+            ". As x and y follow the force's direction, phases of lag alone are not the cause. What turns both probes "
+            "alike is: an inverted pair, a filter or a delay, perhaps from some frequency on, a wrong angle of the "
+            "force; or phases of lag together with exchanged probes or the other sign of the frequency."
+        )
+    else:
+        cause = (
+            ": the FRF is conjugated. Give phases of lag as phase_lag_deg and force_phase_lag_deg, or check the sign "
+            "convention of the analyser. One probe alone does not tell that from a filter, or from its sign being "
+            "turned round."
+        )
+    code, undo = ("negative-damping", None) if both else ("conjugated", "phase_lag_deg, force_phase_lag_deg")
+    return Finding("error", code, f"{begin}{cause}", drives.rows_of(hit), undo=undo)
+
+
+def _dissipates(drives: Orbits, kappa: ComplexArray) -> Float:
+    """Sign of the dissipation of each drive at |w| >= Omega, where the force leads or opposes the fluid whatever
+    lam < 1 is; 0: unknown. Shape ``(G,)``.
+    """
+    fast = np.abs(drives.frequency) >= np.abs(drives.speed) * (1 - NEAR_1X)
+    sine = kappa.imag / np.abs(kappa) * np.sign(drives.frequency)
+    # a phase of a few degrees may be an error of the reference: such readings hardly count
+    sign = np.where(fast, sine / np.hypot(sine, _SMALL_SINE), 0.0)
+    of = drives.number(*_DRIVE)
+    total, square, count = (np.bincount(of, values) for values in (sign, sign**2, fast))
+    score = total / np.where(square > 0, np.sqrt(square), 1.0)
+    return np.where((count >= ENOUGH) & (np.abs(score) > _ESTABLISHED), np.sign(score), 0.0)
+
+
+def _falls(drives: Orbits, kappa: ComplexArray, sweep: Index, planes: int) -> bool:
+    """Whether quadrature falls from backward to forward in a sweep below the speed, by Spearman's correlation.
+
+    One direction is enough if there is but one plane; else the other planes' motion turns the slope within a direction.
+    """
+    w, quadrature = drives.frequency[sweep], kappa.imag[sweep]
+    if w.size < ENOUGH or np.ptp(w) == 0 or np.ptp(quadrature) == 0:
+        return False
+    if planes > 1 and not ((w > 0).any() and (w < 0).any()):
+        return False
+    ranks = [np.argsort(np.argsort(values)) - (w.size - 1) / 2 for values in (w, quadrature)]
+    return bool(ranks[0] @ ranks[1] < -_MONOTONIC * (ranks[0] @ ranks[0]))
+
+
+def _reversed(drives: Orbits, kappa: ComplexArray) -> Iterator[Finding]:
+    """A reversed sense of rotation: the fluid, which drives slow forward whirl, seems to drive slow backward whirl."""
+    score, hit = max(_drives_backward(drives, kappa), key=lambda one: one[0])
+    if score > _ESTABLISHED:
+        text = (
+            f"Slow backward forces drive the rotor instead of damping it in {listed(_runs(drives, hit))}: lam would "
+            "be negative. The sense of rotation is reversed, or x and y are exchanged together with the sign of the "
+            "frequency; x has to turn towards y with the rotor."
+        )
+        yield Finding("error", "reversed-rotation", text, drives.rows_of(hit))
+
+
+def _drives_backward(drives: Orbits, kappa: ComplexArray) -> Iterator[tuple[float, Index]]:
+    """Scores of a drive by slow backward forces, and the orbits behind each: by the sign of the quadrature, and by the
+    part of it even in w, ``-D lam Omega`` in eq. (13), over its noise."""
+    ratio = drives.frequency / np.where(drives.speed == 0, np.nan, np.abs(drives.speed))
+    size, of = np.abs(drives.right), drives.number(*_DRIVE)
+    largest = np.zeros(int(of.max()) + 1)
+    np.maximum.at(largest, of, size)
+    # slow unbalance moves the rotor little and noise turns its phase: weigh the sign by the response
+    sign = kappa.imag / np.abs(kappa) * size / largest[of]
+    pairs = mirrored(drives, np.flatnonzero(np.abs(ratio) < _SLOW[-1]), *_SWEEP)
+    noise = np.abs(kappa / drives.right)[pairs]  # of kappa = F / A, up to a common factor
+    even = kappa.imag[pairs].sum(axis=1) / np.hypot(noise[:, 0], noise[:, 1])
+    for limit in _SLOW:
+        slow = np.flatnonzero((ratio < 0) & (ratio > -limit))
+        yield _established(sign[slow]), slow
+        some = np.abs(ratio[pairs[:, 0]]) < limit
+        yield _established(even[some]), np.unique(pairs[some])
+
+
+def _established(values: Float) -> float:
+    """Sum over its standard deviation under random signs; noise cannot make it large, few values cannot either."""
+    size = float(np.sqrt(values @ values))
+    return float(values.sum()) / size if size > 0 else 0.0
+
+
+def _runs(orbits: Orbits, at: Index) -> list[str]:
+    return list(dict.fromkeys(orbits.run[at].tolist()))
