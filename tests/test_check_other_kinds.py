@@ -58,7 +58,7 @@ def test_slips_of_imposed_orbits_are_errors(slip: str) -> None:
 
 def test_an_orbit_of_no_size_is_an_error_and_no_fit(recwarn: pytest.WarningsRecorder) -> None:
     test = imposed()
-    test.displacement[3] = 0
+    test = replace(test, displacement=np.where(np.arange(len(test)) == 3, 0, test.displacement))
     assert found(test, "no-orbit").rows == (3,)
     with pytest.raises(ValueError, match=r"the imposed orbit is zero \(rows 4\)"):
         rf.fit(rf.models.OneMode(planes=("seal",)), test, known={"K": 0.0, "Ds": 0.0})
@@ -99,7 +99,7 @@ def test_positions_against_load_or_rotation(slip: str) -> None:
 
 def test_a_position_without_load_is_refused_in_words(recwarn: pytest.WarningsRecorder) -> None:
     test = under_load()
-    test.load[0] = 0
+    test = replace(test, load=np.where(np.arange(len(test)) == 0, 0, test.load))
     assert found(test, "no-load").rows == (0,)
     with pytest.raises(ValueError, match="the load is zero in 1 rows"):
         rf.fit(rf.models.OneMode(law=rf.models.Muszynska(), clearance_um=900.0), test)

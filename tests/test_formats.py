@@ -15,6 +15,7 @@ from synthetic import TYPICAL, circular_test, covering_frequencies
 
 import rotorfit as rf
 from rotorfit.data.experiments import DisplacementTest, Experiment, PerturbationTest, perturbation_test
+from rotorfit.io.files import read
 from rotorfit.models import WhirlWhip
 
 UFF_RTOL = 1.1e-11
@@ -24,7 +25,7 @@ UFF_RTOL = 1.1e-11
 def round_trip(test: Experiment, path: Path) -> Experiment:
     """Write and read again, by the suffix of the path."""
     rf.write(test, path)
-    return rf.read(path, difference=False)
+    return read(path, difference=False)
 
 
 @pytest.fixture(scope="module")

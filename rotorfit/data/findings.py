@@ -42,7 +42,11 @@ class Finding:
         return f"{self.source}: {self.message}" if self.source else self.message
 
     def at_rows(self, numbers: NDArray[np.intp]) -> Finding:
-        """The finding with rows of a part of a test as those of the whole, whose numbers are given."""
+        """The finding of a part of a test as one of the whole.
+
+        Args:
+            numbers: rows of the whole by rows of the part.
+        """
         return replace(self, rows=tuple(numbers[list(self.rows)].tolist()))
 
     def __str__(self) -> str:
