@@ -411,6 +411,7 @@ def refusal(work: Callable[[], Any]) -> str:
 
 
 @pytest.mark.filterwarnings("ignore:.*readings are empty")
+@pytest.mark.filterwarnings("ignore::rotorfit.DataWarning")
 @settings(max_examples=300, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(text=st.one_of(tables(), st.text(st.characters(codec="utf-8"), max_size=300)))
 def test_any_text_is_a_test_or_is_refused_in_a_sentence(tmp_path_factory: pytest.TempPathFactory, text: str) -> None:
@@ -421,6 +422,7 @@ def test_any_text_is_a_test_or_is_refused_in_a_sentence(tmp_path_factory: pytest
 
 
 @pytest.mark.filterwarnings("ignore:.*readings are empty")
+@pytest.mark.filterwarnings("ignore::rotorfit.DataWarning")
 @settings(max_examples=100, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(text=tables())
 def test_any_table_is_solved_or_refused_in_a_sentence(tmp_path_factory: pytest.TempPathFactory, text: str) -> None:

@@ -83,7 +83,8 @@ def _analyse(test: RingDownTest, rows: Index, run: str, modes: int) -> Decay:
         s, sigma = found.s[k], max(float(found.sigma[k]), _UNDAMPED * speed)
         if speed > 0 and any(abs(s.imag - order) < 4 * sigma and abs(s.real) < 4 * sigma for order in orders):
             raise ValueError(
-                f"{where}: the vibration found at {s.imag / speed:.4g} times the speed does not decay (damping ratio "
-                f"{-s.real / abs(s):.1g}): that is unbalance, not a mode. Take the 1x out, or give longer records"
+                f"{where}: the vibration found at {s.imag / speed:.4g} times the speed, damping ratio "
+                f"{-s.real / abs(s):.1g}, is unbalance within its error, not a mode. Take the 1x out, or give longer "
+                "records"
             )
     return found
