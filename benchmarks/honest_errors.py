@@ -5,7 +5,7 @@
 writes results/honest_errors.md and results/honest_errors.csv, beside what an earlier version gave
 (results/honest_errors_before.csv). The rig is one mode; its responses come from the formula of kappa written out here,
 not from rotorfit's models, and noise enters where it does on a rig: at the probes, along the force, in the speed, or
-once a run. Unless a row says so, the fit is not told the noise. Exit status 1 says that a row misses its promise.
+once a run. Unless a row says so, sigma is not given with the data. Exit status 1 says that a row misses its promise.
 
 "width" is the mean half width of the 95 % intervals over that of the right noise model: generalised least squares with
 the true covariance, linearised at the truth. Where runs differ, its quantile is Student's with as many degrees of
@@ -69,7 +69,7 @@ class World:
         filters: decay of the probes' correlation from line to line, 1 for none (overlapping filters).
         force_jitter, force_jitter_amplitude, speed_jitter: from line to line; the second leaves the phase alone.
         oil, gain, phase, label: from run to run: viscosity (D and K0), force, phase reference (rad), speed label.
-        told: whether the fit is told sigma.
+        sigma_given: whether the data hold sigma.
         options: further arguments of the fit.
         promise: share of intervals that must hold the truth.
         widest: mean width that is promised at most, over that of the right noise model.
@@ -94,7 +94,7 @@ class World:
     gain: float = 0.0
     phase: float = 0.0
     label: float = 0.0
-    told: bool = False
+    sigma_given: bool = False
     options: Mapping[str, Any] = field(default_factory=dict)
     promise: float = 0.90
     widest: float = 1.3
@@ -110,7 +110,7 @@ class World:
 DEGREE = np.pi / 180
 BETWEEN = {"constant": 0.0035}
 WORLDS: dict[str, World] = {
-    "ideal: constant noise, told": World(constant=0.005, told=True, ideal=True),
+    "ideal: constant noise, told": World(constant=0.005, sigma_given=True, ideal=True),
     "ideal: constant noise, x and y": World(constant=0.005, ideal=True),
     "ideal: constant noise, one probe": World(constant=0.005, both=False, ideal=True),
     "force jitter 1 %, probes 0.2 %": World(force_jitter=0.01, constant=0.002),
@@ -122,7 +122,7 @@ WORLDS: dict[str, World] = {
     "x and y, 8 lines, proportional 1 %": World(proportional=0.01, lines=8, promise=0.85),
     "forward noise three times the backward": World(constant=0.003, backward=1 / 3),
     "each run 1 % of its own rms": World(own=0.01),
-    "overlapping filters, neighbours 0.7, told": World(constant=0.005, filters=0.3, told=True),
+    "overlapping filters, neighbours 0.7, told": World(constant=0.005, filters=0.3, sigma_given=True),
     "oil 1 % from run to run": World(oil=0.01, **BETWEEN),
     "force 1 % from run to run": World(gain=0.01, **BETWEEN),
     "phase reference 1 degree from run to run": World(phase=DEGREE, **BETWEEN),
@@ -205,7 +205,7 @@ def simulate(world: World, rng: np.random.Generator) -> PerturbationTest:
             rows.append(
                 {"run": f"run {number}", "speed": speed, "frequency": w, "force_plane": "journal",
                  "force": force(world, w) + 0j, "plane": "journal", "direction": direction,
-                 "response": turn * phasor + noise, "sigma": level if world.told else np.nan}
+                 "response": turn * phasor + noise, "sigma": level if world.sigma_given else np.nan}
             )  # fmt: skip
     parts = [{k: np.broadcast_to(np.asarray(v), (world.lines,)) for k, v in row.items()} for row in rows]
     columns: dict[str, Any] = {k: np.concatenate([part[k] for part in parts]) for k in parts[0]}
@@ -297,7 +297,7 @@ class Row:
         redchi: median.
         warned: share of fits with a warning.
         allowed: share of fits whose intervals allow for runs that may differ, without a warning.
-        told: share of fits that say that two runs cannot tell what differs from run to run.
+        two_runs: share of fits that say that two runs cannot tell what differs from run to run.
         failures: fits that did not converge.
         cpu_ms: median processor time of a fit.
     """
@@ -315,7 +315,7 @@ class Row:
     redchi: float
     warned: float
     allowed: float
-    told: float
+    two_runs: float
     failures: int
     cpu_ms: float
 
@@ -337,7 +337,7 @@ def run(name: str, draws: int, seed: int) -> Row:
     rng = np.random.default_rng([seed, list(WORLDS).index(name)])
     held: list[list[bool]] = []
     half: list[list[float]] = []
-    redchi, warned, allowed, told, failures, times = [], [], [], [], 0, []
+    redchi, warned, allowed, two_runs, failures, times = [], [], [], [], 0, []
     for _ in range(draws):
         test = simulate(world, rng)
         begin = time.process_time()
@@ -352,11 +352,12 @@ def run(name: str, draws: int, seed: int) -> Row:
         warned.append(bool(fit.warnings))
         sentences = () if fit.noise is None else fit.noise.sentences
         allowed.append(any("runs may differ" in words for words in sentences))
-        told.append(any(words.startswith("two runs") for words in sentences))
+        two_runs.append(any(words.startswith("two runs") for words in sentences))
     cover, width, spread = np.mean(held, axis=0), np.mean(half, axis=0), np.std(half, axis=0) / np.sqrt(draws)
     return Row(
         name, *map(float, cover), *map(float, width), *map(float, spread), float(np.median(redchi)),
-        float(np.mean(warned)), float(np.mean(allowed)), float(np.mean(told)), failures, 1e3 * float(np.median(times)),
+        float(np.mean(warned)), float(np.mean(allowed)), float(np.mean(two_runs)), failures,
+        1e3 * float(np.median(times)),
     )  # fmt: skip
 
 
@@ -438,7 +439,7 @@ def of_two_runs(rows: Sequence[Row]) -> list[str]:
             least = f", for which alone {least_width([size], share):.2f} times would do" if size > 1 else ""
             found.append(
                 f"- {row.world}: they scatter {size:.1f} times as much as by their own noise{least}; D covered in "
-                f"{100 * row.cover_D:.0f} %; {100 * row.told:.0f} % of the fits say that two runs cannot tell"
+                f"{100 * row.cover_D:.0f} %; {100 * row.two_runs:.0f} % of the fits say that two runs cannot tell"
             )
     return found
 

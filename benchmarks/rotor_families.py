@@ -146,8 +146,8 @@ def case(name: str, rng: np.random.Generator, seed: Sequence[int]) -> dict[str, 
     plain = rf.fit(WhirlWhip(), rig.campaign(speeds, seed, top=top), known={"K3": K3})
     if plain.identifiability.unresolved:
         return {"refused": True}
-    ladder = rf.refine(plain)
-    best, onset = ladder.best, ladder.best.threshold_speed()
+    refinement = rf.refine(plain)
+    best, onset = refinement.best, refinement.best.threshold_speed()
     found, lam = best.assumptions(), best.params["lam"]
     covered = [
         abs(lam.value - p["lam"]) < NORMAL * lam.stderr, abs(onset.value - threshold) < NORMAL * onset.stderr

@@ -3,7 +3,7 @@
     python benchmarks/start_ups.py --draws 100
 
 prints a table. A two-disk rotor with residual unbalance at both disks and run-out at every probe, weights at 0 and 180
-degrees, or at 0 degrees beside a run without a weight; noise 0.5 um, told or not.
+degrees, or at 0 degrees beside a run without a weight; noise 0.5 um, given or estimated.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ LINES, LOW, STEP = 60, 60.0, 9.0
 WEIGHT, NOISE = 4e-5, 0.5e-6
 
 
-def start_ups(seed: int, reference: bool, told: bool) -> rf.PerturbationTest:
+def start_ups(seed: int, reference: bool, sigma_given: bool) -> rf.PerturbationTest:
     """All runs, not differenced."""
     rng = np.random.default_rng(seed)
     theta = MODEL.vector(TRUTH)
@@ -50,7 +50,7 @@ def start_ups(seed: int, reference: bool, told: bool) -> rf.PerturbationTest:
                 {
                     "run": f"{plane} {np.degrees(angle):.0f} {weight:g}", "speed": w, "frequency": w,
                     "force_plane": plane, "force": force, "plane": at, "direction": "xy"[k],
-                    "response": turn * motion[:, i] + runout[i, k] + noise, "sigma": NOISE if told else np.nan,
+                    "response": turn * motion[:, i] + runout[i, k] + noise, "sigma": NOISE if sigma_given else np.nan,
                 }
             )  # fmt: skip
     columns = {key: [np.broadcast_to(np.asarray(part[key]), LINES) for part in parts] for key in parts[0]}
@@ -63,16 +63,18 @@ def main() -> None:
     parser.add_argument("--draws", type=int, default=100)
     draws = parser.parse_args().draws
     print(f"| runs | noise | {' | '.join(NAMES)} | redchi |\n|---|---|{'---|' * (len(NAMES) + 1)}")
-    for reference, told in product((False, True), (True, False)):
+    for reference, sigma_given in product((False, True), (True, False)):
         held, redchi = np.zeros(len(NAMES)), []
         for seed in range(draws):
-            fit = rf.fit(MODEL, rf.difference_synchronous(start_ups(seed, reference, told)))
+            fit = rf.fit(MODEL, rf.difference_synchronous(start_ups(seed, reference, sigma_given)))
             ends = [fit.params[name].interval(0.95) for name in NAMES]
             held += [low <= TRUTH[name] <= high for name, (low, high) in zip(NAMES, ends, strict=True)]
             redchi.append(fit.redchi)
         shares = " | ".join(f"{100 * share:.0f} %" for share in held / draws)
         runs = "0 degrees and none" if reference else "0 and 180 degrees"
-        print(f"| {runs} | {'told' if told else 'not told'} | {shares} | {np.median(redchi):.2f} |", flush=True)
+        print(
+            f"| {runs} | {'given' if sigma_given else 'estimated'} | {shares} | {np.median(redchi):.2f} |", flush=True
+        )
 
 
 if __name__ == "__main__":

@@ -8,8 +8,8 @@ Python itself, and in what NumPy does for a call besides its loops over elements
 the evaluations take as compiled code: kernels as measured here, and for a matrix the product of the derivatives by BLAS
 on top. Warm: kernels loaded, medians over rounds; "first" is the first call in a process, with imports, kernels and the
 equations of new variants of the model. Profiles are checked by SciPy's SLSQP with the quantity held at each end,
-budgets by fits of readings moved by one standard deviation of each calibration, rungs by Newton's step with the exact
-Hessian where the data determine all parameters.
+budgets by fits of readings moved by one standard deviation of each calibration, candidates by Newton's step with the
+exact Hessian where the data determine all parameters.
 
     python benchmarks/uncertainty_speed.py
 """
@@ -199,10 +199,10 @@ def ways(case: Case, fit: rf.FitResult, size: float) -> list[Way]:
         ),
         Way(
             what="`rf.refine`",
-            unit="rung",
+            unit="candidate",
             run=lambda: rf.refine(fit),
-            units=lambda ladder: len(ladder.steps) + 1,
-            check=rungs_off,
+            units=lambda refinement: len(refinement.steps) + 1,
+            check=candidates_off,
         ),
     ]
 
@@ -294,15 +294,16 @@ def budget_off(case: Case, budget: rf.Budget) -> str:
     return f"shares within {100 * max(off):.2g} % of the combined uncertainty"
 
 
-def rungs_off(ladder: rf.Refinement) -> str:
-    """Newton's step from each rung's optimum, with the exact Hessian, in standard errors, where the optimum is one."""
+def candidates_off(refinement: rf.Refinement) -> str:
+    """Newton's step from each candidate's optimum, with the exact Hessian, in standard errors, where it is one."""
     off = []
-    for rung in ladder.steps:
-        if rung.identifiability.unresolved:
+    for candidate in refinement.steps:
+        if candidate.identifiability.unresolved:
             continue
-        size = np.sqrt(np.diag(rung.covar))
+        size = np.sqrt(np.diag(candidate.covar))
         step = np.linalg.solve(
-            rung.problem.hessian(rung.x) * np.outer(size, size), size * rung.problem.gauss_newton(rung.x)[1]
+            candidate.problem.hessian(candidate.x) * np.outer(size, size),
+            size * candidate.problem.gauss_newton(candidate.x)[1],
         )
         off.append(float(np.abs(step).max()))
     return f"optima within {max(off):.1g} standard errors"

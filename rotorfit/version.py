@@ -1,3 +1,10 @@
-"""The version, apart from the front so that lower rooms can write it into files without importing the front."""
+"""The version, and names of earlier ones, apart from the front so that lower rooms know them without importing it."""
+
+import warnings
 
 __version__ = "0.1.0"
+
+
+def renamed(name: str, today: str) -> None:
+    """Warn the caller of a property that it has another name today; the property goes with the next release."""
+    warnings.warn(f"{name} is called {today} now", DeprecationWarning, stacklevel=3)

@@ -57,8 +57,8 @@ def rig_fit() -> FitResult:
 
 
 @pytest.fixture(scope="session")
-def rig_ladder(rig_fit: FitResult) -> Refinement:
-    """All rungs of structural blocks from there."""
+def rig_refinement(rig_fit: FitResult) -> Refinement:
+    """All candidates of structural blocks from there."""
     from rotorfit.fitting.refine import refine
 
     return refine(rig_fit)

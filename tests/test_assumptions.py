@@ -253,7 +253,7 @@ def test_they_stand_in_the_report_and_in_a_saved_fit(assuming, tmp_path):
     assert rf.load_fit(tmp_path / "fit.json").interval("lam") == pytest.approx(assuming.interval("lam"), rel=1e-12)
 
 
-def test_a_ladder_keeps_those_that_its_rungs_have_no_parameter_for(rig):
+def test_a_refinement_keeps_those_that_its_candidates_have_no_parameter_for(rig):
     fit = rf.fit(WhirlWhip(), rig, known={"K3": 6000.0}, assumptions={"Ds[journal]": 0.5, "m[disk, journal]": 0.02})
     wide = refit(fit, WhirlWhip(blocks=("coupling_mass",)))
     assert dict(wide.settings.assumptions) == {"Ds[journal]": 0.5}

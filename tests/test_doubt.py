@@ -1,4 +1,4 @@
-"""The doubt between the rungs of a ladder of models in everything that is derived from a refined fit."""
+"""The uncertainty of the choice among candidate models in everything that is derived from a refined fit."""
 
 from __future__ import annotations
 
@@ -14,59 +14,61 @@ from rotorfit.fitting.judge import inverse_curvature
 from rotorfit.uncertainty.budget import budget
 
 
-def averaged(rig_ladder, value):
-    """Mean square distance from the chosen rung, and the larger variance, over rungs by weights of their AIC."""
-    best = min((s for s in rig_ladder.steps if not s.identifiability.unresolved), key=lambda step: step.aic)
-    rungs = [step for step in rig_ladder.steps if not step.identifiability.unresolved]
-    scatter = max(1.0, min(step.redchi for step in rungs))
-    weight = np.exp([(best.aic - step.aic) / (4 * scatter) for step in rungs])
+def averaged(rig_refinement, value):
+    """Mean square distance from the chosen one, and the larger variance, over candidates by weights of their AIC."""
+    best = min((s for s in rig_refinement.steps if not s.identifiability.unresolved), key=lambda step: step.aic)
+    candidates = [step for step in rig_refinement.steps if not step.identifiability.unresolved]
+    scatter = max(1.0, min(step.redchi for step in candidates))
+    weight = np.exp([(best.aic - step.aic) / (4 * scatter) for step in candidates])
     weight /= weight.sum()
-    values, errors = np.array([value(step) for step in rungs]).T
+    values, errors = np.array([value(step) for step in candidates]).T
     centre, own = value(best)
     return float(np.sqrt(weight @ (values - centre) ** 2 + max(own**2, weight @ errors**2)))
 
 
-def test_errors_are_those_of_all_rungs_and_no_smaller_than_of_the_chosen_one(rig_ladder):
-    best = rig_ladder.best
-    chosen = next(step for step in rig_ladder.steps if step.model.blocks == best.model.blocks)
+def test_errors_are_those_of_all_candidates_and_no_smaller_than_of_the_chosen_one(rig_refinement):
+    best = rig_refinement.best
+    chosen = next(step for step in rig_refinement.steps if step.model.blocks == best.model.blocks)
     for name in ("D", "lam", "K0", "Mf", "Md"):
         p = best.params[name]
-        expected = averaged(rig_ladder, lambda s, n=name: (s.params[n].value, s.params[n].stderr))
+        expected = averaged(rig_refinement, lambda s, n=name: (s.params[n].value, s.params[n].stderr))
         # The part by which variances grow is taken direction by direction: the whole may be a little wider.
         assert expected * 0.999 <= p.stderr <= 1.5 * max(expected, chosen.params[name].stderr)
         assert p.stderr == pytest.approx(np.sqrt(best.covar[best.var_names.index(name)][best.var_names.index(name)]))
 
 
-def test_the_threshold_speed_holds_what_rungs_differ_by(rig_ladder):
-    """The delta method with the wider covariance, against the threshold speeds of the rungs themselves."""
-    speeds = averaged(rig_ladder, lambda s: (s.threshold_speed().value, s.threshold_speed().stderr))
-    found = rig_ladder.best.threshold_speed()
-    # A rung with terms that the chosen model lacks moves the threshold by these too, here by a tenth at most.
+def test_the_threshold_speed_holds_the_differences_of_candidates(rig_refinement):
+    """The delta method with the wider covariance, against the threshold speeds of the candidates themselves."""
+    speeds = averaged(rig_refinement, lambda s: (s.threshold_speed().value, s.threshold_speed().stderr))
+    found = rig_refinement.best.threshold_speed()
+    # A candidate with terms that the chosen model lacks moves the threshold by these too, here by a tenth at most.
     assert found.stderr > 0.8 * speeds
 
 
-def test_the_budget_has_the_structure_as_a_systematic_source_of_its_own(rig_ladder):
-    best = rig_ladder.best
+def test_the_budget_has_the_structure_as_a_systematic_source_of_its_own(rig_refinement):
+    best = rig_refinement.best
     found = budget(best, Calibration(probe_gain=0.01))
     share = found.share("lam")
     lam = best.var_names.index("lam")
-    assert share.sources["structure"] == pytest.approx(np.sqrt(best.doubt[lam, lam]), rel=1e-6)
+    assert share.sources["structure"] == pytest.approx(np.sqrt(best.model_uncertainty[lam, lam]), rel=1e-6)
     assert share.combined**2 == pytest.approx(share.random**2 + share.systematic**2, rel=1e-9)
     assert "structure" in found.table()
 
 
-def test_newton_steps_do_not_take_doubt_for_curvature(rig_ladder):
-    best = rig_ladder.best
+def test_newton_steps_do_not_take_model_uncertainty_for_curvature(rig_refinement):
+    best = rig_refinement.best
     curvature = inverse_curvature(best)
     assert np.all(np.diag(curvature) <= np.diag(best.covar) * (1 + 1e-9))
-    assert curvature == pytest.approx(best.covar - np.pad(best.doubt, (0, len(best.covar) - len(best.doubt))), rel=1e-3)
+    assert curvature == pytest.approx(
+        best.covar - np.pad(best.model_uncertainty, (0, len(best.covar) - len(best.model_uncertainty))), rel=1e-3
+    )
 
 
-def test_a_saved_fit_keeps_it(rig_ladder, tmp_path: Path):
-    rf.save_fit(rig_ladder.best, tmp_path / "fit.json")
+def test_a_saved_fit_keeps_it(rig_refinement, tmp_path: Path):
+    rf.save_fit(rig_refinement.best, tmp_path / "fit.json")
     again = rf.load_fit(tmp_path / "fit.json")
-    assert np.array_equal(again.doubt, rig_ladder.best.doubt)
-    assert again.threshold_speed().stderr == pytest.approx(rig_ladder.best.threshold_speed().stderr, rel=1e-9)
+    assert np.array_equal(again.model_uncertainty, rig_refinement.best.model_uncertainty)
+    assert again.threshold_speed().stderr == pytest.approx(rig_refinement.best.threshold_speed().stderr, rel=1e-9)
 
 
 def test_what_joins_a_covariance_makes_no_direction_surer():

@@ -169,20 +169,20 @@ def test_noise_beyond_that_of_the_probes_is_no_misfit():
 
 
 def test_told_noise_that_is_too_small_is_said_to_be():
-    world = replace(WORLDS["force jitter 1 %, probes 0.2 %"], told=True)
+    world = replace(WORLDS["force jitter 1 %, probes 0.2 %"], sigma_given=True)
     fit = fitted(world, 1)
     assert fit.noise.verdict is NoiseVerdict.LARGER
     assert any("larger than sigma_um says" in warning for warning in fit.warnings)
 
 
-def test_a_model_that_does_not_fit_is_named_with_its_places(rig_fit, rig_ladder):
+def test_a_model_that_does_not_fit_is_named_with_its_places(rig_fit, rig_refinement):
     fit = rig_fit
     assert fit.noise.verdict is NoiseVerdict.MISFIT
     assert fit.noise.correlation > 0.5
     (warning,) = [w for w in fit.warnings if "the model, not the noise" in w]
     assert "It misses most:" in warning
     assert " rpm" in warning
-    assert not rig_ladder.best.model_limited
+    assert not rig_refinement.best.model_limited
 
 
 @pytest.mark.parametrize(

@@ -24,8 +24,8 @@ def fitted(world: World, seed: int) -> tuple[rf.PerturbationTest, rf.FitResult]:
 
 
 def test_one_step_is_a_fit_without_the_run() -> None:
-    """White noise told, so that every fit weighs alike; curvature is of second order in changes of a few errors."""
-    test, fit = fitted(World(constant=0.005, told=True), 1)
+    """White noise of given sigma: every fit weighs alike; curvature is of second order in changes of a few errors."""
+    test, fit = fitted(World(constant=0.005, sigma_given=True), 1)
     found = fit.jackknife()
     for run, change in zip(found.runs, found.changes, strict=True):
         without = rf.fit(rf.models.OneMode(), test.select(test.run != run), known=FLUID)
@@ -48,7 +48,7 @@ def test_intervals_hold_the_truth_where_runs_differ() -> None:
 
 def test_what_one_run_alone_determines_has_no_error() -> None:
     """One run at the higher speed, with a damping of its own: without this run nothing tells it."""
-    test, _ = fitted(World(constant=0.005, told=True), 2)
+    test, _ = fitted(World(constant=0.005, sigma_given=True), 2)
     fast = test.speed == test.speed.max()
     kept = test.select(~fast | (test.frequency > 0))
     fit = rf.fit(rf.models.OneMode(), kept, known=FLUID, per={"D": "speed_rpm"})

@@ -43,8 +43,8 @@ def test_rig_open_as_printed(rig_fit):
     assert "not the fluid's own" in rig_fit.summary()
 
 
-def test_rig_open_refined(rig_ladder):
-    refinement = rig_ladder
+def test_rig_open_refined(rig_refinement):
+    refinement = rig_refinement
     best = refinement.best
     assert best.redchi < 1.1
     assert best.params["D"].value == pytest.approx(TRUTH["D"], rel=0.002)

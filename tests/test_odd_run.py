@@ -53,7 +53,7 @@ def test_what_is_left_without_a_run_is_that_of_a_fit_to_the_rest() -> None:
 
 
 @pytest.mark.slow
-def test_what_the_ladder_takes_in_to_follow_a_run_does_not_hide_it(rig: PerturbationTest) -> None:
+def test_blocks_taken_in_to_follow_a_run_do_not_hide_it(rig: PerturbationTest) -> None:
     """Peak-to-peak amplitudes in one run, which thirty parameters follow half-way."""
     spoiled = in_one_run(thinned(rig, 2), "response", 2.0)
     plain = rf.fit(rf.models.WhirlWhip(), spoiled, known={"K3": 6000.0})
@@ -76,7 +76,7 @@ def test_a_slip_of_one_run_is_named_with_what_the_others_would_leave(slip: str, 
     assert predicted == pytest.approx(others.redchi, rel=0.25)  # one step, told to two digits
 
 
-def test_a_slip_that_blocks_between_planes_lay_bare_is_named_by_the_ladder(rig: PerturbationTest) -> None:
+def test_a_slip_that_blocks_between_planes_lay_bare_is_named_by_refinement(rig: PerturbationTest) -> None:
     """A gain 10 % off is less than what the lumped model misses; refined, nothing else is left."""
     fit = rf.fit(rf.models.WhirlWhip(), in_one_run(rig, "response", 1.1), known={"K3": 6000.0})
     assert not said(fit)
@@ -100,7 +100,7 @@ def test_runs_that_scatter_more_than_their_noise_are_not_blamed(seed: int) -> No
 
 
 def test_what_one_run_alone_differs_by_is_said_with_its_name(rig: PerturbationTest) -> None:
-    """A speed label 5 % off, which the lumped model hides and the ladder lays bare."""
+    """A speed label 5 % off, which the lumped model hides and refinement lays bare."""
     fit = rf.refine(rf.fit(rf.models.WhirlWhip(), in_one_run(rig, "speed", 1.05), known={"K3": 6000.0})).best
     (told,) = [text for text in fit.warnings if "runs differ in speed label" in text]
     found = re.search(rf"Nearly all of it is in run {ODD}, by ([0-9.]+) %", told)

@@ -14,7 +14,7 @@ SEEDS = range(3)
 
 
 @pytest.fixture(scope="module")
-def ladders():
+def refinements():
     found = []
     for seed in SEEDS:
         rig = Rig(**TYPICAL | {"noise": 0.005, "K0": 1e4 * (0.5 + 0.5 * seed), "D": 300.0 + 100 * seed})
@@ -23,20 +23,20 @@ def ladders():
     return found
 
 
-def test_lam_and_threshold_hold_where_gyroscopic_effects_look_like_the_fluids_inertia(ladders):
+def test_lam_and_threshold_hold_where_gyroscopic_effects_look_like_the_fluids_inertia(refinements):
     """At one speed w Om g22 is 2 Mf lam w Om; without a gyroscopic block others took its place, lam off by 3 s.e."""
     pulls = []
-    for rig, ladder in ladders:
-        lam, onset = ladder.best.params["lam"], ladder.best.threshold_speed()
-        assert "gyroscopic" in ladder.best.model.blocks
+    for rig, refinement in refinements:
+        lam, onset = refinement.best.params["lam"], refinement.best.threshold_speed()
+        assert "gyroscopic" in refinement.best.model.blocks
         pulls.append([(lam.value - TYPICAL["lam"]) / lam.stderr, (onset.value - rig.threshold()) / onset.stderr])
     # sum of squares of three normal numbers: 16.3 is exceeded once in a thousand
     assert (np.sum(np.square(pulls), axis=0) < 16.3).all(), pulls
 
 
-def test_what_was_taken_to_be_zero_is_said_and_in_the_errors(ladders):
-    for _, ladder in ladders:
-        best = ladder.best
+def test_what_was_taken_to_be_zero_is_said_and_in_the_errors(refinements):
+    for _, refinement in refinements:
+        best = refinement.best
         prior = best.settings.priors["g22"]
         assert best.params["g22"].stderr == pytest.approx(prior.std(), rel=0.1)
         assert any("cannot tell g22" in words for words in best.warnings)

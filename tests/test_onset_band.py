@@ -23,7 +23,7 @@ def short():
 
 
 @pytest.fixture(scope="module")
-def ladder(short):
+def refinement(short):
     return rf.refine(rf.fit(WhirlWhip(), short[1], known={"K3": K3}))
 
 
@@ -37,17 +37,17 @@ def test_a_band_that_ends_below_the_onset_does_not_say_stable(short):
     assert "outside the tested band of frequencies, which was not searched" in fit.summary()
 
 
-def test_a_ladder_lends_its_threshold_to_the_rung_that_cannot_tell(short, ladder):
-    """The rungs of second order hold beyond the band; how far they differ is part of the error."""
+def test_a_refinement_lends_its_threshold_to_the_candidate_that_cannot_tell(short, refinement):
+    """The candidates of second order hold beyond the band; how far they differ is part of the error."""
     rig, _ = short
-    assert len(ladder.steps) >= 1 + len(BLOCKS)
-    high = next(s for s in ladder.steps if s.model.order > 2 and not s.identifiability.unresolved)
-    top = rf.refine(high).best  # no rung of second order: nothing to lend
+    assert len(refinement.steps) >= 1 + len(BLOCKS)
+    high = next(s for s in refinement.steps if s.model.order > 2 and not s.identifiability.unresolved)
+    top = rf.refine(high).best  # no candidate of second order: nothing to lend
     assert np.isinf(top.threshold_speed().stderr)
-    onset = ladder.best.threshold_speed()
-    assert onset.stderr >= ladder.best.settings.onsets[0].difference
+    onset = refinement.best.threshold_speed()
+    assert onset.stderr >= refinement.best.settings.onsets[0].difference
     assert abs(onset.value - rig.threshold()) < 3 * onset.stderr
-    assert "above the tested frequencies" in ladder.best.summary()
+    assert "above the tested frequencies" in refinement.best.summary()
 
 
 def test_a_plain_fit_says_that_its_onset_is_extrapolated_in_frequency(short):
@@ -55,40 +55,42 @@ def test_a_plain_fit_says_that_its_onset_is_extrapolated_in_frequency(short):
     assert "refine (--refine) would tell" in fit.summary()
 
 
-def test_an_onset_far_above_the_tested_speeds_has_the_difference_between_rungs_as_an_error():
+def test_an_onset_far_above_the_tested_speeds_has_the_difference_between_candidates_as_an_error():
     """Tested to 500 rpm, unstable near 2650: what grows with speed was hardly seen."""
     rig = Rig(**TYPICAL)
-    ladder = rf.refine(rf.fit(WhirlWhip(), rig.campaign(RPM * np.array([300.0, 500.0]), 4), known={"K3": K3}))
-    onset = ladder.best.threshold_speed()
-    assert onset.stderr >= ladder.best.settings.onsets[0].difference
+    refinement = rf.refine(rf.fit(WhirlWhip(), rig.campaign(RPM * np.array([300.0, 500.0]), 4), known={"K3": K3}))
+    onset = refinement.best.threshold_speed()
+    assert onset.stderr >= refinement.best.settings.onsets[0].difference
     assert abs(onset.value - rig.threshold()) < 2.5 * onset.stderr
-    assert "times above the highest tested speed" in ladder.best.summary()
+    assert "times above the highest tested speed" in refinement.best.summary()
 
 
-def test_what_rungs_differ_by_is_counted_once_in_an_extrapolated_threshold():
-    """The covariance holds the doubt between rungs already: the larger of the two, not both."""
+def test_the_difference_of_candidates_is_counted_once_in_an_extrapolated_threshold():
+    """The covariance holds the uncertainty of the choice among candidates already: the larger of the two, not both."""
     rig = Rig(**TYPICAL)
     best = rf.refine(rf.fit(WhirlWhip(), rig.campaign(RPM * np.array([300.0, 500.0]), 4), known={"K3": K3})).best
     space, beyond = best.problem.space, best.settings.onsets[0].difference
     by_theta = np.asarray(best.onset(0).gradient)
     slope = np.array([by_theta[best.model.parameter_names.index(name)] for name in space.names])
-    doubt, whole = (float(slope @ matrix[: slope.size, : slope.size] @ slope) for matrix in (best.doubt, best.covar))
-    assert doubt > 1e-3 * beyond**2  # so that counting it twice shows
-    assert best.threshold_speed().stderr == pytest.approx(np.sqrt(whole - doubt + max(doubt, beyond**2)), rel=1e-6)
+    choice, whole = (
+        float(slope @ matrix[: slope.size, : slope.size] @ slope) for matrix in (best.model_uncertainty, best.covar)
+    )
+    assert choice > 1e-3 * beyond**2  # so that counting it twice shows
+    assert best.threshold_speed().stderr == pytest.approx(np.sqrt(whole - choice + max(choice, beyond**2)), rel=1e-6)
 
 
-def test_draws_of_a_threshold_follow_the_rules_of_the_fit(short, ladder):
-    """Not stable where the band was not searched, and as uncertain as the rungs of the ladder differ."""
+def test_draws_of_a_threshold_follow_the_rules_of_the_fit(short, refinement):
+    """Not stable where the band was not searched, and as uncertain as the candidates differ."""
     top = rf.fit(WhirlWhip(blocks=BLOCKS), short[1], known={"K3": K3})
     onset = top.bootstrap(n=4).threshold_speed()
     assert np.isnan(onset.samples).all()
     assert "outside the tested band" in onset.note
     assert interval(*onset.interval()) == "not determined"
 
-    best = ladder.best
+    best = refinement.best
     onset, delta = best.bootstrap(n=60).threshold_speed(), best.threshold_speed()
     # The standard deviation of 60 normal draws is within 3 / sqrt(120) of the spread; draws found in the band at its
-    # very edge scatter by the rungs' difference alone.
+    # very edge scatter by the candidates' difference alone.
     assert onset.stderr > (1 - 3 / np.sqrt(120)) * best.settings.onsets[0].difference
     assert abs(onset.value - short[0].threshold()) < 3 * delta.stderr
-    assert "difference between the models of the ladder" in str(onset)
+    assert "difference between the candidate models" in str(onset)

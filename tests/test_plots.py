@@ -306,8 +306,8 @@ def test_labels_of_low_logarithmic_panels_stand_apart_and_are_of_one_size():
         assert all(below.y1 < above.y0 + 1 for below, above in itertools.pairwise(boxes))
 
 
-def test_boxes_of_dynamic_stiffness_hide_no_fit(rig_ladder):
-    figure = rig_ladder.best.plot_dynamic_stiffness()
+def test_boxes_of_dynamic_stiffness_hide_no_fit(rig_refinement):
+    figure = rig_refinement.best.plot_dynamic_stiffness()
     figure.canvas.draw()
     boxes = [(axis, text) for axis in figure.axes for text in axis.texts if "at 0" in text.get_text()]
     boxes += [(axis, text) for axis in figure.axes for text in axis.texts if "slope" in text.get_text()]

@@ -58,14 +58,14 @@ def test_channels_of_the_same_name_keep_levels_of_their_own(tmp_path):
 
 def test_noise_levels_are_told_against_the_noise_of_the_data(rig):
     """A refined fit has levels of its own, which are no part of the noise given with the data."""
-    levels = rig.fit.settings.levels.values()
+    levels = rig.fit.settings.noise_scale.values()
     told = re.search(r"at the optimum (\S+) to (\S+) times the noise given", rig.treatment)
     assert told is not None
     assert [float(level) for level in told.groups()] == pytest.approx([min(levels), max(levels)], rel=0.02)
     fixed = quick(rig.fit, noise="fixed", walkers=64, max_steps=100)
     assert fixed.treatment == (
-        "noise of each response at the level of the residuals of the refined fit. The doubt between the rungs of the "
-        "ladder, which standard errors hold, is not in these draws of one model"
+        "noise of each response at the level of the residuals of the refined fit. The uncertainty of the "
+        "choice among candidate models, which standard errors hold, is not in these draws of one model"
     )
 
 

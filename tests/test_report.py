@@ -73,25 +73,25 @@ def test_report_of_the_rig_says_what_the_fit_says(rig_fit: FitResult, tmp_path: 
 
 @pytest.mark.usefixtures("sketched")
 def test_the_python_call_gives_the_same_numbers(
-    rig_ladder: rf.Refinement, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    rig_refinement: rf.Refinement, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(rf.datasets.path("rig_open.csv").parent)
-    page = report_of(rig_ladder.best, tmp_path / "report.html", refinement=rig_ladder)
+    page = report_of(rig_refinement.best, tmp_path / "report.html", refinement=rig_refinement)
     (call,) = re.findall(r"import rotorfit as rf\n.*?(?=</pre>)", page.text, re.DOTALL)
     names: dict[str, Any] = {}
     exec(Page(call).words[0], names)
     # Two descents to one optimum, each to a small fraction of the standard errors.
-    assert (np.abs(names["fit"].x - rig_ladder.best.x) < 1e-2 * np.sqrt(np.diag(rig_ladder.best.covar))).all()
-    assert names["fit"].var_names == rig_ladder.best.var_names
+    assert (np.abs(names["fit"].x - rig_refinement.best.x) < 1e-2 * np.sqrt(np.diag(rig_refinement.best.covar))).all()
+    assert names["fit"].var_names == rig_refinement.best.var_names
 
 
-def test_refined_report_with_all_extras(rig_ladder: rf.Refinement, tmp_path: Path) -> None:
-    best = rig_ladder.best
+def test_refined_report_with_all_extras(rig_refinement: rf.Refinement, tmp_path: Path) -> None:
+    best = rig_refinement.best
     posterior = normal_draws(best)
     page = report_of(
         best,
         tmp_path / "report.html",
-        refinement=rig_ladder,
+        refinement=rig_refinement,
         posterior=posterior,
         profiles=[made_profile("lam", 0.4749, 0.4752), made_profile("threshold_speed", 277.0, 279.0)],
         shares={"D": (0.1, 4.5)},
@@ -166,19 +166,21 @@ def test_what_the_data_leave_open_has_no_number(tmp_path: Path) -> None:
 
 @pytest.mark.usefixtures("sketched")
 def test_the_verdict_tells_the_misfit_of_the_responses(
-    rig_fit: FitResult, rig_ladder: rf.Refinement, tmp_path: Path
+    rig_fit: FitResult, rig_refinement: rf.Refinement, tmp_path: Path
 ) -> None:
     """The words, the span of the responses and what is said of the noise agree with each other."""
     for name in ("refined", "plain"):
         (tmp_path / name).mkdir()
-    refined = report_of(rig_ladder.best, tmp_path / "refined" / "report.html", refinement=rig_ladder).text
-    sizes = sorted(r.redchi for r in rig_ladder.best.responses)
+    refined = report_of(rig_refinement.best, tmp_path / "refined" / "report.html", refinement=rig_refinement).text
+    sizes = sorted(r.redchi for r in rig_refinement.best.responses)
     assert f"by response {sizes[0]:.2g} to {sizes[-1]:.2g}" in refined
     assert "never from the residuals" not in refined
-    assert ("follow the residuals of each response instead" in refined) == bool(rig_ladder.best.settings.levels)
+    assert ("follow the residuals of each response instead" in refined) == bool(
+        rig_refinement.best.settings.noise_scale
+    )
     assert "the residuals of the fit have no part in it" in report_of(rig_fit, tmp_path / "plain" / "report.html").text
     # one threshold: that of the chosen row is that of the verdict
-    value = f"{rig_ladder.best.threshold_speed().value * 30 / np.pi:.2f}"
+    value = f"{rig_refinement.best.threshold_speed().value * 30 / np.pi:.2f}"
     assert refined.count(value) >= 3
 
 
@@ -384,11 +386,11 @@ def test_material_that_does_not_go_together(
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_posterior_of_something_else(rig_fit: FitResult, rig_ladder: rf.Refinement, tmp_path: Path) -> None:
+def test_a_posterior_of_something_else(rig_fit: FitResult, rig_refinement: rf.Refinement, tmp_path: Path) -> None:
     with pytest.raises(
-        ValueError, match=rf"posterior of Md, .*, {rig_ladder.best.var_names[-1]}, but the fit is of Md"
+        ValueError, match=rf"posterior of Md, .*, {rig_refinement.best.var_names[-1]}, but the fit is of Md"
     ):
-        rf.write_report(rig_fit, tmp_path / "report.html", posterior=normal_draws(rig_ladder.best))
+        rf.write_report(rig_fit, tmp_path / "report.html", posterior=normal_draws(rig_refinement.best))
 
 
 @pytest.mark.usefixtures("sketched")

@@ -32,10 +32,13 @@ window.onload = () => {
 
 
 @pytest.fixture(scope="module")
-def browsed(rig_ladder: rf.Refinement, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def browsed(rig_refinement: rf.Refinement, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("browser")
     return rf.write_report(
-        rig_ladder.best, folder / "report.html", refinement=rig_ladder, posterior=normal_draws(rig_ladder.best)
+        rig_refinement.best,
+        folder / "report.html",
+        refinement=rig_refinement,
+        posterior=normal_draws(rig_refinement.best),
     )
 
 

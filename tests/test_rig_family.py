@@ -45,7 +45,7 @@ def test_refined_errors_are_honest_over_the_family(count):
     assert np.sum(np.abs(pulls) > stats.norm.ppf(0.995)) <= stats.binom.ppf(0.998, pulls.size, 0.01)
 
 
-def test_a_ladder_says_what_one_speed_leaves_open_before_it_misses_the_data():
+def test_a_refinement_says_what_one_speed_leaves_open_before_it_misses_the_data():
     """At one speed a polar inertia at the journal cannot be told from masses and stiffness there; lam and D can."""
     model = WhirlWhip(blocks=("coupling_mass", "gyroscopic"))
     true = {**VALUES["whirl-whip"], "m12": 0.024, "g11": 9e-4, "g12": -7.5e-4, "g22": 6e-4}

@@ -56,3 +56,16 @@ def test_a_study_of_version_0_1_0_is_read() -> None:
     assert dict(study.per) == {"D": "speed_rpm"}
     assert dict(study.files[1].options)["probe_angles"] == {"journal": (45.0, 135.0)}
     assert study.out == SAVED / "results"
+
+
+def test_names_of_version_0_1_0_are_read_and_warn(tmp_path: Path) -> None:
+    """A file with names of fields that have changed since, and the attributes of these names."""
+    content = json.loads((SAVED / "one_mode.json").read_text(encoding="utf-8"))
+    content["settings"]["fields"]["levels"] = {"mapping": [["journal x", 2.0]]}
+    content["doubt"] = {"array": "float64", "shape": [1, 1], "data": [0.5]}
+    (tmp_path / "fit.json").write_text(json.dumps(content), encoding="utf-8")
+    fit = rf.load_fit(tmp_path / "fit.json")
+    with pytest.warns(DeprecationWarning, match="model_uncertainty"):
+        assert fit.doubt is fit.model_uncertainty
+    with pytest.warns(DeprecationWarning, match="noise_scale"):
+        assert fit.settings.levels == {"journal x": 2.0}

@@ -1,4 +1,4 @@
-"""Responses whose errors hang together: all readings of one mounting share what the mounting did to them."""
+"""Responses with correlated errors: all readings of one mounting share what the mounting did to them."""
 
 from __future__ import annotations
 

@@ -86,7 +86,7 @@ class Responses:
     labels: tuple[str, ...]  # names of the responses
     run: Text
     imposed: bool = False  # the displacement is imposed and ``measured`` is the force
-    told: bool = True  # sigma was given with all readings, not estimated from them
+    sigma_given: bool = True  # sigma was given with all readings, not estimated from them
 
     @property
     def reading_group(self) -> Index:

@@ -22,7 +22,7 @@ _MILD = 1e-5  # smallest eigenvalue of a curvature of unit diagonal from which i
 _LEAST_LEFT = 0.05  # share of a reading's residual that its fit leaves at least, in estimates of its noise
 
 
-def widening(redchi: float, loss: Loss, *, levelled: bool = False, nfree: int = 0, freedom: float = math.inf) -> float:
+def widening(redchi: float, loss: Loss, *, rescaled: bool = False, nfree: int = 0, freedom: float = math.inf) -> float:
     """Factor on a covariance for a model that does not fit to within the noise.
 
     Squares take a model's misfit for noise, which the noise given was too small for. Robust losses have a covariance
@@ -30,7 +30,7 @@ def widening(redchi: float, loss: Loss, *, levelled: bool = False, nfree: int = 
     that is known from few mountings makes redchi scatter by itself: what is within reach of chance (5 %, by the F
     distribution) is then no misfit of the model.
     """
-    if loss != "linear" or levelled:
+    if loss != "linear" or rescaled:
         return 1.0
     if math.isfinite(freedom) and nfree > 0:
         from scipy.special import fdtri  # late: loading it takes longer than a fit

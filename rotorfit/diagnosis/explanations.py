@@ -75,8 +75,8 @@ def _still_wrong(fit: FitResult, error: DataError) -> bool:
 
 
 def _explanations(fit: FitResult, tests: Sequence[PerturbationTest], orbits: Sequence[Orbits]) -> Iterator[Explanation]:
-    settings, levelled = fit.settings.asked, fit.settings.levelled
-    problem = build_problem(fit.model, fit.experiments, settings) if levelled else fit.problem
+    settings, rescaled = fit.settings.asked, fit.settings.rescaled
+    problem = build_problem(fit.model, fit.experiments, settings) if rescaled else fit.problem
     far = fit.chisqr > _UNEXPLAINED * _power(problem)
     uneven = {plane: probe for of_test in orbits for plane, probe in uneven_planes(of_test).items()}
     candidates = [*filtered_probes(uneven), *(data_errors(tests) if far else ())]
@@ -91,7 +91,7 @@ def _explanations(fit: FitResult, tests: Sequence[PerturbationTest], orbits: Seq
     readings = None if fit.model.eccentricity_dependent else readings_of(problem)
     if readings is not None:
         known = [name for name, value in settings.known.items() if value]
-        yield from _of_readings(readings, None if levelled else fit.x, far, uneven, known)
+        yield from _of_readings(readings, None if rescaled else fit.x, far, uneven, known)
 
 
 def _power(problem: Problem) -> float:

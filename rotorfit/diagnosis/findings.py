@@ -25,7 +25,7 @@ def findings_of(fit: FitResult) -> tuple[Finding, ...]:
 
 def _as_given(fit: FitResult) -> FitResult:
     """The fit before blocks were chosen for its model: they may follow an error of the data."""
-    if fit.doubt is None:
+    if fit.model_uncertainty is None:
         return fit
     model, asked = fit.model.variant(blocks=()), fit.settings.asked
     own = {name: prior for name, prior in asked.priors.items() if bare_name(name) in model.parameter_names}

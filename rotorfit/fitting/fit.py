@@ -20,7 +20,7 @@ from rotorfit.estimators.starting.start_points import CLOSED_FORM, EARLIER_FIT, 
 from rotorfit.estimators.starting.starts import find_start
 from rotorfit.fitting.assumptions import assuming
 from rotorfit.fitting.calibration import Calibration
-from rotorfit.fitting.judge import judge, with_doubt
+from rotorfit.fitting.judge import judge, with_model_uncertainty
 from rotorfit.fitting.noise.finding import study_noise
 from rotorfit.fitting.noise.problem import with_noise
 from rotorfit.fitting.problem_setup import as_tuple, build_problem, make_priors
@@ -193,10 +193,10 @@ def solve_again(
     fit: FitResult,
     problem: Problem,
     priors: Mapping[str, Any] | None = None,
-    levels: Mapping[str, float] | None = None,
+    noise_scale: Mapping[str, float] | None = None,
 ) -> FitResult:
     """The result of a fit with its problem changed: more priors, nuisance entries or other readings."""
-    settings = fit.settings if levels is None else replace(fit.settings, levels=levels)
+    settings = fit.settings if noise_scale is None else replace(fit.settings, noise_scale=noise_scale)
     if priors:
         settings = replace(settings, priors={**settings.priors, **priors})
         new = make_priors(problem.space, priors)
@@ -208,7 +208,7 @@ def solve_again(
     solution = solve(problem, np.clip(begin, problem.space.lower, problem.space.upper), Options())
     start = Start(x=begin, kind=EARLIER_FIT)
     found = judge(problem, fit.experiments, settings, solution.x, start, "least squares", solution, (), noise=fit.noise)
-    return found if fit.doubt is None else with_doubt(found, fit.doubt)
+    return found if fit.model_uncertainty is None else with_model_uncertainty(found, fit.model_uncertainty)
 
 
 def solve(problem: Problem, start: Float, options: Options) -> Solution:

@@ -20,7 +20,7 @@ from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.fitting.json_values import UserDefinedError, decode, encode
 from rotorfit.fitting.noise.problem import estimate_before, without_noise
 from rotorfit.fitting.noise.record import is_run_effect
-from rotorfit.fitting.problem_setup import build_problem, with_levels
+from rotorfit.fitting.problem_setup import build_problem, with_noise_scale
 from rotorfit.fitting.result import FitResult
 from rotorfit.models import RotorModel
 
@@ -28,7 +28,8 @@ SCHEMA = 1
 """Version of the file's layout; raised when older readers would misread it."""
 
 _FORMAT = "rotorfit fit"
-_LATER = ("noise", "doubt", "start")  # entries that files of earlier versions lack
+_LATER = ("noise", "model_uncertainty", "start")  # entries that files of earlier versions lack
+_EARLIER = {"doubt": "model_uncertainty"}  # entries as version 0.1.0 called them, and their names today
 _AGREEMENT = 1e-6  # of chi-squared: other processors and libraries round differently, other noise does not agree
 
 
@@ -102,6 +103,7 @@ def fit_from_json(text: str, *, model: RotorModel | None = None, source: str = "
             f"{source} has schema {content.get('schema')!r}, written by rotorfit {content.get('rotorfit', '?')}; "
             f"this version reads schema {SCHEMA}"
         )
+    content = {_EARLIER.get(name, name): item for name, item in content.items()}
     names = [f.name for f in fields(FitResult) if f.name not in ("model", "problem")]
     missing = [name for name in ("model", *names) if name not in content and name not in _LATER]
     if missing:
@@ -152,7 +154,7 @@ def _check(fit: FitResult, problem: Problem, what: str) -> None:
     if fit.x.shape != (len(names),) or set(fitted) != {name for name in names if not is_run_effect(name)}:
         raise ValueError(f"{what} has fitted {', '.join(fitted)}, but its settings make {', '.join(names)}")
     given = problem if fit.settings.noise is None else without_noise(problem, fit.settings.noise)
-    given = with_levels(given, fit.settings.levels, -1)
+    given = with_noise_scale(given, fit.settings.noise_scale, -1)
     before = estimate_before(fit.settings.noise, fit.x, given.space.size)
     chisqr = float(np.sum(np.abs(given.residuals(before)) ** 2))
     if not np.isclose(chisqr, fit.chisqr, rtol=_AGREEMENT, atol=1e-12 * problem.n_data):

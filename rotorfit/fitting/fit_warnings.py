@@ -31,17 +31,17 @@ def fit_warnings(
     redchi: float,
     params: Mapping[str, FittedParameter],
     identifiability: Identifiability,
-    levelled: bool,
+    rescaled: bool,
     noise: Noise | None,
 ) -> list[str]:
     """What a reader of the result should know."""
     found = [] if noise is None else noise_warnings(noise, redchi)
-    advice = _advice(problem.space.model, identifiability, levelled)
+    advice = _advice(problem.space.model, identifiability, rescaled)
     nfree = problem.n_data - problem.space.size
     misfit = covariance.widening(redchi, problem.loss, nfree=nfree, freedom=freedom_of(problem.blocks))
     if is_misfit(noise, misfit):
         where = f". It misses most: {', '.join(noise.places)}" if noise is not None and noise.places else ""
-        wider = "each response as its residuals ask" if levelled else f"{np.sqrt(redchi):.2g}"
+        wider = "each response as its residuals ask" if rescaled else f"{np.sqrt(redchi):.2g}"
         found.append(
             f"redchi is {redchi:.3g}: the model, not the noise, limits this fit. Standard errors are widened by "
             f"{wider}, but parameters may be biased beyond them; {advice}{where}"
@@ -75,13 +75,13 @@ def too_quiet(redchi: Float | float, nfree: int) -> Bool:
     return np.asarray((redchi > NOISE_FLOOR) & (redchi < min(_TOO_QUIET, 1 - _CLEARLY * chance)))
 
 
-def _advice(model: RotorModel, identifiability: Identifiability, levelled: bool) -> str:
-    """What may help a fit that its model limits: the ladder of blocks only where it can be climbed further."""
+def _advice(model: RotorModel, identifiability: Identifiability, rescaled: bool) -> str:
+    """What may help a fit that its model limits: structural blocks only where more can be added."""
     if isinstance(model, Modal):
         return "modes left out do so, or supports that differ in x and y (apart)"
     if not hasattr(model, "blocks"):
         return f"{model.name} has no structural blocks to add; a model of more planes may explain them"
-    if levelled or len(model.blocks) == len(BLOCKS):
+    if rescaled or len(model.blocks) == len(BLOCKS):
         return "bring the shaft's matrices (KnownStructure)"
     if why_not_refined(model, identifiability):
         left = ", ".join(identifiability.unresolved)

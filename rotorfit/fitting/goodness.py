@@ -10,7 +10,7 @@ from rotorfit.estimators.inference import covariance
 from rotorfit.estimators.misfit.losses import robust_weights
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.fitting.noise.problem import estimate_before, without_noise
-from rotorfit.fitting.problem_setup import with_levels
+from rotorfit.fitting.problem_setup import with_noise_scale
 from rotorfit.fitting.quantities import ResponseQuality
 from rotorfit.fitting.settings import FitSettings
 from rotorfit.models.array_types import ComplexArray, Float, Index
@@ -32,7 +32,7 @@ class Goodness:
 def goodness_of(problem: Problem, settings: FitSettings, x: Float, residuals: ComplexArray) -> Goodness:
     """Agreement of an estimate with the data."""
     given = problem if settings.noise is None else without_noise(problem, settings.noise)
-    given = with_levels(given, settings.levels, -1)
+    given = with_noise_scale(given, settings.noise_scale, -1)
     count = given.space.size
     before = estimate_before(settings.noise, x, count)
     whitened = residuals if given is problem else given.residuals(before)

@@ -28,6 +28,11 @@ _HOMES = (
 )
 """Modules whose records a file may name; nothing else is ever imported or called for a file."""
 
+_EARLIER_FIELDS: dict[str, dict[str, str]] = {
+    "FitSettings": {"levels": "noise_scale"},
+}
+"""Fields of records as version 0.1.0 called them, and their names today."""
+
 _KINDS = {"f": "float64", "c": "complex128", "i": "int64", "b": "bool", "U": "str"}
 
 
@@ -145,7 +150,8 @@ def _decode_record(value: Mapping[str, Any]) -> Any:
     kind = _home(value["record"])
     if kind is None or not is_dataclass(kind):
         raise ValueError(f"this version of rotorfit has no record {value['record']!r}")
-    given = value["fields"]
+    today = _EARLIER_FIELDS.get(value["record"], {})
+    given = {today.get(name, name): item for name, item in value["fields"].items()}
     known = {f.name: f for f in fields(kind) if f.init}
     unknown = sorted(set(given) - set(known))
     missing = [n for n, f in known.items() if n not in given and f.default is MISSING and f.default_factory is MISSING]

@@ -47,7 +47,7 @@ def judge(
     success = solution is None or solution.success or solution.status is Status.SINGULAR
     if not success:  # where a search stalled the curvature tells nothing of the error
         params = {n: replace(p, stderr=np.nan, stderr_noise=np.nan) if p.vary else p for n, p in params.items()}
-    told = fit_warnings(problem, x, goodness.redchi, params, verdict, bool(settings.levels), errors.noise)
+    told = fit_warnings(problem, x, goodness.redchi, params, verdict, bool(settings.noise_scale), errors.noise)
     warnings = [*notes, *told]
     if solution is not None and not success:
         warnings.insert(0, f"the optimisation did not converge, so that nothing has an error: {solution.message}")
@@ -78,11 +78,11 @@ def judge(
     )
 
 
-def with_doubt(fit: FitResult, doubt: Float) -> FitResult:
-    """The result with the doubt between models in its covariance and standard errors."""
+def with_model_uncertainty(fit: FitResult, uncertainty: Float) -> FitResult:
+    """The result with the uncertainty of the choice of its model in its covariance and standard errors."""
     names = fit.problem.space.names
     added = np.zeros_like(fit.covar)
-    added[: len(names), : len(names)] = doubt
+    added[: len(names), : len(names)] = uncertainty
     covar, noise = fit.covar + added, fit.noise
     if noise is not None and noise.shares:
         noise = replace(noise, shares=(*noise.shares, added), freedom=(*noise.freedom, float("inf")))
@@ -91,11 +91,11 @@ def with_doubt(fit: FitResult, doubt: Float) -> FitResult:
         if params[name].resolved and fit.success:
             freedom = params[name].freedom if noise is None else noise.degrees(np.eye(len(covar))[i])
             params[name] = replace(params[name], stderr=float(np.sqrt(covar[i, i])), freedom=freedom)
-    return replace(fit, covar=covar, params=params, noise=noise, doubt=doubt)
+    return replace(fit, covar=covar, params=params, noise=noise, model_uncertainty=uncertainty)
 
 
 def inverse_curvature(fit: FitResult) -> Float:
     """Change of the estimate by the slope of the cost, shape ``(p, p)``: mostly ``covar`` itself."""
     wider = fit.noise is not None and (fit.noise.robust or fit.noise.verdict is NoiseVerdict.FOLLOWING)
-    wider = wider or fit.doubt is not None or (fit.noise is not None and bool(fit.noise.perhaps))
+    wider = wider or fit.model_uncertainty is not None or (fit.noise is not None and bool(fit.noise.perhaps))
     return fit.covar if fit.problem.loss == "linear" and not wider else covariance.inverse_curvature(fit.problem, fit.x)

@@ -24,27 +24,27 @@ _FAR = 3.0  # onset over the highest tested speed from which it is called far
 def onset_of(fit: FitResult, group: int) -> Quantity:
     """Threshold speed of one parameter group, rad/s."""
     onset = fit.onset(group)
-    rung = fit.settings.onsets[group] if fit.settings.onsets else None
+    candidate = fit.settings.onsets[group] if fit.settings.onsets else None
     if onset is None and math.isfinite(fit.stability_band):
         # Terms that hold in the tested band only say nothing of an onset beyond it.
-        if rung is None or not math.isfinite(rung.speed):
+        if candidate is None or not math.isfinite(candidate.speed):
             return Quantity(math.nan, math.inf, "rad/s")
-        return Quantity(rung.speed, math.hypot(rung.stderr, rung.difference), "rad/s", fit.freedom)
+        return Quantity(candidate.speed, math.hypot(candidate.stderr, candidate.difference), "rad/s", fit.freedom)
     if onset is None:
         return Quantity(math.nan, _growth_error(fit, group), "rad/s")
     found = fit.propagate_in(group, onset.speed, onset.gradient, "rad/s")
-    if rung is None or not is_extrapolated(fit, onset.speed, onset.whirl_frequency):
+    if candidate is None or not is_extrapolated(fit, onset.speed, onset.whirl_frequency):
         return found
-    more = max(0.0, rung.difference**2 - _by_doubt(fit, group, onset.gradient))
+    more = max(0.0, candidate.difference**2 - _by_model_uncertainty(fit, group, onset.gradient))
     return Quantity(found.value, math.hypot(found.stderr, math.sqrt(more)), "rad/s", found.freedom)
 
 
-def _by_doubt(fit: FitResult, group: int, gradient: Float) -> float:
-    """Share of a variance by the doubt between rungs, which the covariance holds already: what rungs differ by once."""
-    if fit.doubt is None:
+def _by_model_uncertainty(fit: FitResult, group: int, gradient: Float) -> float:
+    """Share of a variance by the choice among candidates, which the covariance holds already."""
+    if fit.model_uncertainty is None:
         return 0.0
-    slope = fit.problem.space.pull_back(gradient, group)[: len(fit.doubt)]
-    return float(slope @ fit.doubt @ slope)
+    slope = fit.problem.space.pull_back(gradient, group)[: len(fit.model_uncertainty)]
+    return float(slope @ fit.model_uncertainty @ slope)
 
 
 def is_extrapolated(fit: FitResult, speed: ArrayLike, whirl: ArrayLike) -> Any:
@@ -68,9 +68,9 @@ def onset_note(fit: FitResult, group: int) -> str:
             return "any onset lies outside the tested band of frequencies, which was not searched"
         return (
             "the onset lies outside the tested band of frequencies: it is that of the model without terms that "
-            "hold in the band only, its error the difference between the models of the ladder included"
+            "hold in the band only, its error the difference between the candidate models included"
         )
-    error = "its error includes the difference between the models of the ladder"
+    error = "its error includes the difference between the candidate models"
     if onset is not None and abs(onset.whirl_frequency) <= fit.band and _is_far(fit, onset.speed):
         far = f"the onset lies {onset.speed / float(fit.speeds.max()):.1f} times above the highest tested speed"
         return f"{far}: {error if fit.settings.onsets else 'terms that grow with speed are hardly seen there'}"

@@ -69,8 +69,8 @@ def build_problem(model: RotorModel, experiments: Experiment | Sequence[Experime
     if errors is not None:
         first = space.size - errors.sd.size
         priors += tuple(Prior(first + i, normal(sd)) for i, sd in enumerate(errors.sd.tolist()))
-    problem = with_levels(
-        Problem(space=space, blocks=blocks, loss=settings.loss, priors=priors, factors=factors), settings.levels
+    problem = with_noise_scale(
+        Problem(space=space, blocks=blocks, loss=settings.loss, priors=priors, factors=factors), settings.noise_scale
     )
     if settings.noise is not None:
         problem = with_noise(problem, settings.noise)
@@ -132,13 +132,13 @@ def _phase_entries(
     return (DATUM,), [tuple(_phase_factors(block, runs).sum(axis=1, keepdims=True) for block in blocks)]
 
 
-def with_levels(problem: Problem, levels: Mapping[str, float], power: int = 1) -> Problem:
-    """The problem with the noise of responses multiplied by their levels."""
-    if not levels:
+def with_noise_scale(problem: Problem, scale: Mapping[str, float], power: int = 1) -> Problem:
+    """The problem with the noise of responses multiplied by factors of their own."""
+    if not scale:
         return problem
     blocks = []
     for block in problem.blocks:
-        factors = np.array([levels.get(name, 1.0) for name in block.labels]) ** power
+        factors = np.array([scale.get(name, 1.0) for name in block.labels]) ** power
         blocks.append(block.with_noise(factors[block.label]))
     return replace(problem, blocks=tuple(blocks))
 

@@ -1,4 +1,4 @@
-"""Whether a ladder of structural blocks can be climbed: asked before it is advised, and before it is tried."""
+"""Whether structural blocks can be added to a model: asked before it is advised, and before it is tried."""
 
 from __future__ import annotations
 

@@ -13,10 +13,10 @@ from rotorfit.estimators.inference.covariance import excess
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.fitting.assumptions import assuming
 from rotorfit.fitting.fit import fitted, solve_again
-from rotorfit.fitting.judge import with_doubt
+from rotorfit.fitting.judge import with_model_uncertainty
 from rotorfit.fitting.noise.judging import MODEL_LIMITED
 from rotorfit.fitting.notebook import text_html
-from rotorfit.fitting.problem_setup import with_levels
+from rotorfit.fitting.problem_setup import with_noise_scale
 from rotorfit.fitting.refinable import why_not_refined
 from rotorfit.fitting.result import FitResult
 from rotorfit.fitting.settings import Onset
@@ -25,15 +25,16 @@ from rotorfit.models.array_types import Float
 from rotorfit.models.parameters import bare_name
 from rotorfit.models.structure import block_parameters, block_symbols, check_blocks
 from rotorfit.models.text_table import text_table
+from rotorfit.version import renamed
 
 
 @dataclass(frozen=True, eq=False)
 class Refinement:
-    """Ladder of nested models.
+    """Forward selection among nested models.
 
     Attributes:
         steps: results from the plainest model to the richest tried.
-        best: the result chosen, each response with the noise level of its residuals where the model does not limit
+        best: the result chosen, the noise of each response rescaled to its residuals where the model does not limit
             the fit.
     """
 
@@ -41,14 +42,20 @@ class Refinement:
     best: FitResult
 
     @property
-    def rungs(self) -> tuple[FitResult, ...]:
+    def candidates(self) -> tuple[FitResult, ...]:
         """The steps, the chosen one as it was fitted at last, so that its numbers are those of ``best``."""
         return tuple(self.best if step.model is self.best.model else step for step in self.steps)
 
+    @property
+    def rungs(self) -> tuple[FitResult, ...]:
+        """``candidates`` under the name that they had in version 0.1.0."""
+        renamed("Refinement.rungs", "candidates")
+        return self.candidates
+
     def table(self) -> str:
-        """The ladder as a table, the chosen model marked: what each rung tried, and the symbols of all its blocks."""
+        """The candidates as a table, the chosen one marked: the block each tried, and the symbols of all its blocks."""
         rows, seen = [["tried", "structure", "fitted", "redchi", "AIC", ""]], set[str]()
-        for step in self.rungs:
+        for step in self.candidates:
             blocks = getattr(step.model, "blocks", ())
             new = [f"+ {block.replace('_', ' ')} ({block_symbols([block])})" for block in blocks if block not in seen]
             *before, tried = new or ["all blocks" if blocks else "as printed"]
@@ -73,19 +80,19 @@ def structure_name(model: RotorModel) -> str:
 
 
 def refine(fit: FitResult) -> Refinement:
-    """Try every structural block, whole, beside those that lowered AIC so far, and choose the rung of lowest AIC.
+    """Try every structural block, whole, beside those that lowered AIC so far, and choose the candidate of lowest AIC.
 
-    No rung is the rotor itself: BIC, which looks for the true one, ends the ladder while what is left out still moves
-    lam by more than its error; AIC (Akaike 1974) takes a block in while that pays.
+    No candidate is the rotor itself: BIC, which looks for the true one, ends the selection while neglected
+    terms still move lam by more than its error; AIC (Akaike 1974) takes a block in while that pays.
 
-    A rung that leaves parameters open is taken only where the best of those that leave none misses the data by a fifth
-    more, in redchi, than the best of all: what one speed cannot tell apart (the polar inertia and the fluid's) is then
-    said to be open, instead of being told wrongly.
+    A candidate that leaves parameters open is taken only where the best of those that leave none misses the data by a
+    fifth more, in redchi, than the best of all: parameters that one speed does not separate (the polar inertia and the
+    fluid's) are then reported as open, instead of being estimated wrongly.
 
-    The errors of parameters that all rungs share count the doubt between rungs.
+    The errors of parameters that all candidates share include the uncertainty of the choice among them.
 
     Where the chosen model does not limit the fit, what misfit is left is noise: it is fitted once more with the noise
-    level of each response as its residuals have it, so that one whose noise was estimated too small weighs less.
+    of each response rescaled to its residuals, so that one whose noise was estimated too small weighs less.
     Goodness of fit (redchi, AIC, BIC) still refers to the noise estimated from the data.
 
     Args:
@@ -103,22 +110,22 @@ def refine(fit: FitResult) -> Refinement:
     refusal = why_not_refined(fit.model, fit.identifiability)
     if refusal:
         raise ValueError(refusal)
-    best, steps = _climb(fit, may_leave_open=False)
+    best, steps = _select(fit, may_leave_open=False)
     if best.redchi > _MISSED * min(step.redchi for step in steps if step.success or step is best):
-        best, steps = _climb(fit, may_leave_open=True)
-    chosen = _in_doubt(level_noise(best), best, steps)
-    found = _rung_onsets(steps, best)
+        best, steps = _select(fit, may_leave_open=True)
+    chosen = with_model_uncertainty(rescale_noise(best), _model_uncertainty(best, steps))
+    found = _candidate_onsets(steps, best)
     warnings = (*chosen.warnings, *_told_of_hidden(fit, chosen), *_told_of_a_run(fit, chosen))
     chosen = replace(chosen, settings=replace(chosen.settings, onsets=found), warnings=warnings)
     return Refinement(tuple(steps), chosen)
 
 
 _MISSED = 1.2
-"""Misfit over that of the best rung, in power, beyond which a rung that leaves no parameter open is refused."""
+"""Misfit over that of the best candidate, in power, beyond which one that leaves no parameter open is refused."""
 
 
-def _climb(fit: FitResult, *, may_leave_open: bool) -> tuple[FitResult, list[FitResult]]:
-    """The best rung, and all that were tried."""
+def _select(fit: FitResult, *, may_leave_open: bool) -> tuple[FitResult, list[FitResult]]:
+    """The best candidate, and all that were tried."""
     steps, best = [fit], fit
 
     def try_with(blocks: Iterable[str]) -> FitResult:
@@ -157,7 +164,7 @@ def _hidden(step: FitResult) -> dict[str, Any]:
 
 
 def _told_of_hidden(plain: FitResult, chosen: FitResult) -> list[str]:
-    """What the ladder took to be about zero because the data cannot tell."""
+    """Parameters that were taken to be about zero because the data do not determine them."""
     names = sorted(set(chosen.settings.priors) - set(plain.settings.priors))
     if not names:
         return []
@@ -169,47 +176,47 @@ def _told_of_hidden(plain: FitResult, chosen: FitResult) -> list[str]:
 
 
 def _told_of_a_run(plain: FitResult, chosen: FitResult) -> list[str]:
-    """The run that did not go with the others before, where the ladder does not explain the data: what it took in to
-    follow that run hides it."""
+    """The run that did not go with the others before, where no candidate explains the data: blocks taken in to
+    follow that run hide it."""
     odd = "" if plain.noise is None else plain.noise.odd_run
     said = chosen.noise is not None and bool(chosen.noise.odd_run) and chosen.redchi > MODEL_LIMITED
-    return [f"before the ladder, {odd}"] if odd and chosen.model_limited and not said else []
+    return [f"before refinement, {odd}"] if odd and chosen.model_limited and not said else []
 
 
-def _in_doubt(chosen: FitResult, best: FitResult, steps: Sequence[FitResult]) -> FitResult:
-    """The chosen fit, its errors with those of all rungs by weights of their AIC (Burnham & Anderson 2002).
+def _model_uncertainty(best: FitResult, steps: Sequence[FitResult]) -> Float:
+    """Covariance of the choice among candidates, by weights of their AIC (Burnham & Anderson 2002), shape ``(n, n)``.
 
     A block that was chosen because it came out large by chance moves what it correlates with, and one left out for a
-    hair makes them look surer than they are. Errors only grow: by what rungs differ, and by as much as theirs are
-    larger. A block that a rung lacks is zero there.
+    hair makes them look surer than they are. Errors only grow: by the differences of the candidates, and by as much as
+    theirs are larger. A block that a candidate lacks is zero there.
     """
     names = best.problem.space.names
     sure = [i for i, name in enumerate(names) if best.params[name].resolved]
-    rungs = [step for step in steps if step is best or (step.success and _tells(step, best))]
-    scatter = max(1.0, min(step.redchi for step in rungs))  # what every rung misses counts as noise
-    weight = np.exp([(best.aic - step.aic) / (2 * _TEMPER * scatter) for step in rungs])
+    candidates = [step for step in steps if step is best or (step.success and _tells(step, best))]
+    scatter = max(1.0, min(step.redchi for step in candidates))  # what every candidate misses counts as noise
+    weight = np.exp([(best.aic - step.aic) / (2 * _TEMPER * scatter) for step in candidates])
     apart, mixed = np.zeros((2, len(sure), len(sure)))
-    for share, step in zip((weight / weight.sum()).tolist(), rungs, strict=True):
+    for share, step in zip((weight / weight.sum()).tolist(), candidates, strict=True):
         there = [k for k, i in enumerate(sure) if names[i] in step.params]
         own = [step.var_names.index(names[sure[k]]) for k in there]
         away = -best.x[sure]
         away[there] += step.x[own]
         apart += share * np.outer(away, away)
         mixed[np.ix_(there, there)] += share * step.covar[np.ix_(own, own)]
-    doubt = np.zeros((len(names), len(names)))
-    doubt[np.ix_(sure, sure)] = apart + excess(mixed, best.covar[np.ix_(sure, sure)])
-    return with_doubt(chosen, doubt)
+    found = np.zeros((len(names), len(names)))
+    found[np.ix_(sure, sure)] = apart + excess(mixed, best.covar[np.ix_(sure, sure)])
+    return found
 
 
 def _tells(step: FitResult, best: FitResult) -> bool:
-    """Whether a rung determines what the best one does."""
+    """Whether a candidate determines what the best one does."""
     if step.identifiability.unresolved and not best.identifiability.unresolved:
         return False
     return all(step.params[n].resolved for n, p in best.params.items() if p.vary and p.resolved and n in step.params)
 
 
-def _rung_onsets(steps: Sequence[FitResult], best: FitResult) -> tuple[Onset, ...]:
-    """Threshold speeds by group of the best rung that holds beyond the tested band, and how far its neighbours are."""
+def _candidate_onsets(steps: Sequence[FitResult], best: FitResult) -> tuple[Onset, ...]:
+    """Threshold speeds by group of the best candidate that holds beyond the tested band, and of its neighbours."""
     whole = [step for step in steps if step.model.order <= 2 and (step.success or step is best)]
     if not best.model.speed_dependent or not whole:
         return ()
@@ -237,32 +244,32 @@ _SEVERAL = 3.0  # gyroscopic effects of a plane over those of another
 
 _NEAR_NOISE = 1.5  # redchi up to which the misfit left is taken for noise that was estimated too small
 
-_FEWEST = 30  # readings of a response from which their scatter gives a level within 10 %
+_FEWEST = 30  # readings of a response from which their scatter gives their noise within 10 %
 
-_LOWEST = 1e-3  # level below which exact data, not noise, are in hand
+_LOWEST = 1e-3  # scale below which exact data, not noise, are in hand
 
 
-def level_noise(fit: FitResult) -> FitResult:
-    """The fit with the noise level of each response as its residuals have it.
+def rescale_noise(fit: FitResult) -> FitResult:
+    """The fit with the noise of each response rescaled to its residuals.
 
     Robust fits are left as they are, and so are those that the model limits: what a model misses is no noise, and
     weighing by it moves results that were right.
 
-    Alternates between levels and fit, which climbs their joint likelihood. Responses of few readings keep their level.
+    Alternates between scale and fit, which raises their joint likelihood. Responses of few readings keep their noise.
     """
     if fit.settings.loss != "linear" or fit.model_limited or (fit.noise is None and fit.redchi > _NEAR_NOISE):
         return fit
-    plain = with_levels(fit.problem, fit.settings.levels, -1)
+    plain = with_noise_scale(fit.problem, fit.settings.noise_scale, -1)
     for _ in range(5):
-        levels = _levels(plain, fit.x)
-        settled = all(abs(levels[name] / fit.settings.levels.get(name, 1.0) - 1) < 1e-3 for name in levels)
+        scale = _noise_scale(plain, fit.x)
+        settled = all(abs(scale[name] / fit.settings.noise_scale.get(name, 1.0) - 1) < 1e-3 for name in scale)
         if settled:
             break
-        fit = solve_again(fit, with_levels(plain, levels), levels=levels)
+        fit = solve_again(fit, with_noise_scale(plain, scale), noise_scale=scale)
     return fit
 
 
-def _levels(problem: Problem, x: Float) -> dict[str, float]:
+def _noise_scale(problem: Problem, x: Float) -> dict[str, float]:
     """Root mean square of the whitened residuals of each response, over the share that the fitted values leave."""
     sums: dict[str, float] = {}
     counts: dict[str, int] = {}

@@ -28,6 +28,7 @@ from rotorfit.models import RotorModel, Threshold, threshold_speed
 from rotorfit.models.angular_rates import real_number
 from rotorfit.models.array_types import Float
 from rotorfit.models.parameters import unknown_name
+from rotorfit.version import renamed
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -69,8 +70,8 @@ class FitResult:
         warnings: sentences worth reading.
         noise: what the residuals are, and what the error bars rest on; ``None`` where that was not looked into (closed
             forms, robust losses, other tests than sweeps).
-        doubt: share of ``covar`` by the doubt between the rungs of a ladder of models, shape ``(n, n)`` for the
-            fitted parameters; ``None`` for a model that was not chosen among others.
+        model_uncertainty: share of ``covar`` by the choice among candidate models, shape ``(n, n)`` for the fitted
+            parameters; ``None`` for a model that was not chosen among others.
     """
 
     model: RotorModel
@@ -95,7 +96,7 @@ class FitResult:
     identifiability: Identifiability
     warnings: tuple[str, ...]
     noise: Noise | None = None
-    doubt: Float | None = None
+    model_uncertainty: Float | None = None
     start: str = "not recorded"
 
     def __repr__(self) -> str:
@@ -120,6 +121,17 @@ class FitResult:
 
         return findings_of(self)
 
+    @property
+    def doubt(self) -> Float | None:
+        """``model_uncertainty`` under the name that it had in version 0.1.0.
+
+        Example:
+            >>> fit.model_uncertainty is None  # fit.doubt warns
+            True
+        """
+        renamed("FitResult.doubt", "model_uncertainty")
+        return self.model_uncertainty
+
     # ---- derived quantities ------------------------------------------------------------------------------------
 
     @property
@@ -135,7 +147,7 @@ class FitResult:
         """
         known = freedom_of(self.problem.blocks)
         return widening(
-            self.redchi, self.problem.loss, levelled=self.settings.levelled, nfree=self.nfree, freedom=known
+            self.redchi, self.problem.loss, rescaled=self.settings.rescaled, nfree=self.nfree, freedom=known
         )
 
     @property

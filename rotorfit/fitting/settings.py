@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 from rotorfit.estimators.misfit.losses import Loss
+from rotorfit.version import renamed
 
 if TYPE_CHECKING:
     from rotorfit.fitting.calibration import Calibration
@@ -24,11 +25,11 @@ def check_phase_offsets(given: object) -> None:
 
 @dataclass(frozen=True, kw_only=True)
 class Onset:
-    """Onset of instability as a ladder of models tells it."""
+    """Onset of instability by the best candidate model of a refinement."""
 
     speed: float  # threshold speed, rad/s
-    stderr: float  # its standard error by the rung itself, rad/s
-    difference: float  # from it to the rungs beside it, rad/s; an error of its own where the onset is extrapolated
+    stderr: float  # its standard error by the candidate itself, rad/s
+    difference: float  # from it to the candidates beside it, rad/s; an error of its own where the onset is extrapolated
     whirl_ratio: float  # whirl frequency at onset over threshold speed
 
 
@@ -74,7 +75,7 @@ class FitOptions:
 class FitSettings(FitOptions):
     """What the user asked for, and what was found out while doing it; it lays the problem out again."""
 
-    levels: Mapping[str, float] = field(default_factory=dict)
+    noise_scale: Mapping[str, float] = field(default_factory=dict)  # factor on the noise of a response, by name
     onsets: tuple[Onset, ...] = ()
     calibration: Calibration | None = None  # uncertainties that enter as nuisance entries
     noise: FoundNoise | None = None
@@ -82,9 +83,15 @@ class FitSettings(FitOptions):
     @property
     def asked(self) -> FitSettings:
         """What goes for another model of the same data too: without what the fit found for itself, and assumptions."""
-        return replace(self, levels={}, onsets=(), noise=None, assumptions={})
+        return replace(self, noise_scale={}, onsets=(), noise=None, assumptions={})
 
     @property
-    def levelled(self) -> bool:
+    def levels(self) -> Mapping[str, float]:
+        """``noise_scale`` under the name that it had in version 0.1.0."""
+        renamed("FitSettings.levels", "noise_scale")
+        return self.noise_scale
+
+    @property
+    def rescaled(self) -> bool:
         """Whether the noise was scaled to the residuals, or what runs differ by joined it."""
-        return bool(self.levels) or self.noise is not None
+        return bool(self.noise_scale) or self.noise is not None

@@ -55,7 +55,7 @@ def standard_errors(
         verdict = along_valley(problem, x, scattered, scales, verdict)
     known = freedom_of(problem.blocks)
     widening = covariance.widening(
-        goodness.redchi, problem.loss, levelled=settings.levelled, nfree=goodness.nfree, freedom=known
+        goodness.redchi, problem.loss, rescaled=settings.rescaled, nfree=goodness.nfree, freedom=known
     )
     covar = scattered * widening
     if problem.priors and widening > 1 and sandwich is None:

@@ -200,7 +200,7 @@ def _assemble(
         label=label,
         labels=labels,
         run=test.run[row],
-        told=not gaps.any(),
+        sigma_given=not gaps.any(),
     )
     if gaps.any():
         sigma[gaps] = estimate_noise(block, wrong, test.synchronous, _conditions(test, lines.number["run"])[row])[gaps]
@@ -260,7 +260,7 @@ def _observe_displacement(model: RotorModel, test: DisplacementTest, group: Inde
         labels=labels,
         run=test.run,
         imposed=True,
-        told=not np.isnan(sigma).any(),
+        sigma_given=not np.isnan(sigma).any(),
     )
     gaps = np.isnan(sigma)
     if gaps.any():

@@ -1,4 +1,4 @@
-"""Influences of weights as observations whose errors hang together."""
+"""Influences of weights as observations with correlated errors."""
 
 from __future__ import annotations
 

@@ -51,7 +51,7 @@ def data_section(material: ReportInput) -> Html:
     weights = (
         " Misfit over noise (redchi) refers to it. Weights and standard errors of this structure, the best of a "
         "refinement, follow the residuals of each response instead, which show its own noise better."
-        if fit.settings.levels
+        if fit.settings.noise_scale
         else " Weights, misfit over noise (redchi) and standard errors refer to it; the residuals of the fit have no "
         "part in it."
     )
@@ -154,9 +154,9 @@ def _equation(inner: str) -> Html:
 
 
 def refinement_section(material: ReportInput) -> Html:
-    """The ladder of structural blocks."""
-    ladder = material.refinement
-    if ladder is None:
+    """Forward selection of structural blocks."""
+    refinement = material.refinement
+    if refinement is None:
         return Html("")
     rows = [
         [
@@ -165,20 +165,20 @@ def refinement_section(material: ReportInput) -> Html:
             plain(step.redchi, 4),
             f"{step.aic:.1f}",
             _threshold_cell(step),
-            "chosen" if step is ladder.best else "",
+            "chosen" if step is refinement.best else "",
         ]
-        for step in ladder.rungs
+        for step in refinement.candidates
     ]
     words = (
         "Structural blocks that a lumped model leaves out (coupling mass, gyroscopic, damping between and within, "
-        "out-of-band modes) were tried whole, each beside those that paid. The rung of the lowest Akaike "
+        "out-of-band modes) were tried whole, each beside those that paid. The candidate of the lowest Akaike "
         "information criterion is chosen."
     )
-    if ladder.best.settings.levels:
+    if refinement.best.settings.noise_scale:
         words += (
             " The chosen model was then fitted again, each response weighted by its residuals; its row is that fit."
         )
-    if material.fit is not ladder.best:
+    if material.fit is not refinement.best:
         words += " This report is not of the chosen model."
     head = ["structure", "fitted values", "redchi", "AIC", "threshold, rpm", ""]
     return section("Structural refinement", paragraph(words), table(head, rows, numeric=(1, 2, 3, 4)))

@@ -35,8 +35,8 @@ def parameter_section(material: ReportInput) -> Html:
     """All parameters: start, optimum, standard errors."""
     fit = material.fit
     # A refined fit starts from the step before it; what the data alone gave is the start of the first step.
-    ladder = material.refinement
-    first = ladder.steps[0] if ladder is not None and fit is ladder.best else fit
+    refinement = material.refinement
+    first = refinement.steps[0] if refinement is not None and fit is refinement.best else fit
     starts = {p.name: plain(p.init_value, 6) for p in first.params.values() if p.vary}
     begin = f"start: {start_words(first)}"
     head = ["parameter", "value", "standard error", "from noise alone", "unit", begin, "meaning", ""]
@@ -48,7 +48,7 @@ def parameter_section(material: ReportInput) -> Html:
             f"They are those from the noise times √redchi = {plain(math.sqrt(fit.redchi), 3)}, because the residuals "
             "exceed the noise."
         )
-    elif fit.settings.levels:
+    elif fit.settings.noise_scale:
         notes.append("They follow the residuals of each response, where these exceed the noise.")
     if fit.noise is not None:
         notes.append(sentence(f"noise: {fit.noise.verdict.value}"))

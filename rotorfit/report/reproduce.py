@@ -54,10 +54,10 @@ def reproduce_section(material: ReportInput) -> Html:
 
 def _origin(material: ReportInput) -> tuple[FitResult, bool]:
     """The fit that was asked for, and whether the one reported is its refinement."""
-    ladder = material.refinement
-    if ladder is None or material.fit is not ladder.best:
+    refinement = material.refinement
+    if refinement is None or material.fit is not refinement.best:
         return material.fit, False
-    return ladder.steps[0], True
+    return refinement.steps[0], True
 
 
 def _source(experiment: Experiment) -> str:

@@ -66,7 +66,7 @@ def verdict_section(material: ReportInput) -> Html:
 
 def data_errors(material: ReportInput) -> tuple[str, ...]:
     """Errors of the data, those that explain the misfit first; of a refined model those of the fit before."""
-    first = material.fit if material.refinement is None else material.refinement.rungs[0]
+    first = material.fit if material.refinement is None else material.refinement.candidates[0]
     sources = [test.source or test.title for test in material.fit.experiments]
     return errors_in((*first.findings, *attributed(material.findings, sources)))
 

@@ -48,7 +48,7 @@ def write_report(
         fit: the result to report.
         path: file to write; one that is there is replaced.
         posterior: samples, :meth:`FitResult.sample`.
-        refinement: ladder of structural blocks, see :func:`rotorfit.refine`.
+        refinement: forward selection of structural blocks, see :func:`rotorfit.refine`.
         findings: what the data check found, one sequence for each experiment; by default the check is run.
         profiles: profile likelihoods of some parameters or of the threshold speed, :meth:`FitResult.profile`.
         bootstrap: fits of simulated data, :meth:`FitResult.bootstrap`.

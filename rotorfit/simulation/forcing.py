@@ -171,7 +171,7 @@ def displacement(
         displacement=radius.astype(complex),
         force_x=rig.noisy(x, sigma),
         force_y=rig.noisy(y, sigma),
-        sigma=rig.told(sigma),
+        sigma=rig.sigma_given(sigma),
         source="simulated",
     )
 
@@ -228,7 +228,7 @@ def _test(rig: VirtualRig, lines: _Lines, steady: Steady, *, off_centre: bool) -
                 "plane": np.full(sigma.size, coordinate.plane),
                 "direction": np.full(sigma.size, direction),
                 "response": rig.noisy(exact, sigma),
-                "sigma": rig.told(sigma),
+                "sigma": rig.sigma_given(sigma),
             }
             if off_centre:
                 rest = steady.mean[:, rig.seat]

@@ -39,7 +39,7 @@ def static_load(
         load=np.array([turned[k] for _, _, k in cases]),
         plane=np.array([rig.model.coordinates[c].plane for _, c, _ in cases]),
         displacement=rig.noisy(exact, sigma),
-        sigma=rig.told(sigma),
+        sigma=rig.sigma_given(sigma),
         source="simulated",
     )
 

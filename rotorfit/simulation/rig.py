@@ -88,8 +88,8 @@ class VirtualRig:
         """Phasors with independent noise of equal size in real and imaginary part."""
         return np.asarray(exact + sigma * (self.rng.normal(size=exact.size) + 1j * self.rng.normal(size=exact.size)))
 
-    def told(self, sigma: Float) -> Float:
-        """The noise as it is told to whoever fits: unknown where there is none."""
+    def sigma_given(self, sigma: Float) -> Float:
+        """The noise as it is given with the data: unknown where there is none."""
         return np.where(sigma > 0, sigma, np.nan)
 
 

@@ -43,7 +43,7 @@ def write_outcome(
     write_report(
         best,
         folder / "report.html",
-        refinement=outcome.ladder,
+        refinement=outcome.refinement,
         findings=outcome.findings,
         posterior=outcome.posterior,
         profiles=outcome.profiles,

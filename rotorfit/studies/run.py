@@ -43,11 +43,13 @@ def run_study(study: Study, progress: StudyProgress, checkpoint: Path | None = N
         calibration=calibration_of(study.calibration),
         **{option.name: getattr(study, option.name) for option in fields(FitOptions)},
     )
-    ladder = None
+    refinement = None
     if study.refine:
         progress("refining the structure")
-        ladder = refine(result)
-    outcome = Outcome(study=study, experiments=experiments, findings=findings, closed=closed, fit=result, ladder=ladder)
+        refinement = refine(result)
+    outcome = Outcome(
+        study=study, experiments=experiments, findings=findings, closed=closed, fit=result, refinement=refinement
+    )
     return _with_uncertainty(outcome, progress, checkpoint) if outcome.best.success else outcome
 
 

@@ -39,7 +39,7 @@ class Outcome:
     findings: tuple[tuple[Finding, ...], ...]  # what the data check found, file by file
     closed: FitResult | str  # the closed form, or the reason why there is none
     fit: FitResult  # the fit of the model as asked for
-    ladder: Refinement | None = None  # the structural refinement, if asked for
+    refinement: Refinement | None = None  # the structural refinement, if asked for
     posterior: Posterior | None = None  # further measures of uncertainty of the result to act on, if asked for
     profiles: tuple[Profile, ...] = ()  # further measures of uncertainty of the result to act on, if asked for
     bootstrap: Bootstrap | None = None  # further measures of uncertainty of the result to act on, if asked for
@@ -47,7 +47,7 @@ class Outcome:
     @property
     def best(self) -> FitResult:
         """The result to act on: the refined one where there is one."""
-        return self.fit if self.ladder is None else self.ladder.best
+        return self.fit if self.refinement is None else self.refinement.best
 
     @cached_property
     def data_errors(self) -> tuple[str, ...]:

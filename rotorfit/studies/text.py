@@ -39,10 +39,10 @@ def summary(outcome: Outcome, rig: str = "") -> str:
     else:
         parts.append(_comparison(outcome.closed, outcome.fit))
     parts.append(fit_table(outcome.fit))
-    if outcome.ladder is not None:
-        parts.append("structural refinement\n" + outcome.ladder.table())
-        if outcome.ladder.best is not outcome.fit:
-            parts.append(fit_table(outcome.ladder.best))
+    if outcome.refinement is not None:
+        parts.append("structural refinement\n" + outcome.refinement.table())
+        if outcome.refinement.best is not outcome.fit:
+            parts.append(fit_table(outcome.refinement.best))
     if best.settings.calibration is not None:
         parts.append(str(Budget(best, best.settings.calibration)))
     if outcome.profiles:
@@ -136,8 +136,8 @@ def _truth_table(outcome: Outcome, rig: str) -> str:
     """The fluid's parameters and the threshold speed beside those a simulated rig was made with."""
     truth = datasets.truth(rig)
     results = {"closed form": outcome.closed, "optimised": outcome.fit}
-    if outcome.ladder is not None:
-        results["refined"] = outcome.ladder.best
+    if outcome.refinement is not None:
+        results["refined"] = outcome.refinement.best
     fits = {name: fit for name, fit in results.items() if not isinstance(fit, str)}
     rows = [["", "truth", *fits, ""]]
     for name in ("D", "lam", "Mf", "K0"):

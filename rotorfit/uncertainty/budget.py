@@ -38,7 +38,7 @@ class Share:
         systematic: from calibration and other knowledge from before (type B).
         combined: root of the sum of both squares; ``stderr`` of the fit.
         sources: systematic part by source: each nuisance entry, "priors" for those of parameters, "structure" for the
-            doubt between the rungs of a ladder.
+            choice among candidate models.
     """
 
     name: str
@@ -106,17 +106,17 @@ class Budget:
             curvature = prior.terms(float(fit.x[prior.entry]))[2]
             source = names[prior.entry] if prior.entry >= first else PRIORS
             columns.setdefault(source, []).append(moved[:, prior.entry] * math.sqrt(curvature))
-        if fit.doubt is not None:
-            columns[STRUCTURE] = list(self._root(fit.doubt).T)
+        if fit.model_uncertainty is not None:
+            columns[STRUCTURE] = list(self._root(fit.model_uncertainty).T)
         return {source: np.column_stack(parts) for source, parts in columns.items()}
 
-    def _root(self, doubt: Float) -> Float:
+    def _root(self, uncertainty: Float) -> Float:
         """Changes of the estimate, one a column, whose squares add up to a covariance of the parameters."""
-        size = np.sqrt(np.diag(self.fit.covar)[: len(doubt)])
+        size = np.sqrt(np.diag(self.fit.covar)[: len(uncertainty)])
         size = np.where(size > 0, size, 1.0)
-        power, basis = np.linalg.eigh(doubt / np.outer(size, size))
-        changes = np.zeros((self.fit.x.size, len(doubt)))
-        changes[: len(doubt)] = size[:, None] * basis * np.sqrt(np.maximum(power, 0.0))
+        power, basis = np.linalg.eigh(uncertainty / np.outer(size, size))
+        changes = np.zeros((self.fit.x.size, len(uncertainty)))
+        changes[: len(uncertainty)] = size[:, None] * basis * np.sqrt(np.maximum(power, 0.0))
         return changes
 
     @cached_property

@@ -25,23 +25,23 @@ class Onsets:
 def onsets_of(fit: FitResult, theta: Float, group: int, seed: int) -> Onsets:
     """Threshold speeds of draws of one parameter group.
 
-    After refinement the ladder's rungs differ by more than the draws of one rung do, where the onset lies beyond the
+    After refinement candidates differ by more than the draws of one of them do, where the onset lies beyond the
     tested speeds or frequencies. As in :meth:`~rotorfit.FitResult.threshold_speed` that difference is an error of the
     result: extrapolated draws are scattered by it, and those whose onset lies outside the band of a model that holds in
-    the band only are drawn from the onset of the rung that holds beyond.
+    the band only are drawn from the onset of the candidate that holds beyond.
     """
     speed, whirl = threshold_speeds(fit.model, theta, band=fit.stability_band)
     ratio = whirl / np.where(speed > 0, speed, np.nan)
     found = np.isfinite(speed)
-    rung = fit.settings.onsets[group] if fit.settings.onsets else None
+    candidate = fit.settings.onsets[group] if fit.settings.onsets else None
     limited = math.isfinite(fit.stability_band)
-    if limited and rung is None and math.isnan(fit.threshold_of(group).value):
+    if limited and candidate is None and math.isnan(fit.threshold_of(group).value):
         speed = np.full_like(speed, np.nan)
-    if rung is not None:
+    if candidate is not None:
         normal = np.random.default_rng(seed).standard_normal(speed.size)
         beyond = found & is_extrapolated(fit, speed, whirl)
-        speed[beyond] += rung.difference * normal[beyond]
-        if limited and math.isfinite(rung.speed):
-            speed[~found] = rung.speed + math.hypot(rung.stderr, rung.difference) * normal[~found]
-            ratio[~found] = rung.whirl_ratio
+        speed[beyond] += candidate.difference * normal[beyond]
+        if limited and math.isfinite(candidate.speed):
+            speed[~found] = candidate.speed + math.hypot(candidate.stderr, candidate.difference) * normal[~found]
+            ratio[~found] = candidate.whirl_ratio
     return Onsets(speed=speed, whirl_ratio=ratio, note=fit.onset_note(group))

@@ -408,8 +408,8 @@ def _beyond_tests(fit: FitResult, at: Mapping[str, Any] | None) -> str:
         return note
     difference = fit.settings.onsets[group].difference * RPM_PER_RAD_S
     return (
-        f"the onset lies beyond the tests, and the interval is that of this model alone: the models beside it on the "
-        f"ladder differ by {difference:.2g} rpm, which the standard error includes"
+        f"the onset lies beyond the tests, and the interval is that of this model alone: the candidates beside it "
+        f"differ by {difference:.2g} rpm, which the standard error includes"
     )
 
 

@@ -127,9 +127,9 @@ def sample(
 
 def _refined(fit: FitResult) -> tuple[FitResult, str]:
     """The fit with the structure that AIC asks for, and a sentence on it."""
-    ladder = refine_fit(fit)
-    tried = ", ".join(structure_name(step.model) for step in ladder.steps)
-    return ladder.best, f"structure chosen by AIC: {structure_name(ladder.best.model)} (of: {tried}); "
+    refinement = refine_fit(fit)
+    tried = ", ".join(structure_name(step.model) for step in refinement.steps)
+    return refinement.best, f"structure chosen by AIC: {structure_name(refinement.best.model)} (of: {tried}); "
 
 
 def _refuse_unsampled(fit: FitResult) -> None:
@@ -156,11 +156,12 @@ def _treatment(fit: FitResult, target: LogPosterior, centre: Float) -> str:
     """What was done about noise and model-form error."""
     if not fit.model_limited:
         words = (
-            "The doubt between the rungs of the ladder, which standard errors hold, is not in these draws of one model"
+            "The uncertainty of the choice among candidate models, which standard errors hold, is not in these draws "
+            "of one model"
         )
-        doubt = "" if fit.doubt is None else f". {words}"
-        return _noise_words(fit, target, centre) + doubt
-    if fit.settings.levels:
+        choice = "" if fit.model_uncertainty is None else f". {words}"
+        return _noise_words(fit, target, centre) + choice
+    if fit.settings.noise_scale:
         advice = "bring the shaft's matrices (KnownStructure)"
     elif not why_not_refined(fit.model, fit.identifiability):
         advice = (
@@ -178,7 +179,7 @@ def _treatment(fit: FitResult, target: LogPosterior, centre: Float) -> str:
 def _noise_words(fit: FitResult, target: LogPosterior, centre: Float) -> str:
     """What was taken for the level of the noise."""
     if target.noise == "fixed":
-        if fit.settings.levels:
+        if fit.settings.noise_scale:
             return "noise of each response at the level of the residuals of the refined fit"
         if fit.settings.loss != "linear":
             return f"noise as given with the data, {fit.settings.loss} loss"
@@ -187,7 +188,7 @@ def _noise_words(fit: FitResult, target: LogPosterior, centre: Float) -> str:
         return f"noise as given with the data, standard deviations widened by {np.sqrt(target.inflation):.3g}"
     parameters = centre[None, : target.problem.space.size]
     level = np.sqrt((target.batch.channel_sums(parameters)[0] + 1.0) / target.counts)
-    level *= [fit.settings.levels.get(name, 1.0) for name in fit.problem.channel_names]
+    level *= [fit.settings.noise_scale.get(name, 1.0) for name in fit.problem.channel_names]
     how = "integrated out" if target.noise == "marginal" else "sampled"
     return (
         f"noise level of each channel unknown and {how}; at the optimum {level.min():.3g} to {level.max():.3g} "

@@ -98,7 +98,7 @@ def _record(problem: Problem, search: Search, effects: tuple[RunEffect, ...], pe
     elif search.verdict is NoiseVerdict.FOLLOWING:
         freedom = real / (1 + 2 * sum(lag**2 for lag in search.memory.lags))
     else:
-        freedom = float("inf") if data.told or search.verdict is NoiseVerdict.MISFIT else real
+        freedom = float("inf") if data.sigma_given or search.verdict is NoiseVerdict.MISFIT else real
     misses = search.verdict is NoiseVerdict.MISFIT
     differing = tuple(
         f"{told}{alone}"

@@ -56,7 +56,7 @@ class Residuals:
     prior: Float  # residuals, derivatives by the fitted vector, curvature of its priors
     y: ComplexArray  # predictions and noise, in their units
     sigma: Float  # predictions and noise, in their units
-    told: bool  # whether the noise was given with the data
+    sigma_given: bool  # whether the noise was given with the data
     channels: tuple[list[Index], ...]  # sweeps of each probe and force plane
     runs: tuple[str, ...]  # names of the runs, and the readings of each
     rows: list[Index]  # names of the runs, and the readings of each
@@ -143,7 +143,7 @@ def residuals_of(problem: Problem, x: Float) -> Residuals | None:
         prior=prior,
         y=y,
         sigma=sigma,
-        told=all(block.told for block in blocks if block is not None),
+        sigma_given=all(block.sigma_given for block in blocks if block is not None),
         channels=channels,
         runs=runs,
         rows=rows,
@@ -298,7 +298,7 @@ def search_noise(data: Residuals, *, forced: Sequence[int] = ()) -> Search:
         shapes, other = _own_noise(data, found)
         remembered = memory(found.left, found.own, found.solved.outer, data.sweeps)
     ratio = found.redchi(data.sigma)
-    verdict = _verdict(data, remembered, ratio, known=data.told or _explains(data, found, shapes))
+    verdict = _verdict(data, remembered, ratio, known=data.sigma_given or _explains(data, found, shapes))
     if verdict is not NoiseVerdict.SHAPED:
         other = data.sigma * (np.sqrt(max(1.0, ratio)) if chosen else 1.0)
         shapes = []
@@ -330,7 +330,7 @@ def _verdict(data: Residuals, remembered: Memory, ratio: float, *, known: bool) 
         return NoiseVerdict.FOLLOWING if ratio < AGREES else NoiseVerdict.MISFIT
     if not known:
         return NoiseVerdict.SHAPED
-    return NoiseVerdict.LARGER if data.told and ratio > AGREES else NoiseVerdict.AS_FOUND
+    return NoiseVerdict.LARGER if data.sigma_given and ratio > AGREES else NoiseVerdict.AS_FOUND
 
 
 def _between_runs(data: Residuals, forced: Sequence[int]) -> tuple[Float, Float]:
@@ -338,7 +338,7 @@ def _between_runs(data: Residuals, forced: Sequence[int]) -> tuple[Float, Float]
     sure, perhaps = np.zeros((2, len(data.kinds)))
     level = _PERHAPS_OF_TWO if len(data.runs) == 2 else _PERHAPS
     # Noise that was told is only ever taken larger, under which runs agree all the more.
-    if not data.kinds or (data.told and not forced and runs_agree(data.sums, level=level)):
+    if not data.kinds or (data.sigma_given and not forced and runs_agree(data.sums, level=level)):
         return sure, perhaps
     within = _leave(data, data.sigma, range(data.free), np.full(data.free, np.inf))
     sigma, ratio = _taken(data, within), within.redchi(data.sigma)
@@ -358,7 +358,7 @@ def _between_runs(data: Residuals, forced: Sequence[int]) -> tuple[Float, Float]
 
 def _own_noise(data: Residuals, found: _Left) -> tuple[list[Shape], Float]:
     """Noise by the residuals, where none was told."""
-    return ([], data.sigma) if data.told else _shapes(data, found, tuple(data.along))
+    return ([], data.sigma) if data.sigma_given else _shapes(data, found, tuple(data.along))
 
 
 def _plainly(data: Residuals, found: _Left, shapes: Sequence[Shape], remembered: Memory) -> bool:
@@ -366,7 +366,7 @@ def _plainly(data: Residuals, found: _Left, shapes: Sequence[Shape], remembered:
 
     Noise that was told, without priors, is weighed anew by one factor only.
     """
-    if data.told:
+    if data.sigma_given:
         return not data.prior.any()
     return bool(forgetful(remembered.first, remembered.z)) and _explains(data, found, shapes, GAIN / 2)
 
@@ -378,7 +378,7 @@ def forgetful(first: Float | float, z: Float | float) -> Any:
 
 def _taken(data: Residuals, found: _Left) -> Float:
     """Noise by which readings are weighed on the way: as told, but not less than residuals ask; else by their shape."""
-    if data.told:
+    if data.sigma_given:
         return np.asarray(data.sigma * np.sqrt(max(1.0, found.redchi(data.sigma))))
     return _shapes(data, found, (RESPONSE,))[1]
 
