@@ -45,6 +45,10 @@ SEEN = 3e-3
 WINDOW = 7
 """Narrow bands in which the nearest pole is looked for."""
 
+PASSES = 4
+"""Times that poles are looked for in a record without transients, whose bands are narrow: those of rough responses, and
+those of responses with the poles found before."""
+
 NEAR, NOT_INSIDE = 12.0, 0.2
 """A pole counts in a band when it is nearer to its middle than so many half-widths, and further from the axis."""
 
@@ -94,16 +98,24 @@ class LocalFit:
         return np.asarray(np.sum(np.abs(self.residual) ** 2, axis=1))
 
 
-def local_response(records: Sequence[RecordSpectra], low: float, high: float, *, degree: int = DEGREE) -> LocalResponse:
+def local_response(
+    records: Sequence[RecordSpectra], low: float, high: float, *, degree: int = DEGREE, transient: bool = True
+) -> LocalResponse:
     """Frequency response of each output to each force.
+
+    Args:
+        records: of one rotor; they share their responses.
+        low, high: band in which the forces act, rad/s.
+        degree: of the polynomials.
+        transient: whether a record has a transient; not where the rotor rests when it begins and when it ends.
 
     Returns:
         responses at ``degree + 1`` nodes a band.
     """
     inside = [(record.frequency >= low) & (record.frequency <= high) for record in records]
     fewest = min(int(np.sum(lines)) for lines in inside)
-    smooth = -(-(degree + 1) * (records[0].forces.shape[0] + len(records)) // len(records))  # unknowns in each record
-    needed = smooth + SPARE + _usually_seen(records, inside, degree)
+    smooth = -(-(degree + 1) * records[0].forces.shape[0] // len(records)) + (degree + 1) * transient  # in each record
+    needed = smooth + SPARE + (_usually_seen(records, inside, degree) if transient else 0)
     if fewest < needed:
         raise ValueError(
             f"{fewest} spectral lines lie in the tested band, {low:.4g} to {high:.4g} rad/s, {needed} are needed: the "
@@ -112,11 +124,16 @@ def local_response(records: Sequence[RecordSpectra], low: float, high: float, *,
     count = min(fewest // needed, MOST_BANDS)
     edges = np.linspace(low, high, count + 1)
     edges[-1] = np.nextafter(high, np.inf)
-    rough = _solver(records, edges, degree, np.full(count, np.nan + 0j))
-    poles = _poles([rough(k, k + 1) for k in range(count)])
-    fits = tile(count, _solver(records, edges, degree, poles))
+    poles = np.full(count, np.nan + 0j)
+    for _ in range(1 if transient else PASSES):
+        rough = _solver(records, edges, degree, poles, transient)
+        poles = _poles([rough(k, k + 1) for k in range(count)])
+    fits = tile(count, _solver(records, edges, degree, poles, transient))
     nodes = [fit.node.size for fit in fits]
-    noise = np.repeat(pooled_noise(fits), nodes, axis=1)
+    response = np.concatenate([fit.response for fit in fits], axis=2)
+    # the level of a measured force's noise is known: it is not pooled with that of neighbours that respond less
+    known = np.sqrt(records[0].force_noise) * np.abs(response[0])
+    noise = np.maximum(np.repeat(pooled_noise(fits), nodes, axis=1), known)
     leverage = np.concatenate([fit.leverage for fit in fits], axis=1)
     left = [np.full(record.outputs.shape, np.nan + 0j) for record in records]
     for fit in fits:
@@ -126,7 +143,7 @@ def local_response(records: Sequence[RecordSpectra], low: float, high: float, *,
     step = float(records[0].frequency[1] - records[0].frequency[0])
     return LocalResponse(
         frequency=np.concatenate([fit.node for fit in fits]),
-        response=np.concatenate([fit.response for fit in fits], axis=2),
+        response=response,
         sigma=noise * np.sqrt(leverage / 2)[:, None],
         noise=noise,
         width=np.repeat([step * (fit.lines[0].stop - fit.lines[0].start) for fit in fits], nodes),
@@ -169,13 +186,13 @@ def _poles(narrow: Sequence[LocalFit]) -> ComplexArray:
 
 
 def _solver(
-    records: Sequence[RecordSpectra], edges: Float, degree: int, poles: ComplexArray
+    records: Sequence[RecordSpectra], edges: Float, degree: int, poles: ComplexArray, transient: bool
 ) -> Callable[[int, int], LocalFit]:
     """A function that fits a band from one of the edges to another, with the pole nearest to its middle."""
     greatest = [np.abs(record.others).max(axis=1, initial=0.0) for record in records]
     borders = [np.searchsorted(record.frequency, edges) for record in records]
     known = (degree + 1) * records[0].forces.shape[0]
-    smooth = -(-known // len(records)) + degree + 1
+    smooth = -(-known // len(records)) + (degree + 1) * transient
 
     def solve(first: int, last: int) -> LocalFit:
         lines = tuple(slice(int(border[first]), int(border[last])) for border in borders)
@@ -186,6 +203,8 @@ def _solver(
         drive = np.vstack([_drive(r.forces[:, part], p) for r, part, p in zip(records, lines, powers, strict=True)])
         own = [
             np.hstack([p, _seen(r.others[:, part].T, p, SEEN * top, p.shape[0] - smooth - 1)])
+            if transient
+            else p[:, :0]
             for r, part, p, top in zip(records, lines, powers, greatest, strict=True)
         ]
         matrix = np.hstack([drive, _block_diagonal(own)])

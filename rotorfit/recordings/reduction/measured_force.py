@@ -7,10 +7,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from rotorfit.data.findings import Finding
 from rotorfit.models.array_types import Bool, ComplexArray, Float
 from rotorfit.recordings.reduction.reduced_record import ReducedRecord, motion_at, reduced_times
 
 if TYPE_CHECKING:
+    from rotorfit.data.experiments import PerturbationTest
     from rotorfit.estimators.signals.local_response import LocalResponse
     from rotorfit.recordings.recording import Recording
 
@@ -18,7 +20,7 @@ _LONG, _SHORT = 2.0, 0.25
 """Length of the windows of the force's spectrum in which its band and its noise are looked for, s."""
 
 _FEWEST = 8
-"""Windows that tell the noise."""
+"""Windows, half over one another, that tell the noise: those of a shorter recording are shorter."""
 
 _PIECES = 200
 """Windows at most, spread over a long recording."""
@@ -34,6 +36,9 @@ _BESIDE = 9
 
 _KNOWN = 0.2
 """How well the power of the noise is known, a share of it."""
+
+_COHERENT = 0.9
+"""Coherence below which readings are named."""
 
 _CLEAR = 0.1
 """Noise of the force over the force, in power, beyond which a line says nothing that could be trusted."""
@@ -53,14 +58,14 @@ class MeasuredForce:
         return {"circular": self.noise_x + self.noise_y, "x": 4 * self.noise_x, "y": 4 * self.noise_y}[direction]
 
 
-def look_at_force(record: Recording) -> MeasuredForce:
-    """Band and noise of a measured force.
+def look_at_force(record: Recording, *, struck: bool = False) -> MeasuredForce:
+    """Band and noise of a measured force, one of blows or another.
 
     The noise is taken for white: a force that is swept or that strikes is at each frequency only for a while, so that
     the median over time of the power there is that of the noise, and the level that of most lines.
     """
     noise = _noise(record)
-    power, step = _powers(record, _LONG)
+    power, step = _powers(record, _LONG, over_ends=struck)
     mean = power.mean(axis=0).sum(axis=0)
     if not mean.any():
         raise ValueError(f"{record.name}: the measured force is constant; is its channel the right one?")
@@ -77,29 +82,31 @@ def look_at_force(record: Recording) -> MeasuredForce:
 
 
 def _noise(record: Recording) -> Float:
-    """Density of the noise of the two channels, N^2 s, shape ``(2,)``; zero of a recording too short to tell it."""
-    power, _ = _powers(record, _SHORT)
-    if len(power) < _FEWEST:
-        return np.zeros(2)
+    """Density of the noise of the two channels, N^2 s, shape ``(2,)``."""
+    power, _ = _powers(record, min(_SHORT, record.duration / _FEWEST))
     return np.asarray(np.median(np.median(power, axis=0) / np.log(2), axis=1))  # noise is exponentially distributed
 
 
-def _powers(record: Recording, length: float) -> tuple[Float, float]:
+def _powers(record: Recording, length: float, *, over_ends: bool = False) -> tuple[Float, float]:
     """Density of the power of both channels in windows, N^2 s, shape ``(windows, 2, lines)``; rad/s between lines."""
     size = min(1 << round(np.log2(length * record.sample_rate)), record.size)
-    starts = np.linspace(0, record.size - size, min(max(record.size // size * 2, 1), _PIECES)).astype(int)
+    beyond = size // 2 if over_ends else 0  # a blow near the ends of the recording counts as others do
+    count = min(max(record.size // size * 2, 1) + 2 * over_ends, _PIECES)
+    starts = np.linspace(-beyond, record.size - size + beyond, count).astype(int)
     window = np.hanning(size)
     found = []
     for start in starts.tolist():
-        force = record.force_signal(start, start + size)
+        force = record.force_signal(max(start, 0), start + size)
         parts = np.stack([force.real, force.imag])
-        spectrum = np.fft.rfft((parts - parts.mean(axis=1, keepdims=True)) * window)
+        parts -= parts.mean(axis=1, keepdims=True)
+        place = slice(max(-start, 0), max(-start, 0) + force.size)
+        spectrum = np.fft.rfft(parts * window[place], size)
         found.append(np.abs(spectrum[:, 1 : size // 2]) ** 2)
     scale = float(np.sum(window**2)) * record.sample_rate
     return np.array(found) / scale, 2 * np.pi * record.sample_rate / size
 
 
-def reduce_measured(record: Recording) -> tuple[ReducedRecord, str, float]:
+def reduce_measured(record: Recording, *, struck: bool) -> tuple[ReducedRecord, str, float]:
     """Bring a recording with a measured force to the rate that the force needs.
 
     Returns:
@@ -107,7 +114,7 @@ def reduce_measured(record: Recording) -> tuple[ReducedRecord, str, float]:
     """
     shaft = record.shaft_angle() if record.rig.shaft is not None else None
     begin, end = (shaft.begin, shaft.end) if shaft is not None else (0.0, record.duration)
-    force_seen = look_at_force(record)
+    force_seen = look_at_force(record, struck=struck)
     reduced, part = reduced_times(record, shaft, force_seen.high, begin, end)
     force = np.asarray(reduced.reduce(record.force_signal), dtype=complex)[part]
     direction, whirl = _how_it_acts(record, force - force.mean(), reduced.rate, force_seen)
@@ -149,6 +156,31 @@ def _how_it_acts(record: Recording, force: ComplexArray, rate: float, seen: Meas
 
 def clear_of_noise(found: LocalResponse, reduced: ReducedRecord, noise: float) -> Bool:
     """Lines at which a measured force stands out of its noise, shape ``(L,)``."""
+    return np.asarray(noise < _CLEAR * _power(found, reduced))
+
+
+def _power(found: LocalResponse, reduced: ReducedRecord) -> Float:
+    """Mean power of a measured force around each line, shape ``(L,)``."""
     power = np.abs(reduced.spectrum(reduced.unit_force)) ** 2
     near = [np.abs(reduced.lines - w) <= half for w, half in zip(found.frequency, found.width / 2, strict=True)]
-    return np.array([noise < _CLEAR * np.mean(power[lines]) for lines in near], dtype=bool)
+    return np.array([np.mean(power[lines]) for lines in near])
+
+
+def coherence(test: PerturbationTest, found: LocalResponse, reduced: ReducedRecord, kept: Bool) -> Float:
+    """Share of the power of each reading that a measured force explains, shape ``(N,)``."""
+    leverage = 2 * (found.sigma[0, 0] / found.noise[0]) ** 2  # variance of a response over that of the noise
+    lines = np.tile(np.flatnonzero(kept), len(test) // int(kept.sum()))
+    explained = np.abs(test.response) ** 2 * _power(found, reduced)[lines]
+    return np.asarray(explained / (explained + 2 * test.sigma**2 / leverage[lines]))
+
+
+def coherence_note(test: PerturbationTest, coherent: Float) -> Finding:
+    """The coherence in a sentence."""
+    poor = np.abs(test.frequency[coherent < _COHERENT]) / (2 * np.pi)
+    where = f", below {_COHERENT:g} in {poor.size}, {poor.min():.3g} to {poor.max():.3g} Hz" if poor.size else ""
+    return Finding(
+        "note",
+        "coherence",
+        f"{test.run[0]}: coherence {np.median(coherent):.4f} in the median of {len(test)} readings{where}; the column "
+        "coherence has it by reading.",
+    )

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rotorfit.estimators.signals.local_response import RecordSpectra
-from rotorfit.models.array_types import ComplexArray, Float
+from rotorfit.models.array_types import Bool, ComplexArray, Float
 from rotorfit.recordings.reduction.reduced_rate import ReducedRate
 
 if TYPE_CHECKING:
@@ -91,10 +91,11 @@ class ReducedRecord:
             others=np.array(others, dtype=complex).reshape(len(others), self.lines.size),
         )
 
-    def without_orders(self) -> ReducedRecord:
+    def without_orders(self, quiet: Bool | None = None) -> ReducedRecord:
         """The record less what least squares finds of the shaft's orders in it, in both directions.
 
-        Piece by piece, so that hours need no more memory than the motion itself.
+        Looked for at all times or, under blows, at those when it is quiet, shape ``(N,)``. Piece by piece, so that
+        hours need no more memory than the motion itself.
         """
         angle = self.shaft_angle
         if angle is None:
@@ -105,6 +106,8 @@ class ReducedRecord:
         right = np.zeros((powers.size, len(self.motion)), dtype=complex)
         for piece in pieces:
             basis = np.exp(1j * powers[:, None] * angle[piece])
+            if quiet is not None:
+                basis *= quiet[piece]
             normal += basis.conj() @ basis.T
             right += basis.conj() @ np.array([z[piece] for z in self.motion.values()]).T
         amplitude = np.linalg.solve(normal, right)

@@ -13,8 +13,9 @@ from rotorfit.data.findings import Finding
 from rotorfit.data.synchronous import DIFFERENCED
 from rotorfit.estimators.signals.local_response import LocalResponse, RecordSpectra, local_response
 from rotorfit.models.array_types import Bool
+from rotorfit.recordings.reduction.blows import QUIET_SHARE, Blow, blow_findings, blows, rest_of
 from rotorfit.recordings.reduction.dwell_responses import dwell_responses, dwelling, dwells_of
-from rotorfit.recordings.reduction.measured_force import clear_of_noise, reduce_measured
+from rotorfit.recordings.reduction.measured_force import clear_of_noise, coherence, coherence_note, reduce_measured
 from rotorfit.recordings.reduction.reduced_record import ReducedRecord, reduce_record
 from rotorfit.recordings.reduction.response_rows import apart_from_orders, readings, rows, time_at
 from rotorfit.recordings.reduction.window_responses import window_responses
@@ -25,6 +26,9 @@ if TYPE_CHECKING:
     from rotorfit.recordings.rig.setup import Force
 
 Report = Callable[[Finding], None]
+
+_MANY = 3
+"""Blows whose spectrum is no smooth one, so that it is told from a transient."""
 
 DRIVEN = 3e-3
 """Information of a line over that of the median line below which it is left out: 18 times the median error."""
@@ -106,15 +110,17 @@ def _measured(record: Recording, report: Report) -> PerturbationTest:
     What the noise of its channels does to the motion that they predict is left over by the local fits, and so in sigma.
     """
     force = force_of(record)
-    reduced, direction, density = reduce_measured(record)
+    struck = blows(record)
+    reduced, direction, density = reduce_measured(record, struck=bool(struck))
     noise = density * reduced.time.size / reduced.rate  # of a line of the spectrum
-    spectra = reduced.without_orders().spectra(np.ones(1, dtype=complex), reduced.orders())
-    found = _estimated([record], [replace(spectra, force_noise=noise)], *reduced.band)
+    for finding in blow_findings(record, struck):
+        report(finding)
+    found, left_out = _forced(reduced, noise, struck, report)
     clear = _clear(reduced, found, 0, report) & clear_of_noise(found, reduced, noise)
     if not clear.any():
         raise ValueError(f"{record.name}: the measured force does not stand out of the noise of its channels")
     size = float(np.sqrt(np.mean(np.abs(reduced.unit_force) ** 2)))
-    return rows(
+    test = rows(
         readings(record, reduced.whirl, found, np.zeros(found.noise.shape)),
         clear,
         run=record.name,
@@ -125,14 +131,52 @@ def _measured(record: Recording, report: Report) -> PerturbationTest:
         attributes=record.attributes,
         force_direction=direction,
     )
+    coherent = coherence(test, found, reduced, clear)
+    report(coherence_note(test, coherent))
+    sigma = np.hypot(test.sigma, left_out * np.abs(test.response) / np.sqrt(2))
+    return replace(test, sigma=sigma, attributes={**test.attributes, "coherence": coherent})
+
+
+def _forced(
+    reduced: ReducedRecord, noise: float, struck: Sequence[Blow], report: Report
+) -> tuple[LocalResponse, float]:
+    """Responses to a force that was measured, and the share of the motion that the recording cuts off.
+
+    To one blow a smooth response and a smooth transient look alike. Where the rotor rests before the blows and after
+    them there is no transient, and the shaft's orders are those of the time when it is quiet.
+    """
+    record, unit = reduced.record, np.ones(1, dtype=complex)
+    rest = rest_of(reduced, struck) if struck else None
+    if rest is None or (rest.quiet.mean() < QUIET_SHARE and len(struck) >= _MANY):
+        spectra = reduced.without_orders().spectra(unit, reduced.orders())
+        return _estimated([record], [replace(spectra, force_noise=noise)], *reduced.band), 0.0
+    if rest.quiet.mean() < QUIET_SHARE and reduced.shaft_angle is not None:
+        raise ValueError(
+            f"{record.name}: the rotor is quiet in {rest.quiet.mean():.0%} of the {np.ptp(reduced.time):.3g} s between "
+            "the first mark of the shaft and the last, too little to tell the shaft's own orders from the blow: record "
+            "some turns before it, and until the rotor rests"
+        )
+    calm = reduced.without_orders(rest.quiet).spectra(unit, [])
+    found = _estimated([record], [replace(calm, force_noise=noise)], *reduced.band, transient=False)
+    if rest.left_out:
+        report(
+            Finding(
+                "warning",
+                "moving-at-ends",
+                f"{record.name}: the rotor moves when the recording begins or ends, by {rest.left_out:.2g} of its "
+                "motion after the blow; errors are wider by that share of each response. Record some turns before the "
+                "blow, and until the rotor rests.",
+            )
+        )
+    return found, rest.left_out
 
 
 def _estimated(
-    records: Sequence[Recording], spectra: Sequence[RecordSpectra], low: float, high: float
+    records: Sequence[Recording], spectra: Sequence[RecordSpectra], low: float, high: float, *, transient: bool = True
 ) -> LocalResponse:
     """Local responses; what is wrong is said with the names of the recordings."""
     try:
-        return local_response(spectra, low, high)
+        return local_response(spectra, low, high, transient=transient)
     except ValueError as problem:
         raise ValueError(f"{', '.join(record.name for record in records)}: {problem}") from problem
 

@@ -13,8 +13,9 @@ from rotorfit.data.experiments import RingDownTest
 from rotorfit.executors import carry_out
 from rotorfit.models.array_types import Bool, ComplexArray, Float, Index
 from rotorfit.models.parameters import unknown_name
+from rotorfit.recordings.reduction.blows import QUIET, quiet_part
 from rotorfit.recordings.reduction.reduced_rate import ReducedRate
-from rotorfit.recordings.reduction.reduced_record import ORDERS, is_pair, motion_at
+from rotorfit.recordings.reduction.reduced_record import is_pair, motion_at
 from rotorfit.recordings.reduction.rest_positions import rest_positions
 from rotorfit.recordings.signals import source_of
 
@@ -26,10 +27,6 @@ _Blow: TypeAlias = tuple[float, Float, ComplexArray, complex]
 
 HIGHEST_HZ = 200.0
 """Frequency above which nothing is of interest unless said otherwise, Hz."""
-QUIET = 0.02
-"""Time over which the motion is averaged to see a blow, s."""
-AROUND = 0.5
-"""Time about each instant whose median position is where the shaft rests, s."""
 STANDS_OUT = 6.0
 """A blow begins where that average exceeds so many times its median."""
 CONTACT = 0.01
@@ -143,16 +140,9 @@ def _blows(record: Recording, plane: str, highest_hz: float) -> Iterator[_Blow]:
     time, rate = reduced.time[part], reduced.rate
     angle = shaft.angle(time)
     z = motion_at(record, reduced, part, plane)
-    turning = [n for n in range(-ORDERS, ORDERS + 1) if n]
-    orders = np.exp(1j * np.array(turning)[:, None] * angle).T
+    found = quiet_part(z, angle, rate)
+    left, level, size, noise, quiet = found.left, found.level, found.size, found.noise, found.quiet
     width = max(int(QUIET * rate), 1)
-    quiet, level = np.ones(time.size, dtype=bool), np.zeros(time.size, dtype=complex)
-    for _ in range(3):  # blows disturb the orders, and orders hide blows
-        left = z - orders @ np.linalg.lstsq(orders[quiet], (z - level)[quiet], rcond=None)[0]
-        level = _level(left, int(AROUND * rate))
-        size = np.sqrt(np.convolve(np.abs(left - level) ** 2, np.ones(width) / width, mode="same"))
-        noise = float(np.median(size[quiet]))
-        quiet = size < 3 * noise
     loud = size > STANDS_OUT * noise
     begins = _after_quiet(np.flatnonzero(loud[1:] & ~loud[:-1]) + 1, quiet)
     if not begins:
@@ -174,11 +164,3 @@ def _after_quiet(rises: Index, quiet: Bool) -> list[int]:
         if not begins or quiet[begins[-1] : rise].any():
             begins.append(rise)
     return begins
-
-
-def _level(values: ComplexArray, width: int) -> ComplexArray:
-    """Running median: it follows where the shaft rests, jumps with a release and does not see vibration."""
-    from scipy.ndimage import median_filter
-
-    parts = (median_filter(part, max(width, 1), mode="nearest") for part in (values.real, values.imag))
-    return np.asarray(sum(factor * part for factor, part in zip((1, 1j), parts, strict=True)))
