@@ -1,12 +1,48 @@
-"""Files that are written whole or not at all."""
+"""Files that are written whole or not at all, and never over a file that the same command has read."""
 
 from __future__ import annotations
 
 import os
+import shutil
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
+from contextvars import ContextVar
 from pathlib import Path
+
+_inputs: ContextVar[set[tuple[int, int]] | None] = ContextVar("inputs", default=None)
+"""Device and inode of the files read, while these are protected."""
+
+
+@contextmanager
+def protected_inputs(paths: Iterable[Path]) -> Iterator[None]:
+    """Refuse to write over these files, and over what :func:`note_input` names, until the block ends."""
+    token = _inputs.set(set())
+    try:
+        for path in paths:
+            note_input(path)
+        yield
+    finally:
+        _inputs.reset(token)
+
+
+def note_input(path: Path) -> None:
+    """Protect a file that is being read."""
+    inputs = _inputs.get()
+    if inputs is not None and path.exists():
+        inputs.add(_identity(path))
+
+
+def refuse_input(path: Path) -> None:
+    """Raise an error if a file to write is one that was read, whatever it is called and whatever links lead to it."""
+    inputs = _inputs.get()
+    if inputs and path.exists() and _identity(path) in inputs:
+        raise FileExistsError(f"{path} is one of the files read, and would be replaced; give the output another name")
+
+
+def _identity(path: Path) -> tuple[int, int]:
+    status = path.stat()
+    return status.st_dev, status.st_ino
 
 
 @contextmanager
@@ -14,15 +50,19 @@ def whole_file(path: Path) -> Iterator[Path]:
     """A draft beside a file, of the same suffix, that takes its place when the block ends well.
 
     No reader ever sees half a file, and a failure or a kill leaves an old one as it was: the draft is on disk before
-    it is renamed.
+    it is renamed. A link keeps pointing where it does, and a file that is replaced keeps its mode.
     """
-    if not path.parent.is_dir():
+    refuse_input(path)
+    target = Path(os.path.realpath(path))
+    if not target.parent.is_dir():
         raise FileNotFoundError(f"cannot write {path}: there is no folder {path.parent}")
-    draft = path.with_name(f".{os.getpid()}-{threading.get_ident()}-{path.name}")
+    draft = target.with_name(f".{os.getpid()}-{threading.get_ident()}-{target.name}")
     try:
         yield draft
         with draft.open("rb+") as file:
             os.fsync(file.fileno())
-        os.replace(draft, path)
+        if target.exists():
+            shutil.copymode(target, draft)
+        os.replace(draft, target)
     finally:
         draft.unlink(missing_ok=True)

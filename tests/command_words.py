@@ -8,13 +8,14 @@ from pathlib import Path
 
 import rotorfit as rf
 from rotorfit.cli import main as cli
+from rotorfit.studies.folder import CONTENTS
 
 RIG = str(rf.datasets.path("rig_open.csv"))
 TRUTH = rf.datasets.truth("rig_open")
 FIT = ["fit", RIG, "--model", "whirl-whip", "--known", "K3=6000"]
 FIGURES = {"dynamic_stiffness.png", "bode.png", "polar.png", "residuals.png", "stability.png"}
 TABLES = {"summary.txt", "parameters.csv", "covariance.csv", "responses.csv"}
-WHOLE = {"report.html", "fit.json"}
+WHOLE = {"report.html", "fit.json", CONTENTS}
 FROM_VOLTS = ["demo", "--from-volts"]
 """A command of the README that tests/test_responses.py runs, and looks at what it writes."""
 SAMPLED = {"posterior.nc", "corner.png", "chains.png"}

@@ -14,6 +14,7 @@ from synthetic import circular_test
 import rotorfit as rf
 from rotorfit.cli.main import main
 from rotorfit.models import OneMode
+from rotorfit.studies.folder import CONTENTS
 
 
 @pytest.fixture(scope="module")
@@ -38,7 +39,7 @@ def test_command_line(tmp_path, capsys, small, fitted):
     assert main([*words, "--out", str(out)]) == 0
     printed = capsys.readouterr().out
     assert "radial - anti-swirl at pressure_psi" in printed
-    assert {path.name for path in out.iterdir()} == {"runs.csv", "summary.txt", "report.html", "trends.png"}
+    assert {path.name for path in out.iterdir()} == {"runs.csv", "summary.txt", "report.html", "trends.png", CONTENTS}
     rows = list(csv.DictReader((out / "runs.csv").read_text().splitlines()))
     assert [row["run"] for row in rows] == [run.name for run in fitted.runs]
     for row, run in zip(rows, fitted.runs, strict=True):
@@ -88,7 +89,7 @@ def test_trends_that_no_run_resolves_leave_no_picture(tmp_path, capsys, small):
     words = ["campaign", str(file), "--model", "one-mode", "--known", "M=1.2,Ds=8", "--against", "pressure_psi"]
     assert main([*words, "--follow", "K0", "--out", str(out)]) == 0
     assert "no run has a resolved value" in capsys.readouterr().out
-    assert {path.name for path in out.iterdir()} == {"runs.csv", "summary.txt", "report.html"}
+    assert {path.name for path in out.iterdir()} == {"runs.csv", "summary.txt", "report.html", CONTENTS}
 
 
 def test_command_line_tells_of_failed_runs(tmp_path, capsys, small):

@@ -8,7 +8,6 @@ import json
 import re
 import subprocess
 import sys
-import tempfile
 from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
 
@@ -70,7 +69,7 @@ def test_what_the_report_of_the_demo_says_to_reproduce_it_runs_in_its_folder(
 def test_figures_are_pictures_of_some_size(draw: Run, tmp_path: Path) -> None:
     from PIL import Image
 
-    assert draw(*FIT, "--out", tmp_path, "--quiet") == (0, "", "")
+    assert draw(*FIT, "--out", tmp_path, "--quiet")[:2] == (0, "")
     for name in FIGURES:
         with Image.open(tmp_path / name) as picture:
             pixels = np.asarray(picture.convert("RGBA"))
@@ -80,7 +79,10 @@ def test_figures_are_pictures_of_some_size(draw: Run, tmp_path: Path) -> None:
 
 
 def test_no_figures_leaves_tables_and_the_report(draw: Run, tmp_path: Path) -> None:
-    assert draw(*FIT, "--out", tmp_path, "--quiet", "--no-figures") == (0, "", "")
+    code, out, err = draw(*FIT, "--out", tmp_path, "--quiet", "--no-figures")
+    assert (code, out) == (0, "")
+    assert all(line.startswith("rotorfit: warning: ") for line in err.splitlines())
+    assert "redchi is 10.6" in err  # which --quiet does not hide
     assert {file.name for file in tmp_path.iterdir()} == TABLES | WHOLE
     report = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert "<img" not in report
@@ -302,14 +304,11 @@ def test_missing_file_and_bad_folder(run: Run, tmp_path: Path) -> None:
     assert (tmp_path / "file").read_text(encoding="utf-8") == "kept"
 
 
-def test_an_earlier_run_is_replaced_file_by_file(run: Run, tmp_path: Path) -> None:
-    (tmp_path / "summary.txt").write_text("old", encoding="utf-8")
-    (tmp_path / "notes.md").write_text("mine", encoding="utf-8")
-    refused(run(*FIT, "--known", "sigmma=1", "--out", tmp_path))
-    assert (tmp_path / "summary.txt").read_text(encoding="utf-8") == "old"
-    run(*FIT, "--out", tmp_path, "--quiet")
-    assert (tmp_path / "summary.txt").read_text(encoding="utf-8") != "old"
-    assert (tmp_path / "notes.md").read_text(encoding="utf-8") == "mine"
+def test_a_file_of_the_users_own_is_not_replaced(run: Run, tmp_path: Path) -> None:
+    (tmp_path / "summary.txt").write_text("mine", encoding="utf-8")
+    assert "summary.txt exists and is no result" in refused(run(*FIT, "--no-figures", "--quiet", "--out", tmp_path))
+    assert [file.name for file in tmp_path.iterdir()] == ["summary.txt"]
+    assert (tmp_path / "summary.txt").read_text(encoding="utf-8") == "mine"
 
 
 def test_a_bug_is_not_hidden_as_bad_input(run: Run, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
@@ -330,10 +329,10 @@ def test_folder_below_a_file(run: Run, tmp_path: Path) -> None:
 
 
 def test_folder_without_permission(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def forbidden(*_: object, **place: object) -> None:
-        raise PermissionError(13, "Permission denied", str(place["dir"]))
+    def forbidden(folder: Path) -> None:
+        raise PermissionError(13, "Permission denied", str(folder))
 
-    monkeypatch.setattr(tempfile, "TemporaryDirectory", forbidden)  # root may write everywhere
+    monkeypatch.setattr(Path, "mkdir", forbidden)  # root may write everywhere
     assert refused(run(*FIT, "--out", tmp_path / "out")) == (
         f"cannot write to {tmp_path}: Permission denied; give another folder"
     )

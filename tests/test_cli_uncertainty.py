@@ -102,7 +102,9 @@ def test_interrupted_sampling_goes_on(
     assert [p.name for p in out.parent.iterdir()] == ["out"]
     assert "another" in refused(run(*words, "--start", "D=450", "--known", "Mf=0.41"))
     assert list(out.iterdir()) == [checkpoint]
-    assert run(*words) == (0, "", "")
+    code, said, warned = run(*words)
+    assert (code, said) == (0, "")
+    assert all(line.startswith("rotorfit: warning: ") for line in warned.splitlines())
     assert {p.name for p in out.iterdir()} == TABLES | FIGURES | WHOLE | SAMPLED
 
 

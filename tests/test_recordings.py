@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+import shutil
 import wave
 from collections.abc import Callable
 from dataclasses import replace
@@ -15,7 +16,9 @@ from recorded import ATTRIBUTES, RATE, SETUP, motion, perturbator_angle, shaft_a
 from scipy.io import savemat, wavfile
 
 import rotorfit as rf
+from rotorfit.cli.main import main
 from rotorfit.models.array_types import Float
+from rotorfit.recordings.recording import named_apart
 
 CHANNELS = volts()
 TIME = np.arange(CHANNELS["disk_X"].size) / RATE
@@ -373,3 +376,28 @@ def test_a_perturbation_that_wanders_needs_a_mark(tmp_path: Path) -> None:
         rf.read_recording(
             write_hdf5(tmp_path / "still.h5", {**steady(TIME, 0.0), **shaft}, {}), setup
         ).perturbator_angle()
+
+
+def test_recordings_of_one_file_name_are_runs_apart(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A folder a day, each with a rec.h5: as one run their differences would enter no error bar."""
+    for day, way in (("day0", "fwd"), ("day1", "bwd")):
+        (tmp_path / day).mkdir()
+        shutil.copyfile(rf.datasets.path(f"volts_journal-{way}.h5"), tmp_path / day / "rec.h5")
+    monkeypatch.chdir(tmp_path)
+    test = rf.responses([rf.read_recording(f"{day}/rec.h5") for day in ("day0", "day1")])
+    assert test.runs == ("day0/rec", "day1/rec")
+    assert main(["look", "day0/rec.h5", "day1/rec.h5", "--plane", "disk", "--out", "figures", "--quiet"]) == 0
+    names = {file.name for file in (tmp_path / "figures").iterdir()}
+    assert {f"{day}-rec-orbit.png" for day in ("day0", "day1")} <= names
+    assert sum(name.startswith("day0") for name in names) == sum(name.startswith("day1") for name in names)
+
+
+def test_names_of_recordings_use_as_many_folders_as_they_need(tmp_path: Path) -> None:
+    files = [tmp_path / name for name in ("a/x/rec.h5", "b/x/rec.h5", "a/y/rec.h5", "a/y/rec.wav", "a/y/other.h5")]
+    for file in files:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.touch()
+    one = rf.read_recording(rf.datasets.path("volts_journal-fwd.h5"))
+    found = [record.name for record in named_apart([replace(one, path=file) for file in files])]
+    assert found == ["a/x/rec", "b/x/rec", "y/rec.h5", "rec.wav", "other"]
+    assert pickle.loads(pickle.dumps(replace(one, label="a/x/rec"))).name == "a/x/rec"

@@ -6,16 +6,23 @@ import argparse
 import json
 import math
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
 from rotorfit.cli.errors import BadInputError, sentence
+from rotorfit.data.findings import Finding, attributed, errors_in, warnings_in
 from rotorfit.studies.wording import spoken
 
 
-def give(options: argparse.Namespace, write: Callable[[Path], None], plain: Callable[[], Any], text: str) -> None:
-    """Fill the folder and print, as the options ask."""
+def give(
+    options: argparse.Namespace,
+    write: Callable[[Path], None],
+    plain: Callable[[], Any],
+    text: str,
+    warned: Iterable[str] = (),
+) -> None:
+    """Fill the folder and print, as the options ask; warnings, which the text holds, are not silenced by --quiet."""
     from rotorfit.studies.folder import complete_folder
 
     if options.out is not None:
@@ -28,6 +35,9 @@ def give(options: argparse.Namespace, write: Callable[[Path], None], plain: Call
         print(json.dumps(plain(), indent=1, allow_nan=False))
     elif not options.quiet:
         print(text + (f"\n\nwritten to {options.out}" if options.out else ""))
+    if options.quiet:
+        for warning in warned:
+            say(warning)
 
 
 def finite(value: float) -> float | None:
@@ -38,3 +48,10 @@ def finite(value: float) -> float | None:
 def say(problem: str) -> None:
     """One sentence on what is wrong, beside the answer."""
     print(f"rotorfit: {spoken(problem)}", file=sys.stderr)
+
+
+def say_findings(findings: Sequence[Iterable[Finding]], sources: Sequence[str]) -> None:
+    """Errors and warnings about data, for commands whose answer is not printed."""
+    found = attributed(findings, sources)
+    for problem in (*errors_in(found), *warnings_in(found)):
+        say(problem)

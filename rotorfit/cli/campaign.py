@@ -49,7 +49,7 @@ def run(options: argparse.Namespace) -> int:
     table = found.table(None if options.against is None else [a for a in (*options.against, options.by) if a])
     text = "\n".join([*warned, *([""] if warned else []), text])
     write = partial(_write, found, text, options)
-    give(options, write, lambda: {**_plain(found, options), "warnings": warned}, f"{table}\n\n{text}")
+    give(options, write, lambda: {**_plain(found, options), "warnings": warned}, f"{table}\n\n{text}", warned)
     if wrong:
         say(wrong)
     silent = [one.name for one in found.runs if one.silent]

@@ -19,6 +19,7 @@ def add_options(to: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Do what the command line says; returns the exit code."""
+    from rotorfit.cli.answer import say_findings
     from rotorfit.cli.errors import DONE, checked
     from rotorfit.data.experiments import PerturbationTest
     from rotorfit.data.joined import join_runs
@@ -31,8 +32,6 @@ def run(options: argparse.Namespace) -> int:
         for file in data_files(options):
             if not isinstance(file, DataFile):
                 raise ValueError(f"{file.paths[0].name} is a recording: make vectors of it first, `rotorfit vectors`")
-            if options.out.exists() and file.path.exists() and options.out.samefile(file.path):
-                raise ValueError(f"--out {options.out} is one of the files to join: give the whole another name")
             files.append(DataFile(file.path, {**file.options, "difference": False}))
         tests, _ = read_files(files, no_progress)
         for test in tests:
@@ -43,7 +42,9 @@ def run(options: argparse.Namespace) -> int:
     checked(lambda: check_target(options.out))
     test = checked(joined)
     checked(lambda: write(test, options.out))
-    if not options.quiet:
-        (whole,), (findings,) = checked(lambda: read_files([DataFile(options.out)], no_progress))
+    (whole,), (findings,) = checked(lambda: read_files([DataFile(options.out)], no_progress))
+    if options.quiet:
+        say_findings([findings], [whole.source])
+    else:
         print(f"{describe_test(whole, findings)}\n\nwritten to {options.out}")
     return DONE

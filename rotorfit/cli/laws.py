@@ -40,9 +40,8 @@ def run(options: argparse.Namespace) -> int:
     found, wrong, warned = checked(lambda: _comparison(options))
     failed = [entry for entry in found.laws if entry.fit is not None and not entry.fit.success]
     problems = [*([wrong] if wrong else []), *(f"{entry.law!r}: {entry.reason}" for entry in failed)]
-    give(
-        options, partial(_write, found), lambda: {**_plain(found), "warnings": warned}, "\n".join([str(found), *warned])
-    )
+    text = "\n".join([str(found), *warned])
+    give(options, partial(_write, found), lambda: {**_plain(found), "warnings": warned}, text, warned)
     for problem in problems:
         say(problem)
     return NOT_CONVERGED if problems else DONE

@@ -18,6 +18,7 @@ from shutil import copyfile
 from typing import TYPE_CHECKING, Any, NoReturn
 
 from rotorfit.cli import campaign, join, laws, recordings, simulate, trend, vectors
+from rotorfit.cli.answer import say
 from rotorfit.cli.arguments import (
     add_figure_format,
     add_files,
@@ -28,6 +29,7 @@ from rotorfit.cli.arguments import (
 )
 from rotorfit.cli.errors import BAD_INPUT, DONE, INTERRUPTED, NOT_CONVERGED, BadInputError, checked, sentence
 from rotorfit.cli.progress import ProgressLine
+from rotorfit.estimators.atomic_file import protected_inputs
 from rotorfit.studies.wording import in_options, spoken
 from rotorfit.version import __version__
 
@@ -47,7 +49,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if options.command is None:
         parser.print_help()
         return DONE
-    with warnings.catch_warnings():
+    given = (*getattr(options, "files", ()), getattr(options, "setup", None), getattr(options, "study", None))
+    with warnings.catch_warnings(), protected_inputs([path for path in given if path is not None]):
         warnings.showwarning = _show_warning
         return _carry_out(options)
 
@@ -121,6 +124,9 @@ def _identify(study: Study, options: argparse.Namespace, rig: str = "") -> int:
         print(summary(outcome, rig))
         if study.out:
             print(f"\nwritten to {study.out}")
+    if options.quiet:
+        for warned in outcome.warnings:
+            say(warned)
     if outcome.failure:
         print(f"rotorfit: {outcome.failure}", file=sys.stderr)
         return NOT_CONVERGED
@@ -133,7 +139,7 @@ def _work(study: Study, progress: ProgressLine, rig: str, figure_format: FigureF
     from rotorfit.studies.run import run_study
 
     keep = kept_checkpoint(study.out) if study.out and study.sample else nullcontext()
-    with complete_folder(study.out) if study.out else nullcontext() as folder, keep as checkpoint:
+    with keep as checkpoint, complete_folder(study.out) if study.out else nullcontext() as folder:
         outcome = checked(lambda: run_study(study, progress, checkpoint))
         if folder is not None:
             write_outcome(outcome, folder, progress, rig, figure_format)

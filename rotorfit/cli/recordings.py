@@ -9,6 +9,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from rotorfit.cli.answer import say_findings
 from rotorfit.cli.errors import DONE, NOT_CONVERGED, checked
 from rotorfit.cli.progress import ProgressLine
 from rotorfit.io.templates import example, kinds
@@ -61,11 +62,11 @@ def run_look(options: argparse.Namespace) -> int:
 
 
 def _look(options: argparse.Namespace) -> int:
-    from rotorfit.recordings.recording import read_recording
+    from rotorfit.recordings.recording import named_apart, read_recording
     from rotorfit.recordings.summary import summary
     from rotorfit.studies.folder import complete_folder
 
-    records = [read_recording(file, options.setup) for file in options.files]
+    records = named_apart([read_recording(file, options.setup) for file in options.files])
     for record in records:
         if options.at is not None and not 0 <= options.at <= record.duration:
             raise ValueError(f"--at {options.at:g} is not within {record.name}, 0 to {record.duration:g} s")
@@ -74,6 +75,8 @@ def _look(options: argparse.Namespace) -> int:
     texts = [summary(record) for record in records]
     if not options.quiet:
         print("\n\n".join(texts))
+    else:
+        say_findings([record.findings for record in records], [record.name for record in records])
     wrong = any(finding.severity == "error" for record in records for finding in record.findings)
     if options.out is None:
         return NOT_CONVERGED if wrong else DONE
@@ -82,7 +85,7 @@ def _look(options: argparse.Namespace) -> int:
     try:
         with complete_folder(options.out) as folder:
             for record, text in zip(records, texts, strict=True):
-                stem = f"{record.name}-" if len(records) > 1 else ""
+                stem = f"{record.name.replace('/', '-')}-" if len(records) > 1 else ""
                 left_out += _draw(record, options, folder, stem, progress)
                 (folder / f"{stem}summary.txt").write_text(text + "\n", encoding="utf-8")
     finally:

@@ -22,7 +22,7 @@ from rotorfit.data.probes import (
 from rotorfit.data.selection import Wanted, selected
 from rotorfit.data.synchronous import SPEED_TOLERANCE, group_speeds, uneven_weights
 from rotorfit.data.weights import differenced
-from rotorfit.estimators.atomic_file import whole_file
+from rotorfit.estimators.atomic_file import note_input, refuse_input, whole_file
 from rotorfit.io.cells import EXCEL
 from rotorfit.models.parameters import unknown_name
 from rotorfit.units import RAD_S_PER_RPM
@@ -172,6 +172,7 @@ def _read_raw(
 ) -> Experiment:
     """Read a file with the options of its format; those of another format are refused."""
     kind = _format(path)
+    note_input(Path(path))
     for of, options in (("uff", {**universal, "axes": universal["axes"] != "xy"}), ("csv", {**table, "on_finding": 0})):
         name = next((name for name, value in options.items() if value), None)
         if name and kind != of:
@@ -227,6 +228,7 @@ def check_target(path: str | Path) -> Path:
         raise ValueError(f"{target.name}: Excel files are read, not written; write .csv, which Excel opens")
     if not target.parent.is_dir():
         raise FileNotFoundError(f"cannot write {target}: there is no folder {target.parent}")
+    refuse_input(target)
     return target
 
 

@@ -5,7 +5,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -46,7 +47,7 @@ class Recording(Signals):
     """One run as it was recorded: signals, angles and what was found wrong. Made by :func:`read_recording`."""
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return read_recording, (self.path, self.setup)  # a worker opens the file again
+        return _opened_again, (self.path, self.setup, self.label)  # a worker opens the file again
 
     def shaft_angle(self) -> AngleTrack:
         """Angle of the shaft from its Keyphasor.
@@ -329,3 +330,29 @@ def read_recording(path: str | Path, setup: str | Path | RigSetup | None = None)
     raw = open_raw(path)
     given = setup if isinstance(setup, RigSetup) or setup is None else read_setup(setup)
     return Recording(raw=raw, rig=complete(raw, given), path=Path(path), setup=given)
+
+
+def _opened_again(path: Path, setup: RigSetup | None, label: str | None) -> Recording:
+    return replace(read_recording(path, setup), label=label)
+
+
+def named_apart(records: Recording | Sequence[Recording]) -> list[Recording]:
+    """The recordings of a test; those whose files have one name are named by as many folders as tell them apart."""
+    listed = list(records) if isinstance(records, Sequence) else [records]
+    count = Counter(record.name for record in listed)
+    return [
+        record if count[record.name] == 1 else replace(record, label=_distinct_name(record.path, listed))
+        for record in listed
+    ]
+
+
+def _distinct_name(path: Path, records: Sequence[Recording]) -> str:
+    """The shortest end of a path that no other recording's path has: with its suffix, with one folder, with two, ..."""
+    others = {record.path.resolve() for record in records} - {path.resolve()}
+    parts = path.resolve().parts
+    for length in range(1, len(parts)):
+        end = parts[-length:]
+        if not any(other.parts[-length:] == end for other in others):
+            same_folder = any(other.parent == path.resolve().parent and other.stem == path.stem for other in others)
+            return "/".join((*end[:-1], path.name if same_folder else path.stem))
+    return path.stem

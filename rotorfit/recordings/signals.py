@@ -40,11 +40,12 @@ class Signals:
     rig: Rig  # which channel is what, complete
     path: Path  # the file
     setup: RigSetup | None  # the setup it was opened with
+    label: str | None = None  # name of the run, where another recording of the test has a file of the same name
 
     @property
     def name(self) -> str:
-        """Name of the file without folder and suffix."""
-        return self.path.stem
+        """Name of the run: that of the file without folder and suffix, unless another is given."""
+        return self.label or self.path.stem
 
     @property
     def sample_rate(self) -> float:

@@ -1,38 +1,100 @@
-"""A folder for results: complete or not there, with the checkpoint of a sampling that was stopped."""
+"""A folder for results: one whole result or the one before, with the checkpoint of a sampling that was stopped."""
 
 from __future__ import annotations
 
 import os
-import tempfile
+import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from rotorfit.estimators.atomic_file import refuse_input
+
 CHECKPOINT = "posterior.checkpoint.h5"
 """File in the folder for the results from which a sampling that was stopped goes on."""
+
+CONTENTS = ".rotorfit-result"
+"""File in the folder that names the files of the result, so that others in it are left alone."""
 
 
 @contextmanager
 def complete_folder(out: Path) -> Iterator[Path]:
-    """A temporary folder whose files move into ``out`` when the block ends well; otherwise nothing is left behind."""
+    """A draft folder whose files are the result in ``out`` when the block ends well; else nothing is left behind.
+
+    A result that is there becomes ``out.previous``, in place of one of that name; files that are no result stay.
+    The folder is switched by renaming: whoever looks, or is left with it after a kill, has one result or the other.
+    """
     for above in (out, *out.parents):
         if above.exists() and not above.is_dir():
             raise NotADirectoryError(f"{above} is a file; give a folder for the results")
-    place = next(folder for folder in (out.absolute(), *out.absolute().parents) if folder.is_dir())
+    target = Path(os.path.realpath(out))
+    earlier = _result_in(target)
+    previous = target.with_name(f"{target.name}.previous")
+    if earlier:
+        _check_switch(out, target, previous)
+    place = target.parent if earlier else next(folder for folder in (target, *target.parents) if folder.is_dir())
+    draft = place / f".rotorfit-{os.getpid()}-{target.name}"
     try:  # on the file system of the folder itself, so that moving is renaming
-        temporary = tempfile.TemporaryDirectory(prefix=".rotorfit-", dir=place)
+        draft.mkdir()
     except OSError as reason:
         raise PermissionError(f"cannot write to {place}: {reason.strerror}; give another folder") from reason
-    with temporary as name:
-        yield Path(name)
-        out.mkdir(parents=True, exist_ok=True)
-        for file in sorted(Path(name).iterdir()):
-            os.replace(file, out / file.name)
+    try:
+        yield draft
+        names = sorted(file.name for file in draft.iterdir())
+        (draft / CONTENTS).write_text("\n".join(names) + "\n", encoding="utf-8")
+        for name in names:
+            refuse_input(out / name)
+            if name not in earlier and (out / name).exists():
+                raise FileExistsError(
+                    f"{out / name} exists and is no result of rotorfit, as far as {CONTENTS} says; give another folder"
+                )
+        if earlier:
+            _switch(draft, target, previous, earlier)
+        elif target.exists():
+            for name in (CONTENTS, *names):  # the list first, so that after a kill the next run knows what is its own
+                os.replace(draft / name, target / name)
+        else:
+            target.parent.mkdir(parents=True, exist_ok=True)
+            os.rename(draft, target)
+    finally:
+        shutil.rmtree(draft, ignore_errors=True)
+
+
+def _result_in(folder: Path) -> frozenset[str]:
+    """Names of the files of the result that a folder holds."""
+    contents = folder / CONTENTS
+    return frozenset(contents.read_text(encoding="utf-8").split("\n")[:-1]) if contents.is_file() else frozenset()
+
+
+def _check_switch(out: Path, target: Path, previous: Path) -> None:
+    """Refuse a result that could not be kept as the previous one, before any work."""
+    if target in (here := Path.cwd().resolve(), *here.parents) or os.path.ismount(target):
+        raise FileExistsError(
+            f"{out} holds an earlier result and is in use, so that it cannot be renamed; give another folder"
+        )
+    if previous.exists() and not _result_in(previous):
+        raise FileExistsError(f"{previous}, to which the result in {out} goes, holds something else; move it away")
+
+
+def _switch(draft: Path, target: Path, previous: Path, earlier: frozenset[str]) -> None:
+    """Put the result that is there aside and the new one in its place, and take along what is no result."""
+    shutil.copymode(target, draft)
+    if previous.exists():
+        shutil.rmtree(previous)
+    os.rename(target, previous)
+    try:
+        os.rename(draft, target)
+    except OSError:
+        os.rename(previous, target)
+        raise
+    for other in previous.iterdir():
+        if other.name not in earlier and other.name != CONTENTS:
+            os.rename(other, target / other.name)
 
 
 @contextmanager
 def kept_checkpoint(out: Path) -> Iterator[Path]:
-    """The sampler's checkpoint in ``out``: kept when the run is stopped, gone when it is complete."""
+    """The sampler's checkpoint in ``out``: kept when the run is stopped, gone when its result is written."""
     made = [folder for folder in (out, *out.parents) if not folder.exists()]
     out.mkdir(parents=True, exist_ok=True)
     path = out / CHECKPOINT

@@ -32,7 +32,7 @@ class RecordingFiles:
 
     def open(self, progress: Callable[[str], None]) -> list[Recording]:
         """The recordings, of which nothing but headings is read yet."""
-        from rotorfit.recordings.recording import read_recording
+        from rotorfit.recordings.recording import named_apart, read_recording
         from rotorfit.recordings.rig.rig_toml import read_setup
 
         setup = None if self.setup is None else read_setup(self.setup)
@@ -40,7 +40,7 @@ class RecordingFiles:
         for path in self.paths:
             progress(f"opening {path.name}")
             records.append(read_recording(path, setup))
-        return records
+        return named_apart(records)
 
     def read(
         self,

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rotorfit.data.experiments import Experiment
-from rotorfit.data.findings import Finding, attributed, error_sentence, errors_in
+from rotorfit.data.findings import Finding, attributed, error_sentence, errors_in, warnings_in
 from rotorfit.fitting.refine import Refinement
 from rotorfit.fitting.result import FitResult
 from rotorfit.options.table import StudyOptions
@@ -54,6 +54,12 @@ class Outcome:
         """Errors of the data in words, those that explain the misfit of the fit first."""
         sources = [test.source or test.title for test in self.experiments]
         return errors_in((*self.fit.findings, *attributed(self.findings, sources)))
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """The warnings of the data check and of the fit, in words."""
+        sources = [test.source or test.title for test in self.experiments]
+        return (*warnings_in(attributed(self.findings, sources)), *(f"warning: {text}" for text in self.best.warnings))
 
     @property
     def failure(self) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from importlib import import_module
 from pathlib import Path
 
+from rotorfit.estimators.atomic_file import note_input
 from rotorfit.models.parameters import unknown_name
 from rotorfit.recordings.formats.raw_file import RawFile
 
@@ -37,6 +38,7 @@ def open_raw(path: str | Path) -> RawFile:
         raise ValueError(f"{file.name}: {unknown_name('suffix of a recording', suffix, FORMATS)}")
     if not file.is_file():
         raise FileNotFoundError(2, "there is no such file", str(file))
+    note_input(file)
     raw: RawFile = import_module(f"rotorfit.recordings.formats.{FORMATS[suffix]}").open_file(file)
     if not raw.channels:
         raise ValueError(f"{file.name} holds no signals: no channel with enough samples to be a recording")

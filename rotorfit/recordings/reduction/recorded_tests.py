@@ -4,18 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
-from typing import TYPE_CHECKING
 
 from rotorfit.data.experiments import Experiment
 from rotorfit.data.findings import Finding
 from rotorfit.executors import carry_out
+from rotorfit.recordings.recording import Recording, named_apart
 from rotorfit.recordings.reduction.reductions import Report
 from rotorfit.recordings.reduction.responses import checked_responses, driven_by
 from rotorfit.recordings.reduction.ring_downs import ring_downs
 from rotorfit.recordings.reduction.static_positions import static_positions
-
-if TYPE_CHECKING:
-    from rotorfit.recordings.recording import Recording
 
 BLOWS, LOADS = "blows", "constant loads"
 
@@ -48,7 +45,7 @@ def recorded_tests(
     report = on_finding or (lambda finding: None)
     tell = progress or (lambda stage: None)
     kinds: dict[str, list[Recording]] = {}
-    for record in records:
+    for record in named_apart(records):
         kinds.setdefault(kind_of(record), []).append(record)
     tests: list[Experiment] = []
     for kind, same in kinds.items():

@@ -20,13 +20,13 @@ from rotorfit.data.synchronous import group_speeds, join
 from rotorfit.data.weights import differenced
 from rotorfit.executors import carry_out
 from rotorfit.recordings.quality import copied_recordings, spoiled
+from rotorfit.recordings.recording import Recording, named_apart
 from rotorfit.recordings.reduction.dwell_responses import dwelling
 from rotorfit.recordings.reduction.reductions import Report, force_of, reduced_responses
 from rotorfit.recordings.signals import source_of
 from rotorfit.units import RPM_PER_RAD_S
 
 if TYPE_CHECKING:
-    from rotorfit.recordings.recording import Recording
     from rotorfit.recordings.rig.setup import Force
 
 _KINDS = {"perturbator": "a perturbator", "shaft": "the shaft itself", "": "a measured force"}
@@ -92,7 +92,7 @@ def responses(
         >>> test.runs, test.planes
         (('volts_journal-fwd', 'volts_journal-bwd'), ('disk', 'journal'))
     """
-    listed = list(records) if isinstance(records, Sequence) else [records]
+    listed = named_apart(records)
     report = on_finding or (lambda finding: None)
     return checked_responses(
         listed, turns=turns, executor=executor, on_finding=report, progress=progress, checked=False

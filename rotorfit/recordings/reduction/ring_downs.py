@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 
@@ -13,14 +13,12 @@ from rotorfit.data.experiments import RingDownTest
 from rotorfit.executors import carry_out
 from rotorfit.models.array_types import Bool, ComplexArray, Float, Index
 from rotorfit.models.parameters import unknown_name
+from rotorfit.recordings.recording import Recording, named_apart
 from rotorfit.recordings.reduction.blows import QUIET, quiet_part
 from rotorfit.recordings.reduction.reduced_rate import ReducedRate
 from rotorfit.recordings.reduction.reduced_record import is_pair, motion_at
 from rotorfit.recordings.reduction.rest_positions import rest_positions
 from rotorfit.recordings.signals import source_of
-
-if TYPE_CHECKING:
-    from rotorfit.recordings.recording import Recording
 
 _Blow: TypeAlias = tuple[float, Float, ComplexArray, complex]
 """Speed, times, motion and the place where it settles."""
@@ -64,7 +62,7 @@ def ring_downs(
         >>> len(struck.runs), len(rf.ring_down_modes(struck))
         (3, 3)
     """
-    listed = list(records) if isinstance(records, Sequence) else [records]
+    listed = named_apart(records)
     columns: dict[str, list[Float]] = {name: [] for name in ("speed", "time", "x", "y")}
     runs: list[str] = []
     jobs = [

@@ -20,7 +20,7 @@ from rotorfit.estimators.signals.local_response import RecordSpectra, local_resp
 from rotorfit.estimators.signals.start_up_lines import StartUp, start_up_lines
 from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.models.combination_lines import LATERAL, TWIST, Order
-from rotorfit.recordings.recording import Recording
+from rotorfit.recordings.recording import Recording, named_apart
 from rotorfit.recordings.reduction.reduced_record import is_pair, reduce_record
 from rotorfit.recordings.reduction.response_rows import time_at
 from rotorfit.recordings.signals import source_of
@@ -77,7 +77,7 @@ def shaft_lines(
     Raises:
         ValueError: a recording without what this needs; the message says what.
     """
-    several = (records,) if isinstance(records, Recording) else tuple(records)
+    several = named_apart(records)
     if not several:
         raise ValueError("no recordings: give at least one")
     _same_weight(several)

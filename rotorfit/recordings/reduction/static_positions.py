@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,13 +13,11 @@ from numpy.typing import NDArray
 from rotorfit.data.experiments import StaticTest
 from rotorfit.data.findings import Finding
 from rotorfit.executors import carry_out
+from rotorfit.recordings.recording import Recording, named_apart
 from rotorfit.recordings.reduction.reductions import Report
 from rotorfit.recordings.reduction.rest_positions import STEADY, RestPosition, rest_positions
 from rotorfit.recordings.signals import source_of
 from rotorfit.units import RPM_PER_RAD_S
-
-if TYPE_CHECKING:
-    from rotorfit.recordings.recording import Recording
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -62,7 +60,7 @@ def static_positions(
         >>> [f"{1e6 * abs(z):.0f} um" for z in test.displacement[test.plane == "journal"]]
         ['111 um', '222 um']
     """
-    listed = list(records) if isinstance(records, Sequence) else [records]
+    listed = named_apart(records)
     if not listed:
         raise ValueError("no recordings given")
     report = on_finding or (lambda finding: None)

@@ -12,6 +12,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
+from rotorfit.estimators.atomic_file import note_input
 from rotorfit.models.parameters import unknown_name
 from rotorfit.recordings.rig.setup import (
     VECTOR_ORDERS,
@@ -210,6 +211,7 @@ _CHANNEL: dict[str, tuple[str, Reader]] = {
 def read_setup(path: str | Path) -> RigSetup:
     """Read ``rig.toml``."""
     source = Path(path).name
+    note_input(Path(path))
     try:
         content = tomllib.loads(Path(path).read_text(encoding="utf-8-sig"))
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as problem:
