@@ -18,8 +18,8 @@ from rotorfit.estimators.noise.correlation import memory, scatter
 from rotorfit.estimators.noise.noise_levels import fit_probes
 from rotorfit.estimators.noise.reading_noise import deviations_of_repeats
 from rotorfit.estimators.noise.robust_covariance import line_scatter
-from rotorfit.estimators.noise.run_effects import MixedModel, select_effects, share_alike
-from rotorfit.fitting.noise.judging import allowed_for
+from rotorfit.estimators.noise.run_effects import MixedModel, select_effects, shared_variances
+from rotorfit.fitting.noise.error_bars import shares_of_possible_effects
 from rotorfit.fitting.noise.record import NoiseVerdict, RunEffect
 from rotorfit.fitting.problem_setup import build_problem
 from rotorfit.fitting.settings import FitSettings
@@ -109,10 +109,10 @@ def test_runs_that_agree_are_seldom_allowed_to_differ_and_hardly_ever_warned_of(
     """One level for warnings, 0.5 % at most, and a laxer one for intervals: 10 % at most, with two runs 20 %."""
     fits, count = many(name), len(many(name))
     assert sum(bool(fit.noise.notable) for fit in fits) <= stats.binom.ppf(0.999, count, 0.005)
-    allowed = [fit for fit in fits if fit.noise.perhaps]
+    allowed = [fit for fit in fits if fit.noise.possible_effects]
     assert 0 < len(allowed) <= stats.binom.ppf(0.999, count, level)
     for fit in fits:
-        assert len(allowing(fit)) == bool(fit.noise.perhaps)
+        assert len(allowing(fit)) == bool(fit.noise.possible_effects)
     for fit in allowed:
         (sentence,) = allowing(fit)
         assert sentence in fit.summary()
@@ -128,12 +128,12 @@ def test_errors_allow_for_what_runs_may_differ_by():
     ones = np.ones(fit.problem.blocks[0].measured.size, dtype=complex)
     effect = RunEffect(kind="run_force", sd=sd, freedom=3.0, runs=runs, sensitivities=(ones,))
     _, J = fit.problem.jacobian(fit.x)
-    noise = replace(fit.noise, perhaps=(effect,))
-    (share,) = allowed_for(noise, fit.problem, fit.x, J, inverse_curvature(fit.problem, fit.x))
+    noise = replace(fit.noise, possible_effects=(effect,))
+    (share,) = shares_of_possible_effects(noise, fit.problem, fit.x, J, inverse_curvature(fit.problem, fit.x))
     moves = []
     for run in runs:
-        louder = replace(test, response=test.response * np.where(test.run == run, 1 + 1e-4, 1.0))
-        moves.append((rf.fit(fit.model, louder, known=FLUID).x - fit.x) / 1e-4 * sd)
+        stronger = replace(test, response=test.response * np.where(test.run == run, 1 + 1e-4, 1.0))
+        moves.append((rf.fit(fit.model, stronger, known=FLUID).x - fit.x) / 1e-4 * sd)
     # Steps are exact to first order; residuals of half a percent bend them by as much.
     np.testing.assert_allclose(np.sqrt(np.diag(share)), np.sqrt(np.sum(np.square(moves), axis=0)), rtol=0.03)
 
@@ -158,7 +158,7 @@ def test_noise_beyond_that_of_the_probes_is_no_misfit():
     assert not fit.model_limited
     assert fit.widening == 1
     assert not any("the model, not the noise" in warning for warning in fit.warnings)
-    (level,) = fit.noise.levels
+    (level,) = fit.noise.response_noise
     # 1 % along and across the response; 120 complex samples tell a level within 5 % or so.
     assert level.share == pytest.approx(0.01, rel=0.25)
     assert "noise:" in fit.summary()
@@ -224,7 +224,7 @@ def test_offsets_of_the_phase_reference_leave_the_first_run_no_exception():
 
 def test_a_fit_with_found_noise_comes_back_from_its_file(tmp_path):
     names = "force 1 % from run to run", "force jitter 1 %, probes 0.2 %", "phase 1 degree, phase_offsets=True"
-    perhaps = next(fit for fit in many("ideal: two runs") if fit.noise.perhaps)
+    perhaps = next(fit for fit in many("ideal: two runs") if fit.noise.possible_effects)
     for fit in (*(fitted(WORLDS[name], 3) for name in names), perhaps):
         fit.save(tmp_path / "fit.json")
         again = rf.load_fit(tmp_path / "fit.json")
@@ -256,8 +256,8 @@ def test_levels_of_the_noise_by_restricted_likelihood():
     assert (shape.a, shape.b) == (pytest.approx(0.3, rel=0.05), pytest.approx(0.2, rel=0.05))
     halves = np.split(rows, 2)
     assert len(fit_probes([halves], power, np.ones(4000), size**2)[0]) == 1
-    louder = np.where(rows < 2000, power, 1.5 * power)
-    assert len(fit_probes([halves], louder, np.ones(4000), size**2)[0]) == 2
+    larger = np.where(rows < 2000, power, 1.5 * power)
+    assert len(fit_probes([halves], larger, np.ones(4000), size**2)[0]) == 2
 
 
 def test_memory_of_residuals():
@@ -316,8 +316,8 @@ def test_kinds_that_explain_runs_alike_share_the_variance():
     r = complex_normal(rng, 80)
     for own, size in zip(rows, (0.25, -0.25), strict=True):
         r[own] -= one[own, 0] * size
-    shared = share_alike(MixedModel.of(r, J, np.hstack([one, one, other]), rows, np.zeros(2)))
-    alone = share_alike(MixedModel.of(r, J, one, rows, np.zeros(2)))
+    shared = shared_variances(MixedModel.of(r, J, np.hstack([one, one, other]), rows, np.zeros(2)))
+    alone = shared_variances(MixedModel.of(r, J, one, rows, np.zeros(2)))
     assert shared[:2] == pytest.approx([alone[0] / 2] * 2)
     assert shared[2] < 0.1 * alone[0]
 

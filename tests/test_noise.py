@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy.stats import bartlett, chi2
+from scipy.stats import bartlett
 from synthetic import TYPICAL, circular_test, covering_frequencies
 
-from rotorfit.estimators.noise.noise_levels import _no_chance
 from rotorfit.estimators.noise.reading_noise import (
     FLOOR,
     deviations_of_repeats,
@@ -101,13 +100,6 @@ def test_repeated_readings_of_one_run_stand_on_lines_of_their_own():
     twice = test.select(np.r_[np.arange(len(test)), np.arange(len(test))])
     block = observed(twice, model)
     assert block.speed.size == 2 * observed(test, model).speed.size
-
-
-@pytest.mark.parametrize("freedom", [1, 2, 6, 30])
-def test_levels_are_kept_apart_where_chi_squared_says_so(freedom):
-    """What mean and Chernoff's bound answer early is what the distribution answers."""
-    gains = np.linspace(0.05, 6, 80) * freedom + np.linspace(0, 12, 80)
-    assert [_no_chance(gain, freedom) for gain in gains] == (chi2.sf(gains, freedom) < 0.01).tolist()
 
 
 def test_variances_of_two_sweeps_are_compared_as_scipy_does():

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 import rotorfit as rf
+from rotorfit.fitting.noise.record import NoiseVerdict
 
 SAVED = Path(__file__).parent / "data" / "saved-0.1.0"
 EXPECTED = json.loads((SAVED / "expected.json").read_text(encoding="utf-8"))
@@ -38,6 +39,14 @@ def test_found_noise_of_version_0_1_0_is_read() -> None:
     (effect,) = fit.settings.noise.effects
     assert effect.kind == "run_force"
     assert effect.sd == EXPECTED["found_noise"]["sd"]
+    assert fit.noise is not None
+    assert fit.noise.verdict is NoiseVerdict.AS_FOUND
+    assert fit.noise.between == (("run_force", effect.sd),)
+    assert fit.noise.notable[0] in fit.noise.sentences
+    with pytest.warns(DeprecationWarning, match="possible_effects"):
+        assert fit.noise.perhaps == ()
+    with pytest.warns(DeprecationWarning, match="response_noise"):
+        assert fit.noise.levels == ()
 
 
 def test_a_posterior_of_version_0_1_0_is_read() -> None:

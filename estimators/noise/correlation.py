@@ -11,11 +11,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rotorfit.estimators.noise.run_effects import powers
+from rotorfit.estimators.noise.run_effects import powers, real_rows
 from rotorfit.models.array_types import ComplexArray, Float, Index
 
-_LAGS = 12
-"""Longest distance, in lines, over which neighbours are looked at; and never more than a third of a sweep."""
+_LONGEST_LAG = 12
+"""Distance, in lines, up to which neighbours are looked at, and never more than a third of a sweep: filters of an
+analyser overlap over two or three lines."""
+
+_LAG_BY_CHANCE = 2.0
+"""Standard deviations up to which a correlation is chance: by the normal distribution in 95 % of the lags."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -27,54 +31,29 @@ class Memory:
     lags: tuple[float, ...]  # correlations at distances 1, 2, ... up to the first that chance explains
 
 
-def memory(r: ComplexArray, own: ComplexArray, outer: Float, sweeps: Sequence[Index]) -> Memory:
-    """Correlation along sweeps."""
-    shortest = min((rows.size for rows in sweeps), default=0)
-    products = _Products.of(r, own.T, outer, sweeps)
-    total = float(products.total)
+def memory(r: ComplexArray, sensitivities: ComplexArray, outer: Float, sweeps: Sequence[Index]) -> Memory:
+    """Correlation along sweeps of residuals of a fit with these sensitivities and covariance ``outer``."""
+    order = np.concatenate(sweeps)
+    number = np.repeat(np.arange(len(sweeps)), [rows.size for rows in sweeps])
+    along, own = r[order], real_rows(sensitivities[order])
+    # A fit takes its share of every reading and makes neighbours oppose one another a little.
+    moved = np.mean(np.abs(r) ** 2) / 2 * (outer @ own)
+    total = float(np.sum(np.abs(along) ** 2) + np.sum(own * moved))
     found: list[float] = []
     z = 0.0
-    for lag in range(1, max(1, min(_LAGS, shortest // 3)) + 1):
-        amount, chance = (float(value) for value in products.at(lag))
+    for lag in range(1, max(1, min(_LONGEST_LAG, min(rows.size for rows in sweeps) // 3)) + 1):
+        same = number[lag:] == number[:-lag]
+        product = (along[lag:] * along[:-lag].conj()).real * same
+        amount = float(product.sum() + powers(moved[:, 2 * lag :], own[:, : -2 * lag]) @ same)
+        chance = float(np.sqrt(np.sum(product**2)))
         if lag == 1:
             z = amount / chance if chance > 0 else 0.0
-        if amount < 2 * chance:
-            found += [amount / total] if lag == 1 and total > 0 else []
+            found.append(amount / total if total > 0 else 0.0)
+        if amount < _LAG_BY_CHANCE * chance:
             break
-        found.append(amount / total)
-    return Memory(first=found[0] if found else 0.0, z=z, lags=tuple(found) if z > 2 else ())
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class _Products:
-    """Readings in the order of the sweeps, along the last axis."""
-
-    number: Index  # sweep of each
-    along: ComplexArray  # residuals
-    ours: Float  # sensitivities, and these times the covariance of the residuals' fit
-    moved: Float  # sensitivities, and these times the covariance of the residuals' fit
-    total: Float  # sum of the squares of all residuals, what the fit took of them made good
-
-    @classmethod
-    def of(cls, r: ComplexArray, rows: ComplexArray, outer: Float, sweeps: Sequence[Index]) -> _Products:
-        """The readings that :func:`memory` is asked about."""
-        order = np.concatenate(sweeps) if sweeps else np.zeros(0, dtype=np.intp)
-        number = np.repeat(np.arange(len(sweeps)), [part.size for part in sweeps])
-        along = r[..., order]
-        ours = np.take(rows, order, axis=-1).view(float)
-        power = np.mean(np.abs(r) ** 2, axis=-1)[..., None, None] / 2
-        # A fit takes its share of every reading and makes neighbours oppose one another a little.
-        moved = power * (outer @ ours)
-        total = np.sum(np.abs(along) ** 2, axis=-1) + np.einsum("...pr,...pr->...", ours, moved)
-        return cls(number=number, along=along, ours=ours, moved=moved, total=np.asarray(total))
-
-    def at(self, lag: int) -> tuple[Float, Float]:
-        """Sum of the products of readings a number of lines apart, and its standard deviation by chance."""
-        same = self.number[lag:] == self.number[:-lag]
-        product = (self.along[..., lag:] * self.along[..., :-lag].conj()).real * same
-        brought = powers(self.moved[..., 2 * lag :], self.ours[..., : -2 * lag])
-        amount = product.sum(axis=-1) + brought @ same
-        return np.asarray(amount), np.asarray(np.sqrt(np.sum(product**2, axis=-1)))
+        if lag > 1:
+            found.append(amount / total)
+    return Memory(first=found[0], z=z, lags=tuple(found) if z > _LAG_BY_CHANCE else ())
 
 
 def scatter(own: ComplexArray, sweeps: Sequence[Index], lags: Sequence[float]) -> Float:

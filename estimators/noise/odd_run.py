@@ -9,13 +9,13 @@ import numpy as np
 from rotorfit.estimators.noise.run_effects import real_rows
 from rotorfit.models.array_types import ComplexArray, Float, Index
 
-_FEWEST = 3
-"""Runs of which one can be told from the rest."""
-_ALONE = 3.0
-"""Times by which the misfit must fall without a run."""
-_NEXT = 1.5
+_FEWEST_RUNS = 3
+"""Of two runs either may be the odd one."""
+_MISFIT_FALLS = 3.0
+"""Times by which the misfit must fall without the run: far beyond the scatter of redchi."""
+_MISFIT_FALLS_WITHOUT_ANOTHER = 1.5
 """Times by which it may fall without any other."""
-_FOLLOW = 0.5
+_RUN_CORRELATION = 0.5
 """Correlation of neighbouring residuals of that run, from which they are no scatter."""
 
 
@@ -39,15 +39,15 @@ def odd_run(
     r: ComplexArray, J: ComplexArray, prior: Float, runs: Sequence[Index], sweeps: Sequence[Index]
 ) -> tuple[int, float] | None:
     """Number of the one run without which a fit would be another, and what it would then leave; None where none is."""
-    if len(runs) < _FEWEST:
+    if len(runs) < _FEWEST_RUNS:
         return None
     now = float(np.vdot(r, r).real) / max(2 * r.size - prior.size, 1)
     left = misfit_without(r, J, prior, runs)
     first, second = np.argsort(left)[:2].tolist()
-    if left[first] * _ALONE > now or left[second] * _NEXT < now:
+    if left[first] * _MISFIT_FALLS > now or left[second] * _MISFIT_FALLS_WITHOUT_ANOTHER < now:
         return None
-    # A slip of a whole run leaves residuals that follow one another; one that jitters more than others is but noisy.
+    # An error of a whole run leaves residuals that follow one another; one that jitters more than others is but noisy.
     own = [sweep for sweep in sweeps if np.isin(sweep[0], runs[first])]
     along = sum(float(np.vdot(r[sweep[:-1]], r[sweep[1:]]).real) for sweep in own)
     power = sum(float(np.vdot(r[sweep], r[sweep]).real) for sweep in own)
-    return (first, float(left[first])) if along > _FOLLOW * power else None
+    return (first, float(left[first])) if along > _RUN_CORRELATION * power else None

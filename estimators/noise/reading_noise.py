@@ -5,6 +5,8 @@ The fit's own residuals are never used: they would hide a model that does not fi
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from rotorfit.models.array_types import ComplexArray, Float, Index
@@ -12,55 +14,60 @@ from rotorfit.models.array_types import ComplexArray, Float, Index
 FLOOR = 1e-9
 """Smallest noise, as a fraction of a channel's rms amplitude: exact data would otherwise weigh infinitely."""
 
+LINES_OF_A_LEVEL = 8
+"""Lines from which a sweep can have a noise of its own: 16 squares give its variance within a third."""
 
-_CLEARLY = 0.8  # how much tighter proportional noise must fit to be preferred; else the amplitude hardly varies
-_SINGULAR = 1e-13  # columns of a window depend on each other below it
-_OUTLIERS = 2.0  # mean over median-based power; noise alone exceeds this in 30 samples about once in 10^3
+P_OWN_LEVEL = 0.01
+"""Probability of giving sweeps noise of their own although they share it."""
+
+_SPREAD_OF_PROPORTIONAL = 0.8
+"""Spread of the logarithm of proportional noise over that of constant noise below which it is preferred; else the
+amplitude hardly varies."""
+_SINGULAR = 1e-13
+"""Relative size of a window's columns below which they depend on each other: round-off of their triangles."""
+_MEAN_OVER_MEDIAN = 2.0
+"""Mean over median-based power from which there are outliers: noise alone exceeds it in 30 samples once in 1000."""
+_SAMPLES_OF_A_MEDIAN = 30
 
 
-def noise_from_samples(noise: ComplexArray, amplitude: ComplexArray, sizes: Index | None = None) -> Float:
+def noise_from_samples(noise: ComplexArray, amplitude: ComplexArray, sizes: Sequence[int] | None = None) -> Float:
     """Noise level of a channel from pure-noise samples that have the same distribution as its noise.
 
     Two shapes of noise compete: constant over the sweep (probe and cable), and proportional to the
-    amplitude (gain flutter).
+    amplitude (gain flutter). Samples of several sweeps follow one another, ``sizes`` counts those of each.
 
     Returns:
-        standard deviation of the real part and of the imaginary part, shape ``(..., L)``.
+        standard deviation of the real part and of the imaginary part, shape ``(L,)``.
     """
     size = np.abs(amplitude)
-    floor = FLOOR * np.sqrt((size * size).mean(axis=-1, keepdims=True))
+    floor = FLOOR * float(np.sqrt(np.mean(size * size)))
     constant = _level(noise)
-    found = np.asarray(np.maximum(constant, floor).repeat(size.shape[-1], axis=-1))
-    judged = (constant > floor) & size.all(axis=-1, keepdims=True)
-    if size.shape[-1] < 8 or not judged.any():
+    found = np.full(size.size, max(constant, floor))
+    if size.size < LINES_OF_A_LEVEL or constant <= floor or not size.all():
         return found
-    if not judged.all():
-        size = np.where(judged, size, 1.0)
     # The right shape makes |noise| / shape identically distributed, the wrong one spreads its logarithm; few outliers
     # weigh the same in both.
     safe = np.maximum(np.abs(noise), floor)
-    parts = np.array([size.shape[-1]]) if sizes is None else sizes
-    grows = judged & (_spread_within(np.log(safe / size), parts) < _CLEARLY * _spread_within(np.log(safe), parts))
-    return np.where(grows, np.maximum(_level(noise / size) * size, floor), found) if grows.any() else found
+    ends = np.cumsum(sizes or [size.size])
+    if _spread_within(np.log(safe / size), ends) < _SPREAD_OF_PROPORTIONAL * _spread_within(np.log(safe), ends):
+        return np.asarray(np.maximum(_level(noise / size) * size, floor))
+    return found
 
 
-def _spread_within(values: Float, sizes: Index) -> Float:
-    """Sum of squared deviations from the means of the sweeps, shape ``(..., 1)`` of ``(..., L)``."""
-    mean = np.add.reduceat(values, sizes.cumsum() - sizes, axis=-1) / sizes
-    away = values - mean.repeat(sizes, axis=-1)
-    return np.asarray((away * away).sum(axis=-1, keepdims=True))
+def _spread_within(values: Float, ends: Index) -> float:
+    """Sum of squared deviations from the means of the sweeps."""
+    return sum(float(np.sum((own - own.mean()) ** 2)) for own in np.split(values, ends[:-1]))
 
 
-def _level(noise: ComplexArray) -> Float:
-    """Standard deviation of real and imaginary part, shape ``(..., 1)``; the median's where gross outliers inflate the
-    mean square."""
+def _level(noise: ComplexArray) -> float:
+    """Standard deviation of real and imaginary part; the median's where gross outliers inflate the mean square."""
     power = np.abs(noise) ** 2
     # |noise|^2 of a complex Gaussian is exponential: mean 2 sigma^2, median 2 sigma^2 ln 2.
-    mean = power.mean(axis=-1, keepdims=True) / 2
-    if power.shape[-1] < 30:
-        return np.asarray(np.sqrt(mean))
-    median = np.median(power, axis=-1)[..., None] / (2 * np.log(2))
-    return np.asarray(np.sqrt(np.where(mean > _OUTLIERS * median, median, mean)))
+    mean = float(np.mean(power)) / 2
+    if power.size < _SAMPLES_OF_A_MEDIAN:
+        return float(np.sqrt(mean))
+    median = float(np.median(power)) / (2 * np.log(2))
+    return float(np.sqrt(median if mean > _MEAN_OVER_MEDIAN * median else mean))
 
 
 def noise_from_smoothness(frequency: Float, response: ComplexArray) -> Float:

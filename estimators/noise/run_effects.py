@@ -1,4 +1,4 @@
-"""What differs from run to run and is the same within one: a mixed linear model about a fit.
+"""Random effects of runs, each the same within one run: a mixed linear model about a fit.
 
 ``residual = -J dx - Z b + noise``: J the sensitivity to the fitted values, Z that of each run to errors of its own
 (force, phase reference, speed label, fluid), b normal with one variance for each kind. The variances are found by
@@ -9,44 +9,25 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 
 from rotorfit.models.array_types import ComplexArray, Float, Index
 
-_NULL = 1e-9
-"""Share of a run's sensitivity below which one kind is a combination of the others."""
+_COLLINEAR = 1e-9
+"""Share of a run's sensitivity, in power, below which one kind is a combination of the others: round-off of sums."""
 
-_ALIKE = 1.5
-"""Log likelihood below that of the best kind within which another may be the one as well: weights from a fifth up."""
+_LIKELIHOOD_OF_ALTERNATIVES = 1.5
+"""Log likelihood below that of the best kind within which another is possible: its weight is a fifth, exp(-1.5)."""
 
-_LARGEST = 0.3
-"""Largest standard deviation of an effect that is looked for, relative: beyond it linearisation means nothing."""
+_LARGEST_SD = 0.3
+"""Largest relative standard deviation of an effect: the square that linearisation neglects is then a tenth."""
 
+_SMALLEST_SD = 0.03
+"""Smallest standard deviation tried, over the error of one run's own effect: it adds a thousandth to the variance."""
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Common:
-    """Sums over all readings: what the fit is without any effects of runs."""
-
-    information: Float  # ``J^T J`` and the curvature of the priors, shape ``(p, p)``
-    gradient: Float  # ``J^T r``, shape ``(p,)``
-    square: float  # ``r^T r``
-
-    @cached_property
-    def outer(self) -> Float:
-        """Covariance of the fitted values, shape ``(p, p)``."""
-        return inverse_of_determined(self.information)
-
-    @cached_property
-    def step(self) -> Float:
-        """Step to the optimum, shape ``(p,)``."""
-        return -self.outer @ self.gradient
-
-    @property
-    def left(self) -> float:
-        """What remains of the square there."""
-        return self.square + float(self.gradient @ self.step)
+_SD_PRECISION = 0.02
+"""Relative precision of a standard deviation: of ten runs it is known within a quarter."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -56,7 +37,9 @@ class MixedModel:
     gram: Float  # ``Z^T Z`` of each run, shape ``(n_runs, k, k)``
     cross: Float  # ``Z^T J`` of each run, shape ``(n_runs, k, p)``
     moment: Float  # ``Z^T r`` of each run, shape ``(n_runs, k)``
-    common: Common  # sums over all of them
+    information: Float  # ``J^T J`` of all readings and the curvature of the priors, shape ``(p, p)``
+    gradient: Float  # ``J^T r`` of all readings, shape ``(p,)``
+    square: float  # ``r^T r`` of all readings
 
     @classmethod
     def of(cls, r: ComplexArray, J: ComplexArray, Z: ComplexArray, runs: Sequence[Index], prior: Float) -> MixedModel:
@@ -66,68 +49,44 @@ class MixedModel:
         whole = stacked[k:-1] @ stacked[k:].T
         parts = np.array([part[:k] @ part.T for part in (_of_run(stacked, rows) for rows in runs)])
         parts = parts.reshape(len(runs), k, k + p + 1)
-        information, square = whole[:, :-1] + np.diag(prior), float(np.vdot(r, r).real)
-        common = Common(information=information, gradient=whole[:, -1], square=square)
-        return cls(gram=parts[:, :, :k], cross=parts[:, :, k:-1], moment=parts[:, :, -1], common=common)
-
-    def louder(self, factor: float, prior: Float) -> MixedModel:
-        """The model under noise that is larger by a factor; the curvature of the priors stays."""
-        if factor == 1:
-            return self
-        less, common = factor**-2, self.common
-        common = Common(
-            information=common.information * less + np.diag(prior) * (1 - less),
-            gradient=common.gradient * less,
-            square=common.square * less,
+        return cls(
+            gram=parts[:, :, :k],
+            cross=parts[:, :, k:-1],
+            moment=parts[:, :, -1],
+            information=whole[:, :-1] + np.diag(prior),
+            gradient=whole[:, -1],
+            square=float(np.vdot(r, r).real),
         )
-        return MixedModel(gram=self.gram * less, cross=self.cross * less, moment=self.moment * less, common=common)
 
-    def part(self, kinds: Sequence[int]) -> MixedModel:
+    def part(self, kinds: Sequence[int] | Index) -> MixedModel:
         """The model with some of the kinds only."""
         k = list(kinds)
         return replace(self, gram=self.gram[:, k][:, :, k], cross=self.cross[:, k], moment=self.moment[:, k])
 
-    @property
-    def rows(self) -> int:
-        """Number of fitted values."""
-        return self.common.gradient.size
-
     def _inner(self, variance: Float) -> Float:
         """``(Z^T Z + 1/variance)^-1`` of each run, infinite variances for effects that are free."""
         free = np.isinf(variance)
-        curvature = np.diag(np.where(free, 0.0, 1 / np.where(free, 1.0, variance)))
-        matrix = self.gram + curvature
-        if not free.any():
-            return np.asarray(np.linalg.inv(matrix))
-        return inverse_of_determined(matrix, _NULL)
+        matrix = self.gram + np.diag(np.where(free, 0.0, 1 / np.where(free, 1.0, variance)))
+        return inverse_of_determined(matrix, _COLLINEAR) if free.any() else np.asarray(np.linalg.inv(matrix))
 
-    def solve(self, variance: Float) -> Solved:
-        """Step to the optimum with effects of given variances, and what remains of the square."""
-        if not variance.size:
-            return self._alone()
-        inner, common = self._inner(variance), self.common
+    def solve(self, variance: Float) -> MixedSolution:
+        """Step to the optimum with effects of given variances."""
+        inner = self._inner(variance)
         onto = inner @ self.cross
-        matrix = common.information - np.einsum("ikp,ikq->pq", self.cross, onto)
-        slope = common.gradient - np.einsum("ikp,ik->p", onto, self.moment)
+        matrix = self.information - np.einsum("ikp,ikq->pq", self.cross, onto)
+        slope = self.gradient - np.einsum("ikp,ik->p", onto, self.moment)
         outer = inverse_of_determined(matrix)
         step = -outer @ slope
         own = -np.einsum("ikl,il->ik", inner, self.moment + self.cross @ step)
-        quadratic = (
-            common.square - float(np.einsum("ik,ikl,il->", self.moment, inner, self.moment)) - slope @ outer @ slope
-        )
-        return Solved(inner=inner, onto=onto, outer=outer, matrix=matrix, step=step, own=own, square=float(quadratic))
-
-    def _alone(self) -> Solved:
-        """The step where no effects are looked for."""
-        count, common = len(self.gram), self.common
-        return Solved(
-            inner=np.zeros((count, 0, 0)),
-            onto=np.zeros((count, 0, self.rows)),
-            outer=common.outer,
-            matrix=common.information,
-            step=common.step,
-            own=np.zeros((count, 0)),
-            square=common.left,
+        explained = np.einsum("ik,ikl,il->", self.moment, inner, self.moment) + slope @ outer @ slope
+        return MixedSolution(
+            inner=inner,
+            onto=onto,
+            outer=outer,
+            matrix=matrix,
+            step=step,
+            own=own,
+            square=self.square - float(explained),
         )
 
     def log_likelihood(self, variance: Float) -> float:
@@ -144,18 +103,18 @@ class MixedModel:
         """
         from scipy.special import gammaincc  # late: loading it takes longer than a fit
 
-        outer = self.common.outer
+        outer = inverse_of_determined(self.information)
         C, own = np.swapaxes(self.cross, 0, 1), np.einsum("ikk->ki", self.gram)
-        size = np.sqrt(np.where(own > 0, own, 1.0))  # runs count alike
+        size = np.sqrt(np.where(own > 0, own, 1.0))  # every run has the same weight
         S = -(C @ outer @ np.swapaxes(C, 1, 2))
         np.einsum("kii->ki", S)[:] += own
         S /= size[:, :, None] * size[:, None, :]
-        score = (self.moment.T + C @ self.common.step) / size
+        score = (self.moment.T - C @ (outer @ self.gradient)) / size
         mean, variance = np.einsum("kii->k", S), np.sum(S**2, axis=(1, 2))
-        blind = mean <= _NULL * own.shape[1]
+        blind = mean <= _COLLINEAR * own.shape[1]
         over = np.where(blind, 0.0, mean) / np.where(blind, 1.0, variance)
-        told = gammaincc(np.where(blind, 1.0, mean * over / 2), np.sum(score**2, axis=1) * over / 2)
-        return np.where(blind, 1.0, told)
+        p = gammaincc(np.where(blind, 1.0, mean * over / 2), np.sum(score**2, axis=1) * over / 2)
+        return np.where(blind, 1.0, p)
 
     def freedom(self, variance: Float) -> Float:
         """Degrees of freedom that each estimated variance has, at least two (one for two runs), shape ``(k,)``.
@@ -165,79 +124,64 @@ class MixedModel:
         solved = self.solve(variance)
         found = []
         for kind, own in enumerate(variance):
-            # What is left of b by its estimate: own - var(b | data) is the share that the data tell.
+            # Of b's variance, own, the data leave var(b | data): the rest is what they determine.
             C = solved.onto[:, kind]
             left = np.diag(solved.inner[:, kind, kind]) + C @ solved.outer @ C.T
-            told = np.eye(len(left)) - left / own
-            found.append(max(float(np.sum(told**2)), min(2.0, len(left) - 1.0)))
+            determined = np.eye(len(left)) - left / own
+            found.append(max(float(np.sum(determined**2)), min(2.0, len(left) - 1.0)))
         return np.array(found)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Solved:
+class MixedSolution:
     """Estimates with effects of given variances."""
 
-    inner: Float  # ``(Z^T Z + 1/variance)^-1`` of each run, and that times ``Z^T J``
-    onto: Float  # ``(Z^T Z + 1/variance)^-1`` of each run, and that times ``Z^T J``
-    outer: Float  # covariance of the fitted values, effects included, and its inverse
-    matrix: Float  # covariance of the fitted values, effects included, and its inverse
+    inner: Float  # ``(Z^T Z + 1/variance)^-1`` of each run
+    onto: Float  # that times ``Z^T J``
+    outer: Float  # covariance of the fitted values, effects included
+    matrix: Float  # its inverse
     step: Float  # change of the fitted values
     own: Float  # effects of each run, shape ``(n_runs, k)``
     square: float  # what remains of ``r^T r``, the effects' own squares included
 
-    def rest(self, r: ComplexArray, J: ComplexArray, Z: ComplexArray, runs: Sequence[Index]) -> Rest:
-        """What the step and the effects leave."""
-        count = r.size
-        left = r.view(float) + self.step @ real_rows(J)
-        own, leverage = real_rows(J), np.zeros(count)
+    def residuals(self, r: ComplexArray, J: ComplexArray, Z: ComplexArray, runs: Sequence[Index]) -> Residuals:
+        """Residuals after the step, effects taken out."""
+        own = real_rows(J)
+        left, leverage = r.view(float) + self.step @ own, np.zeros(r.size)
         if Z.shape[1]:
-            own, effects = own.copy(), real_rows(Z)
+            effects, left_parts, own_parts = real_rows(Z), left.reshape(-1, 2), own.reshape(len(own), -1, 2)
             for rows, value, onto, inner in zip(runs, self.own, self.onto, self.inner, strict=True):
                 mine = _of_run(effects, rows)
-                columns = _columns(rows)
-                left[columns] += value @ mine
-                own[:, columns] -= onto.T @ mine
-                leverage[_span(rows)] = powers(inner @ mine, mine)
+                left_parts[rows] += (value @ mine).reshape(-1, 2)
+                own_parts[:, rows] -= (onto.T @ mine).reshape(len(own), -1, 2)
+                leverage[rows] = powers(inner @ mine, mine)
         leverage += powers(self.outer @ own, own)
-        return Rest(residuals=left.view(complex), own=own.view(complex).T, leverage=leverage / 2)
+        return Residuals(values=left.view(complex), sensitivities=own.view(complex).T, leverage=leverage / 2)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Rest:
-    """What a mixed model leaves of residuals and sensitivities."""
+class Residuals:
+    """Residuals of a mixed model in units of its noise."""
 
-    residuals: ComplexArray  # after the step, effects taken out, shape ``(R,)``
-    own: ComplexArray  # sensitivities to the fitted values less what the effects of each run follow, shape ``(R, p)``
+    values: ComplexArray  # shape ``(R,)``
+    sensitivities: ComplexArray  # to the fitted values, less the part that the effects of each run follow, ``(R, p)``
     leverage: Float  # share of each reading that its own fit follows, mean of real and imaginary part, shape ``(R,)``
 
 
 def real_rows(columns: ComplexArray) -> Float:
-    """Columns of complex numbers as rows of their parts, shape ``(k, 2 R)``: products of real numbers are enough."""
-    return np.ascontiguousarray(columns.T).view(float)
+    """Columns of complex numbers as rows of their parts, a copy of shape ``(k, 2 R)``."""
+    return np.array(columns.T, order="C").view(float)
 
 
 def powers(left: Float, right: Float) -> Float:
-    """Sum over rows, and over both parts of each reading, of products, shape ``(..., R)``."""
-    found = np.einsum("...kr,...kr->...r", left, right)
-    return np.asarray(found[..., ::2] + found[..., 1::2])
+    """Sum over rows, and over both parts of each reading, of products, shape ``(R,)``."""
+    found = np.einsum("kr,kr->r", left, right)
+    return np.asarray(found[::2] + found[1::2])
 
 
-def _span(rows: Index) -> slice | Index:
-    """Readings that follow one another as a slice, which copies nothing."""
-    together = rows.size > 0 and int(rows[-1]) - int(rows[0]) + 1 == rows.size
-    return slice(int(rows[0]), int(rows[-1]) + 1) if together else rows
-
-
-def _columns(rows: Index) -> slice | Index:
-    """Places of both parts of some readings, in ascending order, among those of all."""
-    span = _span(rows)
-    if isinstance(span, slice):
-        return slice(2 * span.start, 2 * span.stop)
-    return np.asarray((2 * rows[:, None] + np.arange(2)).reshape(-1))
-
-
-def _of_run(stacked: Float, rows: Index) -> Float:
-    return stacked[:, _columns(rows)]
+def _of_run(parts: Float, rows: Index) -> Float:
+    """Both parts of some readings, of rows with those of all."""
+    return parts.reshape(len(parts), -1, 2)[:, rows].reshape(len(parts), -1)
 
 
 def runs_agree(model: MixedModel, *, level: float) -> bool:
@@ -252,18 +196,16 @@ def select_effects(model: MixedModel, *, level: float, forced: Sequence[int] = (
     agree and the likelihood gains accordingly.
     """
     count = model.gram.shape[1]
-    variance = np.zeros(count)
-    if not count:
-        return variance
-    chosen = list(forced)
+    variance, chosen = np.zeros(count), list(forced)
     if chosen:
         variance[chosen] = _best(model.part(chosen), np.zeros(len(chosen)))
-    if not chosen and runs_agree(model, level=level):
+    elif runs_agree(model, level=level):
         return variance
     from scipy.special import gammainccinv  # late: loading it takes longer than a fit
 
     least = 2 * float(gammainccinv(0.5, min(2 * level / count, 1.0)))  # a variance on its bound: half the chance
-    base = _restricted(model, variance)
+    some = np.flatnonzero(variance)
+    base = model.part(some).log_likelihood(variance[some])
     while len(chosen) < count:
         trials = {}
         for kind in set(range(count)) - set(chosen):
@@ -275,32 +217,21 @@ def select_effects(model: MixedModel, *, level: float, forced: Sequence[int] = (
             break
         chosen.append(kind)
         variance[chosen] = _best(model.part(chosen), trials[kind][1])
-        base = _restricted(model, variance)
+        base = model.part(chosen).log_likelihood(variance[chosen])
     return variance
 
 
-def share_alike(model: MixedModel) -> Float:
+def shared_variances(model: MixedModel) -> Float:
     """Variances of all kinds that may be the one by which runs differ, each by how likely it is, shape ``(k,)``.
 
-    Few runs do not tell, say, a force that differs from a damping. Each kind gets the variance that it has alone, times
-    its weight: the mean of the covariances that one kind each would give.
+    Few runs do not separate, say, a force that differs from a damping. Each kind gets the variance that it has alone,
+    times its weight: the mean of the covariances that one kind each would give.
     """
-    alone = [_one(model.part([kind]), np.zeros(1), 0) for kind in range(model.gram.shape[1])]
-    found = {kind: float(variance[0]) for kind, variance in enumerate(alone) if variance[0] > 0}
-    gain = {kind: model.part([kind]).log_likelihood(alone[kind]) for kind in found}
-    best = max(gain.values())
-    weight = {kind: float(np.exp(gain[kind] - best)) for kind in found if best - gain[kind] < _ALIKE}
-    shared = np.zeros(len(alone))
-    for kind, share in weight.items():
-        shared[kind] = found[kind] * share / sum(weight.values())
-    return shared
-
-
-def _restricted(model: MixedModel, variance: Float) -> float:
-    kinds = np.flatnonzero(variance > 0)
-    if kinds.size:
-        return model.part(kinds.tolist()).log_likelihood(variance[kinds])
-    return -0.5 * (_log_det(model.common.information) + model.common.left)
+    parts = [model.part([kind]) for kind in range(model.gram.shape[1])]
+    alone = [_one(part, np.zeros(1), 0) for part in parts]
+    gain = np.array([p.log_likelihood(v) if v[0] > 0 else -np.inf for p, v in zip(parts, alone, strict=True)])
+    weight = np.where(gain.max() - gain < _LIKELIHOOD_OF_ALTERNATIVES, np.exp(gain - gain.max()), 0.0)
+    return np.asarray(np.concatenate(alone) * weight / weight.sum())
 
 
 def _one(model: MixedModel, variance: Float, kind: int) -> Float:
@@ -313,10 +244,9 @@ def _one(model: MixedModel, variance: Float, kind: int) -> Float:
         found[kind] = np.exp(2 * log_sd)
         return found
 
-    # Below a tenth of what one run tells of its own effect, a variance is zero to any purpose.
     sizes = model.gram[:, kind, kind]
-    least = np.log(0.03 / np.sqrt(max(float(sizes.max(initial=0.0)), 1e-300)))
-    most = np.log(_LARGEST)
+    least = np.log(_SMALLEST_SD / np.sqrt(max(float(sizes.max(initial=0.0)), 1e-300)))
+    most = np.log(_LARGEST_SD)
     if least >= most:
         return variance
     grid = np.linspace(least, most, 7)
@@ -328,7 +258,7 @@ def _one(model: MixedModel, variance: Float, kind: int) -> Float:
         lambda v: -model.log_likelihood(at(v)),
         bounds=(grid[best - 1], grid[min(best + 1, 6)]),
         method="bounded",
-        options={"xatol": 0.02},
+        options={"xatol": _SD_PRECISION},
     )
     return at(float(found.x))
 

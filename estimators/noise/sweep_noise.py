@@ -13,18 +13,19 @@ from rotorfit.estimators.blocks.row_keys import combined, in_order, numbers
 from rotorfit.estimators.blocks.sweeps import force_plane, sweeps_of
 from rotorfit.estimators.noise.reading_noise import (
     FLOOR,
+    LINES_OF_A_LEVEL,
+    P_OWN_LEVEL,
     deviations_of_repeats,
     noise_from_samples,
     noise_from_smoothness,
 )
-from rotorfit.models.array_types import Bool, ComplexArray, Float, Index
+from rotorfit.models.array_types import ComplexArray, Float, Index
 
-_SMOOTH = 0.5  # lag-one correlation above which the wrong-direction component is anisotropy, not noise
-
-
-_APART = 0.01  # probability of giving forward and backward sweeps noise of their own although they share it
-_FEWEST = 8  # readings of a sweep that can have noise of its own, or tell repeats from noise
-_AGREES = 2.5  # times the noise of each sweep by itself up to which the differences of repeats are noise
+_SMOOTH_CORRELATION = 0.5
+"""Lag-one correlation above which the wrong-direction component is anisotropy, not noise: of noise, sixteen
+samples exceed it once in a hundred, eight once in fifteen."""
+_REPEATS_OVER_SMOOTHNESS = 2.5
+"""Times the noise of each sweep by itself up to which the differences of repeats are noise."""
 
 
 def estimate_noise(block: Responses, wrong: ComplexArray, synchronous: bool, condition: Index | None = None) -> Float:
@@ -70,42 +71,23 @@ def _both_ways(block: Responses, w: Float, speed: Float, plane: Index, sweeps: S
     return list(both.values())
 
 
-def _tells(wrong: ComplexArray, parts: Sequence[Index]) -> Bool:
-    """Whether the direction against the force shows noise and no more, shape ``(...)`` of ``(..., R)``."""
-    found = np.isfinite(wrong[..., np.concatenate(parts)]).all(axis=-1)
-    for part in parts:
-        found = found & ~_is_smooth(wrong[..., part])
-    return np.asarray(found)
-
-
-def _pooled(wrong: ComplexArray, measured: ComplexArray, parts: Sequence[Index]) -> tuple[Float, Bool]:
-    """One noise of several sweeps, shape ``(..., n)``, and whether they can share it, from ``(..., R)``."""
-    rows, sizes = np.concatenate(parts), np.array([part.size for part in parts])
-    # In one piece along the readings, so that sums of many runs are those of one to the last digit.
-    against = np.ascontiguousarray(wrong[..., rows])
-    level = noise_from_samples(against, np.ascontiguousarray(measured[..., rows]), sizes)
-    power = np.add.reduceat(np.abs(against / level) ** 2, sizes.cumsum() - sizes, axis=-1) / sizes
-    freedom = (2 * sizes).tolist()
-    agree = [_agree(own, freedom) for own in power.reshape(-1, len(parts)).tolist()]
-    return level, np.array(agree, dtype=bool).reshape(power.shape[:-1])
-
-
 def _noise_of(
     block: Responses, w: Float, wrong: ComplexArray, parts: Sequence[Index]
 ) -> Iterator[tuple[Index, Float | float]]:
     """Noise of sweeps that differ in the sense of whirl: one for all where they agree."""
-    rows = np.concatenate(parts)
-    if _tells(wrong, parts):
-        pooled, agree = _pooled(wrong, block.measured, parts)
-        if agree:
+    rows, sizes = np.concatenate(parts), [part.size for part in parts]
+    if np.isfinite(wrong[rows]).all() and not any(_is_smooth(wrong[part]) for part in parts):
+        pooled = noise_from_samples(wrong[rows], block.measured[rows], sizes)
+        power = np.split(np.abs(wrong[rows] / pooled) ** 2, np.cumsum(sizes)[:-1])
+        if _agree([float(np.mean(own)) for own in power], [2 * size for size in sizes]):
             yield rows, pooled
         else:
             for part in parts:
                 yield part, noise_from_samples(wrong[part], block.measured[part])
         return
-    levels = [noise_from_smoothness(w[part], block.measured[part])[0] for part in parts]
+    levels = [float(noise_from_smoothness(w[part], block.measured[part])[0]) for part in parts]
     # Windows overlap, and a median is less sure than a mean: about half as many degrees of freedom as readings.
-    if _agree([level**2 for level in levels], [part.size // 2 for part in parts]):
+    if _agree([level**2 for level in levels], [size // 2 for size in sizes]):
         yield rows, float(np.sqrt(np.mean(np.square(levels))))
     else:
         yield from zip(parts, levels, strict=True)
@@ -114,21 +96,24 @@ def _noise_of(
 def _agree(power: Sequence[float], freedom: Sequence[int]) -> bool:
     """Whether the largest and the smallest variance can be one, by Bartlett's test; short sweeps always agree."""
     high, low = int(np.argmax(power)), int(np.argmin(power))
-    if high == low or min(freedom) < _FEWEST or power[low] <= 0:
+    if high == low or min(freedom) < LINES_OF_A_LEVEL or power[low] <= 0:
         return True
     ends = ((power[high], freedom[high]), (power[low], freedom[low]))
     both = freedom[high] + freedom[low]
     pooled = sum(own * f for own, f in ends) / both
     correction = 1 + (sum(1 / f for _, f in ends) - 1 / both) / 3  # Bartlett 1937
     statistic = max(sum(f * math.log(pooled / own) for own, f in ends), 0.0) / correction  # round-off may be below zero
-    return math.erfc(math.sqrt(statistic / 2)) > _APART  # chi-squared with one degree of freedom is a squared normal
+    return (
+        math.erfc(math.sqrt(statistic / 2)) > P_OWN_LEVEL
+    )  # chi-squared with one degree of freedom is a squared normal
 
 
-def _is_smooth(samples: ComplexArray) -> Bool:
-    """Whether samples follow one another, shape ``(...)`` of ``(..., L)``; few never do."""
-    power = (np.abs(samples) ** 2).sum(axis=-1)
-    follow = np.abs((samples[..., 1:] * samples[..., :-1].conj()).sum(axis=-1)) > _SMOOTH * power
-    return np.asarray((power > 0) & follow & (samples.shape[-1] >= 8))
+def _is_smooth(samples: ComplexArray) -> bool:
+    """Whether samples follow one another; few never do."""
+    power = float(np.sum(np.abs(samples) ** 2))
+    if samples.size < LINES_OF_A_LEVEL or power == 0:
+        return False
+    return bool(np.abs(np.sum(samples[1:] * samples[:-1].conj())) > _SMOOTH_CORRELATION * power)
 
 
 def _repeated(block: Responses, w: Float, condition: Sequence[Float | Index]) -> Iterator[tuple[Index, Float | float]]:
@@ -151,7 +136,7 @@ def _repeated(block: Responses, w: Float, condition: Sequence[Float | Index]) ->
             continue
         ordered = [rows[np.argsort(w[rows], kind="stable")] for rows in repeated]
         deviations = deviations_of_repeats(np.array([block.measured[rows] for rows in ordered]))
-        if repeated[0].size < _FEWEST:  # too short to tell more
+        if repeated[0].size < LINES_OF_A_LEVEL:  # too short to tell more
             floor = FLOOR * float(np.sqrt(np.mean(np.abs(block.measured[ordered[0]]) ** 2)))
             level = max(float(np.sqrt(np.mean(np.abs(deviations) ** 2) / 2)), floor)
             yield from ((rows, level) for rows in ordered)
@@ -160,7 +145,9 @@ def _repeated(block: Responses, w: Float, condition: Sequence[Float | Index]) ->
         pairs = zip(deviations, ordered, strict=True)
         levels = np.array([noise_from_samples(deviation, block.measured[rows]) for deviation, rows in pairs])
         own = np.sqrt(np.mean(levels**2, axis=0))
-        if float(np.median(own)) > _AGREES * max(alone) or any(_is_smooth(deviation) for deviation in deviations):
+        if float(np.median(own)) > _REPEATS_OVER_SMOOTHNESS * max(alone) or any(
+            _is_smooth(deviation) for deviation in deviations
+        ):
             continue
         yield from ((rows, own) for rows in ordered)
 

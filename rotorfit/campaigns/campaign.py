@@ -21,7 +21,7 @@ from rotorfit.estimators.misfit.losses import LOSSES, Loss
 from rotorfit.estimators.misfit.parameter_space import parameter_space
 from rotorfit.fitting.digits import plus_minus, with_error
 from rotorfit.fitting.fit import fit as fit_model
-from rotorfit.fitting.noise.judging import MODEL_LIMITED
+from rotorfit.fitting.noise.residual_study import MODEL_LIMITED
 from rotorfit.fitting.notebook import text_html
 from rotorfit.fitting.quantities import FittedParameter
 from rotorfit.fitting.result import FitResult

@@ -21,8 +21,8 @@ from rotorfit.estimators.starting.starts import find_start
 from rotorfit.fitting.assumptions import assuming
 from rotorfit.fitting.calibration import Calibration
 from rotorfit.fitting.judge import judge, with_model_uncertainty
-from rotorfit.fitting.noise.finding import study_noise
-from rotorfit.fitting.noise.problem import with_noise
+from rotorfit.fitting.noise.error_bars import with_noise
+from rotorfit.fitting.noise.study import study_residuals
 from rotorfit.fitting.problem_setup import as_tuple, build_problem, make_priors
 from rotorfit.fitting.result import FitResult
 from rotorfit.fitting.settings import FitSettings, PhaseOffsets
@@ -118,35 +118,18 @@ def judged(
     """The result of a solved problem, solved again with the noise that its residuals show."""
     left_out = (sentence for test in experiments for sentence in usable(problem.space.model, test)[1])
     notes = (*left_out, *start.notes)
-    noise = None
-    singular = solution.status is Status.SINGULAR  # a minimum along a whole line is one
-    studied = settings.loss == "linear" and (solution.success or singular)
-    finding = study_noise(problem, solution.x, singular=singular) if studied else None
-    if finding is not None:
-        noise = finding.record
-    if finding is not None and finding.found is not None:
-        offsets, settings = settings.phase_offsets, replace(settings, noise=finding.found)
-        found = finding.found
+    # A minimum along a whole line is one.
+    studied = settings.loss == "linear" and (solution.success or solution.status is Status.SINGULAR)
+    study = study_residuals(problem, solution.x) if studied else None
+    if study is not None and study.found is not None:
+        offsets, settings = settings.phase_offsets, replace(settings, noise=study.found)
         before = dict(zip((*problem.space.names, *problem.space.nuisance), solution.x.tolist(), strict=True))
-        problem = build_problem(problem.space.model, experiments, settings) if offsets else with_noise(problem, found)
-        again = solve(
-            problem, _cheapest(problem, before, finding.start), Options(max_iterations=settings.max_iterations)
-        )
+        model = problem.space.model
+        problem = build_problem(model, experiments, settings) if offsets else with_noise(problem, study.found)
+        begin = np.array([before.get(name, 0.0) for name in (*problem.space.names, *problem.space.nuisance)])
+        again = solve(problem, begin, Options(max_iterations=settings.max_iterations))
         solution = replace(again, n_evaluations=solution.n_evaluations + again.n_evaluations)
-    return judge(problem, experiments, settings, solution.x, start, "least squares", solution, notes, noise=noise)
-
-
-def _cheapest(problem: Problem, *starts: Mapping[str, float]) -> Float:
-    """The start of least cost, within the bounds; entries that a start does not name are zero.
-
-    What is foretold by one linear step may be far off where a fluid is nonlinear and runs differ much.
-    """
-    space = problem.space
-    vectors = [
-        np.clip([start.get(name, 0.0) for name in (*space.names, *space.nuisance)], space.lower, space.upper)
-        for start in starts
-    ]
-    return min(vectors, key=problem.cost)
+    return judge(problem, experiments, settings, solution.x, start, "least squares", solution, notes, noise=study)
 
 
 def closed_form(

@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Mapping
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +18,7 @@ import numpy as np
 from rotorfit.estimators.atomic_file import whole_file
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.fitting.json_values import UserDefinedError, decode, encode
-from rotorfit.fitting.noise.problem import estimate_before, without_noise
+from rotorfit.fitting.noise.error_bars import estimate_before, without_noise
 from rotorfit.fitting.noise.record import is_run_effect
 from rotorfit.fitting.problem_setup import build_problem, with_noise_scale
 from rotorfit.fitting.result import FitResult
@@ -45,6 +45,8 @@ def fit_to_json(fit: FitResult) -> str:
         "rotorfit": __version__,
         "model": _model_entry(fit.model),
         **{name: encode(getattr(fit, name)) for name in names},
+        # Its settings hold what the study found already.
+        "noise": encode(None if fit.noise is None else replace(fit.noise, found=None)),
     }
     return json.dumps(content, allow_nan=False, ensure_ascii=False)
 
@@ -111,6 +113,8 @@ def fit_from_json(text: str, *, model: RotorModel | None = None, source: str = "
     try:
         own = _read_model(content["model"], model)
         entries = {name: decode(content[name]) for name in names if name in content}
+        if entries.get("noise") is not None:
+            entries["noise"] = replace(entries["noise"], found=entries["settings"].noise)
         problem = build_problem(own, entries["experiments"], entries["settings"])
         fit = FitResult(model=own, problem=problem, **entries)
         _check(fit, problem, f"written by rotorfit {content['rotorfit']}")

@@ -11,8 +11,7 @@ from rotorfit.estimators.blocks.nonlinear import responses_of
 from rotorfit.estimators.inference import covariance
 from rotorfit.estimators.inference.identifiability import Identifiability
 from rotorfit.estimators.misfit.problem import Problem
-from rotorfit.fitting.noise.judging import MODEL_LIMITED, is_misfit, noise_warnings
-from rotorfit.fitting.noise.record import Noise
+from rotorfit.fitting.noise.residual_study import MODEL_LIMITED, ResidualStudy, is_misfit
 from rotorfit.fitting.quantities import FittedParameter
 from rotorfit.fitting.refinable import why_not_refined
 from rotorfit.models import BLOCKS, Modal, RotorModel
@@ -32,10 +31,10 @@ def fit_warnings(
     params: Mapping[str, FittedParameter],
     identifiability: Identifiability,
     rescaled: bool,
-    noise: Noise | None,
+    noise: ResidualStudy | None,
 ) -> list[str]:
     """What a reader of the result should know."""
-    found = [] if noise is None else noise_warnings(noise, redchi)
+    found = [] if noise is None else noise.warnings(redchi)
     advice = _advice(problem.space.model, identifiability, rescaled)
     nfree = problem.n_data - problem.space.size
     misfit = covariance.widening(redchi, problem.loss, nfree=nfree, freedom=freedom_of(problem.blocks))

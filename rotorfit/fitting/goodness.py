@@ -9,7 +9,7 @@ import numpy as np
 from rotorfit.estimators.inference import covariance
 from rotorfit.estimators.misfit.losses import robust_weights
 from rotorfit.estimators.misfit.problem import Problem
-from rotorfit.fitting.noise.problem import estimate_before, without_noise
+from rotorfit.fitting.noise.error_bars import estimate_before, without_noise
 from rotorfit.fitting.problem_setup import with_noise_scale
 from rotorfit.fitting.quantities import ResponseQuality
 from rotorfit.fitting.settings import FitSettings

@@ -24,14 +24,27 @@ _HOMES = (
     "rotorfit.fitting.settings",
     "rotorfit.fitting.calibration",
     "rotorfit.fitting.noise.record",
+    "rotorfit.fitting.noise.residual_study",
     "rotorfit.estimators.inference.identifiability",
 )
 """Modules whose records a file may name; nothing else is ever imported or called for a file."""
 
-_EARLIER_FIELDS: dict[str, dict[str, str]] = {
-    "FitSettings": {"levels": "noise_scale"},
+_EARLIER: dict[str, tuple[str, dict[str, str | None]]] = {
+    "FitSettings": ("FitSettings", {"levels": "noise_scale"}),
+    "Noise": (
+        "ResidualStudy",
+        {
+            "levels": "response_noise",
+            "perhaps": "possible_effects",
+            "between": None,
+            "places": None,
+            "odd_run": None,
+            "sentences": None,
+            "notable": None,
+        },
+    ),
 }
-"""Fields of records as version 0.1.0 called them, and their names today."""
+"""Records and fields as version 0.1.0 called them, and their names today; sentences are no longer saved."""
 
 _KINDS = {"f": "float64", "c": "complex128", "i": "int64", "b": "bool", "U": "str"}
 
@@ -147,11 +160,12 @@ def _encode_record(record: Any) -> Any:
 
 
 def _decode_record(value: Mapping[str, Any]) -> Any:
-    kind = _home(value["record"])
+    name, fields_today = _EARLIER.get(value["record"], (value["record"], {}))
+    kind = _home(name)
     if kind is None or not is_dataclass(kind):
         raise ValueError(f"this version of rotorfit has no record {value['record']!r}")
-    today = _EARLIER_FIELDS.get(value["record"], {})
-    given = {today.get(name, name): item for name, item in value["fields"].items()}
+    today = {field: fields_today.get(field, field) for field in value["fields"]}
+    given = {name: value["fields"][field] for field, name in today.items() if name is not None}
     known = {f.name: f for f in fields(kind) if f.init}
     unknown = sorted(set(given) - set(known))
     missing = [n for n, f in known.items() if n not in given and f.default is MISSING and f.default_factory is MISSING]

@@ -14,7 +14,8 @@ from rotorfit.estimators.starting.closed_form import ClosedForm
 from rotorfit.estimators.starting.start_points import Start
 from rotorfit.fitting.fit_warnings import fit_warnings
 from rotorfit.fitting.goodness import goodness_of
-from rotorfit.fitting.noise.record import Noise, NoiseVerdict
+from rotorfit.fitting.noise.record import NoiseVerdict
+from rotorfit.fitting.noise.residual_study import ResidualStudy
 from rotorfit.fitting.parameter_table import parameter_table
 from rotorfit.fitting.result import FitResult
 from rotorfit.fitting.settings import FitSettings
@@ -32,7 +33,7 @@ def judge(
     solution: Solution | None,
     notes: tuple[str, ...],
     estimate: ClosedForm | None = None,
-    noise: Noise | None = None,
+    noise: ResidualStudy | None = None,
 ) -> FitResult:
     """The result of a solved problem, or of a closed form."""
     x = np.concatenate([x, np.zeros(problem.space.size - x.size)])
@@ -96,6 +97,6 @@ def with_model_uncertainty(fit: FitResult, uncertainty: Float) -> FitResult:
 
 def inverse_curvature(fit: FitResult) -> Float:
     """Change of the estimate by the slope of the cost, shape ``(p, p)``: mostly ``covar`` itself."""
-    wider = fit.noise is not None and (fit.noise.robust or fit.noise.verdict is NoiseVerdict.FOLLOWING)
-    wider = wider or fit.model_uncertainty is not None or (fit.noise is not None and bool(fit.noise.perhaps))
+    wider = fit.noise is not None and (fit.noise.robust or fit.noise.verdict is NoiseVerdict.CORRELATED)
+    wider = wider or fit.model_uncertainty is not None or (fit.noise is not None and bool(fit.noise.possible_effects))
     return fit.covar if fit.problem.loss == "linear" and not wider else covariance.inverse_curvature(fit.problem, fit.x)

@@ -19,7 +19,7 @@ from rotorfit.estimators.misfit.parameter_space import DATUM, ParameterSpace, pa
 from rotorfit.estimators.misfit.priors import Prior, within_support
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.fitting.calibration import nuisance_entries
-from rotorfit.fitting.noise.problem import normal, with_noise
+from rotorfit.fitting.noise.error_bars import normal, with_noise
 from rotorfit.fitting.settings import FitSettings, PhaseOffsets, check_phase_offsets
 from rotorfit.models import Modal, RotorModel
 from rotorfit.models.array_types import ComplexArray

@@ -14,7 +14,8 @@ from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.fitting.assumptions import assuming
 from rotorfit.fitting.fit import fitted, solve_again
 from rotorfit.fitting.judge import with_model_uncertainty
-from rotorfit.fitting.noise.judging import MODEL_LIMITED
+from rotorfit.fitting.noise.residual_study import MODEL_LIMITED
+from rotorfit.fitting.noise.study import NOISE_LIKE
 from rotorfit.fitting.notebook import text_html
 from rotorfit.fitting.problem_setup import with_noise_scale
 from rotorfit.fitting.refinable import why_not_refined
@@ -242,8 +243,6 @@ _TEMPER = 2.0  # the best AIC is the best of many that scatter: by itself it mak
 
 _SEVERAL = 3.0  # gyroscopic effects of a plane over those of another
 
-_NEAR_NOISE = 1.5  # redchi up to which the misfit left is taken for noise that was estimated too small
-
 _FEWEST = 30  # readings of a response from which their scatter gives their noise within 10 %
 
 _LOWEST = 1e-3  # scale below which exact data, not noise, are in hand
@@ -257,7 +256,7 @@ def rescale_noise(fit: FitResult) -> FitResult:
 
     Alternates between scale and fit, which raises their joint likelihood. Responses of few readings keep their noise.
     """
-    if fit.settings.loss != "linear" or fit.model_limited or (fit.noise is None and fit.redchi > _NEAR_NOISE):
+    if fit.settings.loss != "linear" or fit.model_limited or (fit.noise is None and fit.redchi > NOISE_LIKE):
         return fit
     plain = with_noise_scale(fit.problem, fit.settings.noise_scale, -1)
     for _ in range(5):

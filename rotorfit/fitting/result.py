@@ -20,8 +20,7 @@ from rotorfit.estimators.inference.identifiability import Identifiability
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.fitting.assumption_table import THRESHOLD_COLUMN
 from rotorfit.fitting.keywords import SampleKeywords, check_keywords
-from rotorfit.fitting.noise.judging import is_misfit
-from rotorfit.fitting.noise.record import Noise
+from rotorfit.fitting.noise.residual_study import ResidualStudy, is_misfit
 from rotorfit.fitting.quantities import THRESHOLD, FittedParameter, Quantity, ResponseQuality
 from rotorfit.fitting.settings import FitSettings
 from rotorfit.models import RotorModel, Threshold, threshold_speed
@@ -95,7 +94,7 @@ class FitResult:
     responses: tuple[ResponseQuality, ...]
     identifiability: Identifiability
     warnings: tuple[str, ...]
-    noise: Noise | None = None
+    noise: ResidualStudy | None = None
     model_uncertainty: Float | None = None
     start: str = "not recorded"
 

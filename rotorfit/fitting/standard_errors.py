@@ -13,8 +13,8 @@ from rotorfit.estimators.inference.valleys import along_valley
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.estimators.starting.closed_form import ClosedForm
 from rotorfit.fitting.goodness import Goodness
-from rotorfit.fitting.noise.judging import allowed_for, as_residuals_ask, with_shares
-from rotorfit.fitting.noise.record import Noise
+from rotorfit.fitting.noise.error_bars import shares_of_possible_effects, with_scatter, with_shares
+from rotorfit.fitting.noise.residual_study import ResidualStudy
 from rotorfit.fitting.settings import FitSettings
 from rotorfit.models.array_types import ComplexArray, Float
 
@@ -27,7 +27,7 @@ class StandardErrors:
     covar: Float  # the same, widened
     degrees: tuple[float, ...]  # of freedom of each entry's error
     identifiability: Identifiability  # what the data determine
-    noise: Noise | None  # what the residuals are, with what it adds to the errors
+    noise: ResidualStudy | None  # what the residuals are, with what it adds to the errors
 
 
 def standard_errors(
@@ -38,7 +38,7 @@ def standard_errors(
     jacobian: ComplexArray,
     goodness: Goodness,
     estimate: ClosedForm | None,
-    noise: Noise | None,
+    noise: ResidualStudy | None,
 ) -> StandardErrors:
     """Errors of an estimate."""
     space = problem.space
@@ -63,10 +63,10 @@ def standard_errors(
         wide = covariance.information(problem, x, residuals, jacobian, widening=widening)[0]
         covar = diagnose(space.model, names, base, x, wide, scales)[0]
     if noise is not None:
-        covar, noise = as_residuals_ask(noise, problem, residuals, jacobian, scattered, covar, widening)
-        allowed = allowed_for(noise, problem, x, jacobian, scattered)
-        noise = with_shares(noise, settings, problem, x, covar, allowed)
-        covar = np.sum([covar, *allowed], axis=0)
+        covar, noise = with_scatter(noise, problem, residuals, jacobian, scattered, covar, widening)
+        possible = shares_of_possible_effects(noise, problem, x, jacobian, scattered)
+        noise = with_shares(noise, settings, problem, x, covar, possible)
+        covar = np.sum([covar, *possible], axis=0)
     freedom = min(known, float(goodness.nfree)) if widening > 1 and np.isfinite(known) else known
     degrees = (freedom,) * space.size if noise is None else noise.own_degrees(space.size)
     return StandardErrors(scattered=scattered, covar=covar, degrees=degrees, identifiability=verdict, noise=noise)

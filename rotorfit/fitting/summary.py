@@ -17,6 +17,7 @@ from rotorfit.fitting.anisotropy import lines_cut_off
 from rotorfit.fitting.assumptions import foundations_of
 from rotorfit.fitting.digits import interval, plus_minus, with_error
 from rotorfit.fitting.noise.record import NoiseVerdict, is_run_effect
+from rotorfit.fitting.noise.words import VERDICTS
 from rotorfit.fitting.quantities import THRESHOLD
 from rotorfit.fitting.structure_error import structure_error
 from rotorfit.models import TurningOnSupports, eigenvalues, unstable_bands
@@ -102,8 +103,8 @@ def _noise_lines(fit: FitResult) -> list[str]:
     noise = fit.noise
     if noise is None or (noise.verdict is NoiseVerdict.AS_FOUND and not noise.sentences):
         return []
-    lines = [f"noise: {noise.verdict.value} (neighbouring lines correlate by {noise.correlation:+.2f})"]
-    for level in noise.levels:
+    lines = [f"noise: {VERDICTS[noise.verdict]} (neighbouring lines correlate by {noise.correlation:+.2f})"]
+    for level in noise.response_noise:
         more = f" and {len(level.responses) - 3} more" if level.responses[3:] else ""
         where = ", ".join(level.responses[:3]) + more
         share = f", and {100 * level.share:.2g} % {level.along}" if level.share else ""

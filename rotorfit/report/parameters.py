@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from rotorfit.estimators.blocks.correlated import quantile
+from rotorfit.fitting.noise.words import VERDICTS
 from rotorfit.fitting.quantities import THRESHOLD, FittedParameter, Quantity
 from rotorfit.fitting.result import FitResult
 from rotorfit.fitting.summary import combined, in_order, interval_lines, notable_correlations, start_words
@@ -51,7 +52,7 @@ def parameter_section(material: ReportInput) -> Html:
     elif fit.settings.noise_scale:
         notes.append("They follow the residuals of each response, where these exceed the noise.")
     if fit.noise is not None:
-        notes.append(sentence(f"noise: {fit.noise.verdict.value}"))
+        notes.append(sentence(f"noise: {VERDICTS[fit.noise.verdict]}"))
         notes += [sentence(words) for words in fit.noise.sentences]
     if fit.settings.calibration is not None:
         notes.append("They hold the uncertainty of the calibration too; see the budget.")

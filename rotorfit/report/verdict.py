@@ -10,7 +10,8 @@ import numpy as np
 
 from rotorfit.data.findings import attributed, errors_in
 from rotorfit.estimators.starting.many_starts import LOCAL_MINIMUM
-from rotorfit.fitting.noise.judging import MODEL_LIMITED
+from rotorfit.fitting.noise.residual_study import MODEL_LIMITED
+from rotorfit.fitting.noise.words import VERDICTS
 from rotorfit.fitting.quantities import Quantity
 from rotorfit.fitting.result import FitResult
 from rotorfit.fitting.structure_error import structure_error
@@ -241,7 +242,7 @@ def _quality_card(fit: FitResult) -> Html:
         if fit.redchi <= MODEL_LIMITED
         else "outliers included, whose weight in the fit is small"
         if fit.noise is None
-        else fit.noise.verdict.value
+        else VERDICTS[fit.noise.verdict]
     )
     worst = max((r.nrmse for r in fit.responses), default=math.nan)
     lines = [

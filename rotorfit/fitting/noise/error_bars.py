@@ -1,0 +1,146 @@
+"""What a study of residuals does to a problem and to its covariance."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from rotorfit.estimators.misfit.priors import Prior
+from rotorfit.estimators.misfit.problem import Problem
+from rotorfit.estimators.noise.correlation import scatter
+from rotorfit.estimators.noise.robust_covariance import line_scatter
+from rotorfit.fitting.noise.linearised import channels_of, lines_in
+from rotorfit.fitting.noise.record import RUN_KINDS, FoundNoise, NoiseVerdict, is_run_effect
+from rotorfit.fitting.noise.residual_study import ResidualStudy
+from rotorfit.fitting.settings import FitSettings
+from rotorfit.models.array_types import ComplexArray, Float
+
+_UNEVEN_SCATTER, _UNEVEN_SCATTER_OF_OTHER_NOISE = 4.5, 2.5
+"""Standard deviations of scatter beyond that of equal noise from which standard errors follow it: where all else looks
+well (noise exceeds it once in 300 000), and where the noise was not as expected (once in 160)."""
+
+
+def with_noise(problem: Problem, noise: FoundNoise) -> Problem:
+    """The problem with noise of another size, and differences of runs as nuisance entries with priors."""
+    blocks = tuple(block.with_noise(factor) for block, factor in zip(problem.blocks, noise.factors, strict=True))
+    space, priors = problem.space, problem.priors
+    factors = problem.factors or (None,) * len(blocks)
+    for effect in noise.effects:
+        columns = [
+            sensitivity[:, None] * (block.run[:, None] == np.array(effect.runs)[None, :])
+            for block, sensitivity in zip(blocks, effect.sensitivities, strict=True)
+        ]
+        first = space.size
+        space = replace(
+            space,
+            nuisance=(*space.nuisance, *effect.names),
+            lower=np.concatenate([space.lower, np.full(len(effect.runs), -np.inf)]),
+            upper=np.concatenate([space.upper, np.full(len(effect.runs), np.inf)]),
+        )
+        factors = tuple(
+            column if own is None else np.hstack([own, column]) for own, column in zip(factors, columns, strict=True)
+        )
+        spread = normal(effect.sd)
+        priors += tuple(Prior(first + i, spread) for i in range(len(effect.runs)))
+    return replace(problem, space=space, blocks=blocks, priors=priors, factors=factors)
+
+
+@lru_cache(maxsize=64)
+def normal(sd: float) -> Any:
+    """The normal distribution about zero with a standard deviation; SciPy takes a millisecond to make one."""
+    from scipy.stats import norm
+
+    return norm(0.0, sd)
+
+
+def without_noise(problem: Problem, noise: FoundNoise) -> Problem:
+    """The problem before :func:`with_noise`; offsets of phase_offsets stay, with their priors."""
+    blocks = tuple(block.with_noise(1 / factor) for block, factor in zip(problem.blocks, noise.factors, strict=True))
+    count = problem.space.size - sum(len(effect.runs) for effect in noise.effects if effect.kind in RUN_KINDS)
+    own = count - len(problem.space.names)
+    space = replace(
+        problem.space,
+        nuisance=problem.space.nuisance[:own],
+        lower=problem.space.lower[:count],
+        upper=problem.space.upper[:count],
+    )
+    priors = tuple(prior for prior in problem.priors if prior.entry < count)
+    factors = tuple(None if part is None or not own else part[:, :own] for part in problem.factors)
+    return replace(problem, space=space, blocks=blocks, priors=priors, factors=factors)
+
+
+def estimate_before(noise: FoundNoise | None, x: Float, count: int) -> Float:
+    """The estimate that goodness of fit refers to, shape ``(count,)``."""
+    return noise.before if noise is not None and noise.before.size == count else x[:count]
+
+
+def with_scatter(
+    study: ResidualStudy,
+    problem: Problem,
+    r: ComplexArray,
+    J: ComplexArray,
+    scattered: Float,
+    covar: Float,
+    widening: float,
+) -> tuple[Float, ResidualStudy]:
+    """The covariance with what residuals that follow one another, or scatter unevenly, add to it."""
+    if study.verdict is NoiseVerdict.MISFIT:
+        return covar, study
+    if study.verdict is NoiseVerdict.CORRELATED:
+        sweeps = [sweep for sweeps in channels_of(problem) for sweep in sweeps]
+        return covar + scattered @ scatter(J, sweeps, study.lags) @ scattered * widening, study
+    found = line_scatter(r, J, scattered, lines_in(problem), widening)
+    parameters = slice(0, len(problem.space.names))
+    as_found = study.verdict is NoiseVerdict.AS_FOUND
+    limit = _UNEVEN_SCATTER if as_found else _UNEVEN_SCATTER_OF_OTHER_NOISE
+    if problem.loss != "linear" or float(found.excess[parameters].max(initial=0.0)) < limit:
+        return covar, study
+    robust = found.covar
+    for prior in problem.priors:  # what is known beforehand does not scatter
+        column = scattered[:, prior.entry] * np.sqrt(prior.terms(0.0)[2])
+        robust = robust + np.outer(column, column)
+    freedom = float(np.median(found.freedom[parameters]))
+    return robust, replace(study, robust=True, scatter_freedom=max(freedom, 1.0))
+
+
+def shares_of_possible_effects(
+    study: ResidualStudy, problem: Problem, x: Float, J: ComplexArray, scattered: Float
+) -> tuple[Float, ...]:
+    """What differences of runs that are only possible add to the covariance, kind by kind, each of shape ``(p, p)``."""
+    if not study.possible_effects:
+        return ()
+    run = np.concatenate([block.run for block in problem.blocks])
+    sigma = np.concatenate([block.sigma for block in problem.blocks])
+    whitened = np.concatenate(problem.predict(x)) / sigma
+    shares = []
+    for effect in study.possible_effects:
+        change = effect.sd * np.concatenate(effect.sensitivities) * whitened
+        columns = change[:, None] * (run[:, None] == np.array(effect.runs))
+        moves = scattered @ (J.conj().T @ columns).real
+        shares.append(moves @ moves.T)
+    return tuple(shares)
+
+
+def with_shares(
+    study: ResidualStudy, settings: FitSettings, problem: Problem, x: Float, covar: Float, possible: Sequence[Float]
+) -> ResidualStudy:
+    """The study with the parts of the covariance: effects of runs one by one, possible ones, then all the rest."""
+    study = replace(study, found=settings.noise)
+    names = (*problem.space.names, *problem.space.nuisance)
+    shares = []
+    for effect in study.effects:
+        columns = covar[:, [names.index(name) for name in effect.names]] / effect.sd
+        shares.append(columns @ columns.T)
+    rest = covar - np.sum(shares, axis=0) if shares else covar
+    shares += possible
+    between = (*study.effects, *study.possible_effects)
+    freedom = [effect.freedom for effect in between]
+    if between and len(between[0].runs) == 2:  # whatever two runs differ by is read from the same difference
+        shares, freedom = [np.sum(shares, axis=0)], [max(freedom)]
+    error = np.sqrt(np.maximum(np.diag(covar), 0.0)).tolist()
+    runs = tuple((name, float(x[i]), error[i]) for i, name in enumerate(names) if is_run_effect(name))
+    return replace(study, runs=runs, shares=(*shares, rest), freedom=(*freedom, study.scatter_freedom))

@@ -1,0 +1,144 @@
+"""The record of a study of residuals: numbers, and on request its sentences."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from rotorfit.fitting.noise import words
+from rotorfit.fitting.noise.record import FoundNoise, Miss, NoiseVerdict, ResponseNoise, RunEffect
+from rotorfit.models.array_types import Float
+from rotorfit.version import renamed
+
+MODEL_LIMITED = 2.0
+"""redchi above which a result that has nothing else to go by says that the model, not the noise, limits the fit."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ResidualStudy:
+    """What the residuals of a fit are, and what its error bars rest on.
+
+    Attributes:
+        verdict: what the residuals are.
+        correlation: of residuals at neighbouring lines of a sweep: near zero for noise, whatever its shape.
+        lags: the same at distances 1, 2, ... as far as it is more than chance.
+        response_noise: noise of the responses by restricted likelihood, where it replaced that of the data alone.
+        found: what the fit was repeated with: other noise, differences from run to run; ``None`` for neither.
+        possible_effects: differences of runs that chance explains as well: the errors allow for them, the estimate does
+            without.
+        run_count: runs that were compared, zero where they could not be.
+        misses: responses and frequencies where the model misses most.
+        run_left_out: name of the one run without which the misfit would be a third or less, and redchi without it.
+        robust: whether standard errors follow the scatter of the residuals line by line (HC3).
+        scatter_freedom: degrees of freedom of the noise within runs, infinite where it was given.
+        runs: name, estimate and standard error of each effect of a run.
+        shares, freedom: parts of ``covar`` and the degrees of freedom of each part's variance.
+    """
+
+    verdict: NoiseVerdict
+    correlation: float = 0.0
+    lags: tuple[float, ...] = ()
+    response_noise: tuple[ResponseNoise, ...] = ()
+    found: FoundNoise | None = None
+    possible_effects: tuple[RunEffect, ...] = ()
+    run_count: int = 0
+    misses: tuple[Miss, ...] = ()
+    run_left_out: tuple[str, float] | None = None
+    robust: bool = False
+    scatter_freedom: float = float("inf")
+    runs: tuple[tuple[str, float, float], ...] = ()
+    shares: tuple[Float, ...] = ()
+    freedom: tuple[float, ...] = ()
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "verdict", NoiseVerdict(self.verdict))  # files hold its value
+
+    @property
+    def effects(self) -> tuple[RunEffect, ...]:
+        """Differences from run to run."""
+        return () if self.found is None else self.found.effects
+
+    @property
+    def between(self) -> tuple[tuple[str, float], ...]:
+        """Kind and standard deviation of each difference from run to run."""
+        return tuple((effect.kind, effect.sd) for effect in self.effects)
+
+    def degrees(self, gradient: Float) -> float:
+        """Degrees of freedom of the variance of a derived quantity (Satterthwaite), infinite for a known one.
+
+        Args:
+            gradient: its derivative by the fitted vector, shape ``(p,)``.
+        """
+        return _satterthwaite([float(gradient @ share @ gradient) for share in self.shares], self.freedom)
+
+    def own_degrees(self, count: int) -> tuple[float, ...]:
+        """The same of each entry of the fitted vector.
+
+        Args:
+            count: its length.
+        """
+        variances = [np.diag(share).tolist() for share in self.shares]
+        each = zip(*variances, strict=True) if variances else [()] * count
+        return tuple(_satterthwaite(parts, self.freedom) for parts in each)
+
+    # ---- sentences -----------------------------------------------------------------------------------------------
+
+    @property
+    def sentences(self) -> tuple[str, ...]:
+        """Differences of runs and uneven scatter in words."""
+        return words.sentences(self.effects, self.possible_effects, self.run_count, robust=self.robust)
+
+    @property
+    def notable(self) -> tuple[str, ...]:
+        """Those of them that are warnings."""
+        return words.differences(self.effects)
+
+    @property
+    def places(self) -> tuple[str, ...]:
+        """``misses`` in words."""
+        return tuple(map(words.place, self.misses))
+
+    @property
+    def odd_run(self) -> str:
+        """``run_left_out`` in words; empty where there is none."""
+        return "" if self.run_left_out is None else words.odd_run(*self.run_left_out)
+
+    def warnings(self, redchi: float) -> list[str]:
+        """What of the noise a reader should not miss.
+
+        Args:
+            redchi: of the fit, by the noise of the data.
+        """
+        large = redchi > MODEL_LIMITED
+        return [*self.notable, *words.verdict_warning(self.verdict, redchi, self.correlation, large=large)]
+
+    def __str__(self) -> str:
+        return "; ".join([words.VERDICTS[self.verdict], *self.sentences])
+
+    # ---- names of version 0.1.0 ----------------------------------------------------------------------------------
+
+    @property
+    def levels(self) -> tuple[ResponseNoise, ...]:
+        """``response_noise``."""
+        renamed("fit.noise.levels", "response_noise")
+        return self.response_noise
+
+    @property
+    def perhaps(self) -> tuple[RunEffect, ...]:
+        """``possible_effects``."""
+        renamed("fit.noise.perhaps", "possible_effects")
+        return self.possible_effects
+
+
+def is_misfit(study: ResidualStudy | None, widening: float) -> bool:
+    """Whether the model, not the noise, limits a fit: by its residuals' memory, or else by their size alone."""
+    return widening > MODEL_LIMITED if study is None else study.verdict is NoiseVerdict.MISFIT
+
+
+def _satterthwaite(parts: Sequence[float], freedom: Sequence[float]) -> float:
+    """Degrees of freedom of a sum of variances, which are known with so many each."""
+    parts = [max(part, 0.0) for part in parts]
+    uncertain = sum(part**2 / own for part, own in zip(parts, freedom, strict=True))
+    return sum(parts) ** 2 / uncertain if uncertain > 0 else float("inf")

@@ -1,0 +1,325 @@
+"""The study of the residuals of a fit: noise of some shape, noise with memory, differences of runs, or misfit.
+
+A difference from run to run enters the error bar in two steps: :func:`random_effects` estimates its variance here,
+``error_bars.py`` fits the problem with it, or adds its share to the covariance where it is only possible. Sigma of the
+readings is that of the data until :func:`_sigma_of_residuals` replaces it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotorfit.estimators.blocks.nonlinear import responses_of
+from rotorfit.estimators.blocks.observations import Block
+from rotorfit.estimators.misfit.problem import Problem
+from rotorfit.estimators.noise.correlation import Memory, memory
+from rotorfit.estimators.noise.noise_levels import Shape, fit_probes, likelihood
+from rotorfit.estimators.noise.odd_run import odd_run
+from rotorfit.estimators.noise.run_effects import (
+    MixedModel,
+    MixedSolution,
+    Residuals,
+    select_effects,
+    shared_variances,
+)
+from rotorfit.fitting.noise.linearised import LinearisedFit, linearise
+from rotorfit.fitting.noise.record import FoundNoise, Miss, NoiseVerdict, ResponseNoise, RunEffect
+from rotorfit.fitting.noise.residual_study import ResidualStudy
+from rotorfit.models.array_types import Float
+
+NOISE_LIKE = 1.5
+"""redchi up to which residuals have the size of the noise: noise estimated from ten lines is off by as much."""
+
+_P_EFFECT = 0.005
+"""Probability of a warning of an effect of runs that do not differ."""
+_P_POSSIBLE, _P_POSSIBLE_OF_TWO = 0.1, 0.2
+"""The same of letting the errors allow for one, without a warning; with two runs.
+
+Runs that differ agree by chance in some tests, and then nothing widens: the laxer this level, the fewer. Both tests of
+an effect err to the safe side: at 0.1 runs that agree are given one in 2 to 3 fits of 100, and at 0.2 in 5; each is
+several to forty times as wide, so that the mean width grows by 1 to 30 %. Two runs need 0.2 to hold D in 85 % where
+forces differ by 1 %: two that agree are then 1.4 to 2.1 times as wide on average. The median stays.
+``benchmarks/honest_errors.py`` counts all of it.
+"""
+_MEMORY_Z, _MEMORY_CORRELATION = 4.0, 0.25
+"""Memory along the sweeps counts where the correlation of neighbours exceeds chance by so many standard deviations (of
+noise one in 30 000 does), and is large enough to widen standard errors by a fifth."""
+_SHAPE_GAIN = 12.0
+"""Twice the gain in log likelihood, for each probe, from which noise by residuals replaces that of the data alone: the
+99.75 % point of chi-squared with the two parts of a shape as degrees of freedom."""
+_REWEIGHTED = 2
+"""Times that the fit is weighed anew by the noise of its residuals; the third changes sigma by less than a percent."""
+_MISS_LINES, _MISSES = 5, 3
+"""Lines over which residuals are averaged to see where the model misses, and places that are named."""
+_SMALLEST_WEIGHT = 0.02
+"""Least 1 - leverage: a reading that alone determines something has no residual to judge by."""
+
+RESPONSE, SPEED = "of the response", "of the speed, as it moves the response"
+"""What noise may grow with."""
+
+_Number = TypeVar("_Number", np.float64, np.complex128)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class NoiseFit:
+    """A mixed model solved with given noise and effects of runs."""
+
+    data: LinearisedFit
+    sigma: Float  # noise that weighed the readings, in their units
+    solution: MixedSolution
+    residuals: Residuals  # in units of sigma
+
+    @classmethod
+    def of(cls, data: LinearisedFit, sigma: Float, variance: Float) -> NoiseFit:
+        """Solve with variances of the effects by kind, zero for those that runs do not have."""
+        kinds = np.flatnonzero(variance)
+        r, J, Z = data.weighed(sigma)
+        solution = MixedModel.of(r, J, Z[:, kinds], data.rows, data.prior).solve(variance[kinds])
+        residuals = solution.residuals(r, J, Z[:, kinds], data.rows)
+        return cls(data=data, sigma=sigma, solution=solution, residuals=residuals)
+
+    @cached_property
+    def weight(self) -> Float:
+        """One less the leverage of each reading."""
+        return np.clip(1 - self.residuals.leverage, _SMALLEST_WEIGHT, 1.0)
+
+    @cached_property
+    def power(self) -> Float:
+        """Squared residuals, leverage-corrected, in units of the readings."""
+        return np.asarray(np.abs(self.residuals.values) ** 2 / 2 * self.sigma**2 / self.weight)
+
+    @property
+    def redchi(self) -> float:
+        """Mean squared residual over the noise of the data."""
+        return float(np.sum(self.weight * self.power / self.data.sigma**2) / np.sum(self.weight))
+
+    def memory(self, sigma: Float) -> Memory:
+        """Correlation along the sweeps of residuals in units of a noise."""
+        values = self.residuals.values * (self.sigma / sigma)
+        return memory(values, self.residuals.sensitivities, self.solution.outer, self.data.sweeps)
+
+
+def study_residuals(problem: Problem, x: Float) -> ResidualStudy | None:
+    """Tell noise, differences of runs and misfit apart at the optimum of a linear loss; nothing for other data."""
+    data = linearise(problem, x)
+    if data is None:
+        return None
+    variance, possible = random_effects(data)
+    fit = _reweighted(data, variance)
+    shapes, sigma = _sigma_of_residuals(fit, (RESPONSE, SPEED))
+    remembered = fit.memory(fit.sigma)
+    verdict = _verdict(fit, remembered, as_found=data.sigma_given or _explains(fit, shapes))
+    if verdict is not NoiseVerdict.SHAPED:
+        # Readings that effects of runs share are weighed by redchi, which no longer widens the covariance.
+        sigma = data.sigma * (np.sqrt(max(1.0, fit.redchi)) if variance.any() else 1.0)
+    if verdict is NoiseVerdict.MISFIT:  # runs may seem to differ by what the model misses
+        variance, possible = np.zeros((2, len(data.kinds)))
+    effects = _run_effects(problem, fit, sigma, variance, possible)
+    found = None
+    if variance.any() or verdict is NoiseVerdict.SHAPED:
+        factors = _by_block(problem, sigma / data.sigma)
+        found = FoundNoise(factors=factors, effects=tuple(e for e in effects if e.values), before=x)
+    return ResidualStudy(
+        verdict=verdict,
+        correlation=remembered.first,
+        lags=remembered.lags,
+        response_noise=_response_noise(problem, shapes) if verdict is NoiseVerdict.SHAPED else (),
+        found=found,
+        possible_effects=tuple(e for e in effects if not e.values),
+        run_count=len(data.runs),
+        misses=_misses(problem, data) if verdict is NoiseVerdict.MISFIT else (),
+        run_left_out=_run_left_out(data),
+        scatter_freedom=max(_scatter_freedom(fit, verdict, shapes, remembered), 1.0),
+    )
+
+
+def _verdict(fit: NoiseFit, remembered: Memory, *, as_found: bool) -> NoiseVerdict:
+    """What the residuals are; ``as_found``: their size is no reason to replace the noise of the data."""
+    if _follows(remembered):
+        return NoiseVerdict.CORRELATED if fit.redchi < NOISE_LIKE else NoiseVerdict.MISFIT
+    if not as_found:
+        return NoiseVerdict.SHAPED
+    larger = fit.data.sigma_given and fit.redchi > NOISE_LIKE
+    return NoiseVerdict.LARGER if larger else NoiseVerdict.AS_FOUND
+
+
+def _follows(remembered: Memory) -> bool:
+    """Whether residuals follow one another along the sweeps."""
+    return remembered.first > _MEMORY_CORRELATION and remembered.z > _MEMORY_Z
+
+
+# ---- differences from run to run ---------------------------------------------------------------------------------
+
+
+def random_effects(data: LinearisedFit) -> tuple[Float, Float]:
+    """Variances of the effects of runs by kind, zero where runs agree: of those found, and of those possible."""
+    found, possible = np.zeros((2, len(data.kinds)))
+    if not data.kinds:
+        return found, possible
+    separate = np.array([kind != "run_fluid" for kind in data.kinds])
+    within = NoiseFit.of(data, data.sigma, np.where(separate, np.inf, 0.0))  # each run with effects of its own
+    sigma = _weighing_sigma(within)
+    remembered = within.memory(sigma)
+    if _follows(remembered):
+        if within.redchi >= NOISE_LIKE:
+            return found, possible  # the model misses within every run
+        # Noise with memory weighs more on what changes slowly along a sweep.
+        sigma = sigma * np.sqrt(1 + 2 * sum(remembered.lags))
+    model = MixedModel.of(*data.weighed(sigma), data.rows, data.prior)
+    level = _P_POSSIBLE_OF_TWO if len(data.runs) == 2 else _P_POSSIBLE
+    found = select_effects(model, level=_P_EFFECT, forced=data.forced)
+    # Noise of another size than that of the data has a shape that is guessed, which a lax test would take for runs.
+    if np.count_nonzero(found) == len(data.forced) and within.redchi < NOISE_LIKE:
+        possible = np.where(found > 0, 0.0, select_effects(model, level=level, forced=data.forced))
+    if len(data.runs) == 2 and not data.forced and np.count_nonzero(found + possible) == 1:
+        shared = shared_variances(model)  # two runs hardly say which kind it is
+        found, possible = (shared, possible) if found.any() else (found, shared)
+    return found, possible
+
+
+def _run_effects(
+    problem: Problem, fit: NoiseFit, sigma: Float, variance: Float, possible: Float
+) -> tuple[RunEffect, ...]:
+    """Effects of runs with their degrees of freedom, those found with their values; the forced one first."""
+    data, both = fit.data, variance + possible
+    kinds, chosen = np.flatnonzero(both), np.flatnonzero(variance).tolist()
+    if not kinds.size:
+        return ()
+    r, J, Z = data.weighed(sigma)
+    freedom = MixedModel.of(r, J, Z[:, kinds], data.rows, data.prior).freedom(both[kinds])
+    effects = [
+        RunEffect(
+            kind=data.name(kind),
+            sd=float(np.sqrt(both[kind])),
+            freedom=float(own),
+            runs=data.runs,
+            values=tuple(fit.solution.own[:, chosen.index(kind)].tolist()) if kind in chosen else (),
+            sensitivities=_by_block(problem, data.sensitivity(kind)),
+        )
+        for kind, own in zip(kinds.tolist(), freedom, strict=True)
+    ]
+    return tuple(sorted(effects, key=lambda effect: effect.kind != "phase"))
+
+
+# ---- sigma of the readings ---------------------------------------------------------------------------------------
+
+
+def _reweighted(data: LinearisedFit, variance: Float) -> NoiseFit:
+    """The mixed model weighed by the noise of its own residuals."""
+    fit = NoiseFit.of(data, data.sigma, variance)
+    for _ in range(_REWEIGHTED):
+        sigma = _weighing_sigma(fit)
+        if np.array_equal(sigma, fit.sigma):
+            break
+        fit = NoiseFit.of(data, sigma, variance)
+    return fit
+
+
+def _weighing_sigma(fit: NoiseFit) -> Float:
+    """Noise to weigh by: as given, but not less than residuals ask; else as they have it."""
+    if fit.data.sigma_given:
+        return np.asarray(fit.data.sigma * np.sqrt(max(1.0, fit.redchi)))
+    return _sigma_of_residuals(fit, (RESPONSE,))[1]
+
+
+def _sigma_of_residuals(fit: NoiseFit, along: Sequence[str]) -> tuple[list[Shape], Float]:
+    """Noise of all probes by restricted likelihood, and sigma of each reading; that of the data where it was given."""
+    data, sigma = fit.data, fit.data.sigma.copy()
+    if data.sigma_given:
+        return [], sigma
+    sizes = {RESPONSE: np.abs(data.predicted) ** 2}  # as by a force that jitters
+    if "run_lam" in data.kinds:
+        sizes[SPEED] = np.abs(data.Z[:, data.kinds.index("run_lam")] * data.sigma) ** 2
+    shapes: list[Shape] = []
+    trials_along = [fit_probes(data.channels, fit.power, fit.weight, sizes[a], along=a) for a in along if a in sizes]
+    for trials in zip(*trials_along, strict=True):
+        gains = [sum(shape.log_likelihood for shape in trial) for trial in trials]
+        best = int(np.argmax(gains))
+        shapes += trials[best if 2 * (gains[best] - gains[0]) > _SHAPE_GAIN else 0]
+    for shape in shapes:
+        sigma[shape.rows] = np.sqrt(shape.variance(sizes[shape.along]))
+    return shapes, sigma
+
+
+def _explains(fit: NoiseFit, shapes: Sequence[Shape]) -> bool:
+    """Whether the residuals are about as likely under the noise of the data as under one of their own."""
+    now = sum(shape.log_likelihood for shape in shapes)
+    given = likelihood(fit.power, fit.weight, fit.data.sigma**2)
+    return 2 * (now - given) < _SHAPE_GAIN * len(fit.data.channels)
+
+
+def _scatter_freedom(fit: NoiseFit, verdict: NoiseVerdict, shapes: Sequence[Shape], remembered: Memory) -> float:
+    """Degrees of freedom of the noise within runs, infinite where it was given."""
+    if verdict is NoiseVerdict.SHAPED:
+        return min(2 * float(fit.weight[shape.rows].sum()) for shape in shapes)
+    freedom = 2 * float(fit.weight.sum())
+    if verdict is NoiseVerdict.CORRELATED:
+        return freedom / (1 + 2 * sum(lag**2 for lag in remembered.lags))
+    return float("inf") if fit.data.sigma_given or verdict is NoiseVerdict.MISFIT else freedom
+
+
+# ---- responses and places ----------------------------------------------------------------------------------------
+
+
+def _by_block(problem: Problem, values: NDArray[_Number]) -> tuple[NDArray[_Number], ...]:
+    stops = np.cumsum([block.measured.size for block in problem.blocks])
+    return tuple(np.split(values, stops[:-1]))
+
+
+def _labels(problem: Problem) -> NDArray[np.str_]:
+    """Response of each reading."""
+    return np.concatenate([np.array(block.labels)[block.label] for block in problem.blocks])
+
+
+def _response_noise(problem: Problem, shapes: Sequence[Shape]) -> tuple[ResponseNoise, ...]:
+    labels = _labels(problem)
+    units = np.concatenate([_units(block) for block in problem.blocks])
+    return tuple(
+        ResponseNoise(
+            responses=tuple(dict.fromkeys(labels[shape.rows].tolist())),
+            constant=shape.a,
+            share=shape.b,
+            along=shape.along,
+            unit=str(units[shape.rows[0]]) if np.unique(units[shape.rows]).size == 1 else "",
+        )
+        for shape in shapes
+    )
+
+
+def _units(block: Block) -> NDArray[np.str_]:
+    """Unit of each reading of a block."""
+    responses = responses_of(block)
+    if responses is None:
+        return np.full(block.label.size, "")
+    of = [
+        ("N m" if c.axis == "r" else "N") if responses.imposed else ("rad" if c.axis == "r" else "m")
+        for c in responses.model.coordinates
+    ]
+    return np.array(of)[responses.coordinate]
+
+
+def _run_left_out(data: LinearisedFit) -> tuple[str, float] | None:
+    """The one run without which the fit would be another, and redchi without it."""
+    found = odd_run(data.r, data.J, data.prior, data.rows, data.sweeps)
+    return None if found is None else (data.runs[found[0]], found[1])
+
+
+def _misses(problem: Problem, data: LinearisedFit) -> tuple[Miss, ...]:
+    """Where residuals, averaged over neighbouring lines, are largest."""
+    labels = _labels(problem)
+    blocks = [block for block in map(responses_of, problem.blocks) if block is not None]
+    w = np.concatenate([block.frequency[block.line] for block in blocks])
+    found = []
+    for sweep in data.sweeps:
+        width = min(_MISS_LINES, sweep.size)
+        mean = np.abs(np.convolve(data.r[sweep], np.full(width, 1 / width), mode="valid"))
+        at = int(np.argmax(mean))
+        low, high = sorted(np.abs(w[sweep[[at, at + width - 1]]]).tolist())
+        found.append((float(mean[at]), Miss(response=str(labels[sweep[0]]), low=low, high=high)))
+    return tuple(miss for _, miss in sorted(found, key=lambda entry: -entry[0])[:_MISSES])

@@ -1,0 +1,127 @@
+"""All sentences about noise."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from rotorfit.fitting.noise.record import Miss, NoiseVerdict, RunEffect
+from rotorfit.units import RPM_PER_RAD_S
+
+VERDICTS = {
+    NoiseVerdict.AS_FOUND: "the residuals are noise, as it was given or found in the data alone",
+    NoiseVerdict.SHAPED: (
+        "the residuals are noise of another size or shape than found in the data alone, and were weighed by it"
+    ),
+    NoiseVerdict.LARGER: "the residuals are noise, but larger than the readings' sigma says",
+    NoiseVerdict.CORRELATED: (
+        "the residuals have the noise's size but are correlated along the sweeps, as behind overlapping filters"
+    ),
+    NoiseVerdict.MISFIT: "the residuals are correlated along the sweeps and exceed the noise: the model does not fit",
+}
+
+_KINDS = {
+    "run_force": "force or gain",
+    "run_phase": "their phase reference",
+    "run_K0": "K0",
+    "run_D": "D",
+    "run_lam": "speed label or lam",
+    "run_fluid": "viscosity (K0 and D together)",
+}
+
+_IN_ERRORS = "Standard errors include that, and intervals have the quantile of Student's t"
+
+_TWO_RUNS = (
+    "two runs: their differences can hardly be estimated from them, and what shifts both in the same way not at all; "
+    "the errors include only the difference that was found"
+)
+
+_SCATTER = "the residuals scatter more along some changes than equal noise does; standard errors follow them (HC3)"
+
+_OTHER_RUNS = 2
+"""Fewest runs with which the one that differs most is compared."""
+_SINGLE_RUN = 8.0
+"""Times the rms effect of the other runs from which a difference is said to be of one run alone: of six runs with
+normal effects one exceeds it once in eighty sets, of twelve once in four thousand."""
+
+
+def sentences(
+    effects: Sequence[RunEffect], possible: Sequence[RunEffect], run_count: int, *, robust: bool
+) -> tuple[str, ...]:
+    """All that is worth saying of differences of runs, and of residuals that scatter unevenly."""
+    few = (_TWO_RUNS,) if run_count == 2 else ()
+    return (*differences(effects), *_possible_differences(possible), *few, *((_SCATTER,) if robust else ()))
+
+
+def differences(effects: Sequence[RunEffect]) -> tuple[str, ...]:
+    """Differences from run to run, each a warning; two runs do not say of which of several kinds theirs is."""
+    if len(effects) > 1 and all(len(effect.runs) == 2 and effect.kind in _KINDS for effect in effects):
+        sizes = " or ".join(f"{_KINDS[effect.kind]} by {_amount(effect, effect.sd)}" for effect in effects)
+        both = f"runs differ in {sizes} (standard deviations, by how likely each is: two runs hardly separate them)"
+        return (f"{both}. {_IN_ERRORS}",)
+    return tuple(f"{_difference(effect)}. {_IN_ERRORS}{_of_one_run(effect)}" for effect in effects)
+
+
+def _difference(effect: RunEffect) -> str:
+    phase = "the phase reference, that of the first run included, differs from run to run"
+    who = phase if effect.kind == "phase" else f"runs differ in {_KINDS[effect.kind]}"
+    between = f"standard deviation between {len(effect.runs)} runs, {effect.freedom:.2g} degrees of freedom"
+    return f"{who} by {_amount(effect, effect.sd)} ({between})"
+
+
+def _of_one_run(effect: RunEffect) -> str:
+    """The run that has nearly all of an effect; empty where several share it."""
+    if len(effect.values) <= _OTHER_RUNS:
+        return ""
+    size = np.abs(np.array(effect.values) - np.median(effect.values))  # an effect of one run shifts the mean of all
+    first = int(np.argmax(size))
+    if size[first] <= _SINGLE_RUN * np.sqrt(np.mean(np.delete(size, first) ** 2)):
+        return ""
+    return f". Nearly all of it is in run {effect.runs[first]}, by {_amount(effect, size[first])}"
+
+
+def _possible_differences(effects: Sequence[RunEffect]) -> tuple[str, ...]:
+    if not effects:
+        return ()
+    sizes = " or ".join(f"in {_KINDS[effect.kind]} by {_amount(effect, effect.sd)}" for effect in effects)
+    runs = f"the {len(effects[0].runs)} runs may differ {sizes} (standard deviation), or by chance alone"
+    return (f"{runs}; standard errors allow for it",)
+
+
+def _amount(effect: RunEffect, value: float) -> str:
+    return f"{np.degrees(value):.2g} degrees" if "phase" in effect.kind else f"{100 * value:.2g} %"
+
+
+def place(miss: Miss) -> str:
+    """A response and the frequencies where the model misses it."""
+    return f"{miss.response} at {miss.low * RPM_PER_RAD_S:.0f} to {miss.high * RPM_PER_RAD_S:.0f} rpm"
+
+
+def odd_run(name: str, redchi_without: float) -> str:
+    """The one run that does not agree with the others."""
+    return (
+        f"run {name} does not go with the others: without it redchi would be about {redchi_without:.2g}. "
+        f"Look at its speed, direction, force and probes first"
+    )
+
+
+def verdict_warning(verdict: NoiseVerdict, redchi: float, correlation: float, *, large: bool) -> list[str]:
+    """The verdict as a warning, where it changes standard errors; ``large``: redchi is."""
+    if verdict is NoiseVerdict.SHAPED and large:
+        return [
+            f"redchi is {redchi:.3g}, yet residuals do not follow one another: readings scatter more than found in "
+            "the data alone, as by a force or a speed that jitters. They were weighed, and errors stated, by the "
+            "scatter of the residuals"
+        ]
+    if verdict is NoiseVerdict.LARGER:
+        return [
+            f"redchi is {redchi:.3g}, yet residuals do not follow one another: the noise is larger than sigma_um says, "
+            "and standard errors are wider accordingly. Without sigma_um its size and shape are estimated"
+        ]
+    if verdict is NoiseVerdict.CORRELATED:
+        return [
+            f"residuals at neighbouring lines correlate ({correlation:.2f}), as where filters overlap: there are "
+            "fewer independent readings than lines, and standard errors are widened accordingly"
+        ]
+    return []
