@@ -22,17 +22,22 @@ _NOISY = 3.0
 """Deviation within the windows beside such a stretch, counts, from which no motion that dies down led there."""
 
 
+_LEAST_GAP = 0.25
+"""Voltage below which a mean is no probe's gap."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class ChannelStatistics:
     """One pass over a channel.
 
     Attributes:
-        mean, deviation, low, high: V.
+        mean, deviation, low, high: in the unit.
         flat_low, flat_high: stretches of at least three equal samples at the lowest and at the highest voltage that the
             signal enters with a jump.
         step: smallest difference between samples, V: one count.
         at_low, at_high: share of the samples at the extremes.
         still: from when to when, s, the channel stays on one count though it carries noise elsewhere.
+        unit: of the channel: V, or that in which it is scaled already.
     """
 
     mean: float
@@ -45,6 +50,7 @@ class ChannelStatistics:
     at_low: float
     at_high: float
     still: tuple[tuple[float, float], ...]
+    unit: str
 
     @property
     def clipped(self) -> bool:
@@ -54,7 +60,7 @@ class ChannelStatistics:
     @property
     def without_gap(self) -> bool:
         """Whether the mean voltage is too near to zero to be a probe's gap: AC-coupled."""
-        return abs(self.mean) < max(0.25, 0.05 * self.deviation)
+        return abs(self.mean) < max(_LEAST_GAP if self.unit == "V" else 0.0, 0.05 * self.deviation)
 
 
 def statistics(record: Signals, name: str) -> ChannelStatistics:
@@ -89,6 +95,7 @@ def statistics(record: Signals, name: str) -> ChannelStatistics:
         at_low=bottom.samples / record.size,
         at_high=top.samples / record.size,
         still=tuple((low / record.sample_rate, high / record.sample_rate) for low, high in windows.still()),
+        unit=next(probe.unit for probe in record.probes if probe.channel == name) or "V",
     )
 
 

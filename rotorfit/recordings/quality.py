@@ -20,6 +20,10 @@ _USUAL_RANGE = (-18.0, -2.0)
 """Linear range of an eddy-current probe on -24 V, V, taken where the setup gives none."""
 _HIGHEST = 50.0
 """No probe or input card gives so many volts."""
+_STILL = 1e-5
+"""No probe is so quiet, V rms."""
+_FARTHEST = 0.01
+"""No shaft moves so far within its bearings, m, peak to peak."""
 _EDDY, _ANY = (2e3, 4e4), (1e2, 2e6)
 """Sensitivities, V/m, of eddy-current probes on -24 V and of any displacement probes."""
 _HEAVIEST = 1.0
@@ -36,28 +40,32 @@ _MOSTLY = 4.0
 
 def probe_findings(record: Signals, found: Mapping[str, ChannelStatistics]) -> Iterator[Finding]:
     """Clipped, dead, interrupted, AC-coupled and out-of-range probes."""
-    largest = max((each.deviation for each in found.values()), default=0.0)
     coupled = []
     for probe in record.probes:
         each, where = found[probe.channel], f"{record.name}, channel {probe.channel}"
+        largest = _largest(found, each.unit)
         if _dead(each, largest):
             yield Finding(
                 "error",
                 "channel-dead",
-                f"{where} is dead: it stays at {each.mean:.3f} V and moves by {each.deviation * 1e3:.2g} mV rms, the "
-                f"others by up to {largest * 1e3:.3g} mV. Leave its plane out or repair the probe.",
+                f"{where} is dead: it stays at {each.mean:.3f} {each.unit} and moves by {each.deviation:.2g} "
+                f"{each.unit} rms, the others by up to {largest:.3g}. Leave its plane out or repair the probe.",
             )
             continue
         if each.still:
             yield _stops(each, where)
         if each.clipped:
             yield _clips(each, where)
+        if probe.unit:
+            yield from _far(probe, each, where)
+            coupled += [probe.channel] if each.without_gap else []
+            continue
         if max(abs(each.low), abs(each.high)) > _HIGHEST:
             yield Finding(
                 "error",
                 "channel-scale",
                 f"{where}: {each.low:.6g} to {each.high:.6g} V are no voltages of a probe: counts, or millivolts? Say "
-                f'volts_per_count in [[channel]] name = "{probe.channel}".',
+                f'volts_per_count in [[channel]] name = "{probe.channel}", or unit = "um" in [[probe]] of a motion.',
             )
             continue
         yield from _sensitivity(probe, each, where)
@@ -69,7 +77,7 @@ def probe_findings(record: Signals, found: Mapping[str, ChannelStatistics]) -> I
         yield Finding(
             "note",
             "ac-coupled",
-            f"{record.name}: {listed(coupled)}: no gap voltage (mean below 0.25 V): AC-coupled? There is no shaft "
+            f"{record.name}: {listed(coupled)}: no gap voltage (mean near zero): AC-coupled? There is no shaft "
             "centreline and no eccentricity, and whether the probe is in its linear range cannot be seen.",
         )
 
@@ -86,7 +94,9 @@ def _stops(each: ChannelStatistics, where: str) -> Finding:
 
 def _clips(each: ChannelStatistics, where: str) -> Finding:
     share = (each.at_low if each.flat_low >= 3 else 0.0) + (each.at_high if each.flat_high >= 3 else 0.0)
-    limit = " and ".join(f"{v:.3f} V" for v, n in ((each.low, each.flat_low), (each.high, each.flat_high)) if n >= 3)
+    limit = " and ".join(
+        f"{v:.3f} {each.unit}" for v, n in ((each.low, each.flat_low), (each.high, each.flat_high)) if n >= 3
+    )
     return Finding(
         "error",
         "channel-clipped",
@@ -108,14 +118,31 @@ def _sensitivity(probe: Probe, each: ChannelStatistics, where: str) -> Iterator[
         )
 
 
+def _far(probe: Probe, each: ChannelStatistics, where: str) -> Iterator[Finding]:
+    """Motion in another unit than was said."""
+    moves = (each.high - each.low) / abs(float(probe.sensitivity or 1.0))
+    if moves > _FARTHEST:
+        yield Finding(
+            "warning",
+            "probe-sensitivity",
+            f"{where}: the shaft would move by {moves * 1e3:.3g} mm in {probe.unit}. Is its unit right?",
+        )
+
+
+def _largest(found: Mapping[str, ChannelStatistics], unit: str) -> float:
+    """Largest scatter of the channels in a unit."""
+    return max((each.deviation for each in found.values() if each.unit == unit), default=0.0)
+
+
 def _dead(each: ChannelStatistics, largest: float) -> bool:
-    return each.deviation <= max(each.step, 1e-5) or each.deviation < 0.01 * largest
+    return each.deviation <= max(each.step, _STILL if each.unit == "V" else 0.0) or each.deviation < 0.01 * largest
 
 
 def spoiled(found: Mapping[str, ChannelStatistics]) -> tuple[str, ...]:
     """Channels of probes that are dead, interrupted or clipped, so that no response can be had of them."""
-    largest = max((each.deviation for each in found.values()), default=0.0)
-    return tuple(name for name, each in found.items() if each.clipped or each.still or _dead(each, largest))
+    return tuple(
+        name for name, each in found.items() if each.clipped or each.still or _dead(each, _largest(found, each.unit))
+    )
 
 
 def copied_recordings(records: Sequence[Signals]) -> Iterator[Finding]:

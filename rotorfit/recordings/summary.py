@@ -24,8 +24,8 @@ def summary(record: Recording) -> str:
         scale = 1e6 / abs(float(probe.sensitivity or 1.0))
         lines.append(
             f"  {probe.channel:<{width}}  {probe.plane} at {np.degrees(float(probe.angle or 0.0)):g} deg: mean "
-            f"{each.mean:.3f} V, {each.low:.3f} to {each.high:.3f} V ({(each.high - each.low) * scale:.1f} µm pk-pk, "
-            f"{each.deviation * scale:.2f} µm rms)"
+            f"{each.mean:.3f} {each.unit}, {each.low:.3f} to {each.high:.3f} {each.unit} "
+            f"({(each.high - each.low) * scale:.1f} µm pk-pk, {each.deviation * scale:.2f} µm rms)"
         )
     lines += [f"  {finding}" for finding in record.findings] or ["  nothing odd was found"]
     return "\n".join(lines)

@@ -53,7 +53,7 @@ def recordings_section(material: ReportInput) -> Iterator[Html]:
             [_row(record) for record in records],
             numeric=(1, 2),
         ),
-        table(["probe", "plane", "angle, deg", "sensitivity, V/mm", "signals, V"], _probe_rows(records), (2, 3)),
+        table(["probe", "plane", "angle, deg", "sensitivity, V/mm", "signals"], _probe_rows(records), (2, 3)),
         *(paragraph(words) for words in done),
         bullets(sentence(words) for words in found) if found else note("Nothing odd was found in the signals."),
     )
@@ -130,8 +130,8 @@ def _probe_rows(records: Sequence[Recording]) -> list[list[str]]:
                 channel,
                 plane,
                 f"{np.degrees(probe.angle or 0.0):.4g}",
-                f"{1e-3 * abs(float(probe.sensitivity or np.nan)):.4g}",
-                f"{low:.3f} to {high:.3f}".replace("-", "−"),
+                f"in {probe.unit}" if probe.unit else f"{1e-3 * abs(float(probe.sensitivity or np.nan)):.4g}",
+                f"{low:.3f} to {high:.3f} {each[0].unit}".replace("-", "−"),
             ]
         )
     return found

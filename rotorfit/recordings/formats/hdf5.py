@@ -1,8 +1,8 @@
 """HDF5 recordings: a dataset a channel, wherever in the file; attributes of the file and of its channels.
 
-A dataset may say ``volts_per_count`` and ``offset_V``, its rate (``sample_rate_hz``, ``fs``) or step (``dt``,
-``wf_increment``); a dataset ``time`` gives it too. A group of one dataset a channel is what most loggers write; of a
-matrix each column is one.
+A dataset may say ``volts_per_count`` and ``offset_V``, its ``unit``, its rate (``sample_rate_hz``, ``fs``) or step
+(``dt``, ``wf_increment``); a dataset ``time`` gives it too. A group of one dataset a channel is what most loggers
+write; of a matrix each column is one.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotorfit.io.sampling import FEWEST, rate_of, rate_of_times, time_factor
-from rotorfit.recordings.formats.raw_file import RawChannel, RawFile, full_count, plain
+from rotorfit.recordings.formats.raw_file import RawChannel, RawFile, full_count, plain, unit_said
 
 
 def open_file(path: Path) -> RawFile:
@@ -66,6 +66,7 @@ def _channels(path: Path, name: str, item: h5py.Dataset) -> list[RawChannel]:
         "offset": float(said.get("offset_V", 0.0)),
         "full_count": full_count(item.dtype),
         "sample_rate": rate_of(said),
+        "unit": unit_said(said),
     }
     short = min(shape) if len(shape) == 2 else 1
     base = name.rpartition("/")[2]

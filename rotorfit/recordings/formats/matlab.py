@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotorfit.io.sampling import FEWEST, rate_of, rate_of_times, time_factor
-from rotorfit.recordings.formats.raw_file import RawChannel, RawFile, full_count, plain
+from rotorfit.recordings.formats.raw_file import RawChannel, RawFile, full_count, plain, unit_said
 from rotorfit.recordings.formats.spool import Samples, spooled
 
 _NAME_KEYS = ("name", "label", "title", "channelname", "signalname", "channel", "channel_name", "signal_name")
@@ -74,7 +74,7 @@ def _channels(source: str, tree: Mapping[str, Any], above: str, rate: float | No
             beside = plain(head) if isinstance(head, dict) else {}
             own = next((str(v) for k, v in beside.items() if k.lower() in _NAME_KEYS), given)
             base = own or (key if key.lower() not in _EMPTY_NAMES else above or key)
-            yield from _of_array(value, base, names, rate_of(beside) or rate)
+            yield from _of_array(value, base, names, rate_of(beside) or rate, unit_said(beside) or unit_said(near))
         elif isinstance(value, dict) and not (key == "X" and "Y" in tree):  # dSPACE: X holds the times of all Y
             yield from _channels(source, value, (given or above) if key.lower() in _RECORDS else key, rate)
         elif isinstance(value, list):
@@ -106,13 +106,18 @@ def _rate_of_time_vector(source: str, tree: Mapping[str, Any]) -> float | None:
     return None
 
 
-def _of_array(array: _Array, base: str, names: list[Any], rate: float | None) -> Iterator[RawChannel]:
+def _of_array(array: _Array, base: str, names: list[Any], rate: float | None, unit: str) -> Iterator[RawChannel]:
     for column in range(array.count):
         named = names[column] if len(names) == array.count and isinstance(names[column], str) else None
         name = named or (base if array.count == 1 else f"{base}_{column + 1}")
         samples: Samples = partial(_piece, array, column if array.count > 1 else None)
         yield RawChannel(
-            name=name, size=array.size, samples=samples, full_count=full_count(array.dtype), sample_rate=rate
+            name=name,
+            size=array.size,
+            samples=samples,
+            full_count=full_count(array.dtype),
+            sample_rate=rate,
+            unit=unit,
         )
 
 

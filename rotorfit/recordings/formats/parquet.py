@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotorfit.io.sampling import FEWEST, rate_of, rate_of_times, time_factor
-from rotorfit.recordings.formats.raw_file import RawChannel, RawFile, full_count
+from rotorfit.recordings.formats.raw_file import RawChannel, RawFile, full_count, unit_said
 from rotorfit.recordings.formats.spool import once, spooled
 
 
@@ -52,6 +52,9 @@ def open_file(path: Path) -> RawFile:
             size=size,
             samples=once(partial(_load, path, field.name, size, kind)),
             full_count=full_count(kind),
+            unit=unit_said(
+                {key.decode(): value.decode("utf-8", "replace") for key, value in (field.metadata or {}).items()}
+            ),
         )
     return RawFile(name=path.name, channels=channels, attributes=said, sample_rate=rate)
 

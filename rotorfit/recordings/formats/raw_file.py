@@ -21,6 +21,7 @@ class RawChannel:
     offset: float = 0.0  # volts at count zero
     full_count: float | None = None  # largest count the file's type can hold, for integers; None: the file holds volts
     sample_rate: float | None = None  # Hz; None: not given
+    unit: str = ""  # as the file has it; empty: not given
     start: float = 0.0  # time of the first sample after that of the record, s
 
 
@@ -38,6 +39,17 @@ class RawFile:
 def full_count(kind: np.dtype[Any]) -> float | None:
     """Largest count that an integer type holds; None for floating-point samples, which are volts."""
     return float(np.iinfo(kind).max) if kind.kind in "iu" else None
+
+
+_UNIT_KEYS = {"unit", "units", "unitstring", "engineeringunit", "engineeringunits", "yunit", "yunits"}
+
+
+def unit_said(said: Mapping[str, Any]) -> str:
+    """Unit that attributes or fields give under one of its usual names; nothing without."""
+    for name, value in said.items():
+        if isinstance(value, str) and name.replace("_", "").replace(" ", "").lower() in _UNIT_KEYS:
+            return value.strip()
+    return ""
 
 
 def plain(values: Mapping[str, Any]) -> dict[str, float | str]:

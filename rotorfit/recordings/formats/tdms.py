@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotorfit.io.sampling import FEWEST, rate_of
-from rotorfit.recordings.formats.raw_file import RawChannel, RawFile, full_count, plain
+from rotorfit.recordings.formats.raw_file import RawChannel, RawFile, full_count, plain, unit_said
 
 
 def open_file(path: Path) -> RawFile:
@@ -36,6 +36,7 @@ def open_file(path: Path) -> RawFile:
                         samples=partial(_read, path, channel.group_name, channel.name),
                         full_count=full_count(kind),
                         sample_rate=rate_of(said),
+                        unit=unit_said(said),
                     )
     except Exception as problem:  # npTDMS raises whatever struct and NumPy raise on a damaged file
         raise ValueError(f"{path.name} is not a whole TDMS file: {problem}") from problem

@@ -38,6 +38,7 @@ _IN_A_ROW = 3
 class _Head:
     attributes: dict[str, float | str]
     names: tuple[str, ...]
+    units: tuple[str, ...]  # of a row below the names; empty where there is none
     delimiter: str | None
     comma: bool  # whether numbers have a decimal comma
     trailing: bool  # whether every row ends with a delimiter
@@ -70,12 +71,12 @@ def open_file(path: Path) -> RawFile:
         raise ValueError(f"{path.name} is not text; save it as CSV UTF-8") from problem
     rate = rate_of(head.attributes)
     channels: dict[str, RawChannel] = {}
-    for name, values in zip(head.names, columns.T if columns.size else (), strict=False):
+    for name, unit, values in zip(head.names, head.units, columns.T if columns.size else (), strict=False):
         factor = time_factor(name)
         if factor is not None:
             rate = rate_of_times(np.asarray(values) * factor, f"{path.name}, column {name}")
         else:
-            channels[name] = RawChannel(name=name, size=values.size, samples=partial(_piece, values))
+            channels[name] = RawChannel(name=name, size=values.size, samples=partial(_piece, values), unit=unit)
     return RawFile(name=path.name, channels=channels, attributes=head.attributes, sample_rate=rate)
 
 
@@ -93,6 +94,7 @@ def _head(path: Path) -> _Head:
             attributes.update(_rate_said(line.cells[0], line.cells[1]))
     fitting = [line.cells[:width] for line in above if len(line.cells) in (width, width + trailing)]
     names = next((cells for cells in fitting if "" not in cells and len(set(cells)) == width), None)
+    below = fitting[fitting.index(names) + 1 :] if names in fitting else []
     if names is None and above:
         raise ValueError(
             f"{path.name}: every column needs a name of its own: line {numbers[0].number + 1} has {width} numbers, and "
@@ -101,6 +103,7 @@ def _head(path: Path) -> _Head:
     return _Head(
         attributes=attributes,
         names=names or tuple(f"channel_{i + 1}" for i in range(width)),
+        units=next((tuple(cell.strip("[]() ") for cell in cells) for cells in below), ("",) * width),
         delimiter=numbers[0].delimiter,
         comma=numbers[0].delimiter != "," and any("," in line.text for line in numbers),
         trailing=trailing,

@@ -45,6 +45,7 @@ def open_file(path: Path) -> RawFile:
             size=int(record["num_pts"]),
             samples=once(partial(_load, path, i)),
             sample_rate=_rate(path, i, record),
+            unit=str(record.get("ordinate_axis_units_lab") or "").strip(),
         )
     return RawFile(name=path.name, channels=channels)
 

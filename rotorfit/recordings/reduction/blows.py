@@ -166,8 +166,8 @@ def blow_findings(record: Recording, found: list[Blow]) -> Iterator[Finding]:
             yield Finding(
                 "error",
                 "channel-clipped",
-                f"{record.name}, channel {channel} is clipped after a blow, at {each.low:.3f} or {each.high:.3f} V: "
-                "amplitudes there are too small. Set the input range wider and strike again, or leave the probe out.",
+                f"{record.name}, channel {channel} is clipped after a blow, at {each.low:.4g} or {each.high:.4g} "
+                f"{each.unit}: amplitudes there are too small. Set the input range wider, or leave the probe out.",
             )
 
 

@@ -12,6 +12,7 @@ import numpy as np
 from rotorfit.data.findings import Finding
 from rotorfit.models.parameters import unknown_name
 from rotorfit.recordings.formats.raw_file import RawChannel, RawFile
+from rotorfit.recordings.rig.channel_units import ChannelUnit, channel_unit, name_and_unit
 from rotorfit.recordings.rig.rig_toml import flat_setup
 from rotorfit.recordings.rig.setup import (
     Force,
@@ -27,7 +28,7 @@ from rotorfit.recordings.rig.setup import (
     Twist,
     prefer,
 )
-from rotorfit.units import RPM_PER_RAD_S
+from rotorfit.units import RPM_PER_RAD_S, UNITS
 
 _PROBE_NAME = re.compile(r"(?i)^(.+?)[ _.\-]?([xy])$")
 _REFERENCE_NAME = re.compile(r"(?i)keyph|tacho|kph|trigger")
@@ -78,7 +79,7 @@ def file_setup(raw: RawFile) -> RigSetup:
     shafts = [name for name in references if name not in perturbators]
     probes = []
     for name in raw.channels:
-        match = None if name in references else _PROBE_NAME.match(name)
+        match = None if name in references else _PROBE_NAME.match(name_and_unit(name)[0])
         if match:
             angle = angles[match[2].lower()]
             rad = math.radians(angle) if isinstance(angle, int | float) else None
@@ -119,7 +120,7 @@ def complete(raw: RawFile, setup: RigSetup | None) -> Rig:
     # a shaft that stands still passes no mark
     shaft, perturbator = (_reference(r) for r in (whole.shaft if whole.speed != 0 else None, whole.perturbator))
     planes = tuple(dict.fromkeys(probe.plane for probe in probes))
-    force = _force(raw, whole.force, perturbator, planes)
+    force = _force(raw, whole, perturbator, planes)
     if whole.twist is not None:
         _check_twist(whole.twist, raw.name)
     marked = [p.channel for p in probes] + [r.channel for r in (shaft, perturbator) if r is not None and r.channel]
@@ -211,11 +212,55 @@ def _with_own_angle(probe: Probe, own: RigSetup) -> Probe:
 
 
 def _complete_probe(raw: RawFile, probe: Probe, setup: RigSetup, source: str) -> Probe:
+    unit = _unit_of(raw, probe.channel, probe.unit, setup)
     sensitivity = probe.sensitivity if probe.sensitivity is not None else setup.sensitivity
+    if unit is not None and unit.quantity != "voltage":
+        sensitivity = _scaled(raw, probe.channel, unit, "length", sensitivity)
+        probe = replace(probe, unit=unit.name)
+    else:
+        probe = replace(probe, unit=None)
     if probe.angle is None or sensitivity is None:
-        lacking = "angle_deg" if probe.angle is None else "sensitivity_V_per_mm"
+        lacking = "angle_deg" if probe.angle is None else "sensitivity_V_per_mm (or unit, of a channel that is scaled)"
         raise ValueError(f"{raw.name}: nothing says the {lacking} of the probe {probe.channel}; {_how(raw)}")
     return replace(probe, sensitivity=sensitivity)
+
+
+def _unit_of(raw: RawFile, channel: str, said: str | None, setup: RigSetup) -> ChannelUnit | None:
+    """Unit of a channel: by the setup, else by the file or the channel's name; None where nothing says one of ours."""
+    scale = setup.scales.get(channel)
+    own = raw.channels[channel].unit if channel in raw.channels else ""
+    given = said or (scale.unit if scale is not None else None)
+    if given is None and scale is not None:
+        return None  # volts of a count
+    found = (channel_unit(text) for text in (given or "", own, name_and_unit(channel)[1]) if text)
+    return next((unit for unit in found if unit is not None), None)
+
+
+_MEANT = {"length": "a probe reads motion", "force": "[force] takes forces"}
+
+
+def _scaled(raw: RawFile, channel: str, unit: ChannelUnit, quantity: str, sensitivity: float | None) -> float:
+    """Sensitivity, of unit for a metre or a newton, of a channel that is scaled already."""
+    if unit.quantity != quantity:
+        raise ValueError(
+            f"{raw.name}: the channel {channel} is in {unit.name}, {unit.quantity}; {_MEANT[quantity]}, in "
+            f"{', '.join(UNITS[quantity])}, or in V or mV with a sensitivity. If the file is wrong, say unit = "
+            f'"..." of [[channel]] name = "{channel}"'
+        )
+    if sensitivity is not None and np.isclose(abs(sensitivity) * unit.factor, 1):
+        return sensitivity  # one of the unit for one of the unit, and perhaps falling on approach
+    if sensitivity is not None:
+        raise ValueError(
+            f"{raw.name}: the channel {channel} is in {unit.name}, so it has no sensitivity in volts; take the "
+            f'sensitivity away, or say unit = "V" of the channel if it holds volts'
+        )
+    return 1 / unit.factor
+
+
+def _volts(raw: RawFile, channel: RawChannel, setup: RigSetup) -> float:
+    """Volts of one in the unit of a channel that is in mV, or in what is no voltage at all 1."""
+    unit = _unit_of(raw, channel.name, None, setup)
+    return unit.factor if unit is not None and unit.quantity == "voltage" else 1.0
 
 
 def _reference(reference: Reference | None) -> Reference | None:
@@ -224,15 +269,15 @@ def _reference(reference: Reference | None) -> Reference | None:
     return replace(reference, pulses_per_turn=reference.pulses_per_turn or 1)
 
 
-def _force(
-    raw: RawFile, force: ForceSetup | None, perturbator: Reference | None, planes: tuple[str, ...]
-) -> Force | None:
+def _force(raw: RawFile, setup: RigSetup, perturbator: Reference | None, planes: tuple[str, ...]) -> Force | None:
+    force = setup.force
     if force is None:
         return None
     channels = (force.channel_x or "", force.channel_y or "")
     if any(channels):
-        if force.plane is None or force.sensitivity is None:
-            lacking = "plane" if force.plane is None else "sensitivity_V_per_N"
+        sensitivity = _force_sensitivity(raw, force, setup)
+        if force.plane is None or sensitivity is None:
+            lacking = "plane" if force.plane is None else "sensitivity_V_per_N, or unit"
             raise ValueError(f"{raw.name}: the measured force needs its {lacking} in [force]")
         nan = math.nan
         return Force(
@@ -243,7 +288,7 @@ def _force(
             whirl=force.whirl or 1,
             reference="",
             channels=channels,
-            sensitivity=force.sensitivity,
+            sensitivity=sensitivity,
         )
     if force.mr is None:
         return None
@@ -263,6 +308,21 @@ def _force(
         whirl=force.whirl or 1,
         reference="shaft" if perturbator is None else "perturbator",
     )
+
+
+def _force_sensitivity(raw: RawFile, force: ForceSetup, setup: RigSetup) -> float | None:
+    """Of the channels of a measured force, V/N, or of their unit for a newton."""
+    channels = [channel for channel in (force.channel_x, force.channel_y) if channel]
+    units = [_unit_of(raw, channel, force.unit, setup) for channel in channels]
+    scaled = [
+        force.sensitivity
+        if unit is None or unit.quantity == "voltage"
+        else _scaled(raw, channel, unit, "force", force.sensitivity)
+        for channel, unit in zip(channels, units, strict=True)
+    ]
+    if len(set(scaled)) > 1:
+        raise ValueError(f"{raw.name}: the channels of the force, {' and '.join(channels)}, are in different units")
+    return scaled[0]
 
 
 def _load(raw: RawFile, load: LoadSetup | None, planes: tuple[str, ...], rotation: int) -> Load | None:
@@ -308,7 +368,11 @@ def _size(raw: RawFile, used: list[RawChannel]) -> int:
 
 def _scale(raw: RawFile, channel: RawChannel, setup: RigSetup) -> tuple[float, float]:
     """Volts per count and volts at count zero."""
-    scale = setup.scales.get(channel.name, Scale(volts_per_count=channel.volts_per_count, offset=channel.offset))
+    scale = setup.scales.get(channel.name)
+    if scale is None or scale.unit is not None:
+        scale = Scale(volts_per_count=channel.volts_per_count, offset=channel.offset)
+        if scale.volts_per_count is None and channel.full_count is None:
+            return _volts(raw, channel, setup), scale.offset
     if scale.full_scale is not None:
         return scale.full_scale / (channel.full_count or 1.0), scale.offset
     if scale.volts_per_count is None and channel.full_count is not None:

@@ -14,6 +14,7 @@ from typing import Any
 
 from rotorfit.estimators.atomic_file import note_input
 from rotorfit.models.parameters import unknown_name
+from rotorfit.recordings.rig.channel_units import ALLOWED, channel_unit
 from rotorfit.recordings.rig.setup import (
     VECTOR_ORDERS,
     WAVEFORM_ORDERS,
@@ -77,6 +78,12 @@ def _word(where: str, value: Any) -> str:
     return value.strip()
 
 
+def _unit(where: str, value: Any) -> str:
+    if channel_unit(_word(where, value)) is None:
+        raise ValueError(f"{where} must be one of {ALLOWED}; got {value!r}")
+    return str(value)
+
+
 def _choice(allowed: Mapping[str, Any]) -> Reader:
     def read(where: str, value: Any) -> Any:
         if not isinstance(value, str) or value.lower() not in allowed:
@@ -126,6 +133,7 @@ _PROBE: dict[str, tuple[str, Reader]] = {
     "angle_deg": ("angle", _scaled(_number, _DEGREE)),
     "linear_range_V": ("linear_range", _range),
     "centre_V": ("centre", _number),
+    "unit": ("unit", _unit),
     **_in_units("delay", "delay", {"s": 1.0, "ms": 1e-3, "us": 1e-6}, _number),
     **_in_units("sensitivity", "sensitivity", SENSITIVITIES, _sensitivity),
 }
@@ -144,6 +152,7 @@ _FORCE: dict[str, tuple[str, Reader]] = {
     "whirl": ("whirl", _choice(_WHIRL)),
     "channel_x": ("channel_x", _word),
     "channel_y": ("channel_y", _word),
+    "unit": ("unit", _unit),
     **_in_units("sensitivity", "sensitivity", _FORCE_SENSITIVITIES, _sensitivity),
 }
 _LOAD: dict[str, tuple[str, Reader]] = {
@@ -205,6 +214,7 @@ _CHANNEL: dict[str, tuple[str, Reader]] = {
     "volts_per_count": ("volts_per_count", _sensitivity),
     "full_scale_V": ("full_scale", _positive),
     "offset_V": ("offset", _number),
+    "unit": ("unit", _unit),
 }
 
 
@@ -321,8 +331,11 @@ def _scales(content: Mapping[str, Any], source: str) -> dict[str, Scale]:
     for number, table in enumerate(_tables(content, "channel", source), 1):
         where = f"{source}, [[channel]] {number}"
         name = _word(f"{where}: name", table.get("name"))
-        if ("volts_per_count" in table) == ("full_scale_V" in table):
-            raise ValueError(f"{where}: give either volts_per_count or full_scale_V (volts of the largest count)")
+        if sum(key in table for key in ("volts_per_count", "full_scale_V", "unit")) != 1:
+            raise ValueError(
+                f"{where}: give one of volts_per_count, full_scale_V (volts of the largest count) and unit (of what is "
+                "scaled already)"
+            )
         scales[name] = Scale(**_fields(_CHANNEL, {k: v for k, v in table.items() if k != "name"}, where))
     return scales
 

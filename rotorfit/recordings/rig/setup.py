@@ -23,6 +23,7 @@ class Probe:
     sensitivity: float | None = None  # V/m; positive: the signal rises as the target approaches
     linear_range: tuple[float, float] | None = None  # voltages between which it is linear, V, the lower first
     centre: float | None = None  # voltage while the shaft is in the centre of its bearing, V; None: not known
+    unit: str | None = None  # in which its channel is scaled already; None: volts, or as the file says
     delay: float | None = None  # time by which its channel is late against the marks, s; None: on time
 
 
@@ -49,6 +50,7 @@ class ForceSetup:
     channel_x: str | None = None  # channels of a measured force along x and y
     channel_y: str | None = None  # channels of a measured force along x and y
     sensitivity: float | None = None  # of these channels, V/N
+    unit: str | None = None  # in which these channels are scaled already; None: volts, or as the file says
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -101,11 +103,12 @@ class SlowRollSetup:
 
 @dataclass(frozen=True, kw_only=True)
 class Scale:
-    """What a channel of counts means in volts."""
+    """What the numbers of a channel mean."""
 
     volts_per_count: float | None = None  # factor; None where the full scale is given
     full_scale: float | None = None  # volts at the largest count that the file can hold
     offset: float = 0.0  # volts at count zero
+    unit: str | None = None  # in which the channel is scaled already; None: volts, or as the file says
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from rotorfit.recordings.formats.files import open_raw
 from rotorfit.recordings.formats.raw_file import RawFile
+from rotorfit.recordings.rig.channel_units import channel_unit, name_and_unit
 from rotorfit.recordings.rig.resolve import file_setup
 from rotorfit.recordings.rig.setup import ForceSetup, Probe, Reference, RigSetup
 from rotorfit.units import RAD_S_PER_RPM
@@ -33,7 +34,7 @@ def template(path: str | Path) -> str:
         _line("speed_rpm", own.speed and own.speed / RAD_S_PER_RPM, 1500.0, "nominal speed", must=False),
         *_reference("shaft", own.shaft, raw, "the shaft's Keyphasor"),
         *_reference("perturbator", own.perturbator, raw, "the perturbator's mark; leave out for a start-up"),
-        *(line for probe in own.probes or () for line in _probe(probe, own)),
+        *(line for probe in own.probes or () for line in _probe(probe, own, raw)),
         *([] if own.probes else _unknown_probes(raw)),
         *_force(own.force),
         *_SLOW_ROLL,
@@ -69,7 +70,9 @@ def _reference(table: str, known: Reference | None, raw: RawFile, words: str) ->
     ]
 
 
-def _probe(probe: Probe, own: RigSetup) -> list[str]:
+def _probe(probe: Probe, own: RigSetup, raw: RawFile) -> list[str]:
+    said = (channel_unit(text) for text in (raw.channels[probe.channel].unit, name_and_unit(probe.channel)[1]))
+    unit = next((each.name for each in said if each is not None and each.quantity == "length"), "")
     angle = None if probe.angle is None else math.degrees(probe.angle)
     sensitivity = None if own.sensitivity is None else own.sensitivity / _PER_MM
     return [
@@ -78,7 +81,9 @@ def _probe(probe: Probe, own: RigSetup) -> list[str]:
         f'plane = "{probe.plane}"',
         f'channel = "{probe.channel}"',
         _line("angle_deg", angle, 0.0, "where the probe sits, from x counter-clockwise"),
-        _line("sensitivity_V_per_mm", sensitivity, 7.87, "or _V_per_mil, _mV_per_um, _mV_per_mil; rises on approach"),
+        _line("unit", unit, "um", "")
+        if unit
+        else _line("sensitivity_V_per_mm", sensitivity, 7.87, 'or _mV_per_mil, ...; or unit = "um" if it is scaled'),
         _line("delay_us", None, 0.0, "by which the channel is late, as on a card of its own", must=False),
     ]
 
@@ -91,7 +96,7 @@ def _unknown_probes(raw: RawFile) -> list[str]:
             '# plane = "disk"',
             f'# channel = "{name}"',
             "# angle_deg = 0.0",
-            "# sensitivity_V_per_mm = 7.87   # 1.0 for a channel that is in mm already",
+            '# sensitivity_V_per_mm = 7.87   # or unit = "um" for a channel that is scaled already',
         ]
     return lines
 
