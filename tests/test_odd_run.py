@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -68,12 +67,12 @@ def test_blocks_taken_in_to_follow_a_run_do_not_hide_it(rig: PerturbationTest) -
 def test_a_slip_of_one_run_is_named_with_what_the_others_would_leave(slip: str, rig: PerturbationTest) -> None:
     model, known = rf.models.WhirlWhip(), {"K3": 6000.0}
     spoiled = SLIPS[slip](rig)
-    found = said(rf.fit(model, spoiled, known=known))
-    assert len(found) == 1
-    assert found[0].startswith(f"run {ODD} does not go with the others: without it redchi would be about ")
-    predicted = float(found[0].split("about ")[1].split(". ")[0])
+    fit = rf.fit(model, spoiled, known=known)
+    assert len(said(fit)) == 1
     others = rf.fit(model, spoiled.select(spoiled.run != ODD), known=known)
-    assert predicted == pytest.approx(others.redchi, rel=0.25)  # one step, told to two digits
+    name, predicted = fit.noise.run_left_out
+    assert name == ODD
+    assert predicted == pytest.approx(others.redchi, rel=0.25)  # by one step of Gauss-Newton
 
 
 def test_a_slip_that_blocks_between_planes_lay_bare_is_named_by_refinement(rig: PerturbationTest) -> None:
@@ -102,11 +101,11 @@ def test_runs_that_scatter_more_than_their_noise_are_not_blamed(seed: int) -> No
 def test_what_one_run_alone_differs_by_is_said_with_its_name(rig: PerturbationTest) -> None:
     """A speed label 5 % off, which the lumped model hides and refinement lays bare."""
     fit = rf.refine(rf.fit(rf.models.WhirlWhip(), in_one_run(rig, "speed", 1.05), known={"K3": 6000.0})).best
-    (told,) = [text for text in fit.warnings if "runs differ in speed label" in text]
-    found = re.search(rf"Nearly all of it is in run {ODD}, by ([0-9.]+) %", told)
-    assert found is not None
+    (effect,) = [effect for effect in fit.noise.effects if effect.kind == "run_lam"]
+    assert any(f"Nearly all of it is in run {ODD}" in text for text in fit.warnings)
     error = fit.noise.runs[-1][2]  # of one run's label
-    assert abs(float(found[1]) / 100 - 0.05) < 3 * error
+    size = effect.values[effect.runs.index(ODD)] - np.median(effect.values)
+    assert abs(abs(size) - 0.05) < 3 * error
 
 
 def test_runs_that_all_differ_blame_none() -> None:

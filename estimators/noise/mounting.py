@@ -13,12 +13,12 @@ import numpy as np
 
 from rotorfit.models.array_types import ComplexArray, Float, Index
 
-_DECADES = 12.0  # range of variances searched, about the mean square of the residuals
-_RANK = 1e-9  # relative singular value below which the columns of a design say the same
+_VARIANCE_DECADES = 12.0  # range searched about the mean square of the residuals: six digits of standard deviations
+_RANK_TOLERANCE = 1e-9  # relative singular value below which columns are dependent: round-off of written numbers
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Solved:
+class MountingFit:
     """Linear coefficients of one kind of reading, ``y_m = X_m beta + b_m + e_m``, over the mountings m.
 
     Variances are those of the real part and of the imaginary part.
@@ -34,7 +34,7 @@ class Solved:
     freedom: int  # complex degrees of freedom of ``mean``
 
 
-def solve(reading: ComplexArray, count: Float, design: ComplexArray, repeat: float) -> Solved:
+def solve(reading: ComplexArray, count: Float, design: ComplexArray, repeat: float) -> MountingFit:
     """Coefficients and the variance between mountings, by restricted maximum likelihood."""
     there = np.flatnonzero(np.isfinite(reading))
     y, X, n = reading[there], design[there], count[there]
@@ -45,7 +45,7 @@ def solve(reading: ComplexArray, count: Float, design: ComplexArray, repeat: flo
     if freedom:
         between = _restricted(y, X, within)
         variance = between + within
-    else:  # as many coefficients as mountings: repeats are all that can be told
+    else:  # as many coefficients as mountings: only repeats scatter
         between = float("nan")
         variance = within if within.any() else np.ones(there.size)
     weights = _weights(X, variance)
@@ -57,7 +57,7 @@ def solve(reading: ComplexArray, count: Float, design: ComplexArray, repeat: flo
     residuals = np.zeros(reading.size, dtype=complex)
     residuals[there] = projector @ y
     known = freedom > 0 or bool(within.any())
-    return Solved(
+    return MountingFit(
         beta=weights @ y,
         weights=whole,
         residuals=residuals,
@@ -70,14 +70,14 @@ def solve(reading: ComplexArray, count: Float, design: ComplexArray, repeat: flo
 
 
 def determines(design: ComplexArray) -> bool:
-    """Whether the columns of a design can be told apart."""
+    """Whether the columns of a design are independent."""
     if design.shape[0] < design.shape[1]:
         return False
     size = np.linalg.norm(design, axis=0)
     if not size.all():
         return False
     singular = np.linalg.svd(design / size, compute_uv=False)
-    return bool(singular[-1] > _RANK * singular[0])
+    return bool(singular[-1] > _RANK_TOLERANCE * singular[0])
 
 
 def _weights(X: ComplexArray, variance: Float) -> ComplexArray:
@@ -88,8 +88,8 @@ def _weights(X: ComplexArray, variance: Float) -> ComplexArray:
 def _restricted(y: ComplexArray, X: ComplexArray, within: Float) -> float:
     """Variance between mountings where the restricted likelihood of complex readings is largest."""
     freedom = y.size - X.shape[1]
-    plain = y - X @ np.linalg.lstsq(X, y, rcond=None)[0]
-    scale = float(np.sum(np.abs(plain) ** 2)) / (2 * freedom)
+    residuals = y - X @ np.linalg.lstsq(X, y, rcond=None)[0]
+    scale = float(np.sum(np.abs(residuals) ** 2)) / (2 * freedom)
     if scale == 0:
         return 0.0
 
@@ -99,10 +99,12 @@ def _restricted(y: ComplexArray, X: ComplexArray, within: Float) -> float:
         determinant = np.linalg.slogdet(X.conj().T / variance @ X)[1]
         return float(2 * np.log(variance).sum() + 2 * determinant + np.sum(np.abs(miss) ** 2 / variance))
 
-    from scipy.optimize import minimize_scalar  # loads much of SciPy, and few tests tell of mountings
+    from scipy.optimize import minimize_scalar  # late: it loads much of SciPy
 
     found = minimize_scalar(
-        lambda u: minus_twice(scale * 10**u), bounds=(-_DECADES / 2, _DECADES / 2), options={"xatol": 1e-6}
+        lambda u: minus_twice(scale * 10**u),
+        bounds=(-_VARIANCE_DECADES / 2, _VARIANCE_DECADES / 2),
+        options={"xatol": 1e-6},
     )
     between = float(scale * 10 ** float(found.x))
     if within.all() and minus_twice(0.0) <= float(found.fun):
@@ -124,7 +126,7 @@ def repeat_variance(readings: ComplexArray, mounting: Index) -> tuple[float, int
     return float(np.sum(np.abs(readings - mean[mounting]) ** 2)) / (2 * freedom), freedom
 
 
-def scatter(cells: list[Solved]) -> ComplexArray:
+def scatter(cells: list[MountingFit]) -> ComplexArray:
     """Covariance of the mean readings of one mounting across kinds of reading (channels and speeds), shape ``(C, C)``.
 
     No structure is assumed: whatever a mounting does to several channels and speeds at once is in it. Its rank is that
@@ -141,7 +143,7 @@ def scatter(cells: list[Solved]) -> ComplexArray:
     return np.asarray((vectors * np.maximum(values, 0.0)) @ vectors.conj().T)
 
 
-def coefficient_covariance(cells: list[Solved], between: ComplexArray) -> ComplexArray:
+def coefficient_covariance(cells: list[MountingFit], between: ComplexArray) -> ComplexArray:
     """Covariance of the coefficients of all cells, cell by cell, from that of the mean readings of one mounting.
 
     Returns:

@@ -6,17 +6,16 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from rotorfit.estimators.noise.reading_noise import SMOOTH_CORRELATION
 from rotorfit.estimators.noise.run_effects import real_rows
 from rotorfit.models.array_types import ComplexArray, Float, Index
 
-_FEWEST_RUNS = 3
+FEWEST_RUNS = 3
 """Of two runs either may be the odd one."""
 _MISFIT_FALLS = 3.0
 """Times by which the misfit must fall without the run: far beyond the scatter of redchi."""
 _MISFIT_FALLS_WITHOUT_ANOTHER = 1.5
 """Times by which it may fall without any other."""
-_RUN_CORRELATION = 0.5
-"""Correlation of neighbouring residuals of that run, from which they are no scatter."""
 
 
 def misfit_without(r: ComplexArray, J: ComplexArray, prior: Float, runs: Sequence[Index]) -> Float:
@@ -39,7 +38,7 @@ def odd_run(
     r: ComplexArray, J: ComplexArray, prior: Float, runs: Sequence[Index], sweeps: Sequence[Index]
 ) -> tuple[int, float] | None:
     """Number of the one run without which a fit would be another, and what it would then leave; None where none is."""
-    if len(runs) < _FEWEST_RUNS:
+    if len(runs) < FEWEST_RUNS:
         return None
     now = float(np.vdot(r, r).real) / max(2 * r.size - prior.size, 1)
     left = misfit_without(r, J, prior, runs)
@@ -50,4 +49,4 @@ def odd_run(
     own = [sweep for sweep in sweeps if np.isin(sweep[0], runs[first])]
     along = sum(float(np.vdot(r[sweep[:-1]], r[sweep[1:]]).real) for sweep in own)
     power = sum(float(np.vdot(r[sweep], r[sweep]).real) for sweep in own)
-    return (first, float(left[first])) if along > _RUN_CORRELATION * power else None
+    return (first, float(left[first])) if along > SMOOTH_CORRELATION * power else None

@@ -20,6 +20,10 @@ LINES_OF_A_LEVEL = 8
 P_OWN_LEVEL = 0.01
 """Probability of giving sweeps noise of their own although they share it."""
 
+SMOOTH_CORRELATION = 0.5
+"""Lag-one correlation above which samples follow a curve and are no noise: of noise, sixteen samples exceed it once in
+a hundred, eight once in fifteen."""
+
 _SPREAD_OF_PROPORTIONAL = 0.8
 """Spread of the logarithm of proportional noise over that of constant noise below which it is preferred; else the
 amplitude hardly varies."""

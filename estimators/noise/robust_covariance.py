@@ -10,12 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rotorfit.estimators.noise.run_effects import powers, real_rows
+from rotorfit.estimators.noise.run_effects import SMALLEST_REST, powers, real_rows
 from rotorfit.models.array_types import ComplexArray, Float, Index
-
-_SMALLEST_REST = 0.05
-"""Least share of a reading's residual that counts as left by its fit: HC3 divides by it, and its square may not exceed
-that of the noise four hundred times."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -31,7 +27,7 @@ def line_scatter(r: ComplexArray, J: ComplexArray, covar: Float, line: Index, po
     """Compare the scatter of the gradient with what noise of a given power explains."""
     own = real_rows(J)
     moved = covar @ own  # both parts of each reading one after the other
-    left = np.maximum(1 - powers(moved, own) / 2, _SMALLEST_REST)
+    left = np.maximum(1 - powers(moved, own) / 2, SMALLEST_REST)
     order = np.argsort(line, kind="stable")
     starts = 2 * np.flatnonzero(np.diff(line[order], prepend=-1))
     parts = (2 * order[:, None] + np.arange(2)).ravel()

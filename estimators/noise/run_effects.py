@@ -26,6 +26,9 @@ _LARGEST_SD = 0.3
 _SMALLEST_SD = 0.03
 """Smallest standard deviation tried, over the error of one run's own effect: it adds a thousandth to the variance."""
 
+SMALLEST_REST = 0.02
+"""Least 1 - leverage: a reading that alone determines something has no residual to judge by."""
+
 _SD_PRECISION = 0.02
 """Relative precision of a standard deviation: of ten runs it is known within a quarter."""
 

@@ -15,15 +15,13 @@ from rotorfit.estimators.noise.reading_noise import (
     FLOOR,
     LINES_OF_A_LEVEL,
     P_OWN_LEVEL,
+    SMOOTH_CORRELATION,
     deviations_of_repeats,
     noise_from_samples,
     noise_from_smoothness,
 )
 from rotorfit.models.array_types import ComplexArray, Float, Index
 
-_SMOOTH_CORRELATION = 0.5
-"""Lag-one correlation above which the wrong-direction component is anisotropy, not noise: of noise, sixteen
-samples exceed it once in a hundred, eight once in fifteen."""
 _REPEATS_OVER_SMOOTHNESS = 2.5
 """Times the noise of each sweep by itself up to which the differences of repeats are noise."""
 
@@ -113,7 +111,7 @@ def _is_smooth(samples: ComplexArray) -> bool:
     power = float(np.sum(np.abs(samples) ** 2))
     if samples.size < LINES_OF_A_LEVEL or power == 0:
         return False
-    return bool(np.abs(np.sum(samples[1:] * samples[:-1].conj())) > _SMOOTH_CORRELATION * power)
+    return bool(np.abs(np.sum(samples[1:] * samples[:-1].conj())) > SMOOTH_CORRELATION * power)
 
 
 def _repeated(block: Responses, w: Float, condition: Sequence[Float | Index]) -> Iterator[tuple[Index, Float | float]]:

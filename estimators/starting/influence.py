@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotorfit.estimators.noise.mounting import (
-    Solved,
+    MountingFit,
     coefficient_covariance,
     determines,
     repeat_variance,
@@ -90,7 +90,7 @@ def solve_influence(readings: Readings) -> Influence:
     speed = np.bincount(readings.dwell, readings.speed) / np.bincount(readings.dwell)
     value = readings.value * _to_common_speed(readings, speed)
     design = np.column_stack([np.ones(len(readings.unbalance)), readings.unbalance])
-    cells: list[Solved] = []
+    cells: list[MountingFit] = []
     places: list[tuple[int, int]] = []
     left_out: list[tuple[int, int]] = []
     freedoms: list[float] = []
@@ -114,7 +114,11 @@ def solve_influence(readings: Readings) -> Influence:
 
 
 def _assembled(
-    cells: list[Solved], places: list[tuple[int, int]], left_out: list[tuple[int, int]], speed: Float, freedom: float
+    cells: list[MountingFit],
+    places: list[tuple[int, int]],
+    left_out: list[tuple[int, int]],
+    speed: Float,
+    freedom: float,
 ) -> Influence:
     channel, dwell = np.array(places, dtype=np.intp).T
     size = np.sqrt([cell.mean for cell in cells])

@@ -21,7 +21,7 @@ from rotorfit.models.array_types import ComplexArray, Float
 
 _UNEVEN_SCATTER, _UNEVEN_SCATTER_OF_OTHER_NOISE = 4.5, 2.5
 """Standard deviations of scatter beyond that of equal noise from which standard errors follow it: where all else looks
-well (noise exceeds it once in 300 000), and where the noise was not as expected (once in 160)."""
+well (once in 300 000 by the normal distribution), and where the noise was not as expected (once in 160)."""
 
 
 def with_noise(problem: Problem, noise: FoundNoise) -> Problem:

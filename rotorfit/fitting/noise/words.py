@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from rotorfit.estimators.noise.odd_run import FEWEST_RUNS
 from rotorfit.fitting.noise.record import Miss, NoiseVerdict, RunEffect
 from rotorfit.units import RPM_PER_RAD_S
 
@@ -39,8 +40,6 @@ _TWO_RUNS = (
 
 _SCATTER = "the residuals scatter more along some changes than equal noise does; standard errors follow them (HC3)"
 
-_OTHER_RUNS = 2
-"""Fewest runs with which the one that differs most is compared."""
 _SINGLE_RUN = 8.0
 """Times the rms effect of the other runs from which a difference is said to be of one run alone: of six runs with
 normal effects one exceeds it once in eighty sets, of twelve once in four thousand."""
@@ -72,7 +71,7 @@ def _difference(effect: RunEffect) -> str:
 
 def _of_one_run(effect: RunEffect) -> str:
     """The run that has nearly all of an effect; empty where several share it."""
-    if len(effect.values) <= _OTHER_RUNS:
+    if len(effect.values) < FEWEST_RUNS:
         return ""
     size = np.abs(np.array(effect.values) - np.median(effect.values))  # an effect of one run shifts the mean of all
     first = int(np.argmax(size))
