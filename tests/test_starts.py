@@ -25,6 +25,8 @@ from rotorfit.models import WhirlWhip, eigenvalues
 
 COUNT = 200
 """Rigs of each model; a start that leads astray in one rig of three hundred is met by 1000 with probability 96 %."""
+CASES = [(21, 54), (21, 114), (23, 5)]
+"""Seeds and numbers of overhung rotors that the best of several passes of the closed form does not solve."""
 SHARP = (6, 48, 50, 59)
 """Rotors of a family of sixty that few of many random starts find from force and probe at the journal."""
 
@@ -71,15 +73,14 @@ def test_noise_free_data_give_the_parameters_back(name):
             assert result.params[key].value == pytest.approx(value, rel=1e-8)
 
 
-@pytest.mark.parametrize("name", MODELS)
-def test_optimum_found_from_the_closed_form_start(name):
-    """Random stable rigs, 1 % noise: never a worse minimum than a search that starts from the truth."""
+def assert_optima_found(name, count, noise, seed):
+    """Random stable rigs: never a worse minimum than a search that starts from the truth."""
     model = MODELS[name]()
-    for number, truth in enumerate(random_stable_rigs(name, COUNT, seed=3)):
+    for number, truth in enumerate(random_stable_rigs(name, count, seed=seed)):
         theta = model.vector(truth)
         frequency = covering_frequencies(model, theta, SPEEDS[name], 200)
         test = circular_test(
-            model, theta, speeds=SPEEDS[name], frequency=frequency, noise=0.01, seed=number, sigma_known=True
+            model, theta, speeds=SPEEDS[name], frequency=frequency, noise=noise, seed=number, sigma_known=True
         )
         known = known_of(name, truth)
         fit = rf.fit(model, test, known=known)
@@ -89,6 +90,18 @@ def test_optimum_found_from_the_closed_form_start(name):
         assert fit.problem.cost(fit.x) <= from_truth * (1 + 1e-7), number
         # chi-squared has mean nfree and standard deviation sqrt(2 nfree); 6 sd for 1000 rigs.
         assert abs(fit.chisqr - fit.nfree) < 6 * np.sqrt(2 * fit.nfree), number
+
+
+@pytest.mark.parametrize("noise", [0.01, 0.05])
+@pytest.mark.parametrize("name", MODELS)
+def test_optimum_found_from_the_closed_form_start(name, noise):
+    assert_optima_found(name, 8, noise, seed=4)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", MODELS)
+def test_optimum_found_for_hundreds_of_rigs(name):
+    assert_optima_found(name, COUNT, 0.01, seed=3)
 
 
 @pytest.mark.parametrize("name", MODELS)
@@ -111,6 +124,20 @@ def test_multistart_finds_no_better_optimum(name):
     cost = fit.problem.cost(fit.x)
     assert cost <= min(costs) * (1 + 1e-7)
     assert min(costs) == pytest.approx(cost, rel=1e-6)
+
+
+@pytest.mark.parametrize(("seed", "number"), CASES)
+def test_sharp_resonances_in_noise_have_their_optimum_found(seed, number):
+    """Rotors among random ones at 5 % noise in which no number of passes of the closed form ends near the optimum."""
+    truth, model = random_stable_rigs("overhung", number + 1, seed=seed)[number], MODELS["overhung"]()
+    theta = model.vector(truth)
+    test = circular_test(
+        model, theta, speeds=SPEEDS["overhung"], noise=0.05, seed=number, sigma_known=True,
+        frequency=covering_frequencies(model, theta, SPEEDS["overhung"], 200),
+    )  # fmt: skip
+    fit = rf.fit(model, test)
+    assert fit.start == "short fit"
+    assert fit.chisqr < best_from_the_truth(truth, test) + 0.1
 
 
 def journal_alone(truth, lines, noise, seed):
@@ -199,28 +226,3 @@ def test_what_may_be_a_local_minimum_is_called_so():
     assert fit.chisqr > best_from_the_truth(truth, test) + 10  # if ever a start finds it, this needs another rotor
     (doubt,) = (warning for warning in fit.warnings if "perhaps a local minimum" in warning)
     assert doubt in fit.summary()
-
-
-def test_data_that_no_rotor_explains_take_few_steps(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Random responses: of all closed forms a few steps are taken, of the better halves more, and one is left."""
-    from rotorfit.estimators.starting import starts
-
-    allowed = []
-    search = starts.minimise
-
-    def counted(*given, options, **named):
-        allowed.append(options.max_iterations)
-        return search(*given, options=options, **named)
-
-    monkeypatch.setattr(starts, "minimise", counted)
-    rng = np.random.default_rng(0)
-    w = np.concatenate([-(grid := np.linspace(20, 500, 50)), grid])
-    plane = np.repeat(["disk", "journal"], 2 * w.size)
-    response = 1e-5 * (rng.normal(size=plane.size) + 1j * rng.normal(size=plane.size))
-    test = rf.perturbation_test(
-        run=np.char.add("run ", plane), speed=150.0, frequency=np.tile(w, 4), force_plane=plane, force=2.0,
-        plane=np.tile(np.repeat(["disk", "journal"], w.size), 2), direction="z", response=response, sigma=1e-6,
-    )  # fmt: skip
-    rf.fit(rf.models.WhirlWhip(), test, known={"K3": 6000.0})
-    assert len(allowed) > 4
-    assert sum(allowed) < len(starts._PASSES) * 25  # 40 from all, as they once were, are 360 of the nine closed forms

@@ -7,10 +7,8 @@ equation in which it is the only unknown. Both steps are read off the model's ow
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from functools import partial
-from itertools import islice
 from zlib import crc32
 
 import numpy as np
@@ -20,11 +18,11 @@ from rotorfit.estimators.blocks.response import dynamic_stiffness, inverse
 from rotorfit.estimators.misfit.parameter_space import ParameterSpace
 from rotorfit.estimators.starting.force_balance import (
     ForceBalance,
-    as_triangle,
     one_by_one,
     products,
     solve,
     solve_projected,
+    weigh,
 )
 from rotorfit.estimators.starting.lumped import Lumped, LumpedStructure, lumped_coefficients
 from rotorfit.estimators.starting.lumped_solution import (
@@ -71,18 +69,13 @@ def closed_form(
     once more with the responses of that result as instruments, because the noise of the measured responses, which stand
     among the regressors, would otherwise pull the stiffness towards zero.
     """
-    return closed_forms(space, blocks, weighted=weighted, passes=(passes,))[0]
+    return next(closed_forms(space, blocks, weighted=weighted, passes=(passes,)))
 
 
 def closed_forms(
-    space: ParameterSpace,
-    blocks: tuple[Block, ...],
-    *,
-    weighted: bool = True,
-    passes: tuple[int, ...],
-    enough: Callable[[Float], bool] | None = None,
-) -> list[ClosedForm]:
-    """Closed forms after several numbers of passes, at the cost of the last; see :func:`closed_form`."""
+    space: ParameterSpace, blocks: tuple[Block, ...], *, weighted: bool = True, passes: tuple[int, ...]
+) -> Iterator[ClosedForm]:
+    """Closed forms after several numbers of passes, ascending, up to where they settle; see :func:`closed_form`."""
     chosen = [complete_lines(block) for block in blocks if isinstance(block, Responses)]
     chosen = [block for block in chosen if block.speed.size]
     if not chosen:
@@ -92,85 +85,62 @@ def closed_forms(
         )
     lumped = lumped_coefficients(LumpedStructure.of(space, chosen))
     if not _determined(space, lumped, chosen):
-        return _with_convention(space, blocks, weighted, passes, enough)
+        yield from _with_convention(space, blocks, weighted, passes)
+        return
     typical = space.template if space.model.shaft is None else typical_theta(space)
     if weighted:
-        return _weighted(space, lumped, _kept_passes(lumped, chosen, typical), passes, enough)
+        yield from _weighted(space, lumped, chosen, typical, passes)
+        return
     equations = [ForceBalance(lumped, number, block, typical) for number, block in enumerate(chosen)]
-    solution, _ = solve([e.stiffness_balance() for e in equations])
+    solution, _ = solve(lambda: (e.stiffness_balance() for e in equations))
     x, notes = parameters_from(space, lumped, lumped.offset + lumped.spread @ solution, None)
-    return [ClosedForm(x, None, notes=notes)] * len(passes)
+    yield ClosedForm(x, None, notes=notes)
 
 
 def _weighted(
-    space: ParameterSpace,
-    lumped: Lumped,
-    solutions: Iterator[tuple[Float, Float]],
-    passes: tuple[int, ...],
-    enough: Callable[[Float], bool] | None,
-) -> list[ClosedForm]:
-    found: dict[int, ClosedForm] = {}
+    space: ParameterSpace, lumped: Lumped, blocks: list[Responses], typical: Float, passes: tuple[int, ...]
+) -> Iterator[ClosedForm]:
+    solutions = _passes(lumped, blocks, typical)
     before = np.zeros(0)
-    for number in range(1, max(passes) + 1):
+    for number in range(1, passes[-1] + 1):
         try:
             solution, information = next(solutions)
         except np.linalg.LinAlgError as reason:
-            if not found:
-                raise ClosedFormError("the passes diverge: the noise hides a response") from reason
-            break  # further passes diverge; the best of those found is near enough to start from
+            if number > passes[0]:
+                return  # further passes diverge; those before are near enough to start from
+            raise ClosedFormError("the passes diverge: the noise hides a response") from reason
         settled = number > 1 and bool(np.all(np.abs(solution - before) <= _SETTLED * np.abs(solution)))
         before = solution
         if settled or number in passes:
             x, notes = parameters_from(space, lumped, lumped.offset + lumped.spread @ solution, information)
-            root = lumped.linearise(x)[1][lumped.basis], information
-            found[number] = ClosedForm(x, root, notes=notes)
-        if settled or (number in found and enough is not None and enough(found[number].x)):
-            break
-    return [found.get(number, found[max(found)]) for number in passes]
-
-
-def _kept_passes(lumped: Lumped, blocks: list[Responses], typical: Float) -> Iterator[tuple[Float, Float]]:
-    """What :func:`_passes` yields; the data keep it, for the next fit with other bounds, priors or loss."""
-    notes = blocks[0].layout_notes
-    of = [lumped, *(values for block in blocks for values in (block.measured, block.sigma))]
-    given, known, done = notes.get(_passes, ([], b"", ()))
-    if known != typical.tobytes() or len(given) != len(of) or any(a is not b for a, b in zip(given, of, strict=True)):
-        done = ()
-    yield from done
-    for found in islice(_passes(lumped, blocks, typical), len(done), None):
-        done = (*done, found)
-        notes[_passes] = of, typical.tobytes(), done
-        yield found
+            yield ClosedForm(x, (lumped.linearise(x)[1][lumped.basis], information), notes=notes)
+        if settled:
+            return
 
 
 def _passes(lumped: Lumped, blocks: list[Responses], typical: Float) -> Iterator[tuple[Float, Float]]:
     """Independent lumped coefficients and the information on them after one weighted pass, after two, and so on."""
     pieces = [(number, piece) for number, block in enumerate(blocks) for piece in block.split(_PIECE)]
-    yield from _passes_of(lumped, [ForceBalance(lumped, *piece, typical) for piece in pieces])
-
-
-def _passes_of(lumped: Lumped, equations: list[ForceBalance]) -> Iterator[tuple[Float, Float]]:
-    """The same from equations of motion, of one run or, along a leading axis, of many."""
+    equations = [ForceBalance(lumped, *piece, typical) for piece in pieces]
     kept = equations[0].sides() if len(equations) == 1 else None  # those of many pieces fit no memory
 
     def balance(e: ForceBalance, weight: ComplexArray | Float) -> Float:
-        return e.weigh(kept, weight) if kept is not None else as_triangle(e.weigh(e.sides(), weight))
+        return weigh(e.sides() if kept is None else kept, weight)
 
     def weight_of(e: ForceBalance) -> tuple[ComplexArray, ComplexArray]:
-        H = e.inverse(lumped.offset + solution @ lumped.spread.T)
+        H = e.inverse(lumped.offset + lumped.spread @ solution)
         return H, e.response_weight(H)
 
-    solution, _ = solve([balance(e, e.force_weight()) for e in equations])
-    solution, information = solve([balance(e, weight_of(e)[1]) for e in equations])
+    solution, _ = solve(lambda: (balance(e, e.force_weight()) for e in equations))
+    solution, information = solve(lambda: (balance(e, weight_of(e)[1]) for e in equations))
     while True:
         yield solution, information
-        size = solution.shape[-1]
-        projected, information = (np.zeros((*solution.shape, count)) for count in (size + 1, size))
+        size = solution.size
+        projected, information = np.zeros((size, size + 1)), np.zeros((size, size))
         for e in equations:
             H, weight = weight_of(e)
             instruments = e.sensitivities(e.predicted(H), weight)
-            system = e.weigh(e.sides() if kept is None else kept, weight)
-            projected += products(instruments, system)
+            projected += products(instruments, balance(e, weight))
             information += products(instruments, instruments)
         solution = solve_projected(projected, information)
 
@@ -221,39 +191,26 @@ def _is_determined(space: ParameterSpace, lumped: Lumped, blocks: list[Responses
 
 
 def _with_convention(
-    space: ParameterSpace,
-    blocks: tuple[Block, ...],
-    weighted: bool,
-    passes: tuple[int, ...],
-    enough: Callable[[Float], bool] | None,
-) -> list[ClosedForm]:
+    space: ParameterSpace, blocks: tuple[Block, ...], weighted: bool, passes: tuple[int, ...]
+) -> Iterator[ClosedForm]:
     """Closed form with one more parameter at its conventional value, where the data leave a combination open."""
-    for entry, base in enumerate(space.base):
-        nominal = space.model.parameter(base).nominal
-        if nominal is None:
-            continue
-        index = np.where(space.index == entry, -1, space.index - (space.index > entry))
-        keep = np.arange(space.size) != entry
-        reduced = replace(
-            space,
-            names=space.names[:entry] + space.names[entry + 1 :],
-            base=space.base[:entry] + space.base[entry + 1 :],
-            template=np.where(space.index == entry, nominal, space.template),
-            index=index,
-            lower=space.lower[keep],
-            upper=space.upper[keep],
+    nominals = [(i, space.model.parameter(base).nominal) for i, base in enumerate(space.base)]
+    entry, nominal = next((pair for pair in nominals if pair[1] is not None), (-1, None))
+    if nominal is None:
+        raise ClosedFormError(
+            "these data do not determine the lumped coefficients of the model: fix parameters or give start values"
         )
-        note = f"{space.names[entry]} taken as {nominal:g}: these data leave it open"
-        whole = partial(np.insert, obj=entry, values=nominal)
-        better = None if enough is None else partial(_with_entry, enough, whole)
-        return [
-            replace(found, x=whole(found.x), open=(*found.open, entry), notes=(note, *found.notes))
-            for found in closed_forms(reduced, blocks, weighted=weighted, passes=passes, enough=better)
-        ]
-    raise ClosedFormError(
-        "these data do not determine the lumped coefficients of the model: fix parameters or give start values"
+    keep = np.arange(space.size) != entry
+    reduced = replace(
+        space,
+        names=space.names[:entry] + space.names[entry + 1 :],
+        base=space.base[:entry] + space.base[entry + 1 :],
+        template=np.where(space.index == entry, nominal, space.template),
+        index=np.where(space.index == entry, -1, space.index - (space.index > entry)),
+        lower=space.lower[keep],
+        upper=space.upper[keep],
     )
-
-
-def _with_entry(enough: Callable[[Float], bool], whole: Callable[[Float], Float], x: Float) -> bool:
-    return enough(whole(x))
+    note = f"{space.names[entry]} taken as {nominal:g}: these data leave it open"
+    for found in closed_forms(reduced, blocks, weighted=weighted, passes=passes):
+        x = np.insert(found.x, entry, nominal)
+        yield replace(found, x=x, open=(*found.open, entry), notes=(note, *found.notes))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable
 from functools import reduce
 from itertools import pairwise
 from typing import Any
@@ -21,16 +22,10 @@ _NEARLY_DEPENDENT = 1e-8
 
 
 class ForceBalance:
-    """Equations of motion ``kappa A = F`` of one block, linear in the independent lumped coefficients.
+    """Equations of motion ``kappa A = F`` of one block, linear in the independent lumped coefficients."""
 
-    Of many runs of one plan (``runs`` holds their number) the lines follow one another; what is solved has then a
-    leading axis of runs.
-    """
-
-    def __init__(
-        self, lumped: Lumped, number: int, block: Responses, typical: Float, runs: tuple[int, ...] = ()
-    ) -> None:
-        self.block, self._runs = block, runs
+    def __init__(self, lumped: Lumped, number: int, block: Responses, typical: Float) -> None:
+        self.block = block
         # A known structure goes to the side of the forces; its scale factors, not linear here, stay typical.
         known = block.known_stiffness(typical)
         self._known = None if known is None else known.values
@@ -57,12 +52,10 @@ class ForceBalance:
     def kappa(self, values: Float) -> ComplexArray:
         """Dynamic stiffness of each line from lumped coefficients, shape ``(L, n, n)``."""
         count, n = self.amplitude.shape
-        runs = self._runs or (1,)
-        result = np.empty((n * n, *runs, 2 * count // runs[0]))
-        own = values.T[self._mine].reshape(-1, *runs)
-        factor = self._factor.view(float).reshape(-1, *result.shape[1:])
+        own, factor = values[self._mine], self._factor.view(float)
+        result = np.empty((n * n, 2 * count))
         for place, entry in enumerate(self._entries):
-            np.einsum("ew,ewl->wl", own[entry], factor[entry], out=result[place])
+            np.matmul(own[entry], factor[entry], out=result[place])
         kappa = np.moveaxis(result.view(complex).reshape(n, n, count), -1, 0)
         return kappa if self._known is None else kappa + self._known
 
@@ -87,19 +80,9 @@ class ForceBalance:
         """Both sides of ``kappa A = F`` with the measured amplitudes, shape ``(n, B + 1, L)``."""
         return self._sides(self.amplitude, self.force)
 
-    def weigh(self, sides: ComplexArray, weight: ComplexArray | Float) -> Float:
-        """Columns ``weight kappa A`` over ``weight F``, one an equation, shape ``(..., n, B + 1, 2 L)``."""
-        return self._by_run(_weigh(sides, weight))
-
     def sensitivities(self, amplitude: ComplexArray, weight: ComplexArray) -> Float:
-        """The left sides alone, with other amplitudes than those measured, shape ``(..., n, B, 2 L)``."""
-        return self._by_run(_weigh(self._sides(amplitude, self.force)[:, :-1], weight))
-
-    def _by_run(self, system: Float) -> Float:
-        """Equations of all runs, shape ``(n, C, 2 L)``, with the leading axis of runs."""
-        if not self._runs:
-            return system
-        return np.ascontiguousarray(np.moveaxis(system.reshape(*system.shape[:2], *self._runs, -1), 2, 0))
+        """The left sides alone, weighed, with other amplitudes than those measured, shape ``(n, B, 2 L)``."""
+        return weigh(self._sides(amplitude, self.force)[:, :-1], weight)
 
     def _sides(self, amplitude: ComplexArray, force: ComplexArray) -> ComplexArray:
         """Both sides of kappa A = F, shape ``(n, B + 1, L)``."""
@@ -118,10 +101,10 @@ class ForceBalance:
     def stiffness_balance(self) -> Float:
         """Entries of the inverted dynamic stiffness (eq. 7), equally weighted; force balance where there are none."""
         if self.block.imposed:
-            return self.weigh(self.sides(), self.force_weight())
+            return weigh(self.sides(), self.force_weight())
         stiffness = stiffness_matrices(self.block)
         if stiffness.kappa.size == 0:
-            return self.weigh(self.sides(), np.ones(len(self.force)))
+            return weigh(self.sides(), np.ones(len(self.force)))
         systems = []
         for column in range(stiffness.kappa.shape[-1]):
             unit = np.zeros_like(self.amplitude)
@@ -151,7 +134,7 @@ def _powers(values: NDArray[Any], most: int) -> NDArray[Any]:
     return found
 
 
-def _weigh(sides: ComplexArray, weight: ComplexArray | Float) -> Float:
+def weigh(sides: ComplexArray, weight: ComplexArray | Float) -> Float:
     """Sides of equations, shape ``(n, C, L)``, mixed by weights of shape ``(L, n, n)``: real, shape ``(n, C, 2 L)``.
 
     Weights of shape ``(L,)`` are those of whole lines.
@@ -168,65 +151,57 @@ def _weigh(sides: ComplexArray, weight: ComplexArray | Float) -> Float:
 
 
 def one_by_one(system: Float) -> Float:
-    """Equations after one another, shape ``(..., C, 2 L n)``."""
-    return np.swapaxes(system, -3, -2).reshape(*system.shape[:-3], system.shape[-2], -1)
-
-
-def as_triangle(system: Float) -> Float:
-    """As few equations as unknowns with the same least-squares solution, shape ``(..., 1, C, C)``."""
-    rows = np.swapaxes(one_by_one(system), -1, -2)
-    return np.swapaxes(np.linalg.qr(rows, mode="r"), -1, -2)[..., None, :, :]
+    """Equations after one another, shape ``(C, 2 L n)``."""
+    return np.swapaxes(system, 0, 1).reshape(system.shape[1], -1)
 
 
 def products(left: Float, right: Float) -> Float:
-    """Sums over all equations of the products of columns, shape ``(..., C, D)``."""
-    return np.asarray((left @ np.swapaxes(right, -1, -2)).sum(axis=-3))
+    """Sums over all equations of the products of columns, shape ``(C, D)``."""
+    return np.asarray((left @ np.swapaxes(right, 1, 2)).sum(axis=0))
 
 
-def solve(systems: list[Float]) -> tuple[Float, Float]:
-    """Least squares, and the products of the left sides.
+def solve(systems: Callable[[], Iterable[Float]]) -> tuple[Float, Float]:
+    """Least squares of systems that are made one after the other, and the products of the left sides.
 
     By normal equations, a tenth of the work of a triangle; that is made where digits of theirs would be lost.
     """
-    projected = reduce(np.add, [products(system[..., :-1, :], system) for system in systems])
-    information = projected[..., :-1]
+    projected = reduce(np.add, (products(system[:, :-1], system) for system in systems()))
+    information = projected[:, :-1]
     unit, right, norm = _of_unit_length(projected, information)
     found = solve_definite(unit, right)
-    if found is not None:
-        return found / norm, information
-    scale = np.concatenate([norm, np.ones_like(norm[..., :1])], axis=-1)[..., None, :, None]
-    triangle = as_triangle(np.concatenate([as_triangle(system / scale) for system in systems], axis=-1))
-    triangle = np.swapaxes(triangle[..., 0, :, :], -1, -2)
-    return least_squares(triangle[..., :-1], triangle[..., -1], 1e-13) / norm, information
+    if found is None:
+        scale = np.append(norm, 1.0)[:, None]
+        rows = [_triangle(one_by_one(system / scale).T) for system in systems()]
+        triangle = _triangle(np.concatenate(rows))
+        found = np.asarray(np.linalg.lstsq(triangle[:, :-1], triangle[:, -1], rcond=1e-13)[0], dtype=float)
+    return found / norm, information
 
 
 def solve_projected(projected: Float, information: Float) -> Float:
     """Solve equations projected on instruments, whose own products are the information."""
     unit, right, norm = _of_unit_length(projected, information)
-    return np.asarray(np.linalg.solve(unit, right[..., None])[..., 0] / norm)
+    return np.asarray(np.linalg.solve(unit, right) / norm)
 
 
 def solve_definite(unit: Float, right: Float) -> Float | None:
-    """Solution of symmetric systems of unit diagonal, shape ``(..., p)``; None where one of them is nearly singular."""
+    """Solution of a symmetric system of unit diagonal, shape ``(p,)``; None where it is nearly singular."""
     try:
-        pivots = np.diagonal(np.linalg.cholesky(unit), axis1=-2, axis2=-1)
+        pivots = np.linalg.cholesky(unit).diagonal()
     except np.linalg.LinAlgError:
         return None
     if pivots.min() ** 2 <= _NEARLY_DEPENDENT:
         return None
-    return np.asarray(np.linalg.solve(unit, right[..., None])[..., 0])
+    return np.asarray(np.linalg.solve(unit, right))
+
+
+def _triangle(rows: Float) -> Float:
+    """As few equations as unknowns with the same least-squares solution, shape ``(C, C)``."""
+    return np.asarray(np.linalg.qr(rows, mode="r"))
 
 
 def _of_unit_length(projected: Float, information: Float) -> tuple[Float, Float, Float]:
-    """Left and right side for columns of length one, shapes ``(..., B, B)`` and ``(..., B)``, and the lengths."""
-    norm = np.sqrt(np.diagonal(information, axis1=-2, axis2=-1))
+    """Left and right side for columns of length one, shapes ``(B, B)`` and ``(B,)``, and the lengths."""
+    norm = np.sqrt(information.diagonal())
     norm = np.where(norm > 0, norm, 1.0)
-    scaled = projected / norm[..., None]
-    return scaled[..., :-1] / norm[..., None, :], scaled[..., -1], norm
-
-
-def least_squares(matrix: Float, right: Float, rcond: float) -> Float:
-    """Solution of smallest norm, shape ``(..., p)``, of one system or of many: NumPy's own takes one."""
-    if matrix.ndim == 2:
-        return np.asarray(np.linalg.lstsq(matrix, right, rcond=rcond)[0])
-    return np.asarray((np.linalg.pinv(matrix, rcond=rcond) @ right[..., None])[..., 0])
+    scaled = projected / norm[:, None]
+    return scaled[:, :-1] / norm, scaled[:, -1], norm

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache, reduce
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -75,12 +75,12 @@ class Lumped:
         else:
             self.basis, self.spread, self.offset = _independent(self, scale)
             notes["independent"] = self.basis.size == count
-        self._back = np.eye(count) if notes["independent"] else np.linalg.pinv(self.spread)
+        self.back = np.eye(count) if notes["independent"] else np.linalg.pinv(self.spread)
         self.determined: dict[int, bool] = notes.setdefault("determined", {})
         self._singles: dict[bytes, list[_Single]] = anyhow.setdefault("singles", {})
 
     def _evaluate(self, x: Float) -> tuple[Float, Float]:
-        """Coefficients and their nonzero derivatives, shapes ``(E, ...)``, of vectors of shape ``(p, ...)``."""
+        """Coefficients and their nonzero derivatives, shape ``(E, ...)`` for vectors of shape ``(p, ...)``."""
         found = self._function([*(x.tolist() if x.ndim == 1 else x), *self._speeds, *self._known])
         return found[: self.place.row.size], found[self.place.row.size :]
 
@@ -89,15 +89,11 @@ class Lumped:
         return self._evaluate(x)[0]
 
     def linearise(self, x: Float) -> tuple[Float, Float]:
-        """Coefficients and their derivatives, shapes ``(E, ...)`` and ``(E, p, ...)``."""
+        """Coefficients and their derivatives at one vector, shapes ``(E,)`` and ``(E, p)``."""
         values, slopes = self._evaluate(x)
-        jacobian = np.zeros((len(values), self.size, *values.shape[1:]))
+        jacobian = np.zeros((len(values), self.size))
         jacobian[self._rows, self._columns] = slopes
         return values, jacobian
-
-    def solve_spread(self, values: Float) -> Float:
-        """Independent coefficients whose spread comes nearest to given ones, shape ``(B, ...)``."""
-        return np.asarray(self._back @ values.reshape(len(values), -1)).reshape(-1, *values.shape[1:])
 
     def _dependence(self, scale: Float) -> Index:
         """How each coefficient depends on each parameter in it: linear, linear in its reciprocal, or neither."""
@@ -123,32 +119,20 @@ class Lumped:
         Each comes from a coefficient in which it is the only unknown, first those that depend on it most.
 
         Returns:
-            parameters, NaN where no coefficient gives one singly, and for runs that would go another way than the
-            first one, shape ``(p,)`` or ``(p, W)``.
+            parameters, NaN where no coefficient gives one singly, shape ``(p,)``.
         """
-        # One by one, each a number or an array of runs: there are few, and arrays of them cost more than they save.
-        one = np.ones(values.shape[1:])
-        point = [size * one for size in typical]
-        unknown, alike, left = np.ones(self.size, dtype=bool), one == 1, self.size
+        point, unknown = typical.copy(), np.ones(self.size, dtype=bool)
         with np.errstate(divide="ignore"):
-            while left and np.isfinite(sum(point)).any():
-                now, slopes = self._evaluate(np.array(point))
-                own = [single for single in self._alone(unknown) if slopes[single.derivative].all()]
-                found = [single.solve(now, slopes, values, point) for single in own]
-                most = (1 - 1e-12) * reduce(np.maximum, (share for _, share in found), 0.0 * one)
-                before = left
-                # Backwards, so that of several equally good coefficients the first one counts.
-                for single, (solved, share) in zip(reversed(own), reversed(found), strict=True):
-                    good = share >= most
-                    alike &= good == good.flat[0]
-                    if good.flat[0]:
-                        left -= int(unknown[single.column])
-                        point[single.column], unknown[single.column] = solved, False
-                if left == before:
+            while unknown.any() and np.isfinite(point).all():
+                now, slopes = self._evaluate(point)
+                own = [single for single in self._alone(unknown) if slopes[single.derivative]]
+                if not own:
                     break
-        x = np.where(alike, np.array(point), np.nan)
-        x[unknown] = np.nan
-        return x
+                solved, share = np.array([single.solve(now, slopes, values, point) for single in own]).T
+                # Backwards, so that of several equally good coefficients the first one counts.
+                for i in np.flatnonzero(share >= (1 - 1e-12) * np.nanmax(share))[::-1].tolist():
+                    point[own[i].column], unknown[own[i].column] = solved[i], False
+        return np.where(unknown, np.nan, point)
 
     def _alone(self, unknown: Bool) -> list[_Single]:
         """Derivatives of coefficients by what is the only unknown in them, and can be solved for."""
@@ -171,7 +155,7 @@ class _Single(NamedTuple):
     column: int  # numbers of the coefficient and of the parameter
     reciprocal: bool  # linear in one over the parameter, not in the parameter
 
-    def solve(self, now: Float, slopes: Float, values: Float, point: Sequence[Float]) -> tuple[Float, Float]:
+    def solve(self, now: Float, slopes: Float, values: Float, point: Float) -> tuple[float, float]:
         """The parameter by one coefficient, and the share of the coefficient that depends on it."""
         here, level, slope = point[self.column], now[self.row], slopes[self.derivative]
         # The coefficient is rest + slope t, with t the parameter or its reciprocal.

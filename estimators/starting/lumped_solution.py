@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from rotorfit.estimators.misfit.parameter_space import ParameterSpace
-from rotorfit.estimators.starting.force_balance import least_squares, solve_definite
+from rotorfit.estimators.starting.force_balance import solve_definite
 from rotorfit.estimators.starting.lumped import Lumped
 from rotorfit.models.array_types import Float
 
@@ -68,22 +68,15 @@ def _one_step(lumped: Lumped, values: Float, information: Float, x: Float) -> Fl
     """One linearised weighted step on all lumped coefficients at once: it uses the redundant ones as well."""
     now, jacobian = lumped.linearise(x)
     # information is that of the independent coefficients b, all = S b + o: least squares on S(b_model - b) = 0
-    J = lumped.solve_spread(jacobian)
-    miss = lumped.solve_spread(values - now).T[..., None]
-    across = J.T  # (..., p, B)
-    scale = np.maximum(np.abs(x), 1e-12).T
-    normal = across @ information @ np.swapaxes(across, -1, -2) * _outer(scale)
-    root = np.sqrt(np.maximum(np.diagonal(normal, axis1=-2, axis2=-1), 1e-300))
-    right = (across @ information @ miss)[..., 0] * scale / root
-    unit = normal / _outer(root)
+    J = lumped.back @ jacobian
+    scale = np.maximum(np.abs(x), 1e-12)
+    normal = J.T @ information @ J * np.outer(scale, scale)
+    root = np.sqrt(np.maximum(normal.diagonal(), 1e-300))
+    right = J.T @ information @ (lumped.back @ (values - now)) * scale / root
+    unit = normal / np.outer(root, root)
     step = solve_definite(unit, right)
     if step is None:
-        step = least_squares(unit, right, 1e-10)
-    moved = x + (step / root * scale).T
+        step = np.linalg.lstsq(unit, right, rcond=1e-10)[0]
+    moved = x + step / root * scale
     # The linearisation holds near the solution only; a step that changes a parameter beyond its size is not taken.
-    return np.where((np.abs(moved - x) <= 0.5 * np.abs(x) + 1e-300).all(axis=0), moved, x)
-
-
-def _outer(values: Float) -> Float:
-    """Products of the entries of vectors, shape ``(..., p, p)`` of ``(..., p)``."""
-    return np.asarray(values[..., :, None] * values[..., None, :])
+    return moved if (np.abs(moved - x) <= 0.5 * np.abs(x) + 1e-300).all() else x

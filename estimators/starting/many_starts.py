@@ -65,10 +65,21 @@ def best_of_many(problem: Problem, reason: str) -> Start:
     blocks = [block for block in problem.blocks if isinstance(block, Responses)]
     ratios = rational_fit(blocks) if problem.loss == "linear" else None
     limits = _limits(problem, ratios)
-    ends = _beside(problem, _search(problem, _candidates(problem, blocks, ratios), limits), limits)
+    ends = _search(problem, _candidates(problem, blocks, ratios), limits)
+    ends = _beside(problem, ends, limits[0])
     note = f"no closed form ({reason}); the best of {ends.far.sum()} starts was taken"
     doubt = _doubt(problem, ends, limits, ratios)
     return Start(x=ends.x[0, : len(problem.space.names)], kind=RANDOM, notes=(note, *doubt))
+
+
+def best_beside(problem: Problem, starts: Float) -> Float:
+    """The deepest end of short fits from starts, shape ``(W, p)``, and from beside it, shape ``(p,)``."""
+    ends = _none(problem).joined(loose_fits(problem, starts), far=True)
+    return np.asarray(_beside(problem, ends, -np.inf).x[0])
+
+
+def _none(problem: Problem) -> _Ends:
+    return _Ends(x=np.empty((0, problem.space.size)), cost=np.empty(0), far=np.empty(0, dtype=bool))
 
 
 def _limits(problem: Problem, ratios: RationalFit | None) -> tuple[float, float]:
@@ -86,7 +97,7 @@ def _candidates(problem: Problem, blocks: list[Responses], ratios: RationalFit |
 
 def _search(problem: Problem, candidates: Iterator[Float], limits: tuple[float, float]) -> _Ends:
     """Short fits until two of few end in a minimum as deep as the first limit, or two of many as the second."""
-    ends = _Ends(x=np.empty((0, problem.space.size)), cost=np.empty(0), far=np.empty(0, dtype=bool))
+    ends = _none(problem)
     while starts := list(islice(candidates, _TOGETHER)):
         ends = ends.joined(loose_fits(problem, np.array(starts)), far=True)
         if ends.together > 1 and ends.cost[0] <= limits[int(ends.cost.size >= _MANY)]:
@@ -94,7 +105,7 @@ def _search(problem: Problem, candidates: Iterator[Float], limits: tuple[float, 
     return ends
 
 
-def _beside(problem: Problem, ends: _Ends, limits: tuple[float, float]) -> _Ends:
+def _beside(problem: Problem, ends: _Ends, sure: float) -> _Ends:
     """With ends of short fits from beside the best one, round after round, until several lead no deeper.
 
     A sharp resonance between coarse lines has a minimum in every gap: the deepest is a small change of the parameters
@@ -104,13 +115,13 @@ def _beside(problem: Problem, ends: _Ends, limits: tuple[float, float]) -> _Ends
     count, fruitless = len(problem.space.names), 0
     for _ in range(_ROUNDS):
         least = ends.cost[0]
-        if fruitless == _FRUITLESS or (ends.together > 1 and least <= limits[0]):
+        if fruitless == _FRUITLESS or (ends.together > 1 and least <= sure):
             break
         starts = np.tile(ends.x[0], (_BESIDE.size, 1))
         changes = np.exp(_BESIDE[:, None] * rng.normal(size=(_BESIDE.size, count)))
         starts[:, :count] = inside_bounds(starts[:, :count] * changes, problem.space)
         ends = ends.joined(loose_fits(problem, starts), far=False)
-        fruitless = fruitless + 1 if ends.cost[0] > least - _AGREE else 0
+        fruitless = 0 if ends.cost[0] < least - _AGREE else fruitless + 1
     return ends
 
 

@@ -12,7 +12,7 @@ from rotorfit.estimators.starting.start_points import full_vector
 
 _ROUNDS = 8
 _STEADY = 0.05  # relative change of all values between rounds from which more of them make no better start
-_PASSES = 64  # of a closed form, at most
+_PASSES = 32  # of a closed form, at most
 
 
 def without_outliers(problem: Problem) -> tuple[Block, ...]:
