@@ -8,6 +8,7 @@ import numpy as np
 
 from rotorfit.estimators.blocks.correlated import freedom_of
 from rotorfit.estimators.blocks.nonlinear import responses_of
+from rotorfit.estimators.blocks.shaft_lines import LineResponses
 from rotorfit.estimators.inference import covariance
 from rotorfit.estimators.inference.identifiability import Identifiability
 from rotorfit.estimators.misfit.problem import Problem
@@ -65,6 +66,13 @@ def fit_warnings(
         for p in params.values()
         if p.at_bound
     ]
+    lines = [block for block in problem.blocks if isinstance(block, LineResponses)]
+    if lines and all((block.line == "w").all() for block in lines) and identifiability.unresolved:
+        left = ", ".join(identifiability.unresolved)
+        found.append(
+            f"these data hold the motion at w alone, which leaves {left} open: a shaft of unequal stiffness shows in "
+            "the image at 2x - w and in its twist. Of recordings rf.shaft_lines reads these lines, not rf.responses"
+        )
     return found + _instability(problem, x, identifiability.unresolved)
 
 

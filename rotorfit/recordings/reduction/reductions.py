@@ -15,6 +15,7 @@ from rotorfit.estimators.signals.local_response import LocalResponse, RecordSpec
 from rotorfit.models.array_types import Bool
 from rotorfit.recordings.reduction.blows import QUIET_SHARE, Blow, blow_findings, blows, rest_of
 from rotorfit.recordings.reduction.dwell_responses import dwell_responses, dwelling, dwells_of
+from rotorfit.recordings.reduction.images import image_seen
 from rotorfit.recordings.reduction.measured_force import clear_of_noise, coherence, coherence_note, reduce_measured
 from rotorfit.recordings.reduction.reduced_record import ReducedRecord, reduce_record
 from rotorfit.recordings.reduction.response_rows import apart_from_orders, readings, rows, time_at
@@ -92,6 +93,16 @@ def _sweep(reduced: ReducedRecord, report: Report) -> PerturbationTest:
     weight = np.array([force.mr * np.exp(1j * force.angle)])
     found = _estimated([record], [reduced.without_orders().spectra(weight, reduced.orders())], *reduced.band)
     w = found.frequency
+    if image_seen(reduced, found):
+        report(
+            Finding(
+                "warning",
+                "shaft-lines",
+                f"{record.name}: the shaft answers at twice its speed less the perturbation (2x - w) too, as one does "
+                "whose stiffness turns with it. Responses hold the motion at w alone: rf.shaft_lines reads all lines "
+                "of the recording, for AnisotropicShaft or Turning.",
+            )
+        )
     return rows(
         readings(record, force.whirl, found, np.abs(found.response[0]) * drive.stderr(time_at(reduced, w))),
         _clear(reduced, found, 4, report),
