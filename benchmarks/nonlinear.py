@@ -24,7 +24,7 @@ from reporting import RESULTS, environment, table, write_csv
 
 import rotorfit as rf
 from rotorfit.models.array_types import Float
-from rotorfit.models.journal import journal
+from rotorfit.models.motion.journal import journal
 
 TRUTH = {
     "M": 1.2, "K": 8000.0, "Ds": 8.0, "K0": 9000.0, "D": 450.0, "lam": 0.46, "Mf": 0.4, "n_K": 2.0, "n_D": 1.4,

@@ -16,7 +16,7 @@ from rotorfit.fitting.problem_setup import build_problem
 from rotorfit.fitting.settings import FitSettings
 from rotorfit.models import Anisotropic, Chain, OneMode, Overhung, RotorModel, TwoDisk, WhirlWhip
 from rotorfit.models.array_types import ComplexArray, Float
-from rotorfit.models.stability import eigenvalues
+from rotorfit.models.motion.stability import eigenvalues
 
 FORCE = 5.0
 """Rotating force of every run, N."""

@@ -39,7 +39,7 @@ from rotorfit.estimators.misfit.priors import Prior
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.estimators.starting.starts import find_start
 from rotorfit.models.array_types import Float, Index
-from rotorfit.models.stability import growth_rate
+from rotorfit.models.motion.stability import growth_rate
 
 DRAWS = 500
 LINES = 24
@@ -167,7 +167,7 @@ def run(name: str, study: Study, draws: int, seed: int, ess: float = ESS, assume
 
 def slower(problem: Problem, draws: Float, truth: Float) -> NDArray[np.bool_]:
     """Whether the threshold speed of each draw is below that of the truth: is the draw unstable there?"""
-    from rotorfit.models.stability import threshold_speed
+    from rotorfit.models.motion.stability import threshold_speed
 
     space = problem.space
     onset = threshold_speed(space.model, space.theta(truth)[0])

@@ -4,26 +4,26 @@ if __name__ != "rotorfit.models":  # a second copy under another name would have
     raise ImportError(f"import this package as rotorfit.models, not as {__name__}")
 
 from rotorfit.models.anisotropic import Anisotropic
-from rotorfit.models.anisotropic_shaft import AnisotropicShaft
 from rotorfit.models.chain import Chain
-from rotorfit.models.chain_match import ChainFromModes, chain_from_modes
 from rotorfit.models.fluid import FluidForce, fluid_force
-from rotorfit.models.harmonic_set import HarmonicSet, harmonic_set
 from rotorfit.models.known_structure import KnownStructure
-from rotorfit.models.lanczos import chain_modes
 from rotorfit.models.laws import LAWS, Constant, EvenPolynomial, Law, MonotoneSpline, Muszynska
 from rotorfit.models.modal import Modal
 from rotorfit.models.model import Coordinate, RotorModel
+from rotorfit.models.motion.stability import Threshold, eigenvalues, threshold_speed
 from rotorfit.models.one_mode import OneMode
 from rotorfit.models.orthotropic import Orthotropic
 from rotorfit.models.overhung import Overhung
 from rotorfit.models.parameters import Parameter
-from rotorfit.models.shaft import ROSS_4, ROSS_6
-from rotorfit.models.stability import Threshold, eigenvalues, threshold_speed
+from rotorfit.models.shafts.anisotropic_shaft import AnisotropicShaft
+from rotorfit.models.shafts.chain_match import ChainFromModes, chain_from_modes
+from rotorfit.models.shafts.harmonic_set import HarmonicSet, harmonic_set
+from rotorfit.models.shafts.lanczos import chain_modes
+from rotorfit.models.shafts.shaft import ROSS_4, ROSS_6
+from rotorfit.models.shafts.turning import TurningFrame, unstable_bands
+from rotorfit.models.shafts.turning_element import Turning
+from rotorfit.models.shafts.turning_on_supports import TurningOnSupports
 from rotorfit.models.structure import BLOCKS
-from rotorfit.models.turning import TurningFrame, unstable_bands
-from rotorfit.models.turning_element import Turning
-from rotorfit.models.turning_on_supports import TurningOnSupports
 from rotorfit.models.two_disk import TwoDisk
 from rotorfit.models.whirl_whip import WhirlWhip
 

@@ -16,7 +16,7 @@ from rotorfit.models.fluid import fluid_at, fluid_parameters
 from rotorfit.models.laws import Constant, Law, clearance_of
 from rotorfit.models.model import CoefficientJacobian, Coordinate, Matrix, RotorModel
 from rotorfit.models.parameters import Parameter
-from rotorfit.models.shaft import KnownStiffness, Shaft, StructureMatrices, complex_matrices
+from rotorfit.models.shafts.shaft import KnownStiffness, Shaft, StructureMatrices, complex_matrices
 
 
 class KnownStructure(RotorModel):

@@ -13,15 +13,15 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rotorfit.models.angular_rates import angular_rates
 from rotorfit.models.array_types import ComplexArray, Float, Index
 from rotorfit.models.compiled import array_function
 from rotorfit.models.complexes import Complex, Number
 from rotorfit.models.parameters import Parameter, unknown_name
+from rotorfit.models.shafts.angular_rates import angular_rates
 from rotorfit.models.text_table import text_table
 
 if TYPE_CHECKING:
-    from rotorfit.models.shaft import KnownStiffness, SeenShaft
+    from rotorfit.models.shafts.shaft import KnownStiffness, SeenShaft
 
 Matrix = Complex | Sequence[Sequence[Number]]
 Symbolic = tuple[ca.SX, ca.SX, ca.SX, list[Complex], list[Complex]]

@@ -19,7 +19,7 @@ from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.models.complexes import Complex, Number
 from rotorfit.models.model import CoefficientJacobian, Matrix, RotorModel
 from rotorfit.models.parameters import Parameter, unknown_name
-from rotorfit.models.shaft import KnownStiffness, ShaftApart
+from rotorfit.models.shafts.shaft import KnownStiffness, ShaftApart
 
 
 class Orthotropic(RotorModel):

@@ -29,21 +29,21 @@ if TYPE_CHECKING:  # `as` tells type checkers that these names are for users
     from rotorfit.data.weights import influence as influence
     from rotorfit.diagnosis.check import check as check
     from rotorfit.diagnosis.read import read as read
-    from rotorfit.fitting.calibration import Calibration as Calibration
+    from rotorfit.fitting.assumptions.calibration import Calibration as Calibration
     from rotorfit.fitting.fit import closed_form as closed_form
     from rotorfit.fitting.fit import fit as fit
     from rotorfit.fitting.fit_file import load_fit as load_fit
     from rotorfit.fitting.fit_file import save_fit as save_fit
-    from rotorfit.fitting.law_fit import fit_law as fit_law
-    from rotorfit.fitting.law_ranking import LawComparison as LawComparison
-    from rotorfit.fitting.law_ranking import compare_laws as compare_laws
-    from rotorfit.fitting.modes_to_disks import two_disk_from_modes as two_disk_from_modes
     from rotorfit.fitting.quantities import FittedParameter as FittedParameter
     from rotorfit.fitting.quantities import Quantity as Quantity
-    from rotorfit.fitting.refine import Refinement as Refinement
-    from rotorfit.fitting.refine import one_lam_test as one_lam_test
-    from rotorfit.fitting.refine import refine as refine
     from rotorfit.fitting.result import FitResult as FitResult
+    from rotorfit.fitting.structure.law_fit import fit_law as fit_law
+    from rotorfit.fitting.structure.law_ranking import LawComparison as LawComparison
+    from rotorfit.fitting.structure.law_ranking import compare_laws as compare_laws
+    from rotorfit.fitting.structure.modes_to_disks import two_disk_from_modes as two_disk_from_modes
+    from rotorfit.fitting.structure.refine import Refinement as Refinement
+    from rotorfit.fitting.structure.refine import one_lam_test as one_lam_test
+    from rotorfit.fitting.structure.refine import refine as refine
     from rotorfit.io.files import write as write
     from rotorfit.monitoring.crack import dated_anisotropy as dated_anisotropy
     from rotorfit.monitoring.observed_stiffness import ObservedStiffness as ObservedStiffness
@@ -96,7 +96,7 @@ _HOME = {
     "DisplacementTest": "rotorfit.data.experiments",
     "PerturbationTest": "rotorfit.data.experiments",
     "perturbation_test": "rotorfit.data.experiments",
-    "fit_law": "rotorfit.fitting.law_fit",
+    "fit_law": "rotorfit.fitting.structure.law_fit",
     "closed_form": "rotorfit.fitting.fit",
     "fit": "rotorfit.fitting.fit",
     "ModelAverage": "rotorfit.uncertainty.model_average",
@@ -111,10 +111,10 @@ _HOME = {
     "responses": "rotorfit.recordings.reduction.responses",
     "ring_downs": "rotorfit.recordings.reduction.ring_downs",
     "RigSetup": "rotorfit.recordings.rig.setup",
-    "Refinement": "rotorfit.fitting.refine",
-    "one_lam_test": "rotorfit.fitting.refine",
-    "refine": "rotorfit.fitting.refine",
-    "two_disk_from_modes": "rotorfit.fitting.modes_to_disks",
+    "Refinement": "rotorfit.fitting.structure.refine",
+    "one_lam_test": "rotorfit.fitting.structure.refine",
+    "refine": "rotorfit.fitting.structure.refine",
+    "two_disk_from_modes": "rotorfit.fitting.structure.modes_to_disks",
     "write_report": "rotorfit.report.write",
     "write_campaign_report": "rotorfit.report.campaign",
     "FitResult": "rotorfit.fitting.result",
@@ -123,7 +123,7 @@ _HOME = {
     "ring_down_modes": "rotorfit.data.ring_down",
     "Bootstrap": "rotorfit.uncertainty.bootstrap",
     "Budget": "rotorfit.uncertainty.budget",
-    "Calibration": "rotorfit.fitting.calibration",
+    "Calibration": "rotorfit.fitting.assumptions.calibration",
     "Profile": "rotorfit.uncertainty.profile",
     "load_fit": "rotorfit.fitting.fit_file",
     "save_fit": "rotorfit.fitting.fit_file",
@@ -131,8 +131,8 @@ _HOME = {
     "difference_synchronous": "rotorfit.data.synchronous",
     "Influences": "rotorfit.data.weights",
     "influence": "rotorfit.data.weights",
-    "LawComparison": "rotorfit.fitting.law_ranking",
-    "compare_laws": "rotorfit.fitting.law_ranking",
+    "LawComparison": "rotorfit.fitting.structure.law_ranking",
+    "compare_laws": "rotorfit.fitting.structure.law_ranking",
     "Instruments": "rotorfit.simulation.instruments",
     "simulate": "rotorfit.simulation.simulate",
     "simulate_recordings": "rotorfit.simulation.recordings",

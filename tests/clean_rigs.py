@@ -10,7 +10,7 @@ from synthetic import MODELS, TYPICAL, circular_test, covering_frequencies
 
 from rotorfit.data.experiments import PerturbationTest
 from rotorfit.models import RotorModel
-from rotorfit.models.stability import growth_rate
+from rotorfit.models.motion.stability import growth_rate
 
 LARGEST = 200e-6
 """Peak response that the exciter is set for, m."""

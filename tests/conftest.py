@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 import pytest
 
 if TYPE_CHECKING:
-    from rotorfit.fitting.refine import Refinement
     from rotorfit.fitting.result import FitResult
+    from rotorfit.fitting.structure.refine import Refinement
 
 for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(_variable, "1")  # before NumPy is imported: pytest-xdist's processes fight over the cores
@@ -59,7 +59,7 @@ def rig_fit() -> FitResult:
 @pytest.fixture(scope="session")
 def rig_refinement(rig_fit: FitResult) -> Refinement:
     """All candidates of structural blocks from there."""
-    from rotorfit.fitting.refine import refine
+    from rotorfit.fitting.structure.refine import refine
 
     return refine(rig_fit)
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from rotorfit.data.experiments import PerturbationTest, perturbation_test
 from rotorfit.models import RotorModel
 from rotorfit.models.array_types import Float
-from rotorfit.models.journal import journal
+from rotorfit.models.motion.journal import journal
 
 
 def linearised(model: RotorModel, theta: Float, speed: float, eccentricity: float, attitude: float = 0.0) -> Float:

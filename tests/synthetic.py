@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from rotorfit import models
 from rotorfit.data.experiments import PerturbationTest, perturbation_test
 from rotorfit.models import RotorModel
-from rotorfit.models.stability import eigenvalues, growth_rate
+from rotorfit.models.motion.stability import eigenvalues, growth_rate
 
 TYPICAL: dict[str, dict[str, float]] = {
     "one-mode": {"M": 1.2, "K": 8000.0, "Ds": 8.0, "K0": 9000.0, "D": 450.0, "lam": 0.46, "Mf": 0.4},

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from rotorfit.models import AnisotropicShaft, OneMode, eigenvalues, unstable_bands
-from rotorfit.models.combination_lines import LATERAL, TWIST, line_order
+from rotorfit.models.shafts.combination_lines import LATERAL, TWIST, line_order
 from rotorfit.simulation.shaft import Crack, shaft_motion
 
 SPEED = 120.0

@@ -12,13 +12,13 @@ from fe_rigs import JOURNAL, K3, TYPICAL, Rig
 import rotorfit as rf
 from rotorfit.estimators.inference.left_out_columns import whitened_columns
 from rotorfit.estimators.inference.score_tests import score_tests
-from rotorfit.fitting.assumption_table import THRESHOLD_COLUMN
-from rotorfit.fitting.assumptions import foundations_of
-from rotorfit.fitting.refine import refit
+from rotorfit.fitting.assumptions.assumption_table import THRESHOLD_COLUMN
+from rotorfit.fitting.assumptions.shifts import foundations_of
+from rotorfit.fitting.structure.refine import refit
 from rotorfit.models import WhirlWhip, threshold_speed
 from rotorfit.models.complexes import Complex, J
 from rotorfit.models.laws import Muszynska
-from rotorfit.models.left_out import onset_shift, terms_left_out
+from rotorfit.models.motion.neglected_terms import onset_shift, terms_left_out
 from rotorfit.models.parameters import Parameter
 
 

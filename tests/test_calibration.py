@@ -10,7 +10,7 @@ from scipy import stats
 from synthetic import TYPICAL, circular_test
 
 import rotorfit as rf
-from rotorfit.fitting.calibration import Calibration, calibration_of
+from rotorfit.fitting.assumptions.calibration import Calibration, calibration_of
 from rotorfit.fitting.fit import solve_again
 from rotorfit.fitting.fit_file import fit_from_json, fit_to_json
 from rotorfit.fitting.problem_setup import build_problem

@@ -5,7 +5,7 @@ import pytest
 
 import rotorfit as rf
 from rotorfit.cli.main import main
-from rotorfit.models.combination_lines import line_order
+from rotorfit.models.shafts.combination_lines import line_order
 
 SHAFT = rf.models.AnisotropicShaft(torsion=None)
 OPEN = {"ec": 0.0, "es": 0.0, "Px": 0.0, "Py": 0.0}

@@ -16,7 +16,7 @@ from synthetic import circular_test, covering_frequencies
 
 import rotorfit as rf
 from rotorfit.data.experiments import PerturbationTest
-from rotorfit.diagnosis.explanations import explained
+from rotorfit.diagnosis.trials.explanations import explained
 
 Slip = Callable[[PerturbationTest], PerturbationTest]
 

@@ -9,7 +9,7 @@ import pytest
 
 import rotorfit as rf
 from rotorfit.estimators.inference.covariance import excess
-from rotorfit.fitting.calibration import Calibration
+from rotorfit.fitting.assumptions.calibration import Calibration
 from rotorfit.fitting.judge import inverse_curvature
 from rotorfit.uncertainty.budget import budget
 

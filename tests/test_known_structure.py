@@ -14,11 +14,11 @@ from synthetic import circular_test
 import rotorfit as rf
 from rotorfit.fitting.problem_setup import build_problem
 from rotorfit.fitting.settings import FitSettings
-from rotorfit.fitting.structure_error import structure_error
+from rotorfit.fitting.structure.structure_error import structure_error
 from rotorfit.models import KnownStructure, WhirlWhip, eigenvalues, threshold_speed
-from rotorfit.models.reduction import ENOUGH
-from rotorfit.models.shaft import complex_matrices
-from rotorfit.models.stability import eigenvalue_gradient, growth_rate
+from rotorfit.models.motion.stability import eigenvalue_gradient, growth_rate
+from rotorfit.models.shafts.reduction import ENOUGH
+from rotorfit.models.shafts.shaft import complex_matrices
 
 RPM = np.pi / 30
 RIG = rf.datasets.truth("rig_open")
@@ -462,7 +462,7 @@ def test_a_reduced_structure_is_the_whole_one_over_the_range_of_its_factor(dampi
 
 def test_estimated_error_bounds_that_of_a_poor_basis(monkeypatch):
     """Few solutions, and those left out that are nearly combinations of others: the estimate says what is missing."""
-    from rotorfit.models import reduction
+    from rotorfit.models.shafts import reduction
 
     model = fine_rig(damping=2e-5)
     w = np.linspace(20, 700, 60)

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from scipy.interpolate import BSpline
 
 import rotorfit as rf
-from rotorfit.models.journal import journal
 from rotorfit.models.laws import LAWS, Law, i_spline
+from rotorfit.models.motion.journal import journal
 
 GRID = np.linspace(0.0, 0.99, 397)
 NODES = (0.0, 0.35, 0.65, 1.0)

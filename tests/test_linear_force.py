@@ -14,7 +14,7 @@ from synthetic import MODELS, TYPICAL, circular_test, covering_frequencies, know
 import rotorfit as rf
 from rotorfit.data.experiments import PerturbationTest
 from rotorfit.diagnosis.forces import turning_force
-from rotorfit.models.stability import growth_rate
+from rotorfit.models.motion.stability import growth_rate
 
 W = np.linspace(5.0, 500.0, 120)
 

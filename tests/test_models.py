@@ -29,7 +29,7 @@ from rotorfit.models import (
     threshold_speed,
 )
 from rotorfit.models.complexes import Complex
-from rotorfit.models.stability import eigenvalue_gradient, growth_rate, least_stable, threshold_speed_near
+from rotorfit.models.motion.stability import eigenvalue_gradient, growth_rate, least_stable, threshold_speed_near
 
 EPS = np.finfo(float).eps
 RPM = np.pi / 30

@@ -9,14 +9,14 @@ from nonlinear_rigs import rig
 
 from rotorfit.models import RotorModel
 from rotorfit.models.array_types import ComplexArray, Float
-from rotorfit.models.journal import journal
-from rotorfit.models.off_centre import (
+from rotorfit.models.motion.journal import journal
+from rotorfit.models.motion.off_centre import (
     coupled_stiffness,
     off_centre_eigenvalues,
     off_centre_gradient,
     static_equilibria,
 )
-from rotorfit.models.stability import eigenvalues
+from rotorfit.models.motion.stability import eigenvalues
 from rotorfit.simulation.integration import IntegrationError, Motion
 from rotorfit.simulation.steady_state import rest_position, steady_state
 

@@ -11,9 +11,9 @@ from rotorfit.estimators.blocks.nonlinear import OrbitBranch, OrbitResponses
 from rotorfit.estimators.blocks.observations import Responses
 from rotorfit.models import RotorModel
 from rotorfit.models.array_types import ComplexArray, Float
-from rotorfit.models.journal import journal
-from rotorfit.models.orbits import OrbitEquation, all_roots, followed_roots, nearest_orbits
-from rotorfit.models.stability import growth_rate
+from rotorfit.models.motion.journal import journal
+from rotorfit.models.motion.orbits import OrbitEquation, all_roots, followed_roots, nearest_orbits
+from rotorfit.models.motion.stability import growth_rate
 from rotorfit.simulation.integration import IntegrationError, Motion, integrate
 from rotorfit.simulation.steady_state import steady_state
 

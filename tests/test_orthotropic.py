@@ -9,7 +9,7 @@ from fe_rigs import DISK, JOURNAL, RPM, TYPICAL, Rig
 import rotorfit as rf
 from rotorfit.cli.main import main
 from rotorfit.fitting.fit_file import fit_from_json, fit_to_json
-from rotorfit.models.stability import eigenvalue_gradient, growth_rate
+from rotorfit.models.motion.stability import eigenvalue_gradient, growth_rate
 
 K3X, K3Y = 6000.0, 16000.0
 

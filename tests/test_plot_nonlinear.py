@@ -11,8 +11,8 @@ import pytest
 from nonlinear_rigs import CLEARANCE_UM, ONE_MODE, POWER, WHIRL_WHIP, rig
 
 import rotorfit as rf
-from rotorfit.models.law_curves import law_curves
-from rotorfit.models.off_centre import off_centre_eigenvalues
+from rotorfit.models.motion.law_curves import law_curves
+from rotorfit.models.motion.off_centre import off_centre_eigenvalues
 from rotorfit.plots.journal import drive_stiffness, half_width
 from rotorfit.plots.responses import (
     plot_law,

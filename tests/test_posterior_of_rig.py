@@ -12,7 +12,7 @@ from posteriors import KNOWN, TRUTH, one_mode_test, quick
 import rotorfit as rf
 from rotorfit.estimators.inference.log_posterior import LogPosterior
 from rotorfit.models import OneMode, threshold_speed
-from rotorfit.models.stability import threshold_speeds
+from rotorfit.models.motion.stability import threshold_speeds
 from rotorfit.uncertainty.arviz_loader import load_arviz
 from rotorfit.uncertainty.derived import Derived
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import rotorfit as rf
-from rotorfit.fitting.anisotropy import magnitude_interval
-from rotorfit.models.combination_lines import line_order
+from rotorfit.fitting.assumptions.anisotropy import magnitude_interval
+from rotorfit.models.shafts.combination_lines import line_order
 
 SPEED = 120.0
 W = -np.linspace(30.0, 310.0, 60)

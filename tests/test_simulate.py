@@ -13,7 +13,7 @@ from synthetic import TYPICAL
 
 import rotorfit as rf
 from rotorfit.data.ring_down import ring_down_modes
-from rotorfit.models.off_centre import off_centre_eigenvalues, static_equilibria
+from rotorfit.models.motion.off_centre import off_centre_eigenvalues, static_equilibria
 from rotorfit.observing.observations import observe_any
 from rotorfit.simulation.integration import IntegrationError
 from rotorfit.simulation.options import ExperimentOptions, RecordingOptions

@@ -11,8 +11,8 @@ import pytest
 
 import rotorfit as rf
 from rotorfit.fitting.result import FitResult
-from rotorfit.models.off_centre import static_equilibria
-from rotorfit.models.stability import growing_bands, growth_rate
+from rotorfit.models.motion.off_centre import static_equilibria
+from rotorfit.models.motion.stability import growing_bands, growth_rate
 from rotorfit.uncertainty.posterior import Posterior
 
 NONE_SUCH = (

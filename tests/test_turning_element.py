@@ -6,7 +6,7 @@ from scipy.integrate import solve_ivp
 
 import rotorfit as rf
 from rotorfit.models import Chain, KnownStructure, OneMode, Turning, TurningFrame, WhirlWhip, unstable_bands
-from rotorfit.models.stability import eigenvalue_gradient
+from rotorfit.models.motion.stability import eigenvalue_gradient
 
 SPEED = 130.0
 CHAIN = Turning(Chain(2), ("mass-1", "mass-2"))

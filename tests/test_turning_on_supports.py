@@ -6,10 +6,10 @@ from scipy.integrate import solve_ivp
 from shaft_setups import PERTURBED
 
 import rotorfit as rf
-from rotorfit.fitting.anisotropy import lines_cut_off
+from rotorfit.fitting.assumptions.anisotropy import lines_cut_off
 from rotorfit.models import Chain, KnownStructure, Turning, TurningOnSupports
-from rotorfit.models.stability import growth_rate
-from rotorfit.models.turning_on_supports import LINES
+from rotorfit.models.motion.stability import growth_rate
+from rotorfit.models.shafts.turning_on_supports import LINES
 from rotorfit.simulation.shaft import Perturbation
 from rotorfit.simulation.shaft_record import Acquisition, record_shaft
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from rotorfit.models import RotorModel
 from rotorfit.models.array_types import ComplexArray, Float, Index, Text
-from rotorfit.models.journal import journal
+from rotorfit.models.motion.journal import journal
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -12,10 +12,10 @@ from rotorfit.estimators.blocks.correlated import CorrelatedResponses
 from rotorfit.estimators.blocks.observations import OnResponses, Responses
 from rotorfit.estimators.blocks.response import inverse
 from rotorfit.models.array_types import Bool, ComplexArray, Float, Index
-from rotorfit.models.journal import Journal, journal
-from rotorfit.models.line_stiffness import known_structure, line_stiffness
-from rotorfit.models.orbits import LARGEST_ECCENTRICITY, OrbitEquation, followed_roots, nearest_orbits
-from rotorfit.models.shaft import KnownStiffness
+from rotorfit.models.motion.journal import Journal, journal
+from rotorfit.models.motion.line_stiffness import known_structure, line_stiffness
+from rotorfit.models.motion.orbits import LARGEST_ECCENTRICITY, OrbitEquation, followed_roots, nearest_orbits
+from rotorfit.models.shafts.shaft import KnownStiffness
 
 OrbitBranch = Literal["nearest", "followed", "given"]
 
@@ -34,7 +34,7 @@ class _State:
 class OrbitResponses(OnResponses):
     """Centred orbits under circular forces, or displacements under constant loads (w = 0), of a nonlinear rotor.
 
-    The journal's eccentricity solves ``kappa(w, |A_b|) A = F``; see :mod:`rotorfit.models.orbits`.
+    The journal's eccentricity solves ``kappa(w, |A_b|) A = F``; see :mod:`rotorfit.models.motion.orbits`.
     """
 
     # measured eccentricity of the journal in each line, NaN where it was not measured, shape ``(L,)``

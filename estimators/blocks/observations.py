@@ -17,7 +17,7 @@ from rotorfit.estimators.blocks.response import (
 )
 from rotorfit.models import RotorModel
 from rotorfit.models.array_types import Bool, ComplexArray, Float, Index, Text
-from rotorfit.models.shaft import KnownStiffness
+from rotorfit.models.shafts.shaft import KnownStiffness
 
 
 class Block(Protocol):

@@ -16,9 +16,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rotorfit.models.array_types import ComplexArray, Float, Index
-from rotorfit.models.line_stiffness import known_structure
 from rotorfit.models.model import CompiledModel
-from rotorfit.models.shaft import KnownStiffness
+from rotorfit.models.motion.line_stiffness import known_structure
+from rotorfit.models.shafts.shaft import KnownStiffness
 
 if TYPE_CHECKING:
     from rotorfit.estimators.blocks.observations import Responses

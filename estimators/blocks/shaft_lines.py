@@ -11,8 +11,8 @@ import numpy as np
 from rotorfit.estimators.blocks.observations import OnResponses
 from rotorfit.models import AnisotropicShaft
 from rotorfit.models.array_types import Bool, ComplexArray, Float, Index, Text
-from rotorfit.models.combination_lines import Order, line_order
-from rotorfit.models.turning_on_supports import LinesFrame
+from rotorfit.models.shafts.combination_lines import Order, line_order
+from rotorfit.models.shafts.turning_on_supports import LinesFrame
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

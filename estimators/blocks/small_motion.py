@@ -10,9 +10,9 @@ import numpy as np
 from rotorfit.estimators.blocks.nonlinear import inverse_of_lines
 from rotorfit.models import RotorModel
 from rotorfit.models.array_types import Bool, ComplexArray, Float, Index, Text
-from rotorfit.models.journal import journal
-from rotorfit.models.line_stiffness import known_structure, line_stiffness
-from rotorfit.models.off_centre import coupled_stiffness, off_centre_eigenvalues, off_centre_gradient
+from rotorfit.models.motion.journal import journal
+from rotorfit.models.motion.line_stiffness import known_structure, line_stiffness
+from rotorfit.models.motion.off_centre import coupled_stiffness, off_centre_eigenvalues, off_centre_gradient
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

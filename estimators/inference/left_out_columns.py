@@ -15,7 +15,7 @@ from rotorfit.estimators.blocks.response import dynamic_stiffness, inverse
 from rotorfit.estimators.blocks.small_motion import OffCentreResponses
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.models.array_types import ComplexArray, Float
-from rotorfit.models.left_out import LeftOut
+from rotorfit.models.motion.neglected_terms import LeftOut
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -15,7 +15,7 @@ from rotorfit.estimators.signals.start_up_lines import shaft_of_lines
 from rotorfit.estimators.starting.start_points import full_vector
 from rotorfit.models import Turning, TurningOnSupports
 from rotorfit.models.array_types import ComplexArray, Float
-from rotorfit.models.combination_lines import Order
+from rotorfit.models.shafts.combination_lines import Order
 
 _FEWEST = 8
 """Speeds of a start-up from which its lines are solved for the whole shaft."""

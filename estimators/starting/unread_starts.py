@@ -19,7 +19,7 @@ from rotorfit.estimators.starting.closed_form import ClosedFormError, closed_for
 from rotorfit.estimators.starting.rational_fit import RationalFit
 from rotorfit.estimators.starting.start_points import full_vector, random_starts
 from rotorfit.models.array_types import Float, Index
-from rotorfit.models.stability import companion
+from rotorfit.models.motion.stability import companion
 
 _DRAWS = 6  # rotors drawn for each zero: what the rest weighs and how it is damped is not told
 

@@ -15,8 +15,8 @@ from rotorfit.options.table import LAW_RANKING
 from rotorfit.studies.wording import spoken
 
 if TYPE_CHECKING:
-    from rotorfit.fitting.law_ranking import LawComparison, LawFit
     from rotorfit.fitting.result import FitResult
+    from rotorfit.fitting.structure.law_ranking import LawComparison, LawFit
 
 DESCRIPTION = "fit several laws of eccentricity to the same files and rank them by AIC and BIC"
 
@@ -50,7 +50,7 @@ def run(options: argparse.Namespace) -> int:
 def _comparison(options: argparse.Namespace) -> tuple[LawComparison, str, list[str]]:
     """The ranking, what is wrong with the data, and what their check warns of."""
     from rotorfit.data.findings import attributed, error_sentence, errors_in, warnings_in
-    from rotorfit.fitting.law_ranking import compare_laws
+    from rotorfit.fitting.structure.law_ranking import compare_laws
     from rotorfit.models import LAWS
     from rotorfit.models.parameters import unknown_name
     from rotorfit.studies.data_files import no_progress, read_files

@@ -17,15 +17,15 @@ from rotorfit.data.experiments import (
 )
 from rotorfit.data.findings import Finding, errors_first
 from rotorfit.diagnosis.forces import force_along_axis, turning_force
-from rotorfit.diagnosis.half_turns import half_turns
 from rotorfit.diagnosis.imposed_orbits import imposed_orbits
 from rotorfit.diagnosis.orbits import orbits_of
-from rotorfit.diagnosis.other_tests import free_vibration, static_positions
+from rotorfit.diagnosis.phase_flips import half_turns
 from rotorfit.diagnosis.plan import plan, solved_together
 from rotorfit.diagnosis.probe_pairs import uneven_probes
 from rotorfit.diagnosis.readings import amplitudes, clipped, copied_readings, rows_of, unread
 from rotorfit.diagnosis.reciprocity import reciprocity
 from rotorfit.diagnosis.signs import signs, wrong_direction
+from rotorfit.diagnosis.static_and_free import free_vibration, static_positions
 from rotorfit.models.array_types import Bool
 
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 from rotorfit.data.common_zero import at_common_zero
 from rotorfit.data.findings import Finding, attributed
 from rotorfit.diagnosis.check import check
-from rotorfit.diagnosis.explanations import explained
+from rotorfit.diagnosis.trials.explanations import explained
 from rotorfit.estimators.misfit.parameter_space import DATUM
 from rotorfit.fitting.fit import fitted
 from rotorfit.fitting.result import FitResult

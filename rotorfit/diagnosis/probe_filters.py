@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from rotorfit.diagnosis.channel_filters import CHANNEL_FILTERS, POWERS, ChannelFilter, values_to_try
+from rotorfit.diagnosis.trials.channel_filters import CHANNEL_FILTERS, POWERS, ChannelFilter, values_to_try
 from rotorfit.models.array_types import ComplexArray, Float
 
 _TRIED = 60  # corners; neighbours differ by a tenth

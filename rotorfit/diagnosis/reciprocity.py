@@ -7,8 +7,8 @@ from collections.abc import Iterator
 import numpy as np
 
 from rotorfit.data.findings import Finding
-from rotorfit.diagnosis.channel_filters import likeness
 from rotorfit.diagnosis.orbits import Orbits
+from rotorfit.diagnosis.trials.channel_filters import likeness
 from rotorfit.estimators.blocks.row_keys import combined, numbers
 from rotorfit.models.array_types import Float, Index
 

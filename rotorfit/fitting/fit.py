@@ -18,8 +18,8 @@ from rotorfit.estimators.starting.closed_form import closed_form as solve_closed
 from rotorfit.estimators.starting.shaft_line_starts import has_lines
 from rotorfit.estimators.starting.start_points import CLOSED_FORM, EARLIER_FIT, Start, search_scale
 from rotorfit.estimators.starting.starts import find_start
-from rotorfit.fitting.assumptions import assuming
-from rotorfit.fitting.calibration import Calibration
+from rotorfit.fitting.assumptions.calibration import Calibration
+from rotorfit.fitting.assumptions.shifts import assuming
 from rotorfit.fitting.judge import judge, with_model_uncertainty
 from rotorfit.fitting.noise.error_bars import with_noise
 from rotorfit.fitting.noise.study import study_residuals

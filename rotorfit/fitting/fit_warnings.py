@@ -14,10 +14,10 @@ from rotorfit.estimators.inference.identifiability import Identifiability
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.fitting.noise.residual_study import MODEL_LIMITED, ResidualStudy, is_misfit
 from rotorfit.fitting.quantities import FittedParameter
-from rotorfit.fitting.refinable import why_not_refined
+from rotorfit.fitting.structure.refinable import why_not_refined
 from rotorfit.models import BLOCKS, Modal, RotorModel
 from rotorfit.models.array_types import Bool, Float
-from rotorfit.models.stability import growth_rate
+from rotorfit.models.motion.stability import growth_rate
 from rotorfit.units import RPM_PER_RAD_S
 
 _CLEARLY = 6.0  # standard deviations of redchi below one at which the noise is too large for the residuals

@@ -22,7 +22,7 @@ _HOMES = (
     "rotorfit.models",
     "rotorfit.fitting.result",
     "rotorfit.fitting.settings",
-    "rotorfit.fitting.calibration",
+    "rotorfit.fitting.assumptions.calibration",
     "rotorfit.fitting.noise.record",
     "rotorfit.fitting.noise.residual_study",
     "rotorfit.estimators.inference.identifiability",

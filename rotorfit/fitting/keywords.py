@@ -16,7 +16,7 @@ from rotorfit.models.parameters import unknown_name
 if TYPE_CHECKING:
     from rotorfit.estimators.inference.ensemble_sampler import SamplerProgress
     from rotorfit.estimators.inference.log_posterior import Noise
-    from rotorfit.fitting.calibration import Calibration
+    from rotorfit.fitting.assumptions.calibration import Calibration
 
 
 class FitKeywords(TypedDict, total=False):

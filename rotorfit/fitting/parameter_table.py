@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from rotorfit.estimators.misfit.parameter_space import DATUM, ParameterSpace
-from rotorfit.fitting.calibration import NUISANCE_KINDS
+from rotorfit.fitting.assumptions.calibration import NUISANCE_KINDS
 from rotorfit.fitting.noise.record import is_run_effect
 from rotorfit.fitting.quantities import FittedParameter
 from rotorfit.models.array_types import Float

@@ -18,7 +18,7 @@ from rotorfit.estimators.misfit.losses import LOSSES
 from rotorfit.estimators.misfit.parameter_space import DATUM, ParameterSpace, parameter_space
 from rotorfit.estimators.misfit.priors import Prior, within_support
 from rotorfit.estimators.misfit.problem import Problem
-from rotorfit.fitting.calibration import nuisance_entries
+from rotorfit.fitting.assumptions.calibration import nuisance_entries
 from rotorfit.fitting.noise.error_bars import normal, with_noise
 from rotorfit.fitting.settings import FitSettings, PhaseOffsets, check_phase_offsets
 from rotorfit.models import Modal, RotorModel

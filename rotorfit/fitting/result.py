@@ -18,23 +18,23 @@ from rotorfit.estimators.blocks.nonlinear import responses_of
 from rotorfit.estimators.inference.covariance import standard_error, widening
 from rotorfit.estimators.inference.identifiability import Identifiability
 from rotorfit.estimators.misfit.problem import Problem
-from rotorfit.fitting.assumption_table import THRESHOLD_COLUMN
+from rotorfit.fitting.assumptions.assumption_table import THRESHOLD_COLUMN
 from rotorfit.fitting.keywords import SampleKeywords, check_keywords
 from rotorfit.fitting.noise.residual_study import ResidualStudy, is_misfit
 from rotorfit.fitting.quantities import THRESHOLD, FittedParameter, Quantity, ResponseQuality
 from rotorfit.fitting.settings import FitSettings
 from rotorfit.models import RotorModel, Threshold, threshold_speed
-from rotorfit.models.angular_rates import real_number
 from rotorfit.models.array_types import Float
 from rotorfit.models.parameters import unknown_name
+from rotorfit.models.shafts.angular_rates import real_number
 from rotorfit.version import renamed
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from rotorfit.fitting.anisotropy import TurningAnisotropy
-    from rotorfit.fitting.assumption_table import Assumptions
-    from rotorfit.fitting.calibration import Uncertainty
+    from rotorfit.fitting.assumptions.anisotropy import TurningAnisotropy
+    from rotorfit.fitting.assumptions.assumption_table import Assumptions
+    from rotorfit.fitting.assumptions.calibration import Uncertainty
     from rotorfit.uncertainty.bootstrap import Bootstrap
     from rotorfit.uncertainty.budget import Budget
     from rotorfit.uncertainty.jackknife import Jackknife
@@ -303,7 +303,7 @@ class FitResult:
         """
         if eccentricity is None:
             return self.threshold_of(self.group(at))
-        from rotorfit.models.off_centre import off_centre_threshold
+        from rotorfit.models.motion.off_centre import off_centre_threshold
 
         allowed = "|displacement| / clearance, from 0 to below 1"
         eccentricity = real_number(eccentricity, "eccentricity", allowed)
@@ -320,7 +320,7 @@ class FitResult:
         Args:
             group: its number, from 0.
         """
-        from rotorfit.fitting.onset import onset_of
+        from rotorfit.fitting.assumptions.onset import onset_of
 
         return onset_of(self, group)
 
@@ -344,7 +344,7 @@ class FitResult:
         Args:
             group: its number, from 0.
         """
-        from rotorfit.fitting.onset import onset_note
+        from rotorfit.fitting.assumptions.onset import onset_note
 
         return onset_note(self, group)
 
@@ -375,19 +375,19 @@ class FitResult:
             >>> [round(frequency.value) for frequency, damping in fit.natural_frequencies(speed=150.0)][-1] > 0
             True
         """
-        from rotorfit.fitting.modes import natural_frequencies
+        from rotorfit.fitting.structure.modes import natural_frequencies
 
         return natural_frequencies(self, speed, at)
 
     def turning_anisotropy(self, *, level: float = 0.95, at: Mapping[str, Any] | None = None) -> TurningAnisotropy:
-        """dK, dK/K and the stiff direction of a shaft that is not round; see rotorfit.fitting.anisotropy.
+        """dK, dK/K and the stiff direction of a shaft that is not round; see rotorfit.fitting.assumptions.anisotropy.
 
         Args:
             level: probability of the interval, between 0 and 1.
             at: values of attributes that name one group, ``{"speed_rpm": 1000}``; needed where parameters were fitted
                 per attribute.
         """
-        from rotorfit.fitting.anisotropy import turning_anisotropy
+        from rotorfit.fitting.assumptions.anisotropy import turning_anisotropy
 
         return turning_anisotropy(self, level=level, at=at)
 
@@ -409,7 +409,7 @@ class FitResult:
             >>> fit.assumptions()["K3"].tested  # K0 takes up all of it
             False
         """
-        from rotorfit.fitting.assumptions import assumptions_of
+        from rotorfit.fitting.assumptions.shifts import assumptions_of
 
         return assumptions_of(self, priors)
 
@@ -508,7 +508,7 @@ class FitResult:
             mr: that of the unbalance, a fraction; for all, or by force plane.
             keyphasor_deg: that of the phase reference, degrees.
         """
-        from rotorfit.fitting.calibration import Calibration
+        from rotorfit.fitting.assumptions.calibration import Calibration
         from rotorfit.uncertainty.budget import budget
 
         return budget(

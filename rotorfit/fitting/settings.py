@@ -10,7 +10,7 @@ from rotorfit.estimators.misfit.losses import Loss
 from rotorfit.version import renamed
 
 if TYPE_CHECKING:
-    from rotorfit.fitting.calibration import Calibration
+    from rotorfit.fitting.assumptions.calibration import Calibration
     from rotorfit.fitting.noise.record import FoundNoise
 
 PhaseOffsets: TypeAlias = bool | Literal["common"]

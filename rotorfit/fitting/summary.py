@@ -13,16 +13,16 @@ from rotorfit.data.findings import errors_in
 from rotorfit.estimators.inference.covariance import standard_error
 from rotorfit.estimators.misfit.parameter_space import DATUM
 from rotorfit.estimators.starting.start_points import GIVEN
-from rotorfit.fitting.anisotropy import lines_cut_off
-from rotorfit.fitting.assumptions import foundations_of
+from rotorfit.fitting.assumptions.anisotropy import lines_cut_off
+from rotorfit.fitting.assumptions.shifts import foundations_of
 from rotorfit.fitting.digits import interval, plus_minus, with_error
 from rotorfit.fitting.noise.record import NoiseVerdict, is_run_effect
 from rotorfit.fitting.noise.words import VERDICTS
 from rotorfit.fitting.quantities import THRESHOLD
-from rotorfit.fitting.structure_error import structure_error
+from rotorfit.fitting.structure.structure_error import structure_error
 from rotorfit.models import TurningOnSupports, eigenvalues, unstable_bands
+from rotorfit.models.motion.stability import growing_bands
 from rotorfit.models.parameters import bare_name
-from rotorfit.models.stability import growing_bands
 from rotorfit.models.text_table import Wide, text_table
 from rotorfit.units import RPM_PER_RAD_S
 

@@ -36,10 +36,10 @@ from rotorfit.io.csv_columns import Columns, columns_for, optional, quantity, wo
 from rotorfit.io.csv_kinds import BUILDERS, columns_of
 from rotorfit.io.csv_table import MOTION, PERTURBATION_COLUMNS, Table, read_table
 from rotorfit.io.headers import quantity_meant, refuse_doubtful, understood
-from rotorfit.io.left_out import completed, without_empty
 from rotorfit.io.line_csv import line_columns, line_test
 from rotorfit.io.machine_samples import is_sample_table, sample_table
 from rotorfit.io.machine_tables import BODE_HEADER, bode_table, with_weight, without_weight_finding
+from rotorfit.io.skipped_rows import completed, without_empty
 from rotorfit.io.wide import is_wide, renamed, tidy, with_constants
 from rotorfit.models.array_types import ComplexArray, Float, Text
 from rotorfit.models.parameters import unknown_name

@@ -14,7 +14,7 @@ from rotorfit.data.experiments import (
 )
 from rotorfit.models import RotorModel
 from rotorfit.models.array_types import Float
-from rotorfit.models.journal import journal
+from rotorfit.models.motion.journal import journal
 from rotorfit.observing.refusals import CLEAR
 from rotorfit.observing.row_labels import same_rows
 

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from rotorfit.data.experiments import Experiment, PerturbationTest
 from rotorfit.models import RotorModel
-from rotorfit.models.journal import journal
+from rotorfit.models.motion.journal import journal
 from rotorfit.observing.clearance import same_line, within_clearance
 from rotorfit.observing.row_labels import same_rows
 

@@ -18,7 +18,7 @@ from rotorfit.estimators.blocks.nonlinear import OrbitResponses
 from rotorfit.estimators.blocks.observations import Block, Responses
 from rotorfit.models import AnisotropicShaft, RotorModel, Turning
 from rotorfit.models.array_types import Index
-from rotorfit.models.journal import journal
+from rotorfit.models.motion.journal import journal
 from rotorfit.observing.circular import observe
 from rotorfit.observing.coefficient_tables import journal_coefficients
 from rotorfit.observing.free_vibration import free_vibrations

@@ -12,7 +12,7 @@ from rotorfit.estimators.blocks.observations import Responses
 from rotorfit.estimators.blocks.small_motion import OffCentreResponses
 from rotorfit.models import RotorModel
 from rotorfit.models.array_types import ComplexArray, Index
-from rotorfit.models.journal import journal
+from rotorfit.models.motion.journal import journal
 from rotorfit.observing.circular import first_rows, observe
 from rotorfit.observing.refusals import check_clearance, check_finite
 from rotorfit.observing.row_labels import numbered_labels

@@ -9,7 +9,7 @@ from rotorfit.estimators.blocks.observations import Responses
 from rotorfit.estimators.blocks.shaft_lines import LineResponses, PairResponses, is_image_line
 from rotorfit.models import AnisotropicShaft, RotorModel, Turning, TurningOnSupports
 from rotorfit.models.array_types import Index
-from rotorfit.models.combination_lines import line_order
+from rotorfit.models.shafts.combination_lines import line_order
 
 
 def lines_of_test(model: RotorModel, test: LineTest, group: Index) -> LineResponses | PairResponses:

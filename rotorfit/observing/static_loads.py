@@ -10,7 +10,7 @@ from rotorfit.estimators.blocks.observations import Block, Responses
 from rotorfit.estimators.noise.reading_noise import noise_from_smoothness
 from rotorfit.models import RotorModel
 from rotorfit.models.array_types import Float, Index
-from rotorfit.models.journal import journal
+from rotorfit.models.motion.journal import journal
 from rotorfit.observing.refusals import check_clearance, check_finite, check_planes
 from rotorfit.observing.row_labels import numbered_labels, same_rows, spread_of_repeats
 

@@ -13,8 +13,8 @@ from rotorfit.fitting.result import FitResult
 from rotorfit.fitting.summary import natural
 from rotorfit.models import RotorModel
 from rotorfit.models.array_types import ComplexArray, Float, Index, Text
-from rotorfit.models.journal import journal
-from rotorfit.models.line_stiffness import line_stiffness
+from rotorfit.models.motion.journal import journal
+from rotorfit.models.motion.line_stiffness import line_stiffness
 
 CONFIDENCE = 1.96
 """Half-width of a 95 % band in standard errors."""

@@ -12,8 +12,8 @@ from rotorfit.data.experiments import LineTest
 from rotorfit.estimators.blocks.shaft_lines import LineResponses, PairResponses, is_image_line
 from rotorfit.models import AnisotropicShaft, Turning, TurningOnSupports, eigenvalues, unstable_bands
 from rotorfit.models.array_types import ComplexArray, Float, Index
-from rotorfit.models.combination_lines import line_order
-from rotorfit.models.stability import growing_bands
+from rotorfit.models.motion.stability import growing_bands
+from rotorfit.models.shafts.combination_lines import line_order
 from rotorfit.plots.style import COLOURS, GREY, SMALL, colour_of, decade_ticks, grid, legend_below, literal, prefix
 from rotorfit.units import RPM_PER_RAD_S
 

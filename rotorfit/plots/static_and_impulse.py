@@ -8,8 +8,8 @@ import numpy as np
 
 from rotorfit.estimators.blocks.small_motion import FreeVibrations
 from rotorfit.models.array_types import ComplexArray, Float
-from rotorfit.models.law_curves import law_curves, law_of
-from rotorfit.models.off_centre import off_centre_eigenvalues
+from rotorfit.models.motion.law_curves import law_curves, law_of
+from rotorfit.models.motion.off_centre import off_centre_eigenvalues
 from rotorfit.plots.journal import JournalLines, drive_stiffness, half_width, journal_lines
 from rotorfit.plots.style import GREY, colour_of, grid, legend_below, prefix
 from rotorfit.units import RPM_PER_RAD_S

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from rotorfit.fitting.assumption_table import Assumptions
-from rotorfit.fitting.assumptions import assumptions_of
+from rotorfit.fitting.assumptions.assumption_table import Assumptions
+from rotorfit.fitting.assumptions.shifts import assumptions_of
 from rotorfit.report.html import Html, table
 from rotorfit.report.parts import note, section
 

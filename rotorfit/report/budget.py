@@ -53,7 +53,7 @@ def _row(name: str, share: Share) -> list[str]:
 
 def _calibration(material: ReportInput) -> list[Html]:
     """Errors of calibration as assumed and as found."""
-    from rotorfit.fitting.calibration import NUISANCE_KINDS
+    from rotorfit.fitting.assumptions.calibration import NUISANCE_KINDS
 
     fit = material.fit
     assumed = {prior.entry: float(prior.distribution.std()) for prior in fit.problem.priors}

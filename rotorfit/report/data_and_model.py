@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rotorfit.data.experiments import Experiment, PerturbationTest
-from rotorfit.fitting.refine import structure_name
 from rotorfit.fitting.result import FitResult
+from rotorfit.fitting.structure.refine import structure_name
 from rotorfit.models import Constant, Law
 from rotorfit.models.equation_text import stiffness_entries, to_mathml
 from rotorfit.report.html import Html, element, paragraph, table

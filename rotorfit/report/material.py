@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal
 
-from rotorfit.fitting.refine import Refinement
 from rotorfit.fitting.result import FitResult
+from rotorfit.fitting.structure.refine import Refinement
 
 if TYPE_CHECKING:
     from rotorfit.data.findings import Finding

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rotorfit.data.experiments import Experiment, LineTest, RingDownTest, StaticTest
-from rotorfit.fitting.calibration import Calibration
+from rotorfit.fitting.assumptions.calibration import Calibration
 from rotorfit.fitting.result import FitResult
 from rotorfit.fitting.settings import FitOptions, FitSettings
 from rotorfit.models import LAWS, MODELS, Law, Orthotropic, RotorModel

@@ -14,9 +14,9 @@ from rotorfit.fitting.noise.residual_study import MODEL_LIMITED
 from rotorfit.fitting.noise.words import VERDICTS
 from rotorfit.fitting.quantities import Quantity
 from rotorfit.fitting.result import FitResult
-from rotorfit.fitting.structure_error import structure_error
+from rotorfit.fitting.structure.structure_error import structure_error
+from rotorfit.models.motion.stability import growth_rate
 from rotorfit.models.parameters import bare_name
-from rotorfit.models.stability import growth_rate
 from rotorfit.report.assumptions import found_assumptions
 from rotorfit.report.html import Html, bullets, element, join
 from rotorfit.report.numbers import interval, plain, with_error

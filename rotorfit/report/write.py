@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 from rotorfit.data.common_zero import at_common_zero
 from rotorfit.estimators.misfit.parameter_space import DATUM
 from rotorfit.fitting.quantities import THRESHOLD
-from rotorfit.fitting.refine import Refinement
 from rotorfit.fitting.result import FitResult
+from rotorfit.fitting.structure.refine import Refinement
 from rotorfit.report.html import Html
 from rotorfit.report.material import LEVEL, FigureFormat, ReportInput
 from rotorfit.report.page import page, write_whole

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 
 from rotorfit.models import RotorModel
 from rotorfit.models.array_types import ComplexArray, Float, Index
-from rotorfit.models.journal import Journal, journal
+from rotorfit.models.motion.journal import Journal, journal
 
 Force = Callable[[float], ComplexArray]
 

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from rotorfit.data.experiments import RingDownTest, StaticTest
 from rotorfit.models.array_types import ComplexArray, Float
-from rotorfit.models.off_centre import off_centre_eigenvalues
+from rotorfit.models.motion.off_centre import off_centre_eigenvalues
 from rotorfit.simulation.integration import integrate
 from rotorfit.simulation.rig import VirtualRig, positive, rates_rpm
 from rotorfit.simulation.steady_state import rest_position

@@ -10,8 +10,8 @@ from itertools import product
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rotorfit.models.angular_rates import angular_rate
 from rotorfit.models.array_types import ComplexArray, Float
+from rotorfit.models.shafts.angular_rates import angular_rate
 from rotorfit.simulation.instruments import Played
 from rotorfit.simulation.recorded_rig import RecordedRig, constant
 from rotorfit.simulation.rig import rates_rpm, some_planes

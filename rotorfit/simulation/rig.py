@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rotorfit.models import RotorModel, threshold_speed
-from rotorfit.models.angular_rates import angular_rates, real_numbers
 from rotorfit.models.array_types import ComplexArray, Float
-from rotorfit.models.journal import journal
-from rotorfit.models.off_centre import off_centre_eigenvalues, static_equilibria
-from rotorfit.models.stability import growth_rate
+from rotorfit.models.motion.journal import journal
+from rotorfit.models.motion.off_centre import off_centre_eigenvalues, static_equilibria
+from rotorfit.models.motion.stability import growth_rate
+from rotorfit.models.shafts.angular_rates import angular_rates, real_numbers
 from rotorfit.simulation.integration import Motion
 from rotorfit.units import RPM_PER_RAD_S
 

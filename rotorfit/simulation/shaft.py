@@ -10,8 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rotorfit.models.anisotropic_shaft import AnisotropicShaft
 from rotorfit.models.array_types import ComplexArray, Float
+from rotorfit.models.shafts.anisotropic_shaft import AnisotropicShaft
 
 _TOLERANCE = 1e-10
 
@@ -97,7 +97,7 @@ def shaft_motion(
     support: complex = 0.0,
     tolerance: float = _TOLERANCE,
 ) -> ShaftMotion:
-    """Integrate the full equations (physics as in :mod:`rotorfit.models.anisotropic_shaft`) by DOP853."""
+    """Integrate the full equations (physics as in :mod:`rotorfit.models.shafts.anisotropic_shaft`) by DOP853."""
     from scipy.integrate import solve_ivp
 
     instants = np.asarray(time, dtype=float)

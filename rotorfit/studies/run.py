@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING
 
 from rotorfit.data.findings import without_phases
 from rotorfit.estimators.starting.closed_form import ClosedFormError
-from rotorfit.fitting.calibration import calibration_of
+from rotorfit.fitting.assumptions.calibration import calibration_of
 from rotorfit.fitting.fit import closed_form, fit
-from rotorfit.fitting.refine import refine
 from rotorfit.fitting.result import FitResult
 from rotorfit.fitting.settings import FitOptions
+from rotorfit.fitting.structure.refine import refine
 from rotorfit.models import AnisotropicShaft
 from rotorfit.studies.data_files import DataFile, StudyProgress, read_files
 from rotorfit.studies.recording_files import RecordingFiles

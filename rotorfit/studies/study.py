@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 
 from rotorfit.data.experiments import Experiment
 from rotorfit.data.findings import Finding, attributed, error_sentence, errors_in, warnings_in
-from rotorfit.fitting.refine import Refinement
 from rotorfit.fitting.result import FitResult
+from rotorfit.fitting.structure.refine import Refinement
 from rotorfit.options.table import StudyOptions
 from rotorfit.studies.data_files import DataFile
 from rotorfit.studies.recording_files import RecordingFiles

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from rotorfit.estimators.inference.covariance import standard_error
-from rotorfit.fitting.calibration import NUISANCE_KINDS, Calibration
+from rotorfit.fitting.assumptions.calibration import NUISANCE_KINDS, Calibration
 from rotorfit.fitting.digits import with_error
 from rotorfit.fitting.fit import solve_again
 from rotorfit.fitting.judge import inverse_curvature

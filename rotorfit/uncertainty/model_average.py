@@ -121,7 +121,7 @@ class ModelAverage(Draws):
 
     def summary(self) -> str:
         """Table of the models with their weights and of the parameters that they share."""
-        from rotorfit.fitting.refine import structure_name
+        from rotorfit.fitting.structure.refine import structure_name
 
         models = [["model", "BIC", "weight", ""]]
         for posterior, weight in zip(self.posteriors, self.weights, strict=True):

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rotorfit.fitting.onset import is_extrapolated
+from rotorfit.fitting.assumptions.onset import is_extrapolated
 from rotorfit.fitting.result import FitResult
 from rotorfit.models.array_types import Float
-from rotorfit.models.stability import threshold_speeds
+from rotorfit.models.motion.stability import threshold_speeds
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

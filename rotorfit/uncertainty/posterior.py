@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rotorfit.fitting.result import FitResult
-from rotorfit.models.angular_rates import angular_rate, angular_rates
 from rotorfit.models.array_types import Float
+from rotorfit.models.shafts.angular_rates import angular_rate, angular_rates
 from rotorfit.uncertainty.derived import Derived, Draws, Mode, StiffnessBand, modes
 from rotorfit.uncertainty.onsets import Onsets, onsets_of
 

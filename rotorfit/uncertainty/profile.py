@@ -27,8 +27,8 @@ from rotorfit.fitting.quantities import THRESHOLD, FittedParameter, Quantity
 from rotorfit.fitting.result import FitResult
 from rotorfit.models import threshold_speed
 from rotorfit.models.array_types import Float
+from rotorfit.models.motion.stability import Threshold, least_stable, threshold_speed_near
 from rotorfit.models.parameters import bare_name, unknown_name
-from rotorfit.models.stability import Threshold, least_stable, threshold_speed_near
 from rotorfit.units import RPM_PER_RAD_S
 
 if TYPE_CHECKING:

@@ -19,7 +19,7 @@ from rotorfit.data.experiments import LineTest
 from rotorfit.estimators.signals.local_response import RecordSpectra, local_response
 from rotorfit.estimators.signals.start_up_lines import StartUp, start_up_lines
 from rotorfit.models.array_types import ComplexArray, Float
-from rotorfit.models.combination_lines import LATERAL, TWIST, Order
+from rotorfit.models.shafts.combination_lines import LATERAL, TWIST, Order
 from rotorfit.recordings.recording import Recording, named_apart
 from rotorfit.recordings.reduction.reduced_record import is_pair, reduce_record
 from rotorfit.recordings.reduction.response_rows import time_at

@@ -15,7 +15,7 @@ from typing import Self
 import numpy as np
 
 from rotorfit.models.array_types import Bool, ComplexArray, Float, Index
-from rotorfit.models.journal import Journal
+from rotorfit.models.motion.journal import Journal
 
 LARGEST_ECCENTRICITY = 1.0 - 1e-9
 """Largest eccentricity searched: at 1 the journal touches."""
@@ -79,7 +79,7 @@ class OrbitEquation:
         )
 
     def at(self, journal: Journal, eccentricity: Float) -> Float:
-        """What :meth:`~rotorfit.models.journal.Journal.excess` answers for these lines, shape ``(6, ...)``.
+        """What :meth:`~rotorfit.models.motion.journal.Journal.excess` answers for these lines, shape ``(6, ...)``.
 
         Args:
             journal, eccentricity: as for :meth:`excess`.

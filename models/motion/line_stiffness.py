@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.models.compiled import array_function
 from rotorfit.models.model import RotorModel
-from rotorfit.models.shaft import KnownStiffness
+from rotorfit.models.shafts.shaft import KnownStiffness
 
 
 def at_frequency(coefficients: list[tuple[Any, Any]], w: Any) -> tuple[Any, Any]:

@@ -6,8 +6,8 @@ from collections.abc import Collection, Iterator
 
 import numpy as np
 
-from rotorfit.diagnosis.channel_filters import CHANNEL_FILTERS, POWERS, ChannelFilter, values_to_try
-from rotorfit.diagnosis.trial_fits import EXPLAINED, Explanation, Hint, Readings, misfit_of_closed_form, trial
+from rotorfit.diagnosis.trials.channel_filters import CHANNEL_FILTERS, POWERS, ChannelFilter, values_to_try
+from rotorfit.diagnosis.trials.trial_fits import EXPLAINED, Explanation, Hint, Readings, misfit_of_closed_form, trial
 from rotorfit.models.array_types import Bool, ComplexArray
 
 _PROMISING = 0.5

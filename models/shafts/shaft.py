@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rotorfit.models.array_types import ComplexArray, Float, Index
 from rotorfit.models.parameters import unknown_name
-from rotorfit.models.reduction import ACCEPTED, Reduction, Terms
+from rotorfit.models.shafts.reduction import ACCEPTED, Reduction, Terms
 
 MATRICES = ("M", "C", "G", "K")
 DOFS = ("z", "r", "x", "y", "alpha", "beta", "axial", "torsion")
@@ -238,8 +238,8 @@ class Shaft:
         """Dynamic stiffness between the coordinates seen, the others being free of force.
 
         Exact where the structure has no scale factors, or few coordinates, or where few lines are asked for; else of a
-        reduced structure whose error is below :data:`~rotorfit.models.reduction.ENOUGH`. It is kept, because it does
-        not change in a fit as long as the scale factors do not.
+        reduced structure whose error is below :data:`~rotorfit.models.shafts.reduction.ENOUGH`. It is kept, because it
+        does not change in a fit as long as the scale factors do not.
 
         Args:
             s: j w of each line, shape ``(L,)``.

@@ -18,7 +18,7 @@ import numpy as np
 from rotorfit.models.array_types import ComplexArray, Float, Index
 
 if TYPE_CHECKING:
-    from rotorfit.models.shaft import StructureMatrices
+    from rotorfit.models.shafts.shaft import StructureMatrices
 
 ENOUGH = 1e-7
 """Error of the stiffness at the planes, relative to its largest entry at the line, at which the basis is complete."""

@@ -14,12 +14,12 @@ from rotorfit.estimators.inference.covariance import prior_curvature
 from rotorfit.estimators.inference.left_out_columns import Clearance, Offset, Term, is_linear, whitened_columns
 from rotorfit.estimators.inference.score_tests import score_tests
 from rotorfit.estimators.misfit.losses import robust_weights
-from rotorfit.fitting.assumption_table import THRESHOLD_COLUMN, Assumption, Assumptions
+from rotorfit.fitting.assumptions.assumption_table import THRESHOLD_COLUMN, Assumption, Assumptions
 from rotorfit.fitting.result import FitResult
 from rotorfit.models import Threshold
 from rotorfit.models.array_types import Float
 from rotorfit.models.laws import Muszynska
-from rotorfit.models.left_out import LeftOut, fluid_coordinates, onset_shift, terms_left_out
+from rotorfit.models.motion.neglected_terms import LeftOut, fluid_coordinates, onset_shift, terms_left_out
 from rotorfit.models.structure import block_parameters
 
 _RESULTS = ("K0", "D", "lam", "lam_D", "lam_M", "Mf", "n_K", "n_D", "b")

@@ -9,7 +9,7 @@ import numpy as np
 
 from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.models.model import RotorModel
-from rotorfit.models.stability import Threshold, eigenvalue_gradient
+from rotorfit.models.motion.stability import Threshold, eigenvalue_gradient
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -11,8 +11,8 @@ from numpy.typing import ArrayLike
 
 from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.models.compiled import array_function
-from rotorfit.models.line_stiffness import arguments, at_frequency, complex_pairs
 from rotorfit.models.model import RotorModel
+from rotorfit.models.motion.line_stiffness import arguments, at_frequency, complex_pairs
 
 
 class Journal:

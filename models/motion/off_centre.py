@@ -13,13 +13,13 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rotorfit.models.angular_rates import angular_rate
 from rotorfit.models.array_types import ComplexArray, Float, Index
-from rotorfit.models.journal import journal
-from rotorfit.models.line_stiffness import known_structure, line_stiffness
 from rotorfit.models.model import CoefficientJacobian, RotorModel
-from rotorfit.models.orbits import OrbitEquation, all_roots
-from rotorfit.models.stability import Threshold, companion
+from rotorfit.models.motion.journal import journal
+from rotorfit.models.motion.line_stiffness import known_structure, line_stiffness
+from rotorfit.models.motion.orbits import OrbitEquation, all_roots
+from rotorfit.models.motion.stability import Threshold, companion
+from rotorfit.models.shafts.angular_rates import angular_rate
 
 
 def static_equilibria(model: RotorModel, theta: ArrayLike, speed: float, load: ArrayLike) -> list[ComplexArray]:

@@ -9,7 +9,7 @@ import numpy as np
 
 from rotorfit.estimators.blocks.nonlinear import OrbitResponses, responses_of
 from rotorfit.estimators.blocks.observations import Responses
-from rotorfit.models.shaft import Shaft
+from rotorfit.models.shafts.shaft import Shaft
 
 if TYPE_CHECKING:
     from rotorfit.fitting.result import FitResult

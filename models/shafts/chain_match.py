@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from rotorfit.models.array_types import Float
 from rotorfit.models.chain import MOST_MASSES, Chain
-from rotorfit.models.lanczos import bidiagonal, chain_modes, chain_of
+from rotorfit.models.shafts.lanczos import bidiagonal, chain_modes, chain_of
 from rotorfit.models.text_table import text_table
 
 _Masses: TypeAlias = tuple[Float, Float, Float]  # masses, springs, psi

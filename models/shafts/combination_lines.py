@@ -17,8 +17,8 @@ from functools import cache
 import numpy as np
 
 from rotorfit.models.array_types import ComplexArray, Float, Index
-from rotorfit.models.jets import Jet
 from rotorfit.models.parameters import unknown_name
+from rotorfit.models.shafts.jets import Jet
 
 Order = tuple[int, int]
 

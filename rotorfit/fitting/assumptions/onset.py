@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rotorfit.fitting.quantities import Quantity
-from rotorfit.fitting.refinable import why_not_refined
+from rotorfit.fitting.structure.refinable import why_not_refined
 from rotorfit.models import eigenvalues
 from rotorfit.models.array_types import Float
-from rotorfit.models.stability import eigenvalue_gradient
+from rotorfit.models.motion.stability import eigenvalue_gradient
 from rotorfit.units import RPM_PER_RAD_S
 
 if TYPE_CHECKING:

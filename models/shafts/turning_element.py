@@ -14,8 +14,8 @@ from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.models.complexes import Complex, Number
 from rotorfit.models.model import CoefficientJacobian, Coordinate, Matrix, RotorModel
 from rotorfit.models.parameters import Parameter, unknown_name
-from rotorfit.models.shaft import KnownStiffness, ShaftApart
-from rotorfit.models.turning import TurningFrame, beside
+from rotorfit.models.shafts.shaft import KnownStiffness, ShaftApart
+from rotorfit.models.shafts.turning import TurningFrame, beside
 
 
 class Turning(RotorModel):

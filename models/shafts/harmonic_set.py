@@ -18,10 +18,10 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rotorfit.models.angular_rates import angular_rate
 from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.models.complexes import Complex
 from rotorfit.models.model import RotorModel
+from rotorfit.models.shafts.angular_rates import angular_rate
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

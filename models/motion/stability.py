@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rotorfit.models.angular_rates import angular_rate, angular_rates
 from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.models.model import RotorModel
-from rotorfit.models.turning import unstable_bands
+from rotorfit.models.shafts.angular_rates import angular_rate, angular_rates
+from rotorfit.models.shafts.turning import unstable_bands
 
 _SCAN, _SCAN_STEP = 600, 60  # speeds searched for an onset, and how many at once
 _CAME_IN = 1e-6  # growth over frequency at an onset beyond which an eigenvalue did not become unstable there

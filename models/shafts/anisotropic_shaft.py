@@ -17,13 +17,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rotorfit.models.array_types import ComplexArray, Float
-from rotorfit.models.combination_lines import LATERAL, TWIST, Order, ShaftValues, Torsion, solve_lines
 from rotorfit.models.complexes import Complex
-from rotorfit.models.jets import Jet
 from rotorfit.models.model import CoefficientJacobian, Matrix, RotorModel
 from rotorfit.models.one_mode import one_per_coordinate
 from rotorfit.models.parameters import Parameter, unknown_name
-from rotorfit.models.turning import TurningFrame
+from rotorfit.models.shafts.combination_lines import LATERAL, TWIST, Order, ShaftValues, Torsion, solve_lines
+from rotorfit.models.shafts.jets import Jet
+from rotorfit.models.shafts.turning import TurningFrame
 
 Wording = Literal["modal", "stiffness"] | None
 
@@ -134,7 +134,7 @@ class AnisotropicShaft(RotorModel):
         Args:
             theta: parameter vectors, shape ``(..., P)``.
             direction: ``z`` for the lateral motion, ``twist`` for the twist.
-            order: orders (m, n) of the line, see :mod:`rotorfit.models.combination_lines`.
+            order: orders (m, n) of the line, see :mod:`rotorfit.models.shafts.combination_lines`.
             frequency: w, rad/s, signed.
             speed: Om, rad/s.
             force: complex amplitude of the force at w, N.

@@ -14,11 +14,11 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rotorfit.models.angular_rates import angular_rate
 from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.models.complexes import Complex, J, Number
 from rotorfit.models.model import Coordinate, Matrix, RotorModel
-from rotorfit.models.shaft import KnownStiffness
+from rotorfit.models.shafts.angular_rates import angular_rate
+from rotorfit.models.shafts.shaft import KnownStiffness
 
 IMAGE = "*"
 """What follows the name of a plane in the name of its image's coordinate."""

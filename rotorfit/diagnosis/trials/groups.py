@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from rotorfit.diagnosis.channel_filters import POWERS, SAME, likeness
-from rotorfit.diagnosis.trial_fits import EXPLAINED, Explanation, Hint, Readings, trial
+from rotorfit.diagnosis.trials.channel_filters import POWERS, SAME, likeness
+from rotorfit.diagnosis.trials.trial_fits import EXPLAINED, Explanation, Hint, Readings, trial
 from rotorfit.models.array_types import Bool, ComplexArray
 from rotorfit.units import RPM_PER_RAD_S
 

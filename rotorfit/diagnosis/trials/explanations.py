@@ -15,12 +15,12 @@ import numpy as np
 from rotorfit.data.experiments import PerturbationTest
 from rotorfit.data.findings import Finding
 from rotorfit.diagnosis.check import check
-from rotorfit.diagnosis.data_errors import DataError, data_errors, filtered_probes, mirrored_orbits
-from rotorfit.diagnosis.filters import filters
-from rotorfit.diagnosis.groups import factors_of_groups
 from rotorfit.diagnosis.orbits import Orbits, orbits_of
 from rotorfit.diagnosis.probe_pairs import uneven_planes
-from rotorfit.diagnosis.trial_fits import EXPLAINED, Explanation, Hint, Readings, readings_of, trial
+from rotorfit.diagnosis.trials.data_errors import DataError, data_errors, filtered_probes, mirrored_orbits
+from rotorfit.diagnosis.trials.filters import filters
+from rotorfit.diagnosis.trials.groups import factors_of_groups
+from rotorfit.diagnosis.trials.trial_fits import EXPLAINED, Explanation, Hint, Readings, readings_of, trial
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.fitting.problem_setup import build_problem
 from rotorfit.fitting.result import FitResult

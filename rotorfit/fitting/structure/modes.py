@@ -9,8 +9,8 @@ import numpy as np
 
 from rotorfit.fitting.quantities import Quantity
 from rotorfit.models import eigenvalues
-from rotorfit.models.angular_rates import angular_rate
-from rotorfit.models.stability import eigenvalue_gradient, is_image
+from rotorfit.models.motion.stability import eigenvalue_gradient, is_image
+from rotorfit.models.shafts.angular_rates import angular_rate
 
 if TYPE_CHECKING:
     from rotorfit.fitting.result import FitResult

@@ -1,0 +1,1 @@
+"""Structure of a fitted model: terms to add, laws to choose among, and what the choice is worth."""
