@@ -350,9 +350,8 @@ def run(name: str, draws: int, seed: int) -> Row:
         half.append([(high - low) / 2 / right[n] for n, (low, high) in zip(WATCHED, pairs, strict=True)])
         redchi.append(fit.redchi)
         warned.append(bool(fit.warnings))
-        sentences = () if fit.noise is None else fit.noise.sentences
-        allowed.append(any("runs may differ" in words for words in sentences))
-        two_runs.append(any(words.startswith("two runs") for words in sentences))
+        allowed.append(fit.noise is not None and bool(fit.noise.possible_effects))
+        two_runs.append(fit.noise is not None and fit.noise.run_count == 2)
     cover, width, spread = np.mean(held, axis=0), np.mean(half, axis=0), np.std(half, axis=0) / np.sqrt(draws)
     return Row(
         name, *map(float, cover), *map(float, width), *map(float, spread), float(np.median(redchi)),
