@@ -15,6 +15,12 @@ from rotorfit.recordings.signals import Signals
 _WINDOW, _FEWEST = 0.05, 32
 """Length of the windows in which a channel is looked at, s, and the samples they have at least."""
 
+_HELD, _EQUAL = 16, 0.25
+"""Equal samples in a row that are held ones, and the share of equal neighbours elsewhere from which a channel is too
+quiet to tell."""
+_JUMP = 4.0
+"""Counts by which a channel jumps where it was held or clipped; the crest of a quiet signal is left count by count."""
+
 _STRETCH = 4
 """Windows in a row that a channel stands still for, from which no chance is left."""
 
@@ -70,12 +76,14 @@ def statistics(record: Signals, name: str) -> ChannelStatistics:
     total = squares = 0.0
     step = 1.0 if integers else np.inf  # in counts, or in what the file stores
     bottom, top = _Extreme(highest=False), _Extreme(highest=True)
+    held = _Held()
     windows = _Windows(length=max(_FEWEST, round(_WINDOW * record.sample_rate)))
     for piece in record.stored_pieces(name):
         values = piece.astype(float)
         total += float(values.sum())
         squares += float(values @ values)
         windows.see(values)
+        held.see(values)
         if not np.isfinite(step):
             differences = np.abs(np.diff(values[:4096]))
             step = float(differences[differences > 0].min(initial=np.inf))
@@ -94,7 +102,10 @@ def statistics(record: Signals, name: str) -> ChannelStatistics:
         step=step * abs(factor) if np.isfinite(step) else 0.0,
         at_low=bottom.samples / record.size,
         at_high=top.samples / record.size,
-        still=tuple((low / record.sample_rate, high / record.sample_rate) for low, high in windows.still()),
+        still=tuple(
+            (low / record.sample_rate, high / record.sample_rate)
+            for low, high in _joined([*windows.still(), *held.stretches(windows.step, (bottom.value, top.value))])
+        ),
         unit=next(probe.unit for probe in record.probes if probe.channel == name) or "V",
     )
 
@@ -136,6 +147,44 @@ class _Windows:
 
 
 @dataclass(kw_only=True)
+class _Held:
+    """Stretches of equal samples: a card or a network that lost some repeats the last one."""
+
+    seen: int = 0  # samples so far
+    equal: int = 0  # neighbours that are equal, those of long stretches left out
+    found: list[tuple[int, int, float, float]] = field(default_factory=list)  # from, to, value, jump at an end
+
+    def see(self, values: Float) -> None:
+        same = np.concatenate([[False], np.diff(values) == 0, [False]])
+        edges = np.flatnonzero(np.diff(same.astype(np.int8)))
+        begin, end = edges[::2], edges[1::2]  # first and last sample of each stretch
+        long = end - begin + 1 >= _HELD
+        self.equal += int(np.sum((end - begin)[~long]))
+        for low, high in zip(begin[long].tolist(), end[long].tolist(), strict=True):
+            beside = values[[max(low - 1, 0), min(high + 1, values.size - 1)]]
+            jump = float(np.abs(beside - values[low]).max())
+            self.found.append((self.seen + low, self.seen + high + 1, float(values[low]), jump))
+        self.seen += values.size
+
+    def stretches(self, step: float, extremes: tuple[float, float]) -> list[tuple[int, int]]:
+        """Samples from and to; where a channel is cut off at an extreme it is clipped, not held."""
+        if self.equal > _EQUAL * self.seen or not np.isfinite(step):
+            return []
+        return [(low, high) for low, high, value, jump in self.found if jump > _JUMP * step and value not in extremes]
+
+
+def _joined(stretches: list[tuple[int, int]]) -> list[tuple[int, int]]:
+    """Stretches in order, those that overlap as one."""
+    found: list[tuple[int, int]] = []
+    for low, high in sorted(stretches):
+        if found and low <= found[-1][1]:
+            found[-1] = (found[-1][0], max(found[-1][1], high))
+        else:
+            found.append((low, high))
+    return found
+
+
+@dataclass(kw_only=True)
 class _Extreme:
     """The highest or lowest stored value so far, how often the signal stayed there and how long."""
 
@@ -165,4 +214,4 @@ def _entered(piece: NDArray[Any], at: Bool, step: float) -> int:
     here = piece[begin].astype(float)
     before, after = piece[np.maximum(begin - 1, 0)], piece[np.minimum(end, piece.size - 1)]
     jump = np.maximum(np.abs(here - before), np.abs(here - after))
-    return int(np.sum((end - begin >= 3) & (jump > 4 * step)))
+    return int(np.sum((end - begin >= 3) & (jump > _JUMP * step)))

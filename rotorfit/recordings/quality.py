@@ -88,7 +88,7 @@ def _stops(each: ChannelStatistics, where: str) -> Finding:
         "error",
         "channel-stops",
         f"{where} stays on one count from {when}, and carries noise before or after: a loose cable, or samples that "
-        "were lost. Measure again, cut these times out of the file, or leave the probe out.",
+        "were lost and held. Measure again, cut these times out of the file, or leave the probe out.",
     )
 
 
