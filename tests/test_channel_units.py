@@ -111,6 +111,7 @@ def test_wav_of_floats_with_units_of_the_setup(tmp_path: Path) -> None:
         ("g", "", "acceleration.*a probe reads motion"),
         ("N", "", "force.*a probe reads motion"),
         ("", "", "unit, of a channel that is scaled"),
+        ("um pk", "", "its unit in the file, 'um pk', is none of"),
     ],
 )
 def test_contradictions_are_refused_with_what_is_allowed(tmp_path: Path, unit: str, setup: str, words: str) -> None:

@@ -12,7 +12,7 @@ import numpy as np
 from rotorfit.data.findings import Finding
 from rotorfit.models.parameters import unknown_name
 from rotorfit.recordings.formats.raw_file import RawChannel, RawFile
-from rotorfit.recordings.rig.channel_units import ChannelUnit, channel_unit, name_and_unit
+from rotorfit.recordings.rig.channel_units import ALLOWED, ChannelUnit, channel_unit, name_and_unit
 from rotorfit.recordings.rig.rig_toml import flat_setup
 from rotorfit.recordings.rig.setup import (
     Force,
@@ -221,7 +221,9 @@ def _complete_probe(raw: RawFile, probe: Probe, setup: RigSetup, source: str) ->
         probe = replace(probe, unit=None)
     if probe.angle is None or sensitivity is None:
         lacking = "angle_deg" if probe.angle is None else "sensitivity_V_per_mm (or unit, of a channel that is scaled)"
-        raise ValueError(f"{raw.name}: nothing says the {lacking} of the probe {probe.channel}; {_how(raw)}")
+        own = raw.channels[probe.channel].unit if probe.channel in raw.channels else ""
+        unknown = f" (its unit in the file, {own!r}, is none of {ALLOWED})" if own and channel_unit(own) is None else ""
+        raise ValueError(f"{raw.name}: nothing says the {lacking} of the probe {probe.channel}{unknown}; {_how(raw)}")
     return replace(probe, sensitivity=sensitivity)
 
 
