@@ -4,8 +4,7 @@ Eq. (18) with ten free parameters, four responses of 400 lines, 1 % noise. Warm 
 rounds in which all contenders take turns, everything imported and used before; "one of 500" is the share of one fit in
 500 data sets that differ by their noise, fitted at once. Cold times are processor times of whole fresh processes, from
 the interpreter through imports and reading to one fit. Accuracy stands beside time: distance from the exact optimum.
-An experiment met before keeps its check, its layout and the passes of its closed form, for fits with other bounds,
-priors or loss; another known value makes a closed form of its own.
+An experiment met before keeps its layout; every fit makes a closed form of its own.
 
     python benchmarks/fit_speed.py
 """

@@ -171,6 +171,8 @@ def campaign(shared: bool) -> Numbers:
     numbers: Numbers = {"values": {}, "stderr": {}}
     for run in found.runs:
         for name, p in run.params.items():
+            if not np.isfinite(p.stderr):
+                continue
             numbers["values"][f"{run.name} {name}"] = p.value
             if p.stderr:
                 numbers["stderr"][f"{run.name} {name}"] = p.stderr

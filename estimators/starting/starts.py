@@ -181,9 +181,8 @@ def _from_round(problem: Problem, found: Start) -> Start:
     starts = support_starts(problem, whole)
     if len(starts) == 1:
         return replace(found, x=whole)
-    fits = [_short_fit(problem, full_vector(problem, start)) for start in starts]
-    best = min(fits, key=lambda fit: fit.cost).x[: whole.size]
-    return Start(x=best, kind=SHORT_FIT, notes=found.notes)
+    ends = loose_fits(problem, np.array([full_vector(problem, start) for start in starts]))
+    return Start(x=ends.x[np.argmin(ends.cost), : whole.size], kind=SHORT_FIT, notes=found.notes)
 
 
 def _nonlinear_guess(problem: Problem) -> Start:
