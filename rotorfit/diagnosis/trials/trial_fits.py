@@ -8,10 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from rotorfit.estimators.blocks.observations import Responses
-from rotorfit.estimators.minimisation.least_squares import Options
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.estimators.starting.closed_form import closed_form
-from rotorfit.fitting.fit import solve
+from rotorfit.estimators.starting.start_points import loose_fits
 from rotorfit.models.array_types import Bool, ComplexArray, Float, Text
 
 Hint = Callable[[ComplexArray], bool]
@@ -19,8 +18,6 @@ Hint = Callable[[ComplexArray], bool]
 
 EXPLAINED = 0.01
 """Share of the misfit left from which nothing else has to be tried."""
-
-_TRIAL = Options(hessian="gauss-newton", max_iterations=12)  # it leads to an explanation soon, or to none
 
 _ENOUGH = 1500
 """Readings that show an error."""
@@ -49,10 +46,10 @@ def trial(problem: Problem) -> tuple[float, Float]:
     if begin is None:
         return float("inf"), np.zeros(problem.space.size)
     try:
-        solution = solve(problem, begin, _TRIAL)
-    except (ValueError, np.linalg.LinAlgError):  # what cannot be fitted explains nothing
+        (end,) = loose_fits(problem, begin[None]).x
+    except np.linalg.LinAlgError:  # what cannot be fitted explains nothing
         return float("inf"), begin
-    return 2 * solution.cost, solution.x
+    return 2 * problem.cost(end), end
 
 
 def misfit_of_closed_form(problem: Problem) -> float:
