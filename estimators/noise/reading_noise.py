@@ -24,6 +24,10 @@ SMOOTH_CORRELATION = 0.5
 """Lag-one correlation above which samples follow a curve and are no noise: of noise, sixteen samples exceed it once in
 a hundred, eight once in fifteen."""
 
+READINGS_OF_NOISE = 0.39
+"""Readings behind an estimate of their noise, a share of them: windows of 13 lines leave 8 to it, and the median of
+windows has 2/pi of the efficiency of their mean."""
+
 _SPREAD_OF_PROPORTIONAL = 0.8
 """Spread of the logarithm of proportional noise over that of constant noise below which it is preferred; else the
 amplitude hardly varies."""

@@ -18,9 +18,10 @@ from rotorfit.estimators.blocks.nonlinear import responses_of
 from rotorfit.estimators.inference.covariance import standard_error, widening
 from rotorfit.estimators.inference.identifiability import Identifiability
 from rotorfit.estimators.misfit.problem import Problem
+from rotorfit.estimators.noise.reading_noise import READINGS_OF_NOISE
 from rotorfit.fitting.assumptions.assumption_table import THRESHOLD_COLUMN
 from rotorfit.fitting.keywords import SampleKeywords, check_keywords
-from rotorfit.fitting.noise.residual_study import ResidualStudy, is_misfit
+from rotorfit.fitting.noise.residual_study import ResidualStudy, is_misfit, largest_redchi
 from rotorfit.fitting.quantities import THRESHOLD, FittedParameter, Quantity, ResponseQuality
 from rotorfit.fitting.settings import FitSettings
 from rotorfit.models import RotorModel, Threshold, threshold_speed
@@ -153,6 +154,21 @@ class FitResult:
     def model_limited(self) -> bool:
         """Whether the model, not the noise, limits the fit, as far as a linear loss tells."""
         return self.problem.loss == "linear" and is_misfit(self.noise, self.widening)
+
+    @property
+    def largest_redchi(self) -> float:
+        """redchi that noise alone exceeds once in a thousand tests, by the number of independent readings.
+
+        Sigma that was estimated from the data is uncertain itself.
+
+        Example:
+            >>> fit.redchi > fit.largest_redchi  # the chain of two masses is not that rotor
+            True
+        """
+        blocks = [responses_of(block) for block in self.problem.blocks]
+        estimated = any(block is not None and not block.sigma_given for block in blocks)
+        known_from = READINGS_OF_NOISE * self.ndata if estimated else math.inf
+        return largest_redchi(self.noise, self.nfree, min(known_from, freedom_of(self.problem.blocks)))
 
     @property
     def freedom(self) -> float:

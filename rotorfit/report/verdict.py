@@ -10,6 +10,7 @@ import numpy as np
 
 from rotorfit.data.findings import attributed, errors_in
 from rotorfit.estimators.starting.many_starts import LOCAL_MINIMUM
+from rotorfit.fitting.noise.record import NoiseVerdict
 from rotorfit.fitting.noise.residual_study import MODEL_LIMITED
 from rotorfit.fitting.noise.words import VERDICTS
 from rotorfit.fitting.quantities import Quantity
@@ -94,7 +95,7 @@ def _headline(material: ReportInput) -> Iterator[str]:
             "limits the result."
         )
     elif fit.problem.loss == "linear":
-        yield f"The model explains the data to within their noise (redchi {plain(fit.redchi, 3)}{_by_response(fit)})."
+        yield f"{sentence(_agreement(fit)).removesuffix('.')} ({_redchi(fit)}{_by_response(fit)})."
         yield from ([] if fit.noise is None else (sentence(words) for words in fit.noise.notable))
     else:
         yield f"Outliers were given less weight ({fit.problem.loss} loss)."
@@ -103,14 +104,32 @@ def _headline(material: ReportInput) -> Iterator[str]:
         yield f"The data leave {unresolved} of {fit.nvarys} fitted values undetermined; they are named below."
 
 
+def _agreement(fit: FitResult) -> str:
+    """Model and data in words, by redchi and what noise alone lets it be."""
+    if fit.model_limited:
+        return "the model, not the noise, limits this fit; standard errors are widened for it"
+    if fit.problem.loss != "linear":
+        return "outliers included, whose weight in the fit is small"
+    if fit.redchi <= fit.largest_redchi:
+        return "the model explains the data to within their noise"
+    more = f"the residuals are {plain(100 * (math.sqrt(fit.redchi) - 1), 2)} % larger than the noise"
+    known = fit.noise is not None and fit.noise.verdict is not NoiseVerdict.AS_FOUND
+    return f"{more}: {VERDICTS[fit.noise.verdict]}" if fit.noise is not None and known else more
+
+
+def _redchi(fit: FitResult) -> str:
+    """redchi beside what it may be by noise alone."""
+    return f"redchi {plain(fit.redchi, 3)}, by noise alone at most {plain(fit.largest_redchi, 3)}"
+
+
 def _by_response(fit: FitResult) -> str:
-    """How the misfit varies between responses, in words; the worst by name if it is missed."""
+    """How the misfit varies between responses, in words, and which is worst where it is missed."""
     sizes = {r.name: r.redchi for r in fit.responses if math.isfinite(r.redchi)}
     if len(sizes) < 2:
         return ""
     worst = max(sizes, key=lambda name: sizes[name])
     words = f"; by response {plain(min(sizes.values()), 2)} to {plain(sizes[worst], 2)}"
-    return f"{words}, but not {worst}" if sizes[worst] > MODEL_LIMITED else words
+    return f"{words} ({worst})" if sizes[worst] > MODEL_LIMITED else words
 
 
 def _stability_words(material: ReportInput) -> Iterator[str]:
@@ -234,22 +253,12 @@ def _margins(material: ReportInput, onset: Quantity) -> Iterator[str]:
 def _quality_card(fit: FitResult) -> Html:
     if not fit.success:
         return _card("Fit", "not converged", fit.message, bad=True)
-    limited = fit.model_limited
-    verdict = (
-        "the model, not the noise, limits this fit; standard errors are widened for it"
-        if limited
-        else "the model explains the data to within their noise"
-        if fit.redchi <= MODEL_LIMITED
-        else "outliers included, whose weight in the fit is small"
-        if fit.noise is None
-        else VERDICTS[fit.noise.verdict]
-    )
     worst = max((r.nrmse for r in fit.responses), default=math.nan)
     lines = [
-        verdict + _by_response(fit),
+        _agreement(fit) + _by_response(fit),
         *([f"largest rms error of a response {plain(100 * worst, 2)} %"] if math.isfinite(worst) else []),
     ]
-    return _card("Misfit over noise (redchi)", plain(fit.redchi, 3), *lines, bad=limited)
+    return _card("Misfit over noise (redchi)", plain(fit.redchi, 3), *lines, bad=fit.model_limited)
 
 
 def _fluid_cards(fit: FitResult) -> Iterator[Html]:

@@ -15,6 +15,11 @@ from rotorfit.version import renamed
 MODEL_LIMITED = 2.0
 """redchi above which a result that has nothing else to go by says that the model, not the noise, limits the fit."""
 
+_CHANCE = 0.001
+"""Probability that redchi of noise alone is said to exceed the noise: errors of the sentence, as of other warnings."""
+_MANY = 1e9
+"""Readings from which a noise is as good as known."""
+
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ResidualStudy:
@@ -135,6 +140,19 @@ class ResidualStudy:
 def is_misfit(study: ResidualStudy | None, widening: float) -> bool:
     """Whether the model, not the noise, limits a fit: by its residuals' memory, or else by their size alone."""
     return widening > MODEL_LIMITED if study is None else study.verdict is NoiseVerdict.MISFIT
+
+
+def largest_redchi(study: ResidualStudy | None, nfree: int, known_from: float) -> float:
+    """redchi that noise alone exceeds once in a thousand tests: a quantile of the F distribution.
+
+    ``nfree`` readings tell it, fewer where neighbours correlate; its own noise is known from ``known_from`` readings,
+    infinite for noise that was given. Of many of both the sampling error of redchi is ``sqrt(2/nfree + 2/known_from)``.
+    """
+    from scipy.special import fdtri  # late: loading it takes longer than a fit
+
+    lags = () if study is None else study.lags
+    independent = nfree / (1 + 2 * sum(lag * lag for lag in lags))  # squares of normal errors correlate by lag^2
+    return float(fdtri(independent, min(known_from, _MANY), 1 - _CHANCE)) if nfree > 0 else float("nan")
 
 
 def _satterthwaite(parts: Sequence[float], freedom: Sequence[float]) -> float:
