@@ -12,6 +12,7 @@ import re
 import subprocess
 import sys
 import textwrap
+from functools import cache
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
 
@@ -81,10 +82,16 @@ def source_of(name: str) -> Path:
     return Path(str(importlib.import_module(name).__file__))
 
 
+@cache
+def tree_of(name: str) -> ast.Module:
+    return ast.parse(source_of(name).read_text(encoding="utf-8"))
+
+
+@cache
 def imported(name: str) -> set[str]:
     """Full names of all that a module imports, wherever in it, type checking included."""
     found: set[str] = set()
-    for node in ast.walk(ast.parse(source_of(name).read_text(encoding="utf-8"))):
+    for node in ast.walk(tree_of(name)):
         if isinstance(node, ast.Import):
             found |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
@@ -102,6 +109,7 @@ def room(name: str) -> str:
     return ([*name.split("."), ""])[1]
 
 
+@cache
 def arrows(name: str) -> list[tuple[str, bool]]:
     """Modules of rotorfit that a module imports, each with whether a call has to be made first."""
     found = []
@@ -117,7 +125,7 @@ def arrows(name: str) -> list[tuple[str, bool]]:
                     found.append((full if full in MODULES else str(child.module), called))
             visit(child, inside)
 
-    visit(ast.parse(source_of(name).read_text(encoding="utf-8")), False)
+    visit(tree_of(name), False)
     return found
 
 
@@ -202,7 +210,7 @@ def test_no_private_name_is_left_unused() -> None:
     """Functions, methods, classes and constants of one leading underscore, which their own file alone may use."""
     unused = []
     for name in MODULES:
-        nodes = list(ast.walk(ast.parse(source_of(name).read_text(encoding="utf-8"))))
+        nodes = list(ast.walk(tree_of(name)))
         made = {n.name for n in nodes if isinstance(n, ast.FunctionDef | ast.ClassDef)}
         made |= {n.id for n in nodes if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store)}
         used = {n.id for n in nodes if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Load)}
@@ -490,4 +498,4 @@ def test_names_that_docstrings_refer_to_are_there() -> None:
 
     for name in MODULES:
         module = importlib.import_module(name)
-        assert missing(ast.parse(source_of(name).read_text(encoding="utf-8")), module, module) == [], name
+        assert missing(tree_of(name), module, module) == [], name

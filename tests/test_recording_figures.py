@@ -15,6 +15,7 @@ from rotorfit.estimators.signals.spectral_lines import full_spectrum
 from rotorfit.recordings.marks import Marks, speeds
 from rotorfit.recordings.spectra import cascade, spectrum
 from rotorfit.recordings.views import centreline, stretch, vectors_over_time
+from rotorfit.studies.folder import CONTENTS
 
 FIGURES = ("timebase", "orbit", "centreline", "bode", "polar", "full_spectrum", "cascade", "speed")
 
@@ -149,7 +150,7 @@ def test_look_says_and_draws_what_there_is(tmp_path: Path, capsys: pytest.Captur
     assert "m r = 2e-05 kg m at disk, forward with the perturbator, 40.0 deg ahead of the mark" in said
     assert "nothing odd was found" in said
     names = {"cascade_disk" if name == "cascade" else name for name in FIGURES}
-    assert {file.name for file in out.iterdir()} == {f"{name}.png" for name in names} | {"summary.txt"}
+    assert {file.name for file in out.iterdir()} == {f"{name}.png" for name in names} | {"summary.txt", CONTENTS}
 
 
 @pytest.mark.parametrize(

@@ -12,6 +12,7 @@ from trend_detection import CHANGE, history, judged
 import rotorfit as rf
 from rotorfit.cli.main import main
 from rotorfit.estimators.change_point import find_change
+from rotorfit.studies.folder import CONTENTS
 
 SPEED = np.linspace(30.0, 80.0, 12)
 
@@ -168,7 +169,12 @@ def test_files_of_one_machine_become_a_table_a_figure_and_words(files, tmp_path,
     assert main(["trend", *files, "--out", str(tmp_path / "out")]) == 0
     out = capsys.readouterr().out
     assert "K alone" in out
-    assert sorted(file.name for file in (tmp_path / "out").iterdir()) == ["summary.txt", "trend.csv", "trend.png"]
+    assert sorted(file.name for file in (tmp_path / "out").iterdir()) == [
+        CONTENTS,
+        "summary.txt",
+        "trend.csv",
+        "trend.png",
+    ]
 
 
 @pytest.mark.parametrize(

@@ -131,9 +131,9 @@ def local_response(
     fits = tile(count, _solver(records, edges, degree, poles, transient))
     nodes = [fit.node.size for fit in fits]
     response = np.concatenate([fit.response for fit in fits], axis=2)
-    # the level of a measured force's noise is known: it is not pooled with that of neighbours that respond less
-    known = np.sqrt(records[0].force_noise) * np.abs(response[0])
-    noise = np.maximum(np.repeat(pooled_noise(fits), nodes, axis=1), known)
+    noise = np.repeat(pooled_noise(fits), nodes, axis=1)
+    if not transient:  # wide bands, in which neighbours that respond less would hide the noise of the measured force
+        noise = np.maximum(noise, np.sqrt(records[0].force_noise) * np.abs(response[0]))
     leverage = np.concatenate([fit.leverage for fit in fits], axis=1)
     left = [np.full(record.outputs.shape, np.nan + 0j) for record in records]
     for fit in fits:
