@@ -44,6 +44,7 @@ def test_averaging_admits_what_one_model_excludes(close_call, average):
     assert low < truth["Mf"] < high
 
 
+@pytest.mark.slow
 def test_weights_are_those_of_bic(close_call, average):
     _, _, steps = close_call
     ranked = sorted(steps, key=lambda step: step.bic)

@@ -128,6 +128,7 @@ def test_a_dead_run_is_flagged_and_flattens_nothing(tmp_path, capsys, small, fit
     assert "say nothing: r00" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_noise_is_told_from_motion_whatever_the_seed():
     """Fifteen dead runs, and fifteen forced so weakly that the rms reading is only four times its noise."""
     model = OneMode()

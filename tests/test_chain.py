@@ -218,6 +218,7 @@ def test_measured_shapes_are_matched_better_than_by_their_first_row():
     assert "match" in str(chain)
 
 
+@pytest.mark.slow
 def test_shaft_with_three_disks():
     """A massless beam with three heavy disks is no chain; the chain found is the nearest.
 

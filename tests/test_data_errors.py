@@ -12,6 +12,7 @@ from clean_rigs import clean_test
 from fe_rigs import K3, RPM, TYPICAL, Rig, random_rig
 from honest_errors import WORLDS, simulate
 from slips import forced_by, read_through, thinned
+from slow_cases import slow_but
 from synthetic import circular_test, covering_frequencies
 
 import rotorfit as rf
@@ -128,7 +129,19 @@ def said(fit: rf.FitResult) -> list[str]:
     return [finding.message for finding in explained(fit)]
 
 
-@pytest.mark.parametrize("slip", NAMED)
+@pytest.mark.parametrize(
+    "slip",
+    slow_but(
+        NAMED,
+        "velocities",
+        "late",
+        "a plane behind a high-pass",
+        "a probe behind a low-pass",
+        "a weight in another hole",
+        "a plane in mil as um at one speed",
+        "a session peak-to-peak",
+    ),
+)
 def test_what_was_done_to_readings_is_named_with_its_number(slip: str, rig: PerturbationTest) -> None:
     """The lumped model misses this shaft by a few times its noise, so that numbers are some per cent off."""
     make, words, numbers = NAMED[slip]
@@ -183,7 +196,10 @@ MISSES: dict[str, Callable[[PerturbationTest], Case]] = {
 """Models that miss their rotors by far, without a slip in the data."""
 
 
-@pytest.mark.parametrize("case", MISSES)
+@pytest.mark.parametrize(
+    "case",
+    slow_but(MISSES, "three masses, one known", "a shaft as one mode at its journal", "unlike supports 0"),
+)
 def test_a_model_that_misses_its_rotor_is_no_slip_of_the_readings(case: str, rig: PerturbationTest) -> None:
     model, test = MISSES[case](rig)
     fit = rf.fit(model, test)
@@ -217,6 +233,7 @@ def test_wrong_known_values_are_no_slip_of_the_readings(known: dict[str, float],
     assert not said(fit)
 
 
+@pytest.mark.slow
 def test_a_known_damping_twice_too_large_is_said_beside_the_scale_that_it_asks_for(rig: PerturbationTest) -> None:
     fit = rf.fit(rf.models.WhirlWhip(), rig, known={"K3": K3, "D": 2 * TYPICAL["D"]})
     assert any("unless what was given as known (K3, D) is wrong" in told for told in said(fit))

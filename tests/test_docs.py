@@ -9,11 +9,16 @@ from pathlib import Path
 from types import ModuleType
 
 import pytest
+from slow_cases import slow_but
 
 from rotorfit.cli.main import main
 
 ROOT = Path(__file__).parent.parent
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+
+
+LONG_PAGES = ("real_rig.md", "anisotropic_shaft.md")
+"""Pages whose blocks take ten seconds and more."""
 
 
 @pytest.fixture
@@ -57,7 +62,9 @@ def test_comparison_of_printed_text() -> None:
     assert not same("3 runs", "3 of 4 runs")
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+@pytest.mark.parametrize(
+    "page", slow_but(PAGES, *(page for page in PAGES if page.name not in LONG_PAGES)), ids=lambda page: page.name
+)
 def test_blocks_run_and_print_what_is_shown(
     make: ModuleType, page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -59,6 +59,7 @@ def test_uff_keeps_twelve_digits_of_any_test(place: Path, test: PerturbationTest
     same(round_trip(test, place / "t.uff"), test, rtol=UFF_RTOL)
 
 
+@pytest.mark.slow
 @settings(max_examples=15, deadline=None)
 @given(test=imposed_orbits())
 def test_imposed_orbits_keep_every_bit(place: Path, test: DisplacementTest) -> None:

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy import stats
+from slow_cases import slow_but
 
 import rotorfit as rf
 from rotorfit.estimators.inference.covariance import inverse_curvature
@@ -44,16 +45,21 @@ def fitted(world, seed, **options):
 
 @pytest.mark.parametrize(
     "name",
-    [
-        "ideal: constant noise, x and y",
-        "force jitter 1 %, probes 0.2 %",
+    slow_but(
+        [
+            "ideal: constant noise, x and y",
+            "force jitter 1 %, probes 0.2 %",
+            "speed jitter 1 %, probes 0.2 %",
+            "one probe, proportional 1 %",
+            "forward noise three times the backward",
+            "overlapping filters, neighbours 0.7, told",
+            "oil 1 % from run to run",
+            "phase 1 degree, phase_offsets=True",
+        ],
         "speed jitter 1 %, probes 0.2 %",
         "one probe, proportional 1 %",
-        "forward noise three times the backward",
         "overlapping filters, neighbours 0.7, told",
-        "oil 1 % from run to run",
-        "phase 1 degree, phase_offsets=True",
-    ],
+    ),
 )
 def test_intervals_hold_the_truth(name):
     """With N draws and a true coverage of 90 %, fewer than the 0.1 % point of the binomial is no chance.
@@ -132,6 +138,7 @@ def test_errors_allow_for_what_runs_may_differ_by():
     np.testing.assert_allclose(np.sqrt(np.diag(share)), np.sqrt(np.sum(np.square(moves), axis=0)), rtol=0.03)
 
 
+@pytest.mark.slow
 def test_two_runs_do_not_tell_which_kind_of_difference_it_is():
     """One difference between two runs has one degree of freedom, however many kinds may be what it is."""
     fits = [fit for fit in many("force 1 %, two runs") if len(fit.noise.between) > 1 and fit.noise.notable]

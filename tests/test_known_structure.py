@@ -479,6 +479,7 @@ def test_estimated_error_bounds_that_of_a_poor_basis(monkeypatch):
         assert poor.error <= 1e4 * error  # the sizes of two vectors stand for their product
 
 
+@pytest.mark.slow
 def test_a_fit_with_a_factor_states_its_reduction():
     """The factor is found, and the fit says what the reduction did to its predictions."""
     model = fine_rig(elements=28)

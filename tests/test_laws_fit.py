@@ -333,22 +333,22 @@ def test_threshold_refuses_what_is_no_eccentricity(fitted: FitResult) -> None:
 
 
 def test_coverage_of_sweeps(model: OneMode) -> None:
-    """Pulls of 100 draws: how many lie within 1.96 standard errors, and their mean square, within 1e-4 tails."""
+    """Pulls of 40 draws: how many lie within 1.96 standard errors, and their mean square, within 1e-4 tails."""
     exact = sweep(ONE_MODE, levels=(1.0, 2.0, 4.0, 6.0), lines=20, noise=0.0)
     size = np.abs(exact.response)
     level = 0.01 * np.array([np.sqrt(np.mean(size[exact.run == run] ** 2)) for run in exact.run.tolist()])
     rng = np.random.default_rng(7)
     rows = []
-    for _ in range(100):
+    for _ in range(40):
         error = level * (rng.normal(size=len(exact)) + 1j * rng.normal(size=len(exact)))
         test = replace(exact, response=exact.response + error, sigma=level)
         fit = rf.fit(model, test, known={"Ds": 8.0}, start=ONE_MODE_FREE)
         rows.append([(p.value - ONE_MODE[n]) / p.stderr_noise for n, p in fit.params.items() if p.vary])
     found = np.array(rows)
-    low, high = chi2.ppf([1e-4, 1 - 1e-4], 100)
+    low, high = chi2.ppf([1e-4, 1 - 1e-4], 40)
     assert (np.sum(found**2, axis=0) > low).all()
     assert (np.sum(found**2, axis=0) < high).all()
-    few, many = binom.ppf([1e-4, 1 - 1e-4], 100, 0.95)
+    few, many = binom.ppf([1e-4, 1 - 1e-4], 40, 0.95)
     inside = np.sum(np.abs(found) < 1.96, axis=0)
     assert (inside >= few).all()
     assert (inside <= many).all()

@@ -98,6 +98,7 @@ def test_orders_of_the_shaft_do_not_disturb_lines_away_from_them() -> None:
     assert np.sqrt(np.mean(ratio**2, axis=1)) == pytest.approx(1.0, abs=0.12)
 
 
+@pytest.mark.slow
 def test_start_ups_with_the_weight_at_opposite_places_are_differenced_in_one_fit() -> None:
     """Residual unbalance ten times the weight, the same in both records, is a second response and leaves the first."""
     rotor, rate, ratios = two_modes(), RATE, []

@@ -82,6 +82,7 @@ def test_a_force_in_noise_gives_the_rig(noisy: Path) -> None:
         assert abs(fit.params[name].value - VALUES[name]) < 4 * fit.params[name].stderr, name
 
 
+@pytest.mark.slow
 def test_hammer_blows_with_their_force_give_the_rig(tmp_path: Path) -> None:
     how = rf.Instruments(sample_rate=3200.0)
     path = rf.simulate_recordings(RIG, VALUES, tmp_path, "hammer", instruments=how, seed=1, blows=8)[0]

@@ -247,6 +247,7 @@ def test_one_lam_is_not_refused_in_silence_by_what_the_model_leaves_out():
     assert "the model still misses the data (redchi " in rf.one_lam_test(fit).message
 
 
+@pytest.mark.slow
 def test_one_lam_is_kept_where_it_holds():
     """At the level of 1 % the test refuses a true single lam in about 1 % of the tests: at most 5 of 100."""
     truth = TYPICAL["one-mode"]

@@ -75,6 +75,7 @@ def test_a_slip_of_one_run_is_named_with_what_the_others_would_leave(slip: str, 
     assert predicted == pytest.approx(others.redchi, rel=0.25)  # by one step of Gauss-Newton
 
 
+@pytest.mark.slow
 def test_a_slip_that_blocks_between_planes_lay_bare_is_named_by_refinement(rig: PerturbationTest) -> None:
     """A gain 10 % off is less than what the lumped model misses; refined, nothing else is left."""
     fit = rf.fit(rf.models.WhirlWhip(), in_one_run(rig, "response", 1.1), known={"K3": 6000.0})
@@ -108,6 +109,7 @@ def test_what_one_run_alone_differs_by_is_said_with_its_name(rig: PerturbationTe
     assert abs(abs(size) - 0.05) < 3 * error
 
 
+@pytest.mark.slow
 def test_runs_that_all_differ_blame_none() -> None:
     """Oil 1 % from run to run: of 20 draws no more say that one run has it all than chance with twelve runs allows."""
     world = WORLDS["oil 1 %, twelve runs"]

@@ -23,6 +23,7 @@ def refinements():
     return found
 
 
+@pytest.mark.slow
 def test_lam_and_threshold_hold_where_gyroscopic_effects_look_like_the_fluids_inertia(refinements):
     """At one speed w Om g22 is 2 Mf lam w Om; without a gyroscopic block others took its place, lam off by 3 s.e."""
     pulls = []

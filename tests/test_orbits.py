@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from nonlinear_rigs import rig
 from numpy.typing import NDArray
+from slow_cases import slow_but
 
 from rotorfit.estimators.blocks.nonlinear import OrbitBranch, OrbitResponses
 from rotorfit.estimators.blocks.observations import Responses
@@ -52,14 +53,18 @@ def forces(model: RotorModel, plane: int, size: NDArray[np.generic]) -> ComplexA
 
 @pytest.mark.parametrize(
     ("name", "plane", "newton", "tolerance"),
-    [
+    slow_but(
+        [
+            ("muszynska", 0, 4.0, 1e-11),
+            ("even", 0, 3.0, 1e-10),
+            ("spline", 0, 3.0, 1e-10),
+            ("two planes", 0, 3.0, 1e-9),
+            ("two planes", 1, 4.0, 1e-9),
+            ("two ratios", 0, 3.0, 1e-9),
+        ],
         ("muszynska", 0, 4.0, 1e-11),
-        ("even", 0, 3.0, 1e-10),
-        ("spline", 0, 3.0, 1e-10),
-        ("two planes", 0, 3.0, 1e-9),
-        ("two planes", 1, 4.0, 1e-9),
         ("two ratios", 0, 3.0, 1e-9),
-    ],
+    ),
 )
 def test_circular_orbits_integrated_in_time_obey_the_phasor_equation(
     name: str, plane: int, newton: float, tolerance: float
@@ -113,6 +118,7 @@ def test_the_measured_orbit_selects_the_branch() -> None:
     np.testing.assert_allclose(found, roots[[0, 0, 1, 1, 2, 2]], atol=1e-12)
 
 
+@pytest.mark.slow
 def test_followed_sweeps_jump_where_their_branch_ends_as_the_integrated_motion_does() -> None:
     model, theta = rig("jumping")
     speed = 50.0

@@ -87,6 +87,7 @@ def test_the_probes_of_clean_data_are_not_accused(refined: rf.FitResult) -> None
     assert not [finding for finding in rf.check(refined.experiments[0]) if finding.severity == "error"]
 
 
+@pytest.mark.slow
 def test_a_finite_element_rig_gives_its_support_and_its_fluid(rig: OrthotropicRig, refined: rf.FitResult) -> None:
     assert 0.9 < refined.redchi < 1.1
     for name, truth in (("dKs", K3X - K3Y), ("lam", TYPICAL["lam"]), ("D", TYPICAL["D"]), ("dDs", 0.0)):

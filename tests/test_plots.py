@@ -8,6 +8,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from slow_cases import slow_but
 from synthetic import MODELS, SPEEDS, TYPICAL, circular_test, covering_frequencies, known_of
 
 import rotorfit as rf
@@ -47,7 +48,7 @@ def fits_of_draws():
     return [rf.fit(model, test, known=known_of("one-mode", truth)) for test in tests]
 
 
-@pytest.mark.parametrize("name", MODELS)
+@pytest.mark.parametrize("name", slow_but(MODELS, "whirl-whip", "anisotropic"))
 def test_every_figure_of_every_model(name, tmp_path):
     for kind, figure in figures(name).items():
         figure.savefig(tmp_path / f"{kind}.png", dpi=40)
@@ -138,7 +139,9 @@ LONG = ("K0[speed_rpm=1000], N/m", "D[speed_rpm=1000], N s/m", "Ds[journal], N s
 SHORT = ("Md, kg", "Ds, N s/m", "K1, N/m", "lam")
 
 
-@pytest.mark.parametrize(("count", "names"), [(4, LONG), (8, SHORT), (8, LONG), (12, LONG)])
+@pytest.mark.parametrize(
+    ("count", "names"), slow_but([(4, LONG), (8, SHORT), (8, LONG), (12, LONG)], (4, LONG), (8, LONG))
+)
 def test_labels_of_a_corner_plot_do_not_touch(count: int, names: tuple[str, ...]) -> None:
     """Labels, numbers along y and offsets of their axes; numbers along x are askew and compared by their distance."""
     rng = np.random.default_rng(1)
@@ -176,7 +179,7 @@ def _drawn_numbers(side):
 _SHOWN = {"x": "labelbottom", "y": "labelleft"}
 
 
-@pytest.mark.parametrize("name", ["whirl-whip", "anisotropic", "one-mode"])
+@pytest.mark.parametrize("name", slow_but(["whirl-whip", "anisotropic", "one-mode"], "whirl-whip"))
 def test_text_is_at_least_seven_points_on_a_page_of_a4(name):
     for kind, figure in figures(name).items():
         # A report leaves 180 mm by 225 mm of a page for a figure; a larger one is made smaller, and its text with it.
@@ -294,6 +297,7 @@ def labels_on_page(figure, axis):
     return [label.get_window_extent() for label in shown], {label.get_fontsize() for label in shown}
 
 
+@pytest.mark.slow
 def test_labels_of_low_logarithmic_panels_stand_apart_and_are_of_one_size():
     """Eight panels above each other, each over a third of a decade."""
     fit = rf.fit(rf.models.Modal(("disk2", "disk1")), rf.datasets.rk4(), phase_offsets="common")

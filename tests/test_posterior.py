@@ -76,6 +76,7 @@ def test_normal_prior_adds_its_precision(linear):
     assert stats.kstest(distance, stats.chi2(4).cdf).pvalue > SIGNIFICANT
 
 
+@pytest.mark.slow
 def test_bounds_cut_the_posterior(linear):
     """A bound through the optimum leaves the free posterior's draws on its side."""
     fit, _, test, known = linear
@@ -153,6 +154,7 @@ class Banana:
         return -0.5 * (x / self.a) ** 2 - 0.5 * (y - self.b * (x**2 - self.a**2)) ** 2
 
 
+@pytest.mark.slow
 def test_curved_posterior_needs_the_mixture():
     banana = Banana()
     options = {"walkers": 32, "ess": 1000, "seed": 4}

@@ -134,6 +134,7 @@ def test_draws_without_a_threshold():
         onset.interval(95)
 
 
+@pytest.mark.slow
 def test_derived_quantities_follow_the_draws(rig):
     fit, model = rig.fit, rig.fit.model
     assert rig.whirl_ratio().value == pytest.approx(fit.whirl_ratio(), rel=1e-3)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from clean_rigs import clean_test
 from slips import exchanged, forced_by, lag_as_lead, mixed, read_through, thinned, turned
+from slow_cases import slow_but
 
 import rotorfit as rf
 from rotorfit.data.experiments import PerturbationTest
@@ -127,7 +128,7 @@ MIRRORED = {
 }
 
 
-@pytest.mark.parametrize("case", MIRRORED)
+@pytest.mark.parametrize("case", slow_but(MIRRORED, "probes exchanged", "y inverted", "lag as lead"))
 def test_mirrored_orbits_are_an_error_that_a_fit_explains(rig: PerturbationTest, case: str) -> None:
     change, code, words = MIRRORED[case]
     wrong = change(thinned(rig, 4))
@@ -137,8 +138,14 @@ def test_mirrored_orbits_are_an_error_that_a_fit_explains(rig: PerturbationTest,
     assert words in first.message
 
 
-@pytest.mark.parametrize("planes", [["disk"], ["journal"], None])
-@pytest.mark.parametrize("angle", [45.0, -45.0, 90.0])
+@pytest.mark.parametrize(
+    ("planes", "angle"),
+    slow_but(
+        [(planes, angle) for planes in (["disk"], ["journal"], None) for angle in (45.0, -45.0, 90.0)],
+        (["disk"], 45.0),
+        (None, 90.0),
+    ),
+)
 def test_a_pair_at_another_angle_is_an_error(rig: PerturbationTest, angle: float, planes: list[str] | None) -> None:
     wrong = turned(thinned(rig, 4), angle, planes)
     findings = rf.fit(rf.models.WhirlWhip(), wrong, known={"K3": 6000.0}).findings

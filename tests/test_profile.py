@@ -274,6 +274,7 @@ def test_a_curve_that_ends_short_of_the_level_has_no_end_there(end, met):
         assert found.rise == pytest.approx(end**2, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_the_threshold_of_responses_that_noise_hides_is_said_to_be_open():
     """Noise of 80 % of the response: on the way up no rotor is found that would be unstable at that speed only."""
     model, rig = WhirlWhip(), TYPICAL["whirl-whip"]

@@ -41,6 +41,7 @@ def test_start_ups_beside_one_without_a_weight(tmp_path: Path) -> None:
     assert 0.5 < agrees(test) < 0.85  # 500 numbers and more: three standard deviations are 0.19 of it
 
 
+@pytest.mark.slow
 def test_start_ups_with_weights_at_three_places(tmp_path: Path) -> None:
     records = recorded(tmp_path, "synchronous", duration=8.0, hole_deg=(0.0, 100.0, 220.0))
     assert 0.7 < agrees(rf.responses(records)) < 1.3

@@ -378,6 +378,7 @@ def test_a_perturbation_that_wanders_needs_a_mark(tmp_path: Path) -> None:
         ).perturbator_angle()
 
 
+@pytest.mark.usefixtures("sketched")
 def test_recordings_of_one_file_name_are_runs_apart(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A folder a day, each with a rec.h5: as one run their differences would enter no error bar."""
     for day, way in (("day0", "fwd"), ("day1", "bwd")):

@@ -71,6 +71,7 @@ def test_report_of_the_rig_says_what_the_fit_says(rig_fit: FitResult, tmp_path: 
         assert re.search(rf"\b{package} \d", page.shown)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("sketched")
 def test_the_python_call_gives_the_same_numbers(
     rig_refinement: rf.Refinement, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -131,6 +132,7 @@ def test_refined_report_with_all_extras(rig_refinement: rf.Refinement, tmp_path:
     )
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("sketched")
 def test_a_posterior_that_did_not_converge_is_said_at_the_top(rig_fit: FitResult, tmp_path: Path) -> None:
     page = report_of(

@@ -22,6 +22,7 @@ from slips import (
     told_as_unbalance,
     turned,
 )
+from slow_cases import slow_but
 from synthetic import TYPICAL
 
 import rotorfit as rf
@@ -73,7 +74,7 @@ def rig() -> PerturbationTest:
 
 
 @pytest.mark.usefixtures("sketched")
-@pytest.mark.parametrize("slip", SLIPS)
+@pytest.mark.parametrize("slip", slow_but(SLIPS, *list(SLIPS)[::3]))
 def test_the_verdict_names_the_error_first_and_the_exit_code_is_one(
     slip: str,
     rig: PerturbationTest,
@@ -130,7 +131,7 @@ def test_reading_warns_of_errors_that_the_data_show_and_the_command_line_says_th
     assert not printed.err
 
 
-@pytest.mark.parametrize("slip", ONLY_A_FIT_TELLS)
+@pytest.mark.parametrize("slip", slow_but(ONLY_A_FIT_TELLS, *list(ONLY_A_FIT_TELLS)[::2]))
 def test_a_slip_that_only_a_fit_gives_away_is_named(slip: str, rig: PerturbationTest) -> None:
     """The rig is a shaft of finite elements, which the model is not; fits of it as it is say nothing (above)."""
     make, code, words = ONLY_A_FIT_TELLS[slip]
