@@ -6,6 +6,7 @@ import re
 
 import numpy as np
 import pytest
+from linear_tests import linear_test
 from synthetic import TYPICAL, circular_test, covering_frequencies
 
 import rotorfit as rf
@@ -133,3 +134,14 @@ def test_every_structural_block_has_a_size_that_would_matter():
     found = natural_scales(model, names, np.zeros(len(names)), stiffness, frequency)
     expected = [0.1 * stiffness / frequency ** power[model.parameter(name).unit] for name in names]
     np.testing.assert_allclose(found, expected, rtol=1e-12)
+
+
+@pytest.mark.parametrize("planes", [("disk",), ("disk", "journal")])
+def test_readings_that_determine_no_value_are_refused_before_a_search(planes: tuple[str, ...]) -> None:
+    """One axis of a shaker test given to a model of both: the response along x is one of many matrices' inverses."""
+    model = rf.models.TwoDisk(planes=("disk", "journal"))
+    theta = model.vector(TYPICAL["two-disk"])
+    whole = linear_test(model, theta, speed=0.0, frequency=np.linspace(20.0, 300.0, 60), along="x", noise=0.01)
+    test = whole.select((whole.direction == "x") & np.isin(whole.plane, planes) & np.isin(whole.force_plane, planes))
+    with pytest.raises(ValueError, match=rf"none of the {12 * len(planes) ** 2} values .* readings are of disk\.x"):
+        rf.fit(rf.models.Anisotropic(planes), test)

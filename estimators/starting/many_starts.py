@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import chain, islice
 
@@ -36,6 +36,9 @@ _SURE, _ALONE, _MAY_BE = 1.0, 2.5, 4.0
 """Standard deviations by which the misfit may exceed that of ratios of polynomials: where two of few starts lead to the
 minimum, where no second one does but none deeper lies beside, and where many were tried."""
 
+_RANK = 1e-10
+"""Singular values of derivatives below this share of the largest are round-off."""
+
 _LIKELY = 4.5  # cost above the least up to which another minimum is not to be ruled out: three standard deviations
 
 
@@ -63,6 +66,7 @@ class _Ends:
 def best_of_many(problem: Problem, reason: str) -> Start:
     """The deepest end of short fits, and notes on how it was found and what may be deeper."""
     blocks = [block for block in problem.blocks if isinstance(block, Responses)]
+    _refuse_undetermined(problem, blocks)
     ratios = rational_fit(blocks) if problem.loss == "linear" else None
     limits = _limits(problem, ratios)
     ends = _search(problem, _candidates(problem, blocks, ratios), limits)
@@ -70,6 +74,31 @@ def best_of_many(problem: Problem, reason: str) -> Start:
     note = f"no closed form ({reason}); the best of {ends.far.sum()} starts was taken"
     doubt = _doubt(problem, ends, limits, ratios)
     return Start(x=ends.x[0, : len(problem.space.names)], kind=RANDOM, notes=(note, *doubt))
+
+
+def _refuse_undetermined(problem: Problem, blocks: Sequence[Responses]) -> None:
+    """Refuse readings of which no value can be determined, whatever the rotor: a search would wander without an end.
+
+    Derivatives at a vector chosen at random have the rank that they have at almost every one.
+    """
+    x = next(random_starts(problem, 1))
+    _, complex_columns = problem.jacobian(x)
+    columns = np.concatenate([complex_columns.real, complex_columns.imag])
+    length = np.linalg.norm(columns, axis=0)
+    _, power, rows = np.linalg.svd(columns / np.where(length > 0, length, 1.0))
+    unseen = rows[np.pad(power, (0, len(rows) - power.size)) <= _RANK * power[0]]
+    if problem.priors or not (np.abs(unseen).max(axis=0, initial=0.0) > np.sqrt(_RANK)).all():
+        return
+    names = np.array([str(coordinate) for coordinate in problem.space.model.coordinates])
+    read = names[np.unique(np.concatenate([block.coordinate for block in blocks]))]
+    driven = names[np.unique(np.concatenate([np.nonzero(block.force)[1] for block in blocks]))]
+    missing = ", ".join(name for name in names.tolist() if name not in read or name not in driven)
+    raise ValueError(
+        f"none of the {len(problem.space.names)} values of {problem.space.model.name} can be determined from these "
+        f"data: readings are of {', '.join(read)} under forces on {', '.join(driven)}, and other values can make up "
+        f"for each. {f'Read and force {missing} too, give' if missing else 'Give'} values that are known, or fit a "
+        "model with fewer"
+    )
 
 
 def best_beside(problem: Problem, starts: Float) -> Float:
