@@ -59,6 +59,10 @@ def bare_name(name: str) -> str:
     return name.partition("[")[0]
 
 
+_LONGEST = 80
+"""Characters of an unknown name that are compared and shown."""
+
+
 def unknown_name(kind: str, name: str, allowed: Iterable[str]) -> str:
     """Sentence for an error: the unknown name, the nearest known one, and all that is allowed.
 
@@ -67,7 +71,7 @@ def unknown_name(kind: str, name: str, allowed: Iterable[str]) -> str:
         name: the unknown one.
         allowed: all that there are.
     """
-    allowed = list(allowed)
+    allowed, name = list(allowed), name[:_LONGEST]
     near = difflib.get_close_matches(name, allowed, n=1, cutoff=0.5)
     if not near:
         near = [other for other in allowed if other.lower() == name.lower()]

@@ -197,5 +197,5 @@ def test_a_tdms_file_cut_off_within_its_last_segment_is_refused(tmp_path: Path) 
         for _ in range(2):
             file.write_segment([ChannelObject("run", name, values) for name, values in CHANNELS.items()])
     path.write_bytes(path.read_bytes()[: -8 * len(TIME)])
-    with pytest.raises(ValueError, match=r"a\.tdms is not a whole TDMS file"):
+    with pytest.raises(ValueError, match=r"a\.tdms is not a (whole|readable) TDMS file"):
         rf.read_recording(path)

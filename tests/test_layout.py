@@ -41,7 +41,7 @@ FLOORS = (
 )
 """Rooms from the ground up; the third floor's are files. Imports go down, and none between rooms of a floor."""
 ESTIMATOR_FLOORS = (
-    ("atomic_file", "matching", "change_point"),
+    ("atomic_file", "file_reading", "matching", "change_point"),
     ("blocks",),
     ("misfit",),
     ("minimisation",),

@@ -98,7 +98,7 @@ def test_checkpoints_of_something_else_are_refused(tmp_path):
     with pytest.raises(ValueError, match="another posterior"):
         fit.sample(**options, noise="fixed")
     path.write_bytes(b"not HDF5")
-    with pytest.raises(ValueError, match="is no checkpoint"):
+    with pytest.raises(ValueError, match="not a readable checkpoint"):
         fit.sample(**options)
 
 

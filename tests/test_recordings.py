@@ -326,7 +326,7 @@ def test_text_as_analysers_write_it(tmp_path: Path, encoding: str) -> None:
         (("mr_g_mm = 20.0", "mr_g_mm = -20.0"), r"\[force\]: mr_g_mm must not be negative"),
         (("sensitivity_V_per_mm = 7.87", "sensitivity_V_per_inch = 200"), "unknown key 'sensitivity_V_per_inch'"),
         (('channel = "disk_X"', 'channel = "dsk_X"'), "unknown channel 'dsk_X'"),
-        (("[force]", "[force"), "not readable TOML"),
+        (("[force]", "[force"), "not a readable TOML file"),
         (("[shaft]", "[[shaft]]"), "shaft is a table"),
         (("mr_g_mm = 20.0", "mr_g_mm = 20.0\nmr_kg_m = 2e-5"), "say the same thing"),
     ],

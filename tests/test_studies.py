@@ -134,7 +134,7 @@ def test_every_key_of_a_study(tmp_path: Path) -> None:
         ("ess = 0", "ess must be above zero"),
         ("bootstrap = 0", "bootstrap must be at least 1"),
         ('profile = "lam"', "profile must be a list of texts"),
-        ("= 3", "not a TOML file"),
+        ("= 3", "not a readable TOML file"),
     ],
 )
 def test_bad_studies_are_one_sentence(run: Run, tmp_path: Path, change: str, expected: str) -> None:

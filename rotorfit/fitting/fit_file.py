@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from rotorfit.estimators.atomic_file import whole_file
+from rotorfit.estimators.file_reading import reading
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.fitting.json_values import UserDefinedError, decode, encode
 from rotorfit.fitting.noise.error_bars import estimate_before, without_noise
@@ -28,6 +29,7 @@ SCHEMA = 1
 """Version of the file's layout; raised when older readers would misread it."""
 
 _FORMAT = "rotorfit fit"
+_KIND = "fit saved by rotorfit"
 _LATER = ("noise", "model_uncertainty", "start")  # entries that files of earlier versions lack
 _EARLIER = {"doubt": "model_uncertainty"}  # entries as version 0.1.0 called them, and their names today
 _AGREEMENT = 1e-6  # of chi-squared: other processors and libraries round differently, other noise does not agree
@@ -88,12 +90,18 @@ def load_fit(path: str | os.PathLike[str], *, model: RotorModel | None = None) -
         >>> rf.load_fit(folder / "fit.json").redchi == fit.redchi
         True
     """
-    text = Path(path).read_text(encoding="utf-8")
+    with reading(str(path), _KIND):
+        text = Path(path).read_text(encoding="utf-8")
     return fit_from_json(text, model=model, source=str(path))
 
 
 def fit_from_json(text: str, *, model: RotorModel | None = None, source: str = "the text") -> FitResult:
     """The result that :func:`fit_to_json` wrote."""
+    with reading(source, _KIND):
+        return _read_fit(text, model, source)
+
+
+def _read_fit(text: str, model: RotorModel | None, source: str) -> FitResult:
     try:
         content = json.loads(text)
     except json.JSONDecodeError as reason:
@@ -118,9 +126,8 @@ def fit_from_json(text: str, *, model: RotorModel | None = None, source: str = "
         problem = build_problem(own, entries["experiments"], entries["settings"])
         fit = FitResult(model=own, problem=problem, **entries)
         _check(fit, problem, f"written by rotorfit {content['rotorfit']}")
-    except (ValueError, KeyError, TypeError, AttributeError) as reason:
-        words = reason.args[0] if isinstance(reason, KeyError) and reason.args else reason
-        raise ValueError(f"{source}: {words}") from reason
+    except ValueError as reason:
+        raise ValueError(f"{source}: {reason}") from reason
     return fit
 
 

@@ -23,6 +23,7 @@ from rotorfit.data.selection import Wanted, selected
 from rotorfit.data.synchronous import SPEED_TOLERANCE, group_speeds, uneven_weights
 from rotorfit.data.weights import differenced
 from rotorfit.estimators.atomic_file import note_input, refuse_input, whole_file
+from rotorfit.estimators.file_reading import reading
 from rotorfit.io.cells import EXCEL
 from rotorfit.models.parameters import unknown_name
 from rotorfit.units import RAD_S_PER_RPM
@@ -164,6 +165,7 @@ def _corrected(
     return resolve_probe_angles(test, probe_angles) if probe_angles else test
 
 
+_KINDS = {"csv": "table", "uff": "universal file", "netcdf": "netCDF file", "mat": "MAT file of version 5"}
 _READERS = {"csv": "tables (CSV and Excel)", "uff": "universal files"}
 
 
@@ -173,6 +175,13 @@ def _read_raw(
     """Read a file with the options of its format; those of another format are refused."""
     kind = _format(path)
     note_input(Path(path))
+    with reading(Path(path).name, _KINDS[kind]):
+        return _read_kind(kind, path, universal, table, speed_tolerance)
+
+
+def _read_kind(
+    kind: str, path: str | Path, universal: Mapping[str, Any], table: Mapping[str, Any], speed_tolerance: float
+) -> Experiment:
     for of, options in (("uff", {**universal, "axes": universal["axes"] != "xy"}), ("csv", {**table, "on_finding": 0})):
         name = next((name for name, value in options.items() if value), None)
         if name and kind != of:

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from rotorfit.data.experiments import Experiment
 from rotorfit.data.synchronous import SPEED_TOLERANCE
+from rotorfit.estimators.file_reading import reading
 from rotorfit.io.columns import build, column_types
 from rotorfit.io.csv_table import Table
 from rotorfit.io.tidy_csv import experiment_of
@@ -48,12 +49,11 @@ def read_mat(path: str | Path) -> Experiment:
 
     Path(path).open("rb").close()  # a missing file or a folder is reported by its own exception
     source = Path(path).name
-    try:
-        content = loadmat(path, appendmat=False)
-    except NotImplementedError as error:
-        raise ValueError(f"{source} is a MAT file of version 7.3; save it with save(name, ..., '-v7')") from error
-    except Exception as error:  # whatever the parser raises on a damaged file
-        raise ValueError(f"{source} is not a readable MAT file (version 5): {error}") from error
+    with reading(source, "MAT file of version 5"):
+        try:
+            content = loadmat(path, appendmat=False)
+        except NotImplementedError as error:
+            raise ValueError(f"{source} is a MAT file of version 7.3; save it with save(name, ..., '-v7')") from error
     columns = _columns({name: values for name, values in content.items() if not name.startswith("__")}, source)
     if "speed" not in columns and any(name.lower().startswith("speed_") for name in columns):
         return experiment_of(_table(columns, source), SPEED_TOLERANCE)

@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotorfit.data.experiments import Experiment, PerturbationTest, perturbation_test
+from rotorfit.estimators.file_reading import reading
 from rotorfit.io.universal_foreign import (
     AXES,
     DISPLACEMENT,
@@ -144,10 +145,8 @@ def read_uff(path: str | Path, *, speed: float | None = None, axes: str = "xy") 
     marks = re.findall(rb"(?m)^    -1 *\r?$", Path(path).read_bytes())
     if len(marks) % 2:
         raise ValueError(f"{source} is not a whole universal file: its last data set has no end; copy it again")
-    try:
+    with reading(source, "universal file"):
         content = pyuff.UFF(str(path)).read_sets()
-    except Exception as error:  # pyuff raises nothing more specific
-        raise ValueError(f"{source} is not a readable universal file: {error}") from error
     records = content if isinstance(content, list) else [content]
     functions = [record for record in records if record.get("type") == 58]
     if not functions:

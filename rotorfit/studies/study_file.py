@@ -19,11 +19,11 @@ from __future__ import annotations
 
 import cmath
 import math
-import tomllib
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
+from rotorfit.estimators.file_reading import read_toml, reading
 from rotorfit.models.parameters import unknown_name
 from rotorfit.options.kinds import Parser, flag, number, pair, table, text
 from rotorfit.options.table import FIT
@@ -35,12 +35,12 @@ from rotorfit.units import RAD_S_PER_RPM
 def read_study(path: str | Path) -> Study:
     """Read a study from a TOML file; its keys are the attributes of :class:`~rotorfit.studies.study.Study`."""
     path = Path(path)
-    try:
-        content = tomllib.loads(path.read_text(encoding="utf-8-sig"))
-    except UnicodeDecodeError as reason:
-        raise ValueError(f"{path}: a TOML file is UTF-8 text, byte {reason.start} is not; save it as UTF-8") from reason
-    except tomllib.TOMLDecodeError as reason:
-        raise ValueError(f"{path}: not a TOML file: {reason}") from reason
+    with reading(str(path), "TOML file"):
+        return _read(path)
+
+
+def _read(path: Path) -> Study:
+    content = read_toml(path, str(path))
     try:
         _refuse_unknown(content, _KEYS)
         for key in ("files", "model"):

@@ -11,8 +11,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rotorfit.estimators.atomic_file import whole_file
+from rotorfit.estimators.file_reading import reading
 from rotorfit.fitting.digits import with_error
 from rotorfit.fitting.result import FitResult
+from rotorfit.io.netcdf import load_dataset, sealed
 from rotorfit.models.text_table import text_table
 from rotorfit.uncertainty.arviz_loader import load_arviz
 from rotorfit.uncertainty.posterior import Posterior, SampleSettings
@@ -124,7 +126,9 @@ def save(posterior: Posterior, path: Path) -> None:
     with whole_file(path) as draft:
         for number, (group, dataset) in enumerate(datasets(posterior).items()):
             packed = {name: {"zlib": True, "complevel": 4, "shuffle": True} for name in dataset.data_vars}
-            dataset.to_netcdf(draft, mode="a" if number else "w", group=group, engine="h5netcdf", encoding=packed)
+            sealed(dataset).to_netcdf(
+                draft, mode="a" if number else "w", group=group, engine="h5netcdf", encoding=packed
+            )
 
 
 def load_posterior(path: str | os.PathLike[str], fit: FitResult) -> Posterior:
@@ -145,23 +149,20 @@ def load_posterior(path: str | os.PathLike[str], fit: FitResult) -> Posterior:
         >>> again.interval("lam") == posterior.interval("lam")
         True
     """
-    import xarray as xr
-
     path = Path(path)
-    path.stat()  # a missing file is reported by its own exception
-    groups: dict[str, xr.Dataset] = {}
-    for name in ("posterior", "sample_stats"):
-        try:
-            with xr.open_dataset(path, group=name, engine="h5netcdf") as stored:
-                groups[name] = stored.load()
-        except (OSError, KeyError, ValueError) as error:
-            raise ValueError(f"{path.name} holds no posterior (no readable group {name!r}): {error}") from error
-    draws, stats = groups["posterior"], groups["sample_stats"]
+    with reading(path.name, "posterior saved by rotorfit"):
+        posterior = _read(path, fit)
+        _check(posterior, path.name)
+    return posterior
+
+
+def _read(path: Path, fit: FitResult) -> Posterior:
+    draws, stats = (load_dataset(path, group) for group in ("posterior", "sample_stats"))
     header = draws.attrs
     if header.get("title") != _KIND:
         raise ValueError(f"{path.name} was not written by rotorfit's Posterior.save")
     variables = sorted(draws.data_vars.values(), key=lambda v: int(v.attrs["position"]))
-    posterior = Posterior(
+    return Posterior(
         fit=fit,
         names=tuple(str(v.attrs["parameter"]) for v in variables),
         chain=np.stack([v.values.T for v in variables], axis=-1),
@@ -175,8 +176,6 @@ def load_posterior(path: str | os.PathLike[str], fit: FitResult) -> Posterior:
         seed=int(header["seed"]),
         settings=SampleSettings(**json.loads(header["settings"])),
     )
-    _check(posterior, path.name)
-    return posterior
 
 
 def _check(posterior: Posterior, source: str) -> None:

@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from rotorfit.estimators.atomic_file import note_input
+from rotorfit.estimators.file_reading import reading
 from rotorfit.models.parameters import unknown_name
-from rotorfit.recordings.formats.raw_file import RawFile
+from rotorfit.recordings.formats.raw_file import RawChannel, RawFile
 
 FORMATS = {
     ".h5": "hdf5",
@@ -25,6 +31,18 @@ FORMATS = {
     ".parquet": "parquet",
 }
 """Module by suffix."""
+KINDS = {
+    "hdf5": "HDF5 file",
+    "tdms": "TDMS file",
+    "matlab": "MAT file",
+    "wav": "WAV file",
+    "universal": "universal file",
+    "text": "text file",
+    "parquet": "Parquet file",
+}
+"""Names of the formats in messages, by module."""
+FASTEST = 1e9
+"""Sampling rate, Hz, above which it is no rate: vibration is sampled at some 1e5 Hz at most."""
 
 ALWAYS_RAW = (".h5", ".hdf5", ".hdf", ".tdms", ".wav", ".parquet")
 """Suffixes of files that hold raw signals whether a setup is given or not."""
@@ -39,7 +57,27 @@ def open_raw(path: str | Path) -> RawFile:
     if not file.is_file():
         raise FileNotFoundError(2, "there is no such file", str(file))
     note_input(file)
-    raw: RawFile = import_module(f"rotorfit.recordings.formats.{FORMATS[suffix]}").open_file(file)
+    kind = FORMATS[suffix]
+    with reading(file.name, KINDS[kind]):
+        raw: RawFile = import_module(f"rotorfit.recordings.formats.{kind}").open_file(file)
     if not raw.channels:
         raise ValueError(f"{file.name} holds no signals: no channel with enough samples to be a recording")
-    return raw
+    for channel in raw.channels.values():
+        for said in (raw.sample_rate, channel.sample_rate):
+            if said is not None and not 0 < said <= FASTEST:
+                raise ValueError(
+                    f"{file.name}: {channel.name} has a sampling rate of {said:.6g} Hz; allowed is {FASTEST:g}"
+                )
+        if not (np.isfinite(channel.offset) and np.isfinite(channel.volts_per_count or 1.0)):
+            raise ValueError(f"{file.name}: the scale of {channel.name} is not a finite number")
+    return replace(raw, channels={name: _guarded(file.name, KINDS[kind], c) for name, c in raw.channels.items()})
+
+
+def _guarded(source: str, kind: str, channel: RawChannel) -> RawChannel:
+    """A channel whose samples name the file where they cannot be read."""
+
+    def samples(start: int, stop: int) -> NDArray[Any]:
+        with reading(f"{source}, {channel.name}", kind):
+            return channel.samples(start, stop)
+
+    return replace(channel, samples=samples)

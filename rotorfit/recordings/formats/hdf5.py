@@ -34,15 +34,12 @@ def open_file(path: Path) -> RawFile:
         else:
             found.extend((name.rpartition("/")[0], channel) for channel in _channels(path, name, item))
 
-    try:
-        with h5py.File(path, "r") as file:
-            attributes = plain(file.attrs)
-            for group in file.values():
-                if isinstance(group, h5py.Group):
-                    attributes = {**plain(group.attrs), **attributes}
-            file.visititems(visit)
-    except OSError as problem:
-        raise ValueError(f"{path.name} is not a whole HDF5 file (truncated, or another format): {problem}") from problem
+    with h5py.File(path, "r") as file:
+        attributes = plain(file.attrs)
+        for group in file.values():
+            if isinstance(group, h5py.Group):
+                attributes = {**plain(group.attrs), **attributes}
+        file.visititems(visit)
     names = [channel.name for _, channel in found]
     channels = {
         name: replace(channel, name=name)
@@ -79,11 +76,8 @@ def _channels(path: Path, name: str, item: h5py.Dataset) -> list[RawChannel]:
 
 
 def _read(path: Path, name: str, column: int | None, along: bool, start: int, stop: int) -> NDArray[Any]:
-    try:
-        with h5py.File(path, "r") as file:
-            data = file[name]
-            if column is None:
-                return np.asarray(data[start:stop])
-            return np.asarray(data[start:stop, column] if along else data[column, start:stop])
-    except OSError as problem:
-        raise ValueError(f"{path.name}: samples {start} to {stop} of {name} cannot be read: {problem}") from problem
+    with h5py.File(path, "r") as file:
+        data = file[name]
+        if column is None:
+            return np.asarray(data[start:stop])
+        return np.asarray(data[start:stop, column] if along else data[column, start:stop])

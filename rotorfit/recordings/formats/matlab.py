@@ -48,10 +48,7 @@ def open_file(path: Path) -> RawFile:
     """What a MAT file holds."""
     with path.open("rb") as file:
         modern = b"MATLAB 7.3" in file.read(128)
-    try:
-        tree = _modern(path) if modern else _classic(path)
-    except Exception as problem:  # SciPy and h5py raise many kinds on damaged files
-        raise ValueError(f"{path.name} is not a whole MAT file: {problem}") from problem
+    tree = _modern(path) if modern else _classic(path)
     attributes = plain({name: value for name, value in tree.items() if not isinstance(value, _Array | dict | list)})
     channels: dict[str, RawChannel] = {}
     for channel in _channels(path.name, tree, "", None):

@@ -22,11 +22,8 @@ def open_file(path: Path) -> RawFile:
         from pyarrow import parquet
     except ImportError as problem:
         raise ValueError(f"{path.name}: Parquet needs pyarrow; pip install 'rotorfit[parquet]'") from problem
-    try:
-        with parquet.ParquetFile(path) as file:
-            schema, size = file.schema_arrow, file.metadata.num_rows
-    except (pa.ArrowInvalid, OSError) as problem:
-        raise ValueError(f"{path.name} is not a whole Parquet file: {problem}") from problem
+    with parquet.ParquetFile(path) as file:
+        schema, size = file.schema_arrow, file.metadata.num_rows
     said: dict[str, Any] = {}
     for key, value in (schema.metadata or {}).items():
         text = value.decode("utf-8", "replace")

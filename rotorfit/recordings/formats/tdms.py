@@ -19,27 +19,24 @@ def open_file(path: Path) -> RawFile:
         from nptdms import TdmsFile
     except ImportError as problem:
         raise ValueError(f"{path.name}: TDMS needs npTDMS; pip install 'rotorfit[tdms]'") from problem
-    try:
-        with TdmsFile.open(path) as file:
-            attributes, whole = plain(file.properties), not file.file_status.incomplete_final_segment
-            found = [channel for group in file.groups() for channel in group.channels() if len(channel) >= FEWEST]
-            names = [channel.name for channel in found]
-            channels: dict[str, RawChannel] = {}
-            for channel in found:
-                name = channel.name if names.count(channel.name) == 1 else f"{channel.group_name}/{channel.name}"
-                kind = np.dtype(channel.dtype)
-                if kind.kind in "iuf":
-                    said = plain(channel.properties)
-                    channels[name] = RawChannel(
-                        name=name,
-                        size=len(channel),
-                        samples=partial(_read, path, channel.group_name, channel.name),
-                        full_count=full_count(kind),
-                        sample_rate=rate_of(said),
-                        unit=unit_said(said),
-                    )
-    except Exception as problem:  # npTDMS raises whatever struct and NumPy raise on a damaged file
-        raise ValueError(f"{path.name} is not a whole TDMS file: {problem}") from problem
+    with TdmsFile.open(path) as file:
+        attributes, whole = plain(file.properties), not file.file_status.incomplete_final_segment
+        found = [channel for group in file.groups() for channel in group.channels() if len(channel) >= FEWEST]
+        names = [channel.name for channel in found]
+        channels: dict[str, RawChannel] = {}
+        for channel in found:
+            name = channel.name if names.count(channel.name) == 1 else f"{channel.group_name}/{channel.name}"
+            kind = np.dtype(channel.dtype)
+            if kind.kind in "iuf":
+                said = plain(channel.properties)
+                channels[name] = RawChannel(
+                    name=name,
+                    size=len(channel),
+                    samples=partial(_read, path, channel.group_name, channel.name),
+                    full_count=full_count(kind),
+                    sample_rate=rate_of(said),
+                    unit=unit_said(said),
+                )
     if not whole:
         raise ValueError(f"{path.name} is not a whole TDMS file: its last segment is cut off; copy it again")
     return RawFile(name=path.name, channels=channels, attributes=attributes, sample_rate=rate_of(attributes))

@@ -28,12 +28,9 @@ def open_file(path: Path) -> RawFile:
     marks = re.findall(rb"(?m)^    -1 *\r?$", path.read_bytes())
     if len(marks) % 2:
         raise ValueError(f"{path.name} is not a whole universal file: its last data set has no end; copy it again")
-    try:
-        file = pyuff.UFF(str(path))
-        numbers = [i for i, kind in enumerate(file.get_set_types()) if kind == 58]
-        records = {i: file.read_sets(i, header_only=True) for i in numbers}
-    except Exception as problem:  # pyuff raises nothing more specific
-        raise ValueError(f"{path.name} is not a readable universal file: {problem}") from problem
+    file = pyuff.UFF(str(path))
+    numbers = [i for i, kind in enumerate(file.get_set_types()) if kind == 58]
+    records = {i: file.read_sets(i, header_only=True) for i in numbers}
     channels: dict[str, RawChannel] = {}
     for i, record in records.items():
         if record["func_type"] != _TIME_RESPONSE or record["num_pts"] < FEWEST:

@@ -7,12 +7,12 @@ as test attributes, a key of ``rig.toml`` that is none of them is refused.
 from __future__ import annotations
 
 import math
-import tomllib
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 from rotorfit.estimators.atomic_file import note_input
+from rotorfit.estimators.file_reading import read_toml, reading
 from rotorfit.models.parameters import unknown_name
 from rotorfit.recordings.rig.channel_units import ALLOWED, channel_unit
 from rotorfit.recordings.rig.setup import (
@@ -222,11 +222,8 @@ def read_setup(path: str | Path) -> RigSetup:
     """Read ``rig.toml``."""
     source = Path(path).name
     note_input(Path(path))
-    try:
-        content = tomllib.loads(Path(path).read_text(encoding="utf-8-sig"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as problem:
-        raise ValueError(f"{source} is not readable TOML: {problem}") from problem
-    return setup_of(content, source)
+    with reading(source, "TOML file"):
+        return setup_of(read_toml(Path(path), source), source)
 
 
 def setup_of(content: Mapping[str, Any], source: str) -> RigSetup:

@@ -1,0 +1,440 @@
+"""Which damaged files end in a sentence? Mutations of a small file of every format, read in processes with limits.
+
+    python benchmarks/mutated_files.py --mutations 2000 --seed 23
+
+Each mutation is read with at most 1 GB of address space and 10 s. It is *read*, *refused* (one line with the file's
+name), *unclear* (a refusal of several lines, without the name, or with remains of Python), a *traceback*, a *hang* or
+a *crash*. Where files carry a checksum, *other numbers* counts those that were read with other content than written.
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import io
+import os
+import re
+import resource
+import select
+import subprocess
+import sys
+import tempfile
+import warnings
+import zipfile
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from reporting import RESULTS, environment, table
+from rigs import RIGS
+
+import rotorfit as rf
+from rotorfit.data.experiments import PerturbationTest
+from rotorfit.fitting.result import FitResult
+from rotorfit.recordings.formats.files import open_raw
+from rotorfit.recordings.rig.rig_toml import read_setup
+from rotorfit.studies.study_file import read_study
+from rotorfit.uncertainty.posterior import Posterior
+
+MEMORY = 1 << 30
+"""Address space of a reading process, bytes."""
+SECONDS = 10.0
+"""Time for one file."""
+OUTCOMES = ("read", "refused", "unclear", "traceback", "hang", "crash", "other numbers")
+HARMLESS = ("read", "refused")
+
+_RATE, _SAMPLES = 3200.0, 1000
+_PYTHON = re.compile(r"Traceback|<class|object at 0x|numpy\.|np\.|NoneType|list index")
+_LONGEST = 1500
+"""Characters of a sentence that lists the allowed keys of a table."""
+_TOKENS = (b"1e999", b"-1", b"99999999999999999999", b"nan", b"", b"1e300", b"x" * 5000, b"[" * 3000, b'"', b"\n")
+_WORDS = tuple(bytes.fromhex(word) for word in (
+    "ffffffff", "00000000", "ffffff7f", "7fffffff", "80000000", "00000080", "ffffffffffffffff", "0000000000000080",
+    "ffffffffffffff7f", "000000000000f07f", "000000000000f87f", "9c7500883ce4377e",
+))  # fmt: skip
+
+
+@dataclass(frozen=True, kw_only=True)
+class Format:
+    """A kind of file that rotorfit reads."""
+
+    suffix: str
+    write: Callable[[Path], None]
+    read: Callable[[Path], Any]  # what was read, as arrays, numbers and text
+    checked: bool = False  # whether it carries a checksum
+
+
+# ---- valid files -------------------------------------------------------------------------------
+
+
+def _test() -> PerturbationTest:
+    rig = rf.datasets.rig_open()
+    assert isinstance(rig, PerturbationTest)
+    return rig.select(np.arange(0, len(rig), len(rig) // 40))
+
+
+def _columns(path: Path) -> list[Any]:
+    test = rf.read(path, difference=False, on_finding=None)
+    return [getattr(test, name) for name in test._columns()]
+
+
+def _write_xlsx(path: Path) -> None:
+    from openpyxl import Workbook
+
+    rf.write(_test(), path.with_suffix(".csv"))
+    book = Workbook()
+    for line in path.with_suffix(".csv").read_text(encoding="utf-8").splitlines():
+        book.active.append([float(cell) if re.fullmatch(r"-?[0-9.e+-]+", cell) else cell for cell in line.split(",")])
+    book.save(path)
+
+
+def _volts() -> dict[str, Any]:
+    t = np.arange(_SAMPLES) / _RATE
+    rng = np.random.default_rng(5)
+    return {
+        f"disk_{axis}": -10.0 + 0.4 * np.cos(2 * np.pi * 20 * t + shift) + 3e-3 * rng.normal(size=t.size)
+        for axis, shift in (("X", 0.0), ("Y", -1.57))
+    }
+
+
+def _write_h5(path: Path) -> None:
+    from rotorfit.simulation.instruments import write_counts
+
+    write_counts(path, _volts(), {"sample_rate_hz": _RATE, "speed_rpm": 1200.0})
+
+
+def _write_tdms(path: Path) -> None:
+    from nptdms import ChannelObject, RootObject, TdmsWriter
+
+    with TdmsWriter(str(path)) as file:
+        file.write_segment(
+            [RootObject({"fs": _RATE}), *(ChannelObject("g", name, v, {"unit": "V"}) for name, v in _volts().items())]
+        )
+
+
+def _write_wav(path: Path) -> None:
+    from scipy.io import wavfile
+
+    wavfile.write(path, int(_RATE), np.round(np.column_stack(list(_volts().values())) * 1000).astype("i2"))
+
+
+def _write_float_wav(path: Path) -> None:
+    from scipy.io import wavfile
+
+    wavfile.write(path, int(_RATE), np.column_stack(list(_volts().values())).astype("f4"))
+
+
+def _write_mat(path: Path) -> None:
+    from scipy.io import savemat
+
+    struct = {"function_record": {"name": "disk_X"}, "values": _volts()["disk_Y"]}
+    savemat(path, {**_volts(), "fs": _RATE, "Signal_1": struct}, do_compression=True)
+
+
+def _write_mat73(path: Path) -> None:
+    import h5py
+
+    with h5py.File(path, "w", userblock_size=512) as file:
+        for name, values in {**_volts(), "fs": np.array(_RATE)}.items():
+            item = file.create_dataset(name, data=np.atleast_2d(values), chunks=True, compression="gzip")
+            item.attrs["MATLAB_class"] = np.bytes_("double")
+    with path.open("r+b") as stream:
+        stream.write(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124) + b"\x00\x02IM")
+
+
+def _write_parquet(path: Path) -> None:
+    import pyarrow as pa
+    from pyarrow import parquet
+
+    parquet.write_table(pa.table({"time_s": np.arange(_SAMPLES) / _RATE, **_volts()}), path)
+
+
+def _write_text(path: Path) -> None:
+    rows = np.column_stack(list(_volts().values()))
+    np.savetxt(path, rows, "%.5f", ",", header=f"sample_rate_hz = {_RATE}\ndisk_X,disk_Y", comments="# ")
+    path.write_text(path.read_text(encoding="utf-8").replace("# disk", "disk"), encoding="utf-8")
+
+
+def _universal(binary: int) -> Callable[[Path], None]:
+    def write(path: Path) -> None:
+        import pyuff
+
+        record = {
+            "type": 58, "func_type": 1, "rsp_node": 1, "ref_node": 1, "ref_dir": 1, "binary": binary,
+            "abscissa_spacing": 1, "abscissa_spec_data_type": 17, "ordinate_spec_data_type": 8,
+            "orddenom_spec_data_type": 0,
+        }  # fmt: skip
+        t = np.arange(_SAMPLES) / _RATE
+        sets = [
+            {**record, "rsp_ent_name": "disk", "id1": name, "rsp_dir": i, "x": t, "data": values}
+            for i, (name, values) in enumerate(_volts().items(), 1)
+        ]
+        path.unlink(missing_ok=True)
+        pyuff.UFF(str(path)).write_sets(sets, mode="add")
+
+    return write
+
+
+def _recorded(path: Path) -> list[Any]:
+    raw = open_raw(path)
+    channels = list(raw.channels.values())
+    return [raw.sample_rate, *[c.sample_rate for c in channels], *[c.samples(0, c.size) for c in channels]]
+
+
+@cache
+def _fit() -> FitResult:
+    """The fit that posteriors and checkpoints belong to."""
+    rig = RIGS["one-mode"]
+    return rf.fit(rig.model, rig.test(8, 0.01), known={name: rig.truth[name] for name in rig.known})
+
+
+def _sample(path: Path) -> Posterior:
+    return _fit().sample(walkers=16, max_steps=10, seed=1, checkpoint=path, accelerate=False)
+
+
+def _draws(posterior: Posterior) -> list[Any]:
+    return [posterior.chain, posterior.log_density]
+
+
+_STUDY = """files = ["rig.csv", {path = "other.csv", probe_angles_deg = {journal = [45, 135]}, speed_rpm = 1000.0}]
+model = "whirl-whip"
+planes = ["disk", "journal"]
+known = {K3 = 6000.0, sigma = "free"}
+bounds = {lam = [0.0, 0.6]}
+priors = {sigma = {norm = [1.0, 0.01]}}
+seed = 1
+bootstrap = 20
+clearance_um = 200.0
+"""
+_SETUP = """rotation = "ccw"
+sample_rate_hz = 3200.0
+speed_rpm = 1200.0
+[shaft]
+channel = "keyphasor_shaft"
+[[probe]]
+plane = "disk"
+channel = "disk_X"
+angle_deg = 0.0
+sensitivity_V_per_mm = 7.87
+[[channel]]
+name = "disk_X"
+volts_per_count = 1e-3
+"""
+
+FORMATS = {
+    "CSV": Format(suffix=".csv", write=lambda path: rf.write(_test(), path), read=_columns),
+    "Excel": Format(suffix=".xlsx", write=_write_xlsx, read=_columns),
+    "UFF, vectors": Format(suffix=".uff", write=lambda path: rf.write(_test(), path), read=_columns),
+    "netCDF": Format(suffix=".nc", write=lambda path: rf.write(_test(), path), read=_columns, checked=True),
+    "MAT, vectors": Format(suffix=".mat", write=lambda path: rf.write(_test(), path), read=_columns),
+    "HDF5": Format(suffix=".h5", write=_write_h5, read=_recorded),
+    "MAT 5": Format(suffix=".mat", write=_write_mat, read=_recorded),
+    "MAT 7.3": Format(suffix=".mat", write=_write_mat73, read=_recorded),
+    "TDMS": Format(suffix=".tdms", write=_write_tdms, read=_recorded),
+    "WAV, integers": Format(suffix=".wav", write=_write_wav, read=_recorded),
+    "WAV, floats": Format(suffix=".wav", write=_write_float_wav, read=_recorded),
+    "Parquet": Format(suffix=".parquet", write=_write_parquet, read=_recorded),
+    "text": Format(suffix=".txt", write=_write_text, read=_recorded),
+    "UFF58, ASCII": Format(suffix=".uff", write=_universal(0), read=_recorded),
+    "UFF58, binary": Format(suffix=".uff", write=_universal(1), read=_recorded),
+    "fit.json": Format(
+        suffix=".json", write=lambda path: rf.save_fit(_fit(), path), read=lambda path: rf.load_fit(path).x
+    ),
+    "posterior": Format(
+        suffix=".nc",
+        write=lambda path: _sample(path.with_suffix(".h5")).save(path),
+        read=lambda path: _draws(rf.load_posterior(path, _fit())),
+        checked=True,
+    ),
+    "checkpoint": Format(
+        suffix=".h5", write=lambda path: [_sample(path)].clear(), read=lambda path: _draws(_sample(path)), checked=True
+    ),
+    "study": Format(suffix=".toml", write=lambda path: [path.write_text(_STUDY)].clear(), read=read_study),
+    "rig.toml": Format(suffix=".toml", write=lambda path: [path.write_text(_SETUP)].clear(), read=read_setup),
+}
+
+
+# ---- mutations ---------------------------------------------------------------------------------
+
+
+def mutated(content: bytes, rng: np.random.Generator) -> bytes:
+    """A file with one kind of damage: bits, bytes, sizes, a lost end, pieces lost, doubled or zeroed, other text."""
+    if content.startswith(b"PK\x03\x04") and rng.random() < 0.7:
+        return _in_archive(content, rng)
+    data = bytearray(content)
+    kind = rng.integers(8)
+    begin = int(rng.integers(len(data)))
+    end = min(len(data), begin + int(2 ** rng.uniform(0, np.log2(len(data)))))
+    if kind == 0:
+        for at in rng.integers(len(data), size=rng.integers(1, 9)):
+            data[at] ^= 1 << int(rng.integers(8))
+    elif kind == 1:
+        for at in rng.integers(len(data), size=rng.integers(1, 9)):
+            data[at] = int(rng.integers(256))
+    elif kind == 2:
+        del data[begin:]
+    elif kind == 3:
+        del data[begin:end]
+    elif kind == 4:
+        data[begin:begin] = data[begin:end]
+    elif kind == 5:
+        data[begin:end] = bytes(end - begin)
+    elif kind == 6:
+        word = _WORDS[rng.integers(len(_WORDS))]
+        data[begin : begin + len(word)] = word
+    else:
+        tokens = list(re.finditer(rb"[-+.0-9eE]{1,12}|[A-Za-z_]+", content))
+        chosen = tokens[rng.integers(len(tokens))]
+        data[chosen.start() : chosen.end()] = _TOKENS[rng.integers(len(_TOKENS))]
+    return bytes(data)
+
+
+def _in_archive(content: bytes, rng: np.random.Generator) -> bytes:
+    """The same damage inside a part of an archive."""
+    with zipfile.ZipFile(io.BytesIO(content)) as whole:
+        parts = {name: whole.read(name) for name in whole.namelist()}
+    damaged = list(parts)[rng.integers(len(parts))]
+    target = io.BytesIO()
+    with zipfile.ZipFile(target, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, part in parts.items():
+            archive.writestr(name, mutated(part, rng) if name == damaged and part else part)
+    return target.getvalue()
+
+
+# ---- the reading process -----------------------------------------------------------------------
+
+
+def outcome_of(kind: Format, path: Path) -> tuple[str, str]:
+    """How reading a file ends, and the fingerprint of what was read or the words of the end."""
+    try:
+        return "read", _fingerprint(kind.read(path))
+    except (ValueError, OSError) as problem:
+        words = str(problem)
+        clear = "\n" not in words and path.name in words and len(words) < _LONGEST and not _PYTHON.search(words)
+        return ("refused" if clear else "unclear"), f"{type(problem).__name__}: {words}"
+    except Exception as problem:
+        return "traceback", f"{type(problem).__name__}: {problem}"
+
+
+def _fingerprint(values: Any) -> str:
+    parts = values if isinstance(values, list) else [values]
+    return hashlib.sha256(b"".join(np.asarray(part).astype(str).tobytes() for part in parts)).hexdigest()
+
+
+def serve(folder: Path) -> None:
+    """Read the files whose formats and names come in, a line each, and answer how it ended."""
+    resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    warnings.simplefilter("ignore")
+    answers = os.fdopen(os.dup(1), "w", encoding="utf-8")
+    os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
+    os.dup2(os.open(os.devnull, os.O_WRONLY), 2)
+    for line in sys.stdin:
+        name, file = line.rstrip("\n").split("\t")
+        ending, words = outcome_of(FORMATS[name], folder / file)
+        print(ending, repr(words)[:400], sep="\t", file=answers, flush=True)
+
+
+class Reader:
+    """A process that reads files, made anew where one ended it or took too long."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder, self._process = folder, self._started(folder)
+
+    def _started(self, folder: Path) -> subprocess.Popen[str]:
+        command = [sys.executable, __file__, "--serve", str(folder)]
+        environment = {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MPLBACKEND": "agg"}
+        environment |= {"ARROW_DEFAULT_MEMORY_POOL": "system", "PYTHONPATH": os.pathsep.join(sys.path)}
+        return subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=environment)
+
+    def outcome(self, name: str, file: str, seconds: float = SECONDS) -> tuple[str, str]:
+        """How reading a file ends."""
+        process = self._process
+        if process.stdin is None or process.stdout is None:
+            raise RuntimeError("the reading process has no pipes")
+        process.stdin.write(f"{name}\t{file}\n")
+        process.stdin.flush()
+        if select.select([process.stdout], [], [], seconds)[0]:
+            answer = process.stdout.readline()
+            if answer:
+                ending, _, words = answer.rstrip("\n").partition("\t")
+                return ending, words
+            ending = ("crash", f"exit code {process.wait()}")
+        else:
+            ending = ("hang", f"more than {seconds:g} s")
+        self.close()
+        self._process = self._started(self._folder)
+        self.outcome(name, f"whole{FORMATS[name].suffix}", 60.0)  # imports take their time once
+        return ending
+
+    def close(self) -> None:
+        """End the process."""
+        self._process.kill()
+        self._process.communicate()
+
+
+def study(names: list[str], mutations: int, seed: int) -> tuple[dict[str, Counter[str]], list[str]]:
+    """Outcomes by format, and a line for each that is none of the harmless ones."""
+    counts: dict[str, Counter[str]] = {}
+    lines = []
+    with tempfile.TemporaryDirectory() as made:
+        for number, name in enumerate(names):
+            kind, folder = FORMATS[name], Path(made) / f"{number}"
+            folder.mkdir()
+            whole = folder / f"whole{kind.suffix}"
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")
+                kind.write(whole)
+            reader = Reader(folder)
+            ending, fingerprint = reader.outcome(name, whole.name, 60.0)
+            if ending != "read":
+                raise RuntimeError(f"{name}: the valid file was not read: {fingerprint}")
+            rng = np.random.default_rng((seed, list(FORMATS).index(name)))
+            counts[name] = Counter()
+            for at in range(mutations):
+                damaged = folder / f"damaged{kind.suffix}"
+                damaged.write_bytes(mutated(whole.read_bytes(), rng))
+                ending, words = reader.outcome(name, damaged.name)
+                counts[name][ending] += 1
+                if ending == "read" and kind.checked and words != fingerprint:
+                    counts[name]["other numbers"] += 1
+                    ending = "other numbers"
+                if ending not in HARMLESS:
+                    lines.append(f"{name}, mutation {at}: {ending}: {words}")
+            reader.close()
+    return counts, lines
+
+
+def report(counts: dict[str, Counter[str]], title: str) -> str:
+    """The table of outcomes."""
+    rows = [[name, *(str(found[ending] or "") for ending in OUTCOMES)] for name, found in counts.items()]
+    return "\n".join(["# Damaged files", "", title, "", *table(["format", *OUTCOMES], rows), ""])
+
+
+def main() -> None:
+    """Make the table, or serve as a reading process."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--serve", type=Path, help=argparse.SUPPRESS)
+    parser.add_argument("--mutations", type=int, default=2000, help="of each format")
+    parser.add_argument("--seed", type=int, default=23)
+    parser.add_argument("--formats", nargs="*", default=list(FORMATS))
+    parser.add_argument("--out", type=Path, default=RESULTS / "mutated_files.md")
+    given = parser.parse_args()
+    if given.serve:
+        serve(given.serve)
+        return
+    counts, lines = study(given.formats, given.mutations, given.seed)
+    title = (
+        f"`benchmarks/mutated_files.py --mutations {given.mutations} --seed {given.seed}`: "
+        f"{environment('numpy', 'scipy', 'h5py', 'pyuff', 'openpyxl', 'nptdms', 'pyarrow')}."
+    )
+    given.out.write_text(report(counts, title), encoding="utf-8")
+    print(report(counts, title), *lines, sep="\n")
+
+
+if __name__ == "__main__":
+    main()
