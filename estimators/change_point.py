@@ -20,7 +20,7 @@ import numpy as np
 
 from rotorfit.models.array_types import Float
 
-FEWEST = 2
+FEWEST_DATES = 2
 """Dates on either side of a change: one date alone may be a slip."""
 
 
@@ -44,7 +44,7 @@ class Change:
 
 def fewest_dates(count: int) -> int:
     """Dates that a full covariance needs before a change can be told from it."""
-    return max(2 * FEWEST + 2, count + 4)
+    return max(2 * FEWEST_DATES + 2, count + 4)
 
 
 def find_change(values: Float, *, orders: int = 1999, seed: int = 0) -> Change:
@@ -63,7 +63,7 @@ def find_change(values: Float, *, orders: int = 1999, seed: int = 0) -> Change:
     split = int(np.argmax(statistic))
     random = np.random.default_rng(seed)
     chance = _distances(white[random.permuted(np.tile(np.arange(n), (orders, 1)), axis=1)]).max(axis=-1)
-    index = split + FEWEST
+    index = split + FEWEST_DATES
     before, after = values[:index], values[index:]
     residual = np.vstack([before - before.mean(axis=0), after - after.mean(axis=0)])
     scatter = residual.T @ residual / (n - 2)
@@ -79,9 +79,9 @@ def find_change(values: Float, *, orders: int = 1999, seed: int = 0) -> Change:
 
 
 def _distances(white: Float) -> Float:
-    """Squared distance of the means before and after each admissible split, shape ``(..., N - 2 FEWEST + 1)``."""
+    """Squared distance of the means before and after each admissible split, shape ``(..., N - 2 FEWEST_DATES + 1)``."""
     n = white.shape[-2]
-    k = np.arange(FEWEST, n - FEWEST + 1)
+    k = np.arange(FEWEST_DATES, n - FEWEST_DATES + 1)
     sums = np.cumsum(white, axis=-2)[..., k - 1, :]
     return np.asarray(np.sum(sums**2, axis=-1) * n / (k * (n - k)))
 

@@ -17,7 +17,7 @@ Monomial = tuple[tuple[str, int], ...]
 Polynomial = dict[Monomial, float]
 
 SPEED, ECCENTRICITY = "Omega", "epsilon"
-_LONGEST = 60
+_MOST_TERMS = 60
 """Terms beyond which an entry is not written out."""
 
 _GREEK = {"lam": "λ", "lambda": "λ", "sigma": "σ", "beta": "β", "alpha": "α", "zeta": "ζ", "phi": "φ", "eps": "ε"}
@@ -149,7 +149,7 @@ def to_mathml(part: Mapping[int, Polynomial], order: Sequence[str]) -> str:
         part: ``direct`` or ``quadrature`` of an :class:`Entry`.
         order: names in the order in which terms are sorted, those of the model's parameters.
     """
-    if sum(len(polynomial) for polynomial in part.values()) > _LONGEST:
+    if sum(len(polynomial) for polynomial in part.values()) > _MOST_TERMS:
         return symbol_mathml("f")
     text = ""
     for negative, body in _pieces(part, order):

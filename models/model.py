@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 Matrix = Complex | Sequence[Sequence[Number]]
 Symbolic = tuple[ca.SX, ca.SX, ca.SX, list[Complex], list[Complex]]
 
-_KEPT = 64
+_MODELS_KEPT = 64
 """Models of which graphs and compiled functions are kept."""
 
 
@@ -396,7 +396,7 @@ def _is_ours(value: object) -> bool:
     return type(value).__module__.partition(".")[0] in ("builtins", _PACKAGE)
 
 
-@lru_cache(maxsize=_KEPT)
+@lru_cache(maxsize=_MODELS_KEPT)
 def _symbolic(model: RotorModel) -> Symbolic:
     theta = ca.SX.sym("theta", len(model.parameters))
     speed, eccentricity = ca.SX.sym("speed"), ca.SX.sym("eccentricity")
@@ -412,7 +412,7 @@ def _symbolic(model: RotorModel) -> Symbolic:
     return theta, speed, eccentricity, matrices, [Complex.of(f) for f in model.probe_factors(p)]
 
 
-@lru_cache(maxsize=_KEPT)
+@lru_cache(maxsize=_MODELS_KEPT)
 def _compiled(model: RotorModel) -> CompiledModel:
     return CompiledModel(model)
 

@@ -425,7 +425,7 @@ def test_time_left_is_told_and_the_bar_is_full_only_at_the_end(
 def test_sampling_counts_no_further_than_it_has_to(tmp_path: Path) -> None:
     """The bar stood at 100 % while the autocorrelation time was not resolved, and counted 4285 of 1000 samples."""
     import rotorfit as rf
-    from rotorfit.estimators.inference.ensemble_sampler import RESOLVED
+    from rotorfit.estimators.inference.ensemble_sampler import RESOLVED_TIMES
 
     states = []
     fit = rf.fit(rf.models.WhirlWhip(), rf.datasets.rig_open(), known={"K3": 6000.0})
@@ -433,4 +433,4 @@ def test_sampling_counts_no_further_than_it_has_to(tmp_path: Path) -> None:
     assert states[-1].done == 1.0
     assert all(0 <= state.done < 1 for state in states[:-1])
     for state in states:
-        assert float(state.waiting.split()[0]) <= max(50, RESOLVED * state.tau + 1)
+        assert float(state.waiting.split()[0]) <= max(50, RESOLVED_TIMES * state.tau + 1)

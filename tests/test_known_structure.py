@@ -17,7 +17,7 @@ from rotorfit.fitting.settings import FitSettings
 from rotorfit.fitting.structure.structure_error import structure_error
 from rotorfit.models import KnownStructure, WhirlWhip, eigenvalues, threshold_speed
 from rotorfit.models.motion.stability import eigenvalue_gradient, growth_rate
-from rotorfit.models.shafts.reduction import ENOUGH
+from rotorfit.models.shafts.reduction import BASIS_TOLERANCE
 from rotorfit.models.shafts.shaft import complex_matrices
 
 RPM = np.pi / 30
@@ -453,11 +453,13 @@ def test_a_reduced_structure_is_the_whole_one_over_the_range_of_its_factor(dampi
             exact = model.known_stiffness(theta, 1j * w[i : i + 1], speeds[i : i + 1])
             size = np.abs(exact.values).max()
             # The estimate asks for 1e-7 over a range of 0.2 of the factor: its derivative errs by ten times that.
-            np.testing.assert_allclose(reduced.values[i], exact.values[0], rtol=0, atol=ENOUGH * size)
+            np.testing.assert_allclose(reduced.values[i], exact.values[0], rtol=0, atol=BASIS_TOLERANCE * size)
             slope = np.abs(exact.slopes).max()
-            np.testing.assert_allclose(reduced.slopes[0, i], exact.slopes[0, 0], rtol=0, atol=10 * ENOUGH * slope)
+            np.testing.assert_allclose(
+                reduced.slopes[0, i], exact.slopes[0, 0], rtol=0, atol=10 * BASIS_TOLERANCE * slope
+            )
     assert {r.size for r in model.shaft.reductions} <= set(range(6, 30))
-    assert max(r.error for r in model.shaft.reductions) <= ENOUGH
+    assert max(r.error for r in model.shaft.reductions) <= BASIS_TOLERANCE
 
 
 def test_estimated_error_bounds_that_of_a_poor_basis(monkeypatch):
@@ -475,7 +477,7 @@ def test_estimated_error_bounds_that_of_a_poor_basis(monkeypatch):
         poor = reduction.Reduction(model.shaft.terms, 1j * w, speeds, np.array([[0.9], [1.1]]))
         found = poor.small.condense(1j * w, speeds, scales)[0]
         error = (np.abs(found - exact).max(axis=(1, 2)) / size).max()
-        assert ENOUGH < error <= poor.error
+        assert BASIS_TOLERANCE < error <= poor.error
         assert poor.error <= 1e4 * error  # the sizes of two vectors stand for their product
 
 
@@ -502,4 +504,4 @@ def test_a_fit_with_a_factor_states_its_reduction():
     assert "the structure's 58 coordinates were reduced to" in free.summary()
     stated = structure_error(free)
     assert stated.over_noise < 1e-3  # 1e-7 of the stiffness, times resonances of Q 100, over noise of 1e-2
-    assert stated.estimate < ENOUGH
+    assert stated.estimate < BASIS_TOLERANCE

@@ -8,7 +8,7 @@ from scipy.stats import bartlett
 from synthetic import TYPICAL, circular_test, covering_frequencies
 
 from rotorfit.estimators.noise.reading_noise import (
-    FLOOR,
+    NOISE_FLOOR,
     deviations_of_repeats,
     noise_from_samples,
     noise_from_smoothness,
@@ -41,7 +41,7 @@ def test_smoothness_finds_the_noise_under_a_resonance(count, level):
 def test_exact_data_get_the_floor():
     _, y = resonance(60)
     rms = np.sqrt(np.mean(np.abs(y) ** 2))
-    np.testing.assert_allclose(noise_from_samples(np.zeros(60, complex), y), FLOOR * rms)
+    np.testing.assert_allclose(noise_from_samples(np.zeros(60, complex), y), NOISE_FLOOR * rms)
 
 
 def test_shape_of_the_noise_is_recognised():

@@ -10,8 +10,6 @@ from numpy.typing import NDArray
 from rotorfit.models.array_types import Index
 
 _MOST = int(np.iinfo(np.intp).max) // 2
-_SPARSE = 4
-"""Keys up to this many times the rows are counted instead of sorted."""
 
 
 def numbers(column: NDArray[Any]) -> Index:
@@ -89,7 +87,8 @@ def in_order(keys: Index) -> tuple[Index, Index]:
     most = int(keys.max())
     if most == 0:
         return np.zeros(1, dtype=np.intp), np.zeros(keys.size, dtype=np.intp)
-    if most >= _SPARSE * keys.size:
+    keys_a_row = 4  # keys up to this many times the rows are counted instead of sorted
+    if most >= keys_a_row * keys.size:
         keys = _ranks(keys)
         most = int(keys.max())
     first = np.full(most + 1, keys.size, dtype=np.intp)

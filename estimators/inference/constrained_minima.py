@@ -20,12 +20,9 @@ from rotorfit.models.array_types import Bool, Float, Index
 ValueAndGradient = Callable[[Float], tuple[float, Float]]
 """Value of a quantity and its gradient, shape ``(p,)``, at a fitted vector."""
 
-_SQP_STEPS = 200
-_STRETCH = 20  # steps after which the squared step must have come down to a hundredth, else it leads nowhere
 _OPTIONS = Options(max_iterations=60, hessian="gauss-newton")
-_FULL_STEPS = 15
-_CONVERGED = 1e-16  # squared step that remains, in standard errors, against chi-squared
-_FORETOLD = 1e-9
+_STEP_TOLERANCE = 1e-16  # squared step that remains, in standard errors, against chi-squared
+_COST_TOLERANCE = 1e-9
 """What the quadratic model of a last step may miss of the cost.
 
 It misses the share of the step's square, in standard errors, by which Gauss-Newton steps contract.
@@ -148,7 +145,8 @@ class QuantityConstraint:
         lower, upper = box(problem)
         x = np.clip(start, lower, upper)
         before = math.inf
-        for number in range(_SQP_STEPS):
+        stretch = 20  # steps after which the squared step must have come down to a hundredth, else it leads nowhere
+        for number in range(200):
             with np.errstate(all="ignore"):  # a step may well lead astray, where there is no cost or no quantity
                 cost, gradient, matrix = problem.gauss_newton(x)
                 if not math.isfinite(cost):
@@ -163,7 +161,7 @@ class QuantityConstraint:
             size = float(step @ matrix @ step)
             if size <= 1e-18 * max(cost, 1.0):
                 return problem.cost(x), x, True
-            if number % _STRETCH == _STRETCH - 1:
+            if number % stretch == stretch - 1:
                 if size > 0.01 * before:
                     break
                 before = size
@@ -182,7 +180,7 @@ def _full_steps(
     x = np.clip(starts, lower, upper)
     cost, slope, found = np.full(len(x), np.inf), np.zeros_like(x), np.zeros(len(x), dtype=bool)
     active, before, slowest = np.arange(len(x)), np.full(len(x), np.inf), np.zeros(len(x))
-    for _ in range(_FULL_STEPS):
+    for _ in range(15):
         here = x[active]
         value, gradient, matrix = normal(here)
         way, along = step(here, gradient, matrix, active)
@@ -191,7 +189,7 @@ def _full_steps(
         slowest[active] = np.where(good, np.maximum(slowest[active], size / before[active]), slowest[active])
         end = here + way
         inside = np.asarray(((end >= lower[active]) & (end <= upper[active])).all(axis=1))
-        last = good & (size <= np.maximum(_FORETOLD / contraction[active], _CONVERGED * value))
+        last = good & (size <= np.maximum(_COST_TOLERANCE / contraction[active], _STEP_TOLERANCE * value))
         ended = active[last]
         found[ended], slope[ended] = True, along[last]
         x[ended] = np.where(inside[last, None], end[last], here[last])

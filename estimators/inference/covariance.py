@@ -17,9 +17,9 @@ from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.estimators.noise.run_effects import real_rows
 from rotorfit.models.array_types import ComplexArray, Float
 
-_CHANCE = 0.05  # probability at which a misfit counts as the model's, where the noise itself is known from few data
-_MILD = 1e-5  # smallest eigenvalue of a curvature of unit diagonal from which its inverse has ten digits
-_LEAST_LEFT = 0.05  # share of a reading's residual that its fit leaves at least, in estimates of its noise
+_P_MISFIT = 0.05  # probability at which a misfit counts as the model's, where the noise itself is known from few data
+_LEAST_EIGENVALUE = 1e-5  # smallest eigenvalue of a curvature of unit diagonal from which its inverse has ten digits
+_LEAST_RESIDUAL_SHARE = 0.05  # share of a reading's residual that its fit leaves at least, in estimates of its noise
 
 
 def widening(redchi: float, loss: Loss, *, rescaled: bool = False, nfree: int = 0, freedom: float = math.inf) -> float:
@@ -35,7 +35,7 @@ def widening(redchi: float, loss: Loss, *, rescaled: bool = False, nfree: int = 
     if math.isfinite(freedom) and nfree > 0:
         from scipy.special import fdtri  # late: loading it takes longer than a fit
 
-        return redchi if redchi > float(fdtri(nfree, freedom, 1 - _CHANCE)) else 1.0
+        return redchi if redchi > float(fdtri(nfree, freedom, 1 - _P_MISFIT)) else 1.0
     return max(1.0, redchi)
 
 
@@ -83,7 +83,7 @@ def information(
 def _well_conditioned_factor(curvature: Float) -> Float | None:
     """Triangle whose product with itself is a curvature, None where the product hides weak directions in round-off."""
     size = np.sqrt(np.diag(curvature))
-    if not size.all() or np.linalg.eigvalsh(curvature / (size[:, None] * size))[0] < _MILD:
+    if not size.all() or np.linalg.eigvalsh(curvature / (size[:, None] * size))[0] < _LEAST_EIGENVALUE:
         return None
     return np.asarray(np.linalg.cholesky(curvature).T)
 
@@ -173,7 +173,7 @@ def _left_out(r: ComplexArray, J: ComplexArray, bend: float, covar: Float) -> Co
     power, basis = np.linalg.eigh(hat)
     along = np.einsum("rik,ri->rk", basis, np.stack([r.real, r.imag], axis=1))
     # A reading that alone determines something cannot be left out.
-    found = np.einsum("rik,rk->ri", basis, along / np.maximum(1 - power, _LEAST_LEFT))
+    found = np.einsum("rik,rk->ri", basis, along / np.maximum(1 - power, _LEAST_RESIDUAL_SHARE))
     return np.asarray(found[:, 0] + 1j * found[:, 1])
 
 

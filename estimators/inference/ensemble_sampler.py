@@ -18,20 +18,18 @@ from rotorfit.estimators.inference.log_posterior import LogPosterior
 from rotorfit.estimators.inference.proposals import mixture
 from rotorfit.models.array_types import Float
 
-CHUNK = 100
+FIRST_STEPS = 100
 """Steps between looks at the chain (and checkpoints) at first; later a fifth of the chain's length."""
-RESOLVED = 100.0
+RESOLVED_TIMES = 100.0
 """Length of a chain, in autocorrelation times, from which that time is trusted: twice emcee's rule, so that split
 R-hat, which exceeds one by the autocorrelation time over the length, comes down to 1.01."""
 
-LEARN = 500
+FIRST_LEARNING = 500
 """Steps after which the independence proposals of a slow chain take their picture from the draws so far, and again
 whenever the chain has doubled; what was drawn until then is burn-in, so that the proposals of the draws kept are
 fixed."""
 
-_LISTENED = 32  # walkers enough to tell whether their means differ
-_TIMED = 16  # of them enough to estimate the autocorrelation time from
-_DISAGREE = 4.0  # spread of 32 means over its expectation, beyond all chance (chi-squared over 31: p < 1e-12)
+_SPREAD_OF_MEANS = 4.0  # spread of 32 means over its expectation, beyond all chance (chi-squared over 31: p < 1e-12)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -92,7 +90,7 @@ def sample(
         state = emcee.State(_start(target, centre, covariance, walkers, random), random_state=random.get_state())
     mixed = moves or mixture(target, *(_picture(memory, learned) if learned else (centre, covariance)))
     while memory.iteration < max_steps and not (verdict and verdict.converged):
-        count = min(max(CHUNK, memory.iteration // 5), max_steps - memory.iteration)
+        count = min(max(FIRST_STEPS, memory.iteration // 5), max_steps - memory.iteration)
         sampler = emcee.EnsembleSampler(walkers, target.size, target, moves=mixed, backend=memory, vectorize=True)
         state = sampler.run_mcmc(state, count, skip_initial_state_check=True)
         verdict = _assess(memory, ess, first_seed, learned)
@@ -111,11 +109,11 @@ def sample(
 def _progress(verdict: WalkerPaths, ess: float) -> SamplerProgress:
     """How far a run is from what it must have to end."""
     longest, kept = float(verdict.tau.max()), verdict.draws.shape[0]
-    samples, resolved = verdict.ess / ess, kept / (RESOLVED * longest) if np.isfinite(longest) else 0.0
+    samples, resolved = verdict.ess / ess, kept / (RESOLVED_TIMES * longest) if np.isfinite(longest) else 0.0
     if samples < resolved or samples < 1:
         words = f"{min(verdict.ess, ess):.0f} of {ess:.0f} effective samples"
     else:
-        needed = RESOLVED * longest
+        needed = RESOLVED_TIMES * longest
         words = f"{min(kept, needed):.0f} of the {needed:.0f} steps that resolve the autocorrelation time"
     done = 1.0 if verdict.converged else min(samples, resolved, 0.99)
     return SamplerProgress(steps=verdict.steps, ess=verdict.ess, tau=longest, done=done, waiting=words)
@@ -124,8 +122,8 @@ def _progress(verdict: WalkerPaths, ess: float) -> SamplerProgress:
 def _should_learn(memory: Any, verdict: WalkerPaths, learned: int, max_steps: int) -> bool:
     """Whether the chain is slow and has doubled since the proposals were last learned, with as many steps to come."""
     steps = memory.iteration
-    slow = not len(verdict.draws) >= 0.5 * RESOLVED * verdict.tau.max()
-    if not slow or not max(LEARN, 2 * learned) <= steps <= max_steps / 2:
+    slow = not len(verdict.draws) >= 0.5 * RESOLVED_TIMES * verdict.tau.max()
+    if not slow or not max(FIRST_LEARNING, 2 * learned) <= steps <= max_steps / 2:
         return False
     return bool((_picture(memory, steps)[1].diagonal() > 0).all())  # all entries have moved
 
@@ -159,13 +157,14 @@ def _assess(memory: Any, ess: float, seed: int, learned: int) -> WalkerPaths:
     """Autocorrelation time after burn-in, and what follows from it."""
     chain = memory.get_chain()
     steps, walkers, _ = chain.shape
-    tau = _tau(chain[max(steps // 4, learned) :, :: max(1, walkers // _LISTENED)])
+    compared = 32  # walkers enough to tell whether their means differ
+    tau = _tau(chain[max(steps // 4, learned) :, :: max(1, walkers // compared)])
     longest = float(tau.max())
     burn_in = int(min(max(10.0, 5 * longest), steps // 2)) if np.isfinite(longest) else steps // 2
     burn_in = max(burn_in, learned)
     kept = steps - burn_in
     effective = walkers * kept / longest if np.isfinite(longest) else 0.0
-    resolved = kept >= RESOLVED * longest
+    resolved = kept >= RESOLVED_TIMES * longest
     if resolved and effective >= ess:
         message = f"converged: {effective:.0f} effective samples, autocorrelation time {longest:.1f} steps"
     elif resolved:
@@ -173,7 +172,7 @@ def _assess(memory: Any, ess: float, seed: int, learned: int) -> WalkerPaths:
     else:
         message = (
             f"not converged: the autocorrelation time, about {longest:.0f} steps, is not resolved by {kept} steps "
-            f"({RESOLVED:.0f} times its length are needed). Intervals may be too narrow: raise max_steps"
+            f"({RESOLVED_TIMES:.0f} times its length are needed). Intervals may be too narrow: raise max_steps"
         )
     return WalkerPaths(
         draws=chain[burn_in:],
@@ -197,15 +196,16 @@ def _tau(chain: Float) -> Float:
     """
     still = np.ptp(chain, axis=0).max(axis=0) == 0
     tau = np.full(chain.shape[2], np.inf)
+    timed_walkers = 16  # of them enough to estimate the autocorrelation time from
     if (~still).any():
         # Centred and scaled, so that products keep their digits.
         moving = chain[:, :, ~still]
         moving = (moving - moving.mean(axis=(0, 1))) / moving.std(axis=(0, 1))
-        timed = moving[:, :: max(1, moving.shape[1] // _TIMED)]
+        timed = moving[:, :: max(1, moving.shape[1] // timed_walkers)]
         with np.errstate(invalid="ignore"):  # a walker that never moves: NaN here, infinite below
             inner = emcee.autocorr.integrated_time(timed, tol=0, has_walkers=True)
         between = chain.shape[0] * moving.mean(axis=0).var(axis=0, ddof=1)
-        tau[~still] = np.where(between > _DISAGREE * np.maximum(inner, 1.0), between, inner)
+        tau[~still] = np.where(between > _SPREAD_OF_MEANS * np.maximum(inner, 1.0), between, inner)
     return np.where(np.isfinite(tau), np.maximum(tau, 1.0), np.inf)
 
 

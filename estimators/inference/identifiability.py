@@ -9,12 +9,12 @@ import numpy as np
 
 from rotorfit.models import RotorModel
 from rotorfit.models.array_types import Bool, Float
+from rotorfit.models.tolerances import RANK_TOLERANCE
 
-UNRESOLVED = 1.0
+UNRESOLVED_ERROR = 1.0
 """A direction is unresolved when its standard error exceeds this multiple of the parameters' own size."""
-_NULL = 1e-11  # singular values below this fraction of the largest are round-off
-_TRACE = 1e-6  # share in an unseen direction that is more than round-off
-_SHARE = 0.02  # entries of an unresolved direction below this fraction of the largest are not named
+_UNSEEN_SHARE = 1e-6  # share in an unseen direction that is more than round-off
+_NAMED_SHARE = 0.02  # entries of an unresolved direction below this fraction of the largest are not named
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -96,7 +96,7 @@ def covariance(root: Float, scales: Float) -> tuple[Float, Float, Float, Bool]:
         keep = stderr.size - count
         directions = np.concatenate([null, directions[:, :keep]], axis=1)
         stderr = np.concatenate([np.full(count, np.inf), stderr[:keep]])
-    return covar * (scales[:, None] * scales), stderr, directions, stderr > UNRESOLVED
+    return covar * (scales[:, None] * scales), stderr, directions, stderr > UNRESOLVED_ERROR
 
 
 def _scaled_directions(root: Float, scales: Float) -> tuple[Float, Float, Bool, Bool]:
@@ -114,7 +114,7 @@ def _scaled_directions(root: Float, scales: Float) -> tuple[Float, Float, Bool, 
     _, singular, rows = np.linalg.svd(scaled / safe[..., None, :], full_matrices=fewer)
     power = np.zeros(scales.shape)
     power[..., scales.shape[-1] - singular.shape[-1] :] = singular[..., ::-1]
-    lost = power <= _NULL * power.max(axis=-1, initial=0.0, keepdims=True)
+    lost = power <= RANK_TOLERANCE * power.max(axis=-1, initial=0.0, keepdims=True)
     basis = np.swapaxes(rows[..., ::-1, :], -1, -2) / safe[..., :, None]
     kept = basis / np.where(lost, np.inf, power)[..., None, :]
     kept[silent] = 0.0
@@ -159,7 +159,7 @@ def diagnose(
     errors, basis = stderr[open_], directions[:, open_]
     combinations = []
     for vector in _sparse_basis(basis).T:
-        chosen = np.flatnonzero(np.abs(vector) > _SHARE * np.abs(vector).max()).tolist()
+        chosen = np.flatnonzero(np.abs(vector) > _NAMED_SHARE * np.abs(vector).max()).tolist()
         error = _error_along(vector, basis, errors)
         pair = _pair(model, base, values, vector * scales, chosen) if len(chosen) == 2 else None
         combinations.append(
@@ -187,8 +187,8 @@ def _unresolved(names: Sequence[str], directions: Float, stderr: Float, open_: B
     return tuple(
         name
         for i, name in enumerate(names)
-        if np.abs(directions[i, np.isinf(stderr)]).max(initial=0.0) > _TRACE
-        or np.linalg.norm(directions[i, weak] * stderr[weak]) > 0.5 * UNRESOLVED
+        if np.abs(directions[i, np.isinf(stderr)]).max(initial=0.0) > _UNSEEN_SHARE
+        or np.linalg.norm(directions[i, weak] * stderr[weak]) > 0.5 * UNRESOLVED_ERROR
     )
 
 

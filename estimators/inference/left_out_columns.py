@@ -35,8 +35,6 @@ class Clearance:
 Term: TypeAlias = LeftOut | Offset | Clearance | int
 """A term of the equation of motion, an offset, the clearance, or the place of a known parameter of the model."""
 
-_STEP = 1e-4  # share of the clearance for a central difference: truncated at 1e-8, rounded at 1e-12
-
 
 def whitened_columns(problem: Problem, x: Float, terms: Sequence[Term]) -> ComplexArray:
     """Derivatives of the whitened residuals by terms left out, shape ``(R, T)``."""
@@ -71,9 +69,10 @@ def _resized(block: Block, factor: float) -> Block:
 def _change(block: Block, theta: Float, term: Term) -> ComplexArray:
     if isinstance(term, int):
         return block.predict_jacobian(theta)[1][:, term]
+    step = 1e-4  # share of the clearance for a central difference: truncated at 1e-8, rounded at 1e-12
     if isinstance(term, Clearance):
-        up, down = (_resized(block, 1 + sign * _STEP).predict(theta) for sign in (1, -1))
-        return np.asarray((up - down) / (2 * _STEP))
+        up, down = (_resized(block, 1 + sign * step).predict(theta) for sign in (1, -1))
+        return np.asarray((up - down) / (2 * step))
     base = responses_of(block)
     if base is None or not is_linear(block):
         return np.zeros(block.measured.size, dtype=complex)

@@ -12,14 +12,13 @@ from rotorfit.estimators.misfit.kernels import Batch
 from rotorfit.estimators.misfit.priors import LogPriors, within_support
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.models.array_types import Float
+from rotorfit.models.tolerances import ROUND_OFF
 
 Noise = Literal["marginal", "fixed", "sampled"]
 
 NOISES: tuple[Noise, ...] = ("marginal", "fixed", "sampled")
-BELIEF = 1.0
+PRIOR_FREEDOM = 1.0
 """Weight of the noise level given with the data, in real data, where the level is inferred."""
-_ROUNDS = 30  # reweightings at most until the noise levels and the optimum agree
-_NULL = 1e-13  # relative curvature that is round-off
 
 
 class LogPosterior:
@@ -50,7 +49,7 @@ class LogPosterior:
             raise ValueError(f"the {problem.loss} loss has a fixed scale: noise must be 'fixed', not {noise!r}")
         self.problem, self.noise, self.inflation = problem, noise, inflation
         self.batch = Batch(problem, accelerate=accelerate, work=work)
-        belief = 0.0 if noise == "fixed" else BELIEF
+        belief = 0.0 if noise == "fixed" else PRIOR_FREEDOM
         self.counts = problem.channel_counts + belief
         self.size = problem.space.size + (self.counts.size if noise == "sampled" else 0)
         self.lower, self.upper = box(problem)
@@ -84,8 +83,8 @@ class LogPosterior:
         if self.noise == "fixed":
             return np.asarray(-0.5 * sums.sum(axis=1) / self.inflation)
         if self.noise == "marginal":
-            return np.asarray(-0.5 * np.log(sums + BELIEF) @ self.counts)
-        return np.asarray(-levels @ self.counts - 0.5 * ((sums + BELIEF) * np.exp(-2 * levels)).sum(axis=1))
+            return np.asarray(-0.5 * np.log(sums + PRIOR_FREEDOM) @ self.counts)
+        return np.asarray(-levels @ self.counts - 0.5 * ((sums + PRIOR_FREEDOM) * np.exp(-2 * levels)).sum(axis=1))
 
     # ---- normal approximation ----------------------------------------------------------------------------------------
 
@@ -126,9 +125,9 @@ class LogPosterior:
     def _mode(self, start: Float) -> tuple[Float, Float]:
         """Alternate between the noise levels and the fit they weigh, which climbs the density at every turn."""
         x, levels = start, np.zeros(self.counts.size)
-        for _ in range(_ROUNDS):
+        for _ in range(30):
             sums = self.batch.channel_sums(x[None, :])[0]
-            new = 0.5 * np.log((sums + BELIEF) / self.counts)
+            new = 0.5 * np.log((sums + PRIOR_FREEDOM) / self.counts)
             moved, levels = np.abs(new - levels).max(), new
             if moved < 1e-3:
                 break
@@ -145,7 +144,7 @@ class LogPosterior:
         silent = size == 0
         size = np.where(silent, 1.0 / np.maximum(np.abs(x), 1.0), size)
         power, basis = np.linalg.eigh(information / np.outer(size, size))
-        open_ = power <= _NULL * power[-1]
+        open_ = power <= ROUND_OFF * power[-1]
         self._refuse_runaway(basis[:, open_])
         closed = basis[:, ~open_] / size[:, None]
         covariance = closed / power[~open_] @ closed.T

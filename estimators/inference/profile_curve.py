@@ -16,11 +16,10 @@ import numpy as np
 from rotorfit.estimators.inference.constrained_minima import Constraint, Minima
 from rotorfit.models.array_types import Float
 
-_ROOT = 1e-9  # relative error of the ends, in half-widths
-_REACHED = 0.99  # rise over the level, short of which it is not met
-_STEPS = 60  # evaluations for an end at most
-_NEAR = 1.1  # level over a first guess up to which a step beyond the line's zero will do
-_REACH = 100.0  # sizes of a parameter beyond which an end that was not met counts as open
+_END_TOLERANCE = 1e-9  # relative error of the ends, in half-widths
+_LEAST_RISE = 0.99  # rise over the level, short of which it is not met
+_CLOSE_GUESS = 1.1  # level over a first guess up to which a step beyond the line's zero will do
+_LARGEST_REACH = 100.0  # sizes of a parameter beyond which an end that was not met counts as open
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -119,7 +118,8 @@ class Curve:
         reach = abs(limit - centre)
         inner, low = 0.0, -goal
         outer, high, count = min(step, reach), -goal, 0
-        while count < _STEPS:
+        most = 60  # evaluations for an end at most
+        while count < most:
             count += 1
             high = _root((yield limit if outer == reach else centre + side * outer)) - goal
             if outer == reach and at_bound and not math.isfinite(high):  # round-off at the edge of a prior
@@ -130,7 +130,7 @@ class Curve:
                 break
             ratio = goal / (high + goal) if high > -goal else math.inf
             grown = outer * min(max(1.1 * ratio, 1.3), 4.0)
-            if count == 1 and ratio < _NEAR:  # the first guess is mostly short by little
+            if count == 1 and ratio < _CLOSE_GUESS:  # the first guess is mostly short by little
                 grown = outer * (1.5 * ratio - 0.5)
             inner, low, outer = outer, high, min(grown, reach)
         if high < 0:
@@ -141,9 +141,9 @@ class Curve:
                 at_bound=at_bound and outer == reach,
                 exact=True,
             )
-        distance, left, exact = yield from _solve(centre, side, (inner, low), (outer, high), goal, _STEPS - count)
+        distance, left, exact = yield from _solve(centre, side, (inner, low), (outer, high), goal, most - count)
         end, rise = centre + side * distance, (left + goal) ** 2
-        if rise < _REACHED * level:  # the curve ends before
+        if rise < _LEAST_RISE * level:  # the curve ends before
             return End(value=side * math.inf, limit=end, rise=rise, at_bound=False, exact=False)
         return End(value=end, limit=limit, rise=rise, at_bound=False, exact=exact)
 
@@ -205,9 +205,9 @@ def _solve(
         # halved where nothing fits on the far side
         w = v - g * (v - u) / (g - f) if math.isfinite(g) else (u + v) / 2
         h = _root((yield centre + side * w)) - goal
-        if abs(h) <= _ROOT * goal:
+        if abs(h) <= _END_TOLERANCE * goal:
             return w, h, True
-        if abs(v - u) <= _ROOT * abs(v):
+        if abs(v - u) <= _END_TOLERANCE * abs(v):
             return (w, h, True) if math.isfinite(g) else (u, short, False)
         if (h < 0) == (f < 0):
             u, f, short, g, kept = w, h, h, (g / 2 if kept < 0 and math.isfinite(g) else g), -1
@@ -218,7 +218,7 @@ def _solve(
 
 def limits(low: float, high: float, value: float, size: float, step: float) -> tuple[tuple[float, bool], ...]:
     """How far a quantity is followed downwards and upwards, and whether a bound stands there."""
-    reach = _REACH * max(size, abs(value), step)
+    reach = _LARGEST_REACH * max(size, abs(value), step)
     return (low, True) if low >= value - reach else (value - reach, False), (high, True) if high <= value + reach else (
         value + reach,
         False,

@@ -10,19 +10,18 @@ import numpy as np
 from scipy.stats import multivariate_t
 
 from rotorfit.models.array_types import Float
+from rotorfit.models.tolerances import RANK_TOLERANCE
 
 DEGREES_OF_FREEDOM = 5.0
 """Tails of the independence proposal, heavy enough to reach the arms of a curved posterior."""
-LIGHTER = (12.0, 50.0)
+LIGHTER_DEGREES_OF_FREEDOM = (12.0, 50.0)
 """The same where the proposal resembles the posterior: that of few readings with noise of unknown level is Student's t
 itself, that of hundreds is normal. Tails stay heavier than the posterior's, so that walkers leave every place."""
 
-ALIKE = 0.6
+GOOD_EFFICIENCY = 0.6
 """Efficiency of importance sampling beyond which the proposal is taken to resemble the posterior."""
-MOST = 0.9
+LARGEST_SHARE = 0.9
 """Share of independence proposals at most: the rest keeps a chain moving where 512 draws have seen nothing."""
-_NULL = 1e-10  # of the largest variance: no spread in that direction
-_LOOKS = 512  # draws that the efficiency is estimated from
 
 
 class IndependenceMove(emcee.moves.MHMove):  # type: ignore[misc]
@@ -37,7 +36,7 @@ class IndependenceMove(emcee.moves.MHMove):  # type: ignore[misc]
         # SciPy's density of a singular t distribution counts the others too.
         size = np.sqrt(np.diag(covariance))
         power, basis = np.linalg.eigh(covariance / np.outer(size, size))
-        spread = power > _NULL * power[-1]
+        spread = power > RANK_TOLERANCE * power[-1]
         root = np.sqrt(power[spread])
         self.centre, self.df = centre, df
         self._colour = (size[:, None] * basis[:, spread] * root).T
@@ -70,9 +69,10 @@ def best_proposal(
     proposal is the posterior itself. The same draws, from the heaviest tails, judge all.
     """
     heavy = IndependenceMove(centre, covariance)
-    moves = [heavy, *(IndependenceMove(centre, covariance, df) for df in LIGHTER)]
+    moves = [heavy, *(IndependenceMove(centre, covariance, df) for df in LIGHTER_DEGREES_OF_FREEDOM)]
     random = np.random.RandomState(0)  # the same answer when a run is resumed
-    drawn = heavy.white(_LOOKS, random)
+    count = 512  # draws that the efficiency is estimated from
+    drawn = heavy.white(count, random)
     value = log_density(heavy.place(drawn))
     if not np.isfinite(value.max()):
         return heavy, 0.0
@@ -91,8 +91,8 @@ def mixture(log_density: Callable[[Float], Float], centre: Float, covariance: Fl
     walkers have to be carried.
     """
     independence, efficiency = best_proposal(log_density, centre, covariance)
-    share = min(efficiency, MOST)
-    if efficiency < ALIKE:
+    share = min(efficiency, LARGEST_SHARE)
+    if efficiency < GOOD_EFFICIENCY:
         independence, share = IndependenceMove(centre, covariance), 0.5
     return [
         (independence, share),

@@ -12,8 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from rotorfit.models.array_types import Float, Index
-
-_SINGULAR = 1e-11  # eigenvalue of the information on the shared parameters, unit diagonal, that counts as zero
+from rotorfit.models.tolerances import RANK_TOLERANCE
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -55,7 +54,7 @@ class Parts:
         size = np.sqrt(np.maximum(np.diag(A), 0.0))
         scale = 1 / np.where(size > 0, size, 1.0)
         unit = A * np.outer(scale, scale)
-        inner = np.linalg.pinv(unit[np.ix_(own, own)], rcond=_SINGULAR, hermitian=True) * np.outer(
+        inner = np.linalg.pinv(unit[np.ix_(own, own)], rcond=RANK_TOLERANCE, hermitian=True) * np.outer(
             scale[own], scale[own]
         )
         follow = -inner @ A[np.ix_(own, shared)]
@@ -99,7 +98,7 @@ def inverse_information(information: Float, size: Float, names: Sequence[str]) -
     """Covariance of shared parameters."""
     scale = 1 / np.sqrt(np.where(size > 0, size, 1.0))
     power, directions = np.linalg.eigh(information * np.outer(scale, scale))
-    open_ = power <= _SINGULAR
+    open_ = power <= RANK_TOLERANCE
     if open_.any():
         named = [name for i, name in enumerate(names) if np.abs(directions[i, open_]).max(initial=0.0) > 0.1]
         raise ValueError(

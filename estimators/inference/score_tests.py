@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from rotorfit.models.array_types import ComplexArray, Float
+from rotorfit.models.tolerances import RANK_TOLERANCE
 
-_NULL = 1e-10  # singular values of the scaled Jacobian below this fraction of the largest are round-off
-_TAKEN_UP = 1e-6  # length that is left of a column, over its whole length, at which parameters took up all of it
+_SMALLEST_REMAINDER = 1e-6  # length left of a column, over its own, at which parameters took up all of it
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,12 +35,12 @@ def score_tests(residuals: ComplexArray, jacobian: ComplexArray, columns: Comple
     size = np.linalg.norm(J, axis=0)
     size = np.where(size > 0, size, 1.0)
     left, singular, right = np.linalg.svd(J / size, full_matrices=False)
-    kept = singular > _NULL * singular.max(initial=0.0)
+    kept = singular > RANK_TOLERANCE * singular.max(initial=0.0)
     within = left[:, kept].T @ c
     taken = (right[kept].T / singular[kept]) @ within / size[:, None]
     rest = c - left[:, kept] @ within
     whole, free = np.linalg.norm(c, axis=0), np.linalg.norm(rest, axis=0)
-    seen = free > _TAKEN_UP * whole
+    seen = free > _SMALLEST_REMAINDER * whole
     power = np.where(seen, free, 1.0) ** 2
     return Scores(
         estimate=np.where(seen, -(rest.T @ r) / power, np.nan),

@@ -20,8 +20,8 @@ from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.models.array_types import Float
 
 _STANDARD_ERRORS = 3.0  # that are looked at: by chance one dent in some hundreds is deeper
-_TOLERATED = 2.0  # factor by which the error bar may be too short for that
-_MOVED = 0.5  # change of a parameter, over its value, from which it has none of its own
+_TOLERATED_ERROR_RATIO = 2.0  # factor by which the error bar may be too short for that
+_LARGEST_CHANGE = 0.5  # change of a parameter, over its value, from which it has none of its own
 
 
 def along_valley(problem: Problem, x: Float, covar: Float, scales: Float, verdict: Identifiability) -> Identifiability:
@@ -49,7 +49,7 @@ def _along(
     numerators: Sequence[int],
 ) -> Identifiability:
     lower, upper = box(problem)
-    reach = _TOLERATED * _STANDARD_ERRORS * float(np.sqrt(max(variance, 0.0)))
+    reach = _TOLERATED_ERROR_RATIO * _STANDARD_ERRORS * float(np.sqrt(max(variance, 0.0)))
     cost, held = problem.cost(x), EntryConstraint(problem, np.where(x == 0, 1.0, np.abs(x)))
     for end in (float(x[entry]) + reach, float(x[entry]) - reach):
         if not max(0.0, lower[entry]) < end < upper[entry]:
@@ -59,7 +59,7 @@ def _along(
         there, found, _ = held.alone(entry, end, np.clip(start, lower, upper))
         rise = 2 * (there - cost)
         if rise < _STANDARD_ERRORS**2:
-            chosen = [i for i in (entry, *numerators) if abs(found[i] - x[i]) > _MOVED * abs(x[i])]
+            chosen = [i for i in (entry, *numerators) if abs(found[i] - x[i]) > _LARGEST_CHANGE * abs(x[i])]
             return _with(
                 verdict, problem.space.names, chosen, (found - x) / scales, _message(problem, x, chosen, end, rise)
             )

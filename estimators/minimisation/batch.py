@@ -25,12 +25,10 @@ from rotorfit.models.array_types import ComplexArray, Float, Index
 
 Bool = NDArray[np.bool_]
 
-TOLERANCE = 1e-8
+STEP_TOLERANCE = 1e-8
 """Remaining step, in standard errors, at which a member has converged."""
-_ROUND_OFF = 1e-5  # remaining step at which failure to shrink further is round-off
-_SLOW = 0.3  # shrinkage of the remaining step above which a member gets a matrix of its own
-_ITERATIONS = 60
-_EVALUATIONS = 5  # a member's gradients until it has converged, typically
+_ROUND_OFF_STEP = 1e-5  # remaining step at which failure to shrink further is round-off
+_SLOW_SHRINKAGE = 0.3  # shrinkage of the remaining step above which a member gets a matrix of its own
 _DEFAULTS = Options()
 
 
@@ -122,7 +120,8 @@ def batch_fit(
     if x.shape not in ((p,), (measured.shape[0], p)):
         raise ValueError(f"start has shape {x.shape}; ({p},) or ({measured.shape[0]}, {p}) is needed")
     x = np.clip(np.broadcast_to(x, (measured.shape[0], p)), problem.space.lower, problem.space.upper)
-    batch = Batch(problem, accelerate=accelerate, work=_EVALUATIONS * measured.shape[0], gradients=True)
+    evaluations = 5  # a member's gradients until it has converged, typically
+    batch = Batch(problem, accelerate=accelerate, work=evaluations * measured.shape[0], gradients=True)
     readings = batch.readings(measured)
 
     def evaluate(points: Float, members: Index) -> tuple[Float, Float]:
@@ -152,9 +151,9 @@ def _descend(
     cost, gradient = evaluate(x, np.arange(count))
     step, remaining = metric.step(np.arange(count), gradient, np.zeros(count))
     state = _State(x, cost, gradient, remaining, step, np.zeros(count))
-    converged = remaining < TOLERANCE
+    converged = remaining < STEP_TOLERANCE
     active = np.flatnonzero(~converged & np.isfinite(cost))
-    for _ in range(_ITERATIONS):
+    for _ in range(60):
         if not active.size:
             break
         trial = state.x[active] + state.step[active]
@@ -181,14 +180,14 @@ def _advance(
     # Below round-off of the cost, the gradient decides.
     close = before**2 < 1e-9 * np.maximum(state.cost[active], 1.0)
     good = np.where(close, remaining < before, cost <= state.cost[active])
-    settled = ~good & close & (before < _ROUND_OFF)
+    settled = ~good & close & (before < _ROUND_OFF_STEP)
     taken = active[good]
     state.x[taken], state.cost[taken], state.gradient[taken] = trial[good], cost[good], gradient[good]
     state.remaining[taken] = remaining[good]
     damping = state.damping[active]
     state.damping[active] = np.where(good, np.where(damping < 1e-4, 0.0, damping / 10), np.maximum(10 * damping, 1e-3))
-    done = np.where(good, remaining < TOLERANCE, settled)
-    slow = ~done & (~good | (remaining > _SLOW * before)) & (state.damping[active] < 1e6)
+    done = np.where(good, remaining < STEP_TOLERANCE, settled)
+    slow = ~done & (~good | (remaining > _SLOW_SHRINKAGE * before)) & (state.damping[active] < 1e6)
     for b in active[slow]:
         linear = problem if problem.loss == "linear" else with_measured(problem, measured[b])
         matrix = linear.gauss_newton(state.x[b])[2]

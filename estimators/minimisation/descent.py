@@ -8,20 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from rotorfit.estimators.minimisation.objective import HessianKind, Matrix, Objective, Options, Status, Vector
+from rotorfit.models.tolerances import ROUND_OFF
 
-HANDOVER = 1e-3  # relative offset, its square the relative excess cost, at which refinement takes over
-NEAR = 0.5  # relative offset from which Gauss-Newton steps without a line search are tried first
-APPROACHES = 6  # such steps
-SLOW = 0.3  # share of the offset that one of them may leave
+HANDOVER_OFFSET = 1e-3  # relative offset, its square the relative excess cost, at which refinement takes over
 CHANGE_WEIGHT = 100.0  # a relative change of the parameters must be this much smaller than an offset
 LEAST_SIZE = 1e-3  # of a scaled variable, against which its change is judged
-REFINEMENTS = 8
-SLOW_REFINEMENT = 0.1  # share of the offset that one of them may leave before the exact Hessian is asked
-SINGULAR = 1e-13  # eigenvalue of the Gauss-Newton matrix, unit diagonal, that counts as zero
-_WINDOW = 6  # iterations over which progress is judged
 _COST_FLOOR = 1e-40  # of the starting cost: keeps the logarithm finite on zero-residual problems
 COST_NOISE = 1e-9  # relative rise of the cost that refinement tolerates: residuals far below the data are noisy
-_ROUND_OFF = 1e-13  # relative cost change that is indistinguishable from none
 
 
 def exact_scale(scale: Vector) -> Vector:
@@ -67,7 +60,7 @@ def _solve(matrix: Matrix, right: Vector) -> Vector:
     """Solution of a symmetric system; of smallest norm where the matrix is not definite, or by round-off only."""
     try:  # positive definite? LAPACK's dposv does both at once, but importing it from SciPy takes as long as a fit
         pivots = np.linalg.cholesky(matrix).diagonal() ** 2
-        if (pivots <= SINGULAR * matrix.diagonal()).any():  # the quotient of two round-offs is no step
+        if (pivots <= ROUND_OFF * matrix.diagonal()).any():  # the quotient of two round-offs is no step
             raise np.linalg.LinAlgError
         solution = np.linalg.solve(matrix, right)
     except np.linalg.LinAlgError:
@@ -77,7 +70,7 @@ def _solve(matrix: Matrix, right: Vector) -> Vector:
     # Unit diagonal first, so that what counts as singular does not depend on the units.
     scale = 1 / np.sqrt(np.where(np.diag(matrix) > 0, np.diag(matrix), 1.0))
     values, vectors = np.linalg.eigh(matrix * np.outer(scale, scale))
-    keep = values > SINGULAR
+    keep = values > ROUND_OFF
     weights = np.zeros_like(values)
     weights[keep] = 1 / values[keep]
     return np.asarray(scale * (vectors @ (weights * (vectors.T @ (scale * right)))))
@@ -203,7 +196,7 @@ class Minimisation:
     def keep(self, candidate: _Candidate) -> None:
         """Remember the better of two points: smaller cost, or the smaller offset at equal cost."""
         best = self.best
-        slack = _ROUND_OFF * best.point.cost
+        slack = ROUND_OFF * best.point.cost
         gain = best.point.cost - candidate.point.cost
         if gain > slack or (gain >= -slack and candidate.offset < best.offset):
             self.best = candidate
@@ -216,7 +209,7 @@ class Minimisation:
         self.keep(candidate)
         self.history.append((candidate.point.cost, candidate.offset))
         self.n_iterations += len(self.history) > 1
-        enough = HANDOVER if self.kind == "gauss-newton" else self.options.acceptable
+        enough = HANDOVER_OFFSET if self.kind == "gauss-newton" else self.options.acceptable
         return candidate.offset <= enough or self.exhausted() or self.stuck()
 
     def exhausted(self) -> bool:
@@ -225,19 +218,22 @@ class Minimisation:
 
     def stuck(self) -> bool:
         """Whether the last iterations brought nothing, or little enough to try the exact Hessian."""
-        if len(self.history) <= _WINDOW:
+        window = 6  # iterations over which progress is judged
+        if len(self.history) <= window:
             return False
-        (cost_then, offset_then), (cost, offset) = self.history[-1 - _WINDOW], self.history[-1]
-        if cost_then - cost <= _ROUND_OFF * cost_then and offset > 0.1 * offset_then:
+        (cost_then, offset_then), (cost, offset) = self.history[-1 - window], self.history[-1]
+        if cost_then - cost <= ROUND_OFF * cost_then and offset > 0.1 * offset_then:
             return True
         slow = cost > 0.9 * cost_then and offset > 0.1 * offset_then
         return slow and self.kind == "gauss-newton" and self.options.hessian == "auto"
 
     def approach(self) -> None:
         """Undamped Gauss-Newton steps from the best point while each lowers the cost and most of the offset."""
-        for _ in range(APPROACHES):
+        largest_offset = 0.5  # relative offset from which Gauss-Newton steps without a line search are tried first
+        slow_share = 0.3  # share of the offset that one of them may leave
+        for _ in range(6):
             before = self.best
-            if not HANDOVER < before.offset <= NEAR or self.kind == "exact" or self.exhausted():
+            if not HANDOVER_OFFSET < before.offset <= largest_offset or self.kind == "exact" or self.exhausted():
                 return
             point = self.evaluate(np.clip(before.point.u + before.step, self.low, self.high))
             self.n_iterations += 1
@@ -245,15 +241,16 @@ class Minimisation:
                 return
             candidate = self.assess(point)
             self.keep(candidate)
-            if candidate.offset > SLOW * before.offset:
+            if candidate.offset > slow_share * before.offset:
                 return
 
     def refine(self) -> None:
         """Undamped Newton steps from the best point while each pays; exact Hessian once the first is slow."""
         exact = self.kind == "exact"
-        for _ in range(REFINEMENTS):
+        slow_share = 0.1  # share of the offset that one of them may leave before the exact Hessian is asked
+        for _ in range(8):
             before = self.best
-            if not self.options.tolerance < before.offset <= HANDOVER or self.exhausted():
+            if not self.options.tolerance < before.offset <= HANDOVER_OFFSET or self.exhausted():
                 return
             step = self._newton_step(before.point, self._exact_hessian(before.point)) if exact else before.step
             point = self.evaluate(np.clip(before.point.u + step, self.low, self.high))
@@ -266,7 +263,7 @@ class Minimisation:
             ratio = self.best.offset / before.offset
             if exact and ratio > 0.5:
                 return
-            exact = exact or (ratio > SLOW_REFINEMENT and self.options.hessian == "auto")
+            exact = exact or (ratio > slow_share and self.options.hessian == "auto")
 
     def converged(self) -> bool:
         """Whether the best point is a minimum within the tolerances."""
@@ -292,7 +289,7 @@ class Minimisation:
         if size.size < free.size:
             matrix = matrix[np.ix_(seen, seen)]
         matrix = matrix / (size[:, None] * size)
-        return int(dead.sum()) + int((np.linalg.eigvalsh(matrix) < SINGULAR).sum())
+        return int(dead.sum()) + int((np.linalg.eigvalsh(matrix) < ROUND_OFF).sum())
 
     def status(self) -> Status:
         """How the run stands."""

@@ -24,7 +24,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rotorfit.estimators.minimisation.descent import HANDOVER, Minimisation, exact_scale
+from rotorfit.estimators.minimisation.descent import HANDOVER_OFFSET, Minimisation, exact_scale
 from rotorfit.estimators.minimisation.ipopt import borrow, give_back
 from rotorfit.estimators.minimisation.objective import Objective, Options, Solution, Status, Vector
 
@@ -127,7 +127,7 @@ def _descend(run: Minimisation) -> Status:
     run.reference = first.cost
     run.best = run.assess(first)
     run.approach()
-    if run.best.offset <= HANDOVER:  # as good as the point where Ipopt would hand over
+    if run.best.offset <= HANDOVER_OFFSET:  # as good as the point where Ipopt would hand over
         run.refine()
         status = run.status()
         if status is Status.CONVERGED or (status is Status.SINGULAR and run.singular_throughout()):

@@ -13,7 +13,7 @@ from rotorfit.estimators.misfit.codegen import LARGEST_UNROLLED
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.models.array_types import ComplexArray, Float, Index
 
-MOST_ENTRIES = 8
+READINGS_OF_A_NODE = 8
 """Readings evaluated together at a node where code is generated; more are split, so that it stays short."""
 
 
@@ -174,7 +174,7 @@ def _nodes(condition: Index, w: Float, read: Index, size: int) -> tuple[Index, I
     rank = np.empty(w.size, dtype=np.intp)
     order = np.lexsort([key, node])
     rank[order] = _occurrence(node[order])
-    return _codes(np.column_stack([rank // MOST_ENTRIES, node])), key
+    return _codes(np.column_stack([rank // READINGS_OF_A_NODE, node])), key
 
 
 def _segment_of(condition: Index, node: Index, key: Index) -> Index:

@@ -14,13 +14,13 @@ from rotorfit.estimators.misfit.kernel_layout import layout
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.models.array_types import Bool, ComplexArray, Float, Index
 
-PAYS = 2e7
+BREAK_EVEN_READINGS = 2e7
 """Readings to evaluate (vectors times readings) beyond which kernels are quicker than NumPy's 0.05 microseconds.
 
 It lies between the time to load them from disk and that to compile them. The choice must not depend on which of the two
 it is: the same seed gives the same samples, to round-off.
 """
-GRADIENT = 5.0
+GRADIENT_COST = 5.0
 """NumPy's time for a gradient over that of a misfit."""
 
 
@@ -47,8 +47,8 @@ class Batch:
     ) -> None:
         self.problem = problem
         linear = np.array([is_linear_response(block) for block in problem.blocks], dtype=bool)
-        readings = work * problem.n_data / 2 * (GRADIENT if gradients else 1.0)
-        pays = (readings > PAYS and accelerator.available()) if accelerate is None else accelerate
+        readings = work * problem.n_data / 2 * (GRADIENT_COST if gradients else 1.0)
+        pays = (readings > BREAK_EVEN_READINGS and accelerator.available()) if accelerate is None else accelerate
         unrolled = len(problem.space.model.coordinates) <= codegen.LARGEST_UNROLLED
         self.compiled = bool(pays and unrolled and linear.any())
         self._kernels = Kernels(_part(problem, linear)) if self.compiled else None

@@ -16,9 +16,6 @@ from rotorfit.estimators.misfit.parameter_space import ParameterSpace
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.models.array_types import Float, Index
 
-_STEP = 1e-3  # of a coordinate, by which second derivatives are told from slopes to a millionth
-_STANDARD_ERRORS = 0.1  # how many of them such a step is long at most
-
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Ratios:
@@ -114,9 +111,11 @@ class LogRatioProblem:
         space = self.problem.space
         size = np.concatenate([space.typical, np.full(len(space.nuisance), 0.1)])
         size[self.ratios.entry] = 1.0
+        largest = 0.1  # how many of them such a step is long at most
         with np.errstate(divide="ignore"):
-            wide = _STANDARD_ERRORS / np.sqrt(np.diag(self.gauss_newton(y)[2]))
-        steps = np.diag(np.minimum(_STEP * np.maximum(np.abs(y), size), wide))
+            wide = largest / np.sqrt(np.diag(self.gauss_newton(y)[2]))
+        relative_step = 1e-3  # of a coordinate, by which second derivatives are told from slopes to a millionth
+        steps = np.diag(np.minimum(relative_step * np.maximum(np.abs(y), size), wide))
         columns = [
             (self.gauss_newton(y + step)[1] - self.gauss_newton(y - step)[1]) / (2 * step[i])
             for i, step in enumerate(steps)

@@ -14,11 +14,7 @@ import numpy as np
 from rotorfit.estimators.noise.run_effects import powers, real_rows
 from rotorfit.models.array_types import ComplexArray, Float, Index
 
-_LONGEST_LAG = 12
-"""Distance, in lines, up to which neighbours are looked at, and never more than a third of a sweep: filters of an
-analyser overlap over two or three lines."""
-
-_LAG_BY_CHANCE = 2.0
+_CHANCE_DEVIATIONS = 2.0
 """Standard deviations up to which a correlation is chance: by the normal distribution in 95 % of the lags."""
 
 
@@ -41,7 +37,10 @@ def memory(r: ComplexArray, sensitivities: ComplexArray, outer: Float, sweeps: S
     total = float(np.sum(np.abs(along) ** 2) + np.sum(own * moved))
     found: list[float] = []
     z = 0.0
-    for lag in range(1, max(1, min(_LONGEST_LAG, min(rows.size for rows in sweeps) // 3)) + 1):
+    # Distance, in lines, up to which neighbours are looked at, and never more than a third of a sweep: filters of an
+    # analyser overlap over two or three lines.
+    longest_lag = 12
+    for lag in range(1, max(1, min(longest_lag, min(rows.size for rows in sweeps) // 3)) + 1):
         same = number[lag:] == number[:-lag]
         product = (along[lag:] * along[:-lag].conj()).real * same
         amount = float(product.sum() + powers(moved[:, 2 * lag :], own[:, : -2 * lag]) @ same)
@@ -49,11 +48,11 @@ def memory(r: ComplexArray, sensitivities: ComplexArray, outer: Float, sweeps: S
         if lag == 1:
             z = amount / chance if chance > 0 else 0.0
             found.append(amount / total if total > 0 else 0.0)
-        if amount < _LAG_BY_CHANCE * chance:
+        if amount < _CHANCE_DEVIATIONS * chance:
             break
         if lag > 1:
             found.append(amount / total)
-    return Memory(first=found[0], z=z, lags=tuple(found) if z > _LAG_BY_CHANCE else ())
+    return Memory(first=found[0], z=z, lags=tuple(found) if z > _CHANCE_DEVIATIONS else ())
 
 
 def scatter(own: ComplexArray, sweeps: Sequence[Index], lags: Sequence[float]) -> Float:

@@ -12,9 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rotorfit.models.array_types import ComplexArray, Float, Index
-
-_VARIANCE_DECADES = 12.0  # range searched about the mean square of the residuals: six digits of standard deviations
-_RANK_TOLERANCE = 1e-9  # relative singular value below which columns are dependent: round-off of written numbers
+from rotorfit.models.tolerances import COLLINEAR
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -77,7 +75,7 @@ def determines(design: ComplexArray) -> bool:
     if not size.all():
         return False
     singular = np.linalg.svd(design / size, compute_uv=False)
-    return bool(singular[-1] > _RANK_TOLERANCE * singular[0])
+    return bool(singular[-1] > COLLINEAR * singular[0])
 
 
 def _weights(X: ComplexArray, variance: Float) -> ComplexArray:
@@ -101,9 +99,10 @@ def _restricted(y: ComplexArray, X: ComplexArray, within: Float) -> float:
 
     from scipy.optimize import minimize_scalar  # late: it loads much of SciPy
 
+    decades = 12.0  # range searched about the mean square of the residuals: six digits of standard deviations
     found = minimize_scalar(
         lambda u: minus_twice(scale * 10**u),
-        bounds=(-_VARIANCE_DECADES / 2, _VARIANCE_DECADES / 2),
+        bounds=(-decades / 2, decades / 2),
         options={"xatol": 1e-6},
     )
     between = float(scale * 10 ** float(found.x))

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rotorfit.estimators.noise.reading_noise import FLOOR, LINES_OF_A_LEVEL, P_OWN_LEVEL
+from rotorfit.estimators.noise.reading_noise import LINES_OF_A_LEVEL, NOISE_FLOOR, P_OWN_LEVEL
 from rotorfit.models.array_types import Float, Index
 
 _RATIOS = np.concatenate([[0.0], np.logspace(-2.5, 4.5, 22), [np.inf]])
@@ -81,7 +81,7 @@ def _fit_groups(groups: Sequence[Index], power: Float, weight: Float, size2: Flo
     some = mean > 0
     relative = np.where(some, q / np.where(some, mean, 1.0), 1.0)
     p, total = w * power[rows], w.sum(axis=1, keepdims=True)
-    least = np.where(some, FLOOR**2 * mean, np.finfo(float).tiny)
+    least = np.where(some, NOISE_FLOOR**2 * mean, np.finfo(float).tiny)
 
     def best_of(ratio: Float) -> tuple[Index, Float, Float]:
         """The best of tried ratios, shape ``(G, m)``, with its level and log likelihood."""

@@ -10,8 +10,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from rotorfit.models.array_types import ComplexArray, Float, Index
+from rotorfit.models.tolerances import ROUND_OFF
 
-FLOOR = 1e-9
+NOISE_FLOOR = 1e-9
 """Smallest noise, as a fraction of a channel's rms amplitude: exact data would otherwise weigh infinitely."""
 
 LINES_OF_A_LEVEL = 8
@@ -31,11 +32,8 @@ windows has 2/pi of the efficiency of their mean."""
 _SPREAD_OF_PROPORTIONAL = 0.8
 """Spread of the logarithm of proportional noise over that of constant noise below which it is preferred; else the
 amplitude hardly varies."""
-_SINGULAR = 1e-13
-"""Relative size of a window's columns below which they depend on each other: round-off of their triangles."""
 _MEAN_OVER_MEDIAN = 2.0
 """Mean over median-based power from which there are outliers: noise alone exceeds it in 30 samples once in 1000."""
-_SAMPLES_OF_A_MEDIAN = 30
 
 
 def noise_from_samples(noise: ComplexArray, amplitude: ComplexArray, sizes: Sequence[int] | None = None) -> Float:
@@ -48,7 +46,7 @@ def noise_from_samples(noise: ComplexArray, amplitude: ComplexArray, sizes: Sequ
         standard deviation of the real part and of the imaginary part, shape ``(L,)``.
     """
     size = np.abs(amplitude)
-    floor = FLOOR * float(np.sqrt(np.mean(size * size)))
+    floor = NOISE_FLOOR * float(np.sqrt(np.mean(size * size)))
     constant = _level(noise)
     found = np.full(size.size, max(constant, floor))
     if size.size < LINES_OF_A_LEVEL or constant <= floor or not size.all():
@@ -72,7 +70,8 @@ def _level(noise: ComplexArray) -> float:
     power = np.abs(noise) ** 2
     # |noise|^2 of a complex Gaussian is exponential: mean 2 sigma^2, median 2 sigma^2 ln 2.
     mean = float(np.mean(power)) / 2
-    if power.size < _SAMPLES_OF_A_MEDIAN:
+    fewest = 30
+    if power.size < fewest:
         return float(np.sqrt(mean))
     median = float(np.median(power)) / (2 * np.log(2))
     return float(np.sqrt(median if mean > _MEAN_OVER_MEDIAN * median else mean))
@@ -101,7 +100,7 @@ def noise_from_smoothness(frequency: Float, response: ComplexArray) -> Float:
     # Median of chi-squared over its mean (Wilson and Hilferty).
     median = (1 - 2 / (9 * freedom)) ** 3
     sigma = float(np.sqrt(np.median(variances) / median))
-    floor = FLOOR * float(np.sqrt(np.mean(np.abs(response) ** 2)))
+    floor = NOISE_FLOOR * float(np.sqrt(np.mean(np.abs(response) ** 2)))
     return np.full(count, max(sigma, floor))
 
 
@@ -130,12 +129,12 @@ def _solved(design: ComplexArray, target: ComplexArray) -> ComplexArray:
     """
     q, r = np.linalg.qr(design)
     size = np.abs(np.diagonal(r, axis1=1, axis2=2))
-    sound = size.min(axis=1) > _SINGULAR * size.max(axis=1)
+    sound = size.min(axis=1) > ROUND_OFF * size.max(axis=1)
     found = np.empty((len(design), design.shape[2]), dtype=complex)
     along = np.matmul(q[sound].conj().swapaxes(1, 2), target[sound, :, None])
     found[sound] = np.linalg.solve(r[sound], along)[..., 0]
     if not sound.all():
-        found[~sound] = np.einsum("npm,nm->np", np.linalg.pinv(design[~sound], rcond=_SINGULAR), target[~sound])
+        found[~sound] = np.einsum("npm,nm->np", np.linalg.pinv(design[~sound], rcond=ROUND_OFF), target[~sound])
     return found
 
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rotorfit.estimators.noise.run_effects import SMALLEST_REST, powers, real_rows
+from rotorfit.estimators.noise.run_effects import LEAST_RESIDUAL_SHARE, powers, real_rows
 from rotorfit.models.array_types import ComplexArray, Float, Index
 
 
@@ -27,7 +27,7 @@ def line_scatter(r: ComplexArray, J: ComplexArray, covar: Float, line: Index, po
     """Compare the scatter of the gradient with what noise of a given power explains."""
     own = real_rows(J)
     moved = covar @ own  # both parts of each reading one after the other
-    left = np.maximum(1 - powers(moved, own) / 2, SMALLEST_REST)
+    left = np.maximum(1 - powers(moved, own) / 2, LEAST_RESIDUAL_SHARE)
     order = np.argsort(line, kind="stable")
     starts = 2 * np.flatnonzero(np.diff(line[order], prepend=-1))
     parts = (2 * order[:, None] + np.arange(2)).ravel()

@@ -13,24 +13,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from rotorfit.models.array_types import ComplexArray, Float, Index
-
-_COLLINEAR = 1e-9
-"""Share of a run's sensitivity, in power, below which one kind is a combination of the others: round-off of sums."""
+from rotorfit.models.tolerances import COLLINEAR
 
 _LIKELIHOOD_OF_ALTERNATIVES = 1.5
 """Log likelihood below that of the best kind within which another is possible: its weight is a fifth, exp(-1.5)."""
 
-_LARGEST_SD = 0.3
-"""Largest relative standard deviation of an effect: the square that linearisation neglects is then a tenth."""
-
-_SMALLEST_SD = 0.03
-"""Smallest standard deviation tried, over the error of one run's own effect: it adds a thousandth to the variance."""
-
-SMALLEST_REST = 0.02
+LEAST_RESIDUAL_SHARE = 0.02
 """Least 1 - leverage: a reading that alone determines something has no residual to judge by."""
-
-_SD_PRECISION = 0.02
-"""Relative precision of a standard deviation: of ten runs it is known within a quarter."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -70,7 +59,7 @@ class MixedModel:
         """``(Z^T Z + 1/variance)^-1`` of each run, infinite variances for effects that are free."""
         free = np.isinf(variance)
         matrix = self.gram + np.diag(np.where(free, 0.0, 1 / np.where(free, 1.0, variance)))
-        return inverse_of_determined(matrix, _COLLINEAR) if free.any() else np.asarray(np.linalg.inv(matrix))
+        return inverse_of_determined(matrix, COLLINEAR) if free.any() else np.asarray(np.linalg.inv(matrix))
 
     def solve(self, variance: Float) -> MixedSolution:
         """Step to the optimum with effects of given variances."""
@@ -114,7 +103,7 @@ class MixedModel:
         S /= size[:, :, None] * size[:, None, :]
         score = (self.moment.T - C @ (outer @ self.gradient)) / size
         mean, variance = np.einsum("kii->k", S), np.sum(S**2, axis=(1, 2))
-        blind = mean <= _COLLINEAR * own.shape[1]
+        blind = mean <= COLLINEAR * own.shape[1]
         over = np.where(blind, 0.0, mean) / np.where(blind, 1.0, variance)
         p = gammaincc(np.where(blind, 1.0, mean * over / 2), np.sum(score**2, axis=1) * over / 2)
         return np.where(blind, 1.0, p)
@@ -248,8 +237,12 @@ def _one(model: MixedModel, variance: Float, kind: int) -> Float:
         return found
 
     sizes = model.gram[:, kind, kind]
-    least = np.log(_SMALLEST_SD / np.sqrt(max(float(sizes.max(initial=0.0)), 1e-300)))
-    most = np.log(_LARGEST_SD)
+    # Smallest standard deviation tried, over the error of one run's own effect: it adds a thousandth to the variance.
+    smallest = 0.03
+    least = np.log(smallest / np.sqrt(max(float(sizes.max(initial=0.0)), 1e-300)))
+    # Largest relative standard deviation of an effect: the square that linearisation neglects is then a tenth.
+    largest_sd = 0.3
+    most = np.log(largest_sd)
     if least >= most:
         return variance
     grid = np.linspace(least, most, 7)
@@ -257,11 +250,12 @@ def _one(model: MixedModel, variance: Float, kind: int) -> Float:
     best = int(np.argmax(values))
     if best == 0:
         return variance
+    precision = 0.02  # relative precision of a standard deviation: of ten runs it is known within a quarter
     found = minimize_scalar(
         lambda v: -model.log_likelihood(at(v)),
         bounds=(grid[best - 1], grid[min(best + 1, 6)]),
         method="bounded",
-        options={"xatol": _SD_PRECISION},
+        options={"xatol": precision},
     )
     return at(float(found.x))
 

@@ -12,8 +12,8 @@ from rotorfit.estimators.blocks.observations import Responses
 from rotorfit.estimators.blocks.row_keys import combined, in_order, numbers
 from rotorfit.estimators.blocks.sweeps import force_plane, sweeps_of
 from rotorfit.estimators.noise.reading_noise import (
-    FLOOR,
     LINES_OF_A_LEVEL,
+    NOISE_FLOOR,
     P_OWN_LEVEL,
     SMOOTH_CORRELATION,
     deviations_of_repeats,
@@ -135,7 +135,7 @@ def _repeated(block: Responses, w: Float, condition: Sequence[Float | Index]) ->
         ordered = [rows[np.argsort(w[rows], kind="stable")] for rows in repeated]
         deviations = deviations_of_repeats(np.array([block.measured[rows] for rows in ordered]))
         if repeated[0].size < LINES_OF_A_LEVEL:  # too short to tell more
-            floor = FLOOR * float(np.sqrt(np.mean(np.abs(block.measured[ordered[0]]) ** 2)))
+            floor = NOISE_FLOOR * float(np.sqrt(np.mean(np.abs(block.measured[ordered[0]]) ** 2)))
             level = max(float(np.sqrt(np.mean(np.abs(deviations) ** 2) / 2)), floor)
             yield from ((rows, level) for rows in ordered)
             continue

@@ -18,14 +18,14 @@ if TYPE_CHECKING:
     from rotorfit.estimators.signals.local_response import LocalFit
 
 
-LEVELS = 5
-"""Times that bands may be doubled."""
+MOST_DOUBLINGS = 5
+"""Times that bands may be doubled. Chosen."""
 
-POOLED = 60
+POOLED_FREEDOM = 60
 """Complex degrees of freedom that a noise level is pooled from, so that it is known to 1/(2 sqrt(60)) = 6 %."""
 
-CLEARLY = 4.0
-"""A noise level is clearly above another when it is so by this many of its standard deviations."""
+DEVIATIONS_APART = 4.0
+"""A noise level is above another when it is so by this many of its standard deviations, by chance once in 30,000."""
 
 
 def tile(count: int, solve: Callable[[int, int], LocalFit]) -> list[LocalFit]:
@@ -38,7 +38,7 @@ def tile(count: int, solve: Callable[[int, int], LocalFit]) -> list[LocalFit]:
     noise = pooled_noise(narrow)
     chosen = {first: [(first, 1)] for first in range(count)}
     cost = {first: _criterion(narrow[first], noise[:, first]) for first in range(count)}
-    for length in (2**level for level in range(1, LEVELS + 1)):
+    for length in (2**level for level in range(1, MOST_DOUBLINGS + 1)):
         half = length // 2
         for first in range(0, count - 2 * half + 1, 2 * half):
             level = np.sqrt(np.mean(noise[:, first : first + 2 * half] ** 2, axis=1))
@@ -67,18 +67,18 @@ def _criterion(fit: LocalFit, noise: Float) -> float:
 def pooled_noise(fits: Sequence[LocalFit]) -> Float:
     """Noise ``sqrt(E |N|^2)`` of each output in each band, shape ``(P, bands)``.
 
-    The nearest bands that together have :data:`POOLED` degrees of freedom are pooled, but for those clearly above their
-    median (hum, an order of the shaft). A band that is clearly above its pool keeps its own level.
+    The nearest bands that together have :data:`POOLED_FREEDOM` degrees of freedom are pooled, but for those above
+    their median (hum, an order of the shaft). A band that is clearly above its pool keeps its own level.
     """
     misfit = np.array([fit.misfit for fit in fits]).T
     dof = np.array([fit.dof for fit in fits], dtype=float)
     own = misfit / dof
-    limit = 1 + CLEARLY / np.sqrt(dof)
+    limit = 1 + DEVIATIONS_APART / np.sqrt(dof)
     total = np.concatenate([[0.0], np.cumsum(dof)])
     centre = (total[:-1] + total[1:]) / 2
-    begin = np.clip(centre - POOLED / 2, 0, max(total[-1] - POOLED, 0))
+    begin = np.clip(centre - POOLED_FREEDOM / 2, 0, max(total[-1] - POOLED_FREEDOM, 0))
     first = np.searchsorted(total, begin, side="right") - 1
-    last = np.clip(np.searchsorted(total, begin + POOLED), first + 1, dof.size)
+    last = np.clip(np.searchsorted(total, begin + POOLED_FREEDOM), first + 1, dof.size)
     level = np.empty_like(own)
     for band, (start, stop) in enumerate(zip(first.tolist(), last.tolist(), strict=True)):
         near = slice(start, stop)

@@ -8,13 +8,13 @@ import numpy as np
 
 from rotorfit.models.array_types import ComplexArray, Float
 
-GROWTH = 1e6
-"""Growth over the record beyond which an exponential is no motion of a rotor."""
+LARGEST_GROWTH = 1e6
+"""Growth over the record beyond which an exponential is no motion of a rotor. Chosen."""
 
 
 def columns_of_sum(time: Float, s: ComplexArray, real: Float, steady: Float) -> Float:
     """Columns of the sum: cosine and sine of each mode, the real decays, the steady vibration, the constant."""
-    largest = 2 * np.log(GROWTH) / time[-1]  # keeps trial points of the search finite
+    largest = 2 * np.log(LARGEST_GROWTH) / time[-1]  # keeps trial points of the search finite
     wave = np.exp(np.outer(time, np.minimum(s.real, largest) + 1j * s.imag))
     decays, turning = np.exp(np.outer(time, np.minimum(real, largest))), np.outer(time, steady)
     return np.column_stack([wave.real, wave.imag, decays, np.cos(turning), np.sin(turning), np.ones(time.size)])

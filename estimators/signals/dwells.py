@@ -14,22 +14,21 @@ import numpy as np
 from rotorfit.estimators.signals.local_response import RecordSpectra
 from rotorfit.models.array_types import ComplexArray, Float
 
-HALF_WIDTH = 14
-"""Lines of the spectrum to each side of the force."""
-TRANSIENT = 2
+LINES_BESIDE = 14
+"""Lines of the spectrum to each side of the force. Chosen."""
+TRANSIENT_DEGREE = 2
 """Degree of the polynomial for the transient."""
 FEWEST_TURNS = 10.0
-"""Turns of the force in the shortest dwell."""
-ONE_SPEED = 0.01
-"""Range of the speed within a dwell over its mean."""
-_STILL = 0.1
-"""Rate of the speed over its mean rate of a sweep below which it dwells."""
-_BLOCK = 2.0
-"""Turns over which speeds are averaged to see whether they change."""
-_MOSTLY = 0.5
-"""Share of a record that dwells in a test of dwells."""
-_NEAR = 3e-3
-"""An order counts where what is not smooth of its spectrum exceeds this fraction of its greatest line."""
+"""Turns of the force in the shortest dwell. Chosen."""
+DWELL_SPEED_RANGE = 0.01
+"""Largest range of the speed within a dwell over its mean. Chosen."""
+_DWELL_SPEED_RATE = 0.1
+"""Rate of the speed over its mean rate of a sweep below which it dwells. Chosen."""
+_LEAST_DWELLING_SHARE = 0.5
+"""Share of a record that dwells in a test of dwells. Chosen."""
+_ORDER_AMPLITUDE_SHARE = 3e-3
+"""An order counts where the part of its spectrum that is not smooth exceeds this fraction of its greatest line.
+Chosen."""
 
 
 class DwellResponse(NamedTuple):
@@ -43,34 +42,37 @@ class DwellResponse(NamedTuple):
 def dwells(time: Float, angle: Float, speed: Float) -> list[slice]:
     """Stretches in which a frequency dwells; none where it sweeps for most of the record."""
     spread, length = float(np.ptp(speed)), float(time[-1] - time[0])
-    if spread <= ONE_SPEED * float(np.abs(speed).mean()):
+    if spread <= DWELL_SPEED_RANGE * float(np.abs(speed).mean()):
         return [slice(0, time.size)]
     # mean speeds of blocks of turns, in which what is left of the jitter of marks averages out
-    number = np.floor(np.abs(angle - angle[0]) / (2 * np.pi * _BLOCK)).astype(np.intp)
+    block_turns = 2.0  # turns over which speeds are averaged to see whether they change
+    number = np.floor(np.abs(angle - angle[0]) / (2 * np.pi * block_turns)).astype(np.intp)
     edges = np.searchsorted(number, np.arange(number[-1] + 1))
     middle, mean = (time[edges[1:]] + time[edges[:-1]]) / 2, np.diff(angle[edges]) / np.diff(time[edges])
-    still = np.abs(np.gradient(mean, middle)) < _STILL * spread / length if mean.size > 2 else np.zeros(0, bool)
+    still = (
+        np.abs(np.gradient(mean, middle)) < _DWELL_SPEED_RATE * spread / length if mean.size > 2 else np.zeros(0, bool)
+    )
     ends = np.flatnonzero(np.diff(np.concatenate([[False], still, [False]]).astype(np.int8)))
     found = []
     for first, last in zip(ends[::2].tolist(), ends[1::2].tolist(), strict=True):
         begin, end = int(edges[first]), int(edges[last])
         inside = mean[first:last]
         turns = abs(angle[end] - angle[begin]) / (2 * np.pi)
-        if turns >= FEWEST_TURNS and np.ptp(inside) <= ONE_SPEED * abs(float(inside.mean())):
+        if turns >= FEWEST_TURNS and np.ptp(inside) <= DWELL_SPEED_RANGE * abs(float(inside.mean())):
             found.append(slice(begin, end))
-    return found if sum(part.stop - part.start for part in found) > _MOSTLY * time.size else []
+    return found if sum(part.stop - part.start for part in found) > _LEAST_DWELLING_SHARE * time.size else []
 
 
 def dwell_response(spectra: RecordSpectra, at: float) -> DwellResponse:
     """Response of each output to the first force about one frequency."""
     step = float(spectra.frequency[1] - spectra.frequency[0])
     middle = round(at / step)
-    half = min(HALF_WIDTH, middle - 1, spectra.frequency.size - 1 - middle)
+    half = min(LINES_BESIDE, middle - 1, spectra.frequency.size - 1 - middle)
     lines = slice(middle - half, middle + half + 1)
-    unknowns = TRANSIENT + 2
+    unknowns = TRANSIENT_DEGREE + 2
     if 2 * half + 1 < 2 * unknowns:
         raise ValueError(f"{at * 2 * np.pi / step:.3g} turns are too few for a dwell")
-    smooth = np.polynomial.legendre.legvander(np.linspace(-1, 1, 2 * half + 1), TRANSIENT).astype(complex)
+    smooth = np.polynomial.legendre.legvander(np.linspace(-1, 1, 2 * half + 1), TRANSIENT_DEGREE).astype(complex)
     matrix = np.column_stack([spectra.forces[0, lines], smooth, _orders(spectra.others, lines, smooth, unknowns)])
     scale = np.linalg.norm(matrix, axis=0)
     q, r = np.linalg.qr(matrix / scale)
@@ -89,4 +91,4 @@ def _orders(others: ComplexArray, lines: slice, smooth: ComplexArray, unknowns: 
     rest = np.linalg.norm(columns - smooth @ np.linalg.lstsq(smooth, columns, rcond=None)[0], axis=0)
     most = max(columns.shape[0] // 2 - unknowns, 0)
     strongest = np.argsort(-rest / np.maximum(greatest, 1e-300))[:most]
-    return columns[:, [k for k in sorted(strongest.tolist()) if rest[k] > _NEAR * greatest[k]]]
+    return columns[:, [k for k in sorted(strongest.tolist()) if rest[k] > _ORDER_AMPLITUDE_SHARE * greatest[k]]]

@@ -9,11 +9,6 @@ import numpy as np
 
 from rotorfit.models.array_types import Float
 
-_HALF = 32
-"""Samples on either side that a value between two samples is made of."""
-_BETA = 8.0
-"""Of Kaiser's window: errors stay below 1e-4 of what vibrates up to 0.44 of the sampling rate."""
-
 
 def on_time(read: Callable[[int, int], Float], first: int, last: int, size: int, late: float) -> Float:
     """Samples of a channel that comes late, as they would have been on time.
@@ -27,8 +22,10 @@ def on_time(read: Callable[[int, int], Float], first: int, last: int, size: int,
     if last <= first:
         return read(first, last)
     whole = math.floor(late)
-    taps = np.arange(1 - _HALF, _HALF + 1)
-    weights = np.sinc(late - whole - taps) * np.kaiser(2 * _HALF + 1, _BETA)[1:]
+    half = 32  # samples on either side that a value between two samples is made of
+    taps = np.arange(1 - half, half + 1)
+    beta = 8.0  # of Kaiser's window: errors stay below 1e-4 of what vibrates up to 0.44 of the sampling rate
+    weights = np.sinc(late - whole - taps) * np.kaiser(2 * half + 1, beta)[1:]
     begin, end = first + whole + int(taps[0]), last + whole + int(taps[-1])
     there = read(min(max(begin, 0), size - 1), max(min(end, size), 1))
     before, behind = max(-begin, 0), max(end - size, 0)

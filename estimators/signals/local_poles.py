@@ -12,7 +12,6 @@ import numpy as np
 
 from rotorfit.models.array_types import ComplexArray, Float
 
-STEPS = 4
 NUMERATOR = 2
 """Degree of the numerator."""
 
@@ -24,7 +23,7 @@ def nearest_pole(frequency: Float, response: ComplexArray, sigma: Float) -> comp
     x = (frequency - middle) / half
     powers = np.vander(x, NUMERATOR + 1)
     pole = complex(np.inf)
-    for _ in range(STEPS):
+    for _ in range(4):
         weight = 1 / (sigma * (1.0 if np.isinf(pole) else np.abs(x - pole)))
         q = np.linalg.qr(powers * weight[:, :, None])[0]
         # what is left of H and of x H beside the quadratics

@@ -29,27 +29,18 @@ from rotorfit.estimators.signals.band_tiling import pooled_noise, tile
 from rotorfit.estimators.signals.local_poles import NUMERATOR, nearest_pole
 from rotorfit.models.array_types import Bool, ComplexArray, Float
 
-DEGREE = 2
+SMOOTH_DEGREE = 2
 """Degree of the polynomials for H and T."""
 
-SPARE = 3
-"""Lines of a narrowest band beyond its unknowns."""
-
-MOST_BANDS = 512
-"""Narrowest bands of a record; longer records have wider ones."""
-
-SEEN = 3e-3
+INPUT_AMPLITUDE_SHARE = 3e-3
 """An input counts in a band where what is not smooth of its spectrum exceeds this fraction of its greatest line."""
 
 
-WINDOW = 7
-"""Narrow bands in which the nearest pole is looked for."""
-
-PASSES = 4
+POLE_PASSES = 4
 """Times that poles are looked for in a record without transients, whose bands are narrow: those of rough responses, and
 those of responses with the poles found before."""
 
-NEAR, NOT_INSIDE = 12.0, 0.2
+POLE_HALF_WIDTHS, LEAST_POLE_DISTANCE = 12.0, 0.2
 """A pole counts in a band when it is nearer to its middle than so many half-widths, and further from the axis."""
 
 
@@ -99,7 +90,7 @@ class LocalFit:
 
 
 def local_response(
-    records: Sequence[RecordSpectra], low: float, high: float, *, degree: int = DEGREE, transient: bool = True
+    records: Sequence[RecordSpectra], low: float, high: float, *, degree: int = SMOOTH_DEGREE, transient: bool = True
 ) -> LocalResponse:
     """Frequency response of each output to each force.
 
@@ -115,17 +106,19 @@ def local_response(
     inside = [(record.frequency >= low) & (record.frequency <= high) for record in records]
     fewest = min(int(np.sum(lines)) for lines in inside)
     smooth = -(-(degree + 1) * records[0].forces.shape[0] // len(records)) + (degree + 1) * transient  # in each record
-    needed = smooth + SPARE + (_usually_seen(records, inside, degree) if transient else 0)
+    spare = 3  # lines of a narrowest band beyond its unknowns
+    needed = smooth + spare + (_usually_seen(records, inside, degree) if transient else 0)
     if fewest < needed:
         raise ValueError(
             f"{fewest} spectral lines lie in the tested band, {low:.4g} to {high:.4g} rad/s, {needed} are needed: the "
             "record is too short for the band it sweeps"
         )
-    count = min(fewest // needed, MOST_BANDS)
+    most = 512  # narrowest bands of a record; longer records have wider ones
+    count = min(fewest // needed, most)
     edges = np.linspace(low, high, count + 1)
     edges[-1] = np.nextafter(high, np.inf)
     poles = np.full(count, np.nan + 0j)
-    for _ in range(1 if transient else PASSES):
+    for _ in range(1 if transient else POLE_PASSES):
         rough = _solver(records, edges, degree, poles, transient)
         poles = _poles([rough(k, k + 1) for k in range(count)])
     fits = tile(count, _solver(records, edges, degree, poles, transient))
@@ -170,8 +163,9 @@ def _poles(narrow: Sequence[LocalFit]) -> ComplexArray:
     """Pole nearest to each narrow band, from what it and its neighbours show; NaN where none is near."""
     noise = pooled_noise(narrow)
     found = np.full(len(narrow), np.nan + 0j)
+    window = 7  # narrow bands in which the nearest pole is looked for
     for k in range(len(narrow)):
-        first, last = max(k - WINDOW // 2, 0), min(k + WINDOW // 2 + 1, len(narrow))
+        first, last = max(k - window // 2, 0), min(k + window // 2 + 1, len(narrow))
         part = narrow[first:last]
         response = np.concatenate([fit.response for fit in part], axis=2)
         sigma = np.concatenate(
@@ -202,7 +196,7 @@ def _solver(
         powers = [_basis(at, degree, pole) for at in position]
         drive = np.vstack([_drive(r.forces[:, part], p) for r, part, p in zip(records, lines, powers, strict=True)])
         own = [
-            np.hstack([p, _seen(r.others[:, part].T, p, SEEN * top, p.shape[0] - smooth - 1)])
+            np.hstack([p, _seen(r.others[:, part].T, p, INPUT_AMPLITUDE_SHARE * top, p.shape[0] - smooth - 1)])
             if transient
             else p[:, :0]
             for r, part, p, top in zip(records, lines, powers, greatest, strict=True)
@@ -251,7 +245,7 @@ def _without_noise(r: ComplexArray, noise: ComplexArray, scale: Float) -> Comple
 def _basis(position: Float, degree: int, pole: complex) -> ComplexArray:
     """Polynomials over a band, divided by the distance from its pole where one is near."""
     powers = np.polynomial.legendre.legvander(position, degree).astype(complex)
-    if not (abs(pole) < NEAR and pole.imag > NOT_INSIDE):
+    if not (abs(pole) < POLE_HALF_WIDTHS and pole.imag > LEAST_POLE_DISTANCE):
         return powers
     return np.asarray(powers / (1 - position / pole)[:, None])
 
@@ -269,7 +263,7 @@ def _usually_seen(records: Sequence[RecordSpectra], inside: Sequence[Bool], degr
         parts = np.array_split(np.flatnonzero(lines), max(int(lines.sum()) // (4 * (degree + 1)), 1))
         for part in parts:
             powers = _basis(np.linspace(-1, 1, part.size), degree, complex(np.nan))
-            counts.append(_seen(record.others[:, part].T, powers, SEEN * greatest, part.size).shape[1])
+            counts.append(_seen(record.others[:, part].T, powers, INPUT_AMPLITUDE_SHARE * greatest, part.size).shape[1])
     return int(np.quantile(counts, 0.9))
 
 

@@ -13,20 +13,16 @@ import numpy as np
 
 from rotorfit.models.array_types import Float, Index
 
-_EXTRA = 0.3
+_EXTRA_EDGE_PRICE = 0.3
 """Price of an edge left out. To keep one in the middle of a turn costs twice the logarithm of 2."""
-_MISSING = 0.1
+_MISSING_EDGE_PRICE = 0.1
 """Price of a doubled interval, and of each further doubling. To count it once costs twice the logarithm of 2."""
-_SKIPPED = 5
-"""Edges in a row that may be left out, less one."""
 _TURNS = np.arange(1.0, 5.0)
 """Turns that an interval may be of, besides those that the speed before it gives."""
-_WAYS = 8
-"""Ways to an edge that are followed further."""
-_ALIKE = 0.15
-"""Change of the logarithm of an interval from the last below which the two are of the same number of turns for sure."""
-_CLEAN = 6
-"""Such intervals in a row at which the count is beyond doubt."""
+_LARGEST_CHANGE_OF_INTERVAL = 0.15
+"""Change of the logarithm of an interval from the last below which the two are of the same number of turns. Chosen."""
+_EVEN_INTERVALS = 6
+"""Such intervals in a row at which the count is certain. Chosen."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,11 +46,11 @@ def steadier(times: Float, kept: Index, turns: Index) -> tuple[Index, Index]:
         the better ``kept`` and ``turns``.
     """
     intervals = np.diff(times)
-    alike = np.abs(np.log(intervals[1:] / intervals[:-1])) < _ALIKE
-    clean = np.flatnonzero(np.convolve(alike, np.ones(_CLEAN), mode="valid") == _CLEAN)
+    alike = np.abs(np.log(intervals[1:] / intervals[:-1])) < _LARGEST_CHANGE_OF_INTERVAL
+    clean = np.flatnonzero(np.convolve(alike, np.ones(_EVEN_INTERVALS), mode="valid") == _EVEN_INTERVALS)
     if not clean.size:
         return kept, turns
-    first, last = int(clean[0]), int(clean[-1]) + _CLEAN + 1
+    first, last = int(clean[0]), int(clean[-1]) + _EVEN_INTERVALS + 1
     ends = np.searchsorted(kept, [first, last])
     if ends[1] >= kept.size or kept[ends[0]] != first or kept[ends[1]] != last:
         return kept, turns
@@ -73,17 +69,21 @@ def _price(times: Float, kept: Index, turns: Index) -> float:
     """What a count costs: changes of the logarithm of the speed, edges left out, turns without an edge."""
     period = np.log(np.diff(times[kept]) / turns)
     left_out = times.size - kept.size
-    return float(np.abs(np.diff(period)).sum() + _EXTRA * left_out + _MISSING * np.log2(turns).sum())
+    return float(
+        np.abs(np.diff(period)).sum() + _EXTRA_EDGE_PRICE * left_out + _MISSING_EDGE_PRICE * np.log2(turns).sum()
+    )
 
 
 def _followed(times: Float) -> list[_Ways]:
     """The best ways to every edge, from the first one on."""
     none = np.zeros(1, dtype=np.intp)
     ways = [_Ways(np.full(1, np.nan), np.zeros(1), none, none, none)]
+    skipped = 5  # edges in a row that may be left out, less one
+    ways_kept = 8  # ways to an edge that are followed further
     for edge in range(1, times.size):
         found: list[tuple[Float, Float, Index, Index, Index]] = []
-        for before in range(max(0, edge - _SKIPPED), edge):
-            left_out = _EXTRA * (edge - before - 1)
+        for before in range(max(0, edge - skipped), edge):
+            left_out = _EXTRA_EDGE_PRICE * (edge - before - 1)
             here, interval = ways[before], float(times[edge] - times[before])
             turns = _TURNS
             if before and interval > _TURNS[-1] * np.exp(here.period[0]):
@@ -92,10 +92,10 @@ def _followed(times: Float) -> list[_Ways]:
             change = np.zeros((turns.size, 1)) if before == 0 else np.abs(period[:, None] - here.period)
             whole = here.price + change
             way = np.argmin(whole, axis=1)
-            price = whole[np.arange(turns.size), way] + left_out + _MISSING * np.log2(turns)
+            price = whole[np.arange(turns.size), way] + left_out + _MISSING_EDGE_PRICE * np.log2(turns)
             found.append((period, price, np.full(turns.size, before), way, turns.astype(np.intp)))
         columns = [np.concatenate(parts) for parts in zip(*found, strict=True)]
-        best = np.argsort(columns[1], kind="stable")[:_WAYS]
+        best = np.argsort(columns[1], kind="stable")[:ways_kept]
         ways.append(_Ways(*(column[best] for column in columns)))
     return ways
 

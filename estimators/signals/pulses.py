@@ -15,23 +15,22 @@ from scipy.ndimage import median_filter, percentile_filter
 from rotorfit.estimators.signals.pulse_path import steadier
 from rotorfit.models.array_types import Float, Index
 
-NOISE_ALONE = 3.3
+NOISE_STEP_OVER_SCATTER = 3.3
 """Distance of the two voltages over their scatter: Gaussian noise cut in two has 2.7, a sine 4.1, a pulse more."""
-_BINS = 512
-_PEAK = 15
+_HISTOGRAM_BINS = 512
+"""Bins of the histogram of voltages: one is a five-hundredth of their range."""
+_LEVEL_BINS = 15
 """Bins that the noise of a level fills, a few hundredths of the jump."""
-_SHORT = 0.6
+_SHORT_INTERVAL = 0.6
 """Interval, in expected ones, below which one of its two edges is one too many."""
-_BOUNCE = 0.2
+_BOUNCE_INTERVAL = 0.2
 """The same below which it is the second one: a mark that chatters does so after its edge."""
-_UNEVEN = 0.2
+_LARGEST_CHANGE_OF_TURN = 0.2
 """Change of a turn against its neighbours that neither a shaft's speed makes within two turns nor the spacing of teeth,
 but an edge too many or too few among three, which changes it by a third."""
-_REACH = 16
+_EDGES_BESIDE = 16
 """Edges on either side of an odd one among which the steadiest count is looked for: two stretches that are beyond doubt
 and a few edges more."""
-_MOST_DISPUTED = 100_000
-"""Edges for which it is looked for at most, a quarter of a millisecond each."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -67,7 +66,7 @@ def find_levels(voltage: Float, *, edge: str = "", level: float | None = None) -
     bottom, top = float(voltage.min()), float(voltage.max())
     if not top > bottom:
         raise ValueError(f"no pulses: the voltage is constant at {bottom:.4g} V")
-    counts, at = np.histogram(voltage, _BINS, (bottom, top))
+    counts, at = np.histogram(voltage, _HISTOGRAM_BINS, (bottom, top))
     centres = (at[1:] + at[:-1]) / 2
     below = np.cumsum(counts)[:-1]
     above = voltage.size - below
@@ -78,7 +77,7 @@ def find_levels(voltage: Float, *, edge: str = "", level: float | None = None) -
     lower, upper = voltage[voltage <= split], voltage[voltage > split]
     low, high = _plateau(lower, top - bottom), _plateau(upper, top - bottom)
     scatter = float(np.hypot(lower.std(), upper.std()) / np.sqrt(2))
-    if high - low < NOISE_ALONE * scatter:
+    if high - low < NOISE_STEP_OVER_SCATTER * scatter:
         raise ValueError(
             f"no pulses: the voltage, {bottom:.4g} to {top:.4g} V, does not jump between two levels; is it the channel "
             "of the Keyphasor?"
@@ -103,11 +102,11 @@ def find_levels(voltage: Float, *, edge: str = "", level: float | None = None) -
 
 def _plateau(voltage: Float, span: float) -> float:
     """Where most of the samples are: the median leans towards the ramps of wide edges, by degrees of the shaft."""
-    counts, at = np.histogram(voltage, max(round(_BINS * np.ptp(voltage) / span), 1))
-    smooth = np.convolve(counts, np.ones(_PEAK), mode="same")
+    counts, at = np.histogram(voltage, max(round(_HISTOGRAM_BINS * np.ptp(voltage) / span), 1))
+    smooth = np.convolve(counts, np.ones(_LEVEL_BINS), mode="same")
     top = int(np.argmax(smooth))
     centre = float(at[top] + at[top + 1]) / 2
-    near = voltage[np.abs(voltage - centre) <= _PEAK * span / _BINS]
+    near = voltage[np.abs(voltage - centre) <= _LEVEL_BINS * span / _HISTOGRAM_BINS]
     return float(np.median(near))
 
 
@@ -179,7 +178,7 @@ def uneven_turns(times: Float, turns: Index) -> Float:
     A pulse counted once too often or too seldom makes two of three such turns half or twice as long as the others.
     """
     period = np.diff(times) / turns
-    return np.asarray(times[:-1][np.abs(period / _expected(period) - 1) > _UNEVEN])
+    return np.asarray(times[:-1][np.abs(period / _expected(period) - 1) > _LARGEST_CHANGE_OF_TURN])
 
 
 def _by_neighbours(times: Float) -> tuple[Index, Index]:
@@ -199,12 +198,13 @@ def _settled(times: Float, kept: Index, turns: Index) -> tuple[Index, Index]:
     """The count with every disputed stretch of edges taken as its speed changes least."""
     extra = np.setdiff1d(np.arange(times.size), kept)
     odd = np.union1d(extra, np.searchsorted(times, uneven_turns(times[kept], turns)))
-    stretches = np.split(odd, np.flatnonzero(np.diff(odd) > 2 * _REACH) + 1) if odd.size else []
-    if sum(int(np.ptp(stretch)) + 2 * _REACH for stretch in stretches) > _MOST_DISPUTED:
+    stretches = np.split(odd, np.flatnonzero(np.diff(odd) > 2 * _EDGES_BESIDE) + 1) if odd.size else []
+    most_edges = 100_000  # edges for which it is looked for at most, a quarter of a millisecond each
+    if sum(int(np.ptp(stretch)) + 2 * _EDGES_BESIDE for stretch in stretches) > most_edges:
         return kept, turns
     for stretch in stretches[::-1]:  # the last first: places of pulses before it stay as they are
-        first = max(int(np.searchsorted(kept, stretch[0] - _REACH)), 0)
-        last = min(int(np.searchsorted(kept, stretch[-1] + _REACH)), kept.size - 1)
+        first = max(int(np.searchsorted(kept, stretch[0] - _EDGES_BESIDE)), 0)
+        last = min(int(np.searchsorted(kept, stretch[-1] + _EDGES_BESIDE)), kept.size - 1)
         edges = slice(kept[first], kept[last] + 1)
         own, counted = steadier(times[edges], kept[first : last + 1] - kept[first], turns[first:last])
         kept = np.concatenate([kept[:first], own + kept[first], kept[last + 1 :]])
@@ -264,10 +264,10 @@ def _without_extra(times: Float) -> tuple[Float, Float]:
         if intervals.size < 4:
             break
         turn = percentile_filter(intervals, 70, 7, mode="mirror")
-        short = np.flatnonzero(intervals < _SHORT * turn)
+        short = np.flatnonzero(intervals < _SHORT_INTERVAL * turn)
         if not short.size:
             break
-        bounce = short[intervals[short] < _BOUNCE * turn[short]]
+        bounce = short[intervals[short] < _BOUNCE_INTERVAL * turn[short]]
         if bounce.size:
             extra = np.concatenate([extra, kept[bounce + 1]])
             kept = np.delete(kept, bounce + 1)
@@ -287,7 +287,7 @@ def _without_extra(times: Float) -> tuple[Float, Float]:
 def _between_halves(intervals: Float, short: Index, turn: Float) -> Index:
     """Edges with a short interval on either side, which make one turn together."""
     first = short[:-1][np.diff(short) == 1]
-    first = first[np.abs((intervals[first] + intervals[first + 1]) / turn[first] - 1) < 1 - _SHORT]
+    first = first[np.abs((intervals[first] + intervals[first + 1]) / turn[first] - 1) < 1 - _SHORT_INTERVAL]
     return np.asarray(first[np.diff(first, prepend=-2) > 1] + 1, dtype=np.intp)
 
 

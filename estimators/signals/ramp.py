@@ -14,11 +14,8 @@ import numpy as np
 
 from rotorfit.models.array_types import ComplexArray, Float
 
-_LEAST = 20  # samples that the fit of seven numbers needs at least
-_TURN = 0.04  # rise on both sides of a minimum, as a fraction of the peak, that makes it one
-_BEATS = 5  # minima looked at: later ones drown in noise
-_REGULAR = 0.25  # relative deviation from even steps in (Omega - peak)^2 that still is a beat
-_NEARBY = 4.0  # ramps tried about that of the beat, each way, as a factor
+_LEAST_RISE = 0.04  # rise on both sides of a minimum, as a fraction of the peak, that makes it one
+_LARGEST_UNEVENNESS = 0.25  # relative deviation from even steps in (Omega - peak)^2 that still is a beat; chosen
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,14 +61,15 @@ def find_beat(speed: Float, response: ComplexArray) -> tuple[float, float, float
 
     size = np.abs(response)
     peak = int(np.argmax(size))
-    least = peak + find_peaks(-size[peak:], prominence=_TURN * float(size[peak]))[0]
+    least = peak + find_peaks(-size[peak:], prominence=_LEAST_RISE * float(size[peak]))[0]
     if least.size < 3:
         return None
-    least = least[:_BEATS]
+    most_beats = 5  # minima looked at: later ones drown in noise
+    least = least[:most_beats]
     square = (speed[least] - speed[peak]) ** 2
     steps = np.diff(square)
     typical = float(np.median(steps))
-    if (steps <= 0).any() or np.abs(steps - typical).max() > 2 * _REGULAR * typical:
+    if (steps <= 0).any() or np.abs(steps - typical).max() > 2 * _LARGEST_UNEVENNESS * typical:
         return None
     return float(speed[peak]), float(speed[least[0]]), typical / (4 * np.pi)
 
@@ -83,17 +81,19 @@ def fit_ramp(speed: Float, response: ComplexArray) -> Ramp | None:
     """
     order = np.argsort(speed)
     w, y = speed[order], response[order] / np.abs(response).max()
-    beat = find_beat(w, y) if w.size >= _LEAST else None
+    fewest = 20  # samples that the fit of seven numbers needs at least
+    beat = find_beat(w, y) if w.size >= fewest else None
     if beat is None:
         return None
     peak, first, rate = beat
     near = w < 2 * first - peak + 0.5 * (first - peak)
     early = w < first
     steady = _solve(w[early], y[early], np.array([peak, 0.03]), lambda v, p: steady_response(v, p[0], p[1]))
+    factor_range = 4.0  # ramps tried about that of the beat, each way, as a factor
     tries = [
         _solve(w[near], y[near], np.array([peak - 0.02 * k * peak, 0.02, rate * factor]), _ramp_shape)
         for k in (0, 1, 2)
-        for factor in np.geomspace(1 / _NEARBY, _NEARBY, 3)
+        for factor in np.geomspace(1 / factor_range, factor_range, 3)
     ]
     best = min(tries, key=lambda found: found[2])
     values, errors, _ = best

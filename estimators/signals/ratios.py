@@ -10,10 +10,7 @@ from numpy.typing import NDArray
 
 from rotorfit.models.array_types import ComplexArray, Float
 
-_PASSES = 12
-_MODES = 4  # most modes that a curve is given
-_SPARE = 2  # readings an unknown that a curve needs
-_NARROW = 0.25  # half width of a resonance, in steps between readings, below which it is one of the noise
+_NARROWEST_RESONANCE = 0.25  # half width of a resonance, in steps between readings, below which it is one of the noise
 
 
 def best_ratio(
@@ -24,7 +21,7 @@ def best_ratio(
     free = powers.shape[1] - 1
     found: list[tuple[ComplexArray, ComplexArray, float]] = []
     weight = 1 / sigma
-    for _ in range(_PASSES):
+    for _ in range(12):
         columns = np.hstack([response[:, None] * powers[:, :free], -numerators, *([-1j * numerators] * real)])
         unknown, known = np.asarray(columns * weight[:, None]), np.asarray(-response * powers[:, free] * weight)
         if real:
@@ -69,9 +66,11 @@ def ratio_through(x: Float, y: ComplexArray) -> Ratio | None:
     top = float(np.abs(x).max())
     step = float(np.median(np.diff(np.sort(x)))) / top
     sigma, best, least = np.ones(x.size), None, np.inf
-    for poles in range(2, 2 * _MODES + 1, 2):
+    most_modes = 4  # most modes that a curve is given
+    readings_an_unknown = 2  # readings an unknown that a curve needs
+    for poles in range(2, 2 * most_modes + 1, 2):
         unknowns = poles + 2 * (poles + 1)
-        if 2 * x.size < _SPARE * unknowns:
+        if 2 * x.size < readings_an_unknown * unknowns:
             break
         powers = np.asarray(np.polynomial.chebyshev.chebvander(x / top, poles), dtype=float)
         turn = 1j ** np.arange(poles + 1)  # makes real polynomials of jx of those of x
@@ -80,6 +79,6 @@ def ratio_through(x: Float, y: ComplexArray) -> Ratio | None:
         roots = np.polynomial.chebyshev.chebroots(denominator)
         inside = (roots.real > x.min() / top) & (roots.real < x.max() / top)
         score = 2 * x.size * np.log(2 * cost) + unknowns * np.log(2 * x.size) if cost > 0 else -np.inf
-        if score < least and not (np.abs(roots.imag[inside]) < _NARROW * step).any():
+        if score < least and not (np.abs(roots.imag[inside]) < _NARROWEST_RESONANCE * step).any():
             best, least = Ratio(denominator=denominator, numerator=numerator, top=top), score
     return best

@@ -14,19 +14,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rotorfit.estimators.signals.decaying_sum import GROWTH, DecayingSum, columns_of_sum
+from rotorfit.estimators.signals.decaying_sum import LARGEST_GROWTH, DecayingSum, columns_of_sum
 from rotorfit.models.array_types import ComplexArray, Float
 
-_EXTRA = 2  # vibrating modes looked for beyond those asked for
-_PENCIL = 120  # longest window of the pencil: longer ones cost more and gain nothing
-_SHORTEST = 0.05  # ratio of successive samples of a decay that is seen at all
-_APART = 0.1  # relative shift in frequency of the two modes that are looked for in the place of one
-_HARDLY = 0.05  # of a frequency: distance from it, decay included, at which a mode may be steady vibration
-_ROWS = 1500  # windows of the pencil
+_LEAST_DECAY_RATIO = 0.05  # ratio of successive samples of a decay that is seen at all
+_STEADY_DISTANCE = 0.05  # of a frequency: distance from it, decay included, at which a mode may be steady vibration
 _CHANCE = 2.0  # standard deviations of a correlation of white noise
-_ROUNDS = 4  # in which correlations and what the sum takes up of the noise settle
-_SETTLED = 1e-12  # relative change of the squares, 1e-4 standard errors in a record of some thousand samples
-_LEAST = 0.01  # of the variance in white noise, to which a filter may bring that of an eigenvalue down
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -52,7 +45,8 @@ def decay_of(time: Float, signals: Float, modes: int, steady: Float | None = Non
     if steady is not None and any(_is_steady(decay, steady) for decay in found):
         found += _decays(time, signals, modes, steady)
     # Forward and backward whirl of a nearly centred rotor lie so close that the pencil, in noise, sees one mode.
-    doubled = [(d.s[:, None] + 1j * d.s.imag[:, None] * np.array([-_APART, _APART])).ravel() for d in found]
+    shift = 0.1  # relative shift in frequency of the two modes that are looked for in the place of one
+    doubled = [(d.s[:, None] + 1j * d.s.imag[:, None] * np.array([-shift, shift])).ravel() for d in found]
     found += [
         _refine(time, signals, s, d.real, d.steady)
         for d, s in zip(found, doubled, strict=True)
@@ -64,20 +58,21 @@ def decay_of(time: Float, signals: Float, modes: int, steady: Float | None = Non
 
 def _is_steady(decay: Decay, steady: Float) -> bool:
     """Whether a sum has steady vibration among its modes."""
-    return bool((np.abs(decay.s[:, None] - 1j * steady) < _HARDLY * steady).any())
+    return bool((np.abs(decay.s[:, None] - 1j * steady) < _STEADY_DISTANCE * steady).any())
 
 
 def _decays(time: Float, signals: Float, modes: int, steady: Float) -> Iterator[Decay]:
     """Fits of several orders; poles of the pencil decide how many of them vibrate."""
     step = float(time[-1] / (time.size - 1))
-    top = min(2 * (modes + _EXTRA) + 1, time.size // 4)
+    extra = 2  # vibrating modes looked for beyond those asked for
+    top = min(2 * (modes + extra) + 1, time.size // 4)
     waves = columns_of_sum(time, np.zeros(0, dtype=complex), np.zeros(0), steady)[:, :-1]
     moving = signals - (waves @ np.linalg.lstsq(waves, signals.T, rcond=None)[0]).T if steady.size else signals
     directions = _directions(moving)
     for count in range(2 * modes, top + 1):
         ratio = _pencil(directions[:count])
         size = np.abs(ratio) ** (time.size - 1)
-        if (np.abs(ratio) < _SHORTEST).any() or (size > GROWTH).any():
+        if (np.abs(ratio) < _LEAST_DECAY_RATIO).any() or (size > LARGEST_GROWTH).any():
             continue  # more exponentials than the record holds: the rest of them are noise
         s = np.log(ratio) / step
         vibrating = np.asarray(s[s.imag > 1e-9 / step], dtype=complex)
@@ -91,8 +86,10 @@ def _decays(time: Float, signals: Float, modes: int, steady: Float) -> Iterator[
 def _directions(signals: Float) -> Float:
     """Directions of windows of the signals by their strength, strongest first, one a row."""
     n = signals.shape[1]
-    width = min(n // 3, _PENCIL)
-    stride = max(1, (n - width) // _ROWS)
+    longest = 120  # longest window of the pencil: longer ones cost more and gain nothing
+    width = min(n // 3, longest)
+    most_windows = 1500  # windows of the pencil
+    stride = max(1, (n - width) // most_windows)
     windows = np.lib.stride_tricks.sliding_window_view(signals, width + 1, axis=1)[:, ::stride].reshape(-1, width + 1)
     return np.asarray(np.linalg.svd(windows, full_matrices=False)[2])
 
@@ -109,8 +106,9 @@ def _refine(time: Float, signals: Float, s: ComplexArray, real: Float, steady: F
 
     total = DecayingSum(time, signals, s, real, steady)
     m = s.size
+    tolerance = 1e-12  # relative change of the squares, 1e-4 standard errors in a record of some thousand samples
     found = least_squares(
-        total.residual, total.start, jac=total.slopes, method="lm", xtol=_SETTLED, ftol=_SETTLED, gtol=_SETTLED
+        total.residual, total.start, jac=total.slopes, method="lm", xtol=tolerance, ftol=tolerance, gtol=tolerance
     )
     s, real = total.eigenvalues(found.x)
     at = total.project(found.x)
@@ -154,7 +152,7 @@ def _noise(rest: Float, own: Float) -> tuple[float, Float]:
     What is left of noise lacks what the sum took up, which is the more the longer its memory: repeated a few times.
     """
     lags, variance = np.ones(1), 0.0
-    for _ in range(_ROUNDS):
+    for _ in range(4):  # in which correlations and what the sum takes up of the noise settle
         follows = own + sum(v * (_later(own, k) + _earlier(own, k)) for k, v in enumerate(lags[1:].tolist(), start=1))
         other = follows - own @ np.einsum("atp,atq->pq", own, follows) / 2
         taken = 2 * float(np.sum(own * other))
@@ -185,4 +183,5 @@ def _scatter(gain: Float, lags: Float) -> Float:
     for lag, value in enumerate(lags[1:].tolist(), start=1):
         total = total + 2 * value * np.sum(gain[:, lag:] * gain[:, :-lag], axis=(0, 1))
     # Correlations that are cut off need not be those of any noise.
-    return np.asarray(np.maximum(total, _LEAST * white))
+    floor = 0.01  # of the variance in white noise, to which a filter may bring that of an eigenvalue down
+    return np.asarray(np.maximum(total, floor * white))

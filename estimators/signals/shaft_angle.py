@@ -24,25 +24,13 @@ from scipy.optimize import minimize_scalar
 from rotorfit.estimators.signals.pulses import NumberedPulses
 from rotorfit.models.array_types import Float, Index
 
-DEGREE = 5
-MOST_KNOTS = 200_000
-_AT_ONCE = 100_000  # pulses turned into equations at once
-_OUTLYING = 7.0
+SPLINE_DEGREE = 5
+_OUTLYING_DEVIATIONS = 7.0
 """Robust standard deviations beyond which a pulse is taken for noise: never once in a million Gaussian ones."""
-_ROUNDING = 1e-9
+_ROUND_OFF = 1e-9
 """Share of the record's length below which a pulse is never late: what is left of pulses without any jitter."""
-_SMOOTH_ENOUGH = 3.0
-"""log10 of the penalty beyond which the spline is smoother than its knots would force it to be."""
 
-_FEWEST = 128
-"""Pieces of the spline to begin with."""
-_LEVERAGES = 64
-"""Pulses at least at which it is computed how far the smooth angle is better known than they are."""
-_FEW = 32
-"""Times at which it is computed at once."""
-_ENDS = 16
-"""Pulses at either end at each of which it is: where a sweep begins they are far apart."""
-_GROUP = 60
+_POOLED_PULSES = 60
 """Pulses whose scatter is pooled: known to 1/sqrt(2 * 60) = 9 %."""
 
 
@@ -104,8 +92,8 @@ def smooth_angle(
         off = step * pulses.numbers + tooth - fit.angle(pulses.times)
         scatter = fit.scatter(pulses.times)
         scale = 1.4826 * float(np.median(np.abs(off[keep] / scatter[keep])))  # outliers have widened the scatter
-        allowed = max(resolution, _ROUNDING * duration) * np.abs(fit.speed(pulses.times))
-        near = np.abs(off) <= np.maximum(_OUTLYING * scale * scatter, allowed)
+        allowed = max(resolution, _ROUND_OFF * duration) * np.abs(fit.speed(pulses.times))
+        near = np.abs(off) <= np.maximum(_OUTLYING_DEVIATIONS * scale * scatter, allowed)
         if np.array_equal(near, keep) or near.sum() < max(4, pulses.times.size // 2):
             break
         keep = near
@@ -119,23 +107,26 @@ def _fit(times: Float, numbers: Index, step: float, duration: float, per_turn: i
     speed = slope / float(np.median(slope))
     relative = speed  # a first guess: all pulses scatter alike in time
     rows = _looked_at(times.size)
+    most_knots = 200_000
+    # Log10 of the penalty beyond which the spline is smoother than its knots would force it to be.
+    largest_penalty = 3.0
     for _ in range(2):
-        size = _FEWEST
+        size = 128  # pieces of the spline to begin with
         posed, log_penalty = _posed(times, angle, relative**-2, duration, size, tooth)
-        while log_penalty <= _SMOOTH_ENOUGH and size < min(times.size, MOST_KNOTS):
-            size = min(4 * size, MOST_KNOTS)
+        while log_penalty <= largest_penalty and size < min(times.size, most_knots):
+            size = min(4 * size, most_knots)
             posed, log_penalty = _posed(times, angle, relative**-2, duration, size, tooth)
         best = posed.solve(log_penalty)
-        spline = BSpline(posed.knots, best.coefficients + posed.trend, DEGREE, extrapolate=True)
+        spline = BSpline(posed.knots, best.coefficients + posed.trend, SPLINE_DEGREE, extrapolate=True)
         shares = np.minimum(posed.leverages(log_penalty, times[rows]) / relative[rows] ** 2, 0.95)
-        if best.sigma < _ROUNDING * duration * float(slope.max()):
+        if best.sigma < _ROUND_OFF * duration * float(slope.max()):
             break  # pulses without any jitter: what is left is rounding
         off = (angle + best.pattern[tooth] - spline(times)) / best.sigma
         relative = _scatter(times, speed, off**2, 1 - np.interp(times, times[rows], shares))
     scatter = np.maximum(best.sigma, 1e-300) * relative
     pattern = np.zeros(per_turn)
     pattern[present] = best.pattern
-    told = np.union1d(rows, np.linspace(0, times.size - 1, max(2 * times.size // _GROUP, 2)).astype(int))
+    told = np.union1d(rows, np.linspace(0, times.size - 1, max(2 * times.size // _POOLED_PULSES, 2)).astype(int))
     # between pulses that are far apart the angle is less well known than at them
     at = np.union1d(times[rows], (times[rows[:-1]] + times[rows[:-1] + 1]) / 2)
     return SmoothAngle(
@@ -154,8 +145,10 @@ def _fit(times: Float, numbers: Index, step: float, duration: float, per_turn: i
 
 def _looked_at(count: int) -> Index:
     """Pulses at which it is computed how well the smooth angle is known: spread over all, every one near the ends."""
-    spread = np.linspace(0, count - 1, _LEVERAGES).astype(int)
-    ends = np.arange(min(_ENDS, count))
+    sampled = 64  # pulses at least at which it is computed how far the smooth angle is better known than they are
+    spread = np.linspace(0, count - 1, sampled).astype(int)
+    at_either_end = 16  # pulses at either end at each of which it is: where a sweep begins they are far apart
+    ends = np.arange(min(at_either_end, count))
     return np.unique(np.concatenate([ends, spread, count - 1 - ends]))
 
 
@@ -188,7 +181,7 @@ def _posed(
 
 def _pooled(times: Float, squares: Float, left: Float) -> Float:
     """Squares over what the spline has left of them, by groups of neighbouring pulses, straight lines in between."""
-    groups = np.array_split(np.arange(times.size), max(times.size // _GROUP, 1))
+    groups = np.array_split(np.arange(times.size), max(times.size // _POOLED_PULSES, 1))
     means = np.array([squares[group].sum() / left[group].sum() for group in groups])
     floor = max(1e-4 * float(means.max()), 1e-30)
     return np.asarray(np.interp(times, [float(times[group].mean()) for group in groups], np.maximum(means, floor)))
@@ -208,7 +201,7 @@ class _Problem:
 
     knots: Float
     trend: Float  # coefficients of the quadratic taken out first: what is left is small, which keeps its digits
-    normal: Float  # (DEGREE + 1, m)
+    normal: Float  # (SPLINE_DEGREE + 1, m)
     penalty: Float  # (4, m) in the last rows of the same storage
     right: Float  # (m,)
     squares: float
@@ -220,21 +213,22 @@ class _Problem:
     @classmethod
     def build(cls, times: Float, angle: Float, weight: Float, duration: float, pieces: int, tooth: Index) -> _Problem:
         h = duration / pieces
-        knots = np.asarray(h * np.arange(-DEGREE, pieces + DEGREE + 1), dtype=float)
-        m = pieces + DEGREE
+        knots = np.asarray(h * np.arange(-SPLINE_DEGREE, pieces + SPLINE_DEGREE + 1), dtype=float)
+        m = pieces + SPLINE_DEGREE
         quadratic = np.polynomial.Polynomial.fit(times, angle, 2, w=np.sqrt(weight))
-        trend = _blossom(quadratic, np.lib.stride_tricks.sliding_window_view(knots[1:-1], DEGREE))
+        trend = _blossom(quadratic, np.lib.stride_tricks.sliding_window_view(knots[1:-1], SPLINE_DEGREE))
         y = angle - quadratic(times)
         per_turn = int(tooth.max()) + 1
         contrast = np.vstack(
             [-np.eye(per_turn - 1), np.ones((1, per_turn - 1))]
         )  # sums to zero; angle = spline - pattern
-        normal, right = np.zeros((DEGREE + 1, m)), np.zeros(m)
+        normal, right = np.zeros((SPLINE_DEGREE + 1, m)), np.zeros(m)
         cross, teeth = np.zeros((m, per_turn - 1)), np.zeros((per_turn - 1, per_turn - 1))
         teeth_right = np.zeros(per_turn - 1)
-        for begin in range(0, times.size, _AT_ONCE):
-            part = slice(begin, begin + _AT_ONCE)
-            design = BSpline.design_matrix(times[part], knots, DEGREE, extrapolate=True).tocsr()
+        at_once = 100_000  # pulses turned into equations at once
+        for begin in range(0, times.size, at_once):
+            part = slice(begin, begin + at_once)
+            design = BSpline.design_matrix(times[part], knots, SPLINE_DEGREE, extrapolate=True).tocsr()
             _add_normal(normal, design, weight[part])
             indicator = contrast[tooth[part]]
             weighted = weight[part, None] * indicator
@@ -287,8 +281,9 @@ class _Problem:
     def leverages(self, log_penalty: float, times: Float) -> Float:
         """Variance of the spline at some times over that of a pulse of weight one; the pattern's share left out."""
         factor, found = self._factor(log_penalty), []
-        for part in np.array_split(times, -(-times.size // _FEW)):  # rows as long as the knots are many
-            rows = BSpline.design_matrix(part, self.knots, DEGREE, extrapolate=True).toarray().T
+        at_once = 32  # times at which it is computed at once
+        for part in np.array_split(times, -(-times.size // at_once)):  # rows as long as the knots are many
+            rows = BSpline.design_matrix(part, self.knots, SPLINE_DEGREE, extrapolate=True).toarray().T
             found.append(np.sum(rows * cho_solve_banded((factor, False), rows), axis=0))
         return np.concatenate(found)
 
@@ -301,12 +296,12 @@ class _Problem:
 
 def _add_normal(normal: Float, design: Any, weight: Float) -> None:
     """Add ``B^T W B`` of some pulses in upper banded storage."""
-    values = design.data.reshape(-1, DEGREE + 1)
-    first = design.indices.reshape(-1, DEGREE + 1)[:, 0]
-    for i in range(DEGREE + 1):
-        for k in range(i, DEGREE + 1):
+    values = design.data.reshape(-1, SPLINE_DEGREE + 1)
+    first = design.indices.reshape(-1, SPLINE_DEGREE + 1)[:, 0]
+    for i in range(SPLINE_DEGREE + 1):
+        for k in range(i, SPLINE_DEGREE + 1):
             product = weight * values[:, i] * values[:, k]
-            normal[DEGREE - (k - i)] += np.bincount(first + k, product, normal.shape[1])
+            normal[SPLINE_DEGREE - (k - i)] += np.bincount(first + k, product, normal.shape[1])
 
 
 def _third_differences(m: int) -> Float:
@@ -320,8 +315,8 @@ def _third_differences(m: int) -> Float:
 
 
 def _blossom(quadratic: np.polynomial.Polynomial, knots: Float) -> Float:
-    """B-spline coefficients of a quadratic: its polar form at the inner knots, ``(m, DEGREE)``, of each function."""
+    """B-spline coefficients of a quadratic: its polar form at each function's inner knots ``(m, SPLINE_DEGREE)``."""
     a, b, c = (np.concatenate([quadratic.convert().coef, np.zeros(3)]))[:3]
     total = knots.sum(axis=1)
-    pairs = (total**2 - (knots**2).sum(axis=1)) / (DEGREE * (DEGREE - 1))
-    return np.asarray(a + b * total / DEGREE + c * pairs)
+    pairs = (total**2 - (knots**2).sum(axis=1)) / (SPLINE_DEGREE * (SPLINE_DEGREE - 1))
+    return np.asarray(a + b * total / SPLINE_DEGREE + c * pairs)

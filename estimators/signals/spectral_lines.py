@@ -8,9 +8,7 @@ import numpy as np
 
 from rotorfit.models.array_types import ComplexArray, Float
 
-_AROUND = 40
-"""Bins on each side of a line from which the level around it is taken."""
-_STANDS_OUT = 25.0
+_LINE_POWER_OVER_MEDIAN = 25.0
 """Power of a line over the median around it; chi-squared noise with two degrees reaches it once in 3e7 bins."""
 
 
@@ -77,14 +75,15 @@ def _standing_out(
     spectrum = np.abs(np.fft.rfft((signal - signal.mean()) * window)) / (window.sum() / 2)
     step = rate / signal.size
     found: list[tuple[float, float] | None] = []
+    beside = 40  # bins on each side of a line from which the level around it is taken
     for frequency, off in places:
         at, wide = round(frequency / step), max(3, round(off / step))
-        if at - wide - _AROUND < 1 or at + wide + _AROUND >= spectrum.size:
+        if at - wide - beside < 1 or at + wide + beside >= spectrum.size:
             found.append(None)
             continue
         peak = at - wide + int(np.argmax(spectrum[at - wide : at + wide + 1]))
-        around = np.concatenate([spectrum[at - wide - _AROUND : at - wide], spectrum[at + wide + 1 :][:_AROUND]])
-        out = spectrum[peak] ** 2 > _STANDS_OUT * np.median(around**2)
+        around = np.concatenate([spectrum[at - wide - beside : at - wide], spectrum[at + wide + 1 :][:beside]])
+        out = spectrum[peak] ** 2 > _LINE_POWER_OVER_MEDIAN * np.median(around**2)
         found.append((peak * step, float(spectrum[peak])) if out else None)
     return found
 

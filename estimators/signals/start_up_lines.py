@@ -20,13 +20,7 @@ import numpy as np
 from rotorfit.estimators.signals.local_response import LocalResponse, RecordSpectra, local_response
 from rotorfit.models.array_types import Bool, ComplexArray, Float
 
-_ROUNDS = 6
-"""Rounds of reweighting of the equation errors."""
-_STEPS = 2
-"""Steps of Gauss and Newton from there."""
-_DECAY = 12.0
-"""Time constants of free motion that precede and follow the record in the computed start-up."""
-_SETTLED, _SLOPES, _MOST = 1e-9, 1e-4, 400
+_MOTION_TOLERANCE, _SLOPE_TOLERANCE = 1e-9, 1e-4
 """Change of the computed motion and of its slopes, over their size, at which they are found, and the most passes."""
 
 
@@ -75,7 +69,7 @@ def start_up_lines(run: StartUp) -> dict[int, LocalResponse]:
     """
     image = np.exp(2j * run.angle) * run.motion.conj()
     rough = _rough_shaft(run, image)
-    for _ in range(_STEPS):
+    for _ in range(2):  # steps of Gauss and Newton from there
         rough = _refined(rough, run)
     rest = run.motion - _passage(rough, run)
     lines = {}
@@ -151,7 +145,7 @@ def shaft_of_lines(
     size = np.linalg.norm(columns, axis=1)
     size[size == 0] = 1.0
     weight = 1 / (sigma * w**2)
-    for _ in range(_ROUNDS):
+    for _ in range(6):  # rounds of reweighting of the equation errors
         matrix, target = (columns / size[:, None] * weight).T, own * w**2 * weight
         stacked = np.concatenate([matrix.real, matrix.imag])
         x = np.linalg.lstsq(stacked, np.concatenate([target.real, target.imag]), rcond=None)[0] / size
@@ -171,7 +165,9 @@ class _Passage:
     """A shaft in the turning of a start-up, at steady speed before it began."""
 
     def __init__(self, shaft: RoughShaft, run: StartUp) -> None:
-        self.lead = int(_DECAY * 2 / shaft.d * run.rate)
+        # Time constants of free motion that precede and follow the record in the computed start-up.
+        time_constants = 12.0
+        self.lead = int(time_constants * 2 / shaft.d * run.rate)
         before = np.arange(-self.lead, 0) / run.rate
         angle = np.concatenate([run.angle[0] + run.speed[0] * before, run.angle])
         rate = np.concatenate([np.full(self.lead, run.speed[0] ** 2), run.speed**2 - 1j * run.acceleration])
@@ -187,7 +183,7 @@ class _Passage:
     def motion(self, force: ComplexArray, settled: float) -> ComplexArray:
         """Motion under forces over the mass, by passes through the round part with the pull of the rest as a force."""
         motion = self.spread(force, self.receptance)
-        for _ in range(_MOST):
+        for _ in range(400):
             new = self.spread(force - self.delta * self.turn * motion.conj(), self.receptance)
             change = float(np.abs(new - motion).max() / np.abs(new).max())
             motion = new
@@ -201,18 +197,18 @@ class _Passage:
 def _passage(shaft: RoughShaft, run: StartUp) -> ComplexArray:
     """Motion of a shaft in the start-up."""
     way = _Passage(shaft, run)
-    return way.motion(shaft.eps * way.unbalance + shaft.side, _SETTLED)[way.lead :]
+    return way.motion(shaft.eps * way.unbalance + shaft.side, _MOTION_TOLERANCE)[way.lead :]
 
 
 def _refined(shaft: RoughShaft, run: StartUp) -> RoughShaft:
     """One step of Gauss and Newton on the motion itself; run-out and mean position are fitted beside the shaft."""
     way = _Passage(shaft, run)
-    z = way.motion(shaft.eps * way.unbalance + shaft.side, _SETTLED)
+    z = way.motion(shaft.eps * way.unbalance + shaft.side, _MOTION_TOLERANCE)
     pull, steady = -way.turn * z.conj(), np.ones(z.size)
     forces = np.array(
         [-z, -way.spread(z, way.s), pull, 1j * pull, way.unbalance, 1j * way.unbalance, steady, 1j * steady]
     )
-    slopes = way.motion(forces, _SLOPES)[:, way.lead :]
+    slopes = way.motion(forces, _SLOPE_TOLERANCE)[:, way.lead :]
     other = np.array([np.exp(1j * n * run.angle) for n in (0, 1, 2)])
     matrix = np.concatenate([slopes, other, 1j * other]).T
     size = np.linalg.norm(matrix, axis=0)

@@ -7,14 +7,13 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.interpolate import BSpline
 
-from rotorfit.estimators.signals.shaft_angle import DEGREE, SmoothAngle
+from rotorfit.estimators.signals.shaft_angle import SPLINE_DEGREE, SmoothAngle
 from rotorfit.estimators.signals.spectral_lines import full_spectrum
 from rotorfit.models.array_types import ComplexArray, Float
 
-_BLOCKS = 24
-_STEADY = 0.35
+_LARGEST_PHASE_SCATTER = 0.35
 """Scatter of the phase about a straight line, rad, beyond which a frequency is not steady: 6 % of a vector is lost."""
-_STANDS_OUT = 8.0
+_LINE_AMPLITUDE_OVER_MEDIAN = 8.0
 """Amplitude of the line over the median of the spectrum on its side."""
 
 
@@ -27,10 +26,10 @@ def steady_angle(
     beyond, error = _rate_of_phase(z * np.exp(-2j * np.pi * near * t), t, near)
     speed = direction * (2 * np.pi * near + beyond)
     end = start + z.size / rate
-    knots = np.concatenate([np.full(DEGREE + 1, start), np.full(DEGREE + 1, end)])
-    coefficients = speed * np.linspace(start, end, DEGREE + 1)
+    knots = np.concatenate([np.full(SPLINE_DEGREE + 1, start), np.full(SPLINE_DEGREE + 1, end)])
+    coefficients = speed * np.linspace(start, end, SPLINE_DEGREE + 1)
     return SmoothAngle(
-        spline=BSpline(knots, coefficients, DEGREE, extrapolate=True),
+        spline=BSpline(knots, coefficients, SPLINE_DEGREE, extrapolate=True),
         begin=start,
         end=end,
         jitter=error / abs(speed),
@@ -53,7 +52,7 @@ def _outstanding_line(z: ComplexArray, rate: float, direction: int, avoid: Seque
     if not mine.any():
         raise ValueError("the recording is too short to tell the perturbation from the orders of the shaft")
     peak = int(np.argmax(np.where(mine, amplitude, 0.0)))
-    if amplitude[peak] < _STANDS_OUT * float(np.median(amplitude[mine])):
+    if amplitude[peak] < _LINE_AMPLITUDE_OVER_MEDIAN * float(np.median(amplitude[mine])):
         raise ValueError(
             "no line stands out of the spectrum beside the orders of the shaft: is the perturbator running?"
         )
@@ -62,14 +61,15 @@ def _outstanding_line(z: ComplexArray, rate: float, direction: int, avoid: Seque
 
 def _rate_of_phase(turned: ComplexArray, t: Float, near: float) -> tuple[float, float]:
     """Rate at which a slow vector turns, rad/s, and its standard error, by the phases of its means over blocks."""
-    size = turned.size // _BLOCKS
+    pieces = 24
+    size = turned.size // pieces
     weight = np.hanning(size + 2)[1:-1]
-    vectors = (turned[: size * _BLOCKS].reshape(_BLOCKS, size) * weight).sum(axis=1)
-    middle = t[: size * _BLOCKS].reshape(_BLOCKS, size).mean(axis=1)
+    vectors = (turned[: size * pieces].reshape(pieces, size) * weight).sum(axis=1)
+    middle = t[: size * pieces].reshape(pieces, size).mean(axis=1)
     phase = np.unwrap(np.angle(vectors))
     line, covariance = np.polyfit(middle, phase, 1, cov=True)
     scatter = float(np.std(phase - np.polyval(line, middle)))
-    if scatter > _STEADY:
+    if scatter > _LARGEST_PHASE_SCATTER:
         raise ValueError(
             f"the line at {abs(near):.3f} Hz is not steady, its phase wanders by {scatter:.2f} rad; "
             "a swept perturbation needs a mark"

@@ -15,7 +15,7 @@ import numpy as np
 
 from rotorfit.models.array_types import Bool, ComplexArray, Float, Index
 
-APART = 1.0
+LEAST_TURNS_APART = 1.0
 """Turns over the window by which an order has to differ from the drive to be told from it."""
 
 
@@ -57,7 +57,7 @@ def _window(
         drive, shaft_turns = angle[-1] - angle[0], shaft[-1] - shaft[0]
         for n in [n for n in range(-orders, orders + 1) if n]:
             apart = min(abs(n * shaft_turns - drive), abs(n * shaft_turns + drive)) / (2 * np.pi)
-            if apart > APART:
+            if apart > LEAST_TURNS_APART:
                 columns.append(np.exp(1j * n * shaft))
             else:
                 clear = False

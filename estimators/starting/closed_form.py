@@ -33,8 +33,7 @@ from rotorfit.estimators.starting.lumped_solution import (
 from rotorfit.estimators.starting.stiffness_inversion import complete_lines
 from rotorfit.models.array_types import ComplexArray, Float
 
-_PIECE = 8192  # readings whose equations are held at once
-_SETTLED = 1e-6  # relative change of the lumped coefficients after which further passes bring nothing
+_COEFFICIENT_TOLERANCE = 1e-6  # relative change of the lumped coefficients after which further passes bring nothing
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,7 +108,7 @@ def _weighted(
             if number > passes[0]:
                 return  # further passes diverge; those before are near enough to start from
             raise ClosedFormError("the passes diverge: the noise hides a response") from reason
-        settled = number > 1 and bool(np.all(np.abs(solution - before) <= _SETTLED * np.abs(solution)))
+        settled = number > 1 and bool(np.all(np.abs(solution - before) <= _COEFFICIENT_TOLERANCE * np.abs(solution)))
         before = solution
         if settled or number in passes:
             x, notes = parameters_from(space, lumped, lumped.offset + lumped.spread @ solution, information)
@@ -120,7 +119,8 @@ def _weighted(
 
 def _passes(lumped: Lumped, blocks: list[Responses], typical: Float) -> Iterator[tuple[Float, Float]]:
     """Independent lumped coefficients and the information on them after one weighted pass, after two, and so on."""
-    pieces = [(number, piece) for number, block in enumerate(blocks) for piece in block.split(_PIECE)]
+    at_once = 8192  # readings whose equations are held at once
+    pieces = [(number, piece) for number, block in enumerate(blocks) for piece in block.split(at_once)]
     equations = [ForceBalance(lumped, *piece, typical) for piece in pieces]
     kept = equations[0].sides() if len(equations) == 1 else None  # those of many pieces fit no memory
 

@@ -17,7 +17,7 @@ from rotorfit.estimators.starting.lumped_graph import Place
 from rotorfit.estimators.starting.stiffness_inversion import stiffness_matrices
 from rotorfit.models.array_types import ComplexArray, Float, Index
 
-_NEARLY_DEPENDENT = 1e-8
+_SMALLEST_PIVOT = 1e-8
 """Square of what is left of a column of unit length by those before it, down to which normal equations do."""
 
 
@@ -189,7 +189,7 @@ def solve_definite(unit: Float, right: Float) -> Float | None:
         pivots = np.linalg.cholesky(unit).diagonal()
     except np.linalg.LinAlgError:
         return None
-    if pivots.min() ** 2 <= _NEARLY_DEPENDENT:
+    if pivots.min() ** 2 <= _SMALLEST_PIVOT:
         return None
     return np.asarray(np.linalg.solve(unit, right))
 

@@ -24,7 +24,8 @@ from rotorfit.estimators.noise.mounting import (
 )
 from rotorfit.models.array_types import ComplexArray, Float, Index
 
-_CLOSE = 0.7  # largest correlation between speeds that weights are built on: beyond, they follow the chance in it
+_LARGEST_CORRELATION = 0.7
+"""Largest correlation between speeds that weights are built on: beyond, they follow the chance in it."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -220,4 +221,4 @@ def _correlation(between: ComplexArray, channel: Index) -> float:
     pairs = (channel[:, None] == channel) & ~np.eye(channel.size, dtype=bool) & (np.outer(size, size) > 0)
     if not pairs.any():
         return 0.0
-    return float(np.clip(np.mean((between.real[pairs]) / np.outer(size, size)[pairs]), 0.0, _CLOSE))
+    return float(np.clip(np.mean((between.real[pairs]) / np.outer(size, size)[pairs]), 0.0, _LARGEST_CORRELATION))

@@ -18,10 +18,9 @@ from rotorfit.estimators.misfit.parameter_space import ParameterSpace
 from rotorfit.estimators.starting.lumped_graph import LumpedGraph, lumped_graph
 from rotorfit.models import RotorModel
 from rotorfit.models.array_types import Bool, Float, Index
+from rotorfit.models.tolerances import COLLINEAR
 
-_DEPENDENT = 1e-9  # relative size below which one coefficient adds nothing to the others
-_PARALLEL = 1e-12  # one less the cosine of columns that say the same
-_SPECIAL = (-1.0, 0.0, 1.0)  # known values with which terms of the equation of motion vanish
+_VANISHING_TERMS = (-1.0, 0.0, 1.0)  # known values with which terms of the equation of motion vanish
 _NEITHER, _LINEAR, _RECIPROCAL = 0, 1, 2
 
 
@@ -178,8 +177,8 @@ def lumped_coefficients(layout: LumpedStructure) -> Lumped:
     scale = np.array([layout.model.parameter(name).scale for name in layout.base])
     rows = zip(layout.index, layout.template, strict=True)
     told = [[0.0 if k >= 0 else value for k, value in zip(*row, strict=True)] for row in rows]
-    form = tuple(tuple(value if value in _SPECIAL else None for value in row) for row in told)
-    known = tuple(value for row in told for value in row if value not in _SPECIAL)
+    form = tuple(tuple(value if value in _VANISHING_TERMS else None for value in row) for row in told)
+    known = tuple(value for row in told for value in row if value not in _VANISHING_TERMS)
     return Lumped(lumped_graph(layout.model, form, layout.index, kinds, len(layout.names)), speeds, known, scale)
 
 
@@ -204,7 +203,7 @@ def _independent(lumped: Lumped, scale: Float) -> tuple[Index, Float, Float]:
         # Affine relations are relations between gradients: with independent gradients there are none.
         slopes = lumped.linearise(samples[0])[1] * samples[0]
         norm = np.linalg.norm(slopes, axis=1)
-        if norm.all() and np.linalg.svd(slopes / norm[:, None], compute_uv=False)[-1] > _DEPENDENT:
+        if norm.all() and np.linalg.svd(slopes / norm[:, None], compute_uv=False)[-1] > COLLINEAR:
             return np.arange(count), np.eye(count), np.zeros(count)
     values = np.ascontiguousarray(lumped.values(samples.T).T)
     centre = values.mean(axis=0)
@@ -221,12 +220,13 @@ def _independent(lumped: Lumped, scale: Float) -> tuple[Index, Float, Float]:
 def _basis(columns: Float, moving: Index) -> Index:
     """Columns that make all of them: one of those that are parallel, mostly, else by pivoted QR."""
     cosine = np.abs(columns[:, moving].T @ columns[:, moving])
-    apart = moving[(cosine > 1 - _PARALLEL).argmax(axis=0) == np.arange(moving.size)]
-    if 0 < apart.size <= len(columns) and np.linalg.svd(columns[:, apart], compute_uv=False)[-1] > _DEPENDENT:
+    rounding = 1e-12  # one less the cosine of columns that say the same
+    apart = moving[(cosine > 1 - rounding).argmax(axis=0) == np.arange(moving.size)]
+    if 0 < apart.size <= len(columns) and np.linalg.svd(columns[:, apart], compute_uv=False)[-1] > COLLINEAR:
         return np.asarray(apart, dtype=np.intp)
     from scipy.linalg import qr  # late: loading it takes longer than a fit
 
     r, pivots = qr(columns, mode="r", pivoting=True)
     diagonal = np.abs(np.diag(r))
-    rank = int(np.sum(diagonal > _DEPENDENT * diagonal[0])) if diagonal.size else 0
+    rank = int(np.sum(diagonal > COLLINEAR * diagonal[0])) if diagonal.size else 0
     return np.asarray(np.sort(pivots[:rank]), dtype=np.intp)

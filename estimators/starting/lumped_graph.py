@@ -14,8 +14,6 @@ from rotorfit.models import RotorModel
 from rotorfit.models.array_types import ComplexArray, Float, Index
 from rotorfit.models.compiled import array_function
 
-_SPEED_TERMS = 5  # powers of the speed looked for in a coefficient
-
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Place:
@@ -111,7 +109,8 @@ def _speed_parts(
     if not ca.depends_on(expression, speed):
         return [] if expression.is_zero() else [(0, -1, expression)]
     parts, derivative, factorial = [], expression, 1.0
-    for degree in range(_SPEED_TERMS):
+    speed_terms = 5  # powers of the speed looked for in a coefficient
+    for degree in range(speed_terms):
         part = ca.simplify(ca.substitute(derivative, speed, ca.SX(0.0)) / factorial)
         if not part.is_zero():
             parts.append((degree, -1, part))

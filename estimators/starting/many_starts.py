@@ -23,23 +23,20 @@ from rotorfit.estimators.starting.start_points import (
 )
 from rotorfit.estimators.starting.unread_starts import unread_starts
 from rotorfit.models.array_types import ComplexArray, Float
+from rotorfit.models.tolerances import RANK_TOLERANCE
 
 LOCAL_MINIMUM = "perhaps a local minimum"
 """How a note begins that says so."""
 
-_TOGETHER = 4  # starts fitted before the ends are looked at
-_MANY, _MOST = 24, 72  # starts tried where what was found is deep, but not surely the deepest; and where it is not
+_STARTS_OF_DEEP_MINIMUM, _MOST_STARTS = 24, 72
+"""Starts tried where the minimum found is deep, but perhaps not the deepest; and where it is not. Chosen."""
 _BESIDE = np.repeat([0.05, 0.2], 8)  # spread of the logarithm of starts beside an end
-_FRUITLESS, _ROUNDS = 4, 20  # rounds of such starts in a row that lead no deeper, and of all
-_AGREE = 0.5  # cost to which short fits that end in one minimum agree
-_SURE, _ALONE, _MAY_BE = 1.0, 2.5, 4.0
+_SAME_COST = 0.5  # cost to which short fits that end in one minimum agree
+_DEVIATIONS_OF_TWO, _DEVIATIONS_OF_ONE, _DEVIATIONS_OF_MANY = 1.0, 2.5, 4.0
 """Standard deviations by which the misfit may exceed that of ratios of polynomials: where two of few starts lead to the
 minimum, where no second one does but none deeper lies beside, and where many were tried."""
 
-_RANK = 1e-10
-"""Singular values of derivatives below this share of the largest are round-off."""
-
-_LIKELY = 4.5  # cost above the least up to which another minimum is not to be ruled out: three standard deviations
+_RIVAL_COST = 4.5  # cost above the least up to which another minimum is not to be ruled out: three standard deviations
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -53,7 +50,7 @@ class _Ends:
     @property
     def together(self) -> int:
         """How many starts of their own ended in the best minimum."""
-        return int(np.sum(self.far & (self.cost < self.cost[0] + _AGREE)))
+        return int(np.sum(self.far & (self.cost < self.cost[0] + _SAME_COST)))
 
     def joined(self, found: ShortFits, *, far: bool) -> _Ends:
         """With more ends."""
@@ -86,8 +83,8 @@ def _refuse_undetermined(problem: Problem, blocks: Sequence[Responses]) -> None:
     columns = np.concatenate([complex_columns.real, complex_columns.imag])
     length = np.linalg.norm(columns, axis=0)
     _, power, rows = np.linalg.svd(columns / np.where(length > 0, length, 1.0))
-    unseen = rows[np.pad(power, (0, len(rows) - power.size)) <= _RANK * power[0]]
-    if problem.priors or not (np.abs(unseen).max(axis=0, initial=0.0) > np.sqrt(_RANK)).all():
+    unseen = rows[np.pad(power, (0, len(rows) - power.size)) <= RANK_TOLERANCE * power[0]]
+    if problem.priors or not (np.abs(unseen).max(axis=0, initial=0.0) > np.sqrt(RANK_TOLERANCE)).all():
         return
     names = np.array([str(coordinate) for coordinate in problem.space.model.coordinates])
     read = names[np.unique(np.concatenate([block.coordinate for block in blocks]))]
@@ -115,21 +112,24 @@ def _limits(problem: Problem, ratios: RationalFit | None) -> tuple[float, float]
     """Costs below which a minimum is surely the deepest, and below which it may well be."""
     if ratios is None:
         return -np.inf, noise_limit(problem)
-    sure, likely = (ratios.limit(len(problem.space.names), deviations) for deviations in (_SURE, _MAY_BE))
+    sure, likely = (
+        ratios.limit(len(problem.space.names), deviations) for deviations in (_DEVIATIONS_OF_TWO, _DEVIATIONS_OF_MANY)
+    )
     return sure, likely
 
 
 def _candidates(problem: Problem, blocks: list[Responses], ratios: RationalFit | None) -> Iterator[Float]:
-    every = random_starts(problem, _MOST)
-    return every if ratios is None else islice(chain(unread_starts(problem, blocks, ratios), every), _MOST)
+    every = random_starts(problem, _MOST_STARTS)
+    return every if ratios is None else islice(chain(unread_starts(problem, blocks, ratios), every), _MOST_STARTS)
 
 
 def _search(problem: Problem, candidates: Iterator[Float], limits: tuple[float, float]) -> _Ends:
     """Short fits until two of few end in a minimum as deep as the first limit, or two of many as the second."""
     ends = _none(problem)
-    while starts := list(islice(candidates, _TOGETHER)):
+    at_once = 4  # starts fitted before the ends are looked at
+    while starts := list(islice(candidates, at_once)):
         ends = ends.joined(loose_fits(problem, np.array(starts)), far=True)
-        if ends.together > 1 and ends.cost[0] <= limits[int(ends.cost.size >= _MANY)]:
+        if ends.together > 1 and ends.cost[0] <= limits[int(ends.cost.size >= _STARTS_OF_DEEP_MINIMUM)]:
             break
     return ends
 
@@ -142,15 +142,16 @@ def _beside(problem: Problem, ends: _Ends, sure: float) -> _Ends:
     """
     rng = np.random.default_rng(0)
     count, fruitless = len(problem.space.names), 0
-    for _ in range(_ROUNDS):
+    most_fruitless = 4  # rounds of such starts in a row that lead no deeper
+    for _ in range(20):
         least = ends.cost[0]
-        if fruitless == _FRUITLESS or (ends.together > 1 and least <= sure):
+        if fruitless == most_fruitless or (ends.together > 1 and least <= sure):
             break
         starts = np.tile(ends.x[0], (_BESIDE.size, 1))
         changes = np.exp(_BESIDE[:, None] * rng.normal(size=(_BESIDE.size, count)))
         starts[:, :count] = inside_bounds(starts[:, :count] * changes, problem.space)
         ends = ends.joined(loose_fits(problem, starts), far=False)
-        fruitless = 0 if ends.cost[0] < least - _AGREE else fruitless + 1
+        fruitless = 0 if ends.cost[0] < least - _SAME_COST else fruitless + 1
     return ends
 
 
@@ -163,7 +164,7 @@ def _doubt(problem: Problem, ends: _Ends, limits: tuple[float, float], ratios: R
             f"{LOCAL_MINIMUM}, or not this rotor: chi-squared is {2 * least:.4g}, where ratios of polynomials "
             f"with as many poles leave {2 * ratios.cost:.4g}; {led}. Give start values for what is known",
         )
-    alone = limits[0] if ratios is None else ratios.limit(len(problem.space.names), _ALONE)
+    alone = limits[0] if ratios is None else ratios.limit(len(problem.space.names), _DEVIATIONS_OF_ONE)
     if ends.together < 2 and least > alone:
         return (
             f"{LOCAL_MINIMUM}: {led}, and chi-squared is {2 * least:.4g} for {problem.n_data} data. Give start "
@@ -181,10 +182,10 @@ def _doubt(problem: Problem, ends: _Ends, limits: tuple[float, float], ratios: R
 def _another(problem: Problem, ends: _Ends) -> float | None:
     """Cost of another minimum nearly as deep as the best: predictions differ by more than the costs tell."""
     best = problem.residuals(ends.x[0])
-    for x in ends.x[1:][ends.cost[1:] < ends.cost[0] + 2 * _LIKELY]:
+    for x in ends.x[1:][ends.cost[1:] < ends.cost[0] + 2 * _RIVAL_COST]:
         if _apart(problem, best, x, ends.cost[0]):
             end = loose_fits(problem, x[None])
-            if end.cost[0] < ends.cost[0] + _LIKELY and _apart(problem, best, end.x[0], ends.cost[0]):
+            if end.cost[0] < ends.cost[0] + _RIVAL_COST and _apart(problem, best, end.x[0], ends.cost[0]):
                 return float(end.cost[0])
     return None
 
@@ -193,4 +194,4 @@ def _apart(problem: Problem, best: ComplexArray, x: Float, least: float) -> bool
     """Whether a vector is in another valley: within one, half the squared distance is what the cost grows by."""
     other = problem.residuals(x)
     distance = 0.5 * float(np.sum(np.abs(other - best) ** 2))
-    return distance > _LIKELY + 4 * (0.5 * float(np.sum(np.abs(other) ** 2)) - least)
+    return distance > _RIVAL_COST + 4 * (0.5 * float(np.sum(np.abs(other) ** 2)) - least)

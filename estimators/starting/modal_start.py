@@ -17,9 +17,8 @@ from rotorfit.estimators.blocks.observations import Responses
 from rotorfit.models import Modal
 from rotorfit.models.array_types import ComplexArray, Float, Index
 
-_PASSES = 8
-_DAMPING = (1e-3, 0.5)  # damping ratios that a start may have
-_BEYOND = 1.5  # where a mode that the data do not show is put, over the highest frequency
+_DAMPING_RANGE = (1e-3, 0.5)  # damping ratios that a start may have
+_UNSEEN_FREQUENCY_RATIO = 1.5  # where a mode that the data do not show is put, over the highest frequency
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -108,7 +107,7 @@ def _poles(lines: Lines, modes: int) -> tuple[Float, Float]:
     unknown = np.hstack([lines.value[:, None] * powers[:, :-1], -numerator, -1j * numerator])
     weight = lines.weight
     coefficients = np.zeros(2 * modes)
-    for _ in range(_PASSES):
+    for _ in range(8):
         A, b = unknown * weight[:, None], -lines.value * powers[:, -1] * weight
         stacked = np.concatenate([A.real, A.imag])
         size = np.linalg.norm(stacked, axis=0)
@@ -120,11 +119,11 @@ def _poles(lines: Lines, modes: int) -> tuple[Float, Float]:
     roots = np.roots(np.concatenate([[1.0], coefficients[::-1]]))
     roots = roots[roots.imag > 1e-6]
     roots = roots[np.argsort(np.abs(roots))][:modes]
-    missing = _BEYOND ** np.arange(1, modes - roots.size + 1)
+    missing = _UNSEEN_FREQUENCY_RATIO ** np.arange(1, modes - roots.size + 1)
     wn = np.concatenate([np.abs(roots), missing * max(1.0, np.abs(roots).max(initial=0.0))])
     zeta = np.concatenate([-roots.real / np.maximum(np.abs(roots), 1e-12), np.full(missing.size, 0.02)])
     order = np.argsort(wn)
-    return wn[order] * top, np.clip(zeta[order], *_DAMPING)
+    return wn[order] * top, np.clip(zeta[order], *_DAMPING_RANGE)
 
 
 def _residues(lines: Lines, wn: Float, zeta: Float, planes: int) -> ComplexArray:

@@ -14,9 +14,8 @@ import numpy as np
 from rotorfit.estimators.starting.influence import Influence
 from rotorfit.models.array_types import ComplexArray, Float
 
-_DRAWS = 400
-_SURE = 0.95  # share of draws below the largest singular value of noise, and of those that give a determined pole
-_WIDE = 0.2  # relative standard error of a natural frequency beyond which it is not determined
+_CONFIDENCE = 0.95  # share of draws below the largest singular value of noise, and of those that give a determined pole
+_LARGEST_ERROR = 0.2  # relative standard error of a natural frequency beyond which it is not determined
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,7 +54,7 @@ def modes_seen(influence: Influence) -> ModesSeen | None:
     scale = np.maximum(sd.mean(axis=(0, 2)), 1e-30)[:, None]
     noise = _draws(covariance, values.shape) / scale
     values = values / scale
-    reach = np.quantile([np.linalg.svd(np.hstack(list(draw)), compute_uv=False)[0] for draw in noise], _SURE)
+    reach = np.quantile([np.linalg.svd(np.hstack(list(draw)), compute_uv=False)[0] for draw in noise], _CONFIDENCE)
     singular = np.linalg.svd(np.hstack(list(values)), compute_uv=False) / max(float(reach), 1e-30)
     shapes = int(np.sum(singular > 1))
     speed = influence.speed[dwells]
@@ -76,8 +75,9 @@ def _draws(covariance: ComplexArray, shape: tuple[int, ...]) -> ComplexArray:
     rng = np.random.default_rng(0)
     values, vectors = np.linalg.eigh(covariance)
     root = vectors * np.sqrt(np.maximum(values, 0.0))
-    raw = rng.standard_normal((_DRAWS, values.size)) + 1j * rng.standard_normal((_DRAWS, values.size))
-    return np.asarray((raw @ root.T).reshape(_DRAWS, *shape))
+    draws = 400
+    raw = rng.standard_normal((draws, values.size)) + 1j * rng.standard_normal((draws, values.size))
+    return np.asarray((raw @ root.T).reshape(draws, *shape))
 
 
 def _poles(low: ComplexArray, high: ComplexArray, w1: float, w2: float, rank: int) -> Float:
@@ -93,8 +93,8 @@ def _poles(low: ComplexArray, high: ComplexArray, w1: float, w2: float, rank: in
 
 def _determined(square: float, draws: Float) -> tuple[float, float] | None:
     """Natural frequency and standard error, None where the draws leave it open."""
-    if not np.isfinite(square) or np.mean(np.isfinite(draws)) < _SURE:
+    if not np.isfinite(square) or np.mean(np.isfinite(draws)) < _CONFIDENCE:
         return None
     low, high = np.nanquantile(np.sqrt(draws), [0.16, 0.84])
     error, wn = float(high - low) / 2, float(np.sqrt(square))
-    return (wn, error) if error < _WIDE * wn else None
+    return (wn, error) if error < _LARGEST_ERROR * wn else None

@@ -16,8 +16,8 @@ from rotorfit.estimators.starting.closed_form import ClosedFormError, closed_for
 from rotorfit.models import Constant, Law
 from rotorfit.models.array_types import Float
 
-_SMALL = 0.3  # eccentricity up to which the linear rotor is taken to hold for a start
-_SHARES = (1.0, 0.4, 1.6)  # of K0 in the sum with springs beside it, which a linear test cannot tell
+_LINEAR_ECCENTRICITY = 0.3  # eccentricity up to which the linear rotor is taken to hold for a start
+_STIFFNESS_SHARES = (1.0, 0.4, 1.6)  # of K0 in the sum with springs beside it, which a linear test cannot tell
 
 
 def is_plain_linear(problem: Problem) -> bool:
@@ -78,7 +78,7 @@ def _small_orbits(blocks: tuple[Block, ...]) -> tuple[Block, ...]:
             chosen.append(block)
         if isinstance(block, OrbitResponses):
             eps = np.where(np.isfinite(block.eccentricity), block.eccentricity, 0.0)
-            limit = max(_SMALL, float(np.median(eps)))
+            limit = max(_LINEAR_ECCENTRICITY, float(np.median(eps)))
             chosen.append(block.lines(eps <= limit).base)
         if isinstance(block, OffCentreResponses):
             chosen.append(_as_circular(block))
@@ -112,7 +112,7 @@ def _with_law(space: ParameterSpace, reduced: ParameterSpace, x: Float, law: Law
     scales = {q.name: q.scale for q in space.model.parameters}
     size = [abs(bases[name]) if name in bases else scales.get(name, 1.0) for name in ("K0", "D")]
     begin = law.start(*size)
-    for share in _SHARES if begin and "K0" in bases else _SHARES[:1]:
+    for share in _STIFFNESS_SHARES if begin and "K0" in bases else _STIFFNESS_SHARES[:1]:
         yield np.array(
             [
                 linear[name] * (share if base == "K0" else 1.0) if name in linear else begin[base]

@@ -10,9 +10,7 @@ from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.estimators.starting.closed_form import closed_form
 from rotorfit.estimators.starting.start_points import full_vector
 
-_ROUNDS = 8
-_STEADY = 0.05  # relative change of all values between rounds from which more of them make no better start
-_PASSES = 32  # of a closed form, at most
+_VALUE_TOLERANCE = 0.05  # relative change of all values between rounds from which more of them make no better start
 
 
 def without_outliers(problem: Problem) -> tuple[Block, ...]:
@@ -22,9 +20,9 @@ def without_outliers(problem: Problem) -> tuple[Block, ...]:
     """
     blocks = problem.blocks
     before = np.zeros(0)
-    for number in range(_ROUNDS):
-        values = closed_form(problem.space, blocks, passes=_PASSES).x
-        if number and np.all(np.abs(values - before) <= _STEADY * np.abs(values)):
+    for number in range(8):
+        values = closed_form(problem.space, blocks, passes=32).x
+        if number and np.all(np.abs(values - before) <= _VALUE_TOLERANCE * np.abs(values)):
             break
         before = values
         size = np.abs(problem.residuals(full_vector(problem, values)))

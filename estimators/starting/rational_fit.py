@@ -16,8 +16,8 @@ from rotorfit.estimators.blocks.observations import Responses
 from rotorfit.estimators.signals.ratios import best_ratio
 from rotorfit.models.array_types import ComplexArray, Index
 
-_FEWEST = 2.0  # real data an unknown from which on what the ratios leave tells the noise
-_SAME = 0.02  # relative difference of frequencies that are one
+_DATA_AN_UNKNOWN = 2.0  # real data an unknown from which on the residuals of the ratios show the noise
+_SAME_FREQUENCY = 0.02  # relative difference of frequencies that are one
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -71,7 +71,7 @@ def _fit(block: Responses, readings: Index) -> RationalFit | None:
     force = block.force[line, plane]
     pairs, pair = np.unique(probe * size + plane, return_inverse=True)
     unknowns = 2 * (poles + pairs.size * (zeros + 1))
-    if 2 * readings.size < _FEWEST * unknowns:
+    if 2 * readings.size < _DATA_AN_UNKNOWN * unknowns:
         return None
     top = float(np.abs(block.frequency[line]).max())
     powers = np.asarray(np.polynomial.chebyshev.chebvander(block.frequency[line] / top, poles), dtype=float)
@@ -99,6 +99,6 @@ def _distinct(frequencies: Sequence[float]) -> tuple[float, ...]:
     """Frequencies, ascending, of which those that two speeds or directions have in common are one."""
     found: list[float] = []
     for w in sorted(frequencies):
-        if not found or w > (1 + _SAME) * found[-1]:
+        if not found or w > (1 + _SAME_FREQUENCY) * found[-1]:
             found.append(w)
     return tuple(found)

@@ -17,13 +17,13 @@ from rotorfit.models import Turning, TurningOnSupports
 from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.models.shafts.combination_lines import Order
 
-_FEWEST = 8
+_FEWEST_SPEEDS = 8
 """Speeds of a start-up from which its lines are solved for the whole shaft."""
-_ROUNDS = 4
+_REWEIGHTINGS = 4
 """Rounds of reweighting: an equation error is weighed by the stiffness that it was multiplied with."""
 _SIZES = np.geomspace(10**-4.5, 10**1.5, 13)
 """Sizes tried of what the lines told nothing of but ratios to it, over the typical one."""
-_UNTOLD = 1e-12  # of a curvature over the cost, or of one of unit diagonal, that is round-off
+_ROUND_OFF = 1e-12  # of a curvature over the cost, or of one of unit diagonal, that is round-off
 
 
 def has_lines(problem: Problem) -> bool:
@@ -145,12 +145,12 @@ def _held_step(objective: LogRatioProblem, y: Float) -> tuple[float, Float]:
     # What matters to the data by less than round-off at its typical size stays where it is.
     space = objective.problem.space
     typical = np.concatenate([space.typical, np.full(len(space.nuisance), 0.1)])
-    told = np.diag(matrix) * typical**2 > _UNTOLD * cost
+    told = np.diag(matrix) * typical**2 > _ROUND_OFF * cost
     told[objective.ratios.entry] = False
     moving = np.flatnonzero(told)
     size = np.sqrt(np.diag(matrix)[moving])
     along = gradient[moving] / size
-    way = -np.linalg.lstsq(matrix[np.ix_(moving, moving)] / np.outer(size, size), along, rcond=_UNTOLD)[0]
+    way = -np.linalg.lstsq(matrix[np.ix_(moving, moving)] / np.outer(size, size), along, rcond=_ROUND_OFF)[0]
     end = y.copy()
     end[moving] += way / size
     return float(cost + along @ way / 2), end
@@ -200,7 +200,7 @@ def _round_part(readings: _Readings, values: dict[str, float]) -> dict[str, floa
     w, _, force, response, sigma = found
     weight = 1 / sigma
     K = D = M = 0.0
-    for _ in range(_ROUNDS):
+    for _ in range(_REWEIGHTINGS):
         K, D, M = _solve(np.array([response, 1j * w * response, -(w**2) * response]), force, weight).tolist()
         weight = 1 / (sigma * np.abs(K + 1j * w * D - M * w**2))
     return {"K": K, "D": D, "M": abs(M)}
@@ -209,7 +209,7 @@ def _round_part(readings: _Readings, values: dict[str, float]) -> dict[str, floa
 def _start_up(readings: _Readings, values: dict[str, float]) -> dict[str, float]:
     """The shaft from 1x and 2x over many speeds, in proportion to its mass, the sag taken for constant."""
     once, twice = readings.of("z", (0, 0)), readings.of("z", (0, 1))
-    if once is None or twice is None or min(np.unique(once[1]).size, np.unique(twice[1]).size) < _FEWEST:
+    if once is None or twice is None or min(np.unique(once[1]).size, np.unique(twice[1]).size) < _FEWEST_SPEEDS:
         return {}
     w = np.concatenate([once[1], 2 * twice[1]])
     first = np.arange(w.size) < once[1].size
@@ -295,7 +295,7 @@ def _torsion(readings: _Readings, values: dict[str, float]) -> dict[str, float]:
         columns += [-own, -1j * own]
     weight = 1 / (sigma * np.abs(nu) ** 2)
     square, damping, *factors = (0.0, 0.0)
-    for _ in range(_ROUNDS):
+    for _ in range(_REWEIGHTINGS):
         square, damping, *factors = _solve(np.array(columns), nu**2 * response, weight).tolist()
         weight = 1 / (sigma * np.abs(square - nu**2 + 1j * nu * damping))
     pairs = {shape[4]: complex(*factors[2 * i : 2 * i + 2]) for i, shape in enumerate(shapes)}

@@ -14,12 +14,10 @@ from numpy.typing import NDArray
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.models.array_types import Float, Index
 
-LOOSE = 100.0
+PRIOR_SIZES = 100.0
 """Multiples of a parameter's size by which a short fit may move it, so that what the data leave open does not drift."""
-_ITERATIONS = 25
-_SETTLED = 1e-3  # fall of the cost that the next step promises, relative to the cost, at which a fit has settled
-_FIRST_DAMPING = 1e-3
-_LARGEST_DAMPING = 1e10
+_COST_TOLERANCE = 1e-3  # fall of the cost that the next step promises, relative to the cost, at which a fit has settled
+_SMALLEST_DAMPING = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,31 +55,34 @@ class _Costs:
         cost, slope, matrix = self._problem.evaluate(x)
         every = np.arange(x.shape[1])
         slope, matrix = slope * sizes, matrix * sizes[:, :, None] * sizes[:, None, :]
-        moved = (x - self._starts[members]) / (LOOSE * sizes)
-        matrix[:, every, every] += 1 / LOOSE**2
+        moved = (x - self._starts[members]) / (PRIOR_SIZES * sizes)
+        matrix[:, every, every] += 1 / PRIOR_SIZES**2
         cost = cost + 0.5 * (moved**2).sum(axis=1)
         cost = np.where(np.isfinite(cost + slope.sum(axis=1) + matrix.sum(axis=(1, 2))), cost, np.inf)
-        return _Points(x, cost, slope + moved / LOOSE, matrix)
+        return _Points(x, cost, slope + moved / PRIOR_SIZES, matrix)
 
 
 def short_fits(problem: Problem, starts: Float, sizes: Float) -> ShortFits:
     """Fit from every start until little more is to be gained."""
     lower, upper = problem.space.lower, problem.space.upper
     costs = _Costs(problem, starts, sizes)
-    damping = np.full(len(starts), _FIRST_DAMPING)
+    damping = np.full(len(starts), _SMALLEST_DAMPING)
+    largest_damping = 1e10
     with np.errstate(all="ignore"):  # a trial point may well be absurd
         here = costs.at(starts.copy(), np.arange(len(starts)))
         active = np.flatnonzero(np.isfinite(here.cost))
-        for _ in range(_ITERATIONS):
+        for _ in range(25):
             step, promise = _steps(here, active, sizes, damping, lower, upper)
-            going = (promise > _SETTLED * here.cost[active]) & (damping[active] < _LARGEST_DAMPING)
+            going = (promise > _COST_TOLERANCE * here.cost[active]) & (damping[active] < largest_damping)
             active, step = active[going], step[going]
             if not active.size:
                 break
             trial = costs.at(np.clip(here.x[active] + step, lower, upper), active)
             better = trial.cost < here.cost[active]
             here.move(active[better], trial, better)
-            damping[active] = np.where(better, damping[active] / 10, np.maximum(10 * damping[active], _FIRST_DAMPING))
+            damping[active] = np.where(
+                better, damping[active] / 10, np.maximum(10 * damping[active], _SMALLEST_DAMPING)
+            )
     return ShortFits(here.x, here.cost)
 
 

@@ -20,7 +20,7 @@ SPECTRAL_LINES = "spectral lines"  # linear least squares, one kind of line afte
 GIVEN = "given"  # every value by the user
 EARLIER_FIT = "earlier fit"  # the optimum of a fit that this one varies
 
-_SPREAD = 0.8  # standard deviation of the logarithm of random starts: most lie within a decade
+_LOG_DEVIATION = 0.8  # standard deviation of the logarithm of random starts: most lie within a decade
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -57,7 +57,7 @@ def random_starts(problem: Problem, count: int) -> Iterator[Float]:
     rng = np.random.default_rng(0)
     scale = problem.space.typical
     for _ in range(count):
-        yield full_vector(problem, scale * np.exp(rng.normal(0.0, _SPREAD, scale.size)))
+        yield full_vector(problem, scale * np.exp(rng.normal(0.0, _LOG_DEVIATION, scale.size)))
 
 
 def loose_fits(problem: Problem, starts: Float) -> ShortFits:

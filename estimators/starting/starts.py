@@ -48,10 +48,8 @@ from rotorfit.models.array_types import Float
 from rotorfit.models.parameters import unknown_name
 
 _PASSES = (2, 4, 8, 16, 32)  # of the closed form; more than two only where these end far from the optimum
-_MULTISTARTS = 24
-_ANGLES = 12  # datum angles tried where no model of modes tells it: one is within 15 degrees
+_RANDOM_STARTS = 24
 _EXPLICIT_MISFIT = 4.0  # mean squared misfit that noise in measured eccentricities may leave
-_TOGETHER = 8  # random starts fitted together
 _SHORT = Options(max_iterations=40, tolerance=1e-3, acceptable=1e-3)
 """Costs a millionth above their minimum rank starts; the fit that follows finds the last digits."""
 
@@ -86,7 +84,8 @@ def _guess_with_datum(problem: Problem) -> tuple[Start, float]:
         plain = replace(problem, blocks=tuple(without))
     if DATUM not in space.nuisance:
         return _guess(plain), 0.0
-    angles = np.arange(_ANGLES) * 2 * np.pi / _ANGLES
+    count = 12  # datum angles tried where no model of modes gives it: one is within 15 degrees
+    angles = np.arange(count) * 2 * np.pi / count
     angle = min(angles.tolist(), key=lambda a: _explained(_turned(plain, a)))
     turned = _guess(_turned(plain, angle))
     best = _short_fit(plain, full_vector(plain, turned.x, angle)).x
@@ -203,7 +202,7 @@ def _nonlinear_guess(problem: Problem) -> Start:
     random = full_vector(problem, _explicit_multistart(explicit_with_sense(explicit)))
     if found is not None and found.cost <= _cost(problem, random):
         return Start(x=found.x[:size], kind=SHORT_FIT)
-    note = f"no closed form explains these data; the best of {_MULTISTARTS} random starts was taken"
+    note = f"no closed form explains these data; the best of {_RANDOM_STARTS} random starts was taken"
     return Start(x=random[:size], kind=RANDOM, notes=(note,))
 
 
@@ -218,9 +217,10 @@ def _cost(problem: Problem, values: Float) -> float:
 
 def _explicit_multistart(problem: Problem) -> Float:
     """The same for explicit observations, many at once; the first that the data hardly contradict will do."""
-    starts = np.array(list(random_starts(problem, _MULTISTARTS)))
+    starts = np.array(list(random_starts(problem, _RANDOM_STARTS)))
     best, least = starts[0], np.inf
-    for group in np.split(starts, range(_TOGETHER, len(starts), _TOGETHER)):
+    at_once = 8  # random starts fitted together
+    for group in np.split(starts, range(at_once, len(starts), at_once)):
         ends = loose_fits(problem, group)
         if ends.cost.min() < least:
             best, least = ends.x[np.argmin(ends.cost)], float(ends.cost.min())

@@ -21,8 +21,6 @@ from rotorfit.estimators.starting.start_points import full_vector, random_starts
 from rotorfit.models.array_types import Float, Index
 from rotorfit.models.motion.stability import companion
 
-_DRAWS = 6  # rotors drawn for each zero: what the rest weighs and how it is damped is not told
-
 
 def unread_starts(problem: Problem, blocks: Sequence[Responses], fit: RationalFit) -> Iterator[Float]:
     """Starts, shape ``(p,)`` each, the likeliest first; none where force and probe are never at one coordinate."""
@@ -30,7 +28,8 @@ def unread_starts(problem: Problem, blocks: Sequence[Responses], fit: RationalFi
     if unread is None:
         return
     typical = full_vector(problem, problem.space.typical)
-    for drawn in (typical, *random_starts(problem, _DRAWS - 1)):
+    draws = 6  # rotors drawn for each zero: mass and damping of the rest are not given
+    for drawn in (typical, *random_starts(problem, draws - 1)):
         for zero in fit.zeros:
             start = _with_rest_at(problem, blocks[0], drawn, unread, zero)
             theta = problem.space.theta(start)

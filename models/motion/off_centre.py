@@ -212,9 +212,6 @@ def off_centre_gradient(
     return np.asarray(-result / by_s[..., None])
 
 
-_SCAN = 600  # speeds searched for an onset
-
-
 def off_centre_threshold(
     model: RotorModel, theta: ArrayLike, eccentricity: float, *, band: float = math.inf
 ) -> Threshold | None:
@@ -245,7 +242,8 @@ def off_centre_threshold(
 
     still = np.abs(off_centre_eigenvalues(model, theta, 0.0, eccentricity))
     counted = np.sort(still[(still <= band) & (still > 0)])[: 2 * model.order * len(model.coordinates)]
-    speeds = np.geomspace(3e-3, 30.0, _SCAN) * (float(counted[-1]) if counted.size else 300.0)
+    searched = 600  # speeds searched for an onset
+    speeds = np.geomspace(3e-3, 30.0, searched) * (float(counted[-1]) if counted.size else 300.0)
     round_off = 1e-13 * float(still.max()) if model.shaft is not None else 0.0
     low = 0.0
     for high in speeds.tolist():

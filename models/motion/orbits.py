@@ -20,12 +20,8 @@ from rotorfit.models.motion.journal import Journal
 LARGEST_ECCENTRICITY = 1.0 - 1e-9
 """Largest eccentricity searched: at 1 the journal touches."""
 
-_STRIDES = 3  # Newton steps from a measured eccentricity that all lines take together
-_SETTLED = 1e-7  # last step whose square is round-off: convergence is quadratic
-_NEWTON = 12  # Newton steps of a line that needs more; if these do not do, its roots are searched for
-_CLOSE = 0.05  # a root this close to its target, with no sign change between, needs no search for others
-_GRID = 129  # eccentricities at which a search looks for sign changes
-_BISECTIONS = 52
+_STEP_TOLERANCE = 1e-7  # last step whose square is round-off: convergence is quadratic
+_NEAR_TARGET = 0.05  # a root this close to its target, with no sign change between, needs no search for others
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -134,16 +130,17 @@ def _strides(journal: Journal, equation: OrbitEquation, target: Float) -> tuple[
     another root as near would be, by about as much again. There is none where the slope is twice that change.
     """
     eps = np.clip(target, 0.0, LARGEST_ECCENTRICITY)
+    newton_steps = 3  # Newton steps from a measured eccentricity that all lines take together
     with np.errstate(all="ignore"):  # lines without a root are searched
         here = equation.at(journal, eps)
         first = here[1]
-        for _ in range(_STRIDES - 1):
+        for _ in range(newton_steps - 1):
             eps = np.clip(eps - here[0] / here[1], 0.0, LARGEST_ECCENTRICITY)
             here = equation.at(journal, eps)
         step = here[0] / here[1]
         eps = eps - step
-        settled = (np.abs(step) < _SETTLED) & (eps >= 0) & (eps < LARGEST_ECCENTRICITY)
-        alone = (np.abs(eps - target) <= _CLOSE) & (first < -2 * np.abs(here[1] - first))
+        settled = (np.abs(step) < _STEP_TOLERANCE) & (eps >= 0) & (eps < LARGEST_ECCENTRICITY)
+        alone = (np.abs(eps - target) <= _NEAR_TARGET) & (first < -2 * np.abs(here[1] - first))
         change = np.empty(eps.shape, dtype=complex)
         change.real, change.imag = here[2] - here[4] * step, here[3] - here[5] * step
     return eps, change, settled & alone
@@ -152,7 +149,7 @@ def _strides(journal: Journal, equation: OrbitEquation, target: Float) -> tuple[
 def _nearest_one_by_one(journal: Journal, equation: OrbitEquation, target: Float) -> Float:
     """Nearest roots of lines that may have several, shape ``(L,)``."""
     found, settled = _newton(journal, equation, target)
-    close = settled & (np.abs(found - target) <= _CLOSE) & _only_root_near(journal, equation, target, found)
+    close = settled & (np.abs(found - target) <= _NEAR_TARGET) & _only_root_near(journal, equation, target, found)
     rest = np.flatnonzero(~close)
     if rest.size:
         for line, roots in zip(rest.tolist(), all_roots(journal, equation.select(rest)), strict=True):
@@ -163,7 +160,7 @@ def _nearest_one_by_one(journal: Journal, equation: OrbitEquation, target: Float
 def _newton(journal: Journal, equation: OrbitEquation, start: Float) -> tuple[Float, Bool]:
     eps = np.clip(start, 0.0, LARGEST_ECCENTRICITY)
     step = np.full_like(eps, np.inf)
-    for _ in range(_NEWTON):
+    for _ in range(12):  # Newton steps of a line that needs more; if these do not do, its roots are searched for
         value, slope = equation.excess(journal, eps)
         with np.errstate(divide="ignore", invalid="ignore"):
             moved = np.clip(eps - value / slope, 0.0, LARGEST_ECCENTRICITY)
@@ -192,13 +189,14 @@ def all_roots(journal: Journal, equation: OrbitEquation) -> list[Float]:
         journal: the model's journal.
         equation: its equation, of shape ``(L,)``.
     """
-    grid = np.linspace(0.0, LARGEST_ECCENTRICITY, _GRID)
-    value, _ = equation.excess(journal, np.broadcast_to(grid, (*equation.shape, _GRID)))
+    grid_points = 129  # eccentricities at which a search looks for sign changes
+    grid = np.linspace(0.0, LARGEST_ECCENTRICITY, grid_points)
+    value, _ = equation.excess(journal, np.broadcast_to(grid, (*equation.shape, grid_points)))
     line, cell = np.nonzero((value[:, :-1] >= 0) != (value[:, 1:] >= 0))
     low, high = grid[cell], grid[cell + 1]
     part = equation.select(line.astype(np.intp))
     falling = value[line, cell] >= 0
-    for _ in range(_BISECTIONS):
+    for _ in range(52):
         middle = 0.5 * (low + high)
         positive = part.excess(journal, middle)[0] >= 0
         left = positive == falling

@@ -13,13 +13,10 @@ from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.models.model import RotorModel
 from rotorfit.models.shafts.angular_rates import angular_rate, angular_rates
 from rotorfit.models.shafts.turning import unstable_bands
+from rotorfit.models.tolerances import ROUND_OFF
 
-_SCAN, _SCAN_STEP = 600, 60  # speeds searched for an onset, and how many at once
-_CAME_IN = 1e-6  # growth over frequency at an onset beyond which an eigenvalue did not become unstable there
-_NEWTON = 12  # steps to a neighbour's threshold at most
-_SETTLED = 1e-6  # last step, as a fraction of the speed: Newton's error is its square
-_UNLIKE = 0.3  # change of the threshold beyond which the rotors are not much alike
-_ROUND_OFF = 1e-13  # real part that an undamped eigenvalue may show, as a fraction of the largest eigenvalue
+_SPEEDS = 600  # speeds searched for an onset
+_GROWTH_AT_ONSET = 1e-6  # growth over frequency at an onset beyond which an eigenvalue did not become unstable there
 
 
 @dataclass(frozen=True)
@@ -216,7 +213,7 @@ def growing_bands(model: RotorModel, theta: ArrayLike, max_speed: float) -> list
     def rate(speed: float) -> float:
         return float(growth_rate(model, values, speed))
 
-    speeds = np.linspace(max_speed / _SCAN, max_speed, _SCAN)
+    speeds = np.linspace(max_speed / _SPEEDS, max_speed, _SPEEDS)
     grows = np.concatenate([growth_rate(model, values, part) > 0 for part in np.array_split(speeds, 10)])
     edges = [
         float(brentq(rate, speeds[i], speeds[i + 1], xtol=1e-12 * max_speed))
@@ -256,7 +253,7 @@ def threshold_speed(
         return None
     highest, round_off = _limits(model, theta, band)
     max_speed = highest if max_speed is None else max_speed
-    speeds = np.geomspace(max_speed * 1e-4, max_speed, _SCAN)
+    speeds = np.geomspace(max_speed * 1e-4, max_speed, _SPEEDS)
     if model.turns:  # bands of instability narrower than the steps of the search
         middles = [(low + high) / 2 for low, high in unstable_bands(model, theta, max_speed)]
         speeds = np.sort(np.concatenate([speeds, middles]))
@@ -265,8 +262,9 @@ def threshold_speed(
         return float(growth_rate(model, theta, speed, band)) - round_off
 
     first = -1
-    for start in range(0, speeds.size, _SCAN_STEP):
-        rates = growth_rate(model, theta, speeds[start : start + _SCAN_STEP], band) - round_off
+    at_once = 60  # a scan mostly ends in the first part
+    for start in range(0, speeds.size, at_once):
+        rates = growth_rate(model, theta, speeds[start : start + at_once], band) - round_off
         if (rates > 0).any():
             first = start + int(np.argmax(rates > 0))
             break
@@ -321,8 +319,10 @@ def threshold_speed_near(
 
     if not rate(other.speed)[1] > 0:
         return None
-    found = root_scalar(rate, x0=other.speed, fprime=True, method="newton", maxiter=_NEWTON, rtol=_SETTLED)
-    if not (found.converged and abs(found.root / other.speed - 1) < _UNLIKE and rate(found.root)[1] > 0):
+    # Newton's error is the square of the last step.
+    found = root_scalar(rate, x0=other.speed, fprime=True, method="newton", maxiter=12, rtol=1e-6)
+    largest_change = 0.3  # change of the threshold beyond which the rotors are not much alike
+    if not (found.converged and abs(found.root / other.speed - 1) < largest_change and rate(found.root)[1] > 0):
         return None
     return _threshold_at(model, theta, float(found.root), band)
 
@@ -333,7 +333,7 @@ def _threshold_at(model: RotorModel, theta: Float, onset: float, band: float) ->
     s = s[np.isfinite(s) & (np.abs(s) <= band)]
     critical = complex(s[np.argmax(s.real)])
     turned = onset if model.turns else 0.0
-    if onset > 0 and critical.real > _CAME_IN * abs(critical + 1j * turned):
+    if onset > 0 and critical.real > _GROWTH_AT_ONSET * abs(critical + 1j * turned):
         return None  # it entered the band already unstable, so its onset lies beyond
     by_speed, by_theta = eigenvalue_gradient(model, theta, onset, critical) if onset > 0 else (1.0, theta * np.nan)
     # With x and y apart the eigenvalues are pairs of either sign: which of them was met first says nothing.
@@ -347,7 +347,7 @@ def _limits(model: RotorModel, theta: Float, band: float) -> tuple[float, float]
     rest = np.abs(eigenvalues(model, theta, 0.0))
     rest = np.sort(rest[np.isfinite(rest) & (rest <= band) & (rest > 0)])
     # The many modes of a known structure above those that the coordinates can follow only add round-off.
-    round_off = _ROUND_OFF * float(rest[-1]) if rest.size and model.shaft is not None else 0.0
+    round_off = ROUND_OFF * float(rest[-1]) if rest.size and model.shaft is not None else 0.0
     rest = rest[: model.order * len(model.coordinates)]
     return 30.0 * float(rest[-1]) if rest.size else 1e4, round_off
 

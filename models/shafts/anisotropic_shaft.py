@@ -27,9 +27,6 @@ from rotorfit.models.shafts.turning import TurningFrame
 
 Wording = Literal["modal", "stiffness"] | None
 
-_PIECE, _WITH_DERIVATIVES = 1024, 128
-"""Frequencies whose lines are worked out together, without and with derivatives: they stay in the processor's cache."""
-
 _TORSION = {
     "modal": (
         Parameter("nu_t", "rad/s", "natural frequency of the twist", scale=300.0, lower=0.0),
@@ -190,7 +187,7 @@ class AnisotropicShaft(RotorModel):
         vectors = vectors.reshape(-1, count)
         w, Om, F = (np.broadcast_to(other, shape).ravel() for other in others)
         found = np.zeros((1 + count if derivatives else 1, len(kinds), w.size), dtype=complex)
-        step = _WITH_DERIVATIVES if derivatives else _PIECE
+        step = 128 if derivatives else 1024  # frequencies worked out together: they stay in the processor's cache
         for start in range(0, w.size, step):
             piece = slice(start, start + step)
             own = vectors if len(vectors) == 1 else vectors[piece]

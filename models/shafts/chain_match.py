@@ -16,7 +16,7 @@ from rotorfit.models.text_table import text_table
 
 _Masses: TypeAlias = tuple[Float, Float, Float]  # masses, springs, psi
 
-_ENDS: tuple[float, ...] = (
+_END_SHARES: tuple[float, ...] = (
     0.02,
     0.1,
     0.3,
@@ -25,11 +25,9 @@ _ENDS: tuple[float, ...] = (
     0.9,
     0.98,
 )  # shares of the ground stiffness at the last mass to start from
-_NO_SPRING = 1e-2  # share of the ground stiffness below which an end is tried without a spring
-_SMALLEST = 1e-30  # deflection taken in place of zero at the first mass, where no mode of a chain vanishes
-_RANGE = 300.0  # largest ratio of squared deflections at the first mass, as a logarithm
-_NEWTON = 50  # steps allowed towards the frequencies
-_MATCHED = 1e-20  # half the sum of squared misses of lines of unit length that leaves nothing to search for
+_MISSING_SPRING = 1e-2  # share of the ground stiffness below which an end is tried without a spring
+_SMALLEST_DEFLECTION = 1e-30  # deflection taken in place of zero at the first mass, where no mode of a chain vanishes
+_LARGEST_MISS = 1e-20  # half the sum of squared misses of lines of unit length that leaves nothing to search for
 _EXACT: dict[str, Any] = {
     "xtol": 1e-15,
     "ftol": 1e-15,
@@ -187,7 +185,7 @@ def _near_chain(w: Float, d: Float, modes: Float) -> tuple[Float, Float] | None:
     ground = np.maximum((T @ d)[[0, -1]] * d[[0, -1]], 0.0)
     M, K = d**2, np.concatenate([ground[:1], np.abs(np.diag(T, 1)) * d[:-1] * d[1:], ground[1:]])
     round_off = max(1e-13, 1e-15 * float(w[-1] / w[0]))
-    for _ in range(_NEWTON):
+    for _ in range(50):  # steps allowed towards the frequencies
         own, shapes = chain_modes(M, K)
         if not own.all():
             return None
@@ -233,10 +231,11 @@ class _Search:
         """Least squares from a start, ``end`` free or held."""
         from scipy.optimize import least_squares
 
-        box = np.full((2, self.w.size + free), [[-_RANGE], [_RANGE]])
+        largest = 300.0  # largest ratio of squared deflections at the first mass, as a logarithm
+        box = np.full((2, self.w.size + free), [[-largest], [largest]])
         if free:
             box[:, -1] = 0.0, 1.0
-        start = np.append(np.clip(logs, -0.9 * _RANGE, 0.0), [end] * free)
+        start = np.append(np.clip(logs, -0.9 * largest, 0.0), [end] * free)
         found = least_squares(self.residual, start, bounds=tuple(box), args=() if free else (end,), **_EXACT)
         return _Found(float(found.cost), found.x[: self.w.size], float(found.x[-1]) if free else end)
 
@@ -245,7 +244,7 @@ class _Search:
         costs = [float(np.sum(self.residual(logs, share) ** 2)) for share in ends]
         found = self.improve(logs, ends[int(np.argmin(costs))], True)
         for bound in (0.0, 1.0):
-            if abs(found.end - bound) < _NO_SPRING:  # an interior method never quite reaches a missing spring
+            if abs(found.end - bound) < _MISSING_SPRING:  # an interior method never quite reaches a missing spring
                 found = min(found, self.improve(found.logs, bound, False), key=lambda one: one.cost)
         return found
 
@@ -257,18 +256,18 @@ class _Search:
         """
         d, modes = _orthogonalised(self.lines, inverse_mass)
         gaps = np.abs(self.w[:, None] - self.w) * (self.w[:, None] + self.w) + np.eye(self.w.size)
-        columns = [2 * np.log(np.maximum(np.abs(modes[0]), _SMALLEST)), -np.log(gaps).sum(axis=0)]
-        best, chosen, ends = np.inf, (d, d, modes), _ENDS
+        columns = [2 * np.log(np.maximum(np.abs(modes[0]), _SMALLEST_DEFLECTION)), -np.log(gaps).sum(axis=0)]
+        best, chosen, ends = np.inf, (d, d, modes), _END_SHARES
         near = _near_chain(self.w, d, modes)
         if near is not None:
             M, K = near
             psi = (chain_modes(M, K)[1] * np.sqrt(M)[:, None]).T
             best, chosen = float(np.sum(self.miss(M, psi) ** 2)) / 2, (M, K, psi)
-            columns.insert(0, 2 * np.log(np.maximum(psi[:, 0], _SMALLEST)))
+            columns.insert(0, 2 * np.log(np.maximum(psi[:, 0], _SMALLEST_DEFLECTION)))
             force = K[[0, -1]] / np.sqrt(M[[0, -1]])
-            ends = (*_ENDS, float(np.clip(force[1] / force.sum(), 1e-6, 1 - 1e-6)))
+            ends = (*_END_SHARES, float(np.clip(force[1] / force.sum(), 1e-6, 1 - 1e-6)))
         for column in columns:
-            if best <= _MATCHED:
+            if best <= _LARGEST_MISS:
                 break
             found = self.descend(column - column.max(), ends)
             if found.cost < best:

@@ -20,15 +20,10 @@ from rotorfit.models.array_types import ComplexArray, Float, Index
 if TYPE_CHECKING:
     from rotorfit.models.shafts.shaft import StructureMatrices
 
-ENOUGH = 1e-7
+BASIS_TOLERANCE = 1e-7
 """Error of the stiffness at the planes, relative to its largest entry at the line, at which the basis is complete."""
-ACCEPTED = 1e-6
+REDUCTION_TOLERANCE = 1e-6
 """The same, up to which a reduction is used at all: round-off of large structures may be above the former."""
-_TRAINED = 48  # lines among which the worst is looked for
-_AT_ONCE = 2  # solutions added before looking again
-_ROUNDS = 40
-_ENTRIES = 4_000_000  # of matrices worked on at once
-_SAME = 1e-6  # of a new direction, below which it is not new
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -89,7 +84,8 @@ class Terms:
         Raises:
             numpy.linalg.LinAlgError: the other coordinates resonate undamped at one of the frequencies.
         """
-        step = max(1, _ENTRIES // self.size**2)
+        entries = 4_000_000  # of matrices worked on at once
+        step = max(1, entries // self.size**2)
         pieces = [slice(i, i + step) for i in range(0, max(s.size, 1), step)]
         found = [self._condense(s[piece], speed[piece], scales[piece]) for piece in pieces]
         return np.concatenate([f[0] for f in found]), np.concatenate([f[1] for f in found], axis=1)
@@ -149,15 +145,15 @@ class Reduction:
         training = _corners(s[some], speed[some], limits)
         self._add(training, np.array([0, some.size // 2]))
         last = np.inf
-        for _ in range(_ROUNDS):
+        for _ in range(40):
             error = self._errors(*training)
             worst = float(error.max())
-            if worst <= ENOUGH / 10:
+            if worst <= BASIS_TOLERANCE / 10:
                 error = self._errors(*points)  # every line
-                if float(error.max()) <= ENOUGH:
+                if float(error.max()) <= BASIS_TOLERANCE:
                     break
                 training = points
-            elif worst > 0.5 * last and worst < 10 * ENOUGH:
+            elif worst > 0.5 * last and worst < 10 * BASIS_TOLERANCE:
                 break  # round-off: nothing more to be had
             last = worst
             self._add(training, _peaks(error))
@@ -185,7 +181,8 @@ class Reduction:
         for _ in range(2):  # the second time against round-off
             directions = directions - self._basis @ (self._basis.conj().T @ directions)
         vectors, sizes, _ = np.linalg.svd(directions, full_matrices=False)
-        self._basis = np.concatenate([self._basis, vectors[:, sizes > _SAME]], axis=1)
+        smallest = 1e-6  # of a new direction, below which it is not new
+        self._basis = np.concatenate([self._basis, vectors[:, sizes > smallest]], axis=1)
 
     def _project(self) -> None:
         """Matrices in the coordinates seen and those of the basis, and what measures the residuals."""
@@ -254,11 +251,13 @@ def _corners(s: ComplexArray, speed: Float, limits: Float) -> tuple[ComplexArray
 def _spread(s: ComplexArray, speed: Float) -> Index:
     """Lines over the whole range of frequencies, ends included."""
     order = np.lexsort((speed, s.imag))
-    return np.unique(order[np.linspace(0, order.size - 1, min(_TRAINED, order.size)).astype(int)])
+    most = 48  # lines among which the worst is looked for
+    return np.unique(order[np.linspace(0, order.size - 1, min(most, order.size)).astype(int)])
 
 
 def _peaks(error: Float) -> Index:
     """The worst point of each of some stretches of the points."""
-    stretches = np.array_split(np.arange(error.size), min(_AT_ONCE, error.size))
+    at_once = 2  # solutions added before looking again
+    stretches = np.array_split(np.arange(error.size), min(at_once, error.size))
     worst = np.array([part[int(np.argmax(error[part]))] for part in stretches], dtype=np.intp)
-    return worst[error[worst] > ENOUGH / 10]
+    return worst[error[worst] > BASIS_TOLERANCE / 10]

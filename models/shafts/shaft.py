@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rotorfit.models.array_types import ComplexArray, Float, Index
 from rotorfit.models.parameters import unknown_name
-from rotorfit.models.shafts.reduction import ACCEPTED, Reduction, Terms
+from rotorfit.models.shafts.reduction import REDUCTION_TOLERANCE, Reduction, Terms
 
 MATRICES = ("M", "C", "G", "K")
 DOFS = ("z", "r", "x", "y", "alpha", "beta", "axial", "torsion")
@@ -22,12 +22,11 @@ ROSS_4 = ("x", "y", "alpha", "beta")
 ROSS_6 = ("x", "y", "axial", "alpha", "beta", "torsion")
 """The same from version 2 on."""
 
-_ISOTROPIC = 1e-8  # of the largest entry of its kind: round-off of an assembly
-_MASSLESS = 1e12  # condition of the mass matrix, unit diagonal, beyond which some motion has no inertia
-_KEPT = 24  # condensed structures kept
-_LARGE = 40  # coordinates from which a structure with scale factors is reduced
-_MANY = 32  # lines from which that is worth its while
-_RANGE = 0.2  # range of the logarithm of a scale factor for which one reduction holds
+_ISOTROPY_TOLERANCE = 1e-8  # of the largest entry of its kind: round-off of an assembly
+_STRUCTURES_KEPT = 24  # condensed structures kept
+_LARGE_STRUCTURE = 40  # coordinates from which a structure with scale factors is reduced
+_MANY_LINES = 32  # lines from which that is worth its while
+_LOG_SCALE_RANGE = 0.2  # range of the logarithm of a scale factor for which one reduction holds
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,7 +123,7 @@ def _from_real(kind: str, matrix: NDArray[Any], names: tuple[str, ...], nodes: i
     across = np.abs(matrix[np.ix_(lateral, others)]).max(initial=0) + np.abs(matrix[np.ix_(others, lateral)]).max(
         initial=0
     )
-    if across > _ISOTROPIC * np.abs(matrix).max(initial=0):
+    if across > _ISOTROPY_TOLERANCE * np.abs(matrix).max(initial=0):
         raise ValueError(f"{kind} couples lateral motion with axial or torsional motion, which this model leaves out")
     uu, uv = matrix[np.ix_(u, u)], matrix[np.ix_(u, v)] * sign
     vu, vv = sign[:, None] * matrix[np.ix_(v, u)], sign[:, None] * matrix[np.ix_(v, v)] * sign
@@ -139,7 +138,7 @@ def _check_isotropic(kind: str, difference: Float, level: Float, per_node: int, 
         for column in range(per_node):
             gap = np.abs(difference[row::per_node, column::per_node])
             size = level[row::per_node, column::per_node].max()
-            if gap.max() > _ISOTROPIC * size:
+            if gap.max() > _ISOTROPY_TOLERANCE * size:
                 node, other = np.unravel_index(int(np.argmax(gap)), gap.shape)
                 raise ValueError(
                     f"{kind} is not isotropic: its {what} entries between nodes {node} and {other} differ by "
@@ -213,9 +212,10 @@ class Shaft:
         self.terms = Terms.of(matrices, parts, at)
         inertia = np.abs(np.diag(matrices.M))
         self.has_mass = bool(inertia.all())
+        largest_condition = 1e12  # condition of the mass matrix, unit diagonal, beyond which some motion has no inertia
         if self.has_mass:
             unit = 1 / np.sqrt(inertia)
-            self.has_mass = bool(np.linalg.cond(unit[:, None] * matrices.M * unit) < _MASSLESS)
+            self.has_mass = bool(np.linalg.cond(unit[:, None] * matrices.M * unit) < largest_condition)
         self._kept: OrderedDict[bytes, tuple[ComplexArray, ComplexArray]] = OrderedDict()
         self._reductions: OrderedDict[bytes, Reduction | None] = OrderedDict()
 
@@ -238,8 +238,8 @@ class Shaft:
         """Dynamic stiffness between the coordinates seen, the others being free of force.
 
         Exact where the structure has no scale factors, or few coordinates, or where few lines are asked for; else of a
-        reduced structure whose error is below :data:`~rotorfit.models.shafts.reduction.ENOUGH`. It is kept, because it
-        does not change in a fit as long as the scale factors do not.
+        reduced structure whose error is below :data:`~rotorfit.models.shafts.reduction.BASIS_TOLERANCE`. It is kept,
+        because it does not change in a fit as long as the scale factors do not.
 
         Args:
             s: j w of each line, shape ``(L,)``.
@@ -257,20 +257,20 @@ class Shaft:
             self._kept.move_to_end(key)
             return self._kept[key]
         self._kept[key] = found = self._condense(s, speed, scales)
-        if len(self._kept) > _KEPT:
+        if len(self._kept) > _STRUCTURES_KEPT:
             self._kept.popitem(last=False)
         return found
 
     def _condense(self, s: ComplexArray, speed: Float, scales: Float) -> tuple[ComplexArray, ComplexArray]:
-        if not self.parts or self.terms.size < _LARGE or s.size < _MANY or not (scales > 0).all():
+        if not self.parts or self.terms.size < _LARGE_STRUCTURE or s.size < _MANY_LINES or not (scales > 0).all():
             return self.terms.condense(s, speed, scales)
         n = self.at.size
         values = np.empty((s.size, n, n), dtype=complex)
         slopes = np.empty((len(self.parts), s.size, n, n), dtype=complex)
-        ranges, place = np.unique(np.round(np.log(scales) / _RANGE).astype(int), axis=0, return_inverse=True)
+        ranges, place = np.unique(np.round(np.log(scales) / _LOG_SCALE_RANGE).astype(int), axis=0, return_inverse=True)
         for number, steps in enumerate(ranges):
             lines = np.flatnonzero(place.reshape(-1) == number)
-            terms = self._reduced(s[lines], speed[lines], steps) if lines.size >= _MANY else self.terms
+            terms = self._reduced(s[lines], speed[lines], steps) if lines.size >= _MANY_LINES else self.terms
             values[lines], slopes[:, lines] = terms.condense(s[lines], speed[lines], scales[lines])
         return values, slopes
 
@@ -279,20 +279,20 @@ class Shaft:
         key = blake2b(b"".join(np.ascontiguousarray(part).tobytes() for part in (s, speed, steps))).digest()
         if key not in self._reductions:
             try:
-                limits = np.exp((steps + np.array([[-0.5], [0.5]])) * _RANGE)
+                limits = np.exp((steps + np.array([[-0.5], [0.5]])) * _LOG_SCALE_RANGE)
                 self._reductions[key] = Reduction(self.terms, s, speed, limits)
             except np.linalg.LinAlgError:  # no energy to measure by, or a resonance: then as it is
                 self._reductions[key] = None
         self._reductions.move_to_end(key)
-        if len(self._reductions) > _KEPT:
+        if len(self._reductions) > _STRUCTURES_KEPT:
             self._reductions.popitem(last=False)
         found = self._reductions[key]
-        return self.terms if found is None or found.error > ACCEPTED else found.small
+        return self.terms if found is None or found.error > REDUCTION_TOLERANCE else found.small
 
     @property
     def reductions(self) -> tuple[Reduction, ...]:
         """Reduced structures in use."""
-        return tuple(r for r in self._reductions.values() if r is not None and r.error <= ACCEPTED)
+        return tuple(r for r in self._reductions.values() if r is not None and r.error <= REDUCTION_TOLERANCE)
 
     def __getstate__(self) -> dict[str, Any]:
         return {**self.__dict__, "_kept": OrderedDict(), "_reductions": OrderedDict()}

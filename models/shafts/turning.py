@@ -114,9 +114,6 @@ def shifted(powers: Sequence[Complex], shift: Complex) -> list[Complex]:
     return result
 
 
-_GRID = 400  # speeds searched; a band that fits between two of them is found by the dip that it leaves
-
-
 def unstable_bands(model: RotorModel, theta: ArrayLike, max_speed: float) -> list[tuple[float, float]]:
     """Ranges of rotative speed in which a shaft that is not round runs away (divergence in turning coordinates).
 
@@ -145,9 +142,10 @@ def unstable_bands(model: RotorModel, theta: ArrayLike, max_speed: float) -> lis
         kappa = frame.dynamic_stiffness(values, 0.0, speed)
         return float(np.linalg.det(kappa / np.abs(kappa).max()).real)
 
-    speeds = [0.0, *np.linspace(0.0, max_speed, _GRID)[1:].tolist()]
+    count = 400  # speeds searched; a band that fits between two of them is found by the dip that it leaves
+    speeds = [0.0, *np.linspace(0.0, max_speed, count)[1:].tolist()]
     heights = [determinant(v) for v in speeds]
-    for i in range(_GRID - 2, 0, -1):
+    for i in range(count - 2, 0, -1):
         here = heights[i]
         if 0 < here <= min(heights[i - 1], heights[i + 1]):
             dip = minimize_scalar(

@@ -22,7 +22,7 @@ from rotorfit.estimators.noise.correlation import Memory, memory
 from rotorfit.estimators.noise.noise_levels import Shape, fit_probes, likelihood
 from rotorfit.estimators.noise.odd_run import odd_run
 from rotorfit.estimators.noise.run_effects import (
-    SMALLEST_REST,
+    LEAST_RESIDUAL_SHARE,
     MixedModel,
     MixedSolution,
     Residuals,
@@ -87,7 +87,7 @@ class NoiseFit:
     @cached_property
     def weight(self) -> Float:
         """One less the leverage of each reading."""
-        return np.clip(1 - self.residuals.leverage, SMALLEST_REST, 1.0)
+        return np.clip(1 - self.residuals.leverage, LEAST_RESIDUAL_SHARE, 1.0)
 
     @cached_property
     def power(self) -> Float:
