@@ -4,12 +4,6 @@ from __future__ import annotations
 
 import gc
 
-_NEW_OBJECTS = 100_000
-"""New objects after which Python looks for unused ones, in place of 700.
-
-Nearly all that imports and drawing make stays: looking through it again and again takes a tenth of a fit's time.
-"""
-
 
 def main() -> int:
     """Run the command line of this process.
@@ -17,7 +11,9 @@ def main() -> int:
     Returns:
         the exit code.
     """
-    gc.set_threshold(_NEW_OBJECTS)
+    # New objects after which Python looks for unused ones, in place of 700. Nearly all that imports and drawing make
+    # stays: looking through it again and again takes a tenth of a fit's time.
+    gc.set_threshold(100_000)
     from rotorfit.cli.main import main as run
 
     try:

@@ -9,9 +9,6 @@ from typing import TypeVar
 Item = TypeVar("Item")
 T = TypeVar("T")
 
-RETRIES = 2
-"""Times that an item is sent again before it is worked on here."""
-
 
 def carry_out(
     work: Callable[[Item], T], items: Sequence[Item], executor: Executor | None, done: Callable[[Item], None]
@@ -23,7 +20,7 @@ def carry_out(
     """
     results: dict[int, T] = {}
     left = list(range(len(items)))
-    for _ in range(0 if executor is None else 1 + RETRIES):
+    for _ in range(0 if executor is None else 3):  # an item is sent again twice before it is worked on here
         left = _round(work, items, left, executor, results, done)
         if not left:
             break

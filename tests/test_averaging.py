@@ -11,7 +11,7 @@ from scipy import stats
 
 import rotorfit as rf
 from rotorfit.models import WhirlWhip
-from rotorfit.uncertainty.model_average import NEGLIGIBLE
+from rotorfit.uncertainty.model_average import NEGLIGIBLE_WEIGHT
 
 OPTIONS = {"seed": 1, "walkers": 64, "ess": 2000}
 
@@ -49,7 +49,7 @@ def test_weights_are_those_of_bic(close_call, average):
     _, _, steps = close_call
     ranked = sorted(steps, key=lambda step: step.bic)
     weight = np.exp(-(np.array([step.bic for step in ranked]) - ranked[0].bic) / 2)
-    counted = weight / weight.sum() >= NEGLIGIBLE  # the printed model, thousands behind, is not sampled
+    counted = weight / weight.sum() >= NEGLIGIBLE_WEIGHT  # the printed model, thousands behind, is not sampled
     assert 2 <= counted.sum() < len(steps)
     np.testing.assert_allclose(average.weights, weight[counted] / weight[counted].sum(), rtol=1e-6)
     assert [p.fit for p in average.posteriors] == ranked[: counted.sum()]

@@ -473,7 +473,7 @@ def test_estimated_error_bounds_that_of_a_poor_basis(monkeypatch):
     exact = model.shaft.terms.condense(1j * w, speeds, scales)[0]
     size = np.abs(exact).max(axis=(1, 2))
     for dropped in (0.3, 0.1, 0.03):
-        monkeypatch.setattr(reduction, "_SAME", dropped)
+        monkeypatch.setattr(reduction, "_SMALLEST_DIRECTION", dropped)
         poor = reduction.Reduction(model.shaft.terms, 1j * w, speeds, np.array([[0.9], [1.1]]))
         found = poor.small.condense(1j * w, speeds, scales)[0]
         error = (np.abs(found - exact).max(axis=(1, 2)) / size).max()

@@ -25,6 +25,8 @@ BASIS_TOLERANCE = 1e-7
 REDUCTION_TOLERANCE = 1e-6
 """The same, up to which a reduction is used at all: round-off of large structures may be above the former."""
 
+_SMALLEST_DIRECTION = 1e-6  # share of a new direction that earlier ones leave, below which it is not new
+
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Terms:
@@ -181,8 +183,7 @@ class Reduction:
         for _ in range(2):  # the second time against round-off
             directions = directions - self._basis @ (self._basis.conj().T @ directions)
         vectors, sizes, _ = np.linalg.svd(directions, full_matrices=False)
-        smallest = 1e-6  # of a new direction, below which it is not new
-        self._basis = np.concatenate([self._basis, vectors[:, sizes > smallest]], axis=1)
+        self._basis = np.concatenate([self._basis, vectors[:, sizes > _SMALLEST_DIRECTION]], axis=1)
 
     def _project(self) -> None:
         """Matrices in the coordinates seen and those of the basis, and what measures the residuals."""

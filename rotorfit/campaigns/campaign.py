@@ -21,7 +21,7 @@ from rotorfit.estimators.misfit.losses import LOSSES, Loss
 from rotorfit.estimators.misfit.parameter_space import parameter_space
 from rotorfit.fitting.digits import plus_minus, with_error
 from rotorfit.fitting.fit import fit as fit_model
-from rotorfit.fitting.noise.residual_study import MODEL_LIMITED
+from rotorfit.fitting.noise.residual_study import MODEL_LIMITED_REDCHI
 from rotorfit.fitting.notebook import text_html
 from rotorfit.fitting.quantities import FittedParameter
 from rotorfit.fitting.result import FitResult
@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 _FLUID = ("K0", "lam", "lam_D", "D")  # what the source follows in a campaign, where the model has it
 
 
-_CHANGED = 0.1  # of the range of a condition over the runs, by which it may change within one
+_LARGEST_CHANGE = 0.1  # of the range of a condition over the runs, by which it may change within one
 
 
 def _is_number(text: str) -> bool:
@@ -52,15 +52,21 @@ def _is_number(text: str) -> bool:
 
 def _misfits(runs: Sequence[RunFit]) -> list[str]:
     """A line on the runs whose misfit is more than their noise."""
-    missed = sorted((run for run in runs if run.redchi > MODEL_LIMITED and not run.silent), key=lambda run: -run.redchi)
+    missed = sorted(
+        (run for run in runs if run.redchi > MODEL_LIMITED_REDCHI and not run.silent), key=lambda run: -run.redchi
+    )
     if not missed:
         return []
     if 2 * len(missed) > len(runs):
         return [
-            f"redchi is above {MODEL_LIMITED:g} in {len(missed)} of {len(runs)} runs: more than noise, in most of them"
+            f"redchi is above {MODEL_LIMITED_REDCHI:g} in {len(missed)} of {len(runs)} runs: more than noise, in most "
+            "of them"
         ]
     named = listed([f"{run.name} ({run.redchi:.3g})" for run in missed])
-    return [f"redchi is above {MODEL_LIMITED:g}, more than noise: {named}; look at their units, speeds and directions"]
+    return [
+        f"redchi is above {MODEL_LIMITED_REDCHI:g}, more than noise: {named}; look at their units, speeds and "
+        "directions"
+    ]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -265,7 +271,7 @@ class Campaign:
             for data in self._data:
                 values = np.asarray(data.experiment.attribute(axis)) if data.name in numbers else np.zeros(0)
                 values = values[np.isfinite(values)] if values.dtype.kind in "fiu" else np.zeros(0)
-                if values.size and np.ptp(values) > _CHANGED * (np.ptp(known) or np.abs(values).max()):
+                if values.size and np.ptp(values) > _LARGEST_CHANGE * (np.ptp(known) or np.abs(values).max()):
                     ends = f"{values.min():.4g} to {values.max():.4g}"
                     told.append(f"{axis} changed within {data.name}, {ends}: its mean stands for the run")
         return told

@@ -29,7 +29,7 @@ T = TypeVar("T")
 Work = Callable[..., T]
 """A function of a module, ``work(model, run, **option)``, so that it can be sent to another process."""
 
-RUNS_A_BATCH = 8
+RUNS_OF_A_BATCH = 8
 """Runs sent to a worker at once: some hundredths of a second of work, well above what sending costs."""
 CHI_SQUARED_BY_CHANCE = 10.0
 """Fall of chi-squared a parameter that fitting noise does not reach."""
@@ -223,7 +223,7 @@ class Workers:
                 results.append(work(self.model, run, **option))
                 self._report(len(results), len(runs))
             return results
-        batches = [pairs[i : i + RUNS_A_BATCH] for i in range(0, len(pairs), RUNS_A_BATCH)]
+        batches = [pairs[i : i + RUNS_OF_A_BATCH] for i in range(0, len(pairs), RUNS_OF_A_BATCH)]
         count = 0
 
         def report(batch: Batch) -> None:

@@ -26,9 +26,7 @@ from rotorfit.fitting.settings import FitSettings
 from rotorfit.models import RotorModel
 from rotorfit.models.array_types import Float
 
-_ROUNDS = 30
-_SETTLED = 1e-4  # of a standard error: a step that changes nothing any more
-_NOISES = 3  # times that noise is found anew; a run at the edge between two verdicts may change its mind for ever
+_STEP_TOLERANCE = 1e-4  # of a standard error: a step that changes nothing any more
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -63,10 +61,11 @@ def fit_shared(
     phi, fits = _first(workers, runs, names, settings, start)
     limits = np.array([_limits(workers.model, name, settings) for name in names]).T
     phi = np.clip(phi, *limits)
-    for number in range(_NOISES + 1):
+    rounds = 3  # times that noise is found anew; a run at the edge between two verdicts may change its mind for ever
+    for number in range(rounds + 1):
         found, here, settled = _search(workers, runs, fits, names, settings, phi, limits)
         moved = found - phi
-        if number and np.sqrt(moved @ here.information @ moved) < _SETTLED:
+        if number and np.sqrt(moved @ here.information @ moved) < _STEP_TOLERANCE:
             break  # the fits are those for these values
         phi = found
         # Separate fits may have told too little of a run to start from: the first ones begin with their closed forms.
@@ -88,10 +87,10 @@ def _search(
 ) -> tuple[Float, _Profile, bool]:
     """Shared values of least cost with the noise of the runs as their fits took it, and whether the search settled."""
     here = _profile(workers, runs, fits, names, settings, phi)
-    for _ in range(_ROUNDS):
+    for _ in range(30):
         covar = inverse_information(here.information, here.size, names)
         step = np.clip(phi - covar @ here.gradient, *limits) - phi
-        if np.sqrt(step @ here.information @ step) < _SETTLED:
+        if np.sqrt(step @ here.information @ step) < _STEP_TOLERANCE:
             return phi, here, True
         factor = 1.0
         while True:

@@ -13,7 +13,7 @@ from rotorfit.campaigns.trends import Trend
 from rotorfit.plots.style import GREY, colour_of, grid, legend_below, literal, prefix
 
 _MARKERS = ("o", "s", "^", "D", "v", "P")
-_UNSURE = 8.0  # standard errors over their median beyond which a run does not set the limits of a panel
+_LARGEST_ERROR_RATIO = 8.0  # standard errors over their median beyond which a run does not set the limits of a panel
 
 
 def plot_trends(trends: Sequence[Trend], by: str | None = None) -> Figure:
@@ -50,7 +50,7 @@ def _panel(axis: Any, trends: Sequence[Trend], groups: Sequence[str], handles: d
     """One parameter against one attribute; returns its unit and the number of runs out of the frame."""
     values = np.concatenate([t.value for t in trends])
     errors = np.concatenate([t.stderr for t in trends])
-    sure = errors <= _UNSURE * np.median(errors)
+    sure = errors <= _LARGEST_ERROR_RATIO * np.median(errors)
     factor, unit = (1.0, "1") if trends[0].unit == "1" else prefix(values[sure], trends[0].unit)
     for trend in trends:
         number = groups.index(trend.group)

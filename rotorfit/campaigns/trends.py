@@ -18,11 +18,11 @@ from rotorfit.models.text_table import Wide, text_table
 if TYPE_CHECKING:
     from rotorfit.campaigns.runs import RunFit
 
-_SCATTERED = 4.0
+_LARGEST_SCATTER = 4.0
 """Scatter about the line from which single runs are looked at."""
-_USUAL = 0.75
+_USUAL_SHARE = 0.75
 """Share of the runs whose distances from the line count as usual."""
-_FAR = 6.0
+_OUTLYING_DISTANCE = 6.0
 """Distance from the line over the usual one and the run's own error, from which a run is named."""
 
 
@@ -60,14 +60,14 @@ class Trend:
     @property
     def far(self) -> tuple[str, ...]:
         """Runs far from where most lie, by the repeated medians of Siegel 1982, which they do not pull along."""
-        if not self.scatter > _SCATTERED:
+        if not self.scatter > _LARGEST_SCATTER:
             return ()
         from scipy.stats import siegelslopes  # late: loading it takes longer than a trend
 
         slope, level = siegelslopes(self.value, self.x) if np.ptp(self.x) > 0 else (0.0, np.median(self.value))
         off = np.abs(self.value - level - slope * self.x)
-        usual = np.quantile(off, _USUAL)  # of a bent trend too, whose ends are further off than most
-        return tuple(np.array(self.runs)[off > _FAR * np.hypot(usual, self.stderr)].tolist())
+        usual = np.quantile(off, _USUAL_SHARE)  # of a bent trend too, whose ends are further off than most
+        return tuple(np.array(self.runs)[off > _OUTLYING_DISTANCE * np.hypot(usual, self.stderr)].tolist())
 
     def at(self, x: float) -> Quantity:
         """Parameter on the line, its error widened where the runs scatter more than their errors say.

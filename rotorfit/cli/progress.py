@@ -5,9 +5,6 @@ from __future__ import annotations
 import sys
 from time import monotonic
 
-_BAR = 24  # characters of the bar of progress
-_TELLS = 2.0  # seconds after which the time left is worth an estimate
-
 
 def _duration(seconds: float) -> str:
     return f"{seconds:.0f} s" if seconds < 99 else f"{seconds / 60:.0f} min"
@@ -24,7 +21,7 @@ class ProgressLine:
         """Show a stage."""
         if self._enabled:
             seconds = monotonic() - self._begin
-            bar = "" if done is None else f"[{'#' * round(_BAR * done):<{_BAR}}] {100 * done:3.0f} %  "
+            bar = "" if done is None else f"[{'#' * round(24 * done):<24}] {100 * done:3.0f} %  "
             left = "" if done is None else self._left(done)
             print(f"\r\033[K{seconds:5.1f} s  {bar}{stage} ...{left}", end="", file=sys.stderr, flush=True)
 
@@ -34,7 +31,7 @@ class ProgressLine:
             self._since = monotonic()
         self._share = done
         spent = monotonic() - self._since
-        if spent < _TELLS or not 0 < done < 1:
+        if spent < 2.0 or not 0 < done < 1:  # in the first two seconds no estimate of the time left is worth much
             return ""
         return f" about {_duration(spent * (1 - done) / done)} left"
 

@@ -20,7 +20,7 @@ MOUNTING = "mounting"
 SHORTEST_SWEEP = 6
 """Speeds of a run from which on its noise can be told from its smoothness."""
 
-LARGEST_DWELLS = 8
+MOST_DWELLS = 8
 """Speeds of a run up to which it dwelt at them; more are a start-up, which is differenced sample by sample."""
 
 _REPEAT = re.compile(r"(.+)-\d+")
@@ -28,9 +28,9 @@ _SAME_WEIGHT = 0.02  # relative difference of mass-radius products that are one 
 
 
 def dwells(test: PerturbationTest) -> bool:
-    """Whether every run of a test has at most :data:`LARGEST_DWELLS` speeds."""
+    """Whether every run of a test has at most :data:`MOST_DWELLS` speeds."""
     number = dwell_number(test.speed)
-    return all(np.unique(number[test.run == run]).size <= LARGEST_DWELLS for run in test.runs)
+    return all(np.unique(number[test.run == run]).size <= MOST_DWELLS for run in test.runs)
 
 
 def dwell_number(speed: Float) -> Index:

@@ -9,7 +9,7 @@ from rotorfit.estimators.signals.ring_down import Decay, decay_of
 from rotorfit.models.array_types import Index
 
 _FEWEST_TURNS = 2.0  # of the shaft in a record that can tell vibration at its speed from a mode's
-_UNDAMPED = 1e-4  # of the speed: decay and distance from it that count as none
+_SMALLEST_DECAY = 1e-4  # of the speed: decay and distance from it that count as none
 
 
 def ring_down_modes(test: RingDownTest, *, modes: int = 1) -> ImpulseTest:
@@ -80,7 +80,7 @@ def _analyse(test: RingDownTest, rows: Index, run: str, modes: int) -> Decay:
     if found is None:
         raise ValueError(f"{where}: fewer than {modes} vibrating mode(s) found; the record may hold noise only")
     for k in np.argsort(-found.energy)[:modes].tolist():
-        s, sigma = found.s[k], max(float(found.sigma[k]), _UNDAMPED * speed)
+        s, sigma = found.s[k], max(float(found.sigma[k]), _SMALLEST_DECAY * speed)
         if speed > 0 and any(abs(s.imag - order) < 4 * sigma and abs(s.real) < 4 * sigma for order in orders):
             raise ValueError(
                 f"{where}: the vibration found at {s.imag / speed:.4g} times the speed, damping ratio "

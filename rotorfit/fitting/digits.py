@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-_DECADES_APART = 100.0  # ratio of an interval's ends
+_LARGEST_END_RATIO = 100.0  # ratio of an interval's ends
 
 
 def with_error(value: float, error: float, *, digits: int = 6) -> tuple[str, str]:
@@ -44,6 +44,6 @@ def interval(low: float, high: float) -> str:
     width = (high - low) / 4
     if not width > 0 or math.isinf(width):
         return f"[{low:.6g}, {high:.6g}]"
-    if low * high > 0 and max(low / high, high / low) > _DECADES_APART:
+    if low * high > 0 and max(low / high, high / low) > _LARGEST_END_RATIO:
         return f"[{low:.2g}, {high:.2g}]"
     return f"[{with_error(low, width)[0]}, {with_error(high, width)[0]}]"

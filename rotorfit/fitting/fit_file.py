@@ -32,7 +32,6 @@ _FORMAT = "rotorfit fit"
 _KIND = "fit saved by rotorfit"
 _LATER = ("noise", "model_uncertainty", "start")  # entries that files of earlier versions lack
 _EARLIER = {"doubt": "model_uncertainty"}  # entries as version 0.1.0 called them, and their names today
-_AGREEMENT = 1e-6  # of chi-squared: other processors and libraries round differently, other noise does not agree
 
 
 def fit_to_json(fit: FitResult) -> str:
@@ -168,7 +167,8 @@ def _check(fit: FitResult, problem: Problem, what: str) -> None:
     given = with_noise_scale(given, fit.settings.noise_scale, -1)
     before = estimate_before(fit.settings.noise, fit.x, given.space.size)
     chisqr = float(np.sum(np.abs(given.residuals(before)) ** 2))
-    if not np.isclose(chisqr, fit.chisqr, rtol=_AGREEMENT, atol=1e-12 * problem.n_data):
+    agreement = 1e-6  # of chi-squared: other processors and libraries round differently, other noise does not agree
+    if not np.isclose(chisqr, fit.chisqr, rtol=agreement, atol=1e-12 * problem.n_data):
         raise ValueError(
             f"{what} has chi-squared {fit.chisqr:.9g}, but its model, data and settings give {chisqr:.9g}: the problem "
             "was changed after the fit, or this version estimates the noise differently; fit the data again"

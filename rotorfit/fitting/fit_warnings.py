@@ -12,7 +12,7 @@ from rotorfit.estimators.blocks.shaft_lines import LineResponses
 from rotorfit.estimators.inference import covariance
 from rotorfit.estimators.inference.identifiability import Identifiability
 from rotorfit.estimators.misfit.problem import Problem
-from rotorfit.fitting.noise.residual_study import MODEL_LIMITED, ResidualStudy, is_misfit
+from rotorfit.fitting.noise.residual_study import MODEL_LIMITED_REDCHI, ResidualStudy, is_misfit
 from rotorfit.fitting.quantities import FittedParameter
 from rotorfit.fitting.structure.refinable import why_not_refined
 from rotorfit.models import BLOCKS, Modal, RotorModel
@@ -20,9 +20,9 @@ from rotorfit.models.array_types import Bool, Float
 from rotorfit.models.motion.stability import growth_rate
 from rotorfit.units import RPM_PER_RAD_S
 
-_CLEARLY = 6.0  # standard deviations of redchi below one at which the noise is too large for the residuals
-_TOO_QUIET = 0.5  # redchi below which errors are wider than they need be by more than is worth knowing
-NOISE_FLOOR = 1e-4  # redchi below which the data are exact, and their noise the floor that keeps weights finite
+_QUIET_DEVIATIONS = 6.0  # standard deviations of redchi below one at which the noise is too large for the residuals
+_QUIET_REDCHI = 0.5  # redchi below which errors are wider than they need be by more than is worth knowing
+EXACT_REDCHI = 1e-4  # redchi below which the data are exact, and their noise the floor that keeps weights finite
 
 
 def fit_warnings(
@@ -46,7 +46,7 @@ def fit_warnings(
             f"redchi is {redchi:.3g}: the model, not the noise, limits this fit. Standard errors are widened by "
             f"{wider}, but parameters may be biased beyond them; {advice}{where}"
         )
-    if noise is not None and noise.odd_run and redchi > MODEL_LIMITED:
+    if noise is not None and noise.odd_run and redchi > MODEL_LIMITED_REDCHI:
         found.append(noise.odd_run)
     if too_quiet(redchi, nfree):
         found.append(
@@ -56,7 +56,7 @@ def fit_warnings(
     if problem.loss != "linear":
         # the median of |r|^2 is 2 ln 2 for noise alone, and hardly moves for a few outliers
         typical = float(np.median(np.abs(problem.residuals(x)) ** 2)) / (2 * np.log(2))
-        if typical > MODEL_LIMITED:
+        if typical > MODEL_LIMITED_REDCHI:
             found.append(
                 f"the squared residuals of most readings are {typical:.2g} times those of the noise: not outliers but "
                 f"the model limits this fit, and parameters may be biased; {advice}"
@@ -79,7 +79,7 @@ def fit_warnings(
 def too_quiet(redchi: Float | float, nfree: int) -> Bool:
     """Whether the noise is overestimated by more than is worth knowing, for one result or many."""
     chance = np.sqrt(2 / max(nfree, 1))
-    return np.asarray((redchi > NOISE_FLOOR) & (redchi < min(_TOO_QUIET, 1 - _CLEARLY * chance)))
+    return np.asarray((redchi > EXACT_REDCHI) & (redchi < min(_QUIET_REDCHI, 1 - _QUIET_DEVIATIONS * chance)))
 
 
 def _advice(model: RotorModel, identifiability: Identifiability, rescaled: bool) -> str:

@@ -8,13 +8,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from rotorfit.plots.style import COLOURS, GREY, SMALL, grid, legend_below, literal, prefix
+from rotorfit.plots.style import COLOURS, GREY, SMALL_TYPE, grid, legend_below, literal, prefix
 
 if TYPE_CHECKING:
     from rotorfit.monitoring.trend import MachineTrend
-
-_MANY = 12
-"""Tests from which on their names no longer fit under the axis."""
 
 
 def plot_trend(trend: MachineTrend) -> Figure:
@@ -24,7 +21,7 @@ def plot_trend(trend: MachineTrend) -> Figure:
     handles = {}
     for column, place in enumerate(trend.places):
         x = [datetime.fromisoformat(date) for date in place.dates] if place.dated else np.arange(len(place.dates))
-        axes[0, column].set_title(literal(place.place), fontsize=SMALL + 1)
+        axes[0, column].set_title(literal(place.place), fontsize=SMALL_TYPE + 1)
         for row in range(rows):
             axis = axes[row, column]
             if row >= len(place.names):
@@ -49,7 +46,7 @@ def plot_trend(trend: MachineTrend) -> Figure:
                 if place.found:
                     middle = x[split - 1] + (x[split] - x[split - 1]) / 2
                     handles["change"] = axis.axvline(middle, color=GREY, linestyle="--", linewidth=1)
-            axis.set_ylabel(f"{place.names[row]} ({unit})", fontsize=SMALL)
+            axis.set_ylabel(f"{place.names[row]} ({unit})", fontsize=SMALL_TYPE)
             if row < len(place.names) - 1:
                 axis.tick_params(labelbottom=False)
         _name_tests(axes[len(place.names) - 1, column], place.dates, dated=place.dated)
@@ -58,11 +55,12 @@ def plot_trend(trend: MachineTrend) -> Figure:
 
 
 def _name_tests(axis: Any, dates: tuple[str, ...], *, dated: bool) -> None:
+    most_names = 12  # tests from which on their names no longer fit under the axis
     if dated:
         axis.tick_params(axis="x", rotation=30)
-    elif len(dates) <= _MANY:
+    elif len(dates) <= most_names:
         axis.set_xticks(
             range(len(dates)), [literal(date.rpartition("/")[2]) for date in dates], rotation=30, ha="right"
         )
     else:
-        axis.set_xlabel("test", fontsize=SMALL)
+        axis.set_xlabel("test", fontsize=SMALL_TYPE)

@@ -22,7 +22,7 @@ from rotorfit.observing.circular import observe
 from rotorfit.observing.measured_stiffness import isotropic_planes
 from rotorfit.units import RAD_S_PER_RPM, RPM_PER_RAD_S
 
-_SPAN = 1.05
+_LEAST_SPEED_RATIO = 1.05
 """Ratio of the largest to the smallest speed from which stiffness and mass can be told apart."""
 
 
@@ -139,7 +139,7 @@ def straight_lines(speed: Float, stiffness: ComplexArray, sigma: Float) -> tuple
     Returns:
         value and standard error by name, widened by ``sqrt(redchi)`` where that exceeds one; and redchi.
     """
-    if np.unique(speed).size < 2 or speed.max() < _SPAN * speed.min():
+    if np.unique(speed).size < 2 or speed.max() < _LEAST_SPEED_RATIO * speed.min():
         return {}, float("nan")
     scale = speed.max()
     design = np.zeros((2 * speed.size, 3))

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 _SAME_SPEED = 0.02
 """Speeds of different dates within this fraction are compared with each other."""
-_ALONE = 0.05
+_P_OTHER_CAUSE = 0.05
 """A cause is held to be alone unless what it leaves over is less probable than this."""
 
 _MEANING = {
@@ -120,7 +120,7 @@ class PlaceTrend:
     def _cause_sentences(self) -> list[str]:
         if not self.causes:
             return []
-        likely = [cause for cause in self.causes if cause.probability > _ALONE]
+        likely = [cause for cause in self.causes if cause.probability > _P_OTHER_CAUSE]
         if not likely:
             return ["neither K, M nor D alone, nor all in proportion, explains it: more than one thing changed"]
         words = []

@@ -15,10 +15,10 @@ from rotorfit.data.experiments import (
 from rotorfit.models import RotorModel
 from rotorfit.models.array_types import Float
 from rotorfit.models.motion.journal import journal
-from rotorfit.observing.refusals import CLEAR
+from rotorfit.observing.refusals import LARGEST_MEASURED_ECCENTRICITY
 from rotorfit.observing.row_labels import same_rows
 
-_FEW = 0.05  # share of a test's readings that may be slips of the instruments
+_SLIPS_SHARE = 0.05  # share of a test's readings that may be slips of the instruments
 
 
 def within_clearance(model: RotorModel, test: Experiment) -> tuple[Experiment, str]:
@@ -30,8 +30,8 @@ def within_clearance(model: RotorModel, test: Experiment) -> tuple[Experiment, s
     if model.clearance is None or not model.eccentricity_dependent:
         return test, ""
     size = _excursion(model, test)
-    beyond = size > CLEAR * model.clearance
-    if not 0 < np.count_nonzero(beyond) <= max(1.0, _FEW * np.isfinite(size).sum()):
+    beyond = size > LARGEST_MEASURED_ECCENTRICITY * model.clearance
+    if not 0 < np.count_nonzero(beyond) <= max(1.0, _SLIPS_SHARE * np.isfinite(size).sum()):
         return test, ""
     line = same_line(test)
     out = np.isin(line, line[beyond])

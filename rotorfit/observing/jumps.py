@@ -11,11 +11,12 @@ from rotorfit.models.motion.journal import journal
 from rotorfit.observing.clearance import same_line, within_clearance
 from rotorfit.observing.row_labels import same_rows
 
-_FROM = 0.05  # step of the journal's vector from one line to the next, in clearances, that may be a jump
-_OVER = 4.0  # times the steps on either side of it
-_BEFORE = 2  # lines left out before a jump
-_GAP, _SAME = 3.0, 0.2  # step of the frequency over the usual one, and relative change of the force, within one sweep
-_FEWEST = 6  # lines of a sweep in which a jump can be told from a resonance
+_LEAST_STEP = 0.05  # step of the journal's vector from one line to the next, in clearances, that may be a jump
+_STEP_RATIO = 4.0  # times the steps on either side of it
+_LINES_BEFORE = 2  # lines left out before a jump
+_LARGEST_SWEEP_GAP = 3.0  # step of the frequency over the usual one, within one sweep
+_LARGEST_FORCE_CHANGE = 0.2  # relative change of the force from line to line, within one sweep
+_FEWEST_LINES = 6  # lines of a sweep in which a jump can be told from a resonance
 
 
 def usable(model: RotorModel, test: Experiment) -> tuple[Experiment, tuple[str, ...]]:
@@ -44,20 +45,20 @@ def off_jumps(model: RotorModel, test: Experiment) -> tuple[Experiment, str]:
     jumps = 0
     for number in np.unique(sweep[moving]).tolist():
         rows = moving[sweep[moving] == number]
-        if rows.size < _FEWEST:
+        if rows.size < _FEWEST_LINES:
             continue
         step = np.abs(np.diff(test.response[rows])) / model.clearance
         beside = np.maximum(np.append(step[1:], 0.0), np.append(0.0, step[:-1]))
-        places = np.flatnonzero((step > _FROM) & (step > _OVER * beside) & _swept_on(test, rows)).tolist()
+        places = np.flatnonzero((step > _LEAST_STEP) & (step > _STEP_RATIO * beside) & _swept_on(test, rows)).tolist()
         jumps += len(places)
-        ending += [row for place in places for row in rows[max(place + 1 - _BEFORE, 0) : place + 1].tolist()]
+        ending += [row for place in places for row in rows[max(place + 1 - _LINES_BEFORE, 0) : place + 1].tolist()]
     if not ending:
         return test, ""
     line = same_line(test)
     out = np.isin(line, line[ending])
     return test.select(~out), (
-        f"{test.source or test.title}: {jumps} jumps from one orbit to another; the last {_BEFORE} lines before each, "
-        "where the orbit left ceases to exist, are left out"
+        f"{test.source or test.title}: {jumps} jumps from one orbit to another; the last {_LINES_BEFORE} lines before "
+        "each, where the orbit left ceases to exist, are left out"
     )
 
 
@@ -65,5 +66,5 @@ def _swept_on(test: PerturbationTest, rows: NDArray[np.intp]) -> NDArray[np.bool
     """Whether from each row to the next the sweep went on: a step in frequency as the others, and the same force."""
     ahead, force = np.diff(test.frequency[rows]), np.abs(test.force[rows])
     usual = float(np.median(ahead))
-    same = np.abs(np.diff(force)) <= _SAME * force[:-1]
-    return np.asarray((ahead * usual > 0) & (np.abs(ahead) <= _GAP * abs(usual)) & same)
+    same = np.abs(np.diff(force)) <= _LARGEST_FORCE_CHANGE * force[:-1]
+    return np.asarray((ahead * usual > 0) & (np.abs(ahead) <= _LARGEST_SWEEP_GAP * abs(usual)) & same)

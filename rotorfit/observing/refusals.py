@@ -11,14 +11,14 @@ from rotorfit.data.experiments import Experiment
 from rotorfit.models import RotorModel
 from rotorfit.models.array_types import Float
 
-CLEAR = 1.0 - 1e-6
+LARGEST_MEASURED_ECCENTRICITY = 1.0 - 1e-6
 """Eccentricity above which a measured position is out of the clearance."""
 
 
 def check_clearance(eps: Float, model: RotorModel, what: str) -> None:
     """Refuse motion beyond the clearance."""
     largest = float(np.nanmax(eps, initial=0.0))
-    if largest > CLEAR and model.clearance is not None:
+    if largest > LARGEST_MEASURED_ECCENTRICITY and model.clearance is not None:
         raise ValueError(
             f"{what} reach {largest * model.clearance * 1e6:.4g} um, the clearance is {model.clearance * 1e6:.4g} um; "
             f"check clearance_um and the units of the data"

@@ -13,7 +13,7 @@ from rotorfit.estimators.blocks.observations import Responses
 from rotorfit.estimators.inference.covariance import standard_error
 from rotorfit.estimators.starting.stiffness_inversion import stiffness_matrices
 from rotorfit.models.array_types import ComplexArray, Float
-from rotorfit.plots.journal import CONFIDENCE, half_width
+from rotorfit.plots.journal import ERRORS_OF_95_PERCENT, half_width
 from rotorfit.plots.style import GREY, grid, legend_below, literal, prefix
 from rotorfit.plots.sweeps import SweepCondition, sweeps
 from rotorfit.units import RPM_PER_RAD_S
@@ -24,9 +24,7 @@ if TYPE_CHECKING:
     from rotorfit.fitting.result import FitResult
 
 
-_CURVE_POINTS = 300
-_SHOWN = 400  # measured points a panel; more only blacken it
-_FIT = 3  # drawing order of fitted lines, above what was measured
+_FITTED_LINES = 3  # drawing order of fitted lines, above what was measured
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -111,10 +109,11 @@ def _shown(fit: FitResult) -> list[_Shown]:
 
 def _measured(block: Responses, fit: FitResult) -> list[_Points]:
     """Entries of eq. (7), or the drive points where not all planes were forced or each force has a stiffness."""
+    most = 400  # measured points a panel; more only blacken it
     if not block.imposed and not fit.model.eccentricity_dependent:
         measured = stiffness_matrices(block)
         if measured.frequency.size:
-            some = slice(None, None, max(1, measured.frequency.size // _SHOWN))
+            some = slice(None, None, max(1, measured.frequency.size // most))
             n = len(block.model.coordinates)
             return [
                 _Points(
@@ -179,7 +178,7 @@ def _entry(fit: FitResult, shown: Sequence[_Shown], pair: tuple[Any, ...], row: 
             parts = ((line.kappa.real, line.direct, "-"), (line.kappa.imag, line.quadrature, "--" if together else "-"))
             x = line.frequency * RPM_PER_RAD_S
             for axis, (value, band, style) in zip(pair, parts, strict=True):
-                axis.plot(x, factor * value, style, color=colour, lw=1.3, zorder=_FIT)
+                axis.plot(x, factor * value, style, color=colour, lw=1.3, zorder=_FITTED_LINES)
                 axis.fill_between(x, factor * (value - band), factor * (value + band), color=colour, alpha=0.25, lw=0)
         for p in measured:
             _points(pair, p.frequency, factor * p.kappa, factor * p.sigma, colour)
@@ -212,7 +211,7 @@ def _fitted(fit: FitResult, shown: _Shown, row: int, column: int, full: bool) ->
     """Fitted entry on a fine grid and half-widths of its 95 % band, by the delta method."""
     model, space = fit.model, fit.problem.space
     condition = shown.condition
-    w = np.linspace(shown.low, shown.high, _CURVE_POINTS)
+    w = np.linspace(shown.low, shown.high, 300)
     speed = w if np.isnan(condition.speed) else np.full(w.size, condition.speed)
     theta = space.theta(fit.x)[condition.group]
     kappa: ComplexArray = model.dynamic_stiffness(theta, w, speed)
@@ -230,7 +229,7 @@ def _fitted(fit: FitResult, shown: _Shown, row: int, column: int, full: bool) ->
     by_theta = np.zeros((w.size, theta.size + 2), dtype=complex)  # two more inputs: speed and eccentricity
     np.add.at(by_theta.T, jacobian.inputs, entries.T)
     slope = space.pull_back(by_theta[:, : theta.size], condition.group)
-    bands = [CONFIDENCE * standard_error(part, fit.covar) for part in (slope.real, slope.imag)]
+    bands = [ERRORS_OF_95_PERCENT * standard_error(part, fit.covar) for part in (slope.real, slope.imag)]
     return _Line(frequency=w, kappa=value, direct=bands[0], quadrature=bands[1])
 
 
@@ -289,17 +288,14 @@ def _readings(fit: FitResult, shown: Sequence[_Shown], pair: tuple[Any, ...], ro
     _mark_whirl(fit, shown, pair[1], row, column)
 
 
-_BOX = 0.46, 0.28
-"""Width and height of the boxes of readings, generously, in parts of an axis."""
-
-
 def _clear_side(axis: Any) -> tuple[str, float]:
     """Where along the lower edge a box hides least of the fit: its alignment and place, in parts of the axis."""
-    fits = [line.get_xydata() for line in axis.lines if line.get_zorder() == _FIT]
+    fits = [line.get_xydata() for line in axis.lines if line.get_zorder() == _FITTED_LINES]
     at = axis.transAxes.inverted().transform(axis.transData.transform(np.concatenate(fits)))
-    low = at[at[:, 1] < _BOX[1], 0]
-    begins = {"left": 0.02, "center": 0.5 - _BOX[0] / 2, "right": 0.98 - _BOX[0]}
-    side = min(begins, key=lambda name: int(np.sum((low > begins[name]) & (low < begins[name] + _BOX[0]))))
+    extent = (0.46, 0.28)  # width and height of the boxes of readings, generously, in parts of an axis
+    low = at[at[:, 1] < extent[1], 0]
+    begins = {"left": 0.02, "center": 0.5 - extent[0] / 2, "right": 0.98 - extent[0]}
+    side = min(begins, key=lambda name: int(np.sum((low > begins[name]) & (low < begins[name] + extent[0]))))
     return side, {"left": 0.02, "center": 0.5, "right": 0.98}[side]
 
 

@@ -27,9 +27,6 @@ if TYPE_CHECKING:
     from rotorfit.fitting.result import FitResult
 
 
-_POINTS = 200
-
-
 def plot_law(fit: FitResult) -> Figure:
     """K0, D and lam against eccentricity with their 95 % bands; ticks below mark the eccentricities of the data.
 
@@ -37,7 +34,7 @@ def plot_law(fit: FitResult) -> Figure:
     """
     law_of(fit.model)
     limit = reach(fit)
-    eps = np.linspace(0.0, min(1.15 * limit, 0.99), _POINTS)
+    eps = np.linspace(0.0, min(1.15 * limit, 0.99), 200)
     theta = fit.thetas
     sets = [law_curves(fit.model, vector, eps) for vector in theta]
     figure, axes = grid(len(sets[0]), 1, f"Fluid against eccentricity, {fit.model.name}", size=(5.6, 2.2))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from statistics import NormalDist
 
 import numpy as np
 
@@ -16,8 +17,8 @@ from rotorfit.models.array_types import ComplexArray, Float, Index, Text
 from rotorfit.models.motion.journal import journal
 from rotorfit.models.motion.line_stiffness import line_stiffness
 
-CONFIDENCE = 1.96
-"""Half-width of a 95 % band in standard errors."""
+ERRORS_OF_95_PERCENT = NormalDist().inv_cdf(0.975)
+"""Half-width of a 95 % band in standard errors, by the normal distribution."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -97,7 +98,7 @@ def drive_stiffness(
 def half_width(fit: FitResult, group: int, slope: Float) -> Float:
     """Half-width of the 95 % band of a quantity, shape ``(E,)``."""
     by_fitted = fit.problem.space.pull_back(slope, group)
-    return np.asarray(CONFIDENCE * standard_error(by_fitted, fit.covar))
+    return np.asarray(ERRORS_OF_95_PERCENT * standard_error(by_fitted, fit.covar))
 
 
 def reach(fit: FitResult) -> float:

@@ -16,7 +16,7 @@ from rotorfit.recordings.spectra import Cascade
 from rotorfit.recordings.views import Centreline, OrderVectors, Stretch
 from rotorfit.units import RPM_PER_RAD_S
 
-_MICRO = 1e6
+_MICROMETRES = 1e6
 _SHAFT, _PERTURBATOR = "black", COLOURS[1]
 _MARK_COLOURS = {"shaft": _SHAFT, "perturbator": _PERTURBATOR}
 _FILTERED = {"shaft": "1x", "perturbator": "w"}
@@ -29,9 +29,9 @@ def plot_timebase(stretches: Sequence[Stretch], name: str) -> Figure:
     for axis, part in zip(axes[:, 0], stretches, strict=True):
         traces = {"x": part.z.real, "y": part.z.imag} if np.iscomplexobj(part.z) else {"along the probe": part.z}
         for colour, (label, values) in zip((COLOURS[0], COLOURS[2]), traces.items(), strict=False):
-            handles[label] = axis.plot(part.t, values * _MICRO, color=colour, linewidth=0.9)[0]
+            handles[label] = axis.plot(part.t, values * _MICROMETRES, color=colour, linewidth=0.9)[0]
             for mark, times in part.dots.items():
-                at = np.interp(times, part.t, values * _MICRO)
+                at = np.interp(times, part.t, values * _MICROMETRES)
                 style = {"color": _MARK_COLOURS[mark], "markersize": 4, "linestyle": ""}
                 handles[f"mark of the {mark}"] = axis.plot(times, at, marker="o", **style)[0]
         axis.set_ylabel(literal(f"{part.plane} (µm)"), fontsize=9)
@@ -50,10 +50,10 @@ def plot_orbit(stretches: Sequence[Stretch], name: str) -> Figure:
     figure, axes = grid(len(stretches), 1 + len(marks), title, size=(3.1, 2.9))
     handles: dict[str, Any] = {}
     for row, part in zip(axes, stretches, strict=True):
-        _orbit(row[0], part, part.z * _MICRO, part.dots, handles)
+        _orbit(row[0], part, part.z * _MICROMETRES, part.dots, handles)
         row[0].set_title(literal(f"{part.plane}, {'without run-out' if part.cleaned else 'as recorded'}"), fontsize=9)
         for axis, mark in zip(row[1:], marks, strict=True):
-            _orbit(axis, part, part.filtered[mark] * _MICRO, {mark: part.dots[mark]}, handles)
+            _orbit(axis, part, part.filtered[mark] * _MICROMETRES, {mark: part.dots[mark]}, handles)
             axis.set_title(literal(f"{part.plane}, {_FILTERED[mark]} of the {mark}"), fontsize=9)
     legend_below(figure, list(handles.values()), list(handles))
     return figure
@@ -80,7 +80,7 @@ def plot_centreline(lines: Sequence[Centreline], name: str) -> Figure:
     """Mean position of the shaft relative to the start of the recording, coloured by speed, else by time."""
     figure, axes = grid(1, len(lines), literal(f"{name}\nshaft centreline from the gap voltages"), size=(4.0, 3.6))
     for axis, line in zip(axes[0], lines, strict=True):
-        z = line.z * _MICRO
+        z = line.z * _MICROMETRES
         by_speed = np.isfinite(line.speed).all() and np.ptp(line.speed) > 0.02 * np.abs(line.speed).max()
         values, label = (np.abs(line.speed) * RPM_PER_RAD_S, "speed (rpm)") if by_speed else (line.t, "time (s)")
         axis.plot(z.real, z.imag, color="0.8", linewidth=0.7, zorder=1)
@@ -112,7 +112,9 @@ def plot_bode(vectors: OrderVectors, name: str) -> Figure:
                 continue
             values = vectors.phasors[number]
             colour = COLOURS[sum(p == plane for p, _ in vectors.probes[:number]) % len(COLOURS)]
-            top.plot(x, np.abs(values) * _MICRO, color=colour, linewidth=1, label=f"probe at {np.degrees(angle):g}°")
+            top.plot(
+                x, np.abs(values) * _MICROMETRES, color=colour, linewidth=1, label=f"probe at {np.degrees(angle):g}°"
+            )
             bottom.plot(x, _unwrapped(values), color=colour, linewidth=1)
         top.set_title(literal(plane), fontsize=9)
         top.set_ylabel("amplitude (µm 0-pk)", fontsize=9)
@@ -156,10 +158,10 @@ def plot_polar(vectors: OrderVectors, name: str) -> Figure:
     for axis in axes.flat[len(vectors.probes) :]:
         axis.set_visible(False)
     for axis, (plane, angle), values in zip(axes.flat, vectors.probes, vectors.phasors, strict=False):
-        axis.plot(np.angle(values), np.abs(values) * _MICRO, color=COLOURS[0], linewidth=1)  # a gap stays a gap
+        axis.plot(np.angle(values), np.abs(values) * _MICROMETRES, color=COLOURS[0], linewidth=1)  # a gap stays a gap
         if _axis_of(vectors) == "speed":
             for row in _spread_out(values):
-                at = (np.angle(values[row]), abs(values[row]) * _MICRO)
+                at = (np.angle(values[row]), abs(values[row]) * _MICROMETRES)
                 axis.plot(*at, "o", color=COLOURS[1], markersize=3)
                 axis.annotate(f"{abs(vectors.speed[row]) * RPM_PER_RAD_S:.0f}", at, fontsize=7, color=GREY)
         axis.set_title(literal(f"{plane}, probe at {np.degrees(angle):g}°"), fontsize=9)
@@ -185,8 +187,8 @@ def plot_full_spectrum(
     edge = max(_worth_seeing(*each) for each in spectra.values()) if limit is None else limit
     for axis, (plane, (frequency, amplitude)) in zip(axes[:, 0], spectra.items(), strict=True):
         inside = np.abs(frequency) <= edge
-        axis.plot(frequency[inside], amplitude[inside] * _MICRO, color=COLOURS[0], linewidth=0.8)
-        top = float(amplitude[inside].max(initial=0.0)) * _MICRO
+        axis.plot(frequency[inside], amplitude[inside] * _MICROMETRES, color=COLOURS[0], linewidth=0.8)
+        top = float(amplitude[inside].max(initial=0.0)) * _MICROMETRES
         for label, at in lines.items():
             if abs(at) <= edge:
                 axis.axvline(at, color=GREY, linewidth=0.6, linestyle=":")
@@ -208,7 +210,7 @@ def plot_cascade(cascade: Cascade, name: str, limit: float | None = None) -> Fig
     """Full-spectrum cascade with order lines: one spectrum a line, shifted up by time, speed or perturbation."""
     edge = _worth_seeing(cascade.frequency, cascade.amplitude.max(axis=0)) if limit is None else limit
     inside = np.abs(cascade.frequency) <= edge
-    frequency, amplitude = cascade.frequency[inside], cascade.amplitude[:, inside] * _MICRO
+    frequency, amplitude = cascade.frequency[inside], cascade.amplitude[:, inside] * _MICROMETRES
     scale, label = (1.0, "time (s)") if cascade.over == "time" else (RPM_PER_RAD_S, f"{_position_of(cascade)} (rpm)")
     position = cascade.position * scale
     spacing = np.ptp(position) / max(position.size - 1, 1) or 1.0

@@ -14,7 +14,7 @@ from rotorfit.plots.dynamic_stiffness import draw_dynamic_stiffness
 from rotorfit.plots.eccentricity import plot_law, plot_nonlinear_stiffness
 from rotorfit.plots.stability import plot_stability
 from rotorfit.plots.static_and_impulse import plot_static_locus, plot_static_stiffness, plot_velocity_ratio
-from rotorfit.plots.style import GREY, SMALL, decade_ticks, grid, legend_below, literal
+from rotorfit.plots.style import GREY, SMALL_TYPE, decade_ticks, grid, legend_below, literal
 from rotorfit.plots.sweeps import SweepCondition, SweepCurve, curves, joined
 from rotorfit.plots.uncertainty import plot_corner, plot_traces
 from rotorfit.units import RPM_PER_RAD_S
@@ -38,8 +38,6 @@ __all__ = [
     "plot_traces",
     "plot_velocity_ratio",
 ]
-
-_MARKS = 7  # frequencies marked along a polar curve, about
 
 
 @dataclass(frozen=True, eq=False)
@@ -203,7 +201,7 @@ def _mark_frequencies(axis: Any, found: Sequence[SweepCurve], factor: float, rea
     from matplotlib.ticker import MaxNLocator
 
     top = max(float(np.abs(c.fine).max()) for c in found) * RPM_PER_RAD_S
-    steps = np.asarray(MaxNLocator(nbins=4 * _MARKS, steps=[1, 2, 5, 10]).tick_values(-top, top))
+    steps = np.asarray(MaxNLocator(nbins=28, steps=[1, 2, 5, 10]).tick_values(-top, top))
     placed: list[complex] = []
     for curve in found:
         x = curve.fine * RPM_PER_RAD_S
@@ -219,7 +217,7 @@ def _mark_frequencies(axis: Any, found: Sequence[SweepCurve], factor: float, rea
                     xytext=(-4 if left else 4, 3),
                     textcoords="offset points",
                     ha="right" if left else "left",
-                    fontsize=SMALL,
+                    fontsize=SMALL_TYPE,
                     color=curve.condition.colour,
                     zorder=5,
                     clip_on=True,

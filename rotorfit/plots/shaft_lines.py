@@ -14,7 +14,7 @@ from rotorfit.models import AnisotropicShaft, Turning, TurningOnSupports, eigenv
 from rotorfit.models.array_types import ComplexArray, Float, Index
 from rotorfit.models.motion.stability import growing_bands
 from rotorfit.models.shafts.combination_lines import line_order
-from rotorfit.plots.style import COLOURS, GREY, SMALL, colour_of, decade_ticks, grid, legend_below, literal, prefix
+from rotorfit.plots.style import COLOURS, GREY, SMALL_TYPE, colour_of, decade_ticks, grid, legend_below, literal, prefix
 from rotorfit.units import RPM_PER_RAD_S
 
 if TYPE_CHECKING:
@@ -23,11 +23,9 @@ if TYPE_CHECKING:
     from rotorfit.fitting.result import FitResult
 
 
-_FINE = 800  # points of a fitted line
-_UNSURE = 1.0
+_CURVE_POINTS = 800  # points of a fitted line
+_LARGEST_ERROR = 1.0
 """Error over amplitude beyond which a reading has no phase worth showing."""
-_MARKED = 30
-"""Tested speeds that are marked one by one; of more the lowest and the highest."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -66,18 +64,18 @@ def plot_lines(fit: FitResult) -> Figure:
         for curve in own:
             colour = GREY if np.isnan(curve.speed) else colour_of(speeds.index(curve.speed), len(speeds))
             _draw(size, phase, curve, factor, colour)
-        size.set_ylabel(f"{literal(kind)}\n{name}", fontsize=SMALL)
+        size.set_ylabel(f"{literal(kind)}\n{name}", fontsize=SMALL_TYPE)
         size.set_yscale("log")
         decade_ticks(size.yaxis)
         top = max(float(np.abs(c.fitted).max()) for c in own) * factor
         low = min(float(np.abs(c.fitted).min()) for c in own) * factor
         size.set_ylim(max(low / 3, top / 1e5), 3 * top)
-        phase.set_ylabel("phase, deg", fontsize=SMALL)
+        phase.set_ylabel("phase, deg", fontsize=SMALL_TYPE)
         phase.set_ylim(-190, 190)
         phase.set_yticks([-180, -90, 0, 90, 180])
         if np.isnan(own[0].speed) or kind == [c.title for c in curves if not np.isnan(c.speed)][-1]:
             for axis in (size, phase):
-                axis.set_xlabel(_RUNNING if np.isnan(own[0].speed) else _PERTURBED, fontsize=SMALL)
+                axis.set_xlabel(_RUNNING if np.isnan(own[0].speed) else _PERTURBED, fontsize=SMALL_TYPE)
     _legend(figure, speeds, len(kinds) > len({c.title for c in curves if not np.isnan(c.speed)}))
     return figure
 
@@ -117,7 +115,7 @@ def _run_up(fit: FitResult, block: LineResponses, title: str, rows: Index, predi
     """A line without force against speed."""
     first = int(rows[0])
     speed, direction = block.speed[rows], str(block.direction[first])
-    fine = np.linspace(speed[0], speed[-1], _FINE)
+    fine = np.linspace(speed[0], speed[-1], _CURVE_POINTS)
     return _Curve(
         title=f"{title}\nstart-up",
         unit="rad" if direction == "twist" else "m",
@@ -154,7 +152,7 @@ def _kinds(fit: FitResult, block: LineResponses | PairResponses) -> Iterator[tup
 def _fitted_line(fit: FitResult, block: LineResponses | PairResponses, rows: Index) -> tuple[Float, ComplexArray]:
     """Fitted line per unit of force on a grid fine enough for sharp resonances."""
     w = block.frequency[rows]
-    fine = np.linspace(w[0], w[-1], _FINE)
+    fine = np.linspace(w[0], w[-1], _CURVE_POINTS)
     if isinstance(block, PairResponses):
         return fine, _fitted_pair(fit, block, rows, fine)
     force = np.interp(fine, w, np.abs(block.force[rows])) * np.exp(1j * np.angle(block.force[rows[0]]))
@@ -180,7 +178,7 @@ def _draw(size: Any, phase: Any, curve: _Curve, factor: float, colour: str) -> N
     size.errorbar(rpm, np.abs(curve.measured) * factor, curve.sigma * factor, **style)
     fine = curve.fine * RPM_PER_RAD_S
     size.plot(fine, np.abs(curve.line_fitted) * factor, color="black", lw=0.9, zorder=3)
-    sure = curve.sigma < _UNSURE * np.abs(curve.fitted)
+    sure = curve.sigma < _LARGEST_ERROR * np.abs(curve.fitted)
     error = np.degrees(curve.sigma / np.abs(curve.fitted))
     phase.errorbar(rpm[sure], np.degrees(np.angle(curve.measured[sure])), error[sure], **style)
     angle = np.degrees(np.angle(curve.line_fitted))
@@ -207,7 +205,8 @@ def plot_turning_stability(fit: FitResult) -> Figure:
     critical = float(np.abs(eigenvalues(model, theta, 0.0)).max())
     tested = sorted({float(v) for e in fit.experiments for v in np.round(np.unique(e.speed), 2).tolist()})
     top = 1.15 * max(1.5 * critical, *tested)
-    tested = tested if len(tested) <= _MARKED else [tested[0], tested[-1]]
+    most = 30  # tested speeds that are marked one by one; of more the lowest and the highest
+    tested = tested if len(tested) <= most else [tested[0], tested[-1]]
     bands = (growing_bands if isinstance(model, TurningOnSupports) else unstable_bands)(model, theta, top)
     edges = [speed for band in bands for speed in band]
     speeds = np.unique(np.concatenate([np.linspace(0.0, top, 600), *(v * np.linspace(0.99, 1.01, 41) for v in edges)]))

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from rotorfit.fitting.result import FitResult
 
 
-_POINTS = 120
+_CURVE_POINTS = 120
 
 
 def _static(fit: FitResult) -> list[JournalLines]:
@@ -73,7 +73,7 @@ def plot_static_locus(fit: FitResult) -> Figure:
                 color=colour,
                 elinewidth=0.7,
             )
-            eps = np.linspace(0.0, largest, _POINTS)
+            eps = np.linspace(0.0, largest, _CURVE_POINTS)
             kappa, _ = drive_stiffness(fit.model, theta[group], 0j, speed, eps)
             locus = -1j * eps * np.abs(kappa) / kappa
             axis.plot(locus.real, locus.imag, "-", color=colour, lw=1.3)
@@ -105,7 +105,8 @@ def plot_static_stiffness(fit: FitResult) -> Figure:
     for lines in blocks:
         for group, speed, largest in _curves(lines):
             here = np.flatnonzero((lines.group == group) & (lines.speed == speed))
-            colour, eps = colour_of(speeds.index(round(speed, 6))), np.linspace(0.0, min(1.05 * largest, 0.99), _POINTS)
+            colour = colour_of(speeds.index(round(speed, 6)))
+            eps = np.linspace(0.0, min(1.05 * largest, 0.99), _CURVE_POINTS)
             kappa, slope = drive_stiffness(fit.model, theta[group], 0j, speed, eps)
             measured, sigma = lines.stiffness[here], lines.stiffness_sigma[here]
             turning = -1.0 / speed if speed else np.nan
@@ -150,7 +151,7 @@ def plot_velocity_ratio(fit: FitResult) -> Figure:
     figure, axes = grid(1, 1, f"Velocity ratio from impulse tests, {fit.model.name}", size=(5.6, 3.6))
     axis = axes[0, 0]
     limit = max(float(block.eccentricity.max()) for block in blocks)
-    eps = np.linspace(0.0, min(1.1 * limit, 0.99) or 0.5, _POINTS)
+    eps = np.linspace(0.0, min(1.1 * limit, 0.99) or 0.5, _CURVE_POINTS)
     for block in blocks:
         _draw_vibrations(fit, axis, block, speeds, eps)
     _draw_ratios(fit, axis, eps)

@@ -18,14 +18,8 @@ COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00")
 GREY = "#666666"
 PAGE = (7.08, 8.8)
 """Largest width and height of a figure, inches: what A4 leaves between its margins, so that print keeps its size."""
-SMALL = 7
+SMALL_TYPE = 7
 """Smallest type, points."""
-TICK_INTERVALS = 6
-"""Most intervals between the ticks of an axis."""
-PNG_COMPRESSION = 3
-"""Half the time of the default, one file in thirty larger."""
-LABELLED_DECADES = 1.5
-"""Decades of a logarithmic axis up to which ticks between powers of ten are labelled too."""
 
 
 class ShownFigure(Figure):
@@ -49,7 +43,7 @@ def grid(
     for axis in axes.flat:
         few_ticks(axis.xaxis)
         few_ticks(axis.yaxis)
-        axis.tick_params(labelsize=SMALL)
+        axis.tick_params(labelsize=SMALL_TYPE)
         axis.grid(color="0.9", linewidth=0.6)
         axis.set_axisbelow(True)
         for side in ("top", "right"):
@@ -57,7 +51,7 @@ def grid(
     return figure, axes
 
 
-def few_ticks(axis: Any, intervals: int = TICK_INTERVALS) -> None:
+def few_ticks(axis: Any, intervals: int = 6) -> None:
     """Give a linear axis of x or y few ticks."""
     axis.set_major_locator(MaxNLocator(nbins=intervals, steps=[1, 2, 2.5, 5, 10]))
 
@@ -82,7 +76,8 @@ def decade_ticks(axis: Any) -> None:
     axis.set_major_locator(LogLocator())
     axis.set_minor_locator(_BetweenDecades())
     axis.set_major_formatter(LogFormatter())
-    axis.set_minor_formatter(LogFormatter(labelOnlyBase=False, minor_thresholds=(LABELLED_DECADES, LABELLED_DECADES)))
+    labelled = 1.5  # decades of a logarithmic axis up to which ticks between powers of ten are labelled too
+    axis.set_minor_formatter(LogFormatter(labelOnlyBase=False, minor_thresholds=(labelled, labelled)))
     axis.set_tick_params(which="minor", labelsize=axis.get_tick_params(which="major").get("labelsize"))
 
 
@@ -114,14 +109,14 @@ def prefix(values: Float, unit: str) -> tuple[float, str]:
 def legend_below(figure: Figure, handles: Sequence[Any], labels: Sequence[str]) -> None:
     """One legend for all axes, outside of the data, in as many columns as the width holds."""
     if len(labels):
-        room = figure.get_figwidth() * 72 / (0.55 * SMALL)  # letters in a row
+        room = figure.get_figwidth() * 72 / (0.55 * SMALL_TYPE)  # letters in a row
         columns = int(room / (max(len(label) for label in labels) + 6))
         figure.legend(
             handles,
             labels,
             loc="outside lower center",
             ncols=min(max(columns, 1), len(labels), 6),
-            fontsize=SMALL,
+            fontsize=SMALL_TYPE,
             frameon=False,
         )
 
@@ -133,5 +128,6 @@ def picture_of(figure: Figure, file_format: str = "png", dpi: float = 200.0) -> 
         figure.savefig(stream, format=file_format, dpi=dpi)
         return stream.getvalue()
     figure.set_dpi(dpi)
-    FigureCanvasAgg(figure).print_png(stream, pil_kwargs={"compress_level": PNG_COMPRESSION})
+    # Half the time of the default, one file in thirty larger.
+    FigureCanvasAgg(figure).print_png(stream, pil_kwargs={"compress_level": 3})
     return stream.getvalue()

@@ -25,11 +25,9 @@ if TYPE_CHECKING:
     from rotorfit.fitting.result import FitResult
 
 
-SWEPT = 12
+MOST_STEADY_SPEEDS = 12
 """Distinct speeds of a block beyond which the speed is swept, as in a start-up."""
-_SWEEP = -1.0  # speed of a key whose speed is swept
-_ONE_SPEED = 2e-3  # relative difference of speeds that were meant to be the same
-_ONE_LEVEL = 0.03  # relative difference of forces that were meant to be the same
+_SWEPT_SPEED = -1.0  # speed of a key whose speed is swept
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -79,7 +77,7 @@ def sweeps(fit: FitResult) -> tuple[list[SweepCondition], list[Sweeps]]:
     conditions = [
         SweepCondition(
             group=key.group,
-            speed=math.nan if key.speed == _SWEEP else key.speed,
+            speed=math.nan if key.speed == _SWEPT_SPEED else key.speed,
             name=name,
             colour=colour_of(i, len(distinct)),
         )
@@ -99,14 +97,15 @@ def _at_1x(base: Responses) -> bool:
 
 def _keys(blocks: Sequence[Responses], *, nonlinear: bool) -> list[list[_Key]]:
     """What tells the lines of each block apart; equal speeds of several blocks have equal keys."""
-    swept = [np.unique(base.speed).size > SWEPT or _at_1x(base) for base in blocks]
+    swept = [np.unique(base.speed).size > MOST_STEADY_SPEEDS or _at_1x(base) for base in blocks]
+    same_speed = 2e-3  # relative difference of speeds that were meant to be the same
     steady = _rounded(
-        np.concatenate([np.zeros(0) if s else b.speed for s, b in zip(swept, blocks, strict=True)]), _ONE_SPEED
+        np.concatenate([np.zeros(0) if s else b.speed for s, b in zip(swept, blocks, strict=True)]), same_speed
     )
     found, begin = [], 0
     for base, is_swept in zip(blocks, swept, strict=True):
         count = base.speed.size
-        speeds = np.full(count, _SWEEP) if is_swept else steady[begin : begin + count]
+        speeds = np.full(count, _SWEPT_SPEED) if is_swept else steady[begin : begin + count]
         begin += 0 if is_swept else count
         by_force = nonlinear and not base.imposed
         names = levels(np.abs(base.force).max(axis=1), base.frequency) if by_force else [""] * count
@@ -117,8 +116,9 @@ def _keys(blocks: Sequence[Responses], *, nonlinear: bool) -> list[list[_Key]]:
 
 def levels(force: Float, frequency: Float) -> list[str]:
     """Size of each line's force in words: of an unbalance m r where that takes fewer values than the force itself."""
-    by_force = _rounded(force, _ONE_LEVEL)
-    by_unbalance = _rounded(force / np.maximum(frequency**2, 1e-12), _ONE_LEVEL)
+    same_level = 0.03  # relative difference of forces that were meant to be the same
+    by_force = _rounded(force, same_level)
+    by_unbalance = _rounded(force / np.maximum(frequency**2, 1e-12), same_level)
     if np.unique(by_unbalance).size < np.unique(by_force).size:
         return [f"{value * 1e6:.3g} g mm" for value in by_unbalance]
     return [f"{value:.3g} N" for value in by_force]
@@ -150,7 +150,7 @@ def _names(fit: FitResult, keys: Sequence[_Key]) -> list[str]:
             ", ".join(
                 part
                 for part in (
-                    "synchronous" if k.speed == _SWEEP else f"{k.speed * RPM_PER_RAD_S:.4g} rpm",
+                    "synchronous" if k.speed == _SWEPT_SPEED else f"{k.speed * RPM_PER_RAD_S:.4g} rpm",
                     k.level,
                     group_label(fit, k.group) if several else "",
                 )
@@ -239,28 +239,26 @@ def _curves(fit: FitResult, conditions: Sequence[SweepCondition], part: Sweeps) 
         )
 
 
-_FINE = 1200  # points of a fitted line
-
-
 def _fine(fit: FitResult, block: Responses, rows: Index) -> tuple[Float, ComplexArray, ComplexArray]:
     """Fitted response along a sweep and its derivatives, on a grid fine enough for sharp resonances."""
     line = block.line[rows]
     w = block.frequency[line]
-    fine = np.linspace(w[0], w[-1], _FINE)
+    points = 1200  # points of a fitted line
+    fine = np.linspace(w[0], w[-1], points)
     force = block.force[line[0]]
-    count = np.arange(_FINE)
+    count = np.arange(points)
     grid = replace(
         block,
         speed=np.interp(fine, w, block.speed[line]),
         frequency=fine,
-        force=np.tile(force, (_FINE, 1)),
-        group=np.full(_FINE, block.group[line[0]]),
+        force=np.tile(force, (points, 1)),
+        group=np.full(points, block.group[line[0]]),
         line=count,
-        coordinate=np.full(_FINE, block.coordinate[rows[0]]),
-        measured=np.zeros(_FINE, dtype=complex),
-        sigma=np.ones(_FINE),
-        label=np.zeros(_FINE, dtype=np.intp),
-        run=np.full(_FINE, ""),
+        coordinate=np.full(points, block.coordinate[rows[0]]),
+        measured=np.zeros(points, dtype=complex),
+        sigma=np.ones(points),
+        label=np.zeros(points, dtype=np.intp),
+        run=np.full(points, ""),
     )
     value, slope = grid.predict_jacobian(fit.thetas)
     drive = force[np.argmax(np.abs(force))]

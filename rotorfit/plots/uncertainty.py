@@ -9,31 +9,24 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rotorfit.models.array_types import Float
-from rotorfit.plots.style import COLOURS, GREY, SMALL, few_ticks, grid, literal
+from rotorfit.plots.style import COLOURS, GREY, SMALL_TYPE, few_ticks, grid, literal
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-_LEVELS = (0.68, 0.95)
-_NARROWEST = 0.88
-"""Inches from panel to panel of a corner plot at least: of many parameters it is larger than a page."""
-_LABEL = SMALL
-_LETTER = 0.62
-"""Mean width of a letter, ems."""
-_PLAIN = (-8, 8)
-"""Powers of ten that are written out: with a factor, what all numbers have in common is wider than a panel."""
-_ROOM_FOR_OFFSET = SMALL + 4
+_LABEL = SMALL_TYPE
+_ROOM_FOR_OFFSET = SMALL_TYPE + 4
 """Points between the numbers along x and their label: the offset that the numbers share stands there."""
-_FILLED = 0.75
-"""Share of the room from panel to panel that a label may take."""
 
 
 def plot_corner(samples: Float, names: Sequence[str], truths: Mapping[str, float] | None = None) -> Figure:
     """Marginal histograms and pairwise densities with 68 and 95 % contours."""
     count = len(names)
     figure, axes = grid(count, count, "", size=(1.25, 1.2))
-    width, height = np.maximum(figure.get_size_inches(), _NARROWEST * count)
+    # Inches from panel to panel of a corner plot at least: of many parameters it is larger than a page.
+    narrowest = 0.88
+    width, height = np.maximum(figure.get_size_inches(), narrowest * count)
     figure.set_size_inches(width, height)
     marks = truths or {}
     for i in range(count):
@@ -51,11 +44,12 @@ def plot_corner(samples: Float, names: Sequence[str], truths: Mapping[str, float
                 axis.axvline(marks[names[j]], color=COLOURS[1], lw=0.9)
             if i != j and names[i] in marks:
                 axis.axhline(marks[names[i]], color=COLOURS[1], lw=0.9)
-            axis.tick_params(labelsize=SMALL, labelleft=j == 0 and i > 0, labelbottom=i == count - 1)
+            axis.tick_params(labelsize=SMALL_TYPE, labelleft=j == 0 and i > 0, labelbottom=i == count - 1)
             few_ticks(axis.xaxis, 3)
-            axis.ticklabel_format(scilimits=_PLAIN)
+            # Powers of ten that are written out: with a factor, what all numbers have in common is wider than a panel.
+            axis.ticklabel_format(scilimits=(-8, 8))
             for side in (axis.xaxis, axis.yaxis):
-                side.get_offset_text().set_fontsize(SMALL)
+                side.get_offset_text().set_fontsize(SMALL_TYPE)
             if i != j:
                 few_ticks(axis.yaxis, 3)
             if j == 0 and i > 0:
@@ -69,7 +63,9 @@ def plot_corner(samples: Float, names: Sequence[str], truths: Mapping[str, float
 
 def _in_lines(name: str, room: float) -> str:
     """A label in lines that fit beside a panel, parted where its words end."""
-    longest = max(int(_FILLED * room * 72 / (_LETTER * _LABEL)), 1)
+    letter = 0.62  # mean width of a letter, ems
+    filled = 0.75  # share of the room from panel to panel that a label may take
+    longest = max(int(filled * room * 72 / (letter * _LABEL)), 1)
     lines = [""]
     for word in re.findall(r"\[?[^\s,=\[_]*[\s,=_]*", name):
         for part in (word[k : k + longest] for k in range(0, len(word), longest)):
@@ -90,7 +86,7 @@ def _density(axis: Any, x: Float, y: Float) -> None:
     counts, xe, ye = np.histogram2d(x, y, bins=28)
     order = np.sort(counts.ravel())[::-1]
     mass = np.cumsum(order) / order.sum()
-    levels = sorted({float(order[np.searchsorted(mass, level)]) for level in _LEVELS})
+    levels = sorted({float(order[np.searchsorted(mass, level)]) for level in (0.68, 0.95)})
     centres = (xe[1:] + xe[:-1]) / 2, (ye[1:] + ye[:-1]) / 2
     axis.pcolormesh(xe, ye, counts.T, cmap="Blues", rasterized=True)
     if levels[0] > 0:
@@ -104,7 +100,7 @@ def plot_traces(chain: Float, names: Sequence[str]) -> Figure:
     for i, name in enumerate(names):
         axes[i, 0].plot(shown[:, :, i], lw=0.3, color=COLOURS[0], alpha=0.5)
         axes[i, 0].set_ylabel(literal(name), fontsize=7, rotation=0, ha="right", va="center")
-        axes[i, 0].tick_params(labelsize=SMALL, labelbottom=i == len(names) - 1)
+        axes[i, 0].tick_params(labelsize=SMALL_TYPE, labelbottom=i == len(names) - 1)
     axes[-1, 0].set_xlabel("step", fontsize=8)
     return figure
 

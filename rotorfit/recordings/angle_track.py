@@ -23,10 +23,7 @@ from rotorfit.models.array_types import Float, Index
 from rotorfit.recordings.rig.setup import Reference
 from rotorfit.recordings.signals import Signals
 
-_SAMPLED = 12
-"""Pieces of a channel from which the levels of its pulses are found."""
-_PIECE = 1 << 16
-_UNSURE = 0.05
+_LARGEST_OUTLYING_SHARE = 0.05
 """Share of the pulses far off the smooth angle from which turns may have been lost."""
 
 
@@ -97,10 +94,12 @@ def track(record: Signals, reference: Reference) -> AngleTrack:
 
 def _sample(record: Signals, channel: str) -> Float:
     """Enough of a channel to know its levels: all of a short one, pieces of a long one."""
-    if record.size <= _SAMPLED * _PIECE:
+    length = 1 << 16
+    stretches = 12  # pieces of a channel from which the levels of its pulses are found
+    if record.size <= stretches * length:
         return record.channel(channel)
-    starts = np.linspace(0, record.size - _PIECE, _SAMPLED).astype(int)
-    return np.concatenate([record.channel(channel, int(s), int(s) + _PIECE) for s in starts])
+    starts = np.linspace(0, record.size - length, stretches).astype(int)
+    return np.concatenate([record.channel(channel, int(s), int(s) + length) for s in starts])
 
 
 def _edge(where: str, reference: Reference, levels: PulseLevels) -> Iterator[Finding]:
@@ -126,7 +125,7 @@ def _mended(where: str, pulses: NumberedPulses, smooth: SmoothAngle) -> Iterator
         yield _warning("pulses-double", f"{where}: {text}")
     if smooth.outlying.size:
         text = f"{smooth.outlying.size} pulses far off their place left out, at {_times(smooth.outlying)}."
-        if smooth.outlying.size <= _UNSURE * pulses.times.size:
+        if smooth.outlying.size <= _LARGEST_OUTLYING_SHARE * pulses.times.size:
             yield _warning("pulses-noisy", f"{where}: {text}")
         else:
             text += " With so many the turns cannot be counted for sure: set the level of the trigger anew (level_V)."

@@ -12,24 +12,17 @@ from numpy.typing import NDArray
 from rotorfit.models.array_types import Bool, Float, Index
 from rotorfit.recordings.signals import Signals
 
-_WINDOW, _FEWEST = 0.05, 32
-"""Length of the windows in which a channel is looked at, s, and the samples they have at least."""
-
-_HELD, _EQUAL = 16, 0.25
+_HELD_SAMPLES, _LARGEST_EQUAL_SHARE = 16, 0.25
 """Equal samples in a row that are held ones, and the share of equal neighbours elsewhere from which a channel is too
 quiet to tell."""
-_JUMP = 4.0
+_JUMP_COUNTS = 4.0
 """Counts by which a channel jumps where it was held or clipped; the crest of a quiet signal is left count by count."""
 
-_STRETCH = 4
+_STILL_WINDOWS = 4
 """Windows in a row that a channel stands still for, from which no chance is left."""
 
-_NOISY = 3.0
+_NOISE_COUNTS = 3.0
 """Deviation within the windows beside such a stretch, counts, from which no motion that dies down led there."""
-
-
-_LEAST_GAP = 0.25
-"""Voltage below which a mean is no probe's gap."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,7 +59,8 @@ class ChannelStatistics:
     @property
     def without_gap(self) -> bool:
         """Whether the mean voltage is too near to zero to be a probe's gap: AC-coupled."""
-        return abs(self.mean) < max(_LEAST_GAP if self.unit == "V" else 0.0, 0.05 * self.deviation)
+        least_gap = 0.25  # voltage below which a mean is no probe's gap
+        return abs(self.mean) < max(least_gap if self.unit == "V" else 0.0, 0.05 * self.deviation)
 
 
 def statistics(record: Signals, name: str) -> ChannelStatistics:
@@ -77,7 +71,9 @@ def statistics(record: Signals, name: str) -> ChannelStatistics:
     step = 1.0 if integers else np.inf  # in counts, or in what the file stores
     bottom, top = _Extreme(highest=False), _Extreme(highest=True)
     held = _Held()
-    windows = _Windows(length=max(_FEWEST, round(_WINDOW * record.sample_rate)))
+    window = 0.05  # length of the windows in which a channel is looked at, s
+    fewest = 32  # samples of a window
+    windows = _Windows(length=max(fewest, round(window * record.sample_rate)))
     for piece in record.stored_pieces(name):
         values = piece.astype(float)
         total += float(values.sum())
@@ -141,7 +137,7 @@ class _Windows:
         for low, high in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
             # The window that holds the end of the stretch is passed over.
             beside = [*moves[max(low - 2, 0) : max(low - 1, 0)].tolist(), *moves[high + 1 : high + 2].tolist()]
-            if high - low >= _STRETCH and beside and min(beside) >= _NOISY * self.step:
+            if high - low >= _STILL_WINDOWS and beside and min(beside) >= _NOISE_COUNTS * self.step:
                 found.append((int(begin[low]), int(begin[high - 1]) + self.length))
         return found
 
@@ -158,7 +154,7 @@ class _Held:
         same = np.concatenate([[False], np.diff(values) == 0, [False]])
         edges = np.flatnonzero(np.diff(same.astype(np.int8)))
         begin, end = edges[::2], edges[1::2]  # first and last sample of each stretch
-        long = end - begin + 1 >= _HELD
+        long = end - begin + 1 >= _HELD_SAMPLES
         self.equal += int(np.sum((end - begin)[~long]))
         for low, high in zip(begin[long].tolist(), end[long].tolist(), strict=True):
             beside = values[[max(low - 1, 0), min(high + 1, values.size - 1)]]
@@ -168,9 +164,11 @@ class _Held:
 
     def stretches(self, step: float, extremes: tuple[float, float]) -> list[tuple[int, int]]:
         """Samples from and to; where a channel is cut off at an extreme it is clipped, not held."""
-        if self.equal > _EQUAL * self.seen or not np.isfinite(step):
+        if self.equal > _LARGEST_EQUAL_SHARE * self.seen or not np.isfinite(step):
             return []
-        return [(low, high) for low, high, value, jump in self.found if jump > _JUMP * step and value not in extremes]
+        return [
+            (low, high) for low, high, value, jump in self.found if jump > _JUMP_COUNTS * step and value not in extremes
+        ]
 
 
 def _joined(stretches: list[tuple[int, int]]) -> list[tuple[int, int]]:
@@ -214,4 +212,4 @@ def _entered(piece: NDArray[Any], at: Bool, step: float) -> int:
     here = piece[begin].astype(float)
     before, after = piece[np.maximum(begin - 1, 0)], piece[np.minimum(end, piece.size - 1)]
     jump = np.maximum(np.abs(here - before), np.abs(here - after))
-    return int(np.sum((end - begin >= 3) & (jump > _JUMP * step)))
+    return int(np.sum((end - begin >= 3) & (jump > _JUMP_COUNTS * step)))

@@ -14,27 +14,25 @@ from rotorfit.recordings.rig.setup import Probe
 from rotorfit.recordings.signals import Signals
 from rotorfit.units import RPM_PER_RAD_S
 
-_LOOKED_AT = 1 << 19
+_SAMPLES_CHECKED = 1 << 19
 """Samples of a long recording that the slower checks look at, spread over it in pieces."""
 _USUAL_RANGE = (-18.0, -2.0)
 """Linear range of an eddy-current probe on -24 V, V, taken where the setup gives none."""
-_HIGHEST = 50.0
+_HIGHEST_VOLTAGE = 50.0
 """No probe or input card gives so many volts."""
-_STILL = 1e-5
+_SMALLEST_DEVIATION = 1e-5
 """No probe is so quiet, V rms."""
-_FARTHEST = 0.01
+_LARGEST_MOTION = 0.01
 """No shaft moves so far within its bearings, m, peak to peak."""
-_EDDY, _ANY = (2e3, 4e4), (1e2, 2e6)
+_EDDY_CURRENT_SENSITIVITIES, _SENSITIVITIES = (2e3, 4e4), (1e2, 2e6)
 """Sensitivities, V/m, of eddy-current probes on -24 V and of any displacement probes."""
-_HEAVIEST = 1.0
+_LARGEST_UNBALANCE = 1.0
 """Unbalance, kg m, beyond that of any trial weight: a rotor of 50 t, balanced to G 2.5 at 3000 rpm, has 0.4."""
-_SLOWEST = 100.0
+_LOWEST_RATE = 100.0
 """Sampling rate, Hz, at which no turning shaft is recorded."""
-_SWEEPS, _STEADY = 0.2, 0.02
+_SWEPT_RANGE, _STEADY_RANGE = 0.2, 0.02
 """Range of a speed over its mean beyond which it sweeps, and below which it is steady."""
-_ENDS = 4096
-"""Samples at either end of a recording by which copies are known."""
-_MOSTLY = 4.0
+_ONE_SIDED_POWER_RATIO = 4.0
 """Power ratio from which a motion counts as mostly in one direction: twice the amplitude."""
 
 
@@ -60,7 +58,7 @@ def probe_findings(record: Signals, found: Mapping[str, ChannelStatistics]) -> I
             yield from _far(probe, each, where)
             coupled += [probe.channel] if each.without_gap else []
             continue
-        if max(abs(each.low), abs(each.high)) > _HIGHEST:
+        if max(abs(each.low), abs(each.high)) > _HIGHEST_VOLTAGE:
             yield Finding(
                 "error",
                 "channel-scale",
@@ -107,7 +105,7 @@ def _clips(each: ChannelStatistics, where: str) -> Finding:
 
 def _sensitivity(probe: Probe, each: ChannelStatistics, where: str) -> Iterator[Finding]:
     """A sensitivity that was written in another unit."""
-    low, high = _EDDY if _USUAL_RANGE[0] <= each.mean <= _USUAL_RANGE[1] else _ANY
+    low, high = _EDDY_CURRENT_SENSITIVITIES if _USUAL_RANGE[0] <= each.mean <= _USUAL_RANGE[1] else _SENSITIVITIES
     said = abs(float(probe.sensitivity or 0.0))
     if not low <= said <= high:
         yield Finding(
@@ -121,7 +119,7 @@ def _sensitivity(probe: Probe, each: ChannelStatistics, where: str) -> Iterator[
 def _far(probe: Probe, each: ChannelStatistics, where: str) -> Iterator[Finding]:
     """Motion in another unit than was said."""
     moves = (each.high - each.low) / abs(float(probe.sensitivity or 1.0))
-    if moves > _FARTHEST:
+    if moves > _LARGEST_MOTION:
         yield Finding(
             "warning",
             "probe-sensitivity",
@@ -135,7 +133,10 @@ def _largest(found: Mapping[str, ChannelStatistics], unit: str) -> float:
 
 
 def _dead(each: ChannelStatistics, largest: float) -> bool:
-    return each.deviation <= max(each.step, _STILL if each.unit == "V" else 0.0) or each.deviation < 0.01 * largest
+    return (
+        each.deviation <= max(each.step, _SMALLEST_DEVIATION if each.unit == "V" else 0.0)
+        or each.deviation < 0.01 * largest
+    )
 
 
 def spoiled(found: Mapping[str, ChannelStatistics]) -> tuple[str, ...]:
@@ -149,8 +150,9 @@ def copied_recordings(records: Sequence[Signals]) -> Iterator[Finding]:
     """Recordings whose first and last samples one before them has, channel by channel."""
     seen: dict[tuple[object, ...], Signals] = {}
     copies = []
+    ends_length = 4096  # samples at either end of a recording by which copies are known
     for record in records:
-        ends = ((0, _ENDS), (max(record.size - _ENDS, 0), record.size))
+        ends = ((0, ends_length), (max(record.size - ends_length, 0), record.size))
         parts = [record.channel(p.channel, *end).tobytes() for p in record.probes for end in ends]
         key = (record.size, *parts)
         first = seen.setdefault(key, record)
@@ -232,22 +234,22 @@ def _reversed(record: Signals, plane: str, angle: AngleTrack, direction: int) ->
             total += float(np.mean(np.abs(z) ** 2))
     if max(with_it, against) < 0.01 * total or total == 0.0:
         return None
-    return against > _MOSTLY * with_it
+    return against > _ONE_SIDED_POWER_RATIO * with_it
 
 
 def _spread(record: Signals) -> Iterator[tuple[int, int]]:
     """All of a short recording, eight pieces of a long one."""
-    if record.size <= _LOOKED_AT:
+    if record.size <= _SAMPLES_CHECKED:
         yield 0, record.size
         return
-    length = _LOOKED_AT // 8
+    length = _SAMPLES_CHECKED // 8
     for start in np.linspace(0, record.size - length, 8).astype(int).tolist():
         yield start, start + length
 
 
 def hum_findings(record: Signals, shaft: AngleTrack | None) -> Iterator[Finding]:
     """Mains hum in the probes, and where the shaft's own speed lies on it so that nobody could tell."""
-    size = min(record.size, _LOOKED_AT)
+    size = min(record.size, _SAMPLES_CHECKED)
     span = np.linspace(0, size / record.sample_rate, 50)
     speeds = shaft.speed(span) / (2 * np.pi) if shaft is not None else np.zeros(0)
     speeds, margin = speeds[speeds > 0], 3 * record.sample_rate / size
@@ -280,7 +282,7 @@ def hum_findings(record: Signals, shaft: AngleTrack | None) -> Iterator[Finding]
 
 def folding_findings(record: Signals, shaft: AngleTrack) -> Iterator[Finding]:
     """Orders of a steady shaft above half the sampling rate that appear at another frequency."""
-    size = min(record.size, _LOOKED_AT)
+    size = min(record.size, _SAMPLES_CHECKED)
     speeds = np.abs(shaft.speed(np.linspace(shaft.begin, min(size / record.sample_rate, shaft.end), 50))) / (2 * np.pi)
     turning, spread = float(speeds.mean()), float(np.ptp(speeds)) / 2
     if turning <= 0 or spread > 1e-3 * turning or 60 * turning < record.sample_rate / 2:
@@ -320,14 +322,14 @@ def speed_findings(record: Signals, shaft: AngleTrack) -> Iterator[Finding]:
 
 def setting_findings(record: Signals) -> Iterator[Finding]:
     """A sampling rate and an unbalance that were written in another unit."""
-    if record.sample_rate < _SLOWEST:
+    if record.sample_rate < _LOWEST_RATE:
         yield Finding(
             "error",
             "sampling-slow",
             f"{record.name}: {record.sample_rate:.4g} Hz is no sampling rate for a turning shaft: are the times in ms?",
         )
     force = record.force
-    if force is not None and force.mr > _HEAVIEST:
+    if force is not None and force.mr > _LARGEST_UNBALANCE:
         yield Finding(
             "error",
             "unbalance-large",
@@ -342,7 +344,7 @@ def mark_findings(record: Signals, shaft: AngleTrack, perturbator: AngleTrack) -
         float(np.ptp(speeds) / np.abs(speeds).mean())
         for speeds in (angle.speed(np.linspace(angle.begin, angle.end, 200)) for angle in (shaft, perturbator))
     )
-    if sweeps > _SWEEPS and steady < _STEADY:
+    if sweeps > _SWEPT_RANGE and steady < _STEADY_RANGE:
         turning = float(np.mean(perturbator.speed(np.linspace(perturbator.begin, perturbator.end, 200))))
         told = record.speed is not None and abs(turning - abs(record.speed)) < 0.03 * abs(record.speed)
         yield Finding(

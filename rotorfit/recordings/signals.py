@@ -17,7 +17,7 @@ from rotorfit.recordings.formats.raw_file import RawFile
 from rotorfit.recordings.rig.resolve import Rig
 from rotorfit.recordings.rig.setup import Force, Probe, RigSetup
 
-PIECE = 1 << 20
+SAMPLES_OF_A_PIECE = 1 << 20
 """Samples read at once where a channel is gone through from end to end: 8 MB in double precision."""
 
 
@@ -121,13 +121,13 @@ class Signals:
 
     def stored_pieces(self, name: str) -> Iterator[NDArray[Any]]:
         """A channel in consecutive pieces as the file stores it, for what can be computed quicker in counts."""
-        for start in range(0, self.size, PIECE):
-            yield self._stored(name, start, min(start + PIECE, self.size))
+        for start in range(0, self.size, SAMPLES_OF_A_PIECE):
+            yield self._stored(name, start, min(start + SAMPLES_OF_A_PIECE, self.size))
 
     def pieces(self, name: str) -> Iterator[Float]:
         """A channel in consecutive pieces, V."""
-        for start in range(0, self.size, PIECE):
-            yield self.channel(name, start, start + PIECE)
+        for start in range(0, self.size, SAMPLES_OF_A_PIECE):
+            yield self.channel(name, start, start + SAMPLES_OF_A_PIECE)
 
     def motion(self, plane: str, start: int = 0, stop: int | None = None) -> NDArray[Any]:
         """Motion of the shaft about its mean position over the recording.

@@ -16,13 +16,13 @@ import numpy as np
 from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.recordings.angle_track import AngleTrack
 from rotorfit.recordings.rig.setup import VECTOR_ORDERS, SlowRollSetup
-from rotorfit.recordings.signals import PIECE
+from rotorfit.recordings.signals import SAMPLES_OF_A_PIECE
 from rotorfit.units import RPM_PER_RAD_S
 
 if TYPE_CHECKING:
     from rotorfit.recordings.signals import Signals
 
-_FEWEST = 4  # turns from which run-out is told from noise and from a drift
+_FEWEST_TURNS = 4  # turns from which run-out is told from noise and from a drift
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -64,8 +64,8 @@ def find_run_out(record: Signals, shaft: AngleTrack, how: SlowRollSetup) -> RunO
     columns = 2 * orders.size + 2
     normal, moment = np.zeros((columns, columns)), np.zeros((len(record.probes), columns))
     turns, highest = 0.0, 0.0
-    for start in range(0, record.size, PIECE):
-        stop = min(start + PIECE, record.size)
+    for start in range(0, record.size, SAMPLES_OF_A_PIECE):
+        stop = min(start + SAMPLES_OF_A_PIECE, record.size)
         t = np.arange(start, stop) / record.sample_rate
         speed = np.abs(shaft.speed(t))
         slow = (t >= shaft.begin) & (t <= shaft.end) & (speed < limit)
@@ -79,11 +79,11 @@ def find_run_out(record: Signals, shaft: AngleTrack, how: SlowRollSetup) -> RunO
         normal += basis @ basis.T
         for i, probe in enumerate(record.probes):
             moment[i] += basis @ record.channel(probe.channel, start, stop)[slow]
-    if turns < _FEWEST:
+    if turns < _FEWEST_TURNS:
         below = "" if how.below is None else f" below {how.below * RPM_PER_RAD_S:.0f} rpm"
         raise ValueError(
-            f"{record.name}: the shaft turns {turns:.1f} times{below}, slow roll takes at least {_FEWEST} turns: give "
-            "a higher below_rpm in [slow_roll], or file, a recording of slow turning"
+            f"{record.name}: the shaft turns {turns:.1f} times{below}, slow roll takes at least {_FEWEST_TURNS} turns: "
+            "give a higher below_rpm in [slow_roll], or file, a recording of slow turning"
         )
     if orders[-1] * highest > np.pi * record.sample_rate / 2:
         raise ValueError(

@@ -12,9 +12,6 @@ from rotorfit.models.parameters import unknown_name
 from rotorfit.recordings.marks import Marks
 from rotorfit.recordings.signals import Signals
 
-_LINES = 1 << 15
-"""Most samples of a spectrum of a cascade."""
-
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Cascade:
@@ -78,7 +75,8 @@ def cascade_times(record: Signals, marks: Marks, over: str | None, spectra: int)
     over = _changing(marks) if over is None else over
     if over not in ("time", "speed", "perturbation"):
         raise ValueError(unknown_name("axis of a cascade", over, ("time", "speed", "perturbation")))
-    size = int(np.clip(record.size // spectra * 2, 256, _LINES))
+    most_samples = 1 << 15  # most samples of a spectrum of a cascade
+    size = int(np.clip(record.size // spectra * 2, 256, most_samples))
     size = min(size, record.size)
     t = np.linspace(size / 2, record.size - size / 2, spectra) / record.sample_rate
     if over != "time":

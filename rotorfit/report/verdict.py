@@ -11,7 +11,7 @@ import numpy as np
 from rotorfit.data.findings import attributed, errors_in
 from rotorfit.estimators.starting.many_starts import LOCAL_MINIMUM
 from rotorfit.fitting.noise.record import NoiseVerdict
-from rotorfit.fitting.noise.residual_study import MODEL_LIMITED
+from rotorfit.fitting.noise.residual_study import MODEL_LIMITED_REDCHI
 from rotorfit.fitting.noise.words import VERDICTS
 from rotorfit.fitting.quantities import Quantity
 from rotorfit.fitting.result import FitResult
@@ -129,7 +129,7 @@ def _by_response(fit: FitResult) -> str:
         return ""
     worst = max(sizes, key=lambda name: sizes[name])
     words = f"; by response {plain(min(sizes.values()), 2)} to {plain(sizes[worst], 2)}"
-    return f"{words} ({worst})" if sizes[worst] > MODEL_LIMITED else words
+    return f"{words} ({worst})" if sizes[worst] > MODEL_LIMITED_REDCHI else words
 
 
 def _stability_words(material: ReportInput) -> Iterator[str]:

@@ -11,8 +11,6 @@ import numpy as np
 from rotorfit.estimators.atomic_file import whole_file
 from rotorfit.models.array_types import ComplexArray, Float
 
-_HIGH, _LOW = -2.0, -8.0
-"""Voltage of a Keyphasor beside its notch and in it."""
 _NOTCH, _RAMP = np.radians(24.0), np.radians(6.0)
 """Width of the notch and of each of its ramps, rad."""
 
@@ -195,7 +193,7 @@ def notch(angle: Float, *, width: float, ramp: float) -> Float:
 
 def keyphasor_volts(depth: Float) -> Float:
     """Voltage of a Keyphasor over a notch."""
-    return np.asarray(_HIGH + (_LOW - _HIGH) * depth)
+    return np.asarray(-2.0 - 6.0 * depth)  # -2 V beside the notch, -8 V in it
 
 
 def wandering_angle(time: Float, speed: float, wander: float, rng: np.random.Generator) -> Float:

@@ -20,7 +20,7 @@ from rotorfit.models.motion.journal import Journal, journal
 
 Force = Callable[[float], ComplexArray]
 
-TOLERANCE = 1e-9
+STEP_TOLERANCE = 1e-9
 """Error allowed in one step of the integration, as a fraction of the motion."""
 
 
@@ -166,7 +166,7 @@ def integrate(
     size: ArrayLike,
     rate: ArrayLike,
     times: Float | None = None,
-    tolerance: float = TOLERANCE,
+    tolerance: float = STEP_TOLERANCE,
 ) -> Path:
     """Integrate by the explicit method DOP853 with error control."""
     from scipy.integrate import solve_ivp

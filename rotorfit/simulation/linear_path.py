@@ -16,8 +16,6 @@ from rotorfit.models import RotorModel
 from rotorfit.models.array_types import ComplexArray, Float
 
 _POINTS, _WEIGHTS = np.polynomial.legendre.leggauss(4)
-_LONG, _SHORT = 1 << 15, 64
-"""Steps of a block at a constant speed, and where the coefficients change with it."""
 
 
 def linear_path(
@@ -39,7 +37,7 @@ def linear_path(
     h, n = 1 / rate, len(model.coordinates)
     inside = (_POINTS + 1) * h / 2
     steady = not model.speed_dependent or np.ptp(speed(np.arange(count, dtype=float) * h)) == 0.0
-    block = _LONG if steady else _SHORT
+    block = 1 << 15 if steady else 64  # shorter where the coefficients change with the speed
     path = np.zeros((count, n), dtype=complex)
     state = np.zeros(2 * n, dtype=complex)
     modes = None

@@ -15,10 +15,6 @@ from rotorfit.simulation.rig import VirtualRig, positive, rates_rpm
 from rotorfit.simulation.steady_state import rest_position
 from rotorfit.units import RAD_S_PER_RPM, RPM_PER_RAD_S
 
-_LEFT = 0.01  # vibration left at the end of a record
-_FEWEST = 256  # samples in a record
-_SAMPLES = 16.0  # samples in a period of the fastest mode
-
 
 def static_load(
     rig: VirtualRig, *, speed_rpm: ArrayLike, load: ArrayLike, load_deg: float = -90.0, plane: str | None = None
@@ -104,8 +100,11 @@ def _record(
     motion = rig.motion(np.array([speed]))
     s = off_centre_eigenvalues(rig.model, rig.theta, speed, float(motion.eccentricity(rest[None])[0]))
     slowest, fastest = -float(s.real.max()), float(np.abs(s.imag).max())
-    length = duration if duration is not None else float(np.log(1 / _LEFT)) / rig.decay(speed, load)
-    rate = sampling_hz if sampling_hz is not None else max(_SAMPLES * fastest / (2 * np.pi), _FEWEST / length)
+    left = 0.01  # vibration left at the end of a record
+    length = duration if duration is not None else float(np.log(1 / left)) / rig.decay(speed, load)
+    fewest = 256  # samples in a record
+    a_period = 16.0  # samples in a period of the fastest mode
+    rate = sampling_hz if sampling_hz is not None else max(a_period * fastest / (2 * np.pi), fewest / length)
     time = np.arange(max(int(length * rate), 2)) / rate
     v = np.asarray(np.linalg.solve(motion.mass[0], blow), dtype=complex)
     size = float(np.abs(v).max()) / max(fastest, slowest)

@@ -15,9 +15,6 @@ from rotorfit.simulation.recorded_rig import Force, RecordedRig, constant
 from rotorfit.simulation.rig import rates_rpm
 from rotorfit.units import RAD_S_PER_RPM as RPM
 
-_BLOW = 4e-3
-"""Length of a blow, s: long enough that a recorder without a filter sees all of it."""
-
 
 def impulse(
     rig: RecordedRig,
@@ -126,10 +123,12 @@ def _blows(size: float, blows: int, apart: float, rng: np.random.Generator) -> F
     """Smooth blows of so many N s along x, not quite evenly spaced."""
     at = apart * (np.arange(1, blows + 1) + rng.uniform(-0.1, 0.1, blows))
 
+    length = 4e-3  # length of a blow, s: long enough that a recorder without a filter sees all of it
+
     def force(t: Float) -> ComplexArray:
-        into = (t[:, None] - at) / _BLOW
+        into = (t[:, None] - at) / length
         pulse = np.where((into > 0) & (into < 1), 1 - np.cos(2 * np.pi * into), 0.0).sum(axis=1)
-        return np.asarray(size / _BLOW * pulse, dtype=complex)
+        return np.asarray(size / length * pulse, dtype=complex)
 
     return force
 

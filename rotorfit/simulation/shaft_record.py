@@ -15,11 +15,6 @@ from rotorfit.simulation.instruments import Probes, keyphasor_volts, notch, writ
 from rotorfit.simulation.shaft import Crack, Perturbation, RunUp, shaft_motion, steady
 from rotorfit.units import RPM_PER_RAD_S
 
-_NOTCH = 0.75
-"""Width of the notch that a Keyphasor sees, rad, its ramps included."""
-_RAMP = 0.35
-"""Width of each of its ramps, rad."""
-
 
 @dataclass(frozen=True, kw_only=True)
 class Acquisition(Probes):
@@ -91,7 +86,8 @@ def _steady(
 
 
 def _keyphasor(angle: Float) -> Float:
-    return keyphasor_volts(notch(angle, width=_NOTCH, ramp=_RAMP))
+    # Widths of the notch, its ramps included, and of each ramp, rad.
+    return keyphasor_volts(notch(angle, width=0.75, ramp=0.35))
 
 
 def _attributes(how: Acquisition, perturbation: Perturbation | None, motor: RunUp) -> dict[str, str | float]:

@@ -7,12 +7,11 @@ from typing import NamedTuple
 import numpy as np
 
 from rotorfit.models.array_types import ComplexArray, Float
-from rotorfit.simulation.integration import TOLERANCE, IntegrationError, Motion, Path, integrate
+from rotorfit.simulation.integration import STEP_TOLERANCE, IntegrationError, Motion, Path, integrate
 from rotorfit.units import RPM_PER_RAD_S
 
-_PATIENCE = 60  # windows in which a motion must settle
-_DECAYS = 3.0  # time constants of the slowest transient in a window
-_HARMONICS = 3
+_MOST_WINDOWS = 60  # windows in which a motion must settle
+_TIME_CONSTANTS = 3.0  # time constants of the slowest transient in a window
 
 
 class Steady(NamedTuple):
@@ -33,7 +32,7 @@ def steady_state(
     *,
     load: ComplexArray | None = None,
     start: tuple[ComplexArray, ComplexArray] | None = None,
-    tolerance: float = TOLERANCE,
+    tolerance: float = STEP_TOLERANCE,
 ) -> Steady:
     """Integrate under ``force exp(jwt) + load`` until nothing changes any more, then measure the motion."""
     zero = np.zeros_like(force)
@@ -51,19 +50,21 @@ def steady_state(
     return Steady(**parts)
 
 
-def rest_position(motion: Motion, load: ComplexArray, decay: Float, *, tolerance: float = TOLERANCE) -> ComplexArray:
+def rest_position(
+    motion: Motion, load: ComplexArray, decay: Float, *, tolerance: float = STEP_TOLERANCE
+) -> ComplexArray:
     """Integrate under constant loads, from the centre, until nothing moves: the equilibria, shape ``(L, n)``."""
     z, v = np.zeros_like(load), np.zeros_like(load)
     size = _typical(motion, np.zeros(load.shape[0]), np.zeros_like(load), load)
-    window = _DECAYS / decay.min()
-    for _ in range(_PATIENCE):
+    window = _TIME_CONSTANTS / decay.min()
+    for _ in range(_MOST_WINDOWS):
         path = integrate(motion, lambda _: load, z, v, (0.0, window), size=size, rate=decay, tolerance=tolerance)
         moved = np.abs(path.z - path.z[-1]).max(axis=0)
         z, v = path.z[-1], path.v[-1]
         if (moved <= 10 * tolerance * np.abs(z).max(axis=1, keepdims=True)).all():
             return np.asarray(z)
     raise IntegrationError(
-        f"{motion.model.name}: the rotor has not come to rest after {_PATIENCE * window:.3g} s; it may be unstable "
+        f"{motion.model.name}: the rotor has not come to rest after {_MOST_WINDOWS * window:.3g} s; it may be unstable "
         f"under this load"
     )
 
@@ -79,13 +80,13 @@ def _settle(
     tolerance: float,
 ) -> Steady:
     result = {name: np.zeros_like(force) for name in Steady._fields}
-    window = max(2 * np.pi / np.abs(w).min(), _DECAYS / decay.min())
+    window = max(2 * np.pi / np.abs(w).min(), _TIME_CONSTANTS / decay.min())
     size = _typical(motion, w, force, load) if motion.imposed is None else np.abs(z).max(axis=1)
     rate = np.abs(w) + decay
     left = np.arange(w.size)
     before = np.full(force.shape, np.inf, dtype=complex)
     time = 0.0
-    for _ in range(_PATIENCE):
+    for _ in range(_MOST_WINDOWS):
         drive, constant, omega = force[left], load[left], w[left]
 
         def push(
@@ -130,7 +131,8 @@ def _phasors(path: Path, frequency: Float) -> tuple[ComplexArray, ComplexArray, 
     Harmonics are fitted along: small motion about an eccentric equilibrium has some.
     """
     orders = [0, 1, -1]
-    orders += [sign * k for k in range(2, _HARMONICS + 1) for sign in (1, -1)]
+    harmonics = 3
+    orders += [sign * k for k in range(2, harmonics + 1) for sign in (1, -1)]
     amplitudes = np.zeros((3, *path.z.shape[1:]), dtype=complex)
     length = path.time[-1] - path.time[0]
     for line, w in enumerate(np.abs(frequency).tolist()):

@@ -10,7 +10,7 @@ import numpy as np
 
 from rotorfit.models.array_types import ComplexArray, Float
 
-RAMP = 1.0
+RAMP_TIME = 1.0
 """Time in which a perturbator goes from one dwell to the next, s."""
 
 
@@ -67,7 +67,7 @@ class Sweep(Rotation):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Dwells(Rotation):
-    """Angle of a perturbator that dwells at one speed after the other, with even ramps of :data:`RAMP` between."""
+    """Angle of a perturbator that dwells at one speed after the other, with even ramps of :data:`RAMP_TIME` between."""
 
     speeds: Float  # of each dwell, rad/s, shape ``(D,)``
     each: float  # how long it lasts, s
@@ -80,11 +80,11 @@ class Dwells(Rotation):
     @property
     def duration(self) -> float:
         """Of all, ramps included, s."""
-        return self.speeds.size * self.each + (self.speeds.size - 1) * RAMP
+        return self.speeds.size * self.each + (self.speeds.size - 1) * RAMP_TIME
 
     def _corners(self) -> tuple[Float, Float, Float]:
         """Times and speeds at which a dwell begins or ends, and the angles there."""
-        begin = np.arange(self.speeds.size) * (self.each + RAMP)
+        begin = np.arange(self.speeds.size) * (self.each + RAMP_TIME)
         time = np.stack([begin, begin + self.each], axis=1).ravel()
         speed = np.repeat(self.speeds, 2)
         angle = np.concatenate([[0.0], np.cumsum((speed[1:] + speed[:-1]) / 2 * np.diff(time))])

@@ -24,8 +24,6 @@ from rotorfit.uncertainty.onsets import onsets_of
 # Data without a minimum nearby are common where the noise is large; what runs away need not be followed far. At a bound
 # Gauss-Newton may stall: the exact Hessian then finishes.
 _OPTIONS = Options(max_iterations=50)
-_FEWEST = 2  # estimates that have a spread
-_AT_ONCE = 4_000_000  # readings simulated and fitted in one go
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -81,7 +79,7 @@ class Bootstrap(Draws):
     @property
     def _few(self) -> bool:
         """Whether there are too few estimates for a spread."""
-        return len(self.samples) < _FEWEST
+        return len(self.samples) < 2  # estimates that have a spread
 
     @property
     def covar(self) -> Float:
@@ -141,7 +139,8 @@ def bootstrap(fit: FitResult, *, n: int = 500, seed: int = 0, accelerate: bool |
         raise ValueError(f"n is {n}; a spread needs at least two simulated data sets")
     rng = np.random.default_rng(seed)
     truth = _truths(fit, n, rng)
-    step = max(1, _AT_ONCE // (fit.ndata // 2))
+    readings = 4_000_000  # readings simulated and fitted in one go
+    step = max(1, readings // (fit.ndata // 2))
     samples, good = [], []
     for begin in range(0, n, step):
         part = truth[begin : begin + step]
@@ -152,7 +151,7 @@ def bootstrap(fit: FitResult, *, n: int = 500, seed: int = 0, accelerate: bool |
     message = f"noise of the data times {math.sqrt(fit.widening):.3g}" if fit.widening > 1 else "noise of the data"
     if not converged.all():
         message += f"; {n - converged.sum()} of {n} fits did not converge and are left out"
-    if converged.sum() < _FEWEST:
+    if converged.sum() < 2:
         message += ", which leaves too few for a spread: the data do not hold these estimates fast"
     return Bootstrap(
         fit=fit,

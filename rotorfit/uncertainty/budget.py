@@ -25,7 +25,7 @@ from rotorfit.models.text_table import Wide, text_table
 from rotorfit.units import RPM_PER_RAD_S
 
 PRIORS, STRUCTURE = "priors", "structure"
-_NOTHING = 1e-4  # share of the combined uncertainty that a table shows as zero
+_NEGLIGIBLE_SHARE = 1e-4  # share of the combined uncertainty that a table shows as zero
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,7 +52,9 @@ class Share:
     @property
     def notable(self) -> dict[str, float]:
         """Standard uncertainty by source, zero where it is nothing beside the combined one."""
-        return {source: part if part > _NOTHING * self.combined else 0.0 for source, part in self.sources.items()}
+        return {
+            source: part if part > _NEGLIGIBLE_SHARE * self.combined else 0.0 for source, part in self.sources.items()
+        }
 
     def times(self, factor: float, unit: str) -> Share:
         """The same in another unit.

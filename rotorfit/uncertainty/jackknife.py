@@ -12,6 +12,7 @@ import numpy as np
 from rotorfit.estimators.blocks.correlated import CorrelatedResponses
 from rotorfit.estimators.inference.covariance import prior_curvature
 from rotorfit.estimators.misfit.losses import robust_weights
+from rotorfit.estimators.noise.odd_run import FEWEST_RUNS
 from rotorfit.fitting.digits import interval, with_error
 from rotorfit.fitting.notebook import text_html
 from rotorfit.fitting.quantities import Quantity
@@ -20,10 +21,9 @@ from rotorfit.models import threshold_speed
 from rotorfit.models.array_types import Float
 from rotorfit.models.parameters import unknown_name
 from rotorfit.models.text_table import text_table
+from rotorfit.models.tolerances import ROUND_OFF
 
-_FEWEST = 3  # runs of which any two still tell something of the third
-_ROUND_OFF = 1e-13  # of the largest eigenvalue of a curvature of unit diagonal
-_OPEN = 100.0  # times by which an error grows without a run that alone determines the quantity
+_LARGEST_GROWTH = 100.0  # times by which an error grows without a run that alone determines the quantity
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -59,7 +59,7 @@ class Jackknife:
         if name not in self.fit.var_names:
             raise KeyError(unknown_name("fitted parameter", name, self.fit.problem.space.names))
         p, place = self.fit.params[name], self.fit.var_names.index(name)
-        if not p.resolved or (self.growth[:, place] > _OPEN).any():
+        if not p.resolved or (self.growth[:, place] > _LARGEST_GROWTH).any():
             return Quantity(p.value, math.inf, p.unit, self.freedom)
         return self._spread(p.value, np.eye(self.fit.x.size)[place], p.unit)
 
@@ -74,7 +74,7 @@ class Jackknife:
         if onset is None or not math.isfinite(fit.threshold_of(group).stderr):
             return Quantity(math.nan if onset is None else onset.speed, math.inf, "rad/s", self.freedom)
         slope = fit.problem.space.pull_back(onset.gradient, group)
-        if (self.growth[:, slope != 0] > _OPEN).any():
+        if (self.growth[:, slope != 0] > _LARGEST_GROWTH).any():
             return Quantity(onset.speed, math.inf, "rad/s", self.freedom)
         return self._spread(onset.speed, slope, "rad/s")
 
@@ -105,7 +105,7 @@ class Jackknife:
 def _inverse(matrix: Float) -> Float:
     """Inverse of a curvature; what it leaves open is uncertain without bound, but not beyond the computer's."""
     size, directions = np.linalg.eigh(matrix)
-    return np.asarray((directions / np.maximum(size, _ROUND_OFF * size.max())) @ directions.T)
+    return np.asarray((directions / np.maximum(size, ROUND_OFF * size.max())) @ directions.T)
 
 
 def jackknife(fit: FitResult) -> Jackknife:
@@ -119,8 +119,10 @@ def jackknife(fit: FitResult) -> Jackknife:
         )
     run = np.concatenate([block.run for block in problem.blocks])
     runs = tuple(dict.fromkeys(run.tolist()))
-    if len(runs) < _FEWEST:
-        raise ValueError(f"{len(runs)} runs: what differs from run to run cannot be known from fewer than {_FEWEST}")
+    if len(runs) < FEWEST_RUNS:
+        raise ValueError(
+            f"{len(runs)} runs: what differs from run to run cannot be known from fewer than {FEWEST_RUNS}"
+        )
     residuals, jacobian = problem.jacobian(fit.x)
     root = np.sqrt(robust_weights(problem.loss, np.abs(residuals) ** 2)[1])
     r, J = residuals * root, jacobian * root[:, None]

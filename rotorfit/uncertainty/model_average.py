@@ -18,7 +18,7 @@ from rotorfit.uncertainty.derived import Derived, Draws, StiffnessBand
 from rotorfit.uncertainty.posterior import Posterior
 from rotorfit.uncertainty.sampling import sample
 
-NEGLIGIBLE = 0.002
+NEGLIGIBLE_WEIGHT = 0.002
 """Weight below which a model is not sampled: its draws could not move a 99 % interval."""
 
 
@@ -175,7 +175,7 @@ def sample_models(fits: Sequence[FitResult], **options: Unpack[SamplerKeywords])
     bic = np.array([fit.bic for fit in fits])
     weight = np.exp(-(bic - bic.min()) / 2)
     weight /= weight.sum()
-    counted = [i for i in np.argsort(bic) if weight[i] >= NEGLIGIBLE]
+    counted = [i for i in np.argsort(bic) if weight[i] >= NEGLIGIBLE_WEIGHT]
     posteriors = tuple(sample(fits[i], **options) for i in counted)
     total = float(weight[counted].sum())
     return ModelAverage(posteriors, tuple(float(weight[i]) / total for i in counted))

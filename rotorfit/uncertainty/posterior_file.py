@@ -23,8 +23,6 @@ if TYPE_CHECKING:
     import xarray as xr
 
 _KIND = "rotorfit posterior"
-_PERCENT = (2.5, 50.0, 97.5)
-_TAIL = (0.05, 0.95)  # quantiles whose effective sample size counts for the tails
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,7 +42,8 @@ def health(posterior: Posterior) -> list[Health]:
     found = []
     for i, name in enumerate(posterior.names):
         draws = posterior.chain[:, :, i].T
-        bulk, tail = az.ess(draws, method="bulk"), az.ess(draws, method="tail", prob=_TAIL)
+        # Quantiles whose effective sample size counts for the tails.
+        bulk, tail = az.ess(draws, method="bulk"), az.ess(draws, method="tail", prob=(0.05, 0.95))
         found.append(Health(name=name, rhat=float(az.rhat(draws)), bulk=float(bulk), tail=float(tail)))
     return found
 
@@ -62,7 +61,7 @@ def summary(posterior: Posterior) -> str:
     rows = [["parameter", "mean", "sd", "2.5 %", "median", "97.5 %", "R-hat", "bulk ESS", "tail ESS", "unit"]]
     for i, chains in enumerate(health(posterior)):
         draws = posterior.chain[:, :, i]
-        low, middle, high = np.percentile(draws, _PERCENT)
+        low, middle, high = np.percentile(draws, (2.5, 50.0, 97.5))
         spread = float(draws.std(ddof=1))
         mean, *cells = (with_error(float(v), spread)[0] for v in (draws.mean(), low, middle, high))
         state_of = [f"{chains.rhat:.3f}", f"{chains.bulk:.0f}", f"{chains.tail:.0f}"]

@@ -35,9 +35,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-_DECADES = 4  # that an inertia is followed to either side
-_SURE = 0.2  # error of a ratio, over its value, up to which it is surely not zero
-_LOWER_MINIMUM = 1e-4  # fall of the scaled curve below its minimum that is more than round-off
+_INERTIA_DECADES = 4  # that an inertia is followed to either side
+_LARGEST_RATIO_ERROR = 0.2  # error of a ratio, over its value, up to which it is surely not zero
+_ROUND_OFF_FALL = 1e-4  # fall of the scaled curve below its minimum that is more than round-off
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -316,7 +316,7 @@ def _leading(ratios: Ratios | None, i: int, x: Float, known: FittedParameter, co
     # Not determined, it goes with the others as far as that may be, if its ratio is surely not zero.
     relative = covar / np.outer(x, x)
     error = math.sqrt(max(relative[i, i] - 2 * relative[i, ratios.entry] + relative[ratios.entry, ratios.entry], 0.0))
-    return ratios.led_by(i, x) if error < _SURE else None
+    return ratios.led_by(i, x) if error < _LARGEST_RATIO_ERROR else None
 
 
 def _along_ratios(
@@ -326,7 +326,7 @@ def _along_ratios(
     y = ratios.of(x)
     held = EntryConstraint(LogRatioProblem(problem, ratios), np.where(y == 0, 1.0, np.abs(y)))
     value, (lower, upper) = float(y[ratios.entry]), (float(bound[ratios.entry]) for bound in held.bounds)
-    low, high = value - _DECADES * math.log(10), value + _DECADES * math.log(10)
+    low, high = value - _INERTIA_DECADES * math.log(10), value + _INERTIA_DECADES * math.log(10)
     return _Line(
         known=known,
         name=known.name,
@@ -432,7 +432,7 @@ def _message(curve: Curve, ends: list[End], scale: float, unit: str, goal: float
             parts.append(f"the end {word} was not found to full precision")
     if curve.unsettled:
         parts.append(f"{curve.unsettled} points of the curve are not at a minimum to full precision")
-    if curve.lowest / scale < -_LOWER_MINIMUM:
+    if curve.lowest / scale < -_ROUND_OFF_FALL:
         parts.append(
             f"chi-squared falls {-curve.lowest / scale:.3g} below that of the fit on the way: the fit did not end in "
             "the lowest minimum, fit again from other start values"

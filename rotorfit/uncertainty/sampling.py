@@ -25,8 +25,7 @@ WALKERS = 128
 """Walkers by default, enough to keep vectorised likelihoods busy; more where there are many parameters."""
 FEW_WALKERS = 32
 """The same with the matrices of a whole shaft, where many vectors at once save nothing."""
-_HIGHER = 0.5  # excess of the log density over that at the optimum that is more than an optimum's inaccuracy
-_TYPICAL_STEPS = 400  # of a well-behaved posterior, to judge whether compiling pays
+_LARGEST_EXCESS = 0.5  # excess of the log density over that at the optimum that is more than an optimum's inaccuracy
 
 
 def sample(
@@ -83,7 +82,8 @@ def sample(
     if refine:
         fit, structure = _refined(fit)
     _refuse_unsampled(fit)
-    target = _target(fit, noise, accelerate, max(ess, (walkers or WALKERS) * _TYPICAL_STEPS))
+    typical_steps = 400  # of a well-behaved posterior, to judge whether compiling pays
+    target = _target(fit, noise, accelerate, max(ess, (walkers or WALKERS) * typical_steps))
     count = walkers or max(FEW_WALKERS if fit.model.shaft is not None else WALKERS, 2 * target.size)
     centre, covariance = target.laplace(fit.x)
     try:
@@ -199,7 +199,7 @@ def _noise_words(fit: FitResult, target: LogPosterior, centre: Float) -> str:
 def _better_optimum(target: LogPosterior, centre: Float, log_density: Float) -> str:
     """What to say where draws are denser than the optimum that the walkers started from can be."""
     lead = float(log_density.max() - target(centre[None])[0])
-    if not lead > _HIGHER:
+    if not lead > _LARGEST_EXCESS:
         return ""
     return (
         f". The log density of the best draw is {lead:.3g} above that of the optimum found from the fit: the fit did "

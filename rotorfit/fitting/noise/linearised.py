@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from rotorfit.data.experiments import SYNCHRONOUS_TOLERANCE
 from rotorfit.estimators.blocks.correlated import CorrelatedResponses
 from rotorfit.estimators.blocks.nonlinear import responses_of
 from rotorfit.estimators.blocks.row_keys import words
@@ -14,8 +15,7 @@ from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.models.array_types import ComplexArray, Float, Index
 
 _MOST_RUNS = 200  # each costs a small matrix; of more, a difference from run to run is noise
-_READINGS_OF_A_RUN = 3  # fewest from which an effect of the run can be estimated
-_SYNCHRONOUS = 1e-4  # relative difference of frequency and speed, as of numbers with five digits
+_FEWEST_READINGS = 3  # fewest from which an effect of the run can be estimated
 _FLUID = ("K0", "D", "lam", "lam_D")
 
 
@@ -102,7 +102,7 @@ def _runs_of(problem: Problem) -> tuple[tuple[str, ...], list[Index]]:
     """Runs that may differ, with the readings of each; none where they are one, too many, or one has too few."""
     names, number = words(np.concatenate([block.run for block in problem.blocks]))
     rows = np.split(np.argsort(number, kind="stable"), np.cumsum(np.bincount(number))[:-1])
-    if not 2 <= len(names) <= _MOST_RUNS or any(own.size < _READINGS_OF_A_RUN for own in rows):
+    if not 2 <= len(names) <= _MOST_RUNS or any(own.size < _FEWEST_READINGS for own in rows):
         return (), []
     return tuple(names), rows
 
@@ -141,7 +141,7 @@ def channels_of(problem: Problem) -> tuple[list[Index], ...]:
             groups: dict[tuple[int, int], list[Index]] = {}
             plane = force_plane(block)
             away = np.abs(np.abs(block.frequency) - block.speed)
-            synchronous = bool(np.all(away <= _SYNCHRONOUS * np.abs(block.speed)))
+            synchronous = bool(np.all(away <= SYNCHRONOUS_TOLERANCE * np.abs(block.speed)))
             for sweep in sweeps_of(block, synchronous=synchronous):
                 key = (int(block.coordinate[sweep[0]]), int(plane[sweep[0]]))
                 groups.setdefault(key, []).append(start + sweep)

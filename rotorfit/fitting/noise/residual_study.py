@@ -12,7 +12,7 @@ from rotorfit.fitting.noise.record import FoundNoise, Miss, NoiseVerdict, Respon
 from rotorfit.models.array_types import Float
 from rotorfit.version import renamed
 
-MODEL_LIMITED = 2.0
+MODEL_LIMITED_REDCHI = 2.0
 """redchi above which a result that has nothing else to go by says that the model, not the noise, limits the fit."""
 
 _CHANCE = 0.001
@@ -116,7 +116,7 @@ class ResidualStudy:
         Args:
             redchi: of the fit, by the noise of the data.
         """
-        large = redchi > MODEL_LIMITED
+        large = redchi > MODEL_LIMITED_REDCHI
         return [*self.notable, *words.verdict_warning(self.verdict, redchi, self.correlation, large=large)]
 
     def __str__(self) -> str:
@@ -139,7 +139,7 @@ class ResidualStudy:
 
 def is_misfit(study: ResidualStudy | None, widening: float) -> bool:
     """Whether the model, not the noise, limits a fit: by its residuals' memory, or else by their size alone."""
-    return widening > MODEL_LIMITED if study is None else study.verdict is NoiseVerdict.MISFIT
+    return widening > MODEL_LIMITED_REDCHI if study is None else study.verdict is NoiseVerdict.MISFIT
 
 
 def largest_redchi(study: ResidualStudy | None, nfree: int, known_from: float) -> float:

@@ -34,7 +34,7 @@ from rotorfit.fitting.noise.record import FoundNoise, Miss, NoiseVerdict, Respon
 from rotorfit.fitting.noise.residual_study import ResidualStudy
 from rotorfit.models.array_types import Float
 
-NOISE_LIKE = 1.5
+NOISE_LIKE_REDCHI = 1.5
 """redchi up to which residuals have the size of the noise: the 95 % point of a variance estimated from ten lines."""
 
 _P_EFFECT = 0.005
@@ -48,16 +48,13 @@ several to forty times as wide, so that the mean width grows by 1 to 30 %. Two r
 forces differ by 1 %: two that agree are then 1.4 to 2.1 times as wide on average. The median stays.
 ``benchmarks/honest_errors.py`` counts all of it.
 """
-_MEMORY_Z, _MEMORY_CORRELATION = 4.0, 0.25
+_MEMORY_DEVIATIONS, _MEMORY_CORRELATION = 4.0, 0.25
 """Memory along the sweeps counts where the correlation of neighbours exceeds chance by so many standard deviations (of
 noise one in 30 000 does), and is large enough to widen standard errors by a fifth."""
-_SHAPE_GAIN = 12.0
+_LEAST_SHAPE_GAIN = 12.0
 """Twice the gain in log likelihood, for each probe, from which noise by residuals replaces that of the data alone: the
 99.75 % point of chi-squared with the two parts of a shape as degrees of freedom."""
-_REWEIGHTED = 2
-"""Times that the fit is weighed anew by the noise of its residuals: in nineteen of twenty fits of
-``benchmarks/honest_errors.py`` a third would change sigma by less than a percent."""
-_MISS_LINES, _MISSES = 5, 3
+_MISS_LINES = 5
 """Lines over which residuals are averaged to see where the model misses, and places that are named."""
 
 RESPONSE, SPEED = "of the response", "of the speed, as it moves the response"
@@ -142,16 +139,16 @@ def study_residuals(problem: Problem, x: Float) -> ResidualStudy | None:
 def _verdict(fit: NoiseFit, remembered: Memory, *, as_found: bool) -> NoiseVerdict:
     """What the residuals are; ``as_found``: their size is no reason to replace the noise of the data."""
     if _follows(remembered):
-        return NoiseVerdict.CORRELATED if fit.redchi < NOISE_LIKE else NoiseVerdict.MISFIT
+        return NoiseVerdict.CORRELATED if fit.redchi < NOISE_LIKE_REDCHI else NoiseVerdict.MISFIT
     if not as_found:
         return NoiseVerdict.SHAPED
-    larger = fit.data.sigma_given and fit.redchi > NOISE_LIKE
+    larger = fit.data.sigma_given and fit.redchi > NOISE_LIKE_REDCHI
     return NoiseVerdict.LARGER if larger else NoiseVerdict.AS_FOUND
 
 
 def _follows(remembered: Memory) -> bool:
     """Whether residuals follow one another along the sweeps."""
-    return remembered.first > _MEMORY_CORRELATION and remembered.z > _MEMORY_Z
+    return remembered.first > _MEMORY_CORRELATION and remembered.z > _MEMORY_DEVIATIONS
 
 
 # ---- differences from run to run ---------------------------------------------------------------------------------
@@ -167,7 +164,7 @@ def random_effects(data: LinearisedFit) -> tuple[Float, Float]:
     sigma = _weighing_sigma(within)
     remembered = within.memory(sigma)
     if _follows(remembered):
-        if within.redchi >= NOISE_LIKE:
+        if within.redchi >= NOISE_LIKE_REDCHI:
             return found, possible  # the model misses within every run
         # Noise with memory weighs more on what changes slowly along a sweep.
         sigma = sigma * np.sqrt(1 + 2 * sum(remembered.lags))
@@ -175,7 +172,7 @@ def random_effects(data: LinearisedFit) -> tuple[Float, Float]:
     level = _P_POSSIBLE_OF_TWO if len(data.runs) == 2 else _P_POSSIBLE
     found = select_effects(model, level=_P_EFFECT, forced=data.forced)
     # Noise of another size than that of the data has a shape that is guessed, which a lax test would take for runs.
-    if np.count_nonzero(found) == len(data.forced) and within.redchi < NOISE_LIKE:
+    if np.count_nonzero(found) == len(data.forced) and within.redchi < NOISE_LIKE_REDCHI:
         possible = np.where(found > 0, 0.0, select_effects(model, level=level, forced=data.forced))
     if len(data.runs) == 2 and not data.forced and np.count_nonzero(found + possible) == 1:
         shared = shared_variances(model)  # two runs hardly say which kind it is
@@ -213,7 +210,9 @@ def _run_effects(
 def _reweighted(data: LinearisedFit, variance: Float) -> NoiseFit:
     """The mixed model weighed by the noise of its own residuals."""
     fit = NoiseFit.of(data, data.sigma, variance)
-    for _ in range(_REWEIGHTED):
+    # Times that the fit is weighed anew by the noise of its residuals: in nineteen of twenty fits of
+    # ``benchmarks/honest_errors.py`` a third would change sigma by less than a percent.
+    for _ in range(2):
         sigma = _weighing_sigma(fit)
         if np.array_equal(sigma, fit.sigma):
             break
@@ -241,7 +240,7 @@ def _sigma_of_residuals(fit: NoiseFit, along: Sequence[str]) -> tuple[list[Shape
     for trials in zip(*trials_along, strict=True):
         gains = [sum(shape.log_likelihood for shape in trial) for trial in trials]
         best = int(np.argmax(gains))
-        shapes += trials[best if 2 * (gains[best] - gains[0]) > _SHAPE_GAIN else 0]
+        shapes += trials[best if 2 * (gains[best] - gains[0]) > _LEAST_SHAPE_GAIN else 0]
     for shape in shapes:
         sigma[shape.rows] = np.sqrt(shape.variance(sizes[shape.along]))
     return shapes, sigma
@@ -251,7 +250,7 @@ def _explains(fit: NoiseFit, shapes: Sequence[Shape]) -> bool:
     """Whether the residuals are about as likely under the noise of the data as under one of their own."""
     now = sum(shape.log_likelihood for shape in shapes)
     given = likelihood(fit.power, fit.weight, fit.data.sigma**2)
-    return 2 * (now - given) < _SHAPE_GAIN * len(fit.data.channels)
+    return 2 * (now - given) < _LEAST_SHAPE_GAIN * len(fit.data.channels)
 
 
 def _scatter_freedom(fit: NoiseFit, verdict: NoiseVerdict, shapes: Sequence[Shape], remembered: Memory) -> float:
@@ -322,4 +321,4 @@ def _misses(problem: Problem, data: LinearisedFit) -> tuple[Miss, ...]:
         at = int(np.argmax(mean))
         low, high = sorted(np.abs(w[sweep[[at, at + width - 1]]]).tolist())
         found.append((float(mean[at]), Miss(response=str(labels[sweep[0]]), low=low, high=high)))
-    return tuple(miss for _, miss in sorted(found, key=lambda entry: -entry[0])[:_MISSES])
+    return tuple(miss for _, miss in sorted(found, key=lambda entry: -entry[0])[:3])

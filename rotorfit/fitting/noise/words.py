@@ -40,7 +40,7 @@ _TWO_RUNS = (
 
 _SCATTER = "the residuals scatter more along some changes than equal noise does; standard errors follow them (HC3)"
 
-_SINGLE_RUN = 8.0
+_SINGLE_RUN_RATIO = 8.0
 """Times the rms effect of the other runs from which a difference is said to be of one run alone: of six runs with
 normal effects one exceeds it once in eighty sets, of twelve once in four thousand."""
 
@@ -75,7 +75,7 @@ def _of_one_run(effect: RunEffect) -> str:
         return ""
     size = np.abs(np.array(effect.values) - np.median(effect.values))  # an effect of one run shifts the mean of all
     first = int(np.argmax(size))
-    if size[first] <= _SINGLE_RUN * np.sqrt(np.mean(np.delete(size, first) ** 2)):
+    if size[first] <= _SINGLE_RUN_RATIO * np.sqrt(np.mean(np.delete(size, first) ** 2)):
         return ""
     return f". Nearly all of it is in run {effect.runs[first]}, by {_amount(effect, size[first])}"
 

@@ -22,7 +22,7 @@ from rotorfit.models.parameters import bare_name, unknown_name
 from rotorfit.models.text_table import Wide, text_table
 from rotorfit.observing.observations import observe_any
 
-STRONG = 10.0
+DECISIVE_AIC = 10.0
 """Difference of AIC beyond which the worse of two models has no support left (Burnham & Anderson 2002)."""
 
 
@@ -86,12 +86,12 @@ class LawComparison:
     def nonlinear(self) -> bool:
         """Whether the data ask for coefficients that change with eccentricity."""
         linear = [entry.aic for entry in self.laws if not entry.law.parameters]
-        return bool(self.laws[0].law.parameters) and all(aic - self.laws[0].aic > STRONG for aic in linear)
+        return bool(self.laws[0].law.parameters) and all(aic - self.laws[0].aic > DECISIVE_AIC for aic in linear)
 
     @property
     def nonlinear_stiffness(self) -> bool:
         """Whether the data ask for a radial stiffness that changes with eccentricity."""
-        return self.nonlinear and self.stiffness > STRONG
+        return self.nonlinear and self.stiffness > DECISIVE_AIC
 
     @property
     def verdict(self) -> str:

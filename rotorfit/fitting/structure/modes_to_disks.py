@@ -11,8 +11,6 @@ from rotorfit.models import Modal
 from rotorfit.models.array_types import Float
 from rotorfit.models.parameters import MATRIX_UNITS
 
-_STEP = 1e-6  # relative step of central differences: errors of 1e-10 of smooth functions
-
 
 def two_disk_from_modes(fit: FitResult) -> dict[str, Quantity]:
     """Masses, stiffnesses and dampings of a two-disk rotor (eq. 19) from its two modes.
@@ -69,9 +67,10 @@ def disk_values(model: Modal, theta: Float) -> dict[str, float]:
 def _gradients(model: Modal, theta: Float) -> dict[str, Float]:
     """Derivatives of :func:`disk_values` by the parameters, shape ``(P,)`` each."""
     found = {name: np.zeros(theta.size) for name in disk_values(model, theta)}
+    relative = 1e-6  # relative step of central differences: errors of 1e-10 of smooth functions
     for i, value in enumerate(theta.tolist()):
         step = np.zeros(theta.size)
-        step[i] = _STEP * max(abs(value), 1e-3)
+        step[i] = relative * max(abs(value), 1e-3)
         above, below = disk_values(model, theta + step), disk_values(model, theta - step)
         for name, slope in found.items():
             slope[i] = (above[name] - below[name]) / (2 * step[i])

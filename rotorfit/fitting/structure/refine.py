@@ -14,8 +14,8 @@ from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.fitting.assumptions.shifts import assuming
 from rotorfit.fitting.fit import fitted, solve_again
 from rotorfit.fitting.judge import with_model_uncertainty
-from rotorfit.fitting.noise.residual_study import MODEL_LIMITED
-from rotorfit.fitting.noise.study import NOISE_LIKE
+from rotorfit.fitting.noise.residual_study import MODEL_LIMITED_REDCHI
+from rotorfit.fitting.noise.study import NOISE_LIKE_REDCHI
 from rotorfit.fitting.notebook import text_html
 from rotorfit.fitting.problem_setup import with_noise_scale
 from rotorfit.fitting.result import FitResult
@@ -112,7 +112,7 @@ def refine(fit: FitResult) -> Refinement:
     if refusal:
         raise ValueError(refusal)
     best, steps = _select(fit, may_leave_open=False)
-    if best.redchi > _MISSED * min(step.redchi for step in steps if step.success or step is best):
+    if best.redchi > _LARGEST_MISFIT_RATIO * min(step.redchi for step in steps if step.success or step is best):
         best, steps = _select(fit, may_leave_open=True)
     chosen = with_model_uncertainty(rescale_noise(best), _model_uncertainty(best, steps))
     found = _candidate_onsets(steps, best)
@@ -121,7 +121,7 @@ def refine(fit: FitResult) -> Refinement:
     return Refinement(tuple(steps), chosen)
 
 
-_MISSED = 1.2
+_LARGEST_MISFIT_RATIO = 1.2
 """Misfit over that of the best candidate, in power, beyond which one that leaves no parameter open is refused."""
 
 
@@ -161,7 +161,7 @@ def _hidden(step: FitResult) -> dict[str, Any]:
         return {}
     from scipy.stats import norm  # late: loading it takes longer than a fit
 
-    return {p.name: norm(0.0, _SEVERAL * max(told)) for p in own if not p.resolved}
+    return {p.name: norm(0.0, _PRIOR_DEVIATIONS * max(told)) for p in own if not p.resolved}
 
 
 def _told_of_hidden(plain: FitResult, chosen: FitResult) -> list[str]:
@@ -180,7 +180,7 @@ def _told_of_a_run(plain: FitResult, chosen: FitResult) -> list[str]:
     """The run that did not go with the others before, where no candidate explains the data: blocks taken in to
     follow that run hide it."""
     odd = "" if plain.noise is None else plain.noise.odd_run
-    said = chosen.noise is not None and bool(chosen.noise.odd_run) and chosen.redchi > MODEL_LIMITED
+    said = chosen.noise is not None and bool(chosen.noise.odd_run) and chosen.redchi > MODEL_LIMITED_REDCHI
     return [f"before refinement, {odd}"] if odd and chosen.model_limited and not said else []
 
 
@@ -195,7 +195,7 @@ def _model_uncertainty(best: FitResult, steps: Sequence[FitResult]) -> Float:
     sure = [i for i, name in enumerate(names) if best.params[name].resolved]
     candidates = [step for step in steps if step is best or (step.success and _tells(step, best))]
     scatter = max(1.0, min(step.redchi for step in candidates))  # what every candidate misses counts as noise
-    weight = np.exp([(best.aic - step.aic) / (2 * _TEMPER * scatter) for step in candidates])
+    weight = np.exp([(best.aic - step.aic) / (2 * _SELECTION_WIDENING * scatter) for step in candidates])
     apart, mixed = np.zeros((2, len(sure), len(sure)))
     for share, step in zip((weight / weight.sum()).tolist(), candidates, strict=True):
         there = [k for k, i in enumerate(sure) if names[i] in step.params]
@@ -239,13 +239,14 @@ def _candidate_onsets(steps: Sequence[FitResult], best: FitResult) -> tuple[Onse
     return tuple(found)
 
 
-_TEMPER = 2.0  # the best AIC is the best of many that scatter: by itself it makes the choice look surer than it is
+_SELECTION_WIDENING = 2.0
+"""The best AIC is the best of many that scatter: by itself it makes the choice look surer than it is."""
 
-_SEVERAL = 3.0  # gyroscopic effects of a plane over those of another
+_PRIOR_DEVIATIONS = 3.0  # gyroscopic effects of a plane over those of another
 
-_FEWEST = 30  # readings of a response from which their scatter gives their noise within 10 %
+_FEWEST_READINGS = 30  # readings of a response from which their scatter gives their noise within 10 %
 
-_LOWEST = 1e-3  # scale below which exact data, not noise, are in hand
+_SMALLEST_SCALE = 1e-3  # scale below which exact data, not noise, are in hand
 
 
 def rescale_noise(fit: FitResult) -> FitResult:
@@ -256,7 +257,7 @@ def rescale_noise(fit: FitResult) -> FitResult:
 
     Alternates between scale and fit, which raises their joint likelihood. Responses of few readings keep their noise.
     """
-    if fit.settings.loss != "linear" or fit.model_limited or (fit.noise is None and fit.redchi > NOISE_LIKE):
+    if fit.settings.loss != "linear" or fit.model_limited or (fit.noise is None and fit.redchi > NOISE_LIKE_REDCHI):
         return fit
     plain = with_noise_scale(fit.problem, fit.settings.noise_scale, -1)
     for _ in range(5):
@@ -279,8 +280,8 @@ def _noise_scale(problem: Problem, x: Float) -> dict[str, float]:
             sums[name] = sums.get(name, 0.0) + float(np.sum(np.abs(part[rows]) ** 2))
             counts[name] = counts.get(name, 0) + 2 * int(rows.sum())
     free = 1 - x.size / problem.n_data
-    enough = [name for name in sums if counts[name] >= 2 * _FEWEST]
-    return {name: max(float(np.sqrt(sums[name] / (counts[name] * free))), _LOWEST) for name in enough}
+    enough = [name for name in sums if counts[name] >= 2 * _FEWEST_READINGS]
+    return {name: max(float(np.sqrt(sums[name] / (counts[name] * free))), _SMALLEST_SCALE) for name in enough}
 
 
 def refit(

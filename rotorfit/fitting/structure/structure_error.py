@@ -14,8 +14,6 @@ from rotorfit.models.shafts.shaft import Shaft
 if TYPE_CHECKING:
     from rotorfit.fitting.result import FitResult
 
-_CHECKED = 8  # lines of each experiment: few enough to be condensed exactly
-
 
 @dataclass(frozen=True, kw_only=True)
 class StructureError:
@@ -44,11 +42,12 @@ def structure_error(fit: FitResult) -> StructureError | None:
     if not isinstance(shaft, Shaft) or not shaft.parts:
         return None
     worst, checked, theta = 0.0, 0, fit.thetas
+    lines = 8  # lines of each experiment: few enough to be condensed exactly
     for block in fit.problem.blocks:
         base = responses_of(block)
         if base is None or not isinstance(block, Responses | OrbitResponses):
             continue
-        some = np.unique(np.linspace(0, base.frequency.size - 1, _CHECKED).astype(int))
+        some = np.unique(np.linspace(0, base.frequency.size - 1, lines).astype(int))
         keep = np.zeros(base.frequency.size, dtype=bool)
         keep[some] = True
         rows = keep[base.line]

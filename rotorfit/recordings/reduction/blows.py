@@ -12,30 +12,26 @@ import numpy as np
 from rotorfit.data.findings import Finding, listed
 from rotorfit.models.array_types import Bool, ComplexArray, Float
 from rotorfit.recordings.channel_statistics import ChannelStatistics
-from rotorfit.recordings.reduction.reduced_record import ORDERS, ReducedRecord
-from rotorfit.recordings.signals import PIECE
+from rotorfit.recordings.reduction.reduced_record import HIGHEST_ORDER, ReducedRecord
+from rotorfit.recordings.signals import SAMPLES_OF_A_PIECE
 
 if TYPE_CHECKING:
     from rotorfit.recordings.recording import Recording
 
-QUIET = 0.02
+AVERAGING_TIME = 0.02
 """Time over which the motion is averaged to see a blow, s."""
-AROUND = 0.5
-"""Time about each instant whose median position is where the shaft rests, s."""
-TURNS = 2.0
+QUIET_TURNS = 2.0
 """Turns of quiet motion before the first blow that tell the shaft's orders."""
 QUIET_SHARE = 0.1
 """Share of a recording of blows that tells them: their error two lines beside then is as large as the noise."""
 
-_BRIEF = 0.1
+_LARGEST_STRUCK_SHARE = 0.1
 """Share of a recording in which the force acts, below which it is one of blows."""
-_RISES = 0.1
+_ACTING_FORCE_SHARE = 0.1
 """Share of the greatest force of a recording from which it acts."""
-_ONE = 1e-3
-"""Time for which noise may interrupt a blow, s: none bounces so soon."""
-_AGAIN = 0.1
+_BOUNCE_TIME = 0.1
 """Time after a blow within which no one strikes on purpose, s: the hammer bounced."""
-_TOP, _WIDE = 5e-3, 0.2
+_TOP_SHARE, _LARGEST_TOP_SHARE = 5e-3, 0.2
 """Share of its peak within which a blow is at its top, and the share of its length at half the peak that the top of no
 blow lasts: half sines and their squares have 0.1."""
 
@@ -53,14 +49,15 @@ class QuietPart:
 
 def quiet_part(z: ComplexArray, angle: Float | None, rate: float, before: Bool | None = None) -> QuietPart:
     """Where a motion is quiet (first guess: ``before``), and the motion less the orders that the shaft has there."""
-    turning = [n for n in range(-ORDERS, ORDERS + 1) if n] if angle is not None else []
+    turning = [n for n in range(-HIGHEST_ORDER, HIGHEST_ORDER + 1) if n] if angle is not None else []
     orders = np.exp(1j * np.array(turning)[:, None] * (0.0 if angle is None else angle)).T
-    width = max(int(QUIET * rate), 1)
+    width = max(int(AVERAGING_TIME * rate), 1)
     quiet = np.ones(z.size, dtype=bool) if before is None else before
     level = np.zeros(z.size, dtype=complex)
+    median_time = 0.5  # time about each instant whose median position is where the shaft rests, s
     for _ in range(3):  # blows disturb the orders, and orders hide blows
         left = z - orders @ np.linalg.lstsq(orders[quiet], (z - level)[quiet], rcond=None)[0] if turning else z
-        level = _level(left, int(AROUND * rate))
+        level = _level(left, int(median_time * rate))
         size = np.sqrt(np.convolve(np.abs(left - level) ** 2, np.ones(width) / width, mode="same"))
         noise = float(np.median(size[quiet]))
         quiet = size < 3 * noise
@@ -95,9 +92,9 @@ def rest_of(reduced: ReducedRecord, struck: Sequence[Blow]) -> Rest:
             f"{reduced.record.name}: the blow at {struck[0].begin:.3f} s is not between the first mark of the shaft "
             f"and the last, {time[0]:.3f} to {time[-1]:.3f} s, where its angle is known: record some turns before it"
         )
-    before = time < struck[0].begin - QUIET
+    before = time < struck[0].begin - AVERAGING_TIME
     turns = float(np.sum(before)) / reduced.rate * reduced.shaft_speed / (2 * np.pi)
-    begins_quiet = bool(np.sum(before) > 2 * QUIET * reduced.rate) and (angle is None or turns >= TURNS)
+    begins_quiet = bool(np.sum(before) > 2 * AVERAGING_TIME * reduced.rate) and (angle is None or turns >= QUIET_TURNS)
     parts = [quiet_part(z, angle, reduced.rate, before if begins_quiet else None) for z in reduced.motion.values()]
     quiet = np.asarray(np.all([part.quiet for part in parts], axis=0))
     at_ends = [max(part.size[0], part.size[-1]) * np.sqrt(2) / part.size.max() for part in parts]  # half a window
@@ -117,25 +114,28 @@ class Blow:
 
 def blows(record: Recording) -> list[Blow]:
     """The blows that a measured force consists of; none where it is no force of blows."""
-    first = record.force_signal(0, PIECE)
+    first = record.force_signal(0, SAMPLES_OF_A_PIECE)
     level = complex(np.median(first.real), np.median(first.imag))
-    pieces = [(start, start + PIECE) for start in range(0, record.size, PIECE)]
+    pieces = [(start, start + SAMPLES_OF_A_PIECE) for start in range(0, record.size, SAMPLES_OF_A_PIECE)]
     greatest = max(float(np.abs(record.force_signal(*piece) - level).max()) for piece in pieces)
-    acts = np.concatenate([np.abs(record.force_signal(*piece) - level) > _RISES * greatest for piece in pieces])
-    if not acts.any() or acts.mean() > _BRIEF:
+    acts = np.concatenate(
+        [np.abs(record.force_signal(*piece) - level) > _ACTING_FORCE_SHARE * greatest for piece in pieces]
+    )
+    if not acts.any() or acts.mean() > _LARGEST_STRUCK_SHARE:
         return []
     at = np.flatnonzero(acts)
-    apart = np.flatnonzero(np.diff(at) > max(_ONE * record.sample_rate, 1.0))
+    longest_break = 1e-3  # time for which noise may interrupt a blow, s: none bounces so soon
+    apart = np.flatnonzero(np.diff(at) > max(longest_break * record.sample_rate, 1.0))
     found = []
     for low, high in zip(at[np.append(0, apart + 1)].tolist(), (at[np.append(apart, -1)] + 1).tolist(), strict=True):
         size = np.abs(record.force_signal(low, high) - level)
-        top, half = int(np.sum(size > (1 - _TOP) * size.max())), int(np.sum(size > size.max() / 2))
+        top, half = int(np.sum(size > (1 - _TOP_SHARE) * size.max())), int(np.sum(size > size.max() / 2))
         found.append(
             Blow(
                 begin=low / record.sample_rate,
                 end=high / record.sample_rate,
                 peak=float(size.max()),
-                cut=top >= 3 and top > _WIDE * half,
+                cut=top >= 3 and top > _LARGEST_TOP_SHARE * half,
             )
         )
     return found
@@ -152,7 +152,7 @@ def blow_findings(record: Recording, found: list[Blow]) -> Iterator[Finding]:
             f"{listed([f'{b.peak:.4g} N' for b in cut])}: its channel was overloaded, and responses come out too "
             "large. Leave the blow out, or strike again with a wider input range.",
         )
-    again = [(first, second) for first, second in pairwise(found) if second.begin - first.end < _AGAIN]
+    again = [(first, second) for first, second in pairwise(found) if second.begin - first.end < _BOUNCE_TIME]
     if again:
         when = listed([f"{a.begin:.3f} s and again {(b.begin - a.begin) * 1e3:.3g} ms later" for a, b in again])
         yield Finding(

@@ -21,15 +21,12 @@ if TYPE_CHECKING:
     from rotorfit.recordings.rig.setup import Force
 
 
-_PER_TURN = 8
-"""Times a turn at which a shaft is looked at to see whether it dwells."""
-
-
 def dwelling(record: Recording) -> bool:
     """Whether the shaft of a recording dwells at one speed, or at several in turn."""
     shaft = record.shaft_angle()
     turns = abs(float(np.ptp(shaft.angle(np.array([shaft.begin, shaft.end]))))) / (2 * np.pi)
-    time = np.linspace(shaft.begin, shaft.end, max(int(_PER_TURN * turns), 200))
+    # Times a turn at which a shaft is looked at to see whether it dwells.
+    time = np.linspace(shaft.begin, shaft.end, max(int(8 * turns), 200))
     return bool(dwells(time, shaft.angle(time), shaft.speed(time)))
 
 

@@ -10,11 +10,9 @@ from rotorfit.estimators.signals.local_response import LocalResponse
 from rotorfit.models.array_types import ComplexArray
 from rotorfit.recordings.reduction.reduced_record import ReducedRecord, is_pair
 
-_LINES = 12
-"""Spectral lines of a band in which the response to the image's drive is one number: noise explains 1/12 so."""
-_DRIVEN = 0.1
+_DRIVE_POWER_SHARE = 0.1
 """Power of the drive over that of its median band from which it counts."""
-_SEEN = 0.4
+_IMAGE_SHARE = 0.4
 """Share of what the responses leave over that is the image, from which it stands out of the noise."""
 
 
@@ -30,7 +28,7 @@ def image_seen(reduced: ReducedRecord, found: LocalResponse) -> bool:
     row = 0
     for plane in reduced.record.planes:
         pair = is_pair(reduced.record, plane)
-        if pair and _share(found, row, drives) > _SEEN:
+        if pair and _share(found, row, drives) > _IMAGE_SHARE:
             return True
         row += 4 if pair else 1
     return False
@@ -39,14 +37,16 @@ def image_seen(reduced: ReducedRecord, found: LocalResponse) -> bool:
 def _share(found: LocalResponse, row: int, drives: Sequence[ComplexArray]) -> float:
     """Share of the power left over that drives explain, those of two rows from one on."""
     explained = left = 0.0
+    # Spectral lines of a band in which the response to the image's drive is one number: noise explains 1/12 so.
+    lines = 12
     for rest, drive in zip(found.residual[0][row : row + 2], drives, strict=True):
         inside = np.flatnonzero(np.isfinite(rest))
-        count = inside.size // _LINES * _LINES
+        count = inside.size // lines * lines
         if not count:
             continue
-        r, d = (values[inside[:count]].reshape(-1, _LINES) for values in (rest, drive))
+        r, d = (values[inside[:count]].reshape(-1, lines) for values in (rest, drive))
         power = np.sum(np.abs(d) ** 2, axis=1)
-        counts = power > _DRIVEN * np.median(power[power > 1e-3 * power.max()])
+        counts = power > _DRIVE_POWER_SHARE * np.median(power[power > 1e-3 * power.max()])
         explained += float(np.sum((np.abs(np.sum(d.conj() * r, axis=1)) ** 2 / np.maximum(power, 1e-300))[counts]))
         left += float(np.sum(np.abs(r[counts]) ** 2))
     return explained / left if left else 0.0

@@ -16,31 +16,19 @@ if TYPE_CHECKING:
     from rotorfit.estimators.signals.local_response import LocalResponse
     from rotorfit.recordings.recording import Recording
 
-_LONG, _SHORT = 2.0, 0.25
-"""Length of the windows of the force's spectrum in which its band and its noise are looked for, s."""
-
-_FEWEST = 8
-"""Windows, half over one another, that tell the noise: those of a shorter recording are shorter."""
-
-_PIECES = 200
-"""Windows at most, spread over a long recording."""
-
-_OUTSIDE = 1e-3
+_POWER_BEYOND_BAND = 1e-3
 """Share of a measured force's power left out at either end of its band."""
 
-_ONE_SIDED = 0.02
+_ONE_SIDED_POWER_RATIO = 0.02
 """Power in one direction over that in the other below which a measured force is taken for one of one direction."""
 
-_BESIDE = 9
-"""Lines of the spectrum whose mean power is held against the noise."""
-
-_KNOWN = 0.2
+_NOISE_ERROR = 0.2
 """How well the power of the noise is known, a share of it."""
 
-_COHERENT = 0.9
+_LEAST_COHERENCE = 0.9
 """Coherence below which readings are named."""
 
-_CLEAR = 0.1
+_LARGEST_NOISE_SHARE = 0.1
 """Noise of the force over the force, in power, beyond which a line says nothing that could be trusted."""
 
 
@@ -65,15 +53,17 @@ def look_at_force(record: Recording, *, struck: bool = False) -> MeasuredForce:
     the median over time of the power there is that of the noise, and the level that of most lines.
     """
     noise = _noise(record)
-    power, step = _powers(record, _LONG, over_ends=struck)
+    window = 2.0  # length of the windows in which the band is looked for, s
+    power, step = _powers(record, window, over_ends=struck)
     mean = power.mean(axis=0).sum(axis=0)
     if not mean.any():
         raise ValueError(f"{record.name}: the measured force is constant; is its channel the right one?")
     floor = float(noise.sum())
-    beside = np.convolve(mean, np.ones(_BESIDE) / _BESIDE, mode="same")
-    loud = beside > (1 + 6 / np.sqrt(_BESIDE * len(power))) * floor
+    averaged = 9  # lines of the spectrum whose mean power is held against the noise
+    beside = np.convolve(mean, np.ones(averaged) / averaged, mode="same")
+    loud = beside > (1 + 6 / np.sqrt(averaged * len(power))) * floor
     share = np.cumsum(np.where(loud, np.maximum(mean - floor, 0.0), 0.0))
-    ends = np.searchsorted(share, np.array([_OUTSIDE, 1 - _OUTSIDE]) * share[-1]) + 1.0
+    ends = np.searchsorted(share, np.array([_POWER_BEYOND_BAND, 1 - _POWER_BEYOND_BAND]) * share[-1]) + 1.0
     if not share[-1]:
         raise ValueError(f"{record.name}: the measured force does not stand out of the noise of its channels")
     return MeasuredForce(
@@ -83,7 +73,9 @@ def look_at_force(record: Recording, *, struck: bool = False) -> MeasuredForce:
 
 def _noise(record: Recording) -> Float:
     """Density of the noise of the two channels, N^2 s, shape ``(2,)``."""
-    power, _ = _powers(record, min(_SHORT, record.duration / _FEWEST))
+    window = 0.25  # length of the windows that show the noise, s
+    fewest = 8  # windows, half over one another; those of a shorter recording are shorter
+    power, _ = _powers(record, min(window, record.duration / fewest))
     return np.asarray(np.median(np.median(power, axis=0) / np.log(2), axis=1))  # noise is exponentially distributed
 
 
@@ -91,7 +83,8 @@ def _powers(record: Recording, length: float, *, over_ends: bool = False) -> tup
     """Density of the power of both channels in windows, N^2 s, shape ``(windows, 2, lines)``; rad/s between lines."""
     size = min(1 << round(np.log2(length * record.sample_rate)), record.size)
     beyond = size // 2 if over_ends else 0  # a blow near the ends of the recording counts as others do
-    count = min(max(record.size // size * 2, 1) + 2 * over_ends, _PIECES)
+    most = 200  # windows at most, spread over a long recording
+    count = min(max(record.size // size * 2, 1) + 2 * over_ends, most)
     starts = np.linspace(-beyond, record.size - size + beyond, count).astype(int)
     window = np.hanning(size)
     found = []
@@ -143,10 +136,10 @@ def _how_it_acts(record: Recording, force: ComplexArray, rate: float, seen: Meas
     inside = (np.abs(w) >= seen.low) & (np.abs(w) <= seen.high)
     noise = np.array([seen.noise_x, seen.noise_y]) * rate * force.size * int(inside.sum())
     along_x, along_y = np.sum(np.abs(spectra[1:, inside]) ** 2, axis=1) - noise
-    if min(along_x, along_y) < _ONE_SIDED * max(along_x, along_y) + _KNOWN * noise.max():
+    if min(along_x, along_y) < _ONE_SIDED_POWER_RATIO * max(along_x, along_y) + _NOISE_ERROR * noise.max():
         return ("x", 1) if along_x > along_y else ("y", 1)
     ways = [float(np.sum(np.abs(spectra[0, inside & (sign * w > 0)]) ** 2)) - noise.sum() / 2 for sign in (1, -1)]
-    if min(ways) < _ONE_SIDED * max(ways) + _KNOWN * noise.sum():
+    if min(ways) < _ONE_SIDED_POWER_RATIO * max(ways) + _NOISE_ERROR * noise.sum():
         return "circular", 1 if ways[0] > ways[1] else -1
     raise ValueError(
         f"{record.name}: the measured force neither turns one way nor acts along x or y alone; record sweeps of one "
@@ -156,7 +149,7 @@ def _how_it_acts(record: Recording, force: ComplexArray, rate: float, seen: Meas
 
 def clear_of_noise(found: LocalResponse, reduced: ReducedRecord, noise: float) -> Bool:
     """Lines at which a measured force stands out of its noise, shape ``(L,)``."""
-    return np.asarray(noise < _CLEAR * _power(found, reduced))
+    return np.asarray(noise < _LARGEST_NOISE_SHARE * _power(found, reduced))
 
 
 def _power(found: LocalResponse, reduced: ReducedRecord) -> Float:
@@ -176,8 +169,8 @@ def coherence(test: PerturbationTest, found: LocalResponse, reduced: ReducedReco
 
 def coherence_note(test: PerturbationTest, coherent: Float) -> Finding:
     """The coherence in a sentence."""
-    poor = np.abs(test.frequency[coherent < _COHERENT]) / (2 * np.pi)
-    where = f", below {_COHERENT:g} in {poor.size}, {poor.min():.3g} to {poor.max():.3g} Hz" if poor.size else ""
+    poor = np.abs(test.frequency[coherent < _LEAST_COHERENCE]) / (2 * np.pi)
+    where = f", below {_LEAST_COHERENCE:g} in {poor.size}, {poor.min():.3g} to {poor.max():.3g} Hz" if poor.size else ""
     return Finding(
         "note",
         "coherence",

@@ -19,12 +19,6 @@ Signal = Float | ComplexArray
 RATE_OVER_TOP = 3.0
 """Reduced rate over the highest frequency of the band: the filter falls from the top to twice the top."""
 
-ATTENUATION = 100.0
-"""Of what folds back, dB."""
-
-PIECE = 1 << 18
-"""Samples of the file read at once."""
-
 
 @dataclass(frozen=True, kw_only=True)
 class ReducedRate:
@@ -55,8 +49,9 @@ class ReducedRate:
         if self.factor == 1:
             return np.ones((1, 1))
         fall = self.rate - 2 * self.rate / RATE_OVER_TOP  # from the top of the band to what folds back onto it, Hz
-        beta = 0.1102 * (ATTENUATION - 8.7)  # Kaiser's formulas
-        length = (ATTENUATION - 7.95) / (2.285 * 2 * np.pi * fall / self.full_rate)
+        attenuation = 100.0  # of what folds back, dB
+        beta = 0.1102 * (attenuation - 8.7)  # Kaiser's formulas
+        length = (attenuation - 7.95) / (2.285 * 2 * np.pi * fall / self.full_rate)
         half = -(-int(length + 1) // (2 * self.factor))
         place = np.arange(-half * self.factor, half * self.factor + 1) / self.factor
         taps = np.sinc(place) * np.kaiser(place.size, beta)
@@ -84,7 +79,8 @@ class ReducedRate:
             shape ``(count,)``.
         """
         blocks, width = self._filter.shape[1], self.factor
-        step = max(PIECE // width, 1)
+        at_once = 1 << 18  # samples of the file read at once
+        step = max(at_once // width, 1)
         parts = []
         for first in range(0, self.count, step):
             last = min(first + step, self.count)

@@ -18,11 +18,8 @@ if TYPE_CHECKING:
     from rotorfit.recordings.rig.setup import Probe
 
 
-ORDERS = 5
+HIGHEST_ORDER = 5
 """Highest order of the shaft that is taken out, in both directions."""
-
-_PIECE = 1 << 15
-"""Samples worked on at once."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -53,7 +50,7 @@ class ReducedRecord:
         if self.shaft_angle is None:
             return []
         slowest = float(np.diff(self.shaft_angle).min()) * self.rate
-        return [n for n in range(first, ORDERS + 1) if n * slowest < self.band[1] * 1.1]
+        return [n for n in range(first, HIGHEST_ORDER + 1) if n * slowest < self.band[1] * 1.1]
 
     @property
     def lines(self) -> Float:
@@ -101,7 +98,8 @@ class ReducedRecord:
         if angle is None:
             return self
         powers = np.array([sign * n for n in self.orders() for sign in (1, -1)] + [0])
-        pieces = [slice(a, a + _PIECE) for a in range(0, angle.size, _PIECE)]
+        samples = 1 << 15  # samples worked on at once
+        pieces = [slice(a, a + samples) for a in range(0, angle.size, samples)]
         normal = np.zeros((powers.size, powers.size), dtype=complex)
         right = np.zeros((powers.size, len(self.motion)), dtype=complex)
         for piece in pieces:
@@ -157,7 +155,7 @@ def reduced_times(
     top = fastest
     if shaft is not None:
         speed = shaft.speed(np.linspace(begin, end, 20_001))
-        reach = [n * float(speed.max()) for n in range(1, ORDERS + 1) if n * speed.min() < 1.1 * fastest]
+        reach = [n * float(speed.max()) for n in range(1, HIGHEST_ORDER + 1) if n * speed.min() < 1.1 * fastest]
         top = max([top, *reach])
     try:
         reduced = ReducedRate.for_band(1.02 * top / (2 * np.pi), record.sample_rate, record.size)

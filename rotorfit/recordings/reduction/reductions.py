@@ -28,10 +28,10 @@ if TYPE_CHECKING:
 
 Report = Callable[[Finding], None]
 
-_MANY = 3
+_MANY_BLOWS = 3
 """Blows whose spectrum is no smooth one, so that it is told from a transient."""
 
-DRIVEN = 3e-3
+DRIVEN_INFORMATION_SHARE = 3e-3
 """Information of a line over that of the median line below which it is left out: 18 times the median error."""
 
 
@@ -158,7 +158,7 @@ def _forced(
     """
     record, unit = reduced.record, np.ones(1, dtype=complex)
     rest = rest_of(reduced, struck) if struck else None
-    if rest is None or (rest.quiet.mean() < QUIET_SHARE and len(struck) >= _MANY):
+    if rest is None or (rest.quiet.mean() < QUIET_SHARE and len(struck) >= _MANY_BLOWS):
         spectra = reduced.without_orders().spectra(unit, reduced.orders())
         return _estimated([record], [replace(spectra, force_noise=noise)], *reduced.band), 0.0
     if rest.quiet.mean() < QUIET_SHARE and reduced.shaft_angle is not None:
@@ -231,7 +231,7 @@ def _driven(found: LocalResponse, power: int) -> Bool:
     by what was measured, so that nothing is selected.
     """
     information = (found.noise[0] / found.sigma[0, 0]) ** 2 / found.width / found.frequency**power
-    return np.asarray(information > DRIVEN * np.median(information))
+    return np.asarray(information > DRIVEN_INFORMATION_SHARE * np.median(information))
 
 
 def _start_ups(records: Sequence[Recording], groups: int, report: Report) -> PerturbationTest:

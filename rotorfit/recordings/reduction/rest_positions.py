@@ -10,21 +10,19 @@ import numpy as np
 
 from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.recordings.reduction.reduced_rate import ReducedRate
-from rotorfit.recordings.reduction.reduced_record import ORDERS, is_pair
+from rotorfit.recordings.reduction.reduced_record import HIGHEST_ORDER, is_pair
 
 if TYPE_CHECKING:
     from rotorfit.recordings.angle_track import AngleTrack
     from rotorfit.recordings.recording import Recording
     from rotorfit.recordings.rig.setup import Probe
 
-STEPS = 20
+POSITIONS = 20
 """Positions taken of a recording in which the speed changes."""
-STEADY = 0.02
+STEADY_SPEED_RANGE = 0.02
 """Change of the speed, relative, up to which it counts as one."""
-_PARTS = 16
+_PARTS_OF_RECORD = 16
 """Parts of a recording whose mean voltages tell how well the mean of the whole is known."""
-_AT_REST = 20.0
-"""Highest frequency that matters of a shaft without marks, Hz."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -47,7 +45,7 @@ class RestPosition:
 def rest_positions(record: Recording) -> tuple[list[RestPosition], list[str]]:
     """Mean positions in all planes with two good probes, and why the others are left out.
 
-    A recording of one speed gives one position a plane, one whose speed changes :data:`STEPS` of them. The error of a
+    A recording of one speed gives one position a plane, one whose speed changes :data:`POSITIONS`. The error of a
     mean voltage is the scatter of the means of parts of the recording, slow drift included.
     """
     coupled = [name for name, each in record.statistics.items() if each.without_gap]
@@ -74,7 +72,8 @@ def _rest(record: Recording, plane: str, probes: Sequence[Probe]) -> RestPositio
     shaft = record.shaft_angle() if record.rig.shaft is not None else None
     edges, speeds = _stretches(record, shaft)
     fastest = 0.0 if shaft is None else float(np.abs(shaft.speed(np.linspace(shaft.begin, shaft.end, 200))).max())
-    reduced = ReducedRate.for_band(max(ORDERS * fastest / (2 * np.pi), _AT_REST), record.sample_rate, record.size)
+    highest = 20.0  # highest frequency that matters of a shaft without marks, Hz
+    reduced = ReducedRate.for_band(max(HIGHEST_ORDER * fastest / (2 * np.pi), highest), record.sample_rate, record.size)
     mean, variance = np.empty((2, len(probes), speeds.size))
     for p, probe in enumerate(probes):
         each, scale = record.statistics[probe.channel], float(probe.sensitivity or 1.0)
@@ -83,7 +82,7 @@ def _rest(record: Recording, plane: str, probes: Sequence[Probe]) -> RestPositio
         rounding = each.step**2 / 12 if each.deviation < each.step else 0.0
         for s, (begin, end) in enumerate(edges):
             inside = (reduced.time >= begin) & (reduced.time <= end)
-            if inside.sum() < 4 * _PARTS:
+            if inside.sum() < 4 * _PARTS_OF_RECORD:
                 raise ValueError(
                     f"{record.name}: {end - begin:.3g} s are too short to tell a mean voltage and its error"
                 )
@@ -100,7 +99,7 @@ def _stretches(record: Recording, shaft: AngleTrack | None) -> tuple[list[tuple[
     if shaft is None:
         return [(0.0, record.duration)], np.array([abs(record.speed or 0.0)])
     speeds = shaft.speed(np.linspace(shaft.begin, shaft.end, 400))
-    count = 1 if np.ptp(speeds) <= STEADY * np.abs(speeds).mean() else STEPS
+    count = 1 if np.ptp(speeds) <= STEADY_SPEED_RANGE * np.abs(speeds).mean() else POSITIONS
     edges = np.linspace(shaft.begin, shaft.end, count + 1)
     mean = np.diff(shaft.angle(edges)) / np.diff(edges)
     return list(zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True)), np.asarray(mean)
@@ -108,7 +107,7 @@ def _stretches(record: Recording, shaft: AngleTrack | None) -> tuple[list[tuple[
 
 def _mean(volts: Float, time: Float, shaft: AngleTrack | None) -> tuple[float, float]:
     """Mean voltage without the shaft's orders, and its variance from the scatter over parts of the time."""
-    parts = np.array_split(np.arange(volts.size), _PARTS)
+    parts = np.array_split(np.arange(volts.size), _PARTS_OF_RECORD)
     levels = np.array([_level(volts[part], time[part], shaft) for part in parts])
     pairs = levels.reshape(-1, 2).mean(axis=1)  # where voltages drift, longer parts scatter more than their length says
     return float(levels.mean()), float(max(levels.var(ddof=1) / levels.size, pairs.var(ddof=1) / pairs.size))
@@ -119,6 +118,6 @@ def _level(volts: Float, time: Float, shaft: AngleTrack | None) -> float:
     if shaft is not None:
         angle = shaft.angle(time)
         turns = float(angle[-1] - angle[0]) / (2 * np.pi)
-        orders = [n for n in range(1, ORDERS + 1) if n * turns > 1 and volts.size > 4 * ORDERS]
+        orders = [n for n in range(1, HIGHEST_ORDER + 1) if n * turns > 1 and volts.size > 4 * HIGHEST_ORDER]
         basis += [wave(n * angle) for n in orders for wave in (np.cos, np.sin)]
     return float(np.linalg.lstsq(np.array(basis).T, volts, rcond=None)[0][0])

@@ -14,7 +14,7 @@ from rotorfit.executors import carry_out
 from rotorfit.models.array_types import Bool, ComplexArray, Float, Index
 from rotorfit.models.parameters import unknown_name
 from rotorfit.recordings.recording import Recording, named_apart
-from rotorfit.recordings.reduction.blows import QUIET, quiet_part
+from rotorfit.recordings.reduction.blows import AVERAGING_TIME, quiet_part
 from rotorfit.recordings.reduction.reduced_rate import ReducedRate
 from rotorfit.recordings.reduction.reduced_record import is_pair, motion_at
 from rotorfit.recordings.reduction.rest_positions import rest_positions
@@ -25,9 +25,9 @@ _Blow: TypeAlias = tuple[float, Float, ComplexArray, complex]
 
 HIGHEST_HZ = 200.0
 """Frequency above which nothing is of interest unless said otherwise, Hz."""
-STANDS_OUT = 6.0
+BLOW_OVER_MEDIAN = 6.0
 """A blow begins where that average exceeds so many times its median."""
-CONTACT = 0.01
+CONTACT_TIME = 0.01
 """Time left out after the beginning of a blow, s: hammer or release still act."""
 
 
@@ -140,14 +140,14 @@ def _blows(record: Recording, plane: str, highest_hz: float) -> Iterator[_Blow]:
     z = motion_at(record, reduced, part, plane)
     found = quiet_part(z, angle, rate)
     left, level, size, noise, quiet = found.left, found.level, found.size, found.noise, found.quiet
-    width = max(int(QUIET * rate), 1)
-    loud = size > STANDS_OUT * noise
+    width = max(int(AVERAGING_TIME * rate), 1)
+    loud = size > BLOW_OVER_MEDIAN * noise
     begins = _after_quiet(np.flatnonzero(loud[1:] & ~loud[:-1]) + 1, quiet)
     if not begins:
         raise ValueError(f"{record.name}: no blow stands out of the motion of {plane}")
     speed = float(np.mean(shaft.speed(time)))
     for begin, following in zip(begins, [*begins[1:], time.size], strict=True):
-        first, end = begin + int(CONTACT * rate) + width // 2, following - width
+        first, end = begin + int(CONTACT_TIME * rate) + width // 2, following - width
         calm = np.flatnonzero(size[first:following] < 1.5 * noise)
         last = min(first + (int(calm[0]) if calm.size else following - first), end)
         settled = complex(np.mean(left[last:end] if end - last > 5 * width else level[first:following]))

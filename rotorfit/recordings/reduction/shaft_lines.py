@@ -29,13 +29,11 @@ _OF_SUPPORTS: dict[str, Order] = {"-w": (-1, -2), "w-2Om": (1, -2)}
 """Lines that supports which differ in two directions make, with their orders (m, n) in turning coordinates."""
 _ORDERS = range(-4, 5)
 """Orders of the shaft taken out of every signal: run-out, unbalance, sag."""
-_INSIDE = 0.02
+_MARGIN_SHARE = 0.02
 """Share of the swept band at each end in which the force is not yet fully there."""
-_WORTHLESS = 10.0
+_LARGEST_ERROR_RATIO = 10.0
 """Times the median error beyond which a reading is left out, in bands that the drive hardly reached."""
-_NEAR = 40
-"""Spectral lines to each side of an order that tell its noise."""
-_CHANGES = 1.2
+_START_UP_SPEED_RATIO = 1.2
 """Highest speed over the lowest from which a recording without a perturbator is a start-up."""
 
 
@@ -127,7 +125,7 @@ def _is_start_up(record: Recording) -> bool:
         return False
     shaft = record.shaft_angle()
     speed = shaft.speed(np.linspace(shaft.begin, shaft.end, 1001))
-    return bool(speed.max() > _CHANGES * speed.min())
+    return bool(speed.max() > _START_UP_SPEED_RATIO * speed.min())
 
 
 def _same_weight(records: Sequence[Recording]) -> None:
@@ -166,7 +164,7 @@ def _start_up(record: Recording) -> list[dict[str, NDArray[Any]]]:
         raise ValueError(f"{record.name}: {problem}") from problem
     parts = []
     for order, found in lines.items():
-        known = found.sigma[0, 0] <= _WORTHLESS * np.median(found.sigma)
+        known = found.sigma[0, 0] <= _LARGEST_ERROR_RATIO * np.median(found.sigma)
         speed, response, sigma = (x[known] for x in (found.frequency / order, found.response[0, 0], found.sigma[0, 0]))
         turned = order * np.abs(response) * shaft.stderr(time_at(reduced, speed))
         none = np.zeros(speed.size)
@@ -201,7 +199,7 @@ def _swept(record: Recording) -> _Swept:
     theta = shaft.angle(time)
     turn = np.exp(1j * d * (perturbator.angle(time) + force.angle))
     low, high = float(rate.min()), float(rate.max())
-    margin = _INSIDE * (high - low)
+    margin = _MARGIN_SHARE * (high - low)
     ends = sorted((d * (low + margin), d * (high - margin)))
     return _Swept(
         name=record.name,
@@ -302,7 +300,7 @@ def _square_rows(
     force = np.asarray(swept.mr * w**2, dtype=complex)
     motion = force / stiffness
     spread = np.hypot(sigma * np.abs(motion) ** 2, 2 * np.abs(response * motion**2) * error)
-    known = spread <= _WORTHLESS * np.median(spread)
+    known = spread <= _LARGEST_ERROR_RATIO * np.median(spread)
     return _columns(swept, "twist", "2w-2Om", w[known], force[known], (response * motion**2)[known], spread[known])
 
 
@@ -318,7 +316,7 @@ def _rows(
     w = (nu - (n - m + (direction != "twist")) * swept.speed) / m
     force = np.asarray(swept.mr * w**2, dtype=complex)  # its angles are in the drives
     response, sigma = response * force, sigma * np.abs(force)
-    known = sigma <= _WORTHLESS * np.median(sigma)
+    known = sigma <= _LARGEST_ERROR_RATIO * np.median(sigma)
     return _columns(swept, direction, name, w[known], force[known], response[known], sigma[known])
 
 
@@ -368,7 +366,8 @@ def _steady(
     amplitude = np.linalg.lstsq(basis.T, motion, rcond=None)[0][list(_ORDERS).index(order)]
     w = _frequencies(record)
     at = int(np.searchsorted(w, order * swept.speed))
-    near = np.abs(_spectrum(motion))[[*range(at - _NEAR, at - 4), *range(at + 5, at + _NEAR + 1)]]
+    beside = 40  # spectral lines to each side of an order that tell its noise
+    near = np.abs(_spectrum(motion))[[*range(at - beside, at - 4), *range(at + 5, at + beside + 1)]]
     sigma = float(np.hypot(np.median(near) / np.sqrt(2 * np.log(2)), runout / np.sqrt(2)))
     none = np.zeros(1)
     return _columns(swept, "z", name, none, none.astype(complex), np.array([amplitude]), np.array([sigma]))

@@ -15,7 +15,7 @@ from rotorfit.data.findings import Finding
 from rotorfit.executors import carry_out
 from rotorfit.recordings.recording import Recording, named_apart
 from rotorfit.recordings.reduction.reductions import Report
-from rotorfit.recordings.reduction.rest_positions import STEADY, RestPosition, rest_positions
+from rotorfit.recordings.reduction.rest_positions import STEADY_SPEED_RANGE, RestPosition, rest_positions
 from rotorfit.recordings.signals import source_of
 from rotorfit.units import RPM_PER_RAD_S
 
@@ -108,7 +108,7 @@ def _zeros(loaded: Sequence[RestPosition], unloaded: Sequence[RestPosition], rep
             )
         at = float(rest.speed[0])
         nearest = min((float(other.speed[0]) for other in own), key=lambda speed: abs(speed - at))
-        if abs(nearest - at) > STEADY * max(abs(nearest), abs(at)):
+        if abs(nearest - at) > STEADY_SPEED_RANGE * max(abs(nearest), abs(at)):
             message = (
                 f"{rest.record.name}: no recording without load at {at * RPM_PER_RAD_S:.0f} rpm; its position counts "
                 f"from that at {nearest * RPM_PER_RAD_S:.0f} rpm, and what the speed moves the shaft by is in it."
@@ -120,7 +120,9 @@ def _zeros(loaded: Sequence[RestPosition], unloaded: Sequence[RestPosition], rep
 
 def _zero(unloaded: Sequence[RestPosition], speed: float) -> _Zero:
     """Mean of the positions without load at about a speed."""
-    near = [rest for rest in unloaded if abs(float(rest.speed[0]) - speed) <= STEADY * max(abs(speed), 1e-9)]
+    near = [
+        rest for rest in unloaded if abs(float(rest.speed[0]) - speed) <= STEADY_SPEED_RANGE * max(abs(speed), 1e-9)
+    ]
     z = np.array([rest.z[0] for rest in near])
     own = float(np.mean([rest.variance[0] for rest in near]))
     scatter = float(np.sum(np.abs(z - z.mean()) ** 2) / (2 * (z.size - 1))) if z.size > 1 else 0.0

@@ -35,9 +35,9 @@ _REFERENCE_NAME = re.compile(r"(?i)keyph|tacho|kph|trigger")
 _PERTURBATOR_NAME = re.compile(r"(?i)pert|exc")
 
 
-_DELAYED = 100
+_LENGTH_OVER_DELAY = 100
 """A recording is so many times as long as a probe is late, at least."""
-_TEETH = 8
+_FEWEST_TEETH = 8
 """Fewest teeth a turn that show a twist at several times the speed."""
 
 
@@ -106,8 +106,10 @@ def _check_twist(how: Twist, where: str) -> None:
             f"{where}: [twist] needs channel and sensitivity_V_per_rad, or even_wheel (the evenly turning end), wheel "
             "(the other) and teeth"
         )
-    if how.teeth is not None and how.teeth < _TEETH:
-        raise ValueError(f"{where}: {how.teeth} teeth a turn are too few for a twist; at least {_TEETH} are needed")
+    if how.teeth is not None and how.teeth < _FEWEST_TEETH:
+        raise ValueError(
+            f"{where}: {how.teeth} teeth a turn are too few for a twist; at least {_FEWEST_TEETH} are needed"
+        )
 
 
 def complete(raw: RawFile, setup: RigSetup | None) -> Rig:
@@ -149,10 +151,10 @@ def complete(raw: RawFile, setup: RigSetup | None) -> Rig:
 def _check_delays(raw: RawFile, probes: Sequence[Probe], duration: float, source: str) -> None:
     """Refuse delays that leave too little of a recording."""
     for probe in probes:
-        if abs(probe.delay or 0.0) > duration / _DELAYED:
+        if abs(probe.delay or 0.0) > duration / _LENGTH_OVER_DELAY:
             raise ValueError(
                 f"{raw.name}, as {source} describes it: the probe {probe.channel} would be {probe.delay:g} s late; "
-                f"at most {duration / _DELAYED:.3g} s are allowed, a hundredth of the recording"
+                f"at most {duration / _LENGTH_OVER_DELAY:.3g} s are allowed, a hundredth of the recording"
             )
 
 

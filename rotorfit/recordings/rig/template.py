@@ -12,7 +12,6 @@ from rotorfit.recordings.rig.resolve import file_setup
 from rotorfit.recordings.rig.setup import ForceSetup, Probe, Reference, RigSetup
 from rotorfit.units import RAD_S_PER_RPM
 
-_PER_MM = 1e3
 _SLOW_ROLL = (
     "",
     "# [slow_roll]                    # leave out, or: run-out to take out of the signals",
@@ -74,7 +73,7 @@ def _probe(probe: Probe, own: RigSetup, raw: RawFile) -> list[str]:
     said = (channel_unit(text) for text in (raw.channels[probe.channel].unit, name_and_unit(probe.channel)[1]))
     unit = next((each.name for each in said if each is not None and each.quantity == "length"), "")
     angle = None if probe.angle is None else math.degrees(probe.angle)
-    sensitivity = None if own.sensitivity is None else own.sensitivity / _PER_MM
+    sensitivity = None if own.sensitivity is None else own.sensitivity / 1e3
     return [
         "",
         "[[probe]]",
