@@ -147,8 +147,8 @@ def test_pieces_change_nothing(rigs, monkeypatch):
     whole = with_noise(rigs["whirl-whip"].problem(60, 0.01), np.random.default_rng(2))
     x = true_vector(whole, rigs["whirl-whip"].truth)
     expected = whole.gauss_newton(x), closed_form.closed_form(whole.space, whole.blocks).x
-    monkeypatch.setattr(problem, "_PIECE", 50)
-    monkeypatch.setattr(closed_form, "_PIECE", 50)
+    monkeypatch.setattr(problem, "READINGS_OF_A_PIECE", 50)
+    monkeypatch.setattr(closed_form, "READINGS_OF_A_PIECE", 50)
     pieces = replace(whole)
     cost, gradient, matrix = pieces.gauss_newton(x)
     assert cost == pytest.approx(expected[0][0], rel=1e-12)

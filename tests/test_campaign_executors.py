@@ -55,7 +55,7 @@ def test_a_killed_process_loses_no_run(small, monkeypatch):
     """
     table, _ = small
     thin = table.select(np.isin(table.frequency, np.unique(table.frequency)[::12]))
-    monkeypatch.setattr(runs, "RUNS_A_BATCH", 1)
+    monkeypatch.setattr(runs, "RUNS_OF_A_BATCH", 1)
     assert 3 * len(pickle.dumps(thin.select(thin.run == thin.runs[0]))) < 2**16 - 2**13  # and the model beside each
     with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
 

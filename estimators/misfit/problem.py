@@ -15,7 +15,7 @@ from rotorfit.estimators.misfit.parameter_space import ParameterSpace
 from rotorfit.estimators.misfit.priors import Prior
 from rotorfit.models.array_types import ComplexArray, Float, Index
 
-_READINGS_OF_A_PIECE = 8192  # readings evaluated together: derivatives of millions fit no memory
+READINGS_OF_A_PIECE = 8192  # readings evaluated together: derivatives of millions fit no memory
 _READINGS_AT_ONCE = 32_768
 """Readings of several vectors evaluated together, which measured fastest: more leave the cache."""
 
@@ -56,12 +56,12 @@ class Problem:
     @cached_property
     def _pieces(self) -> tuple[BlockTerm, ...]:
         """The terms in pieces of few enough readings."""
-        if self.n_data <= 2 * _READINGS_OF_A_PIECE:
+        if self.n_data <= 2 * READINGS_OF_A_PIECE:
             return self._terms
         pieces: list[BlockTerm] = []
         for term in self._terms:
             start = term.readings.start
-            for block in term.block.split(_READINGS_OF_A_PIECE) if isinstance(term.block, Responses) else [term.block]:
+            for block in term.block.split(READINGS_OF_A_PIECE) if isinstance(term.block, Responses) else [term.block]:
                 rows = slice(start - term.readings.start, start - term.readings.start + block.measured.size)
                 pieces.append(self._term(block, None if term.factors is None else term.factors[rows], start))
                 start += block.measured.size

@@ -16,6 +16,7 @@ import numpy as np
 from rotorfit.estimators.blocks.observations import Block, Responses
 from rotorfit.estimators.blocks.response import dynamic_stiffness, inverse
 from rotorfit.estimators.misfit.parameter_space import ParameterSpace
+from rotorfit.estimators.misfit.problem import READINGS_OF_A_PIECE
 from rotorfit.estimators.starting.force_balance import (
     ForceBalance,
     one_by_one,
@@ -119,8 +120,7 @@ def _weighted(
 
 def _passes(lumped: Lumped, blocks: list[Responses], typical: Float) -> Iterator[tuple[Float, Float]]:
     """Independent lumped coefficients and the information on them after one weighted pass, after two, and so on."""
-    at_once = 8192  # readings whose equations are held at once
-    pieces = [(number, piece) for number, block in enumerate(blocks) for piece in block.split(at_once)]
+    pieces = [(number, piece) for number, block in enumerate(blocks) for piece in block.split(READINGS_OF_A_PIECE)]
     equations = [ForceBalance(lumped, *piece, typical) for piece in pieces]
     kept = equations[0].sides() if len(equations) == 1 else None  # those of many pieces fit no memory
 
