@@ -16,18 +16,18 @@ import numpy as np
 from rotorfit.data.experiments import PerturbationTest
 from rotorfit.data.findings import Finding, listed
 from rotorfit.data.linear_force import probe_pairs
-from rotorfit.diagnosis.orbits import ENOUGH, Orbits, total_power
-from rotorfit.diagnosis.probe_pairs import AGREES
+from rotorfit.diagnosis.orbits import FEWEST_READINGS, Orbits, total_power
+from rotorfit.diagnosis.probe_pairs import LARGEST_REDCHI
 from rotorfit.estimators.noise.reading_noise import noise_from_smoothness
 from rotorfit.models.array_types import ComplexArray, Float, Index
 
-_GENEROUS = 4.0
+_LINES_A_COEFFICIENT = 4.0
 """Values for each coefficient of a rational function that a verdict needs; fewer might follow anything."""
 
-SHARE = (0.05, 0.95)
+BACKWARD_SHARES = (0.05, 0.95)
 """Share of the backward part between which a force along an axis keeps it; isotropic responses do not vary by more."""
 
-_NOTHING = 1e-3
+_NEGLIGIBLE_SHARE = 1e-3
 """Share of the lesser half, in power, that is none: a rotor whose forward whirl hardly loses more than it gains answers
 30 times less backward only next to its resonance."""
 
@@ -63,9 +63,9 @@ def turning_force(test: PerturbationTest) -> Iterator[Finding]:
     turns: dict[str, bool] = {}
     for run, plane in dict.fromkeys(zip(test.run[x].tolist(), test.force_plane[x].tolist(), strict=True)):
         own = np.flatnonzero((test.run[x] == run) & (test.force_plane[x] == plane) & (ahead + behind > 0))
-        if own.size >= ENOUGH:
+        if own.size >= FEWEST_READINGS:
             lesser, greater = sorted((ahead[own], behind[own]), key=np.sum)
-            turns[run] = turns.get(run, True) and bool(np.median(lesser / (lesser + greater)) < _NOTHING)
+            turns[run] = turns.get(run, True) and bool(np.median(lesser / (lesser + greater)) < _NEGLIGIBLE_SHARE)
     found = [run for run, turning in turns.items() if turning]
     if found:
         text = (
@@ -80,10 +80,10 @@ def _explains(orbits: Orbits, at: Index, modes: int) -> bool | None:
     """Whether a force along an axis explains orbits of one plane in one run; ``None`` where they are too few."""
     at = at[np.isfinite(orbits.wrong[at])]
     w = np.abs(orbits.frequency[at])
-    if np.unique(w).size < ENOUGH or np.unique(np.sign(orbits.frequency[at])).size > 1:
+    if np.unique(w).size < FEWEST_READINGS or np.unique(np.sign(orbits.frequency[at])).size > 1:
         return None
     against, along = total_power(orbits.wrong[at]), total_power(orbits.right[at])
-    if not SHARE[0] * (along + against) < against < SHARE[1] * (along + against):
+    if not BACKWARD_SHARES[0] * (along + against) < against < BACKWARD_SHARES[1] * (along + against):
         return False
     ahead, behind, force = _halves(orbits, at)
     noise = np.hypot(*(noise_from_smoothness(w, part) for part in (orbits.x[at], orbits.y[at]))) / 2
@@ -119,7 +119,7 @@ def _rational(w: Float, values: ComplexArray, sigma: Float, modes: int) -> bool:
     u = w / np.abs(w).max()
     for poles in range(2, 2 * modes + 1, 2):
         unknowns = 2 * poles - 1
-        if w.size < _GENEROUS * unknowns:
+        if w.size < _LINES_A_COEFFICIENT * unknowns:
             return False
         top = np.stack([u**k for k in range(poles - 1)], axis=1)
         bottom = np.stack([u**k for k in range(1, poles + 1)], axis=1)
@@ -131,6 +131,6 @@ def _rational(w: Float, values: ComplexArray, sigma: Float, modes: int) -> bool:
             denominator = 1 + bottom @ solution[poles - 1 :]
             denominator = np.where(denominator == 0, 1.0, denominator)
         miss = values - top @ solution[: poles - 1] / denominator
-        if float(np.sum(np.abs(miss / sigma) ** 2) / (2 * (w.size - unknowns))) < AGREES**2:
+        if float(np.sum(np.abs(miss / sigma) ** 2) / (2 * (w.size - unknowns))) < LARGEST_REDCHI:
             return True
     return False

@@ -10,7 +10,7 @@ from rotorfit.data.directional import directional
 from rotorfit.data.experiments import DisplacementTest, perturbation_test
 from rotorfit.data.findings import Finding, listed
 from rotorfit.diagnosis.orbits import orbits_of
-from rotorfit.diagnosis.signs import MOSTLY, signs, turned
+from rotorfit.diagnosis.signs import AGAINST_SHARE, signs, turned
 from rotorfit.models.array_types import ComplexArray
 
 
@@ -58,7 +58,7 @@ def _turning(test: DisplacementTest) -> Iterator[Finding]:
 
 def _mostly_against(along: ComplexArray, against: ComplexArray) -> bool:
     both, wrong = (float(np.sum(np.abs(part) ** 2)) for part in (np.concatenate([along, against]), against))
-    return wrong > MOSTLY * both
+    return wrong > AGAINST_SHARE * both
 
 
 def _signs(test: DisplacementTest, response: ComplexArray, rows: list[int]) -> Iterator[Finding]:

@@ -15,10 +15,10 @@ from rotorfit.data.linear_force import probe_pairs, whirl_parts
 from rotorfit.estimators.blocks.row_keys import combined, in_order, numbers
 from rotorfit.models.array_types import ComplexArray, Float, Index
 
-ENOUGH = 12
+FEWEST_READINGS = 12
 """Readings needed for a verdict on a run."""
 
-NEAR_1X = 1e-3
+SYNCHRONOUS_DISTANCE = 1e-3
 """Readings with |w| this close to the speed, as a fraction, are once-per-turn readings to a tracking filter."""
 
 

@@ -16,11 +16,11 @@ from rotorfit.diagnosis.orbits import Orbits
 from rotorfit.models.array_types import ComplexArray, Float, Index
 from rotorfit.units import RPM_PER_RAD_S
 
-_BESIDE = 3  # lines on either side that have to be smooth
-_SMOOTH = 0.3
+_LINES_BESIDE = 3  # lines on either side that have to be smooth
+_LARGEST_STEP = 0.3
 """Change from line to line, over the response and scaled to the step of frequency at the jump, of a smooth response: at
 a resonance or an antiresonance between two lines it is one half at least."""
-_OPPOSITE = 0.3  # sum of the readings on both sides over their difference
+_LARGEST_SUM = 0.3  # sum of the readings on both sides over their difference
 
 
 def half_turns(orbits: Orbits) -> Iterator[Finding]:
@@ -30,7 +30,7 @@ def half_turns(orbits: Orbits) -> Iterator[Finding]:
         for side in (at[orbits.frequency[at] > 0], at[orbits.frequency[at] < 0]):
             sweep = side[np.argsort(np.abs(orbits.frequency[side]), kind="stable")]
             w = np.abs(orbits.frequency[sweep])
-            if sweep.size < 2 * _BESIDE or (np.diff(w) == 0).any():
+            if sweep.size < 2 * _LINES_BESIDE or (np.diff(w) == 0).any():
                 continue
             for k in _jumps(w, orbits.right[sweep] / orbits.force[sweep]).tolist():
                 found.setdefault((plane, float(w[k]), float(w[k + 1])), []).append(sweep)
@@ -48,11 +48,11 @@ def half_turns(orbits: Orbits) -> Iterator[Finding]:
 def _jumps(w: Float, response: ComplexArray) -> Index:
     """Lines of a sweep after which the response goes on with the other sign."""
     step, size = np.abs(np.diff(response)), np.abs(response)
-    at = np.arange(_BESIDE - 1, w.size - _BESIDE)
+    at = np.arange(_LINES_BESIDE - 1, w.size - _LINES_BESIDE)
     jump = np.diff(w)[at]
     smooth = np.ones(at.size, dtype=bool)
-    for k in range(1, _BESIDE):
+    for k in range(1, _LINES_BESIDE):
         for near, end in ((at - k, at - k + 1), (at + k, at + k)):  # steps before and behind, and where they end
-            smooth &= step[near] * np.maximum(jump / np.diff(w)[near], 1.0) < _SMOOTH * size[end]
-    opposite = np.abs(response[at] + response[at + 1]) < _OPPOSITE * step[at]
+            smooth &= step[near] * np.maximum(jump / np.diff(w)[near], 1.0) < _LARGEST_STEP * size[end]
+    opposite = np.abs(response[at] + response[at + 1]) < _LARGEST_SUM * step[at]
     return np.asarray(at[smooth & opposite])

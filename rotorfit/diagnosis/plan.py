@@ -10,19 +10,19 @@ from rotorfit.data.experiments import DisplacementTest, PerturbationTest, plane_
 from rotorfit.data.findings import Finding, listed
 from rotorfit.data.synchronous import DIFFERENCED
 from rotorfit.data.weights import Influences, weighed
-from rotorfit.diagnosis.orbits import NEAR_1X
+from rotorfit.diagnosis.orbits import SYNCHRONOUS_DISTANCE
 from rotorfit.diagnosis.readings import rows_of
 from rotorfit.estimators.signals.ramp import fit_ramp
 from rotorfit.units import RPM_PER_RAD_S
 
-_SLOWEST = 0.1
+_LEAST_FREQUENCY_RATIO = 0.1
 """Highest frequency of a test over the highest speed below which it is likely in another unit: whirl by the fluid, near
 half the speed, is out of reach of such a test, and in Hz for rpm a sixtieth is left of what was meant."""
 
 _ONE = np.array([1.0, 60.0, RPM_PER_RAD_S])
 """One rpm, Hz and rad/s in rpm."""
-_FEWEST = 4  # steps of a run from which they are no chance
-_NEARLY_ALL = 0.9  # of them: each block of a table may have been continued by itself
+_FEWEST_STEPS = 4  # steps of a run from which they are no chance
+_REPEATED_SHARE = 0.9  # of them: each block of a table may have been continued by itself
 
 
 def plan(test: PerturbationTest | DisplacementTest) -> Iterator[Finding]:
@@ -55,7 +55,7 @@ def _filled(test: PerturbationTest | DisplacementTest) -> Iterator[Finding]:
     runs = [
         run
         for run in test.runs
-        if (of := inside & (test.run[1:] == run)).sum() >= _FEWEST and ones[of].mean() > _NEARLY_ALL
+        if (of := inside & (test.run[1:] == run)).sum() >= _FEWEST_STEPS and ones[of].mean() > _REPEATED_SHARE
     ]
     if runs:
         text = (
@@ -68,7 +68,7 @@ def _filled(test: PerturbationTest | DisplacementTest) -> Iterator[Finding]:
 def _units(test: PerturbationTest | DisplacementTest) -> Iterator[Finding]:
     """Frequencies far below the speeds, as where they are in Hz and read as rpm."""
     highest, fastest = float(np.abs(test.frequency).max()), float(np.abs(test.speed).max())
-    if 0 < highest < _SLOWEST * fastest:
+    if 0 < highest < _LEAST_FREQUENCY_RATIO * fastest:
         text = (
             f"The frequencies are low: {highest * RPM_PER_RAD_S:.4g} rpm at the most, at speeds up to "
             f"{fastest * RPM_PER_RAD_S:.4g} rpm. If one of the two is in Hz or rad/s, name its unit (frequency_hz, "
@@ -79,7 +79,9 @@ def _units(test: PerturbationTest | DisplacementTest) -> Iterator[Finding]:
 
 def _frequencies(test: PerturbationTest | DisplacementTest) -> Iterator[Finding]:
     forced = test if isinstance(test, PerturbationTest) else None
-    near = (test.speed != 0) & (np.abs(np.abs(test.frequency) - np.abs(test.speed)) <= NEAR_1X * np.abs(test.speed))
+    near = (test.speed != 0) & (
+        np.abs(np.abs(test.frequency) - np.abs(test.speed)) <= SYNCHRONOUS_DISTANCE * np.abs(test.speed)
+    )
     synchronous = forced is not None and forced.synchronous
     if near.any() and not synchronous:
         text = (

@@ -11,10 +11,8 @@ import numpy as np
 from rotorfit.diagnosis.trials.channel_filters import CHANNEL_FILTERS, POWERS, ChannelFilter, values_to_try
 from rotorfit.models.array_types import ComplexArray, Float
 
-_TRIED = 60  # corners; neighbours differ by a tenth
-_FINER, _STEPS = 4, 10  # times that the neighbours of the best are looked at so many times as finely
-_ASIDE = 0.1  # largest logarithm of the factor beside a filter: probes of a pair have much the same gain and no angle
-_PASSES = 4  # of weights that depend on the factor
+_LARGEST_LOG_FACTOR = 0.1
+"""Largest logarithm of the factor beside a filter: probes of a pair have much the same gain and no angle."""
 _PROBES: tuple[Literal["x", "y"], ...] = ("x", "y")
 
 
@@ -50,29 +48,30 @@ def filtered_probe(pair: Pair, limit: float) -> FilteredProbe | None:
 
 def _candidates(pair: Pair) -> Iterator[tuple[float, FilteredProbe]]:
     s, middle = np.asarray(1j * pair.w), float(np.exp(np.mean(np.log(pair.w))))
+    count = 60  # corners; neighbours differ by a tenth
     for probe in _PROBES:
         for power, (_, *words) in POWERS.items():
             if power < 0:
                 continue  # the other one gives velocities, rather
             misfits, factors = _misfits(np.asarray((s / middle)[None] ** power), probe, pair)
-            if abs(np.angle(factors[0])) < _ASIDE:
+            if abs(np.angle(factors[0])) < _LARGEST_LOG_FACTOR:
                 value = middle / float(abs(factors[0])) ** (1 / power)
                 one = FilteredProbe(probe=probe, words=(words[0], words[1]), kind=power, value=value)
                 yield float(misfits[0]), one
         for kind in CHANNEL_FILTERS:
             if not kind.corner:
                 continue  # a probe that comes late is looked for by itself
-            tried = values_to_try(kind, pair.w, _TRIED)
-            for _ in range(_FINER):
+            tried = values_to_try(kind, pair.w, count)
+            for _ in range(4):  # the neighbours of the best are looked at more finely each time
                 filters = np.stack([kind.seen(s, value) for value in tried.tolist()])
                 misfits, factors = _misfits(filters, probe, pair)
                 at = int(np.argmin(misfits))
                 if not 0 < at < tried.size - 1:
                     break
                 value, left, factor = float(tried[at]), float(misfits[at]), complex(factors[at])
-                tried = np.geomspace(tried[at - 1], tried[at + 1], 2 * _STEPS + 1)
+                tried = np.geomspace(tried[at - 1], tried[at + 1], 21)
             else:
-                if abs(np.log(factor)) < _ASIDE:
+                if abs(np.log(factor)) < _LARGEST_LOG_FACTOR:
                     yield left, FilteredProbe(probe=probe, words=kind.words(value), kind=kind, value=value)
 
 
@@ -82,7 +81,7 @@ def _misfits(filters: ComplexArray, probe: str, pair: Pair) -> tuple[Float, Comp
     ratio = filters if probe == "y" else 1 / filters
     own, noise = ratio * pair.expected, pair.noise
     factor = np.ones(len(ratio), dtype=complex)
-    for _ in range(_PASSES):
+    for _ in range(4):  # of weights that depend on the factor
         weight = 1 / (noise[:, 1] ** 2 + np.abs(factor[:, None] * ratio) ** 2 * noise[:, 0] ** 2)
         factor = np.sum(weight * own.conj() * pair.seen, axis=1) / np.sum(weight * np.abs(own) ** 2, axis=1)
     left = np.mean(weight * np.abs(pair.seen - factor[:, None] * own) ** 2, axis=1) / 2

@@ -15,37 +15,34 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotorfit.data.findings import Finding, listed
-from rotorfit.diagnosis.orbits import ENOUGH, Orbits, total_power
+from rotorfit.diagnosis.orbits import FEWEST_READINGS, Orbits, total_power
 from rotorfit.diagnosis.probe_filters import FilteredProbe, Pair, filtered_probe
 from rotorfit.estimators.blocks.row_keys import combined
 from rotorfit.estimators.noise.reading_noise import noise_from_smoothness
 from rotorfit.models.array_types import ComplexArray, Float, Index
 
-AGREES = 1.5
-"""Misfit over noise below which a statement explains the readings: the estimate of the noise is uncertain itself."""
+LARGEST_REDCHI = 1.5**2
+"""Mean square of misfit over noise up to which a statement explains the readings; their noise is uncertain itself."""
 
-_ESTABLISHED = 8.0
+_SIGNIFICANT_ERRORS = 8.0
 """Departures from what is expected, over their standard error, that are no accident among many planes."""
 
 _SMALLEST_GAIN = 0.03
 """Departure of the gains' ratio from one that is worth a warning: it moves parameters by half of it."""
 
-_NEAR_TWO = 0.12
+_OCTAVES_FROM_TWO = 0.12
 """Departure of the gains' ratio from two, octaves, up to which one of them gives peak-to-peak amplitudes."""
 
-_DYNAMIC = 6.0
+_DYNAMIC_RANGE = 6.0
 """Ratio of largest to smallest response across a band in which anisotropy could not look like a constant gain."""
 
-_OTHERS = 0.55
+_EXCHANGED_SHARE = 0.55
 """Share of the power against the force from which probes or directions are exchanged, which others look for; a probe
 that gives velocities makes it a half."""
 
-_LEFT, _UP_TO = 0.1, 4.0
+_DELAY_MISFIT_SHARE, _LARGEST_DELAY_MISFIT = 0.1, 4.0
 """Misfit beyond the noise that a delay may leave where nothing explains all, over that which one factor leaves, and the
 misfit up to which: readings of a sweep hold lines less exact than their neighbours tell, beside orders of the shaft."""
-
-_PHASE_STEP = 0.2
-"""Phase between neighbouring tried delays at the end of the band, rad; at most half a turn is looked for."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,7 +63,7 @@ class _Relation:
     @property
     def twice(self) -> bool:
         """Whether one of the two reads twice the other."""
-        return abs(abs(math.log2(abs(self.ratio))) - 1) < _NEAR_TWO
+        return abs(abs(math.log2(abs(self.ratio))) - 1) < _OCTAVES_FROM_TWO
 
     @property
     def same(self) -> bool:
@@ -122,11 +119,11 @@ def _relations(orbits: Orbits) -> dict[str, _Relation]:
 
 def _relation(orbits: Orbits, at: Index) -> _Relation | None:
     at = at[np.isfinite(orbits.wrong[at]) & (np.abs(orbits.x[at]) > 0) & (np.abs(orbits.y[at]) > 0)]
-    if at.size < ENOUGH:
+    if at.size < FEWEST_READINGS:
         return None
     against, along = total_power(orbits.wrong[at]), total_power(orbits.right[at])
     share = against / (against + along)
-    if share > _OTHERS:
+    if share > _EXCHANGED_SHARE:
         return None
     expected = np.where(orbits.frequency[at] < 0, 1j, -1j) * orbits.x[at]
     if _differs_by_noise(orbits, at, expected):
@@ -134,7 +131,7 @@ def _relation(orbits: Orbits, at: Index) -> _Relation | None:
     noise = _noise(orbits, at)
     known = np.isfinite(noise).all(axis=1)
     at, noise, expected = at[known], noise[known], expected[known]
-    if at.size < ENOUGH:
+    if at.size < FEWEST_READINGS:
         return None
     backward = orbits.frequency[at] < 0
     pair = Pair(w=np.abs(orbits.frequency[at]), expected=expected, seen=orbits.y[at], noise=noise)
@@ -143,22 +140,22 @@ def _relation(orbits: Orbits, at: Index) -> _Relation | None:
     constant = _misfit(pair, expected, np.where(backward & mirrored, np.conj(ratio), ratio))
     size = np.abs(orbits.right[at] / orbits.force[at])
     clear = size[np.abs(orbits.x[at]) > 10 * noise[:, 0]]
-    certain = abs(ratio - 1) > _ESTABLISHED * error
-    neither = constant >= AGREES**2 and even >= AGREES**2
-    delay = _delay(pair, AGREES**2) if neither else 0.0
-    filtered = filtered_probe(pair, AGREES**2) if neither and not delay else None
+    certain = abs(ratio - 1) > _SIGNIFICANT_ERRORS * error
+    neither = constant >= LARGEST_REDCHI and even >= LARGEST_REDCHI
+    delay = _delay(pair, LARGEST_REDCHI) if neither else 0.0
+    filtered = filtered_probe(pair, LARGEST_REDCHI) if neither and not delay else None
     if neither and not delay and filtered is None:  # some lines are less exact than their neighbours tell
-        delay = _delay(pair, min(1 + _LEFT * (constant - 1), _UP_TO))
+        delay = _delay(pair, min(1 + _DELAY_MISFIT_SHARE * (constant - 1), _LARGEST_DELAY_MISFIT))
     return _Relation(
-        even=even < AGREES**2 and not (certain and constant < AGREES**2 and abs(ratio - 1) >= _SMALLEST_GAIN),
-        constant=constant < AGREES**2 and certain,
+        even=even < LARGEST_REDCHI and not (certain and constant < LARGEST_REDCHI and abs(ratio - 1) >= _SMALLEST_GAIN),
+        constant=constant < LARGEST_REDCHI and certain,
         ratio=ratio,
         mirrored=mirrored,
         delay=delay,
         filtered=filtered,
         highest=float(pair.w.max()),
         share=share,
-        dynamic=clear.size >= ENOUGH and bool(clear.max() > _DYNAMIC * clear.min()),
+        dynamic=clear.size >= FEWEST_READINGS and bool(clear.max() > _DYNAMIC_RANGE * clear.min()),
         rows=orbits.rows_of(at),
     )
 
@@ -170,8 +167,8 @@ def _differs_by_noise(orbits: Orbits, at: Index, expected: ComplexArray) -> bool
         slope = np.vdot(u, rest) / np.vdot(u, u)  # what one factor more explains
         jumps = np.abs(np.diff(rest - slope * u)) ** 2 / 2
         level = float(np.mean(jumps)) if sweep.size > 1 else 0.0
-        certain = abs(slope) > _ESTABLISHED * np.sqrt(level / np.vdot(u, u).real)
-        if total_power(rest) > AGREES**2 * level * sweep.size or (certain and abs(slope) >= _SMALLEST_GAIN):
+        certain = abs(slope) > _SIGNIFICANT_ERRORS * np.sqrt(level / np.vdot(u, u).real)
+        if total_power(rest) > LARGEST_REDCHI * level * sweep.size or (certain and abs(slope) >= _SMALLEST_GAIN):
             return False
     return True
 
@@ -186,9 +183,13 @@ def _sweeps(orbits: Orbits, at: Index, *names: str) -> Iterator[Index]:
 def _noise(orbits: Orbits, at: Index) -> Float:
     """Noise of x and of y at each orbit, from the smoothness of their sweeps, NaN where those are too short."""
     noise = np.full((at.size, 2), np.nan)
-    names = ("run", "speed", "force_plane") if np.unique(orbits.speed[at]).size <= ENOUGH else ("run", "force_plane")
+    names = (
+        ("run", "speed", "force_plane")
+        if np.unique(orbits.speed[at]).size <= FEWEST_READINGS
+        else ("run", "force_plane")
+    )
     for sweep in _sweeps(orbits, at, *names):
-        if sweep.size >= ENOUGH:
+        if sweep.size >= FEWEST_READINGS:
             w = np.abs(orbits.frequency[at[sweep]])
             for k, readings in enumerate((orbits.x, orbits.y)):
                 noise[sweep, k] = noise_from_smoothness(w, readings[at[sweep]])
@@ -228,8 +229,10 @@ def _ratio(pair: Pair, expected: ComplexArray, some: NDArray[np.bool_]) -> tuple
 def _delay(pair: Pair, most: float) -> float:
     """Time by which y is late, s; zero where all delays leave a misfit of so much or more."""
     product = pair.seen * pair.expected.conj() / np.sum(pair.noise**2, axis=1)
-    step = _PHASE_STEP / pair.w.max()
-    count = int(np.ceil(np.pi / _PHASE_STEP))
+    # Phase between neighbouring tried delays at the end of the band, rad; at most half a turn is looked for.
+    phase_step = 0.2
+    step = phase_step / pair.w.max()
+    count = int(np.ceil(np.pi / phase_step))
     best = 0.0
     for _ in range(4):  # each ten times as fine
         tried = best + step * np.arange(-count, count + 1)

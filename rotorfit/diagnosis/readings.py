@@ -12,34 +12,37 @@ from rotorfit.data.findings import NO_COPIES, Finding, listed
 from rotorfit.estimators.blocks.row_keys import combined
 from rotorfit.models.array_types import Bool, ComplexArray, Float, Index
 
-_LARGEST, _SUSPECT, _SMALLEST = 0.05, 5e-3, 1e-6
+_IMPOSSIBLE_DISPLACEMENT, _SUSPECT_DISPLACEMENT, _SMALLEST_DISPLACEMENT = 0.05, 5e-3, 1e-6
 """Displacements, m: impossible, larger than any clearance in use, and the largest of a sweep that hardly shows."""
 
-_LEVER = 0.1
-"""Lever of slopes, m: one of 0.5 rad is as impossible as a displacement of 50 mm."""
-
-_EQUAL = 1e-9  # relative difference of what is equal to the last digit
-_COPIED = 3  # readings of a run that agree to the last digit from which that is no chance
-_FLAT, _TOGETHER = 4, 3
+_LAST_DIGIT = 1e-9  # relative difference of what is equal to the last digit
+_COPIED_READINGS = 3  # readings of a run that agree to the last digit from which that is no chance
+_CLIPPED_READINGS, _CLIPPED_IN_A_ROW = 4, 3
 """Readings of a channel at its largest value, and how many of them follow one another, from which it may be cut off."""
-_STEPS = 5.0  # steps of rounding by which readings beside a hole or a flat top differ from it
-_LOOKED_AT = 20  # distinct amplitudes that show the step
+_ROUNDING_STEPS = 5.0  # steps of rounding by which readings beside a hole or a flat top differ from it
+_AMPLITUDES_COMPARED = 20  # distinct amplitudes that show the step
 
 
 def amplitudes(test: PerturbationTest | DisplacementTest) -> Iterator[Finding]:
     """Amplitudes that are too large or too small to be true, which no fit notices: stiffnesses are scaled alike."""
+    lever = 0.1  # lever of slopes, m: one of 0.5 rad is as impossible as a displacement of 50 mm
     if isinstance(test, PerturbationTest):
-        size = np.abs(test.response) * np.where(np.char.startswith(test.direction, "r"), _LEVER, 1.0)
+        size = np.abs(test.response) * np.where(np.char.startswith(test.direction, "r"), lever, 1.0)
     else:
         size = np.abs(test.displacement)
     largest = float(size.max())
-    if largest > _SUSPECT:
+    if largest > _SUSPECT_DISPLACEMENT:
         text = (
             f"Amplitudes reach {largest:.3g} m 0-peak; no rotor in a bearing or seal moves that far. Check the unit "
             "of the amplitude column (um, mil, m)."
         )
-        yield Finding("error" if largest > _LARGEST else "warning", "large-amplitude", text, rows_of(size > _SUSPECT))
-    elif 0 < largest < _SMALLEST:
+        yield Finding(
+            "error" if largest > _IMPOSSIBLE_DISPLACEMENT else "warning",
+            "large-amplitude",
+            text,
+            rows_of(size > _SUSPECT_DISPLACEMENT),
+        )
+    elif 0 < largest < _SMALLEST_DISPLACEMENT:
         text = (
             f"The largest amplitude is {largest:.3g} m 0-peak, little for a rotor and hardly more than probes resolve. "
             "Check the unit of the amplitude column (amplitude_um, amplitude_mm): wrong, it goes into every mass, "
@@ -86,7 +89,7 @@ def _keys(test: PerturbationTest) -> Iterator[tuple[str, Any]]:
     numbers = np.stack([part for column in values for part in (column.real, column.imag)])
     for run in test.runs:
         rows = np.flatnonzero(test.run == run)
-        if rows.size >= _COPIED and test.response[rows].any():
+        if rows.size >= _COPIED_READINGS and test.response[rows].any():
             rows = rows[np.lexsort(numbers[:, rows])]
             places = (getattr(test, name)[rows].tolist() for name in ("force_plane", "plane", "direction"))
             yield run, (tuple(zip(*places, strict=True)), numbers[:, rows].tobytes())
@@ -105,7 +108,9 @@ def unread(test: PerturbationTest) -> Iterator[Finding]:
         yield Finding("error", "dead-probe", text, rows_of(alone), undo="remove its rows")
     holes: list[int] = []
     for sweep in _sweeps(test, channel):
-        holes += _holes(sweep, test.response, _step(_distinct(size[channel == channel[sweep[0]]])[:_LOOKED_AT]))
+        holes += _holes(
+            sweep, test.response, _step(_distinct(size[channel == channel[sweep[0]]])[:_AMPLITUDES_COMPARED])
+        )
     if holes:
         text = (
             f"Zero: {len(holes)} readings are exactly zero where those beside them are not: cells that were empty, or "
@@ -119,13 +124,13 @@ def clipped(test: PerturbationTest) -> Iterator[Finding]:
     channel, size = _channels(test), np.abs(test.response)
     top = np.zeros(int(channel.max(initial=0)) + 1)
     np.maximum.at(top, channel, size)
-    flat = (size >= top[channel] * (1 - _EQUAL)) & (size > 0)
-    if np.bincount(channel[flat]).max(initial=0) < _FLAT:
+    flat = (size >= top[channel] * (1 - _LAST_DIGIT)) & (size > 0)
+    if np.bincount(channel[flat]).max(initial=0) < _CLIPPED_READINGS:
         return
     ends = {
         int(channel[sweep[0]])
         for sweep in _sweeps(test, channel)
-        if _flat_top(sweep, size, flat, _step(_distinct(size[channel == channel[sweep[0]]])[-_LOOKED_AT:]))
+        if _flat_top(sweep, size, flat, _step(_distinct(size[channel == channel[sweep[0]]])[-_AMPLITUDES_COMPARED:]))
     }
     cut = np.flatnonzero(flat & np.isin(channel, list(ends)))
     if cut.size:
@@ -167,7 +172,7 @@ def _distinct(size: Float) -> Float:
 def _step(distinct: Float) -> float:
     """Step to which amplitudes of like size are rounded: files hold so many digits, or so many significant ones."""
     steps = np.diff(distinct)
-    steps = steps[steps > _EQUAL * distinct[1:]]
+    steps = steps[steps > _LAST_DIGIT * distinct[1:]]
     return float(steps.min()) if steps.size else 0.0
 
 
@@ -180,7 +185,7 @@ def _holes(sweep: Index, response: ComplexArray, step: float) -> list[int]:
     after = np.searchsorted(read, empty)
     before, behind = (read[np.clip(at, 0, read.size - 1)] for at in (after - 1, after))
     between = np.abs(response[sweep[before]] + response[sweep[behind]]) / 2
-    found: list[int] = sweep[empty[between > _STEPS * step]].tolist()
+    found: list[int] = sweep[empty[between > _ROUNDING_STEPS * step]].tolist()
     return found
 
 
@@ -189,6 +194,6 @@ def _flat_top(sweep: Index, size: Float, flat: Bool, step: float) -> bool:
     edges = np.flatnonzero(np.diff(np.concatenate([[False], flat[sweep], [False]]).astype(np.int8)))
     for begin, end in edges.reshape(-1, 2).tolist():
         beside = [size[sweep[at]] for at in (begin - 1, end) if 0 <= at < sweep.size]
-        if end - begin >= _TOGETHER and beside and size[sweep[begin]] - min(beside) > _STEPS * step:
+        if end - begin >= _CLIPPED_IN_A_ROW and beside and size[sweep[begin]] - min(beside) > _ROUNDING_STEPS * step:
             return True
     return False

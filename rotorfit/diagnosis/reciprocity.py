@@ -12,9 +12,10 @@ from rotorfit.diagnosis.trials.channel_filters import likeness
 from rotorfit.estimators.blocks.row_keys import combined, numbers
 from rotorfit.models.array_types import Float, Index
 
-_UNEVEN = 0.4  # departure of the median ratio of planes from one, octaves, that stations of probes do not explain
-_SPREAD = 0.3  # octaves between the quartiles of ratios that one factor explains
-_FEWEST = 8  # ratios from which quartiles say anything
+_LARGEST_MEDIAN = 0.4
+"""Departure of the median ratio of planes from one, octaves, that stations of probes do not explain."""
+_LARGEST_SPREAD = 0.3  # octaves between the quartiles of ratios that one factor explains
+_FEWEST_RATIOS = 8  # ratios from which quartiles say anything
 
 
 def reciprocity(orbits: Orbits) -> Iterator[Finding]:
@@ -22,10 +23,10 @@ def reciprocity(orbits: Orbits) -> Iterator[Finding]:
     planes = {tuple(sorted(pair)) for pair, _ in orbits.groups("force_plane", "plane") if pair[0] != pair[1]}
     for a, b in sorted(planes):
         logs = _ratios(orbits, a, b)
-        if logs.size < _FEWEST:
+        if logs.size < _FEWEST_RATIOS:
             continue
         low, middle, high = np.quantile(logs, [0.25, 0.5, 0.75]).tolist()
-        if abs(middle) > _UNEVEN and high - low < _SPREAD:
+        if abs(middle) > _LARGEST_MEDIAN and high - low < _LARGEST_SPREAD:
             both = np.isin(orbits.plane, (a, b)) & np.isin(orbits.force_plane, (a, b))
             first, second = (a, b) if middle > 0 else (b, a)
             yield _finding(first, second, float(2 ** abs(middle)), orbits.rows_of(np.flatnonzero(both)))

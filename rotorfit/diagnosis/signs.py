@@ -15,29 +15,29 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotorfit.data.findings import Finding, listed
-from rotorfit.diagnosis.forces import SHARE
-from rotorfit.diagnosis.orbits import ENOUGH, NEAR_1X, Orbits, mirrored, total_power
+from rotorfit.diagnosis.forces import BACKWARD_SHARES
+from rotorfit.diagnosis.orbits import FEWEST_READINGS, SYNCHRONOUS_DISTANCE, Orbits, mirrored, total_power
 from rotorfit.models.array_types import ComplexArray, Float, Index
 
-_ESTABLISHED = 3.5
+_SIGNIFICANT_DEVIATIONS = 3.5
 """Sum of signs over its standard deviation under random signs, beyond which a sign is taken as established."""
 
 _SMALL_SINE = 0.1
 """Sine of the phase of kappa below which its sign says little."""
 
-MOSTLY = 0.8
+AGAINST_SHARE = 0.8
 """Share of the energy against the force that is an error; short of that it may be strong anisotropy."""
 
-_CLEAR = 0.9
+_ONE_WAY_SHARE = 0.9
 """Share of a line's energy from which it turns clearly one way, or the other."""
 
-_SLOW = (0.1, 0.2, 0.3, 0.5)
+_WHIRL_RATIOS = (0.1, 0.2, 0.3, 0.5)
 """Fractions of the speed below which whirl may be slower than the fluid; the largest is more than any lam."""
 
 _DRIVE = ("run", "plane", "force_plane")
 _SWEEP = ("plane", "force_plane", "speed")
-_SOME = 3  # lines of either kind from which a run is torn
-_MONOTONIC = 0.8  # rank correlation with frequency from which quadrature falls throughout
+_TORN_LINES = 3  # lines of either kind from which a run is torn
+_RANK_CORRELATION = 0.8  # rank correlation with frequency from which quadrature falls throughout
 
 
 def wrong_direction(orbits: Orbits) -> Iterator[Finding]:
@@ -53,7 +53,7 @@ def wrong_direction(orbits: Orbits) -> Iterator[Finding]:
         paired = at[orbits.paired[at] & ~torn[at]]
         if paired.size:
             right, wrong = (total_power(part[paired]) for part in (orbits.right, orbits.wrong))
-            against[key[0], key[1]] = wrong > MOSTLY * (right + wrong)
+            against[key[0], key[1]] = wrong > AGAINST_SHARE * (right + wrong)
             hit[at] = against[key[0], key[1]]
     bad = [key for key, wrong in against.items() if wrong]
     if not bad:
@@ -92,10 +92,10 @@ def turned(along: ComplexArray, against: ComplexArray) -> NDArray[np.bool_]:
     wrong, both = np.abs(against) ** 2, np.abs(along) ** 2 + np.abs(against) ** 2
     known = np.isfinite(both) & (both > 0)
     share = np.divide(wrong, both, out=np.full(both.shape, np.nan), where=known)
-    clear, neither = share > _CLEAR, (share <= _CLEAR) & (share >= 1 - _CLEAR)
-    fewer = min(int(clear.sum()), int((share < 1 - _CLEAR).sum()))
-    torn = fewer >= _SOME and fewer > 2 * neither.sum()
-    return np.asarray(clear & bool(torn and wrong[known].sum() > SHARE[0] * both[known].sum()))
+    clear, neither = share > _ONE_WAY_SHARE, (share <= _ONE_WAY_SHARE) & (share >= 1 - _ONE_WAY_SHARE)
+    fewer = min(int(clear.sum()), int((share < 1 - _ONE_WAY_SHARE).sum()))
+    torn = fewer >= _TORN_LINES and fewer > 2 * neither.sum()
+    return np.asarray(clear & bool(torn and wrong[known].sum() > BACKWARD_SHARES[0] * both[known].sum()))
 
 
 def signs(orbits: Orbits) -> Iterator[Finding]:
@@ -146,14 +146,14 @@ def _dissipates(drives: Orbits, kappa: ComplexArray) -> Float:
     """Sign of the dissipation of each drive at |w| >= Omega, where the force leads or opposes the fluid whatever
     lam < 1 is; 0: unknown. Shape ``(G,)``.
     """
-    fast = np.abs(drives.frequency) >= np.abs(drives.speed) * (1 - NEAR_1X)
+    fast = np.abs(drives.frequency) >= np.abs(drives.speed) * (1 - SYNCHRONOUS_DISTANCE)
     sine = kappa.imag / np.abs(kappa) * np.sign(drives.frequency)
     # a phase of a few degrees may be an error of the reference: such readings hardly count
     sign = np.where(fast, sine / np.hypot(sine, _SMALL_SINE), 0.0)
     of = drives.number(*_DRIVE)
     total, square, count = (np.bincount(of, values) for values in (sign, sign**2, fast))
     score = total / np.where(square > 0, np.sqrt(square), 1.0)
-    return np.where((count >= ENOUGH) & (np.abs(score) > _ESTABLISHED), np.sign(score), 0.0)
+    return np.where((count >= FEWEST_READINGS) & (np.abs(score) > _SIGNIFICANT_DEVIATIONS), np.sign(score), 0.0)
 
 
 def _falls(drives: Orbits, kappa: ComplexArray, sweep: Index, planes: int) -> bool:
@@ -162,18 +162,18 @@ def _falls(drives: Orbits, kappa: ComplexArray, sweep: Index, planes: int) -> bo
     One direction is enough if there is but one plane; else the other planes' motion turns the slope within a direction.
     """
     w, quadrature = drives.frequency[sweep], kappa.imag[sweep]
-    if w.size < ENOUGH or np.ptp(w) == 0 or np.ptp(quadrature) == 0:
+    if w.size < FEWEST_READINGS or np.ptp(w) == 0 or np.ptp(quadrature) == 0:
         return False
     if planes > 1 and not ((w > 0).any() and (w < 0).any()):
         return False
     ranks = [np.argsort(np.argsort(values)) - (w.size - 1) / 2 for values in (w, quadrature)]
-    return bool(ranks[0] @ ranks[1] < -_MONOTONIC * (ranks[0] @ ranks[0]))
+    return bool(ranks[0] @ ranks[1] < -_RANK_CORRELATION * (ranks[0] @ ranks[0]))
 
 
 def _reversed(drives: Orbits, kappa: ComplexArray) -> Iterator[Finding]:
     """A reversed sense of rotation: the fluid, which drives slow forward whirl, seems to drive slow backward whirl."""
     score, hit = max(_drives_backward(drives, kappa), key=lambda one: one[0])
-    if score > _ESTABLISHED:
+    if score > _SIGNIFICANT_DEVIATIONS:
         text = (
             f"Slow backward forces drive the rotor instead of damping it in {listed(_runs(drives, hit))}: lam would "
             "be negative. The sense of rotation is reversed, or x and y are exchanged together with the sign of the "
@@ -191,10 +191,10 @@ def _drives_backward(drives: Orbits, kappa: ComplexArray) -> Iterator[tuple[floa
     np.maximum.at(largest, of, size)
     # slow unbalance moves the rotor little and noise turns its phase: weigh the sign by the response
     sign = kappa.imag / np.abs(kappa) * size / largest[of]
-    pairs = mirrored(drives, np.flatnonzero(np.abs(ratio) < _SLOW[-1]), *_SWEEP)
+    pairs = mirrored(drives, np.flatnonzero(np.abs(ratio) < _WHIRL_RATIOS[-1]), *_SWEEP)
     noise = np.abs(kappa / drives.right)[pairs]  # of kappa = F / A, up to a common factor
     even = kappa.imag[pairs].sum(axis=1) / np.hypot(noise[:, 0], noise[:, 1])
-    for limit in _SLOW:
+    for limit in _WHIRL_RATIOS:
         slow = np.flatnonzero((ratio < 0) & (ratio > -limit))
         yield _established(sign[slow]), slow
         some = np.abs(ratio[pairs[:, 0]]) < limit

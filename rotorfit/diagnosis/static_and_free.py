@@ -12,9 +12,10 @@ from rotorfit.data.ring_down import ring_down_modes
 from rotorfit.models.array_types import Bool, Float
 from rotorfit.units import RPM_PER_RAD_S
 
-_FEWEST = 3  # loads of a run from which their positions say a direction
-_ASIDE = 0.05  # share of the positions that is more than noise and a probe a few degrees off, all loads agreeing
-_SPAN = 0.02, 50.0
+_FEWEST_LOADS = 3  # loads of a run from which their positions say a direction
+_LARGEST_SHARE_ASIDE = 0.05
+"""Share of the positions that is more than noise and a probe a few degrees off, all loads agreeing."""
+_FREQUENCY_RATIOS = 0.02, 50.0
 """Frequency of free vibration over the speed outside of which one of the two, or the time, has another unit."""
 
 
@@ -53,7 +54,11 @@ def _runs(test: StaticTest, at_load: Bool, part: Float) -> list[str]:
     for run in test.runs:
         here = at_load & (test.run == run)
         size = float(np.abs(test.displacement[here]).sum())
-        if here.sum() >= _FEWEST and (part[here] < 0).all() and -float(part[here].sum()) > _ASIDE * size:
+        if (
+            here.sum() >= _FEWEST_LOADS
+            and (part[here] < 0).all()
+            and -float(part[here].sum()) > _LARGEST_SHARE_ASIDE * size
+        ):
             found.append(run)
     return found
 
@@ -69,7 +74,7 @@ def free_vibration(test: ImpulseTest | RingDownTest) -> Iterator[Finding]:
     else:
         unit = "the frequency (frequency_rpm, frequency_hz)"
     ratio = np.abs(test.frequency) / np.where(test.speed == 0, np.nan, np.abs(test.speed))
-    odd = np.flatnonzero((ratio < _SPAN[0]) | (ratio > _SPAN[1]))
+    odd = np.flatnonzero((ratio < _FREQUENCY_RATIOS[0]) | (ratio > _FREQUENCY_RATIOS[1]))
     if odd.size:
         first, runs = int(odd[0]), list(dict.fromkeys(test.run[odd].tolist()))
         text = (

@@ -48,7 +48,7 @@ _LIKE = {
     1000.0: "um read as mm",
     0.001: "mm read as um",
 }
-SAME = 0.03
+SAME_FACTOR = 0.03
 """Relative difference of two factors that are the same."""
 
 CHANNEL_FILTERS = (
@@ -93,5 +93,5 @@ def values_to_try(kind: ChannelFilter, frequency: Float, count: int) -> Float:
 
 def likeness(factor: float) -> str:
     """What readings that are so many times too large may come from, as ", as by ..."; empty where nothing is likely."""
-    like = [text for value, text in _LIKE.items() if abs(np.log(factor / value)) < SAME]
+    like = [text for value, text in _LIKE.items() if abs(np.log(factor / value)) < SAME_FACTOR]
     return f", as by {like[0]}" if like else ""

@@ -17,22 +17,19 @@ import numpy as np
 from rotorfit.data.experiments import PerturbationTest
 from rotorfit.diagnosis.orbits import Orbits, total_power
 from rotorfit.diagnosis.probe_filters import FilteredProbe
-from rotorfit.diagnosis.trials.trial_fits import Explanation
+from rotorfit.diagnosis.trials.trial_fits import MOST_PLANES, Explanation
 from rotorfit.models.array_types import ComplexArray, Float, Index
 from rotorfit.units import RPM_PER_RAD_S
 
-_CONSTANT = 0.01  # relative spread of what is taken as constant
-_MOST_PAIRS, _MOST_PLANES = 3, 4
-_RADIANS = 6.3  # degrees: what a whole turn in radians is, read as degrees
+_CONSTANT_SPREAD = 0.01  # relative spread of what is taken as constant
+_TURN_IN_RADIANS = 6.3  # degrees: what a whole turn in radians is, read as degrees
 
-_MOST_RUNS = 12  # pairs of runs
-_LEVELS = 20.0, 100.0, 200.0  # dB between the largest and the smallest level, at least and most; the largest at most
-_ONLY_A_PEAK = 0.03
+_MISFIT_OF_LEVELS = 0.03
 """Misfit that is left, of that of the data as given, if they are levels: undone, hardly more than one peak is left of
 any data, which many models explain somewhat better."""
 _DECIBELS = {"um": 1e-6, "mil": 25.4e-6, "mm": 1e-3}
 
-_MOUNTINGS = (45.0, -45.0, 90.0, -90.0, 135.0, -135.0, 180.0)
+_MOUNTING_ANGLES = (45.0, -45.0, 90.0, -90.0, 135.0, -135.0, 180.0)
 _PLANES = {"plane": "readings", "force_plane": "forces"}
 _SPEED_UNITS = {("Hz", "rpm"): 60.0, ("rpm", "Hz"): 1 / 60, ("rad/s", "rpm"): RPM_PER_RAD_S}
 _SPEED_UNITS[("rpm", "rad/s")] = 1 / RPM_PER_RAD_S
@@ -132,9 +129,9 @@ def data_errors(tests: Sequence[PerturbationTest]) -> Iterator[DataError]:
                 message=f"the amplitudes are in dB and read as {unit}",
                 undo="give them in the unit that 0 dB stands for",
                 correct=partial(_from_decibels, unit=size),
-                leaves_at_most=_ONLY_A_PEAK,
+                leaves_at_most=_MISFIT_OF_LEVELS,
             )
-    for degrees in (*_MOUNTINGS, 0.0):  # near one of which the search finds the angle
+    for degrees in (*_MOUNTING_ANGLES, 0.0):  # near one of which the search finds the angle
         yield DataError(
             code="phase-zeros-differ",
             message="all forces are one angle off against all readings, as where weight holes, Keyphasor and probes "
@@ -144,8 +141,8 @@ def data_errors(tests: Sequence[PerturbationTest]) -> Iterator[DataError]:
             frees_datum=True,
         )
     planes = np.unique(np.concatenate([test.plane for test in tests])).tolist()
-    for some in (planes, *([plane] for plane in planes[:_MOST_PLANES] if len(planes) > 1)):
-        for degrees in _MOUNTINGS:
+    for some in (planes, *([plane] for plane in planes[:MOST_PLANES] if len(planes) > 1)):
+        for degrees in _MOUNTING_ANGLES:
             who = "all probes" if some == planes else f"the probes at {some[0]}"
             yield DataError(
                 code="probes-turned",
@@ -181,7 +178,7 @@ def _exchanges(tests: Sequence[PerturbationTest]) -> Iterator[DataError]:
         if column == "speed" and any(test.synchronous for test in tests):
             continue  # there the speed is the frequency
         values = np.unique(np.concatenate([getattr(test, column) for test in tests])).tolist()
-        for a, b in islice(combinations(values, 2), _MOST_PAIRS):
+        for a, b in islice(combinations(values, 2), 3):
             message = f"the planes {a} and {b} of the {_PLANES.get(column)} are exchanged"
             if column == "speed":
                 message = f"the speeds {a * RPM_PER_RAD_S:.6g} and {b * RPM_PER_RAD_S:.6g} rpm are exchanged"
@@ -201,7 +198,7 @@ def _exchanged_runs(tests: Sequence[PerturbationTest]) -> Iterator[DataError]:
         for ((number, a), own), ((also, b), other) in combinations(places.items(), 2)
         if number == also and own.size == other.size and _is_one_plan(tests[number], own, other)
     )
-    for number, a, b, own, other in islice(alike, _MOST_RUNS):
+    for number, a, b, own, other in islice(alike, 12):  # pairs of runs
         yield DataError(
             code="runs-exchanged",
             message=f"the readings of the runs {a} and {b} are exchanged",
@@ -295,19 +292,19 @@ def _is_constant(test: PerturbationTest, size: Float) -> bool:
     """Whether something is the same all through each run."""
     for run in test.runs:
         own = size[test.run == run]
-        if np.ptp(own) > _CONSTANT * own.max():
+        if np.ptp(own) > _CONSTANT_SPREAD * own.max():
             return False
     swept = np.abs(test.frequency)
-    return bool(np.ptp(swept) > _CONSTANT * swept.max())
+    return bool(np.ptp(swept) > _CONSTANT_SPREAD * swept.max())
 
 
 def _may_be_decibels(amplitude: Float) -> bool:
     """Whether amplitudes are numbers that levels in dB could be, of a rotor with a resonance."""
-    least, most, largest = _LEVELS
+    least, most, largest = 20.0, 100.0, 200.0  # dB between the largest and the smallest level, and of the largest
     return bool(amplitude.max() < largest and least < np.ptp(amplitude) < most)
 
 
 def _are_radians(values: ComplexArray) -> bool:
     """Whether all phases, read as degrees, lie within what a turn is in radians, and are not simply zero."""
     degrees = np.abs(np.degrees(np.angle(values)))
-    return bool(degrees.max() <= _RADIANS and degrees.max() > 0)
+    return bool(degrees.max() <= _TURN_IN_RADIANS and degrees.max() > 0)

@@ -20,23 +20,23 @@ from rotorfit.diagnosis.probe_pairs import uneven_planes
 from rotorfit.diagnosis.trials.data_errors import DataError, data_errors, filtered_probes, mirrored_orbits
 from rotorfit.diagnosis.trials.filters import filters
 from rotorfit.diagnosis.trials.groups import factors_of_groups
-from rotorfit.diagnosis.trials.trial_fits import EXPLAINED, Explanation, Hint, Readings, readings_of, trial
+from rotorfit.diagnosis.trials.trial_fits import EXPLAINED_MISFIT_SHARE, Explanation, Hint, Readings, readings_of, trial
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.fitting.problem_setup import build_problem
 from rotorfit.fitting.result import FitResult
 from rotorfit.models.array_types import ComplexArray, Float
 
-_LEAVES = 0.1
+_EXPLAINING_MISFIT_SHARE = 0.1
 """Misfit that is left, of that of the data as given, if an error is the explanation: missing structure alone is up to a
 hundred times the noise, but does not vanish by what has nothing to do with it."""
 
-_FAR, _UNEXPLAINED = 10.0, 0.02
+_LEAST_REDCHI, _UNEXPLAINED_SHARE = 10.0, 0.02
 """redchi from which errors are looked for, and share of the power of the responses from which all are tried; below it,
 those that a linear step promises."""
 
-_PROMISED = 0.25  # share that a linear step leaves of the misfit by a small error, if that is the explanation
-_ALIKE = 1.5  # ratio of what two errors leave within which the data cannot tell them apart
-_MOST_NAMED = 3
+_LINEAR_MISFIT_SHARE = 0.25
+"""Share that a linear step leaves of the misfit by a small error, if that is the explanation."""
+_SAME_MISFIT_RATIO = 1.5  # ratio of what two errors leave within which the data cannot tell them apart
 
 
 def explained(fit: FitResult, shown: Collection[str] = ()) -> list[Finding]:
@@ -52,7 +52,7 @@ def explained(fit: FitResult, shown: Collection[str] = ()) -> list[Finding]:
     orbits = [orbits_of(test, np.arange(len(test))) for test in tests if test.force.all()]
     if "wrong-direction" in shown and (found := _findings(list(_turning_anew(fit, orbits)))):
         return found
-    return _findings(list(_explanations(fit, tests, orbits))) if fit.redchi >= _FAR else []
+    return _findings(list(_explanations(fit, tests, orbits))) if fit.redchi >= _LEAST_REDCHI else []
 
 
 def _turning_anew(fit: FitResult, orbits: Sequence[Orbits]) -> Iterator[Explanation]:
@@ -77,7 +77,7 @@ def _still_wrong(fit: FitResult, error: DataError) -> bool:
 def _explanations(fit: FitResult, tests: Sequence[PerturbationTest], orbits: Sequence[Orbits]) -> Iterator[Explanation]:
     settings, rescaled = fit.settings.asked, fit.settings.rescaled
     problem = build_problem(fit.model, fit.experiments, settings) if rescaled else fit.problem
-    far = fit.chisqr > _UNEXPLAINED * _power(problem)
+    far = fit.chisqr > _UNEXPLAINED_SHARE * _power(problem)
     uneven = {plane: probe for of_test in orbits for plane, probe in uneven_planes(of_test).items()}
     candidates = [*filtered_probes(uneven), *(data_errors(tests) if far else ())]
     missed = min(fit.chisqr, trial(problem)[0]) if candidates else fit.chisqr  # a search that went astray is no error
@@ -86,7 +86,7 @@ def _explanations(fit: FitResult, tests: Sequence[PerturbationTest], orbits: Seq
         left = np.inf if corrected is None else trial(corrected)[0] / missed
         if left < error.leaves_at_most:
             yield error.explains(left)
-            if left < EXPLAINED:
+            if left < EXPLAINED_MISFIT_SHARE:
                 return
     readings = None if fit.model.eccentricity_dependent else readings_of(problem)
     if readings is not None:
@@ -122,7 +122,7 @@ def _of_readings(
     hint = _anything if far else _promised(readings, x)
     found = list(filters(readings, least, hint, uneven))
     yield from found
-    if not any(one.left < EXPLAINED for one in found):
+    if not any(one.left < EXPLAINED_MISFIT_SHARE for one in found):
         yield from factors_of_groups(readings, least, hint, known)
 
 
@@ -141,7 +141,7 @@ def _promised(readings: Readings, x: Float) -> Hint:
     def hint(log: ComplexArray) -> bool:
         columns = _beside(span, _real(readings.seen(log) * whitened[:, None]))
         step = np.linalg.lstsq(columns, beside, rcond=1e-9)[0]
-        return float(np.sum((beside - columns @ step) ** 2)) < _PROMISED * float(beside @ beside)
+        return float(np.sum((beside - columns @ step) ** 2)) < _LINEAR_MISFIT_SHARE * float(beside @ beside)
 
     return hint
 
@@ -157,11 +157,11 @@ def _beside(span: Float, columns: Float) -> Float:
 def _findings(tried: Sequence[Explanation]) -> list[Finding]:
     """Those that leave least, of those that the data cannot tell apart the ones with the fewest values searched for."""
     least = min((one.left for one in tried), default=np.inf)
-    if not least < _LEAVES:
+    if not least < _EXPLAINING_MISFIT_SHARE:
         return []
-    alike = sorted((one for one in tried if one.left < _ALIKE * least), key=lambda one: one.left)
+    alike = sorted((one for one in tried if one.left < _SAME_MISFIT_RATIO * least), key=lambda one: one.left)
     fewest = min(one.free for one in alike)
-    named = list({one.message: one for one in alike if one.free == fewest}.values())[:_MOST_NAMED]
+    named = list({one.message: one for one in alike if one.free == fewest}.values())[:3]
     better = float(f"{1 / least:.2g}")
     others = f" One of {len(named)} explanations that the data cannot tell apart." if len(named) > 1 else ""
     found = []

@@ -7,22 +7,24 @@ from collections.abc import Collection, Iterator
 import numpy as np
 
 from rotorfit.diagnosis.trials.channel_filters import CHANNEL_FILTERS, POWERS, ChannelFilter, values_to_try
-from rotorfit.diagnosis.trials.trial_fits import EXPLAINED, Explanation, Hint, Readings, misfit_of_closed_form, trial
+from rotorfit.diagnosis.trials.trial_fits import (
+    EXPLAINED_MISFIT_SHARE,
+    MOST_PLANES,
+    PROMISING_MISFIT_SHARE,
+    Explanation,
+    Hint,
+    Readings,
+    misfit_of_closed_form,
+    trial,
+)
 from rotorfit.models.array_types import Bool, ComplexArray
-
-_PROMISING = 0.5
-"""Share of the misfit that a closed form near the right value leaves."""
-
-_TRIED = 9  # values across the band; neighbours differ by less than a filter can be told by
-_EVALUATIONS = 10  # of the search between the neighbours of the best
-_MOST_PLANES = 4
 
 
 def filters(readings: Readings, missed: float, hint: Hint, uneven: Collection[str]) -> Iterator[Explanation]:
     """What explains the data among filters of all probes and of those at one plane, unless its probes differ."""
     yield from _of_group(readings, "all readings", np.ones(readings.plane.size, dtype=bool), missed, hint)
     planes = np.unique(readings.plane).tolist()
-    for plane in planes[:_MOST_PLANES] if len(planes) > 1 else ():
+    for plane in planes[:MOST_PLANES] if len(planes) > 1 else ():
         if plane not in uneven:
             yield from _of_group(readings, f"the readings at {plane}", readings.plane == plane, missed, hint)
 
@@ -35,7 +37,7 @@ def _of_group(readings: Readings, who: str, rows: Bool, missed: float, hint: Hin
             left = trial(readings.corrected(np.where(rows, whole**power, 1.0)))[0] / missed
             least = min(left, least)
             yield Explanation(left=left, code=code, message=f"{who} are {what}", undo=undo)
-    for kind in CHANNEL_FILTERS if least > EXPLAINED else ():
+    for kind in CHANNEL_FILTERS if least > EXPLAINED_MISFIT_SHARE else ():
         if hint(_column(rows, kind.slope(readings.s))):
             yield from _searched(readings, kind, who, rows, missed)
 
@@ -48,10 +50,11 @@ def _searched(readings: Readings, kind: ChannelFilter, who: str, rows: Bool, mis
     def factor(value: float) -> ComplexArray:
         return np.where(rows, kind.seen(readings.s, value), 1.0)
 
-    tried = values_to_try(kind, readings.frequency, _TRIED)
+    count = 9  # values across the band; neighbours differ by less than a filter can be told by
+    tried = values_to_try(kind, readings.frequency, count)
     rough = [misfit_of_closed_form(readings.corrected(factor(value))) for value in tried.tolist()]
     best = int(np.argmin(rough))
-    if not 0 < best < tried.size - 1 or rough[best] > _PROMISING * missed:
+    if not 0 < best < tried.size - 1 or rough[best] > PROMISING_MISFIT_SHARE * missed:
         return  # at an end it is no corner but a power of the frequency, or nothing
     from scipy.optimize import minimize_scalar  # late: loading it takes longer than a fit
 
@@ -59,7 +62,7 @@ def _searched(readings: Readings, kind: ChannelFilter, who: str, rows: Bool, mis
         lambda log: trial(readings.corrected(factor(float(np.exp(log)))))[0],
         bounds=np.log(tried[[best - 1, best + 1]]),
         method="bounded",
-        options={"maxiter": _EVALUATIONS},
+        options={"maxiter": 10},
     )
     what, undo = kind.words(float(np.exp(found.x)))
     left = float(found.fun) / missed

@@ -11,25 +11,29 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from rotorfit.diagnosis.trials.channel_filters import POWERS, SAME, likeness
-from rotorfit.diagnosis.trials.trial_fits import EXPLAINED, Explanation, Hint, Readings, trial
+from rotorfit.diagnosis.trials.channel_filters import POWERS, SAME_FACTOR, likeness
+from rotorfit.diagnosis.trials.trial_fits import (
+    EXPLAINED_MISFIT_SHARE,
+    PROMISING_MISFIT_SHARE,
+    Explanation,
+    Hint,
+    Readings,
+    trial,
+)
 from rotorfit.models.array_types import Bool, ComplexArray
 from rotorfit.units import RPM_PER_RAD_S
 
-_PROMISING = 0.5
-"""Share of the misfit that the rest leaves at the most, if the readings left out have the error."""
-
-_LEAST = 0.1
+_LEAST_LOG_FACTOR = 0.1
 """Change of the logarithm of readings from which it is an error: less is how forces and instruments scatter."""
 
-_FEWEST, _APART = 2, 5.0
+_FEWEST_OTHER_RUNS, _LEAST_DIFFERENCE_RATIO = 2, 5.0
 """Other runs that show whether it is one run alone, and times by which it must differ more than any of them."""
 
-_UNLIKE = 0.1
+_LARGEST_UNLIKENESS = 0.1
 """Share of the power of readings up to which they are those expected but for a factor."""
 
-_MOST, _MOST_SPEEDS = 40, 8  # groups looked at, and speeds that are few enough to be sessions
-_ANGLE = 3.0  # departure of an angle from zero, degrees, that is none
+_MOST_GROUPS, _MOST_SPEEDS = 40, 8  # groups looked at, and speeds that are few enough to be sessions
+_ZERO_ANGLE = 3.0  # departure of an angle from zero, degrees, that is none
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,7 +55,7 @@ def factors_of_groups(readings: Readings, missed: float, hint: Hint, known: Sequ
         explained = False
         for group in level:
             key = group.rows.tobytes()
-            if key in seen or count == _MOST or not group.rows.any():
+            if key in seen or count == _MOST_GROUPS or not group.rows.any():
                 continue
             seen.add(key)
             if not hint(np.where(group.rows[:, None], np.array([1.0, 1j]), 0.0)):
@@ -59,7 +63,7 @@ def factors_of_groups(readings: Readings, missed: float, hint: Hint, known: Sequ
             count += 1
             for one, found in _of_group(readings, group, missed):
                 seen.add(one.rows.tobytes())
-                explained |= found.left < EXPLAINED
+                explained |= found.left < EXPLAINED_MISFIT_SHARE
                 yield found
         if explained:
             return
@@ -67,10 +71,10 @@ def factors_of_groups(readings: Readings, missed: float, hint: Hint, known: Sequ
 
 def _of_group(readings: Readings, group: _Group, missed: float) -> Iterator[tuple[_Group, Explanation]]:
     left, x = trial(readings.without(group.rows))
-    if left > _PROMISING * missed:
+    if left > PROMISING_MISFIT_SHARE * missed:
         return
     power, factor, unlike = _factor(readings, group.rows, np.concatenate(readings.problem.predict(x)))
-    if unlike > _UNLIKE or (not power and abs(np.log(factor)) < _LEAST):
+    if unlike > _LARGEST_UNLIKENESS or (not power and abs(np.log(factor)) < _LEAST_LOG_FACTOR):
         return
     either = [(group, factor)]
     if group.other is not None and not power:
@@ -86,10 +90,10 @@ def _of_group(readings: Readings, group: _Group, missed: float) -> Iterator[tupl
 def _others_agree(corrected: Readings, rows: Bool, expected: ComplexArray, factor: complex) -> bool:
     """Whether the runs beside the one that was corrected are as expected: where all differ, none has the error."""
     others = np.unique(corrected.run[~rows]).tolist()
-    if np.unique(corrected.run[rows]).size > 1 or len(others) < _FEWEST:
+    if np.unique(corrected.run[rows]).size > 1 or len(others) < _FEWEST_OTHER_RUNS:
         return True
     apart = (abs(np.log(_factor(corrected, corrected.run == run, expected, (0,))[1])) for run in others)
-    return bool(max(apart) < abs(np.log(factor)) / _APART)
+    return bool(max(apart) < abs(np.log(factor)) / _LEAST_DIFFERENCE_RATIO)
 
 
 def _levels(readings: Readings, known: Sequence[str]) -> Iterator[list[_Group]]:
@@ -147,15 +151,15 @@ def _explanation(group: _Group, power: int, factor: complex, left: float) -> Exp
         return Explanation(left=left, code=code, message=f"the readings {group.who} are {what}", undo=undo, free=free)
     size, angle = abs(factor), float(np.degrees(np.angle(factor)))
     parts, causes, codes = [], [], []
-    if abs(np.log(size)) > SAME:
+    if abs(np.log(size)) > SAME_FACTOR:
         codes.append("readings-scaled")
         parts.append(f"are {size:.3g} times as large as the rest makes one expect{likeness(size)}")
         causes.append(f"are given {1 / size:.3g} times as large as they are")
-    if 180 - abs(angle) < _ANGLE:
+    if 180 - abs(angle) < _ZERO_ANGLE:
         codes.append("readings-inverted")
         parts.append("are upside down against what the rest makes one expect")
         causes.append("have the wrong sign (weights on the opposite side)")
-    elif abs(angle) > _ANGLE:
+    elif abs(angle) > _ZERO_ANGLE:
         codes.append("readings-turned")
         lead = f"{'lead' if angle > 0 else 'lag'} by {abs(angle):.3g} degrees"
         parts.append(f"{lead} against what the rest makes one expect, as where the phase reference is another")

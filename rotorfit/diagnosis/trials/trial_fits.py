@@ -16,14 +16,15 @@ from rotorfit.models.array_types import Bool, ComplexArray, Float, Text
 Hint = Callable[[ComplexArray], bool]
 """Whether small errors whose logarithm changes readings so, shape ``(R, k)``, may be what a fit misses."""
 
-EXPLAINED = 0.01
+EXPLAINED_MISFIT_SHARE = 0.01
 """Share of the misfit left from which nothing else has to be tried."""
+PROMISING_MISFIT_SHARE = 0.5
+"""Share of the misfit that the right value leaves at most in a closed form, or without the wrong readings. Chosen."""
+MOST_PLANES = 4
+"""Planes that are looked at one by one. Chosen: an experiment with an error has few."""
 
-_ENOUGH = 1500
+_MOST_READINGS = 1500
 """Readings that show an error."""
-
-_HIDDEN = 1e4
-"""Factor on the noise of readings that are left out, which then have no weight."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -112,7 +113,8 @@ class Readings:
 
     def without(self, rows: Bool) -> Problem:
         """The problem in which some readings have no weight."""
-        return self._with(self.measured, np.where(rows, _HIDDEN, 1.0) * self.sigma)
+        hidden = 1e4  # factor on the noise of readings that are left out, which then have no weight
+        return self._with(self.measured, np.where(rows, hidden, 1.0) * self.sigma)
 
     def _with(self, measured: ComplexArray, sigma: Float) -> Problem:
         stops = np.cumsum([block.measured.size for block in self.problem.blocks])[:-1]
@@ -130,7 +132,7 @@ def readings_of(problem: Problem) -> Readings | None:
     blocks = [block for block in problem.blocks if isinstance(block, Responses)]
     if len(blocks) < len(problem.blocks) or any(block.imposed or not block.frequency.all() for block in blocks):
         return None
-    every = -(-sum(block.measured.size for block in blocks) // _ENOUGH)
+    every = -(-sum(block.measured.size for block in blocks) // _MOST_READINGS)
     if every > 1:
         problem = _some_lines(problem, blocks, every)
         blocks = [block for block in problem.blocks if isinstance(block, Responses)]
