@@ -15,6 +15,7 @@ from rotorfit.units import RAD_S_PER_RPM
 if TYPE_CHECKING:
     from concurrent.futures import Executor
 
+    from rotorfit.models.array_types import Float
     from rotorfit.studies.data_files import DataFile
     from rotorfit.studies.recording_files import RecordingFiles
     from rotorfit.studies.study import Study
@@ -240,3 +241,23 @@ def fit_study(options: argparse.Namespace, names: Iterable[str] = tuple(FIT)) ->
     from rotorfit.studies.study import Study
 
     return Study(files=data_files(options), model=options.model, out=options.out, **given(options, names))
+
+
+def numbers(text: str) -> Float:
+    """Numbers with commas between; ``LO:HI:N`` stands for N of them evenly spaced."""
+    import numpy as np
+
+    parts = []
+    for part in text.split(","):
+        try:
+            if ":" in part:
+                low, high, count = part.split(":")
+                parts.append(np.linspace(float(low), float(high), int(count)))
+            else:
+                parts.append(np.array([float(part)]))
+        except ValueError:
+            raise argparse.ArgumentTypeError(f"{part!r} is neither a number nor LO:HI:N") from None
+    values = np.concatenate(parts)
+    if not values.size or not np.isfinite(values).all():
+        raise argparse.ArgumentTypeError(f"{text!r} must hold finite numbers")
+    return values

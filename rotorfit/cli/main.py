@@ -17,7 +17,7 @@ from pathlib import Path
 from shutil import copyfile
 from typing import TYPE_CHECKING, Any, NoReturn
 
-from rotorfit.cli import campaign, join, laws, recordings, simulate, trend, vectors
+from rotorfit.cli import campaign, join, laws, predict, recordings, simulate, trend, vectors
 from rotorfit.cli.answer import say
 from rotorfit.cli.arguments import (
     add_figure_format,
@@ -191,6 +191,7 @@ COMMANDS = {
     "simulate": simulate.run,
     "template": recordings.run_template,
     "look": recordings.run_look,
+    "predict": predict.run,
     "trend": trend.run,
     "vectors": vectors.run,
     "join": join.run,
@@ -206,6 +207,7 @@ _MODULES = (
     ("simulate", simulate),
     ("vectors", vectors),
     ("join", join),
+    ("predict", predict),
 )
 
 

@@ -6,8 +6,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rotorfit.cli.arguments import add_model, given
-from rotorfit.models.array_types import Float
+from rotorfit.cli.arguments import add_model, given, numbers
 from rotorfit.options.kinds import number_word, pairs, whole_word, words
 from rotorfit.options.table import LAW, MODEL
 
@@ -49,7 +48,7 @@ def add_options(to: argparse.ArgumentParser) -> None:
     )
     to.add_argument("--kind", default="perturbation", help="perturbation, static-load, impulse, ... [%(default)s]")
     for name, help_text in _LISTS.items():
-        to.add_argument(name, type=_numbers, metavar="A,B|LO:HI:N", help=help_text)
+        to.add_argument(name, type=numbers, metavar="A,B|LO:HI:N", help=help_text)
     to.add_argument("--backward", action="store_true", help="the same frequencies backward as well")
     to.add_argument("--load-deg", type=float, default=-90.0, metavar="DEG", help="direction of the load [%(default)g]")
     for name, (metavar, help_text) in _NUMBERS.items():
@@ -192,23 +191,3 @@ def _settings(options: argparse.Namespace) -> dict[str, Any]:
     elif "load" in given:
         given["load_deg"] = options.load_deg
     return given
-
-
-def _numbers(text: str) -> Float:
-    """Numbers with commas between; ``LO:HI:N`` stands for N of them evenly spaced."""
-    import numpy as np
-
-    parts = []
-    for part in text.split(","):
-        try:
-            if ":" in part:
-                low, high, count = part.split(":")
-                parts.append(np.linspace(float(low), float(high), int(count)))
-            else:
-                parts.append(np.array([float(part)]))
-        except ValueError:
-            raise argparse.ArgumentTypeError(f"{part!r} is neither a number nor LO:HI:N") from None
-    values = np.concatenate(parts)
-    if not values.size or not np.isfinite(values).all():
-        raise argparse.ArgumentTypeError(f"{text!r} must hold finite numbers")
-    return values

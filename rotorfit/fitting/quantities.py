@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from rotorfit.estimators.blocks.correlated import quantile
 from rotorfit.fitting.digits import plus_minus
+from rotorfit.units import si_factor
 
 THRESHOLD = "threshold_speed"
 """What the threshold speed is called where a parameter could stand."""
@@ -47,6 +48,9 @@ class FittedParameter:
     at_bound: bool = False
     freedom: float = math.inf
 
+    def __float__(self) -> float:
+        return self.value
+
     def interval(self, level: float = 0.95) -> tuple[float, float]:
         """Confidence interval by Student's t with the degrees of freedom of ``stderr``.
 
@@ -72,6 +76,9 @@ class Quantity:
     unit: str
     freedom: float = math.inf
 
+    def __float__(self) -> float:
+        return self.value
+
     def interval(self, level: float = 0.95) -> tuple[float, float]:
         """Confidence interval by Student's t with the degrees of freedom of ``stderr``.
 
@@ -80,10 +87,26 @@ class Quantity:
         """
         return _interval(self.value, self.stderr, self.freedom, level)
 
+    def to(self, unit: str) -> Quantity:
+        """The quantity in another unit of frequency: rpm, Hz, cpm or rad/s.
+
+        Args:
+            unit: its name.
+
+        Raises:
+            ValueError: a quantity that is no frequency, or an unknown unit.
+
+        Example:
+            >>> print(fit.threshold_speed().to("rpm"))
+            2666.8 +- 1.3 rpm
+        """
+        own, other = (si_factor("frequency", name.replace("/", "_")) for name in (self.unit, unit))
+        return replace(self, value=self.value * own / other, stderr=self.stderr * own / other, unit=unit)
+
     def __str__(self) -> str:
         if not math.isfinite(self.stderr):
             return "not determined by these data"
-        return f"{plus_minus(self.value, self.stderr)} {self.unit}"
+        return f"{plus_minus(self.value, self.stderr)} {self.unit}".rstrip()
 
 
 def _interval(value: float, stderr: float, freedom: float, level: float) -> tuple[float, float]:

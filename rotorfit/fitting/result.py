@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Unpack
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from rotorfit.data.experiments import Experiment
 from rotorfit.data.findings import Finding
@@ -40,6 +41,7 @@ if TYPE_CHECKING:
     from rotorfit.uncertainty.budget import Budget
     from rotorfit.uncertainty.jackknife import Jackknife
     from rotorfit.uncertainty.posterior import Posterior
+    from rotorfit.uncertainty.prediction import Prediction
     from rotorfit.uncertainty.profile import Profile
 
 
@@ -488,6 +490,73 @@ class FitResult:
         from rotorfit.uncertainty.profile import profiles
 
         return profiles(self, names, level=level, points=points, at=at)
+
+    def predict(
+        self,
+        frequency: ArrayLike | None,
+        speed: ArrayLike,
+        *,
+        force_plane: str | None = None,
+        force: complex | None = None,
+        mr: complex | None = None,
+        plane: str | None = None,
+        direction: str | None = None,
+        level: float = 0.95,
+        whole: bool = False,
+        at: Mapping[str, Any] | None = None,
+    ) -> Prediction:
+        """Responses at frequencies, speeds and planes that need not have been tested, with their bands.
+
+        Args:
+            frequency: of the force, rad/s, negative turns backward; ``None`` is once per turn, the response to an
+                unbalance.
+            speed: rotative speed, rad/s; scalars and vectors ``(N,)`` may be mixed.
+            force_plane: where the force acts; may be left out of models of one plane.
+            force: ``F exp(j delta)``, N; 1 N where neither it nor ``mr`` is given.
+            mr: an unbalance, kg m, whose force is ``mr w^2``.
+            plane: where the motion is predicted, a plane of the model, with a probe or without; by default that of the
+                force.
+            direction: ``z`` for x + j y, or of models of both directions ``x`` or ``y``.
+            level: probability that a band holds.
+            whole: bands that hold whole curves at once, in place of each point by itself.
+            at: group of parameters, for fits with one value a group.
+
+        Raises:
+            ValueError: no such plane, no force, a level that is no probability, a speed at which the rotor is unstable.
+
+        Example:
+            >>> prediction = fit.predict(None, [150.0, 160.0], force_plane="disk", mr=3e-5, plane="journal")
+            >>> [round(1e6 * abs(z)) for z in prediction.response]
+            [36, 48]
+        """
+        from rotorfit.uncertainty.prediction import predict
+
+        return predict(
+            self, frequency, speed, force_plane=force_plane, force=force, mr=mr, plane=plane, direction=direction,
+            level=level, whole=whole, at=at,
+        )  # fmt: skip
+
+    def derive(
+        self, quantity: Callable[[Any], Any], *, unit: str = "", at: Mapping[str, Any] | None = None
+    ) -> Quantity:
+        """A quantity made of parameters, with its error from their covariance and exact derivatives.
+
+        Args:
+            quantity: function of the parameters, which are attributes of its argument; NumPy's functions may be used.
+            unit: its SI unit, for printing.
+            at: group of parameters, for fits with one value a group.
+
+        Raises:
+            AttributeError: no such parameter.
+            ValueError: not one finite number.
+
+        Example:
+            >>> print(fit.derive(lambda p: p.K0 / p.D, unit="1/s"))
+            7.001 +- 0.074 1/s
+        """
+        from rotorfit.fitting.derived import derive
+
+        return derive(self, quantity, unit, at)
 
     def bootstrap(self, *, n: int = 500, seed: int = 0, accelerate: bool | None = None) -> Bootstrap:
         """Fits of data simulated from this one and their spread; see rotorfit.uncertainty.bootstrap.bootstrap.

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from rotorfit.estimators.inference.log_posterior import Noise
+    from rotorfit.uncertainty.prediction import Prediction
 
 
 DERIVED_DRAWS = 2000
@@ -125,6 +126,32 @@ class Posterior(Draws):
         """
         found = self._onsets(at)
         return Derived(name="threshold speed", unit="rad/s", samples=found.speed, note=found.note)
+
+    def predict(
+        self,
+        frequency: ArrayLike | None,
+        speed: ArrayLike,
+        *,
+        force_plane: str | None = None,
+        force: complex | None = None,
+        mr: complex | None = None,
+        plane: str | None = None,
+        direction: str | None = None,
+        level: float = 0.95,
+        whole: bool = False,
+        at: Mapping[str, Any] | None = None,
+    ) -> Prediction:
+        """Responses elsewhere, mean and spread over the draws; see :meth:`FitResult.predict`.
+
+        Args:
+            frequency, speed, force_plane, force, mr, plane, direction, level, whole, at: as there.
+        """
+        from rotorfit.uncertainty.prediction import predict
+
+        return predict(
+            self.fit, frequency, speed, force_plane=force_plane, force=force, mr=mr, plane=plane,
+            direction=direction, level=level, whole=whole, at=at, posterior=self,
+        )  # fmt: skip
 
     def whirl_ratio(self, at: Mapping[str, Any] | None = None) -> Derived:
         """Frequency of the self-excited whirl at onset over the threshold speed, NaN for draws without a threshold.

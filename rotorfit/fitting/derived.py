@@ -1,0 +1,45 @@
+"""Quantities made of the parameters of a fit: exact derivatives by CasADi, errors by the fit's covariance."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from rotorfit.fitting.quantities import Quantity
+from rotorfit.fitting.result import FitResult
+from rotorfit.models.parameters import unknown_name
+
+
+class _Symbols:
+    """The parameters of a model as attributes."""
+
+    def __init__(self, symbols: Mapping[str, ca.SX]) -> None:
+        self._symbols = symbols
+
+    def __getattr__(self, name: str) -> ca.SX:
+        if name not in self._symbols:
+            raise AttributeError(unknown_name("parameter", name, self._symbols))
+        return self._symbols[name]
+
+
+def derive(fit: FitResult, quantity: Callable[[Any], Any], unit: str, at: Mapping[str, Any] | None) -> Quantity:
+    """See :meth:`FitResult.derive`."""
+    names = fit.model.parameter_names
+    symbols = [ca.SX.sym(name) for name in names]
+    made = quantity(_Symbols(dict(zip(names, symbols, strict=True))))
+    try:
+        expression = ca.SX(made)
+    except NotImplementedError:
+        raise ValueError(f"the quantity is {made!r}; one number made of parameters is needed") from None
+    if expression.shape != (1, 1):
+        raise ValueError(f"the quantity has shape {expression.shape}; one number is needed, derive each by itself")
+    vector = ca.vertcat(*symbols)
+    function = ca.Function("quantity", [vector], [expression, ca.gradient(expression, vector)])
+    value, gradient = (np.asarray(part, dtype=float).reshape(-1) for part in function(fit.theta(at)))
+    if not (math.isfinite(value[0]) and np.isfinite(gradient).all()):
+        raise ValueError(f"the quantity is {value[0]} at the fitted values, or has no derivative there")
+    return fit.propagate(float(value[0]), gradient, unit, at)

@@ -1,0 +1,50 @@
+"""Figure of a prediction: amplitude and phase with the band of the mean and that of a new reading."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from rotorfit.plots.style import decade_ticks, grid, legend_below, literal
+from rotorfit.units import RPM_PER_RAD_S
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from rotorfit.uncertainty.prediction import Prediction
+
+
+def plot_prediction(prediction: Prediction) -> Figure:
+    """Amplitude and phase lead against the frequency of the force, or against speed where it is once per turn."""
+    synchronous = np.array_equal(prediction.frequency, prediction.speed)
+    speeds = np.unique(prediction.speed) * RPM_PER_RAD_S
+    at = "" if synchronous or speeds.size > 1 else f", {speeds[0]:.5g} rpm"
+    title = literal(f"Predicted response at {prediction.plane}, force at {prediction.force_plane}{at}")
+    figure, axes = grid(2, 1, title, size=(6.2, 2.4), one_abscissa=True)
+    amplitude, phase = axes[:, 0]
+    order = np.argsort(prediction.frequency, kind="stable")
+    x = prediction.frequency[order] * RPM_PER_RAD_S
+    size, angle = np.abs(prediction.response[order]) * 1e6, np.unwrap(np.angle(prediction.response[order]))
+    what = "of the whole curve" if prediction.whole else "at each frequency"
+    for band, label, shade in (
+        (prediction.band_new, "a new reading", 0.15),
+        (prediction.band, "the mean", 0.4),
+    ):
+        if not np.isfinite(band.amplitude).all():
+            continue
+        words = f"{prediction.level:.0%} band of {label}, {what}"
+        low, high = band.amplitude[order].T * 1e6
+        amplitude.fill_between(x, np.maximum(low, 1e-3 * size.max()), high, color="C0", alpha=shade, lw=0, label=words)
+        half = np.diff(band.phase[order], axis=1)[:, 0] / 2
+        phase.fill_between(x, np.rad2deg(angle - half), np.rad2deg(angle + half), color="C0", alpha=shade, lw=0)
+    amplitude.plot(x, size, "-", lw=1.2, color="C0", label="predicted")
+    phase.plot(x, np.rad2deg(angle), "-", lw=1.2, color="C0")
+    amplitude.set_yscale("log")
+    decade_ticks(amplitude.yaxis)
+    amplitude.set_ylabel("amplitude, µm", fontsize=8)
+    phase.set_ylabel("phase lead, deg", fontsize=8)
+    phase.set_ylim(max(phase.get_ylim()[0], -540), min(phase.get_ylim()[1], 540))
+    phase.set_xlabel("speed, rpm" if synchronous else "frequency of the force, rpm", fontsize=8)
+    legend_below(figure, *amplitude.get_legend_handles_labels())
+    return figure

@@ -1,0 +1,161 @@
+"""Predictions elsewhere: bands that hold the truth and new readings at their level, and what they cannot know."""
+
+from __future__ import annotations
+
+import json
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy import stats
+from synthetic import TYPICAL, circular_test, covering_frequencies, known_of
+
+import rotorfit as rf
+from rotorfit.cli.main import main
+from rotorfit.models.array_types import Float
+
+NAME, TESTED, ELSEWHERE = "whirl-whip", (100.0, 180.0), 220.0
+DRAWS, LEVEL = 60, 0.9
+FREQUENCY = np.linspace(30.0, 400.0, 40)
+MODEL = rf.models.WhirlWhip()
+THETA = MODEL.vector(TYPICAL[NAME])
+
+
+def truth() -> Float:
+    """The response at an untested speed by the model's own matrices, without any of the fit's code."""
+    kappa = MODEL.dynamic_stiffness(THETA, FREQUENCY, ELSEWHERE)
+    disk, journal = (MODEL.coordinate(plane, "z") for plane in ("disk", "journal"))
+    return np.linalg.inv(kappa)[:, journal, disk]
+
+
+@cache
+def drawn(whole: bool) -> list[tuple[rf.FitResult, object]]:
+    """Fits of simulated tests at two speeds, and what each predicts at a third for the plane that is not forced."""
+    w = covering_frequencies(MODEL, THETA, TESTED, 25)
+    found = []
+    for seed in range(DRAWS):
+        test = circular_test(MODEL, THETA, speeds=TESTED, frequency=w, noise=0.02, seed=seed, sigma_known=True)
+        fit = rf.fit(MODEL, test, known=known_of(NAME, TYPICAL[NAME]))
+        found.append(
+            (
+                fit,
+                fit.predict(FREQUENCY, ELSEWHERE, force_plane="disk", plane="journal", level=LEVEL, whole=whole),
+            )
+        )
+    return found
+
+
+def held(band: object, values: Float) -> Float:
+    """Whether amplitudes lie in a band of amplitudes and phases in one of phases, shape ``(2, N)``."""
+    size = np.abs(values)
+    inside = (band.amplitude[:, 0] <= size) & (size <= band.amplitude[:, 1])
+    middle = band.phase.mean(axis=1)
+    turn = np.angle(values * np.exp(-1j * middle))
+    return np.stack([inside, np.abs(turn) <= np.diff(band.phase, axis=1)[:, 0] / 2])
+
+
+def within(count: int, draws: int) -> bool:
+    """Whether a count is no surprise, one in ten thousand, at the level."""
+    low, high = stats.binom.ppf([0.5e-4, 1 - 0.5e-4], draws, LEVEL)
+    return bool(low <= count <= high)
+
+
+def test_bands_hold_the_truth_at_an_untested_speed() -> None:
+    exact = truth()
+    each = np.array([held(p.band, exact) for _, p in drawn(False)])  # (draws, 2, N)
+    for point in (0, 13, 26, 39):  # points of one draw err together: few of them are looked at, each by itself
+        assert within(int(each[:, 0, point].sum()), DRAWS), point
+        assert within(int(each[:, 1, point].sum()), DRAWS), point
+    assert within(sum(held(p.band, exact).all() for _, p in drawn(True)), DRAWS)
+
+
+def test_bands_hold_new_readings() -> None:
+    exact, rng = truth(), np.random.default_rng(99)
+    counts, whole = 0, 0
+    for (fit, each), (_, all_) in zip(drawn(False), drawn(True), strict=True):
+        base = fit.problem.blocks[0]
+        sigma = float(np.median(base.sigma[base.coordinate == MODEL.coordinate("journal", "z")]))
+        reading = exact + sigma * (rng.normal(size=exact.size) + 1j * rng.normal(size=exact.size))
+        counts += int(held(each.band_new, reading)[0].sum())
+        whole += bool(held(all_.band_new, reading).all())
+    # Noise of the readings, which are independent, makes most of their band.
+    assert within(counts, DRAWS * exact.size)
+    assert within(whole, DRAWS)
+
+
+def test_one_reading_is_the_fitted_response_and_its_spread_that_of_fits() -> None:
+    exact = truth()
+    pulls = np.array([(p.response - exact) / p.stderr.real for _, p in drawn(False)]).real
+    low, high = stats.chi2.ppf([0.5e-4, 1 - 0.5e-4], DRAWS)
+    for point in (0, 13, 26, 39):
+        assert low < np.sum(pulls[:, point] ** 2) < high
+
+
+def test_once_per_turn_is_the_response_to_the_force_of_an_unbalance() -> None:
+    fit, _ = drawn(False)[0]
+    speeds = np.linspace(80.0, 200.0, 7)
+    start_up = fit.predict(None, speeds, force_plane="disk", mr=2e-5, plane="journal")
+    for i, speed in enumerate(speeds.tolist()):
+        one = fit.predict(speed, speed, force_plane="disk", force=2e-5 * speed**2, plane="journal")
+        assert start_up.response[i] == pytest.approx(one.response[0], rel=1e-12)
+        np.testing.assert_allclose(start_up.band.amplitude[i], one.band.amplitude[0], rtol=1e-9)
+
+
+def test_what_a_prediction_cannot_know_is_said() -> None:
+    fit, inside = drawn(False)[0]
+    assert any("speeds" in note and "outside the tested" in note for note in inside.notes)
+    assert fit.predict(200.0, 120.0, force_plane="disk").notes == ()
+    with pytest.raises(ValueError, match="unstable at"):
+        fit.predict(200.0, 2000.0, force_plane="disk")
+    with pytest.raises(ValueError, match="force_plane is needed: one of disk, journal"):
+        fit.predict(200.0, 120.0)
+    with pytest.raises(ValueError, match="did you mean 'disk'"):
+        fit.predict(200.0, 120.0, force_plane="dsik")
+    with pytest.raises(ValueError, match="not both"):
+        fit.predict(200.0, 120.0, force_plane="disk", force=1.0, mr=1e-5)
+    with pytest.raises(ValueError, match="do not go together"):
+        fit.predict([200.0, 210.0], [120.0, 121.0, 122.0], force_plane="disk")
+    journal = rf.datasets.rig_open()
+    unread = rf.fit(MODEL, journal.select(journal.plane == "journal"), known={"K3": 6e3, "Md": 1.0, "Ds": 10.0})
+    blind = unread.predict(200.0, 120.0, force_plane="disk")
+    assert np.isnan(blind.noise).all()
+    assert any("No readings at disk" in note for note in blind.notes)
+
+
+def test_derived_quantities_have_the_error_of_their_parameters_together() -> None:
+    fit, _ = drawn(False)[0]
+    ratio = fit.derive(lambda p: p.K0 / p.D, unit="1/s")
+    i, j = (fit.var_names.index(name) for name in ("K0", "D"))
+    gradient = np.zeros(len(fit.var_names))
+    K0, D = (fit.params[name].value for name in ("K0", "D"))
+    gradient[[i, j]] = 1 / D, -K0 / D**2
+    assert ratio.value == pytest.approx(K0 / D, rel=1e-14)
+    assert ratio.stderr == pytest.approx(np.sqrt(gradient @ fit.covar @ gradient), rel=1e-12)
+    same = fit.derive(lambda p: p.lam)
+    assert (same.value, same.stderr) == pytest.approx((fit.params["lam"].value, fit.params["lam"].stderr), rel=1e-12)
+    assert float(fit.threshold_speed().to("rpm")) == pytest.approx(float(fit.threshold_speed()) * 30 / np.pi)
+    with pytest.raises(AttributeError, match="unknown parameter 'K9'"):
+        fit.derive(lambda p: p.K9)
+    with pytest.raises(ValueError, match="one number"):
+        fit.derive(lambda p: "K0")
+    with pytest.raises(ValueError, match="unit of frequency"):
+        fit.threshold_speed().to("furlong")
+
+
+def test_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    fit, _ = drawn(False)[0]
+    fit.save(tmp_path / "fit.json")
+    words = ["predict", str(tmp_path / "fit.json"), "--force-plane", "disk", "--plane", "journal"]
+    out = tmp_path / "out"
+    assert main([*words, "--speed", "1500", "--mr-g-mm", "30", "--out", str(out)]) == 0
+    assert {"prediction.csv", "prediction.png", "summary.txt"} <= {file.name for file in out.iterdir()}
+    capsys.readouterr()
+    assert main([*words, "--speed", "1400,1500", "--synchronous", "--mr-g-mm", "30", "--json"]) == 0
+    points = json.loads(capsys.readouterr().out)["points"]
+    expected = fit.predict(None, np.array([1400.0, 1500.0]) * np.pi / 30, force_plane="disk", plane="journal", mr=3e-5)
+    assert [p["amplitude_um"] for p in points] == pytest.approx((np.abs(expected.response) * 1e6).tolist(), rel=1e-9)
+    assert main([*words, "--speed", "9000"]) == 2
+    assert "unstable at 9000 rpm" in capsys.readouterr().err
+    assert main([*words, "--speed", "1400,1500"]) == 2
+    assert "--synchronous" in capsys.readouterr().err
