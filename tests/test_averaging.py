@@ -55,6 +55,7 @@ def test_weights_are_those_of_bic(close_call, average):
     assert [p.fit for p in average.posteriors] == ranked[: counted.sum()]
 
 
+@pytest.mark.slow
 def test_quantities_are_mixtures(average):
     """Distribution function of a mixture: the weighted sum of the models' own."""
     for quantity in (

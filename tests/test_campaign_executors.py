@@ -104,6 +104,7 @@ def test_an_error_of_the_work_itself_is_shown(small):
         rf.campaign(Broken(), small[0], known=KNOWN)
 
 
+@pytest.mark.slow
 def test_dask_cluster_that_loses_a_worker(small, fitted):
     """A real local cluster of the distributed package, one of its two worker processes killed half way."""
     table, _ = small

@@ -17,7 +17,7 @@ ROOT = Path(__file__).parent.parent
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 
 
-LONG_PAGES = ("real_rig.md", "anisotropic_shaft.md")
+LONG_PAGES = ("real_rig.md", "anisotropic_shaft.md", "volts.md", "uncertainty.md")
 """Pages whose blocks take ten seconds and more."""
 
 

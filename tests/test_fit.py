@@ -8,6 +8,7 @@ from functools import cache
 import numpy as np
 import pytest
 from scipy import stats
+from slow_cases import slow_but
 from synthetic import MODELS, SPEEDS, TYPICAL, circular_test, covering_frequencies, known_of
 
 import rotorfit as rf
@@ -93,7 +94,7 @@ def fits_of_draws(name, draws=80):
     return [rf.fit(model, test, known=known_of(name, truth)) for test in tests]
 
 
-@pytest.mark.parametrize("name", MODELS)
+@pytest.mark.parametrize("name", slow_but(MODELS, "one-mode", "whirl-whip", "anisotropic"))
 def test_standard_errors_cover(name):
     """Normalised errors over noise draws: chi-squared consistent, 95 % intervals within binomial error.
 

@@ -12,6 +12,7 @@ import pytest
 from analyser_files import shaker_test, written
 from any_test import PLAIN_NAMES, imposed_orbits, rigs, same
 from hypothesis import HealthCheck, given, settings
+from slow_cases import slow_but
 from synthetic import TYPICAL, circular_test, covering_frequencies
 
 import rotorfit as rf
@@ -68,7 +69,7 @@ def test_imposed_orbits_keep_every_bit(place: Path, test: DisplacementTest) -> N
 
 
 @pytest.mark.parametrize("suffix", [".csv", ".uff", ".unv", ".nc", ".mat"])
-@pytest.mark.parametrize("name", ["rig_open", "two_disk"])
+@pytest.mark.parametrize("name", slow_but(["rig_open", "two_disk"], "two_disk"))
 def test_bundled_rigs_through_every_format(tmp_path: Path, name: str, suffix: str) -> None:
     test = rf.read(rf.datasets.path(f"{name}.csv"), difference=False)
     same(

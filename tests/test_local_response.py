@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from slow_cases import slow_but
 from swept import Rotor, Sweep, two_modes
 
 from rotorfit.estimators.signals.local_response import RecordSpectra, gauss_nodes, local_response
@@ -59,7 +60,7 @@ def test_sweep_of_ten_seconds_leaves_no_bias() -> None:
     assert error[:, w > 40.0].max() < 5e-3
 
 
-@pytest.mark.parametrize("duration", [10.0, 30.0])
+@pytest.mark.parametrize("duration", slow_but([10.0, 30.0], 30.0))
 def test_errors_are_those_stated(duration: float) -> None:
     """Two minutes of records: the rms of error over sigma is one within its sampling error and a little bias."""
     ratios = []

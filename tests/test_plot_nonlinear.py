@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from nonlinear_rigs import CLEARANCE_UM, ONE_MODE, POWER, WHIRL_WHIP, rig
+from slow_cases import slow_but
 
 import rotorfit as rf
 from rotorfit.models.motion.law_curves import law_curves
@@ -51,7 +52,7 @@ def values_of(values: dict[str, float]) -> dict[str, float]:
     return {name: value for name, value in values.items() if name not in ("Ds", "sigma", "K3")}
 
 
-@pytest.mark.parametrize("planes", [1, 2])
+@pytest.mark.parametrize("planes", slow_but([1, 2], 2))
 @pytest.mark.parametrize("plot", NONLINEAR)
 def test_every_figure_of_one_and_two_planes(plot: Any, planes: int, tmp_path: Path) -> None:
     figure = plot(fitted(planes))

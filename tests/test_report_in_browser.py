@@ -101,6 +101,7 @@ def test_nothing_is_cut(
         assert found["wide"] == []
 
 
+@pytest.mark.slow
 def test_prints_to_a_pdf_of_a_few_pages(
     chromium: Callable[..., tuple[str, list[str]]], browsed: Path, tmp_path: Path
 ) -> None:

@@ -35,6 +35,7 @@ def backward(tmp_path_factory):
     )
 
 
+@pytest.mark.slow
 def test_a_backward_sweep_gives_the_shaft_and_its_twist_from_volts(backward, setup):
     test = rf.shaft_lines(rf.read_recording(backward, setup))
     fit = rf.fit(SHAFT, test, known={"J": 2e-4})

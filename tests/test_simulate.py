@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from nonlinear_rigs import CLEARANCE_UM, JUMPING, ONE_MODE, POWER, WHIRL_WHIP
+from slow_cases import slow_but
 from synthetic import TYPICAL
 
 import rotorfit as rf
@@ -45,7 +46,7 @@ def predicted(model: Any, values: dict[str, float], test: Any) -> tuple[np.ndarr
         ("static-load", {"speed_rpm": [500.0, 1000.0], "load": [1.0, 4.0, 8.0]}),
     ],
 )
-@pytest.mark.parametrize("name", ["one mode", "whirl and whip"])
+@pytest.mark.parametrize("name", slow_but(["one mode", "whirl and whip"], "whirl and whip"))
 def test_noiseless_simulations_are_what_the_phasor_equations_predict(
     kind: str, options: dict[str, Any], name: str
 ) -> None:
@@ -125,7 +126,7 @@ def test_ring_down_records_show_the_eigenvalues_of_the_linearised_rotor() -> Non
         assert np.abs(exact - found).min() < 1e-3 * abs(found)
 
 
-@pytest.mark.parametrize("damping", [60.0, 150.0])
+@pytest.mark.parametrize("damping", slow_but([60.0, 150.0], 60.0))
 def test_forward_and_backward_whirl_that_lie_close_are_told_apart_in_noisy_records(damping: float) -> None:
     model, values = one_mode(), JUMPING | POWER | {"D": damping}
     pulls = []
@@ -155,6 +156,7 @@ def test_slow_sweeps_up_and_down_jump_at_different_frequencies() -> None:
     assert (size["up"] / size["down"]).max() > 1.5
 
 
+@pytest.mark.slow
 def test_synchronous_start_ups_give_the_two_disk_rotor_back_whatever_its_residual_unbalance() -> None:
     model, values = rf.models.TwoDisk(), TYPICAL["two-disk"]
     test = rf.simulate(

@@ -24,6 +24,7 @@ from law_data import (
 )
 from scipy.signal import lfilter
 from scipy.stats import chi2
+from slow_cases import slow_but
 
 import rotorfit as rf
 from rotorfit.cli.main import main
@@ -237,7 +238,7 @@ def test_ring_down_without_noise_is_exact() -> None:
     assert abs(complex(test.eigenvalue[0]) - whirl(LIGHT, 180.0, 0.3)) < 1e-6
 
 
-@pytest.mark.parametrize("passed", [1.0, 0.2])
+@pytest.mark.parametrize("passed", slow_but([1.0, 0.2], 0.2))
 def test_ring_down_errors_cover(passed: float) -> None:
     """In white noise, and in noise behind a filter of first order that passes a share of each new value."""
     exact = whirl(LIGHT, 180.0, 0.3)

@@ -92,6 +92,7 @@ def test_every_line_is_that_of_the_motion_in_time(simulated):
         assert np.abs((found.conj() if image else found) - values).max() < 1e-5 * top, (w, name)
 
 
+@pytest.mark.slow
 def test_both_anisotropies_and_their_angles_are_fitted(simulated):
     pulls = []
     for seed in range(4):

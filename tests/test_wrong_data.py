@@ -106,6 +106,7 @@ def test_a_summary_in_python_begins_with_the_errors_of_the_data(rig: Perturbatio
     assert "ERROR" not in again.summary()
 
 
+@pytest.mark.slow
 def test_findings_of_a_refined_fit_are_those_of_the_fit_before_and_of_a_saved_one(
     rig: PerturbationTest, tmp_path: Path
 ) -> None:
@@ -189,7 +190,7 @@ def test_a_rotor_unstable_from_standstill_has_no_whirl_ratio() -> None:
     assert "unstable from standstill on" in fit.summary()
 
 
-@pytest.mark.parametrize("degrees", [-60.0, 120.0, 170.0])
+@pytest.mark.parametrize("degrees", slow_but([-60.0, 120.0, 170.0], 120.0))
 def test_forces_from_another_zero_are_no_error_where_the_fit_finds_it(tmp_path: Path, degrees: float) -> None:
     """Without the zero the sign of damping, and of inertia, seems wrong; with it nothing is."""
     rig = thinned(rf.datasets.rig_open(), 3)
