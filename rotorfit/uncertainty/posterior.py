@@ -150,7 +150,8 @@ class Posterior(Draws):
 
         return predict(
             self.fit, frequency, speed, force_plane=force_plane, force=force, mr=mr, plane=plane,
-            direction=direction, level=level, whole=whole, at=at, posterior=self,
+            direction=direction, level=level, whole=whole, at=at,
+            thetas=self.thetas(at),
         )  # fmt: skip
 
     def whirl_ratio(self, at: Mapping[str, Any] | None = None) -> Derived:

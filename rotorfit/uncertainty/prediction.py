@@ -28,8 +28,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from pandas import DataFrame
 
-    from rotorfit.uncertainty.posterior import Posterior
-
 _UNSEEN = 1e-4
 """Relative change of a response by parameters' own sizes that no datum notices, from which it is not determined."""
 
@@ -166,7 +164,7 @@ class Prediction:
         Example:
             >>> figure = fit.predict([280.0, 300.0], 200.0, force_plane="disk", plane="journal").plot()
         """
-        from rotorfit.plots.prediction import plot_prediction
+        from rotorfit.uncertainty.prediction_figure import plot_prediction
 
         return plot_prediction(self)
 
@@ -232,16 +230,16 @@ def predict(
     level: float = 0.95,
     whole: bool = False,
     at: Mapping[str, Any] | None = None,
-    posterior: Posterior | None = None,
+    thetas: Float | None = None,
 ) -> Prediction:
-    """Responses with their bands; see :meth:`FitResult.predict` and :meth:`Posterior.predict`."""
+    """Responses with their bands, by the fit's covariance or over parameter vectors of draws, shape ``(W, P)``."""
     if not 0 < level < 1:
         raise ValueError(f"level is {level!r}; a band has a probability between 0 and 1")
     model, group = fit.model, fit.group(at)
     test = _planned(fit, frequency, speed, force_plane, force, mr, plane, direction)
     _refuse_unstable(fit, group, np.unique(test.speed))
     block = _block(fit, test, group)
-    if posterior is None:
+    if thetas is None:
         response, slope = block.predict_jacobian(fit.thetas)
         slopes = np.stack([fit.problem.space.pull_back(part, group) for part in (slope.real, slope.imag)], axis=1)
         covariance = slopes @ fit.covar @ slopes.transpose(0, 2, 1)
@@ -249,7 +247,6 @@ def predict(
         freedom = _freedom(fit, slopes)
         spread = _draws_of_errors(fit.covar, slopes) if whole else None
     else:
-        thetas = posterior.thetas(at)  # (W, P)
         drawn = np.array([block.predict(np.broadcast_to(t, fit.thetas.shape)) for t in thetas])
         response = drawn.mean(axis=0)
         parts = np.stack([drawn.real, drawn.imag], axis=2) - np.column_stack([response.real, response.imag])
