@@ -23,6 +23,7 @@ import warnings
 import zipfile
 from collections import Counter
 from collections.abc import Callable
+from contextlib import closing
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -92,6 +93,11 @@ def _write_xlsx(path: Path) -> None:
     book.save(path)
 
 
+def _write_unsealed(path: Path) -> None:
+    rf.write(_test(), path)
+    path.write_bytes(path.read_bytes()[:-48])
+
+
 def _volts() -> dict[str, Any]:
     t = np.arange(_SAMPLES) / _RATE
     rng = np.random.default_rng(5)
@@ -104,7 +110,7 @@ def _volts() -> dict[str, Any]:
 def _write_h5(path: Path) -> None:
     from rotorfit.simulation.instruments import write_counts
 
-    write_counts(path, _volts(), {"sample_rate_hz": _RATE, "speed_rpm": 1200.0})
+    write_counts(path, _volts(), {"sample_rate_hz": _RATE, "rig": "one with a name"})
 
 
 def _write_tdms(path: Path) -> None:
@@ -230,6 +236,7 @@ FORMATS = {
     "Excel": Format(suffix=".xlsx", write=_write_xlsx, read=_columns),
     "UFF, vectors": Format(suffix=".uff", write=lambda path: rf.write(_test(), path), read=_columns),
     "netCDF": Format(suffix=".nc", write=lambda path: rf.write(_test(), path), read=_columns, checked=True),
+    "netCDF of others": Format(suffix=".nc", write=_write_unsealed, read=_columns),
     "MAT, vectors": Format(suffix=".mat", write=lambda path: rf.write(_test(), path), read=_columns),
     "HDF5": Format(suffix=".h5", write=_write_h5, read=_recorded),
     "MAT 5": Format(suffix=".mat", write=_write_mat, read=_recorded),
@@ -326,7 +333,7 @@ def _fingerprint(values: Any) -> str:
 
 
 def serve(folder: Path) -> None:
-    """Read the files whose formats and names come in, a line each, and answer how it ended."""
+    """Write or read the files whose formats and names come in, a line each, and answer how it ended."""
     resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     warnings.simplefilter("ignore")
@@ -334,7 +341,9 @@ def serve(folder: Path) -> None:
     os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
     os.dup2(os.open(os.devnull, os.O_WRONLY), 2)
     for line in sys.stdin:
-        name, file = line.rstrip("\n").split("\t")
+        action, name, file = line.rstrip("\n").split("\t")
+        if action == "write":
+            FORMATS[name].write(folder / file)
         ending, words = outcome_of(FORMATS[name], folder / file)
         print(ending, repr(words)[:400], sep="\t", file=answers, flush=True)
 
@@ -351,12 +360,12 @@ class Reader:
         environment |= {"ARROW_DEFAULT_MEMORY_POOL": "system", "PYTHONPATH": os.pathsep.join(sys.path)}
         return subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=environment)
 
-    def outcome(self, name: str, file: str, seconds: float = SECONDS) -> tuple[str, str]:
-        """How reading a file ends."""
+    def outcome(self, name: str, file: str, action: str = "read", seconds: float = SECONDS) -> tuple[str, str]:
+        """How reading a file ends, that is written first if the action says so."""
         process = self._process
         if process.stdin is None or process.stdout is None:
             raise RuntimeError("the reading process has no pipes")
-        process.stdin.write(f"{name}\t{file}\n")
+        process.stdin.write(f"{action}\t{name}\t{file}\n")
         process.stdin.flush()
         if select.select([process.stdout], [], [], seconds)[0]:
             answer = process.stdout.readline()
@@ -368,7 +377,7 @@ class Reader:
             ending = ("hang", f"more than {seconds:g} s")
         self.close()
         self._process = self._started(self._folder)
-        self.outcome(name, f"whole{FORMATS[name].suffix}", 60.0)  # imports take their time once
+        self.outcome(name, str(Path(file).with_stem("whole")), seconds=60.0)  # imports take their time once
         return ending
 
     def close(self) -> None:
@@ -381,31 +390,24 @@ def study(names: list[str], mutations: int, seed: int) -> tuple[dict[str, Counte
     """Outcomes by format, and a line for each that is none of the harmless ones."""
     counts: dict[str, Counter[str]] = {}
     lines = []
-    with tempfile.TemporaryDirectory() as made:
+    with tempfile.TemporaryDirectory() as made, closing(Reader(Path(made))) as reader:
         for number, name in enumerate(names):
             kind, folder = FORMATS[name], Path(made) / f"{number}"
             folder.mkdir()
-            whole = folder / f"whole{kind.suffix}"
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore")
-                kind.write(whole)
-            reader = Reader(folder)
-            ending, fingerprint = reader.outcome(name, whole.name, 60.0)
+            whole, damaged = folder / f"whole{kind.suffix}", folder / f"damaged{kind.suffix}"
+            ending, fingerprint = reader.outcome(name, f"{number}/{whole.name}", "write", 60.0)
             if ending != "read":
                 raise RuntimeError(f"{name}: the valid file was not read: {fingerprint}")
             rng = np.random.default_rng((seed, list(FORMATS).index(name)))
             counts[name] = Counter()
             for at in range(mutations):
-                damaged = folder / f"damaged{kind.suffix}"
                 damaged.write_bytes(mutated(whole.read_bytes(), rng))
-                ending, words = reader.outcome(name, damaged.name)
-                counts[name][ending] += 1
+                ending, words = reader.outcome(name, f"{number}/{damaged.name}")
                 if ending == "read" and kind.checked and words != fingerprint:
-                    counts[name]["other numbers"] += 1
                     ending = "other numbers"
+                counts[name][ending] += 1
                 if ending not in HARMLESS:
                     lines.append(f"{name}, mutation {at}: {ending}: {words}")
-            reader.close()
     return counts, lines
 
 

@@ -1,21 +1,24 @@
-"""Reading files of unknown origin: one boundary for what packages raise over damaged ones, and checksums."""
+"""Reading files of unknown origin: one boundary for what packages raise over damaged ones, and seals."""
 
 from __future__ import annotations
 
 import hashlib
 import re
 import tomllib
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-import numpy as np
+from rotorfit.estimators.file_limits import check_dots
 
 _WORDS = 160
 """Characters of a package's own message that are passed on."""
 _LONG = re.compile(r"(\S{300})\S+")
 """A cell or name too long for a sentence."""
+
+_SEAL = b"rotorfit sha256 "
+"""What a checksum behind a file begins with."""
 
 
 @contextmanager
@@ -33,6 +36,8 @@ def reading(name: str, kind: str) -> Iterator[None]:
         yield
     except MemoryError:
         raise
+    except RecursionError as problem:
+        raise ValueError(f"{name} is not a readable {kind}: its content is nested too deeply") from problem
     except Exception as problem:
         words = _LONG.sub(r"\1...", " ".join(str(problem).split()))
         of_a_path = isinstance(problem, OSError) and problem.filename is not None
@@ -51,25 +56,26 @@ def reading(name: str, kind: str) -> Iterator[None]:
 def read_toml(path: Path, name: str) -> dict[str, Any]:
     """Content of a TOML file."""
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8-sig"))
+        text = path.read_text(encoding="utf-8-sig")
     except UnicodeDecodeError as problem:
         raise ValueError(
             f"{name}: a TOML file is UTF-8 text, byte {problem.start} is not; save it as UTF-8"
         ) from problem
+    check_dots(name, text)
+    return tomllib.loads(text)
 
 
-def checksum(parts: Iterable[Any]) -> str:
-    """Fingerprint of numbers, arrays and text, to be stored beside them."""
-    digest = hashlib.sha256()
-    for part in parts:
-        array = np.asarray(part)
-        plain = array.astype(str) if array.dtype.kind in "OSU" else array
-        content = "\0".join(plain.ravel().tolist()).encode() if plain.dtype.kind == "U" else plain.tobytes()
-        digest.update(f"{plain.dtype.kind}{array.shape}{len(content)} ".encode() + content)
-    return digest.hexdigest()
+def seal(path: Path) -> None:
+    """Put a checksum of all bytes behind an HDF5 file, where that format ends; whoever changes the file cuts it off."""
+    with path.open("rb+") as file:
+        digest = hashlib.file_digest(file, "sha256").digest()
+        file.write(_SEAL + digest)
 
 
-def check_sum(name: str, stored: Any, parts: Iterable[Any]) -> None:
-    """Refuse content that is not what its checksum was made of; files of earlier versions have none."""
-    if stored is not None and str(stored) != checksum(parts):
-        raise ValueError(f"{name} is damaged, or was changed after it was written: its checksum does not agree")
+def check_seal(path: Path, name: str) -> None:
+    """Refuse a file that is not as it was sealed; those of earlier versions, or of others, have no seal."""
+    with path.open("rb") as file:
+        content = file.read()
+    body, mark, digest = content[:-48], content[-48:-32], content[-32:]
+    if mark == _SEAL and hashlib.sha256(body).digest() != digest:
+        raise ValueError(f"{name} is damaged: its bytes are not those that were written (the checksum does not agree)")

@@ -41,6 +41,7 @@ FLOORS = (
 )
 """Rooms from the ground up; the third floor's are files. Imports go down, and none between rooms of a floor."""
 ESTIMATOR_FLOORS = (
+    ("file_limits",),
     ("atomic_file", "file_reading", "matching", "change_point"),
     ("blocks",),
     ("misfit",),
@@ -49,7 +50,7 @@ ESTIMATOR_FLOORS = (
     ("starting",),
     ("inference",),
 )
-"""The same inside ``estimators/``; the first floor's are files."""
+"""The same inside ``estimators/``; those of the first two floors are files."""
 RECORDING_FLOORS = (
     ("formats",),
     ("rig",),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,7 +13,8 @@ import h5py
 import numpy as np
 
 from rotorfit.estimators.atomic_file import whole_file
-from rotorfit.estimators.file_reading import check_sum, checksum, reading
+from rotorfit.estimators.file_limits import check_hdf5
+from rotorfit.estimators.file_reading import check_seal, reading, seal
 from rotorfit.estimators.inference.log_posterior import LogPosterior
 from rotorfit.estimators.inference.proposals import mixture
 from rotorfit.models.array_types import Float
@@ -231,24 +232,20 @@ def _write(path: Path, seed: int, learned: int, memory: Any) -> None:
             group.attrs["seed"], group.attrs["learned"] = seed, learned
             for number, part in enumerate(memory.random_state):
                 group.attrs[f"random_state_{number}"] = part
-            group.attrs["checksum"] = checksum(_parts(memory, seed, learned))
-
-
-def _parts(memory: Any, seed: int, learned: int) -> Iterator[Any]:
-    """All that a checkpoint holds."""
-    yield from (seed, learned, memory.get_chain(), memory.get_log_prob(), memory.accepted, *memory.random_state)
+        seal(draft)
 
 
 def _resume(memory: Any, path: Path, target: LogPosterior, walkers: int, seed: int | None) -> tuple[Any, int, int]:
     """Load a checkpoint into memory: the walkers' last state, the seed, the step at which proposals were learned."""
     with reading(str(path), "checkpoint of a sampler"):
+        check_seal(path, str(path))
+        check_hdf5(path)
         stored = emcee.backends.HDFBackend(str(path), read_only=True)
         shape, state = stored.shape, stored.get_last_sample()
         chain, density, accepted = stored.get_chain(), stored.get_log_prob(), stored.accepted
         with h5py.File(path, "r") as file:
             attributes = file[stored.name].attrs
             first_seed, learned = (int(attributes[name]) for name in ("seed", "learned"))
-            check_sum(str(path), attributes.get("checksum"), _parts(stored, first_seed, learned))
     if shape != (walkers, target.size):
         raise ValueError(
             f"checkpoint {path} holds {shape[0]} walkers of {shape[1]} entries, here are {walkers} of {target.size}: "

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rotorfit.estimators.file_limits import check_text
 from rotorfit.models import RotorModel
 
 _HOMES = (
@@ -103,6 +104,8 @@ def _decode_array(value: Mapping[str, Any]) -> NDArray[Any]:
     kind, shape, data = value["array"], tuple(value["shape"]), value["data"]
     if kind not in _KINDS.values():
         raise ValueError(f"array of unknown kind {kind!r}; there are {', '.join(_KINDS.values())}")
+    if kind == "str":
+        check_text("an array", [str(item) for item in data])
     try:
         if kind == "complex128":
             return np.array(data, dtype=float).view(complex).reshape(shape)

@@ -8,8 +8,9 @@ import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
+from rotorfit.estimators.file_limits import check_archive, check_text, check_unpacked
 from rotorfit.models.parameters import unknown_name
 
 EXCEL = (".xlsx", ".xlsm")
@@ -24,6 +25,8 @@ _POINT = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
 _THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2}[.,]\d{3}")
 NOT_TAKEN = ("", "nan", "n/a", "na", "-", "--")
 """How a reading that was not taken is written."""
+_CELL_BYTES = 8
+"""Memory that an empty cell takes; a sheet with one cell in its last row and column has 1.7e10 of them."""
 _ARCHIVE, _OLD_EXCEL = b"PK\x03\x04", b"\xd0\xcf\x11\xe0"
 
 
@@ -61,6 +64,8 @@ def read_cells(path: Path, sheet: str | None = None) -> Cells | None:
     if kept:
         _refuse_units(path.name, kept[:4])
     _refuse_thousands(path.name, header, [line for line, _ in kept], list(zip(*rows, strict=True)))
+    for column, name in zip(zip(*rows, strict=True), header):  # noqa: B905 - the header may have empty names at its end
+        check_text(f"{path.name}, column {name[:80]!r}", column)
     columns = [_pointed(list(column), path.name, name) for column, name in zip(zip(*rows, strict=True), header)]  # noqa: B905 - the header may have empty names at its end
     return Cells(header=header[:width], rows=list(zip(*columns, strict=True)), lines=[line for line, _ in kept])
 
@@ -165,6 +170,22 @@ def _text_rows(path: Path) -> Iterator[tuple[int, list[str]]]:
 
 
 def _sheet(path: Path, sheet: str | None) -> Iterator[tuple[int, list[str]]]:
+    with path.open("rb") as stream:
+        book = _workbook(path, stream)
+        if sheet is not None and sheet not in book.sheetnames:
+            raise ValueError(f"{path.name}: {unknown_name('sheet', sheet, book.sheetnames)}")
+        rows = book[sheet or book.sheetnames[0]].iter_rows(values_only=True)
+        size, taken = path.stat().st_size, 0
+        for line, row in enumerate(rows, 1):
+            taken += _CELL_BYTES * len(row)
+            check_unpacked(path.name, taken, size)
+            cells = [_shown(value) for value in row]
+            if any(cells) and not cells[0].startswith("#"):
+                yield line, cells
+        book.close()
+
+
+def _workbook(path: Path, stream: BinaryIO) -> Any:
     try:
         from openpyxl import load_workbook
         from openpyxl.utils.exceptions import InvalidFileException
@@ -173,7 +194,8 @@ def _sheet(path: Path, sheet: str | None) -> Iterator[tuple[int, list[str]]]:
     from zipfile import BadZipFile
 
     try:
-        book = load_workbook(path, read_only=True, data_only=True)
+        check_archive(path)
+        return load_workbook(stream, read_only=True, data_only=True)
     except (BadZipFile, InvalidFileException, KeyError) as reason:
         head = path.read_bytes()[:4]
         advice = (
@@ -184,16 +206,6 @@ def _sheet(path: Path, sheet: str | None) -> Iterator[tuple[int, list[str]]]:
             else "it is no workbook; a text file is named .csv or .txt"
         )
         raise ValueError(f"{path.name} is not a readable Excel file: {advice}") from reason
-    try:
-        if sheet is not None and sheet not in book.sheetnames:
-            raise ValueError(f"{path.name}: {unknown_name('sheet', sheet, book.sheetnames)}")
-        rows = book[sheet or book.sheetnames[0]].iter_rows(values_only=True)
-        for line, row in enumerate(rows, 1):
-            cells = [_shown(value) for value in row]
-            if any(cells) and not cells[0].startswith("#"):
-                yield line, cells
-    finally:
-        book.close()
 
 
 def _shown(value: Any) -> str:

@@ -83,8 +83,14 @@ class Table:
             raise ValueError(f"{self.where(row, name)}: {self.cells[name][row]} {why}")
 
 
+_LONGEST_NUMBER = 64
+"""Characters of a number; what is longer is none."""
+
+
 def floats(cells: Sequence[str]) -> Float | None:
     """Cells as numbers, blank ones as NaN; None if one of them is not a number."""
+    if max(map(len, cells), default=0) > _LONGEST_NUMBER:
+        return None
     try:
         return np.array([cell or "nan" for cell in cells]).astype(float)
     except ValueError:

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from rotorfit.data.experiments import Experiment
 from rotorfit.data.synchronous import SPEED_TOLERANCE
+from rotorfit.estimators.file_limits import check_mat
 from rotorfit.estimators.file_reading import reading
 from rotorfit.io.columns import build, column_types
 from rotorfit.io.csv_table import Table
@@ -50,6 +51,7 @@ def read_mat(path: str | Path) -> Experiment:
     Path(path).open("rb").close()  # a missing file or a folder is reported by its own exception
     source = Path(path).name
     with reading(source, "MAT file of version 5"):
+        check_mat(Path(path))
         try:
             content = loadmat(path, appendmat=False)
         except NotImplementedError as error:

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rotorfit.data.experiments import Experiment
-from rotorfit.estimators.file_reading import check_sum, checksum, reading
+from rotorfit.estimators.file_limits import check_hdf5
+from rotorfit.estimators.file_reading import check_seal, reading, seal
 from rotorfit.io.columns import build, column_types
 from rotorfit.models.parameters import unknown_name
 from rotorfit.units import find_unit, units_of
@@ -53,37 +53,23 @@ def write_netcdf(experiment: Experiment, path: str | Path) -> None:
         stored = values.astype(object) if values.dtype.kind == "U" else values
         variables[f"attribute_{number}"] = ("row", stored, {"long_name": name})
     header = {"title": "rotorfit experiment", "kind": type(experiment).__name__}
-    sealed(xr.Dataset(variables, attrs=header)).to_netcdf(path, engine="h5netcdf")
-
-
-def sealed(dataset: xr.Dataset) -> xr.Dataset:
-    """A data set with the checksum of all that it holds, which :func:`load_dataset` verifies."""
-    return dataset.assign_attrs(checksum=checksum(_parts(dataset)))
-
-
-def _parts(dataset: xr.Dataset) -> Iterator[Any]:
-    """Names, attributes and values of a data set."""
-    yield from (f"{name}={value}" for name, value in sorted(dataset.attrs.items()) if name != "checksum")
-    for name, variable in sorted(dataset.variables.items(), key=lambda item: str(item[0])):
-        yield from (str(name), *(f"{key}={value}" for key, value in sorted(variable.attrs.items())), variable.values)
+    xr.Dataset(variables, attrs=header).to_netcdf(path, engine="h5netcdf")
+    seal(Path(path))
 
 
 def load_dataset(path: Path, group: str | None = None) -> xr.Dataset:
     """A data set of a file, netCDF 4 (HDF5) or classic netCDF 3, as it was written."""
-    import h5py
     import xarray as xr
 
     with path.open("rb") as stream:
         classic = stream.read(3) == b"CDF"
     with reading(path.name, "netCDF file"):
+        check_seal(path, path.name)
         if not classic:
-            with h5py.File(path):  # h5netcdf leaves noise on the terminal where this fails
-                pass
+            check_hdf5(path)
         engine = "scipy" if classic else "h5netcdf"
         with xr.open_dataset(path, group=group, engine=engine, decode_times=False) as stored:
-            dataset = stored.load()
-        check_sum(path.name, dataset.attrs.get("checksum"), _parts(dataset))
-    return dataset
+            return stored.load()
 
 
 def read_netcdf(path: str | Path) -> Experiment:

@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rotorfit.estimators.atomic_file import whole_file
-from rotorfit.estimators.file_reading import reading
+from rotorfit.estimators.file_reading import reading, seal
 from rotorfit.fitting.digits import with_error
 from rotorfit.fitting.result import FitResult
-from rotorfit.io.netcdf import load_dataset, sealed
+from rotorfit.io.netcdf import load_dataset
 from rotorfit.models.text_table import text_table
 from rotorfit.uncertainty.arviz_loader import load_arviz
 from rotorfit.uncertainty.posterior import Posterior, SampleSettings
@@ -125,9 +125,8 @@ def save(posterior: Posterior, path: Path) -> None:
     with whole_file(path) as draft:
         for number, (group, dataset) in enumerate(datasets(posterior).items()):
             packed = {name: {"zlib": True, "complevel": 4, "shuffle": True} for name in dataset.data_vars}
-            sealed(dataset).to_netcdf(
-                draft, mode="a" if number else "w", group=group, engine="h5netcdf", encoding=packed
-            )
+            dataset.to_netcdf(draft, mode="a" if number else "w", group=group, engine="h5netcdf", encoding=packed)
+        seal(draft)
 
 
 def load_posterior(path: str | os.PathLike[str], fit: FitResult) -> Posterior:

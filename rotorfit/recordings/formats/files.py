@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotorfit.estimators.atomic_file import note_input
+from rotorfit.estimators.file_limits import check_unpacked
 from rotorfit.estimators.file_reading import reading
 from rotorfit.models.parameters import unknown_name
 from rotorfit.recordings.formats.raw_file import RawChannel, RawFile
@@ -62,6 +63,7 @@ def open_raw(path: str | Path) -> RawFile:
         raw: RawFile = import_module(f"rotorfit.recordings.formats.{kind}").open_file(file)
     if not raw.channels:
         raise ValueError(f"{file.name} holds no signals: no channel with enough samples to be a recording")
+    check_unpacked(file.name, 8.0 * sum(channel.size for channel in raw.channels.values()), file.stat().st_size)
     for channel in raw.channels.values():
         for said in (raw.sample_rate, channel.sample_rate):
             if said is not None and not 0 < said <= FASTEST:

@@ -16,6 +16,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
+from rotorfit.estimators.file_limits import check_hdf5
 from rotorfit.io.sampling import FEWEST, rate_of, rate_of_times, time_factor
 from rotorfit.recordings.formats.raw_file import RawChannel, RawFile, full_count, plain, unit_said
 
@@ -34,6 +35,7 @@ def open_file(path: Path) -> RawFile:
         else:
             found.extend((name.rpartition("/")[0], channel) for channel in _channels(path, name, item))
 
+    check_hdf5(path)
     with h5py.File(path, "r") as file:
         attributes = plain(file.attrs)
         for group in file.values():

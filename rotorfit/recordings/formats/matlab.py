@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rotorfit.estimators.file_limits import check_hdf5, check_mat
 from rotorfit.io.sampling import FEWEST, rate_of, rate_of_times, time_factor
 from rotorfit.recordings.formats.raw_file import RawChannel, RawFile, full_count, plain, unit_said
 from rotorfit.recordings.formats.spool import Samples, spooled
@@ -128,6 +129,7 @@ def _piece(array: _Array, column: int | None, start: int, stop: int) -> NDArray[
 def _classic(path: Path) -> dict[str, Any]:
     from scipy.io import loadmat, whosmat
 
+    check_mat(path)
     tree: dict[str, Any] = {}
     for name, _, _ in whosmat(path):
         tree[name] = _held(loadmat(path, variable_names=[name], simplify_cells=True)[name])
@@ -163,6 +165,7 @@ def _from_array(flat: NDArray[Any], start: int, stop: int, column: int | None) -
 def _modern(path: Path) -> dict[str, Any]:
     import h5py
 
+    check_hdf5(path)
     with h5py.File(path, "r") as file:
         return {key: _node(path, file, item) for key, item in file.items() if not key.startswith("#")}
 

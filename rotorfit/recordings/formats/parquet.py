@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rotorfit.estimators.file_limits import check_unpacked
 from rotorfit.io.sampling import FEWEST, rate_of, rate_of_times, time_factor
 from rotorfit.recordings.formats.raw_file import RawChannel, RawFile, full_count, unit_said
 from rotorfit.recordings.formats.spool import once, spooled
@@ -24,6 +25,7 @@ def open_file(path: Path) -> RawFile:
         raise ValueError(f"{path.name}: Parquet needs pyarrow; pip install 'rotorfit[parquet]'") from problem
     with parquet.ParquetFile(path) as file:
         schema, size = file.schema_arrow, file.metadata.num_rows
+    check_unpacked(path.name, 8.0 * size * len(schema), path.stat().st_size)
     said: dict[str, Any] = {}
     for key, value in (schema.metadata or {}).items():
         text = value.decode("utf-8", "replace")

@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rotorfit.estimators.file_limits import check_unpacked
 from rotorfit.io.cells import marked_encoding
 from rotorfit.io.sampling import rate_of, rate_of_times, time_factor
 from rotorfit.recordings.formats.raw_file import RawChannel, RawFile
@@ -188,6 +189,7 @@ def _columns(path: Path, head: _Head) -> NDArray[Any]:
     """All cells, shape ``(rows, columns)``, on disk."""
     with path.open("rb") as binary:
         lines = sum(block.count(b"\n") for block in iter(lambda: binary.read(1 << 24), b"")) + 1
+    check_unpacked(path.name, 8.0 * lines * len(head.names), path.stat().st_size)
     with path.open(encoding=head.encoding) as file:
         for _ in range(head.lines):
             file.readline()
