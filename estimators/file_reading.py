@@ -66,16 +66,20 @@ def read_toml(path: Path, name: str) -> dict[str, Any]:
 
 
 def seal(path: Path) -> None:
-    """Put a checksum of all bytes behind an HDF5 file, where that format ends; whoever changes the file cuts it off."""
+    """Put a checksum of all bytes behind a file whose format ends before; an HDF5 file loses it where it is changed."""
     with path.open("rb+") as file:
         digest = hashlib.file_digest(file, "sha256").digest()
         file.write(_SEAL + digest)
 
 
-def check_seal(path: Path, name: str) -> None:
-    """Refuse a file that is not as it was sealed; those of earlier versions, or of others, have no seal."""
-    with path.open("rb") as file:
-        content = file.read()
+def is_sealed(path: Path) -> bool | None:
+    """Whether a file is as it was sealed; None if it has no seal, as those of earlier versions and of others."""
+    content = path.read_bytes()
     body, mark, digest = content[:-48], content[-48:-32], content[-32:]
-    if mark == _SEAL and hashlib.sha256(body).digest() != digest:
+    return hashlib.sha256(body).digest() == digest if mark == _SEAL else None
+
+
+def check_seal(path: Path, name: str) -> None:
+    """Refuse a file that is not as it was sealed."""
+    if is_sealed(path) is False:
         raise ValueError(f"{name} is damaged: its bytes are not those that were written (the checksum does not agree)")

@@ -130,3 +130,65 @@ def test_kernels_are_kept_only_where_nobody_else_writes(tmp_path, monkeypatch):
     assert mine.stat().st_mode & 0o077 == 0
     monkeypatch.setenv("ROTORFIT_CACHE_DIR", str(open_))
     assert accelerator.cache_directory() is None
+
+
+def test_every_part_of_the_path_of_kernels_is_mine(tmp_path, monkeypatch):
+    """Who may write a folder above can put another in its place."""
+    below = tmp_path / "open" / "mine"
+    below.mkdir(parents=True)
+    below.chmod(0o700)
+    below.parent.chmod(0o775)
+    monkeypatch.setenv("ROTORFIT_CACHE_DIR", str(below))
+    assert accelerator.cache_directory() is None
+    below.parent.chmod(0o755)
+    assert accelerator.cache_directory() == below
+    (below / "__pycache__").chmod(0o777)
+    assert accelerator.cache_directory() is None
+    below.parent.chmod(0o1777)  # others may write there, but not rename what is not theirs
+    (below / "__pycache__").chmod(0o700)
+    assert accelerator.cache_directory() == below
+
+
+KERNEL = """
+@outer
+def twice(x):
+    return 2.0 * x
+"""
+
+
+def compiled_anew():
+    """Machine code as another process would get it, and whether it came from disk."""
+    accelerator.compile_kernels.cache_clear()
+    kernel = accelerator.compile_kernels(KERNEL)["twice"]
+    assert kernel(2.0) == 4.0
+    return bool(kernel._cache_hits)
+
+
+@pytest.mark.parametrize(
+    "damage", [lambda whole: b"", lambda whole: whole[:40], lambda whole: whole[:-70] + whole[-69:]]
+)
+def test_damaged_machine_code_is_compiled_again(tmp_path, monkeypatch, damage):
+    pytest.importorskip("numba")
+    monkeypatch.setenv("ROTORFIT_CACHE_DIR", str(tmp_path / "kernels"))
+    assert not compiled_anew()
+    assert compiled_anew()
+    files = sorted((tmp_path / "kernels" / "__pycache__").glob("*.nb[ic]"))
+    assert len(files) == 2
+    for file in files:
+        file.write_bytes(damage(file.read_bytes()))
+        assert not compiled_anew()
+        assert compiled_anew()
+
+
+def test_machine_code_is_not_loaded_from_a_numba_folder_of_others(tmp_path, monkeypatch):
+    numba = pytest.importorskip("numba")
+    monkeypatch.setenv("ROTORFIT_CACHE_DIR", str(tmp_path / "kernels"))
+    theirs = tmp_path / "theirs"
+    theirs.mkdir()
+    theirs.chmod(0o777)
+    monkeypatch.setattr(numba.config, "CACHE_DIR", str(theirs))
+    assert not compiled_anew()
+    assert not compiled_anew()
+    theirs.chmod(0o700)
+    assert not compiled_anew()
+    assert compiled_anew()

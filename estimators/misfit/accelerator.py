@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import glob
 import hashlib
 import importlib.util
 import os
+import stat
 import sys
 from collections.abc import Callable
 from functools import cache
@@ -16,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from rotorfit.estimators.atomic_file import whole_file
+from rotorfit.estimators.file_reading import is_sealed, seal
 
 Kernel = Callable[..., None]
 
@@ -31,7 +34,7 @@ def cache_directory() -> Path | None:
     """Directory for compiled kernels that only this user can write, ``None`` if there is no such place.
 
     ``ROTORFIT_CACHE_DIR`` chooses it, else the platform's cache directory of the user. Machine code is loaded from
-    it, so a directory that others own or may write is refused.
+    it, so a directory that others own or may write, or may replace by another, is refused.
     """
     chosen = os.environ.get("ROTORFIT_CACHE_DIR")
     if chosen:
@@ -43,12 +46,58 @@ def cache_directory() -> Path | None:
     else:
         path = Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache")) / "rotorfit" / "kernels"
     try:
-        path.mkdir(mode=0o700, parents=True, exist_ok=True)
-        status = path.stat()
+        for part in (*reversed(path.parents), path, path / "__pycache__"):
+            part.mkdir(mode=0o700, exist_ok=True)
     except OSError:
         return None
-    foreign = hasattr(os, "getuid") and (status.st_uid != os.getuid() or bool(status.st_mode & 0o022))
-    return None if foreign or not os.access(path, os.W_OK) else path
+    return path if _only_mine(path / "__pycache__") and os.access(path, os.W_OK) else None
+
+
+def _only_mine(path: Path) -> bool:
+    """Whether nobody but this user and root can change a folder, or put another in the place of any part of its path.
+
+    Folders above it may be open to others if these cannot rename what is not theirs there (``/tmp``).
+    """
+    if not hasattr(os, "getuid"):
+        return True
+    for part in dict.fromkeys(p for start in (path.absolute(), path.resolve()) for p in (start, *start.parents)):
+        status = part.stat()
+        sticky = bool(status.st_mode & stat.S_ISVTX) and part != path
+        if status.st_uid not in (0, os.getuid()) or (status.st_mode & 0o022 and not sticky):
+            return False
+    return path.stat().st_uid == os.getuid()
+
+
+class _SealedCache:
+    """numba's cache of a function on disk, whose files carry checksums: a damaged one is removed and compiled again."""
+
+    def __init__(self, function: Callable[..., Any]) -> None:
+        from numba.core.caching import FunctionCache
+
+        self._kept = FunctionCache(function)
+        self.cache_path = self._kept.cache_path
+        if not _only_mine(Path(self.cache_path)):  # where NUMBA_CACHE_DIR is, for instance
+            self._kept.disable()
+
+    def _files(self) -> list[Path]:
+        """The index and the machine code of every signature."""
+        base = glob.escape(self._kept._impl.filename_base)
+        return sorted(Path(self.cache_path).glob(f"{base}*.nb[ic]"))
+
+    def load_overload(self, signature: Any, context: Any) -> Any:
+        """Machine code of a signature, None where there is none or it is damaged."""
+        files = self._files()
+        if not all(map(is_sealed, files)):
+            for file in files:
+                file.unlink(missing_ok=True)
+        return self._kept.load_overload(signature, context)
+
+    def save_overload(self, signature: Any, code: Any) -> None:
+        """Keep machine code."""
+        self._kept.save_overload(signature, code)
+        for file in self._files():
+            if not is_sealed(file):
+                seal(file)
 
 
 def _write_once(path: Path, text: str) -> bool:
@@ -84,8 +133,9 @@ def compile_kernels(source: str) -> dict[str, Kernel]:
     kernels: dict[str, Kernel] = {}
 
     def outer(function: Callable[..., Any]) -> Any:
-        options = {"fastmath": _FAST, "error_model": "numpy", "nogil": True, "cache": stored}
-        kernels[function.__name__] = compiled = numba.njit(**options)(function)
+        kernels[function.__name__] = compiled = numba.njit(fastmath=_FAST, error_model="numpy", nogil=True)(function)
+        if stored:
+            compiled._cache = _SealedCache(function)
         return compiled
 
     # numba looks the module of a cached function up by its name.
