@@ -46,7 +46,9 @@ def perturbed() -> rf.PerturbationTest:
 def test_report_of_the_rig_says_what_the_fit_says(rig_fit: FitResult, tmp_path: Path) -> None:
     page = report_of(rig_fit, tmp_path / "report.html")
     onset = rig_fit.threshold_speed()
-    assert f"{onset.value * RPM:.1f} ± {onset.stderr * RPM:.1f} rpm" in page.shown
+    assert f"{onset.value * RPM:.0f} ± {np.hypot(onset.stderr, onset.systematic) * RPM:.0f} rpm" in page.shown
+    assert f"(± {onset.stderr * RPM:.1f} statistical, ± {onset.systematic * RPM:.0f} systematic)" in page.shown
+    assert "highest tested speed (2000 rpm), extrapolated." in page.shown
     assert (
         f"{100 * (onset.value / rig_fit.speeds.max() - 1):.1f} % above the highest tested speed (2000 rpm)"
         in page.shown
@@ -62,8 +64,8 @@ def test_report_of_the_rig_says_what_the_fit_says(rig_fit: FitResult, tmp_path: 
     for p in rig_fit.params.values():
         assert p.meaning in page.shown
         if p.vary:
-            digits = 1 - int(np.floor(np.log10(p.stderr)))
-            assert f"{p.value:.{max(digits, 0)}f}"[:5] in page.shown
+            digits = 1 - int(np.floor(np.log10(np.hypot(p.stderr, p.systematic))))
+            assert f"{round(p.value, digits):.{max(digits, 0)}f}"[:5] in page.shown
     for r in rig_fit.responses:
         assert r.name in page.shown
     assert "rotorfit fit rig_open.csv --model whirl-whip --known K3=6000 --out results/" in page.shown
@@ -182,7 +184,7 @@ def test_the_verdict_tells_the_misfit_of_the_responses(
     )
     assert "the residuals of the fit have no part in it" in report_of(rig_fit, tmp_path / "plain" / "report.html").text
     # one threshold: that of the chosen row is that of the verdict
-    value = f"{rig_refinement.best.threshold_speed().value * 30 / np.pi:.2f}"
+    value = f"{rig_refinement.best.threshold_speed().value * 30 / np.pi:.0f}"
     assert refined.count(value) >= 3
 
 

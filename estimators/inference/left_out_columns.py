@@ -32,8 +32,24 @@ class Clearance:
     """The radial clearance that a model with a law of eccentricity takes as known; its size is a share of it."""
 
 
-Term: TypeAlias = LeftOut | Offset | Clearance | int
-"""A term of the equation of motion, an offset, the clearance, or the place of a known parameter of the model."""
+@dataclass(frozen=True, kw_only=True)
+class Gain:
+    """A gain that all readings share, of the force or of the chain, or those of one coordinate; its size is a share."""
+
+    at: int | None = None  # coordinate
+
+
+@dataclass(frozen=True, kw_only=True)
+class Rest:
+    """A journal that rests off centre. A model without a law of eccentricity sees the fluid of that place."""
+
+    change: Float  # of the parameters by one unit of eccentricity, from that place to the centre, shape ``(P,)``
+    eccentricity: float  # of which that is the secant
+
+
+Term: TypeAlias = LeftOut | Offset | Clearance | Gain | Rest | int
+"""A term of the equation of motion, an offset, the clearance, a gain, the place at rest, or the place of a known
+parameter of the model."""
 
 
 def whitened_columns(problem: Problem, x: Float, terms: Sequence[Term]) -> ComplexArray:
@@ -66,16 +82,34 @@ def _resized(block: Block, factor: float) -> Block:
     return replace(block, model=model, eccentricity=eccentricity)
 
 
+def _resting(block: OrbitResponses, theta: Float, eccentricity: float) -> ComplexArray:
+    """Change by a unit of eccentricity at rest, added in squares to that of each orbit; static loads show theirs."""
+    off_centre = np.hypot(block.orbits(theta), eccentricity)
+    change = replace(block, mode="given", eccentricity=off_centre).predict(theta) - block.predict(theta)
+    return np.asarray(np.where(block.base.frequency[block.base.line] != 0, change / eccentricity, 0.0))
+
+
 def _change(block: Block, theta: Float, term: Term) -> ComplexArray:
-    if isinstance(term, int):
-        return block.predict_jacobian(theta)[1][:, term]
     step = 1e-4  # share of the clearance for a central difference: truncated at 1e-8, rounded at 1e-12
-    if isinstance(term, Clearance):
-        up, down = (_resized(block, 1 + sign * step).predict(theta) for sign in (1, -1))
-        return np.asarray((up - down) / (2 * step))
     base = responses_of(block)
-    if base is None or not is_linear(block):
-        return np.zeros(block.measured.size, dtype=complex)
+    change: ComplexArray = np.zeros(block.measured.size, dtype=complex)
+    if isinstance(term, int):
+        change = block.predict_jacobian(theta)[1][:, term]
+    elif isinstance(term, Clearance):
+        up, down = (_resized(block, 1 + sign * step).predict(theta) for sign in (1, -1))
+        change = (up - down) / (2 * step)
+    elif isinstance(term, Rest) and isinstance(block, OrbitResponses):
+        change = _resting(block, theta, term.eccentricity)
+    elif isinstance(term, Gain) and base is not None:
+        change = np.where(term.at is None or base.coordinate == term.at, block.predict(theta), 0.0)
+    elif isinstance(term, Rest) and is_linear(block):
+        change = -block.predict_jacobian(theta)[1] @ term.change
+    elif isinstance(term, LeftOut | Offset) and base is not None and is_linear(block):
+        change = _linear_change(base, theta, term)
+    return np.asarray(change)
+
+
+def _linear_change(base: Responses, theta: Float, term: LeftOut | Offset) -> ComplexArray:
     H = inverse(dynamic_stiffness(base, theta))
     line, read = base.line, base.coordinate
     amplitude = np.einsum("lij,lj->li", H, base.force)

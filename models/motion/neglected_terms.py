@@ -82,7 +82,10 @@ def terms_left_out(model: RotorModel) -> tuple[LeftOut, ...]:
                 found.append(_term("g", where, "gyroscopic effect", "kg", both, 1, by_speed=-1j))
             if len(planes) > 1:
                 found += [_beyond(expansion, blocks, where, both) for expansion in _BEYOND]
-    for i in fluid_coordinates(model):
+    if len(planes) == 1 and "Ds" in model.parameter_names:
+        internal = _term("ci", f"[{planes[0]}]", "internal damping of the shaft", "N s/m", ((0, 0, 1.0),), 1)
+        found.append(_with(internal, more=((0, 0.0, -1j),)))
+    for i in externally_undamped(model):
         meaning = "external damping beside the fluid's, counted in D and lam"
         found.append(_term("Ds", f"[{planes[i]}]", meaning, "N s/m", ((i, i, 1.0),), 1))
     return tuple(found)
@@ -170,19 +173,33 @@ def _with(term: LeftOut, *, more: tuple[tuple[int, complex, complex], ...]) -> L
 
 
 def fluid_coordinates(model: RotorModel) -> list[int]:
-    """Coordinates at which fluid damping D acts and no external damping of the model's own.
+    """Coordinates at which fluid damping D acts.
 
     Args:
         model: the rotor.
     """
+    return sorted(_damping_coordinates(model)[0])
+
+
+def externally_undamped(model: RotorModel) -> list[int]:
+    """Those of them without external damping of the model's own.
+
+    Args:
+        model: the rotor.
+    """
+    fluid, external = _damping_coordinates(model)
+    return sorted(fluid - external)
+
+
+def _damping_coordinates(model: RotorModel) -> tuple[set[int], set[int]]:
+    """Coordinates at which fluid damping D acts, and those with external damping."""
     names = model.parameter_names
     if "D" not in names:
-        return []
+        return set(), set()
     jacobian = model.functions.jacobian(model.vector({q.name: 1.0 for q in model.parameters}), 1.0, 0.0)
     damping = (jacobian.powers == 1) & (jacobian.rows == jacobian.columns)
     at = {name: set(jacobian.rows[damping & (jacobian.inputs == k)].tolist()) for k, name in enumerate(names)}
-    external = set().union(*(rows for name, rows in at.items() if name.startswith("Ds")))
-    return sorted(at["D"] - external)
+    return at["D"], set().union(*(rows for name, rows in at.items() if name.startswith("Ds")))
 
 
 def onset_shift(model: RotorModel, theta: Float, onset: Threshold, term: LeftOut) -> float:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from typing import Protocol
 
 from rotorfit.estimators.blocks.correlated import quantile
 from rotorfit.fitting.digits import plus_minus
@@ -11,6 +12,13 @@ from rotorfit.units import si_factor
 
 THRESHOLD = "threshold_speed"
 """What the threshold speed is called where a parameter could stand."""
+
+
+class Assuming(Protocol):
+    """A result that knows what its numbers rest on."""
+
+    def systematic(self, name: str) -> float:
+        """Standard uncertainty of a parameter by what the model leaves out or takes as known."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,6 +40,7 @@ class FittedParameter:
         resolved: whether the data determine it.
         at_bound: the estimate rests on a bound, so its error bar is not symmetric.
         freedom: degrees of freedom of ``stderr``, few where it rests on differences between few runs.
+        fit: the result that it belongs to, which knows what the parameter rests on.
     """
 
     name: str
@@ -47,17 +56,25 @@ class FittedParameter:
     resolved: bool = True
     at_bound: bool = False
     freedom: float = math.inf
+    fit: Assuming | None = field(default=None, init=False, compare=False, repr=False)
 
     def __float__(self) -> float:
         return self.value
 
-    def interval(self, level: float = 0.95) -> tuple[float, float]:
-        """Confidence interval by Student's t with the degrees of freedom of ``stderr``.
+    @property
+    def systematic(self) -> float:
+        """Standard uncertainty by what the model leaves out or takes as known; see :meth:`FitResult.systematic`."""
+        return 0.0 if self.fit is None else self.fit.systematic(self.name)
+
+    def interval(self, level: float = 0.95, *, statistical: bool = False) -> tuple[float, float]:
+        """Confidence interval by ``stderr`` and ``systematic``, Student's t with the degrees of freedom of ``stderr``.
 
         Args:
             level: probability that such intervals hold the truth.
+            statistical: by ``stderr`` alone.
         """
-        return _interval(self.value, self.stderr, self.freedom, level)
+        more = 0.0 if statistical or not 0 < self.stderr < math.inf else self.systematic
+        return _interval(self.value, self.stderr, more, self.freedom, level)
 
 
 @dataclass(frozen=True)
@@ -69,23 +86,26 @@ class Quantity:
         stderr: its standard error, likewise.
         unit: SI unit.
         freedom: degrees of freedom of ``stderr``.
+        systematic: standard uncertainty by what the model leaves out or takes as known; zero where that was not asked.
     """
 
     value: float
     stderr: float
     unit: str
     freedom: float = math.inf
+    systematic: float = 0.0
 
     def __float__(self) -> float:
         return self.value
 
-    def interval(self, level: float = 0.95) -> tuple[float, float]:
-        """Confidence interval by Student's t with the degrees of freedom of ``stderr``.
+    def interval(self, level: float = 0.95, *, statistical: bool = False) -> tuple[float, float]:
+        """Confidence interval by ``stderr`` and ``systematic``, Student's t with the degrees of freedom of ``stderr``.
 
         Args:
             level: probability that such intervals hold the truth.
+            statistical: by ``stderr`` alone.
         """
-        return _interval(self.value, self.stderr, self.freedom, level)
+        return _interval(self.value, self.stderr, 0.0 if statistical else self.systematic, self.freedom, level)
 
     def to(self, unit: str) -> Quantity:
         """The quantity in another unit of frequency: rpm, Hz, cpm or rad/s.
@@ -98,21 +118,27 @@ class Quantity:
 
         Example:
             >>> print(fit.threshold_speed().to("rpm"))
-            2666.8 +- 1.3 rpm
+            2667 +- 70 rpm (1.3 statistical, 70 systematic)
         """
         own, other = (si_factor("frequency", name.replace("/", "_")) for name in (self.unit, unit))
-        return replace(self, value=self.value * own / other, stderr=self.stderr * own / other, unit=unit)
+        value, stderr, systematic = (part * own / other for part in (self.value, self.stderr, self.systematic))
+        return replace(self, value=value, stderr=stderr, systematic=systematic, unit=unit)
 
     def __str__(self) -> str:
         if not math.isfinite(self.stderr):
             return "not determined by these data"
-        return f"{plus_minus(self.value, self.stderr)} {self.unit}".rstrip()
+        shown = f"{plus_minus(self.value, math.hypot(self.stderr, self.systematic))} {self.unit}".rstrip()
+        shares = f" ({self.stderr:.2g} statistical, {self.systematic:.2g} systematic)"
+        return shown + (shares if self.systematic else "")
 
 
-def _interval(value: float, stderr: float, freedom: float, level: float) -> tuple[float, float]:
+def _interval(value: float, stderr: float, more: float, freedom: float, level: float) -> tuple[float, float]:
     if not 0 < level < 1:
         raise ValueError(f"level is {level!r}; an interval has a probability between 0 and 1")
-    half = stderr * quantile(level, freedom)
+    wide = math.hypot(stderr, more)
+    if more and stderr:
+        freedom *= (wide / stderr) ** 4  # Satterthwaite: the systematic share is taken as known
+    half = wide * quantile(level, freedom)
     return value - half, value + half
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Unpack
 
@@ -101,6 +101,12 @@ class FitResult:
     model_uncertainty: Float | None = None
     start: str = "not recorded"
 
+    def __post_init__(self) -> None:
+        params = {name: replace(p) for name, p in self.params.items()}
+        for p in params.values():
+            object.__setattr__(p, "fit", self)
+        object.__setattr__(self, "params", params)
+
     def __repr__(self) -> str:
         """What was fitted and how well, on one line; ``print(fit)`` shows the table of :meth:`summary`."""
         size = f"{self.nvarys} values from {self.ndata} data"
@@ -178,48 +184,56 @@ class FitResult:
         known = freedom_of(self.problem.blocks)
         return min(known, float(self.nfree)) if self.widening > 1 and math.isfinite(known) else known
 
-    def interval(self, name: str, level: float = 0.95) -> tuple[float, float]:
+    def interval(self, name: str, level: float = 0.95, *, statistical: bool = False) -> tuple[float, float]:
         """Interval of a parameter: estimate and standard error, by Student's t where these have few degrees of freedom.
 
-        Infinite where the data do not determine the parameter. Holds the uncertainties of assumptions that the fit was
-        given, see :meth:`systematic`, as the intervals of ``params`` do not.
+        Infinite where the data do not determine the parameter. Holds the systematic share, see :meth:`systematic`.
 
         Args:
             name: a fitted or known parameter, or "threshold_speed", rad/s.
             level: probability that the interval holds the true value, between 0 and 1.
+            statistical: leave the systematic share out.
 
         Raises:
             KeyError: no such parameter; the message names the nearest.
             ValueError: a level that is no probability.
 
         Example:
-            >>> [round(end, 4) for end in fit.interval("lam", 0.95)]
+            >>> [round(end, 4) for end in fit.interval("lam", 0.95, statistical=True)]
             [0.473, 0.4737]
         """
         if name != THRESHOLD and name not in self.params:
             raise KeyError(unknown_name("parameter", name, self.params))
         p = self.threshold_speed() if name == THRESHOLD else self.params[name]
-        more = self.systematic(name)
-        if not more or not 0 < p.stderr < math.inf:
-            return p.interval(level)
-        wide = math.hypot(p.stderr, more)
-        freedom = p.freedom * (wide / p.stderr) ** 4  # Satterthwaite: what was given is taken as known well
-        return Quantity(p.value, wide, p.unit, freedom).interval(level)
+        return p.interval(level, statistical=statistical)
 
     def systematic(self, name: str) -> float:
-        """Standard uncertainty by the assumptions that were given one (``rf.fit(..., assumptions=)``); else zero.
+        """Standard uncertainty by what the model leaves out or takes as known; see :meth:`assumptions`.
+
+        Each entry of that table has a plausible size, or the one given by ``rf.fit(..., assumptions=)``, as standard
+        uncertainty; as far as the data cannot tell it, it moves the results. Zero where nothing of the kind is known:
+        fits that did not converge, and those with parameters per attribute.
 
         Args:
             name: a fitted or known parameter, or "threshold_speed", rad/s.
         """
-        if self._assumed is None:
-            return 0.0
-        column = THRESHOLD_COLUMN if name == THRESHOLD else name
-        return self._assumed.systematic(column) if column in self._assumed.entries[0].shifts else 0.0
+        return self._assumed.systematic(THRESHOLD_COLUMN if name == THRESHOLD else name)
+
+    @property
+    def foundations(self) -> tuple[str, ...]:
+        """What the data cannot tell although it moves a result by more than its error, in words, weightiest first.
+
+        Example:
+            >>> any(words.startswith("Ds[journal]") for words in fit.foundations)
+            True
+        """
+        return self._assumed.foundations
 
     @cached_property
-    def _assumed(self) -> Assumptions | None:
-        return self.assumptions() if self.settings.assumptions and self.success else None
+    def _assumed(self) -> Assumptions:
+        from rotorfit.fitting.assumptions.assumption_table import Assumptions
+
+        return self.assumptions() if self.success and len(self.thetas) == 1 else Assumptions(())
 
     @property
     def remarks(self) -> tuple[str, ...]:
@@ -320,7 +334,8 @@ class FitResult:
             (2667, 'rad/s')
         """
         if eccentricity is None:
-            return self.threshold_of(self.group(at))
+            found = self.threshold_of(self.group(at))
+            return replace(found, systematic=self.systematic(THRESHOLD)) if math.isfinite(found.stderr) else found
         from rotorfit.models.motion.off_centre import off_centre_threshold
 
         allowed = "|displacement| / clearance, from 0 to below 1"
@@ -415,12 +430,12 @@ class FitResult:
         For each: the score test, and how far it would move the results. No fit is repeated.
 
         Args:
-            priors: standard uncertainty of some of the terms, ``{"Ds[journal]": 2.0}``, in the table's units; it enters
-                the results as a systematic share. By default those of ``rf.fit(..., assumptions=)``, which enter
-                :meth:`interval`, the summary and the report too.
+            priors: standard uncertainty of some of the terms, ``{"Ds[journal]": 2.0}``, in the table's units, in place
+                of the plausible size; zero for what is not there. By default those of ``rf.fit(..., assumptions=)``,
+                which enter :meth:`interval`, the summary and the report too.
 
         Raises:
-            ValueError: parameters were fitted per attribute, or an uncertainty that is not positive.
+            ValueError: parameters were fitted per attribute, or an uncertainty that is negative.
             KeyError: a prior for what is not in the table.
 
         Example:

@@ -14,11 +14,9 @@ from rotorfit.estimators.inference.covariance import standard_error
 from rotorfit.estimators.misfit.parameter_space import DATUM
 from rotorfit.estimators.starting.start_points import GIVEN
 from rotorfit.fitting.assumptions.anisotropy import lines_cut_off
-from rotorfit.fitting.assumptions.shifts import foundations_of
-from rotorfit.fitting.digits import interval, plus_minus, with_error
+from rotorfit.fitting.digits import plus_minus, with_error
 from rotorfit.fitting.noise.record import NoiseVerdict, is_run_effect
 from rotorfit.fitting.noise.words import VERDICTS
-from rotorfit.fitting.quantities import THRESHOLD
 from rotorfit.fitting.structure.structure_error import structure_error
 from rotorfit.models import TurningOnSupports, eigenvalues, unstable_bands
 from rotorfit.models.motion.stability import growing_bands
@@ -32,7 +30,6 @@ if TYPE_CHECKING:
     from rotorfit.fitting.result import FitResult
 
 _NOTABLE_CORRELATION = 0.9
-_SMALL = 0.05  # systematic over statistical error below which it adds a thousandth to both together
 _FEW = 15  # degrees of freedom below which 1.96 standard errors are well short of a 95 % interval
 
 
@@ -84,7 +81,6 @@ def fit_table(fit: FitResult) -> str:
     lines += _stability_lines(fit) if fit.success else ["threshold speed: not stated, as the fit did not converge"]
     lines += interval_lines(fit)
     lines += _foundation_lines(fit)
-    lines += _assumed_lines(fit)
     lines += [f"errors: {remark}" for remark in fit.remarks]
     reduced = structure_error(fit)
     lines += [f"note: {caveat}" for caveat in (*fit.model.caveats, *([str(reduced)] if reduced else []))]
@@ -113,7 +109,7 @@ def _noise_lines(fit: FitResult) -> list[str]:
     lines += _without_runs(fit)
     few = [p for p in fit.params.values() if p.vary and p.resolved and p.freedom < _FEW]
     for p in few:
-        low, high = p.interval(0.95)
+        low, high = p.interval(0.95, statistical=True)
         how = f"(Student's t, {p.freedom:.2g} degrees of freedom)"
         lines.append(f"  {p.name}: 95 % interval {low:.6g} to {high:.6g} {p.unit} {how}")
     return lines
@@ -126,42 +122,11 @@ def _small(value: float, unit: str) -> str:
 
 def _foundation_lines(fit: FitResult) -> list[str]:
     """What the numbers rest on although these data cannot tell it."""
-    found = foundations_of(fit).foundations
-    return (
-        ["rests on what these data cannot tell, and would move with it:", *(f"  {words}" for words in found)]
-        if found
-        else []
-    )
-
-
-def _assumed_lines(fit: FitResult) -> list[str]:
-    """Results with their statistical and systematic errors, where uncertainties of assumptions were given."""
-    given = ", ".join(f"{name} {size:g}" for name, size in fit.settings.assumptions.items())
-    shown = [p for p in in_order(fit.params.values()) if p.vary and p.resolved and _matters(fit, p)]
-    if not (given and shown and fit.success):
+    words = fit.foundations
+    if not words:
         return []
-    rows = [["  with uncertainties given", "value", "statistical", "systematic", "95 % interval", "unit"]]
-    for p in shown:
-        cells = p.value, p.stderr, fit.systematic(p.name), fit.interval(p.name)
-        rows.append([f"  {p.name}", *_apart(*cells), p.unit])
-    onset = fit.threshold_speed()
-    if math.isfinite(onset.value) and math.isfinite(onset.stderr):
-        parts = onset.value, onset.stderr, fit.systematic(THRESHOLD)
-        value, error, more = (RPM_PER_RAD_S * part for part in parts)
-        low, high = fit.interval(THRESHOLD)
-        rows.append(
-            ["  threshold speed", *_apart(value, error, more, (RPM_PER_RAD_S * low, RPM_PER_RAD_S * high)), "rpm"]
-        )
-    return [f"assumptions given a standard uncertainty: {given}", *text_table(rows, "<26 >14 >12 >12 >28 <1")]
-
-
-def _matters(fit: FitResult, p: FittedParameter) -> bool:
-    return fit.systematic(p.name) > _SMALL * p.stderr
-
-
-def _apart(value: float, error: float, more: float, ends: tuple[float, float]) -> list[str]:
-    """Value, statistical and systematic error, and the interval of both."""
-    return [with_error(value, math.hypot(error, more))[0], f"{error:.2g}", f"{more:.2g}", interval(*ends)]
+    head = "rests on what these data do not tell, in the systematic share by these sizes (replace them: assumptions=)"
+    return [f"{head}:", *(f"  {line}" for line in words)]
 
 
 def _without_runs(fit: FitResult) -> list[str]:
@@ -179,9 +144,11 @@ def _without_runs(fit: FitResult) -> list[str]:
 def _parameter_lines(fit: FitResult) -> list[str]:
     """Lines of the parameter table; a parameter that the data do not determine shows no number."""
     both = any(p.stderr > p.stderr_noise * 1.01 for p in fit.params.values() if p.vary and p.resolved)
-    rows: list[list[str | Wide]] = [["parameter", "value", "stderr", *(["noise only"] * both), "start", "unit", ""]]
-    rows += [_row(p, both) for p in in_order(fit.params.values())]
-    return text_table(rows, "<22 >14 >12 >12 >14 <1 <1" if both else "<22 >14 >12 >14 <1 <1")
+    more = any(p.systematic for p in fit.params.values() if p.vary)
+    errors = ["stderr", *(["noise only"] * both), *(["systematic"] * more)]
+    rows: list[list[str | Wide]] = [["parameter", "value", *errors, "start", "unit", ""]]
+    rows += [_row(p, both, more) for p in in_order(fit.params.values())]
+    return text_table(rows, "<22 >14 " + " ".join([">12"] * len(errors)) + " >14 <1 <1")
 
 
 def in_order(params: Iterable[FittedParameter]) -> list[FittedParameter]:
@@ -197,14 +164,16 @@ def natural(text: str) -> tuple[tuple[int, float, str], ...]:
     return tuple((0, float(p), "") if i % 2 else (1, 0.0, p) for i, p in enumerate(parts) if p)
 
 
-def _row(p: FittedParameter, both: bool) -> list[str | Wide]:
+def _row(p: FittedParameter, both: bool, more: bool) -> list[str | Wide]:
     if not p.vary:
-        return [p.name, f"{p.value:.7g}", "known", *([""] * both), "", p.unit]
+        return [p.name, f"{p.value:.7g}", "known", *([""] * (both + more)), "", p.unit]
     if not p.resolved:
-        return [p.name, Wide("not determined by the data", 2 + both), f"{p.init_value:.6g}", p.unit]
-    start = with_error(p.init_value, p.stderr)[0]
-    noise = [f"{p.stderr_noise:.2g}"] * both
-    return [p.name, *with_error(p.value, p.stderr), *noise, start, p.unit, "at its bound" if p.at_bound else ""]
+        return [p.name, Wide("not determined by the data", 2 + both + more), f"{p.init_value:.6g}", p.unit]
+    whole = math.hypot(p.stderr, p.systematic)
+    value, start = with_error(p.value, whole)[0], with_error(p.init_value, whole)[0]
+    alike = [p.stderr, *([p.stderr_noise] * both), *([p.systematic] * more)]
+    errors = [with_error(0.0, error)[1] if 0 < error < math.inf else "-" for error in alike]
+    return [p.name, value, *errors, start, p.unit, "at its bound" if p.at_bound else ""]
 
 
 def interval_lines(fit: FitResult) -> list[str]:
@@ -269,8 +238,7 @@ def _stability_lines(fit: FitResult) -> list[str]:
         return ["threshold speed: none found, stable at every speed searched"]
     if onset.value == 0:
         return ["threshold speed: 0, the fitted rotor is unstable from standstill on"]
-    shown = plus_minus(onset.value * RPM_PER_RAD_S, onset.stderr * RPM_PER_RAD_S)
-    line = f"threshold speed: {shown} rpm, whirl ratio at onset {fit.whirl_ratio():.3f}"
+    line = f"threshold speed: {onset.to('rpm')}, whirl ratio at onset {fit.whirl_ratio():.3f}"
     highest = float(fit.speeds.max(initial=0.0))
     if highest > 0:
         percent = 100 * (onset.value / highest - 1)

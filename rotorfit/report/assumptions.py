@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from rotorfit.fitting.assumptions.assumption_table import Assumptions
-from rotorfit.fitting.assumptions.shifts import assumptions_of
 from rotorfit.report.html import Html, table
 from rotorfit.report.parts import note, section
 
@@ -16,8 +15,7 @@ if TYPE_CHECKING:
 def found_assumptions(material: ReportInput) -> Assumptions:
     """Assumptions of the fit, none where it failed or parameters were fitted per attribute."""
     fit = material.fit
-    shared = len(fit.thetas) == 1 and fit.success
-    return assumptions_of(fit) if shared else Assumptions(())
+    return fit.assumptions() if len(fit.thetas) == 1 and fit.success else Assumptions(())
 
 
 def assumptions_section(material: ReportInput) -> Html:

@@ -56,11 +56,10 @@ def parameter_section(material: ReportInput) -> Html:
         notes += [sentence(words) for words in fit.noise.sentences]
     if fit.settings.calibration is not None:
         notes.append("They hold the uncertainty of the calibration too; see the budget.")
-    if fit.settings.assumptions:
+    if any(p.systematic for p in fit.params.values() if p.vary):
         given = ", ".join(f"{name} {size:g}" for name, size in fit.settings.assumptions.items())
-        notes.append(
-            f"They do not hold the uncertainties given for assumptions ({given}), which the intervals below do."
-        )
+        words = "They are statistical; the intervals below hold the systematic share too, by what the numbers rest on"
+        notes.append(sentence(f"{words}, with the sizes given ({given})" if given else words))
     notes += [sentence(line) for line in (*interval_lines(fit), *fit.remarks)]
     rows = [_row(p, fit.model, starts.get(p.name, "")) for p in in_order(fit.params.values())]
     return section("Parameters", table(head, rows, numeric=(1, 2, 3, 5), whole=(4,)), note(*notes))
@@ -72,8 +71,8 @@ def _row(p: FittedParameter, model: RotorModel, start: str) -> list[str]:
         return [name, plain(p.value), "known", "", unit, "", p.meaning, ""]
     if not p.resolved:
         return [name, "not determined", "", "", unit, start, p.meaning, ""]
-    value, error = with_error(p.value, p.stderr)
-    noise = with_error(p.value, p.stderr_noise)[1]
+    value = with_error(p.value, math.hypot(p.stderr, p.systematic))[0]
+    error, noise = (with_error(p.value, size)[1] for size in (p.stderr, p.stderr_noise))
     bound = "at its bound: no symmetric interval" if p.at_bound else ""
     return [name, value, error, noise if noise != error else "", unit, start, p.meaning, bound]
 
@@ -115,7 +114,7 @@ def interval_section(material: ReportInput) -> Html:
     if material.shares:
         words.append(
             "Random and systematic shares are standard uncertainties, GUM type A (noise) and type B (calibration, and "
-            "assumptions that were given one)."
+            "what the numbers rest on)."
         )
     if not material.profiles and material.posterior is None and simulated is None:
         words.append("A posterior or profile likelihoods would test that.")
@@ -165,9 +164,7 @@ def _threshold_rows(material: ReportInput, profile: Profile | None) -> Iterator[
 
 
 def _onset_shares(fit: FitResult, onset: Quantity) -> tuple[str, str]:
-    """Random and systematic share of the threshold speed, rpm, where uncertainties of assumptions were given."""
-    if not fit.settings.assumptions:
-        return "", ""
+    """Random and systematic share of the threshold speed, rpm."""
     random, systematic = (RPM_PER_RAD_S * share for share in (onset.stderr, fit.systematic(THRESHOLD)))
     return plain(random, 2), plain(systematic, 2)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -72,8 +73,8 @@ def at_of(fit: FitResult, group: int) -> dict[str, str] | None:
 
 
 def onset_interval(fit: FitResult, onset: Quantity) -> tuple[float, float]:
-    """95 % interval of a threshold speed, rad/s, uncertainties of assumptions included, which go with one group."""
-    return fit.interval(THRESHOLD) if fit.settings.assumptions else onset.interval(0.95)
+    """95 % interval of a threshold speed, rad/s, its systematic share included."""
+    return replace(onset, systematic=fit.systematic(THRESHOLD)).interval(0.95)
 
 
 def threshold_interval(draws: Posterior | Bootstrap | None, at: dict[str, str] | None) -> str:

@@ -13,7 +13,7 @@ from rotorfit.estimators.starting.many_starts import LOCAL_MINIMUM
 from rotorfit.fitting.noise.record import NoiseVerdict
 from rotorfit.fitting.noise.residual_study import MODEL_LIMITED_REDCHI
 from rotorfit.fitting.noise.words import VERDICTS
-from rotorfit.fitting.quantities import Quantity
+from rotorfit.fitting.quantities import THRESHOLD, Quantity
 from rotorfit.fitting.result import FitResult
 from rotorfit.fitting.structure.structure_error import structure_error
 from rotorfit.models.motion.stability import growth_rate
@@ -156,14 +156,23 @@ def _stability_words(material: ReportInput) -> Iterator[str]:
     if not math.isfinite(lowest.stderr):
         yield f"These data do not determine the speed at which it becomes unstable{where}."
         return
-    value, error = with_error(lowest.value * RPM_PER_RAD_S, lowest.stderr * RPM_PER_RAD_S)
+    more = fit.systematic(THRESHOLD)
+    value, error = _in_rpm(lowest.value, math.hypot(lowest.stderr, more))
     margins = " and ".join(
         f"{plain(abs(100 * (lowest.value / speed - 1)), 3)} % {_side(lowest, speed)} the {what}"
         for what, speed in _reference_speeds(material)
     )
-    yield f"It becomes unstable at {value} ± {error} rpm{where}{', ' + margins if margins else ''}."
+    shares = f" ({_shares(lowest.stderr * RPM_PER_RAD_S, more * RPM_PER_RAD_S)})" if more else ""
+    highest = float(tested_speeds(fit).max(initial=0.0))
+    beyond = ", extrapolated" if 0 < highest < lowest.value else ""
+    yield f"It becomes unstable at {value} ± {error} rpm{shares}{where}{', ' + margins if margins else ''}{beyond}."
     if note:
         yield sentence(note)
+
+
+def _in_rpm(value: float, error: float) -> tuple[str, str]:
+    """A speed and its error, rad/s, as they are shown."""
+    return with_error(value * RPM_PER_RAD_S, error * RPM_PER_RAD_S)
 
 
 def _unstable(fit: FitResult, group: int) -> bool:
@@ -207,11 +216,17 @@ def _plus_minus(value: float, error: float) -> Html:
     return element("span", " ± ".join(with_error(value, error)), class_="whole")
 
 
+def _shares(statistical: float, systematic: float) -> str:
+    """Both shares of an error."""
+    return f"± {with_error(0.0, statistical)[1]} statistical, ± {with_error(0.0, systematic)[1]} systematic"
+
+
 def _stability_cards(material: ReportInput) -> Iterator[Html]:
     fit = material.fit
     if not fit.model.speed_dependent:
         yield _card("Threshold of instability", "none", "this model does not depend on the rotative speed")
         return
+    systematic = fit.systematic(THRESHOLD)
     for label, group in groups_of(fit):
         name = "Threshold of instability" + (f", {label}" if label else "")
         onset = fit.threshold_of(group)
@@ -228,7 +243,8 @@ def _stability_cards(material: ReportInput) -> Iterator[Html]:
             below = any(onset.value < speed for _, speed in _reference_speeds(material))
             yield _card(
                 name,
-                _plus_minus(onset.value * RPM_PER_RAD_S, onset.stderr * RPM_PER_RAD_S),
+                _plus_minus(onset.value * RPM_PER_RAD_S, math.hypot(onset.stderr, systematic) * RPM_PER_RAD_S),
+                *([_shares(onset.stderr * RPM_PER_RAD_S, systematic * RPM_PER_RAD_S)] if systematic else []),
                 *lines,
                 unit="rpm",
                 bad=below,
@@ -270,6 +286,6 @@ def _fluid_cards(fit: FitResult) -> Iterator[Html]:
         if not p.resolved:
             yield _card(name, "not determined", "see identifiability", bad=True)
         else:
-            more = fit.systematic(p.name)
-            shown = [f"± {plain(more, 2)} systematic, by the assumptions given"] if more else []
-            yield _card(name, _plus_minus(p.value, p.stderr), *shown, unit=unit_shown(p.unit))
+            more = p.systematic
+            shown = [_shares(p.stderr, more)] if more else []
+            yield _card(name, _plus_minus(p.value, math.hypot(p.stderr, more)), *shown, unit=unit_shown(p.unit))

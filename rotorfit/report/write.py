@@ -103,8 +103,6 @@ def write_report(
 def _shares(fit: FitResult) -> Mapping[str, tuple[float, float]]:
     """Random and systematic standard uncertainty by parameter, by calibration and assumptions."""
     calibrated = _calibration_shares(fit)
-    if not fit.settings.assumptions:
-        return calibrated
     found = {}
     for name in fit.problem.space.names:
         random, systematic = calibrated.get(name, (fit.params[name].stderr, 0.0))

@@ -36,7 +36,7 @@ def outcome_json(outcome: Outcome) -> str:
                     "value": _finite(p.value) if p.resolved else None,
                     "stderr": _finite(p.stderr) if p.resolved else None,
                     "stderr_noise": _finite(p.stderr_noise) if p.resolved else None,
-                    **({"systematic": best.systematic(p.name)} if best.settings.assumptions else {}),
+                    "systematic": p.systematic,
                     "unit": p.unit,
                     "status": status(p),
                     "closed_form": closed_value(outcome, p.name),
@@ -91,4 +91,5 @@ def _threshold(fit: FitResult) -> dict[str, float | None] | None:
     onset = fit.threshold_speed()
     if not (math.isfinite(onset.value) and math.isfinite(onset.stderr)):
         return None
-    return {"value": onset.value * RPM_PER_RAD_S, "stderr": onset.stderr * RPM_PER_RAD_S}
+    shares = {"value": onset.value, "stderr": onset.stderr, "systematic": onset.systematic}
+    return {name: share * RPM_PER_RAD_S for name, share in shares.items()}

@@ -12,6 +12,7 @@ from rotorfit.units import RPM_PER_RAD_S
 
 THRESHOLD_COLUMN = "threshold speed"
 _NOTHING = 1e-3  # of a standard error: a shift below it is shown as none
+_TOLD = 3.0  # uncertainty over standard error from which data narrow it; less clear information is curvature's too
 _MISSING = 4.0  # standard errors at which the data ask for a term; a dozen are tested at once
 
 
@@ -28,14 +29,20 @@ class Assumption:
     shifts: Mapping[str, float]
     errors: Mapping[str, float]  # standard errors of the results that the table shows
     implied: bool = False  # something that was fitted says that the term is there, though not how large it is
-    prior: float = math.nan  # standard uncertainty that was given for it, NaN for none
+    prior: float = math.nan  # standard uncertainty that was given for it in place of the plausible size
+
+    @property
+    def uncertainty(self) -> float:
+        """Standard uncertainty before the data: what was given, else the plausible size."""
+        return self.plausible if math.isnan(self.prior) else self.prior
 
     @property
     def left(self) -> float:
-        """Standard uncertainty that prior and data together leave of the term; zero without a prior."""
-        if math.isnan(self.prior):
-            return 0.0
-        return self.prior / math.hypot(1.0, self.prior / self.stderr)
+        """Root mean square size that it may have by its uncertainty and the data together; the results assume none."""
+        if self.stderr * _TOLD > self.uncertainty:
+            return self.uncertainty
+        told = 1 / (1 + (self.stderr / self.uncertainty) ** 2)  # weight of the data in the mean of a normal posterior
+        return math.hypot(math.sqrt(told) * self.stderr, told * self.estimate)
 
     @property
     def tested(self) -> bool:
@@ -50,9 +57,7 @@ class Assumption:
     @property
     def size(self) -> float:
         """Size by which the table's shifts go: what the residuals ask for where they tell, else the plausible one."""
-        if not math.isnan(self.prior) and not self.tested:
-            return self.prior
-        return self.estimate if self.tested else self.plausible
+        return self.estimate if self.tested else self.uncertainty
 
     @property
     def missing(self) -> bool:
@@ -61,14 +66,16 @@ class Assumption:
 
     @property
     def bears(self) -> bool:
-        """Whether a result rests on it: untested, and of a plausible size it moves one by more than its error."""
-        return not self.tested and self.weight > 1
+        """Whether a result rests on it: what the data leave of it moves one by more than its error."""
+        return self._largest(self.left) > 1
 
     @property
     def weight(self) -> float:
         """Largest shift of a result by :attr:`size`, in standard errors of that result."""
-        ratios = [abs(self.shifts[n] * self.size) / e for n, e in self.errors.items() if 0 < e < math.inf]
-        return max(ratios, default=0.0)
+        return self._largest(self.size)
+
+    def _largest(self, size: float) -> float:
+        return max((abs(self.shifts[n] * size) / e for n, e in self.errors.items() if 0 < e < math.inf), default=0.0)
 
 
 @dataclass(frozen=True)
@@ -94,11 +101,8 @@ class Assumptions:
 
     @property
     def foundations(self) -> tuple[str, ...]:
-        """What cannot be tested and moves a result by more than its error, each in words with these moves.
-
-        What was given an uncertainty is not named: it is in the errors.
-        """
-        return tuple(_foundation(entry) for entry in self.entries if entry.bears and math.isnan(entry.prior))
+        """What the data do not tell well enough, each in words with how far it moves results."""
+        return tuple(_foundation(entry) for entry in self.entries if entry.bears)
 
     def with_priors(self, priors: Mapping[str, float]) -> Assumptions:
         """With standard uncertainties given for some terms.
@@ -108,21 +112,21 @@ class Assumptions:
 
         Raises:
             KeyError: there is no such term.
-            ValueError: an uncertainty that is not positive.
+            ValueError: an uncertainty that is negative or infinite.
         """
         for name, size in priors.items():
             entry = self[name]
-            if not 0 < size < math.inf:
-                raise ValueError(f"the uncertainty of {entry.name} is {size}; it is positive")
+            if not 0 <= size < math.inf:
+                raise ValueError(f"the uncertainty of {entry.name} is {size}; it is positive, or zero for none")
         return Assumptions(tuple(replace(e, prior=priors.get(e.name, math.nan)) for e in self.entries))
 
     def systematic(self, result: str) -> float:
-        """Standard uncertainty of a result by the terms that were given one, each on its own.
+        """Standard uncertainty of a result by all entries, each on its own; zero for what is no result.
 
         Args:
             result: name of a column of the table, ``"lam"`` or ``"threshold speed"``; SI.
         """
-        return math.hypot(*(entry.shifts[result] * entry.left for entry in self.entries if entry.left))
+        return math.hypot(*(entry.shifts.get(result, 0.0) * entry.left for entry in self.entries))
 
     def combined(self, result: str) -> float:
         """Standard error of a result by the fit and :meth:`systematic` together.
@@ -189,23 +193,22 @@ def _words(found: Assumptions) -> list[str]:
         for entry in found.entries
         if entry.implied and not entry.tested
     ]
-    if any(entry.left for entry in found.entries):
-        results = list(found.entries[0].errors)
-        shares = (f"{_titled(n)} {_share(found, n)}" for n in results if math.isfinite(found.combined(n)))
-        words.append(f"With the uncertainties given, standard errors (systematic share): {', '.join(shares)}.")
+    results = list(found.entries[0].errors) if found.entries else []
+    shares = ", ".join(f"{_titled(n)} {_share(found, n)}" for n in results if math.isfinite(found.combined(n)))
+    if shares:
+        words.append(f"Standard errors with what the data leave of these sizes (systematic share): {shares}.")
     return words
 
 
 def _foundation(entry: Assumption) -> str:
-    """An assumption in words, with what one unit of a term does, or a plausible error of a value."""
-    term = entry.unit != "1" and "[" in entry.name
-    size = 1.0 if term else entry.plausible
+    """An assumption in words, with what the data leave of its size and what that does."""
+    size = entry.left
     moved = [
         _moved(name, entry.shifts[name] * size, error)
         for name, error in entry.errors.items()
-        if abs(entry.shifts[name] * entry.plausible) > error
+        if abs(entry.shifts[name] * size) > error
     ]
-    if term and THRESHOLD_COLUMN in entry.errors and not any(words.startswith(THRESHOLD_COLUMN) for words in moved):
+    if THRESHOLD_COLUMN in entry.errors and not any(words.startswith(THRESHOLD_COLUMN) for words in moved):
         moved.append(f"{THRESHOLD_COLUMN} as it is")
     unit = "" if entry.unit == "1" else f" {entry.unit}"
     return f"{entry.name}, {entry.meaning}; {size:+.2g}{unit}: {', '.join(moved)}"

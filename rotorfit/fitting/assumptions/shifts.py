@@ -8,10 +8,19 @@ from dataclasses import replace
 
 import numpy as np
 
+from rotorfit.data.experiments import PerturbationTest
 from rotorfit.estimators.blocks.nonlinear import OrbitResponses, responses_of
 from rotorfit.estimators.blocks.small_motion import OffCentreResponses
 from rotorfit.estimators.inference.covariance import prior_curvature
-from rotorfit.estimators.inference.left_out_columns import Clearance, Offset, Term, is_linear, whitened_columns
+from rotorfit.estimators.inference.left_out_columns import (
+    Clearance,
+    Gain,
+    Offset,
+    Rest,
+    Term,
+    is_linear,
+    whitened_columns,
+)
 from rotorfit.estimators.inference.score_tests import score_tests
 from rotorfit.estimators.misfit.losses import robust_weights
 from rotorfit.fitting.assumptions.assumption_table import THRESHOLD_COLUMN, Assumption, Assumptions
@@ -27,6 +36,8 @@ _SHARE = 0.01  # of what is there already: how large a term that nobody thought 
 _OFFSET = 0.02  # of the way to the next plane, by which a probe or a force may well be off
 _CLEARANCE = 0.02  # of the clearance, which heat and wear change
 _REST = 0.05  # eccentricity at which a journal that is taken as centred may well rest
+_GAIN = 0.015  # of a channel and of an unbalance, which calibration leaves: chains of probes hold 1 to 2 per cent
+_DAMPER = 0.03  # of the fluid's damping, by which a support or the surroundings may well damp the journal too
 _CLEARLY = 4.0  # standard errors from zero at which a fitted coupling damping says that there is a damper
 
 
@@ -36,7 +47,8 @@ def assumptions_of(fit: FitResult, priors: Mapping[str, float] | None = None) ->
         raise ValueError(
             "assumptions are tested where all tests share their parameters; these were fitted per attribute"
         )
-    entries = _entries(fit, [*_structure(fit), *_offsets(fit), *_clearance(fit), *_known(fit)])
+    terms: list[Term] = [*_structure(fit), *_offsets(fit), *_clearance(fit), *_known(fit), *_gains(fit), *_rest(fit)]
+    entries = _entries(fit, terms)
     found = Assumptions(tuple(sorted(entries, key=lambda e: (not e.missing, -abs(e.z) if e.missing else -e.weight))))
     return found.with_priors(priors) if priors else found
 
@@ -51,24 +63,8 @@ def assuming(fit: FitResult, given: Mapping[str, float], *, also_fitted: bool = 
     return replace(fit, settings=replace(fit.settings, assumptions=dict(given)))
 
 
-def foundations_of(fit: FitResult) -> Assumptions:
-    """What the data cannot tell although it moves a result by more than its error, weightiest first.
-
-    External damping where the fluid acts, the journal's place at rest, known values, the clearance: of the table of
-    :func:`assumptions_of` those that seldom are tested, in a fraction of its time. None where the fit failed or has
-    parameters per attribute.
-
-    Those for which the user gave an uncertainty are in the intervals.
-    """
-    if len(fit.thetas) > 1 or not fit.success:
-        return Assumptions(())
-    external = [term for term in _structure(fit) if term.name.startswith("Ds")]
-    entries = _entries(fit, [*external, *_clearance(fit), *_known(fit)])
-    return Assumptions(tuple(sorted((e for e in entries if e.bears), key=lambda e: -e.weight)))
-
-
 def _entries(fit: FitResult, terms: Sequence[Term]) -> list[Assumption]:
-    """Entries of the table for some terms, and for a journal that rests off centre."""
+    """Entries of the table for some terms."""
     if not terms:
         return []
     problem = fit.problem
@@ -107,7 +103,7 @@ def _entries(fit: FitResult, terms: Sequence[Term]) -> list[Assumption]:
                 prior=fit.settings.assumptions.get(name, math.nan),
             )
         )
-    return [*entries, *_resting(fit, onset, results, errors)]
+    return entries
 
 
 def _onset_change(fit: FitResult, onset: Threshold | None, term: Term, shift: Float) -> float:
@@ -149,41 +145,41 @@ def _clearance(fit: FitResult) -> list[Clearance]:
     return [Clearance()] if divided and fit.model.clearance else []
 
 
-def _resting(
-    fit: FitResult, onset: Threshold | None, results: Sequence[str], errors: Mapping[str, float]
-) -> list[Assumption]:
-    """A journal that rests off centre, which responses to circular forces hardly show, by a typical law.
+def _rest(fit: FitResult) -> list[Rest]:
+    """A journal that rests off centre, which responses to circular forces hardly show.
 
-    What was fitted then is the fluid at that eccentricity; it changes to that of the centred journal.
+    Without a law of the model's own a typical one says what fluid was seen there in place of that of the centre.
     """
     model = fit.model
-    if model.eccentricity_dependent or not fluid_coordinates(model) or not any(map(is_linear, fit.problem.blocks)):
+    if not fluid_coordinates(model) or not any(
+        isinstance(b, OrbitResponses) or is_linear(b) for b in fit.problem.blocks
+    ):
         return []
+    eccentricity = fit.settings.assumptions.get(_rest_name(fit), 0.0) or _REST
     law = Muszynska().start(1.0, 1.0)
-    factors = {"K0": (1 - _REST**2) ** law["n_K"], "D": (1 - _REST**2) ** law["n_D"]}
-    factors |= dict.fromkeys(("lam", "lam_D", "lam_M"), (1 - _REST) ** -law["b"])
-    values = dict(zip(model.parameter_names, fit.theta().tolist(), strict=True))
-    change = {name: values[name] * (factor - 1) / _REST for name, factor in factors.items() if name in values}
-    shifts = {name: change.get(name, 0.0) for name in results}
-    if onset is not None and THRESHOLD_COLUMN in errors:
-        shifts[THRESHOLD_COLUMN] = sum(
-            float(onset.gradient[model.parameter_names.index(name)]) * size for name, size in change.items()
-        )
-    plane = model.coordinates[fluid_coordinates(model)[0]].plane
-    name = f"rest[{plane}]"
-    return [
-        Assumption(
-            name=name,
-            meaning="eccentricity of the journal at rest, taken as centred",
-            unit="1",
-            estimate=math.nan,
-            stderr=math.inf,
-            plausible=_REST,
-            shifts=shifts,
-            errors=errors,
-            prior=fit.settings.assumptions.get(name, math.nan),
-        )
+    factors = {"K0": (1 - eccentricity**2) ** law["n_K"], "D": (1 - eccentricity**2) ** law["n_D"]}
+    factors |= dict.fromkeys(("lam", "lam_D", "lam_M"), (1 - eccentricity) ** -law["b"])
+    factor = np.array([factors.get(name, 1.0) for name in model.parameter_names])
+    return [Rest(change=fit.theta() * (factor - 1) / eccentricity, eccentricity=eccentricity)]
+
+
+def _rest_name(fit: FitResult) -> str:
+    return f"rest[{fit.model.coordinates[fluid_coordinates(fit.model)[0]].plane}]"
+
+
+def _gains(fit: FitResult) -> list[Gain]:
+    """Gains that nothing in the data tells: of a single run, and of planes with a single probe."""
+    tests = [test for test in fit.experiments if isinstance(test, PerturbationTest)]
+    if not tests or fit.model.frame != "z" or fit.settings.calibration is not None:
+        return []
+    runs = {name for test in tests for name in test.run.tolist()}
+    read = {(plane, way) for t in tests for plane, way in zip(t.plane.tolist(), t.direction.tolist(), strict=True)}
+    alone = [
+        Gain(at=number)
+        for number, place in enumerate(fit.model.coordinates)
+        if place.axis == "z" and {way for plane, way in read if plane == place.plane and way in "xyz"} in ({"x"}, {"y"})
     ]
+    return [*[Gain()] * (len(runs) == 1), *alone]
 
 
 def _known(fit: FitResult) -> list[int]:
@@ -196,22 +192,33 @@ def _known(fit: FitResult) -> list[int]:
 
 def _described(fit: FitResult, term: Term) -> tuple[str, str, str, float]:
     """Name, meaning, unit and plausible size."""
-    if isinstance(term, int):
-        p = fit.params[fit.model.parameter_names[term]]
-        return p.name, f"{p.meaning}, taken as known", p.unit, _SHARE * abs(p.value)
-    if isinstance(term, Clearance):
-        return "clearance", "radial clearance, taken as known, as a share of it", "1", _CLEARANCE
-    if isinstance(term, Offset):
-        planes = [c.plane for c in fit.model.coordinates]
-        where = f"{term.kind}[{planes[term.at]}]"
-        return where, f"offset towards {planes[term.towards]}", "1", _OFFSET
-    stiffness, frequency, speed = _levels(fit)
-    level = stiffness / frequency**term.power / speed**term.speed_power
-    if term.name.startswith("Ds") and "D" in fit.params:
-        level = max(level, abs(fit.params["D"].value))
-        if _coupled(fit):  # what acts between the planes acts at the journal too, about as much
-            return term.name, term.meaning, term.unit, max(_SHARE * level, _coupled(fit))
-    return term.name, term.meaning, term.unit, _SHARE * level
+    planes = [c.plane for c in fit.model.coordinates]
+    match term:
+        case Clearance():
+            described = "clearance", "radial clearance, taken as known, as a share of it", "1", _CLEARANCE
+        case Gain():
+            name = "gain" if term.at is None else f"gain[{planes[term.at]}]"
+            described = name, f"gain of the only {'run' if term.at is None else 'probe'}", "1", _GAIN
+        case Rest():
+            described = _rest_name(fit), "eccentricity of the journal at rest, taken as centred", "1", _REST
+        case Offset():
+            described = f"{term.kind}[{planes[term.at]}]", f"offset towards {planes[term.towards]}", "1", _OFFSET
+        case LeftOut():
+            stiffness, frequency, speed = _levels(fit)
+            share = _SHARE * stiffness / frequency**term.power / speed**term.speed_power
+            # What acts between the planes acts at the journal too, about as much.
+            damper = max(_damper(fit), _coupled(fit)) if term.name.startswith("Ds") else 0.0
+            described = term.name, term.meaning, term.unit, max(share, damper)
+        case _:
+            p = fit.params[fit.model.parameter_names[term]]
+            damper = _damper(fit) if p.name.startswith("Ds") else 0.0
+            described = p.name, f"{p.meaning}, taken as known", p.unit, max(_SHARE * abs(p.value), damper)
+    return described
+
+
+def _damper(fit: FitResult) -> float:
+    """Damping beside the fluid's that may well be there, N s/m."""
+    return _DAMPER * abs(fit.params["D"].value) if "D" in fit.params else 0.0
 
 
 def _coupled(fit: FitResult) -> float:
