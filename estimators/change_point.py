@@ -43,7 +43,7 @@ class Change:
 
 
 def fewest_dates(count: int) -> int:
-    """Dates that a full covariance needs before a change can be told from it."""
+    """Dates that a full covariance needs before a change can be distinguished from it."""
     return max(2 * FEWEST_DATES + 2, count + 4)
 
 

@@ -133,7 +133,7 @@ class KnownStructure(RotorModel):
         return dict(self._given)
 
     def equation(self, p: Any, speed: Any, eccentricity: Any) -> Sequence[Matrix]:
-        """What acts on the shaft at its planes: fluid and external dampers."""
+        """Forces on the shaft at its planes: fluid and external dampers."""
         size = len(self.coordinates)
         stiffness, damping, mass = ([[Complex(0.0)] * size for _ in range(size)] for _ in range(3))
         for plane in self.damping:

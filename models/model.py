@@ -165,14 +165,14 @@ class RotorModel(ABC):
 
     @cached_property
     def speed_dependent(self) -> bool:
-        """Whether the coefficients depend on the rotative speed."""
+        """True if the coefficients depend on the rotative speed."""
         _, speed, _, matrices, _ = self.symbolic
         flat = ca.vertcat(*[ca.vec(part) for m in matrices for part in (m.re, m.im)])
         return bool(ca.depends_on(flat, speed))
 
     @cached_property
     def eccentricity_dependent(self) -> bool:
-        """Whether the coefficients depend on the orbit's eccentricity (a nonlinear model)."""
+        """True if the coefficients depend on the orbit's eccentricity (a nonlinear model)."""
         _, _, eccentricity, matrices, _ = self.symbolic
         flat = ca.vertcat(*[ca.vec(part) for m in matrices for part in (m.re, m.im)])
         return bool(ca.depends_on(flat, eccentricity))
@@ -342,16 +342,16 @@ class RotorModel(ABC):
         return type(self)(**{**self.options(), **changes})
 
     def __getstate__(self) -> dict[str, Any]:
-        """What a copy in another process needs: compiled functions are made anew there."""
+        """State that a copy in another process needs: compiled functions are made anew there."""
         cached = [n for kind in type(self).__mro__ for n, v in vars(kind).items() if isinstance(v, cached_property)]
         return {name: value for name, value in self.__dict__.items() if name not in cached}
 
     @cached_property
     def _told_by(self) -> Hashable:
-        """What tells this model from others, for all that was compiled of a model serves every model that is the same.
+        """Key of this model: what was compiled of one model serves every model with the same key.
 
         Class and attributes of a model of this package. The equation of any other may draw on more than that, and
-        arrays cannot be told apart quickly: such a model is the same as itself only.
+        arrays cannot be compared quickly: such a model is the same as itself only.
         """
         whole = type(self), *self.__getstate__().items()
         try:
@@ -390,7 +390,7 @@ _PACKAGE = __name__.partition(".")[0]
 
 
 def _is_ours(value: object) -> bool:
-    """Whether a value is plain, or of a class of this package, or holds nothing else."""
+    """True if a value is plain, or of a class of this package, or holds nothing else."""
     if isinstance(value, tuple):
         return all(map(_is_ours, value))
     return type(value).__module__.partition(".")[0] in ("builtins", _PACKAGE)
@@ -418,7 +418,7 @@ def _compiled(model: RotorModel) -> CompiledModel:
 
 
 def _last(values: Float) -> Float:
-    """What a compiled function answers, shape ``(n, ...)``, with its entries last."""
+    """Answer of a compiled function, shape ``(n, ...)``, with its entries last."""
     return values if values.ndim == 1 else values.transpose(*range(1, values.ndim), 0)
 
 

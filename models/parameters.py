@@ -1,4 +1,4 @@
-"""What a model says about one of its parameters."""
+"""Description of a parameter by its model."""
 
 from __future__ import annotations
 

@@ -123,7 +123,7 @@ class Responses:
 
     @cached_property
     def layout_notes(self) -> dict[Any, Any]:
-        """What others worked out of the layout and keep here."""
+        """Results that others derived from the layout and keep here."""
         return {}
 
     @cached_property

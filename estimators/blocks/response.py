@@ -76,7 +76,7 @@ def _stiffness(block: Responses, theta: Float) -> ComplexArray:
 
 
 def known_lines(block: Responses, theta: Float) -> KnownStiffness | None:
-    """What a known structure adds to the stiffness, lines along the last axis; None without one."""
+    """Contribution of a known structure to the stiffness, lines along the last axis; None without one."""
     return (
         None
         if block.model.shaft is None
@@ -241,7 +241,7 @@ def _drive_point(block: Responses, H: ComplexArray) -> ComplexArray:
 
 
 def _amplitude(block: Responses, H: ComplexArray) -> ComplexArray:
-    """What every coordinate does in every line, shape ``(n, ..., L)``."""
+    """Response of every coordinate in every line, shape ``(n, ..., L)``."""
     return np.asarray(np.einsum("ji...l,lj->i...l", H, block.force))
 
 

@@ -1,4 +1,4 @@
-"""Rows of a table told apart by the numbers in their columns."""
+"""Rows of a table distinguished by the numbers in their columns."""
 
 from __future__ import annotations
 

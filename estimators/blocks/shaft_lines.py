@@ -83,7 +83,7 @@ class LineResponses:
 
 
 def is_image_line(line: Text) -> Bool:
-    """Whether lines are images, whose frequency falls as w rises: ``2Om-w``, ``-w``."""
+    """True if lines are images, whose frequency falls as w rises: ``2Om-w``, ``-w``."""
     return np.asarray(np.char.find(line, "-w") >= 0)
 
 
@@ -106,7 +106,7 @@ class PairResponses(OnResponses):
         return self._turned_back(self.base.measured)
 
     def cut_off(self, theta: Float) -> Float:
-        """What lines that the model leaves out would change, m, shape ``(R,)``: with two more on either side."""
+        """Change by lines that the model leaves out, m, shape ``(R,)``: with two more on either side."""
         frame = self.base.model
         if not isinstance(frame, LinesFrame):
             return np.zeros(self.measured.size)

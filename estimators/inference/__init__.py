@@ -1,1 +1,1 @@
-"""What the data determine and how well: covariance, identifiability, profiles, score tests, posteriors."""
+"""Inference from the data: covariance, identifiability, profiles, score tests, posteriors."""

@@ -23,7 +23,7 @@ ValueAndGradient = Callable[[Float], tuple[float, Float]]
 _OPTIONS = Options(max_iterations=60, hessian="gauss-newton")
 _STEP_TOLERANCE = 1e-16  # squared step that remains, in standard errors, against chi-squared
 _COST_TOLERANCE = 1e-9
-"""What the quadratic model of a last step may miss of the cost.
+"""Error of the cost that the quadratic model of a last step may have.
 
 It misses the share of the step's square, in standard errors, by which Gauss-Newton steps contract.
 """
@@ -98,10 +98,10 @@ class EntryConstraint:
 
 
 class Condition(Protocol):
-    """What holds a derived quantity at a value: an equation between the vector and the value."""
+    """Constraint that holds a derived quantity at a value: an equation between the vector and the value."""
 
     def __call__(self, x: Float, values: Float) -> tuple[Float, Float, Float]:
-        """What the equation misses at vectors of shape ``(W, p)``, and its derivatives by vector and value.
+        """Residual of the equation at vectors of shape ``(W, p)``, and its derivatives by vector and value.
 
         NaN where the equation does not hold the quantity there.
         """

@@ -109,7 +109,7 @@ def bends(loss: Loss, r: ComplexArray) -> Float:
 
 
 def prior_curvature(problem: Problem, x: Float) -> Float:
-    """What the priors add to the diagonal of the curvature, shape ``(p,)``."""
+    """Contribution of the priors to the diagonal of the curvature, shape ``(p,)``."""
     added = np.zeros(x.size)
     for prior in problem.priors:
         added[prior.entry] += prior.terms(float(x[prior.entry]))[2]
@@ -125,7 +125,7 @@ def score_scatter(problem: Problem, x: Float, r: ComplexArray, J: ComplexArray, 
 
 
 def weighing_error(problem: Problem, J: ComplexArray, covar: Float) -> Float:
-    """What errors of the weights themselves add to a covariance, shape ``(p, p)``, where few mountings tell them.
+    """Contribution of errors of the weights to a covariance, shape ``(p, p)``, where few mountings show them.
 
     A channel whose scatter came out small by chance is weighed too much: with ``d_c`` the error of the logarithm of its
     variance the estimate moves by ``A sum_c d_c (s_c - I_c A s)``, ``s_c`` the score of the channel and ``I_c`` its
@@ -184,7 +184,7 @@ def inverse_curvature(problem: Problem, x: Float) -> Float:
 
 
 def excess(wide: Float, own: Float) -> Float:
-    """What must join a covariance so that no combination is surer than by another, shape ``(p, p)``.
+    """Least addition to a covariance so that no combination is surer than by another, shape ``(p, p)``.
 
     The positive part of their difference, entries scaled by the standard errors.
     """

@@ -26,7 +26,7 @@ RESOLVED_TIMES = 100.0
 R-hat, which exceeds one by the autocorrelation time over the length, comes down to 1.01."""
 
 FIRST_LEARNING = 500
-"""Steps after which the independence proposals of a slow chain take their picture from the draws so far, and again
+"""Steps after which the independence proposals of a slow chain are adapted to the draws so far, and again
 whenever the chain has doubled; what was drawn until then is burn-in, so that the proposals of the draws kept are
 fixed."""
 
@@ -121,7 +121,7 @@ def _progress(verdict: WalkerPaths, ess: float) -> SamplerProgress:
 
 
 def _should_learn(memory: Any, verdict: WalkerPaths, learned: int, max_steps: int) -> bool:
-    """Whether the chain is slow and has doubled since the proposals were last learned, with as many steps to come."""
+    """True if the chain is slow and has doubled since the proposals were last learned, with as many steps to come."""
     steps = memory.iteration
     slow = not len(verdict.draws) >= 0.5 * RESOLVED_TIMES * verdict.tau.max()
     if not slow or not max(FIRST_LEARNING, 2 * learned) <= steps <= max_steps / 2:

@@ -248,7 +248,7 @@ def _message(
 def _pair(
     model: RotorModel, base: Sequence[str], values: Float, moves: Float, chosen: Sequence[int]
 ) -> tuple[str, str] | None:
-    """Whether two parameters are open only as their sum, difference, product or ratio."""
+    """True if two parameters are open only as their sum, difference, product or ratio."""
     a, b = chosen
     tolerance = 1e-3
     units = [model.parameter(base[i]).unit if base[i] in model.parameter_names else None for i in chosen]

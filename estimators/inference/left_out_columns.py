@@ -1,4 +1,4 @@
-"""What terms that a model leaves out would do to its predictions, reading by reading."""
+"""Effect of terms that a model leaves out on its predictions, reading by reading."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ def whitened_columns(problem: Problem, x: Float, terms: Sequence[Term]) -> Compl
 
 
 def is_linear(block: Block) -> bool:
-    """Whether a block holds responses of a linear rotor to circular forces, which left-out terms act on."""
+    """True if a block holds responses of a linear rotor to circular forces, which left-out terms act on."""
     base = responses_of(block)
     return isinstance(base, Responses) and not isinstance(block, OrbitResponses) and not base.imposed
 

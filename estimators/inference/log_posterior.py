@@ -61,7 +61,7 @@ class LogPosterior:
         space = self.problem.space
         levels: list[str] = []
         for name in self.problem.channel_names if self.noise == "sampled" else ():
-            # Files may name their runs alike: the second such channel is told by its number.
+            # Files may name their runs alike: the second such channel is named by its number.
             count = sum(level.startswith((f"log_s[{name}]", f"log_s[{name} #")) for level in levels)
             levels.append(f"log_s[{name} #{count + 1}]" if count else f"log_s[{name}]")
         return (*space.names, *space.nuisance, *levels)

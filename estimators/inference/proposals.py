@@ -1,4 +1,4 @@
-"""Proposals for emcee: independent draws from a heavy-tailed picture of the posterior, mixed with emcee's own moves."""
+"""Proposals for emcee: independent draws from a heavy-tailed approximation of the posterior, and its own moves."""
 
 from __future__ import annotations
 
@@ -85,7 +85,7 @@ def best_proposal(
 
 
 def mixture(log_density: Callable[[Float], Float], centre: Float, covariance: Float) -> list[tuple[Any, float]]:
-    """Independence proposals mixed with moves that need no picture: differential evolution and stretch.
+    """Independence proposals mixed with moves that need no approximation: differential evolution and stretch.
 
     Independence proposals get the larger a share the more they resemble the posterior, and half where they do not and
     walkers have to be carried.

@@ -17,7 +17,7 @@ from rotorfit.models.tolerances import RANK_TOLERANCE
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Curvature:
-    """Quadratic picture of the cost of one part of the data around a point."""
+    """Quadratic approximation of the cost of one part of the data around a point."""
 
     names: tuple[str, ...]  # parameters, shape ``(p,)``
     x: Float  # the point, shape ``(p,)``
@@ -28,17 +28,17 @@ class Curvature:
     prior: Float  # what priors add to the diagonal of the matrix, shape ``(p,)``
 
     def scaled(self, factor: float) -> Curvature:
-        """The picture with the readings' information times a factor, that of the priors as it is."""
+        """The approximation with the readings' information times a factor, that of the priors as it is."""
         own = np.diag(self.prior)
         return replace(self, matrix=factor * (self.matrix - own) + own)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Parts:
-    """A quadratic picture parted in ``s`` shared and ``q`` own parameters."""
+    """A quadratic approximation parted in ``s`` shared and ``q`` own parameters."""
 
-    shared: Index  # places of either kind among the parameters of the picture, shapes ``(s,)`` and ``(q,)``
-    own: Index  # places of either kind among the parameters of the picture, shapes ``(s,)`` and ``(q,)``
+    shared: Index  # places of either kind among the parameters of the quadratic, shapes ``(s,)`` and ``(q,)``
+    own: Index  # places of either kind among the parameters of the quadratic, shapes ``(s,)`` and ``(q,)``
     schur: Float  # information on the shared ones, the own ones free, shape ``(s, s)``
     size: Float  # information on each of the shared ones, all others known, shape ``(s,)``
     gradient: Float  # slope by the shared ones, the own ones following, shape ``(s,)``
@@ -46,11 +46,11 @@ class Parts:
     own_covar: Float  # covariance of the own ones, the shared ones known, shape ``(q, q)``
 
     @classmethod
-    def of(cls, picture: Curvature, names: Sequence[str]) -> Parts:
-        """Part a picture."""
-        shared = np.array([picture.names.index(name) for name in names], dtype=np.intp)
-        own = np.setdiff1d(np.arange(len(picture.names)), shared)
-        A = picture.matrix
+    def of(cls, quadratic: Curvature, names: Sequence[str]) -> Parts:
+        """Part an approximation."""
+        shared = np.array([quadratic.names.index(name) for name in names], dtype=np.intp)
+        own = np.setdiff1d(np.arange(len(quadratic.names)), shared)
+        A = quadratic.matrix
         size = np.sqrt(np.maximum(np.diag(A), 0.0))
         scale = 1 / np.where(size > 0, size, 1.0)
         unit = A * np.outer(scale, scale)
@@ -64,7 +64,7 @@ class Parts:
             own=own,
             schur=schur,
             size=np.diag(A)[shared],
-            gradient=picture.gradient[shared] + follow.T @ picture.gradient[own],
+            gradient=quadratic.gradient[shared] + follow.T @ quadratic.gradient[own],
             follow=follow,
             own_covar=inner,
         )

@@ -19,7 +19,7 @@ _SMALLEST_REMAINDER = 1e-6  # length left of a column, over its own, at which pa
 
 @dataclass(frozen=True, kw_only=True)
 class Scores:
-    """What the data say of left-out terms, one entry each, taken one by one."""
+    """Score tests of left-out terms, one entry each, taken one by one."""
 
     estimate: Float  # size of the term that the residuals ask for, in its units; NaN where parameters take up all of it
     stderr: Float  # its standard error, infinite there

@@ -27,8 +27,8 @@ _LARGEST_CHANGE = 0.5  # change of a parameter, over its value, from which it ha
 def along_valley(problem: Problem, x: Float, covar: Float, scales: Float, verdict: Identifiability) -> Identifiability:
     """The verdict, with parameters not determined that go together farther than their standard errors tell.
 
-    A parameter that others are told over is held at six standard errors from its estimate, all else being fitted
-    again: chi-squared is to rise by nine there at least, a quarter of what the curvature promises.
+    A parameter that others are estimated as ratios to is held at six standard errors from its estimate, all else being
+    fitted again: chi-squared is to rise by nine there at least, a quarter of what the curvature promises.
     """
     space = problem.space
     for denominator, over in space.model.ratios.items():
@@ -88,7 +88,7 @@ def _with(
 
 
 def _message(problem: Problem, x: Float, chosen: Sequence[int], end: float, rise: float) -> str:
-    """What a reader is told of a valley that is longer than the curvature at its lowest point tells."""
+    """The warning of a valley that is longer than the curvature at its lowest point says."""
     names, entry = problem.space.names, chosen[0]
     unit = problem.space.model.parameter(problem.space.base[entry]).unit
     together = f"{', '.join(names[i] for i in chosen)} only as ratios" if len(chosen) > 1 else f"{names[entry]} is open"

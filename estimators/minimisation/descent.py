@@ -122,7 +122,7 @@ class Minimisation:
         return np.clip(u * self.scale, self.lower, self.upper)
 
     def unit(self, cost: float) -> float:
-        """What derivatives are divided by: the cost, kept from zero."""
+        """Divisor of derivatives: the cost, kept from zero."""
         return max(cost, _COST_FLOOR * self.reference) or 1.0
 
     def evaluate(self, u: Vector) -> _Point | None:
@@ -213,11 +213,11 @@ class Minimisation:
         return candidate.offset <= enough or self.exhausted() or self.stuck()
 
     def exhausted(self) -> bool:
-        """Whether the iterations allowed are used up."""
+        """True if the iterations allowed are used up."""
         return self.n_iterations >= self.options.max_iterations
 
     def stuck(self) -> bool:
-        """Whether the last iterations brought nothing, or little enough to try the exact Hessian."""
+        """True if the last iterations brought nothing, or little enough to try the exact Hessian."""
         window = 6  # iterations over which progress is judged
         if len(self.history) <= window:
             return False
@@ -266,16 +266,16 @@ class Minimisation:
             exact = exact or (ratio > slow_share and self.options.hessian == "auto")
 
     def converged(self) -> bool:
-        """Whether the best point is a minimum within the tolerances."""
+        """True if the best point is a minimum within the tolerances."""
         best = self.best
         return best.offset <= self.options.acceptable or best.point.cost <= _COST_FLOOR * self.reference
 
     def singular(self) -> bool:
-        """Whether some change of the parameters, away from the bounds, leaves all residuals unchanged."""
+        """True if some change of the parameters, away from the bounds, leaves all residuals unchanged."""
         return self._unseen(self.best.point) > 0
 
     def singular_throughout(self) -> bool:
-        """Whether that was so at the start already, in as many directions: the data see none of them anywhere."""
+        """True if that was so at the start already, in as many directions: the data see none of them anywhere."""
         first = self.evaluate(self.start)
         return first is not None and 0 < self._unseen(self.best.point) <= self._unseen(first)
 

@@ -1,4 +1,4 @@
-"""What the least-squares engine minimises, how it is set, and what it answers."""
+"""Objective, settings and solution of the least-squares engine."""
 
 from __future__ import annotations
 
@@ -83,7 +83,7 @@ class Solution:
 
     @property
     def success(self) -> bool:
-        """Whether ``x`` is a minimum within the tolerances."""
+        """True if ``x`` is a minimum within the tolerances."""
         return self.status is Status.CONVERGED
 
     @property

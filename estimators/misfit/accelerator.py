@@ -26,7 +26,7 @@ _FAST = {"contract", "reassoc", "arcp", "nsz"}  # sums in any order; infinities 
 
 
 def available() -> bool:
-    """Whether numba is installed (``pip install rotorfit[fast]``); it is not imported."""
+    """True if numba is installed (``pip install rotorfit[fast]``); it is not imported."""
     return importlib.util.find_spec("numba") is not None
 
 

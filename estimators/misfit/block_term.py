@@ -24,7 +24,7 @@ Normal = tuple[Float, Float, Float]
 
 
 def is_linear_response(block: Block) -> bool:
-    """Whether a block holds responses to forces of a linear model that its coefficients describe."""
+    """True if a block holds responses to forces of a linear model that its coefficients describe."""
     if not isinstance(block, Responses) or block.imposed:
         return False
     return block.model.shaft is None and not block.model.eccentricity_dependent
@@ -43,7 +43,7 @@ class BlockTerm:
     # ---- values ------------------------------------------------------------------------------------------------------
 
     def _gain(self, x: Float, factors: ComplexArray) -> ComplexArray:
-        """What nuisance entries multiply predictions by, shape ``(..., R)``."""
+        """Factors of predictions by nuisance entries, shape ``(..., R)``."""
         return np.asarray(np.exp(x[..., len(self.space.names) :] @ factors.T))
 
     def predict(self, x: Float) -> ComplexArray:
@@ -77,7 +77,7 @@ class BlockTerm:
         return self._misses(predicted, None), rows
 
     def normal(self, x: Float, measured: ComplexArray | None = None, *, matrix: bool = True) -> Normal:
-        """What the block adds to cost, gradient and Gauss-Newton matrix; that stays zero where it is not wanted."""
+        """Contribution of the block to cost, gradient and Gauss-Newton matrix; zero where it is not wanted."""
         if self._responses is None:
             predicted, rows = self._derivatives(x)
         else:

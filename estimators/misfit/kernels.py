@@ -128,7 +128,7 @@ class Kernels:
 
     @cached_property
     def _has_gains(self) -> bool:
-        """Whether predictions are multiplied by something that depends on the vector."""
+        """True if predictions are multiplied by something that depends on the vector."""
         factored = self.problem.space.model.functions.has_probe_factors
         return factored or bool(self._plan.nuisance.any())
 

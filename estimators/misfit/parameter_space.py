@@ -75,7 +75,7 @@ class ParameterSpace:
 
     @property
     def labels(self) -> tuple[tuple[str, ...], ...]:
-        """What tells each group apart: ``attribute=value`` of each ``per`` parameter, none for a single group."""
+        """Name of each group: ``attribute=value`` of each ``per`` parameter, none for a single group."""
         named = ([self.names[i].partition("[") for i in row.tolist() if i >= 0] for row in self.index)
         return tuple(tuple(dict.fromkeys(rest[:-1] for _, bracket, rest in names if bracket)) for names in named)
 
@@ -97,7 +97,7 @@ class ParameterSpace:
 
 
 def _is_value(label: str, name: str, value: Any) -> bool:
-    """Whether a suffix ``name=value`` is that of a value, numbers to six digits: speeds in rpm are seldom round."""
+    """True if a suffix ``name=value`` is that of a value, numbers to six digits: speeds in rpm are seldom round."""
     attribute, _, text = label.partition("=")
     if attribute != name or not isinstance(value, Real):
         return label == f"{name}={value}"

@@ -23,7 +23,7 @@ def _moments(distribution: Any) -> tuple[float, float]:
 
 
 def _is_normal(distribution: Any) -> bool:
-    """Whether it is SciPy's own normal one, which takes little arithmetic."""
+    """True if it is SciPy's own normal one, which takes little arithmetic."""
     return type(distribution.dist).__module__ == _SCIPY and distribution.dist.name == "norm"
 
 

@@ -114,7 +114,7 @@ class LogRatioProblem:
         largest = 0.1  # how many of them such a step is long at most
         with np.errstate(divide="ignore"):
             wide = largest / np.sqrt(np.diag(self.gauss_newton(y)[2]))
-        relative_step = 1e-3  # of a coordinate, by which second derivatives are told from slopes to a millionth
+        relative_step = 1e-3  # of a coordinate, by which second derivatives are found from slopes to a millionth
         steps = np.diag(np.minimum(relative_step * np.maximum(np.abs(y), size), wide))
         columns = [
             (self.gauss_newton(y + step)[1] - self.gauss_newton(y - step)[1]) / (2 * step[i])

@@ -56,7 +56,7 @@ def memory(r: ComplexArray, sensitivities: ComplexArray, outer: Float, sweeps: S
 
 
 def scatter(own: ComplexArray, sweeps: Sequence[Index], lags: Sequence[float]) -> Float:
-    """What memory along sweeps adds to the scatter of the gradient, ``J^T (R - 1) J``, shape ``(p, p)``."""
+    """Addition of memory along sweeps to the scatter of the gradient, ``J^T (R - 1) J``, shape ``(p, p)``."""
     added = np.zeros((own.shape[1], own.shape[1]))
     for lag, value in enumerate(lags, start=1):
         for rows in sweeps:

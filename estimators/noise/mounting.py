@@ -68,7 +68,7 @@ def solve(reading: ComplexArray, count: Float, design: ComplexArray, repeat: flo
 
 
 def determines(design: ComplexArray) -> bool:
-    """Whether the columns of a design are independent."""
+    """True if the columns of a design are independent."""
     if design.shape[0] < design.shape[1]:
         return False
     size = np.linalg.norm(design, axis=0)

@@ -177,7 +177,7 @@ def _of_run(parts: Float, rows: Index) -> Float:
 
 
 def runs_agree(model: MixedModel, *, level: float) -> bool:
-    """Whether a score test, the kinds tried together, lets all runs agree."""
+    """True if a score test, the kinds tried together, lets all runs agree."""
     return bool(model.score_p_values().min() * model.gram.shape[1] > level)
 
 

@@ -92,7 +92,7 @@ def _noise_of(
 
 
 def _agree(power: Sequence[float], freedom: Sequence[int]) -> bool:
-    """Whether the largest and the smallest variance can be one, by Bartlett's test; short sweeps always agree."""
+    """True if the largest and the smallest variance can be one, by Bartlett's test; short sweeps always agree."""
     high, low = int(np.argmax(power)), int(np.argmin(power))
     if high == low or min(freedom) < LINES_OF_A_LEVEL or power[low] <= 0:
         return True
@@ -107,7 +107,7 @@ def _agree(power: Sequence[float], freedom: Sequence[int]) -> bool:
 
 
 def _is_smooth(samples: ComplexArray) -> bool:
-    """Whether samples follow one another; few never do."""
+    """True if samples follow one another; few never do."""
     power = float(np.sum(np.abs(samples) ** 2))
     if samples.size < LINES_OF_A_LEVEL or power == 0:
         return False

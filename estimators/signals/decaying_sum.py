@@ -62,7 +62,7 @@ class DecayingSum:
         return self._last[1]
 
     def residual(self, u: Float) -> Float:
-        """What the best sum leaves of x, then of y, over the level of the record, shape ``(2 n,)``."""
+        """Residuals of the best sum, of x, then of y, over the level of the record, shape ``(2 n,)``."""
         return np.asarray(self.project(u).rest.T.ravel() / self.level)
 
     def slopes(self, u: Float) -> Float:

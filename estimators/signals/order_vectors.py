@@ -19,21 +19,21 @@ def order_vectors(z: ComplexArray, angles: Sequence[Float], orders: int) -> Comp
     Returns:
         coefficients of ``exp(j k angle)``, shape ``(references, 2 orders + 1)``, ``C`` behind; ``k`` from ``-orders``.
         The mean (``k = 0``) stands with the first reference, zero with the others. NaN for a reference that cannot be
-        told from another, or from the mean, in this window: their angles drift apart by less than a turn.
+        distinguished from another, or from the mean, in this window: their angles drift apart by less than a turn.
     """
     rows, columns = [np.ones(z.shape[-1], dtype=complex)], [(0, orders)]
-    told = [_told_apart(i, angles) for i in range(len(angles))]
+    separate = [_told_apart(i, angles) for i in range(len(angles))]
     for i, angle in enumerate(angles):
         turn = np.exp(1j * angle)
         for k in range(1, orders + 1):
-            if told[i]:
+            if separate[i]:
                 rows += [turn**k, turn**-k]
                 columns += [(i, orders + k), (i, orders - k)]
     basis = np.stack(rows)
     weighted = basis.conj() * np.hanning(z.shape[-1] + 2)[1:-1]
     solution = np.linalg.lstsq(weighted @ basis.T, weighted @ z.T, rcond=None)[0]
     found = np.zeros((len(angles), 2 * orders + 1, *z.shape[:-1]), dtype=complex)
-    for i, good in enumerate(told):
+    for i, good in enumerate(separate):
         found[i] = 0.0 if good else np.nan
     for (i, column), value in zip(columns, solution, strict=True):
         found[i, column] = value
@@ -41,7 +41,7 @@ def order_vectors(z: ComplexArray, angles: Sequence[Float], orders: int) -> Comp
 
 
 def _told_apart(number: int, angles: Sequence[Float]) -> bool:
-    """Whether a reference makes a turn more or less than those before it in the window, and at least one itself."""
+    """True if a reference makes a turn more or less than those before it in the window, and at least one itself."""
     own = angles[number][-1] - angles[number][0]
     others = [angle[-1] - angle[0] for i, angle in enumerate(angles) if i < number]
     return abs(own) > 2 * np.pi and all(abs(abs(own) - abs(other)) > 2 * np.pi for other in others)

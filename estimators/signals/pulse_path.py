@@ -66,7 +66,7 @@ def steadier(times: Float, kept: Index, turns: Index) -> tuple[Index, Index]:
 
 
 def _price(times: Float, kept: Index, turns: Index) -> float:
-    """What a count costs: changes of the logarithm of the speed, edges left out, turns without an edge."""
+    """Cost of a count: changes of the logarithm of the speed, edges left out, turns without an edge."""
     period = np.log(np.diff(times[kept]) / turns)
     left_out = times.size - kept.size
     return float(

@@ -238,7 +238,7 @@ def from_index(pulses: NumberedPulses, per_turn: int) -> tuple[NumberedPulses, i
 
 
 def _expected(intervals: Float) -> Float:
-    """What an interval should be by its two neighbours on both sides: the median of the five.
+    """Length that an interval should have by its two neighbours on both sides: the median of the five.
 
     Beyond the ends they are continued as those of a constant acceleration, whose speeds squared go straight with the
     count: the first turns of a start are long, not signs of missing pulses.

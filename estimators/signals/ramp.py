@@ -49,7 +49,7 @@ def steady_response(speed: Float, wn: float, zeta: float) -> ComplexArray:
 
 
 def find_beat(speed: Float, response: ComplexArray) -> tuple[float, float, float] | None:
-    """Whether the amplitude beats beyond its peak as a ramp makes it.
+    """True if the amplitude beats beyond its peak as a ramp makes it.
 
     Minima of the beat follow each other at even steps of the square of the distance from the resonance,
     ``4 pi rate`` apart.

@@ -57,7 +57,7 @@ def decay_of(time: Float, signals: Float, modes: int, steady: Float | None = Non
 
 
 def _is_steady(decay: Decay, steady: Float) -> bool:
-    """Whether a sum has steady vibration among its modes."""
+    """True if a sum has steady vibration among its modes."""
     return bool((np.abs(decay.s[:, None] - 1j * steady) < _STEADY_DISTANCE * steady).any())
 
 

@@ -126,7 +126,7 @@ def _fit(times: Float, numbers: Index, step: float, duration: float, per_turn: i
     scatter = np.maximum(best.sigma, 1e-300) * relative
     pattern = np.zeros(per_turn)
     pattern[present] = best.pattern
-    told = np.union1d(rows, np.linspace(0, times.size - 1, max(2 * times.size // _POOLED_PULSES, 2)).astype(int))
+    shown = np.union1d(rows, np.linspace(0, times.size - 1, max(2 * times.size // _POOLED_PULSES, 2)).astype(int))
     # between pulses that are far apart the angle is less well known than at them
     at = np.union1d(times[rows], (times[rows[:-1]] + times[rows[:-1] + 1]) / 2)
     return SmoothAngle(
@@ -134,7 +134,7 @@ def _fit(times: Float, numbers: Index, step: float, duration: float, per_turn: i
         begin=float(times[0]),
         end=float(times[-1]),
         jitter=float(np.median(scatter / slope)),
-        groups=np.stack([times[told], scatter[told]]),
+        groups=np.stack([times[shown], scatter[shown]]),
         shares=posed.leverages(log_penalty, at) / np.interp(at, times, relative) ** 2,
         share_t=at,
         pattern=pattern,

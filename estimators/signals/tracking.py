@@ -16,7 +16,7 @@ import numpy as np
 from rotorfit.models.array_types import Bool, ComplexArray, Float, Index
 
 LEAST_TURNS_APART = 1.0
-"""Turns over the window by which an order has to differ from the drive to be told from it."""
+"""Turns over the window by which an order has to differ from the drive to be distinguished from it."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -27,7 +27,7 @@ class Tracked:
     along: ComplexArray  # amplitude of what turns with the drive, relative to ``exp(j angle)``, shape ``(P, W)``
     against: ComplexArray  # amplitude of what turns against it, relative to ``exp(-j angle)``, shape ``(P, W)``
     sigma: Float  # standard deviation of the real part and of the imaginary part of both, shape ``(P, W)``
-    clear: Bool  # whether no order of the shaft was too near to be told from the drive, shape ``(W,)``
+    clear: Bool  # whether no order of the shaft was too near to the drive to be distinguished, shape ``(W,)``
 
 
 def track_windows(motion: ComplexArray, angle: Float, shaft: Float | None, *, turns: int, orders: int = 5) -> Tracked:

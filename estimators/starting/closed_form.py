@@ -156,7 +156,7 @@ def _covariance(jacobian: Float, information: Float) -> Float:
 
 
 def _determined(space: ParameterSpace, lumped: Lumped, blocks: list[Responses]) -> bool:
-    """Whether such a test can give all independent lumped coefficients, judged on exact responses of a typical rotor.
+    """True if such a test can give all independent lumped coefficients, judged on exact responses of a typical rotor.
 
     Noise hides the defect: the force balance of a plane that is never forced is homogeneous, and noisy data "solve" it
     with zeros.

@@ -116,7 +116,7 @@ class ForceBalance:
 
 
 def _factors(place: Place, mine: Index, block: Responses) -> ComplexArray:
-    """What lumped coefficients are multiplied by at each line, zero where they do not hold, shape ``(E, L)``."""
+    """Factors of lumped coefficients at each line, zero where they do not hold, shape ``(E, L)``."""
     number, group, speed = block.condition
     coefficient = place.unit[mine, None] * _powers(speed, place.speed_power.max())[place.speed_power[mine]]
     here = np.isnan(place.speed[mine, None]) | (place.speed[mine, None] == speed)

@@ -1,4 +1,4 @@
-"""What a weight does to each reading: residual vector and influence from any set of weights, by least squares.
+"""Influence of a weight on each reading: residual vector and influence from any set of weights, by least squares.
 
 With the weight's unbalance ``u_m`` (kg m) in a force plane during mounting m, a reading at one speed is
 ``y_m = r + sum_planes a u_m``: r is what the rotor shows without weights (residual unbalance, bow, run-out), a the
@@ -56,7 +56,7 @@ class Influence:
             ``(C planes, C planes)``; its rank may be too small to weigh by.
         working: the same where channels are independent and speeds are correlated alike in all of them; it weighs.
         mounting, repeat: standard deviations between mountings and between repeats in each cell, shape ``(C,)``, NaN
-            where they cannot be told.
+            where they are not known.
         freedom: real degrees of freedom behind the error bars, infinite where the noise was given.
         weight_freedom: those behind the weight of each channel in ``working``.
         correlation: correlation between the speeds of one channel in ``working``.
@@ -123,9 +123,9 @@ def _assembled(
 ) -> Influence:
     channel, dwell = np.array(places, dtype=np.intp).T
     size = np.sqrt([cell.mean for cell in cells])
-    told = all(cell.freedom for cell in cells)
-    between = scatter(cells) if told else np.diag(size**2).astype(complex)
-    alike = _correlation(between, channel) if told else 0.0
+    known = all(cell.freedom for cell in cells)
+    between = scatter(cells) if known else np.diag(size**2).astype(complex)
+    alike = _correlation(between, channel) if known else 0.0
     same = channel[:, None] == channel
     size = _pooled(size, channel, dwell)
     assumed = np.outer(size, size) * np.where(np.eye(len(cells)) > 0, 1.0, alike * same)

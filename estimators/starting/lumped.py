@@ -26,7 +26,7 @@ _NEITHER, _LINEAR, _RECIPROCAL = 0, 1, 2
 
 @dataclass(frozen=True, kw_only=True)
 class LumpedStructure:
-    """What the lumped coefficients depend on: equal layouts have the same ones."""
+    """Layout that the lumped coefficients depend on: equal layouts have the same ones."""
 
     model: RotorModel  # the rotor
     names: tuple[str, ...]  # fitted parameters as in :class:`ParameterSpace`
@@ -58,8 +58,8 @@ class Lumped:
     """Lumped coefficients as functions of the fitted vector."""
 
     def __init__(self, graph: LumpedGraph, speeds: Sequence[float], known: tuple[float, ...], scale: Float) -> None:
-        told = np.array([*speeds, np.nan])  # the last one is that of all speeds
-        self.place = replace(graph.place, speed=told[graph.place.speed.astype(np.intp)])
+        given = np.array([*speeds, np.nan])  # the last one is that of all speeds
+        self.place = replace(graph.place, speed=given[graph.place.speed.astype(np.intp)])
         self.size = scale.size
         self._function, self._speeds, self._known = graph.function, list[Any](speeds), known
         self._rows, self._columns = graph.rows, graph.columns
@@ -176,15 +176,15 @@ def lumped_coefficients(layout: LumpedStructure) -> Lumped:
     kinds = tuple(tuple((group, len(own), any(own)) for group, own in groups) for groups in layout.speeds)
     scale = np.array([layout.model.parameter(name).scale for name in layout.base])
     rows = zip(layout.index, layout.template, strict=True)
-    told = [[0.0 if k >= 0 else value for k, value in zip(*row, strict=True)] for row in rows]
-    form = tuple(tuple(value if value in _VANISHING_TERMS else None for value in row) for row in told)
-    known = tuple(value for row in told for value in row if value not in _VANISHING_TERMS)
+    given = [[0.0 if k >= 0 else value for k, value in zip(*row, strict=True)] for row in rows]
+    form = tuple(tuple(value if value in _VANISHING_TERMS else None for value in row) for row in given)
+    known = tuple(value for row in given for value in row if value not in _VANISHING_TERMS)
     return Lumped(lumped_graph(layout.model, form, layout.index, kinds, len(layout.names)), speeds, known, scale)
 
 
 @lru_cache(maxsize=256)
 def _kept(graph: LumpedGraph, conditions: tuple[Any, ...]) -> dict[Any, Any]:
-    """What others worked out of a graph and keep here, for a pattern of speeds (which are zero) or known values too."""
+    """Results that others derived from a graph, for a pattern of speeds (which are zero) or known values too."""
     return {}
 
 

@@ -109,7 +109,7 @@ def _none(problem: Problem) -> _Ends:
 
 
 def _limits(problem: Problem, ratios: RationalFit | None) -> tuple[float, float]:
-    """Costs below which a minimum is surely the deepest, and below which it may well be."""
+    """Costs below which a minimum is taken for the deepest, and below which it may be."""
     if ratios is None:
         return -np.inf, noise_limit(problem)
     sure, likely = (
@@ -138,7 +138,7 @@ def _beside(problem: Problem, ends: _Ends, sure: float) -> _Ends:
     """With ends of short fits from beside the best one, round after round, until several lead no deeper.
 
     A sharp resonance between coarse lines has a minimum in every gap: the deepest is a small change of the parameters
-    away, which few of many starts all over their range hit. Skipped where the best is surely the deepest.
+    away, which few of many starts all over their range hit. Skipped where the best is taken for the deepest.
     """
     rng = np.random.default_rng(0)
     count, fruitless = len(problem.space.names), 0
@@ -191,7 +191,7 @@ def _another(problem: Problem, ends: _Ends) -> float | None:
 
 
 def _apart(problem: Problem, best: ComplexArray, x: Float, least: float) -> bool:
-    """Whether a vector is in another valley: within one, half the squared distance is what the cost grows by."""
+    """True if a vector is in another valley: within one, half the squared distance is what the cost grows by."""
     other = problem.residuals(x)
     distance = 0.5 * float(np.sum(np.abs(other - best) ** 2))
     return distance > _RIVAL_COST + 4 * (0.5 * float(np.sum(np.abs(other) ** 2)) - least)

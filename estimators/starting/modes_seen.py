@@ -20,7 +20,7 @@ _LARGEST_ERROR = 0.2  # relative standard error of a natural frequency beyond wh
 
 @dataclass(frozen=True, kw_only=True)
 class ModesSeen:
-    """What influences show of the modes.
+    """Modes that influences show.
 
     Attributes:
         singular: singular values of all influences, the largest that noise alone makes being one.

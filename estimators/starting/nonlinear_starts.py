@@ -21,7 +21,7 @@ _STIFFNESS_SHARES = (1.0, 0.4, 1.6)  # of K0 in the sum with springs beside it, 
 
 
 def is_plain_linear(problem: Problem) -> bool:
-    """Whether all observations are responses of a linear rotor."""
+    """True if all observations are responses of a linear rotor."""
     return all(isinstance(block, Responses) for block in problem.blocks)
 
 

@@ -22,7 +22,7 @@ _SAME_FREQUENCY = 0.02  # relative difference of frequencies that are one
 
 @dataclass(frozen=True, kw_only=True)
 class RationalFit:
-    """What ratios of polynomials make of responses."""
+    """Ratios of polynomials fitted to responses."""
 
     cost: float  # half the sum of squares that they leave
     unknowns: int  # real unknowns and real data

@@ -22,12 +22,12 @@ _FEWEST_SPEEDS = 8
 _REWEIGHTINGS = 4
 """Rounds of reweighting: an equation error is weighed by the stiffness that it was multiplied with."""
 _SIZES = np.geomspace(10**-4.5, 10**1.5, 13)
-"""Sizes tried of what the lines told nothing of but ratios to it, over the typical one."""
+"""Sizes tried of a parameter of which lines give only ratios to it, over the typical one."""
 _ROUND_OFF = 1e-12  # of a curvature over the cost, or of one of unit diagonal, that is round-off
 
 
 def has_lines(problem: Problem) -> bool:
-    """Whether spectral lines are among what is fitted."""
+    """True if spectral lines are among what is fitted."""
     return any(isinstance(block, LineResponses) for block in problem.blocks)
 
 
@@ -113,7 +113,7 @@ def line_start(problem: Problem) -> Float:
 
 
 def _along_the_valley(problem: Problem, ratios: Ratios, start: Float) -> Float:
-    """The start with the best of several sizes of what the lines told ratios to only, and steps of all else to it.
+    """The start with the best of several sizes of a parameter of which lines give only ratios, and steps of all else.
 
     Noise makes more than one dent in the valley: which is the deeper is seen by a step more, and between the sizes.
     """
@@ -145,9 +145,9 @@ def _held_step(objective: LogRatioProblem, y: Float) -> tuple[float, Float]:
     # What matters to the data by less than round-off at its typical size stays where it is.
     space = objective.problem.space
     typical = np.concatenate([space.typical, np.full(len(space.nuisance), 0.1)])
-    told = np.diag(matrix) * typical**2 > _ROUND_OFF * cost
-    told[objective.ratios.entry] = False
-    moving = np.flatnonzero(told)
+    determined = np.diag(matrix) * typical**2 > _ROUND_OFF * cost
+    determined[objective.ratios.entry] = False
+    moving = np.flatnonzero(determined)
     size = np.sqrt(np.diag(matrix)[moving])
     along = gradient[moving] / size
     way = -np.linalg.lstsq(matrix[np.ix_(moving, moving)] / np.outer(size, size), along, rcond=_ROUND_OFF)[0]
@@ -238,7 +238,7 @@ def _image(readings: _Readings, values: dict[str, float]) -> dict[str, float]:
 
 
 def _steady(readings: _Readings, values: dict[str, float]) -> dict[str, float]:
-    """What 1x and 2x tell: over a start-up the whole shaft, at a few speeds eccentricity and side load."""
+    """Parameters from 1x and 2x: over a start-up the whole shaft, at a few speeds eccentricity and side load."""
     found = _start_up(readings, values)
     if found:
         return found

@@ -101,7 +101,7 @@ class Journal:
         return change
 
     def change_graph(self, rotor: Sequence[float]) -> ca.Function:
-        """What :meth:`change_of` evaluates for one rotor: real and imaginary parts by the eccentricity alone.
+        """The change of :meth:`change_of` for one rotor: real and imaginary parts by the eccentricity alone.
 
         Args:
             rotor: parameters in SI units, and the speed, rad/s.
@@ -167,14 +167,14 @@ def _coordinate(model: RotorModel) -> int:
 
 
 def _change(drive: ca.SX, eccentricity: ca.SX) -> ca.SX:
-    """What changes against the centred journal; exactly zero for what does not."""
+    """Change against the centred journal; exactly zero for what does not."""
     centred = ca.substitute(drive, eccentricity, 0.0)
     parts = [drive[i] - centred[i] if ca.depends_on(drive[i], eccentricity) else 0.0 for i in range(drive.numel())]
     return ca.densify(ca.vertcat(*parts))
 
 
 def _excess_graph(theta: ca.SX, speed: ca.SX, eccentricity: ca.SX, change: ca.SX) -> ca.Function:
-    """What :meth:`Journal.excess` evaluates, inputs in its order but the eccentricity behind the speed."""
+    """Excess that :meth:`Journal.excess` evaluates, inputs in its order but the eccentricity behind the speed."""
     w, drive, h_re, h_im = (ca.SX.sym(name) for name in ("w", "drive", "h_re", "h_im"))
     powers = range(change.numel() // 2)
     re, im = at_frequency([(change[2 * k], change[2 * k + 1]) for k in powers], w)

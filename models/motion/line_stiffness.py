@@ -120,7 +120,7 @@ def line_stiffness(model: RotorModel) -> LineStiffness:
 
 
 def known_structure(model: RotorModel, vectors: Float, s: ComplexArray, speed: Float) -> KnownStiffness:
-    """What the known structure of a model adds to its stiffness, lines along the last axis of values and slopes.
+    """Contribution of a model's known structure to its stiffness, lines along the last axis of values and slopes.
 
     Args:
         model: the rotor.

@@ -37,7 +37,7 @@ class LeftOut:
     more: tuple[tuple[int, complex, complex], ...] = ()
 
     def factor(self, s: ComplexArray, speed: Float) -> ComplexArray:
-        """What multiplies E, broadcasting.
+        """Factor of E, broadcasting.
 
         Args:
             s: j w, rad/s.

@@ -75,7 +75,7 @@ class OrbitEquation:
         )
 
     def at(self, journal: Journal, eccentricity: Float) -> Float:
-        """What :meth:`~rotorfit.models.motion.journal.Journal.excess` answers for these lines, shape ``(6, ...)``.
+        """Answer of :meth:`~rotorfit.models.motion.journal.Journal.excess` for these lines, shape ``(6, ...)``.
 
         Args:
             journal, eccentricity: as for :meth:`excess`.
@@ -124,7 +124,7 @@ def nearest_orbits(journal: Journal, equation: OrbitEquation, target: Float) -> 
 
 
 def _strides(journal: Journal, equation: OrbitEquation, target: Float) -> tuple[Float, ComplexArray, Bool]:
-    """A few Newton steps of all lines together, and where they surely lead to the nearest root.
+    """A few Newton steps of all lines together, and where they lead to the nearest root without doubt.
 
     Between the target and the root the slope of the excess changes by some amount, and beyond the target, where
     another root as near would be, by about as much again. There is none where the slope is twice that change.
@@ -174,7 +174,7 @@ def _newton(journal: Journal, equation: OrbitEquation, start: Float) -> tuple[Fl
 
 
 def _only_root_near(journal: Journal, equation: OrbitEquation, target: Float, found: Float) -> Bool:
-    """Whether no other root is as near to the target: no sign change between it and the two points as far off."""
+    """True if no other root is as near to the target: no sign change between it and the two points as far off."""
     far = np.abs(found - target)
     beyond = np.where(found >= target, target - far, target + far)
     ends = np.clip(np.stack([target, beyond], axis=1), 0.0, LARGEST_ECCENTRICITY)

@@ -98,7 +98,7 @@ def _spectrum(model: RotorModel, coefficients: ComplexArray) -> ComplexArray:
 
 
 def is_image(model: RotorModel, theta: ArrayLike, speed: float, s: complex) -> bool:
-    """Whether an eigenvalue in turning coordinates is that of another line, such as the image, of a motion.
+    """True if an eigenvalue in turning coordinates is that of another line, such as the image, of a motion.
 
     Where motion and image grow together, between the edges of an unstable band, neither is.
 
@@ -328,7 +328,7 @@ def threshold_speed_near(
 
 
 def _threshold_at(model: RotorModel, theta: Float, onset: float, band: float) -> Threshold | None:
-    """What there is to know of an onset once its speed is found; ``None`` if no eigenvalue became unstable there."""
+    """The onset and its mode once its speed is found; ``None`` if no eigenvalue became unstable there."""
     s = eigenvalues(model, theta, onset)
     s = s[np.isfinite(s) & (np.abs(s) <= band)]
     critical = complex(s[np.argmax(s.real)])

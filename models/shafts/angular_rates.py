@@ -14,7 +14,7 @@ HIGHEST_RATE = 1e15
 
 
 def real_numbers(values: Any, name: str, allowed: str) -> Float:
-    """What was given as an array; nothing is read from text.
+    """The value given, as an array; nothing is read from text.
 
     Args:
         values: what was given.
@@ -91,6 +91,6 @@ def angular_rates(values: Any, name: str = "speed", unit: str = "rad/s") -> Floa
 
 
 def _shown(value: Any) -> str:
-    """What was given, short enough for a sentence."""
+    """The value given, short enough for a sentence."""
     text = " ".join(repr(value).split())
     return text if len(text) <= 40 else f"{text[:37]}..."

@@ -57,7 +57,7 @@ class AnisotropicShaft(RotorModel):
 
     Args:
         planes: name of the disk's plane.
-        torsion: how stiffness and damping of the twist are told, "modal" (nu_t, zeta_t) or "stiffness" (kt, ct), or
+        torsion: how stiffness and damping of the twist are given, "modal" (nu_t, zeta_t) or "stiffness" (kt, ct), or
             ``None`` for a shaft that does not twist.
         runout: whether the readings at 1x and 2x hold run-out, to be fitted; the start-ups of a shaft tell it.
     """
@@ -144,7 +144,7 @@ class AnisotropicShaft(RotorModel):
     def lines_jacobian(
         self, theta: ArrayLike, direction: str, order: Order, frequency: ArrayLike, speed: ArrayLike, force: ArrayLike
     ) -> tuple[ComplexArray, ComplexArray]:
-        """What :meth:`lines` gives, and its derivatives by the parameters, shape ``(..., P)``.
+        """The lines of :meth:`lines`, and their derivatives by the parameters, shape ``(..., P)``.
 
         Args:
             theta, direction, order, frequency, speed, force: see :meth:`lines`.

@@ -213,7 +213,7 @@ class _Search:
     lines: Float
 
     def miss(self, M: Float, psi: Float) -> Float:
-        """What the chain's lines, scaled to match, leave of the given ones."""
+        """Residuals of the given lines, those of the chain being scaled to match."""
         if not M.all():  # beyond what numbers hold: as bad as a line at right angles
             return self.lines.ravel()
         own = psi.T / np.sqrt(M)[:, None]

@@ -82,7 +82,7 @@ _BOTH = tuple(dict.fromkeys((*_TWIST, *((-m, -n) for m, n in _TWIST))))
 
 @dataclass(frozen=True, kw_only=True)
 class Torsion:
-    """What resists the twist, jets of one row.
+    """Stiffness against the twist, jets of one row.
 
     Attributes:
         J, kt, ct: polar inertia, stiffness and damping, kg m^2, N m/rad, N m s/rad.
@@ -95,7 +95,7 @@ class Torsion:
 
 @dataclass(frozen=True, kw_only=True)
 class ShaftValues:
-    """What the lines depend on: jets of one row, and arrays of shape ``(R,)``.
+    """Values that the lines depend on: jets of one row, and arrays of shape ``(R,)``.
 
     Attributes:
         M, D, K: kg, N s/m, N/m.
@@ -209,7 +209,7 @@ def _twist(v: ShaftValues, torsion: Torsion, lines: tuple[Order, ...], lateral: 
 
 
 def _turned(v: ShaftValues, lines: tuple[Order, ...], lateral: Jet) -> Jet:
-    """What the steady motion adds to the torsional stiffness, ``M Om^2 Re(conj(eps) U) - 2 Re(delta conj(zeta)^2)``."""
+    """Torsional stiffness by the steady motion, ``M Om^2 Re(conj(eps) U) - 2 Re(delta conj(zeta)^2)``."""
     U, sag, twice = (lateral.take([lines.index((0, n))]) for n in (0, -1, 1))
     steady = v.eps.conj() * v.M * (U * v.speed**2) - v.delta * (U * U + sag * twice * 2.0).conj() * 2.0
     return steady.real()

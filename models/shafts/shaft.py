@@ -162,7 +162,7 @@ class KnownStiffness:
 
 
 class SeenShaft(Protocol):
-    """What free motion asks of a known structure.
+    """A known structure as free motion needs it.
 
     Attributes:
         at: coordinates of the structure that a model sees, in the order of the model's own, shape ``(n,)``.
@@ -176,7 +176,7 @@ class SeenShaft(Protocol):
 
     @property
     def has_mass(self) -> bool:
-        """Whether every coordinate has inertia."""
+        """True if every coordinate has inertia."""
         ...
 
 

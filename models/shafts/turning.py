@@ -21,7 +21,7 @@ from rotorfit.models.shafts.angular_rates import angular_rate
 from rotorfit.models.shafts.shaft import KnownStiffness
 
 IMAGE = "*"
-"""What follows the name of a plane in the name of its image's coordinate."""
+"""Suffix of a plane's name in the name of its image's coordinate."""
 
 
 class TurningFrame(RotorModel):

@@ -182,7 +182,7 @@ def _turns(k: int, image: bool) -> int:
 
 
 def _suffix(line: Line) -> str:
-    """What follows the name of a plane in those of a line's coordinates."""
+    """Suffixes of a plane's name in those of a line's coordinates."""
     if line in ((0, False), (1, True)):
         return IMAGE if line[1] else ""
     return f" {'-' if line[1] else ''}w{2 * line[0]:+d}Om"

@@ -260,27 +260,27 @@ class Campaign:
             against: attribute, or attributes, that trends are shown against.
         """
         axes = (against,) if isinstance(against, str) else tuple(against)
-        told: list[str] = []
+        sentences: list[str] = []
         for axis in axes:
             means = {run.name: run.attributes.get(axis, np.nan) for run in self.runs}
             numbers = {name: float(value) for name, value in means.items() if not isinstance(value, str)}
             without = [name for name, value in numbers.items() if not np.isfinite(value)]
             if without:
-                told.append(f"{axis} is not known in {listed(without)}; left out of its trends")
+                sentences.append(f"{axis} is not known in {listed(without)}; left out of its trends")
             known = [value for value in numbers.values() if np.isfinite(value)]
             for data in self._data:
                 values = np.asarray(data.experiment.attribute(axis)) if data.name in numbers else np.zeros(0)
                 values = values[np.isfinite(values)] if values.dtype.kind in "fiu" else np.zeros(0)
                 if values.size and np.ptp(values) > _LARGEST_CHANGE * (np.ptp(known) or np.abs(values).max()):
                     ends = f"{values.min():.4g} to {values.max():.4g}"
-                    told.append(f"{axis} changed within {data.name}, {ends}: its mean stands for the run")
-        return told
+                    sentences.append(f"{axis} changed within {data.name}, {ends}: its mean stands for the run")
+        return sentences
 
     def __str__(self) -> str:
         return self.summary()
 
     def _repr_html_(self) -> str:
-        """What a notebook shows."""
+        """Table for a notebook."""
         return text_html(str(self))
 
     def to_csv(self, path: str | Path | None = None) -> str:
@@ -399,7 +399,7 @@ def campaign(
 
 
 def _check(model: RotorModel, settings: FitSettings, shared: Sequence[str], start: Mapping[str, float]) -> None:
-    """What is wrong with the settings is wrong with every run: say it once, before the first one."""
+    """Refuse wrong settings once, before the first run: they are wrong for every run."""
     if settings.loss not in LOSSES:
         raise ValueError(unknown_name("loss", settings.loss, LOSSES))
     space = parameter_space(model, known=settings.known, bounds=settings.bounds, groups=[{}])

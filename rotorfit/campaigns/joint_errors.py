@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from rotorfit.campaigns.pictures import bends_of, scatter_of
+from rotorfit.campaigns.curvatures import bends_of, scatter_of
 from rotorfit.campaigns.runs import Run, RunFit, Workers
 from rotorfit.estimators.inference.covariance import widening
 from rotorfit.estimators.inference.schur import Curvature, Parts, shared_covariance
@@ -38,8 +38,8 @@ class FittedRun:
 
     run: Run  # its data
     fit: RunFit  # its own parameters, fitted with the shared ones known
-    picture: Curvature  # its cost around the solution, by own and shared parameters
-    options: dict[str, Any]  # settings and point that the picture was taken with, for the workers
+    quadratic: Curvature  # its cost around the solution, by own and shared parameters
+    options: dict[str, Any]  # settings and point that the approximation was made with, for the workers
 
 
 def joint_errors(workers: Workers, fitted: Sequence[FittedRun], names: Sequence[str]) -> JointErrors:
@@ -47,7 +47,7 @@ def joint_errors(workers: Workers, fitted: Sequence[FittedRun], names: Sequence[
     if fitted[0].options["settings"].loss != "linear":
         return _of_robust_loss(workers, fitted, names)
     free = sum(item.fit.ndata - len(item.fit.var_names) for item in fitted) - len(names)
-    redchi = sum(item.picture.squares for item in fitted) / free if free > 0 else float("nan")
+    redchi = sum(item.quadratic.squares for item in fitted) / free if free > 0 else float("nan")
     noise, added = _by_squares(fitted, names, 1.0)
     covar, wide = _by_squares(fitted, names, 1 / widening(redchi, "linear"))
     own = []
@@ -59,7 +59,7 @@ def joint_errors(workers: Workers, fitted: Sequence[FittedRun], names: Sequence[
 
 def _by_squares(fitted: Sequence[FittedRun], names: Sequence[str], factor: float) -> tuple[Float, list[Float]]:
     """Covariance of the shared parameters, and what it adds to each run's own; ``factor`` is on the information."""
-    parts = [Parts.of(item.picture.scaled(factor), names) for item in fitted]
+    parts = [Parts.of(item.quadratic.scaled(factor), names) for item in fitted]
     covar = shared_covariance(parts, names)
     return covar, [
         _own_order(item, names, part.follow @ covar @ part.follow.T) for item, part in zip(fitted, parts, strict=True)
@@ -75,11 +75,11 @@ def _of_robust_loss(workers: Workers, fitted: Sequence[FittedRun], names: Sequen
     runs, options = [item.run for item in fitted], [item.options for item in fitted]
     found = workers(bends_of, runs, options)
     bend = float(np.mean(np.concatenate([bends for bends, _ in found])))
-    pictures = [
-        replace(item.picture, matrix=squares + np.diag(item.picture.prior)).scaled(bend)
+    quadratics = [
+        replace(item.quadratic, matrix=squares + np.diag(item.quadratic.prior)).scaled(bend)
         for item, (_, squares) in zip(fitted, found, strict=True)
     ]
-    parts = [Parts.of(picture, names) for picture in pictures]
+    parts = [Parts.of(quadratic, names) for quadratic in quadratics]
     inverse = shared_covariance(parts, names)
     inverses = [part.covariance(inverse) for part in parts]
     asked = [{**option, "bend": bend, "covar": covar} for option, covar in zip(options, inverses, strict=True)]
@@ -97,6 +97,6 @@ def _of_robust_loss(workers: Workers, fitted: Sequence[FittedRun], names: Sequen
 
 def _own_order(item: FittedRun, names: Sequence[str], matrix: Float) -> Float:
     """A matrix of own parameters in the order of the fit."""
-    own = [name for name in item.picture.names if name not in names]
+    own = [name for name in item.quadratic.names if name not in names]
     order = [own.index(name) for name in item.fit.var_names]
     return np.asarray(matrix[np.ix_(order, order)])

@@ -1,4 +1,4 @@
-"""The runs of a campaign: told apart in the data, fitted one by one, here or by the workers of an executor."""
+"""The runs of a campaign: distinguished in the data, fitted one by one, here or by the workers of an executor."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ class Run:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class RunFit:
-    """What the fit of one run found; small, so that it travels well.
+    """Result of the fit of one run; small, so that it travels well.
 
     Attributes:
         name: name of the run.
@@ -85,7 +85,7 @@ class RunFit:
 
     @property
     def remark(self) -> str:
-        """What there is to say against the run, empty where it is good."""
+        """Objections to the run, empty where it is good."""
         if self.silent:
             return "says nothing: a model of no motion explains its readings as well as the fit"
         return "" if self.success else self.message
@@ -117,7 +117,7 @@ def _parts(labels: NDArray[Any]) -> Iterator[tuple[Any, Index]]:
 
 
 def _mean(values: NDArray[np.number[Any]]) -> float:
-    """Mean of a condition; one value throughout stays as it was told, to the last digit."""
+    """Mean of a condition; one value throughout stays as it was given, to the last digit."""
     return float(values[0] if np.ptp(values) == 0 else np.mean(values))
 
 
@@ -135,7 +135,7 @@ def _conditions(experiment: Experiment) -> dict[str, float | str]:
 
 
 def _distinct(runs: Sequence[Run]) -> Iterator[Run]:
-    """Runs of the same name in several files are told apart by the file, else by a number."""
+    """Runs of the same name in several files are distinguished by the file, else by a number."""
     names = [run.name for run in runs]
     for number, run in enumerate(runs):
         if names.count(run.name) > 1:
@@ -189,7 +189,7 @@ def fit_run(model: RotorModel, run: Run, *, settings: FitSettings, start: Mappin
 
 
 def _explains_nothing(found: FitResult) -> bool:
-    """Whether no motion at all would explain the readings as well as the fit does."""
+    """True if no motion at all would explain the readings as well as the fit does."""
     measured = np.concatenate([block.measured / block.sigma for block in found.problem.blocks])
     still = float(np.sum(np.abs(measured) ** 2))
     predictions = zip(found.problem.blocks, found.problem.predict(found.x), strict=True)

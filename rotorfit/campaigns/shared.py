@@ -17,8 +17,8 @@ from typing import Any
 
 import numpy as np
 
+from rotorfit.campaigns.curvatures import curvature, least_curvature
 from rotorfit.campaigns.joint_errors import FittedRun, OwnErrors, joint_errors
-from rotorfit.campaigns.pictures import curvature, least_curvature
 from rotorfit.campaigns.runs import Run, RunFit, Workers, fit_run
 from rotorfit.estimators.inference.schur import Curvature, Parts, inverse_information, shared_covariance
 from rotorfit.fitting.quantities import FittedParameter
@@ -47,7 +47,7 @@ class _Profile:
     gradient: Float
     information: Float
     size: Float  # information that each would have, were all others known: what counts as none is judged against it
-    pictures: dict[int, Curvature]  # by the number of the run, those that could be fitted
+    quadratics: dict[int, Curvature]  # by the number of the run, those that could be fitted
 
 
 def fit_shared(
@@ -68,7 +68,7 @@ def fit_shared(
         if number and np.sqrt(moved @ here.information @ moved) < _STEP_TOLERANCE:
             break  # the fits are those for these values
         phi = found
-        # Separate fits may have told too little of a run to start from: the first ones begin with their closed forms.
+        # Separate fits may determine too little of a run to start from: the first ones begin with their closed forms.
         starts = [_own_values(fit, start) if number else start for fit in fits]
         fits = _fits(workers, runs, names, settings, phi, starts)
         if not settled:
@@ -121,7 +121,7 @@ def _first(
     settings: FitSettings,
     start: Mapping[str, float],
 ) -> tuple[Float, list[RunFit]]:
-    """Shared values that suit the separate fits of all runs best, by the quadratic picture of each, and these fits."""
+    """Shared values that suit the separate fits of all runs best, by quadratic approximations, and these fits."""
     if all(name in start for name in names):
         phi = np.array([start[name] for name in names], dtype=float)
         return phi, _fits(workers, runs, names, settings, phi, [start] * len(runs))
@@ -131,13 +131,13 @@ def _first(
     if not usable:
         raise ValueError(f"no run of the campaign can be fitted; the first one: {fits[0].message}")
     options = [{"settings": _with_noise(settings, fit), "at": _own_values(fit, start)} for _, fit in usable]
-    pictures = workers(curvature, [run for run, _ in usable], options)
-    taken = [picture for picture in pictures if isinstance(picture, Curvature)]
+    quadratics = workers(curvature, [run for run, _ in usable], options)
+    taken = [quadratic for quadratic in quadratics if isinstance(quadratic, Curvature)]
     if not taken:
-        raise ValueError(f"no run tells anything of the shared parameters; the first one: {pictures[0]}")
-    parts = [Parts.of(picture, names) for picture in taken]
-    # The minimum of each picture lies a Newton step from where it was taken.
-    pulls = [p.schur @ picture.x[p.shared] - p.gradient for p, picture in zip(parts, taken, strict=True)]
+        raise ValueError(f"no run determines any of the shared parameters; the first one: {quadratics[0]}")
+    parts = [Parts.of(quadratic, names) for quadratic in taken]
+    # The minimum of each approximation lies a Newton step from its point.
+    pulls = [p.schur @ quadratic.x[p.shared] - p.gradient for p, quadratic in zip(parts, taken, strict=True)]
     return np.asarray(shared_covariance(parts, names) @ np.sum(pulls, axis=0)), fits
 
 
@@ -188,16 +188,16 @@ def _profile(
     """Sum what all runs say about given shared values, with their own parameters at their best and noise as fitted."""
     options = _options(fits, names, settings, phi)
     found = workers(least_curvature, [runs[number] for number in options], list(options.values()))
-    pictures = {n: picture for n, picture in zip(options, found, strict=True) if isinstance(picture, Curvature)}
-    if not pictures:
+    quadratics = {n: quadratic for n, quadratic in zip(options, found, strict=True) if isinstance(quadratic, Curvature)}
+    if not quadratics:
         raise ValueError(f"no run of the campaign tells anything of the shared parameters: {found[0]}")
-    parts = [Parts.of(picture, names) for picture in pictures.values()]
+    parts = [Parts.of(quadratic, names) for quadratic in quadratics.values()]
     return _Profile(
-        cost=sum(picture.cost for picture in pictures.values()),
+        cost=sum(quadratic.cost for quadratic in quadratics.values()),
         gradient=np.sum([part.gradient for part in parts], axis=0),
         information=np.sum([part.schur for part in parts], axis=0),
         size=np.sum([part.size for part in parts], axis=0),
-        pictures=pictures,
+        quadratics=quadratics,
     )
 
 
@@ -213,18 +213,18 @@ def _finish(
 ) -> Shared:
     """The result, with the errors of the joint fit."""
     options = _options(fits, names, settings, phi)
-    pictures = _profile(workers, runs, fits, names, settings, phi).pictures
+    quadratics = _profile(workers, runs, fits, names, settings, phi).quadratics
     fitted = [
         FittedRun(
             run=runs[number],
             fit=fits[number],
-            picture=picture,
+            quadratic=quadratic,
             options={
                 "settings": options[number]["settings"],
-                "at": dict(zip(picture.names, picture.x.tolist(), strict=True)),
+                "at": dict(zip(quadratic.names, quadratic.x.tolist(), strict=True)),
             },
         )
-        for number, picture in pictures.items()
+        for number, quadratic in quadratics.items()
     ]
     errors = joint_errors(workers, fitted, names)
     shared = {}
@@ -245,7 +245,7 @@ def _finish(
             at_bound=bool(min(phi[i] - low, high - phi[i]) <= 1e-7 * abs(phi[i])),
         )
     done = list(fits)
-    for number, own in zip(pictures, errors.own, strict=True):
+    for number, own in zip(quadratics, errors.own, strict=True):
         done[number] = _with_errors(done[number], own, names)
     return Shared(runs=tuple(done), params=shared, covar=errors.covar, success=settled)
 

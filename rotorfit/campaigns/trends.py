@@ -137,7 +137,7 @@ class _Plane:
 
 
 def _plane(x: Float, value: Float, stderr: Float) -> _Plane | None:
-    """The plane over attributes ``(R, A)``, counted from the centre; ``None`` where several are not told apart."""
+    """The plane over attributes ``(R, A)``, counted from the centre; ``None`` where several cannot be separated."""
     spread = np.ptp(x, axis=0)
     moving = np.flatnonzero(spread > 0)
     design = np.column_stack([np.ones(len(x)), x[:, moving] / spread[moving]]) / stderr[:, None]

@@ -1,4 +1,4 @@
-"""What commands other than a fit do with their answer: a folder, JSON or text; errors of the data first."""
+"""Output of commands other than a fit: a folder, JSON or text; errors of the data first."""
 
 from __future__ import annotations
 

@@ -227,7 +227,7 @@ def chosen(option: str, words: Sequence[str]) -> dict[str, Any]:
 
 
 def given(options: argparse.Namespace, names: Iterable[str]) -> dict[str, Any]:
-    """What was given of some options, by the names that a study has for them."""
+    """Values of some options that were given, by the names that a study has for them."""
     found: dict[str, Any] = {}
     for option in map(FIT.__getitem__, names):
         value, parse = getattr(options, option.name), option.kind.word

@@ -199,7 +199,7 @@ COMMANDS = {
     "info": _info,
     "completion": _completion,
 }
-"""What each word does."""
+"""Help on each word."""
 
 _MODULES = (
     ("campaign", campaign),

@@ -1,4 +1,4 @@
-"""What long work shows while it runs."""
+"""Progress of long work on the terminal."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class ProgressLine:
             print(f"\r\033[K{seconds:5.1f} s  {bar}{stage} ...{left}", end="", file=sys.stderr, flush=True)
 
     def _left(self, done: float) -> str:
-        """Time left, once it can be told from what has been done."""
+        """Time left, once it can be estimated from the work done."""
         if done < self._share or done == 0:  # another stage has begun
             self._since = monotonic()
         self._share = done

@@ -113,7 +113,7 @@ def _draw(record: Recording, options: argparse.Namespace, folder: Path, stem: st
 
 
 def _figures(record: Recording, plane: str | None, at: float | None) -> dict[str, Callable[[], Figure]]:
-    """What draws each figure, by the name of its file."""
+    """The function that draws each figure, by the name of its file."""
     figures: dict[str, Callable[[], Figure]] = {
         "timebase": lambda: record.plot_timebase(plane, at=at),
         "orbit": lambda: record.plot_orbit(plane, at=at),

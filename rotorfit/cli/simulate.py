@@ -171,7 +171,7 @@ def _model(options: argparse.Namespace) -> RotorModel:
 
 
 def _settings(options: argparse.Namespace) -> dict[str, Any]:
-    """What was given, by the names that the kinds have for it in Python."""
+    """The options given, by the names that the kinds have for it in Python."""
     import numpy as np
 
     names = [name[2:].replace("-", "_") for name in (*_LISTS, *_NUMBERS, *_WORDS)]

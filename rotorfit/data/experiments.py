@@ -61,7 +61,7 @@ class _Rows:
         return np.asarray(getattr(self, "frequency", np.zeros(0)))
 
     def __repr__(self) -> str:
-        """What it is and how much, on one line; the arrays are its attributes."""
+        """Kind and size of the experiment, on one line; the arrays are its attributes."""
         rpm = np.unique(np.round(self.speed * RPM_PER_RAD_S, 3))
         speeds = ", ".join(f"{s:g}" for s in rpm) if rpm.size <= 4 else f"{rpm[0]:g} to {rpm[-1]:g}"
         places = f", at {', '.join(self.planes)}" if self.planes else ""
@@ -199,7 +199,7 @@ class PerturbationTest(_Rows):
 
     @property
     def synchronous(self) -> bool:
-        """Whether every reading is at once-per-turn frequency."""
+        """True if every reading is at once-per-turn frequency."""
         return bool(
             len(self) and np.all(np.abs(self.frequency - self.speed) <= SYNCHRONOUS_TOLERANCE * np.abs(self.speed))
         )

@@ -1,4 +1,4 @@
-"""What is found wrong or odd about data, and the warning that says so where they are read."""
+"""Findings about data, and the warning that carries them where data are read."""
 
 from __future__ import annotations
 
@@ -101,7 +101,7 @@ def warnings_in(findings: Iterable[Finding]) -> list[str]:
 
 
 NO_COPIES = "A copy is no second measurement and makes errors look smaller than they are. Leave it out."
-"""What is wrong with readings, runs and recordings that are there twice."""
+"""Code of readings, runs and recordings that are there twice."""
 
 PHASE_DATUM = "phase-datum"
 """Code of the note that the zero of forces and that of readings are unknown to each other."""

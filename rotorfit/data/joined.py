@@ -18,7 +18,7 @@ def join_runs(tests: Sequence[PerturbationTest], *, difference: bool = True) -> 
     """One test of the runs of several, differenced as :func:`rotorfit.read` does with runs of one file.
 
     Balancing records the run without a trial weight and the run with it in two files; alone, neither says anything of
-    the rotor. Runs of the same name in several files are told apart by the name of their file. Attributes that only
+    the rotor. Runs of the same name in several files are distinguished by the name of their file. Attributes that only
     some of the tests have are left out.
 
     Args:

@@ -19,7 +19,7 @@ _LINE = ("run", "speed", "frequency", "force_plane", "force", "force_direction")
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Lines:
-    """Rows of a test told apart by numbers, and put together by lines."""
+    """Rows of a test distinguished by numbers, and put together by lines."""
 
     names: Mapping[str, list[str]]  # distinct entries of each column of text, in the order of the rows
     number: Mapping[str, Index]  # number of each row's entry by column, of text among ``names``, shape ``(N,)`` each

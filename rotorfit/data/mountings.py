@@ -18,7 +18,7 @@ MOUNTING = "mounting"
 """Column, and attribute, that names the mounting of each row."""
 
 SHORTEST_SWEEP = 6
-"""Speeds of a run from which on its noise can be told from its smoothness."""
+"""Speeds of a run from which on its noise can be estimated from its smoothness."""
 
 MOST_DWELLS = 8
 """Speeds of a run up to which it dwelt at them; more are a start-up, which is differenced sample by sample."""
@@ -28,7 +28,7 @@ _SAME_WEIGHT = 0.02  # relative difference of mass-radius products that are one 
 
 
 def dwells(test: PerturbationTest) -> bool:
-    """Whether every run of a test has at most :data:`MOST_DWELLS` speeds."""
+    """True if every run of a test has at most :data:`MOST_DWELLS` speeds."""
     number = dwell_number(test.speed)
     return all(np.unique(number[test.run == run]).size <= MOST_DWELLS for run in test.runs)
 
@@ -41,7 +41,7 @@ def dwell_number(speed: Float) -> Index:
 
 
 def tells_mountings(test: PerturbationTest) -> bool:
-    """Whether the file says which runs are repeats of one mounting."""
+    """True if the file says which runs are repeats of one mounting."""
     return MOUNTING in test.attributes or any(_REPEAT.fullmatch(run) for run in test.runs)
 
 

@@ -1,4 +1,4 @@
-"""What probes and their channels do to readings, undone: gain, delay, run-out, and where the probes sit."""
+"""Correction of the errors of probes and their channels: gain, delay, run-out, and where the probes sit."""
 
 from __future__ import annotations
 

@@ -117,16 +117,16 @@ def difference_synchronous(test: PerturbationTest) -> PerturbationTest:
 def uneven_weights(test: PerturbationTest) -> list[str]:
     """Pairs of start-ups with the weight at opposite angles whose weights differ, in words.
 
-    The difference of their responses is told by the sum of their weights: where one weight was turned, and is told
+    The difference of their responses is divided by the sum of their weights: where one weight was turned, and is given
     twice the size in one of the runs, everything comes out too stiff, and no fit notices.
     """
-    told: list[str] = []
+    sentences: list[str] = []
     for pair in _pairs(test, np.asarray(test.attributes.get(DIFFERENCED, np.zeros(len(test))) != 1)):
         sizes = [float(np.median(np.abs(test.force[rows]) / test.speed[rows] ** 2)) * 1e6 for rows in pair]
         if abs(sizes[0] - sizes[1]) > _LARGEST_UNEVENNESS * max(sizes):
             runs = [f"{test.run[rows[0]]} ({size:.4g} g mm)" for rows, size in zip(pair, sizes, strict=True)]
-            told.append(" and ".join(runs))
-    return told
+            sentences.append(" and ".join(runs))
+    return sentences
 
 
 def _pairs(test: PerturbationTest, rows: Bool) -> Iterator[tuple[NDArray[Any], NDArray[Any]]]:
@@ -221,7 +221,7 @@ def _response_at(position: Float, run: PerturbationTest, force: ComplexArray) ->
 
 
 def _covered(speed: Float, sampled: Float) -> Bool:
-    """Whether each speed lies between two samples that are not too far apart, or on one."""
+    """True if each speed lies between two samples that are not too far apart, or on one."""
     samples = np.unique(sampled)
     on_sample = np.abs(speed - samples[np.abs(speed[:, None] - samples).argmin(axis=1)]) <= SAME_SPEED * np.abs(speed)
     if samples.size < 2:

@@ -78,7 +78,7 @@ class Influences:
         else:
             found.append(
                 "there are no more mountings than unknowns: how far mounting a weight again moves vectors cannot be "
-                "told, and error bars count repeats or given noise alone, which understates them"
+                "estimated, and error bars count repeats or given noise alone, which understates them"
             )
         if not self.by_name:
             found.append(
@@ -192,12 +192,12 @@ def weighed(experiment: Experiment) -> Influences | None:
 
 
 def _noise_is_known(test: PerturbationTest) -> bool:
-    """Whether single runs can be fitted as they are: their noise is given, or they are long enough to tell it."""
+    """True if single runs can be fitted as they are: their noise is given, or they are long enough to tell it."""
     return bool(np.isfinite(test.sigma).all()) or np.unique(dwell_number(test.speed)).size >= SHORTEST_SWEEP
 
 
 def _unsolved(test: PerturbationTest) -> bool:
-    """Whether a test dwells at a few speeds with weights in it that were not differenced."""
+    """True if a test dwells at a few speeds with weights in it that were not differenced."""
     if not len(test) or not test.synchronous or DIFFERENCED in test.attributes or not dwells(test):
         return False
     finite = np.isfinite(test.response).all() and np.isfinite(test.force).all()

@@ -28,7 +28,7 @@ def path(name: str) -> Path:
 
 
 def truth(name: str) -> dict[str, Any]:
-    """What a simulated rig was made with, for instance ``truth("rig_open")``."""
+    """True values of a simulated rig, for instance ``truth("rig_open")``."""
     loaded: dict[str, Any] = json.loads(path(f"{name}.truth.json").read_text())
     return loaded
 

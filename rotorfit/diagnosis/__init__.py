@@ -1,1 +1,1 @@
-"""What looks wrong with the data, before anything is fitted."""
+"""Errors of the data: those that show before a fit, and those that a fit shows."""

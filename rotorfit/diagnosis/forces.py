@@ -77,7 +77,7 @@ def turning_force(test: PerturbationTest) -> Iterator[Finding]:
 
 
 def _explains(orbits: Orbits, at: Index, modes: int) -> bool | None:
-    """Whether a force along an axis explains orbits of one plane in one run; ``None`` where they are too few."""
+    """True if a force along an axis explains orbits of one plane in one run; ``None`` where they are too few."""
     at = at[np.isfinite(orbits.wrong[at])]
     w = np.abs(orbits.frequency[at])
     if np.unique(w).size < FEWEST_READINGS or np.unique(np.sign(orbits.frequency[at])).size > 1:
@@ -112,7 +112,7 @@ def _axis(orbits: Orbits, at: Index) -> str:
 
 
 def _rational(w: Float, values: ComplexArray, sigma: Float, modes: int) -> bool:
-    """Whether the response of so many modes goes through values on either side of zero to within their noise.
+    """True if the response of so many modes goes through values on either side of zero to within their noise.
 
     More modes than planes might follow an anisotropic rotor under a circular force as well.
     """

@@ -51,9 +51,9 @@ def _turning(test: DisplacementTest) -> Iterator[Finding]:
         )
         yield Finding("error", "turned-lines", text, tuple(np.flatnonzero(torn).tolist()))
         return
-    told = np.flatnonzero(along)
-    moved = np.where(backward, test.displacement.conj(), test.displacement)[told] / along[told]
-    yield from _signs(test.select(told), moved, told.tolist())
+    driven = np.flatnonzero(along)
+    moved = np.where(backward, test.displacement.conj(), test.displacement)[driven] / along[driven]
+    yield from _signs(test.select(driven), moved, driven.tolist())
 
 
 def _mostly_against(along: ComplexArray, against: ComplexArray) -> bool:

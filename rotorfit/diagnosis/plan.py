@@ -1,4 +1,4 @@
-"""What is missing in the plan of a test, or odd in its speeds and frequencies."""
+"""Gaps in the plan of a test, and odd speeds and frequencies."""
 
 from __future__ import annotations
 

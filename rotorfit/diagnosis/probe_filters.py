@@ -26,7 +26,7 @@ class FilteredProbe:
     value: float  # corner, rad/s, of the filter; frequency, rad/s, at which that power is one
 
     def seen(self, s: ComplexArray) -> ComplexArray:
-        """What it reads over what the other one reads."""
+        """Ratio of its readings to those of the other one."""
         return (s / self.value) ** self.kind if isinstance(self.kind, int) else self.kind.seen(s, self.value)
 
 

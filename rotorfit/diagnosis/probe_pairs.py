@@ -1,4 +1,4 @@
-"""What x and y of a pair of probes give away together: a gain, delay or filter of one, and anisotropy beyond the noise.
+"""Errors that a pair of probes shows by x and y: a gain, delay or filter of one, and anisotropy beyond the noise.
 
 On an isotropic rotor y follows x by 90 degrees in the direction of the force, ``Y = -j X`` forward and ``Y = +j X``
 backward, at every frequency. A wrong gain multiplies one side by one number, a delay turns it in proportion to the
@@ -62,12 +62,12 @@ class _Relation:
 
     @property
     def twice(self) -> bool:
-        """Whether one of the two reads twice the other."""
+        """True if one of the two reads twice the other."""
         return abs(abs(math.log2(abs(self.ratio))) - 1) < _OCTAVES_FROM_TWO
 
     @property
     def same(self) -> bool:
-        """Whether one factor explains it that is hardly a gain."""
+        """True if one factor explains it that is hardly a gain."""
         return self.constant and abs(self.ratio - 1) < _SMALLEST_GAIN
 
 
@@ -161,7 +161,7 @@ def _relation(orbits: Orbits, at: Index) -> _Relation | None:
 
 
 def _differs_by_noise(orbits: Orbits, at: Index, expected: ComplexArray) -> bool:
-    """Whether what departs from an isotropic rotor jumps from line to line, as noise does, sweep by sweep."""
+    """True if what departs from an isotropic rotor jumps from line to line, as noise does, sweep by sweep."""
     for sweep in _sweeps(orbits, at, "run", "force_plane"):
         u, rest = expected[sweep], orbits.y[at[sweep]] - expected[sweep]
         slope = np.vdot(u, rest) / np.vdot(u, u)  # what one factor more explains

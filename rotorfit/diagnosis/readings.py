@@ -190,7 +190,7 @@ def _holes(sweep: Index, response: ComplexArray, step: float) -> list[int]:
 
 
 def _flat_top(sweep: Index, size: Float, flat: Bool, step: float) -> bool:
-    """Whether several readings in a row are at the largest amplitude, and those beside them fall from it steeply."""
+    """True if several readings in a row are at the largest amplitude, and those beside them fall from it steeply."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], flat[sweep], [False]]).astype(np.int8)))
     for begin, end in edges.reshape(-1, 2).tolist():
         beside = [size[sweep[at]] for at in (begin - 1, end) if 0 <= at < sweep.size]

@@ -157,7 +157,7 @@ def _dissipates(drives: Orbits, kappa: ComplexArray) -> Float:
 
 
 def _falls(drives: Orbits, kappa: ComplexArray, sweep: Index, planes: int) -> bool:
-    """Whether quadrature falls from backward to forward in a sweep below the speed, by Spearman's correlation.
+    """True if quadrature falls from backward to forward in a sweep below the speed, by Spearman's correlation.
 
     One direction is enough if there is but one plane; else the other planes' motion turns the slope within a direction.
     """

@@ -204,7 +204,7 @@ def solve(problem: Problem, start: Float, options: Options) -> Solution:
         )
         start = solve(gentle, start, options).x
     ratios = ratios_of(problem)
-    if ratios is None or not start[ratios.numerators].any():  # nothing is told of a ratio either
+    if ratios is None or not start[ratios.numerators].any():  # nothing is known of a ratio either
         scale = search_scale(space, start)
         return minimise(problem, start, lower=space.lower, upper=space.upper, scale=scale, options=options)
     begin, (lower, upper) = ratios.of(start), ratios.bounds(space)

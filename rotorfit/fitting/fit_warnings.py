@@ -34,7 +34,7 @@ def fit_warnings(
     rescaled: bool,
     noise: ResidualStudy | None,
 ) -> list[str]:
-    """What a reader of the result should know."""
+    """Warnings for a reader of the result."""
     found = [] if noise is None else noise.warnings(redchi)
     advice = _advice(problem.space.model, identifiability, rescaled)
     nfree = problem.n_data - problem.space.size
@@ -77,13 +77,13 @@ def fit_warnings(
 
 
 def too_quiet(redchi: Float | float, nfree: int) -> Bool:
-    """Whether the noise is overestimated by more than is worth knowing, for one result or many."""
+    """True if the noise is overestimated by more than is worth knowing, for one result or many."""
     chance = np.sqrt(2 / max(nfree, 1))
     return np.asarray((redchi > EXACT_REDCHI) & (redchi < min(_QUIET_REDCHI, 1 - _QUIET_DEVIATIONS * chance)))
 
 
 def _advice(model: RotorModel, identifiability: Identifiability, rescaled: bool) -> str:
-    """What may help a fit that its model limits: structural blocks only where more can be added."""
+    """Advice for a fit that its model limits: structural blocks only where more can be added."""
     if isinstance(model, Modal):
         return "modes left out do so, or supports that differ in x and y (apart)"
     if not hasattr(model, "blocks"):

@@ -48,8 +48,8 @@ def judge(
     success = solution is None or solution.success or solution.status is Status.SINGULAR
     if not success:  # where a search stalled the curvature tells nothing of the error
         params = {n: replace(p, stderr=np.nan, stderr_noise=np.nan) if p.vary else p for n, p in params.items()}
-    told = fit_warnings(problem, x, goodness.redchi, params, verdict, bool(settings.noise_scale), errors.noise)
-    warnings = [*notes, *told]
+    found = fit_warnings(problem, x, goodness.redchi, params, verdict, bool(settings.noise_scale), errors.noise)
+    warnings = [*notes, *found]
     if solution is not None and not success:
         warnings.insert(0, f"the optimisation did not converge, so that nothing has an error: {solution.message}")
     return FitResult(

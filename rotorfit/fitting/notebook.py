@@ -1,4 +1,4 @@
-"""What a notebook shows of a result: tables, made of escaped text."""
+"""A result in a notebook: tables, made of escaped text."""
 
 from __future__ import annotations
 

@@ -144,7 +144,7 @@ def with_noise_scale(problem: Problem, scale: Mapping[str, float], power: int = 
 
 
 def _has_phase(block: Block) -> bool:
-    """Whether the observations are phasors relative to a turning reference."""
+    """True if the observations are phasors relative to a turning reference."""
     circular = responses_of(block)
     return isinstance(block, OffCentreResponses) or (circular is not None and bool(circular.frequency.any()))
 

@@ -11,7 +11,7 @@ from rotorfit.fitting.digits import plus_minus
 from rotorfit.units import si_factor
 
 THRESHOLD = "threshold_speed"
-"""What the threshold speed is called where a parameter could stand."""
+"""Name of the threshold speed where a parameter could stand."""
 
 
 class Assuming(Protocol):

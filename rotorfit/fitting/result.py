@@ -1,4 +1,4 @@
-"""What a fit gives back: parameters with their errors, goodness of fit, identifiability, derived quantities."""
+"""Result of a fit: parameters with their errors, goodness of fit, identifiability, derived quantities."""
 
 from __future__ import annotations
 
@@ -108,7 +108,7 @@ class FitResult:
         object.__setattr__(self, "params", params)
 
     def __repr__(self) -> str:
-        """What was fitted and how well, on one line; ``print(fit)`` shows the table of :meth:`summary`."""
+        """Model, data and goodness of fit, on one line; ``print(fit)`` shows the table of :meth:`summary`."""
         size = f"{self.nvarys} values from {self.ndata} data"
         return f"<FitResult {self.model.name}, {self.method}: {size}, redchi {self.redchi:.4g}, {self.message}>"
 
@@ -116,7 +116,7 @@ class FitResult:
 
     @cached_property
     def findings(self) -> tuple[Finding, ...]:
-        """What is wrong or odd about the data, errors first: by :func:`rotorfit.check`, and by what the fit misses.
+        """Findings about the data, errors first: by :func:`rotorfit.check`, and by what the fit misses.
 
         Where the model misses the data by far, trial fits look for an error of the data that explains it: an unbalance
         given as a constant force, exchanged speeds or planes, turned probes, filters, wrong units.
@@ -160,7 +160,7 @@ class FitResult:
 
     @property
     def model_limited(self) -> bool:
-        """Whether the model, not the noise, limits the fit, as far as a linear loss tells."""
+        """True if the model, not the noise, limits the fit, as far as a linear loss tells."""
         return self.problem.loss == "linear" and is_misfit(self.noise, self.widening)
 
     @property
@@ -372,7 +372,7 @@ class FitResult:
         return {}
 
     def onset_note(self, group: int = 0) -> str:
-        """What limits the threshold speed of a parameter group; empty where its whirl lies in the tested band.
+        """Limitation of the threshold speed of a parameter group; empty where its whirl lies in the tested band.
 
         Args:
             group: its number, from 0.
@@ -425,7 +425,7 @@ class FitResult:
         return turning_anisotropy(self, level=level, at=at)
 
     def assumptions(self, priors: Mapping[str, float] | None = None) -> Assumptions:
-        """What the numbers rest on: terms left out of the model and values taken as known, tested where the data can.
+        """Assumptions of the numbers: terms left out of the model and values taken as known, tested where the data can.
 
         For each: the score test, and how far it would move the results. No fit is repeated.
 
@@ -664,7 +664,7 @@ class FitResult:
         return self.summary()
 
     def _repr_html_(self) -> str:
-        """What a notebook shows."""
+        """Table for a notebook."""
         from rotorfit.fitting.notebook import fit_html
 
         return fit_html(self)

@@ -1,4 +1,4 @@
-"""What the user asked of a fit."""
+"""Options and settings of a fit."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ class FitOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class FitSettings(FitOptions):
-    """What the user asked for, and what was found out while doing it; it lays the problem out again."""
+    """Options that the user gave, and choices made during the fit; they lay the problem out again."""
 
     noise_scale: Mapping[str, float] = field(default_factory=dict)  # factor on the noise of a response, by name
     onsets: tuple[Onset, ...] = ()
@@ -82,7 +82,7 @@ class FitSettings(FitOptions):
 
     @property
     def asked(self) -> FitSettings:
-        """What goes for another model of the same data too: without what the fit found for itself, and assumptions."""
+        """Settings for another model of the same data: without choices of the fit, and assumptions."""
         return replace(self, noise_scale={}, onsets=(), noise=None, assumptions={})
 
     @property
@@ -93,5 +93,5 @@ class FitSettings(FitOptions):
 
     @property
     def rescaled(self) -> bool:
-        """Whether the noise was scaled to the residuals, or what runs differ by joined it."""
+        """True if the noise was scaled to the residuals, or what runs differ by joined it."""
         return bool(self.noise_scale) or self.noise is not None

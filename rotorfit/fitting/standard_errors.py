@@ -21,7 +21,7 @@ from rotorfit.models.array_types import ComplexArray, Float
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class StandardErrors:
-    """What the data say of an estimate's error."""
+    """Standard error of an estimate, and its origin."""
 
     scattered: Float  # covariance by the noise alone, shape ``(p, p)``
     covar: Float  # the same, widened

@@ -23,7 +23,7 @@ from rotorfit.observing.measured_stiffness import isotropic_planes
 from rotorfit.units import RAD_S_PER_RPM, RPM_PER_RAD_S
 
 _LEAST_SPEED_RATIO = 1.05
-"""Ratio of the largest to the smallest speed from which stiffness and mass can be told apart."""
+"""Ratio of the largest to the smallest speed from which stiffness and mass can be separated."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -1,4 +1,4 @@
-"""What changes in dated tests of one machine: levels, changes of level against the scatter between tests, causes."""
+"""Changes in dated tests of one machine: levels, changes of level against the scatter between tests, causes."""
 
 from __future__ import annotations
 
@@ -93,7 +93,7 @@ class PlaceTrend:
         return "\n".join([self.place, *self.sentences()])
 
     def sentences(self) -> list[str]:
-        """What the values say, in words."""
+        """The change and its causes, in sentences."""
         n = len(self.dates)
         if self.change is None:
             return [f"{n} tests: at least {fewest_dates(1)} are needed to tell a change from their scatter"]
@@ -112,10 +112,10 @@ class PlaceTrend:
             for name, shift, level, e in zip(self.names, self.change.shift, self.change.before, error, strict=True)
         )
         since = f"a change between {self.dates[self.change.index - 1]} and {self.dates[self.change.index]}"
-        told = f"{since} (p = {self.change.p_value:.2g}): {sizes}"
+        sentence = f"{since} (p = {self.change.p_value:.2g}): {sizes}"
         if self.names[0] in ("dK/K", "dK") and self.change.shift[0] > 0:
-            return [*words, told, "a turning anisotropy that grows is what a propagating crack makes"]
-        return [*words, told, *self._cause_sentences()]
+            return [*words, sentence, "a turning anisotropy that grows is what a propagating crack makes"]
+        return [*words, sentence, *self._cause_sentences()]
 
     def _cause_sentences(self) -> list[str]:
         if not self.causes:
@@ -133,7 +133,7 @@ class PlaceTrend:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class MachineTrend:
-    """What :func:`trend` found, place by place.
+    """Result of :func:`trend`, place by place.
 
     Attributes:
         places: one entry a place, for observed stiffness a pair of force plane and probe plane.
@@ -143,7 +143,7 @@ class MachineTrend:
 
     @property
     def changed(self) -> bool:
-        """Whether a change was found anywhere."""
+        """True if a change was found anywhere."""
         return any(place.found for place in self.places)
 
     def __str__(self) -> str:

@@ -224,8 +224,8 @@ def _conditions(test: PerturbationTest, run: Index) -> Index:
     for name, values in test.attributes.items():
         if name.startswith("repeat"):
             continue
-        told = np.asarray(values)
-        number = numbers(told if told.dtype.kind in "Ufiub" else told.astype(str))
+        given = np.asarray(values)
+        number = numbers(given if given.dtype.kind in "Ufiub" else given.astype(str))
         if in_order(combined(run, number))[0].size == int(run.max()) + 1:
             codes.append(number)
     return in_order(combined(*codes))[1]

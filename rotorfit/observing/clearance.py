@@ -1,4 +1,4 @@
-"""Readings beyond the clearance of a bearing: a few are left out and told of, many say that clearance or units err."""
+"""Readings beyond the clearance of a bearing: a few are left out and reported, many say that clearance or units err."""
 
 from __future__ import annotations
 

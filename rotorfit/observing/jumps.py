@@ -16,7 +16,7 @@ _STEP_RATIO = 4.0  # times the steps on either side of it
 _LINES_BEFORE = 2  # lines left out before a jump
 _LARGEST_SWEEP_GAP = 3.0  # step of the frequency over the usual one, within one sweep
 _LARGEST_FORCE_CHANGE = 0.2  # relative change of the force from line to line, within one sweep
-_FEWEST_LINES = 6  # lines of a sweep in which a jump can be told from a resonance
+_FEWEST_LINES = 6  # lines of a sweep in which a jump can be distinguished from a resonance
 
 
 def usable(model: RotorModel, test: Experiment) -> tuple[Experiment, tuple[str, ...]]:
@@ -63,7 +63,7 @@ def off_jumps(model: RotorModel, test: Experiment) -> tuple[Experiment, str]:
 
 
 def _swept_on(test: PerturbationTest, rows: NDArray[np.intp]) -> NDArray[np.bool_]:
-    """Whether from each row to the next the sweep went on: a step in frequency as the others, and the same force."""
+    """True if from each row to the next the sweep went on: a step in frequency as the others, and the same force."""
     ahead, force = np.diff(test.frequency[rows]), np.abs(test.force[rows])
     usual = float(np.median(ahead))
     same = np.abs(np.diff(force)) <= _LARGEST_FORCE_CHANGE * force[:-1]

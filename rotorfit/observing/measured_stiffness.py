@@ -76,7 +76,7 @@ def dynamic_stiffness(
 
 
 def _why_none(test: PerturbationTest, planes: tuple[str, ...], *, isotropic: bool) -> str:
-    """What is missing, or wrong, where no frequency gives a matrix."""
+    """The cause where no frequency gives a matrix."""
     unforced = sorted(set(planes) - set(test.force_planes))
     if unforced:
         return f"no force at {', '.join(unforced)}"

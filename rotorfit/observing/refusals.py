@@ -48,7 +48,7 @@ def check_planes(
 
 
 def _or_fewer(planes: int, model: RotorModel) -> str:
-    """What else to do where a test has more planes than the model."""
+    """Advice where a test has more planes than the model."""
     if planes <= len(model.planes):
         return ""
     return "; of so many planes it takes only those chosen (where={'plane': ..., 'force_plane': ...})"

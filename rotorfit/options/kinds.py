@@ -294,5 +294,5 @@ def written(kind: Kind, name: str, value: Any) -> list[str] | None:
 
 
 def is_set(value: Any) -> bool:
-    """Whether a setting says anything: not empty, not false, not left out."""
+    """True if a setting says anything: not empty, not false, not left out."""
     return value is not None and value is not False and not (isinstance(value, Mapping | tuple | str) and not value)

@@ -50,7 +50,7 @@ class _Line:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _Shown:
-    """What a condition has to show: its range of frequencies, its points, and lines that only the data tell."""
+    """The panel of a condition: its range of frequencies, its points, and lines that only the data show."""
 
     condition: SweepCondition
     low: float

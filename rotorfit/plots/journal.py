@@ -1,4 +1,4 @@
-"""What a fit's data and its model say of the journal alone, however many planes the rotor has."""
+"""A fit's data and its model at the journal alone, however many planes the rotor has."""
 
 from __future__ import annotations
 

@@ -72,7 +72,7 @@ def _orbit(axis: Any, part: Stretch, z: NDArray[Any], dots: dict[str, Float], ha
     axis.set_xlabel("x (µm)", fontsize=8)
     axis.set_ylabel("y (µm)", fontsize=8)
     if not np.isfinite(z).any():
-        text = "not told from the other mark"
+        text = "not distinguished from the other mark"
         axis.text(0.5, 0.5, text, transform=axis.transAxes, ha="center", fontsize=8, color=GREY)
 
 
@@ -129,7 +129,7 @@ def _gap(vectors: OrderVectors) -> str | None:
     """Where windows cannot tell the mark's turns from the other mark's, there is no vector; say so."""
     good = np.flatnonzero(np.isfinite(vectors.phasors).all(axis=0))
     missing = good.size and not np.isfinite(vectors.phasors[:, good[0] : good[-1]]).all()
-    return "gap: not told from the other mark" if missing else None
+    return "gap: not distinguished from the other mark" if missing else None
 
 
 def _what(vectors: OrderVectors) -> str:

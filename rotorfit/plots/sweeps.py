@@ -91,12 +91,12 @@ def sweeps(fit: FitResult) -> tuple[list[SweepCondition], list[Sweeps]]:
 
 
 def _at_1x(base: Responses) -> bool:
-    """Whether all lines are at once-per-turn frequency, so that few dwell speeds are one curve as a start-up is."""
+    """True if all lines are at once-per-turn frequency, so that few dwell speeds are one curve as a start-up is."""
     return bool(np.allclose(base.frequency, base.speed, rtol=SYNCHRONOUS_TOLERANCE, atol=0.0))
 
 
 def _keys(blocks: Sequence[Responses], *, nonlinear: bool) -> list[list[_Key]]:
-    """What tells the lines of each block apart; equal speeds of several blocks have equal keys."""
+    """Keys that distinguish the lines of each block; equal speeds of several blocks have equal keys."""
     swept = [np.unique(base.speed).size > MOST_STEADY_SPEEDS or _at_1x(base) for base in blocks]
     same_speed = 2e-3  # relative difference of speeds that were meant to be the same
     steady = _rounded(

@@ -1,5 +1,5 @@
-"""What one pass over a channel tells: mean, range and scatter of its voltage, how often it stays at an extreme, and for
-how long it stands still."""
+"""Statistics of one pass over a channel: mean, range and scatter of its voltage, how often it stays at an extreme, and
+for how long it stands still."""
 
 from __future__ import annotations
 
@@ -53,12 +53,12 @@ class ChannelStatistics:
 
     @property
     def clipped(self) -> bool:
-        """Whether the signal stays at one of its extremes again and again."""
+        """True if the signal stays at one of its extremes again and again."""
         return max(self.flat_low, self.flat_high) >= 3
 
     @property
     def without_gap(self) -> bool:
-        """Whether the mean voltage is too near to zero to be a probe's gap: AC-coupled."""
+        """True if the mean voltage is too near to zero to be a probe's gap: AC-coupled."""
         least_gap = 0.25  # voltage below which a mean is no probe's gap
         return abs(self.mean) < max(least_gap if self.unit == "V" else 0.0, 0.05 * self.deviation)
 

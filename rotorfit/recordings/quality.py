@@ -1,4 +1,4 @@
-"""What can be seen to be wrong with the channels of a recording, before anything is estimated from them."""
+"""Faults of the channels of a recording that show before anything is estimated from them."""
 
 from __future__ import annotations
 
@@ -219,7 +219,7 @@ def direction_findings(record: Signals, shaft: AngleTrack | None, perturbator: A
 
 
 def _reversed(record: Signals, plane: str, angle: AngleTrack, direction: int) -> bool | None:
-    """Whether motion at a mark's frequency is mostly against the direction; None where it is too small to say."""
+    """True if motion at a mark's frequency is mostly against the direction; None where it is too small to say."""
     with_it = against = total = 0.0
     for start, stop in _spread(record):
         t = np.arange(start, stop) / record.sample_rate
@@ -268,7 +268,7 @@ def hum_findings(record: Signals, shaft: AngleTrack | None) -> Iterator[Finding]
             "note",
             "hum-on-order",
             f"{record.name}: the shaft turns at {frequency:g} Hz, where mains hum would stand too: what of the 1x in "
-            f"{listed(channels)} is hum cannot be told. Record at another speed, or with the shaft at rest.",
+            f"{listed(channels)} is hum cannot be decided. Record at another speed, or with the shaft at rest.",
         )
     for frequency, seen in sorted(lines.items()):
         worst = max(amplitude for _, amplitude in seen)
@@ -310,11 +310,11 @@ def speed_findings(record: Signals, shaft: AngleTrack) -> Iterator[Finding]:
     speeds = shaft.speed(np.linspace(shaft.begin, shaft.end, 200))
     middle = float(np.median(speeds))
     if np.ptp(speeds) < 0.05 * abs(middle) and abs(middle - abs(record.speed)) > 0.03 * abs(record.speed):
-        marks, told = middle * RPM_PER_RAD_S, record.speed * RPM_PER_RAD_S
+        marks, given = middle * RPM_PER_RAD_S, record.speed * RPM_PER_RAD_S
         yield Finding(
             "warning",
             "speed-disagrees",
-            f"{record.name}: the marks say {marks:.4g} rpm, file or setup {told:.4g} rpm: is pulses_per_turn right "
+            f"{record.name}: the marks say {marks:.4g} rpm, file or setup {given:.4g} rpm: is pulses_per_turn right "
             f"({record.rig.shaft.pulses_per_turn if record.rig.shaft else 1}), and the sampling rate "
             f"({record.sample_rate:g} Hz)?",
         )
@@ -346,9 +346,9 @@ def mark_findings(record: Signals, shaft: AngleTrack, perturbator: AngleTrack) -
     )
     if sweeps > _SWEPT_RANGE and steady < _STEADY_RANGE:
         turning = float(np.mean(perturbator.speed(np.linspace(perturbator.begin, perturbator.end, 200))))
-        told = record.speed is not None and abs(turning - abs(record.speed)) < 0.03 * abs(record.speed)
+        given = record.speed is not None and abs(turning - abs(record.speed)) < 0.03 * abs(record.speed)
         yield Finding(
-            "error" if told else "warning",
+            "error" if given else "warning",
             "marks-exchanged",
             f"{record.name}: the shaft's mark sweeps and the perturbator's is steady: are the channels of [shaft] and "
             "[perturbator] exchanged?",

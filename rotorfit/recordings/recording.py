@@ -122,7 +122,7 @@ class Recording(Signals):
 
     @cached_property
     def findings(self) -> tuple[Finding, ...]:
-        """What was found wrong or mended: setup against file, pulses, channels."""
+        """Faults that were found or corrected: setup against file, pulses, channels."""
         found = [*(Finding("note", "file", text) for text in self.raw.remarks), *self.rig.findings]
         shaft = None if self.rig.shaft is None else self._shaft
         perturbator = self.perturbator_angle()

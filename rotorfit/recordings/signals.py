@@ -79,7 +79,7 @@ class Signals:
 
     @property
     def force(self) -> Force | None:
-        """What drives the rotor; None where neither file nor setup says."""
+        """Force that drives the rotor; None where neither file nor setup says."""
         return self.rig.force
 
     @property

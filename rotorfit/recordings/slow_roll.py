@@ -22,7 +22,7 @@ from rotorfit.units import RPM_PER_RAD_S
 if TYPE_CHECKING:
     from rotorfit.recordings.signals import Signals
 
-_FEWEST_TURNS = 4  # turns from which run-out is told from noise and from a drift
+_FEWEST_TURNS = 4  # turns from which run-out is distinguished from noise and from a drift
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -96,7 +96,7 @@ def find_run_out(record: Signals, shaft: AngleTrack, how: SlowRollSetup) -> RunO
 
 
 def in_words(record: Signals, found: RunOut) -> str:
-    """What was taken out of the signals of a recording."""
+    """Run-out that was subtracted from the signals of a recording."""
     sizes = ", ".join(
         f"{probe.channel} {abs(found.amplitudes[probe.channel][0] / float(probe.sensitivity or 1.0)) * 1e6:.3g} µm"
         for probe in record.probes

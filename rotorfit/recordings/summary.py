@@ -1,4 +1,4 @@
-"""What a recording holds, in words."""
+"""Contents of a recording, in words."""
 
 from __future__ import annotations
 

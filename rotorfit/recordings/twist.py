@@ -61,7 +61,7 @@ def _between_wheels(record: Signals, how: Twist) -> Float:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TwistView:
-    """What the figure of the twist shows."""
+    """Data of the figure of the twist."""
 
     over: str  # what tells the spectra apart: ``time``, ``speed`` or ``perturbation``
     position: Float  # s or rad/s, shape ``(W,)``

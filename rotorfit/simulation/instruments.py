@@ -40,7 +40,7 @@ class Probes:
 
 @dataclass(frozen=True, kw_only=True)
 class Instruments(Probes):
-    """What measures and records; the defaults are a good set of instruments on a rotor with ordinary run-out.
+    """Instruments that measure and record; the defaults are a good set of instruments on a rotor with ordinary run-out.
 
     Attributes:
         sample_rate: Hz.
@@ -163,7 +163,7 @@ def _disturbed(
 
 
 def _runout(angle: Float, instruments: Instruments, plane: str) -> ComplexArray:
-    """What the probes of a plane see of a shaft that does not move: the same in every run."""
+    """Readings of the probes of a plane of a shaft that does not move: the same in every run."""
     rng = np.random.default_rng(list(plane.encode()))
     seen = np.zeros(angle.size, dtype=complex)
     for order, size in enumerate(instruments.runout, start=1):

@@ -15,7 +15,7 @@ from rotorfit.simulation.forcing import LineOrder
 
 
 class ExperimentOptions(TypedDict, total=False):
-    """What :func:`rotorfit.simulate` takes for one kind of experiment or another."""
+    """Options of :func:`rotorfit.simulate` for one kind of experiment or another."""
 
     speed_rpm: ArrayLike  # rotative speeds; frequencies of the force or the imposed orbit, negative backward
     frequency_rpm: ArrayLike  # rotative speeds; frequencies of the force or the imposed orbit, negative backward
@@ -36,7 +36,7 @@ class ExperimentOptions(TypedDict, total=False):
 
 
 class RecordingOptions(TypedDict, total=False):
-    """What :func:`rotorfit.simulate_recordings` takes for one kind of test or another."""
+    """Options of :func:`rotorfit.simulate_recordings` for one kind of test or another."""
 
     speed_rpm: ArrayLike  # rotative speeds; first and last of a start-up
     frequency_rpm: ArrayLike  # frequencies of dwells, one after the other

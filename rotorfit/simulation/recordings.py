@@ -103,7 +103,7 @@ def simulate_recordings(
 
 
 def _setup(kind: str, instruments: Instruments, options: RecordingOptions) -> str:
-    """What the files of a kind do not say themselves, as ``rig.toml``."""
+    """The ``rig.toml`` with what the files of a kind do not say themselves."""
     said = '# the files say the rest themselves\nrotation = "ccw"\n'
     if kind == "dwell" and not options.get("mark", True):
         said += "[perturbator]\nsteady = true\n"

@@ -21,7 +21,7 @@ from rotorfit.units import RPM_PER_RAD_S
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class VirtualRig:
-    """What is measured on, and how well."""
+    """The rig of a simulated test: rotor and instruments."""
 
     model: RotorModel  # the rotor
     theta: Float  # its true parameters, shape ``(P,)``
@@ -34,7 +34,7 @@ class VirtualRig:
 
     @property
     def seat(self) -> int:
-        """Coordinate that constant loads act on unless told otherwise: the journal, or the last plane."""
+        """Coordinate that constant loads act on by default: the journal, or the last plane."""
         return journal(self.model).at if self.model.eccentricity_dependent else len(self.model.planes) - 1
 
     def motion(self, speed: Float, imposed: int | None = None) -> Motion:

@@ -71,7 +71,7 @@ def read_files(
             found += without_phases(checked) if any(f.code == PHASE_DATUM for f in found) else checked
             found = _with_lines(found, file, len(test))
             findings.append(tuple(errors_first(found)))
-            found = []  # what was found odd in recordings of several kinds is told with the first
+            found = []  # findings about recordings of several kinds are reported with the first
         experiments += tests
     if len(experiments) > 1:
         copies = copied_runs(experiments)

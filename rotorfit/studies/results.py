@@ -1,4 +1,4 @@
-"""What a study writes into its folder: summary, tables, files that read back, report and figures."""
+"""Files that a study writes into its folder: summary, tables, files that read back, report and figures."""
 
 from __future__ import annotations
 

@@ -32,7 +32,7 @@ class Study(StudyOptions):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Outcome:
-    """What a study gave."""
+    """Result of a study."""
 
     study: Study  # the settings
     experiments: tuple[Experiment, ...]  # the data
@@ -63,7 +63,7 @@ class Outcome:
 
     @property
     def failure(self) -> str:
-        """What is wrong with the data or did not converge, in words; empty where all is well."""
+        """Errors of the data and searches that did not converge, in words; empty where all is well."""
         if self.data_errors:
             return error_sentence(self.data_errors)
         if not self.best.success:

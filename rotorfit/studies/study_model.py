@@ -23,7 +23,7 @@ def _has_twist(experiment: Experiment) -> bool:
 
 
 def _has_start_up(experiment: Experiment) -> bool:
-    """Whether 1x and 2x were read over the speeds of a start-up, where run-out shows."""
+    """True if 1x and 2x were read over the speeds of a start-up, where run-out shows."""
     if not isinstance(experiment, LineTest):
         return False
     speeds = [set(experiment.speed[experiment.line == line].tolist()) for line in ("1x", "2x")]

@@ -22,7 +22,7 @@ _SPOKEN = (
     (r"\(where=\{'plane': \.\.\., 'force_plane': \.\.\.\}\)", "(--where plane=A --where force_plane=A)"),
     (r"Give their angles \(probe_angles\)", "Give their angles (--probe-angles)"),
 )
-"""What a message says in Python, as a pattern, and with options."""
+"""Words of a message in Python, as a pattern, and with options."""
 
 _OPTIONS = (
     (r"\b(give|check) clearance_um\b", r"\1 --clearance-um"),

@@ -78,7 +78,7 @@ class Bootstrap(Draws):
 
     @property
     def _few(self) -> bool:
-        """Whether there are too few estimates for a spread."""
+        """True if there are too few estimates for a spread."""
         return len(self.samples) < 2  # estimates that have a spread
 
     @property

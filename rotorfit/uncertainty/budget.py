@@ -236,7 +236,7 @@ class Budget:
         return self.summary()
 
     def _repr_html_(self) -> str:
-        """What a notebook shows."""
+        """Table for a notebook."""
         return text_html(str(self))
 
 

@@ -82,7 +82,7 @@ class Derived:
 
 
 class Draws(ABC):
-    """What consists of draws of parameters: a posterior, an average of posteriors, a bootstrap."""
+    """Draws of parameters: a posterior, an average of posteriors, a bootstrap."""
 
     @abstractmethod
     def parameter(self, name: str) -> Derived:
@@ -101,7 +101,7 @@ class Draws(ABC):
         return self.summary()
 
     def _repr_html_(self) -> str:
-        """What a notebook shows."""
+        """Table for a notebook."""
         return text_html(str(self))
 
 

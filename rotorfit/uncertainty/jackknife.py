@@ -1,4 +1,4 @@
-"""What results change by when a run is left out: errors that assume nothing of how runs differ."""
+"""Change of results when a run is left out: errors that assume nothing of how runs differ."""
 
 from __future__ import annotations
 
@@ -98,7 +98,7 @@ class Jackknife:
         return self.table()
 
     def _repr_html_(self) -> str:
-        """What a notebook shows."""
+        """Table for a notebook."""
         return text_html(str(self))
 
 

@@ -44,7 +44,7 @@ class ModelAverage(Draws):
 
     @property
     def converged(self) -> bool:
-        """Whether the chains of all models have converged."""
+        """True if the chains of all models have converged."""
         return all(posterior.converged for posterior in self.posteriors)
 
     def parameter(self, name: str) -> Derived:

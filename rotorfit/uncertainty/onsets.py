@@ -1,4 +1,4 @@
-"""Threshold speeds of many draws, by the rules of the fit's own: what lies beyond the tests is told as that."""
+"""Threshold speeds of many draws, by the rules of the fit's own: a threshold beyond the tests is reported as such."""
 
 from __future__ import annotations
 

@@ -27,7 +27,7 @@ _KIND = "rotorfit posterior"
 
 @dataclass(frozen=True, kw_only=True)
 class Health:
-    """What the chains of one entry are worth."""
+    """Convergence of the chains of one entry."""
 
     name: str  # of the entry
     rhat: float  # split R-hat, 1 for chains that agree, to be doubted above 1.01

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
 
 _INERTIA_DECADES = 4  # that an inertia is followed to either side
-_LARGEST_RATIO_ERROR = 0.2  # error of a ratio, over its value, up to which it is surely not zero
+_LARGEST_RATIO_ERROR = 0.2  # error of a ratio, over its value, up to which zero is five standard errors away
 _ROUND_OFF_FALL = 1e-4  # fall of the scaled curve below its minimum that is more than round-off
 
 
@@ -196,7 +196,7 @@ class _Line:
 
     @property
     def _falls(self) -> bool:
-        """Whether the quantity falls along the curve, as negative ones do along their logarithm."""
+        """True if the quantity falls along the curve, as negative ones do along their logarithm."""
         return self.shown(1.0) < self.shown(0.0)
 
     def _end(self, value: float) -> float:
@@ -218,7 +218,7 @@ def _settled(fit: FitResult) -> tuple[Problem, Float]:
 
 
 def _is_scaled(problem: Problem) -> bool:
-    """Whether the cost's own curvature is not the variance."""
+    """True if the cost's own curvature is not the variance."""
     return problem.loss != "linear" or math.isfinite(freedom_of(problem.blocks))
 
 
@@ -313,7 +313,7 @@ def _leading(ratios: Ratios | None, i: int, x: Float, known: FittedParameter, co
         return ratios
     if known.resolved or i not in ratios.numerators:
         return None
-    # Not determined, it goes with the others as far as that may be, if its ratio is surely not zero.
+    # Not determined, it goes with the others as far as that may be, if its ratio is known not to be zero.
     relative = covar / np.outer(x, x)
     error = math.sqrt(max(relative[i, i] - 2 * relative[i, ratios.entry] + relative[ratios.entry, ratios.entry], 0.0))
     return ratios.led_by(i, x) if error < _LARGEST_RATIO_ERROR else None
@@ -322,7 +322,7 @@ def _leading(ratios: Ratios | None, i: int, x: Float, known: FittedParameter, co
 def _along_ratios(
     problem: Problem, ratios: Ratios, x: Float, known: FittedParameter, error: float, scale: float, goal: float
 ) -> _Line:
-    """What others are told over: followed in its logarithm, along which they stay as ratios, over four decades."""
+    """Profile of a parameter to which others are ratios, by its logarithm: they stay the same, over four decades."""
     y = ratios.of(x)
     held = EntryConstraint(LogRatioProblem(problem, ratios), np.where(y == 0, 1.0, np.abs(y)))
     value, (lower, upper) = float(y[ratios.entry]), (float(bound[ratios.entry]) for bound in held.bounds)
@@ -401,7 +401,7 @@ def _grid(value: float, ends: list[End], points: int) -> list[float]:
 
 
 def _beyond_tests(fit: FitResult, at: Mapping[str, Any] | None) -> str:
-    """What to say of a threshold beyond what was tested: an interval of one model knows nothing of its neighbours."""
+    """Warning of a threshold beyond the tests: an interval of one model knows nothing of its neighbours."""
     group = fit.group(at)
     note = fit.onset_note(group)
     if not note or not fit.settings.onsets:

@@ -153,7 +153,7 @@ def _target(fit: FitResult, noise: Noise | None, accelerate: bool | None, work: 
 
 
 def _treatment(fit: FitResult, target: LogPosterior, centre: Float) -> str:
-    """What was done about noise and model-form error."""
+    """Treatment of noise and model-form error, in words."""
     if not fit.model_limited:
         words = (
             "The uncertainty of the choice among candidate models, which standard errors hold, is not in these draws "
@@ -177,7 +177,7 @@ def _treatment(fit: FitResult, target: LogPosterior, centre: Float) -> str:
 
 
 def _noise_words(fit: FitResult, target: LogPosterior, centre: Float) -> str:
-    """What was taken for the level of the noise."""
+    """Level assumed for the noise, in words."""
     if target.noise == "fixed":
         if fit.settings.noise_scale:
             return "noise of each response at the level of the residuals of the refined fit"
@@ -197,7 +197,7 @@ def _noise_words(fit: FitResult, target: LogPosterior, centre: Float) -> str:
 
 
 def _better_optimum(target: LogPosterior, centre: Float, log_density: Float) -> str:
-    """What to say where draws are denser than the optimum that the walkers started from can be."""
+    """Warning where draws are denser than the optimum that the walkers started from can be."""
     lead = float(log_density.max() - target(centre[None])[0])
     if not lead > _LARGEST_EXCESS:
         return ""

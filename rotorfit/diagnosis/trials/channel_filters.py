@@ -1,4 +1,4 @@
-"""What a channel may do to a displacement on its way into a file: integrators, filters, latencies, other units."""
+"""Effects of a channel on a displacement on its way into a file: integrators, filters, latencies, other units."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class ChannelFilter:
     corner: bool = True  # whether the value is a frequency, rad/s, or a time, s
 
     def words(self, value: float) -> tuple[str, str]:
-        """What is said of readings behind it, and how it is undone."""
+        """Words for readings behind it, and how it is undone."""
         said = f"{value / (2 * np.pi):.3g} Hz" if self.corner else f"{value:.3g} s"
         return self.message.format(value=said), self.undo.format(value=said)
 
@@ -92,6 +92,6 @@ def values_to_try(kind: ChannelFilter, frequency: Float, count: int) -> Float:
 
 
 def likeness(factor: float) -> str:
-    """What readings that are so many times too large may come from, as ", as by ..."; empty where nothing is likely."""
+    """Likely cause of readings that are so many times too large, as ", as by ..."; empty where nothing is likely."""
     like = [text for value, text in _LIKE.items() if abs(np.log(factor / value)) < SAME_FACTOR]
     return f", as by {like[0]}" if like else ""

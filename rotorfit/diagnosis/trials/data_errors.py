@@ -289,7 +289,7 @@ def _from_radians(test: PerturbationTest, *, column: str) -> PerturbationTest:
 
 
 def _is_constant(test: PerturbationTest, size: Float) -> bool:
-    """Whether something is the same all through each run."""
+    """True if something is the same all through each run."""
     for run in test.runs:
         own = size[test.run == run]
         if np.ptp(own) > _CONSTANT_SPREAD * own.max():
@@ -299,12 +299,12 @@ def _is_constant(test: PerturbationTest, size: Float) -> bool:
 
 
 def _may_be_decibels(amplitude: Float) -> bool:
-    """Whether amplitudes are numbers that levels in dB could be, of a rotor with a resonance."""
+    """True if amplitudes are numbers that levels in dB could be, of a rotor with a resonance."""
     least, most, largest = 20.0, 100.0, 200.0  # dB between the largest and the smallest level, and of the largest
     return bool(amplitude.max() < largest and least < np.ptp(amplitude) < most)
 
 
 def _are_radians(values: ComplexArray) -> bool:
-    """Whether all phases, read as degrees, lie within what a turn is in radians, and are not simply zero."""
+    """True if all phases, read as degrees, lie within what a turn is in radians, and are not simply zero."""
     degrees = np.abs(np.degrees(np.angle(values)))
     return bool(degrees.max() <= _TURN_IN_RADIANS and degrees.max() > 0)

@@ -65,7 +65,7 @@ def _turning_anew(fit: FitResult, orbits: Sequence[Orbits]) -> Iterator[Explanat
 
 
 def _still_wrong(fit: FitResult, error: DataError) -> bool:
-    """Whether tests with an error undone show another one, such as negative damping."""
+    """True if tests with an error undone show another one, such as negative damping."""
     return any(
         finding.severity == "error"
         for test in fit.experiments
@@ -114,7 +114,7 @@ def _corrected(fit: FitResult, error: DataError) -> Problem | None:
 def _of_readings(
     readings: Readings, x: Float | None, far: bool, uneven: Collection[str], known: Sequence[str]
 ) -> Iterator[Explanation]:
-    """What filters and factors of readings explain."""
+    """Explanations by filters and factors of readings."""
     least = np.inf if x is None else 2 * readings.problem.cost(x)
     if far or x is None:
         tried, end = trial(readings.problem)

@@ -21,7 +21,7 @@ from rotorfit.models.array_types import Bool, ComplexArray
 
 
 def filters(readings: Readings, missed: float, hint: Hint, uneven: Collection[str]) -> Iterator[Explanation]:
-    """What explains the data among filters of all probes and of those at one plane, unless its probes differ."""
+    """Explanations of the data by filters of all probes and of those at one plane, unless its probes differ."""
     yield from _of_group(readings, "all readings", np.ones(readings.plane.size, dtype=bool), missed, hint)
     planes = np.unique(readings.plane).tolist()
     for plane in planes[:MOST_PLANES] if len(planes) > 1 else ():
@@ -50,7 +50,7 @@ def _searched(readings: Readings, kind: ChannelFilter, who: str, rows: Bool, mis
     def factor(value: float) -> ComplexArray:
         return np.where(rows, kind.seen(readings.s, value), 1.0)
 
-    count = 9  # values across the band; neighbours differ by less than a filter can be told by
+    count = 9  # values across the band; neighbours differ by less than filters can be distinguished by
     tried = values_to_try(kind, readings.frequency, count)
     rough = [misfit_of_closed_form(readings.corrected(factor(value))) for value in tried.tolist()]
     best = int(np.argmin(rough))

@@ -48,7 +48,7 @@ class _Group:
 
 
 def factors_of_groups(readings: Readings, missed: float, hint: Hint, known: Sequence[str]) -> Iterator[Explanation]:
-    """What explains the data among factors and angles that some readings alone have."""
+    """Explanations of the data by factors and angles that some readings alone have."""
     seen = {np.ones(readings.run.size, dtype=bool).tobytes()}
     count = 0
     for level in _levels(readings, known):
@@ -88,7 +88,7 @@ def _of_group(readings: Readings, group: _Group, missed: float) -> Iterator[tupl
 
 
 def _others_agree(corrected: Readings, rows: Bool, expected: ComplexArray, factor: complex) -> bool:
-    """Whether the runs beside the one that was corrected are as expected: where all differ, none has the error."""
+    """True if the runs beside the one that was corrected are as expected: where all differ, none has the error."""
     others = np.unique(corrected.run[~rows]).tolist()
     if np.unique(corrected.run[rows]).size > 1 or len(others) < _FEWEST_OTHER_RUNS:
         return True

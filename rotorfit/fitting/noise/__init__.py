@@ -1,1 +1,1 @@
-"""What a fit finds of its noise: runs that differ, noise that rises with the response, channels that fail."""
+"""The noise of a fit: runs that differ, noise that rises with the response, channels that fail."""

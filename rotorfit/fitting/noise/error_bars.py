@@ -1,4 +1,4 @@
-"""What a study of residuals does to a problem and to its covariance."""
+"""Effect of a study of residuals on a problem and on its covariance."""
 
 from __future__ import annotations
 
@@ -110,7 +110,7 @@ def with_scatter(
 def shares_of_possible_effects(
     study: ResidualStudy, problem: Problem, x: Float, J: ComplexArray, scattered: Float
 ) -> tuple[Float, ...]:
-    """What differences of runs that are only possible add to the covariance, kind by kind, each of shape ``(p, p)``."""
+    """Contribution of possible differences of runs to the covariance, kind by kind, each of shape ``(p, p)``."""
     if not study.possible_effects:
         return ()
     run = np.concatenate([block.run for block in problem.blocks])

@@ -1,4 +1,4 @@
-"""What a fit found of its noise beside that of the data: part of the settings that lay the problem out."""
+"""Noise that a fit found beside that of the data: part of the settings that lay the problem out."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ RUN_KINDS = {
 
 
 def is_run_effect(name: str) -> bool:
-    """Whether an entry of the fitted vector stands for a difference from run to run; such are no parameters."""
+    """True if an entry of the fitted vector stands for a difference from run to run; such are no parameters."""
     return bare_name(name) in RUN_KINDS
 
 
 class NoiseVerdict(StrEnum):
-    """What the residuals are."""
+    """Verdict on the residuals."""
 
     AS_FOUND = "as found"  # noise, as it was given or found in the data alone
     SHAPED = "shaped"  # noise of another size or shape than found in the data alone

@@ -23,7 +23,7 @@ _MANY = 1e9
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ResidualStudy:
-    """What the residuals of a fit are, and what its error bars rest on.
+    """Study of the residuals of a fit, and the basis of its error bars.
 
     Attributes:
         verdict: what the residuals are.
@@ -111,7 +111,7 @@ class ResidualStudy:
         return "" if self.run_left_out is None else words.odd_run(*self.run_left_out)
 
     def warnings(self, redchi: float) -> list[str]:
-        """What of the noise a reader should not miss.
+        """Warnings about the noise.
 
         Args:
             redchi: of the fit, by the noise of the data.
@@ -138,7 +138,7 @@ class ResidualStudy:
 
 
 def is_misfit(study: ResidualStudy | None, widening: float) -> bool:
-    """Whether the model, not the noise, limits a fit: by its residuals' memory, or else by their size alone."""
+    """True if the model, not the noise, limits a fit: by its residuals' memory, or else by their size alone."""
     return widening > MODEL_LIMITED_REDCHI if study is None else study.verdict is NoiseVerdict.MISFIT
 
 

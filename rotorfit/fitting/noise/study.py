@@ -58,7 +58,7 @@ _MISS_LINES = 5
 """Lines over which residuals are averaged to see where the model misses, and places that are named."""
 
 RESPONSE, SPEED = "of the response", "of the speed, as it moves the response"
-"""What noise may grow with."""
+"""Quantities that noise may grow with."""
 
 _Number = TypeVar("_Number", np.float64, np.complex128)
 
@@ -137,7 +137,7 @@ def study_residuals(problem: Problem, x: Float) -> ResidualStudy | None:
 
 
 def _verdict(fit: NoiseFit, remembered: Memory, *, as_found: bool) -> NoiseVerdict:
-    """What the residuals are; ``as_found``: their size is no reason to replace the noise of the data."""
+    """Verdict on the residuals; ``as_found``: their size is no reason to replace the noise of the data."""
     if _follows(remembered):
         return NoiseVerdict.CORRELATED if fit.redchi < NOISE_LIKE_REDCHI else NoiseVerdict.MISFIT
     if not as_found:
@@ -147,7 +147,7 @@ def _verdict(fit: NoiseFit, remembered: Memory, *, as_found: bool) -> NoiseVerdi
 
 
 def _follows(remembered: Memory) -> bool:
-    """Whether residuals follow one another along the sweeps."""
+    """True if residuals follow one another along the sweeps."""
     return remembered.first > _MEMORY_CORRELATION and remembered.z > _MEMORY_DEVIATIONS
 
 
@@ -247,7 +247,7 @@ def _sigma_of_residuals(fit: NoiseFit, along: Sequence[str]) -> tuple[list[Shape
 
 
 def _explains(fit: NoiseFit, shapes: Sequence[Shape]) -> bool:
-    """Whether the residuals are about as likely under the noise of the data as under one of their own."""
+    """True if the residuals are about as likely under the noise of the data as under one of their own."""
     now = sum(shape.log_likelihood for shape in shapes)
     given = likelihood(fit.power, fit.weight, fit.data.sigma**2)
     return 2 * (now - given) < _LEAST_SHAPE_GAIN * len(fit.data.channels)

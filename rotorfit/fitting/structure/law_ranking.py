@@ -84,13 +84,13 @@ class LawComparison:
 
     @property
     def nonlinear(self) -> bool:
-        """Whether the data ask for coefficients that change with eccentricity."""
+        """True if the data ask for coefficients that change with eccentricity."""
         linear = [entry.aic for entry in self.laws if not entry.law.parameters]
         return bool(self.laws[0].law.parameters) and all(aic - self.laws[0].aic > DECISIVE_AIC for aic in linear)
 
     @property
     def nonlinear_stiffness(self) -> bool:
-        """Whether the data ask for a radial stiffness that changes with eccentricity."""
+        """True if the data ask for a radial stiffness that changes with eccentricity."""
         return self.nonlinear and self.stiffness > DECISIVE_AIC
 
     @property
@@ -259,7 +259,7 @@ def _on_the_same_data(
 ) -> list[LawFit]:
     """Fit the linear fluid to the readings that the others see.
 
-    A linear rotor moves in circles wherever it rests and is told one number from each x/y pair, an off-centre
+    A linear rotor moves in circles wherever it rests and gets one number from each x/y pair, an off-centre
     nonlinear one two; information criteria compare on the same data only.
     """
     counts = {entry.fit.ndata for entry in entries if entry.fit is not None}

@@ -70,7 +70,7 @@ class Refinement:
         return self.table()
 
     def _repr_html_(self) -> str:
-        """What a notebook shows."""
+        """Table for a notebook."""
         return text_html(str(self))
 
 
@@ -156,12 +156,12 @@ def _hidden(step: FitResult) -> dict[str, Any]:
     if "gyroscopic" not in step.model.blocks:  # type: ignore[attr-defined]
         return {}
     own = [step.params[q.name] for q in block_parameters(("gyroscopic",), len(step.model.planes))]
-    told = [math.hypot(p.value, p.stderr) for p in own if p.resolved]
-    if not told or not step.success:
+    sizes = [math.hypot(p.value, p.stderr) for p in own if p.resolved]
+    if not sizes or not step.success:
         return {}
     from scipy.stats import norm  # late: loading it takes longer than a fit
 
-    return {p.name: norm(0.0, _PRIOR_DEVIATIONS * max(told)) for p in own if not p.resolved}
+    return {p.name: norm(0.0, _PRIOR_DEVIATIONS * max(sizes)) for p in own if not p.resolved}
 
 
 def _told_of_hidden(plain: FitResult, chosen: FitResult) -> list[str]:
@@ -210,7 +210,7 @@ def _model_uncertainty(best: FitResult, steps: Sequence[FitResult]) -> Float:
 
 
 def _tells(step: FitResult, best: FitResult) -> bool:
-    """Whether a candidate determines what the best one does."""
+    """True if a candidate determines what the best one does."""
     if step.identifiability.unresolved and not best.identifiability.unresolved:
         return False
     return all(step.params[n].resolved for n, p in best.params.items() if p.vary and p.resolved and n in step.params)

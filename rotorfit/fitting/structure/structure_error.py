@@ -1,4 +1,4 @@
-"""What reducing a known structure with scale factors costs a fit in accuracy, against the noise of its readings."""
+"""Error of a fit by the reduction of a known structure with scale factors, against the noise of its readings."""
 
 from __future__ import annotations
 

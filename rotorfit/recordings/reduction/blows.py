@@ -172,5 +172,5 @@ def blow_findings(record: Recording, found: list[Blow]) -> Iterator[Finding]:
 
 
 def _overloaded(each: ChannelStatistics) -> bool:
-    """Whether a channel stays at one of its extremes even once."""
+    """True if a channel stays at one of its extremes even once."""
     return each.flat_low + each.flat_high > 0

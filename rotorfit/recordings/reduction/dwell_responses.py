@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 def dwelling(record: Recording) -> bool:
-    """Whether the shaft of a recording dwells at one speed, or at several in turn."""
+    """True if the shaft of a recording dwells at one speed, or at several in turn."""
     shaft = record.shaft_angle()
     turns = abs(float(np.ptp(shaft.angle(np.array([shaft.begin, shaft.end]))))) / (2 * np.pi)
     # Times a turn at which a shaft is looked at to see whether it dwells.

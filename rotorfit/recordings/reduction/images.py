@@ -17,7 +17,7 @@ _IMAGE_SHARE = 0.4
 
 
 def image_seen(reduced: ReducedRecord, found: LocalResponse) -> bool:
-    """Whether what responses to a forward sweep leave over follows ``conj(f) exp(2j theta)`` where two probes are.
+    """True if what responses to a forward sweep leave over follows ``conj(f) exp(2j theta)`` where two probes are.
 
     The image of a backward one is above its band, where nothing was looked at.
     """

@@ -34,7 +34,7 @@ _LARGEST_NOISE_SHARE = 0.1
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class MeasuredForce:
-    """What the channels of a force show before responses are made of them."""
+    """Band, direction and noise of a measured force, before responses are made of it."""
 
     low: float  # frequencies, rad/s, between which all but two thousandths of its power lie
     high: float  # frequencies, rad/s, between which all but two thousandths of its power lie

@@ -18,7 +18,7 @@ BLOWS, LOADS = "blows", "constant loads"
 
 
 def kind_of(record: Recording) -> str:
-    """What kind of test a recording is of: blows, constant loads, or what drives the rotor."""
+    """Kind of test that a recording is of: blows, constant loads, or the force that drives the rotor."""
     if record.force is not None:
         return driven_by(record)
     if record.rig.impulse is not None:

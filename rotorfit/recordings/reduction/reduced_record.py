@@ -118,7 +118,7 @@ class ReducedRecord:
 
 
 def is_pair(record: Recording, plane: str) -> bool:
-    """Whether a plane has two probes, so that the orbit is known."""
+    """True if a plane has two probes, so that the orbit is known."""
     return sum(probe.plane == plane for probe in record.probes) > 1
 
 

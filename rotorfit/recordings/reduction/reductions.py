@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 Report = Callable[[Finding], None]
 
 _MANY_BLOWS = 3
-"""Blows whose spectrum is no smooth one, so that it is told from a transient."""
+"""Blows whose spectrum is not smooth, so that it is distinguished from a transient."""
 
 DRIVEN_INFORMATION_SHARE = 3e-3
 """Information of a line over that of the median line below which it is left out: 18 times the median error."""
@@ -57,7 +57,7 @@ def _balance_run(record: Recording) -> PerturbationTest:
 
 
 def force_of(record: Recording) -> Force:
-    """What drives the rotor of a recording."""
+    """Force that drives the rotor of a recording."""
     if record.force is None:
         raise ValueError(
             f"{record.name}: nothing says what drives the rotor; give plane, mr_kg_m and whirl in [force] of the setup"
@@ -225,10 +225,10 @@ def _drive(record: Recording) -> AngleTrack:
 
 
 def _driven(found: LocalResponse, power: int) -> Bool:
-    """Whether the force says enough at each node, its growth with a power of the frequency aside.
+    """True if the force says enough at each node, its growth with a power of the frequency aside.
 
-    Where a sweep begins and ends its spectrum falls off and cannot be told from the transient. Chosen by the force, not
-    by what was measured, so that nothing is selected.
+    Where a sweep begins and ends its spectrum falls off and cannot be distinguished from the transient. Chosen by the
+    force, not by what was measured, so that nothing is selected.
     """
     information = (found.noise[0] / found.sigma[0, 0]) ** 2 / found.width / found.frequency**power
     return np.asarray(information > DRIVEN_INFORMATION_SHARE * np.median(information))

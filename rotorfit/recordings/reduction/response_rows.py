@@ -116,7 +116,7 @@ def time_at(reduced: ReducedRecord, frequency: Float) -> Float:
 
 
 def apart_from_orders(reduced: ReducedRecord, w: Float) -> Bool:
-    """Whether lines are further from every order than the record can separate, its own wander of speed added."""
+    """True if lines are further from every order than the record can separate, its own wander of speed added."""
     if reduced.shaft_angle is None:
         return np.ones(w.size, dtype=bool)
     wander = float(np.std(np.diff(reduced.shaft_angle)) * reduced.rate)

@@ -34,7 +34,7 @@ _BALANCE = "the shaft itself, at steady speeds"
 
 
 class Reduced(NamedTuple):
-    """What came of recordings that were reduced together: their test, and what was found odd on the way."""
+    """Recordings that were reduced together: their test, and the findings on the way."""
 
     test: PerturbationTest  # the responses
     findings: tuple[Finding, ...]  # what was odd
@@ -46,7 +46,7 @@ class _Job:
 
     records: tuple[Recording, ...]  # the recordings
     turns: int | None  # of a window; None: no windows
-    checked: bool  # whether what the recordings themselves show to be odd is told as well
+    checked: bool  # whether findings about the recordings themselves are reported as well
     groups: int = 1  # groups of start-ups that the runs without a weight are part of
 
 
@@ -108,7 +108,7 @@ def checked_responses(
     progress: Callable[[str], None] | None,
     checked: bool = True,
 ) -> PerturbationTest:
-    """As :func:`responses`, with what the recordings themselves show to be odd told as well."""
+    """As :func:`responses`, with findings about the recordings themselves."""
     if not records:
         raise ValueError("no recordings given")
     tell = progress or (lambda stage: None)
@@ -233,7 +233,7 @@ def _usable(record: Recording, report: Report) -> Recording:
 
 
 def driven_by(record: Recording) -> str:
-    """What drives the rotor of a recording whose force is known, in words."""
+    """Force that drives the rotor of a recording, in words, where it is known."""
     reference = force_of(record).reference
     return _BALANCE if reference == "shaft" and dwelling(record) else _KINDS[reference]
 

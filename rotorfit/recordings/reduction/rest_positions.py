@@ -38,7 +38,7 @@ class RestPosition:
 
     @property
     def from_centre(self) -> bool:
-        """Whether the position counts from the centre of the bearing."""
+        """True if the position counts from the centre of the bearing."""
         return all(probe.centre is not None for probe in self.record.probes if probe.plane == self.plane)
 
 

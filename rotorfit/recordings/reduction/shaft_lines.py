@@ -64,7 +64,7 @@ def shaft_lines(
             of shaft and perturbator and as far as measured the twist, start-ups and shutdowns with the shaft's mark.
         runout_um: plausible size of the run-out of the shaft at 1x and 2x, micrometres 0-peak. In perturbation tests it
             becomes the error of the lines 1x and 2x, which tell eccentricity and side load; by default these are left
-            out. Over the speeds of a start-up run-out is told apart, see ``AnisotropicShaft(runout=True)``.
+            out. Over the speeds of a start-up run-out is separated, see ``AnisotropicShaft(runout=True)``.
         supports: whether to find the lines ``-w`` and ``w-2Om`` of perturbation tests too, which supports that differ
             in two directions make; for :class:`rotorfit.models.TurningOnSupports`, the twist then left out.
 
@@ -120,7 +120,7 @@ def _lines_of(record: Recording, runout_um: float | None, supports: bool) -> lis
 
 
 def _is_start_up(record: Recording) -> bool:
-    """Whether nothing but the shaft itself drives a recording, and its speed changes."""
+    """True if nothing but the shaft itself drives a recording, and its speed changes."""
     if record.rig.perturbator is not None or (record.force is not None and record.force.measured):
         return False
     shaft = record.shaft_angle()

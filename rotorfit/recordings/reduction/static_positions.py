@@ -48,7 +48,7 @@ def static_positions(
         on_finding: called with each thing that was found odd.
 
     Raises:
-        ValueError: a recording whose load is not told, without gap voltages or without a plane of two good probes, no
+        ValueError: a recording whose load is not given, without gap voltages or without a plane of two good probes, no
             load at all, or nothing to count positions from.
 
     Example:

@@ -1,1 +1,1 @@
-"""What a recording does not say itself: probes, marks and forces of the rig, and where they are written down."""
+"""Description of the rig of a recording: probes, marks and forces of the rig, and where they are written down."""

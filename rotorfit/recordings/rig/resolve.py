@@ -67,7 +67,7 @@ class Rig:
 
 
 def file_setup(raw: RawFile) -> RigSetup:
-    """What a file says of its rig: attributes, and channels named ``PLANE_X``, ``PLANE_Y`` and ``keyphasor_...``."""
+    """The rig as a file describes it: attributes, and channels named ``PLANE_X``, ``PLANE_Y`` and ``keyphasor_...``."""
     known = dict(raw.attributes)
     edges = re.findall(r"(?i)\b(falling|rising)\b", str(known.pop("keyphasor", "")))
     edge = edges[0].lower() if edges else None
@@ -159,7 +159,7 @@ def _check_delays(raw: RawFile, probes: Sequence[Probe], duration: float, source
 
 
 def _merged(given: RigSetup | None, own: RigSetup) -> RigSetup:
-    """What the setup says, and where it is silent the file; channels that measure a force are no probes."""
+    """The rig by the setup, and where it is silent by the file; channels that measure a force are no probes."""
     whole = own if given is None else prefer(given, own)
     if given is not None and given.probes:
         whole = replace(whole, probes=tuple(_with_own_angle(probe, own) for probe in given.probes))
@@ -189,7 +189,7 @@ def _used(raw: RawFile, whole: RigSetup, source: str, marked: Sequence[str], for
 
 
 def _slow_roll(how: SlowRollSetup | None, shaft: Reference | None, source: str) -> SlowRollSetup | None:
-    """What the setup says of run-out."""
+    """Run-out by the setup."""
     if how is not None and how.below is None and how.file is None:
         raise ValueError(
             f"{source}, [slow_roll]: give below_rpm, the speed below which the shaft does not vibrate, or file, a "
@@ -388,7 +388,7 @@ def _scale(raw: RawFile, channel: RawChannel, setup: RigSetup) -> tuple[float, f
 
 
 def _contradictions(given: RigSetup, own: RigSetup, raw: RawFile, source: str) -> list[Finding]:
-    """What setup and file both say, and differently; the setup's word was taken."""
+    """Values that setup and file give differently; those of the setup were taken."""
     rates = (own.sample_rate, raw.sample_rate, *(channel.sample_rate for channel in raw.channels.values()))
     pairs: list[tuple[str, float | str | None, float | str | None]] = [
         ("sample rate (Hz)", given.sample_rate, next((rate for rate in rates if rate is not None), None)),
@@ -402,9 +402,9 @@ def _contradictions(given: RigSetup, own: RigSetup, raw: RawFile, source: str) -
             ("angle of the heavy spot (deg)", *_degrees(given.force.angle, own.force.angle)),
             ("direction of whirl", _WHIRL.get(given.force.whirl or 0), _WHIRL.get(own.force.whirl or 0)),
         ]
-    told = {probe.channel: probe for probe in own.probes or ()}
+    by_setup = {probe.channel: probe for probe in own.probes or ()}
     for probe in given.probes or ():
-        angle = told[probe.channel].angle if probe.channel in told else None
+        angle = by_setup[probe.channel].angle if probe.channel in by_setup else None
         mine, other = (_times(setup.sensitivity, 1e-3) for setup in (probe, own))
         pairs += [
             (f"angle of {probe.channel} (deg)", *_degrees(probe.angle, angle)),
@@ -415,7 +415,7 @@ def _contradictions(given: RigSetup, own: RigSetup, raw: RawFile, source: str) -
         for what, mine, other in pairs
         if mine is not None and other is not None and not _same(mine, other)
     ]
-    found += [f"planes of the probes: {words}" for words in _parted(given.probes or (), told, source)]
+    found += [f"planes of the probes: {words}" for words in _parted(given.probes or (), by_setup, source)]
     return [
         Finding("warning", "setup-contradicts-file", f"{raw.name}: {words}; the setup is followed.") for words in found
     ]
@@ -442,9 +442,9 @@ def _same(mine: float | str, other: float | str) -> bool:
     return bool(np.isclose(mine, other, rtol=1e-4, atol=1e-9))
 
 
-def _parted(given: Sequence[Probe], told: Mapping[str, Probe], source: str) -> Iterator[str]:
+def _parted(given: Sequence[Probe], by_setup: Mapping[str, Probe], source: str) -> Iterator[str]:
     """Pairs of probes that setup and file do not agree about: of one plane by the one, of two by the other."""
-    both = [(probe, told[probe.channel].plane) for probe in given if probe.channel in told and probe.plane]
+    both = [(probe, by_setup[probe.channel].plane) for probe in given if probe.channel in by_setup and probe.plane]
     for number, (one, of_one) in enumerate(both):
         for other, of_other in both[number + 1 :]:
             if of_one and of_other and (one.plane == other.plane) != (of_one == of_other):

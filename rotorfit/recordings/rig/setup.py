@@ -40,7 +40,7 @@ class Reference:
 
 @dataclass(frozen=True, kw_only=True)
 class ForceSetup:
-    """What drives the rotor: a rotating mass at a known angle, or a force that was measured."""
+    """Force that drives the rotor: a rotating mass at a known angle, or a force that was measured."""
 
     plane: str | None = None  # where the force acts
     mr: float | None = None  # unbalance, kg m
@@ -103,7 +103,7 @@ class SlowRollSetup:
 
 @dataclass(frozen=True, kw_only=True)
 class Scale:
-    """What the numbers of a channel mean."""
+    """Quantity and unit of a channel's numbers."""
 
     volts_per_count: float | None = None  # factor; None where the full scale is given
     full_scale: float | None = None  # volts at the largest count that the file can hold
@@ -163,7 +163,7 @@ class RigSetup:
 
 
 def prefer(first: T, second: T) -> T:
-    """What ``first`` says, and where it says nothing, what ``second`` says; records within records likewise."""
+    """The values of ``first``, and where it has none, those of ``second``; records within records likewise."""
     merged: dict[str, Any] = {}
     for each in fields(first):  # type: ignore[arg-type]
         mine, other = getattr(first, each.name), getattr(second, each.name)
@@ -182,7 +182,7 @@ def prefer(first: T, second: T) -> T:
 
 @dataclass(frozen=True, kw_only=True)
 class Force:
-    """What drives the rotor in one recording, complete."""
+    """Force that drives the rotor in one recording, complete."""
 
     plane: str  # where the force acts
     mr: float  # unbalance, kg m; NaN for a measured force
@@ -195,7 +195,7 @@ class Force:
 
     @property
     def measured(self) -> bool:
-        """Whether the force was measured rather than computed from a turning mass."""
+        """True if the force was measured rather than computed from a turning mass."""
         return any(self.channels)
 
 

@@ -1,4 +1,4 @@
-"""What the cost of each run of a campaign looks like around a point: by its own parameters and by shared ones."""
+"""Quadratic approximation of each run's cost around a point: by its own parameters and by shared ones."""
 
 from __future__ import annotations
 
