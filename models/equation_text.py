@@ -17,8 +17,6 @@ Monomial = tuple[tuple[str, int], ...]
 Polynomial = dict[Monomial, float]
 
 SPEED, ECCENTRICITY = "Omega", "epsilon"
-_MOST_TERMS = 60
-"""Terms beyond which an entry is not written out."""
 
 _GREEK = {"lam": "λ", "lambda": "λ", "sigma": "σ", "beta": "β", "alpha": "α", "zeta": "ζ", "phi": "φ", "eps": "ε"}
 _GREEK |= {"epsilon": "ε", "Omega": "Ω", "omega": "ω", "kappa": "κ", "mu": "μ", "nu": "ν", "tau": "τ", "gamma": "γ"}
@@ -149,7 +147,8 @@ def to_mathml(part: Mapping[int, Polynomial], order: Sequence[str]) -> str:
         part: ``direct`` or ``quadrature`` of an :class:`Entry`.
         order: names in the order in which terms are sorted, those of the model's parameters.
     """
-    if sum(len(polynomial) for polynomial in part.values()) > _MOST_TERMS:
+    most_terms = 60  # terms beyond which an entry is not written out
+    if sum(len(polynomial) for polynomial in part.values()) > most_terms:
         return symbol_mathml("f")
     text = ""
     for negative, body in _pieces(part, order):

@@ -26,7 +26,7 @@ Run = Callable[..., tuple[int, str, str]]
 def refused(result: tuple[int, str, str]) -> str:
     """The one sentence of a refusal."""
     code, out, err = result
-    assert (code, out) == (cli.BAD_INPUT, "")
+    assert (code, out) == (cli.ExitCode.BAD_INPUT, "")
     assert err.startswith("rotorfit: ")
     assert len(err.splitlines()) == 1, err
     return err.removeprefix("rotorfit: ").rstrip("\n")

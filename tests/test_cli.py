@@ -216,7 +216,7 @@ def test_output_cut_short_is_no_error() -> None:
 def test_a_fit_that_does_not_converge_says_so(run: Run, tmp_path: Path) -> None:
     astray = ("--start", "K1=100,K2=100,Md=0.1,Mb=5,D=1", "--max-iterations", "1")
     code, out, err = run(*FIT, *astray, "--out", tmp_path)
-    assert code == cli.NOT_CONVERGED
+    assert code == cli.ExitCode.NOT_CONVERGED
     assert "did not converge" in err
     assert "did not converge" in out
     assert "did not converge" in (tmp_path / "summary.txt").read_text(encoding="utf-8")
@@ -228,7 +228,7 @@ def test_interruption_leaves_nothing(run: Run, tmp_path: Path, monkeypatch: pyte
 
     monkeypatch.setattr(cli_output, "write_outcome", interrupted)
     code, _, err = run(*FIT, "--out", tmp_path / "out")
-    assert (code, err) == (cli.INTERRUPTED, "rotorfit: interrupted, nothing was written\n")
+    assert (code, err) == (cli.ExitCode.INTERRUPTED, "rotorfit: interrupted, nothing was written\n")
     assert list(tmp_path.iterdir()) == []
 
 
@@ -403,7 +403,7 @@ def test_a_shell_can_be_taught_the_words(run: Run, shell: str) -> None:
 def test_completion_without_its_library_says_what_to_install(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "shtab", None)
     code, _, err = run("completion", "bash")
-    assert code == cli.BAD_INPUT
+    assert code == cli.ExitCode.BAD_INPUT
     assert 'pip install "rotorfit[completion]"' in err
 
 

@@ -74,7 +74,7 @@ def test_the_same_seed_gives_the_same_json(run: Run, small: list[str]) -> None:
 
 def test_sampling_cut_short_is_no_success(run: Run, tmp_path: Path, small: list[str]) -> None:
     code, out, err = run(*small, "--sample", "--ess", "1e6", "--max-steps", "60", "--out", tmp_path / "out")
-    assert code == cli.NOT_CONVERGED
+    assert code == cli.ExitCode.NOT_CONVERGED
     assert err.startswith("rotorfit: the posterior's sampling has not converged")
     assert "NOT CONVERGED" in out
     assert "not converged" in (tmp_path / "out" / "report.html").read_text(encoding="utf-8").partition("Parameters")[0]
@@ -95,7 +95,7 @@ def test_interrupted_sampling_goes_on(
         code, _, err = run(*words)
     checkpoint = out / CHECKPOINT
     assert (code, err) == (
-        cli.INTERRUPTED,
+        cli.ExitCode.INTERRUPTED,
         f"rotorfit: interrupted, the same command goes on from {checkpoint}\n",
     )
     assert list(out.iterdir()) == [checkpoint]
@@ -123,7 +123,7 @@ def test_interrupted_sampling_goes_on(
 )
 def test_bad_uncertainty_settings(run: Run, tmp_path: Path, small: list[str], words: str, expected: str) -> None:
     code, out, err = run(*small, *words.split(), "--sample", "--out", tmp_path / "out")
-    assert (code, out) == (cli.BAD_INPUT, "")
+    assert (code, out) == (cli.ExitCode.BAD_INPUT, "")
     assert expected in err
     assert [p.name for p in tmp_path.iterdir()] == ["data"]
 

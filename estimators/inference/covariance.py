@@ -15,10 +15,9 @@ from rotorfit.estimators.inference.identifiability import natural_scales
 from rotorfit.estimators.misfit.losses import Loss, robust_weights
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.estimators.noise.run_effects import real_rows
+from rotorfit.estimators.significance import P_CHANCE
 from rotorfit.models.array_types import ComplexArray, Float
 
-_P_MISFIT = 0.05  # probability at which a misfit counts as the model's, where the noise itself is known from few data
-_LEAST_EIGENVALUE = 1e-5  # smallest eigenvalue of a curvature of unit diagonal from which its inverse has ten digits
 _LEAST_RESIDUAL_SHARE = 0.05  # share of a reading's residual that its fit leaves at least, in estimates of its noise
 
 
@@ -35,7 +34,7 @@ def widening(redchi: float, loss: Loss, *, rescaled: bool = False, nfree: int = 
     if math.isfinite(freedom) and nfree > 0:
         from scipy.special import fdtri  # late: loading it takes longer than a fit
 
-        return redchi if redchi > float(fdtri(nfree, freedom, 1 - _P_MISFIT)) else 1.0
+        return redchi if redchi > float(fdtri(nfree, freedom, 1 - P_CHANCE)) else 1.0
     return max(1.0, redchi)
 
 
@@ -83,7 +82,8 @@ def information(
 def _well_conditioned_factor(curvature: Float) -> Float | None:
     """Triangle whose product with itself is a curvature, None where the product hides weak directions in round-off."""
     size = np.sqrt(np.diag(curvature))
-    if not size.all() or np.linalg.eigvalsh(curvature / (size[:, None] * size))[0] < _LEAST_EIGENVALUE:
+    least_eigenvalue = 1e-5  # smallest eigenvalue of a curvature of unit diagonal from which its inverse has ten digits
+    if not size.all() or np.linalg.eigvalsh(curvature / (size[:, None] * size))[0] < least_eigenvalue:
         return None
     return np.asarray(np.linalg.cholesky(curvature).T)
 

@@ -19,16 +19,9 @@ from rotorfit.estimators.inference.log_posterior import LogPosterior
 from rotorfit.estimators.inference.proposals import mixture
 from rotorfit.models.array_types import Float
 
-FIRST_STEPS = 100
-"""Steps between looks at the chain (and checkpoints) at first; later a fifth of the chain's length."""
 RESOLVED_TIMES = 100.0
 """Length of a chain, in autocorrelation times, from which that time is trusted: twice emcee's rule, so that split
 R-hat, which exceeds one by the autocorrelation time over the length, comes down to 1.01."""
-
-FIRST_LEARNING = 500
-"""Steps after which the independence proposals of a slow chain are adapted to the draws so far, and again
-whenever the chain has doubled; what was drawn until then is burn-in, so that the proposals of the draws kept are
-fixed."""
 
 _SPREAD_OF_MEANS = 4.0  # spread of 32 means over its expectation, beyond all chance (chi-squared over 31: p < 1e-12)
 
@@ -90,8 +83,10 @@ def sample(
         random = np.random.RandomState(first_seed)
         state = emcee.State(_start(target, centre, covariance, walkers, random), random_state=random.get_state())
     mixed = moves or mixture(target, *(_picture(memory, learned) if learned else (centre, covariance)))
+    # Steps between looks at the chain (and checkpoints) at first; later a fifth of the chain's length.
+    first_steps = 100
     while memory.iteration < max_steps and not (verdict and verdict.converged):
-        count = min(max(FIRST_STEPS, memory.iteration // 5), max_steps - memory.iteration)
+        count = min(max(first_steps, memory.iteration // 5), max_steps - memory.iteration)
         sampler = emcee.EnsembleSampler(walkers, target.size, target, moves=mixed, backend=memory, vectorize=True)
         state = sampler.run_mcmc(state, count, skip_initial_state_check=True)
         verdict = _assess(memory, ess, first_seed, learned)
@@ -124,7 +119,10 @@ def _should_learn(memory: Any, verdict: WalkerPaths, learned: int, max_steps: in
     """True if the chain is slow and has doubled since the proposals were last learned, with as many steps to come."""
     steps = memory.iteration
     slow = not len(verdict.draws) >= 0.5 * RESOLVED_TIMES * verdict.tau.max()
-    if not slow or not max(FIRST_LEARNING, 2 * learned) <= steps <= max_steps / 2:
+    # Steps after which the independence proposals of a slow chain are adapted to the draws so far, and again whenever
+    # the chain has doubled; what was drawn until then is burn-in, so that the proposals of the draws kept are fixed.
+    first_learning = 500
+    if not slow or not max(first_learning, 2 * learned) <= steps <= max_steps / 2:
         return False
     return bool((_picture(memory, steps)[1].diagonal() > 0).all())  # all entries have moved
 

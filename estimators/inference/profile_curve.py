@@ -17,9 +17,6 @@ from rotorfit.estimators.inference.constrained_minima import Constraint, Minima
 from rotorfit.models.array_types import Float
 
 _END_TOLERANCE = 1e-9  # relative error of the ends, in half-widths
-_LEAST_RISE = 0.99  # rise over the level, short of which it is not met
-_CLOSE_GUESS = 1.1  # level over a first guess up to which a step beyond the line's zero will do
-_LARGEST_REACH = 100.0  # sizes of a parameter beyond which an end that was not met counts as open
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -119,6 +116,7 @@ class Curve:
         inner, low = 0.0, -goal
         outer, high, count = min(step, reach), -goal, 0
         most = 60  # evaluations for an end at most
+        close = 1.1  # level over a first guess up to which a step beyond the line's zero will do
         while count < most:
             count += 1
             high = _root((yield limit if outer == reach else centre + side * outer)) - goal
@@ -130,7 +128,7 @@ class Curve:
                 break
             ratio = goal / (high + goal) if high > -goal else math.inf
             grown = outer * min(max(1.1 * ratio, 1.3), 4.0)
-            if count == 1 and ratio < _CLOSE_GUESS:  # the first guess is mostly short by little
+            if count == 1 and ratio < close:  # the first guess is mostly short by little
                 grown = outer * (1.5 * ratio - 0.5)
             inner, low, outer = outer, high, min(grown, reach)
         if high < 0:
@@ -143,7 +141,8 @@ class Curve:
             )
         distance, left, exact = yield from _solve(centre, side, (inner, low), (outer, high), goal, most - count)
         end, rise = centre + side * distance, (left + goal) ** 2
-        if rise < _LEAST_RISE * level:  # the curve ends before
+        least_rise = 0.99  # rise over the level, short of which it is not met
+        if rise < least_rise * level:  # the curve ends before
             return End(value=side * math.inf, limit=end, rise=rise, at_bound=False, exact=False)
         return End(value=end, limit=limit, rise=rise, at_bound=False, exact=exact)
 
@@ -218,7 +217,8 @@ def _solve(
 
 def limits(low: float, high: float, value: float, size: float, step: float) -> tuple[tuple[float, bool], ...]:
     """How far a quantity is followed downwards and upwards, and whether a bound stands there."""
-    reach = _LARGEST_REACH * max(size, abs(value), step)
+    sizes = 100.0  # sizes of a parameter beyond which an end that was not met counts as open
+    reach = sizes * max(size, abs(value), step)
     return (low, True) if low >= value - reach else (value - reach, False), (high, True) if high <= value + reach else (
         value + reach,
         False,

@@ -14,14 +14,9 @@ from rotorfit.models.tolerances import RANK_TOLERANCE
 
 DEGREES_OF_FREEDOM = 5.0
 """Tails of the independence proposal, heavy enough to reach the arms of a curved posterior."""
-LIGHTER_DEGREES_OF_FREEDOM = (12.0, 50.0)
-"""The same where the proposal resembles the posterior: that of few readings with noise of unknown level is Student's t
-itself, that of hundreds is normal. Tails stay heavier than the posterior's, so that walkers leave every place."""
 
 GOOD_EFFICIENCY = 0.6
 """Efficiency of importance sampling beyond which the proposal is taken to resemble the posterior."""
-LARGEST_SHARE = 0.9
-"""Share of independence proposals at most: the rest keeps a chain moving where 512 draws have seen nothing."""
 
 
 class IndependenceMove(emcee.moves.MHMove):  # type: ignore[misc]
@@ -69,7 +64,10 @@ def best_proposal(
     proposal is the posterior itself. The same draws, from the heaviest tails, judge all.
     """
     heavy = IndependenceMove(centre, covariance)
-    moves = [heavy, *(IndependenceMove(centre, covariance, df) for df in LIGHTER_DEGREES_OF_FREEDOM)]
+    # The same where the proposal resembles the posterior: that of few readings with noise of unknown level is Student's
+    # t itself, that of hundreds is normal. Tails stay heavier than the posterior's, so that walkers leave every place.
+    lighter = (12.0, 50.0)
+    moves = [heavy, *(IndependenceMove(centre, covariance, df) for df in lighter)]
     random = np.random.RandomState(0)  # the same answer when a run is resumed
     count = 512  # draws that the efficiency is estimated from
     drawn = heavy.white(count, random)
@@ -91,7 +89,9 @@ def mixture(log_density: Callable[[Float], Float], centre: Float, covariance: Fl
     walkers have to be carried.
     """
     independence, efficiency = best_proposal(log_density, centre, covariance)
-    share = min(efficiency, LARGEST_SHARE)
+    # Share of independence proposals at most: the rest keeps a chain moving where 512 draws have seen nothing.
+    largest_share = 0.9
+    share = min(efficiency, largest_share)
     if efficiency < GOOD_EFFICIENCY:
         independence, share = IndependenceMove(centre, covariance), 0.5
     return [

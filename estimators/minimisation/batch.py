@@ -27,8 +27,6 @@ Bool = NDArray[np.bool_]
 
 STEP_TOLERANCE = 1e-8
 """Remaining step, in standard errors, at which a member has converged."""
-_ROUND_OFF_STEP = 1e-5  # remaining step at which failure to shrink further is round-off
-_SLOW_SHRINKAGE = 0.3  # shrinkage of the remaining step above which a member gets a matrix of its own
 _DEFAULTS = Options()
 
 
@@ -180,14 +178,16 @@ def _advance(
     # Below round-off of the cost, the gradient decides.
     close = before**2 < 1e-9 * np.maximum(state.cost[active], 1.0)
     good = np.where(close, remaining < before, cost <= state.cost[active])
-    settled = ~good & close & (before < _ROUND_OFF_STEP)
+    round_off = 1e-5  # remaining step at which failure to shrink further is round-off
+    settled = ~good & close & (before < round_off)
     taken = active[good]
     state.x[taken], state.cost[taken], state.gradient[taken] = trial[good], cost[good], gradient[good]
     state.remaining[taken] = remaining[good]
     damping = state.damping[active]
     state.damping[active] = np.where(good, np.where(damping < 1e-4, 0.0, damping / 10), np.maximum(10 * damping, 1e-3))
     done = np.where(good, remaining < STEP_TOLERANCE, settled)
-    slow = ~done & (~good | (remaining > _SLOW_SHRINKAGE * before)) & (state.damping[active] < 1e6)
+    slow_shrinkage = 0.3  # shrinkage of the remaining step above which a member gets a matrix of its own
+    slow = ~done & (~good | (remaining > slow_shrinkage * before)) & (state.damping[active] < 1e6)
     for b in active[slow]:
         linear = problem if problem.loss == "linear" else with_measured(problem, measured[b])
         matrix = linear.gauss_newton(state.x[b])[2]

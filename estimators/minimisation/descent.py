@@ -11,10 +11,7 @@ from rotorfit.estimators.minimisation.objective import HessianKind, Matrix, Obje
 from rotorfit.models.tolerances import ROUND_OFF
 
 HANDOVER_OFFSET = 1e-3  # relative offset, its square the relative excess cost, at which refinement takes over
-CHANGE_WEIGHT = 100.0  # a relative change of the parameters must be this much smaller than an offset
-LEAST_SIZE = 1e-3  # of a scaled variable, against which its change is judged
 _COST_FLOOR = 1e-40  # of the starting cost: keeps the logarithm finite on zero-residual problems
-COST_NOISE = 1e-9  # relative rise of the cost that refinement tolerates: residuals far below the data are noisy
 
 
 def exact_scale(scale: Vector) -> Vector:
@@ -190,8 +187,10 @@ class Minimisation:
         """The step that remains, relative to the misfit or to the parameters, whichever is smaller."""
         step = self._newton_step(point, point.matrix)
         offset = math.sqrt(max(float(step @ point.matrix @ step), 0.0) / 2)
-        change = float((np.abs(step) / np.maximum(np.abs(point.u), LEAST_SIZE)).max())
-        return _Candidate(point, step, min(offset, CHANGE_WEIGHT * change))
+        least_size = 1e-3  # of a scaled variable, against which its change is judged
+        change = float((np.abs(step) / np.maximum(np.abs(point.u), least_size)).max())
+        change_weight = 100.0  # a relative change of the parameters must be this much smaller than an offset
+        return _Candidate(point, step, min(offset, change_weight * change))
 
     def keep(self, candidate: _Candidate) -> None:
         """Remember the better of two points: smaller cost, or the smaller offset at equal cost."""
@@ -248,6 +247,7 @@ class Minimisation:
         """Undamped Newton steps from the best point while each pays; exact Hessian once the first is slow."""
         exact = self.kind == "exact"
         slow_share = 0.1  # share of the offset that one of them may leave before the exact Hessian is asked
+        cost_noise = 1e-9  # relative rise of the cost that refinement tolerates: residuals far below the data are noisy
         for _ in range(8):
             before = self.best
             if not self.options.tolerance < before.offset <= HANDOVER_OFFSET or self.exhausted():
@@ -255,7 +255,7 @@ class Minimisation:
             step = self._newton_step(before.point, self._exact_hessian(before.point)) if exact else before.step
             point = self.evaluate(np.clip(before.point.u + step, self.low, self.high))
             self.n_iterations += 1
-            allowed = before.point.cost * (1 + COST_NOISE) + _COST_FLOOR * self.reference
+            allowed = before.point.cost * (1 + cost_noise) + _COST_FLOOR * self.reference
             if point is not None and point.cost <= allowed:
                 candidate = self.assess(point)
                 if candidate.offset < before.offset:

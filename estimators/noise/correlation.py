@@ -12,10 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from rotorfit.estimators.noise.run_effects import powers, real_rows
+from rotorfit.estimators.significance import CHANCE_ERRORS
 from rotorfit.models.array_types import ComplexArray, Float, Index
-
-_CHANCE_DEVIATIONS = 2.0
-"""Standard deviations up to which a correlation is chance: by the normal distribution in 95 % of the lags."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,11 +46,11 @@ def memory(r: ComplexArray, sensitivities: ComplexArray, outer: Float, sweeps: S
         if lag == 1:
             z = amount / chance if chance > 0 else 0.0
             found.append(amount / total if total > 0 else 0.0)
-        if amount < _CHANCE_DEVIATIONS * chance:
+        if amount < CHANCE_ERRORS * chance:
             break
         if lag > 1:
             found.append(amount / total)
-    return Memory(first=found[0], z=z, lags=tuple(found) if z > _CHANCE_DEVIATIONS else ())
+    return Memory(first=found[0], z=z, lags=tuple(found) if z > CHANCE_ERRORS else ())
 
 
 def scatter(own: ComplexArray, sweeps: Sequence[Index], lags: Sequence[float]) -> Float:

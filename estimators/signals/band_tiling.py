@@ -12,20 +12,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from rotorfit.estimators.significance import SIGNIFICANT_ERRORS
 from rotorfit.models.array_types import Float
 
 if TYPE_CHECKING:
     from rotorfit.estimators.signals.local_response import LocalFit
 
 
-MOST_DOUBLINGS = 5
-"""Times that bands may be doubled. Chosen."""
-
 POOLED_FREEDOM = 60
 """Complex degrees of freedom that a noise level is pooled from, so that it is known to 1/(2 sqrt(60)) = 6 %."""
-
-DEVIATIONS_APART = 4.0
-"""A noise level is above another when it is so by this many of its standard deviations, by chance once in 30,000."""
 
 
 def tile(count: int, solve: Callable[[int, int], LocalFit]) -> list[LocalFit]:
@@ -38,7 +33,8 @@ def tile(count: int, solve: Callable[[int, int], LocalFit]) -> list[LocalFit]:
     noise = pooled_noise(narrow)
     chosen = {first: [(first, 1)] for first in range(count)}
     cost = {first: _criterion(narrow[first], noise[:, first]) for first in range(count)}
-    for length in (2**level for level in range(1, MOST_DOUBLINGS + 1)):
+    doublings = 5  # times that bands may be doubled; chosen
+    for length in (2**level for level in range(1, doublings + 1)):
         half = length // 2
         for first in range(0, count - 2 * half + 1, 2 * half):
             level = np.sqrt(np.mean(noise[:, first : first + 2 * half] ** 2, axis=1))
@@ -73,7 +69,7 @@ def pooled_noise(fits: Sequence[LocalFit]) -> Float:
     misfit = np.array([fit.misfit for fit in fits]).T
     dof = np.array([fit.dof for fit in fits], dtype=float)
     own = misfit / dof
-    limit = 1 + DEVIATIONS_APART / np.sqrt(dof)
+    limit = 1 + SIGNIFICANT_ERRORS / np.sqrt(dof)
     total = np.concatenate([[0.0], np.cumsum(dof)])
     centre = (total[:-1] + total[1:]) / 2
     begin = np.clip(centre - POOLED_FREEDOM / 2, 0, max(total[-1] - POOLED_FREEDOM, 0))

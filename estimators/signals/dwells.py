@@ -16,8 +16,6 @@ from rotorfit.models.array_types import ComplexArray, Float
 
 LINES_BESIDE = 14
 """Lines of the spectrum to each side of the force. Chosen."""
-TRANSIENT_DEGREE = 2
-"""Degree of the polynomial for the transient."""
 FEWEST_TURNS = 10.0
 """Turns of the force in the shortest dwell. Chosen."""
 DWELL_SPEED_RANGE = 0.01
@@ -69,10 +67,11 @@ def dwell_response(spectra: RecordSpectra, at: float) -> DwellResponse:
     middle = round(at / step)
     half = min(LINES_BESIDE, middle - 1, spectra.frequency.size - 1 - middle)
     lines = slice(middle - half, middle + half + 1)
-    unknowns = TRANSIENT_DEGREE + 2
+    degree = 2  # degree of the polynomial for the transient
+    unknowns = degree + 2
     if 2 * half + 1 < 2 * unknowns:
         raise ValueError(f"{at * 2 * np.pi / step:.3g} turns are too few for a dwell")
-    smooth = np.polynomial.legendre.legvander(np.linspace(-1, 1, 2 * half + 1), TRANSIENT_DEGREE).astype(complex)
+    smooth = np.polynomial.legendre.legvander(np.linspace(-1, 1, 2 * half + 1), degree).astype(complex)
     matrix = np.column_stack([spectra.forces[0, lines], smooth, _orders(spectra.others, lines, smooth, unknowns)])
     scale = np.linalg.norm(matrix, axis=0)
     q, r = np.linalg.qr(matrix / scale)

@@ -19,8 +19,6 @@ NOISE_STEP_OVER_SCATTER = 3.3
 """Distance of the two voltages over their scatter: Gaussian noise cut in two has 2.7, a sine 4.1, a pulse more."""
 _HISTOGRAM_BINS = 512
 """Bins of the histogram of voltages: one is a five-hundredth of their range."""
-_LEVEL_BINS = 15
-"""Bins that the noise of a level fills, a few hundredths of the jump."""
 _SHORT_INTERVAL = 0.6
 """Interval, in expected ones, below which one of its two edges is one too many."""
 _BOUNCE_INTERVAL = 0.2
@@ -103,10 +101,11 @@ def find_levels(voltage: Float, *, edge: str = "", level: float | None = None) -
 def _plateau(voltage: Float, span: float) -> float:
     """Where most of the samples are: the median leans towards the ramps of wide edges, by degrees of the shaft."""
     counts, at = np.histogram(voltage, max(round(_HISTOGRAM_BINS * np.ptp(voltage) / span), 1))
-    smooth = np.convolve(counts, np.ones(_LEVEL_BINS), mode="same")
+    level_bins = 15  # bins that the noise of a level fills, a few hundredths of the jump
+    smooth = np.convolve(counts, np.ones(level_bins), mode="same")
     top = int(np.argmax(smooth))
     centre = float(at[top] + at[top + 1]) / 2
-    near = voltage[np.abs(voltage - centre) <= _LEVEL_BINS * span / _HISTOGRAM_BINS]
+    near = voltage[np.abs(voltage - centre) <= level_bins * span / _HISTOGRAM_BINS]
     return float(np.median(near))
 
 

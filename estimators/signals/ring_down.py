@@ -15,11 +15,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from rotorfit.estimators.signals.decaying_sum import LARGEST_GROWTH, DecayingSum, columns_of_sum
+from rotorfit.estimators.significance import CHANCE_ERRORS
 from rotorfit.models.array_types import ComplexArray, Float
 
 _LEAST_DECAY_RATIO = 0.05  # ratio of successive samples of a decay that is seen at all
 _STEADY_DISTANCE = 0.05  # of a frequency: distance from it, decay included, at which a mode may be steady vibration
-_CHANCE = 2.0  # standard deviations of a correlation of white noise
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -161,7 +161,7 @@ def _noise(rest: Float, own: Float) -> tuple[float, Float]:
         for lag in range(1, len(rest) // 4):
             taken = float(np.sum(own[:, lag:] * other[:, :-lag]) + np.sum(other[:, lag:] * own[:, :-lag]))
             value = (float(np.sum(rest[lag:] * rest[:-lag])) / max(variance, 1e-300) + taken) / rest.size
-            if value < _CHANCE / np.sqrt(rest.size):
+            if value < CHANCE_ERRORS / np.sqrt(rest.size):
                 break
             found.append(value)
         lags = np.array(found)

@@ -20,8 +20,8 @@ import numpy as np
 from rotorfit.estimators.signals.local_response import LocalResponse, RecordSpectra, local_response
 from rotorfit.models.array_types import Bool, ComplexArray, Float
 
-_MOTION_TOLERANCE, _SLOPE_TOLERANCE = 1e-9, 1e-4
-"""Change of the computed motion and of its slopes, over their size, at which they are found, and the most passes."""
+_MOTION_TOLERANCE = 1e-9
+"""Change of the computed motion over its size at which it is found: far below the noise of any record."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -208,7 +208,8 @@ def _refined(shaft: RoughShaft, run: StartUp) -> RoughShaft:
     forces = np.array(
         [-z, -way.spread(z, way.s), pull, 1j * pull, way.unbalance, 1j * way.unbalance, steady, 1j * steady]
     )
-    slopes = way.motion(forces, _SLOPE_TOLERANCE)[:, way.lead :]
+    tolerance = 1e-4  # change of the slopes over their size: they only lead to the next step
+    slopes = way.motion(forces, tolerance)[:, way.lead :]
     other = np.array([np.exp(1j * n * run.angle) for n in (0, 1, 2)])
     matrix = np.concatenate([slopes, other, 1j * other]).T
     size = np.linalg.norm(matrix, axis=0)

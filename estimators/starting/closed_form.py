@@ -34,8 +34,6 @@ from rotorfit.estimators.starting.lumped_solution import (
 from rotorfit.estimators.starting.stiffness_inversion import complete_lines
 from rotorfit.models.array_types import ComplexArray, Float
 
-_COEFFICIENT_TOLERANCE = 1e-6  # relative change of the lumped coefficients after which further passes bring nothing
-
 
 @dataclass(frozen=True, eq=False)
 class ClosedForm:
@@ -102,6 +100,7 @@ def _weighted(
 ) -> Iterator[ClosedForm]:
     solutions = _passes(lumped, blocks, typical)
     before = np.zeros(0)
+    tolerance = 1e-6  # relative change of the lumped coefficients after which further passes bring nothing
     for number in range(1, passes[-1] + 1):
         try:
             solution, information = next(solutions)
@@ -109,7 +108,7 @@ def _weighted(
             if number > passes[0]:
                 return  # further passes diverge; those before are near enough to start from
             raise ClosedFormError("the passes diverge: the noise hides a response") from reason
-        settled = number > 1 and bool(np.all(np.abs(solution - before) <= _COEFFICIENT_TOLERANCE * np.abs(solution)))
+        settled = number > 1 and bool(np.all(np.abs(solution - before) <= tolerance * np.abs(solution)))
         before = solution
         if settled or number in passes:
             x, notes = parameters_from(space, lumped, lumped.offset + lumped.spread @ solution, information)

@@ -20,7 +20,6 @@ from rotorfit.models import RotorModel
 from rotorfit.models.array_types import Bool, Float, Index
 from rotorfit.models.tolerances import COLLINEAR
 
-_VANISHING_TERMS = (-1.0, 0.0, 1.0)  # known values with which terms of the equation of motion vanish
 _NEITHER, _LINEAR, _RECIPROCAL = 0, 1, 2
 
 
@@ -177,8 +176,9 @@ def lumped_coefficients(layout: LumpedStructure) -> Lumped:
     scale = np.array([layout.model.parameter(name).scale for name in layout.base])
     rows = zip(layout.index, layout.template, strict=True)
     given = [[0.0 if k >= 0 else value for k, value in zip(*row, strict=True)] for row in rows]
-    form = tuple(tuple(value if value in _VANISHING_TERMS else None for value in row) for row in given)
-    known = tuple(value for row in given for value in row if value not in _VANISHING_TERMS)
+    vanishing = (-1.0, 0.0, 1.0)  # known values with which terms of the equation of motion vanish
+    form = tuple(tuple(value if value in vanishing else None for value in row) for row in given)
+    known = tuple(value for row in given for value in row if value not in vanishing)
     return Lumped(lumped_graph(layout.model, form, layout.index, kinds, len(layout.names)), speeds, known, scale)
 
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from rotorfit.estimators.blocks.observations import Responses
 from rotorfit.estimators.misfit.problem import Problem
+from rotorfit.estimators.significance import SIGNIFICANT_ERRORS
 from rotorfit.estimators.starting.rational_fit import RationalFit, rational_fit
 from rotorfit.estimators.starting.short_fits import ShortFits
 from rotorfit.estimators.starting.start_points import (
@@ -32,9 +33,9 @@ _STARTS_OF_DEEP_MINIMUM, _MOST_STARTS = 24, 72
 """Starts tried where the minimum found is deep, but perhaps not the deepest; and where it is not. Chosen."""
 _BESIDE = np.repeat([0.05, 0.2], 8)  # spread of the logarithm of starts beside an end
 _SAME_COST = 0.5  # cost to which short fits that end in one minimum agree
-_DEVIATIONS_OF_TWO, _DEVIATIONS_OF_ONE, _DEVIATIONS_OF_MANY = 1.0, 2.5, 4.0
+_DEVIATIONS_OF_TWO, _DEVIATIONS_OF_ONE = 1.0, 2.5
 """Standard deviations by which the misfit may exceed that of ratios of polynomials: where two of few starts lead to the
-minimum, where no second one does but none deeper lies beside, and where many were tried."""
+minimum, and where no second one does but none deeper lies beside. Chosen; where many were tried it is a quantile."""
 
 _RIVAL_COST = 4.5  # cost above the least up to which another minimum is not to be ruled out: three standard deviations
 
@@ -113,7 +114,7 @@ def _limits(problem: Problem, ratios: RationalFit | None) -> tuple[float, float]
     if ratios is None:
         return -np.inf, noise_limit(problem)
     sure, likely = (
-        ratios.limit(len(problem.space.names), deviations) for deviations in (_DEVIATIONS_OF_TWO, _DEVIATIONS_OF_MANY)
+        ratios.limit(len(problem.space.names), deviations) for deviations in (_DEVIATIONS_OF_TWO, SIGNIFICANT_ERRORS)
     )
     return sure, likely
 

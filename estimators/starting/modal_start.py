@@ -17,9 +17,6 @@ from rotorfit.estimators.blocks.observations import Responses
 from rotorfit.models import Modal
 from rotorfit.models.array_types import ComplexArray, Float, Index
 
-_DAMPING_RANGE = (1e-3, 0.5)  # damping ratios that a start may have
-_UNSEEN_FREQUENCY_RATIO = 1.5  # where a mode that the data do not show is put, over the highest frequency
-
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Lines:
@@ -119,11 +116,13 @@ def _poles(lines: Lines, modes: int) -> tuple[Float, Float]:
     roots = np.roots(np.concatenate([[1.0], coefficients[::-1]]))
     roots = roots[roots.imag > 1e-6]
     roots = roots[np.argsort(np.abs(roots))][:modes]
-    missing = _UNSEEN_FREQUENCY_RATIO ** np.arange(1, modes - roots.size + 1)
+    beyond = 1.5  # where a mode that the data do not show is put, over the highest frequency
+    missing = beyond ** np.arange(1, modes - roots.size + 1)
     wn = np.concatenate([np.abs(roots), missing * max(1.0, np.abs(roots).max(initial=0.0))])
     zeta = np.concatenate([-roots.real / np.maximum(np.abs(roots), 1e-12), np.full(missing.size, 0.02)])
     order = np.argsort(wn)
-    return wn[order] * top, np.clip(zeta[order], *_DAMPING_RANGE)
+    damping_range = (1e-3, 0.5)  # damping ratios that a start may have
+    return wn[order] * top, np.clip(zeta[order], *damping_range)
 
 
 def _residues(lines: Lines, wn: Float, zeta: Float, planes: int) -> ComplexArray:

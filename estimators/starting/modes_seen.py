@@ -11,10 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from rotorfit.estimators.significance import P_CHANCE
 from rotorfit.estimators.starting.influence import Influence
 from rotorfit.models.array_types import ComplexArray, Float
 
-_CONFIDENCE = 0.95  # share of draws below the largest singular value of noise, and of those that give a determined pole
 _LARGEST_ERROR = 0.2  # relative standard error of a natural frequency beyond which it is not determined
 
 
@@ -54,7 +54,7 @@ def modes_seen(influence: Influence) -> ModesSeen | None:
     scale = np.maximum(sd.mean(axis=(0, 2)), 1e-30)[:, None]
     noise = _draws(covariance, values.shape) / scale
     values = values / scale
-    reach = np.quantile([np.linalg.svd(np.hstack(list(draw)), compute_uv=False)[0] for draw in noise], _CONFIDENCE)
+    reach = np.quantile([np.linalg.svd(np.hstack(list(draw)), compute_uv=False)[0] for draw in noise], 1 - P_CHANCE)
     singular = np.linalg.svd(np.hstack(list(values)), compute_uv=False) / max(float(reach), 1e-30)
     shapes = int(np.sum(singular > 1))
     speed = influence.speed[dwells]
@@ -93,7 +93,7 @@ def _poles(low: ComplexArray, high: ComplexArray, w1: float, w2: float, rank: in
 
 def _determined(square: float, draws: Float) -> tuple[float, float] | None:
     """Natural frequency and standard error, None where the draws leave it open."""
-    if not np.isfinite(square) or np.mean(np.isfinite(draws)) < _CONFIDENCE:
+    if not np.isfinite(square) or np.mean(np.isfinite(draws)) < 1 - P_CHANCE:
         return None
     low, high = np.nanquantile(np.sqrt(draws), [0.16, 0.84])
     error, wn = float(high - low) / 2, float(np.sqrt(square))

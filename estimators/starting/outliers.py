@@ -10,8 +10,6 @@ from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.estimators.starting.closed_form import closed_form
 from rotorfit.estimators.starting.start_points import full_vector
 
-_VALUE_TOLERANCE = 0.05  # relative change of all values between rounds from which more of them make no better start
-
 
 def without_outliers(problem: Problem) -> tuple[Block, ...]:
     """Blocks whose gross outliers carry a larger sigma, found by closed forms that discount what the last one missed.
@@ -20,9 +18,10 @@ def without_outliers(problem: Problem) -> tuple[Block, ...]:
     """
     blocks = problem.blocks
     before = np.zeros(0)
+    tolerance = 0.05  # relative change of all values between rounds from which more of them make no better start
     for number in range(8):
         values = closed_form(problem.space, blocks, passes=32).x
-        if number and np.all(np.abs(values - before) <= _VALUE_TOLERANCE * np.abs(values)):
+        if number and np.all(np.abs(values - before) <= tolerance * np.abs(values)):
             break
         before = values
         size = np.abs(problem.residuals(full_vector(problem, values)))

@@ -16,8 +16,6 @@ from rotorfit.models.array_types import Float, Index
 
 PRIOR_SIZES = 100.0
 """Multiples of a parameter's size by which a short fit may move it, so that what the data leave open does not drift."""
-_COST_TOLERANCE = 1e-3  # fall of the cost that the next step promises, relative to the cost, at which a fit has settled
-_SMALLEST_DAMPING = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,23 +64,23 @@ def short_fits(problem: Problem, starts: Float, sizes: Float) -> ShortFits:
     """Fit from every start until little more is to be gained."""
     lower, upper = problem.space.lower, problem.space.upper
     costs = _Costs(problem, starts, sizes)
-    damping = np.full(len(starts), _SMALLEST_DAMPING)
+    smallest_damping = 1e-3
+    damping = np.full(len(starts), smallest_damping)
     largest_damping = 1e10
+    tolerance = 1e-3  # fall of the cost that the next step promises, relative to the cost, at which a fit has settled
     with np.errstate(all="ignore"):  # a trial point may well be absurd
         here = costs.at(starts.copy(), np.arange(len(starts)))
         active = np.flatnonzero(np.isfinite(here.cost))
         for _ in range(25):
             step, promise = _steps(here, active, sizes, damping, lower, upper)
-            going = (promise > _COST_TOLERANCE * here.cost[active]) & (damping[active] < largest_damping)
+            going = (promise > tolerance * here.cost[active]) & (damping[active] < largest_damping)
             active, step = active[going], step[going]
             if not active.size:
                 break
             trial = costs.at(np.clip(here.x[active] + step, lower, upper), active)
             better = trial.cost < here.cost[active]
             here.move(active[better], trial, better)
-            damping[active] = np.where(
-                better, damping[active] / 10, np.maximum(10 * damping[active], _SMALLEST_DAMPING)
-            )
+            damping[active] = np.where(better, damping[active] / 10, np.maximum(10 * damping[active], smallest_damping))
     return ShortFits(here.x, here.cost)
 
 

@@ -20,8 +20,6 @@ SPECTRAL_LINES = "spectral lines"  # linear least squares, one kind of line afte
 GIVEN = "given"  # every value by the user
 EARLIER_FIT = "earlier fit"  # the optimum of a fit that this one varies
 
-_LOG_DEVIATION = 0.8  # standard deviation of the logarithm of random starts: most lie within a decade
-
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Start:
@@ -56,8 +54,9 @@ def random_starts(problem: Problem, count: int) -> Iterator[Float]:
     """Starts spread over a decade around typical values, always the same ones."""
     rng = np.random.default_rng(0)
     scale = problem.space.typical
+    deviation = 0.8  # standard deviation of the logarithm of random starts: most lie within a decade
     for _ in range(count):
-        yield full_vector(problem, scale * np.exp(rng.normal(0.0, _LOG_DEVIATION, scale.size)))
+        yield full_vector(problem, scale * np.exp(rng.normal(0.0, deviation, scale.size)))
 
 
 def loose_fits(problem: Problem, starts: Float) -> ShortFits:

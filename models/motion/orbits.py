@@ -20,7 +20,6 @@ from rotorfit.models.motion.journal import Journal
 LARGEST_ECCENTRICITY = 1.0 - 1e-9
 """Largest eccentricity searched: at 1 the journal touches."""
 
-_STEP_TOLERANCE = 1e-7  # last step whose square is round-off: convergence is quadratic
 _NEAR_TARGET = 0.05  # a root this close to its target, with no sign change between, needs no search for others
 
 
@@ -131,6 +130,7 @@ def _strides(journal: Journal, equation: OrbitEquation, target: Float) -> tuple[
     """
     eps = np.clip(target, 0.0, LARGEST_ECCENTRICITY)
     newton_steps = 3  # Newton steps from a measured eccentricity that all lines take together
+    tolerance = 1e-7  # last step whose square is round-off: convergence is quadratic
     with np.errstate(all="ignore"):  # lines without a root are searched
         here = equation.at(journal, eps)
         first = here[1]
@@ -139,7 +139,7 @@ def _strides(journal: Journal, equation: OrbitEquation, target: Float) -> tuple[
             here = equation.at(journal, eps)
         step = here[0] / here[1]
         eps = eps - step
-        settled = (np.abs(step) < _STEP_TOLERANCE) & (eps >= 0) & (eps < LARGEST_ECCENTRICITY)
+        settled = (np.abs(step) < tolerance) & (eps >= 0) & (eps < LARGEST_ECCENTRICITY)
         alone = (np.abs(eps - target) <= _NEAR_TARGET) & (first < -2 * np.abs(here[1] - first))
         change = np.empty(eps.shape, dtype=complex)
         change.real, change.imag = here[2] - here[4] * step, here[3] - here[5] * step

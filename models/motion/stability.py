@@ -16,7 +16,6 @@ from rotorfit.models.shafts.turning import unstable_bands
 from rotorfit.models.tolerances import ROUND_OFF
 
 _SPEEDS = 600  # speeds searched for an onset
-_GROWTH_AT_ONSET = 1e-6  # growth over frequency at an onset beyond which an eigenvalue did not become unstable there
 
 
 @dataclass(frozen=True)
@@ -333,7 +332,8 @@ def _threshold_at(model: RotorModel, theta: Float, onset: float, band: float) ->
     s = s[np.isfinite(s) & (np.abs(s) <= band)]
     critical = complex(s[np.argmax(s.real)])
     turned = onset if model.turns else 0.0
-    if onset > 0 and critical.real > _GROWTH_AT_ONSET * abs(critical + 1j * turned):
+    growth = 1e-6  # growth over frequency at an onset beyond which an eigenvalue did not become unstable there
+    if onset > 0 and critical.real > growth * abs(critical + 1j * turned):
         return None  # it entered the band already unstable, so its onset lies beyond
     by_speed, by_theta = eigenvalue_gradient(model, theta, onset, critical) if onset > 0 else (1.0, theta * np.nan)
     # With x and y apart the eigenvalues are pairs of either sign: which of them was met first says nothing.

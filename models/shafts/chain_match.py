@@ -16,18 +16,7 @@ from rotorfit.models.text_table import text_table
 
 _Masses: TypeAlias = tuple[Float, Float, Float]  # masses, springs, psi
 
-_END_SHARES: tuple[float, ...] = (
-    0.02,
-    0.1,
-    0.3,
-    0.5,
-    0.7,
-    0.9,
-    0.98,
-)  # shares of the ground stiffness at the last mass to start from
 _MISSING_SPRING = 1e-2  # share of the ground stiffness below which an end is tried without a spring
-_SMALLEST_DEFLECTION = 1e-30  # deflection taken in place of zero at the first mass, where no mode of a chain vanishes
-_LARGEST_MISS = 1e-20  # half the sum of squared misses of lines of unit length that leaves nothing to search for
 _EXACT: dict[str, Any] = {
     "xtol": 1e-15,
     "ftol": 1e-15,
@@ -256,18 +245,22 @@ class _Search:
         """
         d, modes = _orthogonalised(self.lines, inverse_mass)
         gaps = np.abs(self.w[:, None] - self.w) * (self.w[:, None] + self.w) + np.eye(self.w.size)
-        columns = [2 * np.log(np.maximum(np.abs(modes[0]), _SMALLEST_DEFLECTION)), -np.log(gaps).sum(axis=0)]
-        best, chosen, ends = np.inf, (d, d, modes), _END_SHARES
+        smallest = 1e-30  # deflection taken in place of zero at the first mass, where no mode of a chain vanishes
+        columns = [2 * np.log(np.maximum(np.abs(modes[0]), smallest)), -np.log(gaps).sum(axis=0)]
+        # Shares of the ground stiffness at the last mass to start from.
+        end_shares: tuple[float, ...] = (0.02, 0.1, 0.3, 0.5, 0.7, 0.9, 0.98)
+        best, chosen, ends = np.inf, (d, d, modes), end_shares
         near = _near_chain(self.w, d, modes)
         if near is not None:
             M, K = near
             psi = (chain_modes(M, K)[1] * np.sqrt(M)[:, None]).T
             best, chosen = float(np.sum(self.miss(M, psi) ** 2)) / 2, (M, K, psi)
-            columns.insert(0, 2 * np.log(np.maximum(psi[:, 0], _SMALLEST_DEFLECTION)))
+            columns.insert(0, 2 * np.log(np.maximum(psi[:, 0], smallest)))
             force = K[[0, -1]] / np.sqrt(M[[0, -1]])
-            ends = (*_END_SHARES, float(np.clip(force[1] / force.sum(), 1e-6, 1 - 1e-6)))
+            ends = (*end_shares, float(np.clip(force[1] / force.sum(), 1e-6, 1 - 1e-6)))
+        matched = 1e-20  # half the sum of squared misses of lines of unit length that leaves nothing to search for
         for column in columns:
-            if best <= _LARGEST_MISS:
+            if best <= matched:
                 break
             found = self.descend(column - column.max(), ends)
             if found.cost < best:

@@ -24,7 +24,6 @@ ROSS_6 = ("x", "y", "axial", "alpha", "beta", "torsion")
 
 _ISOTROPY_TOLERANCE = 1e-8  # of the largest entry of its kind: round-off of an assembly
 _STRUCTURES_KEPT = 24  # condensed structures kept
-_LARGE_STRUCTURE = 40  # coordinates from which a structure with scale factors is reduced
 _MANY_LINES = 32  # lines from which that is worth its while
 _LOG_SCALE_RANGE = 0.2  # range of the logarithm of a scale factor for which one reduction holds
 
@@ -262,7 +261,8 @@ class Shaft:
         return found
 
     def _condense(self, s: ComplexArray, speed: Float, scales: Float) -> tuple[ComplexArray, ComplexArray]:
-        if not self.parts or self.terms.size < _LARGE_STRUCTURE or s.size < _MANY_LINES or not (scales > 0).all():
+        large = 40  # coordinates from which a structure with scale factors is reduced
+        if not self.parts or self.terms.size < large or s.size < _MANY_LINES or not (scales > 0).all():
             return self.terms.condense(s, speed, scales)
         n = self.at.size
         values = np.empty((s.size, n, n), dtype=complex)

@@ -42,7 +42,7 @@ def add_options(to: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Do what the command line says; returns the exit code."""
-    from rotorfit.cli.errors import DONE, NOT_CONVERGED, checked
+    from rotorfit.cli.errors import ExitCode, checked
 
     found, wrong, warned = checked(lambda: _campaign(options))
     text = checked(lambda: found.summary(options.follow, against=options.against, by=options.by))
@@ -59,7 +59,7 @@ def run(options: argparse.Namespace) -> int:
         bad = [one.name for one in found.runs if not one.success]
         what = f"{len(bad)} of {len(found.runs)} runs" if bad else "the shared parameters"
         say(f"{what} did not converge{': ' + ', '.join(bad) if bad else ''}")
-    return DONE if found.success and not wrong else NOT_CONVERGED
+    return ExitCode.DONE if found.success and not wrong else ExitCode.NOT_CONVERGED
 
 
 def _campaign(options: argparse.Namespace) -> tuple[Campaign, str, list[str]]:

@@ -3,9 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from enum import IntEnum
 from typing import TypeVar
 
-DONE, NOT_CONVERGED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
+
+class ExitCode(IntEnum):
+    """Exit codes of the commands."""
+
+    DONE = 0
+    NOT_CONVERGED = 1
+    BAD_INPUT = 2
+    INTERRUPTED = 130
+
 
 T = TypeVar("T")
 

@@ -20,7 +20,7 @@ def add_options(to: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Do what the command line says; returns the exit code."""
     from rotorfit.cli.answer import say_findings
-    from rotorfit.cli.errors import DONE, checked
+    from rotorfit.cli.errors import ExitCode, checked
     from rotorfit.data.experiments import PerturbationTest
     from rotorfit.data.joined import join_runs
     from rotorfit.io.files import check_target, write
@@ -47,4 +47,4 @@ def run(options: argparse.Namespace) -> int:
         say_findings([findings], [whole.source])
     else:
         print(f"{describe_test(whole, findings)}\n\nwritten to {options.out}")
-    return DONE
+    return ExitCode.DONE

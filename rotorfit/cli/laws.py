@@ -35,7 +35,7 @@ def add_options(to: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Do what the command line says; returns the exit code."""
-    from rotorfit.cli.errors import DONE, NOT_CONVERGED, checked
+    from rotorfit.cli.errors import ExitCode, checked
 
     found, wrong, warned = checked(lambda: _comparison(options))
     failed = [entry for entry in found.laws if entry.fit is not None and not entry.fit.success]
@@ -44,7 +44,7 @@ def run(options: argparse.Namespace) -> int:
     give(options, partial(_write, found), lambda: {**_plain(found), "warnings": warned}, text, warned)
     for problem in problems:
         say(problem)
-    return NOT_CONVERGED if problems else DONE
+    return ExitCode.NOT_CONVERGED if problems else ExitCode.DONE
 
 
 def _comparison(options: argparse.Namespace) -> tuple[LawComparison, str, list[str]]:

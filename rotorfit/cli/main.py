@@ -27,7 +27,7 @@ from rotorfit.cli.arguments import (
     data_files,
     fit_study,
 )
-from rotorfit.cli.errors import BAD_INPUT, DONE, INTERRUPTED, NOT_CONVERGED, BadInputError, checked, sentence
+from rotorfit.cli.errors import BadInputError, ExitCode, checked, sentence
 from rotorfit.cli.progress import ProgressLine
 from rotorfit.estimators.atomic_file import protected_inputs
 from rotorfit.studies.wording import in_options, spoken
@@ -48,7 +48,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = parser.parse_args(arguments)
     if options.command is None:
         parser.print_help()
-        return DONE
+        return ExitCode.DONE
     given = (*getattr(options, "files", ()), getattr(options, "setup", None), getattr(options, "study", None))
     with warnings.catch_warnings(), protected_inputs([path for path in given if path is not None]):
         warnings.showwarning = _show_warning
@@ -68,14 +68,14 @@ def _carry_out(options: argparse.Namespace) -> int:
         return code
     except BrokenPipeError:  # whoever reads the output, `head` for instance, has seen enough
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # nor may the last flush complain
-        return DONE
+        return ExitCode.DONE
     except BadInputError as problem:
         said = spoken(str(problem))
         print(f"rotorfit: {said if options.command is _run else in_options(said)}", file=sys.stderr)
-        return BAD_INPUT
+        return ExitCode.BAD_INPUT
     except KeyboardInterrupt as stop:
         print(f"rotorfit: interrupted, {stop.args[0] if stop.args else 'nothing was written'}", file=sys.stderr)
-        return INTERRUPTED
+        return ExitCode.INTERRUPTED
 
 
 # ---- commands ---------------------------------------------------------------------------------
@@ -129,8 +129,8 @@ def _identify(study: Study, options: argparse.Namespace, rig: str = "") -> int:
             say(warned)
     if outcome.failure:
         print(f"rotorfit: {outcome.failure}", file=sys.stderr)
-        return NOT_CONVERGED
-    return DONE
+        return ExitCode.NOT_CONVERGED
+    return ExitCode.DONE
 
 
 def _work(study: Study, progress: ProgressLine, rig: str, figure_format: FigureFormat) -> Outcome:
@@ -160,7 +160,7 @@ def _models(options: argparse.Namespace) -> int:
         first = (model.__doc__ or "").partition("\n")[0]
         tables.append(f"{head}\n  {first}\n{rows}")
     print("\n\n".join(tables))
-    return DONE
+    return ExitCode.DONE
 
 
 def _info(options: argparse.Namespace) -> int:
@@ -170,7 +170,7 @@ def _info(options: argparse.Namespace) -> int:
     tests = checked(lambda: read_files(data_files(options), no_progress))
     print("\n\n".join(describe_test(test, findings) for test, findings in zip(*tests, strict=True)))
     wrong = any(finding.severity == "error" for findings in tests[1] for finding in findings)
-    return NOT_CONVERGED if wrong else DONE
+    return ExitCode.NOT_CONVERGED if wrong else ExitCode.DONE
 
 
 def _completion(options: argparse.Namespace) -> int:
@@ -179,7 +179,7 @@ def _completion(options: argparse.Namespace) -> int:
     except ImportError as reason:
         raise BadInputError('completion needs shtab: pip install "rotorfit[completion]"') from reason
     print(shtab.complete(build_parser(), options.shell))
-    return DONE
+    return ExitCode.DONE
 
 
 COMMANDS = {
@@ -215,7 +215,7 @@ class _Parser(argparse.ArgumentParser):
     """A parser that refuses in one sentence, as the rest of the program does."""
 
     def error(self, message: str) -> NoReturn:
-        self.exit(BAD_INPUT, f"rotorfit: {message}; `{self.prog} --help` says what there is\n")
+        self.exit(ExitCode.BAD_INPUT, f"rotorfit: {message}; `{self.prog} --help` says what there is\n")
 
 
 def build_parser() -> argparse.ArgumentParser:

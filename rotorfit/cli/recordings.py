@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rotorfit.cli.answer import say_findings
-from rotorfit.cli.errors import DONE, NOT_CONVERGED, checked
+from rotorfit.cli.errors import ExitCode, checked
 from rotorfit.cli.progress import ProgressLine
 from rotorfit.io.templates import example, kinds
 from rotorfit.models.parameters import unknown_name
@@ -43,7 +43,7 @@ def add_look_options(to: argparse.ArgumentParser) -> None:
 def run_template(options: argparse.Namespace) -> int:
     """Print the example or the setup; returns the exit code."""
     sys.stdout.write(checked(lambda: _template(options.what)))
-    return DONE
+    return ExitCode.DONE
 
 
 def _template(what: str) -> str:
@@ -79,7 +79,7 @@ def _look(options: argparse.Namespace) -> int:
         say_findings([record.findings for record in records], [record.name for record in records])
     wrong = any(finding.severity == "error" for record in records for finding in record.findings)
     if options.out is None:
-        return NOT_CONVERGED if wrong else DONE
+        return ExitCode.NOT_CONVERGED if wrong else ExitCode.DONE
     progress = ProgressLine(enabled=not options.quiet and sys.stderr.isatty())
     left_out: list[str] = []
     try:
@@ -92,7 +92,7 @@ def _look(options: argparse.Namespace) -> int:
         progress.close()
     if not options.quiet:
         print("\n".join(["", *left_out, f"written to {options.out}"]))
-    return NOT_CONVERGED if wrong else DONE
+    return ExitCode.NOT_CONVERGED if wrong else ExitCode.DONE
 
 
 def _draw(record: Recording, options: argparse.Namespace, folder: Path, stem: str, progress: ProgressLine) -> list[str]:

@@ -68,7 +68,7 @@ def add_options(to: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Do what the command line says; returns the exit code."""
-    from rotorfit.cli.errors import DONE, BadInputError, checked, sentence
+    from rotorfit.cli.errors import BadInputError, ExitCode, checked, sentence
     from rotorfit.diagnosis.check import check
     from rotorfit.io.files import read, write
     from rotorfit.simulation.integration import IntegrationError
@@ -78,7 +78,7 @@ def run(options: argparse.Namespace) -> int:
         paths = checked(lambda: _recorded(options))
         if not options.quiet:
             print("\n".join(f"written: {path}" for path in paths))
-        return DONE
+        return ExitCode.DONE
     try:
         test = checked(lambda: _simulated(options))
     except IntegrationError as problem:
@@ -87,7 +87,7 @@ def run(options: argparse.Namespace) -> int:
     if not options.quiet:
         written = checked(lambda: read(options.out))
         print(f"{describe_test(written, check(written))}\n\nwritten to {options.out}")
-    return DONE
+    return ExitCode.DONE
 
 
 def _simulated(options: argparse.Namespace) -> Experiment:

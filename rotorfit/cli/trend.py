@@ -38,11 +38,11 @@ def add_options(to: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Do what the command line says; returns the exit code."""
-    from rotorfit.cli.errors import DONE, checked
+    from rotorfit.cli.errors import ExitCode, checked
 
     found = checked(lambda: _trend(options))
     give(options, partial(_write, found), lambda: [_plain(place) for place in found.places], str(found))
-    return DONE
+    return ExitCode.DONE
 
 
 def _trend(options: argparse.Namespace) -> MachineTrend:

@@ -23,7 +23,7 @@ def add_options(to: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Do what the command line says; returns the exit code."""
     from rotorfit.cli.answer import say_findings
-    from rotorfit.cli.errors import DONE, NOT_CONVERGED, BadInputError, checked
+    from rotorfit.cli.errors import BadInputError, ExitCode, checked
     from rotorfit.cli.progress import ProgressLine
     from rotorfit.io.files import check_target, write
     from rotorfit.studies.data_files import read_files
@@ -48,4 +48,4 @@ def run(options: argparse.Namespace) -> int:
         print(f"{describe_test(test, findings)}\n\nwritten to {options.out}")
     else:
         say_findings([findings], [test.source or test.title])
-    return NOT_CONVERGED if any(finding.severity == "error" for finding in findings) else DONE
+    return ExitCode.NOT_CONVERGED if any(finding.severity == "error" for finding in findings) else ExitCode.DONE

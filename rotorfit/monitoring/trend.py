@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rotorfit.estimators.change_point import Change, along, fewest_dates, find_change
+from rotorfit.estimators.significance import P_CHANCE
 from rotorfit.models.array_types import Float
 from rotorfit.models.parameters import MATRIX_UNITS
 from rotorfit.monitoring.observed_stiffness import ObservedStiffness
@@ -21,8 +22,6 @@ if TYPE_CHECKING:
 
 _SAME_SPEED = 0.02
 """Speeds of different dates within this fraction are compared with each other."""
-_P_OTHER_CAUSE = 0.05
-"""A cause is held to be alone unless what it leaves over is less probable than this."""
 
 _MEANING = {
     "K": "the support or the shaft became {way} (a crack or a loose support softens, a rub or misalignment stiffens)",
@@ -120,7 +119,7 @@ class PlaceTrend:
     def _cause_sentences(self) -> list[str]:
         if not self.causes:
             return []
-        likely = [cause for cause in self.causes if cause.probability > _P_OTHER_CAUSE]
+        likely = [cause for cause in self.causes if cause.probability > P_CHANCE]
         if not likely:
             return ["neither K, M nor D alone, nor all in proportion, explains it: more than one thing changed"]
         words = []

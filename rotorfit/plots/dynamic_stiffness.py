@@ -11,9 +11,10 @@ import numpy as np
 from rotorfit.estimators.blocks.nonlinear import OrbitResponses
 from rotorfit.estimators.blocks.observations import Responses
 from rotorfit.estimators.inference.covariance import standard_error
+from rotorfit.estimators.significance import CHANCE_ERRORS
 from rotorfit.estimators.starting.stiffness_inversion import stiffness_matrices
 from rotorfit.models.array_types import ComplexArray, Float
-from rotorfit.plots.journal import ERRORS_OF_95_PERCENT, half_width
+from rotorfit.plots.journal import half_width
 from rotorfit.plots.style import GREY, grid, legend_below, literal, prefix
 from rotorfit.plots.sweeps import SweepCondition, sweeps
 from rotorfit.units import RPM_PER_RAD_S
@@ -229,7 +230,7 @@ def _fitted(fit: FitResult, shown: _Shown, row: int, column: int, full: bool) ->
     by_theta = np.zeros((w.size, theta.size + 2), dtype=complex)  # two more inputs: speed and eccentricity
     np.add.at(by_theta.T, jacobian.inputs, entries.T)
     slope = space.pull_back(by_theta[:, : theta.size], condition.group)
-    bands = [ERRORS_OF_95_PERCENT * standard_error(part, fit.covar) for part in (slope.real, slope.imag)]
+    bands = [CHANCE_ERRORS * standard_error(part, fit.covar) for part in (slope.real, slope.imag)]
     return _Line(frequency=w, kappa=value, direct=bands[0], quadrature=bands[1])
 
 

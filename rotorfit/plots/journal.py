@@ -4,21 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from statistics import NormalDist
 
 import numpy as np
 
 from rotorfit.estimators.blocks.nonlinear import OrbitResponses, responses_of
 from rotorfit.estimators.inference.covariance import standard_error
+from rotorfit.estimators.significance import CHANCE_ERRORS
 from rotorfit.fitting.result import FitResult
 from rotorfit.fitting.summary import natural
 from rotorfit.models import RotorModel
 from rotorfit.models.array_types import ComplexArray, Float, Index, Text
 from rotorfit.models.motion.journal import journal
 from rotorfit.models.motion.line_stiffness import line_stiffness
-
-ERRORS_OF_95_PERCENT = NormalDist().inv_cdf(0.975)
-"""Half-width of a 95 % band in standard errors, by the normal distribution."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -98,7 +95,7 @@ def drive_stiffness(
 def half_width(fit: FitResult, group: int, slope: Float) -> Float:
     """Half-width of the 95 % band of a quantity, shape ``(E,)``."""
     by_fitted = fit.problem.space.pull_back(slope, group)
-    return np.asarray(ERRORS_OF_95_PERCENT * standard_error(by_fitted, fit.covar))
+    return np.asarray(CHANCE_ERRORS * standard_error(by_fitted, fit.covar))
 
 
 def reach(fit: FitResult) -> float:

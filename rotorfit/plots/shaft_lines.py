@@ -24,8 +24,6 @@ if TYPE_CHECKING:
 
 
 _CURVE_POINTS = 800  # points of a fitted line
-_LARGEST_ERROR = 1.0
-"""Error over amplitude beyond which a reading has no phase worth showing."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -178,7 +176,7 @@ def _draw(size: Any, phase: Any, curve: _Curve, factor: float, colour: str) -> N
     size.errorbar(rpm, np.abs(curve.measured) * factor, curve.sigma * factor, **style)
     fine = curve.fine * RPM_PER_RAD_S
     size.plot(fine, np.abs(curve.line_fitted) * factor, color="black", lw=0.9, zorder=3)
-    sure = curve.sigma < _LARGEST_ERROR * np.abs(curve.fitted)
+    sure = curve.sigma < np.abs(curve.fitted)  # a reading with a larger error has no phase worth showing
     error = np.degrees(curve.sigma / np.abs(curve.fitted))
     phase.errorbar(rpm[sure], np.degrees(np.angle(curve.measured[sure])), error[sure], **style)
     angle = np.degrees(np.angle(curve.line_fitted))

@@ -8,9 +8,10 @@ import numpy as np
 
 from rotorfit.estimators.blocks.nonlinear import responses_of
 from rotorfit.estimators.matching import cheapest_rows
+from rotorfit.estimators.significance import CHANCE_ERRORS
 from rotorfit.models import AnisotropicShaft, Turning, eigenvalues
 from rotorfit.models.array_types import ComplexArray, Float
-from rotorfit.plots.journal import ERRORS_OF_95_PERCENT, group_label
+from rotorfit.plots.journal import group_label
 from rotorfit.plots.shaft_lines import plot_turning_stability
 from rotorfit.plots.style import COLOURS, GREY, grid, legend_below, literal
 from rotorfit.units import RPM_PER_RAD_S
@@ -25,7 +26,6 @@ if TYPE_CHECKING:
 _THRESHOLD = COLOURS[1]
 _MODES = tuple(c for c in COLOURS if c != _THRESHOLD)
 """Colours of modes: all but the threshold's."""
-_LARGEST_DAMPING_RATIO = 0.99  # damping ratio from which a mode no longer oscillates and has no decrement
 
 
 def plot_stability(fit: FitResult, *, group: int = 0) -> Figure:
@@ -50,7 +50,8 @@ def plot_stability(fit: FitResult, *, group: int = 0) -> Figure:
     growth, frequency, damping, decrement = axes.flat
     size = np.where(np.abs(s) > 0, np.abs(s), np.nan)
     zeta = -s.real / size
-    swings = np.abs(zeta) < _LARGEST_DAMPING_RATIO
+    overdamped = 0.99  # damping ratio from which a mode no longer oscillates and has no decrement
+    swings = np.abs(zeta) < overdamped
     delta = np.where(swings, 2 * np.pi * zeta / np.sqrt(np.where(swings, 1 - zeta**2, 1.0)), np.nan)
     panels = ((growth, s.real), (frequency, s.imag * RPM_PER_RAD_S), (damping, zeta), (decrement, delta))
     for axis, values in panels:
@@ -94,7 +95,7 @@ def _mark_threshold(axis: Any, onset: Quantity | None) -> None:
         return
     axis.axvline(onset.value * RPM_PER_RAD_S, color=_THRESHOLD, lw=1.4)
     if np.isfinite(onset.stderr):
-        half = ERRORS_OF_95_PERCENT * onset.stderr
+        half = CHANCE_ERRORS * onset.stderr
         axis.axvspan(
             (onset.value - half) * RPM_PER_RAD_S,
             (onset.value + half) * RPM_PER_RAD_S,
@@ -140,7 +141,7 @@ def _legend(figure: Figure, modes: list[str], onset: Quantity | None, *, tested:
     if onset is not None:
         handles.append(Line2D([], [], color=_THRESHOLD, lw=1.4))
         known = np.isfinite(onset.stderr)
-        interval = f" ± {ERRORS_OF_95_PERCENT * onset.stderr * RPM_PER_RAD_S:.2g} (95 %)" if known else ""
+        interval = f" ± {CHANCE_ERRORS * onset.stderr * RPM_PER_RAD_S:.2g} (95 %)" if known else ""
         labels.append(f"threshold {onset.value * RPM_PER_RAD_S:.1f}{interval} rpm")
     handles.append(Patch(color=_THRESHOLD, alpha=0.15))
     labels.append("unstable")

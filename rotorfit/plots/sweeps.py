@@ -25,8 +25,6 @@ if TYPE_CHECKING:
     from rotorfit.fitting.result import FitResult
 
 
-MOST_STEADY_SPEEDS = 12
-"""Distinct speeds of a block beyond which the speed is swept, as in a start-up."""
 _SWEPT_SPEED = -1.0  # speed of a key whose speed is swept
 
 
@@ -97,7 +95,8 @@ def _at_1x(base: Responses) -> bool:
 
 def _keys(blocks: Sequence[Responses], *, nonlinear: bool) -> list[list[_Key]]:
     """Keys that distinguish the lines of each block; equal speeds of several blocks have equal keys."""
-    swept = [np.unique(base.speed).size > MOST_STEADY_SPEEDS or _at_1x(base) for base in blocks]
+    most_steady = 12  # distinct speeds of a block beyond which the speed is swept, as in a start-up
+    swept = [np.unique(base.speed).size > most_steady or _at_1x(base) for base in blocks]
     same_speed = 2e-3  # relative difference of speeds that were meant to be the same
     steady = _rounded(
         np.concatenate([np.zeros(0) if s else b.speed for s, b in zip(swept, blocks, strict=True)]), same_speed

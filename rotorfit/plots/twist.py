@@ -14,8 +14,6 @@ from rotorfit.units import RPM_PER_RAD_S
 
 _ORDERS = {"w − Om": (1, -1), "w − 2 Om": (1, -2), "2(w − Om)": (2, -2), "1x": (0, 1), "2x": (0, 2)}
 """Combination lines of the twist: multiples of w and of Om."""
-_TALLEST_LINE = 6.0
-"""Spacings that the largest line of the cascade reaches up."""
 
 
 def plot_twist(view: TwistView, name: str, limit: float | None = None) -> Figure:
@@ -50,14 +48,15 @@ def _cascade(axis: Any, view: TwistView, position: Float, edge: float) -> None:
     inside = view.frequency <= edge
     root = np.sqrt(view.amplitude[:, inside])
     spacing = float(np.ptp(position)) / max(position.size - 1, 1) or 1.0
-    height = _TALLEST_LINE * spacing / float(root.max(initial=1e-12))
+    spacings = 6.0  # spacings that the largest line of the cascade reaches up
+    height = spacings * spacing / float(root.max(initial=1e-12))
     rows = sorted(zip(position.tolist(), root, strict=True), key=lambda pair: -pair[0])
     for rank, (level, row) in enumerate(rows):
         curve = level + row * height
         axis.fill_between(view.frequency[inside], level, curve, color="white", lw=0, zorder=3 + rank)
         axis.plot(view.frequency[inside], curve, color=COLOURS[0], lw=0.6, zorder=3 + rank)
     axis.set_xlim(0, edge)
-    axis.set_ylim(position.min() - spacing, position.max() + (_TALLEST_LINE + 1) * spacing)
+    axis.set_ylim(position.min() - spacing, position.max() + (spacings + 1) * spacing)
     axis.text(
         0.99, 0.02, "height: square root of the amplitude", fontsize=7, ha="right", transform=axis.transAxes, zorder=999
     )

@@ -13,8 +13,6 @@ import numpy as np
 from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.models.shafts.anisotropic_shaft import AnisotropicShaft
 
-_TOLERANCE = 1e-10
-
 
 @dataclass(frozen=True, kw_only=True)
 class Crack:
@@ -95,7 +93,7 @@ def shaft_motion(
     start: tuple[complex, complex, float, float] = (0.0, 0.0, 0.0, 0.0),
     crack: Crack | None = None,
     support: complex = 0.0,
-    tolerance: float = _TOLERANCE,
+    tolerance: float = 1e-10,
 ) -> ShaftMotion:
     """Integrate the full equations (physics as in :mod:`rotorfit.models.shafts.anisotropic_shaft`) by DOP853."""
     from scipy.integrate import solve_ivp

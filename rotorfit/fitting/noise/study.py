@@ -29,6 +29,7 @@ from rotorfit.estimators.noise.run_effects import (
     select_effects,
     shared_variances,
 )
+from rotorfit.estimators.significance import SIGNIFICANT_ERRORS
 from rotorfit.fitting.noise.linearised import LinearisedFit, linearise
 from rotorfit.fitting.noise.record import FoundNoise, Miss, NoiseVerdict, ResponseNoise, RunEffect
 from rotorfit.fitting.noise.residual_study import ResidualStudy
@@ -48,9 +49,9 @@ several to forty times as wide, so that the mean width grows by 1 to 30 %. Two r
 forces differ by 1 %: two that agree are then 1.4 to 2.1 times as wide on average. The median stays.
 ``benchmarks/honest_errors.py`` counts all of it.
 """
-_MEMORY_DEVIATIONS, _MEMORY_CORRELATION = 4.0, 0.25
-"""Memory along the sweeps counts where the correlation of neighbours exceeds chance by so many standard deviations (of
-noise one in 30 000 does), and is large enough to widen standard errors by a fifth."""
+_MEMORY_CORRELATION = 0.25
+"""Memory along the sweeps counts where the correlation of neighbours is significant, and widens standard errors by a
+fifth at least."""
 _LEAST_SHAPE_GAIN = 12.0
 """Twice the gain in log likelihood, for each probe, from which noise by residuals replaces that of the data alone: the
 99.75 % point of chi-squared with the two parts of a shape as degrees of freedom."""
@@ -148,7 +149,7 @@ def _verdict(fit: NoiseFit, remembered: Memory, *, as_found: bool) -> NoiseVerdi
 
 def _follows(remembered: Memory) -> bool:
     """True if residuals follow one another along the sweeps."""
-    return remembered.first > _MEMORY_CORRELATION and remembered.z > _MEMORY_DEVIATIONS
+    return remembered.first > _MEMORY_CORRELATION and remembered.z > SIGNIFICANT_ERRORS
 
 
 # ---- differences from run to run ---------------------------------------------------------------------------------
