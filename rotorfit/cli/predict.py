@@ -44,7 +44,7 @@ def add_options(to: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Do what the command line says; returns the exit code."""
-    from rotorfit.cli.errors import DONE, NOT_CONVERGED, checked
+    from rotorfit.cli.errors import ExitCode, checked
     from rotorfit.fitting.fit_file import load_fit
 
     fit = checked(lambda: load_fit(options.fit))
@@ -60,9 +60,9 @@ def run(options: argparse.Namespace) -> int:
 
     give(options, write, lambda: _plain(found), str(found), found.notes)
     if fit.success:
-        return DONE
+        return ExitCode.DONE
     say(f"the fit did not converge: {fit.message}")
-    return NOT_CONVERGED
+    return ExitCode.NOT_CONVERGED
 
 
 def _prediction(fit: FitResult, options: argparse.Namespace) -> Prediction:
