@@ -17,8 +17,8 @@ from rotorfit.estimators.blocks.nonlinear import OrbitResponses, responses_of
 from rotorfit.estimators.blocks.observations import Block
 from rotorfit.estimators.blocks.small_motion import OffCentreResponses
 from rotorfit.fitting.result import FitResult
-from rotorfit.models import eigenvalues
 from rotorfit.models.array_types import ComplexArray, Float
+from rotorfit.models.motion.stability import growth_rate
 from rotorfit.models.parameters import unknown_name
 from rotorfit.models.text_table import text_table
 from rotorfit.observing.observations import observe_any
@@ -351,8 +351,7 @@ def _block(fit: FitResult, test: PerturbationTest, group: int) -> Block:
 def _refuse_unstable(fit: FitResult, group: int, speeds: Float) -> None:
     """Refuse speeds at which a response would not be steady."""
     for value in speeds.tolist():
-        growing = eigenvalues(fit.model, fit.thetas[group], value).real.max()
-        if growing > 0:
+        if growth_rate(fit.model, fit.thetas[group], value, fit.stability_band) > 0:
             raise ValueError(
                 f"the fitted rotor is unstable at {value * RPM_PER_RAD_S:.5g} rpm: it whirls by itself, and has no "
                 "steady response to a force"
