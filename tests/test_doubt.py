@@ -16,7 +16,7 @@ from rotorfit.uncertainty.budget import budget
 
 def averaged(rig_refinement, value):
     """Mean square distance from the chosen one, and the larger variance, over candidates by weights of their AIC."""
-    best = min((s for s in rig_refinement.steps if not s.identifiability.unresolved), key=lambda step: step.aic)
+    best = next(s for s in rig_refinement.steps if s.model.blocks == rig_refinement.best.model.blocks)
     candidates = [step for step in rig_refinement.steps if not step.identifiability.unresolved]
     scatter = max(1.0, min(step.redchi for step in candidates))
     weight = np.exp([(best.aic - step.aic) / (4 * scatter) for step in candidates])

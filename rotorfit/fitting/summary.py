@@ -18,9 +18,10 @@ from rotorfit.fitting.digits import plus_minus, with_error
 from rotorfit.fitting.noise.record import NoiseVerdict, is_run_effect
 from rotorfit.fitting.noise.words import VERDICTS
 from rotorfit.fitting.structure.structure_error import structure_error
-from rotorfit.models import TurningOnSupports, eigenvalues, unstable_bands
+from rotorfit.models import RotorModel, TurningOnSupports, eigenvalues, unstable_bands
 from rotorfit.models.motion.stability import growing_bands
 from rotorfit.models.parameters import bare_name
+from rotorfit.models.structure import block_parameters, block_symbols
 from rotorfit.models.text_table import Wide, text_table
 from rotorfit.units import RPM_PER_RAD_S
 
@@ -71,6 +72,7 @@ def fit_table(fit: FitResult) -> str:
         *_noise_lines(fit),
         "",
         *_parameter_lines(fit),
+        *_folded_line(fit),
         "",
         f"identifiability: {fit.identifiability}",
         *(f"  determined: {words}" for words in (combined(fit, c) for c in fit.identifiability.combinations) if words),
@@ -85,7 +87,14 @@ def fit_table(fit: FitResult) -> str:
     reduced = structure_error(fit)
     lines += [f"note: {caveat}" for caveat in (*fit.model.caveats, *([str(reduced)] if reduced else []))]
     lines += [f"warning: {message}" for message in fit.warnings]
-    return "\n".join(lines)
+    return "\n".join([*lines, *_correction_lines(fit)])
+
+
+def _folded_line(fit: FitResult) -> list[str]:
+    """Structural corrections on one line."""
+    blocks = getattr(fit.model, "blocks", ())
+    words = ", ".join(f"{block.replace('_', ' ')} ({block_symbols([block])})" for block in blocks)
+    return [f"corrected for {words}: {len(correction_names(fit.model))} values, listed last"] if blocks else []
 
 
 def start_words(fit: FitResult) -> str:
@@ -141,14 +150,31 @@ def _without_runs(fit: FitResult) -> list[str]:
     return [f"  standard errors from leaving out runs one by one: {', '.join(shown)}"] if shown else []
 
 
-def _parameter_lines(fit: FitResult) -> list[str]:
-    """Lines of the parameter table; a parameter that the data do not determine shows no number."""
+def correction_names(model: RotorModel) -> set[str]:
+    """Names of the parameters of structural blocks, which correct a lumped model."""
+    blocks = getattr(model, "blocks", ())
+    return {own.name for own in block_parameters(blocks, len(model.planes))} if blocks else set()
+
+
+def _correction_lines(fit: FitResult) -> list[str]:
+    """The table of structural corrections, which comes last."""
+    lines = _parameter_lines(fit, folded=True)
+    return ["", "structural corrections", *lines] if lines else []
+
+
+def _parameter_lines(fit: FitResult, *, folded: bool = False) -> list[str]:
+    """Lines of the parameter table; a parameter that the data do not determine shows no number.
+
+    Structural corrections have a table of their own.
+    """
     both = any(p.stderr > p.stderr_noise * 1.01 for p in fit.params.values() if p.vary and p.resolved)
     more = any(p.systematic for p in fit.params.values() if p.vary)
     errors = ["stderr", *(["noise only"] * both), *(["systematic"] * more)]
     rows: list[list[str | Wide]] = [["parameter", "value", *errors, "start", "unit", ""]]
-    rows += [_row(p, both, more) for p in in_order(fit.params.values())]
-    return text_table(rows, "<22 >14 " + " ".join([">12"] * len(errors)) + " >14 <1 <1")
+    corrections = correction_names(fit.model)
+    shown = [p for p in in_order(fit.params.values()) if (bare_name(p.name) in corrections) == folded]
+    rows += [_row(p, both, more) for p in shown]
+    return text_table(rows, "<22 >14 " + " ".join([">12"] * len(errors)) + " >14 <1 <1") if shown else []
 
 
 def in_order(params: Iterable[FittedParameter]) -> list[FittedParameter]:

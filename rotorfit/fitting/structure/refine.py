@@ -81,7 +81,10 @@ def structure_name(model: RotorModel) -> str:
 
 
 def refine(fit: FitResult) -> Refinement:
-    """Try every structural block, whole, beside those that lowered AIC so far, and choose the candidate of lowest AIC.
+    """Try every structural block, whole, beside those that lowered AIC so far, and choose the smallest good candidate.
+
+    A block is taken in where it lowers AIC by more than AIC scatters for nested models that are both right: the square
+    root of twice the number of values added, 2 to 4 as a rule.
 
     No candidate is the rotor itself: BIC, which looks for the true one, ends the selection while neglected
     terms still move lam by more than its error; AIC (Akaike 1974) takes a block in while that pays.
@@ -134,7 +137,10 @@ def _select(fit: FitResult, *, may_leave_open: bool) -> tuple[FitResult, list[Fi
         hidden = _hidden(step)
         step = refit(best, step.model, priors=hidden) if hidden else step
         steps.append(step)
-        pays = step.success and step.aic < best.aic and (may_leave_open or not step.identifiability.unresolved)
+        # AIC of nested models that are both right differs by chi-squared of the values added: that is its scatter.
+        chance = math.sqrt(2 * max(step.nvarys - best.nvarys, 0))
+        gains = step.aic < best.aic - chance
+        pays = step.success and gains and (may_leave_open or not step.identifiability.unresolved)
         return step if pays else best
 
     for block in BLOCKS:
