@@ -64,5 +64,9 @@ def whole_file(path: Path) -> Iterator[Path]:
         if target.exists():
             shutil.copymode(target, draft)
         os.replace(draft, target)
+    except OSError as problem:
+        if problem.errno is None or problem.filename is not None:
+            raise
+        raise OSError(problem.errno, problem.strerror, str(path)) from problem
     finally:
         draft.unlink(missing_ok=True)

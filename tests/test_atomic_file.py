@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -36,3 +39,61 @@ def test_a_whole_file_takes_the_place_of_the_old_one(tmp_path: Path) -> None:
 def test_a_folder_that_is_not_there_is_named() -> None:
     with pytest.raises(FileNotFoundError, match=r"there is no folder .*nowhere"), whole_file(Path("nowhere/fit.json")):
         pass
+
+
+FULL = """
+import resource, sys, warnings
+from pathlib import Path
+import numpy as np
+import rotorfit as rf
+from posteriors import KNOWN, one_mode_test
+from rotorfit.recordings.formats.files import open_raw
+from rotorfit.simulation.instruments import write_counts
+
+warnings.simplefilter("ignore")
+folder = Path(sys.argv[1])
+test = one_mode_test(lines=200)
+fit = rf.fit(rf.models.OneMode(), test, known=KNOWN)
+draws = fit.sample(walkers=16, max_steps=100, seed=1, accelerate=False)
+volts = {"x": np.random.default_rng(0).normal(size=20_000)}
+np.savetxt(folder / "volts.txt", volts["x"], header="x", comments="")
+work = {
+    "a.nc": lambda path: rf.write(test, path),
+    "a.mat": lambda path: rf.write(test, path),
+    "a.uff": lambda path: rf.write(test, path),
+    "a.csv": lambda path: rf.write(test, path),
+    "a.h5": lambda path: write_counts(path, volts, {"fs": 100.0}),
+    "fit.json": fit.save,
+    "posterior.nc": draws.save,
+    "run.h5": lambda path: fit.sample(walkers=16, max_steps=100, seed=1, accelerate=False, checkpoint=path),
+    "volts.txt": open_raw,
+}
+resource.setrlimit(resource.RLIMIT_FSIZE, (4096, 4096))
+for name, write in work.items():
+    try:
+        write(folder / name)
+        print(name, "was written")
+    except OSError as problem:
+        print(problem)
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="there is no limit of file sizes")
+def test_a_full_disk_is_one_sentence_and_leaves_old_files(tmp_path: Path) -> None:
+    """In a process whose files cannot grow beyond 4 kB, over old files and into the folder for temporary ones."""
+    names = ("a.nc", "a.mat", "a.uff", "a.csv", "a.h5", "fit.json", "posterior.nc")
+    for name in names:
+        (tmp_path / name).write_text("old", encoding="utf-8")
+    command = [sys.executable, "-c", FULL, str(tmp_path)]
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+    child = subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
+    assert child.returncode == 0, child.stderr
+    lines = child.stdout.splitlines()
+    for name, line in zip((*names, "run.h5"), lines, strict=False):
+        assert line.startswith("[Errno 27] ")
+        assert line.endswith(f"'{tmp_path / name}'")
+    assert "folder for temporary files" in lines[-1]
+    assert len(lines) == len(names) + 2
+    assert {
+        p.name: p.read_text(encoding="utf-8") for p in tmp_path.iterdir() if p.name != "volts.txt"
+    } == dict.fromkeys(names, "old")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import shutil
+import io
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -212,24 +212,19 @@ def _tau(chain: Float) -> Float:
 
 
 def _write(path: Path, seed: int, learned: int, memory: Any) -> None:
-    """Append new steps to a copy of the checkpoint and put it in place in one go: a kill leaves the old one whole."""
+    """Put a checkpoint of emcee's layout in place in one go: a kill or a full disk leaves the old one whole."""
+    content = io.BytesIO()  # the HDF5 library ends the process where a disk is full
+    walkers, size = memory.shape
+    with h5py.File(content, "w") as file:
+        group = file.create_group("mcmc")
+        group["accepted"] = memory.accepted
+        group.create_dataset("chain", data=memory.get_chain(), maxshape=(None, walkers, size))
+        group.create_dataset("log_prob", data=memory.get_log_prob(), maxshape=(None, walkers))
+        group.attrs.update(version=emcee.__version__, nwalkers=walkers, ndim=size, has_blobs=False)
+        group.attrs.update(iteration=memory.iteration, seed=seed, learned=learned)
+        group.attrs.update({f"random_state_{number}": part for number, part in enumerate(memory.random_state)})
     with whole_file(path) as draft:
-        if path.exists():
-            shutil.copyfile(path, draft)
-        backend = emcee.backends.HDFBackend(str(draft))
-        if not backend.initialized:
-            backend.reset(*memory.shape)
-        done = backend.iteration
-        backend.grow(memory.iteration - done, None)
-        with h5py.File(draft, "a") as file:  # emcee would open it once a step
-            group = file[backend.name]
-            group["chain"][done:] = memory.chain[done : memory.iteration]
-            group["log_prob"][done:] = memory.log_prob[done : memory.iteration]
-            group["accepted"][:] = memory.accepted
-            group.attrs["iteration"] = memory.iteration
-            group.attrs["seed"], group.attrs["learned"] = seed, learned
-            for number, part in enumerate(memory.random_state):
-                group.attrs[f"random_state_{number}"] = part
+        draft.write_bytes(content.getbuffer())
         seal(draft)
 
 

@@ -9,6 +9,7 @@ import os
 import stat
 import sys
 from collections.abc import Callable
+from contextlib import suppress
 from functools import cache
 from importlib.metadata import version
 from pathlib import Path
@@ -93,11 +94,12 @@ class _SealedCache:
         return self._kept.load_overload(signature, context)
 
     def save_overload(self, signature: Any, code: Any) -> None:
-        """Keep machine code."""
-        self._kept.save_overload(signature, code)
-        for file in self._files():
-            if not is_sealed(file):
-                seal(file)
+        """Keep machine code; where the disk is full it is compiled again by the next process."""
+        with suppress(OSError):
+            self._kept.save_overload(signature, code)
+            for file in self._files():
+                if not is_sealed(file):
+                    seal(file)
 
 
 def _write_once(path: Path, text: str) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -53,7 +54,9 @@ def write_netcdf(experiment: Experiment, path: str | Path) -> None:
         stored = values.astype(object) if values.dtype.kind == "U" else values
         variables[f"attribute_{number}"] = ("row", stored, {"long_name": name})
     header = {"title": "rotorfit experiment", "kind": type(experiment).__name__}
-    xr.Dataset(variables, attrs=header).to_netcdf(path, engine="h5netcdf")
+    content = BytesIO()  # the HDF5 library ends the process where a disk is full
+    xr.Dataset(variables, attrs=header).to_netcdf(content, engine="h5netcdf")
+    Path(path).write_bytes(content.getbuffer())
     seal(Path(path))
 
 

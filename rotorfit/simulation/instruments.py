@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from io import BytesIO
 from pathlib import Path
 
 import numpy as np
@@ -139,7 +140,8 @@ def write_counts(
 
     limit = 2 ** (bits - 1)
     step = full_scale / limit
-    with whole_file(path) as draft, h5py.File(draft, "w") as file:
+    content = BytesIO()  # the HDF5 library ends the process where a disk is full
+    with h5py.File(content, "w") as file:
         for name, volts in channels.items():
             counts = np.clip(np.rint(volts / step), -limit, limit - 1).astype(np.int16 if limit <= 2**15 else np.int32)
             data = file.create_dataset(
@@ -147,6 +149,8 @@ def write_counts(
             )
             data.attrs["volts_per_count"] = step
         file.attrs.update(attributes)
+    with whole_file(path) as draft:
+        draft.write_bytes(content.getbuffer())
     return path
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 from dataclasses import asdict, dataclass
+from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -122,10 +123,12 @@ def to_arviz(posterior: Posterior) -> Any:
 
 def save(posterior: Posterior, path: Path) -> None:
     """Write the draws, exact to the last bit and compressed, whole or not at all."""
+    content = BytesIO()  # the HDF5 library ends the process where a disk is full
+    for number, (group, dataset) in enumerate(datasets(posterior).items()):
+        packed = {name: {"zlib": True, "complevel": 4, "shuffle": True} for name in dataset.data_vars}
+        dataset.to_netcdf(content, mode="a" if number else "w", group=group, engine="h5netcdf", encoding=packed)
     with whole_file(path) as draft:
-        for number, (group, dataset) in enumerate(datasets(posterior).items()):
-            packed = {name: {"zlib": True, "complevel": 4, "shuffle": True} for name in dataset.data_vars}
-            dataset.to_netcdf(draft, mode="a" if number else "w", group=group, engine="h5netcdf", encoding=packed)
+        draft.write_bytes(content.getbuffer())
         seal(draft)
 
 
